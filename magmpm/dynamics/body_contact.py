@@ -12,8 +12,9 @@ from magmpm.bodies.grid import each_node
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
 from magmpm.dynamics.particle_groups import Packed
+from magmpm.effects.base import Contact
 from magmpm.effects.contact_law import law
-from magmpm.kernels.body_contact import CELL, HELD, MEMORY, PLACE, ROOM, Meeting, SolidCells
+from magmpm.kernels.body_contact import CELL, DEPTH, FORCE, HELD, MEMORY, NORMAL, PLACE, ROOM, Meeting, SolidCells
 from magmpm.model import Model
 
 MOVE = 0.25  # cells that anything may move before pairs are listed again: they may then be twice as much nearer
@@ -51,6 +52,9 @@ class BodyContact:
         self._splines = _matrix(surface.first[on], surface.weights[on], model.nodes_in_motion)
         largest = abs(self._splines).max(axis=0).tocoo()
         self._near_nodes = largest.col.astype(np.int64), 27.0 * largest.data
+        regions, segment = model.scene.regions(), model.particles.segment
+        self.names = [regions[segment[model.component == one].min()].name for one in range(int(model.component.max()) + 1)]
+        self._nodes = model.nodes_in_motion
         self._patches = _patches(self._at, cells)
         none = np.zeros(0, np.int64)
         self.meeting = self._of(none, none, np.array([np.inf]))
@@ -100,6 +104,37 @@ class BodyContact:
         p, q = p[best], q[best]
         one = np.flatnonzero(np.diff(p * len(self.solids.kind) + self._solid[q], prepend=-1))
         return p[one], q[one]
+
+    def report(self, memory: Array, u: Array, v: Array) -> dict[str, Contact]:
+        """Contact of the body with itself, and of each two components that touch, at displacements u m and velocities v m/s (3 nodes,);
+        memory: of the pairs, at that time. A force acts on the first of two; the force on the whole is zero."""
+        pair = memory[:-1].reshape(-1, MEMORY)
+        on = np.flatnonzero(pair[:, DEPTH] > 0)
+        pair, point = pair[on], self.meeting.point[on]
+        a, b, x = self._solid[point], self.meeting.solid[on], self._place[point] + self._splines[point] @ u.reshape(-1, 3)
+        sign = np.where(a <= b, 1.0, -1.0)[:, None]
+        force, normal = sign * pair[:, FORCE : FORCE + 3], sign * pair[:, NORMAL : NORMAL + 3]
+        slip = self._splines[point] @ v.reshape(-1, 3) - self._there(v, pair)
+        slip -= np.einsum("ni,ni->n", slip, normal)[:, None] * normal
+        found = {"self_contact": Contact(force=np.zeros(3), count=len(on), depth=float(pair[:, DEPTH].max(initial=0.0)))}
+        for i, j in np.unique(np.column_stack([np.minimum(a, b), np.maximum(a, b)]), axis=0):
+            here = (np.minimum(a, b) == i) & (np.maximum(a, b) == j)
+            weight = np.linalg.norm(force[here], axis=1)
+            weight /= weight.sum()
+            found[f"self_contact: {self.names[i]}, {'itself' if i == j else self.names[j]}"] = Contact(
+                force=np.zeros(3) if i == j else force[here].sum(axis=0), count=int(here.sum()), depth=float(pair[here, DEPTH].max()),
+                point=weight @ x[here], normal=weight @ normal[here], slip=float(weight @ np.linalg.norm(slip[here], axis=1)),
+            )  # fmt: skip
+        return found
+
+    def _there(self, v: Array, pair: Array) -> Array:
+        """Velocity (n, 3) m/s of the solids at the places of pairs (n, MEMORY)."""
+        cell, cells = pair[:, CELL].astype(np.int64), self.cells
+        xi = (pair[:, PLACE : PLACE + 3] - cells.low.reshape(-1, 3)[cell]) / cells.width.reshape(-1, 3)[cell]
+        powers = np.stack([np.ones_like(xi), xi, xi**2], axis=-1)
+        weights = np.einsum("niak,nik->nia", cells.splines.reshape(-1, 3, 3, 3)[cell], powers)
+        first = np.stack(np.unravel_index(cells.node[cell], self._nodes), axis=1)
+        return np.asarray(_matrix(first, weights, self._nodes) @ v.reshape(-1, 3)) if len(pair) else np.zeros((0, 3))
 
     def state(self) -> dict[str, Array]:
         """State that `restore` needs."""

@@ -12,7 +12,7 @@ from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics.body_contact import body_contact
 from magmpm.dynamics.particle_groups import pack
 from magmpm.dynamics.steps import Kinematics, at_step
-from magmpm.effects.base import Touching
+from magmpm.effects.base import Contact, Touching
 from magmpm.kernels import total_lagrangian_step
 from magmpm.kernels.body_contact import Meeting
 from magmpm.kernels.surface_contact import ANCHOR
@@ -169,6 +169,14 @@ class TotalMotion:
             x, v = x + share[:, None] * moved[at], v + share[:, None] * speed[at]
         anchor = self.anchor[: ANCHOR * len(x)].reshape(-1, ANCHOR)
         return Touching(x, v, on.mass, np.where(anchor[:, 3:] > 0, anchor[:, :3], x))
+
+    def body_contacts(self) -> dict[str, Contact]:
+        """Contact of the body with itself, by pairs of components; empty where the scene does not name it."""
+        if self.contact is None:
+            return {}
+        meeting, v = self.contact.copy(), self.v.copy()
+        self._advance(1, self.lag, self._last, self.u.copy(), v, np.zeros_like(v), self.anchor.copy(), meeting=meeting)
+        return self.contact.report(meeting.memory, self.u, v)
 
     def sort(self) -> None:
         """Do nothing: the particles stay in their cells."""

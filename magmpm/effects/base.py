@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol, TypedDict
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, NotRequired, Protocol, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,11 +112,15 @@ class Advice:
 
 
 class Contact(TypedDict):
-    """Report of an effect of contact: force (3,) N on the body, number of particles that touch, deepest penetration m (0: none)."""
+    """Report of contact: force (3,) N on the body, number of points that touch, deepest penetration m (0: none); of a body with itself,
+    also the mean point (3,) m and normal (3,) of its push, and slip, the mean speed along the surface, m/s."""
 
     force: Array
     count: int
     depth: float
+    point: NotRequired[Array]
+    normal: NotRequired[Array]
+    slip: NotRequired[float]
 
 
 def one_record(dtype: np.dtype[Any], data: Array = NO_DATA, **values: Any) -> Records:

@@ -40,9 +40,9 @@ class SelfContact(Effect):
         found = law(model.scene, self.stiffness, self.friction)
         return stable_step(2 * found["stiffness"], 2 * found.get("damping", 0.0))
 
-    def report(self, model: Any, x: Array, touching: Touching, dt: float) -> Contact:
-        """The body's gap, as contact; see `observe`."""
-        return observe(model, x)
+    def report(self, model: Any, x: Array, touching: Touching, dt: float) -> Contact | None:
+        """Nothing: its pairs report (dynamics.body_contact)."""
+        return None
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:

@@ -22,7 +22,7 @@ from magmpm.compiled.jit import compiled, inlined
 from magmpm.effects.contact_force import PARTS, hold, push
 from magmpm.kernels.surface_contact import SLIDES, STICKS
 
-PLACE, ANCHOR, HELD, ROOM, CELL, FORCE, DEPTH, MEMORY = 0, 3, 6, 7, 8, 9, 12, 13
+PLACE, ANCHOR, HELD, ROOM, CELL, FORCE, DEPTH, NORMAL, MEMORY = 0, 3, 6, 7, 8, 9, 12, 13, 16
 CLOSE = 1e-12  # of a cell: distance of X + u(X) from the point; momentum is kept to it
 TRIES = 20
 NEAR = 0.5  # of d: the present distance of the surface is at least this, whatever the strain
@@ -43,7 +43,7 @@ class SolidCells(NamedTuple):
 class Meeting(NamedTuple):
     """Pairs (n,): point, index in kernels.surface_contact.Surface, and its first node; solid; memory (MEMORY n + 1,), changed by steps: a
     pair's place X (3,) m, anchor (3,) m and whether it holds, `memory[-1]` until which it cannot touch, cell, force (3,) N on
-    the point, and depth m; at last the distance (m) that the body may have moved since pairs were listed; most (1,): m, of it, until they
+    the point, depth m, and normal (3,) out of the solid; at last the distance (m) that the body may have moved since pairs were listed; most (1,): m, of it, until they
     are listed again; law (5,): stiffness 1/s^2, soft, knee m, damping 1/s and friction (effects.contact_law); near_node, near_share (k,): nodes
     that move points, and their largest spline at any point times the 27 nodes of a cell; then the fields of SolidCells and Solids, flat, as parallel loops want them."""
 
@@ -187,7 +187,8 @@ def _touch(pair, dt, meeting, surface, along_x, along_y, state):
         for i in range(3):
             v[i] = -v[i]
         _at(state.v, meeting.node[pair], along_x, along_y, own, v)
-    leaving = (v[0] * n[0] + v[1] * n[1] + v[2] * n[2]) / math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
+    length = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
+    leaving = (v[0] * n[0] + v[1] * n[1] + v[2] * n[2]) / length
     push(-d, n[0], n[1], n[2], leaving, SHARE * surface.mass[p], stiffness, soft, knee, damping, friction, f)
     if friction > 0.0:
         there, new = np.empty(3), memory[at + HELD] == 0.0
@@ -204,7 +205,7 @@ def _touch(pair, dt, meeting, surface, along_x, along_y, state):
         memory[at + HELD] = SLIDES if slides else STICKS
     memory[at + DEPTH] = -d
     for i in range(3):
-        memory[at + FORCE + i] = f[i]
+        memory[at + FORCE + i], memory[at + NORMAL + i] = f[i], n[i] / length
 
 
 @compiled
