@@ -18,7 +18,7 @@ from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array
 
 AROUND = 8  # points a cell width around a rod: a patch in contact on a hard plane is far narrower than a cell
-EDGE = 0.25  # of a cell: longest edge of a mesh's triangles, after they are cut
+EDGE = 0.5  # of a cell: longest edge of a mesh's triangles, after they are cut
 LOBATTO = np.array([0.0, (1 - 1 / math.sqrt(5)) / 2, (1 + 1 / math.sqrt(5)) / 2]), np.array([1.0, 5.0, 5.0, 1.0]) / 12
 
 

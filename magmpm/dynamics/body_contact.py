@@ -119,11 +119,12 @@ class BodyContact:
         found = {"self_contact": Contact(force=np.zeros(3), count=len(on), depth=float(pair[:, DEPTH].max(initial=0.0)))}
         for i, j in np.unique(np.column_stack([np.minimum(a, b), np.maximum(a, b)]), axis=0):
             here = (np.minimum(a, b) == i) & (np.maximum(a, b) == j)
-            weight = np.linalg.norm(force[here], axis=1)
+            weight = np.linalg.norm(force[here], axis=1) + 1e-300  # a point that leaves may be in, and not be pushed
             weight /= weight.sum()
+            mean = weight @ normal[here]
             found[f"self_contact: {self.names[i]}, {'itself' if i == j else self.names[j]}"] = Contact(
                 force=np.zeros(3) if i == j else force[here].sum(axis=0), count=int(here.sum()), depth=float(pair[here, DEPTH].max()),
-                point=weight @ x[here], normal=weight @ normal[here], slip=float(weight @ np.linalg.norm(slip[here], axis=1)),
+                point=weight @ x[here], normal=mean / np.linalg.norm(mean), slip=float(weight @ np.linalg.norm(slip[here], axis=1)),
             )  # fmt: skip
         return found
 

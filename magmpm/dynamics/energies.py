@@ -62,6 +62,8 @@ def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, 
 def loads_conserve(model: Model) -> bool:
     """True if no load can add energy: loads are constant, and there is no contact or constraint."""
     named = model.scene.effects
+    if named.self_contact is not None:
+        return False
     if model.scene.field.varies and (named.magnetic_torque is None) != (named.magnetic_force is None):
         return False  # one without the other has no energy
     records = [record for record, _ in pairs(acting.collect(model.scene, times=np.array([0.0, 1.0])))]
