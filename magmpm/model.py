@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.body_shape import BodyShape, Discretization
-from magmpm.bodies.contact_surface import ContactSurface, cells_of, layer_mass
+from magmpm.bodies.contact_surface import ContactSurface, layer_mass, particle_of
 from magmpm.bodies.driven import Driven, driven_nodes
 from magmpm.bodies.grid import ClampPlane, Grid, clamp_first_node, clamp_last_node, clamp_low_node, spread
 from magmpm.bodies.knots import EVEN, Knots
@@ -99,18 +99,51 @@ class Model:
         return first
 
     @cached_property
+    def component(self) -> NDArray[np.int64]:
+        """Which component of the body each particle (n,) is in: in motion, each has a grid of its own. At rest one grid has all: 0."""
+        if self.scene.solver.dynamic is None:
+            return np.zeros(len(self.density), np.int64)
+        return self.scene.body.shape.components(self.particles)
+
+    @property
+    def nodes_in_motion(self) -> tuple[int, int, int]:
+        """Nodes along x, y, z in motion, where each component has a grid of its own: the grids follow each other along x."""
+        nx, ny, nz = self.grid.nodes
+        return (nx * (int(self.component.max()) + 1), ny, nz)
+
+    def first_in_motion(self, particle: NDArray[np.int64] | slice) -> NDArray[np.int64]:
+        """The same as first_nodes in motion, for cells of particles."""
+        first = self.first_nodes(self.particles.cell[particle])
+        first[:, 0] += self.grid.nodes[0] * self.component[particle]
+        return first
+
+    @property
+    def driven_in_motion(self) -> Driven:
+        """Which of the nodes in motion (nodes,) follow what is moved, by its name."""
+        names = np.array([region.name if region.held else "" for region in self.scene.regions()])[self.particles.segment]
+        found = []
+        for name, nodes in self.driven:
+            on = np.isin(np.arange(int(self.component.max()) + 1), self.component[names == name]) | (self.line is not None)
+            found.append((name, (on[:, None, None, None] & nodes).ravel()))
+        return tuple(found)
+
+    @cached_property
     def surface(self) -> ContactSurface | None:
-        """Surface by which the body touches obstacles; None without obstacles, or where the grid stands in space: particles touch."""
-        if not has_hook("contact", self.effects) or moves_in_space(self.scene):
+        """Surface by which the body touches obstacles and itself; None where it can't, or where the grid stands in space: particles touch.
+        """
+        meets = self.scene.effects.self_contact is not None
+        if not (meets or has_hook("contact", self.effects)) or moves_in_space(self.scene):
             return None
         shape = self.scene.body.shape
         points = shape.surface(self.grid, base=not self.clamped_face and "base" not in dict(self.driven))
-        free = points.free_of(~np.array([region.held for region in shape.regions()])) if self.held.any() else points
-        cell = cells_of(free, self.grid, self.particles, shape.part_of(self.particles))
-        (weights, _), first = self.splines_at(free.position, cell, np.zeros(len(cell), bool)), self.first_nodes(cell)
+        particle = particle_of(points, self.grid, self.particles, shape.part_of(self.particles))
+        held = self.held[particle]
+        place, area, on = points.position[~held], points.area[~held], particle[~held]
+        (weights, _), first = self.splines_at(place, self.particles.cell[on], np.zeros(len(on), bool)), self.first_in_motion(on)
         own = self.density * self.particles.volume
-        mass = spread(own, self.first_nodes(self.particles.cell), self.grid.nodes, self.splines()[0])
-        return ContactSurface(free.position, first, weights, layer_mass(free.area, first, weights, mass, self.grid.nodes))
+        mass = layer_mass(area, first, weights, spread(own, self.first_in_motion(slice(None)), self.nodes_in_motion, self.splines()[0]),
+                          self.nodes_in_motion)
+        return ContactSurface(place, first, weights, mass, on, (points.position[held], particle[held]))
 
     def steepness(self) -> Array:
         """Sums (n, 3) 1/m^2 of slope^2 / weight over the nodes that a particle sees along each axis: how fast it may be strained."""

@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, fie
 
 from magmpm.bodies.body_shape import BodyShape, Discretization
 from magmpm.bodies.connectivity import connected_components
+from magmpm.bodies.contact_solid import Solids, mesh_solids
 from magmpm.bodies.contact_surface import SurfacePoints, parts_surface
 from magmpm.bodies.grid import ClampPlane, Grid
 from magmpm.bodies.knots import EVEN, Knots
@@ -210,6 +211,11 @@ class Parts(BodyShape):
 
     def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
         return parts_surface(self.triangles(), float(grid.spacing.min()))
+
+    def solids(self, cell: float, particles: Particles) -> Solids:
+        component, triangles = self.components(particles), self.triangles()
+        parts = [np.unique(particles.segment[component == one]) for one in range(int(component.max()) + 1)]
+        return mesh_solids([[triangles[k] for k in of] for of in parts], cell)
 
     def depths(self, particles: Particles, some: NDArray[np.int64], cells_across: int, particles_per_cell: int) -> Array:
         """Distances of some of the particles (k,) from the undeformed surface of their part, (k,) m."""

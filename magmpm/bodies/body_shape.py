@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.bodies.contact_solid import Solids
 from magmpm.bodies.contact_surface import SurfacePoints
 from magmpm.bodies.grid import ClampPlane, Grid
 from magmpm.bodies.knots import EVEN, Knots
@@ -113,6 +114,10 @@ class BodyShape(Settings):
     @abstractmethod
     def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
         """Points on its surface, for its cells (bodies.contact_surface); base: whether the lower x face of a straight body counts, too."""
+
+    @abstractmethod
+    def solids(self, cell: float, particles: Particles) -> Solids:
+        """The solids of its components, in the order of `components`; cell: width of the grid's cells, m."""
 
     def depths(self, particles: Particles, some: NDArray[np.int64], cells_across: int, particles_per_cell: int) -> Array:
         """Assumed distances of some of the particles (k,) from the body's surface, in all directions, (k,) m."""

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from magmpm.bodies.body_shape import Discretization
+from magmpm.bodies.contact_solid import Solids, rod_solid
 from magmpm.bodies.contact_surface import SurfacePoints, rod_surface
 from magmpm.bodies.grid import Grid
 from magmpm.bodies.knots import EVEN, Knots
@@ -160,6 +161,10 @@ class Catheter(StraightBody):
     def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
         width = grid.spacing[1] * (self.diameter / 2 if isinstance(grid, PolarGrid) else 1.0)
         return rod_surface(grid.origin[0] + grid.faces, **self.radii, cell=float(width), base=base)
+
+    def solids(self, cell: float, particles: Particles) -> Solids:
+        (start, _, _), (end, _, _) = self.box()
+        return rod_solid(start, end, self.diameter / 2)
 
     def section(self, shear: Array, young: Array, poisson: Array) -> Section:
         return ring(**self.radii, G=shear, E=young, nu=poisson)

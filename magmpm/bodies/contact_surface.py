@@ -18,7 +18,7 @@ from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array
 
 AROUND = 8  # points a cell width around a rod: a patch in contact on a hard plane is far narrower than a cell
-EDGE = 0.25  # of a cell: longest edge of a mesh's triangles, after they are cut
+EDGE = 0.5  # of a cell: longest edge of a mesh's triangles, after they are cut
 LOBATTO = np.array([0.0, (1 - 1 / math.sqrt(5)) / 2, (1 + 1 / math.sqrt(5)) / 2]), np.array([1.0, 5.0, 5.0, 1.0]) / 12
 
 
@@ -30,21 +30,19 @@ class SurfacePoints:
     area: Array
     region: NDArray[np.int64]
 
-    def free_of(self, free: NDArray[np.bool_]) -> SurfacePoints:
-        """The points of the regions (k,) that are free."""
-        on = free[self.region]
-        return SurfacePoints(self.position[on], self.area[on], self.region[on])
-
 
 @dataclass(frozen=True)
 class ContactSurface:
-    """Points on a model's grid: place (n, 3) m in the undeformed body, first (n, 3): node indices, weights (n, 3, 3) of their splines, and
-    mass (n,) kg of the layers they stand for (`layer_mass`)."""
+    """Points on a model's grid: place (n, 3) m in the undeformed body, first (n, 3): node indices, weights (n, 3, 3) of their splines,
+    mass (n,) kg of the layers they stand for (`layer_mass`), and a particle (n,) in the cell of each. still: points of held regions, and a
+    particle in the cell of each."""
 
     place: Array
     first: NDArray[np.int64]
     weights: Array
     mass: Array
+    particle: NDArray[np.int64]
+    still: tuple[Array, NDArray[np.int64]]
 
 
 def layer_mass(area: Array, first: NDArray[np.int64], weights: Array, mass: Array, nodes: tuple[int, int, int]) -> Array:
@@ -104,20 +102,22 @@ def rod_surface(along: Array, *, outer: float, inner: float, cell: float, base: 
     return _joined(faces)
 
 
-def mesh_surface(triangles: Array, longest: float) -> tuple[Array, Array]:
-    """Corners (n, 3) m of a mesh's triangles (f, 3, 3), cut until no edge exceeds `longest` (m), each with a third of their areas (n,) m^2.
-
-    Each cut halves the longest edge.
-    """
+def cut(triangles: Array, longest: float) -> Array:
+    """Triangles (f, 3, 3) m cut at the middle of their longest edge until none exceeds `longest` (m)."""
     while True:
         edges = np.linalg.norm(triangles - np.roll(triangles, -1, axis=1), axis=2)
         long = edges.max(axis=1) > longest * (1 + 1e-9)
         if not long.any():
-            break
+            return triangles
         first = edges[long].argmax(axis=1)
         a, b, c = (triangles[long][np.arange(len(first)), (first + k) % 3] for k in range(3))
         middle = (a + b) / 2
         triangles = np.concatenate([triangles[~long], np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
+
+
+def mesh_surface(triangles: Array, longest: float) -> tuple[Array, Array]:
+    """Corners (n, 3) m of a mesh's triangles (f, 3, 3), cut until no edge exceeds `longest` (m), each with a third of their areas (n,) m^2."""
+    triangles = cut(triangles, longest)
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
     corners = triangles.reshape(-1, 3)
     _, one, of = np.unique(np.round(corners / (1e-6 * longest)).astype(np.int64), axis=0, return_index=True, return_inverse=True)
@@ -136,14 +136,14 @@ def _joined(faces: list[tuple[Array, Array]], region: NDArray[np.int64] | None =
     return SurfacePoints(position, area, np.zeros(len(area), np.int64) if region is None else region)
 
 
-def cells_of(points: SurfacePoints, grid: Grid, particles: Particles, region: NDArray[np.integer]) -> NDArray[np.int64]:
-    """The cell (n, 3) whose splines move each point: the one it lies in or borders that holds particles of its region, or the nearest one.
+def particle_of(points: SurfacePoints, grid: Grid, particles: Particles, region: NDArray[np.integer]) -> NDArray[np.int64]:
+    """A particle (n,) whose cell's splines move each point: of its region, in the cell that the point lies in or borders, or the nearest.
 
     region (particles,): of each particle.
     """
     from scipy.spatial import cKDTree  # imported only where it is used
 
-    cell = np.empty(points.position.shape, np.int64)
+    found = np.empty(len(points.area), np.int64)
     for one in np.unique(points.region):
         on, mine = points.region == one, np.flatnonzero(region == one)
         nearest = mine[cKDTree(particles.position[mine]).query(points.position[on])[1]]
@@ -154,5 +154,7 @@ def cells_of(points: SurfacePoints, grid: Grid, particles: Particles, region: ND
             own[:, 1] %= grid.cells[1]
         own = np.clip(own, 0, np.array(grid.cells) - 1)
         number, filled = (np.ravel_multi_index(each.T, grid.cells) for each in (own, particles.cell[mine]))
-        cell[on] = np.where(np.isin(number, filled)[:, None], own, particles.cell[nearest])
-    return cell
+        cells, first = np.unique(filled, return_index=True)
+        at = np.minimum(np.searchsorted(cells, number), len(cells) - 1)
+        found[on] = np.where(cells[at] == number, mine[first[at]], nearest)
+    return found

@@ -7,6 +7,7 @@ table touch nothing.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,19 +114,27 @@ def tube(path: Array, radius: float, spacing: float) -> Table:
 
 
 def surface(vertices: Array, faces: Faces, spacing: float) -> Table:
-    """The inside of a closed triangle mesh: vertices (k, 3) m, faces (m, 3). Beyond BAND points from it the distance stays at that.
-
-    The sign is the parity of crossings along z, so the mesh must be watertight; which way its triangles face does not matter.
-    """
+    """The inside of a closed triangle mesh: vertices (k, 3) m, faces (m, 3)."""
     corners = np.ascontiguousarray(vertices[faces], dtype=float)
-    flat = corners.reshape(-1, 3)
+    return solid([corners], corners, spacing)
+
+
+def solid(parts: Sequence[Array], outside: Array, spacing: float) -> Table:
+    """The inside of closed meshes (each (f, 3, 3) m) whose common surface is `outside` (m, 3, 3). Beyond BAND points from it the distance
+    stays at that.
+
+    The sign is the parity of crossings along z, so meshes must be watertight; which way their triangles face does not matter.
+    """
+    flat = np.concatenate(parts).reshape(-1, 3)
     margin = (BAND + 2) * spacing
     origin, spacing, shape = points_between(flat.min(axis=0) - margin, flat.max(axis=0) + margin, spacing)
-    values = np.full(shape, BAND * spacing)
-    inside = np.zeros(shape, np.bool_)
-    _near_triangles(corners, origin, spacing, BAND * spacing, values)
-    # Columns a hair off the points, by no simple fraction, so that none goes through an edge or a vertex of a mesh with round numbers.
-    _crossings(corners, origin + spacing * np.array([1.1e-5, 1.7e-5, 0.0]), spacing, inside)
+    values, inside = np.full(shape, BAND * spacing), np.zeros(shape, np.bool_)
+    _near_triangles(np.ascontiguousarray(outside), origin, spacing, BAND * spacing, values)
+    for corners in parts:
+        own = np.zeros(shape, np.bool_)
+        # Columns a hair off the points, by no simple fraction, so that none goes through an edge or a vertex of a mesh with round numbers.
+        _crossings(np.ascontiguousarray(corners), origin + spacing * np.array([1.1e-5, 1.7e-5, 0.0]), spacing, own)
+        inside |= own
     return Table.through(origin, spacing, np.where(inside, values, -values))
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from magmpm.bodies.body_shape import Discretization
+from magmpm.bodies.contact_solid import Solids, box_solid
 from magmpm.bodies.contact_surface import SurfacePoints, box_surface
 from magmpm.bodies.grid import ClampPlane, Grid
 from magmpm.bodies.knots import EVEN, Knots
@@ -166,6 +167,12 @@ class Strip(StraightBody):
     def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
         across = [grid.origin[k] + grid.spacing[k] * np.arange(grid.cells[k] + 1) for k in (1, 2)]
         return box_surface((grid.origin[0] + grid.faces, across[0], across[1]), one_wide=self.plane_strain, base=base)
+
+    def solids(self, cell: float, particles: Particles) -> Solids:
+        low, high = np.array(self.box())
+        if self.plane_strain:
+            low[1], high[1] = -np.inf, np.inf
+        return box_solid(low.tolist(), high.tolist())
 
     def section(self, shear: Array, young: Array, poisson: Array) -> Section:
         return rectangle(self.width, self.thickness, shear, young, poisson, self.plane_strain)

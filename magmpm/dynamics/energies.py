@@ -62,7 +62,7 @@ def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, 
 def loads_conserve(model: Model) -> bool:
     """True if no load can add energy: loads are constant, there is no contact or constraint, and what holds the body does not move."""
     named = model.scene.effects
-    if model.scene.move:
+    if model.scene.move or named.self_contact is not None:
         return False
     if model.scene.field.varies and (named.magnetic_torque is None) != (named.magnetic_force is None):
         return False  # one without the other has no energy

@@ -28,8 +28,8 @@ class MovedEnds:
 
     def __init__(self, model: Model, place: Array, mass: Array) -> None:
         self._moves, self._boxes, half = model.scene.move or {}, {}, 0.25 * model.grid.spacing
-        for name, nodes in model.driven:
-            follows = nodes.ravel() & (mass > 0)
+        for name, nodes in model.driven_in_motion:
+            follows = nodes & (mass > 0)
             low, high = place[follows].min(axis=0) - half, place[follows].max(axis=0) + half
             if ((mass > 0) & ((place > low) & (place < high)).all(axis=1) & ~follows).any():
                 raise SceneError(

@@ -31,6 +31,7 @@ class Packed:
     particle: Index
     mass: NodalMass
     surface: Surface
+    point: Index
 
     @property
     def node_place(self) -> Array:
@@ -50,8 +51,8 @@ def slab_edges(cells: int, least: int) -> Index:
 
 def pack(model: Model) -> Packed:
     """The particles and nodes of a model, packed in groups of eight."""
-    shape = np.array(model.grid.nodes)
-    first = model.first_nodes(model.particles.cell)
+    shape = np.array(model.nodes_in_motion)
+    first = model.first_in_motion(slice(None))
     axis = int(np.argmax(shape))  # slabs across the longest side, to get as many as possible
     along = first[:, axis] - first[:, axis].min()
     slabs = slab_edges(int(along.max()) + 1, 2)
@@ -102,21 +103,22 @@ def pack(model: Model) -> Packed:
         reference=_lanes(model.particles.position, particle).ravel(),
     )
     nodes = Nodes(active=active, inverse_mass=inverse, place=place.ravel())
-    surface = _surface(model, axis, int(first[:, axis].min()), slabs, strides)
-    return Packed(cells, particles, nodes, np.where(real, particle, -1), mass, surface)
+    surface, point = _surface(model, axis, int(first[:, axis].min()), slabs, strides)
+    return Packed(cells, particles, nodes, np.where(real, particle, -1), mass, surface, point)
 
 
-def _surface(model: Model, axis: int, least: int, slabs: Index, strides: tuple[int, int]) -> Surface:
-    """The contact surface of a model, empty where it has none, with its patches in slabs across an axis; least: its first node there;
-    slabs: first cell of each."""
+def _surface(model: Model, axis: int, least: int, slabs: Index, strides: tuple[int, int]) -> tuple[Surface, Index]:
+    """The contact surface of a model, empty where it has none, with its patches in slabs across an axis, and which of the model's points
+    each of its points is; least: first node there; slabs: first cell of each."""
     found = model.surface
     if found is None:
         nothing = np.zeros(0)
-        return Surface(np.zeros(len(slabs), np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64), nothing, nothing, nothing)
+        none = np.zeros(0, np.int64)
+        return Surface(np.zeros(len(slabs), np.int64), np.zeros(1, np.int64), none, nothing, nothing, nothing), none
     slab = np.searchsorted(slabs, found.first[:, axis] - least, side="right") - 1
     order = np.lexsort((*found.first.T[::-1], slab))
     starts = np.flatnonzero(np.any(np.diff(found.first[order], axis=0, prepend=-1) != 0, axis=1))
-    return Surface(
+    packed = Surface(
         first_patch=np.searchsorted(slab[order][starts], np.arange(len(slabs))).astype(np.int64),
         first_point=np.append(starts, len(order)).astype(np.int64),
         first_node=(found.first[order][starts] @ np.array([*strides, 1])).astype(np.int64),
@@ -124,6 +126,7 @@ def _surface(model: Model, axis: int, least: int, slabs: Index, strides: tuple[i
         place=found.place[order].ravel(),
         mass=found.mass[order],
     )
+    return packed, order
 
 
 def _lanes(values: Array, particle: Index) -> Array:
@@ -154,14 +157,15 @@ def _nodes(model: Model, w: Array, first: Index) -> tuple[Array, Array, Array]:
     w (n, 3, 3): values of the particles' splines; first (n, 3): their first nodes.
     """
     own = model.density * model.particles.volume, model.held.astype(float)
-    mass, held = (spread(of, first, model.grid.nodes, w) for of in own)
+    mass, held = (spread(of, first, model.nodes_in_motion, w) for of in own)
     inverse = np.zeros((len(mass), 3))
     free = (mass > 0) & (held == 0)
-    for _, follows in model.driven:
-        free &= ~follows.ravel()
+    for _, follows in model.driven_in_motion:
+        free &= ~follows
     inverse[free] = 1.0 / mass[free, None]
     if model.plane_strain:
         inverse[:, 1] = 0.0
     axes = [model.grid.node_coordinates(axis) for axis in range(3)]
+    axes[0] = np.tile(axes[0], model.nodes_in_motion[0] // len(axes[0]))
     place = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     return mass, inverse.ravel(), place

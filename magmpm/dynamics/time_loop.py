@@ -334,6 +334,8 @@ def _measure(state: SimulationState, now: Kinematics) -> None:
     for key, effect in model.scene.effects.named().items():
         if (contact := effect.report(model, state.x, touching, state.dt)) is not None:
             state.contacts[key] = contact
+    if isinstance(motion, TotalMotion):
+        state.contacts |= motion.body_contacts()
 
 
 def _write(state: SimulationState, writer: MotionWriter | None) -> None:

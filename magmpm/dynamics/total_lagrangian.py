@@ -10,12 +10,14 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.simd import WIDTH
 from magmpm.compiled.thread_count import Threads
+from magmpm.dynamics.body_contact import body_contact
 from magmpm.dynamics.moved_ends import MovedEnds
 from magmpm.dynamics.particle_groups import pack
 from magmpm.dynamics.steps import Kinematics, at_step
 from magmpm.effects import acting
-from magmpm.effects.base import Touching
+from magmpm.effects.base import Contact, Touching
 from magmpm.kernels import total_lagrangian_step
+from magmpm.kernels.body_contact import Meeting
 from magmpm.kernels.surface_contact import ANCHOR
 from magmpm.kernels.watch import BROKEN, WHY, new_slabs, unlimited
 from magmpm.model import Model
@@ -37,6 +39,9 @@ class TotalMotion:
         on = self.packed.surface
         self.anchor = np.zeros(ANCHOR * len(on.mass) + len(on.first_node))
         self.memory = np.repeat(np.tile(acting.remembered(model.scene), len(self.packed.particle)), WIDTH)
+        self.contact = body_contact(model, self.packed)
+        if self.contact is not None:
+            self.contact.list(self.u)
         self.watch = unlimited()
         self.threads = Threads(len(model.density))
         self.lag = 0.0  # s by which velocities lag behind displacements: half a step of the last advance
@@ -44,23 +49,29 @@ class TotalMotion:
 
     def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
         """Take up to `steps` steps of dt (s). Returns the steps taken, and whether it stopped because some det F is 0, negative or NaN."""
-        arrays = self.u, self.v, self.force, self.anchor, self.stiffness, self.watch, self.memory
+        meeting = () if self.contact is None else self.contact.meeting
+        arrays = self.u, self.v, self.force, self.anchor, self.stiffness, self.watch, self.memory, meeting
         taken, _ = self.threads.run(lambda: (self._advance(steps, dt, effects, *arrays), False))
+        if self.contact is not None and self.contact.outdated:
+            self.contact.list(self.u)
         self._last = at_step(effects, taken)
         self.lag = dt / 2 if taken else self.lag
         return taken, bool(self.watch[WHY] == BROKEN)
 
     def _advance(
         self, steps: int, dt: float, effects: tuple[Any, ...], u: Array, v: Array, force: Array, anchor: Array,
-        stiffness: Array | None = None, watch: Array | None = None, memory: Array | None = None, instant: float = 0.0,
+        stiffness: Array | None = None, watch: Array | None = None, memory: Array | None = None,
+        meeting: Meeting | tuple[()] | None = None, instant: float = 0.0,
     ) -> int:  # fmt: skip
-        """Take steps with these arrays. memory: unless given, a copy of the motion's; instant: Pa, added to the shear modulus."""
+        """Take steps with these arrays. memory, meeting: unless given, copies of the motion's; instant: Pa, added to the shear modulus."""
         p, memory = self.packed, self.memory.copy() if memory is None else memory
+        if meeting is None:
+            meeting = () if self.contact is None else self.contact.copy()
         stiffness = np.full_like(self.stiffness, np.nan) if stiffness is None else stiffness
         watch = unlimited() if watch is None else watch
         state = total_lagrangian_step.State(u, v, force, stiffness, anchor, memory)
         cells = p.cells._replace(shear=p.cells.shear + instant) if instant else p.cells
-        body = cells, p.particles, p.nodes, p.mass.correction, p.surface
+        body = cells, p.particles, p.nodes, p.mass.correction, p.surface, meeting
         return int(total_lagrangian_step.advance(steps, dt, *body, state, effects, watch, self.slabs))
 
     def velocity(self) -> Array:
@@ -91,12 +102,15 @@ class TotalMotion:
 
     def kept(self) -> dict[str, Any]:
         """State that `rewind` needs within the same process. Cheaper than `state`."""
-        arrays = {name: np.copy(getattr(self, name)) for name in ("u", "v", "stiffness", "anchor", "memory")}
-        return arrays | {"lag": self.lag, "_last": self._last}
+        kept = {name: np.copy(getattr(self, name)) for name in ("u", "v", "stiffness", "anchor", "memory")}
+        return kept | {"lag": self.lag, "_last": self._last} | ({} if self.contact is None else {"contact": self.contact.state()})
 
     def rewind(self, kept: dict[str, Any]) -> None:
         """Go back to the state that `kept` returned."""
         for name, value in kept.items():
+            if name == "contact" and self.contact is not None:
+                self.contact.restore(value)
+                continue
             setattr(self, name, np.copy(value) if isinstance(value, np.ndarray) else value)
 
     def set_off(self, dt: float, effects: tuple[Any, ...]) -> None:
@@ -119,7 +133,7 @@ class TotalMotion:
         Branches that relax count as if they did not: as shear modulus.
         """
         v, instant = np.zeros_like(u), acting.instant_modulus(self.model.scene)
-        self._advance(1, 1.0, (), u.copy(), v, np.zeros_like(u), self.anchor, instant=instant)  # a second from rest: v is that
+        self._advance(1, 1.0, (), u.copy(), v, np.zeros_like(u), self.anchor, meeting=(), instant=instant)  # a second from rest: v is that
         return v
 
     def particles(self) -> tuple[Array, Array, Array]:
@@ -140,7 +154,8 @@ class TotalMotion:
         """State that `restore` needs."""
         kept = {"u": self.u.copy(), "v": self.v.copy(), "lag": np.array(self.lag)}
         kept |= {"memory": self.memory.copy()} if self.memory.size else {}
-        return kept | ({"anchor": self.anchor.copy()} if self.anchor.size else {})
+        kept |= {"anchor": self.anchor.copy()} if self.anchor.size else {}
+        return kept if self.contact is None else kept | self.contact.state()
 
     def remembered(self) -> Array:
         """Memory (n, k) of the particles in the model's order (effects.viscosity); k is 0 where there is none."""
@@ -154,6 +169,8 @@ class TotalMotion:
         self.u[:], self.v[:], self.memory[:] = state["u"], state["v"], state.get("memory", self.memory)
         self.force[:], self.stiffness[:] = 0.0, np.nan
         self.lag, self._last = float(state.get("lag", 0.0)), ()
+        if self.contact is not None:
+            self.contact.restore(state)
         if self.anchor.size:
             self.anchor[:] = state.get("anchor", 0.0)
 
@@ -170,6 +187,14 @@ class TotalMotion:
             x, v = x + share[:, None] * moved[at], v + share[:, None] * speed[at]
         anchor = self.anchor[: ANCHOR * len(x)].reshape(-1, ANCHOR)
         return Touching(x, v, on.mass, np.where(anchor[:, 3:] > 0, anchor[:, :3], x))
+
+    def body_contacts(self) -> dict[str, Contact]:
+        """Contact of the body with itself, by pairs of components; empty where the scene does not name it."""
+        if self.contact is None:
+            return {}
+        meeting, v = self.contact.copy(), self.v.copy()
+        self._advance(1, self.lag, self._last, self.u.copy(), v, np.zeros_like(v), self.anchor.copy(), meeting=meeting)
+        return self.contact.report(meeting.memory, self.u, v)
 
     def sort(self) -> None:
         """Do nothing: the particles stay in their cells."""

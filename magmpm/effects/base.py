@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol, TypedDict
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, NotRequired, Protocol, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +69,7 @@ class SceneLike(Protocol):
 def moves_in_space(scene: SceneLike) -> bool:
     """True if the grid of a scene's motion stands in space: in the updated formulation, which self_contact needs."""
     dynamic = scene.solver.dynamic
-    return dynamic is not None and (dynamic.formulation or ("total" if scene.effects.self_contact is None else "updated")) == "updated"
+    return dynamic is not None and dynamic.formulation == "updated"
 
 
 class Touching(NamedTuple):
@@ -112,11 +112,15 @@ class Advice:
 
 
 class Contact(TypedDict):
-    """Report of an effect of contact: force (3,) N on the body, number of particles that touch, deepest penetration m (0: none)."""
+    """Report of contact: force (3,) N on the body, number of points that touch, deepest penetration m (0: none); of a body with itself,
+    also the mean point (3,) m and normal (3,) of its push, and slip, the mean speed along the surface, m/s."""
 
     force: Array
     count: int
     depth: float
+    point: NotRequired[Array]
+    normal: NotRequired[Array]
+    slip: NotRequired[float]
 
 
 def one_record(dtype: np.dtype[Any], data: Array = NO_DATA, **values: Any) -> Records:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects.base import Advice, Contact, Effect, Records, RestEstimate, SceneLike, Touching
+from magmpm.effects.contact_law import Friction, Stiffness, law, stable_step
 from magmpm.effects.estimates import MEASURE, no_rest
 
 WITHIN = 1.5  # cells: a larger gap is reported as this
@@ -27,14 +28,21 @@ class SelfContact(Effect):
 
     PHASE = "contact"
     ONLY_IN_MOTION = True
+    friction: Friction = 0.0
+    stiffness: Stiffness = 1.0
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
         """Nothing for the kernels: the formulation does it."""
         return ()
 
-    def report(self, model: Any, x: Array, touching: Touching, dt: float) -> Contact:
-        """The body's gap, as contact; see `observe`."""
-        return observe(model, x)
+    def stable_step(self, model: Any) -> float:
+        """Largest stable step, s."""
+        found = law(model.scene, self.stiffness, self.friction)
+        return stable_step(2 * found["stiffness"], 2 * found.get("damping", 0.0))
+
+    def report(self, model: Any, x: Array, touching: Touching, dt: float) -> Contact | None:
+        """Nothing: its pairs report (dynamics.body_contact)."""
+        return None
 
     @classmethod
     def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:

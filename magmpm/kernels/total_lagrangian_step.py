@@ -39,6 +39,7 @@ from magmpm.effects.hooks import (
     has_relaxing,
     push_time,
 )
+from magmpm.kernels.body_contact import add_pairs, needs_list, pair_count, passed, touch_pair
 from magmpm.kernels.mass_correction import added_at, correct, sum_plane
 from magmpm.kernels.particle_group import add_effects, any_effect, group_room
 from magmpm.kernels.surface_contact import touch
@@ -300,16 +301,18 @@ def update_grid(k, step, dt, push, nodes, correction, state, effects):
 
 
 @kernel
-def advance(steps, dt, cells, particles, nodes, correction, surface, state, effects, watch, slabs):
+def advance(steps, dt, cells, particles, nodes, correction, surface, meeting, state, effects, watch, slabs):
     """Take up to `steps` steps of dt (s). Changes State in place. correction: kernels.mass_correction; surface: kernels.surface_contact;
-    watch, slabs: see kernels.watch.
+    meeting: kernels.body_contact, or (); watch, slabs: see kernels.watch.
 
-    Returns the number of steps taken; if fewer than `steps`, the watch says why.
+    Returns the number of steps taken; if fewer than `steps`, the watch says why, or pairs of a meeting must be listed again.
     """
     count, most = len(cells.slab_first) - 1, 1
     for cell in range(len(cells.first_node)):
         most = max(most, cells.first_group[cell + 1] - cells.first_group[cell])
     for step in range(steps):
+        if needs_list(meeting):
+            return step
         push = push_time(effects, step, dt)
         for color in range(2):
             for half in prange((count + 1 - color) // 2):
@@ -326,11 +329,15 @@ def advance(steps, dt, cells, particles, nodes, correction, surface, state, effe
         if stops(watch, slabs):
             clear(state.force)
             return step
+        for pair in prange(pair_count(meeting)):
+            touch_pair(pair, push, meeting, surface, cells.along_x, cells.along_y, state)
+        add_pairs(meeting, surface, cells.along_x, cells.along_y, state.force)
         for plane in prange(len(correction.left)):
             sum_plane(plane, correction, state.force)
         correct(correction)
         for k in prange(len(nodes.active)):
             update_grid(k, step, dt, push, nodes, correction, state, effects)
+        passed(meeting, dt, state.v)
     return steps
 
 

@@ -16,6 +16,9 @@ from magmpm.results.path_tables import read_rows
 from magmpm.results.whole_file import whole_file
 
 
+PAIR = ": "  # in the name of a contact of two components, which has rows only while they touch
+
+
 class GrowingTable:
     """A CSV file that grows; its first row names the columns. Numbers keep all digits."""
 
@@ -63,14 +66,16 @@ def energy_row(time: float, energies: Mapping[str, float]) -> dict[str, float]:
 
 
 def contact_row(time: float, effect: str, contact: Any) -> dict[str, Any]:
-    """Row of contacts.csv: t (s), effect, force on the body (N), particles touching, deepest penetration (m).
+    """Row of contacts.csv: t (s), effect, force on the body (N), points touching, deepest penetration (m); where given, slip (m/s),
+    mean point p (m) and normal n.
 
     contact: a mapping or an object with force, count and depth, or the force alone.
     """
     known = contact if isinstance(contact, Mapping) else _of_object(contact)
-    force = np.asarray(known["force"], dtype=float)
-    forces = {f"F{axis}": force[i] for i, axis in enumerate("xyz")}
-    return {"t": time, "effect": effect, **forces, **{name: known.get(name, "") for name in ("count", "depth")}}
+    vectors = [("F", np.asarray(known["force"], dtype=float)), *((of[0], known.get(of, ("", "", ""))) for of in ("point", "normal"))]
+    force, point, normal = ({f"{of}{axis}": part[i] for i, axis in enumerate("xyz")} for of, part in vectors)
+    plain = {name: known.get(name, "") for name in ("count", "depth", "slip")}
+    return {"t": time, "effect": effect, **force, **plain, **point, **normal}
 
 
 def read_energies(path: Path) -> dict[str, Array]:

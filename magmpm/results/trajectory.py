@@ -29,6 +29,7 @@ from magmpm.results.motion_tables import (
     contact_row,
     energy_row,
     must_have,
+    PAIR,
     read_contacts,
     read_energies,
 )
@@ -207,7 +208,8 @@ class MotionWriter:
         must_have(self._energies.path, read_energies(self._energies.path), times)
         found = read_contacts(self._contacts.path)
         for effect in contacts:
-            must_have(self._contacts.path, found.get(effect, {}), times)
+            if PAIR not in effect:
+                must_have(self._contacts.path, found.get(effect, {}), times)
 
     def _must_exist(self) -> None:
         if not self.path.exists():
@@ -300,8 +302,9 @@ class Motion:
             must_have(folder / ENERGIES, energies, times, lacking=1)
             if steps:
                 must_have(folder / STEPS, steps, times, lacking=1)
-            for found in contacts.values() if scene is not None else ():
-                must_have(folder / CONTACTS, found, times, lacking=1)
+            for effect, found in contacts.items() if scene is not None else ():
+                if PAIR not in effect:
+                    must_have(folder / CONTACTS, found, times, lacking=1)
         except (OSError, KeyError, TypeError, ValueError) as error:
             if isinstance(error, InputError):
                 raise

@@ -54,7 +54,7 @@ def check(scene: WholeScene, *, written: bool) -> None:
             ("body", scene.body.kind, scene.body.shape.clamp_key),
         )
     _motion_has_its_solver(scene)
-    _contact_has_its_formulation(scene)
+    _branches_have_their_formulation(scene)
     _path_has_an_end(scene)
     _feed_can_push(scene)
     moves.check(scene)
@@ -130,21 +130,12 @@ def _motion_has_its_solver(scene: WholeScene) -> None:
             )
 
 
-def _contact_has_its_formulation(scene: WholeScene) -> None:
-    """Parts of a body meet on a grid in space; a grid in the undeformed body never learns that they are near, and alone has branches."""
+def _branches_have_their_formulation(scene: WholeScene) -> None:
+    """Material that remembers needs a grid in the undeformed body."""
     dynamic, losses = scene.solver.dynamic, scene.effects.viscosity
-    updated = scene.effects.self_contact is not None or (dynamic is not None and dynamic.formulation == "updated")
-    if losses is not None and losses.branches and updated:
+    if losses is not None and losses.branches and dynamic is not None and dynamic.formulation == "updated":
         raise fault(
-            "branches act in the total formulation only, which knows no self_contact",
-            "remove branches; or leave out self_contact and `formulation: updated`",
-            ("effects", "viscosity", "branches"),
-        )
-    if scene.effects.self_contact is not None and dynamic is not None and dynamic.formulation == "total":
-        raise fault(
-            "self_contact acts in the updated formulation only: in the total one the body would pass through itself",
-            "leave formulation out, or write `formulation: updated`; or do not name self_contact",
-            ("solver", "dynamic", "formulation"),
+            "branches act in the total formulation only", "remove branches, or `formulation: updated`", ("effects", "viscosity", "branches")
         )
 
 

@@ -1,0 +1,213 @@
+"""Pairs of surface points and solids of a body that touches itself, listed again whenever it has moved by a share of a cell."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
+
+from magmpm.bodies.grid import each_node
+from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.jit import compiled
+from magmpm.dynamics.particle_groups import Packed
+from magmpm.effects.base import Contact
+from magmpm.effects.contact_law import law
+from magmpm.kernels.body_contact import CELL, DEPTH, FORCE, HELD, MEMORY, NORMAL, PLACE, ROOM, Meeting, SolidCells
+from magmpm.model import Model
+
+MOVE = 0.25  # cells that anything may move before pairs are listed again: they may then be twice as much nearer
+REACH = 1.0  # cells: distance of a point from the nearest point of a surface up to which it is listed: 2 MOVE, and half a cell between points
+
+
+def body_contact(model: Model, packed: Packed) -> BodyContact | None:
+    """The contact of a model's body with itself, if its scene names self_contact."""
+    effect = model.scene.effects.self_contact
+    if effect is None:
+        return None
+    found = law(model.scene, effect.stiffness, effect.friction)
+    return BodyContact(
+        model, packed,
+        np.array([found["stiffness"], found.get("soft", 1.0), found.get("knee", 1.0), found.get("damping", 0.0), effect.friction]),
+    )  # fmt: skip
+
+
+class BodyContact:
+    """The pairs of a model, which `listed` brings up to date with displacements u (3 nodes,) m."""
+
+    def __init__(self, model: Model, packed: Packed, law: Array) -> None:
+        surface = model.surface
+        assert surface is not None  # of a scene that names self_contact
+        self._packed, self.law = packed, law
+        self._cell = float(model.grid.spacing.min())
+        self.solids = model.scene.body.shape.solids(self._cell, model.particles)
+        self.cells, number, cells = _solid_cells(model)
+        still, still_particle = surface.still
+        on = packed.point
+        self._place = np.concatenate([surface.place[on], still])
+        particle = np.concatenate([surface.particle[on], still_particle])
+        self._at, self._solid, self._free = number[particle], model.component[particle], len(on)
+        self._node = np.repeat(packed.surface.first_node, np.diff(packed.surface.first_point))
+        self._splines = _matrix(surface.first[on], surface.weights[on], model.nodes_in_motion)
+        largest = abs(self._splines).max(axis=0).tocoo()
+        self._near_nodes = largest.col.astype(np.int64), 27.0 * largest.data
+        regions, segment = model.scene.regions(), model.particles.segment
+        self.names = [regions[segment[model.component == one].min()].name for one in range(int(model.component.max()) + 1)]
+        self._nodes = model.nodes_in_motion
+        self._patches = _patches(self._at, cells)
+        none = np.zeros(0, np.int64)
+        self.meeting = self._of(none, none, np.array([np.inf]))
+
+    def _of(self, point: Index, solid: Index, memory: Array) -> Meeting:
+        most = np.array([MOVE * self._cell])
+        return Meeting(point, self._node[point], solid, memory, most, self.law, *self._near_nodes, *self.cells, *self.solids)
+
+    def copy(self) -> Meeting:
+        """The pairs, with a memory that steps may change."""
+        return self.meeting._replace(memory=self.meeting.memory.copy())
+
+    @property
+    def outdated(self) -> bool:
+        """True if pairs must be listed before the next step."""
+        return bool(self.meeting.memory[-1] > self.meeting.most[0])
+
+    def list(self, u: Array) -> None:
+        """List the pairs at displacements u (3 nodes,) m. What touches stays listed, with its memory."""
+        x = self._place.copy()
+        x[: self._free] += self._splines @ u.reshape(-1, 3)
+        p, q = self._near(x)
+        old = self.meeting
+        held = old.memory[:-1].reshape(-1, MEMORY)
+        key, known = p * len(self.solids.kind) + self._solid[q], old.point * len(self.solids.kind) + old.solid
+        kept = np.flatnonzero((held[:, HELD] > 0) | np.isin(known, key))
+        new = np.flatnonzero(~np.isin(key, known[kept]))
+        memory = np.zeros((len(new), MEMORY))
+        memory[:, PLACE : PLACE + 3], memory[:, CELL] = self._place[q[new]], self._at[q[new]]
+        order = np.argsort(np.concatenate([known[kept], key[new]]))
+        memory = np.concatenate([held[kept], memory])[order]
+        point, solid = np.concatenate([old.point[kept], p[new]])[order], np.concatenate([old.solid[kept], self._solid[q[new]]])[order]
+        memory[:, ROOM] = 0.0
+        self.meeting = self._of(point, solid, np.append(memory.ravel(), 0.0))
+
+    def _near(self, x: Array) -> tuple[Index, Index]:
+        """The free points (n,) that are near another solid, or a place of their own that shares no node with them; the nearest point (n,)
+        there."""
+        first, order, cell = self._patches
+        center, radius = _balls(x[order], first)
+        a, b = cKDTree(center).query_pairs(REACH * self._cell + 2 * radius, output_type="ndarray").T
+        apart = (np.abs(cell[a, 1:] - cell[b, 1:]) > 2).any(axis=1) | (cell[a, 0] != cell[b, 0])
+        pairs = np.concatenate([np.stack([a, b], axis=1)[apart], np.stack([b, a], axis=1)[apart]])
+        found = _nearest(pairs, first, order, x, self._free, REACH * self._cell)
+        p, q, distance = found[:, 0].astype(np.int64), found[:, 1].astype(np.int64), found[:, 2]
+        best = np.lexsort((q, distance, self._solid[q], p))
+        p, q = p[best], q[best]
+        one = np.flatnonzero(np.diff(p * len(self.solids.kind) + self._solid[q], prepend=-1))
+        return p[one], q[one]
+
+    def report(self, memory: Array, u: Array, v: Array) -> dict[str, Contact]:
+        """Contact of the body with itself, and of each two components that touch, at displacements u m and velocities v m/s (3 nodes,);
+        memory: of the pairs, at that time. A force acts on the first of two; the force on the whole is zero."""
+        pair = memory[:-1].reshape(-1, MEMORY)
+        on = np.flatnonzero(pair[:, DEPTH] > 0)
+        pair, point = pair[on], self.meeting.point[on]
+        a, b, x = self._solid[point], self.meeting.solid[on], self._place[point] + self._splines[point] @ u.reshape(-1, 3)
+        sign = np.where(a <= b, 1.0, -1.0)[:, None]
+        force, normal = sign * pair[:, FORCE : FORCE + 3], sign * pair[:, NORMAL : NORMAL + 3]
+        slip = self._splines[point] @ v.reshape(-1, 3) - self._there(v, pair)
+        slip -= np.einsum("ni,ni->n", slip, normal)[:, None] * normal
+        found = {"self_contact": Contact(force=np.zeros(3), count=len(on), depth=float(pair[:, DEPTH].max(initial=0.0)))}
+        for i, j in np.unique(np.column_stack([np.minimum(a, b), np.maximum(a, b)]), axis=0):
+            here = (np.minimum(a, b) == i) & (np.maximum(a, b) == j)
+            weight = np.linalg.norm(force[here], axis=1) + 1e-300  # a point that leaves may be in, and not be pushed
+            weight /= weight.sum()
+            mean = weight @ normal[here]
+            found[f"self_contact: {self.names[i]}, {'itself' if i == j else self.names[j]}"] = Contact(
+                force=np.zeros(3) if i == j else force[here].sum(axis=0), count=int(here.sum()), depth=float(pair[here, DEPTH].max()),
+                point=weight @ x[here], normal=mean / np.linalg.norm(mean), slip=float(weight @ np.linalg.norm(slip[here], axis=1)),
+            )  # fmt: skip
+        return found
+
+    def _there(self, v: Array, pair: Array) -> Array:
+        """Velocity (n, 3) m/s of the solids at the places of pairs (n, MEMORY)."""
+        cell, cells = pair[:, CELL].astype(np.int64), self.cells
+        xi = (pair[:, PLACE : PLACE + 3] - cells.low.reshape(-1, 3)[cell]) / cells.width.reshape(-1, 3)[cell]
+        powers = np.stack([np.ones_like(xi), xi, xi**2], axis=-1)
+        weights = np.einsum("niak,nik->nia", cells.splines.reshape(-1, 3, 3, 3)[cell], powers)
+        first = np.stack(np.unravel_index(cells.node[cell], self._nodes), axis=1)
+        return np.asarray(_matrix(first, weights, self._nodes) @ v.reshape(-1, 3)) if len(pair) else np.zeros((0, 3))
+
+    def state(self) -> dict[str, Array]:
+        """State that `restore` needs."""
+        return {"pair_point": self.meeting.point, "pair_solid": self.meeting.solid, "pair_memory": self.meeting.memory.copy()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go back to a `state`."""
+        self.meeting = self._of(state["pair_point"], state["pair_solid"], np.array(state["pair_memory"]))
+
+
+def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:
+    """The cells of a model's solids, the number of the one that each particle (n,) is in, and component and index (cells, 4) of each."""
+    grid, on = model.grid, model.particles.cell.astype(np.int64)
+    shape = (int(model.component.max()) + 1, *(n + 2 for n in grid.cells))
+    key = np.ravel_multi_index((model.component, *(on.T + 1)), shape)
+    cells, one, number = np.unique(key, return_index=True, return_inverse=True)
+    place, spans = on[one], grid.along
+    width = np.tile(grid.spacing, (len(one), 1))
+    width[:, 0] = spans.width[place[:, 0]]
+    low = grid.origin + grid.spacing * place
+    low[:, 0] = grid.origin[0] + spans.start[place[:, 0]] + spans.width[place[:, 0]] * spans.index[place[:, 0]]
+    zero, half, whole = (model.splines_at(low + share * width, place, model.held[one])[0] for share in (0.0, 0.5, 1.0))
+    splines = np.stack([zero, 4 * half - 3 * zero - whole, 2 * (zero + whole) - 4 * half], axis=-1)
+    steps = np.array([sign * int(np.prod(shape[axis + 2 :])) for axis in range(3) for sign in (-1, 1)])
+    beside = cells[:, None] + steps
+    at = np.minimum(np.searchsorted(cells, beside), len(cells) - 1)
+    first = model.first_in_motion(one) @ np.array([np.prod(model.nodes_in_motion[1:]), model.nodes_in_motion[2], 1])
+    found = SolidCells(first, low.ravel(), width.ravel(), splines.ravel(), np.where(cells[at] == beside, at, -1).ravel())
+    return found, number.reshape(-1), np.column_stack([model.component[one], place])
+
+
+def _matrix(first: Index, weights: Array, nodes: tuple[int, int, int]) -> csr_matrix:
+    """The splines (points, nodes) of points; arguments as of bodies.grid.each_node."""
+    columns, values = zip(*each_node(first, nodes, weights), strict=True)
+    rows = np.tile(np.arange(len(first)), 27)
+    return csr_matrix((np.concatenate(values), (rows, np.concatenate(columns))), shape=(len(first), int(np.prod(nodes))))
+
+
+def _patches(at: Index, cells: Index) -> tuple[Index, Index, Index]:
+    """Points in patches, those of one cell each: first (patches + 1,) in the order (n,) of points; component and cell (patches, 4)."""
+    order = np.argsort(at, kind="stable")
+    first = np.flatnonzero(np.diff(at[order], prepend=-1))
+    return np.append(first, len(at)), order, cells[at[order[first]]]
+
+
+def _balls(x: Array, first: Index) -> tuple[Array, float]:
+    """Centers (k, 3) of patches of points x (n, 3) m in their order, and the radius (m) around them that holds every point."""
+    count = np.diff(first)
+    center = np.add.reduceat(x, first[:-1], axis=0) / count[:, None]
+    return center, float(np.sqrt(((x - np.repeat(center, count, axis=0)) ** 2).sum(axis=1).max()))
+
+
+@compiled
+def _nearest(pairs, first, order, x, free, reach):  # type: ignore[no-untyped-def]
+    """Rows (p, q, distance m): of each free point p of a patch the nearest point q of the other patch, for each of the pairs (k, 2)."""
+    found = np.empty((1024, 3))
+    count = 0
+    for k in range(len(pairs)):
+        for i in range(first[pairs[k, 0]], first[pairs[k, 0] + 1]):
+            p, best, nearest = order[i], reach**2, -1
+            if p >= free:
+                continue
+            for j in range(first[pairs[k, 1]], first[pairs[k, 1] + 1]):
+                q = order[j]
+                now = (x[p, 0] - x[q, 0]) ** 2 + (x[p, 1] - x[q, 1]) ** 2 + (x[p, 2] - x[q, 2]) ** 2
+                if now < best:
+                    best, nearest = now, q
+            if nearest >= 0:
+                if count == len(found):
+                    more = np.empty((2 * count, 3))
+                    more[:count] = found
+                    found = more
+                found[count, 0], found[count, 1], found[count, 2] = p, nearest, np.sqrt(best)
+                count += 1
+    return found[:count]

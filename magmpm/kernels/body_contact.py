@@ -1,0 +1,308 @@
+"""Contact of the body with itself, in the total formulation: points of its surface touch the solids of its components.
+
+A pair is a point and a solid that it may touch. The place X in the undeformed solid that is now at the point, X + u(X) = x, follows from
+Newton's method in a cell of the solid's grid. The point touches where X lies below the solid's surface, at the distance d < 0. The energy
+is that of springs along d, so the force is along F^-T n of the solid, acts at x on both, and is equal and opposite: momentum and angular
+momentum are exact. Friction holds the point at a place of the undeformed solid. Every surface has points and is a solid for the others,
+so each side has half the stiffness that obstacles have. Both bodies give: the square of a pair's frequency is at most twice theirs.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numba.extending import overload
+
+from magmpm.bodies.contact_solid import Solids, solid_distance
+from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.jit import compiled, inlined
+from magmpm.effects.contact_force import PARTS, hold, push
+from magmpm.kernels.surface_contact import SLIDES, STICKS
+
+PLACE, ANCHOR, HELD, ROOM, CELL, FORCE, DEPTH, NORMAL, MEMORY = 0, 3, 6, 7, 8, 9, 12, 13, 16
+CLOSE = 1e-12  # of a cell: distance of X + u(X) from the point; momentum is kept to it
+TRIES = 20
+NEAR = 0.5  # of d: the present distance of the surface is at least this, whatever the strain
+SHARE = 0.5  # of the stiffness: both bodies have points
+
+
+class SolidCells(NamedTuple):
+    """The cells (c,) of all solids: first node, low corner and width (3 c,) m, splines (27 c,) as coefficients of 1, xi, xi^2 of the three
+    splines along x, y, z, and the next cells (6 c,) of the same solid, below and above along each axis, -1 for none."""
+
+    node: Index
+    low: Array
+    width: Array
+    splines: Array
+    next: Index
+
+
+class Meeting(NamedTuple):
+    """Pairs (n,): point, index in kernels.surface_contact.Surface, and its first node; solid; memory (MEMORY n + 1,), changed by steps: a
+    pair's place X (3,) m, anchor (3,) m and whether it holds, `memory[-1]` until which it cannot touch, cell, force (3,) N on
+    the point, depth m, and normal (3,) out of the solid; at last the distance (m) that the body may have moved since pairs were listed; most (1,): m, of it, until they
+    are listed again; law (5,): stiffness 1/s^2, soft, knee m, damping 1/s and friction (effects.contact_law); near_node, near_share (k,): nodes
+    that move points, and their largest spline at any point times the 27 nodes of a cell; then the fields of SolidCells and Solids, flat, as parallel loops want them."""
+
+    point: Index
+    node: Index
+    solid: Index
+    memory: Array
+    most: Array
+    law: Array
+    near_node: Index
+    near_share: Array
+    cell_node: Index
+    cell_low: Array
+    cell_width: Array
+    cell_splines: Array
+    cell_next: Index
+    kind: Index
+    size: Array
+    points: Index
+    first: Index
+    coefficients: Array
+
+
+@inlined
+def _cells(meeting):
+    return SolidCells(meeting.cell_node, meeting.cell_low, meeting.cell_width, meeting.cell_splines, meeting.cell_next)
+
+
+@inlined
+def _splines(cells, cell, x, value, slope):
+    """Write to value, slope (9,) the splines of a cell along x, y, z at a place x (3,) m, and their slopes, 1/m."""
+    for i in range(3):
+        width = cells.width[3 * cell + i]
+        xi = (x[i] - cells.low[3 * cell + i]) / width
+        for a in range(3):
+            k = 27 * cell + 9 * i + 3 * a
+            c0, c1, c2 = cells.splines[k], cells.splines[k + 1], cells.splines[k + 2]
+            value[3 * i + a] = c0 + xi * (c1 + xi * c2)
+            slope[3 * i + a] = (c1 + 2.0 * xi * c2) / width
+
+
+@inlined
+def _gather(field, node, along_x, along_y, value, slope, u, F):
+    """Write a nodal field (3 nodes,) to u (3,), and its gradient to F (3, 3), at a place with these splines."""
+    u[:], F[:] = 0.0, 0.0
+    for a in range(3):
+        for b in range(3):
+            n, dx, dy = value[a] * value[3 + b], slope[a] * value[3 + b], value[a] * slope[3 + b]
+            for c in range(3):
+                k = 3 * (node + a * along_x + b * along_y + c)
+                w = value[6 + c]
+                for i in range(3):
+                    u[i] += n * w * field[k + i]
+                    F[i, 0] += dx * w * field[k + i]
+                    F[i, 1] += dy * w * field[k + i]
+                    F[i, 2] += n * slope[6 + c] * field[k + i]
+
+
+@compiled
+def _inverted(F, out):
+    """Write the inverse of F (3, 3) to out."""
+    for i in range(3):
+        for j in range(3):
+            a, b, c, d = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+            out[j, i] = F[a, c] * F[b, d] - F[a, d] * F[b, c]
+    det = F[0, 0] * out[0, 0] + F[0, 1] * out[1, 0] + F[0, 2] * out[2, 0]
+    for i in range(3):
+        for j in range(3):
+            out[i, j] /= det
+
+
+@compiled
+def _find(cells, cell, along_x, along_y, field, x, X, value, slope, u, F, inverse):
+    """Move X (3,) to the place of a solid that is now at x (3,) m, through its cells. Returns its cell, or -1 if there is none near."""
+    for _ in range(TRIES):
+        _splines(cells, cell, X, value, slope)
+        _gather(field, cells.node[cell], along_x, along_y, value, slope, u, F)
+        off = 0.0
+        for i in range(3):
+            F[i, i] += 1.0
+            u[i] = x[i] - X[i] - u[i]
+            off = max(off, abs(u[i]) / cells.width[3 * cell + i])
+        _inverted(F, inverse)
+        if off < CLOSE:
+            return cell
+        if not off < 2.0:
+            return -1
+        farthest, way = 0.0, -1
+        for i in range(3):
+            X[i] += inverse[i, 0] * u[0] + inverse[i, 1] * u[1] + inverse[i, 2] * u[2]
+            xi = (X[i] - cells.low[3 * cell + i]) / cells.width[3 * cell + i]
+            if -xi > farthest and cells.next[6 * cell + 2 * i] >= 0:
+                farthest, way = -xi, 2 * i
+            if xi - 1.0 > farthest and cells.next[6 * cell + 2 * i + 1] >= 0:
+                farthest, way = xi - 1.0, 2 * i + 1
+        if way >= 0 and farthest > 1e-9:
+            cell = cells.next[6 * cell + way]
+    return -1
+
+
+@compiled
+def _at(field, node, along_x, along_y, value, out):
+    """out (3,) += nodal field (3 nodes,) at a place with these splines (9,), from a cell's first node on."""
+    for a in range(3):
+        for b in range(3):
+            n = value[a] * value[3 + b]
+            for c in range(3):
+                k = 3 * (node + a * along_x + b * along_y + c)
+                for i in range(3):
+                    out[i] += n * value[6 + c] * field[k + i]
+
+
+@compiled
+def _touch(pair, dt, meeting, surface, along_x, along_y, state):
+    """Write to memory the place, force and depth of a pair; dt s: for which forces push."""
+    memory, law, at, cells = meeting.memory, meeting.law, MEMORY * pair, _cells(meeting)
+    stiffness, soft, knee, damping, friction = law[0], law[1], law[2], law[3], law[4]
+    memory[at + DEPTH] = 0.0
+    if memory[-1] < memory[at + ROOM]:
+        return
+    p, s = meeting.point[pair], meeting.solid[pair]
+    own, value, slope = surface.weights[9 * p : 9 * p + 9], np.empty(9), np.empty(9)
+    x, u, X, normal, F, inverse = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    for i in range(3):
+        x[i], X[i] = surface.place[3 * p + i], memory[at + PLACE + i]
+    _at(state.u, meeting.node[pair], along_x, along_y, own, x)
+    solids = Solids(meeting.kind, meeting.size, meeting.points, meeting.first, meeting.coefficients)
+    cell = _find(cells, int(memory[at + CELL]), along_x, along_y, state.u, x, X, value, slope, u, F, inverse)
+    d = np.inf if cell < 0 else solid_distance(solids, s, X, normal)
+    if cell >= 0:
+        memory[at + PLACE : at + PLACE + 3], memory[at + CELL] = X, cell
+    if not d < 0.0:
+        memory[at + HELD] = 0.0
+        memory[at + ROOM] = memory[-1] + (0.5 * NEAR * d if d < np.inf else 0.0)
+        return
+    f, n, v = np.zeros(PARTS), np.empty(3), np.zeros(3)
+    for i in range(3):
+        n[i] = inverse[0, i] * normal[0] + inverse[1, i] * normal[1] + inverse[2, i] * normal[2]
+    if damping > 0.0 and memory[at + HELD] != STICKS:
+        _at(state.v, cells.node[cell], along_x, along_y, value, v)
+        for i in range(3):
+            v[i] = -v[i]
+        _at(state.v, meeting.node[pair], along_x, along_y, own, v)
+    length = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
+    leaving = (v[0] * n[0] + v[1] * n[1] + v[2] * n[2]) / length
+    push(-d, n[0], n[1], n[2], leaving, SHARE * surface.mass[p], stiffness, soft, knee, damping, friction, f)
+    if friction > 0.0:
+        there, new = np.empty(3), memory[at + HELD] == 0.0
+        for i in range(3):
+            there[i] = x[i]
+            for j in range(3):
+                there[i] -= 0.0 if new else F[i, j] * (X[j] - memory[at + ANCHOR + j])
+        slides = hold(x, there, f)
+        if slides or new:
+            for i in range(3):
+                memory[at + ANCHOR + i] = X[i]
+                for j in range(3):
+                    memory[at + ANCHOR + i] -= inverse[i, j] * (x[j] - there[j])
+        memory[at + HELD] = SLIDES if slides else STICKS
+    memory[at + DEPTH] = -d
+    for i in range(3):
+        memory[at + FORCE + i], memory[at + NORMAL + i] = f[i], n[i] / length
+
+
+@compiled
+def _add(force, node, along_x, along_y, value, f0, f1, f2):
+    """Add a force at a place with these splines (9,) to the nodes."""
+    for a in range(3):
+        for b in range(3):
+            n = value[a] * value[3 + b]
+            for c in range(3):
+                k = 3 * (node + a * along_x + b * along_y + c)
+                force[k] += n * value[6 + c] * f0
+                force[k + 1] += n * value[6 + c] * f1
+                force[k + 2] += n * value[6 + c] * f2
+
+
+@compiled
+def _add_all(meeting, surface, along_x, along_y, force):
+    """Add the forces of all pairs to the nodes of both sides, in the order of the pairs: the same sums on any number of threads."""
+    memory, cells, value, slope = meeting.memory, _cells(meeting), np.empty(9), np.empty(9)
+    for pair in range(len(meeting.point)):
+        at = MEMORY * pair
+        if not memory[at + DEPTH] > 0.0:
+            continue
+        f0, f1, f2, p, cell = memory[at + FORCE], memory[at + FORCE + 1], memory[at + FORCE + 2], meeting.point[pair], int(memory[at + CELL])
+        _add(force, meeting.node[pair], along_x, along_y, surface.weights[9 * p : 9 * p + 9], f0, f1, f2)
+        _splines(cells, cell, memory[at + PLACE : at + PLACE + 3], value, slope)
+        _add(force, cells.node[cell], along_x, along_y, value, -f0, -f1, -f2)
+
+
+@compiled
+def _passed(meeting, dt, v):
+    """Count the distance that any point may have moved in a step.
+
+    No point is faster than the fastest of the nodes that matter to it, plus what the others add: these may be light, and fast as such.
+    """
+    most, more = 0.0, 0.0
+    for k in range(len(meeting.near_node)):
+        n, share = 3 * meeting.near_node[k], meeting.near_share[k]
+        square = v[n] ** 2 + v[n + 1] ** 2 + v[n + 2] ** 2
+        if share >= 1.0:
+            most = max(most, square)
+        else:
+            more = max(more, share * share * square)
+    meeting.memory[-1] += dt * (math.sqrt(most) + math.sqrt(more))
+
+
+# A body that does not touch itself has () for a meeting. Then nothing of the above is compiled into its kernel.
+
+
+def pair_count(meeting):
+    """Number of pairs. Only within compiled code, as the rest below."""
+
+
+def touch_pair(pair, dt, meeting, surface, along_x, along_y, state):
+    """Find the place, force and depth of a pair; dt s: for which forces push."""
+
+
+def add_pairs(meeting, surface, along_x, along_y, force):
+    """Add the forces of all pairs to the nodes."""
+
+
+def passed(meeting, dt, v):
+    """Count the distance that the body may have moved in a step of dt (s)."""
+
+
+def needs_list(meeting):
+    """True if the body has moved so far that pairs may be missing."""
+
+
+def _meets(meeting: Any) -> bool:
+    return isinstance(meeting, types.BaseNamedTuple)
+
+
+@overload(pair_count, strict=False)
+def _pair_count(meeting):
+    return (lambda meeting: len(meeting.point)) if _meets(meeting) else (lambda meeting: 0)
+
+
+@overload(touch_pair, strict=False)
+def _touch_pair(pair, dt, meeting, surface, along_x, along_y, state):
+    if not _meets(meeting):
+        return lambda pair, dt, meeting, surface, along_x, along_y, state: None
+    return lambda pair, dt, meeting, surface, along_x, along_y, state: _touch(pair, dt, meeting, surface, along_x, along_y, state)
+
+
+@overload(add_pairs, strict=False)
+def _add_pairs(meeting, surface, along_x, along_y, force):
+    if not _meets(meeting):
+        return lambda meeting, surface, along_x, along_y, force: None
+    return lambda meeting, surface, along_x, along_y, force: _add_all(meeting, surface, along_x, along_y, force)
+
+
+@overload(passed, strict=False)
+def _has_passed(meeting, dt, v):
+    return (lambda meeting, dt, v: _passed(meeting, dt, v)) if _meets(meeting) else (lambda meeting, dt, v: None)
+
+
+@overload(needs_list, strict=False)
+def _needs_list(meeting):
+    return (lambda meeting: meeting.memory[-1] > meeting.most[0]) if _meets(meeting) else (lambda meeting: False)

@@ -1,0 +1,143 @@
+"""Bodies that touch each other in motion, against mechanics: collisions, rest, rolling, sliding, folds; the same bits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reference.moving import moving_scene
+from reference.parts import momenta, of_part, parts_scene, throw_part
+from reference.solids import ball, box, turned
+
+from magmpm.bodies.surface_mesh import Mesh
+from magmpm.compiled.thread_count import Threads
+from magmpm.dynamics import energies
+from magmpm.dynamics.time_loop import begin, move
+from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.kernels.body_contact import DEPTH, MEMORY
+from magmpm.model import build
+from magmpm.scene import Scene
+
+EARTH = 9.81
+CUBE, CELL = 3e-3, 1.5e-3  # m
+
+
+def two_blocks(folder: Path, **contact: float) -> Scene:
+    """Two cubes with a small gap between faces that do not lie square on each other."""
+    other = turned(box((0.0, 0.0, 0.0), (CUBE, CUBE, CUBE)), (1.0, 0.0, 0.0), 0.2)
+    meshes = {"a": box((0.0, 0.0, 0.0), (CUBE, CUBE, CUBE)), "b": Mesh(other.vertices + [CUBE + 0.1e-3, 0.3e-3, 0.4e-3], other.faces)}
+    return parts_scene(folder, meshes, {"self_contact": contact}, CELL)
+
+
+def depths(motion: TotalMotion) -> np.ndarray:
+    """Depth (pairs,) m of each pair of a motion."""
+    assert motion.contact is not None
+    return np.asarray(motion.contact.meeting.memory[:-1].reshape(-1, MEMORY)[:, DEPTH])
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_a_collision_keeps_momentum_and_energy(tmp_path: Path, friction: float) -> None:
+    """At 2 m/s: both momenta to rounding; no energy is gained, and without friction 0.5 % is lost at most; 0.15 cells deep at most."""
+    begun = begin(build(two_blocks(tmp_path, friction=friction)))
+    motion, model = begun.motion, begun.motion.model
+    assert isinstance(motion, TotalMotion)
+    throw_part(motion, 0, (2.0, 0.3, 0.0))
+    before, kinetic, deepest = momenta(motion), motion.kinetic_energy(), 0.0
+    for _ in range(60):
+        motion.advance(1, begun.dt, model.effects)
+        deepest = max(deepest, float(depths(motion).max(initial=0.0)))
+    assert 0 < deepest < 0.15 * model.scene.cell
+    np.testing.assert_allclose(momenta(motion), before, rtol=0, atol=1e-12 * np.abs(before).max())
+    _, _, F = motion.particles()
+    change = (motion.kinetic_energy() + energies.elastic_energy(model, F, True)) / kinetic - 1
+    assert (-0.005 if friction == 0 else -0.2) < change < 0.005
+    assert of_part(model, 1, motion.particles()[1])[0] > 1.0
+
+
+def test_the_same_bits_on_any_number_of_threads_and_after_a_restart(tmp_path: Path) -> None:
+    """A sliding collision, stopped in its midst: 60 steps on two threads; on one; and 30, then 30 from the stored state."""
+    model = build(two_blocks(tmp_path, friction=0.5))
+
+    def thrown() -> TotalMotion:
+        motion = begin(model).motion
+        assert isinstance(motion, TotalMotion)
+        throw_part(motion, 0, (2.0, 0.5, 0.0))
+        return motion
+
+    dt, motions = begin(model).dt, [thrown() for _ in range(3)]
+    motions[1].threads = Threads(1)
+    for motion in motions[:2]:
+        for _ in range(2):
+            motion.advance(30, dt, model.effects)
+    motions[2].advance(30, dt, model.effects)
+    later = thrown()
+    later.restore({name: np.array(value) for name, value in motions[2].state().items()})
+    later.advance(30, dt, model.effects)
+    assert depths(motions[0]).any()
+    for other in (motions[1], later):
+        np.testing.assert_array_equal(other.u, motions[0].u)
+        np.testing.assert_array_equal(other.v, motions[0].v)
+
+
+def test_what_lies_on_another_presses_on_it_with_its_weight(tmp_path: Path) -> None:
+    """A cube at rest on a cube on the ground: force, normal and point in the report, to 2 %; less than 0.02 cells deep."""
+    meshes = {"below": box((0.0, 0.0, 0.0), (CUBE, CUBE, CUBE)), "above": box((0.0, 0.0, CUBE + 0.05e-3), (CUBE, CUBE, 2 * CUBE + 0.05e-3))}
+    effects = {"gravity": {}, "damping": {"rate": 500.0}, "ground": {"point": [0.0, 0.0, 0.0]}, "self_contact": {}}
+    state = move(build(parts_scene(tmp_path, meshes, effects, CELL, duration=0.05)))
+    model, contacts = state.motion.model, state.contacts
+    weight = EARTH * model.density * model.particles.volume
+    pressed = contacts["self_contact: below, above"]
+    np.testing.assert_allclose(pressed["force"], [0, 0, -weight[model.particles.segment == 1].sum()], atol=0.02 * weight.sum())
+    np.testing.assert_allclose(contacts["ground"]["force"], [0, 0, weight.sum()], atol=0.02 * weight.sum())
+    np.testing.assert_allclose(pressed["normal"], [0, 0, -1], atol=1e-2)
+    np.testing.assert_allclose(pressed["point"], [CUBE / 2, CUBE / 2, CUBE], atol=0.02e-3)
+    assert 0 < pressed["depth"] < 0.02 * model.scene.cell
+    assert pressed["slip"] < 1e-3
+
+
+@pytest.mark.parametrize(("friction", "tangent", "share"), [(0.3, 1.0, 0.7), (0.5, 0.3, 0.0)])
+def test_a_block_slides_or_sticks_on_a_slope_of_another_part(tmp_path: Path, friction: float, tangent: float, share: float) -> None:
+    """At 45 degrees it accelerates by g (sin - mu cos), to 2 % with its fall through the gap; inside the cone it stops within 0.1 cell of
+    where it fell, as its bounces, with damping, die out."""
+    angle, time, thick = np.arctan(tangent), 0.04, 3e-3
+    meshes = {"slope": box((-6e-3, -6e-3, -3e-3), (18e-3, 6e-3, 0.0)), "block": box((0.0, -3e-3, 0.03e-3), (6e-3, 3e-3, thick + 0.03e-3))}
+    pull = [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]
+    effects = {"gravity": {"acceleration": pull}, "self_contact": {"friction": friction}}
+    effects |= {} if share else {"damping": {"rate": 300.0}}
+    state = move(build(parts_scene(tmp_path, meshes, effects, 1.5e-3, held=["slope"], duration=time)))
+    model = state.motion.model
+    way = of_part(model, 1, state.x - model.particles.position)[0]
+    assert way == pytest.approx(share * EARTH * np.sin(angle) * time**2 / 2, abs=0.1 * 1.5e-3 if share == 0 else 0.02 * 5e-3)
+
+
+def test_a_ball_rolls_down_another_part(tmp_path: Path) -> None:
+    """5/7 g sin t^2 / 2 on 3 cells, to 5 %."""
+    angle, time, radius = np.deg2rad(11.5), 0.05, 1.5e-3
+    meshes = {"slope": box((-2e-3, -2e-3, -2e-3), (6e-3, 2e-3, 0.0)), "ball": ball((0.0, 0.0, radius + 0.03e-3), radius, 24)}
+    pull = [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]
+    effects = {"gravity": {"acceleration": pull}, "self_contact": {"friction": 0.5}}
+    state = move(build(parts_scene(tmp_path, meshes, effects, 1e-3, held=["slope"], duration=time)))
+    model = state.motion.model
+    way = of_part(model, 1, state.x - model.particles.position)[0]
+    assert way == pytest.approx(5 / 7 * EARTH * np.sin(angle) * time**2 / 2, rel=0.05)
+
+
+def test_halves_of_a_folding_sheet_meet_and_part_again() -> None:
+    """Pressed together by a field they touch, less than 0.1 cell deep, and open again without it."""
+    strip = {
+        "length": 12e-3, "width": 3e-3, "thickness": 0.5e-3, "clamp": "none", "plane_strain": True, "material": "m",
+        "segments": [{"magnetization": [-1.0, 0.0, -0.36]}, {"magnetization": [1.0, 0.0, -0.36]}],
+    }  # fmt: skip
+    moments = [{"time": time, "strength": strength} for time, strength in ((0.0, 0.0), (0.02, 1.0), (0.06, 1.0), (0.07, 0.0))]
+    scene = moving_scene(
+        {"strip": strip}, {"magnetic_torque": {}, "damping": {"rate": 300.0}, "self_contact": {}}, shear=30e3, duration=0.14,
+        field={"uniform": [0.0, 0.0, 0.04], "over_time": {"keyframes": moments}},
+    )  # fmt: skip
+    seen: list[tuple[float, int, float]] = []
+    state = move(build(scene), on_state=lambda s: seen.append((s.time, s.contacts["self_contact"]["count"], s.contacts["self_contact"]["depth"])))
+    touched = [count for time, count, _ in seen if 0.03 < time < 0.06]
+    assert min(touched) > 0
+    assert max(depth for _, _, depth in seen) < 0.1 * scene.cell
+    assert seen[-1][1] == 0
+    assert state.x[:, 2].max() - state.x[:, 2].min() < 3e-3
