@@ -16,7 +16,14 @@ from magmpm.bodies.contact_surface import SurfacePoints, rod_surface
 from magmpm.bodies.grid import Grid
 from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.polar_grid import PolarGrid, tube_grid, tube_particles
-from magmpm.bodies.section_quadrature import gauss_depth, rod_grid, rod_particles, rod_section, section_errors
+from magmpm.bodies.section_quadrature import (
+    Particles,
+    gauss_depth,
+    rod_grid,
+    rod_particles,
+    rod_section,
+    section_errors,
+)
 from magmpm.bodies.sections import Section, ring
 from magmpm.bodies.segments import MAX_SEGMENTS, Segment, StraightBody
 from magmpm.compiled.arrays import Array

@@ -14,11 +14,22 @@ from magmpm.compiled.jit import compiled
 from magmpm.dynamics.particle_groups import Packed
 from magmpm.effects.base import Contact
 from magmpm.effects.contact_law import law
-from magmpm.kernels.body_contact import CELL, DEPTH, FORCE, HELD, MEMORY, NORMAL, PLACE, ROOM, Meeting, SolidCells
+from magmpm.kernels.body_contact import (
+    CELL,
+    DEPTH,
+    FORCE,
+    HELD,
+    MEMORY,
+    NORMAL,
+    PLACE,
+    ROOM,
+    Meeting,
+    SolidCells,
+)
 from magmpm.model import Model
 
 MOVE = 0.25  # cells that anything may move before pairs are listed again: they may then be twice as much nearer
-REACH = 1.0  # cells: distance of a point from the nearest point of a surface up to which it is listed: 2 MOVE, and half a cell between points
+REACH = 1.0  # cells from the nearest point of a surface up to which a point is listed: 2 MOVE, and half a cell between points
 
 
 def body_contact(model: Model, packed: Packed) -> BodyContact | None:
@@ -61,7 +72,8 @@ class BodyContact:
 
     def _of(self, point: Index, solid: Index, memory: Array) -> Meeting:
         most = np.array([MOVE * self._cell])
-        return Meeting(point, self._node[point], solid, memory, most, self.law, *self._near_nodes, *self.cells, *self.solids)
+        parts: tuple[Any, ...] = (*self._near_nodes, *self.cells, *self.solids)
+        return Meeting(point, self._node[point], solid, memory, most, self.law, *parts)
 
     def copy(self) -> Meeting:
         """The pairs, with a memory that steps may change."""
@@ -137,7 +149,7 @@ class BodyContact:
         first = np.stack(np.unravel_index(cells.node[cell], self._nodes), axis=1)
         return np.asarray(_matrix(first, weights, self._nodes) @ v.reshape(-1, 3)) if len(pair) else np.zeros((0, 3))
 
-    def state(self) -> dict[str, Array]:
+    def state(self) -> dict[str, Any]:
         """State that `restore` needs."""
         return {"pair_point": self.meeting.point, "pair_solid": self.meeting.solid, "pair_memory": self.meeting.memory.copy()}
 

@@ -15,7 +15,6 @@ from magmpm.errors import InputError, report
 from magmpm.results.path_tables import read_rows
 from magmpm.results.whole_file import whole_file
 
-
 PAIR = ": "  # in the name of a contact of two components, which has rows only while they touch
 
 

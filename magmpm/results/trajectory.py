@@ -25,11 +25,11 @@ from magmpm.results import vtkhdf
 from magmpm.results.file_names import ABOUT, CONTACTS, ENERGIES, JUMPS, MOTION, STEPS
 from magmpm.results.frame_arrays import QUANTITIES, FrameArrays, Numbers
 from magmpm.results.motion_tables import (
+    PAIR,
     GrowingTable,
     contact_row,
     energy_row,
     must_have,
-    PAIR,
     read_contacts,
     read_energies,
 )

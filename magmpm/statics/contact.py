@@ -99,4 +99,4 @@ def resting(surface: ContactSurface, planes: int, node_yz: Index, model: Model) 
     at = [np.minimum(plane + a, planes - 1) * wide + row[:, b] + c for a, b, c in product(range(3), repeat=3)]
     share = [weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c] for a, b, c in product(range(3), repeat=3)]
     splines = csr_matrix((np.stack(share, 1).ravel(), np.stack(at, 1).ravel(), STENCIL * np.arange(n + 1)), (n, planes * wide))
-    return RestingSurface(surface.place[order], first, weights, surface.mass[order], cells, splines)
+    return RestingSurface(surface.place[order], first, weights, surface.mass[order], surface.particle[order], surface.still, cells, splines)

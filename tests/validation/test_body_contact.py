@@ -13,7 +13,7 @@ from reference.solids import ball, box, turned
 from magmpm.bodies.surface_mesh import Mesh
 from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics import energies
-from magmpm.dynamics.time_loop import begin, move
+from magmpm.dynamics.time_loop import SimulationState, begin, move
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.kernels.body_contact import DEPTH, MEMORY
 from magmpm.model import build
@@ -26,7 +26,8 @@ CUBE, CELL = 3e-3, 1.5e-3  # m
 def two_blocks(folder: Path, **contact: float) -> Scene:
     """Two cubes with a small gap between faces that do not lie square on each other."""
     other = turned(box((0.0, 0.0, 0.0), (CUBE, CUBE, CUBE)), (1.0, 0.0, 0.0), 0.2)
-    meshes = {"a": box((0.0, 0.0, 0.0), (CUBE, CUBE, CUBE)), "b": Mesh(other.vertices + [CUBE + 0.1e-3, 0.3e-3, 0.4e-3], other.faces)}
+    aside = Mesh(other.vertices + np.array([CUBE + 0.1e-3, 0.3e-3, 0.4e-3]), other.faces)
+    meshes = {"a": box((0.0, 0.0, 0.0), (CUBE, CUBE, CUBE)), "b": aside}
     return parts_scene(folder, meshes, {"self_contact": contact}, CELL)
 
 
@@ -135,7 +136,12 @@ def test_halves_of_a_folding_sheet_meet_and_part_again() -> None:
         field={"uniform": [0.0, 0.0, 0.04], "over_time": {"keyframes": moments}},
     )  # fmt: skip
     seen: list[tuple[float, int, float]] = []
-    state = move(build(scene), on_state=lambda s: seen.append((s.time, s.contacts["self_contact"]["count"], s.contacts["self_contact"]["depth"])))
+
+    def see(state: SimulationState) -> None:
+        contact = state.contacts["self_contact"]
+        seen.append((state.time, contact["count"], contact["depth"]))
+
+    state = move(build(scene), on_state=see)
     touched = [count for time, count, _ in seen if 0.03 < time < 0.06]
     assert min(touched) > 0
     assert max(depth for _, _, depth in seen) < 0.1 * scene.cell
