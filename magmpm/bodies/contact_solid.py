@@ -85,7 +85,7 @@ def _meets(triangles: Array, other: Array, within: float) -> NDArray[np.bool_]:
 
 
 @compiled
-def solid_distance(solids, s, x, normal):
+def solid_distance(solids, s, x, normal):  # type: ignore[no-untyped-def]
     """Signed distance (m) of a place x (3,) m from the surface of solid s, negative inside; normal (3,): its slope, outward.
 
     Beside edges outside of a box or rod it is that of the nearest face's plane, which is less.

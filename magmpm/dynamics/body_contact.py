@@ -17,7 +17,7 @@ from magmpm.kernels.body_contact import CELL, HELD, MEMORY, PLACE, ROOM, Meeting
 from magmpm.model import Model
 
 MOVE = 0.25  # cells that anything may move before pairs are listed again: they may then be twice as much nearer
-REACH = 1.0  # cells: distance of a point from the nearest point of a surface up to which it is listed: 2 MOVE, and half a cell between points
+REACH = 1.0  # cells: pairs are listed where the nearest point of a surface is that near: 2 MOVE, and half a cell between points
 
 
 def body_contact(model: Model, packed: Packed) -> BodyContact | None:
@@ -57,7 +57,8 @@ class BodyContact:
 
     def _of(self, point: Index, solid: Index, memory: Array) -> Meeting:
         most = np.array([MOVE * self._cell])
-        return Meeting(point, self._node[point], solid, memory, most, self.law, *self._near_nodes, *self.cells, *self.solids)
+        own: tuple[Any, ...] = (*self._near_nodes, *self.cells, *self.solids)
+        return Meeting(point, self._node[point], solid, memory, most, self.law, *own)
 
     def copy(self) -> Meeting:
         """The pairs, with a memory that steps may change."""
@@ -101,7 +102,7 @@ class BodyContact:
         one = np.flatnonzero(np.diff(p * len(self.solids.kind) + self._solid[q], prepend=-1))
         return p[one], q[one]
 
-    def state(self) -> dict[str, Array]:
+    def state(self) -> dict[str, Any]:
         """State that `restore` needs."""
         return {"pair_point": self.meeting.point, "pair_solid": self.meeting.solid, "pair_memory": self.meeting.memory.copy()}
 

@@ -1,4 +1,4 @@
-"""State of the total formulation: displacement and velocity of the nodes of a grid in the undeformed body."""
+"""State of a motion, total Lagrangian: displacement and velocity of the nodes of a grid in the undeformed body."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics.body_contact import body_contact
 from magmpm.dynamics.particle_groups import pack
 from magmpm.dynamics.steps import Kinematics, at_step
-from magmpm.effects.base import Touching
+from magmpm.effects.base import Contact, Touching
 from magmpm.kernels import total_lagrangian_step
-from magmpm.kernels.body_contact import Meeting
+from magmpm.kernels.body_contact import DEPTH, MEMORY, Meeting
 from magmpm.kernels.surface_contact import ANCHOR
 from magmpm.kernels.watch import BROKEN, WHY, new_slabs, unlimited
 from magmpm.model import Model
@@ -22,8 +22,6 @@ from magmpm.model import Model
 
 class TotalMotion:
     """Displacement u m and velocity v m/s (3 nodes,) of a model's nodes, moved by `advance`. Particles follow the nodes."""
-
-    formulation = "total"
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -122,8 +120,8 @@ class TotalMotion:
 
     def acceleration(self, u: Array) -> Array:
         """Acceleration of the nodes (3 nodes,) m/s^2 at displacements u (3 nodes,) m, from the elastic stress alone."""
-        v = np.zeros_like(u)
-        self._advance(1, 1.0, (), u.copy(), v, np.zeros_like(u), self.anchor, meeting=())  # a step of one second from rest: v is the acceleration
+        v = np.zeros_like(u)  # a step of one second from rest: v is the acceleration
+        self._advance(1, 1.0, (), u.copy(), v, np.zeros_like(u), self.anchor, meeting=())
         return v
 
     def particles(self) -> tuple[Array, Array, Array]:
@@ -170,5 +168,12 @@ class TotalMotion:
         anchor = self.anchor[: ANCHOR * len(x)].reshape(-1, ANCHOR)
         return Touching(x, v, on.mass, np.where(anchor[:, 3:] > 0, anchor[:, :3], x))
 
-    def sort(self) -> None:
-        """Do nothing: the particles stay in their cells."""
+    def body_contacts(self) -> dict[str, Contact]:
+        """Contact of the body with itself at the time of its displacements; empty where the scene does not name it."""
+        if self.contact is None:
+            return {}
+        meeting, v = self.contact.copy(), self.v.copy()
+        self._advance(1, self.lag, self._last, self.u.copy(), v, np.zeros_like(v), self.anchor.copy(), meeting=meeting)
+        depth = meeting.memory[:-1].reshape(-1, MEMORY)[:, DEPTH]
+        found = Contact(force=np.zeros(3), count=int(np.count_nonzero(depth)), depth=float(depth.max(initial=0.0)))
+        return {"self_contact": found}

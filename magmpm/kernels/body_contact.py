@@ -1,4 +1,4 @@
-"""Contact of the body with itself, in the total formulation: points of its surface touch the solids of its components.
+"""Contact of the body with itself: points of its surface touch the solids of its components.
 
 A pair is a point and a solid that it may touch. The place X in the undeformed solid that is now at the point, X + u(X) = x, follows from
 Newton's method in a cell of the solid's grid. The point touches where X lies below the solid's surface, at the distance d < 0. The energy
@@ -44,8 +44,9 @@ class Meeting(NamedTuple):
     """Pairs (n,): point, index in kernels.surface_contact.Surface, and its first node; solid; memory (MEMORY n + 1,), changed by steps: a
     pair's place X (3,) m, anchor (3,) m and whether it holds, `memory[-1]` until which it cannot touch, cell, force (3,) N on
     the point, and depth m; at last the distance (m) that the body may have moved since pairs were listed; most (1,): m, of it, until they
-    are listed again; law (5,): stiffness 1/s^2, soft, knee m, damping 1/s and friction (effects.contact_law); near_node, near_share (k,): nodes
-    that move points, and their largest spline at any point times the 27 nodes of a cell; then the fields of SolidCells and Solids, flat, as parallel loops want them."""
+    are listed again; law (5,): stiffness 1/s^2, soft, knee m, damping 1/s and friction (effects.contact_law); near_node, near_share (k,):
+    nodes that move points, and their largest spline at any point times the 27 nodes of a cell; then the fields of SolidCells and Solids,
+    flat, as parallel loops want them."""
 
     point: Index
     node: Index
@@ -228,7 +229,8 @@ def _add_all(meeting, surface, along_x, along_y, force):
         at = MEMORY * pair
         if not memory[at + DEPTH] > 0.0:
             continue
-        f0, f1, f2, p, cell = memory[at + FORCE], memory[at + FORCE + 1], memory[at + FORCE + 2], meeting.point[pair], int(memory[at + CELL])
+        f0, f1, f2 = memory[at + FORCE], memory[at + FORCE + 1], memory[at + FORCE + 2]
+        p, cell = meeting.point[pair], int(memory[at + CELL])
         _add(force, meeting.node[pair], along_x, along_y, surface.weights[9 * p : 9 * p + 9], f0, f1, f2)
         _splines(cells, cell, memory[at + PLACE : at + PLACE + 3], value, slope)
         _add(force, cells.node[cell], along_x, along_y, value, -f0, -f1, -f2)

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from magmpm.bodies.catheter import THIN_WALL
-from magmpm.effects.base import SceneLike, moves_in_space
+from magmpm.effects.base import SceneLike
 from magmpm.effects.magnetization import rotating
 from magmpm.fields import schedule
 from magmpm.inputs.settings import Key, fault
@@ -250,7 +250,7 @@ def warnings(scene: SceneLike) -> list[str]:
     if not any(effect is not None for _, effect in scene.effects):
         found.append("effects: none is named, so nothing moves")
     shape, dynamic, gravity = scene.body.shape, scene.solver.dynamic, scene.effects.gravity
-    own = shape.warnings(scene.resolution.cells_across, one_grid=not moves_in_space(scene))
+    own = shape.warnings(scene.resolution.cells_across, one_grid=dynamic is None)
     fitted = dynamic is None and scene.body.catheter is not None and scene.body.catheter.round_cells
     found += of_known_error(own) if fitted else own
     if shape.clamp == "none" and scene.effects.feed is not None:
