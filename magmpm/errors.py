@@ -118,10 +118,6 @@ class Collapsed(SolveError):
     """A body whose magnetized segments attract each other more strongly than it can bear."""
 
 
-class Torn(SolveError):
-    """A body of the updated formulation that was stretched until its particles lost each other."""
-
-
 class BudgetError(SolveError):
     """A run that would exceed its limit of disk space, memory or time; everything up to then is saved and readable."""
 

@@ -140,7 +140,7 @@ def group_determinant(F, at):
 def neo_hookean(F, at, J, shear, pressure, P):
     """First Piola-Kirchhoff stress P (9 8,) of a group: G J^(-2/3) (F - I1/3 F^-T) + p J F^-T (`stress`).
 
-    Returns G J^(-2/3), I1 = |F|^2 and I2 = |cof F|^2, which `stiffest` and `stiffest_in_space` need.
+    Returns G J^(-2/3), I1 = |F|^2 and I2 = |cof F|^2, which `stiffest` needs.
     """
     a, b, c = load(F, at), load(F, at + 8), load(F, at + 16)
     d, e, f = load(F, at + 24), load(F, at + 32), load(F, at + 40)
@@ -176,11 +176,3 @@ def stiffest(J, scale, I1, I2, pressure, bulk):
     shape, turned = scale * I1 * (1.0 / 3.0), pressure * J
     along = shape * (2.0 / 3.0) + turned + bulk * J * J
     return scale + (0.5 * (along + magnitude(along)) + magnitude(shape - turned)) * I2 * r * r
-
-
-@compiled
-def stiffest_in_space(J, scale, I1, pressure, bulk):
-    """The same, Pa, for the tangent with respect to present positions, dP F^T/d grad u, per undeformed volume."""
-    shape, turned = scale * I1 * (1.0 / 3.0), pressure * J
-    along = shape * (2.0 / 3.0) + turned + bulk * J * J
-    return shape + 3.0 * (0.5 * (along + magnitude(along)) + magnitude(shape - turned))

@@ -20,7 +20,6 @@ from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.volume_modes import volume_modes
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
-from magmpm.effects.base import moves_in_space
 from magmpm.effects.hooks import has_hook
 from magmpm.effects.magnetization import rotating
 from magmpm.errors import SceneError
@@ -129,10 +128,8 @@ class Model:
 
     @cached_property
     def surface(self) -> ContactSurface | None:
-        """Surface by which the body touches obstacles and itself; None where it can't, or where the grid stands in space: particles touch.
-        """
-        meets = self.scene.effects.self_contact is not None
-        if not (meets or has_hook("contact", self.effects)) or moves_in_space(self.scene):
+        """Surface by which the body touches obstacles and itself; None where it can't."""
+        if self.scene.effects.self_contact is None and not has_hook("contact", self.effects):
             return None
         shape = self.scene.body.shape
         points = shape.surface(self.grid, base=not self.clamped_face and "base" not in dict(self.driven))
@@ -185,9 +182,8 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
 
 
 def knots_of(scene: Scene) -> Knots:
-    """Layout of the cells in a straight body; equal cells where the grid stands in space, as in the updated formulation. Around a tube's
-    axis in statics alone."""
-    if scene.body.shape.line is None or moves_in_space(scene):
+    """Layout of the cells in a straight body; around a tube's axis in statics alone."""
+    if scene.body.shape.line is None:
         return EVEN
     used = [scene.materials[region.material_name] for region in scene.regions()]
     moduli = [(one.shear_modulus, one.bulk_to_shear) for one in used]

@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from magmpm.errors import InputError, SolveError, report
-from magmpm.inputs.yaml_document import of_file
 from magmpm.results.file_names import CHECKPOINT, NUMBERS, OF_EQUILIBRIUM, forget_motion
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.result import Result
 from magmpm.results.sensitivities import Sensitivities
 from magmpm.rod.cosserat import RodShape
-from magmpm.scene import Scene, load_scene, remedies
+from magmpm.scene import Scene, load_scene, of_file, remedies
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.scene.rules import of_known_error
 from magmpm.scene.variables import variables

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -21,7 +20,6 @@ from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.mesh_quadrature import grid_of_parts, part_errors, part_particles
 from magmpm.bodies.regions import Region
 from magmpm.bodies.section_quadrature import Particles
-from magmpm.bodies.signed_distance import to_triangles
 from magmpm.bodies.surface_mesh import (
     PREFIX,
     overlaps,
@@ -202,13 +200,6 @@ class Parts(BodyShape):
         volume = sum(volume_of(triangles) for triangles in self.triangles())
         return float(volume / np.prod(self.grid(cells_across).spacing) * particles_per_cell**3)
 
-    def depth(self, cells_across: int, particles_per_cell: int, toward: Array | None = None) -> float:
-        """Distance of the outermost particles from the surface, m: see BodyShape.
-
-        All ways nothing, for parts are of any shape: obstacles let them in elsewhere, by up to a quarter of a cell.
-        """
-        return 0.0 if toward is None else _depth_toward(self, cells_across, particles_per_cell, tuple(map(float, toward)))
-
     def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
         return parts_surface(self.triangles(), float(grid.spacing.min()))
 
@@ -216,14 +207,6 @@ class Parts(BodyShape):
         component, triangles = self.components(particles), self.triangles()
         parts = [np.unique(particles.segment[component == one]) for one in range(int(component.max()) + 1)]
         return mesh_solids([[triangles[k] for k in of] for of in parts], cell)
-
-    def depths(self, particles: Particles, some: NDArray[np.int64], cells_across: int, particles_per_cell: int) -> Array:
-        """Distances of some of the particles (k,) from the undeformed surface of their part, (k,) m."""
-        depth, part, triangles = np.zeros(len(some)), particles.segment[some], self.triangles()
-        for which in np.unique(part):
-            on = part == which
-            depth[on] = to_triangles(particles.position[some[on]], np.ascontiguousarray(triangles[which]))
-        return depth
 
     def part_of(self, particles: Particles) -> NDArray[np.integer]:
         return particles.segment
@@ -237,17 +220,7 @@ class Parts(BodyShape):
         cell, gaps, regions = self.cell_size(cells_across), self._gaps(), self.regions()
         return [
             f"body.parts: {regions[i].name} and {regions[j].name} are {1e3 * gaps[i, j]:.3g} mm apart, less than two cells of "
-            f"{1e3 * cell:.3g} mm: they move as if joined, unless self_contact is named"
+            f"{1e3 * cell:.3g} mm: they move as if joined"
             for i, j in itertools.combinations(range(len(regions)), 2)
             if one_grid and TOUCHING * self.length < gaps[i, j] < 2 * cell and not (regions[i].held and regions[j].held)
         ]
-
-
-@lru_cache(maxsize=8)
-def _depth_toward(parts: Parts, cells_across: int, particles_per_cell: int, toward: tuple[float, ...]) -> float:
-    """Depth (m) of the outermost particle of a free part below its outermost vertex, along `toward`; the least over the parts."""
-    triangles, particles = parts.triangles(), parts.discretize(cells_across, particles_per_cell).particles
-    extent = particles.position @ np.array(toward)
-    free = [k for k, part in enumerate(parts.meshes) if not part.clamp]
-    depths = [(triangles[k] @ np.array(toward)).max() - extent[particles.segment == k].max() for k in free]
-    return float(max(min(depths), 0.0))

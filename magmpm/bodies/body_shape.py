@@ -104,24 +104,12 @@ class BodyShape(Settings):
         return np.array([region.magnetization for region in self.regions()])[particles.segment]
 
     @abstractmethod
-    def depth(self, cells_across: int, particles_per_cell: int, toward: Array | None = None) -> float:
-        """Assumed distance of the outermost particles from the body's surface, m.
-
-        toward: unit vector (3,) out of the undeformed body, for their depth that way; None: a depth that holds all ways, so that no
-        obstacle that the body just touches holds a particle already.
-        """
-
-    @abstractmethod
     def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
         """Points on its surface, for its cells (bodies.contact_surface); base: whether the lower x face of a straight body counts, too."""
 
     @abstractmethod
     def solids(self, cell: float, particles: Particles) -> Solids:
         """The solids of its components, in the order of `components`; cell: width of the grid's cells, m."""
-
-    def depths(self, particles: Particles, some: NDArray[np.int64], cells_across: int, particles_per_cell: int) -> Array:
-        """Assumed distances of some of the particles (k,) from the body's surface, in all directions, (k,) m."""
-        return np.full(len(some), self.depth(cells_across, particles_per_cell))
 
     def part_of(self, particles: Particles) -> NDArray[np.integer]:
         """Which part of the body each particle (n,) is in; a body that is not made of parts is one."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import lru_cache
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -16,14 +15,7 @@ from magmpm.bodies.contact_surface import SurfacePoints, rod_surface
 from magmpm.bodies.grid import Grid
 from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.polar_grid import PolarGrid, tube_grid, tube_particles
-from magmpm.bodies.section_quadrature import (
-    Particles,
-    gauss_depth,
-    rod_grid,
-    rod_particles,
-    rod_section,
-    section_errors,
-)
+from magmpm.bodies.section_quadrature import Particles, rod_grid, rod_particles, rod_section, section_errors
 from magmpm.bodies.sections import Section, ring
 from magmpm.bodies.segments import MAX_SEGMENTS, Segment, StraightBody
 from magmpm.compiled.arrays import Array
@@ -155,16 +147,6 @@ class Catheter(StraightBody):
         section = rod_section(grid, **self.radii, particles_per_cell=particles_per_cell)[1][0]
         return float(len(section) * grid.cells[0] * particles_per_cell)
 
-    def depth(self, cells_across: int, particles_per_cell: int, toward: Array | None = None) -> float:
-        """Distance of the outermost particles from the surface, m: see BodyShape. In all directions: the least around the section."""
-        depths = _depths_around(self, cells_across, particles_per_cell)
-        if toward is None:
-            return float(depths.min())
-        along, aside = abs(float(toward[0])), math.hypot(toward[1], toward[2])
-        turn = math.atan2(toward[2], toward[1]) % (2 * math.pi) if aside > 0 else 0.0
-        around = float(depths[round(turn / (2 * math.pi) * len(depths)) % len(depths)])
-        return aside * around + along * gauss_depth(particles_per_cell) * self.cell_size(cells_across)
-
     def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
         width = grid.spacing[1] * (self.diameter / 2 if isinstance(grid, PolarGrid) else 1.0)
         return rod_surface(grid.origin[0] + grid.faces, **self.radii, cell=float(width), base=base)
@@ -185,11 +167,3 @@ class Catheter(StraightBody):
             f"{THIN_WALL} is only {wall:.2f} cells thick; use cells_across: {int(np.ceil(cells_across / wall - 1e-9))} or more, or "
             "ask for an error: `resolution: {error: 1 %}`"
         ]
-
-
-@lru_cache(maxsize=8)
-def _depths_around(catheter: Catheter, cells_across: int, particles_per_cell: int) -> Array:
-    """Depth (m) of a catheter's particles below its tangent plane, every degree around it: from y toward z, (360,)."""
-    _, (points, _, _) = rod_section(catheter.grid(cells_across), **catheter.radii, particles_per_cell=particles_per_cell)
-    angle = np.deg2rad(np.arange(360))
-    return np.asarray(catheter.diameter / 2 - (points @ np.stack([np.cos(angle), np.sin(angle)])).max(axis=0))

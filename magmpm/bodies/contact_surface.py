@@ -116,8 +116,7 @@ def cut(triangles: Array, longest: float) -> Array:
 
 
 def mesh_surface(triangles: Array, longest: float) -> tuple[Array, Array]:
-    """Corners (n, 3) m of a mesh's triangles (f, 3, 3), cut until no edge exceeds `longest` (m), each with a third of the areas (n,) m^2 it
-    is a corner of."""
+    """Corners (n, 3) m of a mesh's triangles (f, 3, 3), cut until no edge exceeds `longest` (m), and a third of their areas (n,) m^2."""
     triangles = cut(triangles, longest)
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
     corners = triangles.reshape(-1, 3)

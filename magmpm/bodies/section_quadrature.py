@@ -8,7 +8,6 @@ moments that are wrong by 2 to 5 %, and its bending stiffness with them.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -55,11 +54,6 @@ def gauss(count: int) -> tuple[Array, Array]:
     """Gauss-Legendre points scaled to mean 0 and variance 1, and weights that sum to 1. A variance of 1 needs count >= 2."""
     points, weights = _legendre(count)
     return points * np.sqrt(3.0), weights / 2
-
-
-def gauss_depth(count: int) -> float:
-    """Distance of the outermost `gauss` points from the cell's face, as a share of the cell's side."""
-    return 0.5 - float(gauss(count)[0].max()) / math.sqrt(12.0)
 
 
 def disk_moments(low: Array, high: Array, radius: float) -> Array:

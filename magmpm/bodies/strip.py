@@ -16,7 +16,7 @@ from magmpm.bodies.grid import ClampPlane, Grid
 from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.magnetization_profile import REGIONS_A_PERIOD, Profile
 from magmpm.bodies.regions import Region
-from magmpm.bodies.section_quadrature import Particles, gauss_depth, strip_errors, strip_grid, strip_particles
+from magmpm.bodies.section_quadrature import Particles, strip_errors, strip_grid, strip_particles
 from magmpm.bodies.sections import Section, rectangle
 from magmpm.bodies.segments import MAX_SEGMENTS, MAX_SLENDERNESS, Segment, StraightBody
 from magmpm.compiled.arrays import Array
@@ -153,16 +153,6 @@ class Strip(StraightBody):
         x, of = np.unique(particles.position[:, 0], return_inverse=True)
         share = (x - self.position[0]) / self.length
         return np.array([profile.direction(s, self.length) for s in share.tolist()])[of]
-
-    def depth(self, cells_across: int, particles_per_cell: int, toward: Array | None = None) -> float:
-        """Distance of the outermost particles from the surface, m: see BodyShape. In all directions: that of the Gauss points."""
-        share = gauss_depth(particles_per_cell)
-        if toward is None:
-            return share * self.cell_size(cells_across)
-        deep = share * self.grid(cells_across).spacing
-        if self.plane_strain:
-            deep[1] = 0.0  # one particle stands for the width
-        return float(np.abs(toward) @ deep)
 
     def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
         across = [grid.origin[k] + grid.spacing[k] * np.arange(grid.cells[k] + 1) for k in (1, 2)]

@@ -85,7 +85,7 @@ def _accuracy(commands: Commands) -> argparse.ArgumentParser:
     )
     parser.add_argument("scene", metavar="SCENE", help="scene file; its `reference` is compared with where given")
     parser.add_argument("--cells", metavar="N,N,...", help="cells across the diameter [2,3,4,5,6,8]")
-    parser.add_argument("--motion", action="store_true", help="compare with motions that settle, in both formulations, too")
+    parser.add_argument("--motion", action="store_true", help="compare with motions that settle, too")
     _format(parser)
     _overwriting(parser, "results of another scene")
     _common(parser, "runs/NAME, with the scene's name")

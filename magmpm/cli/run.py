@@ -203,8 +203,7 @@ def _done(result: Result) -> str:
     bounds = ", ".join(f"{name} {quantity(step, 's')}" for name, step in result.stable_steps.items())
     rate = result.iterations * result.particles / max(result.seconds["solve"], 1e-9) / 1e6
     return (
-        f"{quantity(result.time, 's')} of motion in {result.iterations} steps, the last of {quantity(result.time_step, 's')} "
-        f"({result.formulation} formulation)\n"
+        f"{quantity(result.time, 's')} of motion in {result.iterations} steps, the last of {quantity(result.time_step, 's')}\n"
         f"  stable steps    {bounds}\n"
         f"  rate            {significant(rate)} million particle-steps a second, frames and looks included\n"
         f"  energy          kinetic {quantity(result.kinetic_energy, 'J')}, potential {quantity(result.energy, 'J')}"

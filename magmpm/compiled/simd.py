@@ -187,82 +187,6 @@ def folded(typing_context, value):
 
 
 @intrinsic
-def store_folded(typing_context, array, index, value):
-    """array[index : index + 4] = lanes 0 to 3 plus lanes 4 to 7, in a flat contiguous array. Bounds are unchecked."""
-
-    def generate(context, builder, signature, values):
-        narrow = ir.VectorType(_DOUBLE, 4)
-        data = context.make_array(signature.args[0])(context, builder, values[0]).data
-        none = ir.Constant(_VECTOR, ir.Undefined)
-        low = builder.shuffle_vector(values[2], none, _mask([0, 1, 2, 3]))
-        high = builder.shuffle_vector(values[2], none, _mask([4, 5, 6, 7]))
-        stored = builder.store(builder.fadd(low, high), builder.bitcast(builder.gep(data, [values[1]]), narrow.as_pointer()))
-        stored.align = 8
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, lanes), generate
-
-
-def _transposed(builder: Any, rows: Any) -> Any:
-    """Eight registers of eight lanes, transposed in 24 shuffles."""
-
-    def stage(values: Any, pairs: Any, low: list[int], high: list[int]) -> Any:
-        out: list[Any] = [None] * WIDTH
-        for a, b in pairs:
-            out[a] = builder.shuffle_vector(values[a], values[b], _mask(low))
-            out[b] = builder.shuffle_vector(values[a], values[b], _mask(high))
-        return out
-
-    ones, twos, fours = ([(k, k + d) for k in range(WIDTH) if not k & d] for d in (1, 2, 4))
-    rows = stage(rows, ones, [0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15])
-    rows = stage(rows, twos, [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15])
-    return stage(rows, fours, [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15])
-
-
-def _row(context: Any, builder: Any, kind: Any, values: Any, lane: int) -> Any:
-    """Pointer to eight floats at array[index + lane * stride]; values: array, index, stride."""
-    data = context.make_array(kind)(context, builder, values[0]).data
-    at = builder.add(values[1], builder.mul(values[2], ir.Constant(values[2].type, lane)))
-    return builder.bitcast(builder.gep(data, [at]), _VECTOR.as_pointer())
-
-
-@intrinsic
-def store_rows(typing_context, array, index, stride, a, b, c, d, e, f, g, h):
-    """array[index + stride * lane + k] = that lane of the k-th argument: eight particles' values as a row for each particle."""
-
-    def generate(context, builder, signature, values):
-        for lane, row in enumerate(_transposed(builder, list(values[3:]))):
-            builder.store(row, _row(context, builder, signature.args[0], values, lane)).align = 8
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, types.intp, *[lanes] * WIDTH), generate
-
-
-@intrinsic
-def load_rows(typing_context, array, index, stride):
-    """Tuple of eight lanes, the k-th made of array[index + stride * lane + k]: the inverse of store_rows."""
-
-    def generate(context, builder, signature, values):
-        rows = [builder.load(_row(context, builder, signature.args[0], values, lane)) for lane in range(WIDTH)]
-        for row in rows:
-            row.align = 8
-        return context.make_tuple(builder, signature.return_type, _transposed(builder, rows))
-
-    return types.UniTuple(lanes, WIDTH)(array, types.intp, types.intp), generate
-
-
-@intrinsic
-def floor(typing_context, value):
-    """Largest integer not above the value, lane by lane."""
-
-    def generate(context, builder, signature, values):
-        kind = ir.FunctionType(_VECTOR, [_VECTOR])
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.floor.v8f64"), values)
-
-    return lanes(lanes), generate
-
-
-@intrinsic
 def magnitude(typing_context, value):
     """|value|, lane by lane."""
 
@@ -341,16 +265,6 @@ def larger(typing_context, a, b):
         return builder.select(builder.fcmp_ordered(">", *values), *values)
 
     return lanes(lanes, lanes), generate
-
-
-@intrinsic
-def chosen(typing_context, flag, a, b):
-    """Lanes a where the flag is true, else b: without a branch, across which Numba would count references to arrays."""
-
-    def generate(context, builder, signature, values):
-        return builder.select(values[0], values[1], values[2])
-
-    return lanes(types.boolean, lanes, lanes), generate
 
 
 # 4/3 of the bits of 1.0, minus a shift that makes the error of the guess equally large above and below.

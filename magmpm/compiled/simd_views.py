@@ -106,79 +106,60 @@ def _setitem(context, builder, signature, values):
     return context.get_dummy_value()
 
 
-# One vector of floats in a flat array, for hooks that branch: v[i] is a float. A slice of an array would work too, but counting
+# Floats that follow each other in a flat array, for hooks that branch: v[i] is a float. A slice of an array would work too, but counting
 # references to it costs more than a contact, and ten times as much as the damping of a node.
 
 
-class Strided(types.Type):  # type: ignore[misc]
-    """Type of a vector whose components lie `step` floats apart."""
+class Row(types.Type):  # type: ignore[misc]
+    """Type of a vector whose components follow each other."""
 
-    def __init__(self, step: int) -> None:
-        self.step = step
-        super().__init__(name=f"StridedView{step}")
-
-
-register_model(Strided)(_Model)
+    def __init__(self) -> None:
+        super().__init__(name="RowView")
 
 
-def _strided(step: int) -> Any:
-    kind = Strided(step)
-
-    def typed(typing_context, array, index):
-        def generate(context, builder, signature, values):
-            data = context.make_array(signature.args[0])(context, builder, values[0]).data
-            return builder.gep(data, [values[1]])
-
-        return kind(array, types.intp), generate
-
-    return typed
-
-
-single = intrinsic(_strided(WIDTH))  # single(array, index): the vector of one of eight particles, from array[index] on
-row = intrinsic(_strided(1))  # row(array, index): array[index], array[index + 1], ...
+register_model(Row)(_Model)
 
 
 @intrinsic
-def lane_of(typing_context, view, lane):
-    """The vector of one of the eight particles of a `vector`."""
+def row(typing_context, array, index):
+    """array[index], array[index + 1], ..."""
 
     def generate(context, builder, signature, values):
-        return builder.gep(values[0], [values[1]])
+        data = context.make_array(signature.args[0])(context, builder, values[0]).data
+        return builder.gep(data, [values[1]])
 
-    return Strided(WIDTH)(view, types.intp), generate
+    return Row()(array, types.intp), generate
 
 
-def _place(context: Any, builder: Any, kind: Strided, view: Any, index_type: Any, index: Any) -> Any:
-    at = context.cast(builder, index, index_type, types.intp)
-    return builder.gep(view, [builder.mul(at, ir.Constant(at.type, kind.step))])
+def _place(context: Any, builder: Any, view: Any, index_type: Any, index: Any) -> Any:
+    return builder.gep(view, [context.cast(builder, index, index_type, types.intp)])
 
 
 @type_callable(operator.getitem)
-def _type_get_strided(context):
+def _type_get_row(context):
     def of(view, index):
-        return types.float64 if isinstance(view, Strided) and isinstance(index, types.Integer) else None
+        return types.float64 if isinstance(view, Row) and isinstance(index, types.Integer) else None
 
     return of
 
 
-@lower_builtin(operator.getitem, Strided, types.Integer)
-def _get_strided(context, builder, signature, values):
-    kind, index_type = signature.args
-    return builder.load(_place(context, builder, kind, values[0], index_type, values[1]))
+@lower_builtin(operator.getitem, Row, types.Integer)
+def _get_row(context, builder, signature, values):
+    return builder.load(_place(context, builder, values[0], signature.args[1], values[1]))
 
 
 @type_callable(operator.setitem)
-def _type_set_strided(context):
+def _type_set_row(context):
     def of(view, index, value):
-        fits = isinstance(view, Strided) and isinstance(index, types.Integer) and isinstance(value, types.Float)
+        fits = isinstance(view, Row) and isinstance(index, types.Integer) and isinstance(value, types.Float)
         return types.void if fits else None
 
     return of
 
 
-@lower_builtin(operator.setitem, Strided, types.Integer, types.Float)
-def _set_strided(context, builder, signature, values):
-    kind, index_type, value_type = signature.args
+@lower_builtin(operator.setitem, Row, types.Integer, types.Float)
+def _set_row(context, builder, signature, values):
+    _, index_type, value_type = signature.args
     given = context.cast(builder, values[2], value_type, types.float64)
-    builder.store(given, _place(context, builder, kind, values[0], index_type, values[1]))
+    builder.store(given, _place(context, builder, values[0], index_type, values[1]))
     return context.get_dummy_value()

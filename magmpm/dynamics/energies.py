@@ -15,28 +15,28 @@ from magmpm.effects.hooks import add_energy, add_stress, has_hook, pairs
 from magmpm.model import Model
 
 
-def volume_change(model: Model, J: Array, averaged: bool) -> Array:
-    """J - 1 (n,) as it enters the volume part of the energy: if averaged, projected on the modes of the cells (bodies.volume_modes)."""
+def volume_change(model: Model, J: Array) -> Array:
+    """J - 1 (n,) as it enters the volume part of the energy: with F-bar projected on the modes of the cells (bodies.volume_modes)."""
     change = J - 1.0
-    if not averaged or model.modes.shape[1] == 0:
+    if model.modes.shape[1] == 0:
         return change
     first = model.particles.cell_first
     moments = np.add.reduceat(model.modes * (model.particles.volume * change)[:, None], first[:-1], axis=0)
     return np.einsum("nk,nk->n", model.modes, np.repeat(moments, np.diff(first), axis=0))
 
 
-def elastic(model: Model, F: Array, averaged: bool) -> tuple[float, Array]:
-    """Strain energy, J, and first Piola-Kirchhoff stress (n, 3, 3) Pa (materials). averaged: whether volume is averaged over cells."""
+def elastic(model: Model, F: Array) -> tuple[float, Array]:
+    """Strain energy, J, and first Piola-Kirchhoff stress (n, 3, 3) Pa (materials)."""
     J, P = np.empty(len(F)), np.empty_like(F)
     _determinants(F, J)
-    change = volume_change(model, J, averaged)
+    change = volume_change(model, J)
     energy = _elastic(F, J, change, model.shear, model.bulk, model.particles.volume, P)
     return float(energy), P
 
 
-def elastic_energy(model: Model, F: Array, averaged: bool) -> float:
+def elastic_energy(model: Model, F: Array) -> float:
     """Strain energy alone, J."""
-    return elastic(model, F, averaged)[0]
+    return elastic(model, F)[0]
 
 
 def add_effects_stress(model: Model, x: Array, F: Array, named: tuple[Any, ...], P: Array) -> None:

@@ -1,4 +1,4 @@
-"""Particles of a model in groups of eight lanes, for the kernel of the total formulation."""
+"""Particles of a model in groups of eight lanes, for the kernel of a motion."""
 
 from __future__ import annotations
 

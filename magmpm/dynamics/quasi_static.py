@@ -234,7 +234,7 @@ class _Files:
         """The last equilibrium, the jumps on the way to it, and the state from which the path goes on."""
         shape = state.shape
         model, x, F, named = shape.model, shape.position, shape.F, acting.collect(self.scene, times=shape.model.times)
-        elastic, stress = energies.elastic(model, F, True)
+        elastic, stress = energies.elastic(model, F)
         acting.refresh(named, model, x, F)
         energies.add_effects_stress(model, x, F, named, stress)
         known = {"kinetic": 0.0, "elastic": elastic, **energies.effect_energies(model, x, F, state.time)}

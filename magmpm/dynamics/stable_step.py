@@ -1,16 +1,15 @@
-"""The largest stable time step that each formulation and each effect allows.
+"""The largest stable time step that the body and each effect allow.
 
 Explicit steps are stable while dt < 2 / omega of the fastest oscillation (symplectic Euler: Hairer, Lubich, Wanner, Geometric Numerical
 Integration, I.1.4). Three bounds are reported:
 
-* isolated: for one particle alone on its nodes. In the total formulation this holds for any set of particles, since particles together
-  do not oscillate faster than the fastest of them (Fried, Int. J. Solids Struct. 8 (1972)). With the sums s_a = sum over nodes of
-  slope^2 / weight along each axis, omega^2 of a particle is the largest eigenvalue of S^(1/2) A S^(1/2) / rho. A is the elastic tangent
-  at rest, and S = diag(s) acts on its reference side. In the updated formulation the particle may be anywhere. There s_a = 6 / h_a^2, the
-  largest value, on the face of a cell (4 / h_a^2 in its middle).
+* isolated: for one particle alone on its nodes. It holds for any set of particles, since particles together do not oscillate faster than
+  the fastest of them (Fried, Int. J. Solids Struct. 8 (1972)). With the sums s_a = sum over nodes of slope^2 / weight along each axis,
+  omega^2 of a particle is the largest eigenvalue of S^(1/2) A S^(1/2) / rho. A is the elastic tangent at rest, and S = diag(s) acts on
+  its reference side.
 * wave: width of the smallest cell over the speed of pressure waves, h / c. Not a bound by itself; printed for comparison.
-* body: 2 / omega of the whole body at its present deformation, by Lanczos iteration (total formulation only). It limits the step there,
-  and is up to twice the isolated bound.
+* body: 2 / omega of the whole body at its present deformation, by Lanczos iteration. It limits the step, and is up to
+  twice the isolated bound.
 
 In a field that turns or swings, or where what holds the body swings, a step is also at most 1/20 of the period (schedule). This is not for
 stability: with longer steps, the sampled field would seem to change more slowly than it does, or not at all.
@@ -23,16 +22,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm import materials
 from magmpm.compiled.arrays import Array
-from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.energies import volume_change
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting
 from magmpm.model import Model
 
 TIGHT = 1e-3  # relative tolerance of the body's largest eigenvalue
-STIFFEST = 32  # particles with an exact bound, when the bound of the updated formulation is found again
 A_PERIOD = 20  # least number of steps in the shortest period of the field: between two steps, a straight line is off by about 1 %
 
 
@@ -42,19 +38,14 @@ class StableStep:
 
     isolated: float
     wave: float
-    body: float | None
+    body: float
     effects: dict[str, float]
     schedule: float | None = None
 
     @property
-    def of_body(self) -> float:
-        """The bound from the elastic oscillations of the body, s."""
-        return self.isolated if self.body is None else self.body
-
-    @property
     def largest(self) -> float:
         """Largest stable step, s."""
-        return self.largest_beside(self.of_body)
+        return self.largest_beside(self.body)
 
     def largest_beside(self, body: float) -> float:
         """Largest stable step, s, with another bound for the body."""
@@ -63,66 +54,36 @@ class StableStep:
     @property
     def named(self) -> dict[str, float]:
         """Every bound by name, s."""
-        body = {} if self.body is None else {"body": self.body}
-        return {"isolated": self.isolated, "wave": self.wave, **body, **self.effects, **self._of_schedule}
+        return {"isolated": self.isolated, "wave": self.wave, "body": self.body, **self.effects, **self._of_schedule}
 
     @property
     def _of_schedule(self) -> dict[str, float]:
         return {} if self.schedule is None else {"schedule": self.schedule}
 
 
-def stable_step(motion: TotalMotion | UpdatedMotion) -> StableStep:
+def stable_step(motion: TotalMotion) -> StableStep:
     """Bounds for the present state of a motion."""
     model = motion.model
-    total = isinstance(motion, TotalMotion)
-    h = model.grid.spacing
-    if total:
-        sums = model.steepness()
-    else:
-        sums = np.tile(6.0 / h**2, (len(model.density), 1))
     return StableStep(
-        isolated=isolated(sums, model.shear, model.bulk, model.density), wave=float(h.min() / speed_of_sound(model).max()),
-        body=body_step(motion) if isinstance(motion, TotalMotion) else None, effects=acting.stable_steps(model),
-        schedule=_of_schedule(model),
+        isolated=isolated(model.steepness(), model.shear, model.bulk, model.density),
+        wave=float(model.grid.spacing.min() / speed_of_sound(model).max()),
+        body=body_step(motion), effects=acting.stable_steps(model), schedule=_of_schedule(model),
     )  # fmt: skip
 
 
-def present_bound(motion: TotalMotion | UpdatedMotion) -> float:
-    """The bound from oscillations about the present shape, s: `body`, or `isolated` for the stiffest particles."""
-    if isinstance(motion, TotalMotion):
-        return body_step(motion)
-    model = motion.model
-    _, _, F = motion.particles()
-    most = np.argsort(stiffness(model, F, motion.formulation))[-STIFFEST:]
-    return min(_isolated_in_space(F[p], model.shear[p], model.bulk[p], model.density[p], model.grid.spacing) for p in most)
-
-
-def stiffness(model: Model, F: Array, formulation: str) -> Array:
+def stiffness(model: Model, F: Array) -> Array:
     """Estimate of the largest eigenvalue of each particle's tangent, over density, (n,) m^2/s^2; F (n, 3, 3).
 
-    Kernels check it in every step; formulas in materials. The tangent is dP/dF in the total formulation, else dP/dF F^T.
+    Kernels check it in every step; formulas in materials (`stiffest`).
     """
     J, cofactor = np.linalg.det(F), np.linalg.det(F)[:, None, None] * np.linalg.inv(F).transpose(0, 2, 1)
     I1, I2 = np.einsum("nij,nij->n", F, F), np.einsum("nij,nij->n", cofactor, cofactor)
-    total = formulation == "total"
-    pressure = model.bulk * volume_change(model, J, total)
+    pressure = model.bulk * volume_change(model, J)
     scale = model.shear * J ** (-2.0 / 3.0)
     shape, turned = scale * I1 / 3.0, pressure * J
     along = np.maximum(2.0 / 3.0 * shape + turned + model.bulk * J**2, 0.0)
     across = np.abs(shape - turned)
-    return np.asarray((scale + (along + across) * I2 / J**2 if total else shape + 3.0 * (along + across)) / model.density)
-
-
-def _isolated_in_space(F: Array, shear: float, bulk: float, density: float, h: Array) -> float:
-    """Largest stable step, s, of one particle alone in the updated formulation, at F (3, 3)."""
-    cof, A = np.empty((3, 3)), np.empty((9, 9))
-    materials.cofactor(F, cof)
-    J = materials.determinant(F)
-    materials.tangent(F, cof, J, shear, materials.volume_pressure(J, bulk), bulk, A)
-    moved = np.kron(np.eye(3), F)  # dF = (grad u) F
-    root = np.tile(np.sqrt(6.0) / h, 3)
-    fastest = np.linalg.eigvalsh(root[:, None] * (moved @ A @ moved.T) * root)[-1]
-    return float(2.0 / np.sqrt(fastest / density))
+    return np.asarray((scale + (along + across) * I2 / J**2) / model.density)
 
 
 def speed_of_sound(model: Model) -> Array:

@@ -21,8 +21,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.dynamics.apic import UpdatedMotion
-from magmpm.dynamics.stable_step import StableStep, present_bound, stiffness
+from magmpm.dynamics.stable_step import StableStep, body_step, stiffness
 from magmpm.dynamics.steps import Kinematics, Records, take
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.dynamics.watchdog import Trouble
@@ -43,10 +42,10 @@ class StepControl:
     step s: longest next step; shortest s: shortest step so far; why: what shortened it last, in a few words, or "".
     """
 
-    def __init__(self, motion: TotalMotion | UpdatedMotion, stable: StableStep, options: DynamicOptions) -> None:
+    def __init__(self, motion: TotalMotion, stable: StableStep, options: DynamicOptions) -> None:
         self._motion, self._stable, self._options = motion, stable, options
-        self._bound = stable.of_body
-        self._stiffness = float(stiffness(motion.model, motion.particles()[2], motion.formulation).max())
+        self._bound = stable.body
+        self._stiffness = float(stiffness(motion.model, motion.particles()[2]).max())
         self._longest = options.time_step or options.safety * stable.largest
         self._halvings = 0
         self.step = self.shortest = self._longest
@@ -106,7 +105,7 @@ class StepControl:
     def at_frame(self) -> None:
         """Find the bound again if the body is softer than when the steps were shortened."""
         highest = self._motion.watch[HIGHEST]
-        if self._bound < self._stable.of_body and 0.0 < highest < SOFTER * self._stiffness:
+        if self._bound < self._stable.body and 0.0 < highest < SOFTER * self._stiffness:
             self._find_bound()
         self._motion.watch[HIGHEST] = 0.0
 
@@ -123,7 +122,7 @@ class StepControl:
 
     def _find_bound(self) -> Trouble | None:
         """Find the bound for the present shape of the body."""
-        self._bound = present_bound(self._motion)
+        self._bound = body_step(self._motion)
         self._stiffness = float(self._motion.watch[HIGHEST])
         largest = self._stable.largest_beside(self._bound)
         if self._options.time_step is not None and self.step > largest:
@@ -148,7 +147,7 @@ class StepControl:
         self._motion.watch[SHARE] = CHANGE
 
     def _trouble(self, cause: str) -> Trouble:
-        stiffest = int(np.argmax(stiffness(self._motion.model, self._motion.particles()[2], self._motion.formulation)))
+        stiffest = int(np.argmax(stiffness(self._motion.model, self._motion.particles()[2])))
         given = self._options.time_step is not None
         remedy = (
             "lower solver.dynamic.time_step, or leave it out: it is then chosen"

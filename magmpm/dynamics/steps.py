@@ -22,7 +22,7 @@ Records = tuple[Any, ...]  # records and data of each effect, in turn: effects.a
 
 
 class Motion(Protocol):
-    """A motion that takes steps: dynamics.total_lagrangian.TotalMotion or dynamics.apic.UpdatedMotion."""
+    """A motion that takes steps: dynamics.total_lagrangian.TotalMotion, or a test's."""
 
     watch: Array  # kernels.watch
 
@@ -46,6 +46,6 @@ def take(motion: Motion, named: Records, steps: int, dt: float) -> tuple[int, bo
     while taken < steps:
         gone, broken = motion.advance(steps - taken, dt, from_step(named, taken))
         taken += gone
-        if motion.watch[WHY] != GOING:  # otherwise the updated formulation only needs to sort its particles again
+        if motion.watch[WHY] != GOING:  # otherwise pairs of a body that touches itself were listed again
             return taken, broken
     return taken, False

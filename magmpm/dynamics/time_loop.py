@@ -13,18 +13,15 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.dynamics import energies, mass, watchdog
-from magmpm.dynamics.apic import UpdatedMotion
+from magmpm.dynamics import energies, watchdog
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
-from magmpm.dynamics.lost_energy import LostEnergy
 from magmpm.dynamics.own_loads import OwnLoads
 from magmpm.dynamics.stable_step import StableStep, stable_step
 from magmpm.dynamics.step_control import StepControl
 from magmpm.dynamics.steps import Kinematics
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting, viscosity
-from magmpm.effects.base import moves_in_space
-from magmpm.errors import BudgetError, InputError, SceneError, SolveError, report
+from magmpm.errors import InputError, SceneError, SolveError
 from magmpm.kernels.watch import BROKEN, WHY
 from magmpm.model import Model
 from magmpm.results.file_names import forget_motion
@@ -34,6 +31,7 @@ from magmpm.scene import Scene, time_limit
 from magmpm.scene.memory import GROWTH
 from magmpm.scene.motion_options import DynamicOptions
 
+FORMULATION = "total"  # in results: updated was another, with a grid in space
 SAVE_EVERY = 0.5  # s of work that a killed run may have to repeat
 CHUNK = 256  # steps between two checks of the motion
 Progress = Callable[[float, int], None]
@@ -47,7 +45,7 @@ class SimulationState:
     so far; x m, v m/s (n, 3), F, P Pa (n, 3, 3), energies J: at the last frame.
     """
 
-    motion: TotalMotion | UpdatedMotion
+    motion: TotalMotion
     stable: StableStep
     control: StepControl
     dt: float
@@ -63,14 +61,7 @@ class SimulationState:
     contacts: dict[str, Any] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     strain: Strain = field(default_factory=Strain)  # the largest of all frames
-    lost: LostEnergy = field(default_factory=LostEnergy)
     balance: watchdog.EnergyBalance = field(default_factory=watchdog.EnergyBalance)
-
-
-def formulation(scene: Scene) -> str:
-    """The formulation, total or updated: what the scene says, or else updated if the body may touch itself."""
-    _options(scene)
-    return "updated" if moves_in_space(scene) else "total"
 
 
 def _options(scene: Scene) -> DynamicOptions:
@@ -86,7 +77,7 @@ def begin(model: Model) -> SimulationState:
     Raises InputError if the scene's time_step exceeds the stable step, or the particles need more than max_memory.
     """
     options = _options(model.scene)
-    motion = TotalMotion(model) if formulation(model.scene) == "total" else UpdatedMotion(model)
+    motion = TotalMotion(model)
     stable = stable_step(motion)
     _within_memory(motion, options)
     if options.time_step is not None and options.time_step > stable.largest * (1 + 1e-9):
@@ -98,11 +89,10 @@ def begin(model: Model) -> SimulationState:
             remedy="lower it, or leave it out: it is then chosen",
         )
     control = StepControl(motion, stable, options)
-    warnings = [] if isinstance(motion, TotalMotion) else mass.warnings(model)
-    return SimulationState(motion, stable, control, control.step, options.frame_interval, warnings=warnings)
+    return SimulationState(motion, stable, control, control.step, options.frame_interval)
 
 
-def _within_memory(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> None:
+def _within_memory(motion: TotalMotion, options: DynamicOptions) -> None:
     needed = memory(motion)
     if options.max_memory is not None and needed > options.max_memory:
         raise SceneError(
@@ -113,30 +103,16 @@ def _within_memory(motion: TotalMotion | UpdatedMotion, options: DynamicOptions)
         )
 
 
-def _outgrown(motion: TotalMotion | UpdatedMotion, options: DynamicOptions) -> None:
-    """Raise BudgetError if the grid, which grows with the body in the updated formulation, exceeds the scene's max_memory."""
-    if options.max_memory is not None and (needed := memory(motion)) > options.max_memory:
-        raise BudgetError(
-            report(
-                "solver.dynamic.max_memory",
-                received=f"{options.max_memory / 1e6:.4g} MB",
-                rule=f"the particles and the box around them must stay within it, and have grown to {needed / 1e6:.4g} MB",
-                remedy="raise it, or hold the body together (clamp, ground, walls)",
-            )
-        )
-
-
-def memory(motion: TotalMotion | UpdatedMotion) -> int:
+def memory(motion: TotalMotion) -> int:
     """Bytes by which a process grows for the particles and grid of a motion, including its model and the memory to build them.
 
     The larger of two: measured bytes for each particle (magmpm.scene.memory.GROWTH), and the sum of the present arrays.
     """
-    parts_of = (getattr(motion, "packed", None), getattr(motion, "drift_correction", None))
-    owners = [motion, *(part for part in parts_of if part is not None), motion.model, motion.model.particles]
+    owners = [motion, motion.packed, motion.model, motion.model.particles]
     values = [value for owner in owners for value in vars(owner).values()]
     records = [value for value in values if hasattr(value, "_fields")]  # of arrays, as the kernels take them
     arrays = {id(part): part.nbytes for part in [*values, *chain(*records)] if isinstance(part, np.ndarray)}
-    return max(sum(arrays.values()), GROWTH[motion.formulation] * len(motion.model.density))
+    return max(sum(arrays.values()), GROWTH * len(motion.model.density))
 
 
 def move(model: Model, **options: Any) -> SimulationState:
@@ -169,7 +145,6 @@ def integrate(
     else:
         _measure(state, state.motion.kinematics())
         state.balance.check(state.energies)
-        state.lost.see(state.energies)
     writer, conserves = None if folder is None else _writer(state, folder, saved), _conserves(model)
     see = on_state or (lambda _: None)
     see(state)
@@ -184,14 +159,11 @@ def integrate(
             state.frame += 1
             _measure(state, now)
             trouble = state.balance.check(state.energies) if conserves else None
-            if trouble is None and isinstance(state.motion, UpdatedMotion):
-                trouble = watchdog.torn(state.motion.neighbors, state.x, state.F)
             if trouble is not None:
                 raise _stopped(state, trouble)
             see(state)
             _write(state, writer)
             state.strain = state.strain.worst(strain_of(model, state.x, state.F, state.time))
-            state.lost.see(state.energies)
             state.control.at_frame()  # before the checkpoint, which stores the next step
             last = _checkpoint(state, scene_hash)
             if folder is not None and monotonic() > saved_at + SAVE_EVERY:
@@ -230,10 +202,10 @@ def _checkpoint(state: SimulationState, scene_hash: str) -> Checkpoint:
     """The checkpoint of a motion after a frame."""
     motion = state.motion
     return Checkpoint(
-        scene_hash=scene_hash, every=state.every, time=state.time, formulation=motion.formulation,
+        scene_hash=scene_hash, every=state.every, time=state.time, formulation=FORMULATION,
         frame=state.frame, steps=state.steps, state=motion.state(),
         control={
-            **state.control.state(), **state.strain.state(), **state.lost.state(), **state.balance.state(),
+            **state.control.state(), **state.strain.state(), **state.balance.state(),
             "dt": state.dt, "energies": state.energies,
         },
     )  # fmt: skip
@@ -244,7 +216,7 @@ def _go_on_from(state: SimulationState, saved: Checkpoint) -> None:
     known = saved.control
     state.motion.restore(saved.state)
     state.control.restore(known)
-    state.strain, state.lost, state.balance = Strain.restored(known), LostEnergy.restored(known), watchdog.EnergyBalance.restored(known)
+    state.strain, state.balance = Strain.restored(known), watchdog.EnergyBalance.restored(known)
     state.frame, state.steps, state.time, state.dt = saved.frame, saved.steps, saved.time, known.get("dt", state.dt)
     _measure(state, state.motion.kinematics())
     state.energies = known.get("energies", state.energies)
@@ -281,7 +253,6 @@ def interval(state: SimulationState, until: float, on_progress: Progress | None 
             done = first + taken
             if own is not None:
                 own.passed(taken, dt)
-            state.lost.passed(motion, taken)
             state.steps, state.dt = state.steps + taken, dt
             state.time = until if done == count else start + dt * done
             trouble = trouble or _wrong(state, now)
@@ -292,14 +263,12 @@ def interval(state: SimulationState, until: float, on_progress: Progress | None 
             time_limit.check()
             if taken < steps or control.step < dt * (1 - 1e-12) or (control.step > 1.5 * dt and done < count):
                 break
-    motion.sort()
     return now
 
 
 def _wrong(state: SimulationState, now: Kinematics) -> watchdog.Trouble | None:
-    """Failure of a motion, or None. Raises BudgetError where it needs more than max_memory."""
+    """Failure of a motion, or None."""
     model = state.motion.model
-    _outgrown(state.motion, _options(model.scene))
     if state.motion.watch[WHY] == BROKEN:
         return watchdog.outside_domain(model, now.x, state.time) or watchdog.broken(model, now.x, now.v, now.F)
     return watchdog.check(model, now.x, now.v, state.time) or watchdog.outside_domain(model, now.x, state.time)
@@ -320,7 +289,7 @@ def _measure(state: SimulationState, now: Kinematics) -> None:
     state.x, state.v, state.F = now.x, now.v, now.F
     named = acting.collect(model.scene, times=np.array([state.time]))
     with motion.threads.alone():
-        elastic, state.P = energies.elastic(model, now.F, motion.formulation == "total")
+        elastic, state.P = energies.elastic(model, now.F)
         acting.refresh(named, model, now.x, now.F)
         energies.add_effects_stress(model, now.x, now.F, named, state.P)
         potentials = energies.effect_energies(model, now.x, now.F, state.time)
@@ -332,10 +301,9 @@ def _measure(state: SimulationState, now: Kinematics) -> None:
     state.contacts = {}
     touching = motion.touching_points()
     for key, effect in model.scene.effects.named().items():
-        if (contact := effect.report(model, state.x, touching, state.dt)) is not None:
+        if (contact := effect.report(model, touching, state.dt)) is not None:
             state.contacts[key] = contact
-    if isinstance(motion, TotalMotion):
-        state.contacts |= motion.body_contacts()
+    state.contacts |= motion.body_contacts()
 
 
 def _write(state: SimulationState, writer: MotionWriter | None) -> None:

@@ -1,4 +1,4 @@
-"""State of the total formulation: displacement and velocity of the nodes of a grid in the undeformed body."""
+"""State of a motion, total Lagrangian: displacement and velocity of the nodes of a grid in the undeformed body."""
 
 from __future__ import annotations
 
@@ -25,8 +25,6 @@ from magmpm.model import Model
 
 class TotalMotion:
     """Displacement u m and velocity v m/s (3 nodes,) of a model's nodes, moved by `advance`. Particles follow the nodes."""
-
-    formulation = "total"
 
     def __init__(self, model: Model) -> None:
         self.model = model
@@ -195,6 +193,3 @@ class TotalMotion:
         meeting, v = self.contact.copy(), self.v.copy()
         self._advance(1, self.lag, self._last, self.u.copy(), v, np.zeros_like(v), self.anchor.copy(), meeting=meeting)
         return self.contact.report(meeting.memory, self.u, v)
-
-    def sort(self) -> None:
-        """Do nothing: the particles stay in their cells."""

@@ -9,10 +9,9 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.dynamics.tearing import TORN, Tearing
 from magmpm.effects.acting import driven_speed
 from magmpm.effects.body_reach import FAR
-from magmpm.errors import LeftField, SolveError, Torn
+from magmpm.errors import LeftField, SolveError
 from magmpm.model import Model
 
 GAIN = 0.05  # of the largest kinetic energy: how much the total energy may grow when no load does work
@@ -96,15 +95,6 @@ def outside_domain(model: Model, x: Array, time: float) -> Trouble | None:
         return None
     found = model.scene.outside_field().outside_domain(x[np.isfinite(x).all(axis=1)], time)
     return None if found is None else Trouble(found[0], -1, found[2], LeftField)
-
-
-def torn(neighbors: Tearing, x: Array, F: Array) -> Trouble | None:
-    """Failure of a body of the updated formulation that has torn, at positions x (n, 3) m with F (n, 3, 3)."""
-    off, particle = neighbors.largest(x, F)
-    if off <= TORN:
-        return None
-    cause = f"the body tears: neighbors are {off:.2g} cells from where their strain says, too far for the grid in space to hold them"
-    return Trouble(cause, particle, "write solver.dynamic.formulation: total, which can't tear, or apply a smaller load", Torn)
 
 
 @dataclass

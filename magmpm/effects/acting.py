@@ -129,7 +129,8 @@ def passed(scene: SceneLike, x: Array) -> str | None:
 
 def stable_steps(model: Any) -> dict[str, float]:
     """The largest stable step (s) of each named effect that sets one."""
-    acting = {key: effect for key, effect in model.scene.effects.named().items() if effect.records(model.scene)}
+    named = model.scene.effects.named().items()
+    acting = {key: effect for key, effect in named if effect.records(model.scene) or effect.PHASE == "contact"}  # self_contact has none
     return {key: step for key, effect in acting.items() if (step := effect.stable_step(model)) is not None}
 
 

@@ -66,12 +66,6 @@ class SceneLike(Protocol):
     def with_effects(self, **effects: Mapping[str, Any] | Settings | None) -> Any: ...
 
 
-def moves_in_space(scene: SceneLike) -> bool:
-    """True if the grid of a scene's motion stands in space: in the updated formulation, which self_contact needs."""
-    dynamic = scene.solver.dynamic
-    return dynamic is not None and dynamic.formulation == "updated"
-
-
 class Touching(NamedTuple):
     """Points by which a body touches obstacles: x m, v m/s (n, 3), mass (n,) kg, and anchor (n, 3) m, where friction holds them."""
 
@@ -190,8 +184,8 @@ class Effect(Settings):
         """Warn of settings that the author of the scene may not have meant."""
         return []
 
-    def report(self, model: Any, x: Array, touching: Touching, dt: float) -> Contact | None:
-        """Contact of a model with its particles at x (n, 3) m, in steps of dt (s)."""
+    def report(self, model: Any, touching: Touching, dt: float) -> Contact | None:
+        """Contact of a model by its points that touch, in steps of dt (s)."""
         return None
 
     def marks(self, particles: Any, remanence: Array) -> Array | None:

@@ -1,13 +1,13 @@
-"""The force of contact on a particle: a penalty along the normal, and Coulomb friction that holds by a spring.
+"""The force of contact on a point: a penalty along the normal, and Coulomb friction that holds by a spring.
 
 Hooks add to f (7,), N but for the last: f[:3] the force; f[3:6] the grip, friction coefficient times the push along the normal; f[6] the
 stiffness of what pushes, N/m.
 
-Friction has a memory: the anchor, the place (3,) m at which the obstacle holds the particle. A spring as stiff as the contact pulls the
-particle toward it, along the obstacle. Where the spring would pull more than the grip, the particle slides and draws the anchor along. So a
+Friction has a memory: the anchor, the place (3,) m at which the obstacle holds the point. A spring as stiff as the contact pulls the point
+toward it, along the obstacle. Where the spring would pull more than the grip, the point slides and draws the anchor along. So a
 body sticks without creeping, within friction times the depth of contact, micrometers; friction never adds energy; and the answer does not
-depend on the time step, as it does where friction may at most stop a particle within a step (in a violent motion by a tenth).
-A dashpot along the normal, while the particle slides, keeps undamped bodies from chattering and slipping when their weight is off the
+depend on the time step, as it does where friction may at most stop a point within a step (in a violent motion by a tenth).
+A dashpot along the normal, while the point slides, keeps undamped bodies from chattering and slipping when their weight is off the
 ground.
 Source: Cundall and Strack, Geotechnique 29 (1979) 47, the tangential spring with a slider, and the contact dashpot.
 """
@@ -56,7 +56,7 @@ def spring(depth, s0, s1, s2, rigidity, f, H):
 
 @compiled
 def hold(x, anchor, f):
-    """Add the friction of f's grip to f[:3], for a particle at x (3,) m, and move its anchor to where it is held next. True if it slides,
+    """Add the friction of f's grip to f[:3], for a point at x (3,) m, and move its anchor to where it is held next. True if it slides,
     or nothing grips it."""
     grip = math.sqrt(f[3] * f[3] + f[4] * f[4] + f[5] * f[5])
     if not grip > 0.0:

@@ -1,6 +1,6 @@
 """Contact law common to all obstacles: the penalty force with Coulomb friction, its stiffness, checks and reports.
 
-A particle of mass m at a depth inside the obstacle is pushed back along the normal by the force m w^2 depth, with the energy
+A point of mass m at a depth inside the obstacle is pushed back along the normal by the force m w^2 depth, with the energy
 m w^2 depth^2 / 2. Friction holds it by a spring of the same stiffness, up to friction times that force (effects.contact_force).
 
 The frequency w of the penalty is that of a pressure wave through a cell of the stiffest material, w = sqrt((K + 4/3 G) / rho) / h, about
@@ -24,7 +24,7 @@ from pydantic import Field
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching, moves_in_space
+from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching
 from magmpm.effects.contact_force import PARTS, hold
 from magmpm.effects.hooks import add_contact, deepest
 from magmpm.errors import SceneError, dotted
@@ -56,18 +56,6 @@ Stiffness = Annotated[
 ]
 
 
-def reach(scene: SceneLike, toward: Array | None = None) -> float:
-    """Distance of what touches obstacles from the body's surface, m: nothing for the points of its surface; in the updated formulation, of
-    the outermost particles: the body touches when a particle is that near.
-
-    toward: unit vector (3,) from the undeformed body to the obstacle, to get the depth in that direction. None: in all directions, so
-    that an obstacle that just touches the body contains no particle yet (see bodies.body_shape).
-    """
-    if not moves_in_space(scene):
-        return 0.0
-    return scene.body.shape.depth(scene.resolution.cells_across, scene.resolution.particles_per_cell, toward)
-
-
 def law(scene: SceneLike, factor: float, friction: float) -> dict[str, float]:
     """The arguments of `push` for a scene's body: `stiffness` w^2 in 1/s^2, times `factor`, and with friction `soft`, `knee` (m) and
     `damping` (1/s)."""
@@ -91,13 +79,6 @@ def stable_step(stiffness: float, damping: float = 0.0) -> float:
         return math.inf
     z = damping / (2.0 * math.sqrt(stiffness))
     return (math.sqrt(1.0 + z * z) - z) * SHARE * 2.0 / math.sqrt(stiffness)
-
-
-def touching_at_start(model: Any) -> Touching:
-    """The points by which a model's undeformed body touches obstacles: of its surface, or else its particles."""
-    on = model.surface
-    x, mass = (model.particles.position, model.density * model.particles.volume) if on is None else (on.place, on.mass)
-    return Touching(x, np.zeros_like(x), mass, x.copy())
 
 
 def place(model: Any, point: Array) -> str:
@@ -128,7 +109,7 @@ def _touching(named, x, v, mass, dt, anchor, force):
 
 
 def contact_of(named: Records, x: Array, v: Array, mass: Array, dt: float, anchor: Array | None = None) -> Contact:
-    """Contact of particles at x (n, 3) m with velocities v (n, 3) m/s and mass (n,) kg, in steps of dt (s); named: of one effect.
+    """Contact of points at x (n, 3) m with velocities v (n, 3) m/s and mass (n,) kg, in steps of dt (s); named: of one effect.
 
     anchor (n, 3) m: where friction holds them; None: where they are, without friction.
     """
@@ -138,7 +119,7 @@ def contact_of(named: Records, x: Array, v: Array, mass: Array, dt: float, ancho
 
 
 class Obstacle(Effect):
-    """Obstacle that a body presses on and slides over. Its hook `near` is the depth of a particle in it, and `contact` pushes by `push`.
+    """Obstacle that a body presses on and slides over. Its hook `near` is the depth of a point in it, and `contact` pushes by `push`.
 
     At equilibrium the surface's points have the energy m w^2 depth^2 / 2 of the push without friction (hook `touch`).
     """
@@ -160,7 +141,7 @@ class Obstacle(Effect):
         found = self.law(model.scene)
         return stable_step(found["stiffness"], found.get("damping", 0.0))
 
-    def report(self, model: Any, x: Array, touching: Touching, dt: float) -> Contact:
+    def report(self, model: Any, touching: Touching, dt: float) -> Contact:
         """Contact of a model, in steps of dt (s)."""
         return contact_of(self.records(model.scene), touching.x, touching.v, touching.mass, dt, touching.anchor)
 
@@ -172,8 +153,8 @@ class Obstacle(Effect):
 
     def check(self, model: Any) -> None:
         """Raises SceneError where the body begins so deep in the obstacle that it would be thrown out faster than THROWN."""
-        x, v, masses, anchor = touching_at_start(model)
-        _, point, depth, squares = _touching(self.records(model.scene), x, v, masses, 1.0, anchor, np.zeros(3))
+        x, masses = model.surface.place, model.surface.mass
+        _, point, depth, squares = _touching(self.records(model.scene), x, np.zeros_like(x), masses, 1.0, x.copy(), np.zeros(3))
         energy = 0.5 * self.law(model.scene)["stiffness"] * squares
         mass = float(model.density @ model.particles.volume)
         speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0

@@ -1,7 +1,6 @@
 """ground: contact with a plane that the body may press on, stick to and slide over, with Coulomb friction.
 
-For force, friction and stiffness see effects.contact_law. The body touches when an outermost particle is as near to the plane as it is
-to the surface of the undeformed body in that direction (`ground_reach`).
+The body touches by points of its surface. For force, friction and stiffness see effects.contact_law.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Advice, Point, Records, RestEstimate, SceneLike, one_record
 from magmpm.effects.body_reach import body_reach, unreached
 from magmpm.effects.contact_force import push, spring
-from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, reach
+from magmpm.effects.contact_law import Friction, Obstacle, Stiffness
 from magmpm.effects.estimates import obstacle
 from magmpm.effects.hooks import register
 from magmpm.inputs.settings import fault
@@ -30,16 +29,14 @@ DTYPE = np.dtype(
         ("ground_soft", np.float64),
         ("ground_knee", np.float64),
         ("ground_damping", np.float64),
-        ("ground_reach", np.float64),
     ]
 )
 
 
 def parameters(
-    *, point: ArrayLike, normal: ArrayLike, friction: float, stiffness: float, soft: float = 1.0, knee: float = 1.0, damping: float = 0.0,
-    reach: float = 0.0,
+    *, point: ArrayLike, normal: ArrayLike, friction: float, stiffness: float, soft: float = 1.0, knee: float = 1.0, damping: float = 0.0
 ) -> Records:
-    """Parameters for the kernels. point (3,) m on the plane; normal (3,) into the free side, any length; reach m; others: as in `push`."""
+    """Parameters for the kernels. point (3,) m on the plane; normal (3,) into the free side, any length; others: as in `push`."""
     n = np.asarray(normal, dtype=float)
     return one_record(
         DTYPE,
@@ -50,7 +47,6 @@ def parameters(
         ground_soft=soft,
         ground_knee=knee,
         ground_damping=damping,
-        ground_reach=reach,
     )
 
 
@@ -77,13 +73,7 @@ class Ground(Obstacle):
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
         """Parameters for the kernels."""
-        return parameters(
-            point=self.point,
-            normal=self.normal,
-            friction=self.friction,
-            **self.law(scene),
-            reach=reach(scene, -np.array(self.normal)),
-        )
+        return parameters(point=self.point, normal=self.normal, friction=self.friction, **self.law(scene))
 
     def height(self, points: Array) -> Array:
         """Distance (n,) m of points (n, 3) m above the plane."""
@@ -103,9 +93,9 @@ class Ground(Obstacle):
 
 @compiled
 def near(effect, data, x):
-    """Depth (m) of the body's surface at a particle at x below the plane; negative above it."""
+    """Depth (m) of a point x below the plane; negative above it."""
     p, n = effect.ground_point, effect.ground_normal
-    return effect.ground_reach - ((x[0] - p[0]) * n[0] + (x[1] - p[1]) * n[1] + (x[2] - p[2]) * n[2])
+    return -((x[0] - p[0]) * n[0] + (x[1] - p[1]) * n[1] + (x[2] - p[2]) * n[2])
 
 
 @compiled

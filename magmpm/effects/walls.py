@@ -25,7 +25,7 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Advice, Point, Records, RestEstimate, SceneLike, one_record
 from magmpm.effects.body_reach import body_reach, unreached
 from magmpm.effects.contact_force import push, spring
-from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, place, reach
+from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, place
 from magmpm.effects.estimates import obstacle
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
@@ -43,7 +43,6 @@ DTYPE = np.dtype(
         ("walls_soft", np.float64),
         ("walls_knee", np.float64),
         ("walls_damping", np.float64),
-        ("walls_reach", np.float64),
     ]
 )
 
@@ -52,9 +51,9 @@ _PATH = {"anyOf": [{"type": "string"}, {"type": "array", "minItems": 2}]}
 
 
 def parameters(
-    table: Table, *, friction: float, stiffness: float, soft: float = 1.0, knee: float = 1.0, damping: float = 0.0, reach: float = 0.0
+    table: Table, *, friction: float, stiffness: float, soft: float = 1.0, knee: float = 1.0, damping: float = 0.0
 ) -> Records:
-    """Parameters for the kernels. reach m; others: as in contact_force.push."""
+    """Parameters for the kernels: see contact_force.push."""
     return one_record(
         DTYPE,
         np.ascontiguousarray(table.coefficients).ravel(),
@@ -66,7 +65,6 @@ def parameters(
         walls_soft=soft,
         walls_knee=knee,
         walls_damping=damping,
-        walls_reach=reach,
     )
 
 
@@ -159,7 +157,7 @@ class Walls(Obstacle):
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
         """Parameters for the kernels."""
-        return parameters(self._table(scene), friction=self.friction, **self.law(scene), reach=reach(scene))
+        return parameters(self._table(scene), friction=self.friction, **self.law(scene))
 
     def _table(self, scene: SceneLike) -> Table:
         """Distances from the wall: of a tube within 0.0006 of its radius; of a surface with two points in a cell of the body."""
@@ -241,23 +239,23 @@ def _surface_table(surface: Surface, spacing: float) -> Table:
 
 @compiled
 def depth(effect, data, x):
-    """Distance (m) of the body's surface at a particle at x beyond the wall, negative inside; slope of the distance, inwards."""
+    """Distance (m) of a point x beyond the wall, negative inside; slope of the distance, inwards."""
     s = effect.walls_spacing
     p, q, r = ((x[0] - effect.walls_origin[0]) / s, (x[1] - effect.walls_origin[1]) / s, (x[2] - effect.walls_origin[2]) / s)
     planes, rows, columns = effect.walls_shape[0], effect.walls_shape[1], effect.walls_shape[2]
     if not (0.5 <= p < planes - 1.5 and 0.5 <= q < rows - 1.5 and 0.5 <= r < columns - 1.5):
         return -np.inf, 0.0, 0.0, 0.0
-    # The nearest coefficient differs from the distance by at most 2 s: for most particles this decides.
+    # The nearest coefficient differs from the distance by at most 2 s: for most points this decides.
     near = data[(int(p + 0.5) * rows + int(q + 0.5)) * columns + int(r + 0.5)]
-    if near > effect.walls_reach + 2.0 * s:
-        return effect.walls_reach - near + 2.0 * s, 0.0, 0.0, 0.0  # no point is deeper
+    if near > 2.0 * s:
+        return 2.0 * s - near, 0.0, 0.0, 0.0  # no point is deeper
     distance, sx, sy, sz = value(p, q, r, s, rows, columns, data)
-    return effect.walls_reach - distance, sx, sy, sz
+    return -distance, sx, sy, sz
 
 
 @compiled
 def near(effect, data, x):
-    """Distance of the body's surface at a particle at x beyond the wall, m."""
+    """Distance of a point x beyond the wall, m."""
     return depth(effect, data, x)[0]
 
 

@@ -1,4 +1,4 @@
-"""Contact of the body with itself, in the total formulation: points of its surface touch the solids of its components.
+"""Contact of the body with itself: points of its surface touch the solids of its components.
 
 A pair is a point and a solid that it may touch. The place X in the undeformed solid that is now at the point, X + u(X) = x, follows from
 Newton's method in a cell of the solid's grid. The point touches where X lies below the solid's surface, at the distance d < 0. The energy

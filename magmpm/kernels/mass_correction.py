@@ -1,4 +1,4 @@
-"""The correction of the lumped mass in a step of the total formulation: plane by plane, and along chains of hats (dynamics.nodal_mass).
+"""The correction of the lumped mass in a step of a motion: plane by plane, and along chains of hats (dynamics.nodal_mass).
 
 Inverse mass = 1/m + A (C^-1 - L^-1) A', with the fields A = hat(x) (1, y, z), C = A'M A and L = A'm A. Along a chain both matrices couple
 a knot with REACH others on each side, so a step takes two solves with factors that never change.

@@ -1,4 +1,4 @@
-"""Stress and load that effects add to a group of eight particles, in both formulations of motion.
+"""Stress and load that effects add to a group of eight particles.
 
 A matrix of a group is a flat array (9 8,), row by row, each entry eight lanes.
 """
@@ -11,19 +11,15 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, inlined
-from magmpm.compiled.simd import WIDTH, chosen, load
-from magmpm.compiled.simd_views import lane_of, matrix, single, vector
-from magmpm.effects.contact_force import PARTS, hold
+from magmpm.compiled.simd import WIDTH, load
+from magmpm.compiled.simd_views import matrix, vector
 from magmpm.effects.hooks import (
-    add_contact,
     add_narrow_force,
     add_narrow_rate_stress,
     add_narrow_stress,
     add_wide_force,
     add_wide_rate_stress,
     add_wide_stress,
-    deepest,
-    has_contact,
     has_force,
     has_narrow,
     has_rate_stress,
@@ -35,15 +31,6 @@ from magmpm.effects.hooks import (
 def any_effect(effects):
     """True if any effect but contact acts on particles. Known at compile time."""
     return has_stress(effects) or has_force(effects) or has_rate_stress(effects)
-
-
-@inlined
-def touches(effects, step, group, x, volume):
-    """True if contact may push any particle of a group at x (3 8,) m."""
-    for lane in range(WIDTH):  # noqa: SIM110 (no generators in kernels)
-        if volume[WIDTH * group + lane] != 0.0 and deepest(effects, step, single(x, lane)) > 0.0:  # 0: a lane without a particle
-            return True
-    return False
 
 
 class GroupRoom(NamedTuple):
@@ -87,18 +74,6 @@ def add_effects(effects, step, group, at, particles, work):
         _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, volume)
 
 
-@inlined
-def add_contacts(effects, step, dt, group, touched, particles, held, work):
-    """Add contact to the load of a group in work, and move its anchors. touched: whether contact may push the group (`touches`);
-    held: a view of where friction holds it, m."""
-    _, _, _, x, v, f, spare = work
-    if has_contact(effects):
-        for i in range(3):
-            held[i] = chosen(touched, held[i], load(x, WIDTH * i))
-    if has_contact(effects) and touched:
-        _contacts(effects, step, dt, group, x, v, f, spare, particles.density, particles.volume, held)
-
-
 @compiled
 def _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, volume):
     """Add the effects with hooks for one particle at a time."""
@@ -115,19 +90,3 @@ def _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, 
         add_narrow_stress(effects, step, m, rho, place, deformed, P3[:, :, lane])
         add_narrow_force(effects, step, m, rho, place, deformed, force)
         add_narrow_rate_stress(effects, step, rho, deformed, dF3[:, :, lane], P3[:, :, lane])
-
-
-@compiled
-def _contacts(effects, step, dt, group, x, v, f, force, density, volume, held):
-    """Add contact to the loads of a group in work (GroupRoom), particle by particle; held: a view of the group's anchors."""
-    for lane in range(WIDTH):
-        V = volume[WIDTH * group + lane]
-        if V != 0.0:  # a lane with a particle
-            for i in range(PARTS):
-                force[WIDTH * i + lane] = 0.0
-            place, one = single(x, lane), single(force, lane)
-            add_contact(effects, step, place, single(v, lane), density[WIDTH * group + lane] * V, dt, one)
-            hold(place, lane_of(held, lane), one)
-            per_volume = 1.0 / V
-            for i in range(3):
-                f[WIDTH * i + lane] += per_volume * force[WIDTH * i + lane]

@@ -1,4 +1,4 @@
-"""Contact of the body's surface with obstacles, in the total formulation.
+"""Contact of the body's surface with obstacles.
 
 The surface is a set of points (bodies.contact_surface) which move with the nodes of the cell they are in. Effects push each one as a
 particle of the mass of the layer it stands for, and the force goes to the nodes by the same splines, so momentum is kept to rounding.

@@ -1,4 +1,4 @@
-"""The three steps of the total formulation, eight particles at a time: the grid lies in the undeformed body.
+"""The three steps of a motion, eight particles at a time: the grid lies in the undeformed body.
 
 In every step, particles gather displacement and deformation gradient from the grid (G2P) and scatter the force of their stress back (P2G),
 cell by cell. Splines are products of one-dimensional ones, so both go axis by axis. This takes 270 multiplications and additions in

@@ -1,4 +1,4 @@
-"""Checks in every step of both formulations that can end a run of steps early.
+"""Checks in every step of a motion that can end a run of steps early.
 
 `watch` (5,) float64 is both input and output of a kernel:
 

@@ -102,7 +102,7 @@ class Result:
     time: float = 0.0  # s that a motion has lasted; iterations are its steps
     time_step: float = 0.0  # s
     stable_steps: dict[str, float] = dataclasses.field(default_factory=dict)  # s, the bounds on the time step at the start
-    formulation: str = "static"  # or quasi_static, total, updated
+    formulation: str = "static"  # or quasi_static, total; of old files, updated
     kinetic_energy: float = 0.0  # J
     load_share: float = 1.0  # no unit: part of the load (field, weight) that an equilibrium carries: less if the solve failed on the way
     failure: str = ""  # why the run stopped early; then this is not the answer but the last good state

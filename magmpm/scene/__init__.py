@@ -10,10 +10,11 @@ from magmpm.effects.gravity import Gravity
 from magmpm.effects.magnetic_torque import MagneticTorque
 from magmpm.fields.sources import FieldSource
 from magmpm.inputs.vectors import Angles
+from magmpm.inputs.yaml_document import of_file
 from magmpm.scene.options import Material, Resolution, Solver, StaticOptions
 from magmpm.scene.scene import Reference, Scene, load_scene
 
 __all__ = [
     "Angles", "Body", "Catheter", "Effects", "FieldSource", "Gravity", "MagneticTorque", "Material", "Reference", "Region", "Resolution",
-    "Scene", "Segment", "Solver", "StaticOptions", "Strip", "load_scene",
+    "Scene", "Segment", "Solver", "StaticOptions", "Strip", "load_scene", "of_file",
 ]  # fmt: skip

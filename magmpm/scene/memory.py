@@ -11,9 +11,9 @@ import numpy as np
 from magmpm.errors import SceneError
 from magmpm.scene import Scene
 
-# Bytes by which a process grows for each particle of a motion and its share of the grid, by formulation: 860 and 1020 were measured by
-# tests/benchmarks/resident.py. Most of it is needed while the scene is built; a part of that may not be given back.
-GROWTH = {"total": 850, "updated": 1000}
+# Bytes by which a process grows for each particle of a motion and its share of the grid: 860 were measured by tests/benchmarks/resident.py.
+# Most of it is needed while the scene is built; a part of that may not be given back.
+GROWTH = 850
 BYTES = 800  # a lower bound of the same, for where only a lower bound of the number of particles is known
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from magmpm.inputs.settings import Quantity, Settings, fault
+from magmpm.inputs.settings import Quantity, Settings, fault, from_file
 
 MOST_FRAMES = 100_000
 
@@ -28,18 +29,22 @@ class DynamicOptions(Settings):
         default=0.8, gt=0, le=1, strict=True, allow_inf_nan=False,
         description="Chosen time step over the largest stable one; 0.8 unless given.", examples=[0.8],
     )  # fmt: skip
-    formulation: Literal["total", "updated"] | None = Field(
-        default=None,
-        description="total: grid in the undeformed body, no losses of its own; updated: grid in space (APIC), where bodies touch "
-        "themselves and each other. total unless self_contact is named.",
-        examples=["total"],
-    )
     max_disk: Annotated[float, Quantity("size", above="0 B", at_most="1e15 B")] | None = Field(
         default=None, description="What the motion's files may take; all there is unless given.", examples=["2 GB"]
     )
     max_memory: Annotated[float, Quantity("size", above="0 B", at_most="1e15 B")] | None = Field(
         default=None, description="What particles and grid may take in memory; all there is unless given.", examples=["4 GB"],
     )  # fmt: skip
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_formulation(cls, given: Any, info: ValidationInfo) -> Any:
+        if not isinstance(given, Mapping) or "formulation" not in given:
+            return given
+        if given["formulation"] not in (None, "total") or from_file(info):  # results of earlier versions hold None or total
+            rule = "there is one formulation of motion, total Lagrangian, in which bodies touch themselves too, so there is no such key"
+            raise fault(rule, "leave it out", ("formulation",))
+        return {key: value for key, value in given.items() if key != "formulation"}
 
     @model_validator(mode="after")
     def _frames_can_be_counted(self) -> DynamicOptions:

@@ -10,7 +10,6 @@ from pydantic import Field, model_validator
 
 from magmpm.bodies.body_shape import BodyShape
 from magmpm.compiled.arrays import Array
-from magmpm.effects.base import moves_in_space
 from magmpm.fields.over_time import OverTime
 from magmpm.fields.schedule import ended, strength_of
 from magmpm.inputs.settings import Quantity, Settings, fault
@@ -87,8 +86,6 @@ def check(scene: Any) -> None:
             raise fault(rule, "move what is held, or hold it: `clamp: both` below body.strip, say, or `clamp: true` in a part", at)
         if scene.effects.feed is not None:
             raise fault("feed moves the base already", "do not name feed, or remove move", at)
-        if moves_in_space(scene):
-            raise fault("what is held moves in the total formulation only", "leave out self_contact and `formulation: updated`", at)
         if shape.in_plane_strain and move.along[1]:
             raise fault("nothing moves along y in plane strain", "write, say, [-1, 0, 0]", (*at, "along"))
         if over is not None and over.endless is not None and scene.static and scene.solver.quasi_static is None:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from magmpm.errors import BudgetError, Collapsed, Key, LeftField, SolveError, TimeOver, Torn, undotted
+from magmpm.errors import BudgetError, Collapsed, Key, LeftField, SolveError, TimeOver, undotted
 from magmpm.fields.over_time import Ramp
 from magmpm.fields.schedule import end_time
 from magmpm.scene.scene import Scene
@@ -69,11 +69,6 @@ def remedies(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
 def _of_motion(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     assert scene.solver.dynamic is not None
     given = {"solver.dynamic.time_step": None}
-    if isinstance(error, Torn):  # shorter steps would tear it as well
-        if scene.effects.self_contact is not None:
-            return _shorter_or_weaker(scene, error)
-        total = Remedy("solver.dynamic.formulation: total", {**given, "solver.dynamic.formulation": "total"})
-        return total, *_shorter_or_weaker(scene, error)
     gentler = [
         Remedy(f"solver.dynamic.safety: {part:g}", {**given, "solver.dynamic.safety": part})
         for part in GENTLE

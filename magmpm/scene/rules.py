@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from magmpm.bodies.catheter import THIN_WALL
-from magmpm.effects.base import SceneLike, moves_in_space
+from magmpm.effects.base import SceneLike
 from magmpm.effects.magnetization import rotating
 from magmpm.fields import schedule
 from magmpm.inputs.settings import Key, fault
@@ -54,7 +54,6 @@ def check(scene: WholeScene, *, written: bool) -> None:
             ("body", scene.body.kind, scene.body.shape.clamp_key),
         )
     _motion_has_its_solver(scene)
-    _branches_have_their_formulation(scene)
     _path_has_an_end(scene)
     _feed_can_push(scene)
     moves.check(scene)
@@ -128,15 +127,6 @@ def _motion_has_its_solver(scene: WholeScene) -> None:
                 f"write {ways}{' or `solver: {quasi_static: {steps: 40}}`' if effect.ALONG_TIME else ''}, or do not name {name}",
                 ("effects", name),
             )
-
-
-def _branches_have_their_formulation(scene: WholeScene) -> None:
-    """Material that remembers needs a grid in the undeformed body."""
-    dynamic, losses = scene.solver.dynamic, scene.effects.viscosity
-    if losses is not None and losses.branches and dynamic is not None and dynamic.formulation == "updated":
-        raise fault(
-            "branches act in the total formulation only", "remove branches, or `formulation: updated`", ("effects", "viscosity", "branches")
-        )
 
 
 def _feed_can_push(scene: WholeScene) -> None:
@@ -274,7 +264,7 @@ def warnings(scene: SceneLike) -> list[str]:
     for key in ("ground", "walls") if dynamic is None else ():
         if getattr(getattr(scene.effects, key), "friction", 0.0) > 0.0:
             found.append(f"effects.{key}.friction: equilibria leave it out: the body slides until the push of {key} alone holds it")
-    own = shape.warnings(scene.resolution.cells_across, one_grid=not moves_in_space(scene))
+    own = shape.warnings(scene.resolution.cells_across, one_grid=dynamic is None)
     fitted = dynamic is None and scene.body.catheter is not None and scene.body.catheter.round_cells
     found += of_known_error(own) if fitted else own
     if shape.clamp == "none" and scene.effects.feed is not None:

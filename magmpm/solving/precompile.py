@@ -116,7 +116,7 @@ def _has_room() -> bool:
 def describe(scene: Scene) -> str:
     """The use of a scene's kernels, in a few words."""
     several = "statics along time" if scene.in_time else "statics"
-    solver = several if scene.solver.dynamic is None else f"motion ({formulation_of(scene)})"
+    solver = several if scene.solver.dynamic is None else "motion"
     return f"{solver} with {' + '.join(scene.effects.named()) or 'no effects'}"
 
 
@@ -134,7 +134,7 @@ def _solver(scene: Scene) -> str | bool:
     """Key that distinguishes the kernels of one way to solve a scene from another's."""
     if scene.solver.quasi_static is not None:
         return "quasi_static"
-    return scene.solver.dynamic is not None and formulation_of(scene)
+    return scene.solver.dynamic is not None and ("touches itself" if scene.effects.self_contact is not None else "motion")
 
 
 def _cache() -> Path:
@@ -198,14 +198,7 @@ def parts_of(small: Scene, use: str = SOLVE) -> list[str]:
         return list(_ADDED[use])
     if small.solver.dynamic is None:
         return [*_STATIC, "measured"] if small.in_time else list(_STATIC)
-    return list(_TOTAL if formulation_of(small) == "total" else _UPDATED)
-
-
-def formulation_of(scene: Scene) -> str:
-    """Formulation of a scene that moves."""
-    from magmpm.dynamics.time_loop import formulation  # only for motion: statics needs none of it in memory
-
-    return formulation(scene)
+    return list(_MOTION)
 
 
 def solve_small(small: Scene) -> None:
@@ -232,7 +225,7 @@ def differentiate_small(small: Scene) -> None:
 
 def _begin(_: object, small: dict[str, Any]) -> Callable[[str], bool]:
     """Begin a process: it compiles parts by their names, and reports whether the disk saved them."""
-    every = {**_WHOLE, **_STATIC, **_TOTAL, **_UPDATED, **{name: do for added in _ADDED.values() for name, do in added.items()}}
+    every = {**_WHOLE, **_STATIC, **_MOTION, **{name: do for added in _ADDED.values() for name, do in added.items()}}
     scene = Scene.from_si(small)
 
     def compile_part(part: str) -> bool:
@@ -298,7 +291,7 @@ def _rods(small: Scene) -> None:
     family.stability(family.straight(1)[0], each[:1], at[0])
 
 
-def _total_steps(small: Scene) -> None:
+def _steps(small: Scene) -> None:
     from magmpm.dynamics.total_lagrangian import TotalMotion
 
     model = build(small)
@@ -306,26 +299,11 @@ def _total_steps(small: Scene) -> None:
     motion.advance(1, 1e-12, (*model.effects, *motion.ends.records(np.zeros(1), 1e-12)))
 
 
-def _total_rest(small: Scene) -> None:
+def _rest(small: Scene) -> None:
     from magmpm.dynamics.stable_step import body_step
     from magmpm.dynamics.total_lagrangian import TotalMotion
 
     body_step(TotalMotion(build(small)))
-
-
-def _updated_steps(small: Scene) -> None:
-    from magmpm.dynamics.apic import UpdatedMotion
-
-    model = build(small)
-    UpdatedMotion(model).advance(1, 1e-12, model.effects)
-
-
-def _updated_rest(small: Scene) -> None:
-    from magmpm.dynamics.apic import UpdatedMotion
-
-    motion = UpdatedMotion(build(small))
-    motion.sort()
-    motion._relax()
 
 
 def _measured(small: Scene) -> None:
@@ -334,7 +312,7 @@ def _measured(small: Scene) -> None:
 
     model = build(small)
     x, F = model.particles.position, np.tile(np.eye(3), (len(model.density), 1, 1))
-    _, P = energies.elastic(model, F, True)
+    _, P = energies.elastic(model, F)
     energies.add_effects_stress(model, x, F, model.effects, P)
     energies.effect_energies(model, x, F, 0.0)
     watchdog.check(model, x, np.zeros_like(x))
@@ -345,9 +323,7 @@ def _measured(small: Scene) -> None:
 _STATIC: dict[str, Callable[[Scene], None]] = {
     "stability": _stability, "factorization": _factorization, "tangent": _tangent, "rod": _rod, "energy": _energy,
 }  # fmt: skip
-_TOTAL: dict[str, Callable[[Scene], None]] = {"total steps": _total_steps, "total rest": _total_rest, "measured": _measured, "rod": _rod}
-_UPDATED: dict[str, Callable[[Scene], None]] = {"updated steps": _updated_steps, "updated rest": _updated_rest, "measured": _measured,
-    "rod": _rod}
+_MOTION: dict[str, Callable[[Scene], None]] = {"steps": _steps, "rest": _rest, "measured": _measured, "rod": _rod}
 _ADDED: dict[str, dict[str, Callable[[Scene], None]]] = {DERIVATIVES: {"changes": _changes}, RODS: {"family": _rods},
     PROOFS: {"single": _single}}
 _WHOLE: dict[str, Callable[[Scene], None]] = {SOLVE: solve_small, DERIVATIVES: differentiate_small, RODS: _rods, PROOFS: _single}

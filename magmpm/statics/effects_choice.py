@@ -10,7 +10,7 @@ from magmpm.rod.advice import Judgment, allowed_error, judge, unknown, variants,
 from magmpm.rod.shifts import RodAnswers, is_rod
 from magmpm.scene import Scene
 
-TRIED_LAST = ("self_contact",)  # not among the effects in whose presence the others are tried: it changes the formulation
+TRIED_LAST = ("self_contact",)  # not among the effects in whose presence the others are tried: it acts in motion alone
 
 
 @dataclass(frozen=True)

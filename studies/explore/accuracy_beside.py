@@ -144,7 +144,7 @@ def _shifted(scene: Scene, finest: Array, reference: Array | None, failed: dict[
 
 
 def settled(scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]) -> list[Model]:
-    """The same answer as a motion that settles, at COARSE cells: both formulations, and half the time step. Of a scene that moves, its own
+    """The same answer as a motion that settles, at COARSE cells: with its time step, and with half of it. Of a scene that moves, its own
     motion in the same ways. Empty where the materials have no density. failed: takes the errors of what found no answer, by name."""
     coarse = scene.with_cells(COARSE)
     resting = scene.static and not scene.in_time
@@ -158,19 +158,16 @@ def settled(scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveEr
         return []
     reference, found = scene.reference_centreline(), []
     step = None
-    for formulation, part in (("total", 1.0), ("total", 0.5), ("updated", 1.0)):
-        if formulation == "total" and scene.effects.self_contact is not None:
-            continue  # it needs the updated formulation
-        changes = {"formulation": formulation, **({"time_step": part * step} if part < 1.0 and step is not None else {})}
+    for part in (1.0, 0.5):
         data = motion.to_si()
-        dynamic = {**data["solver"]["dynamic"], **changes}
+        dynamic = {**data["solver"]["dynamic"], **({"time_step": part * step} if part < 1.0 and step is not None else {})}
         try:
             result, seconds = timed(Scene.from_si({**data, "solver": {**data["solver"], "dynamic": dynamic}}), solve)
         except SolveError as error:
-            failed[f"motion, {formulation} formulation{', half the step' if part < 1.0 else ''}, at {COARSE} cells"] = error
+            failed[f"motion{', half the step' if part < 1.0 else ''}, at {COARSE} cells"] = error
             continue
         step = result.time_step if part == 1.0 else step
-        name = f"motion, {formulation} formulation, step {1e6 * (result.time_step or 0.0):.3g} us, at {COARSE} cells"
+        name = f"motion, step {1e6 * (result.time_step or 0.0):.3g} us, at {COARSE} cells"
         told = _compared(name, result, seconds, finest, reference, scene.length)
         found.append(Model(name, seconds, told.error_finest, told.error_reference, apart(result, answer(same)) / scene.length))
     return found

@@ -2,7 +2,7 @@
 
 A static equilibrium is compared with that of its mirror image, with that of its quarter turn, with the rod, with a finer grid, with a load
 ramped in another way; equilibria along time with the equilibrium at their end; a motion with its mirror image, with half the time step,
-with the other formulation, and with its own energy. Where two answers differ, both may be right: a body far from its unloaded shape often
+and with its own energy. Where two answers differ, both may be right: a body far from its unloaded shape often
 has several stable equilibria. That counts as an explanation only if both are shown to be equilibria of one and the same discrete body.
 """
 
@@ -41,11 +41,10 @@ STIFFNESS = 0.02  # the error of a body's stiffness at two cells across; docs/ac
 BROAD = 0.2
 SLENDER = 10.0
 SAME_MOTION = 1e-6  # of the length: rounding grows as a motion goes on; of the mirror image
-# Contact, friction and sorted particles decide by single steps: there a change of the last bit grows at once. So a mirror image that is
+# Contact and friction decide by single steps: there a change of the last bit grows at once. So a mirror image that is
 # farther away is compared with what changes of the moduli by NOISE do.
 NOISE, GROWN = 1e-13, 5.0
 HALF_STEP = 0.02  # of the largest displacement: second order, and what contact and friction choose by single steps
-OTHER_FORMULATION = 0.35  # of the largest displacement: the updated one loses up to a fifth of its energy in a quarter swing
 PROMISED = 1.5  # times the reported error: what the true one never is above
 GAINED = 0.05  # of the largest kinetic energy, as the watchdog allows
 
@@ -73,7 +72,7 @@ def checked(scene: Scene, result: Result, folder: Path, number: int) -> Checked:
     try:
         scene = _as_solved(scene, result, found)
         if scene.solver.dynamic is not None:
-            _moved(scene, result, folder, number, found)
+            _moved(scene, result, folder, found)
         elif scene.solver.quasi_static is not None:
             _followed(scene, result, found)
         else:
@@ -303,7 +302,7 @@ def _followed(scene: Scene, result: Result, found: Checked) -> None:
         _compare(scene, "statics at the end", result, again, other, found)
 
 
-def _moved(scene: Scene, result: Result, folder: Path, number: int, found: Checked) -> None:
+def _moved(scene: Scene, result: Result, folder: Path, found: Checked) -> None:
     largest = _displaced(scene, result)
     _energy(scene, folder, found)
     other = _try(twin(scene, MIRROR))
@@ -316,28 +315,19 @@ def _moved(scene: Scene, result: Result, folder: Path, number: int, found: Check
             grown = max((_apart(scene, result, noisy) for noisy in map(_try, _noisy(scene)) if noisy is not None), default=math.inf)
             where = found.wrong if apart > max(bound, GROWN * grown) else found.branches
             where.append(f"mirror image: {apart:.3g} L apart, bound {bound:.3g}; changes of {NOISE:g} of the moduli grow to {grown:.3g} L")
-    options = scene.to_si()["solver"]["dynamic"]
-    if number % 2 == 0 or result.warnings:  # with such strains the updated formulation tears, or is about to
-        changed, name, bound = {**options, "safety": 0.4}, "half the step", HALF_STEP * largest + 1e-5
-        if scene.effects.ground or scene.effects.walls:
-            bound += 1e-3  # at which step a particle touches
-        if result.formulation == "updated" or scene.effects.feed:
-            bound = 5 * HALF_STEP * largest + 1e-3  # transfers lose energy by their number; each node that leaves a guide is a shock
-    elif scene.effects.self_contact is None:
-        changed = {**options, "formulation": "updated" if result.formulation == "total" else "total"}
-        name, bound = "other formulation", OTHER_FORMULATION * largest + 0.01
-    else:
-        return
-    other = _try(Scene.from_si({**scene.to_si(), "solver": {**scene.to_si()["solver"], "dynamic": changed}}))
+    options = scene.to_si()["solver"]
+    bound = HALF_STEP * largest + 1e-5
+    if scene.effects.ground or scene.effects.walls or scene.effects.self_contact:
+        bound += 1e-3  # at which step a point touches
+    if scene.effects.feed:
+        bound = 5 * HALF_STEP * largest + 1e-3  # each node that leaves a guide is a shock
+    other = _try(Scene.from_si({**scene.to_si(), "solver": {**options, "dynamic": {**options["dynamic"], "safety": 0.4}}}))
     if other is not None:
-        found.done.append(name)
+        found.done.append("half the step")
         if (apart := _apart(scene, result, other)) > bound:
-            warnings = [*result.warnings, *other.warnings]
-            # That the grid damps it, more at shorter steps: by no more than all of the motion.
-            told = apart <= largest and any(warning.startswith("energy: ") for warning in warnings)
-            coarse = _by_grid(scene, result) if name == "half the step" else 0.0
-            where = found.branches if told or apart < coarse else found.wrong
-            where.append(f"{name}: {apart:.3g} L apart, bound {bound:.3g}; largest displacement {largest:.3g} L; grid: {coarse:.3g} L")
+            coarse = _by_grid(scene, result)
+            told = f"half the step: {apart:.3g} L apart, bound {bound:.3g}; largest displacement {largest:.3g} L; grid: {coarse:.3g} L"
+            (found.branches if apart < coarse else found.wrong).append(told)
 
 
 def _by_grid(scene: Scene, result: Result) -> float:

@@ -89,7 +89,7 @@ def drawn(seed: int, number: int) -> Content:
     else:
         named |= fields.moving_effects(rng, effects, sizes, severity, end, "catheter" in body)
     content["effects"] = named
-    content["solver"] = _solver(rng, kind, end, effects)
+    content["solver"] = _solver(rng, kind, end)
     content["resolution"] = {"cells_across": cells, "particles_per_cell": int(rng.choice([2, 3], p=[0.95, 0.05]))}
     if "parts" in body:  # wide sections: three cells across would take minutes along a path
         content["resolution"] = {"cells_across": 2}
@@ -98,10 +98,10 @@ def drawn(seed: int, number: int) -> Content:
 
 
 def _motion_effects(rng: np.random.Generator) -> list[str]:
-    """Which effects the motions of one combination name, and in which formulation."""
+    """Effects that the motions of one combination name, and whether their field is uniform."""
     shares = {
         "gravity": 0.4, "damping": 0.6, "viscosity": 0.3, "ground": 0.3, "walls": 0.2, "feed": 0.15, "magnetic_interaction": 0.1,
-        "self_contact": 0.2, "updated": 0.2, "uniform": 0.65,
+        "self_contact": 0.2, "uniform": 0.65,
     }  # fmt: skip
     return [name for name, share in shares.items() if rng.random() < share]
 
@@ -221,13 +221,11 @@ def _gravity(rng: np.random.Generator, severity: float) -> Content:
     return {"acceleration": [f"{size * x:.6g} m/s^2" for x in direction(rng)]}
 
 
-def _solver(rng: np.random.Generator, kind: str, end: float, effects: list[str]) -> Content:
+def _solver(rng: np.random.Generator, kind: str, end: float) -> Content:
     found: Content = {} if rng.random() < 0.95 else {"anti_locking": "none"}
     if kind == STATIC:
         return {**found, STATIC: {"field_steps": int(rng.integers(2, 12))} if rng.random() < 0.1 else {}}
     if kind == QUASI_STATIC:
         return {**found, QUASI_STATIC: {"steps": int(rng.integers(4, 16))}}
     moving: Content = {"duration": f"{1e3 * end:.9g} ms", "output_every": f"{1e3 * end / 8:.9g} ms"}
-    if "self_contact" in effects or "updated" in effects:
-        moving["formulation"] = "updated"
     return {**found, DYNAMIC: moving}

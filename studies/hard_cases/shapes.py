@@ -8,7 +8,6 @@ import numpy as np
 
 from magmpm.dynamics.stable_step import speed_of_sound
 from magmpm.dynamics.time_loop import SimulationState, begin, integrate, interval, move
-from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects.contact_law import contact_of
 from magmpm.effects.self_contact import gap
 from magmpm.errors import SolveError
@@ -24,10 +23,9 @@ FAST = 2.0  # m/s: a twentieth of the speed of sound
 SQUEEZED = 0.2  # det F
 LENGTH = 8e-3  # m, of free bodies
 GAINED = 0.02  # of the energy, that may appear
-APIC = "updated: each transfer loses what two cells across can't carry; half of it is left after two swings (docs/stability.md)"
 
 
-def _offsets(count: int, formulation: str) -> Case:
+def _offsets(count: int) -> Case:
     def measure(scene: Scene) -> float:
         """Largest distance between any two settled tips, over L."""
         places = np.random.default_rng(5).uniform(0.02, 0.98, (count, 2))
@@ -43,13 +41,13 @@ def _offsets(count: int, formulation: str) -> Case:
         return float(np.linalg.norm(spread, axis=2).max()) / scene.length
 
     return Case(
-        f"{count} offsets of body against grid, {formulation}",
+        f"{count} offsets of body against grid",
         lambda: rod(
             length=SHORT,
             field=bending_field(1.0, length=SHORT),
             cells=4,
             effects={"damping": {"rate": 240.0}},
-            dynamic={"duration": 0.06, "output_every": 0.03, "formulation": formulation},
+            dynamic={"duration": 0.06, "output_every": 0.03},
         ),
         "loses slivers of cells, or bends by another amount at every place",
         "spread of settled tips, over L",
@@ -77,19 +75,18 @@ def _turn(scene: Scene) -> float:
 
 def _squeezed(scene: Scene) -> float:
     """Energy lost or gained by a body released at det F = 0.2 and run as by `magmpm run`, over its first energy; infinite if it stays
-    small. Total formulation: for ten passages of a pressure wave through it; updated: for its first swing."""
+    small. For ten passages of a pressure wave through it."""
     moved = begin(build(scene))
     motion = moved.motion
-    total = isinstance(motion, TotalMotion)
     stretch(motion, SQUEEZED ** (1 / 3))
     begun, found, largest = energy(motion), 0.0, 0.0
     passes = LENGTH / float(speed_of_sound(motion.model).max())
-    for time in np.linspace(0.0, (10.0 if total else 1.2) * passes, 101)[1:]:
+    for time in np.linspace(0.0, 10.0 * passes, 101)[1:]:
         interval(moved, time)
         moved.control.at_frame()
         change = energy(motion) / begun - 1
         largest = max(largest, float(np.median(np.linalg.det(motion.particles()[2]))))
-        found = max(found, abs(change) if total else -change)
+        found = max(found, abs(change))
         if change > GAINED:
             return math.inf
     return found if largest > 1.0 else math.inf
@@ -140,7 +137,7 @@ def _fold(scene: Scene) -> float:
         if not np.isfinite(x).all() or np.linalg.det(F).min() <= 0:
             raise SolveError("a particle was turned inside out")
         least = min(least, gap(x, X, size, 8 * h, 7 * h) / h)
-    return -least if least < 1.5 else math.inf
+    return -least if least < 0.5 else math.inf
 
 
 def _opened(scene: Scene) -> float:
@@ -165,62 +162,51 @@ def _ends(moved: SimulationState, first: np.ndarray, last: np.ndarray) -> tuple[
     return x[first].mean(axis=0), x[last].mean(axis=0)
 
 
-def _free(formulation: str, **more: object) -> Scene:
-    return rod(length=LENGTH, clamp="none", dynamic={"formulation": formulation}, **more)  # type: ignore[arg-type]
-
-
-def _both(name: str, scene: object, *rest: object, bounds: tuple[float, float]) -> tuple[Case, Case]:
-    """The same case in both formulations."""
-    one, two = (
-        Case(f"{name}, {kind}", lambda kind=kind: scene(kind), rest[0], rest[1], rest[2], bound, rest[3])  # type: ignore
-        for kind, bound in zip(("total", "updated"), bounds, strict=True)
-    )
-    return one, two
+def _free(**more: object) -> Scene:
+    return rod(length=LENGTH, clamp="none", dynamic={}, **more)  # type: ignore[arg-type]
 
 
 CASES = (
-    _offsets(8, "total"),
-    _offsets(64, "total"),
-    _offsets(64, "updated"),
-    *_both(
+    _offsets(8),
+    _offsets(64),
+    Case(
         "rotation by 360 degrees",
         _free,
         "is strained by rotating, or does not come back",
         "largest strain F^T F - 1 on the way",
         _turn,
+        1e-5,
         f"rigid motion: no strain but the centrifugal one, rho (w L)^2/(8 E) = {DENSITY * (TURN * LENGTH) ** 2 / 8 / (3 * G):.0e}",
-        bounds=(1e-5, 1e-3),
     ),
     *(
-        case
-        for ratio in (5.0, 20.0)
-        for case in _both(
+        Case(
             f"det F down to 0.2, K = {ratio:g} G",
-            lambda kind, ratio=ratio: _free(kind, ratio=ratio),
+            lambda ratio=ratio: _free(ratio=ratio),  # type: ignore[misc]
             "turns particles inside out, or gains energy while it swells",
-            "energy lost or gained (updated: in the first swing), over that at first",
+            "energy lost or gained, over that at first",
             _squeezed,
-            f"nothing does work, and no more than {100 * GAINED:g} % may be gained; {APIC}",
-            bounds=(0.02, 0.3),
+            0.02,
+            f"nothing does work, and no more than {100 * GAINED:g} % may be gained",
         )
+        for ratio in (5.0, 20.0)
     ),
-    *_both(
+    Case(
         "fast impact on a wall",
-        lambda kind: _free(kind, effects={"ground": {"point": [0.0, 0.0, -2.5e-3], "friction": 0.3}}),
+        lambda: _free(effects={"ground": {"point": [0.0, 0.0, -2.5e-3], "friction": 0.3}}),
         "passes through, sticks in the wall, or is thrown back faster than it came",
         "depth below the wall, in cells",
         _impact,
+        0.5,
         "a penalty gives way by speed / its frequency, w = c / h: v/c of a cell times the root of the particles above each other",
-        bounds=(0.5, 0.5),
     ),
-    *_both(
+    Case(
         "energy of a fast impact",
-        lambda kind: _free(kind, effects={"ground": {"point": [0.0, 0.0, -2.5e-3]}}),
+        lambda: _free(effects={"ground": {"point": [0.0, 0.0, -2.5e-3]}}),
         "comes back with more energy than it had, or with little",
         "energy lost or gained, over that at first",
         _after_impact,
-        f"a wall without friction does no work; {APIC}",
-        bounds=(0.03, 0.25),
+        0.03,
+        "a wall without friction does no work",
     ),
     Case(
         "folding onto itself",
@@ -228,8 +214,8 @@ CASES = (
         "passes through itself, or tears where it folds",
         "overlap of the two halves, in cells",
         _fold,
-        0.1,
-        "surfaces of two bodies do not cross",
+        0.2,
+        "surfaces do not cross; particles of cells that are pressed lie nearer to them, by a tenth, and halves that cross overlap by 0.42",
     ),
     Case(
         "folded, held and let open",

@@ -4,30 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.dynamics.apic import UpdatedMotion
-from magmpm.dynamics.stable_step import stable_step
 from magmpm.dynamics.time_loop import begin, integrate, move
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.errors import InputError, SolveError
-from magmpm.model import Model, build
+from magmpm.errors import SolveError
+from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.studies.hard_cases.case import Case
-from magmpm.studies.hard_cases.motions import Motion, advance, at_rest, energy, last_cells, spin, throw
+from magmpm.studies.hard_cases.motions import advance, at_rest, energy, last_cells, spin, throw
 from magmpm.studies.hard_cases.scenes import G, bending_field, rod
 
 STEPS = 100_000
 SHORT = 4 * 4e-3  # m
 SHAKE = 0.2  # m/s
-PART = 0.8  # of the stable step, of a body with one particle a cell: its control raises it
 
 
-def _energy_kept(motion: Motion, dt: float, steps: int, looks: int) -> float:
+def _energy_kept(motion: TotalMotion, dt: float, steps: int, looks: int) -> float:
     """Largest change of the energy since the first check, over the largest kinetic energy."""
     begun, change, most = energy(motion), 0.0, 0.0
     for _ in range(looks):
@@ -41,7 +37,7 @@ def _switched_on(scene: Scene) -> float:
     return _energy_kept(motion, dt, int(0.1 / dt), 100)
 
 
-def _shaken(scene: Scene) -> tuple[Motion, float]:
+def _shaken(scene: Scene) -> tuple[TotalMotion, float]:
     """A free body that rotates and vibrates in all its modes, and its largest stable step."""
     motion, _, largest = at_rest(scene)
     noise = np.random.default_rng(0)
@@ -49,29 +45,19 @@ def _shaken(scene: Scene) -> tuple[Motion, float]:
     def velocity(x: Array) -> Array:
         return np.cross([0.0, 30.0, 0.0], x) + SHAKE * noise.standard_normal(x.shape)
 
-    if isinstance(motion, TotalMotion):
-        throw(motion, velocity)
-    else:  # without gradients: those of noise are endless
-        x = motion.model.particles.position
-        n = len(x)
-        motion.place(x, velocity(x), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3)))
+    throw(motion, velocity)
     return motion, largest
 
 
 def _stays(part: float) -> Callable[[Scene], float]:
     def measure(scene: Scene) -> float:
-        """Change of the energy over 10^5 steps of a part of the bound, over the energy at first; at least that of the spin.
-
-        In the updated formulation the shaking is lost, as it should be, but what turns goes on turning: growth and spin count there.
-        """
+        """Change of the energy over 10^5 steps of a part of the bound, over the energy at first; at least that of the spin."""
         motion, bound = _shaken(scene)
         advance(motion, 64, part * bound)
-        total = isinstance(motion, TotalMotion)
         begun, turning, most = energy(motion), spin(motion), 0.0
         for _ in range(50):
             advance(motion, STEPS // 50, part * bound)
-            change = energy(motion) / begun - 1
-            most = max(most, abs(change) if total else change)
+            most = max(most, abs(energy(motion) / begun - 1))
         return max(most, float(np.linalg.norm(spin(motion) - turning) / np.linalg.norm(turning)))
 
     return measure
@@ -107,53 +93,14 @@ def _static(scene: Scene) -> dict[str, object]:
     return {**scene.to_si()["effects"], "damping": None, "viscosity": None}
 
 
-def _one_particle(scene: Scene) -> float:
-    """Growth of the energy of a swinging body whose cells hold one particle each, over that at first, or what it loses more of it than
-    with eight; inf unless scenes refuse it."""
-    data = scene.to_si()
-    data["resolution"]["particles_per_cell"] = 1
-    try:
-        Scene.from_si(data)
-        return math.inf
-    except InputError as error:
-        if "particles_per_cell" not in str(error):
-            return math.inf
-    full = build(scene)
-    cells, of = np.unique(full.particles.cell, axis=0, return_inverse=True)
-    volume = np.bincount(of, full.particles.volume).astype(float)
-    middle = np.stack([np.bincount(of, full.particles.volume * x) / volume for x in full.particles.position.T], axis=1)
-    first = np.unique(of, return_index=True)[1]
-    thin = replace(
-        full,
-        particles=replace(full.particles, position=middle, volume=volume, segment=full.particles.segment[first], cell=cells),
-        **{name: getattr(full, name)[first] for name in ("shear", "bulk", "remanence", "density", "held")},
-        modes=np.zeros((len(cells), 0)),
-    )
-    gained, kept = _swung(thin)
-    return max(gained, 1.0 - kept / _swung(full)[1])
-
-
-def _swung(model: Model) -> tuple[float, float]:
-    """Energy of a body that swings for 10^4 steps: its growth, and what is left at the end, over the energy at first."""
-    motion = UpdatedMotion(model)
-    motion.drift_correction = None  # it would hold what this case is about
-    throw(motion, lambda x: np.outer(x[:, 0] ** 2, [0.0, 0.0, 300.0]))
-    dt = PART * stable_step(motion).largest
-    begun, found = energy(motion), []
-    for _ in range(40):
-        advance(motion, 250, dt)
-        found.append(energy(motion) / begun)
-    return max(found) - 1.0, found[-1]
-
-
 def _settling(load: float, **body: object) -> Scene:
     return rod(
         field=bending_field(load), effects={"damping": {"rate": 60.0}}, dynamic={"duration": 0.35}, **body  # type: ignore[arg-type]
     )
 
 
-def _too_long(formulation: str) -> Scene:
-    moving = {"duration": 2.0, "output_every": 0.01, "time_step": 1e-6, "formulation": formulation}
+def _too_long() -> Scene:
+    moving = {"duration": 2.0, "output_every": 0.01, "time_step": 1e-6}
     return rod(length=SHORT, field=bending_field(2.0, length=SHORT), dynamic=moving)
 
 
@@ -167,36 +114,23 @@ CASES = (
         0.01,
         "nothing does work: a constant field has a potential",
     ),
-    *(
-        Case(
-            f"time step 0.9 of the bound, {kind}",
-            lambda kind=kind: rod(length=SHORT, clamp="none", dynamic={"formulation": kind}),  # type: ignore[misc]
-            "gains energy slowly, or loses it, or its spin",
-            "change in 10^5 steps of energy (updated: gained) or of spin, over those at first",
-            _stays(0.9),
-            bound,
-            "symplectic Euler below 2/omega: the energy of a mode swings, and does not grow; updated: it only falls",
-            slow=kind == "updated",
-        )
-        for kind, bound in (("total", 0.1), ("updated", 1e-3))
+    Case(
+        "time step 0.9 of the bound",
+        lambda: rod(length=SHORT, clamp="none", dynamic={}),
+        "gains energy slowly, or loses it, or its spin",
+        "change in 10^5 steps of energy or of spin, over those at first",
+        _stays(0.9),
+        0.1,
+        "symplectic Euler below 2/omega: the energy of a mode swings, and does not grow",
     ),
-    *(
-        Case(
-            f"time step {part:g} of the bound, {kind}",
-            lambda kind=kind: _too_long(kind),  # type: ignore[misc]
-            "ends with values that are not finite, or with wrong ones",
-            "steps until it is stopped, with its reason and last good state",
-            _detected(part),
-            bound,
-            source,
-        )
-        for kind, part, bound, source in (
-            ("total", 1.2, 40.0, "the fastest mode grows 3.5-fold a step, by x + sqrt(x^2 - 1), x = 2 1.2^2 - 1: from rounding to 1 in 30"),
-            (
-                *("updated", 1.7, 150.0),
-                "the bound is of a particle alone at a corner of cells: eight in a cell bear 1.4 times it; three times what is measured",
-            ),
-        )
+    Case(
+        "time step 1.2 of the bound",
+        _too_long,
+        "ends with values that are not finite, or with wrong ones",
+        "steps until it is stopped, with its reason and last good state",
+        _detected(1.2),
+        40.0,
+        "the fastest mode grows 3.5-fold a step, by x + sqrt(x^2 - 1), x = 2 1.2^2 - 1: from rounding to 1 in 30",
     ),
     Case(
         "K/G = 500 in motion",
@@ -223,15 +157,4 @@ CASES = (
         "statics by Newton's method on the same particles",
         slow=True,
     ),
-    Case(
-        "one particle a cell",
-        lambda: rod(cells=4, dynamic={"formulation": "updated"}),
-        "tears, or gains energy in modes that one particle can't see",
-        "energy gained in 10^4 steps, or lost more than with eight, over that at first; scenes refuse it",
-        _one_particle,
-        0.75,
-        "made by hand: it must not be torn, but one point a cell loses two thirds where eight lose 2 %: scenes refuse it",
-    ),
 )
-
-

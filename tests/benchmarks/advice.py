@@ -2,7 +2,7 @@
 
 make bench-advice: 40 scenes, every effect that each could have. A call is right if it says of an effect that it moves the answer by more
 than the asked error, 1 % of the length, when the full runs say so too. Effects for which the scene has no data (a rate, a wall) are no
-calls. self_contact is not tried: its runs use another formulation, whose own difference is larger than what is asked.
+calls. self_contact is not tried: it acts in motion alone, and on bodies that fold.
 
     python tests/benchmarks/advice.py [FIRST LAST]     # scenes FIRST to LAST - 1, added to runs/bench-advice/calls.jsonl
     python tests/benchmarks/advice.py report           # what these say

@@ -181,8 +181,7 @@ FIGURES = {
     "first_compile_s": Figure(first_compile, "s", 30.0),
     "start_to_solve_s": Figure(start_to_solve, "s", 2.0),
     "study_memory_mb": Figure(study_memory, "MB", 600.0),
-    "total_particle_steps_per_s": Figure(motion_rates.total_rate, "1/s", 24e6, 45e6, least=True),
-    "updated_particle_steps_per_s": Figure(motion_rates.updated_rate, "1/s", 16e6, 30e6, least=True),
+    "particle_steps_per_s": Figure(motion_rates.all_threads, "1/s", 24e6, 45e6, least=True),
     "rates_by_threads": Figure(motion_rates.rates_by_threads, "1/s", None),
     "parallel_efficiency_2": Figure(motion_rates.efficiency, "", 0.85, least=True),
     "million_particles_rate": Figure(motion_rates.million, "", 0.8, least=True),
@@ -190,7 +189,7 @@ FIGURES = {
     "motion_1_ms_100_frames_s": Figure(frames.short_run, "s", 0.5),
     "frame_ms": Figure(frames.frame_ms, "ms", 5.0),
     "bytes_per_particle": Figure(motion_rates.bytes_per_particle, "B", 1100.0),
-    "bytes_by_formulation": Figure(motion_rates.bytes_by_formulation, "B", None),
+    "memory": Figure(motion_rates.memory, "B", None),
     "no_effect_cost_percent": Figure(motion_rates.mechanism_percent, "%", 2.0),
     "effect_cost_percent": Figure(motion_rates.effect_costs, "%", None),
 }

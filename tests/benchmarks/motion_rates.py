@@ -18,7 +18,6 @@ import numpy as np
 import resident
 from effect_cost import measured
 
-from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.kernels.watch import unlimited
@@ -30,17 +29,17 @@ SECONDS, REPEATS, PAIRS = 0.25, 9, 5  # steps of one measurement; number of meas
 SETTLING = 2000  # steps until the body is bent and moves
 
 
-def scene(formulation: str, cells: int = 8, length: float | None = None) -> Scene:
+def scene(cells: int = 8, length: float | None = None) -> Scene:
     """The catheter in motion."""
     data = load_scene(SCENE).with_cells(cells).to_si()
-    data["solver"]["dynamic"] = {"duration": 1.0, "formulation": formulation}
+    data["solver"]["dynamic"] = {"duration": 1.0}
     if length is not None:
         data["body"]["catheter"]["length"] = length
     return Scene.from_si(data)
 
 
-def advance(motion: TotalMotion | UpdatedMotion, steps: int, dt: float, effects: tuple[Any, ...]) -> None:
-    """Take a number of steps; particles are sorted when due."""
+def advance(motion: TotalMotion, steps: int, dt: float, effects: tuple[Any, ...]) -> None:
+    """Take a number of steps."""
     done = 0
     while done < steps:
         taken, broken = motion.advance(steps - done, dt, effects)
@@ -49,7 +48,7 @@ def advance(motion: TotalMotion | UpdatedMotion, steps: int, dt: float, effects:
             raise RuntimeError("the benchmark's motion broke")
 
 
-def rate(model: Model, motion: TotalMotion | UpdatedMotion, dt: float) -> float:
+def rate(model: Model, motion: TotalMotion, dt: float) -> float:
     """Particle-steps per second: median over REPEATS."""
     particles = len(model.density)
     steps = max(3, int(SECONDS * 25e6 / particles))
@@ -62,21 +61,16 @@ def rate(model: Model, motion: TotalMotion | UpdatedMotion, dt: float) -> float:
     return statistics.median(found)
 
 
-def started(formulation: str, **options: Any) -> tuple[Model, TotalMotion | UpdatedMotion, float]:
+def started(**options: Any) -> tuple[Model, TotalMotion, float]:
     """A model, its motion, and its time step."""
-    model = build(scene(formulation, **options))
+    model = build(scene(**options))
     moved = begin(model)
     return model, moved.motion, moved.dt
 
 
-def updated_rate() -> float:
-    """Updated formulation, all threads."""
-    return rate(*started("updated"))
-
-
-def total_rate() -> float:
-    """Total formulation, all threads."""
-    return rate(*started("total"))
+def all_threads() -> float:
+    """Particle-steps per second, all threads."""
+    return rate(*started())
 
 
 def paired(first: Callable[[], float], second: Callable[[], float]) -> float:
@@ -86,61 +80,49 @@ def paired(first: Callable[[], float], second: Callable[[], float]) -> float:
 
 @functools.cache
 def rates_by_threads() -> dict[str, float]:
-    """Particle-steps per second of both formulations with one thread and with two, measured alternately."""
-    found = {}
-    for formulation in ("total", "updated"):
-        work = started(formulation)
-        rates: dict[int, list[float]] = {1: [], 2: []}
-        try:
-            for _ in range(PAIRS):
-                for count in rates:
-                    numba.set_num_threads(count)
-                    rates[count].append(rate(*work))
-        finally:
-            numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
-        found |= {f"{formulation}, {count} thread{'s' * (count > 1)}": statistics.median(each) for count, each in rates.items()}
-        ratios = [two / (2 * one) for one, two in zip(rates[1], rates[2], strict=True)]
-        found[f"{formulation}, two over twice one"] = statistics.median(ratios)
+    """Particle-steps per second with one thread and with two, measured alternately."""
+    work = started()
+    rates: dict[int, list[float]] = {1: [], 2: []}
+    try:
+        for _ in range(PAIRS):
+            for count in rates:
+                numba.set_num_threads(count)
+                rates[count].append(rate(*work))
+    finally:
+        numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
+    found = {f"{count} thread{'s' * (count > 1)}": statistics.median(each) for count, each in rates.items()}
+    found["two over twice one"] = statistics.median(two / (2 * one) for one, two in zip(rates[1], rates[2], strict=True))
     return found
 
 
 def efficiency() -> float:
-    """Rate of two threads over twice the rate of one, for the formulation where this is smaller."""
-    return min(value for name, value in rates_by_threads().items() if name.endswith("twice one"))
+    """Rate of two threads over twice the rate of one."""
+    return rates_by_threads()["two over twice one"]
 
 
 @functools.cache
-def bytes_by_formulation() -> dict[str, float]:
+def memory() -> dict[str, float]:
     """Growth of a process during a motion, in bytes per particle: peak, in motion, and the sum of the arrays of the motion."""
-    found = {}
-    for formulation in ("total", "updated"):
-        measured = resident.grown(formulation)
-        found |= {f"{formulation}, {key}": measured[key] for key in ("peak", "now", "counted")}
-    return found
+    measured = resident.grown()
+    return {key: measured[key] for key in ("peak", "now", "counted")}
 
 
 def bytes_per_particle() -> float:
-    """Peak, for the formulation that takes more."""
-    return max(value for name, value in bytes_by_formulation().items() if name.endswith("peak"))
+    """Peak growth of a process, bytes per particle."""
+    return memory()["peak"]
 
 
 def million() -> dict[str, float]:
-    """Rate with a million particles over that with 38 400, for both formulations."""
-    found = {}
-    for formulation in ("total", "updated"):
-        large = started(formulation, cells=16, length=0.135)
-        small = started(formulation)
-        found[formulation] = paired(lambda w=large: rate(*w), lambda w=small: rate(*w))  # type: ignore[misc]
-        found[f"{formulation}_particles"] = float(len(large[0].density))
-    return found
+    """Rate with a million particles over that with 38 400."""
+    large, small = started(cells=16, length=0.135), started()
+    return {"rate": paired(lambda: rate(*large), lambda: rate(*small)), "particles": float(len(large[0].density))}
 
 
 def mechanism_percent() -> float:
     """Extra time of a step without effects, compared with a kernel without the mechanism of effects, percent."""
     import plain_total
 
-    model, motion, dt = started("total")
-    assert isinstance(motion, TotalMotion)
+    model, motion, dt = started()
     advance(motion, SETTLING, dt, model.effects)  # bent and moving: at rest every number is zero
     u, v = motion.u.copy(), motion.v.copy()
     motion.model = replace(model, effects=())
@@ -175,14 +157,14 @@ def mechanism_percent() -> float:
 
 
 def effect_costs() -> dict[str, float]:
-    """Time that each effect alone adds to a step, in percent (total formulation), measured.
+    """Time that each effect alone adds to a step, in percent, measured.
 
     Contact is also measured for a body that touches: with the ground through the body, so that a quarter of its particles is in contact,
     and in a tube narrower than the body, so that its whole surface is in contact.
     """
     from magmpm.studies.explore.effects_costs import counted
 
-    lying = scene("total")
+    lying = scene()
     found = {key: measured(lying, key) for key in counted(lying)}
     radius = lying.thickness / 2
     bare = build(lying)  # scenes whose bodies begin inside the ground or a wall are refused

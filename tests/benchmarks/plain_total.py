@@ -1,4 +1,4 @@
-"""The step of the total formulation without the mechanism of effects: the baseline for scenes without effects.
+"""The step of a motion without the mechanism of effects: the baseline for scenes without effects.
 
 The functions of kernels.total_lagrangian_step line by line, without everything about effects and otherwise unchanged: the watch on
 stiffness and det F is part of every step. tests/unit/project/test_benchmarks.py compares the two line by line, and their results.

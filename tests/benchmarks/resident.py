@@ -1,6 +1,6 @@
-"""Growth of a process during a motion, for one formulation: the memory that a machine needs, not the sum of the arrays.
+"""Growth of a process during a motion: the memory that a machine needs, not the sum of the arrays.
 
-    python tests/benchmarks/resident.py total|updated      prints {"now": bytes a particle, "peak": ..., "counted": ..., "particles": n}
+    python tests/benchmarks/resident.py      prints {"now": bytes a particle, "peak": ..., "counted": ..., "particles": n}
 
 Measured in a separate process, because freed memory may stay with the process that had it.
 """
@@ -17,9 +17,9 @@ from pathlib import Path
 CELLS = 16  # across the five-segment catheter: 290 000 particles, so that one megabyte is 4 bytes per particle
 
 
-def grown(formulation: str) -> dict[str, float]:
+def grown() -> dict[str, float]:
     """What the command prints, measured in a new process."""
-    done = subprocess.run([sys.executable, __file__, formulation], check=True, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, __file__], check=True, capture_output=True, text=True)
     found: dict[str, float] = json.loads(done.stdout)
     return found
 
@@ -36,30 +36,30 @@ def _highest() -> int:
     return int(status.split("VmHWM:")[1].split()[0]) * 1024
 
 
-def _moved(formulation: str, cells: int) -> tuple[object, int, int]:
+def _moved(cells: int) -> tuple[object, int, int]:
     """A motion after some steps, one check and its measures, as in `magmpm run`; also its particles, and the bytes of its arrays."""
     from motion_rates import advance, scene
 
     from magmpm.dynamics.time_loop import begin, memory
     from magmpm.model import build
 
-    moved = begin(build(scene(formulation, cells=cells)))
+    moved = begin(build(scene(cells=cells)))
     advance(moved.motion, 3, moved.dt, moved.motion.model.effects)
     return (moved, moved.motion.kinematics()), len(moved.motion.model.density), memory(moved.motion)
 
 
-def main(formulation: str) -> int:
+def main() -> int:
     """Measure, and print one JSON object."""
     from motion_rates import scene
 
     from magmpm.solving.precompile import prepare_kernels
 
-    prepare_kernels(scene(formulation, cells=4))  # in other processes: otherwise the memory of the compiler would be the peak
-    kept, few, _ = _moved(formulation, 4)  # kernels, libraries
+    prepare_kernels(scene(cells=4))  # in other processes: otherwise the memory of the compiler would be the peak
+    kept, few, _ = _moved(4)  # kernels, libraries
     del kept
     gc.collect()
     before = _resident()
-    kept, many, counted = _moved(formulation, CELLS)
+    kept, many, counted = _moved(CELLS)
     gc.collect()
     now = _resident() - before
     peak = _highest() - before
@@ -70,4 +70,4 @@ def main(formulation: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:]))
+    sys.exit(main())

@@ -223,9 +223,7 @@ def test_a_magnet_pulls_a_catheter_as_a_dipole_pulls_a_rod(measure: ModuleType, 
 def folds(measure: ModuleType, what: Scene, folder: Path, left: float) -> None:
     motion = moved(what, folder)
     gap, when = measure.smallest_gap(motion, what)
-    assert (
-        -0.1 < gap < 1.5
-    )  # cells: the halves came within their interaction distance and did not pass through each other
+    assert -0.2 < gap < 0.2  # cells: the halves met, and particles of pressed cells are nearer to their surface
     assert 0.03 < when < 0.12
     assert max(measure.farthest(motion, k) for k in range(len(motion))) > 0.35 * what.length
     assert measure.farthest(motion, -1) < left * what.length
@@ -233,5 +231,5 @@ def folds(measure: ModuleType, what: Scene, folder: Path, left: float) -> None:
 
 @pytest.mark.slow
 def test_the_folding_strip_of_the_gallery_meets_itself_and_opens(measure: ModuleType, tmp_path: Path) -> None:
-    # measured: 0.0015, mostly undamped oscillation
+    # measured: 0.0021, mostly undamped oscillation
     folds(measure, scene("folding_strip"), tmp_path, 0.005)

@@ -82,13 +82,11 @@ class Acting:
     all: tuple[np.ndarray, ...]
 
 
-def scene(key: str, settings: Mapping[str, Any] | None = None, formulation: str | None = None) -> Scene:
+def scene(key: str, settings: Mapping[str, Any] | None = None) -> Scene:
     """The scene in which an effect acts; given settings are added to those of the effect. After a blank: the law of magnetization."""
     key, _, law = key.partition(" ")
     data = yaml.safe_load(USUAL) | yaml.safe_load(SCENES.get(key, "{}"))
     data["materials"]["m"] |= {"magnetization_law": law} if law else {}
-    if formulation is not None:
-        data["solver"]["dynamic"]["formulation"] = formulation
     named = data.setdefault("effects", {})
     named.setdefault(key, (Effects.model_fields[key].examples or [{}])[0])
     if settings:
@@ -100,9 +98,9 @@ def scene(key: str, settings: Mapping[str, Any] | None = None, formulation: str 
 
 
 @cache
-def acting(key: str, formulation: str | None = None) -> Acting:
+def acting(key: str) -> Acting:
     """The active effect on the undeformed body, with an up-to-date table of the shape of the body."""
-    model = build(scene(key, formulation=formulation))
+    model = build(scene(key))
     x, F = model.particles.position, np.tile(np.eye(3), (len(model.density), 1, 1))
     effects.refresh(model.effects, model, x, F)
     effect = model.scene.effects.named()[key.partition(" ")[0]]

@@ -1,42 +1,30 @@
-"""One explicit step of both formulations in plain NumPy, written like the formulas: the reference for the compiled kernels.
+"""One explicit step of a motion in plain NumPy, written like the formulas: the reference for the compiled kernels.
 
 Everything is dense over the nodes of one box, and particle loops are explicit: for small models only. It shares with the kernels only
 the model (particles, materials, splines at the start) and the hooks of the effects.
 
-Total (grid in the undeformed body; c (nodes, 3) m displacement and v (nodes, 3) m/s velocity of each node):
+The grid lies in the undeformed body (c (nodes, 3) m displacement and v (nodes, 3) m/s velocity of each node):
 
     F = I + sum c_a (x) grad N_a, x = X + sum c_a N_a, M_a = sum m_p N_a
     f_a = sum_p [ -V P grad N_a + (V f + contact) N_a ]
     v_a += dt f_a / M_a, then the node hooks, then c_a += dt v_a
 
-Updated (grid in space, knots at origin + k h; x, v, F, C per particle), with APIC:
-
-    p_a = sum_p N_a [ m (v + C d) + dt (V f + contact) ] - dt V P F^T grad N_a, d = x_a - x, m_a = sum m N_a
-    v_a = p_a / m_a, then the node hooks
-    v = sum N_a v_a, C = sum N_a v_a (x) (4/h^2) d, L = sum v_a (x) grad N_a, x += dt v, F <- (I + dt L) F
-
-P is the neo-Hookean stress with its volume part projected on model.modes (F-bar), plus the effects' stress. Sources: Jiang et al.,
-ACM Trans. Graph. 34 (2015) 51 (APIC); de Vaucorbeil et al., CMAME 360 (2020) (total).
+P is the neo-Hookean stress with its volume part projected on model.modes (F-bar), plus the effects' stress. Source: de Vaucorbeil et al.,
+CMAME 360 (2020).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from itertools import combinations, pairwise, product
+from dataclasses import dataclass
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BSpline
-from scipy.optimize import brentq
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from magmpm.bodies.grid import spline_weights
 from magmpm.effects import hooks
 from magmpm.model import Model
-
-# The rules of contact between components, in cells, from docs/effects.md; not imported from the kernels, which are compared with them.
-CLOSE, BESIDE = 0.5, 1.25
 
 
 def call(model: Model, hook: str, *arguments: Any, step: int = 0) -> None:
@@ -79,7 +67,7 @@ def elastic_stress(model: Model, F: np.ndarray) -> np.ndarray:
 
 
 def held(x: np.ndarray, anchor: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The force (3,) N of contact on a particle at x (3,) m with friction, and its next anchor; f (7,): see effects.contact_force.
+    """The force (3,) N of contact on a point at x (3,) m with friction, and its next anchor; f (7,): see effects.contact_force.
 
     The spring is as long as x is from the anchor along the obstacle, but no longer than what the grip can hold.
     """
@@ -94,31 +82,22 @@ def held(x: np.ndarray, anchor: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, 
 
 
 def particle_forces(
-    model: Model, x: np.ndarray, v: np.ndarray, F: np.ndarray, dF: np.ndarray, dt: float, step: int = 0, anchor: np.ndarray | None = None,
-    contact: bool = True,
+    model: Model, x: np.ndarray, F: np.ndarray, dF: np.ndarray, step: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Stress P (n, 3, 3) Pa and force (n, 3) N of every particle, with all effects. dF (n, 3, 3) 1/s: rate of F.
-
-    anchor (n, 3) m, changed in place: where friction holds them; None: where they are; contact: whether particles touch obstacles.
-    """
+    """Stress P (n, 3, 3) Pa and force (n, 3) N of every particle, with all effects but contact. dF (n, 3, 3) 1/s: rate of F."""
     P, force = elastic_stress(model, F), np.zeros_like(x)
     for p, volume in enumerate(model.particles.volume):
-        rho, f, pushed = model.density[p], np.zeros(3), np.zeros(7)
+        rho, f = model.density[p], np.zeros(3)
         call(model, "stress", model.remanence[p], rho, x[p], F[p], P[p], step=step)
         call(model, "rate_stress", rho, F[p], dF[p], P[p], step=step)
         call(model, "force", model.remanence[p], rho, x[p], F[p], f, step=step)
-        if contact:
-            call(model, "contact", x[p], v[p], rho * volume, dt, pushed, step=step)
-        push, there = held(x[p], x[p] if anchor is None else anchor[p], pushed)
-        force[p] = volume * f + push
-        if anchor is not None:
-            anchor[p] = there
+        force[p] = volume * f
     return P, force
 
 
 @dataclass
 class Total:
-    """The total formulation on a dense box of nodes, cells + 2 along each axis, x slowest.
+    """A motion on a dense box of nodes, cells + 2 along each axis, x slowest.
 
     N (n, nodes): every spline at every particle; dN (3, n, nodes) 1/m; X (nodes, 3) m; mass (nodes,) kg; fixed (nodes,) bool;
     on (points, nodes): splines at the points of the surface; anchor (points, 4): where friction holds them, m, and 1 where they stick, 2
@@ -164,7 +143,7 @@ class Total:
     def force(self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0) -> np.ndarray:
         """Force on every node, (nodes, 3) N."""
         V, x = self.model.particles.volume, self.model.particles.position + self.N @ c
-        P, force = particle_forces(self.model, x, self.N @ v, np.eye(3) + self.gradient(c), self.gradient(v), dt, step, contact=False)
+        P, force = particle_forces(self.model, x, np.eye(3) + self.gradient(c), self.gradient(v), step)
         return self.N.T @ force - np.einsum("n,nkj,jna->ak", V, P, self.dN) + self.contact(c, v, dt, step)
 
     def contact(self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0) -> np.ndarray:
@@ -226,149 +205,3 @@ class Total:
             call(self.model, "node", self.X[node], c[node], after[node], dt, step=step)
         after[self.fixed] = 0.0
         return c + dt * after, after
-
-
-@dataclass
-class Updated:
-    """The updated formulation: x (n, 3) m, v (n, 3) m/s, F (n, 3, 3), C (n, 3, 3) 1/s, L = dv/dx (n, 3, 3) 1/s, and anchor
-    (n, 3) m, where friction holds it, of every particle.
-
-    Each connected component of the body has its own grid; `meet` is the contact between components.
-    """
-
-    model: Model
-    x: np.ndarray
-    v: np.ndarray
-    F: np.ndarray
-    C: np.ndarray
-    L: np.ndarray
-    anchor: np.ndarray = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.anchor = self.x.copy()
-
-    @classmethod
-    def of(cls, model: Model) -> Updated:
-        n = len(model.density)
-        eye = np.tile(np.eye(3), (n, 1, 1))
-        return cls(model, model.particles.position.copy(), np.zeros((n, 3)), eye, np.zeros((n, 3, 3)), np.zeros((n, 3, 3)))
-
-    def step(self, dt: float, step: int = 0) -> None:
-        """Advance the particles by a time dt, in place."""
-        model, h = self.model, self.model.grid.spacing
-        mass = model.density * model.particles.volume
-        push = push_time(model, dt, step)
-        P, force = particle_forces(model, self.x, self.v, self.F, self.L @ self.F, push, step, self.anchor)
-        stress = model.particles.volume[:, None, None] * P @ self.F.transpose(0, 2, 1)  # V P F^T, N m
-
-        # The box: the cells of the particles, and from the mirror of node 0 inward two more than needed.
-        cell = np.floor((self.x - model.grid.origin) / h).astype(int)
-        low = np.minimum(cell.min(axis=0), 0) - 2
-        shape = tuple(np.maximum(cell.max(axis=0), 2) + 3 - low + 2)
-        local = (self.x - model.grid.origin) / h - cell
-        weights = spline_weights(local)
-        slopes = np.stack([local - 1, 1 - 2 * local, local], -1) / h[:, None]
-        component = model.scene.body.shape.components(model.particles)
-        shape = (component.max() + 1, *shape)
-        m, momentum, fixed = np.zeros(shape), np.zeros((*shape, 3)), np.zeros(shape, bool)
-        stencil = []
-        for a, b, c in product(range(3), repeat=3):
-            node = cell + np.array([a, b, c])  # node i is centered on origin + (i - 1/2) h
-            d = model.grid.origin + (node - 0.5) * h - self.x
-            N = weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
-            at = (component, *(node - low).T)
-            wx, wy, wz = weights[:, 0, a], weights[:, 1, b], weights[:, 2, c]
-            sx, sy, sz = slopes[:, 0, a], slopes[:, 1, b], slopes[:, 2, c]
-            grad = np.stack([sx * wy * wz, wx * sy * wz, wx * wy * sz], -1)
-            stencil.append((at, N, d * 4 / h**2, grad))
-            inertia = mass[:, None] * (self.v + np.einsum("nij,nj->ni", self.C, d))
-            np.add.at(m, at, N * mass)
-            pull = N[:, None] * force - np.einsum("nij,nj->ni", stress, grad)
-            np.add.at(momentum, at, N[:, None] * inertia + push * pull)
-            np.logical_or.at(fixed, at, (N > 0) & model.held)
-
-        zero = -low[0]  # index of node 0 along x
-        if model.clamped_face:
-            momentum[:, zero + 1] -= momentum[:, zero]
-            m[:, zero + 1] += m[:, zero]
-        v = np.zeros_like(momentum)
-        v[m > 0] = momentum[m > 0] / m[m > 0][:, None]
-        v[fixed] = 0.0
-        for one, other in combinations(range(shape[0]), 2):
-            for at in zip(*np.nonzero((m[one] > 0) & (m[other] > 0)), strict=True):
-                meet(m, v, fixed, (one, *at), (other, *at), h)
-        for at in zip(*np.nonzero(m), strict=True):
-            X = model.grid.origin + (np.array(at[1:]) + low - 0.5) * h
-            call(model, "node", X, np.zeros(3), v[at], dt, step=step)
-        if model.clamped_face:
-            for i in range(zero + 1):  # node 1 - i is the mirror of node i
-                mirror = 2 * zero + 1 - i
-                v[:, i] = -v[:, mirror] if mirror < shape[1] else 0.0
-        v[fixed] = 0.0
-
-        self.v, self.C, self.L = np.zeros_like(self.v), np.zeros_like(self.C), np.zeros_like(self.L)
-        for at, N, slope, grad in stencil:
-            self.v += N[:, None] * v[at]
-            self.C += np.einsum("n,ni,nj->nij", N, v[at], slope)
-            self.L += np.einsum("ni,nj->nij", v[at], grad)
-        self.x = self.x + dt * self.v
-        self.F = self.F + dt * self.L @ self.F
-
-
-def meet(m: np.ndarray, v: np.ndarray, fixed: np.ndarray, one: tuple[int, ...], other: tuple[int, ...], h: np.ndarray) -> None:
-    """Two components at a node where both have mass: if they touch and approach each other, both get their common velocity."""
-    slopes, apart = [], []
-    for at in (one, other):
-        steps = [np.array([0, *step]) for step in np.eye(3, dtype=int)]
-        rise = np.array([m[tuple(at + s)] - m[tuple(at - s)] for s in steps]) / 2  # one cell
-        slopes.append(rise / h)
-        apart.append(distance(m[at] / np.linalg.norm(rise)) if rise.any() else -1.5)
-    if sum(apart) > CLOSE or abs(apart[0] - apart[1]) > BESIDE or (v[one] - v[other]) @ (slopes[1] - slopes[0]) <= 0:
-        return
-    if fixed[one] and fixed[other]:
-        return
-    if fixed[one] or fixed[other]:
-        v[one] = v[other] = 0.0
-    else:
-        v[one] = v[other] = (m[one] * v[one] + m[other] * v[other]) / (m[one] + m[other])
-
-
-def distance(ratio: float) -> float:
-    """Distance in cells, -1.5 to 1.5, from the surface of a half-space, given the ratio of its mass at a node to the central difference of
-    mass.
-    """
-
-    def filled(t: float) -> float:  # filling of the node's spline, by its integral
-        spline = BSpline.basis_element([-1.5, -0.5, 0.5, 1.5])
-        return float(spline.integrate(max(t, -1.5), 1.5))
-
-    def surplus(t: float) -> float:
-        return filled(t) - ratio * (filled(t - 1) - (filled(t + 1) if t < 0.5 else 0.0)) / 2
-
-    return brentq(surplus, -1.4999, 1.4999) if surplus(-1.4999) * surplus(1.4999) < 0 else -1.5
-
-
-def drift_corrected(model: Model, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Drift correction: positions of particles at x (n, 3) m, and F with F-bar, after a fit with the grid of the undeformed body.
-
-    Least-squares fit of the displacements, weighted by mass, with all splines of that grid that are at rest on the base's face.
-    """
-    xi, first = model.grid.locate(model.particles.position, model.particles.cell), model.particles.cell
-    weights, slopes = spline_weights(xi), np.stack([xi - 1, 1 - 2 * xi, xi], -1) / model.grid.spacing[:, None]
-    rows = np.arange(len(x))
-    N, dN = np.zeros((len(x), np.prod(model.grid.nodes))), np.zeros((3, len(x), np.prod(model.grid.nodes)))
-    for a, b, c in product(range(3), repeat=3):
-        node = np.ravel_multi_index((first + np.array([a, b, c])).T, model.grid.nodes)
-        w, s = (weights[:, 0, a], weights[:, 1, b], weights[:, 2, c]), (slopes[:, 0, a], slopes[:, 1, b], slopes[:, 2, c])
-        N[rows, node] = w[0] * w[1] * w[2]
-        dN[:, rows, node] = s[0] * w[1] * w[2], w[0] * s[1] * w[2], w[0] * w[1] * s[2]
-    if model.clamped_face:  # node 0 of each row along x is minus node 1
-        at = np.arange(np.prod(model.grid.nodes)).reshape(model.grid.nodes)
-        for table in (N, *dN):
-            table[:, at[1].ravel()] -= table[:, at[0].ravel()]
-            table[:, at[0].ravel()] = 0.0
-    root = np.sqrt(model.density * model.particles.volume)[:, None]
-    coefficients = np.linalg.lstsq(root * N, root * (x - model.particles.position), rcond=None)[0]
-    A = np.eye(3) + np.einsum("jna,ai->nij", dN, coefficients)
-    J = np.linalg.det(A)
-    return model.particles.position + N @ coefficients, A * ((1 + projected(model, J - 1)) / J)[:, None, None] ** (1 / 3)

@@ -9,13 +9,11 @@ import numpy as np
 from reference.scenes import rod_scene
 from scipy.optimize import brentq
 
-from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 
-Motion = TotalMotion | UpdatedMotion
 Velocity = Callable[[np.ndarray], np.ndarray]
 
 
@@ -27,30 +25,24 @@ def moving(scene: Scene, effects: Mapping[str, Any] | None = None, **dynamic: An
     return Scene.from_si(data)
 
 
-def free_rod(effects: Mapping[str, Any] | None = None, formulation: str = "total", **rod: Any) -> Scene:
+def free_rod(effects: Mapping[str, Any] | None = None, **rod: Any) -> Scene:
     """A free catheter for motion."""
     data = rod_scene(**rod).to_si()
     data["body"]["catheter"]["clamp"] = "none"
-    return moving(Scene.from_si(data), effects, formulation=formulation)
+    return moving(Scene.from_si(data), effects)
 
 
-def set_off(scene: Scene, velocity: Velocity) -> tuple[Motion, float]:
+def set_off(scene: Scene, velocity: Velocity) -> tuple[TotalMotion, float]:
     """The undeformed body with velocity(x) (m, 3) m/s at points x (m, 3) m; and the chosen time step, s."""
     moved = begin(build(scene))
     motion = moved.motion
-    if isinstance(motion, TotalMotion):
-        free = motion.packed.nodes.inverse_mass > 0
-        motion.v[:] = np.where(free, velocity(motion.packed.node_place).ravel(), 0.0)
-    else:
-        x = motion.model.particles.position
-        step = 1e-6 * np.eye(3)
-        slope = np.stack([(velocity(x + d) - velocity(x - d)) / 2e-6 for d in step], axis=2)
-        motion.place(x, velocity(x), np.tile(np.eye(3), (len(x), 1, 1)), slope)
+    free = motion.packed.nodes.inverse_mass > 0
+    motion.v[:] = np.where(free, velocity(motion.packed.node_place).ravel(), 0.0)
     return motion, moved.dt
 
 
-def advance(motion: Motion, steps: int, dt: float) -> None:
-    """Take a number of steps with the effects of the model; particles are sorted when due."""
+def advance(motion: TotalMotion, steps: int, dt: float) -> None:
+    """Take a number of steps with the effects of the model."""
     taken = 0
     while taken < steps:
         gone, broken = motion.advance(steps - taken, dt, motion.model.effects)
@@ -66,26 +58,11 @@ class Quantities(NamedTuple):
     spin: np.ndarray
 
 
-def quantities(motion: Motion) -> Quantities:
-    """From the nodes in the total formulation; from the particles in the updated one, including the affine part of their motion.
-
-    Particle p's affine momentum is m C D with D = diag(h^2)/4 (Jiang et al., ACM Trans. Graph. 34 (2015) 51).
-    """
-    if isinstance(motion, TotalMotion):
-        p = motion.packed
-        v = motion.v.reshape(-1, 3)
-        return _quantities(np.ones(len(v)), p.node_place + motion.u.reshape(-1, 3), p.mass.momentum(v))
-    model = motion.model
-    x, v, _ = motion.particles()
-    mass = model.density * model.particles.volume
-    found = _quantities(mass, x, v)
-    affine = np.einsum("n,nij,j->ij", mass, motion.affine(), model.grid.spacing**2 / 4)  # v_i x_j
-    skew = affine - affine.T
-    return Quantities(found.momentum, found.spin + np.array([skew[2, 1], skew[0, 2], skew[1, 0]]))
-
-
-def _quantities(mass: np.ndarray, x: np.ndarray, v: np.ndarray) -> Quantities:
-    return Quantities(mass @ v, mass @ np.cross(x, v))
+def quantities(motion: TotalMotion) -> Quantities:
+    """Momentum and angular momentum of the nodes."""
+    p, v = motion.packed, motion.v.reshape(-1, 3)
+    momentum = p.mass.momentum(v)
+    return Quantities(momentum.sum(axis=0), np.cross(p.node_place + motion.u.reshape(-1, 3), momentum).sum(axis=0))
 
 
 def tip_height(model: Model) -> Callable[[np.ndarray], float]:

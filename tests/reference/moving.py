@@ -10,14 +10,12 @@ import numpy as np
 from reference.scenes import BR, G
 
 from magmpm.bodies.signed_distance import Table
-from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import damping, feed, gravity, ground, viscosity, walls
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 
-FORMULATIONS = ("total", "updated")
 DENSITY = 1882.0
 
 
@@ -25,7 +23,6 @@ def moving_scene(
     body: dict[str, Any],
     effects: dict[str, Any],
     *,
-    formulation: str | None = "total",
     cells: int = 2,
     shear: float = G,
     duration: float = 1.0,
@@ -39,7 +36,7 @@ def moving_scene(
             "materials": {"m": material, **({"stiff": {**material, "shear_modulus": 10 * shear}} if "stiff" in str(body) else {})},
             "body": body,
             "effects": effects,
-            "solver": {"dynamic": {"duration": duration, "formulation": formulation}},
+            "solver": {"dynamic": {"duration": duration}},
             "resolution": {"cells_across": cells},
             **more,
         }
@@ -92,7 +89,7 @@ class Moment:
     contacts: dict[str, Any]
 
 
-def follow(scene: Scene | Model, times: Sequence[float], motion: TotalMotion | UpdatedMotion | None = None) -> Iterator[Moment]:
+def follow(scene: Scene | Model, times: Sequence[float], motion: TotalMotion | None = None) -> Iterator[Moment]:
     """The moments at the given times (s), from rest or from the state of `motion`."""
     model = filled(scene if isinstance(scene, Model) else build(scene))
     begun = begin(model)
@@ -110,5 +107,5 @@ def follow(scene: Scene | Model, times: Sequence[float], motion: TotalMotion | U
         contacts = {}
         for key in ("ground", "walls"):
             if getattr(model.scene.effects, key) is not None:
-                contacts[key] = model.scene.effects.named()[key].report(model, x, motion.touching_points(), dt)
+                contacts[key] = model.scene.effects.named()[key].report(model, motion.touching_points(), dt)
         yield Moment(time, x, v, contacts)

@@ -17,14 +17,13 @@ import pytest
 from magmpm.bodies.catheter import Catheter
 from magmpm.compiled.arrays import Array
 from magmpm.dynamics import time_loop
-from magmpm.dynamics.apic import MARGIN, UpdatedMotion
 from magmpm.errors import SolveError
 from magmpm.results.motion_tables import GrowingTable
 from magmpm.scene import Scene
 from magmpm.statics import branch, equilibrium, newton
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.rod_start import straight
-from magmpm.studies.hard_cases import CASES, Case, bodies, motions, stepping
+from magmpm.studies.hard_cases import CASES, Case, bodies, motions
 
 
 @dataclass(frozen=True)
@@ -57,22 +56,6 @@ def put(owner: Any, name: str, value: Any) -> Iterator[None]:
 
 def _refuse(*_: Any, **__: Any) -> Any:
     raise SolveError("switched off")
-
-
-@contextmanager
-def _box_stays() -> Iterator[None]:
-    """The box is fitted as long as the body is within the one that it began in: beyond, particles would write outside of its memory."""
-    fitted = UpdatedMotion.sort
-
-    def within(motion: UpdatedMotion) -> None:
-        grid, x = motion.model.grid, motion.particles()[0]
-        low, high = grid.origin - MARGIN * grid.spacing, grid.origin + (np.array(grid.cells) + MARGIN) * grid.spacing
-        if (x < low).any() or (x > high).any():
-            raise SolveError("the body has come to the edge of its box")
-        fitted(motion)
-
-    with put(UpdatedMotion, "sort", within):
-        yield
 
 
 def _full_step(energy: Any, point: Any, direction: Any, *_: Any) -> Any:
@@ -120,18 +103,6 @@ def _stays_where_it_is() -> Iterator[None]:
 
 
 @contextmanager
-def _no_drift_correction() -> Iterator[None]:
-    made = UpdatedMotion.__init__
-
-    def without(self: UpdatedMotion, *given: Any, **named: Any) -> None:
-        made(self, *given, **named)
-        self.drift_correction = None
-
-    with put(UpdatedMotion, "__init__", without):
-        yield
-
-
-@contextmanager
 def _equal_particles() -> Iterator[None]:
     """Each particle stands for the same volume, as on a lattice, however little of a cell the body fills."""
     made = Catheter.discretize
@@ -169,10 +140,6 @@ def _no_effect(name: str) -> Callable[[Scene], Scene]:
     return _scene(lambda data: data["effects"].update({name: None}))
 
 
-def _formulation(kind: str) -> Callable[[Scene], Scene]:
-    return _scene(lambda data: data["solver"]["dynamic"].update(formulation=kind))
-
-
 def _given_step(scene: Scene) -> Scene:
     _, step, _ = motions.at_rest(scene)
     data = scene.to_si()
@@ -194,15 +161,12 @@ CONTROLS = {  # by the beginning of a case's name
     "twist about the long axis": Control("the torque as a stress that is not symmetric", scene=_no_effect("magnetic_torque")),
     "K/G from 20 to 500": LOCKS,
     "no load, begun from a loaded neighbor": Control("steps to the minimum: here a thousandth of the way is left", _stops_short),
-    "loaded and unloaded, total": Control("the grid in the undeformed body", scene=_formulation("updated")),
-    "loaded and unloaded, updated": Control("drift correction", _no_drift_correction),
+    "loaded and unloaded": Control("damping that lets the body settle", scene=_no_effect("damping")),
     "field switched on at once": TWICE,
     "time step 0.9 of the bound": TWICE,
     "time step 1.2 of the bound": Control("the reason of a stop, with step and bound", _no_reason),
-    "time step 1.7 of the bound": Control("the reason of a stop, with step and bound", _no_reason),
     "K/G = 500 in motion": LOCKS,  # of the motion: statics, with which it is compared, keeps it
     "stiffness contrast 1:100": Control("damping that lets the body settle", scene=_no_effect("damping")),
-    "one particle a cell": Control("a step below the bound: here twice the bound", off(stepping, "PART", 2.0)),
     "field rotating at the first bending frequency": TWICE,
     "a magnet brought close": Control("damping that lets the body settle", scene=_no_effect("damping")),
     "8 offsets": Control("particles by exact quadrature of cut cells", _equal_particles),
@@ -214,7 +178,7 @@ CONTROLS = {  # by the beginning of a case's name
     ),
     "energy of a fast impact": TWICE,
     "folding onto itself": Control("self-contact", scene=_scene(lambda data: (data["effects"].update(self_contact=None)))),
-    "folded, held and let open": Control("drift correction", _no_drift_correction),
+    "folded, held and let open": Control("damping that lets the body settle", scene=_no_effect("damping")),
     "snap-through": Control("the fall from the end of a branch", off(branch.Branch, "_fall", _refuse)),
     "twist past its critical load": Control("leaving equilibria that are not minima", _stays_where_it_is),
     "ten times the design load": FROM_STRAIGHT,
@@ -231,7 +195,6 @@ CONTROLS = {  # by the beginning of a case's name
     "frames lost": Control("tables cut back to the checkpoint", off(GrowingTable, "cut", lambda self, last: None)),
     "permuted particles": Control("particles in double precision: here in single", off(bodies, "PRECISION", np.float32)),
     "ramp past a bifurcation": Control("leaving equilibria that are not minima", _stays_where_it_is),
-    "body that crosses its box": Control("a box that follows the body", _box_stays),
 }
 
 

@@ -25,13 +25,12 @@ def in_field(scene: Scene, field: dict[str, Any], named: dict[str, Any]) -> Scen
     return Scene.from_si({**data, "field": field, "effects": {**data["effects"], **named}})
 
 
-@pytest.mark.parametrize("formulation", ["total", pytest.param("updated", marks=pytest.mark.slow)])
-def test_a_gradient_pulls_and_turns_a_free_body(formulation: str) -> None:
+def test_a_gradient_pulls_and_turns_a_free_body() -> None:
     """Momentum grows by the integral of f = (1/mu0) (grad B)^T F Br, angular momentum by that of x cross f plus (1/mu0) F Br cross B,
     summed step by step: to 1e-6 of their magnitude. The first step gives the center the acceleration (1/mu0) mean of (grad B)^T Br over
     rho.
     """
-    scene = in_field(free_rod(formulation=formulation, **BODY), {"uniform": (0, 2e-3, 0), "dipole": SPHERE}, BOTH)
+    scene = in_field(free_rod(**BODY), {"uniform": (0, 2e-3, 0), "dipole": SPHERE}, BOTH)
     motion, dt = set_off(scene, np.zeros_like)
     model, source = motion.model, scene.outside_field()
     V, mass = model.particles.volume, float(model.density @ model.particles.volume)
@@ -52,12 +51,11 @@ def test_a_gradient_pulls_and_turns_a_free_body(formulation: str) -> None:
     assert np.linalg.norm(now.spin - turned) < 1e-6 * size[1]
 
 
-@pytest.mark.parametrize("formulation", ["total", pytest.param("updated", marks=pytest.mark.slow)])
-def test_segments_that_pull_each_other_move_no_centre(formulation: str) -> None:
+def test_segments_that_pull_each_other_move_no_centre() -> None:
     """Loads computed every 64 steps: momentum stays 0 to rounding of what the segments exchange; the angular momentum from the lag of the
     loads is below a thousandth of that.
     """
-    scene = free_rod({"magnetic_interaction": {}}, formulation=formulation, **BODY)
+    scene = free_rod({"magnetic_interaction": {}}, **BODY)
     motion, dt = set_off(scene, np.zeros_like)
     model = motion.model
     exchanged, turned = 0.0, 0.0

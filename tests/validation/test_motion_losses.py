@@ -54,11 +54,10 @@ def test_a_damped_body_falls_at_its_terminal_velocity(dt: float) -> None:
     assert hook(own, "push")(0.0) == 1.0
 
 
-@pytest.mark.parametrize("formulation", ["total", "updated"])
-def test_a_falling_body_tells_the_velocity_that_it_has(formulation: str) -> None:
+def test_a_falling_body_tells_the_velocity_that_it_has() -> None:
     """A free rod under its weight, strongly damped: v = g / c (1 - exp(-c t)), told at the time of the positions, and x its integral."""
     rate, t = 3000.0, 2e-3
-    scene = moving(free_rod(length=8e-3), {"gravity": {}, "damping": {"rate": rate}}, formulation=formulation)
+    scene = moving(free_rod(length=8e-3), {"gravity": {}, "damping": {"rate": rate}})
     model = filled(build(scene))
     moved = interval(begin(model), t)
     v = -9.81 / rate * (1 - np.exp(-rate * t))
@@ -86,13 +85,12 @@ def test_damped_motion_is_of_second_order() -> None:
     assert fine < 0.35 * coarse  # 1/4 of second order, and what 640 steps leave
 
 
-@pytest.mark.parametrize("formulation", ["total", "updated"])
-def test_where_the_step_changes_velocities_are_damped_for_the_time_they_are_shifted(formulation: str) -> None:
+def test_where_the_step_changes_velocities_are_damped_for_the_time_they_are_shifted() -> None:
     """A free rod falls under its weight, strongly damped, by steps that grow fourfold and shrink again: as told and as theory says. Shifted
     by forces alone, its velocities would be off by rate times the shift, 4.5 %, after each change.
     """
     rate, fine, coarse = 3000.0, 1e-5, 4e-5
-    scene = moving(free_rod(length=8e-3), {"gravity": {}, "damping": {"rate": rate}}, formulation=formulation)
+    scene = moving(free_rod(length=8e-3), {"gravity": {}, "damping": {"rate": rate}})
     model = build(scene)
     motion, t = begin(model).motion, 0.0
     for dt, steps in ((fine, 30), (coarse, 1), (fine, 1), (coarse, 1)):

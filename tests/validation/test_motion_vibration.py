@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from reference.in_motion import (
-    Motion,
     advance,
     angular_frequency,
     cantilever_mode,
@@ -18,6 +17,7 @@ from reference.scenes import G, rod_scene
 
 from magmpm.dynamics import energies
 from magmpm.dynamics.time_loop import move
+from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.materials import young_modulus
 from magmpm.model import build
 
@@ -25,18 +25,18 @@ DENSITY, RATIO = 1882.0, 20.0
 E = young_modulus(G, RATIO * G)
 
 
-def swing(formulation: str, length: float, cells: int) -> tuple[Motion, float, float]:
+def swing(length: float, cells: int) -> tuple[TotalMotion, float, float]:
     """A straight rod, 4 mm thick, with the velocity of its first mode, which oscillates by 1 % of L; also the step (s) and the frequency of
     beam theory (1/s).
     """
     expected = timoshenko(length, 2e-3, E, G, DENSITY)
     peak = 0.01 * length * expected
-    scene = moving(rod_scene(length=length, cells=cells, density=DENSITY), formulation=formulation)
+    scene = moving(rod_scene(length=length, cells=cells, density=DENSITY))
     motion, dt = set_off(scene, lambda x: np.outer(peak * cantilever_mode(x[:, 0], length) / 2, [0, 0, 1]))
     return motion, dt, expected
 
 
-def measured(motion: Motion, dt: float, expected: float, periods: float, looks: int) -> tuple[np.ndarray, ...]:
+def measured(motion: TotalMotion, dt: float, expected: float, periods: float, looks: int) -> tuple[np.ndarray, ...]:
     """Times (s), heights of the tip (m) and total energies (J) of an oscillation, at `looks` samples per period."""
     every = int(2 * np.pi / expected / looks / dt)
     height = tip_height(motion.model)
@@ -44,24 +44,20 @@ def measured(motion: Motion, dt: float, expected: float, periods: float, looks: 
     for k in range(round(periods * looks)):
         advance(motion, every, dt)
         x, _, F = motion.particles()
-        elastic = energies.elastic_energy(motion.model, F, motion.formulation == "total")
+        elastic = energies.elastic_energy(motion.model, F)
         times.append((k + 1) * every * dt)
         heights.append(height(x))
         total.append(motion.kinetic_energy() + elastic)
     return np.array(times), np.array(heights), np.array(total)
 
 
-@pytest.mark.parametrize(
-    ("formulation", "slenderness", "cells", "bound"),
-    [("total", 10, 2, 0.01), ("total", 20, 2, 0.004), ("updated", 10, 2, 0.02)],
-)
-def test_first_bending_frequency(formulation: str, slenderness: int, cells: int, bound: float) -> None:
+@pytest.mark.parametrize(("slenderness", "cells", "bound"), [(10, 2, 0.01), (20, 2, 0.004)])
+def test_first_bending_frequency(slenderness: int, cells: int, bound: float) -> None:
     """Within 1 % of Timoshenko's beam, 0.4 % where the clamp matters less: it restrains the section, which beam theory ignores.
 
-    The bounds are twice the measured values, a third more for updated.
-    updated: 1.5 % at 2 cells, 1.3 at 3, 1.2 at 4, where total has 0.6 at 2 and 1.0 at 4.
+    The bounds are twice the measured values: 0.6 % at 2 cells, 1.0 % at 4.
     """
-    motion, dt, expected = swing(formulation, slenderness * 4e-3, cells)
+    motion, dt, expected = swing(slenderness * 4e-3, cells)
     times, heights, _ = measured(motion, dt, expected, 1.1, 60)
     assert angular_frequency(times, heights) == pytest.approx(expected, rel=bound)
     assert np.abs(heights).max() == pytest.approx(0.01 * slenderness * 4e-3, rel=0.1)
@@ -71,7 +67,7 @@ def test_free_vibration_keeps_its_energy() -> None:
     """10 periods, nearly 60 000 steps: the sum of kinetic and elastic energy oscillates by about 7e-5, as in a symplectic scheme, by (w
     dt)^2 of each mode, and does not drift: 2e-7 from the first period to the last. The bounds are three and five times these values.
     """
-    motion, dt, expected = swing("total", 40e-3, 2)
+    motion, dt, expected = swing(40e-3, 2)
     begun = motion.kinetic_energy()
     _, _, total = measured(motion, dt, expected, 10, 23)
     assert np.abs(total / begun - 1).max() < 2e-4
@@ -79,14 +75,10 @@ def test_free_vibration_keeps_its_energy() -> None:
 
 
 def test_order_of_convergence_in_the_time_step() -> None:
-    """total: halving the step divides the error of positions and velocities by 4 (Stoermer-Verlet).
-
-    The updated formulation has no such order: every step transfers the motion through the grid once, and loses what the grid cannot
-    represent, so its losses grow with the number of steps and fall with the cell size (see below).
-    """
+    """Halving the step divides the error of positions and velocities by 4 (Stoermer-Verlet)."""
     found = []
     for parts in (4, 8, 32):
-        motion, dt, _ = swing("total", 16e-3, 2)
+        motion, dt, _ = swing(16e-3, 2)
         advance(motion, 64 * parts, dt / parts)
         found.append(np.hstack(motion.particles()[:2]))
     errors = [np.abs(rough - found[-1]) for rough in found[:-1]]
@@ -104,18 +96,3 @@ def test_order_of_convergence_under_a_sudden_load() -> None:
     for one in ("x", "v"):
         rough, finer, best = (getattr(moved, one) for moved in found)
         assert np.log2(np.abs(rough - best).max() / np.abs(finer - best).max()) == pytest.approx(2.0, abs=0.25)
-
-
-def test_losses_of_the_updated_formulation_fall_with_the_cell() -> None:
-    """A quarter of an oscillation of a short rod: APIC filters what a cell cannot represent. The energy only falls, by 15.6 % at 2 cells
-    across and by 4.4 % at 4, nearly as the square of the cell size. A fifth more, or less, would be another method.
-    """
-    lost = []
-    for cells in (2, 4):
-        motion, dt, expected = swing("updated", 16e-3, cells)
-        begun = motion.kinetic_energy()
-        _, _, total = measured(motion, dt, expected, 0.25, 32)
-        lost.append(1 - total[-1] / begun)
-        assert np.diff(np.append(begun, total)).max() < 0
-    assert lost[0] == pytest.approx(0.156, rel=0.2)
-    assert lost[1] == pytest.approx(0.0435, rel=0.2)

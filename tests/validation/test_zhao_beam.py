@@ -53,7 +53,7 @@ def test_a_width_of_5_mm_on_a_coarse_grid() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["zhao_plane_strain", "zhao_width_5mm"])
 def test_it_swings_into_place_and_settles(name: str) -> None:
-    """Explicit motion (total formulation) from rest: a transverse field of a tenth selects the direction for 40 ms.
+    """Explicit motion from rest: a transverse field of a tenth selects the direction for 40 ms.
 
     The final state is the static solution within 0.05 % of L: damping of 80/s has reduced the motion by exp(-80 x 0.35 / 2) = 1e-6 (the
     slowest mode is nearly critically damped), and both use the same grid, particles and energy.

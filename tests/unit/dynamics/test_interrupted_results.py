@@ -31,9 +31,9 @@ class Interrupted(Exception):
     """A kill between two chunks of work: on disk is what was there."""
 
 
-def motion(formulation: str) -> Scene:
+def motion() -> Scene:
     """A catheter of two segments in a field that turns."""
-    data = moving_scene({"catheter": SWINGING}, {"magnetic_torque": {}}, formulation=formulation, duration=1e-3).to_si()
+    data = moving_scene({"catheter": SWINGING}, {"magnetic_torque": {}}, duration=1e-3).to_si()
     data["field"] = TURNING
     data["materials"]["m"]["remanence"] = 0.1
     step = begin(build(Scene.from_si(data))).control.step
@@ -84,8 +84,7 @@ STEADY = {"uniform": [0.0, 0.0, 3e-3]}
 PATH = {"solver": {"quasi_static": {"steps": 6}}}
 ASKED = {"resolution": {"error": 2e-4}}
 SCENES: dict[str, Callable[[], Scene]] = {
-    "total": partial(motion, "total"),
-    "updated": partial(motion, "updated"),
+    "motion": motion,
     "quasi-static": partial(column, **PATH, field=RAMP),
     "quasi-static, error": partial(column, **PATH, field=RAMP | {"uniform": STEADY["uniform"]}, **ASKED),
     "static": partial(column, field=STEADY),

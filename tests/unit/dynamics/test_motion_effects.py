@@ -1,4 +1,4 @@
-"""Effects of motion in the fast kernels, against the plain reference of one step, in both formulations."""
+"""Effects of motion in the fast kernels, against the plain reference of one step."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reference.dynamics import Total, Updated
+from reference.dynamics import Total
 from reference.scenes import X, rod_scene
 
 from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.curves import curve
-from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import damping, feed, gravity, ground, magnetic_torque, viscosity, walls
 from magmpm.effects.contact_law import contact_of
@@ -22,14 +21,14 @@ ROUNDING = (
 )
 DT, STEPS = 1e-6, 3
 TABLE = distance.tube(curve(np.array([[-5e-3, 0, 0], [15e-3, 0, 1e-3]]), 1e-4), 2.2e-3, 0.5e-3)
-# One set, so that one kernel per formulation is compiled: all kinds of hooks, and contact with many particles.
+# One set, so that one kernel is compiled: all kinds of hooks, and contact with many particles.
 EFFECTS = (
     gravity.parameters(np.array([0.3, 0.2, -9.81]))
     + viscosity.parameters(3.0)
     + damping.parameters(300.0)
-    + ground.parameters(point=[0, 0, -1.2e-3], normal=[0.1, 0.2, 1], friction=0.3, stiffness=1e9, damping=3e4, reach=1e-4)
+    + ground.parameters(point=[0, 0, -1.2e-3], normal=[0.1, 0.2, 1], friction=0.3, stiffness=1e9, damping=3e4)
     + magnetic_torque.parameters(np.array([0.2, 0.3, -0.5]), turns=True)
-    + walls.parameters(TABLE, friction=0.2, stiffness=2e9, damping=5e4, reach=1e-4)
+    + walls.parameters(TABLE, friction=0.2, stiffness=2e9, damping=5e4)
     + feed.parameters(speed=0.02, exit=2e-3, radius=3e-3)
 )
 
@@ -71,22 +70,3 @@ def test_total(model: Model, rng: np.random.Generator) -> None:
     on = held[:, 3] > 0
     assert 20 < on.sum() < 0.9 * len(on)
     np.testing.assert_allclose(found[on], held[on], rtol=0, atol=ROUNDING)
-
-
-@pytest.mark.slow
-def test_updated(model: Model, rng: np.random.Generator) -> None:
-    model = replace(model, modes=np.zeros((len(model.density), 0)))
-    n = len(model.density)
-    x = model.particles.position + 1e-4 * rng.standard_normal((n, 3))
-    v, C = 0.5 * rng.standard_normal((n, 3)), 100.0 * rng.standard_normal((n, 3, 3))
-    F = np.eye(3) + 0.05 * rng.standard_normal((n, 3, 3))
-    touching(model, x)
-    reference, motion = Updated(model, x.copy(), v.copy(), F.copy(), C.copy(), C.copy()), UpdatedMotion(model)
-    reference.anchor = x + 3e-6 * rng.standard_normal(x.shape)  # some are held and some slide
-    motion.place(x, v, F, C, anchor=reference.anchor)
-    for _ in range(STEPS):
-        reference.step(DT)
-    assert motion.advance(STEPS, DT, model.effects) == (STEPS, False)
-    found = (*motion.particles(), motion.affine(), motion.anchors())
-    for a, b in zip(found, (reference.x, reference.v, reference.F, reference.C, reference.anchor), strict=True):
-        np.testing.assert_allclose(a, b, rtol=0, atol=ROUNDING * np.abs(b).max())

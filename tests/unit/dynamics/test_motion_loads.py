@@ -7,78 +7,40 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference.dynamics import Total, Updated
+from reference.dynamics import Total
 from reference.in_motion import free_rod, moving
 from reference.scenes import rod_scene
 
 from magmpm.dynamics import own_loads
-from magmpm.dynamics.apic import UpdatedMotion
-from magmpm.dynamics.steps import take
 from magmpm.dynamics.time_loop import begin, interval
-from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting as effects
-from magmpm.effects import magnetic_torque
-from magmpm.model import Model, build
+from magmpm.model import build
 from magmpm.scene import Scene
 
 ROUNDING = 1e-9  # of the largest value: about ten steps, in which the load of another step would have an error of a tenth
 
 
-def plain(model: Model) -> Model:
-    """As in the updated formulation: the volume is not averaged."""
-    return replace(model, modes=np.zeros((len(model.density), 0)))
-
-
-def ramped(formulation: str, duration: float) -> Scene:
+def ramped(duration: float) -> Scene:
     """A short clamped catheter in a field that rises from zero in `duration` (s)."""
-    data = moving(rod_scene(length=8e-3, field=(0, 0, 20e-3)), formulation=formulation).to_si()
+    data = moving(rod_scene(length=8e-3, field=(0, 0, 20e-3))).to_si()
     return Scene.from_si({**data, "field": {"uniform": (0, 0, 20e-3), "over_time": {"ramp": {"duration": duration}}}})
 
 
-@pytest.mark.parametrize("formulation", ["total", "updated"])
-def test_a_schedule_goes_on_within_a_chunk_of_steps(formulation: str) -> None:
+def test_a_schedule_goes_on_within_a_chunk_of_steps() -> None:
     """A dozen steps, far fewer than a chunk, while the field rises. At zero field the undeformed body is at rest, so the velocities
     are also zero half a step earlier.
     """
-    model = build(ramped(formulation, 1e-3))
+    model = build(ramped(1e-3))
     moved = begin(model)
     interval(moved, 12 * moved.control.step)
     named = effects.collect(model.scene, times=moved.dt * np.arange(moved.steps, dtype=float))
     assert moved.steps == 12
-    if isinstance(moved.motion, TotalMotion):
-        total = Total.of(replace(model, effects=named))
-        c, v = np.zeros((2, *total.X.shape))
-        for step in range(moved.steps):
-            c, v = total.step(c, v, moved.dt, step)
-        found, wanted = moved.motion.u.reshape(-1, 3), c
-    else:
-        updated = Updated.of(replace(plain(model), effects=named))
-        for step in range(moved.steps):
-            updated.step(moved.dt, step)
-        found, wanted = moved.motion.particles()[0] - model.particles.position, updated.x - model.particles.position
-    assert np.abs(wanted).max() > 1e-9  # m
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=ROUNDING * np.abs(wanted).max() + 1e-16)
-
-
-def test_a_schedule_goes_on_after_particles_are_sorted() -> None:
-    """A body that crosses a cell in 3.3 steps is sorted every 4 steps: step 5 uses the field of step 5."""
-    model = replace(plain(build(rod_scene(length=8e-3))), clamped_face=False)
-    n = len(model.density)
-    x, v = model.particles.position, np.tile([0.0, 20.0, -10.0], (n, 1))
-    eye, zero = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
-    named = magnetic_torque.parameters(np.outer(np.arange(12.0), [0.0, 10e-3, 20e-3]))  # T, of 12 steps
-    motion, dt = UpdatedMotion(replace(model, effects=named)), 0.3 * model.grid.spacing[1] / 20.0
-    motion.place(x, v, eye, zero)
-    reference = Updated(replace(model, effects=named), x.copy(), v.copy(), eye.copy(), zero.copy(), zero.copy())
-    once, _ = motion.advance(12, dt, named)
-    assert once < 12, "a sort ends the steps early"
-    motion.place(x, v, eye, zero)
-    assert take(motion, named, 12, dt) == (12, False)
-    for step in range(12):
-        reference.step(dt, step)
-    moved = reference.v - v
-    assert np.abs(moved).max() > 1e-3  # m/s, from the field
-    np.testing.assert_allclose(motion.particles()[1] - v, moved, rtol=0, atol=ROUNDING * np.abs(moved).max())
+    total = Total.of(replace(model, effects=named))
+    c, v = np.zeros((2, *total.X.shape))
+    for step in range(moved.steps):
+        c, v = total.step(c, v, moved.dt, step)
+    assert np.abs(c).max() > 1e-9  # m
+    np.testing.assert_allclose(moved.motion.u.reshape(-1, 3), c, rtol=0, atol=ROUNDING * np.abs(c).max() + 1e-16)
 
 
 def test_what_segments_do_to_each_other_follows_the_shape(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,6 +71,5 @@ def test_what_segments_do_to_each_other_follows_the_shape(monkeypatch: pytest.Mo
             c, v = total.step(c, v, dt)
         found[every] = c
     size = np.abs(found[4]).max()
-    assert isinstance(moved.motion, TotalMotion)
     np.testing.assert_allclose(moved.motion.u.reshape(-1, 3), found[4], rtol=0, atol=ROUNDING * size)
     assert np.abs(found[12] - found[4]).max() > 1e3 * ROUNDING * size

@@ -1,4 +1,4 @@
-"""A motion that is interrupted late, after drift corrections, and resumed equals an uninterrupted one bit for bit."""
+"""A motion that is interrupted late and resumed equals an uninterrupted one bit for bit."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference.moving import FORMULATIONS, moving_scene
+from reference.moving import moving_scene
 
-from magmpm.dynamics.apic import UpdatedMotion
 from magmpm.dynamics.checkpoint import Checkpoint
-from magmpm.dynamics.drift_correction import INTERVAL
 from magmpm.dynamics.time_loop import begin, integrate
 from magmpm.model import build
 from magmpm.scene import Scene
@@ -26,38 +24,37 @@ EFFECTS: dict[str, Any] = {
     "walls": {"tube": {"radius": 3e-3, "path": [[-5e-3, 0, 0], [20e-3, 0, 0]]}},
     "feed": {"speed": 20e-3, "exit": 6e-3},
 }
-FRAMES, STEPS = 8, 230  # number of frames, and the least number of steps in each
+FRAMES, STEPS, LATE = 8, 230, 1024  # number of frames, the least number of steps in each, and steps until it ends
 
 
 class Interrupted(Exception):
     """Represents a kill: the files on disk are those after a kill just after the last checkpoint."""
 
 
-def scene(formulation: str) -> Scene:
+def scene() -> Scene:
     """A catheter pushed through a guide over the ground, for FRAMES times STEPS steps."""
-    data = moving_scene(BODY, EFFECTS, formulation=formulation, duration=1e-3).to_si()
+    data = moving_scene(BODY, EFFECTS, duration=1e-3).to_si()
     step = begin(build(Scene.from_si(data))).control.step
     data["solver"]["dynamic"] |= {"duration": FRAMES * STEPS * step, "output_every": STEPS * step}
     return Scene.from_si(data)
 
 
-@pytest.mark.parametrize("formulation", FORMULATIONS)
-def test_ended_after_two_fits_and_before_a_third(formulation: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ended_late(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("magmpm.dynamics.time_loop.SAVE_EVERY", 0.0)
-    given = scene(formulation)
+    given = scene()
     whole = integrate(begin(build(given)))
 
     def interrupt(at: float, steps: int) -> None:
-        if steps > 2 * INTERVAL + STEPS:
+        if steps > LATE + STEPS:
             raise Interrupted
 
     ended = begin(build(given))
     with pytest.raises(Interrupted):
         integrate(ended, folder=tmp_path, on_progress=interrupt)
-    assert whole.steps > 3 * INTERVAL > ended.steps > 2 * INTERVAL
+    assert whole.steps > LATE + 512 > ended.steps > LATE
     saved = Checkpoint.load(tmp_path, given)
     assert saved is not None
-    assert saved.steps > 2 * INTERVAL
+    assert saved.steps > LATE
     again = integrate(begin(build(given)), folder=tmp_path, resume=True)
     assert again.steps == whole.steps
     assert again.energies == whole.energies
@@ -65,9 +62,4 @@ def test_ended_after_two_fits_and_before_a_third(formulation: str, tmp_path: Pat
     assert kept.keys() == found.keys()
     for name, values in kept.items():
         assert found[name].tobytes() == values.tobytes(), name
-    if isinstance(whole.motion, UpdatedMotion):
-        assert {"L", "fit", "since"} <= kept.keys()
-        assert saved.state["since"] > 0, "it was ended between two fits"
-        assert np.abs(kept["fit"]).max() > 1e-6, "m: there was something to fit"
-        assert np.abs(kept["L"] - kept["C"]).max() > 1e-3 * np.abs(kept["C"]).max(), "1/s: C would not do in place of L"
     assert np.abs(whole.x - whole.motion.model.particles.position).max() > 1e-6

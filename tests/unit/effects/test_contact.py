@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from reference.dynamics import held
-from reference.in_motion import moving
-from reference.moving import block, moving_scene
 from reference.scenes import G, rod_scene
 
 from magmpm.bodies import signed_distance as distance
@@ -103,7 +101,7 @@ def test_push_and_grip_have_the_numbers_of_their_formulas() -> None:
 
     def force(z: float, v: list[float], friction: float = 0.4, rate: float = 2 * np.sqrt(STIFFNESS)) -> np.ndarray:
         law = {"friction": friction, "stiffness": STIFFNESS, "damping": rate}
-        named = ground.parameters(point=[0, 0, 1e-3], normal=[0, 0, 2], **law, reach=1e-4)
+        named = ground.parameters(point=[0, 0, 1.1e-3], normal=[0, 0, 2], **law)
         f = np.zeros(PARTS)
         ground.contact(named[0][0], named[1], np.array([5.0, -3.0, z]), np.array(v), MASS, 1e-6, f)
         return f
@@ -212,53 +210,6 @@ def test_stiffness_is_that_of_the_stiffest_material() -> None:
     assert contact.law(Scene.from_si(data), 2.0, 0.0) == contact.law(scene, 2.0, 0.0), "of what the body is made of"
 
 
-def test_reach_is_the_outermost_particles_distance_from_the_surface(rng: np.random.Generator) -> None:
-    """In the updated formulation, the least over all directions; toward a plane, the difference between the extents of body and particles
-    in that direction. Elsewhere nothing: points of the surface touch."""
-    for cells in (2, 3, 4):
-        rod = rod_scene(length=12e-3, inner_diameter=1e-3, cells=cells)
-        assert contact.reach(moving(rod, {}, duration=1e-3)) == 0.0
-        scene = moving(rod, {}, duration=1e-3, formulation="updated")
-        x = build(scene).particles.position
-        assert contact.reach(scene) == pytest.approx(
-            2e-3 - np.hypot(x[:, 1], x[:, 2]).max(), abs=2e-6
-        )  # whole degrees
-        for way in (np.eye(3)[2], -np.eye(3)[1], np.eye(3)[0], np.array([0.6, 0.0, -0.8])):
-            body = 2e-3 * np.hypot(way[1], way[2]) + 12e-3 * way[0]
-            # two axes at once: their outermost particles may differ
-            assert contact.reach(scene, way) == pytest.approx(body - (x @ way).max(), abs=1e-9)
-
-
-def test_reach_of_a_strip_is_exact_in_every_direction(rng: np.random.Generator) -> None:
-    size = (9e-3, 6e-3, 3e-3)
-    for plane_strain in (False, True):
-        scene = moving_scene(block(size, plane_strain=plane_strain), {}, formulation="updated")
-        x = build(scene).particles.position
-        for way in rng.standard_normal((5, 3)):
-            way = way / np.linalg.norm(way)
-            low, high = np.array([0, -size[1] / 2, 0]), np.array([size[0], size[1] / 2, size[2]])
-            if plane_strain:
-                low[1] = high[1] = 0.0
-            body = np.where(way > 0, high, low) @ way
-            assert contact.reach(scene, way) == pytest.approx(body - (x @ way).max(), abs=1e-12)
-
-
-def test_reach_of_parts_is_the_least_of_the_free_ones(tmp_path: Path) -> None:
-    """A free box, whose Gauss points lie 0.21 cells below its faces, above a held one, which does not count."""
-    meshes = []
-    for name, low, high in (("free", [0, 0, 0], [3, 2, 1]), ("held", [0, 0, -1], [3, 2, 0])):
-        vertices, faces = box(low, high)
-        write_stl(Mesh(vertices, faces[:, ::-1] if outward(vertices, faces) < 0 else faces), tmp_path / name)
-        meshes.append({"mesh": str(tmp_path / name), "material": "m", "clamp": name == "held"})
-    scene = moving_scene({"parts": {"unit": "mm", "meshes": meshes}}, {}, formulation="updated")
-    x = build(scene).particles.position
-    assert contact.reach(scene) == 0.0
-    for way in np.eye(3):
-        free = 1e-3 * np.array([3, 2, 1]) @ way - (x @ way).max()
-        assert contact.reach(scene, way) == pytest.approx(free, abs=1e-12)
-        assert 0.1e-3 < free < 0.12e-3  # of cells of 0.5 mm
-
-
 # bodies that start inside an obstacle
 
 
@@ -350,19 +301,3 @@ def test_gap_of_two_folds(rng: np.random.Generator) -> None:
     gap = self_contact.gap(folded, flat, size=0.5e-3, apart=5e-3, within=4e-3)
     assert gap == pytest.approx(1.5e-3)
     assert self_contact.gap(flat, flat, size=0.5e-3, apart=5e-3, within=4e-3) == np.inf
-
-
-def test_what_a_motion_tells_of_a_fold() -> None:
-    """A catheter bent by hand into a hairpin whose legs are 0.3 cells apart; straight, nothing is near."""
-    model = build(rod_scene(cells=2))
-    cell, X = 2e-3, model.particles.position
-    straight = self_contact.observe(model, X)
-    assert (straight["depth"], straight["count"]) == (-self_contact.WITHIN * cell, 0)
-    far = X[:, 0] > 24e-3  # the far leg lies on the near one in reverse, so x and z are mirrored
-    legs = np.where(far[:, None], np.column_stack([40e-3 - X[:, 0], X[:, 1], 4e-3 + 0.3 * cell - X[:, 2]]), X)
-    folded = self_contact.observe(model, legs)
-    deep = model.scene.body.shape.depth(2, model.scene.resolution.particles_per_cell)
-    top = 2 * (2e-3 - X[:, 2].max()) - 2 * deep  # the particles of a round body lie deeper at its top
-    assert folded["depth"] == pytest.approx(-(0.3 * cell + top), abs=1e-9)
-    assert folded["count"] > 0
-    assert not folded["force"].any()

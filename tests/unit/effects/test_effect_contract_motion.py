@@ -277,7 +277,7 @@ def test_the_step_of_contact_is_that_of_its_stiffness(key: str, rng: np.random.G
 
 
 def growth(one: Acting, dt: float) -> float:
-    """Spectral radius of a step of the reference of the total formulation about the undeformed body: the growth of a small motion."""
+    """Spectral radius of a step of the reference about the undeformed body: the growth of a small motion."""
     total = Total.of(replace(one.model, effects=one.all))
     on = np.flatnonzero(np.repeat((total.mass > 0) & ~total.fixed, 3))
     n, m = 3 * len(total.X), len(on)
@@ -296,7 +296,7 @@ def growth(one: Acting, dt: float) -> float:
     return float(np.abs(np.linalg.eigvals(np.array(columns))).max())
 
 
-@pytest.mark.parametrize("key", STIFF)
+@pytest.mark.parametrize("key", [key for key in STIFF if key != "self_contact"])  # the plain reference has no pairs
 def test_a_body_with_it_bears_the_step_it_allows(key: str) -> None:
     """At the default 0.8 of the smaller bound of body and effect no small motion grows."""
     one = acting(key)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference.dynamics import Total, Updated
+from reference.dynamics import Total
 from reference.scenes import rod_scene
 
 from magmpm.dynamics.total_lagrangian import TotalMotion
@@ -77,18 +77,12 @@ def test_the_line_names_it(drag: ModuleType) -> None:
 
 
 def test_the_file_brakes(drag: ModuleType) -> None:
-    """A free body without stiffness slows by 1 - rate dt per step, in both formulations; and its step is stable."""
+    """A free body without stiffness slows by 1 - rate dt per step; and its step is stable."""
     scene = rod_scene(length=12e-3).model_copy(update={"effects": validate(effects.Effects, {"drag": {"rate": "5 1/s"}}, "example.yaml")})
     model = build(scene)
     model = replace(model, shear=0 * model.shear, bulk=0 * model.bulk, clamped_face=False)
     assert effects.stable_steps(model) == {"drag": 1 / RATE}
     start = np.array([0.1, 0.0, -0.2])  # m/s
-    updated = Updated.of(model)
-    updated.v[:] = start
-    for _ in range(3):
-        updated.step(DT)
-    slower = np.tile((1 - RATE * DT) ** 3 * start, (len(updated.x), 1))
-    np.testing.assert_allclose(updated.v, slower, rtol=0, atol=1e-12)
     total = Total.of(build(scene))
     v = np.where(total.mass[:, None] > 0, start, 0.0)
     _, after = total.step(np.zeros_like(v), v, DT)  # no strain and no stress; the clamp is left out

@@ -21,8 +21,6 @@ def arithmetic(a, b, out):  # type: ignore[no-untyped-def]
     simd.store(out, 24, simd.splat(0.25))
     simd.store(out, 32, simd.halves(1.0, -2.0))
     simd.store(out, 40, simd.four(a, 2))
-    simd.store_folded(out, 48, x)
-    simd.store(out, 52, simd.floor(-x * 3.0))
     simd.store(out, 60, simd.magnitude(x - y))
     out[80], out[81], out[82] = simd.lowest(x), simd.highest(x), simd.total(x)
     simd.store(out, 83, simd.sums(x, y, x * y, x - y, y / x, x * 2.0, y * y, x * x))
@@ -38,29 +36,10 @@ def test_operations(rng: np.random.Generator) -> None:
     assert np.array_equal(out[24:32], np.full(8, 0.25))
     assert np.array_equal(out[32:40], np.repeat([1.0, -2.0], 4))
     assert np.array_equal(out[40:48], np.tile(a[2:6], 2))
-    assert np.array_equal(out[48:52], a[:4] + a[4:8])
-    assert np.array_equal(out[52:60], np.floor(-3 * x))
     assert np.array_equal(out[60:68], np.abs(x - y))
     assert (out[80], out[81]) == (x.min(), x.max())
     sums = [v.sum() for v in (x, x, y, x * y, x - y, y / x, 2 * x, y * y, x * x)]
     np.testing.assert_allclose(out[82:91], sums, rtol=8 * ROUNDING, atol=8 * ROUNDING)
-
-
-@numba.njit
-def turn(a, out, back):  # type: ignore[no-untyped-def]
-    v = simd.load_rows(a, 3, 10)
-    for k in range(8):
-        simd.store(out, 8 * k, v[k])
-    simd.store_rows(back, 3, 10, v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7])
-
-
-def test_rows_of_particles(rng: np.random.Generator) -> None:
-    """load_rows is a transposition, and store_rows inverts it."""
-    a, out, back = rng.standard_normal(83), np.zeros(64), np.zeros(83)
-    turn(a, out, back)
-    rows = np.stack([a[3 + 10 * lane : 11 + 10 * lane] for lane in range(8)])
-    assert np.array_equal(out.reshape(8, 8), rows.T)
-    assert np.array_equal(np.stack([back[3 + 10 * lane : 11 + 10 * lane] for lane in range(8)]), rows)
 
 
 @numba.njit

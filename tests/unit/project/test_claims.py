@@ -97,10 +97,10 @@ def test_a_figure_that_differs_is_told_and_written(
 ) -> None:
     """Status 1 and the line; --write updates the page, and the next run agrees; figures that agree stay unchanged."""
     (tmp_path / "docs").mkdir()
-    (tmp_path / "docs/claims.yaml").write_text('memory: {command: make bench, figures: {page.md: ["takes {total} or {updated} bytes"]}}\n')
+    (tmp_path / "docs/claims.yaml").write_text('memory: {command: make bench, figures: {page.md: ["takes {now} or {peak} bytes"]}}\n')
     page = tmp_path / "page.md"
     page.write_text("A body takes 500 or 1 020 bytes, more or less.\n")
-    monkeypatch.setattr(claims, "memory", lambda: {"total": 949.8, "updated": 1022.0})
+    monkeypatch.setattr(claims, "memory", lambda: {"now": 949.8, "peak": 1022.0})
     for method in ("groups", "replaced"):
         function = getattr(claims, method)
         monkeypatch.setattr(claims, method, lambda *given, _f=function: _f(*given, tmp_path))
@@ -109,7 +109,7 @@ def test_a_figure_that_differs_is_told_and_written(
         monkeypatch.setattr(claims.Place, method, lambda self, root=tmp_path, _f=function: _f(self, tmp_path))
     assert claims.main([]) == 1
     said = capsys.readouterr().out
-    assert re.search(r"DIFFERS page.md +total +says +500 +now 949.8", said)
+    assert re.search(r"DIFFERS page.md +now +says +500 +now 949.8", said)
     assert "1 figure differs" in said
     assert claims.main(["--write"]) == 0
     assert page.read_text() == "A body takes 950 or 1 020 bytes, more or less.\n"

@@ -15,7 +15,7 @@ from numba.core.dispatcher import Dispatcher
 import magmpm
 
 MOST_ARGUMENTS = 12
-STEPS = ("equilibrium", "total_lagrangian_step", "apic_step")
+STEPS = ("equilibrium", "total_lagrangian_step")
 
 
 def compiled_functions() -> Iterator[tuple[str, Dispatcher]]:

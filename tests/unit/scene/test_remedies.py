@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from reference.scenes import rod_scene
 
-from magmpm.errors import BudgetError, Collapsed, LeftField, SolveError, TimeOver, Torn
+from magmpm.errors import BudgetError, Collapsed, LeftField, SolveError, TimeOver
 from magmpm.scene import Scene
 from magmpm.scene.remedies import remedies
 from magmpm.simulate import run
@@ -64,16 +64,6 @@ def test_a_body_that_is_pulled_away_gets_a_weaker_field() -> None:
             weaker = remedy.applied(scene)
             strengths.append(float(weaker.outside_field().at(np.zeros(3))[0][2]) / 8e-3)
     assert strengths == pytest.approx([0.5, 0.1, 0.54, 0.3])
-
-
-def test_a_torn_body_moves_in_the_total_formulation() -> None:
-    data = rod_scene(length=16e-3, field=(0, 0, 8e-3), cells=2).to_si()
-    moving = Scene.from_si({**data, "solver": {"dynamic": {"duration": 0.5, "formulation": "updated"}}})
-    first, later = remedies(moving, Torn("torn", Reached(0.2)))
-    assert first.applied(moving).solver.dynamic.formulation == "total"
-    assert later.applied(moving).duration == pytest.approx(0.18)
-    at_once = remedies(moving, Torn("torn"))
-    assert [remedy.words.split(",")[0] for remedy in at_once[1:]] == ["a weaker field"] * 2
 
 
 def test_no_remedy_changes_the_robot() -> None:

@@ -128,7 +128,6 @@ print(*sorted({d.py_func.__qualname__ for d in found if d.stats.cache_misses}))
         ("static: {}", []),
         pytest.param("static: {}", ["derivatives"], marks=pytest.mark.slow),
         ("dynamic: {duration: 0.1 ms}", []),
-        pytest.param("dynamic: {duration: 0.1 ms, formulation: updated}", [], marks=pytest.mark.slow),
     ],
 )
 def test_a_run_compiles_nothing_itself(solver: str, more: list[str], tmp_path: Path) -> None:
