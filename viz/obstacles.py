@@ -61,8 +61,8 @@ def _clamps(scene: Scene) -> Iterator[Obstacle]:
         else:
             grown = 2 * style.CLAMP_RADIUS * thick
             plate = bar([depth], scene.body.strip.width + grown - thick, 1.8 * grown, depth)
-        moved = (scene.move or {}).get(name)
-        points = plate.points + shape.line.base + [at, 0.0, 0.0] + (0.0 if moved is None else moved.displacement(None)[0])
+        moved = scene.move[name].displacement(None)[0] if scene.move and name in scene.move else 0.0
+        points = plate.points + shape.line.base + [at, 0.0, 0.0] + moved
         yield Obstacle("clamp", points.astype(np.float32), plate.triangles, style.CLAMP)
 
 
