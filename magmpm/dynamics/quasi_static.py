@@ -238,7 +238,7 @@ class _Files:
         acting.refresh(named, model, x, F)
         energies.add_effects_stress(model, x, F, named, stress)
         known = {"kinetic": 0.0, "elastic": elastic, **energies.effect_energies(model, x, F, state.time)}
-        contacts = {} if shape.touched is None else contacts_at_rest(model, x, shape.touched)
+        contacts = {} if shape.touched is None else contacts_at_rest(model, shape.touched)
         self.frames.frame(state.time, x, np.zeros_like(x), F, stress, known, contacts, field_at(model, x))
         self.steps.add(path_row(state.rows[-1]))
         for jump in jumps:

@@ -288,7 +288,7 @@ def result_of(model: StaticModel, found: Equilibrium, seconds: dict[str, float],
 
 def _contacts(model: Model, position: Array, touched: Touched | None) -> dict[str, Any]:
     """Contacts of an equilibrium, as results have them."""
-    return {} if touched is None else _plain(contacts_at_rest(model, position, touched))
+    return {} if touched is None else _plain(contacts_at_rest(model, touched))
 
 
 def _plain(contacts: Mapping[str, Contact]) -> dict[str, Any]:

@@ -71,10 +71,10 @@ class RestingSurface(ContactSurface):
         return np.asarray(back.reshape(planes, -1, 3, k).transpose(0, 3, 1, 2).reshape(planes, k, m))
 
 
-def contacts_at_rest(model: Model, position: Array, touched: Touched) -> dict[str, Contact]:
-    """The contact of each obstacle of a model with its particles at `position` (n, 3) m."""
+def contacts_at_rest(model: Model, touched: Touched) -> dict[str, Contact]:
+    """The contact of each obstacle with a model."""
     still = Touching(touched.x, np.zeros_like(touched.x), touched.mass, touched.x)
-    found = {key: effect.report(model, position, still, 0.0) for key, effect in model.scene.effects.named().items()}
+    found = {key: effect.report(model, still, 0.0) for key, effect in model.scene.effects.named().items()}
     return {key: contact for key, contact in found.items() if contact is not None}
 
 
