@@ -129,7 +129,8 @@ class Model:
     @cached_property
     def surface(self) -> ContactSurface | None:
         """Surface by which the body touches obstacles and itself; None where it can't."""
-        if self.scene.effects.self_contact is None and not has_hook("contact", self.effects):
+        touches = any(effect.PHASE == "contact" for effect in self.scene.effects.named().values())
+        if not (touches or has_hook("contact", self.effects)):
             return None
         shape = self.scene.body.shape
         points = shape.surface(self.grid, base=not self.clamped_face and "base" not in dict(self.driven))
