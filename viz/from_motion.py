@@ -119,16 +119,14 @@ class MotionRenderer:
         marks, arrows = [np.zeros((0, 3))], []
         for effect, contact in self.motion.contacts.items():
             now = np.flatnonzero(np.isclose(contact["t"], frame.time, rtol=1e-9, atol=1e-15))
-            if not len(now) or not np.any(_forces(contact)[now[0]]):
+            if not len(now) or not np.any(_forces(contact)[now[0]]) or not (PAIR in effect or effect in self._surfaces):
                 continue
             if PAIR in effect:
                 marks.append(np.array([[contact[f"p{axis}"][now[0]] for axis in "xyz"]]))
-            elif effect in self._surfaces:
+            else:
                 height = self._surfaces[effect].height(points)
                 touching = points[height < max(0.75 * self.body.size, float(np.nanmin(height)) + 1e-9)]
                 marks.append(_spread(self._surfaces[effect].dropped(touching), self.body.size))
-            else:
-                continue
             force = _forces(contact)[now[0]] / self._usual_force
             vector = 0.25 * self.body.length * force * min(1.0, 2.0 / float(np.linalg.norm(force)))
             arrows.append(np.stack([marks[-1].mean(axis=0), vector]))

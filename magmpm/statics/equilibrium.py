@@ -242,10 +242,6 @@ def _branch(model: StaticModel, start: _Start, on_step: Callable[[int, float], N
     options = model.scene.solver.static
     warnings: list[str] = []
     energy, chord = (Energy(model), USUAL) if start.following is None else (start.following.loaded(model), FOLLOWING)
-
-    def newton(begin: Array) -> Minimum:
-        return minimize(energy, begin, tolerance=options.tolerance, max_steps=_most_steps(model), on_step=on_step, chord=chord)
-
     body = model.scene.body.shape
     if start.rod is not None:
         return _near_rod(energy, start.rod, on_step)
@@ -263,7 +259,7 @@ def _branch(model: StaticModel, start: _Start, on_step: Callable[[int, float], N
         return _ramp(model, 1, on_step, warnings)  # this rod lies in an obstacle. 135 drawn scenes: at once as in 8 or 32 steps
     for begin in starts:
         try:
-            found = newton(begin)
+            found = minimize(energy, begin, tolerance=options.tolerance, max_steps=_most_steps(model), on_step=on_step, chord=chord)
         except TimeOver:
             raise
         except SolveError:

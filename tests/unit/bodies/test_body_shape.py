@@ -69,16 +69,6 @@ def test_magnetization_has_length_one_or_none(shape: BodyShape, made: Discretiza
     np.testing.assert_allclose(found, wanted, atol=1e-12)
 
 
-def test_outermost_particles_are_as_deep_as_said(shape: BodyShape, made: Discretization) -> None:
-    """Towards +z and -z, from the box around the body; and all ways no deeper than that."""
-    low, high = shape.box()
-    z = made.particles.position[:, 2]
-    up, down = shape.depth(ACROSS, COUNT, np.array([0.0, 0.0, 1.0])), shape.depth(ACROSS, COUNT, np.array([0.0, 0.0, -1.0]))
-    assert up == pytest.approx(high[2] - z.max(), abs=1e-12)
-    assert down == pytest.approx(z.min() - low[2], abs=1e-12)
-    assert 0.0 <= shape.depth(ACROSS, COUNT) <= min(up, down) * (1 + 1e-9)
-
-
 def test_components_and_parts(shape: BodyShape, made: Discretization) -> None:
     """Parts that touch are one component, the part apart from them is another; bodies of one piece are one component and one part."""
     component, part = shape.components(made.particles), shape.part_of(made.particles)

@@ -105,7 +105,7 @@ def test_the_kernel_of_motion_holds_no_effect_that_is_not_named(monkeypatch: pyt
         TotalMotion(build(moving_scene(BODY, {}))).advance(1, 1e-9, effects)
     monkeypatch.undo()
     bare, heavy = (compiled_code(steps.advance, given) for given in seen)
-    plain = compiled_code(twin.advance, (*seen[0][:6], seen[0][7], *seen[0][9:]))  # no surface, no effects
+    plain = compiled_code(twin.advance, (*seen[0][:6], seen[0][8], *seen[0][10:]))  # no surface, no effects
     for key in Effects.every():
         assert key not in bare, key
         assert (key in heavy) == (key == "gravity"), key
@@ -116,7 +116,7 @@ def test_the_kernel_of_motion_holds_no_effect_that_is_not_named(monkeypatch: pyt
 
 @pytest.mark.slow
 def test_contact_that_does_not_touch_counts_no_references(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The ground adds 8 places where Numba counts a reference, to 105. It added 114 once, and half of a step."""
+    """The ground adds 26 places where Numba counts a reference, to 102: once a slab or a point. It added 114 once, and half of a step."""
     seen: list[tuple[Any, ...]] = []
     monkeypatch.setattr(steps, "advance", lambda *given: seen.append(given) or 1)
     for effects in ({}, {"ground": {"point": [0.0, 0.0, -1.0]}}):
@@ -124,7 +124,7 @@ def test_contact_that_does_not_touch_counts_no_references(monkeypatch: pytest.Mo
         TotalMotion(model).advance(1, 1e-9, model.effects)
     monkeypatch.undo()
     bare, ground = (compiled_code(steps.advance, given).count("@NRT_incref(") for given in seen)
-    assert ground - bare <= 20
+    assert ground - bare <= 30
 
 
 def compiled_code(function: Any, given: tuple[Any, ...]) -> str:

@@ -153,8 +153,3 @@ def test_what_is_not_named_costs_nothing() -> None:
 def test_bad_input_is_refused(losses: dict[str, object], text: str) -> None:
     with pytest.raises(InputError, match=text):
         validate(Viscosity, losses, "scene.yaml")
-
-
-def test_branches_need_the_total_formulation() -> None:
-    with pytest.raises(InputError, match=r"effects\.viscosity\.branches(?s:.*)branches act in the total formulation only"):
-        moving(branches=TWO).with_effects(self_contact={})
