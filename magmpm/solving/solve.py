@@ -185,7 +185,7 @@ def _path_result(state: PathState, seconds: dict[str, float], failure: str = "")
         formulation="quasi_static",
         steps=state.rows,
         jumps=state.jumps,
-        contacts=_contacts(shape.model, shape.position, shape.touched),
+        contacts=_contacts(shape.model, shape.touched),
         load_share=state.load_share,
         stability=last["stability"],
         **_strained(state.strain),
@@ -281,12 +281,12 @@ def result_of(model: StaticModel, found: Equilibrium, seconds: dict[str, float],
         **_strained(strain),
         load_share=found.load_share,
         stability=found.stability,
-        contacts=_contacts(model, position, point.touched),
+        contacts=_contacts(model, point.touched),
         failure=failure,
     )
 
 
-def _contacts(model: Model, position: Array, touched: Touched | None) -> dict[str, Any]:
+def _contacts(model: Model, touched: Touched | None) -> dict[str, Any]:
     """Contacts of an equilibrium, as results have them."""
     return {} if touched is None else _plain(contacts_at_rest(model, touched))
 

@@ -389,8 +389,6 @@ MOVED = [
           "has no end", "cycles"),
     moved("a motion that begins elsewhere", "base: {along: [1, 0, 0], distance: 1 mm}", "base", "{", "begins with the undeformed body", "ramp",
           more=(("  static: {tolerance: 1e-9, max_steps: 60}", "  dynamic: {duration: 1 s}"),)),
-    moved("moved on a grid in space", "base: {along: [1, 0, 0], distance: 1 mm, over_time: {ramp: {duration: 1 s}}}", "base", "{", "total formulation only",
-          more=(("  static: {tolerance: 1e-9, max_steps: 60}", "  dynamic: {duration: 1 s, formulation: updated}"),)),
     moved("fed and moved", "base: {along: [1, 0, 0], distance: 1 mm, over_time: {ramp: {duration: 1 s}}}", "base", "{", "feed moves the base already",
           more=(("  static: {tolerance: 1e-9, max_steps: 60}", "  dynamic: {duration: 1 s}"), ("  gravity: {}", "  feed: {speed: 1 mm/s, exit: 10 mm}"))),
     moved("ends pass through each other", SHORTER + "}", "tip.distance", '"41 mm"', "pass through each other", "-1 mm of 40 mm", "unit of the distance", more=STRIP),

@@ -111,7 +111,7 @@ def test_ground_and_clamp_bear_the_weight() -> None:
     there = scene(strip(), HEAVY, cells=3)
     model = static_model(build(there))
     found = solve_static(model)
-    _, P = energies.elastic(model, found.point.F, True)
+    _, P = energies.elastic(model, found.point.F)
     body, weight = model.particles, 40.0 * model.density * model.particles.volume
     first, (splines, slopes) = body.cell[:, 0] == 0, model.grid.splines(body.position, body.cell)
     clamp = 2.0 * (body.volume * P[:, 2, 0] * slopes[:, 0, 0] + weight * splines[:, 0, 0])[first].sum()
