@@ -13,7 +13,8 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
 from magmpm.dynamics.particle_groups import Packed
 from magmpm.effects.base import Contact
-from magmpm.effects.contact_law import law
+from magmpm.effects.contact_force import stored
+from magmpm.effects.contact_law import law, most_friction, own_friction
 from magmpm.kernels.body_contact import (
     CELL,
     DEPTH,
@@ -23,6 +24,7 @@ from magmpm.kernels.body_contact import (
     NORMAL,
     PLACE,
     ROOM,
+    SHARE,
     Meeting,
     SolidCells,
 )
@@ -37,23 +39,21 @@ def body_contact(model: Model, packed: Packed) -> BodyContact | None:
     effect = model.scene.effects.self_contact
     if effect is None:
         return None
-    found = law(model.scene, effect.stiffness, effect.friction)
-    return BodyContact(
-        model, packed,
-        np.array([found["stiffness"], found.get("soft", 1.0), found.get("knee", 1.0), found.get("damping", 0.0), effect.friction]),
-    )  # fmt: skip
+    found = law(model.scene, effect.stiffness, most_friction(model.scene, effect.friction))
+    values = np.array([found["stiffness"], found.get("soft", 1.0), found.get("knee", 1.0), found.get("damping", 0.0)])
+    return BodyContact(model, packed, values, effect.friction)
 
 
 class BodyContact:
     """The pairs of a model, which `listed` brings up to date with displacements u (3 nodes,) m."""
 
-    def __init__(self, model: Model, packed: Packed, law: Array) -> None:
+    def __init__(self, model: Model, packed: Packed, law: Array, friction: float) -> None:
         surface = model.surface
         assert surface is not None  # of a scene that names self_contact
-        self._packed, self.law = packed, law
+        self.law, self._mass = law, packed.surface.mass
         self._cell = float(model.grid.spacing.min())
         self.solids = model.scene.body.shape.solids(self._cell, model.particles)
-        self.cells, number, cells = _solid_cells(model)
+        self.cells, number, cells, regions = _solid_cells(model)
         still, still_particle = surface.still
         on = packed.point
         self._place = np.concatenate([surface.place[on], still])
@@ -63,16 +63,19 @@ class BodyContact:
         self._splines = _matrix(surface.first[on], surface.weights[on], model.nodes_in_motion)
         largest = abs(self._splines).max(axis=0).tocoo()
         self._near_nodes = largest.col.astype(np.int64), 27.0 * largest.data
-        regions, segment = model.scene.regions(), model.particles.segment
-        self.names = [regions[segment[model.component == one].min()].name for one in range(int(model.component.max()) + 1)]
+        segment = model.particles.segment
+        self.names = [model.scene.regions()[segment[model.component == one].min()].name for one in range(int(model.component.max()) + 1)]
         self._nodes = model.nodes_in_motion
         self._patches = _patches(self._at, cells)
+        own = own_friction(model.scene)
+        pairs = np.fmin.outer(own, own).ravel()
+        self._friction = np.where(np.isnan(pairs), friction, pairs), len(own) * segment[particle[: len(on)]].astype(np.int64), regions
         none = np.zeros(0, np.int64)
         self.meeting = self._of(none, none, np.array([np.inf]))
 
     def _of(self, point: Index, solid: Index, memory: Array) -> Meeting:
         most = np.array([MOVE * self._cell])
-        parts: tuple[Any, ...] = (*self._near_nodes, *self.cells, *self.solids)
+        parts: tuple[Any, ...] = (*self._friction, *self._near_nodes, *self.cells, *self.solids)
         return Meeting(point, self._node[point], solid, memory, most, self.law, *parts)
 
     def copy(self) -> Meeting:
@@ -126,9 +129,13 @@ class BodyContact:
         a, b, x = self._solid[point], self.meeting.solid[on], self._place[point] + self._splines[point] @ u.reshape(-1, 3)
         sign = np.where(a <= b, 1.0, -1.0)[:, None]
         force, normal = sign * pair[:, FORCE : FORCE + 3], sign * pair[:, NORMAL : NORMAL + 3]
+        across = force - np.einsum("ni,ni->n", force, normal)[:, None] * normal
+        rigidity = SHARE * self._mass[point] * self.law[0]
+        energy = stored(pair[:, DEPTH], rigidity, *self.law[1:3]) + (across**2).sum(axis=1) / (2 * rigidity)
         slip = self._splines[point] @ v.reshape(-1, 3) - self._there(v, pair)
         slip -= np.einsum("ni,ni->n", slip, normal)[:, None] * normal
-        found = {"self_contact": Contact(force=np.zeros(3), count=len(on), depth=float(pair[:, DEPTH].max(initial=0.0)))}
+        deepest = float(pair[:, DEPTH].max(initial=0.0))
+        found = {"self_contact": Contact(force=np.zeros(3), count=len(on), depth=deepest, energy=float(energy.sum()))}
         for i, j in np.unique(np.column_stack([np.minimum(a, b), np.maximum(a, b)]), axis=0):
             here = (np.minimum(a, b) == i) & (np.maximum(a, b) == j)
             weight = np.linalg.norm(force[here], axis=1) + 1e-300  # a point that leaves may be in, and not be pushed
@@ -158,8 +165,9 @@ class BodyContact:
         self.meeting = self._of(state["pair_point"], state["pair_solid"], np.array(state["pair_memory"]))
 
 
-def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:
-    """The cells of a model's solids, the number of the one that each particle (n,) is in, and component and index (cells, 4) of each."""
+def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index, Index]:
+    """The cells of a model's solids, the number of the one that each particle (n,) is in; component and index (cells, 4), and region
+    (cells,) of each."""
     grid, on = model.grid, model.particles.cell.astype(np.int64)
     shape = (int(model.component.max()) + 1, *(n + 2 for n in grid.cells))
     key = np.ravel_multi_index((model.component, *(on.T + 1)), shape)
@@ -176,7 +184,7 @@ def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:
     at = np.minimum(np.searchsorted(cells, beside), len(cells) - 1)
     first = model.first_in_motion(one) @ np.array([np.prod(model.nodes_in_motion[1:]), model.nodes_in_motion[2], 1])
     found = SolidCells(first, low.ravel(), width.ravel(), splines.ravel(), np.where(cells[at] == beside, at, -1).ravel())
-    return found, number.reshape(-1), np.column_stack([model.component[one], place])
+    return found, number.reshape(-1), np.column_stack([model.component[one], place]), model.particles.segment[one].astype(np.int64)
 
 
 def _matrix(first: Index, weights: Array, nodes: tuple[int, int, int]) -> csr_matrix:

@@ -60,14 +60,14 @@ def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, 
 
 
 def loads_conserve(model: Model) -> bool:
-    """True if no load can add energy: loads are constant, there is no contact or constraint, and what holds the body does not move."""
+    """True if no load can add energy: loads are constant, no guide feeds the body, and what holds it does not move. Contact only takes."""
     named = model.scene.effects
-    if model.scene.move or named.self_contact is not None:
+    if model.scene.move:
         return False
     if model.scene.field.varies and (named.magnetic_torque is None) != (named.magnetic_force is None):
         return False  # one without the other has no energy
     records = [record for record, _ in pairs(acting.collect(model.scene, times=np.array([0.0, 1.0])))]
-    return all(len(record) == 1 for record in records) and not any(has_hook(hook, model.effects) for hook in ("contact", "node"))
+    return all(len(record) == 1 for record in records) and not has_hook("node", model.effects)
 
 
 @compiled

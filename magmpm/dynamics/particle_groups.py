@@ -10,6 +10,7 @@ from magmpm.bodies.grid import spread
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.simd import WIDTH
 from magmpm.dynamics.nodal_mass import NodalMass, nodal_mass
+from magmpm.effects.contact_law import own_friction
 from magmpm.kernels.surface_contact import Surface
 from magmpm.kernels.total_lagrangian_step import Cells, Nodes, Particles
 from magmpm.model import Model
@@ -114,7 +115,7 @@ def _surface(model: Model, axis: int, least: int, slabs: Index, strides: tuple[i
     if found is None:
         nothing = np.zeros(0)
         none = np.zeros(0, np.int64)
-        return Surface(np.zeros(len(slabs), np.int64), np.zeros(1, np.int64), none, nothing, nothing, nothing), none
+        return Surface(np.zeros(len(slabs), np.int64), np.zeros(1, np.int64), none, nothing, nothing, nothing, nothing), none
     slab = np.searchsorted(slabs, found.first[:, axis] - least, side="right") - 1
     order = np.lexsort((*found.first.T[::-1], slab))
     starts = np.flatnonzero(np.any(np.diff(found.first[order], axis=0, prepend=-1) != 0, axis=1))
@@ -125,6 +126,7 @@ def _surface(model: Model, axis: int, least: int, slabs: Index, strides: tuple[i
         weights=found.weights[order].ravel(),
         place=found.place[order].ravel(),
         mass=found.mass[order],
+        friction=own_friction(model.scene)[model.particles.segment[found.particle[order]]],
     )
     return packed, order
 

@@ -297,13 +297,11 @@ def _measure(state: SimulationState, now: Kinematics) -> None:
         if losses is not None and losses.branches and isinstance(motion, TotalMotion):
             W, P = viscosity.stored(losses.branches, now.F, motion.remembered(), motion.lag)
             state.P, potentials["viscosity"] = state.P + P, float(W @ model.particles.volume)
-    state.energies = {"kinetic": now.kinetic, "elastic": elastic, **potentials}
-    state.contacts = {}
     touching = motion.touching_points()
-    for key, effect in model.scene.effects.named().items():
-        if (contact := effect.report(model, touching, state.dt)) is not None:
-            state.contacts[key] = contact
-    state.contacts |= motion.body_contacts()
+    reports = {key: effect.report(model, touching, state.dt) for key, effect in model.scene.effects.named().items()}
+    state.contacts = {key: contact for key, contact in reports.items() if contact is not None} | motion.body_contacts()
+    springs = {key: contact["energy"] for key, contact in state.contacts.items() if "energy" in contact}
+    state.energies = {"kinetic": now.kinetic, "elastic": elastic, **potentials, **springs}
 
 
 def _write(state: SimulationState, writer: MotionWriter | None) -> None:

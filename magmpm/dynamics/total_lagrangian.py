@@ -16,6 +16,7 @@ from magmpm.dynamics.particle_groups import pack
 from magmpm.dynamics.steps import Kinematics, at_step
 from magmpm.effects import acting
 from magmpm.effects.base import Contact, Touching
+from magmpm.effects.contact_law import at_rest
 from magmpm.kernels import total_lagrangian_step
 from magmpm.kernels.body_contact import Meeting
 from magmpm.kernels.surface_contact import ANCHOR
@@ -176,7 +177,7 @@ class TotalMotion:
         """The points of the surface, in the order of `packed`, at the time of their displacements."""
         on, cells = self.packed.surface, self.packed.cells
         if not len(on.mass):
-            return Touching(np.zeros((0, 3)), np.zeros((0, 3)), on.mass, np.zeros((0, 3)))
+            return at_rest(np.zeros((0, 3)))
         weights, node = on.weights.reshape(-1, 3, 3), np.repeat(on.first_node, np.diff(on.first_point))
         x, v = on.place.reshape(-1, 3).copy(), np.zeros((len(on.mass), 3))
         moved, speed = self.u.reshape(-1, 3), self.velocity().reshape(-1, 3)
@@ -184,7 +185,7 @@ class TotalMotion:
             at, share = node + a * cells.along_x + b * cells.along_y + c, weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
             x, v = x + share[:, None] * moved[at], v + share[:, None] * speed[at]
         anchor = self.anchor[: ANCHOR * len(x)].reshape(-1, ANCHOR)
-        return Touching(x, v, on.mass, np.where(anchor[:, 3:] > 0, anchor[:, :3], x))
+        return Touching(x, v, on.mass, np.where(anchor[:, 3:] > 0, anchor[:, :3], x), on.friction)
 
     def body_contacts(self) -> dict[str, Contact]:
         """Contact of the body with itself, by pairs of components; empty where the scene does not name it."""

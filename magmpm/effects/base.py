@@ -67,12 +67,14 @@ class SceneLike(Protocol):
 
 
 class Touching(NamedTuple):
-    """Points by which a body touches obstacles: x m, v m/s (n, 3), mass (n,) kg, and anchor (n, 3) m, where friction holds them."""
+    """Points by which a body touches obstacles: x m, v m/s (n, 3), mass (n,) kg, and anchor (n, 3) m, where friction holds them;
+    friction (n,): of their own material, nan where it names none."""
 
     x: Array
     v: Array
     mass: Array
     anchor: Array
+    friction: Array
 
 
 class RestEstimate(Protocol):
@@ -106,12 +108,14 @@ class Advice:
 
 
 class Contact(TypedDict):
-    """Report of contact: force (3,) N on the body, number of points that touch, deepest penetration m (0: none); of a body with itself,
-    also the mean point (3,) m and normal (3,) of its push, and slip, the mean speed along the surface, m/s."""
+    """Report of contact: force (3,) N on the body, number of points that touch, deepest penetration m (0: none), energy J of the springs
+    that push and hold; of two components also the mean point (3,) m and normal (3,) of their push, and slip, the mean speed along it, m/s.
+    """
 
     force: Array
     count: int
     depth: float
+    energy: NotRequired[float]
     point: NotRequired[Array]
     normal: NotRequired[Array]
     slip: NotRequired[float]

@@ -16,6 +16,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from magmpm.compiled.jit import compiled
 
 PARTS = 7  # numbers in f
@@ -38,6 +40,20 @@ def push(depth, n0, n1, n2, leaving, mass, stiffness, soft, knee, damping, frict
     f[4] += grip * n1
     f[5] += grip * n2
     f[6] += rigidity
+
+
+@compiled
+def own_grip(friction, f):
+    """Give f the grip of a surface whose material has a coefficient of its own; nan: it has none, and the obstacle's counts."""
+    if friction >= 0.0:
+        for i in range(3):
+            f[3 + i] = friction * f[i]
+
+
+def stored(depth, rigidity, soft, knee):
+    """Energy (J) of the springs of `push`; rigidity: mass times stiffness, N/m. Of one, or of arrays (n,)."""
+    below, above = np.minimum(depth, knee), np.maximum(depth - knee, 0.0)
+    return rigidity * (0.5 * soft * depth**2 + (1.0 - soft) * (below**3 / (6.0 * knee) + 0.5 * above * (above + knee)))
 
 
 @compiled

@@ -25,7 +25,7 @@ from pydantic import Field
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching
-from magmpm.effects.contact_force import PARTS, hold
+from magmpm.effects.contact_force import PARTS, hold, own_grip, stored
 from magmpm.effects.hooks import add_contact, deepest
 from magmpm.errors import SceneError, dotted
 
@@ -65,6 +65,18 @@ def law(scene: SceneLike, factor: float, friction: float) -> dict[str, float]:
     return {"stiffness": factor * rate**2, "soft": scene.cell / (SOFT * scene.thickness), "knee": KNEE * scene.cell, "damping": rate}
 
 
+def own_friction(scene: SceneLike) -> Array:
+    """Coefficient of friction (regions,) that the material of each region names, nan where it names none."""
+    named = (scene.materials[region.material_name].friction for region in scene.regions())
+    return np.array([np.nan if friction is None else friction for friction in named])
+
+
+def most_friction(scene: SceneLike, friction: float) -> float:
+    """Largest coefficient of any region where a contact names this one."""
+    own = own_friction(scene)
+    return float(np.where(np.isnan(own), friction, own).max())
+
+
 def _wave(scene: SceneLike) -> float:
     """Fastest pressure wave of the body's free regions, m/s."""
     used = [scene.materials[region.material_name] for region in scene.regions() if not region.held]
@@ -89,33 +101,41 @@ def place(model: Any, point: Array) -> str:
     return f"{region.name} ({dotted(('body', *region.at))}), at ({at}) mm"
 
 
+_stored = compiled(stored)
+
+
 @compiled
-def _touching(named, x, v, mass, dt, anchor, force):
-    """Number in contact, the deepest one (-1: none) and how deep it is (m), sum of mass depth^2 (kg m^2); adds to force (3,) N and moves
+def _touching(named, x, v, mass, dt, anchor, friction, soft, knee, force):
+    """Number in contact, the deepest one (-1: none) and how deep it is (m), energy (J) of the springs; adds to force (3,) N and moves
     anchors (n, 3) m."""
-    count, worst, most, squares, f = 0, -1, 0.0, 0.0, np.empty(PARTS)
+    count, worst, most, energy, f = 0, -1, 0.0, 0.0, np.empty(PARTS)
     for p in range(len(mass)):
         depth = deepest(named, 0, x[p])
         if depth > 0.0:
             f[:] = 0.0
             add_contact(named, 0, x[p], v[p], mass[p], dt, f)
+            own_grip(friction[p], f)
             hold(x[p], anchor[p], f)
             force += f[:3]
+            held = x[p] - anchor[p]
             count += 1
             if depth > most:
                 worst, most = p, depth
-            squares += mass[p] * depth**2
-    return count, worst, most, squares
+            energy += _stored(depth, f[6], soft, knee) + 0.5 * f[6] * (held[0] ** 2 + held[1] ** 2 + held[2] ** 2)
+    return count, worst, most, energy
 
 
-def contact_of(named: Records, x: Array, v: Array, mass: Array, dt: float, anchor: Array | None = None) -> Contact:
-    """Contact of points at x (n, 3) m with velocities v (n, 3) m/s and mass (n,) kg, in steps of dt (s); named: of one effect.
-
-    anchor (n, 3) m: where friction holds them; None: where they are, without friction.
-    """
+def contact_of(named: Records, touching: Touching, dt: float, soft: float = 1.0, knee: float = 1.0) -> Contact:
+    """Contact of points in steps of dt (s); named: of one effect; soft, knee (m): of its `law`."""
     force = np.zeros(3)
-    count, _, depth, _ = _touching(named, x, v, mass, dt, np.array(x if anchor is None else anchor), force)
-    return Contact(force=force, count=count, depth=depth)
+    x, v, mass, anchor, friction = touching
+    count, _, depth, energy = _touching(named, x, v, mass, dt, anchor.copy(), friction, soft, knee, force)
+    return Contact(force=force, count=count, depth=depth, energy=energy)
+
+
+def at_rest(x: Array, mass: Array | None = None) -> Touching:
+    """Points at rest at x (n, 3) m that nothing holds; of mass (n,) kg, or 1 kg each."""
+    return Touching(x, np.zeros_like(x), np.ones(len(x)) if mass is None else mass, x, np.full(len(x), np.nan))
 
 
 class Obstacle(Effect):
@@ -134,7 +154,7 @@ class Obstacle(Effect):
 
     def law(self, scene: SceneLike) -> dict[str, float]:
         """The `law` of a scene's body; at equilibrium there is no friction."""
-        return law(scene, self.stiffness, 0.0 if scene.solver.dynamic is None else self.friction)
+        return law(scene, self.stiffness, 0.0 if scene.solver.dynamic is None else most_friction(scene, self.friction))
 
     def stable_step(self, model: Any) -> float:
         """Largest stable step, s."""
@@ -143,19 +163,19 @@ class Obstacle(Effect):
 
     def report(self, model: Any, touching: Touching, dt: float) -> Contact:
         """Contact of a model, in steps of dt (s)."""
-        return contact_of(self.records(model.scene), touching.x, touching.v, touching.mass, dt, touching.anchor)
+        found = self.law(model.scene)
+        return contact_of(self.records(model.scene), touching, dt, found.get("soft", 1.0), found.get("knee", 1.0))
 
     def passed(self, scene: SceneLike, x: Array) -> str | None:
         """Reason why points of a surface can't rest at x (n, 3) m: one is more than a cell inside, where the spring is no contact."""
-        depth = contact_of(self.records(scene), x, np.zeros_like(x), np.ones(len(x)), 0.0)["depth"]
+        depth = contact_of(self.records(scene), at_rest(x), 0.0)["depth"]
         found = f"the body is {1e3 * depth:.3g} mm inside {self.WORDS}, more than a cell: it is pressed or went through"
         return found if depth > scene.cell else None
 
     def check(self, model: Any) -> None:
         """Raises SceneError where the body begins so deep in the obstacle that it would be thrown out faster than THROWN."""
-        x, masses = model.surface.place, model.surface.mass
-        _, point, depth, squares = _touching(self.records(model.scene), x, np.zeros_like(x), masses, 1.0, x.copy(), np.zeros(3))
-        energy = 0.5 * self.law(model.scene)["stiffness"] * squares
+        x, v, masses, anchor, friction = at_rest(model.surface.place, model.surface.mass)
+        _, point, depth, energy = _touching(self.records(model.scene), x, v, masses, 1.0, anchor.copy(), friction, 1.0, 1.0, np.zeros(3))
         mass = float(model.density @ model.particles.volume)
         speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0
         if speed > THROWN:

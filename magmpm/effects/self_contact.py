@@ -13,7 +13,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike
-from magmpm.effects.contact_law import Friction, Stiffness, law, stable_step
+from magmpm.effects.contact_law import Friction, Stiffness, law, most_friction, stable_step
 from magmpm.effects.estimates import MEASURE, no_rest
 
 
@@ -31,7 +31,7 @@ class SelfContact(Effect):
 
     def stable_step(self, model: Any) -> float:
         """Largest stable step, s."""
-        found = law(model.scene, self.stiffness, self.friction)
+        found = law(model.scene, self.stiffness, most_friction(model.scene, self.friction))
         return stable_step(2 * found["stiffness"], 2 * found.get("damping", 0.0))
 
     @classmethod

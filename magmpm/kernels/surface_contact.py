@@ -15,7 +15,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined
 from magmpm.compiled.simd_views import row
-from magmpm.effects.contact_force import PARTS, hold
+from magmpm.effects.contact_force import PARTS, hold, own_grip
 from magmpm.effects.hooks import add_contact, deepest
 
 ANCHOR = 4  # numbers a point in State.anchor: where friction holds it (3,) m, and whether it does: 0 if it does not touch
@@ -26,7 +26,8 @@ class Surface(NamedTuple):
     """Points of the surface, sorted by patch and slab.
 
     first_patch (slabs + 1,), first_point (patches + 1,): of each slab and patch; first_node (patches,); weights (9 points,): splines along
-    x, y, z; place (3 points,) m in the undeformed body; mass (points,) kg, of a layer (dynamics.particle_groups).
+    x, y, z; place (3 points,) m in the undeformed body; mass (points,) kg, of a layer (dynamics.particle_groups); friction (points,): of
+    their own material, nan where it names none.
     """
 
     first_patch: Index
@@ -35,6 +36,7 @@ class Surface(NamedTuple):
     weights: Array
     place: Array
     mass: Array
+    friction: Array
 
 
 @compiled
@@ -98,6 +100,7 @@ def touch(slab, step, dt, surface, cells, state, effects):
             if state.anchor[ANCHOR * p + 3] != STICKS:
                 _add(state.v, where, share, v)
             add_contact(effects, step, x, v, surface.mass[p], dt, f)
+            own_grip(surface.friction[p], f)
             anchor = row(state.anchor, ANCHOR * p)
             if state.anchor[ANCHOR * p + 3] == 0.0:
                 for i in range(3):

@@ -19,6 +19,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from magmpm.effects.contact_law import Friction
 from magmpm.inputs.settings import Quantity, Settings, fault, from_file
 from magmpm.scene.motion_options import DynamicOptions, QuasiStaticOptions
 
@@ -54,11 +55,19 @@ class Material(Settings):
         examples=["rotates"],
     )
 
+    friction: Friction | None = Field(
+        default=None,
+        description="Coulomb's coefficient of friction of its surface, in place of the one that ground, walls or self_contact names. "
+        "Of two parts that touch, and both name one, the smaller counts.",
+        examples=[0.05],
+    )
+
     @model_serializer(mode="wrap")
     def _as_said(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Plain data, with the law of magnetization only where it is not the usual one."""
+        """Plain data, with the law of magnetization and friction only where they are not the usual ones."""
         data: dict[str, Any] = handler(self)
-        return {key: value for key, value in data.items() if (key, value) != ("magnetization_law", "stretches")}
+        usual = {("magnetization_law", "stretches"), ("friction", None)}
+        return {key: value for key, value in data.items() if not (key in ("magnetization_law", "friction") and (key, value) in usual)}
 
     @field_validator("bulk_to_shear")
     @classmethod

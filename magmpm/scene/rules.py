@@ -10,6 +10,7 @@ import numpy as np
 
 from magmpm.bodies.catheter import THIN_WALL
 from magmpm.effects.base import SceneLike
+from magmpm.effects.contact_law import most_friction
 from magmpm.effects.magnetization import rotating
 from magmpm.fields import schedule
 from magmpm.inputs.settings import Key, fault
@@ -262,8 +263,9 @@ def warnings(scene: SceneLike) -> list[str]:
     if not any(effect is not None for _, effect in scene.effects):
         found.append("effects: none is named, so nothing moves")
     for key in ("ground", "walls") if dynamic is None else ():
-        if getattr(getattr(scene.effects, key), "friction", 0.0) > 0.0:
-            found.append(f"effects.{key}.friction: equilibria leave it out: the body slides until the push of {key} alone holds it")
+        effect = getattr(scene.effects, key)
+        if effect is not None and most_friction(scene, effect.friction) > 0.0:
+            found.append(f"effects.{key}: equilibria leave friction out: the body slides until the push of {key} alone holds it")
     own = shape.warnings(scene.resolution.cells_across, one_grid=dynamic is None)
     fitted = dynamic is None and scene.body.catheter is not None and scene.body.catheter.round_cells
     found += of_known_error(own) if fitted else own

@@ -15,7 +15,8 @@ import numpy as np
 
 from magmpm.bodies.contact_surface import ContactSurface
 from magmpm.compiled.arrays import Array, Index
-from magmpm.effects.base import Contact, Records, Touching
+from magmpm.effects.base import Contact, Records
+from magmpm.effects.contact_law import at_rest
 from magmpm.kernels.equilibrium import STENCIL, Cells
 from magmpm.kernels.resting_contact import contact_to_panels, touch
 from magmpm.model import Model
@@ -73,7 +74,7 @@ class RestingSurface(ContactSurface):
 
 def contacts_at_rest(model: Model, touched: Touched) -> dict[str, Contact]:
     """The contact of each obstacle with a model."""
-    still = Touching(touched.x, np.zeros_like(touched.x), touched.mass, touched.x)
+    still = at_rest(touched.x, touched.mass)
     found = {key: effect.report(model, still, 0.0) for key, effect in model.scene.effects.named().items()}
     return {key: contact for key, contact in found.items() if contact is not None}
 

@@ -114,8 +114,7 @@ def _hit(scene: Scene) -> tuple[float, float, float]:
     for _ in range(100):
         advance(motion, max(1, int(2.5e-3 / 100 / dt)), dt)
         x, v, _ = motion.particles()
-        on = motion.touching_points()
-        told = contact_of(ground, on.x, on.v, on.mass, dt)
+        told = contact_of(ground, motion.touching_points(), dt)
         deepest = max(deepest, told["depth"])
         if deepest > 0.0 and not told["count"] and (x[:, 2] - ground[0]["ground_point"][0][2]).min() > model.grid.spacing[2]:
             break

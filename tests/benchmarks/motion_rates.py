@@ -183,8 +183,8 @@ def effect_costs() -> dict[str, float]:
 
 def touching_share(touches: Scene, effect: str) -> float:
     """Share of the points of the undeformed body's surface that are in contact."""
-    from magmpm.effects.contact_law import contact_of
+    from magmpm.effects.contact_law import at_rest, contact_of
 
     named, model = touches.effects.named()[effect].records(touches), build(touches.with_effects(**{effect: None}))
     x = touches.body.shape.surface(model.grid, base=not model.clamped_face).position
-    return float(contact_of(named, x, 0 * x, np.ones(len(x)), 1e-6)["count"]) / len(x)
+    return float(contact_of(named, at_rest(x), 1e-6)["count"]) / len(x)

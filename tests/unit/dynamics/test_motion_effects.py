@@ -13,7 +13,7 @@ from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.curves import curve
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import damping, feed, gravity, ground, magnetic_torque, viscosity, walls
-from magmpm.effects.contact_law import contact_of
+from magmpm.effects.contact_law import at_rest, contact_of
 from magmpm.model import Model, build
 
 ROUNDING = (
@@ -42,7 +42,7 @@ def model() -> Model:
 def touching(model: Model, x: np.ndarray) -> None:
     """The comparison is meaningful: some points touch each obstacle, and some do not."""
     for at in (6, 10):  # ground, walls
-        told = contact_of(EFFECTS[at : at + 2], x, 0 * x, np.ones(len(x)), DT)
+        told = contact_of(EFFECTS[at : at + 2], at_rest(x), DT)
         assert 0.02 * len(x) < told["count"] < 0.9 * len(x)
 
 

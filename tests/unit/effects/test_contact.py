@@ -276,7 +276,7 @@ def test_a_lumen_from_a_mesh(tmp_path: Path) -> None:
 
     model = build(scene(walls=lumen([-5, -3, -3], [20, 3, 3])))
     x = np.array([[6e-3, 0, 0], [6e-3, 0, 3.2e-3], [6e-3, -3.2e-3, 0.5e-3]])
-    told = [contact.contact_of(model.effects, x[k : k + 1], np.zeros((1, 3)), np.full(1, MASS), 1e-6) for k in range(3)]
+    told = [contact.contact_of(model.effects, contact.at_rest(x[k : k + 1], np.full(1, MASS)), 1e-6) for k in range(3)]
     assert [t["count"] for t in told] == [0, 1, 1]
     pushes = MASS * contact.law(model.scene, 1.0, 0.0)["stiffness"] * 0.2e-3
     np.testing.assert_allclose(told[1]["force"], [0, 0, -pushes], rtol=0, atol=0.02 * pushes)

@@ -18,9 +18,9 @@ from magmpm.bodies.grid import spline_slopes, spline_weights
 from magmpm.dynamics.stable_step import body_step
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting as effects
-from magmpm.effects.base import Effect
+from magmpm.effects.base import Effect, Touching
 from magmpm.effects.contact_force import PARTS, hold
-from magmpm.effects.contact_law import contact_of
+from magmpm.effects.contact_law import at_rest, contact_of
 
 MASS, DT = 2e-9, 1e-6  # kg, s
 SPEED = 0.1  # m/s
@@ -174,11 +174,11 @@ def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> 
         f = np.zeros(PARTS)
         function(x[p], v[p], mass[p], DT, f)
         forces[p] = held(x[p], anchor[p], f)[0]
-    told = contact_of(found, x, v, mass, DT, anchor)
+    told = contact_of(found, Touching(x, v, mass, anchor, np.full(len(x), np.nan)), DT)
     np.testing.assert_allclose(told["force"], forces.sum(axis=0), rtol=1e-12)
     assert told["count"] == 20
     assert 0 < told["depth"] < 60e-3
-    far = contact_of(found, x[20:], v[20:], mass[20:], DT)
+    far = contact_of(found, at_rest(x[20:], mass[20:]), DT)
     assert (far["force"].any(), far["count"], far["depth"]) == (False, 0, 0.0)
 
 
