@@ -239,6 +239,7 @@ class _Files:
         energies.add_effects_stress(model, x, F, named, stress)
         known = {"kinetic": 0.0, "elastic": elastic, **energies.effect_energies(model, x, F, state.time)}
         contacts = {} if shape.touched is None else contacts_at_rest(model, shape.touched)
+        known |= {key: contact["energy"] for key, contact in contacts.items()}
         self.frames.frame(state.time, x, np.zeros_like(x), F, stress, known, contacts, field_at(model, x))
         self.steps.add(path_row(state.rows[-1]))
         for jump in jumps:

@@ -115,7 +115,7 @@ class Contact(TypedDict):
     force: Array
     count: int
     depth: float
-    energy: NotRequired[float]
+    energy: float
     point: NotRequired[Array]
     normal: NotRequired[Array]
     slip: NotRequired[float]
