@@ -96,6 +96,7 @@ BOUNDS = [
     edit("g/cm^3 mistaken", "1882 kg/m^3", "1882 g/cm^3", MAGNETIC + ".density", '"1882 g/cm^3"', "at most 30000 kg/m^3"),
     edit("negative remanence", "138 mT", "-138 mT", MAGNETIC + ".remanence", '"-138 mT"', "must be at least 0 mT"),
     edit("remanence in T", "138 mT", "138 T", MAGNETIC + ".remanence", '"138 T"', "must be at most 3 T"),
+    edit("negative friction of a material", "1882 kg/m^3", "1882 kg/m^3\n    friction: -0.1", MAGNETIC + ".friction", "-0.1", "at least 0", line=8),
     edit("field in T", "8 mT]", "80 T]", "field.uniform[2]", '"80 T"', "must be at most 20 T"),
     edit("elevation too high", "10 deg", "100 deg", CATHETER + ".segments[2].magnetization.elevation", '"100 deg"', "90 deg"),
     edit("K below 2/3 G", "    bulk_to_shear: 20", "    bulk_to_shear: 0.5", MAGNETIC + ".bulk_to_shear", "0.5", "than 2/3"),
