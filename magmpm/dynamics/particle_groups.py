@@ -10,7 +10,6 @@ from magmpm.bodies.grid import spread
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.simd import WIDTH
 from magmpm.dynamics.nodal_mass import NodalMass, nodal_mass
-from magmpm.effects.contact_law import own_friction
 from magmpm.kernels.surface_contact import Surface
 from magmpm.kernels.total_lagrangian_step import Cells, Nodes, Particles
 from magmpm.model import Model
@@ -126,7 +125,7 @@ def _surface(model: Model, axis: int, least: int, slabs: Index, strides: tuple[i
         weights=found.weights[order].ravel(),
         place=found.place[order].ravel(),
         mass=found.mass[order],
-        friction=own_friction(model.scene)[model.particles.segment[found.particle[order]]],
+        friction=found.friction[order],
     )
     return packed, order
 

@@ -16,6 +16,7 @@ from magmpm.bodies.regions import Line
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.effects.base import Records
+from magmpm.effects.contact_law import Obstacle, most_friction
 from magmpm.model import Model, build, knots_of, reshaped
 from magmpm.results import measures
 from magmpm.scene import Scene
@@ -25,6 +26,7 @@ from magmpm.statics.between_grids import along
 from magmpm.statics.contact import Touched
 from magmpm.statics.energy import Point
 from magmpm.statics.equilibrium import Equilibrium, restored, solve_static
+from magmpm.statics.friction import SETTLED, Held, change, followed, held_at
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.lift import Lift
 from magmpm.statics.nearby_minima import Tell
@@ -57,6 +59,8 @@ class FieldLoads:
         self.model = static_model(build(scene, time=time))
         self._arranged, self._of = arranged(self.model)
         self._lift = Lift(self._arranged)
+        self.held: Held | None = None  # by friction
+        self._begun: tuple[Array, Held] | None = None  # places (n, 3) m of the surface as the increment began, and how it was held then
 
     @property
     def whole(self) -> Model:
@@ -77,7 +81,32 @@ class FieldLoads:
 
     def at(self, time: float) -> StaticModel:
         """The model, with its axes as the solve needs them, under the load of a time, s."""
-        return replace(self._arranged, effects=self._named(time), time=time)
+        touching = self._arranged.touching
+        return replace(self._arranged, effects=self._named(time), time=time, touching=None if touching is None else replace(touching, held=self.held))
+
+    @property
+    def rough(self) -> bool:
+        """True if friction holds what touches."""
+        named = [effect for effect in self.model.scene.effects.named().values() if isinstance(effect, Obstacle)]
+        return any(most_friction(self.model.scene, effect.friction) > 0 for effect in named)
+
+    def hold(self, time: float, point: Point) -> bool:
+        """Hold points by friction as an equilibrium of this time presses them. Returns True if that differs from how they were held."""
+        surface = self._arranged.touching
+        assert surface is not None  # of a scene with obstacles
+        now = held_at(self._named(time), surface.positions(point.grid), surface.mass, surface.friction, self._begun)
+        if self.held is not None and change(self.held, now) < SETTLED:
+            return False
+        self.held = now
+        return True
+
+    def let_slide(self, point: Point) -> None:
+        """Begin an increment at an equilibrium: anchors follow the points that slid."""
+        surface = self._arranged.touching
+        if self.held is not None and surface is not None:
+            was = surface.positions(point.grid)
+            self.held = followed(self.held, was)
+            self._begun = was, self.held
 
     def carried(self, grid: Array, before: float, after: float) -> Array:
         """The same coefficients: the grid stays."""
@@ -94,7 +123,7 @@ class FieldLoads:
         model = replace(self.model, time=time)
         tip = measures.region_means(model, found.position)[-1] if model.line is None else axis.tip(model, point.grid)
         rows = axis.centreline(model, point.grid)
-        return Shape(model, found.position, found.F, rows, tip, found.min_det_F, found.max_det_F, model.dof, found.touched)
+        return Shape(model, found.position, found.F, rows, tip, found.min_det_F, found.max_det_F, model.dof, point.touched)
 
     def _named(self, time: float) -> Records:
         return acting.collect(self.model.scene, times=np.array([time]))

@@ -30,8 +30,10 @@ from magmpm.scene import Scene
 from magmpm.statics.branch import Branch, Jump, Reached, point_of
 from magmpm.statics.contact import contacts_at_rest
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
+from magmpm.statics.friction import Held
 
 FORMULATION = "quasi_static"
+MOST_TRIES = 50  # solves of an equilibrium with friction, which settles by a factor of two or more each
 Progress = Callable[[float, int], None]
 
 
@@ -82,6 +84,8 @@ def begin(scene: Scene, saved: Checkpoint | None = None, on_step: Callable[[int,
             raise type(error)(f"equilibrium at t = {first:.6g} s: {error.reason}", _unbegun(state, error.state)) from None
         return state
     loads, more = loads_of(scene, scene.path_times()[0]), saved.control
+    if isinstance(loads, FieldLoads) and "held_grip" in saved.state:
+        loads.held = Held(*(saved.state[f"held_{name}"] for name in Held._fields))
     branch = None
     if more["branch"]:
         with one_blas_thread():
@@ -120,12 +124,27 @@ def _go_on(state: PathState, time: float, on_step: Callable[[int, float], None] 
         with one_blas_thread():
             state.branch.settle_in(found.point.grid)
         state.warnings += found.warnings
+        if isinstance(loads, FieldLoads) and loads.rough:
+            loads.hold(time, state.branch.now.point)
     else:
         with one_blas_thread():
-            jumps = state.branch.advance(time)
+            jumps = _advance(state.branch, loads, time)
     state.time = time
     state.iterations += 0 if state.branch is None else state.branch.now.iterations
     return jumps
+
+
+def _advance(branch: Branch, loads: FieldLoads | FeedLoads, time: float) -> list[Jump]:
+    """`Branch.advance`, and again at its end until friction holds the body as strongly as this presses it. Raises SolveError."""
+    if not isinstance(loads, FieldLoads) or not loads.rough:
+        return branch.advance(time)
+    loads.let_slide(branch.now.point)
+    jumps = branch.advance(time)
+    for _ in range(MOST_TRIES):
+        if not loads.hold(time, branch.now.point):
+            return jumps
+        branch.settle()
+    raise SolveError(f"friction did not settle in {MOST_TRIES} solves: the body is on the verge of slipping; remedy: take more steps of a shorter time")
 
 
 def follow(
@@ -248,6 +267,8 @@ class _Files:
 
     def _checkpoint(self, state: PathState) -> Checkpoint:
         arrays, numbers = ({}, {}) if state.branch is None else state.branch.state()
+        if isinstance(state.loads, FieldLoads) and state.loads.held is not None:
+            arrays |= {f"held_{name}": value for name, value in state.loads.held._asdict().items()}
         more = {"branch": numbers, "rows": state.rows, "jumps": state.jumps, "warnings": state.warnings, "strain": state.strain.state()}
         return Checkpoint(
             scene_hash=self._hash, every=0.0, time=state.time, formulation=FORMULATION,

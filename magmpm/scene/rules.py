@@ -262,7 +262,7 @@ def warnings(scene: SceneLike) -> list[str]:
         found.append("effects: magnetic_force does nothing, for the field is the same everywhere")
     if not any(effect is not None for _, effect in scene.effects):
         found.append("effects: none is named, so nothing moves")
-    for key in ("ground", "walls") if dynamic is None else ():
+    for key in ("ground", "walls") if dynamic is None and (scene.solver.quasi_static is None or scene.effects.feed is not None) else ():
         effect = getattr(scene.effects, key)
         if effect is not None and most_friction(scene, effect.friction) > 0.0:
             found.append(f"effects.{key}: equilibria leave friction out: the body slides until the push of {key} alone holds it")

@@ -25,7 +25,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
-from magmpm.errors import LeftField
+from magmpm.errors import LeftField, SolveError
 from magmpm.statics.block_cholesky import solve
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
@@ -145,6 +145,13 @@ class Branch:
             beyond = np.inf if target >= beyond else beyond
         self.now = replace(self.now, iterations=self._near.spent)
         return jumps
+
+    def settle(self) -> None:
+        """Find the equilibrium of the present time again, under loads that have changed a little. Raises SolveError."""
+        found = self._attempt(self.now.time)
+        if found is None:
+            raise SolveError("the body slips: with friction there is no equilibrium near; remedy: take more steps of a shorter time")
+        self.now = replace(found, step=self.now.step)
 
     def _ends_before(self, time: float) -> bool:
         """True if the trend of the lowest eigenvalue reaches zero before a time, s, as at a limit point."""

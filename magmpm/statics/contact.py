@@ -15,31 +15,40 @@ import numpy as np
 
 from magmpm.bodies.contact_surface import ContactSurface
 from magmpm.compiled.arrays import Array, Index
-from magmpm.effects.base import Contact, Records
-from magmpm.effects.contact_law import at_rest
+from magmpm.effects.base import Contact, Records, Touching
 from magmpm.kernels.equilibrium import STENCIL, Cells
 from magmpm.kernels.resting_contact import contact_to_panels, touch
 from magmpm.model import Model
+from magmpm.statics.friction import Held, add_springs
 
 
 class Touched(NamedTuple):
-    """Points that touch: their indices on (t,), place x (t, 3) m, mass (t,) kg, force f (t, 3) N and its slope H (t, 3, 3) N/m; energy of
-    all, J."""
+    """Points that touch or are held: their indices on (t,), place x (t, 3) m, mass (t,) kg, anchor (t, 3) m, friction (t,) of their own
+    material, force f (t, 3) N, its slope H (t, 3, 3) N/m, and whether they slide (t,); energy of all, J."""
 
     on: Index
     x: Array
     mass: Array
+    anchor: Array
+    friction: Array
     f: Array
     H: Array
+    slides: Array
     energy: float
+
+    @property
+    def pattern(self) -> Index:
+        """Which points touch and slide: the tangent is another where it changes."""
+        return np.asarray(2 * self.on + self.slides)
 
 
 @dataclass(frozen=True)
 class RestingSurface(ContactSurface):
-    """A surface whose points (n) are sorted by cells: those cells, and the splines as a sparse matrix (n, nodes)."""
+    """A surface whose points (n) are sorted by cells: those cells, the splines as a sparse matrix (n, nodes), and how friction holds them."""
 
     cells: Cells
     splines: Any  # scipy.sparse.csr_matrix
+    held: Held | None = None
 
     def positions(self, grid: Array) -> Array:
         """Places (n, 3) m of the points for grid coefficients (planes, m) m."""
@@ -50,8 +59,13 @@ class RestingSurface(ContactSurface):
         x, n = self.positions(grid), len(self.mass)
         energy, f, H = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
         touch(effects, x, self.mass, energy, f, H)
-        on = np.flatnonzero(energy)
-        return Touched(on, x[on], self.mass[on], f[on], H[on], float(energy.sum()))
+        held, anchor, slides = energy != 0.0, x, np.zeros(n, bool)
+        if self.held is not None:
+            slides = add_springs(self.held, x, energy, f, H)
+            held |= self.held.grip > 0.0
+            anchor = np.where((self.held.grip > 0.0)[:, None], self.held.anchor, x)
+        on = np.flatnonzero(held)
+        return Touched(on, x[on], self.mass[on], anchor[on], self.friction[on], f[on], H[on], slides[on], float(energy.sum()))
 
     def force(self, touched: Touched) -> Array:
         """Force (nodes, 3) N on the grid."""
@@ -74,7 +88,7 @@ class RestingSurface(ContactSurface):
 
 def contacts_at_rest(model: Model, touched: Touched) -> dict[str, Contact]:
     """The contact of each obstacle with a model."""
-    still = at_rest(touched.x, touched.mass)
+    still = Touching(touched.x, np.zeros_like(touched.x), touched.mass, touched.anchor, touched.friction)
     found = {key: effect.report(model, still, 0.0) for key, effect in model.scene.effects.named().items()}
     return {key: contact for key, contact in found.items() if contact is not None}
 
@@ -100,4 +114,5 @@ def resting(surface: ContactSurface, planes: int, node_yz: Index, model: Model) 
     at = [np.minimum(plane + a, planes - 1) * wide + row[:, b] + c for a, b, c in product(range(3), repeat=3)]
     share = [weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c] for a, b, c in product(range(3), repeat=3)]
     splines = csr_matrix((np.stack(share, 1).ravel(), np.stack(at, 1).ravel(), STENCIL * np.arange(n + 1)), (n, planes * wide))
-    return RestingSurface(surface.place[order], first, weights, surface.mass[order], surface.particle[order], surface.still, cells, splines)
+    mass, particle, friction = surface.mass[order], surface.particle[order], surface.friction[order]
+    return RestingSurface(surface.place[order], first, weights, mass, particle, surface.still, friction, cells, splines)

@@ -9,6 +9,7 @@ A fall is overdamped motion, M du/dt = -dE/du, by implicit Euler steps of limite
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -62,8 +63,8 @@ class NearbyMinima:
                 return None
             direction = -solve(energy.panels, energy.model.layout.split, residual)
             self.spent += 1
-            if point.touched is not None and not np.array_equal(on, point.touched.on):  # other points touch than before: another tangent
-                on, allowed = point.touched.on, np.inf
+            if point.touched is not None and not np.array_equal(on, point.touched.pattern):  # other points touch than before: another tangent
+                on, allowed = point.touched.pattern, np.inf
             decrement = -float(np.sum(residual * direction)) / 2
             scale = max(abs(point.energy - rest), energy.least_scale())
             if self._tell is not None:
@@ -116,11 +117,13 @@ class NearbyMinima:
         return self._masses
 
     def free(self, energy: Energy) -> float:
-        """Lowest eigenvalue (Pa/m^2) of the undeformed body."""
-        mass = self.mass(energy)
+        """Lowest eigenvalue (Pa/m^2) of the undeformed body, which nothing touches or holds."""
+        mass, model = self.mass(energy), energy.model
         if self._free == 0.0:
+            energy.load(replace(model, touching=None))
             factored(energy, energy.at(np.zeros(energy.shape)))
             self._free = lowest_mode(energy, mass)[0]
+            energy.load(model)
         return self._free
 
     def _neutral(self, energy: Energy) -> float:
