@@ -34,9 +34,11 @@ class GrowingTable:
         if not new and self._header != list(row):
             raise ValueError(f"{self.path.name} has the columns {', '.join(self._header or ())}; this frame gives {', '.join(row)}")
         self._header = list(row)
-        text = [value if isinstance(value, str) else repr(value) for value in map(_plain, row.values())]
         with self.path.open("a", encoding="utf-8", newline="") as stream:
-            stream.write(("" if not new else ",".join(row) + "\n") + ",".join(text) + "\n")
+            write = csv.writer(stream, lineterminator="\n").writerow  # names may hold commas
+            if new:
+                write(row)
+            write(map(_plain, row.values()))
 
     def cut(self, last: float) -> None:
         """Keep the rows up to a time (s, the first column). If none is left the file is removed, as before its first row."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 import signal
 import socket
@@ -35,16 +36,19 @@ def command(words: list[str], quick: bool) -> list[str]:
 
 
 def serve(words: list[str]) -> None:
-    """Start a server on a free port, see that its page comes, and end it."""
+    """Start a server on a free port, open the address that it prints as a browser does, and end it."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    server = subprocess.Popen([*MAGMPM, *words[1:], "--port", str(port)], start_new_session=True)
+    command = [*MAGMPM, *words[1:], "--port", str(port)]
+    server = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
     try:
-        begun = time.monotonic()
+        assert server.stderr is not None
+        begun, address = time.monotonic(), next(found[0] for line in server.stderr if (found := re.search(rf"http://\S+:{port}\S*", line)))
         while True:
             try:
-                with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=10) as answer:
+                with browser.open(address, timeout=10) as answer:
                     assert answer.status == 200
                 return
             except OSError:

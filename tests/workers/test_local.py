@@ -82,7 +82,7 @@ def test_a_worker_that_dies_costs_nothing_and_a_deadly_design_fails(tmp_path: Pa
     (tmp_path / "poison").touch()
     report = run(tmp_path / "again", "random", session.slow, workers=2)
     assert (report.trials, report.failed) == (TRIALS, 1)
-    assert "ended (SIGSEGV)" in report.reasons[0]
+    assert "ended by SIGSEGV" in report.reasons[0]
 
 
 @pytest.mark.parametrize("workers", [1, 2])
