@@ -81,8 +81,9 @@ class FieldLoads:
 
     def at(self, time: float) -> StaticModel:
         """The model, with its axes as the solve needs them, under the load of a time, s."""
-        touching = self._arranged.touching
-        return replace(self._arranged, effects=self._named(time), time=time, touching=None if touching is None else replace(touching, held=self.held))
+        surface = self._arranged.touching
+        touching = None if surface is None else replace(surface, held=self.held)
+        return replace(self._arranged, effects=self._named(time), time=time, touching=touching)
 
     @property
     def rough(self) -> bool:

@@ -144,7 +144,7 @@ def _advance(branch: Branch, loads: FieldLoads | FeedLoads, time: float) -> list
         if not loads.hold(time, branch.now.point):
             return jumps
         branch.settle()
-    raise SolveError(f"friction did not settle in {MOST_TRIES} solves: the body is on the verge of slipping; remedy: take more steps of a shorter time")
+    raise SolveError(f"friction did not settle in {MOST_TRIES} solves: the body is about to slip; remedy: take shorter steps")
 
 
 def follow(

@@ -25,6 +25,7 @@ from magmpm.errors import InputError, SceneError, SolveError
 from magmpm.kernels.watch import BROKEN, WHY
 from magmpm.model import Model
 from magmpm.results.file_names import forget_motion
+from magmpm.results.motion_tables import PAIR
 from magmpm.results.strain import Strain, strain_of
 from magmpm.results.trajectory import MotionWriter
 from magmpm.scene import Scene, time_limit
@@ -300,7 +301,7 @@ def _measure(state: SimulationState, now: Kinematics) -> None:
     touching = motion.touching_points()
     reports = {key: effect.report(model, touching, state.dt) for key, effect in model.scene.effects.named().items()}
     state.contacts = {key: contact for key, contact in reports.items() if contact is not None} | motion.body_contacts()
-    springs = {key: contact["energy"] for key, contact in state.contacts.items() if "energy" in contact}
+    springs = {key: contact["energy"] for key, contact in state.contacts.items() if PAIR not in key}
     state.energies = {"kinetic": now.kinetic, "elastic": elastic, **potentials, **springs}
 
 

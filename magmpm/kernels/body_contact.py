@@ -47,9 +47,9 @@ class Meeting(NamedTuple):
     X (3,) m, anchor (3,) m and whether it holds, the value of `memory[-1]` until which it cannot touch, cell, force (3,) N on the point,
     depth m, and normal (3,) out of the solid; at last the distance (m) that anything may have moved since pairs were listed; most (1,): m,
     of it, until they are listed again; law (4,): stiffness 1/s^2, soft, knee m and damping 1/s (effects.contact_law); friction (r^2,) of
-    points of a region on each region, from row (points,) on; column (cells,): region of the solids' cells; near_node, near_share (k,): nodes
-    that move points, and their largest spline at any point times the 27 nodes of a cell; then the fields of SolidCells and Solids, flat, as
-    parallel loops take them.
+    points of a region on each region, from row (points,) on; column (cells,): region of the solids' cells; near_node, near_share (k,):
+    nodes that move points, and their largest spline at any point times the 27 nodes of a cell; then the fields of SolidCells and Solids,
+    flat, as parallel loops take them.
     """
 
     point: Index

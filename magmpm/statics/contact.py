@@ -44,7 +44,7 @@ class Touched(NamedTuple):
 
 @dataclass(frozen=True)
 class RestingSurface(ContactSurface):
-    """A surface whose points (n) are sorted by cells: those cells, the splines as a sparse matrix (n, nodes), and how friction holds them."""
+    """A surface whose points (n) are sorted by cells: those cells, splines as a sparse matrix (n, nodes), and how friction holds them."""
 
     cells: Cells
     splines: Any  # scipy.sparse.csr_matrix

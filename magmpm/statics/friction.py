@@ -80,8 +80,8 @@ def _stretch(held: Held, x: Array) -> tuple[Array, Array]:
 
 
 @compiled
-def _grips(effects, x, was, mass, friction, f, met):
-    """Write the grip of points at x (n, 3) m to f (n, PARTS), and when on their way from `was` they met the obstacle, 0 to 1, to met (n,)."""
+def _grips(effects, x, was, mass, friction, f, met):  # type: ignore[no-untyped-def]
+    """Write the grip of points at x (n, 3) m to f (n, PARTS), and which share of the way from `was` was clear to met (n,)."""
     still = np.zeros(3)
     for p in range(len(x)):
         depth = deepest(effects, 0, x[p])

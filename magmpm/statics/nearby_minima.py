@@ -63,7 +63,7 @@ class NearbyMinima:
                 return None
             direction = -solve(energy.panels, energy.model.layout.split, residual)
             self.spent += 1
-            if point.touched is not None and not np.array_equal(on, point.touched.pattern):  # other points touch than before: another tangent
+            if point.touched is not None and not np.array_equal(on, point.touched.pattern):  # others touch: another tangent
                 on, allowed = point.touched.pattern, np.inf
             decrement = -float(np.sum(residual * direction)) / 2
             scale = max(abs(point.energy - rest), energy.least_scale())

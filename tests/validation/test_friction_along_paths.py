@@ -1,4 +1,4 @@
-"""Friction in equilibria along time: Coulomb's law, hysteresis, the limit of short increments, a slow motion, going on from a checkpoint."""
+"""Friction in equilibria along time: Coulomb's law, hysteresis, short increments, a slow motion, going on from a checkpoint."""
 
 from __future__ import annotations
 
