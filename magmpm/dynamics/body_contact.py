@@ -143,7 +143,8 @@ class BodyContact:
             mean = weight @ normal[here]
             found[f"self_contact: {self.names[i]}, {'itself' if i == j else self.names[j]}"] = Contact(
                 force=np.zeros(3) if i == j else force[here].sum(axis=0), count=int(here.sum()), depth=float(pair[here, DEPTH].max()),
-                energy=float(energy[here].sum()), point=weight @ x[here], normal=mean / np.linalg.norm(mean), slip=float(weight @ np.linalg.norm(slip[here], axis=1)),
+                energy=float(energy[here].sum()), point=weight @ x[here], normal=mean / np.linalg.norm(mean),
+                slip=float(weight @ np.linalg.norm(slip[here], axis=1)),
             )  # fmt: skip
         return found
 
