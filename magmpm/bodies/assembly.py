@@ -17,11 +17,12 @@ from magmpm.bodies.contact_solid import Solids, mesh_solids
 from magmpm.bodies.contact_surface import SurfacePoints, parts_surface
 from magmpm.bodies.grid import ClampPlane, Grid
 from magmpm.bodies.knots import EVEN, Knots
-from magmpm.bodies.mesh_quadrature import grid_of_parts, part_errors, part_particles
+from magmpm.bodies.mesh_quadrature import TOUCHING, grid_of_parts, part_errors, part_particles
 from magmpm.bodies.regions import Region
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.surface_mesh import (
     PREFIX,
+    gap,
     overlaps,
     read_mesh,
     size_fault,
@@ -36,7 +37,6 @@ from magmpm.inputs.vectors import Direction, Vector
 MAX_PARTS = 1000
 UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 25.4e-3}
 MAY_OVERLAP = 1e-3  # of the smaller part: touching faces of a drawing never fit exactly
-TOUCHING = 1e-4  # of the body's length: parts this near touch
 LEAST_CELLS = 2  # through the thinnest part
 
 
@@ -154,11 +154,15 @@ class Parts(BodyShape):
         vertices = np.concatenate([unpack_mesh(part.mesh).vertices for part in self.meshes])
         return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
 
-    def _gaps(self) -> Array:
-        """Between the parts' boxes, (parts, parts) m."""
+    def _gaps(self, within: float) -> Array:
+        """Between the parts, (parts, parts) m: where their boxes come within this distance (m) that of their surfaces, else of the boxes."""
         low = np.array([t.reshape(-1, 3).min(axis=0) for t in self.triangles()])
         high = np.array([t.reshape(-1, 3).max(axis=0) for t in self.triangles()])
-        return np.linalg.norm(np.maximum(np.maximum(low[:, None] - high, low - high[:, None]), 0.0), axis=2)
+        found = np.linalg.norm(np.maximum(np.maximum(low[:, None] - high, low - high[:, None]), 0.0), axis=2)
+        unit = UNITS[self.unit]
+        for i, j in np.argwhere(np.triu(found < within, 1)):
+            found[i, j] = found[j, i] = unit * gap(self.meshes[i].mesh, self.meshes[j].mesh, within / unit)
+        return np.asarray(found)
 
     @property
     def clamp(self) -> Literal["parts", "none"]:
@@ -212,12 +216,14 @@ class Parts(BodyShape):
         return particles.segment
 
     def components(self, particles: Particles) -> NDArray[np.int64]:
-        """Which connected component each particle (n,) is in, from 0: parts whose boxes and cells touch are of one."""
-        return connected_components(self._gaps() <= TOUCHING * self.length, particles.cell, particles.segment)
+        """Which connected component each particle (n,) is in, from 0: parts that touch are of one."""
+        near = TOUCHING * self.length
+        return connected_components(self._gaps(2 * near) <= near, particles.cell, particles.segment)
 
     def warnings(self, cells_across: int, *, one_grid: bool) -> list[str]:
-        """Warnings of parts that are near each other and do not touch, by the boxes around them: one grid moves them as one."""
-        cell, gaps, regions = self.cell_size(cells_across), self._gaps(), self.regions()
+        """Warnings of parts that are near each other and do not touch, which one grid moves as one."""
+        cell, regions = self.cell_size(cells_across), self.regions()
+        gaps = self._gaps(3 * cell)
         return [
             f"body.parts: {regions[i].name} and {regions[j].name} are {1e3 * gaps[i, j]:.3g} mm apart, less than two cells of "
             f"{1e3 * cell:.3g} mm: they move as if joined"

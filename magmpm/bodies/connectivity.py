@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 def connected_components(touching: NDArray[np.bool_], cell: NDArray[np.integer], part: NDArray[np.integer]) -> NDArray[np.int64]:
     """Which connected component each particle (n,) is in, from 0.
 
-    touching (parts, parts): whose boxes touch; cell (n, 3), part (n,): of each particle of the undeformed body. Two parts are connected
-    where their boxes touch and they share a cell, or have cells that share a face.
+    touching (parts, parts): which touch; cell (n, 3), part (n,): of each particle of the undeformed body. Two parts are connected
+    where they touch and share a cell, or have cells that share a face.
     """
     from scipy.sparse import csgraph  # only for bodies of parts
     from scipy.spatial import cKDTree

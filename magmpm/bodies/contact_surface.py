@@ -19,6 +19,7 @@ from magmpm.compiled.arrays import Array
 
 AROUND = 8  # points a cell width around a rod: a patch in contact on a hard plane is far narrower than a cell
 EDGE = 0.5  # of a cell: longest edge of a mesh's triangles, after they are cut
+ROUNDS = 6  # products of the bound on the frequency of contact: further ones thicken the layer by at most 6 %
 LOBATTO = np.array([0.0, (1 - 1 / math.sqrt(5)) / 2, (1 + 1 / math.sqrt(5)) / 2]), np.array([1.0, 5.0, 5.0, 1.0]) / 12
 
 
@@ -49,16 +50,21 @@ class ContactSurface:
 def layer_mass(area: Array, first: NDArray[np.int64], weights: Array, mass: Array, nodes: tuple[int, int, int]) -> Array:
     """Mass (n,) kg of the points' layers, which springs of frequency w push: as thick as can be so that no oscillation is faster than w.
 
-    Springs m_s w^2 at points s on nodes of mass m_i have omega^2 <= w^2 max over s of sum_i N_i(s) (sum_t m_t N_i(t)) / m_i (the largest
-    row sum of sqrt(m_s m_t) N(s) . N(t) / m, scaled: Hughes, The Finite Element Method, section 9.1). So the layer is
-    about half a cell thick. area (n,) m^2; first, weights: as in ContactSurface; mass: of all nodes, kg.
+    Springs m_s w^2 at points s on nodes of mass m_i have omega^2 <= w^2 max over s of (A x)_s / x_s for any x > 0, with
+    (A x)_s = sum_i N_i(s) (sum_t m_t N_i(t) x_t) / m_i (Collatz and Wielandt: Horn and Johnson, Matrix Analysis, 8.1.26). x = 1 is the
+    largest row sum, which edges and corners raise by as much as 1.75; ROUNDS products come within 6 % of the true frequency. So the layer
+    is a quarter to half a cell thick. area (n,) m^2; first, weights: as in ContactSurface; mass: of all nodes, kg.
     """
-    covered = spread(area, first, nodes, np.abs(weights))
-    ratio = np.divide(covered, mass, out=np.zeros_like(mass), where=mass > 0)
-    sums = np.zeros(len(area))
-    for node, share in each_node(first, nodes, weights):
-        sums += np.abs(share) * ratio[node]
-    return area / sums.max(initial=0.0) if len(area) else area
+    share, x, most = np.abs(weights), np.ones(len(area)), 0.0
+    for _ in range(ROUNDS if len(area) else 0):
+        covered = spread(area * x, first, nodes, share)
+        ratio = np.divide(covered, mass, out=np.zeros_like(mass), where=mass > 0)
+        sums = np.zeros(len(area))
+        for node, part in each_node(first, nodes, share):
+            sums += part * ratio[node]
+        most = float(np.divide(sums, x, out=np.zeros_like(x), where=x > 0).max())
+        x = sums / sums.max()
+    return area / most if len(area) else area
 
 
 def lobatto(edges: Array) -> tuple[Array, Array]:

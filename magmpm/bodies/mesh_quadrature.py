@@ -18,7 +18,7 @@ from magmpm.errors import SceneError
 
 ON_PLANE = 1e-9  # of a cell
 MOST_CELLS = 20_000_000  # of the box around all parts
-PLANE = 0.01  # of a cell: faces of held and free parts this near lie in one plane
+TOUCHING = 1e-4  # of the body's length: parts this near touch, and faces of held and free ones lie in one plane
 
 
 def grid_of_parts(parts: list[Array], held: list[bool], spacing: float) -> tuple[Grid, list[ClampPlane]]:
@@ -85,9 +85,9 @@ def _clamp_planes(parts: list[Array], boxes: Array, still: NDArray[np.bool_], gr
     """
     planes: list[ClampPlane] = []
     covered = np.zeros(len(parts), bool)
+    slack = TOUCHING * float(np.ptp(boxes.reshape(-1, 3), axis=0).max())
     for axis in range(3):
         others = [other for other in range(3) if other != axis]
-        slack = PLANE * grid.spacing[axis]
         for lower in (True, False):
             at = grid.origin[axis] + grid.spacing[axis] * (first if lower else last)[axis]
             face = boxes[:, 1, axis] if lower else boxes[:, 0, axis]

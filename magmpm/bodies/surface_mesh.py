@@ -261,3 +261,9 @@ def overlaps(texts: Sequence[str]) -> Iterator[tuple[int, int, float, float]]:
     solids = [_stored_solid(text) for text in texts]
     for i, j in overlapping_boxes(solids):
         yield i, j, (solids[i] ^ solids[j]).volume(), min(solids[i].volume(), solids[j].volume())
+
+
+@lru_cache(maxsize=1024)
+def gap(one: str, other: str, within: float) -> float:
+    """Smallest distance between two stored meshes, and at most `within`, in their unit."""
+    return float(_stored_solid(one).min_gap(_stored_solid(other), within))

@@ -60,7 +60,8 @@ class BodyContact:
         particle = np.concatenate([surface.particle[on], still_particle])
         self._at, self._solid, self._free = number[particle], model.component[particle], len(on)
         self._node = np.repeat(packed.surface.first_node, np.diff(packed.surface.first_point))
-        self._splines = _matrix(surface.first[on], surface.weights[on], model.nodes_in_motion)
+        weights, _ = model.splines_at(self._place, model.particles.cell[particle], model.held[particle])
+        self._splines = _matrix(model.first_in_motion(particle), weights, model.nodes_in_motion)
         largest = abs(self._splines).max(axis=0).tocoo()
         self._near_nodes = largest.col.astype(np.int64), 27.0 * largest.data
         segment = model.particles.segment
@@ -89,8 +90,7 @@ class BodyContact:
 
     def list(self, u: Array) -> None:
         """List the pairs at displacements u (3 nodes,) m. What touches stays listed, with its memory."""
-        x = self._place.copy()
-        x[: self._free] += self._splines @ u.reshape(-1, 3)
+        x = self._place + self._splines @ u.reshape(-1, 3)
         p, q = self._near(x)
         old = self.meeting
         held = old.memory[:-1].reshape(-1, MEMORY)
@@ -130,7 +130,7 @@ class BodyContact:
         sign = np.where(a <= b, 1.0, -1.0)[:, None]
         force, normal = sign * pair[:, FORCE : FORCE + 3], sign * pair[:, NORMAL : NORMAL + 3]
         across = force - np.einsum("ni,ni->n", force, normal)[:, None] * normal
-        rigidity = SHARE * self._mass[point] * self.law[0]
+        rigidity = self.cells.share[pair[:, CELL].astype(np.int64)] * self._mass[point] * self.law[0]
         energy = stored(pair[:, DEPTH], rigidity, *self.law[1:3]) + (across**2).sum(axis=1) / (2 * rigidity)
         slip = self._splines[point] @ v.reshape(-1, 3) - self._there(v, pair)
         slip -= np.einsum("ni,ni->n", slip, normal)[:, None] * normal
@@ -184,7 +184,8 @@ def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index, Index]:
     beside = cells[:, None] + steps
     at = np.minimum(np.searchsorted(cells, beside), len(cells) - 1)
     first = model.first_in_motion(one) @ np.array([np.prod(model.nodes_in_motion[1:]), model.nodes_in_motion[2], 1])
-    found = SolidCells(first, low.ravel(), width.ravel(), splines.ravel(), np.where(cells[at] == beside, at, -1).ravel())
+    after, share = np.where(cells[at] == beside, at, -1), np.where(model.held[one], 1.0, SHARE)
+    found = SolidCells(first, low.ravel(), width.ravel(), splines.ravel(), after.ravel(), share)
     return found, number.reshape(-1), np.column_stack([model.component[one], place]), model.particles.segment[one].astype(np.int64)
 
 

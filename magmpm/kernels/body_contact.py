@@ -4,7 +4,8 @@ A pair is a point and a solid that it may touch. The place X in the undeformed s
 Newton's method in a cell of the solid's grid. The point touches where X lies below the solid's surface, at the distance d < 0. The energy
 is that of springs along d, so the force is along F^-T n of the solid, acts at x on both, and is equal and opposite: momentum and angular
 momentum are exact. Friction holds the point at a place of the undeformed solid. Every surface has points and is a solid for the others,
-so each side has half the stiffness that obstacles have. Both bodies give: the square of a pair's frequency is at most twice theirs.
+so each side has half the stiffness that obstacles have; held parts have no points, and are obstacles. Both bodies give: the square of a
+pair's frequency is at most twice theirs.
 """
 
 from __future__ import annotations
@@ -26,18 +27,20 @@ PLACE, ANCHOR, HELD, ROOM, CELL, FORCE, DEPTH, NORMAL, MEMORY = 0, 3, 6, 7, 8, 9
 CLOSE = 1e-12  # of a cell: distance of X + u(X) from the point; momentum is kept to it
 TRIES = 20
 NEAR = 0.5  # of d: the present distance of the surface is at least this, whatever the strain
-SHARE = 0.5  # of the stiffness: both bodies have points
+SHARE = 0.5  # of the stiffness, where both bodies have points
 
 
 class SolidCells(NamedTuple):
     """The cells (c,) of all solids: first node, low corner and width (3 c,) m, splines (27 c,) as coefficients of 1, xi, xi^2 of the three
-    splines along x, y, z, and the next cells (6 c,) of the same solid, below and above along each axis, -1 for none."""
+    splines along x, y, z, the next cells (6 c,) of the same solid, below and above along each axis, -1 for none, and the share (c,) of the
+    stiffness that points have there."""
 
     node: Index
     low: Array
     width: Array
     splines: Array
     next: Index
+    share: Array
 
 
 class Meeting(NamedTuple):
@@ -68,6 +71,7 @@ class Meeting(NamedTuple):
     cell_width: Array
     cell_splines: Array
     cell_next: Index
+    cell_share: Array
     kind: Index
     size: Array
     points: Index
@@ -77,7 +81,7 @@ class Meeting(NamedTuple):
 
 @inlined
 def _cells(meeting):
-    return SolidCells(meeting.cell_node, meeting.cell_low, meeting.cell_width, meeting.cell_splines, meeting.cell_next)
+    return SolidCells(meeting.cell_node, meeting.cell_low, meeting.cell_width, meeting.cell_splines, meeting.cell_next, meeting.cell_share)
 
 
 @inlined
@@ -198,7 +202,7 @@ def _touch(pair, dt, meeting, surface, along_x, along_y, state):
         _at(state.v, meeting.node[pair], along_x, along_y, own, v)
     length = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
     leaving = (v[0] * n[0] + v[1] * n[1] + v[2] * n[2]) / length
-    push(-d, n[0], n[1], n[2], leaving, SHARE * surface.mass[p], stiffness, soft, knee, damping, friction, f)
+    push(-d, n[0], n[1], n[2], leaving, cells.share[cell] * surface.mass[p], stiffness, soft, knee, damping, friction, f)
     if friction > 0.0:
         there, new = np.empty(3), memory[at + HELD] == 0.0
         for i in range(3):
