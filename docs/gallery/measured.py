@@ -1,6 +1,6 @@
 """`make measured`: the package against public measurements; pictures and tables of docs/measured.md.
 
-    python docs/gallery/measured.py [kim] [zhao] [tan] [laws]
+    python docs/gallery/measured.py [zhao] [perpendicular] [kim] [tan] [laws]
 
 Zhao's beam and Tan's arch are predicted with published constants alone. Of Kim's guidewire one column is fitted, for several free lengths.
 """
@@ -67,6 +67,17 @@ def zhao() -> tuple[str, Figure]:
     below.set(xlabel="field against the magnetization (mT)", ylabel="error (% of L)")
     above.legend()
     return "\n".join(rows), figure
+
+
+def perpendicular() -> tuple[str, None]:
+    """Table of the deflection of Zhao's beam in a field across it, by published constants, for two widths."""
+    fields = (1.0, 2.0, 5.0, 10.0, 20.0, 40.0)
+    scenes = [load_scene(DATA / f"scenes/zhao_{name}.yaml") for name in ("width_5mm", "plane_strain")]
+    rows = ["| field (mT) | 5 mm wide | plane strain |", "| --- | --- | --- |"]
+    for field in fields:
+        tips = [float(run(scene.with_field([0.0, 0.0, 1e-3 * field])).tip[2]) / scene.length for scene in scenes]
+        rows.append(f"| {field:g} | {tips[0]:.3f} | {tips[1]:.3f} |")
+    return "\n".join(rows), None
 
 
 def kim() -> tuple[str, Figure]:
@@ -212,7 +223,7 @@ def panels(*, apart: bool = False) -> tuple[Figure, Any]:
 
 def main(*names: str) -> int:
     """Write the pictures, and the tables into the page."""
-    cases = {"zhao": zhao, "kim": kim, "tan": tan, "laws": laws}
+    cases = {"zhao": zhao, "perpendicular": perpendicular, "kim": kim, "tan": tan, "laws": laws}
     for name in names or cases:
         table, figure = cases[name]()
         print(table)
