@@ -71,8 +71,9 @@ def angles() -> Callable[[Any], tuple[Any, Any]]:
         place = (2 * x - ends.sum(axis=1)) / np.ptp(ends, axis=1)
         if np.abs(place).max() > 1:
             raise SolveError("outside of what was simulated")
-        slopes = [chebyshev.chebval2d(*place, chebyshev.chebder(terms, axis=axis)) * 2 / np.ptp(ends[axis]) for axis in (0, 1)]
-        return chebyshev.chebval2d(*place, terms), np.stack(slopes, axis=1)
+        value: Any = chebyshev.chebval2d
+        slopes = [value(*place, chebyshev.chebder(terms, axis=axis)) * 2 / np.ptp(ends[axis]) for axis in (0, 1)]
+        return value(*place, terms), np.stack(slopes, axis=1)
 
     return at
 
