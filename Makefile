@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 3 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: measured pytest lint-benchmarks bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
+.PHONY: release optunahub bench-least-squares measured pytest lint-benchmarks bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -22,8 +22,11 @@ help:
 	@echo "make bench-design   solves and seconds of the samplers to 2, 0.5 and 0.1 mm on 24 targets (QUICK=1)"
 	@echo "make bench-accuracy  true error over promised error of 100 scenes drawn at random"
 	@echo "make bench-convergence  how the error falls with the cells on 100 bodies drawn at random"
-	@echo "make bench-fit  how often the intervals of magmpm fit hold the truth, over 1 000 synthetic fits (QUICK=1: 100; POSES=poses: a magnet in each row)"
+	@echo "make bench-fit  how often the intervals of magmpm fit hold the truth, over 1 000 synthetic fits (QUICK=1: 100; POSES=poses: a magnet in each row; POSES=interpolated FITS=20000)"
 	@echo "make measured   public measurements, fitted and predicted: pictures and tables of docs/measured.md (CASES=kim)"
+	@echo "make bench-least-squares  the Gauss-Newton sampler against Optuna's on five public problems: the table of docs/optunahub.md (SEEDS=5, SAMPLERS=tpe)"
+	@echo "make optunahub  that sampler as a package in the layout of OptunaHub, in runs/optunahub; its tests run there"
+	@echo "make release    wheel, site and the sampler's package by one command, in runs/release"
 	@echo "make bench-startup  seconds until each command could begin its work"
 	@echo "make fuzz       10 000 hostile inputs: scenes, studies, meshes, tables (INPUTS=N, SEED=S)"
 	@echo "make bench-view  milliseconds from a slider to the new shape in Chromium"
@@ -188,6 +191,19 @@ bench-fit: $(VENV)/.ready-test
 
 measured: $(VENV)/.ready-test
 	$(BIN)/python docs/gallery/measured.py $(CASES)
+
+bench-least-squares: $(VENV)/.ready-test
+	$(BIN)/python docs/optunahub/compare.py $(or $(SEEDS),5) $(SAMPLERS)
+
+optunahub: $(VENV)/.ready-test
+	$(BIN)/python docs/optunahub/build.py
+
+# What a release has: the wheel, the site, the sampler's package. Nothing is uploaded.
+release: docs optunahub
+	@rm -rf runs/release && mkdir -p runs/release
+	$(BIN)/python -m pip wheel -q --no-deps -w runs/release .
+	@cp -r runs/site runs/optunahub runs/release/
+	@ls -d runs/release/*
 
 bench-startup: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/startup.py

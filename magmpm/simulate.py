@@ -121,7 +121,9 @@ def simulated(
     return on_grid(scene, start=start)
 
 
-def sensitivities(scene: Scene | Path | str, of: Sequence[str] | None = None, *, start: Result | RodShape | None = None) -> Sensitivities:
+def sensitivities(
+    scene: Scene | Path | str, of: Sequence[str] | None = None, *, start: Result | RodShape | Following | None = None
+) -> Sensitivities:
     """Solve a scene for its equilibrium, and find how the shape answers to numbers of the scene: exact first derivatives.
 
     scene: a Scene, or the path of a scene file. start: as of `run`. of: the kinds of variables, in any order; all that the scene has
@@ -140,7 +142,7 @@ def sensitivities(scene: Scene | Path | str, of: Sequence[str] | None = None, *,
     if not isinstance(scene, Scene):
         with of_file(scene):
             return sensitivities(load_scene(scene), of, start=start)
-    if start is not None and not isinstance(start, Result | RodShape):
+    if start is not None and not isinstance(start, Result | RodShape | Following):
         raise TypeError(f"start: received {start!r}; must be a Result, as run(scene) returns it, a RodShape, or None")
     if not scene.static:
         rule, remedy = "sensitivities are those of an equilibrium", "leave out solver.dynamic, or differentiate runs by differences"

@@ -22,7 +22,7 @@ SHORT = {  # what `make TARGET` is given
     "bench-design": "QUICK=1 SAMPLERS=gauss-newton", "bench-insertion": "QUICK=1 EACH=1", "bench-advice": "SCENES='0 1'",
     "measured": "CASES=zhao", "bench-accuracy": "SCENES=1", "bench-convergence": "SCENES=1", "claims": "QUICK=1 CLAIMS=rod",
     "gallery": "SCENES=folding_strip", "stability": "QUICK=1", "faults": "KILLS=3", "fuzz": "INPUTS=100", "fuzz-coverage": "RUNS=200",
-    "tour": "PAGES=first_scene.md",
+    "tour": "PAGES=first_scene.md", "optunahub": "", "release": "", "bench-least-squares": "SEEDS=1 SAMPLERS=gauss-newton",
 }  # fmt: skip
 ELSEWHERE = {
     "test": "its tests are among those of test-long",

@@ -1,6 +1,6 @@
 """`make measured`: the package against public measurements; pictures and tables of docs/measured.md.
 
-    python docs/gallery/measured.py [kim] [zhao] [tan]
+    python docs/gallery/measured.py [zhao] [perpendicular] [kim] [tan] [laws]
 
 Zhao's beam and Tan's arch are predicted with published constants alone. Of Kim's guidewire one column is fitted, for several free lengths.
 """
@@ -32,17 +32,24 @@ DATA, PAGE, IMAGES = ROOT / "data", ROOT / "docs/measured.md", ROOT / "docs/imag
 SCATTER = 0.02  # of the length: scatter of points digitized from a published figure
 LENGTHS = (10.0, 14.0, 16.0, 18.0)  # mm: free lengths of the guidewire; its bent tip must clear the magnet in the nearest row
 RATE = 6.5  # mT/s: of the field that snapped Tan's arch
+LAWS = ("stretches", "rotates")
 BLUE, RED = "#0077BB", "#CC3311"
 
 
-def zhao() -> tuple[str, Figure]:
-    """Deflection of Zhao's beam in a reversed field by published constants: the table, and the picture."""
+def _reversed(law: str) -> tuple[list[float], Any, dict[str, Any]]:
+    """Fields (mT), measured deflections of Zhao's beam over its length, and those by published constants, for two widths."""
     reference = json.loads((DATA / "references/zhao_beam.json").read_text())
     fields, measured = reference["field_mT"][1:], np.array(reference["published"]["experiment"][1:])
     found = {}
     for name, words in (("zhao_width_5mm", "5 mm wide"), ("zhao_plane_strain", "plane strain")):
-        scene = load_scene(DATA / f"scenes/{name}.yaml")
+        scene = load_scene(DATA / f"scenes/{name}.yaml").with_material(magnetization_law=law)
         found[words] = np.array([float(run(scene.with_field([-1e-3 * field, 0.0, 0.0])).tip[2]) for field in fields]) / scene.length
+    return fields, measured, found
+
+
+def zhao() -> tuple[str, Figure]:
+    """Deflection of Zhao's beam in a reversed field by published constants: the table, and the picture."""
+    fields, measured, found = _reversed("stretches")
     rows = ["| field (mT) | measured | " + " | ".join(found) + " |", "| --- " * (2 + len(found)) + "|"]
     for k, field in enumerate(fields):
         errors = " | ".join(f"{tips[k]:.3f} ({100 * (tips[k] - measured[k]):+.1f} %)" for tips in found.values())
@@ -60,6 +67,17 @@ def zhao() -> tuple[str, Figure]:
     below.set(xlabel="field against the magnetization (mT)", ylabel="error (% of L)")
     above.legend()
     return "\n".join(rows), figure
+
+
+def perpendicular() -> tuple[str, None]:
+    """Table of the deflection of Zhao's beam in a field across it, by published constants, for two widths."""
+    fields = (1.0, 2.0, 5.0, 10.0, 20.0, 40.0)
+    scenes = [load_scene(DATA / f"scenes/zhao_{name}.yaml") for name in ("width_5mm", "plane_strain")]
+    rows = ["| field (mT) | 5 mm wide | plane strain |", "| --- | --- | --- |"]
+    for field in fields:
+        tips = [float(run(scene.with_field([0.0, 0.0, 1e-3 * field])).tip[2]) / scene.length for scene in scenes]
+        rows.append(f"| {field:g} | {tips[0]:.3f} | {tips[1]:.3f} |")
+    return "\n".join(rows), None
 
 
 def kim() -> tuple[str, Figure]:
@@ -109,9 +127,7 @@ def tan() -> tuple[str, Figure]:
     with (DATA / "measured/tan_arch.csv").open() as file:
         read = [(row["series"], float(row["x"]), float(row["y_mm"])) for row in csv.DictReader(file)]
     seen = {name: np.array([row[1:] for row in read if row[0] == name]).T for name in dict.fromkeys(row[0] for row in read)}
-    slow = load_scene(DATA / "scenes/tan_arch.yaml")
-    time, down, jumps = _middle(slow, 1.0)
-    rest = float(np.interp(7.0, 8.0 * time, down))
+    rest, snap = _snapping("rotates")
     made = {f"step_{field}mT_ms": _in_motion([(1e-3, field)], duration) for field, duration in ((5, 0.2), (7, 0.3))}
     time, down, _ = _in_motion(ramp := [(0.1, 5.0), (0.1 + 3.0 / RATE, 8.0)], 0.37)
     made = {name: (1e3 * one[0], one[1]) for name, one in made.items()}
@@ -127,7 +143,7 @@ def tan() -> tuple[str, Figure]:
              "twice the time from that peak to the trough after it")
     rows = [f"| {name} | {one} | {other} |" for name, one, other in zip(names, *texts, strict=True)]
     rows += [f"| 7 mT: settles at | {seen['step_7mT_ms'][1, -1]:.2f} mm | {rest:.2f} mm |",
-             f"| snaps in a field that grows slowly, at | | {1e3 * jumps[-1]['field']:.2f} mT |"]
+             f"| snaps in a field that grows slowly, at | | {snap:.2f} mT |"]
     rows[:0] = ["| | measured | computed |", "| --- | --- | --- |"]
     figure, panels_ = panels(apart=True)
     for axes, names_ in zip(panels_, (("step_7mT_ms", "step_5mT_ms"), ("ramp_mT",)), strict=True):
@@ -140,6 +156,39 @@ def tan() -> tuple[str, Figure]:
     panels_[0].set(xlabel="time (ms)")
     panels_[1].set(xlabel=f"field (mT), growing by {RATE:g} mT/s from 5 mT on", xlim=(0.0, 7.0))
     return "\n".join(rows), figure
+
+
+def _snapping(law: str) -> tuple[float, float]:
+    """How far (mm) the middle of Tan's arch has come down at rest in 7 mT, and the field (mT) in which it snaps."""
+    time, down, jumps = _middle(load_scene(DATA / "scenes/tan_arch.yaml").with_material(magnetization_law=law), 1.0)
+    return float(np.interp(7.0, 8.0 * time, down)), 1e3 * float(jumps[-1]["field"])
+
+
+def laws() -> tuple[str, None]:
+    """Table of every measured case by both laws of magnetization: F Br (stretches), R Br (rotates)."""
+    rows = ["| case | measure | stretches, F Br | rotates, R Br | they differ by | measurement tells |", "| --- " * 6 + "|"]
+
+    def row(case: str, measure: str, values: Any, unit: str, apart: float, tells: float, digits: int = 2) -> None:
+        texts = " | ".join(f"{value:.{digits}f} {unit}" for value in values)
+        rows.append(f"| {case} | {measure} | {texts} | {apart:.2g} {unit} | {tells:g} {unit} |")
+
+    both = [_reversed(law) for law in LAWS]
+    for width in both[0][2]:
+        tips = [100 * (found[width] - measured) for _, measured, found in both]
+        rms = [math.sqrt(np.mean(tip**2)) for tip in tips]
+        row(f"Zhao, reversed, {width}", "rms of the error", rms, "% of L", np.abs(tips[0] - tips[1]).max(), 100 * SCATTER)
+    fits = []
+    for law in LAWS:
+        scene = load_scene(DATA / "scenes/kim_guidewire.yaml").with_material(magnetization_law=law)
+        fits.append(fit(read_measured(DATA / "measured/kim2022_guidewire.csv", scene), scene, vary=["shear_modulus"], thorough=False))
+    angles = np.degrees(np.abs(fits[0].residuals - fits[1].residuals).max())
+    row("Kim, free length 18 mm", "rms after the fit", [math.degrees(one.rms_rad) for one in fits], "deg", angles, 0.5, 3)
+    moduli, half = [1e-6 * one.constants[0].value for one in fits], 0.5e-6 * (fits[0].constants[0].high - fits[0].constants[0].low)
+    row("Kim, the same", "effective shear modulus", moduli, "MPa", abs(moduli[0] - moduli[1]), round(half, 1))
+    (rest, snap), (rest_, snap_) = (_snapping(law) for law in LAWS)
+    row("Tan, settles in 7 mT (8.05 mm measured)", "middle comes down by", (rest, rest_), "mm", abs(rest - rest_), 0.05, 3)
+    row("Tan, snaps in a field that grows slowly", "field", (snap, snap_), "mT", abs(snap - snap_), 0.1, 3)
+    return "\n".join(rows), None
 
 
 def _in_motion(frames: list[tuple[float, float]], duration: float) -> tuple[Any, Any, Any]:
@@ -174,11 +223,13 @@ def panels(*, apart: bool = False) -> tuple[Figure, Any]:
 
 def main(*names: str) -> int:
     """Write the pictures, and the tables into the page."""
-    for name in names or ("zhao", "kim", "tan"):
-        table, figure = {"zhao": zhao, "kim": kim, "tan": tan}[name]()
+    cases = {"zhao": zhao, "perpendicular": perpendicular, "kim": kim, "tan": tan, "laws": laws}
+    for name in names or cases:
+        table, figure = cases[name]()
         print(table)
-        with rc_context(LOOK):
-            saved(figure, IMAGES / f"measured_{name}.png")
+        if figure is not None:
+            with rc_context(LOOK):
+                saved(figure, IMAGES / f"measured_{name}.png")
         page, place = PAGE.read_text(encoding="utf-8"), rf"(<!-- table: {name} -->\n).*?(\n?<!-- end -->)"
         PAGE.write_text(re.sub(place, lambda found, table=table: found[1] + table + "\n<!-- end -->", page, flags=re.S), encoding="utf-8")
     return 0

@@ -153,7 +153,7 @@ def outside_field(source: FieldSource, box: tuple[Corner, Corner], *, anchored: 
     return replace(_around(source, *box, anchored), cell=cell)  # tables do not depend on the cell
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)  # the places of a magnet in a table of measurements, each a megabyte
 def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -> Field:
     body = Box(np.array(lower), np.array(upper))
     seen = seen_from_sources(source, body)

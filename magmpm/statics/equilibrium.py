@@ -50,9 +50,11 @@ class Following:
     """Data that a solve leaves for its neighbors: its energy with all arrays, and what is known of the unloaded body.
 
     expected: what neighbors say that a solve will add to its rod, coefficients (planes, m), m, in the rod's frames; None: they don't know.
+    judged: whether the stability of each is found.
     """
 
     expected: Callable[[RodShape], Array | None]
+    judged: bool = True
     energy: Energy | None = None
     body: Unloaded = field(default_factory=Unloaded)
 
@@ -138,6 +140,7 @@ def solve_static(
             found = _solve(model, _Start(correction, rod, following), on_step)
             assert found.energy is not None
             known = None if following is None else following.body
+            judged = judged and (following is None or following.judged)
             return restored(model, replace(found, stability=stability(found.energy, found.point, known) if judged else None), of)
         except SolveError as error:
             state = error.state if isinstance(error.state, Equilibrium) else _unloaded(model)
@@ -165,13 +168,8 @@ def restored(model: StaticModel, found: Equilibrium, of: Index) -> Equilibrium:
         return found
     point = found.point
     back, axes = np.argsort(of), np.argsort(model.order)
-    restored = replace(
-        point,
-        displacement=point.displacement[back],
-        position=point.position[back],
-        F=np.ascontiguousarray(point.F[back][:, :, axes]),
-    )
-    return replace(found, point=restored)
+    F = np.ascontiguousarray(point.F[back][:, :, axes])
+    return replace(found, point=replace(point, displacement=point.displacement[back], position=point.position[back], F=F))
 
 
 def _solve(model: StaticModel, start: _Start, on_step: Callable[[int, float], None] | None) -> Equilibrium:

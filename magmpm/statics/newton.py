@@ -39,9 +39,7 @@ STALL, STALLED = 15, 0.1  # steps that all together win less than this share of 
 MOST_LEFT = 8  # unstable equilibria that one solve may leave
 LEAST_FRACTION = 1e-8  # of a step: below it the line search gives up
 ROUNDING = 1e-13  # of the energy scale: smaller differences of energies are rounding errors
-ROUNDING_AT_REST = (
-    1e3  # of Energy.least_scale, 1e-15 of shear modulus times volume: nor below it, however small the load
-)
+ROUNDING_AT_REST = 1e3  # of Energy.least_scale, 1e-15 of shear modulus times volume: nor below it, however small the load
 Progress = Callable[[int, float], None]
 
 

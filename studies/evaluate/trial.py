@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from magmpm.rod.cosserat import RodShape
 
 
-
 class Solve(Protocol):
     """From a scene to its equilibrium: magmpm.run. start: a rod's shape near which it is."""
 

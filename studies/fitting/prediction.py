@@ -14,10 +14,10 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
 from magmpm.model import build
 from magmpm.results.measures import axis_of_particles, region_means
-from magmpm.results.result import Result
 from magmpm.scene import Scene
 from magmpm.scene.apparatus import Apparatus
-from magmpm.simulate import run, sensitivities
+from magmpm.simulate import run, sensitivities, simulated
+from magmpm.statics.equilibrium import Following
 from magmpm.studies.fitting.constants import Constant, applied, chain
 from magmpm.studies.fitting.table import Measured, Readings
 
@@ -158,22 +158,39 @@ def _normals(tangent: Array) -> list[Array]:
 
 @dataclass
 class Prediction:
-    """Residuals of all measurements for a scene with its constants at x. Keeps the last shapes, which the next solves start from."""
+    """Residuals of all measurements for a scene with its constants at x. Keeps what it found, and what the last shapes add to
+    their rods (corrections), from which the next solves begin."""
 
     scene: Scene
     measured: Measured
     constants: tuple[Constant, ...]
     solves: int = 0
     labels: list[Label] = field(default_factory=list)
-    _last: dict[int, Result] = field(default_factory=dict)
+    _found: dict[tuple[bytes, bool], tuple[Array, Array, list[Label]]] = field(default_factory=dict)
+    _last: dict[int, Array] = field(default_factory=dict)
+    _following: Following = field(default_factory=lambda: Following(lambda rod: None, judged=False))
+
+    def __post_init__(self) -> None:
+        """Raises InputError where the rows give the length that is to be found."""
+        lengths = [constant.name for constant in self.constants if constant.kind == "length"]
+        if lengths and any(readings.apparatus.inserted is not None for readings in self.measured.states):
+            rule = "the column inserted_mm says how long the free body is in each row, so its length is no constant to find"
+            remedy = "leave length out of --vary; or remove the column, and fit the rows of one inserted length"
+            raise InputError(report(self.measured.named, received=f"inserted_mm, and --vary {','.join(lengths)}", rule=rule, remedy=remedy))
 
     def at(self, x: Array, *, slopes: bool = True) -> tuple[Array, Array]:
-        """Residuals (n,) m or rad, and their derivatives (n, k) per unit of x; no columns without `slopes`.
+        """Residuals (n,) m or rad, and their derivatives (n, k) per unit of x; without `slopes` they may be missing.
 
         Raises SolveError where a shape is not found, InputError where x leaves what a scene allows.
         """
-        if self.scene.in_time:
-            return self._in_motion(x, slopes)
+        found = self._found.get((x.tobytes(), True)) or self._found.get((x.tobytes(), slopes))
+        if found is None:
+            residuals, jacobian = self._in_motion(x, slopes) if self.scene.in_time else self._at_rest(x, slopes)
+            found = self._found[x.tobytes(), slopes] = residuals, jacobian, self.labels
+        self.labels = found[2]
+        return found[0], found[1]
+
+    def _at_rest(self, x: Array, slopes: bool) -> tuple[Array, Array]:
         loads = [(readings.field, readings.apparatus) for readings in self.measured.states]
         shapes = {load: self._shape_in(*load, loads.index(load), x, slopes) for load in dict.fromkeys(loads)}
         parts = [compare(shapes[load], readings) for load, readings in zip(loads, self.measured.states, strict=True)]
@@ -183,24 +200,22 @@ class Prediction:
     def _shape_in(self, field: tuple[float, float, float] | None, apparatus: Apparatus, index: int, x: Array, slopes: bool) -> Axis:
         """The shape in a field of an apparatus; tables may share one."""
         base = apparatus.applied(self.scene if field is None else self.scene.with_field(field))
-        longer = any(constant.kind == "length" for constant in self.constants)  # on another grid, where a shape is no start
-        scene, start = applied(base, self.constants, x), None if longer else self._last.get(index)
+        scene, kinds = applied(base, self.constants, x), list(dict.fromkeys(constant.kind for constant in self.constants))
+        self._following.expected = lambda rod: self._last.get(index)
         self.solves += 1
-        if not slopes:
-            return _shape_of(run(scene, start=start))
-        kinds = list(dict.fromkeys(constant.kind for constant in self.constants))
-        near = sensitivities(scene, of=kinds, start=start)
-        self._last[index] = near.result
+        near = sensitivities(scene, of=kinds, start=self._following) if slopes else None
+        result = simulated(scene, start=self._following) if near is None else near.result
+        self._last[index] = result.grid_correction
+        if near is None:
+            return Axis.alone(result.centreline, result.tip)
         per_x = chain(base, self.constants, x, near.variables)
-        return Axis(near.result.centreline, near.result.tip, near.centreline @ per_x, near.tip @ per_x)
+        return Axis(result.centreline, result.tip, near.centreline @ per_x, near.tip @ per_x)
 
     def _in_motion(self, x: Array, slopes: bool) -> tuple[Array, Array]:
         residuals = self._moved(x)
         if not slopes:
             return residuals, np.zeros((len(residuals), 0))
-        columns = []
-        for step in STEP * np.eye(len(x)):
-            columns.append((self._moved(x + step) - self._moved(x - step)) / (2 * STEP))
+        columns = [(self._moved(x + step) - self._moved(x - step)) / (2 * STEP) for step in STEP * np.eye(len(x))]
         return residuals, np.stack(columns, axis=1)
 
     def _moved(self, x: Array) -> Array:
@@ -214,16 +229,11 @@ class Prediction:
             raise InputError(report("solver", received=f"{len(times)} frames", rule=rule, remedy="write a smaller output_every"))
         rows, tip = CubicSpline(times, shapes[:, :, 1:]), CubicSpline(times, tips)
         parts = []
-        for readings in self.measured.states:
-            t = readings.time
+        for readings, t in ((each, each.time) for each in self.measured.states):
             shape = Axis.alone(np.column_stack([shapes[0, :, 0], rows(t)]) if len(shapes[0]) else shapes[0], tip(t))
             parts.append(compare(shape, readings))
         self.labels = [label for _, _, labels in parts for label in labels]
         return np.concatenate([r for r, _, _ in parts])
-
-
-def _shape_of(result: Result) -> Axis:
-    return Axis.alone(result.centreline, result.tip)
 
 
 def _frames(scene: Scene) -> tuple[Array, Array, Array]:

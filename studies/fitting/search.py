@@ -59,10 +59,8 @@ class Fitted:
 class Fit:
     """Result of a fit. residuals (n,) m or rad, simulated minus measured, with their labels; sigma: of lengths m, of angles rad.
 
-    ratios: by what each table's sigma of lengths is larger than that, which is the first table's.
-
-    suspects: what was taken as exact and might explain residuals (misfit.py), likeliest first, None: no test; by_diameter: by what share
-    of itself each constant moves for the diameter's own.
+    ratios: by what each table's sigma of lengths is larger than that, which is the first table's. suspects: what was taken as exact and
+    might explain residuals (misfit.py), likeliest first, None: no test; by_diameter: share by which each constant moves for the diameter's.
     noise: where sigma is from: given | residuals | given, enlarged; correlation (k, k) of the constants.
     """
 
@@ -103,11 +101,6 @@ class Fit:
         """Root mean square of the residuals that are angles, rad."""
         return _rms(self.residuals, self.labels, angles=True)
 
-def _differ(one: Minimum, other: Minimum, noise: float) -> bool:
-    """True if the constants of two minima differ, and the data can see it: by more than one standard deviation (refuse_twins wants six)."""
-    change = one.x - other.x
-    return bool(np.max(np.abs(change)) > 1e-3 and np.linalg.norm(other.slopes @ change) > noise)
-
 
 def _rms(residuals: Array, labels: Sequence[Label], angles: bool = False) -> float:
     counted = np.array([r for r, label in zip(residuals, labels, strict=True) if label.angle == angles])
@@ -136,9 +129,9 @@ def fit(
 
     vary: kinds or names of constants (studies.fitting.constants), None: shear moduli, remanences, and a motion's losses. noise: standard
     deviation of each measured coordinate, m, one for all or one for each table, None: estimated from the residuals, one for all;
-    angle_noise: of angles, rad. known: relative standard
-    deviations of constants that are known beforehand, by name or kind: the scene's values count as measured that well. level: of the
-    intervals. thorough: of equilibria, descents from further starts, what a finer grid would change, and what the scene may lack.
+    angle_noise: of angles, rad. known: relative standard deviations of constants that are known beforehand, by name or kind: the scene's
+    values count as measured that well. level: of the intervals. thorough: of equilibria, descents from further starts, what a finer grid
+    would change, and what the scene may lack.
     Raises Refused where the measurements can't distinguish constants; InputError for what does not fit together; SolveError where no
     equilibrium is found.
     """
@@ -291,17 +284,18 @@ class _Search:
             coarse = Prediction(scene.with_cells(cells), self.prediction.measured, self.constants)
             with suppress(SolveError):  # the scene's own grid may hold what that one can't
                 starts = [minimum.x for minimum in self._minima(self.whitened(sigmas, coarse), starts, sigmas)]
-        found = self._minima(self.whitened(sigmas), starts, sigmas)
-        if len(starts) > 1:
-            self.prediction.at(found[0].x)  # its shapes are what further solves start from
-        return found
+        return self._minima(self.whitened(sigmas), starts, sigmas)
 
     def _minima(self, model: Model, starts: Sequence[Array], sigmas: _Noise) -> list[Minimum]:
         """Minima that descents from the starts reach. Raises an InputError at the first start, and where none is found its first error."""
-        found, trouble = [], None
+        found, trouble = list[Minimum](), None
+
+        def known(x: Array) -> bool:
+            return any(one.converged and not self._differ(x, one) for one in found)
+
         for k, start in enumerate(starts):
             try:
-                found.append(least_squares(model, start, scale=1.0 if sigmas.given else None))
+                found.append(least_squares(model, start, scale=1.0 if sigmas.given else None, known=known))
             except MagmpmError as error:
                 trouble = trouble or error
                 if k == 0 and isinstance(error, InputError):
@@ -309,8 +303,13 @@ class _Search:
         if trouble is not None and not found:
             raise trouble
         found.sort(key=lambda minimum: minimum.cost)
-        noise = 1.0 if sigmas.given else float(np.sqrt(found[0].cost / max(len(found[0].residuals) - len(self.constants), 1)))
-        return [m for k, m in enumerate(found) if all(_differ(m, other, noise) for other in found[:k])]
+        return [m for k, m in enumerate(found) if all(self._differ(m.x, other) for other in found[:k])]
+
+    def _differ(self, x: Array, other: Minimum) -> bool:
+        """True if x and a minimum differ, and the data can see it: by more than one standard deviation (refuse_twins wants six)."""
+        noise = 1.0 if self.given else float(np.sqrt(other.cost / max(len(other.residuals) - len(self.constants), 1)))
+        change = x - other.x
+        return bool(np.max(np.abs(change)) > 1e-3 and np.linalg.norm(other.slopes @ change) > noise)
 
     def _estimated(self, best: Minimum, sigmas: _Noise) -> tuple[_Noise, float]:
         """Standard deviations of lengths, or of angles alone, from their residuals and leverages; the factor by which they change."""

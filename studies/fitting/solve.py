@@ -37,11 +37,15 @@ class Minimum:
         return float(self.residuals @ self.residuals)
 
 
-def least_squares(model: Model, start: Array, *, free: Array | None = None, scale: float | None = None, small: float = SMALL) -> Minimum:
+def least_squares(
+    model: Model, start: Array, *, free: Array | None = None, scale: float | None = None, small: float = SMALL,
+    known: Callable[[Array], bool] = lambda x: False,
+) -> Minimum:  # fmt: skip
     """The minimum of the sum of squares that a descent from `start` (k,) reaches; free (k,): which numbers may change.
 
-    scale: standard deviation of the residuals, None: as they turn out; small: in units of it, a step below ends the search. A point where
-    the model can't be solved counts as worse. Raises what the model raises at the start.
+    scale: standard deviation of the residuals, None: as they turn out; small: in units of it, a step below ends the search; known(x):
+    whether it has come to a minimum that is known, which ends it too. A point where the model can't be solved counts as worse. Raises what
+    the model raises at the start.
     """
     x = np.array(start, dtype=float)
     free = np.ones(len(x), bool) if free is None else free
@@ -50,7 +54,7 @@ def least_squares(model: Model, start: Array, *, free: Array | None = None, scal
     while steps < MOST_STEPS:
         step = _step(residuals, slopes[:, free], radius)
         noise = scale if scale is not None else float(np.sqrt(residuals @ residuals / max(len(residuals) - free.sum(), 1)))
-        if np.linalg.norm(slopes[:, free] @ step) <= small * noise or np.linalg.norm(step) <= TINY:
+        if np.linalg.norm(slopes[:, free] @ step) <= small * noise or np.linalg.norm(step) <= TINY or known(x):
             return Minimum(x, residuals, slopes, steps, True)
         for _ in range(MOST_TRIES):
             steps += 1

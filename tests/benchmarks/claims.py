@@ -269,6 +269,19 @@ def sampler() -> Figures:
     return found
 
 
+def trial() -> Figures:
+    """Seconds that a trial of the S-shape study takes, with its storage and picture."""
+    return {"seconds": importlib.import_module("bench").trial()}
+
+
+def designs() -> Figures:
+    """Solves (median) that Gauss-Newton needs to 0.5 mm of the twelve shapes that finite elements made."""
+    design = importlib.import_module("design")
+    files = sorted(design.TARGETS.glob("reachable_*.csv"))
+    studies = [design.cached(design.study_of(file, "gauss-newton", design.MOST["gauss-newton"]), design.sources()) for file in files]
+    return {"targets": len(files), "solves": design.summary(studies)["0.5 mm"]["solves"][0]}
+
+
 def robust() -> Figures:
     """Scatter and mean plus two sigma (mm) of designs made with errors: to first order, and of 300 solves."""
     robust = importlib.import_module("robust")

@@ -15,7 +15,7 @@ from magmpm.cli import main
 from magmpm.errors import InputError
 from magmpm.scene import Scene
 from magmpm.scene.apparatus import Apparatus
-from magmpm.studies.fitting import read_measured, read_split
+from magmpm.studies.fitting import fit, read_measured, read_split
 from magmpm.studies.fitting.constants import constants_of
 from magmpm.studies.fitting.prediction import Axis, Prediction, tip_angle
 
@@ -81,6 +81,12 @@ def test_slopes_beside_magnets_are_those_of_the_residuals(tmp_path: Path) -> Non
     for k, step in enumerate(1e-3 * np.eye(2)):
         ends = [prediction.at(x + side * step, slopes=False)[0] for side in (1, -1)]
         np.testing.assert_allclose(slopes[:, k], (ends[0] - ends[1]) / 2e-3, atol=1e-4 * np.abs(slopes).max())
+
+
+def test_a_length_that_the_rows_give_is_not_fitted(tmp_path: Path) -> None:
+    measured = read_measured(table(tmp_path, "inserted_mm,tip_x_mm\n30,29\n35,33\n"), SCENE)
+    with pytest.raises(InputError, match=r"(?s)received inserted_mm, and --vary segment_1_length.*rule: .*remedy: leave length out"):
+        fit(measured, SCENE, vary=["shear_modulus", "length"], noise=1e-4)
 
 
 def test_the_command_predicts_what_is_held_out(tmp_path: Path) -> None:

@@ -225,6 +225,7 @@ def test_tables_of_three_kinds_are_explained_together(tmp_path: Path) -> None:
     both, x = Prediction(SCENE, measured, constants), np.array([0.2])
     residuals, slopes = both.at(x)
     assert both.solves == 2
+    assert both.at(x)[0] is residuals, "what was solved is known"
     alone = [Prediction(SCENE, read_measured(path, SCENE), constants).at(x) for path in paths]
     np.testing.assert_allclose(residuals, np.concatenate([one for one, _ in alone]), rtol=0, atol=1e-9 * SCENE.length)
     np.testing.assert_allclose(slopes, np.concatenate([one for _, one in alone]), rtol=0, atol=1e-6 * np.abs(slopes).max())

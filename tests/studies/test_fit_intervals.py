@@ -74,6 +74,14 @@ def test_least_squares_finds_a_curved_valley() -> None:
     np.testing.assert_allclose(least_squares(model, np.array([-1.2, 1.0]), scale=1.0).x, [1, 1], atol=1e-4)
 
 
+def test_a_descent_ends_where_it_comes_to_a_known_minimum() -> None:
+    """A fit's further descents need not settle at what the first one found."""
+    model, best = exponential(4.0)
+    found = least_squares(model, np.zeros(1), scale=1.0, known=lambda x: bool(abs(x - best.x)[0] < 0.2))
+    assert found.converged
+    assert found.steps < best.steps
+
+
 def test_noise_from_residuals_counts_what_the_constants_took_of_the_lengths() -> None:
     """Of four lengths and an angle, whose share of the one constant's leverage is a half: 4 - 1/2 numbers are left."""
     labels = [Label(k, "", angle=k == 4) for k in range(5)]

@@ -16,7 +16,7 @@ then points of a low-discrepancy sequence (Roberts' generalized golden ratio).
 Every suggestion depends only on the seed and the finished trials: what a step began from is kept with its trial (the system attribute
 PLAN), and the rest is read from there. So a study that is resumed, by any process, is the same study, and suggestions do not get slower.
 While a trial of a descent is running, another one begins from the next start: several workers follow several descents.
-This file, running.py and gauss_newton_steps.py need Optuna, NumPy and SciPy alone.
+This file and those it imports need Optuna, NumPy and SciPy alone; `make optunahub` makes a package of them.
 """
 
 from __future__ import annotations
