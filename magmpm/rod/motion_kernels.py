@@ -154,17 +154,14 @@ def _forces(x, anchor, q, old, elements, field, load, around, table, dt, f, torq
     n, p = len(elements), around[0]
     R, t, one, ends = np.empty((3, 3)), np.empty(3), np.zeros(4), np.zeros((2, 3))
     one[0] = 1.0
-    for k in range(n + 1):
-        for i in range(3):
-            f[k, i] = load[k, i]
+    f[:] = load[: n + 1]
     for e in range(n):
         matrix(q[e], R)
         for i in range(3):
             torque[e, i] = R[0, i] * load[n + 1 + e, 0] + R[1, i] * load[n + 1 + e, 1] + R[2, i] * load[n + 1 + e, 2]
         _stretch(e, x, R, elements[e], field[e], old, dt, f, torque)
         if p.ground == 1 or p.walls == 1:
-            for i in range(3):
-                t[i] = R[i, 0]
+            t[:] = R[:, 0]
             before = elements[e - 1].mass if e > 0 else 0.0
             _touch(p, table, x[e], anchor[e], t, elements[e].mass + before, f[e])
             if e == n - 1:
@@ -195,9 +192,7 @@ def advance(state, elements, field, load, around, table, dt, steps):
     left = math.exp(-p.damping * dt)
     for step in range(steps):
         share = step / steps
-        for e in range(n):
-            for i in range(3):
-                now[e, i] = (1.0 - share) * field[0, e, i] + share * field[1, e, i]
+        now[:] = (1.0 - share) * field[0] + share * field[1]
         _forces(x, anchor, q, old, elements, now, load, around, table, dt, f, torque)
         for k in range(n + 1):
             mass = (elements[k].mass if k < n else 0.0) + (elements[k - 1].mass if k > 0 else 0.0)
@@ -209,10 +204,7 @@ def advance(state, elements, field, load, around, table, dt, steps):
                 v[k, 0] = p.feed_speed
         for e in range(n):
             if _guided(p, x[e]):  # until all of it has left, so that the joint ahead bends over a length without jumps
-                w[e, 0], w[e, 1], w[e, 2] = 0.0, 0.0, 0.0
-                q[e, 0], q[e, 1], q[e, 2], q[e, 3] = 1.0, 0.0, 0.0, 0.0
+                w[e], q[e] = 0.0, (1.0, 0.0, 0.0, 0.0)
             else:
                 _spin(q[e], w[e], torque[e], elements[e].inertia, dt, left)
-        for k in range(n + 1):
-            for i in range(3):
-                x[k, i] += dt * v[k, i]
+        x += dt * v
