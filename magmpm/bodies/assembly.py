@@ -155,7 +155,7 @@ class Parts(BodyShape):
         return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
 
     def _gaps(self, within: float) -> Array:
-        """Between the parts, (parts, parts) m: where their boxes come within this distance (m) that of their surfaces, else of the boxes."""
+        """Between the parts, (parts, parts) m: where boxes come within this distance (m) that of the surfaces, else of the boxes."""
         low = np.array([t.reshape(-1, 3).min(axis=0) for t in self.triangles()])
         high = np.array([t.reshape(-1, 3).max(axis=0) for t in self.triangles()])
         found = np.linalg.norm(np.maximum(np.maximum(low[:, None] - high, low - high[:, None]), 0.0), axis=2)
