@@ -143,37 +143,31 @@ def _spin(q, w, torque, inertia, dt, damping):
 
 
 @compiled
-def _guided(p, x):
-    """True if a node at x (3,) m is in the guide that feeds the rod."""
-    return p.fed == 1 and x[0] < p.feed_exit and x[1] ** 2 + x[2] ** 2 < p.feed_radius**2
-
-
-@compiled
 def _forces(x, anchor, q, old, elements, field, load, around, table, dt, f, torque):
     """Forces f (n + 1, 3) N on the nodes and torques (n, 3) N m on the elements. field (n, 3) T: on them now."""
     n, p = len(elements), around[0]
     R, t, one, ends = np.empty((3, 3)), np.empty(3), np.zeros(4), np.zeros((2, 3))
     one[0] = 1.0
-    f[:] = load[: n + 1]
+    for k in range(n + 1):
+        for i in range(3):
+            f[k, i] = load[k, i]
     for e in range(n):
         matrix(q[e], R)
         for i in range(3):
             torque[e, i] = R[0, i] * load[n + 1 + e, 0] + R[1, i] * load[n + 1 + e, 1] + R[2, i] * load[n + 1 + e, 2]
         _stretch(e, x, R, elements[e], field[e], old, dt, f, torque)
         if p.ground == 1 or p.walls == 1:
-            t[:] = R[:, 0]
+            for i in range(3):
+                t[i] = R[i, 0]
             before = elements[e - 1].mass if e > 0 else 0.0
             _touch(p, table, x[e], anchor[e], t, elements[e].mass + before, f[e])
             if e == n - 1:
                 _touch(p, table, x[n], anchor[n], t, elements[e].mass, f[n])
     for e in range(n - 1):
         here, there = elements[e], elements[e + 1]
-        free, half = 0.5 * here.length, 0.5 * there.length
-        if _guided(p, x[e]):  # `here` is held: what bends of it has left the guide
-            free = min(max(x[e + 1, 0] - p.feed_exit, 0.0), here.length)
-        length = free + half
-        for i in range(3):  # in series
-            t[i] = length / (free / here.bend[i] + half / there.bend[i])
+        length = 0.5 * (here.length + there.length)
+        for i in range(3):  # two halves in series
+            t[i] = 2.0 * length / (here.length / here.bend[i] + there.length / there.bend[i])
         _bend(q[e], q[e + 1], length, t, 0.5 * (here.loss + there.loss), old[e], dt, torque[e], torque[e + 1])
     if p.held_base == 1:
         _bend(one, q[0], 0.5 * elements[0].length, elements[0].bend, elements[0].loss, old[n], dt, ends[0], torque[0])
@@ -192,19 +186,23 @@ def advance(state, elements, field, load, around, table, dt, steps):
     left = math.exp(-p.damping * dt)
     for step in range(steps):
         share = step / steps
-        now[:] = (1.0 - share) * field[0] + share * field[1]
+        for e in range(n):
+            for i in range(3):
+                now[e, i] = (1.0 - share) * field[0, e, i] + share * field[1, e, i]
         _forces(x, anchor, q, old, elements, now, load, around, table, dt, f, torque)
         for k in range(n + 1):
             mass = (elements[k].mass if k < n else 0.0) + (elements[k - 1].mass if k > 0 else 0.0)
-            guided = _guided(p, x[k])
+            guided = p.fed == 1 and x[k, 0] < p.feed_exit and x[k, 1] ** 2 + x[k, 2] ** 2 < p.feed_radius**2
             held = (p.held_base == 1 and k == 0) or (p.held_tip == 1 and k == n)
             for i in range(3):
                 v[k, i] = 0.0 if held or guided else left * (v[k, i] + dt * f[k, i] / mass)
             if guided:
                 v[k, 0] = p.feed_speed
         for e in range(n):
-            if _guided(p, x[e]):  # until all of it has left, so that the joint ahead bends over a length without jumps
-                w[e], q[e] = 0.0, (1.0, 0.0, 0.0, 0.0)
+            if p.fed == 1 and x[e + 1, 0] < p.feed_exit and x[e, 1] ** 2 + x[e, 2] ** 2 < p.feed_radius**2:
+                w[e, 0], w[e, 1], w[e, 2] = 0.0, 0.0, 0.0
             else:
                 _spin(q[e], w[e], torque[e], elements[e].inertia, dt, left)
-        x += dt * v
+        for k in range(n + 1):
+            for i in range(3):
+                x[k, i] += dt * v[k, i]
