@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from magmpm.bodies.body_shape import BodyShape, Discretization
 from magmpm.bodies.contact_surface import ContactSurface, layer_mass, particle_of
 from magmpm.bodies.driven import Driven, driven_nodes
 from magmpm.bodies.grid import ClampPlane, Grid, clamp_first_node, clamp_last_node, clamp_low_node, spread
-from magmpm.bodies.knots import EVEN, Knots
 from magmpm.bodies.regions import Line
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.volume_modes import volume_modes
@@ -25,6 +23,7 @@ from magmpm.effects.hooks import has_hook
 from magmpm.effects.magnetization import rotating
 from magmpm.errors import SceneError
 from magmpm.scene import Scene
+from magmpm.scene.coarsest import knots_of
 
 
 @dataclass(frozen=True)
@@ -182,16 +181,6 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
     model = _filled(scene, shape, made, named, time)
     effects.check(model)
     return model
-
-
-def knots_of(scene: Scene) -> Knots:
-    """Layout of the cells in a straight body; around a tube's axis in statics alone."""
-    if scene.body.shape.line is None:
-        return EVEN
-    used = [scene.materials[region.material_name] for region in scene.regions()]
-    moduli = [(one.shear_modulus, one.bulk_to_shear) for one in used]
-    joints = tuple(k for k, (one, other) in enumerate(pairwise(moduli)) if one != other)
-    return Knots(joints, scene.resolution.from_tip is True, at_rest=scene.static)
 
 
 def reshaped(model: Model, shape: BodyShape, made: Discretization | None = None) -> Model:

@@ -17,9 +17,10 @@ from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.effects.base import Records
 from magmpm.effects.contact_law import Obstacle, most_friction
-from magmpm.model import Model, build, knots_of, reshaped
+from magmpm.model import Model, build, reshaped
 from magmpm.results import measures
 from magmpm.scene import Scene
+from magmpm.scene.coarsest import knots_of
 from magmpm.statics import axis
 from magmpm.statics.axis_order import arranged
 from magmpm.statics.between_grids import along

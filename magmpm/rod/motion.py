@@ -26,6 +26,7 @@ from magmpm.rod.cosserat import RodModel, rod_model, segment_counts
 from magmpm.rod.motion_kernels import ELEMENT, SURROUNDINGS, State, advance
 from magmpm.rod.mutual import MutualField
 from magmpm.scene import Scene
+from magmpm.scene.coarsest import knots_of
 
 FEWEST, MOST = 12, 40  # elements
 BUDGET = 1_500_000  # elements times steps: a third of a second
@@ -48,8 +49,8 @@ class RodPath:
 def move_rod(scene: Scene, *, coarser: int = 0) -> RodPath:
     """The scene's motion by its rod, in LOOKS equal parts of its time, with as many elements as the budget allows.
 
-    coarser: how many times these are halved. Raises SolveError where the body is no rod, or the motion needs more steps than the budget
-    allows.
+    coarser: how many times these are halved; once, the guide of a feed ends at its exit, not at the nodes of the run. Raises SolveError
+    where the body is no rod, or the motion needs more steps than the budget allows.
     """
     for count in range(MOST, FEWEST - 1, -4):
         parts, counts, dt = _elements(scene, count)
@@ -61,7 +62,8 @@ def move_rod(scene: Scene, *, coarser: int = 0) -> RodPath:
     if coarser:
         parts, counts, dt = _elements(scene, count // 2**coarser)
         steps = int(np.ceil(scene.duration / dt / LOOKS))
-    return _follow(scene, parts, counts, scene.duration / LOOKS / steps, steps)
+    exits = guide_ends(scene, (np.arange(LOOKS) + 0.5) * scene.duration / LOOKS, held_by_nodes=coarser != 1)
+    return _follow(scene, parts, counts, scene.duration / LOOKS / steps, steps, exits)
 
 
 def _elements(scene: Scene, count: int) -> tuple[NDArray[np.void], NDArray[np.int64], float]:
@@ -102,7 +104,7 @@ def _surroundings(scene: Scene, dt: float) -> tuple[NDArray[np.void], Array]:
     out["half"], out["stiffness"] = scene.thickness / 2, FIRM * (2.0 / dt) ** 2
     table = np.zeros(1)
     if named.feed is not None:
-        out["fed"], out["feed_speed"], out["feed_exit"], out["feed_radius"] = 1, named.feed.speed, named.feed.exit, 2 * scene.thickness
+        out["fed"], out["feed_speed"], out["feed_radius"] = 1, named.feed.speed, 2 * scene.thickness
     if named.ground is not None:
         out["ground"], out["ground_point"], out["ground_normal"] = 1, named.ground.point, named.ground.normal
         out["ground_friction"] = named.ground.friction
@@ -114,7 +116,20 @@ def _surroundings(scene: Scene, dt: float) -> tuple[NDArray[np.void], Array]:
     return out, table
 
 
-def _follow(scene: Scene, elements: NDArray[np.void], counts: NDArray[np.int64], dt: float, steps: int) -> RodPath:
+def guide_ends(scene: Scene, times: Array, *, held_by_nodes: bool) -> Array:
+    """Where the guide of a feed ends on the x axis at times (k,) s, m; infinite without one.
+
+    held_by_nodes: at the last plane of nodes that it holds in the run (effects.feed), up to half a cell from its exit; at the exit itself
+    otherwise, and where the cells are not chosen yet.
+    """
+    feed, shape = scene.effects.feed, scene.body.shape
+    if feed is None or not held_by_nodes or scene.resolution.asked or not isinstance(shape, StraightBody):
+        return np.full(len(times), np.inf if feed is None else feed.exit)
+    x = shape.grid(scene.resolution.cells_across, knots_of(scene)).node_coordinates(0) + feed.speed * times[:, None]
+    return np.asarray(np.where(x < feed.exit + scene.cell / 2, x, -np.inf).max(axis=1))
+
+
+def _follow(scene: Scene, elements: NDArray[np.void], counts: NDArray[np.int64], dt: float, steps: int, exits: Array) -> RodPath:
     line = scene.body.shape.line
     assert line is not None  # only straight bodies are rods
     n = len(elements)
@@ -130,6 +145,7 @@ def _follow(scene: Scene, elements: NDArray[np.void], counts: NDArray[np.int64],
     field, load = outside.at(state, times[0])
     for k in range(LOOKS):
         after, next_load = outside.at(state, times[k + 1])
+        around["feed_exit"] = exits[k]
         advance(state, elements, np.stack([field, after]), load, around, table, dt, steps)
         if not np.isfinite(state.x).all():
             raise SolveError(f"the rod's motion is unstable at {times[k + 1]:.3g} s")

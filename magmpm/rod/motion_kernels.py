@@ -143,8 +143,17 @@ def _spin(q, w, torque, inertia, dt, damping):
 
 
 @compiled
+def _inside(p, x, e):
+    """True if the guide of a feed holds element e: its middle is before the exit."""
+    return p.fed == 1 and 0.5 * (x[e, 0] + x[e + 1, 0]) < p.feed_exit and x[e, 1] ** 2 + x[e, 2] ** 2 < p.feed_radius**2
+
+
+@compiled
 def _forces(x, anchor, q, old, elements, field, load, around, table, dt, f, torque):
-    """Forces f (n + 1, 3) N on the nodes and torques (n, 3) N m on the elements. field (n, 3) T: on them now."""
+    """Forces f (n + 1, 3) N on the nodes and torques (n, 3) N m on the elements. field (n, 3) T: on them now.
+
+    The first element beyond a guide bends between the exit and its middle: by a length of at least a sixth, which keeps the step stable.
+    """
     n, p = len(elements), around[0]
     R, t, one, ends = np.empty((3, 3)), np.empty(3), np.zeros(4), np.zeros((2, 3))
     one[0] = 1.0
@@ -168,6 +177,10 @@ def _forces(x, anchor, q, old, elements, field, load, around, table, dt, f, torq
         length = 0.5 * (here.length + there.length)
         for i in range(3):  # two halves in series
             t[i] = 2.0 * length / (here.length / here.bend[i] + there.length / there.bend[i])
+        if _inside(p, x, e) and not _inside(p, x, e + 1):
+            length = max(0.5 * (x[e + 1, 0] + x[e + 2, 0]) - p.feed_exit, there.length / 6.0)
+            for i in range(3):
+                t[i] = there.bend[i]
         _bend(q[e], q[e + 1], length, t, 0.5 * (here.loss + there.loss), old[e], dt, torque[e], torque[e + 1])
     if p.held_base == 1:
         _bend(one, q[0], 0.5 * elements[0].length, elements[0].bend, elements[0].loss, old[n], dt, ends[0], torque[0])
@@ -192,14 +205,14 @@ def advance(state, elements, field, load, around, table, dt, steps):
         _forces(x, anchor, q, old, elements, now, load, around, table, dt, f, torque)
         for k in range(n + 1):
             mass = (elements[k].mass if k < n else 0.0) + (elements[k - 1].mass if k > 0 else 0.0)
-            guided = p.fed == 1 and x[k, 0] < p.feed_exit and x[k, 1] ** 2 + x[k, 2] ** 2 < p.feed_radius**2
+            guided = (k < n and _inside(p, x, k)) or (k > 0 and _inside(p, x, k - 1))
             held = (p.held_base == 1 and k == 0) or (p.held_tip == 1 and k == n)
             for i in range(3):
                 v[k, i] = 0.0 if held or guided else left * (v[k, i] + dt * f[k, i] / mass)
             if guided:
                 v[k, 0] = p.feed_speed
         for e in range(n):
-            if p.fed == 1 and x[e + 1, 0] < p.feed_exit and x[e, 1] ** 2 + x[e, 2] ** 2 < p.feed_radius**2:
+            if _inside(p, x, e):
                 w[e, 0], w[e, 1], w[e, 2] = 0.0, 0.0, 0.0
             else:
                 _spin(q[e], w[e], torque[e], elements[e].inertia, dt, left)

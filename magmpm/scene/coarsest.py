@@ -1,7 +1,10 @@
-"""The scene that is solved to compile a scene's kernels: it calls every one of them, in as little time as possible."""
+"""Layout of a scene's cells; and the scene that is solved to compile its kernels: it calls all of them, in as little time as possible."""
 
 from __future__ import annotations
 
+from itertools import pairwise
+
+from magmpm.bodies.knots import EVEN, Knots
 from magmpm.errors import InputError
 from magmpm.scene.scene import Scene
 
@@ -37,3 +40,13 @@ def coarsest_cells(scene: Scene) -> int:
             continue
         return cells
     return FINEST
+
+
+def knots_of(scene: Scene) -> Knots:
+    """Layout of the cells in a straight body; around a tube's axis in statics alone."""
+    if scene.body.shape.line is None:
+        return EVEN
+    used = [scene.materials[region.material_name] for region in scene.regions()]
+    moduli = [(one.shear_modulus, one.bulk_to_shear) for one in used]
+    joints = tuple(k for k, (one, other) in enumerate(pairwise(moduli)) if one != other)
+    return Knots(joints, scene.resolution.from_tip is True, at_rest=scene.static)

@@ -35,13 +35,13 @@ from magmpm.compiled.process import answers, started
 from magmpm.effects import acting as effects
 from magmpm.effects.hooks import pairs
 from magmpm.errors import SolveError
-from magmpm.model import Model, build, knots_of
+from magmpm.model import Model, build
 from magmpm.results.strain import strain_of
 from magmpm.rod.cosserat import RodModel
 from magmpm.rod.family import RodFamily
 from magmpm.rod.shifts import exercise
 from magmpm.scene import Scene
-from magmpm.scene.coarsest import coarsest
+from magmpm.scene.coarsest import coarsest, knots_of
 from magmpm.scene.variables import variables
 from magmpm.statics.axis_order import arranged
 from magmpm.statics.block_cholesky import factor, new_panels, rounded, solve

@@ -16,8 +16,9 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.errors import SolveError, TimeOver
-from magmpm.model import build, knots_of
+from magmpm.model import build
 from magmpm.scene import Scene, memory
+from magmpm.scene.coarsest import knots_of
 from magmpm.statics import axis
 from magmpm.statics.between_grids import carried
 from magmpm.statics.block_cholesky import factor, rounded, solve

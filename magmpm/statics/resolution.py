@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from magmpm.errors import SceneError, SolveError, TimeOver
-from magmpm.model import knots_of
 from magmpm.scene import Scene, memory
-from magmpm.scene.coarsest import coarsest_cells
+from magmpm.scene.coarsest import coarsest_cells, knots_of
 from magmpm.statics import error_estimate as law
 from magmpm.statics.equilibrium import one_blas_thread
 from magmpm.statics.error_estimate import PROOF, caution, observed_order

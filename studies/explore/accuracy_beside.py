@@ -13,11 +13,12 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.materials import young_modulus
-from magmpm.model import build, knots_of
+from magmpm.model import build
 from magmpm.results import measures
 from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
+from magmpm.scene.coarsest import knots_of
 from magmpm.statics.axis import centreline
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model

@@ -10,10 +10,11 @@ from reference.problems import finite_element_problems
 from reference.scenes import rod_scene
 
 from magmpm.errors import SolveError
-from magmpm.model import build, knots_of
+from magmpm.model import build
 from magmpm.rod.cosserat import solve_rod
 from magmpm.rod.shifts import kink_warning
 from magmpm.scene import Scene, load_scene
+from magmpm.scene.coarsest import knots_of
 from magmpm.statics import axis, equilibrium
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
