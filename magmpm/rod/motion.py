@@ -117,7 +117,7 @@ def _surroundings(scene: Scene, dt: float) -> tuple[NDArray[np.void], Array]:
 
 
 def guide_ends(scene: Scene, times: Array, *, held_by_nodes: bool) -> Array:
-    """Where the guide of a feed ends on the x axis at times (k,) s, m; infinite without one.
+    """End of the guide of a feed on the x axis at times (k,) s, m; infinite without one.
 
     held_by_nodes: at the last plane of nodes that it holds in the run (effects.feed), up to half a cell from its exit; at the exit itself
     otherwise, and where the cells are not chosen yet.
