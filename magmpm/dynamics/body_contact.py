@@ -40,20 +40,20 @@ def body_contact(model: Model, packed: Packed) -> BodyContact | None:
     if effect is None:
         return None
     found = law(model.scene, effect.stiffness, most_friction(model.scene, effect.friction))
-    values = np.array([found["stiffness"], found.get("soft", 1.0), found.get("knee", 1.0), found.get("damping", 0.0)])
-    return BodyContact(model, packed, values, effect.friction)
+    values = np.array([found["stiffness"], found.get("soft", 1.0), found.get("knee", 1.0), found.get("damping", 0.0), effect.friction])
+    return BodyContact(model, packed, values)
 
 
 class BodyContact:
     """The pairs of a model, which `listed` brings up to date with displacements u (3 nodes,) m."""
 
-    def __init__(self, model: Model, packed: Packed, law: Array, friction: float) -> None:
+    def __init__(self, model: Model, packed: Packed, law: Array) -> None:
         surface = model.surface
         assert surface is not None  # of a scene that names self_contact
         self.law, self._mass = law, packed.surface.mass
         self._cell = float(model.grid.spacing.min())
         self.solids = model.scene.body.shape.solids(self._cell, model.particles)
-        self.cells, number, cells, regions = _solid_cells(model)
+        self.cells, number, cells = _solid_cells(model)
         still, still_particle = surface.still
         on = packed.point
         self._place = np.concatenate([surface.place[on], still])
@@ -68,15 +68,12 @@ class BodyContact:
         self.names = [model.scene.regions()[segment[model.component == one].min()].name for one in range(int(model.component.max()) + 1)]
         self._nodes = model.nodes_in_motion
         self._patches = _patches(self._at, cells)
-        own = own_friction(model.scene)
-        pairs = np.fmin.outer(own, own).ravel()
-        self._friction = np.where(np.isnan(pairs), friction, pairs), len(own) * segment[particle[: len(on)]].astype(np.int64), regions
         none = np.zeros(0, np.int64)
         self.meeting = self._of(none, none, np.array([np.inf]))
 
     def _of(self, point: Index, solid: Index, memory: Array) -> Meeting:
         most = np.array([MOVE * self._cell])
-        parts: tuple[Any, ...] = (*self._friction, *self._near_nodes, *self.cells, *self.solids)
+        parts: tuple[Any, ...] = (*self._near_nodes, *self.cells, *self.solids)
         return Meeting(point, self._node[point], solid, memory, most, self.law, *parts)
 
     def copy(self) -> Meeting:
@@ -166,9 +163,9 @@ class BodyContact:
         self.meeting = self._of(state["pair_point"], state["pair_solid"], np.array(state["pair_memory"]))
 
 
-def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index, Index]:
-    """The cells of a model's solids, the number of the one that each particle (n,) is in; component and index (cells, 4), and region
-    (cells,) of each."""
+def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:
+    """The cells of a model's solids, the number of the one that each particle (n,) is in; component and index (cells, 4) of
+    each."""
     grid, on = model.grid, model.particles.cell.astype(np.int64)
     shape = (int(model.component.max()) + 1, *(n + 2 for n in grid.cells))
     key = np.ravel_multi_index((model.component, *(on.T + 1)), shape)
@@ -185,8 +182,9 @@ def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index, Index]:
     at = np.minimum(np.searchsorted(cells, beside), len(cells) - 1)
     first = model.first_in_motion(one) @ np.array([np.prod(model.nodes_in_motion[1:]), model.nodes_in_motion[2], 1])
     after, share = np.where(cells[at] == beside, at, -1), np.where(model.held[one], 1.0, SHARE)
-    found = SolidCells(first, low.ravel(), width.ravel(), splines.ravel(), after.ravel(), share)
-    return found, number.reshape(-1), np.column_stack([model.component[one], place]), model.particles.segment[one].astype(np.int64)
+    friction = own_friction(model.scene)[model.particles.segment[one]]
+    found = SolidCells(first, low.ravel(), width.ravel(), splines.ravel(), after.ravel(), share, friction)
+    return found, number.reshape(-1), np.column_stack([model.component[one], place])
 
 
 def _matrix(first: Index, weights: Array, nodes: tuple[int, int, int]) -> csr_matrix:

@@ -62,6 +62,8 @@ class FieldLoads:
         self._lift = Lift(self._arranged)
         self.held: Held | None = None  # by friction
         self._begun: tuple[Array, Held] | None = None  # places (n, 3) m of the surface as the increment began, and how it was held then
+        named = [effect for effect in self.model.scene.effects.named().values() if isinstance(effect, Obstacle)]
+        self._rough = any(most_friction(self.model.scene, effect.friction) > 0 for effect in named)
 
     @property
     def whole(self) -> Model:
@@ -86,16 +88,11 @@ class FieldLoads:
         touching = None if surface is None else replace(surface, held=self.held)
         return replace(self._arranged, effects=self._named(time), time=time, touching=touching)
 
-    @property
-    def rough(self) -> bool:
-        """True if friction holds what touches."""
-        named = [effect for effect in self.model.scene.effects.named().values() if isinstance(effect, Obstacle)]
-        return any(most_friction(self.model.scene, effect.friction) > 0 for effect in named)
-
     def hold(self, time: float, point: Point) -> bool:
         """Hold points by friction as an equilibrium of this time presses them. Returns True if that differs from how they were held."""
         surface = self._arranged.touching
-        assert surface is not None  # of a scene with obstacles
+        if surface is None or not self._rough:
+            return False
         now = held_at(self._named(time), surface.positions(point.grid), surface.mass, surface.friction, self._begun)
         if self.held is not None and change(self.held, now) < SETTLED:
             return False
@@ -142,6 +139,7 @@ class FeedLoads:
         self.whole = build(scene, time=time)
         self._free = scene.with_effects(feed=None)
         self._bare = self._free.with_effects(ground=None, walls=None)  # obstacles stay where they are, whatever is fed
+        self.held: Held | None = None  # friction doesn't hold what is fed
         self._models: OrderedDict[float, StaticModel] = OrderedDict()
 
     def inserted(self, time: float) -> float:
@@ -188,6 +186,13 @@ class FeedLoads:
         return np.ascontiguousarray(along(old, new, grid, moved=self.inserted(before) - self.inserted(after)))
 
     moved = carried
+
+    def hold(self, time: float, point: Point) -> bool:
+        """Return False: nothing is held by friction."""
+        return False
+
+    def let_slide(self, point: Point) -> None:
+        """Begin an increment."""
 
     def shape(self, time: float, point: Point | None) -> Shape:
         """The whole catheter: what is in the guide is straight, and moved by the push."""

@@ -84,7 +84,7 @@ def begin(scene: Scene, saved: Checkpoint | None = None, on_step: Callable[[int,
             raise type(error)(f"equilibrium at t = {first:.6g} s: {error.reason}", _unbegun(state, error.state)) from None
         return state
     loads, more = loads_of(scene, scene.path_times()[0]), saved.control
-    if isinstance(loads, FieldLoads) and "held_grip" in saved.state:
+    if "held_grip" in saved.state:
         loads.held = Held(*(saved.state[f"held_{name}"] for name in Held._fields))
     branch = None
     if more["branch"]:
@@ -124,8 +124,7 @@ def _go_on(state: PathState, time: float, on_step: Callable[[int, float], None] 
         with one_blas_thread():
             state.branch.settle_in(found.point.grid)
         state.warnings += found.warnings
-        if isinstance(loads, FieldLoads) and loads.rough:
-            loads.hold(time, state.branch.now.point)
+        loads.hold(time, state.branch.now.point)
     else:
         with one_blas_thread():
             jumps = _advance(state.branch, loads, time)
@@ -136,8 +135,6 @@ def _go_on(state: PathState, time: float, on_step: Callable[[int, float], None] 
 
 def _advance(branch: Branch, loads: FieldLoads | FeedLoads, time: float) -> list[Jump]:
     """`Branch.advance`, and again at its end until friction holds the body as strongly as this presses it. Raises SolveError."""
-    if not isinstance(loads, FieldLoads) or not loads.rough:
-        return branch.advance(time)
     loads.let_slide(branch.now.point)
     jumps = branch.advance(time)
     for _ in range(MOST_TRIES):
@@ -267,7 +264,7 @@ class _Files:
 
     def _checkpoint(self, state: PathState) -> Checkpoint:
         arrays, numbers = ({}, {}) if state.branch is None else state.branch.state()
-        if isinstance(state.loads, FieldLoads) and state.loads.held is not None:
+        if state.loads.held is not None:
             arrays |= {f"held_{name}": value for name, value in state.loads.held._asdict().items()}
         more = {"branch": numbers, "rows": state.rows, "jumps": state.jumps, "warnings": state.warnings, "strain": state.strain.state()}
         return Checkpoint(

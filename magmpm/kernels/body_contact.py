@@ -32,8 +32,8 @@ SHARE = 0.5  # of the stiffness, where both bodies have points
 
 class SolidCells(NamedTuple):
     """The cells (c,) of all solids: first node, low corner and width (3 c,) m, splines (27 c,) as coefficients of 1, xi, xi^2 of the three
-    splines along x, y, z, the next cells (6 c,) of the same solid, below and above along each axis, -1 for none, and the share (c,) of the
-    stiffness that points have there."""
+    splines along x, y, z, the next cells (6 c,) of the same solid, below and above along each axis, -1 for none, the share (c,) of the
+    stiffness that points have there, and the friction (c,) of the material, nan where it names none."""
 
     node: Index
     low: Array
@@ -41,6 +41,7 @@ class SolidCells(NamedTuple):
     splines: Array
     next: Index
     share: Array
+    friction: Array
 
 
 class Meeting(NamedTuple):
@@ -49,10 +50,9 @@ class Meeting(NamedTuple):
     point: index in kernels.surface_contact.Surface; node: its first node; solid; memory (MEMORY n + 1,), changed by steps: a pair's place
     X (3,) m, anchor (3,) m and whether it holds, the value of `memory[-1]` until which it cannot touch, cell, force (3,) N on the point,
     depth m, and normal (3,) out of the solid; at last the distance (m) that anything may have moved since pairs were listed; most (1,): m,
-    of it, until they are listed again; law (4,): stiffness 1/s^2, soft, knee m and damping 1/s (effects.contact_law); friction (r^2,) of
-    points of a region on each region, from row (points,) on; column (cells,): region of the solids' cells; near_node, near_share (k,):
-    nodes that move points, and their largest spline at any point times the 27 nodes of a cell; then the fields of SolidCells and Solids,
-    flat, as parallel loops take them.
+    of it, until they are listed again; law (5,): stiffness 1/s^2, soft, knee m and damping 1/s (effects.contact_law), and friction where
+    neither material names one; near_node, near_share (k,): nodes that move points, and their largest spline at any point times the 27
+    nodes of a cell; then the fields of SolidCells and Solids, flat, as parallel loops take them.
     """
 
     point: Index
@@ -61,9 +61,6 @@ class Meeting(NamedTuple):
     memory: Array
     most: Array
     law: Array
-    friction: Array
-    row: Index
-    column: Index
     near_node: Index
     near_share: Array
     cell_node: Index
@@ -72,6 +69,7 @@ class Meeting(NamedTuple):
     cell_splines: Array
     cell_next: Index
     cell_share: Array
+    cell_friction: Array
     kind: Index
     size: Array
     points: Index
@@ -81,7 +79,10 @@ class Meeting(NamedTuple):
 
 @inlined
 def _cells(meeting):
-    return SolidCells(meeting.cell_node, meeting.cell_low, meeting.cell_width, meeting.cell_splines, meeting.cell_next, meeting.cell_share)
+    return SolidCells(
+        meeting.cell_node, meeting.cell_low, meeting.cell_width, meeting.cell_splines, meeting.cell_next, meeting.cell_share,
+        meeting.cell_friction,
+    )  # fmt: skip
 
 
 @inlined
@@ -172,7 +173,7 @@ def _at(field, node, along_x, along_y, value, out):
 def _touch(pair, dt, meeting, surface, along_x, along_y, state):
     """Write to memory the place, force and depth of a pair; dt s: for which forces push."""
     memory, law, at, cells = meeting.memory, meeting.law, MEMORY * pair, _cells(meeting)
-    stiffness, soft, knee, damping = law[0], law[1], law[2], law[3]
+    stiffness, soft, knee, damping, friction = law[0], law[1], law[2], law[3], law[4]
     memory[at + DEPTH] = 0.0
     if memory[-1] < memory[at + ROOM]:
         return
@@ -192,7 +193,8 @@ def _touch(pair, dt, meeting, surface, along_x, along_y, state):
         memory[at + ROOM] = memory[-1] + (0.5 * NEAR * d if d < np.inf else 0.0)
         return
     f, n, v = np.zeros(PARTS), np.empty(3), np.zeros(3)
-    friction = meeting.friction[meeting.row[p] + meeting.column[cell]]
+    named = np.fmin(surface.friction[p], cells.friction[cell])
+    friction = named if named >= 0.0 else friction
     for i in range(3):
         n[i] = inverse[0, i] * normal[0] + inverse[1, i] * normal[1] + inverse[2, i] * normal[2]
     if damping > 0.0 and memory[at + HELD] != STICKS:

@@ -66,8 +66,8 @@ class Material(Settings):
     def _as_said(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Plain data, with the law of magnetization and friction only where they are not the usual ones."""
         data: dict[str, Any] = handler(self)
-        usual = {("magnetization_law", "stretches"), ("friction", None)}
-        return {key: value for key, value in data.items() if not (key in ("magnetization_law", "friction") and (key, value) in usual)}
+        usual = {"magnetization_law": "stretches", "friction": None}
+        return {key: value for key, value in data.items() if key not in usual or value != usual[key]}
 
     @field_validator("bulk_to_shear")
     @classmethod

@@ -1,4 +1,4 @@
-"""Hard cases of shape and place: large strains and rotations, bodies anywhere on the grid, bodies that meet walls and themselves."""
+"""Hard cases of shape and place: large strains and rotations, bodies anywhere on the grid, bodies that meet the ground."""
 
 from __future__ import annotations
 
@@ -9,13 +9,11 @@ import numpy as np
 from magmpm.dynamics.stable_step import speed_of_sound
 from magmpm.dynamics.time_loop import SimulationState, begin, integrate, interval, move
 from magmpm.effects.contact_law import contact_of
-from magmpm.effects.self_contact import gap
-from magmpm.errors import SolveError
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.studies.hard_cases.case import Case
 from magmpm.studies.hard_cases.motions import advance, at_rest, energy, last_cells, stretch, throw
-from magmpm.studies.hard_cases.scenes import DENSITY, G, bending_field, folding_strip, opening_strip, rod
+from magmpm.studies.hard_cases.scenes import DENSITY, G, bending_field, opening_strip, rod
 
 SHORT = 20e-3  # m
 TURN = 5.0  # 1/s: centrifugal strains are 1e-6
@@ -121,24 +119,6 @@ def _hit(scene: Scene) -> tuple[float, float, float]:
     return deepest / float(model.grid.spacing[2]), float(mass @ v[:, 2] / mass.sum()), energy(motion) / begun - 1
 
 
-def _fold(scene: Scene) -> float:
-    """Overlap of distant parts of the body, in cells; infinite if they never come near each other."""
-    model = build(scene)
-    h = float(model.grid.spacing[2])
-    size = h * (1 - 1 / math.sqrt(3))  # two outermost Gauss points across a common face
-    motion, dt, _ = at_rest(scene)
-    assert scene.solver.dynamic is not None
-    least, X = math.inf, model.particles.position
-    looks = 40
-    for _ in range(looks):
-        advance(motion, int(scene.solver.dynamic.duration / looks / dt), dt)
-        x, _, F = motion.particles()
-        if not np.isfinite(x).all() or np.linalg.det(F).min() <= 0:
-            raise SolveError("a particle was turned inside out")
-        least = min(least, gap(x, X, size, 8 * h, 7 * h) / h)
-    return -least if least < 0.5 else math.inf
-
-
 def _opened(scene: Scene) -> float:
     """Largest distance of particles from the undeformed shape, fitted to them, over L; infinite if the body never folded."""
     model = build(scene)
@@ -206,15 +186,6 @@ CASES = (
         _after_impact,
         0.03,
         "a wall without friction does no work",
-    ),
-    Case(
-        "folding onto itself",
-        folding_strip,
-        "passes through itself, or tears where it folds",
-        "overlap of the two halves, in cells",
-        _fold,
-        0.2,
-        "surfaces do not cross; particles of cells that are pressed lie nearer to them, by a tenth, and halves that cross overlap by 0.42",
     ),
     Case(
         "folded, held and let open",

@@ -154,6 +154,7 @@ def off(owner: Any, name: str, value: Any) -> Callable[[], AbstractContextManage
 
 TWICE = Control("a step below the bound: here twice the bound", off(motions, "FACTOR", 2.5))
 LOCKS = Control("anti-locking (F-bar)", scene=_scene(lambda data: data["solver"].update(anti_locking="none")))
+TOUCHING = Control("self-contact", scene=_no_effect("self_contact"))
 FROM_STRAIGHT = Control("start from the rod, load ramp and line search", _no_way_from_the_rod)
 
 CONTROLS = {  # by the beginning of a case's name
@@ -177,7 +178,7 @@ CONTROLS = {  # by the beginning of a case's name
         "a penalty as stiff as a cell: here a hundredth", scene=_scene(lambda data: data["effects"]["ground"].update(stiffness=0.01))
     ),
     "energy of a fast impact": TWICE,
-    "folding onto itself": Control("self-contact", scene=_scene(lambda data: (data["effects"].update(self_contact=None)))),
+    **dict.fromkeys(("blocks collide", "a corner hits", "edges cross", "a block hits", "stack of five", "folding onto"), TOUCHING),
     "folded, held and let open": Control("damping that lets the body settle", scene=_no_effect("damping")),
     "snap-through": Control("the fall from the end of a branch", off(branch.Branch, "_fall", _refuse)),
     "twist past its critical load": Control("leaving equilibria that are not minima", _stays_where_it_is),
