@@ -30,9 +30,9 @@ from magmpm.kernels.body_contact import (
 )
 from magmpm.model import Model
 
-MOVE = 0.25  # cells that any point may be away from its place when pairs were listed: they may then be twice as much nearer
-BETWEEN = 0.5  # cells from a place on a surface to the nearest of its points, at most
-REACH = 2 * MOVE + BETWEEN  # cells from the nearest point of a surface up to which a point is listed
+MOVE = 0.5  # cells that any point may be away from its place when pairs were listed: they may then be twice as much nearer
+BETWEEN = 0.5  # cells from a place on a face to the nearest of its points, at most, if stretched by sqrt(3): the edges' EDGE
+REACH = float(np.hypot(2 * MOVE, BETWEEN))  # cells from the nearest point of a surface up to which a point is listed
 EVEN = 0.75  # power of a node's largest spline: light nodes, whose splines are small, are fast as such. From 0.7 to 0.9 the bound is tightest
 
 
@@ -92,8 +92,8 @@ class BodyContact:
         return bool(self.meeting.memory[-1] > self.meeting.most[0])
 
     def list(self, u: Array) -> None:
-        """List the pairs at displacements u (3 nodes,) m, if points have moved by half of MOVE since. What touches stays listed, and pairs
-        that stay listed keep their memory: forces do not depend on when pairs were listed."""
+        """List the pairs at displacements u (3 nodes,) m, if points have moved by half of MOVE since. What touches stays listed with
+        its memory, and nothing else acts: forces do not depend on when pairs were listed."""
         x, old = self._place + self._splines @ u.reshape(-1, 3), self.meeting
         way, most = old.memory[-1], MOVE * self._cell
         moved = float(np.sqrt(((x - self._then) ** 2).sum(axis=1).max()))
@@ -103,11 +103,12 @@ class BodyContact:
         p, q, distance = self._near(x)
         held, solids = old.memory[:-1].reshape(-1, MEMORY), len(self.solids.kind)
         key, known = p * solids + self._solid[q], old.point * solids + old.solid
-        kept = np.flatnonzero((held[:, HELD] > 0) | np.isin(known, key))
+        kept = np.flatnonzero(held[:, DEPTH] > 0)
         new = np.flatnonzero(~np.isin(key, known[kept]))
         memory = np.zeros((len(new), MEMORY))
         memory[:, PLACE : PLACE + 3], memory[:, CELL] = self._place[q[new]], self._at[q[new]]
-        memory[:, ROOM] = way + 0.5 * (distance[new] - BETWEEN * self._cell)
+        clear = np.maximum(distance[new] ** 2 - (BETWEEN * self._cell) ** 2, 0.0)
+        memory[:, ROOM] = way + 0.5 * np.sqrt(clear)
         order = np.argsort(np.concatenate([known[kept], key[new]]))
         memory = np.concatenate([held[kept], memory])[order]
         point, solid = np.concatenate([old.point[kept], p[new]])[order], np.concatenate([old.solid[kept], self._solid[q[new]]])[order]

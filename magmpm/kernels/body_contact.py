@@ -26,6 +26,7 @@ from magmpm.kernels.surface_contact import SLIDES, STICKS
 PLACE, ANCHOR, HELD, ROOM, CELL, FORCE, DEPTH, NORMAL, MEMORY = 0, 3, 6, 7, 8, 9, 12, 13, 16
 CLOSE = 1e-12  # of a cell: distance of X + u(X) from the point; momentum is kept to it
 TRIES = 20
+SETTLED = 0.25  # of the distance d of a point from the surface: if the place below it has moved by less, d is good to some percent
 NEAR = 0.5  # of d: the present distance of the surface is at least this, whatever the strain
 SHARE = 0.5  # of the stiffness, where both bodies have points
 
@@ -125,33 +126,64 @@ def _inverted(F, out):
             out[i, j] /= det
 
 
-@compiled
-def _find(cells, cell, along_x, along_y, field, x, X, value, slope, u, F, inverse):
-    """Move X (3,) to the place of a solid that is now at x (3,) m, through its cells. Returns its cell, or -1 if there is none near."""
+@inlined
+def _cell_at(cells, cell, X):
+    """The cell of a solid that X (3,) m is in, or the one that is left for X where there is no next one, on the way from a cell."""
     for _ in range(TRIES):
+        farthest, way = 1e-9, -1
+        for i in range(3):
+            xi = (X[i] - cells.low[3 * cell + i]) / cells.width[3 * cell + i]
+            if -xi > farthest and cells.next[6 * cell + 2 * i] >= 0:
+                farthest, way = -xi, 2 * i
+            if xi - 1.0 > farthest and cells.next[6 * cell + 2 * i + 1] >= 0:
+                farthest, way = xi - 1.0, 2 * i + 1
+        if way < 0:
+            break
+        cell = cells.next[6 * cell + way]
+    return cell
+
+
+@compiled
+def _find(cells, cell, along_x, along_y, field, x, X, solids, s, value, slope, u, F, inverse, normal):
+    """Move X (3,) m to the place of solid s that is now at x (3,) m. Returns its cell, and its distance (m) from the surface.
+
+    A place out of the solid is found from the surface below it, whose motion goes on there: nodes that are farther out are light, and say
+    nothing. X then is that place of the surface. The distance is 0 if nothing is found.
+    """
+    for _ in range(TRIES):
+        cell = _cell_at(cells, cell, X)
         _splines(cells, cell, X, value, slope)
         _gather(field, cells.node[cell], along_x, along_y, value, slope, u, F)
-        off = 0.0
+        off, moved = 0.0, 0.0
         for i in range(3):
             F[i, i] += 1.0
             u[i] = x[i] - X[i] - u[i]
             off = max(off, abs(u[i]) / cells.width[3 * cell + i])
         _inverted(F, inverse)
         if off < CLOSE:
-            return cell
-        if not off < 2.0:
-            return -1
-        farthest, way = 0.0, -1
+            return cell, solid_distance(solids, s, X, normal)
+        slope[:3] = X
         for i in range(3):
             X[i] += inverse[i, 0] * u[0] + inverse[i, 1] * u[1] + inverse[i, 2] * u[2]
-            xi = (X[i] - cells.low[3 * cell + i]) / cells.width[3 * cell + i]
-            if -xi > farthest and cells.next[6 * cell + 2 * i] >= 0:
-                farthest, way = -xi, 2 * i
-            if xi - 1.0 > farthest and cells.next[6 * cell + 2 * i + 1] >= 0:
-                farthest, way = xi - 1.0, 2 * i + 1
-        if way >= 0 and farthest > 1e-9:
-            cell = cells.next[6 * cell + way]
-    return -1
+        d = solid_distance(solids, s, X, normal)
+        if not d > 0.0:
+            continue
+        below = d
+        for _ in range(3):  # the nearest face is not all of an edge
+            square = normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2
+            if not (below > 0.0 and square > 0.25):
+                break
+            for i in range(3):
+                X[i] -= below / square * normal[i]
+            below = solid_distance(solids, s, X, normal)
+        if not below < 0.5 * d:  # too far for a table
+            X[:] = slope[:3]
+            return cell, min(d, cells.width[3 * cell])
+        for i in range(3):
+            moved = max(moved, abs(X[i] - slope[i]))
+        if moved < SETTLED * d:
+            return cell, d
+    return cell, 0.0
 
 
 @compiled
@@ -179,19 +211,19 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         memory[at + DEPTH] = 0.0
         if memory[-1] < memory[at + ROOM]:
             continue
-        p, d = meeting.point[pair], np.inf
+        p = meeting.point[pair]
         for i in range(3):
             x[i], X[i] = surface.place[3 * p + i], memory[at + PLACE + i]
         _at(state.u, meeting.node[pair], along_x, along_y, surface.weights[9 * p : 9 * p + 9], x)
-        cell = _find(cells, int(memory[at + CELL]), along_x, along_y, state.u, x, X, value, slope, u, F, inverse)
-        if cell >= 0:
-            d = solid_distance(solids, meeting.solid[pair], X, normal)
-            memory[at + PLACE : at + PLACE + 3], memory[at + CELL] = X, cell
+        cell, d = _find(
+            cells, int(memory[at + CELL]), along_x, along_y, state.u, x, X, solids, meeting.solid[pair], value, slope, u, F, inverse, normal
+        )
+        memory[at + PLACE : at + PLACE + 3], memory[at + CELL] = X, cell
         if d < 0.0:
             _press(pair, cell, -d, dt, meeting, surface, along_x, along_y, state.v, x, X, value, normal, F, inverse)
             continue
         memory[at + HELD] = 0.0
-        memory[at + ROOM] = memory[-1] + (0.5 * NEAR * d if d < np.inf else 0.0)
+        memory[at + ROOM] = memory[-1] + 0.5 * NEAR * d
 
 
 @compiled
