@@ -19,7 +19,6 @@ from magmpm.kernels.body_contact import (
     CELL,
     DEPTH,
     FORCE,
-    HELD,
     MEMORY,
     NORMAL,
     PLACE,
@@ -30,8 +29,10 @@ from magmpm.kernels.body_contact import (
 )
 from magmpm.model import Model
 
-MOVE = 0.25  # cells that anything may move before pairs are listed again: they may then be twice as much nearer
-REACH = 1.0  # cells from the nearest point of a surface up to which a point is listed: 2 MOVE, and half a cell between points
+MOVE = 0.5  # cells that any point may be away from its place when pairs were listed: they may then be twice as much nearer
+BETWEEN = 0.5  # cells from a place on a face to the nearest of its points, at most, if stretched by sqrt(3): the edges' EDGE
+REACH = float(np.hypot(2 * MOVE, BETWEEN))  # cells from the nearest point of a surface up to which a point is listed
+EVEN = 0.75  # power of a node's largest spline: light nodes, whose splines are small, are fast as such; 0.7 to 0.9 are tightest
 
 
 def body_contact(model: Model, packed: Packed) -> BodyContact | None:
@@ -62,18 +63,19 @@ class BodyContact:
         self._node = np.repeat(packed.surface.first_node, np.diff(packed.surface.first_point))
         weights, _ = model.splines_at(self._place, model.particles.cell[particle], model.held[particle])
         self._splines = _matrix(model.first_in_motion(particle), weights, model.nodes_in_motion)
-        largest = abs(self._splines).max(axis=0).tocoo()
-        self._near_nodes = largest.col.astype(np.int64), 27.0 * largest.data
+        splines = abs(self._splines)[:, packed.nodes.active]
+        pace = splines.max(axis=0).toarray().ravel() ** EVEN
+        self._pace = pace * (splines @ np.divide(1.0, pace, out=np.zeros_like(pace), where=pace > 0)).max()
         segment = model.particles.segment
         self.names = [model.scene.regions()[segment[model.component == one].min()].name for one in range(int(model.component.max()) + 1)]
         self._nodes = model.nodes_in_motion
         self._patches = _patches(self._at, cells)
         none = np.zeros(0, np.int64)
-        self.meeting = self._of(none, none, np.array([np.inf]))
+        self._then = np.full_like(self._place, np.inf)  # places of the points when pairs were listed
+        self.meeting = self._of(none, none, np.zeros(1), np.full(1, -1.0))
 
-    def _of(self, point: Index, solid: Index, memory: Array) -> Meeting:
-        most = np.array([MOVE * self._cell])
-        parts: tuple[Any, ...] = (*self._near_nodes, *self.cells, *self.solids)
+    def _of(self, point: Index, solid: Index, memory: Array, most: Array) -> Meeting:
+        parts: tuple[Any, ...] = (self._pace, *self.cells, *self.solids)
         return Meeting(point, self._node[point], solid, memory, most, self.law, *parts)
 
     def copy(self) -> Meeting:
@@ -86,25 +88,31 @@ class BodyContact:
         return bool(self.meeting.memory[-1] > self.meeting.most[0])
 
     def list(self, u: Array) -> None:
-        """List the pairs at displacements u (3 nodes,) m. What touches stays listed, with its memory."""
-        x = self._place + self._splines @ u.reshape(-1, 3)
-        p, q = self._near(x)
-        old = self.meeting
-        held = old.memory[:-1].reshape(-1, MEMORY)
-        key, known = p * len(self.solids.kind) + self._solid[q], old.point * len(self.solids.kind) + old.solid
-        kept = np.flatnonzero((held[:, HELD] > 0) | np.isin(known, key))
+        """List the pairs at displacements u (3 nodes,) m, if points have moved by half of MOVE since. What touches stays listed with
+        its memory, and nothing else acts: forces do not depend on when pairs were listed."""
+        x, old = self._place + self._splines @ u.reshape(-1, 3), self.meeting
+        way, most = old.memory[-1], MOVE * self._cell
+        moved = float(np.sqrt(((x - self._then) ** 2).sum(axis=1).max()))
+        if moved < 0.5 * most:
+            old.most[0] = way + most - moved
+            return
+        p, q, distance = self._near(x)
+        held, solids = old.memory[:-1].reshape(-1, MEMORY), len(self.solids.kind)
+        key, known = p * solids + self._solid[q], old.point * solids + old.solid
+        kept = np.flatnonzero(held[:, DEPTH] > 0)
         new = np.flatnonzero(~np.isin(key, known[kept]))
         memory = np.zeros((len(new), MEMORY))
         memory[:, PLACE : PLACE + 3], memory[:, CELL] = self._place[q[new]], self._at[q[new]]
+        clear = np.maximum(distance[new] ** 2 - (BETWEEN * self._cell) ** 2, 0.0)
+        memory[:, ROOM] = way + 0.5 * np.sqrt(clear)
         order = np.argsort(np.concatenate([known[kept], key[new]]))
         memory = np.concatenate([held[kept], memory])[order]
         point, solid = np.concatenate([old.point[kept], p[new]])[order], np.concatenate([old.solid[kept], self._solid[q[new]]])[order]
-        memory[:, ROOM] = 0.0
-        self.meeting = self._of(point, solid, np.append(memory.ravel(), 0.0))
+        self._then, self.meeting = x, self._of(point, solid, np.append(memory.ravel(), way), np.array([way + most]))
 
-    def _near(self, x: Array) -> tuple[Index, Index]:
+    def _near(self, x: Array) -> tuple[Index, Index, Array]:
         """The free points (n,) that are near another solid, or a place of their own that shares no node with them; the nearest point (n,)
-        there."""
+        there, and its distance (n,) m."""
         first, order, cell = self._patches
         center, radius = _balls(x[order], first)
         a, b = cKDTree(center).query_pairs(REACH * self._cell + 2 * radius, output_type="ndarray").T
@@ -113,9 +121,8 @@ class BodyContact:
         found = _nearest(pairs, first, order, x, self._free, REACH * self._cell)
         p, q, distance = found[:, 0].astype(np.int64), found[:, 1].astype(np.int64), found[:, 2]
         best = np.lexsort((q, distance, self._solid[q], p))
-        p, q = p[best], q[best]
-        one = np.flatnonzero(np.diff(p * len(self.solids.kind) + self._solid[q], prepend=-1))
-        return p[one], q[one]
+        one = best[np.flatnonzero(np.diff((p * len(self.solids.kind) + self._solid[q])[best], prepend=-1))]
+        return p[one], q[one], distance[one]
 
     def report(self, memory: Array, u: Array, v: Array) -> dict[str, Contact]:
         """Contact of the body with itself, and of each two components that touch, at displacements u m and velocities v m/s (3 nodes,);
@@ -156,11 +163,14 @@ class BodyContact:
 
     def state(self) -> dict[str, Any]:
         """State that `restore` needs."""
-        return {"pair_point": self.meeting.point, "pair_solid": self.meeting.solid, "pair_memory": self.meeting.memory.copy()}
+        now = self.meeting
+        kept = {"pair_point": now.point, "pair_solid": now.solid, "pair_memory": now.memory.copy(), "pair_most": now.most.copy()}
+        return kept | {"pair_then": self._then}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a `state`."""
-        self.meeting = self._of(state["pair_point"], state["pair_solid"], np.array(state["pair_memory"]))
+        self._then = state["pair_then"]
+        self.meeting = self._of(state["pair_point"], state["pair_solid"], np.array(state["pair_memory"]), np.array(state["pair_most"]))
 
 
 def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:

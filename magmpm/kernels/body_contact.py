@@ -26,6 +26,7 @@ from magmpm.kernels.surface_contact import SLIDES, STICKS
 PLACE, ANCHOR, HELD, ROOM, CELL, FORCE, DEPTH, NORMAL, MEMORY = 0, 3, 6, 7, 8, 9, 12, 13, 16
 CLOSE = 1e-12  # of a cell: distance of X + u(X) from the point; momentum is kept to it
 TRIES = 20
+SETTLED = 0.25  # of the distance d of a point from the surface: if the place below it has moved by less, d is good to some percent
 NEAR = 0.5  # of d: the present distance of the surface is at least this, whatever the strain
 SHARE = 0.5  # of the stiffness, where both bodies have points
 
@@ -49,10 +50,10 @@ class Meeting(NamedTuple):
 
     point: index in kernels.surface_contact.Surface; node: its first node; solid; memory (MEMORY n + 1,), changed by steps: a pair's place
     X (3,) m, anchor (3,) m and whether it holds, the value of `memory[-1]` until which it cannot touch, cell, force (3,) N on the point,
-    depth m, and normal (3,) out of the solid; at last the distance (m) that anything may have moved since pairs were listed; most (1,): m,
-    of it, until they are listed again; law (5,): stiffness 1/s^2, soft, knee m and damping 1/s (effects.contact_law), and friction where
-    neither material names one; near_node, near_share (k,): nodes that move points, and their largest spline at any point times the 27
-    nodes of a cell; then the fields of SolidCells and Solids, flat, as parallel loops take them.
+    depth m, and normal (3,) out of the solid; at last the length (m) of the way that any point may have moved; most (1,): m, of it, until
+    pairs may be missing; law (5,): stiffness 1/s^2, soft, knee m and damping 1/s (effects.contact_law), and friction where neither
+    material names one; pace (active nodes,): no point is faster than the largest pace times speed of a node; then the fields of
+    SolidCells and Solids, flat, as parallel loops take them.
     """
 
     point: Index
@@ -61,8 +62,7 @@ class Meeting(NamedTuple):
     memory: Array
     most: Array
     law: Array
-    near_node: Index
-    near_share: Array
+    pace: Array
     cell_node: Index
     cell_low: Array
     cell_width: Array
@@ -128,33 +128,64 @@ def _inverted(F, out):
             out[i, j] /= det
 
 
-@compiled
-def _find(cells, cell, along_x, along_y, field, x, X, value, slope, u, F, inverse):
-    """Move X (3,) to the place of a solid that is now at x (3,) m, through its cells. Returns its cell, or -1 if there is none near."""
+@inlined
+def _cell_at(cells, cell, X):
+    """The cell of a solid that X (3,) m is in, or the one that is left for X where there is no next one, on the way from a cell."""
     for _ in range(TRIES):
+        farthest, way = 1e-9, -1
+        for i in range(3):
+            xi = (X[i] - cells.low[3 * cell + i]) / cells.width[3 * cell + i]
+            if -xi > farthest and cells.next[6 * cell + 2 * i] >= 0:
+                farthest, way = -xi, 2 * i
+            if xi - 1.0 > farthest and cells.next[6 * cell + 2 * i + 1] >= 0:
+                farthest, way = xi - 1.0, 2 * i + 1
+        if way < 0:
+            break
+        cell = cells.next[6 * cell + way]
+    return cell
+
+
+@compiled
+def _find(cells, cell, along_x, along_y, field, x, X, solids, s, value, slope, u, F, inverse, normal):
+    """Move X (3,) m to the place of solid s that is now at x (3,) m. Returns its cell, and its distance (m) from the surface.
+
+    A place out of the solid is found from the surface below it, whose motion goes on there: nodes that are farther out are light, and say
+    nothing. X then is that place of the surface. The distance is 0 if nothing is found.
+    """
+    for _ in range(TRIES):
+        cell = _cell_at(cells, cell, X)
         _splines(cells, cell, X, value, slope)
         _gather(field, cells.node[cell], along_x, along_y, value, slope, u, F)
-        off = 0.0
+        off, moved = 0.0, 0.0
         for i in range(3):
             F[i, i] += 1.0
             u[i] = x[i] - X[i] - u[i]
             off = max(off, abs(u[i]) / cells.width[3 * cell + i])
         _inverted(F, inverse)
         if off < CLOSE:
-            return cell
-        if not off < 2.0:
-            return -1
-        farthest, way = 0.0, -1
+            return cell, solid_distance(solids, s, X, normal)
+        slope[:3] = X
         for i in range(3):
             X[i] += inverse[i, 0] * u[0] + inverse[i, 1] * u[1] + inverse[i, 2] * u[2]
-            xi = (X[i] - cells.low[3 * cell + i]) / cells.width[3 * cell + i]
-            if -xi > farthest and cells.next[6 * cell + 2 * i] >= 0:
-                farthest, way = -xi, 2 * i
-            if xi - 1.0 > farthest and cells.next[6 * cell + 2 * i + 1] >= 0:
-                farthest, way = xi - 1.0, 2 * i + 1
-        if way >= 0 and farthest > 1e-9:
-            cell = cells.next[6 * cell + way]
-    return -1
+        d = solid_distance(solids, s, X, normal)
+        if not d > 0.0:
+            continue
+        below = d
+        for _ in range(3):  # the nearest face is not all of an edge
+            square = normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2
+            if not (below > 0.0 and square > 0.25):
+                break
+            for i in range(3):
+                X[i] -= below / square * normal[i]
+            below = solid_distance(solids, s, X, normal)
+        if not below < 0.5 * d:  # too far for a table
+            X[:] = slope[:3]
+            return cell, min(d, cells.width[3 * cell])
+        for i in range(3):
+            moved = max(moved, abs(X[i] - slope[i]))
+        if moved < SETTLED * d:
+            return cell, d
+    return cell, 0.0
 
 
 @compiled
@@ -170,41 +201,51 @@ def _at(field, node, along_x, along_y, value, out):
 
 
 @compiled
-def _touch(pair, dt, meeting, surface, along_x, along_y, state):
-    """Write to memory the place, force and depth of a pair; dt s: for which forces push."""
-    memory, law, at, cells = meeting.memory, meeting.law, MEMORY * pair, _cells(meeting)
-    stiffness, soft, knee, damping, friction = law[0], law[1], law[2], law[3], law[4]
-    memory[at + DEPTH] = 0.0
-    if memory[-1] < memory[at + ROOM]:
-        return
-    p, s = meeting.point[pair], meeting.solid[pair]
-    own, value, slope = surface.weights[9 * p : 9 * p + 9], np.empty(9), np.empty(9)
-    x, u, X, normal, F, inverse = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
-    for i in range(3):
-        x[i], X[i] = surface.place[3 * p + i], memory[at + PLACE + i]
-    _at(state.u, meeting.node[pair], along_x, along_y, own, x)
+def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
+    """Write to memory the place, force and depth of each pair from `first` on, `apart` numbers apart; dt s: for which forces push."""
+    memory, cells = meeting.memory, _cells(meeting)
     solids = Solids(meeting.kind, meeting.size, meeting.points, meeting.first, meeting.coefficients)
-    cell = _find(cells, int(memory[at + CELL]), along_x, along_y, state.u, x, X, value, slope, u, F, inverse)
-    d = np.inf if cell < 0 else solid_distance(solids, s, X, normal)
-    if cell >= 0:
+    value, slope, x, u, X, normal, F, inverse = (
+        np.empty(9), np.empty(9), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3)),
+    )  # fmt: skip
+    for pair in range(first, len(meeting.point), apart):
+        at = MEMORY * pair
+        memory[at + DEPTH] = 0.0
+        if memory[-1] < memory[at + ROOM]:
+            continue
+        p = meeting.point[pair]
+        for i in range(3):
+            x[i], X[i] = surface.place[3 * p + i], memory[at + PLACE + i]
+        _at(state.u, meeting.node[pair], along_x, along_y, surface.weights[9 * p : 9 * p + 9], x)
+        cell, d = _find(
+            cells, int(memory[at + CELL]), along_x, along_y, state.u, x, X, solids, meeting.solid[pair], value, slope, u, F, inverse, normal
+        )
         memory[at + PLACE : at + PLACE + 3], memory[at + CELL] = X, cell
-    if not d < 0.0:
+        if d < 0.0:
+            _press(pair, cell, -d, dt, meeting, surface, along_x, along_y, state.v, x, X, value, normal, F, inverse)
+            continue
         memory[at + HELD] = 0.0
-        memory[at + ROOM] = memory[-1] + (0.5 * NEAR * d if d < np.inf else 0.0)
-        return
+        memory[at + ROOM] = memory[-1] + 0.5 * NEAR * d
+
+
+@compiled
+def _press(pair, cell, depth, dt, meeting, surface, along_x, along_y, velocity, x, X, value, normal, F, inverse):
+    """Write to memory the force of a pair that touches at this depth (m)."""
+    memory, law, at, cells, p = meeting.memory, meeting.law, MEMORY * pair, _cells(meeting), meeting.point[pair]
+    stiffness, soft, knee, damping, friction = law[0], law[1], law[2], law[3], law[4]
     f, n, v = np.zeros(PARTS), np.empty(3), np.zeros(3)
     named = np.fmin(surface.friction[p], cells.friction[cell])
     friction = named if named >= 0.0 else friction
     for i in range(3):
         n[i] = inverse[0, i] * normal[0] + inverse[1, i] * normal[1] + inverse[2, i] * normal[2]
     if damping > 0.0 and memory[at + HELD] != STICKS:
-        _at(state.v, cells.node[cell], along_x, along_y, value, v)
+        _at(velocity, cells.node[cell], along_x, along_y, value, v)
         for i in range(3):
             v[i] = -v[i]
-        _at(state.v, meeting.node[pair], along_x, along_y, own, v)
+        _at(velocity, meeting.node[pair], along_x, along_y, surface.weights[9 * p : 9 * p + 9], v)
     length = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
     leaving = (v[0] * n[0] + v[1] * n[1] + v[2] * n[2]) / length
-    push(-d, n[0], n[1], n[2], leaving, cells.share[cell] * surface.mass[p], stiffness, soft, knee, damping, friction, f)
+    push(depth, n[0], n[1], n[2], leaving, cells.share[cell] * surface.mass[p], stiffness, soft, knee, damping, friction, f)
     if friction > 0.0:
         there, new = np.empty(3), memory[at + HELD] == 0.0
         for i in range(3):
@@ -218,7 +259,7 @@ def _touch(pair, dt, meeting, surface, along_x, along_y, state):
                 for j in range(3):
                     memory[at + ANCHOR + i] -= inverse[i, j] * (x[j] - there[j])
         memory[at + HELD] = SLIDES if slides else STICKS
-    memory[at + DEPTH] = -d
+    memory[at + DEPTH] = depth
     for i in range(3):
         memory[at + FORCE + i], memory[at + NORMAL + i] = f[i], n[i] / length
 
@@ -252,39 +293,29 @@ def _add_all(meeting, surface, along_x, along_y, force):
 
 
 @compiled
-def _passed(meeting, dt, v):
-    """Count the distance that any point may have moved in a step.
-
-    No point is faster than the fastest of the nodes that matter to it, plus what the others add: these may be light, and fast as such.
-    """
-    most, more = 0.0, 0.0
-    for k in range(len(meeting.near_node)):
-        n, share = 3 * meeting.near_node[k], meeting.near_share[k]
-        square = v[n] ** 2 + v[n + 1] ** 2 + v[n + 2] ** 2
-        if share >= 1.0:
-            most = max(most, square)
-        else:
-            more = max(more, share * share * square)
-    meeting.memory[-1] += dt * (math.sqrt(most) + math.sqrt(more))
+def _passed(meeting, way):
+    """Count the length (m) of the way that any point may have moved in a step."""
+    meeting.memory[-1] += way
 
 
 # A body that does not touch itself has () for a meeting. Then nothing of the above is compiled into its kernel.
 
 
-def pair_count(meeting):
-    """Number of pairs. Only within compiled code, as the rest below."""
-
-
-def touch_pair(pair, dt, meeting, surface, along_x, along_y, state):
-    """Find the place, force and depth of a pair; dt s: for which forces push."""
+def touch_pairs(slab, slabs, dt, meeting, surface, along_x, along_y, state):
+    """Find places, forces and depths of a slab's share of the pairs; dt s: for which forces push. Only within compiled code, as the rest
+    below."""
 
 
 def add_pairs(meeting, surface, along_x, along_y, force):
     """Add the forces of all pairs to the nodes."""
 
 
-def passed(meeting, dt, v):
-    """Count the distance that the body may have moved in a step of dt (s)."""
+def pace_of(meeting, k, n, v):
+    """Square of a bound on how fast (m/s) an active node k, with velocity v[n : n + 3], lets any point move."""
+
+
+def passed(meeting, way):
+    """Count the length (m) of the way that any point may have moved in a step."""
 
 
 def needs_list(meeting):
@@ -295,16 +326,13 @@ def _meets(meeting: Any) -> bool:
     return isinstance(meeting, types.BaseNamedTuple)
 
 
-@overload(pair_count, strict=False)
-def _pair_count(meeting):
-    return (lambda meeting: len(meeting.point)) if _meets(meeting) else (lambda meeting: 0)
-
-
-@overload(touch_pair, strict=False)
-def _touch_pair(pair, dt, meeting, surface, along_x, along_y, state):
+@overload(touch_pairs, strict=False)
+def _touch_pairs(slab, slabs, dt, meeting, surface, along_x, along_y, state):
     if not _meets(meeting):
-        return lambda pair, dt, meeting, surface, along_x, along_y, state: None
-    return lambda pair, dt, meeting, surface, along_x, along_y, state: _touch(pair, dt, meeting, surface, along_x, along_y, state)
+        return lambda slab, slabs, dt, meeting, surface, along_x, along_y, state: None
+    return lambda slab, slabs, dt, meeting, surface, along_x, along_y, state: _touch(
+        slab, slabs, dt, meeting, surface, along_x, along_y, state
+    )
 
 
 @overload(add_pairs, strict=False)
@@ -314,9 +342,16 @@ def _add_pairs(meeting, surface, along_x, along_y, force):
     return lambda meeting, surface, along_x, along_y, force: _add_all(meeting, surface, along_x, along_y, force)
 
 
+@overload(pace_of, strict=False)
+def _pace_of(meeting, k, n, v):
+    if not _meets(meeting):
+        return lambda meeting, k, n, v: 0.0
+    return lambda meeting, k, n, v: meeting.pace[k] ** 2 * (v[n] ** 2 + v[n + 1] ** 2 + v[n + 2] ** 2)
+
+
 @overload(passed, strict=False)
-def _has_passed(meeting, dt, v):
-    return (lambda meeting, dt, v: _passed(meeting, dt, v)) if _meets(meeting) else (lambda meeting, dt, v: None)
+def _has_passed(meeting, way):
+    return (lambda meeting, way: _passed(meeting, way)) if _meets(meeting) else (lambda meeting, way: None)
 
 
 @overload(needs_list, strict=False)

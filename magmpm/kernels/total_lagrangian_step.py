@@ -11,6 +11,7 @@ each axis by node; per_particle (groups 8,), remanence (groups 3 8,).
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +40,7 @@ from magmpm.effects.hooks import (
     has_relaxing,
     push_time,
 )
-from magmpm.kernels.body_contact import add_pairs, needs_list, pair_count, passed, touch_pair
+from magmpm.kernels.body_contact import add_pairs, needs_list, pace_of, passed, touch_pairs
 from magmpm.kernels.mass_correction import added_at, correct, sum_plane
 from magmpm.kernels.particle_group import add_effects, any_effect, group_room
 from magmpm.kernels.surface_contact import touch
@@ -325,19 +326,20 @@ def advance(steps, dt, cells, particles, nodes, correction, surface, meeting, st
                     high, change = particles_to_grid(cell, step, dt, cells, particles, state, effects, room, work, high, change)
                 if has_contact(effects):
                     touch(slab, step, push, surface, cells, state, effects)
+                touch_pairs(slab, count, push, meeting, surface, cells.along_x, cells.along_y, state)
                 see(slabs, slab, least, bad, high, change)
         if stops(watch, slabs):
             clear(state.force)
             return step
-        for pair in prange(pair_count(meeting)):
-            touch_pair(pair, push, meeting, surface, cells.along_x, cells.along_y, state)
         add_pairs(meeting, surface, cells.along_x, cells.along_y, state.force)
         for plane in prange(len(correction.left)):
             sum_plane(plane, correction, state.force)
         correct(correction)
+        fastest = 0.0
         for k in prange(len(nodes.active)):
             update_grid(k, step, dt, push, nodes, correction, state, effects)
-        passed(meeting, dt, state.v)
+            fastest = max(fastest, pace_of(meeting, k, 3 * nodes.active[k], state.v))
+        passed(meeting, dt * math.sqrt(fastest))
     return steps
 
 

@@ -43,8 +43,7 @@ def touched(motion: TotalMotion, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     meeting, p = motion.contact.copy(), motion.packed
     force = np.zeros_like(u)
     state = State(u, np.zeros_like(u), force, motion.stiffness, motion.anchor, motion.memory)
-    for pair in range(len(meeting.point)):
-        _touch(pair, 1e-5, meeting, p.surface, p.cells.along_x, p.cells.along_y, state)
+    _touch(0, 1, 1e-5, meeting, p.surface, p.cells.along_x, p.cells.along_y, state)
     _add_all(meeting, p.surface, p.cells.along_x, p.cells.along_y, force)
     return meeting.memory[:-1].reshape(-1, MEMORY), force
 
