@@ -32,8 +32,9 @@ def sloped(angle: float) -> Scene:
 @pytest.mark.parametrize(
     ("size", "friction", "duration", "cells", "share"),
     [
-        ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 2, 0.95), ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 3, 0.95),
-        ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 2, 0.95), ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 3, 0.95), ((6e-3, 6e-3, 3e-3), 0.8, 0.2, 3, 0.8),
+        ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 2, 0.95), ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 3, 0.95),
+        pytest.param((8e-3, 5e-3, 4e-3), 0.45, 0.3, 3, 0.95, marks=pytest.mark.slow),
+        pytest.param((6e-3, 6e-3, 3e-3), 0.8, 0.2, 3, 0.8, marks=pytest.mark.slow),
     ],
 )  # fmt: skip
 def test_an_undamped_block_sticks_on_a_slope(
