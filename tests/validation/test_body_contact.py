@@ -143,7 +143,8 @@ def test_a_block_slides_or_sticks_on_a_slope_of_another_part(tmp_path: Path, fri
     meshes = {"slope": box((-6e-3, -6e-3, -3e-3), (18e-3, 6e-3, 0.0)), "block": box((0.0, -3e-3, 0.03e-3), (6e-3, 3e-3, thick + 0.03e-3))}
     pull = [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]
     effects = {"gravity": {"acceleration": pull}, "self_contact": {"friction": friction}}
-    effects |= {} if share else {"damping": {"rate": 300.0}}
+    if not share:  # and a ground far below: the same kernels as in the test above
+        effects |= {"damping": {"rate": 300.0}, "ground": {"point": [0.0, 0.0, -0.1]}}
     state = move(build(parts_scene(tmp_path, meshes, effects, 1.5e-3, held=["slope"], duration=time)))
     model = state.motion.model
     way = of_part(model, 1, state.x - model.particles.position)[0]

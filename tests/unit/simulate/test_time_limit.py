@@ -8,14 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reference.in_motion import moving
 from reference.scenes import rod_scene
 
 from magmpm import Scene, run
 from magmpm.cli import main
 from magmpm.cli import run as command
 from magmpm.errors import BudgetError, InputError, TimeOver
-from magmpm.results.file_names import CHECKPOINT, MOTION
 from magmpm.results.trajectory import Motion
 from magmpm.scene.time_limit import check, limited
 from magmpm.solving.precompile import prepare_kernels
