@@ -35,6 +35,12 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     prepare_kernels(load_scene(Path(__file__).parents[1] / "data/scenes/hollow.yaml"))
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest tests come first, so that no worker is left alone with them at the end."""
+    first = Path(__file__).parent / "validation"
+    items.sort(key=lambda item: first not in item.path.parents)
+
+
 @pytest.fixture(autouse=True)
 def _floating_errors_raise() -> Iterator[None]:
     """Division by zero, overflow and invalid operations are errors; underflow to zero is fine."""

@@ -11,14 +11,11 @@ and the 90th percentile of all.
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from drawn_scenes import drawn, jointed
+from drawn_scenes import drawn, jointed, options_of, rows_of
 
 from magmpm import run
 from magmpm.errors import MagmpmError
@@ -34,18 +31,9 @@ STIFF = (50.0, 200.0)  # K/G between the ranges
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--jointed", action="store_true")
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--scenes", type=int, default=SCENES)
-    parser.add_argument("--out", type=Path, default=Path("runs/bench/drawn_convergence.json"))
-    options = parser.parse_args()
-    rows = json.loads(options.out.read_text()) if options.out.exists() else []
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    for seed in range(options.first + len(rows), options.first + options.scenes):
-        rows.append(solved((jointed if options.jointed else drawn)(seed), seed))
-        options.out.write_text(json.dumps(rows) + "\n")
-        print(seed, rows[-1]["errors"], flush=True)
+    options = options_of(__doc__, 0, SCENES, "drawn_convergence.json", jointed=True)
+    draw_scene = jointed if options.jointed else drawn
+    rows = rows_of(options, lambda seed: solved(draw_scene(seed), seed), lambda row: f"{row['seed']} {row['errors']}")
     print(percentiles(rows) if options.jointed else summary(rows))
 
 

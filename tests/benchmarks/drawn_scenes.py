@@ -1,7 +1,14 @@
-"""Scenes drawn at random for tests/benchmarks/promised_error.py: catheters, tubes and strips; bodies of soft and stiff segments; paths."""
+"""Scenes drawn at random for tests/benchmarks/promised_error.py: catheters, tubes and strips; bodies of soft and stiff segments; paths.
+
+Also the command line of the benchmarks over their seeds, and the rows that these keep.
+"""
 
 from __future__ import annotations
 
+import argparse
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +19,43 @@ from magmpm.scene import Scene
 
 REMANENCE, DENSITY = 0.12, 1900.0  # T, kg/m^3
 STRONGEST = 5.0  # M B A L^2/(E I): at 5 a catheter across the field points along it
+Row = dict[str, Any]
+BOUNDS, WORST = (0.3, 1.0), 1.5  # of the true error over the promised one
+
+
+def options_of(about: str | None, first: int, scenes: int, out: str, jointed: bool = False) -> argparse.Namespace:
+    """The options of a benchmark over seeds; out: a file in runs/bench; jointed: whether bodies can be of soft and stiff segments."""
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    if jointed:
+        parser.add_argument("--jointed", action="store_true")
+    parser.add_argument("--first", type=int, default=first)
+    parser.add_argument("--scenes", type=int, default=scenes)
+    parser.add_argument("--out", type=Path, default=Path("runs/bench") / out)
+    return parser.parse_args()
+
+
+def rows_of(
+    options: argparse.Namespace, made: Callable[[int], Row], line: Callable[[Row], str], seeds: Iterable[int] | None = None
+) -> list[Row]:
+    """A row for each seed, by default `scenes` from `first`: from the file, or made, saved and printed now."""
+    rows = json.loads(options.out.read_text()) if options.out.exists() else []
+    done = {row["seed"] for row in rows}
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    for seed in seeds or range(options.first, options.first + options.scenes):
+        if seed not in done:
+            rows.append(made(seed))
+            options.out.write_text(json.dumps(rows, indent=1) + "\n")
+            print(line(rows[-1]), flush=True)
+    return rows
+
+
+def shares(ratio: np.ndarray) -> str:
+    """How true errors over promised ones are spread."""
+    inside = (ratio >= BOUNDS[0]) & (ratio <= BOUNDS[1])
+    return (
+        f"true/promised in {BOUNDS} in {100 * inside.mean():.0f} %, above {WORST}: {(ratio > WORST).sum()}, above 1: {(ratio > 1).sum()}, "
+        f"below {BOUNDS[0]}: {(ratio < BOUNDS[0]).sum()}, median {np.median(ratio):.2f}, largest {ratio.max():.2f}"
+    )
 
 
 def drawn(seed: int) -> Scene:

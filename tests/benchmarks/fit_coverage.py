@@ -1,12 +1,11 @@
 """`make bench-fit`: how often the intervals of `magmpm fit` hold the true constants, over synthetic measurements.
 
-    python tests/benchmarks/fit_coverage.py [FITS [FIRST [poses | interpolated]]]     # FIRST: number of the first: a run can be in parts
+    python tests/benchmarks/fit_coverage.py [FITS [FIRST [poses]]]     # FIRST: number of the first: a run can be in parts
 
 Each fit has five tips with normal errors of 0.2 mm in each coordinate, of a body whose constants are drawn within 25 % of the scene's; with
-`poses`, six angles of the tip with errors of 0.5 degrees, each beside a magnet that stands elsewhere; `interpolated`: the same, with angles
-from a polynomial through 780 simulations (within 0.02 degrees) in place of a simulation each, so that 20 000 fits take minutes. Four kinds
-in turn: the shear modulus alone, or both shear modulus and remanence, of a body with weight; the noise given, or estimated. The 95 %
-intervals should hold 95 % of the true values; of n the share itself scatters by sqrt(0.95 * 0.05 / n): 0.7 % of 1 000.
+`poses`, six angles of the tip with errors of 0.5 degrees, each beside a magnet that stands elsewhere. Four kinds in turn: the shear modulus
+alone, or both shear modulus and remanence, of a body with weight; the noise given, or estimated. The 95 % intervals should hold 95 % of the
+true values; of n the share itself scatters by sqrt(0.95 * 0.05 / n): 0.7 % of 1 000.
 """
 
 from __future__ import annotations
@@ -18,8 +17,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,65 +44,14 @@ def scene(poses: bool) -> Any:
     return type(found).from_si(data).with_effects(gravity={}, magnetic_force={})
 
 
-@lru_cache(maxsize=1)
-def angles() -> Callable[[Any], tuple[Any, Any]]:
-    """Angles (6,) rad of the tip and their slopes (6, 2) at x, the logarithms of modulus and remanence over the scene's."""
-    from numpy.polynomial import chebyshev
-
-    from magmpm import run
-    from magmpm.errors import SolveError
-    from magmpm.scene.apparatus import Apparatus
-    from magmpm.studies.fitting.prediction import Axis, tip_angle
-
-    ends, start, last = np.array([[-0.9, 0.9], [-0.9, 0.5]]), scene(True), {}  # beyond, the magnet pulls the soft body to itself
-    unit = np.cos(np.pi * (np.arange(13) + 0.5) / 13), np.cos(np.pi * (np.arange(10) + 0.5) / 10)
-    found = np.empty((13, 10, 6))
-    for i, j, k in np.ndindex(found.shape):
-        x = ends.mean(axis=1) + np.array([unit[0][i], unit[1][j]]) * np.ptp(ends, axis=1) / 2
-        own = start.with_material(**dict(zip(KINDS[1], (constants_of(start) * np.exp(x)).tolist(), strict=True)))
-        last[k] = run(Apparatus((0.0, 0.0, 1e-3 * DISTANCES[k])).applied(own), start=last.get(k))
-        found[i, j, k] = tip_angle(Axis.alone(last[k].centreline, last[k].tip), 2)[0]
-    grid = chebyshev.chebvander2d(*np.meshgrid(*unit, indexing="ij"), [10, 9]).reshape(130, -1)
-    terms = np.linalg.lstsq(grid, found.reshape(130, 6), rcond=None)[0].reshape(11, 10, 6)
-
-    def at(x: Any) -> tuple[Any, Any]:
-        place = (2 * x - ends.sum(axis=1)) / np.ptp(ends, axis=1)
-        if np.abs(place).max() > 1:
-            raise SolveError("outside of what was simulated")
-        value: Any = chebyshev.chebval2d
-        slopes = [value(*place, chebyshev.chebder(terms, axis=axis)) * 2 / np.ptp(ends[axis]) for axis in (0, 1)]
-        return value(*place, terms), np.stack(slopes, axis=1)
-
-    return at
-
-
-def constants_of(start: Any) -> Any:
-    """Modulus (Pa) and remanence (T) of a scene's material, (2,)."""
-    return np.array([getattr(start.materials["magnetic silicone"], name) for name in KINDS[1]])
-
-
-def interpolated(self: Any, x: Any, slopes: bool) -> tuple[Any, Any]:
-    """Residuals and slopes of a prediction, as its method `_at_rest` has them, from `angles`."""
-    from magmpm.studies.fitting.prediction import Label
-
-    at = [KINDS[1].index(constant.kind) for constant in self.constants]
-    whole = np.zeros(2)
-    whole[at] = x
-    found, slope = angles()(whole)
-    self.labels = [Label(int(state.lines[0]), "tip_angle", True) for state in self.measured.states]
-    return found - np.array([state.angles[0] for state in self.measured.states]), slope[:, at]
-
-
 def one(number: int, poses: str = "") -> dict[str, Any]:
     """A fit: the true values, and the intervals."""
     from magmpm import run
     from magmpm.scene.apparatus import Apparatus
     from magmpm.studies.fitting import fit, read_measured
-    from magmpm.studies.fitting.prediction import Axis, Prediction, tip_angle
+    from magmpm.studies.fitting.prediction import Axis, tip_angle
 
     rng, start = np.random.default_rng([11, number]), scene(bool(poses))
-    if poses == "interpolated":
-        Prediction._at_rest = interpolated  # type: ignore[method-assign]
     data = start.to_si()
     vary = KINDS[number % 2]
     material = data["materials"]["magnetic silicone"]
@@ -115,13 +62,9 @@ def one(number: int, poses: str = "") -> dict[str, Any]:
     rows, last = ["magnet_z_mm,tip_angle_xz_deg" if poses else "field_z_mT,tip_x_mm,tip_y_mm,tip_z_mm"], None
     for size in DISTANCES if poses else FIELDS:
         noise, off = rng.normal(0.0, NOISE, 3), rng.normal(0.0, ANGLE_NOISE)
-        if poses == "interpolated":
-            x = np.log(constants_of(body) / constants_of(start))
-            tip, angle = noise, math.degrees(angles()(x)[0][DISTANCES.index(size)]) + off
-        else:
-            there = Apparatus((0.0, 0.0, 1e-3 * size)).applied(body) if poses else body.with_field([0.0, 0.0, 1e-3 * size])
-            last = run(there, start=last)
-            tip, angle = 1e3 * (last.tip + noise), math.degrees(tip_angle(Axis.alone(last.centreline, last.tip), 2)[0]) + off
+        there = Apparatus((0.0, 0.0, 1e-3 * size)).applied(body) if poses else body.with_field([0.0, 0.0, 1e-3 * size])
+        last = run(there, start=last)
+        tip, angle = 1e3 * (last.tip + noise), math.degrees(tip_angle(Axis.alone(last.centreline, last.tip), 2)[0]) + off
         rows.append(f"{size},{angle:.6f}" if poses else f"{size},{tip[0]:.6f},{tip[1]:.6f},{tip[2]:.6f}")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "tips.csv"

@@ -11,15 +11,12 @@ and seconds.
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Callable
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-from drawn_scenes import drawn, jointed
+from drawn_scenes import drawn, jointed, options_of, rows_of, shares
 
 from magmpm import run
 from magmpm.errors import MagmpmError
@@ -30,25 +27,12 @@ from magmpm.statics.grids import operations
 FIRST, SCENES = 1000, 100
 MOST_OPERATIONS = 4e10  # of a factorization of the reference: some ten seconds a scene
 FINER = 1.2  # the reference's cells over those of the proof, at least, so that it is not the grid which told the error
-BOUNDS, WORST = (0.3, 1.0), 1.5
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--jointed", action="store_true")
-    parser.add_argument("--first", type=int, default=FIRST)
-    parser.add_argument("--scenes", type=int, default=SCENES)
-    parser.add_argument("--out", type=Path, default=Path("runs/bench/promised_error.json"))
-    options = parser.parse_args()
-    rows = json.loads(options.out.read_text()) if options.out.exists() else []
-    done = {row["seed"] for row in rows}
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    for seed in range(options.first, options.first + options.scenes):
-        if seed not in done:
-            rows.append(judged(asked(seed, jointed if options.jointed else drawn), seed))
-            options.out.write_text(json.dumps(rows, indent=1) + "\n")
-            print(told(rows[-1]), flush=True)
-    print(summary(rows))
+    options = options_of(__doc__, FIRST, SCENES, "promised_error.json", jointed=True)
+    draw_scene = jointed if options.jointed else drawn
+    print(summary(rows_of(options, lambda seed: judged(asked(seed, draw_scene), seed), told)))
 
 
 def asked(seed: int, draw_scene: Callable[[int], Scene] = drawn) -> Scene:
@@ -97,15 +81,9 @@ def told(row: dict[str, Any]) -> str:
 def summary(rows: list[dict[str, Any]]) -> str:
     """What all scenes say together."""
     known = [row for row in rows if "ratio" in row]
-    ratio = np.array([row["ratio"] for row in known])
-    inside = (ratio >= BOUNDS[0]) & (ratio <= BOUNDS[1])
     kept = sum(row["true"] <= row["asked"] * row["length"] for row in known)
-    low = (ratio < BOUNDS[0]).sum()
-    return (
-        f"{len(rows)} scenes, {len(known)} judged: true/promised in {BOUNDS} in {100 * inside.mean():.0f} %, above {WORST}: "
-        f"{(ratio > WORST).sum()}, above 1: {(ratio > 1).sum()}, below {BOUNDS[0]}: {low}, median {np.median(ratio):.2f}, "
-        f"largest {ratio.max():.2f}; within the error asked for: {kept} of {len(known)}"
-    )
+    spread = shares(np.array([row["ratio"] for row in known]))
+    return f"{len(rows)} scenes, {len(known)} judged: {spread}; within the error asked for: {kept} of {len(known)}"
 
 
 if __name__ == "__main__":

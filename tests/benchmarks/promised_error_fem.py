@@ -12,9 +12,8 @@ well the finite elements know them: where it is more than ten promised errors, a
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
+from itertools import count, islice
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "data/references"))
 import make_fem
+from drawn_scenes import options_of, rows_of
 from promised_error import FIRST, asked
 
 from magmpm import run
@@ -36,22 +36,10 @@ PLACES = 21
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--first", type=int, default=FIRST)
-    parser.add_argument("--scenes", type=int, default=10)
-    parser.add_argument("--out", type=Path, default=Path("runs/bench/promised_error_fem.json"))
-    options = parser.parse_args()
-    rows = json.loads(options.out.read_text()) if options.out.exists() else []
-    options.out.parent.mkdir(parents=True, exist_ok=True)
     make_fem.ngs.SetNumThreads(1)
     make_fem.say = lambda *words: None
-    seed = options.first
-    while len(rows) < options.scenes:
-        if seed not in {row["seed"] for row in rows} and suits(asked(seed)):
-            rows.append(judged(seed))
-            options.out.write_text(json.dumps(rows, indent=1) + "\n")
-            print(told(rows[-1]), flush=True)
-        seed += 1
+    options = options_of(__doc__, FIRST, 10, "promised_error_fem.json")
+    rows_of(options, judged, told, islice((seed for seed in count(options.first) if suits(asked(seed))), options.scenes))
 
 
 def suits(scene: Scene) -> bool:

@@ -8,14 +8,11 @@ them. Printed: the largest ratio of the difference to the error_estimate, and wh
 
 from __future__ import annotations
 
-import argparse
-import json
-from pathlib import Path
 from time import process_time
 from typing import Any
 
 import numpy as np
-from drawn_scenes import along_path
+from drawn_scenes import along_path, options_of, rows_of, shares
 
 from magmpm import run
 from magmpm.errors import MagmpmError
@@ -27,24 +24,11 @@ from magmpm.solving.several_grids import Runs
 FIRST, SCENES = 6000, 40
 MORE = 3  # cells across
 LIMIT = 60.0  # s of processor time for a run
-BOUNDS, WORST = (0.3, 1.0), 1.5
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--first", type=int, default=FIRST)
-    parser.add_argument("--scenes", type=int, default=SCENES)
-    parser.add_argument("--out", type=Path, default=Path("runs/bench/promised_error_paths.json"))
-    options = parser.parse_args()
-    rows = json.loads(options.out.read_text()) if options.out.exists() else []
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    done = {row["seed"] for row in rows}
-    for seed in range(options.first, options.first + options.scenes):
-        if seed not in done:
-            rows.append(judged(along_path(seed), seed))
-            options.out.write_text(json.dumps(rows, indent=1) + "\n")
-            print(told(rows[-1]), flush=True)
-    print(summary(rows))
+    options = options_of(__doc__, FIRST, SCENES, "promised_error_paths.json")
+    print(summary(rows_of(options, lambda seed: judged(along_path(seed), seed), told)))
 
 
 def judged(scene: Scene, seed: int) -> dict[str, Any]:
@@ -83,11 +67,7 @@ def told(row: dict[str, Any]) -> str:
 def summary(rows: list[dict[str, Any]]) -> str:
     """What all paths say together."""
     ratio = np.array([row["ratio"] for row in rows if "ratio" in row])
-    inside = (ratio >= BOUNDS[0]) & (ratio <= BOUNDS[1])
-    return (
-        f"{len(rows)} paths, {len(ratio)} judged: largest true/promised in {BOUNDS} in {100 * inside.mean():.0f} %, above {WORST}: "
-        f"{(ratio > WORST).sum()}, above 1: {(ratio > 1).sum()}, median {np.median(ratio):.2f}, largest {ratio.max():.2f}"
-    )
+    return f"{len(rows)} paths, {len(ratio)} judged: largest {shares(ratio)}"
 
 
 if __name__ == "__main__":

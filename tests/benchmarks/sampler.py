@@ -13,6 +13,7 @@ import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from magmpm.simulate import run, sensitivities
 from magmpm.studies.engine.loop import run_study
@@ -22,24 +23,29 @@ ROOT = Path(__file__).resolve().parents[2]
 STUDIES = ("c_shape", "s_shape")
 
 
+def rows_of(sampler: str, name: str, seeds: int) -> list[dict[str, Any]]:
+    """The trials (from 1) that first come within 2 mm of a study's target, and the best of at most 35; printed as they come."""
+    rows, study = [], load_study(ROOT / f"data/studies/{name}.yaml")
+    chosen, _, start = sampler.partition("+")
+    for seed in range(1, seeds + 1):
+        with tempfile.TemporaryDirectory() as folder:
+            asked = replace(study, seed=seed, start=start or None, stop_rms=2e-3)
+            report = run_study(asked, solve=run, differentiate=sensitivities, out=folder, sampler=chosen)
+        first = report.first_trial_below_stop
+        best = None if report.best is None else 1e3 * report.best["rms_m"]
+        rows.append({"study": name, "seed": seed, "reached_in": None if first is None else first + 1, "best_mm": best})
+        reached = "not within 35" if first is None else f"trial {first + 1}"
+        print(f"{name:<10} seed {seed}: {reached:<14} best {best:.2f} mm", flush=True)
+    return rows
+
+
 def main(sampler: str = "tpe", seeds: str = "5") -> int:
     """Print the table, and write runs/bench/sampler_NAME.json."""
     rows = []
     print(f"{sampler}: trial (from 1) that first comes within 2 mm rms; best of at most 35 trials")
     for name in STUDIES:
-        study = load_study(ROOT / f"data/studies/{name}.yaml")
-        for seed in range(1, int(seeds) + 1):
-            with tempfile.TemporaryDirectory() as folder:
-                chosen, _, start = sampler.partition("+")
-                asked = replace(study, seed=seed, start=start or None, stop_rms=2e-3)
-                report = run_study(asked, solve=run, differentiate=sensitivities, out=folder, sampler=chosen)
-            first = report.first_trial_below_stop
-            best = None if report.best is None else 1e3 * report.best["rms_m"]
-            rows.append({"study": name, "seed": seed, "reached_in": None if first is None else first + 1, "best_mm": best})
-            reached = "not within 35" if first is None else f"trial {first + 1}"
-            print(f"{name:<10} seed {seed}: {reached:<14} best {best:.2f} mm", flush=True)
-        hits = sum(row["reached_in"] is not None for row in rows if row["study"] == name)
-        print(f"{name:<10} {hits} of {seeds}")
+        rows += (own := rows_of(sampler, name, int(seeds)))
+        print(f"{name:<10} {sum(row['reached_in'] is not None for row in own)} of {seeds}")
     out = ROOT / "runs/bench" / f"sampler_{sampler}.json"
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(json.dumps(rows, indent=1) + "\n")

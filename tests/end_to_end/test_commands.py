@@ -203,35 +203,6 @@ def test_wrong_arguments_end_with_status_2(
     assert "Traceback" not in message
 
 
-def test_unconverged_run_ends_with_status_3_and_keeps_what_it_has(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A ramp of which only the first step is solved: the state at that load is saved, marked as not converged."""
-    solved = equilibrium.minimize
-    calls = []
-
-    def fails_after_the_first(*arguments: Any, **options: Any) -> Any:
-        calls.append(1)
-        if len(calls) > 1 and calls.pop():
-            raise SolveError("no step lowers the energy")
-        return solved(*arguments, **options)
-
-    assert (
-        main(["run", "scene.yaml", "--json"]) == 0
-    )  # the kernels are compiled now, so the ramp below is the next solve
-    capsys.readouterr()
-    monkeypatch.setattr(equilibrium, "minimize", fails_after_the_first)
-    (folder / "scene.yaml").write_text(SCENE + "solver: {static: {field_steps: 4}}\n")
-    assert main(["run", "scene.yaml", "--json", "--out", "half"]) == 3
-    captured = capsys.readouterr()
-    assert json.loads(captured.out)["converged"] is False
-    assert "of the load: no step lowers the energy; to try: solver.static: {field_steps: 40, max_steps: 150}" in captured.err
-    assert "; the last good state is in half" in captured.err
-    kept = Result.load("half")
-    assert not kept.converged
-    assert 0 < np.linalg.norm(kept.tip - [0.02, 0, 0]) < 5e-4  # bent by about a quarter of the load
-
-
 def test_a_run_that_bears_no_load_keeps_the_unloaded_body(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

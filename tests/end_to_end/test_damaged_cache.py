@@ -16,6 +16,8 @@ from test_commands import SCENE
 
 from magmpm.cli import main
 from magmpm.compiled.cache import _DIGEST
+from magmpm.compiled.environment import refuse_unusable
+from magmpm.errors import InputError
 
 ROOT = Path(__file__).parents[2]
 
@@ -51,10 +53,15 @@ DAMAGED: list[tuple[str, str, Callable[[bytes], bytes]]] = [  # kernels of stati
 ]
 
 
-def test_a_damaged_cache_is_compiled_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    """A scene of whose run nothing is on stderr but what is of the cache."""
+    (tmp_path / "scene.yaml").write_text(SCENE + "advice: off\n")
+    return tmp_path / "scene.yaml"
+
+
+def test_a_damaged_cache_is_compiled_anew(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Index (.nbi) and data (.nbc) of several kernels, with several kinds of damage, in a copy of the cache."""
-    scene = tmp_path / "scene.yaml"
-    scene.write_text(SCENE + "advice: off\n")  # what is on stderr is of the cache alone
     assert main(["run", str(scene), "--json", "--out", str(tmp_path / "good")]) == 0
     good = json.loads(capsys.readouterr().out)
     cache = tmp_path / "cache"
@@ -73,32 +80,29 @@ def test_a_damaged_cache_is_compiled_anew(tmp_path: Path, capsys: pytest.Capture
     assert (again.returncode, again.stderr) == (0, ""), "what was damaged has been replaced"
 
 
-def test_without_the_compiler_it_is_said_at_once(tmp_path: Path) -> None:
-    scene = tmp_path / "scene.yaml"
-    scene.write_text(SCENE + "advice: off\n")  # what is on stderr is of the cache alone
-    done = command("run", str(scene), "--out", str(tmp_path / "out"), NUMBA_DISABLE_JIT="1")
-    assert done.returncode == 2
-    assert done.stderr.startswith("magmpm: NUMBA_DISABLE_JIT: received 1\n  rule: ")
-    assert "\n  remedy: unset it" in done.stderr
-    assert done.stdout == ""
-
-
 @pytest.mark.parametrize(
-    ("variable", "value", "rule"),
+    ("variable", "value", "rule", "alone"),
     [
-        ("NUMBA_NUM_THREADS", "0", "must be a whole number from 1 to "),
-        ("NUMBA_NUM_THREADS", "two", "must be a whole number from 1 to "),
-        ("NUMBA_NUM_THREADS", "1" + 9 * "0", "must be a whole number from 1 to "),
-        ("NUMBA_THREADING_LAYER", "foo", "must be one of default, "),
+        ("NUMBA_DISABLE_JIT", "1", "", True),
+        ("NUMBA_NUM_THREADS", "0", "must be a whole number from 1 to ", True),
+        ("NUMBA_NUM_THREADS", "two", "must be a whole number from 1 to ", False),
+        ("NUMBA_NUM_THREADS", "1" + 9 * "0", "must be a whole number from 1 to ", False),
+        ("NUMBA_THREADING_LAYER", "foo", "must be one of default, ", True),
     ],
 )
-def test_unusable_threads_are_refused(variable: str, value: str, rule: str, tmp_path: Path) -> None:
-    """They are refused before Numba reads them, which would end with a traceback."""
-    scene = tmp_path / "scene.yaml"
-    scene.write_text(SCENE + "advice: off\n")  # what is on stderr is of the cache alone
-    done = command("run", str(scene), "--out", str(tmp_path / "out"), **{variable: value})
-    assert done.returncode == 2
-    assert done.stderr.startswith(f"magmpm: {variable}: received {value}\n  rule: {rule}")
-    assert "\n  remedy: " in done.stderr
-    assert "Traceback" not in done.stderr
-    assert done.stdout == ""
+def test_unusable_settings_of_numba_are_refused_at_once(
+    variable: str, value: str, rule: str, alone: bool, scene: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before Numba reads them, which would end with a traceback; alone: seen in a process of its own as well."""
+    if alone:
+        done = command("run", str(scene), "--out", str(scene.parent / "out"), **{variable: value})
+        assert (done.returncode, done.stdout) == (2, "")
+        said = done.stderr.removeprefix("magmpm: ")
+    else:
+        monkeypatch.setenv(variable, value)
+        with pytest.raises(InputError) as refused:
+            refuse_unusable()
+        said = str(refused.value)
+    assert said.startswith(f"{variable}: received {value}\n  rule: {rule}")
+    assert "\n  remedy: " in said
+    assert "Traceback" not in said

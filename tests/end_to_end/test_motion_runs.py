@@ -104,19 +104,6 @@ def test_a_body_that_memory_can_t_hold_is_refused(
         assert "\n  remedy: use fewer cells_across" in said
 
 
-def test_a_full_disk_stops_the_run_with_its_state(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """max_disk for a few frames: exit 3, whole frames before the limit, and a state to resume from with a larger limit."""
-    out = tmp_path / "out"
-    path = scene(tmp_path, "duration: 40 ms, output_every: 1 ms, max_disk: 400 kB")
-    assert main(["run", str(path), "--out", str(out)]) == 3
-    said = capsys.readouterr().err
-    assert "max_disk" in said
-    kept, frames = Result.load(out), Motion.load(out)
-    assert 1 <= len(frames) < 40
-    assert kept.time == pytest.approx(frames.times[-1], abs=1e-12)
-    assert sum(file.stat().st_size for file in out.glob("motion.*")) < 400e3
-
-
 @pytest.mark.parametrize("over", ["oscillation: {frequency: 26 kHz}", "rotation: {axis: [0, 1, 0], frequency: -26 kHz}"])
 def test_the_step_resolves_a_field_that_changes_fast(over: str, tmp_path: Path) -> None:
     """With steps of 1/26 ms a field of 26 kHz would look constant: the largest step is 1/20 of the period, and is named."""

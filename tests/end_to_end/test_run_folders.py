@@ -8,9 +8,11 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import count
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from swing import SCENE as SWING
 from swing import environment
@@ -23,7 +25,9 @@ from magmpm.errors import SolveError
 from magmpm.results.file_names import CHECKPOINT, EARLIER, FAILED, MOMENTS, MOTION, NUMBERS, PICTURE
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
+from magmpm.scene.time_limit import limited
 from magmpm.statics import equilibrium
+from magmpm.studies.problem.file_names import OWNER, REPORT
 from magmpm.viz.from_result import Still, trial_snapshot
 
 MOVING = SWING.format(dynamic="duration: 0.4 ms, output_every: 0.2 ms")
@@ -34,7 +38,9 @@ Said = pytest.CaptureFixture[str]
 
 @pytest.fixture(autouse=True)
 def _inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each look at the clock of --time-limit counts as a second."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("magmpm.cli.run.limited", lambda seconds: limited(seconds, clock=count().__next__))
     monkeypatch.setenv("MAGMPM_RENDER", "matplotlib")
 
 
@@ -157,6 +163,16 @@ def test_two_robots_of_one_name_do_not_replace_one_another(tmp_path: Path, capsy
 def test_studies_and_runs_do_not_share_a_folder(capsys: Said) -> None:
     Path("target.csv").write_text("s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n10,10,0,0\n20,20,0,0\n")
     Path("study.yaml").write_text(STUDY.replace("trials: 3", "trials: 1"))
+    Path("runs/small").mkdir(parents=True)
+    for kept in (REPORT, OWNER):  # before it computes: its mark would make it the folder of a run
+        mark = Path("runs/small") / kept
+        mark.write_text("{}")
+        Path("scene.yaml").write_text(SCENE)
+        for out in ([], ["--out", "runs/small"]):
+            assert main(["accuracy", "scene.yaml", "--cells", "2,3", *out]) == 2
+            assert "runs/small: holds a study" in capsys.readouterr().err
+        assert list(files(Path("runs/small"))) == [kept]
+        mark.unlink()
     assert run(SCENE) == 0
     assert main(["design", "study.yaml", "--no-pictures", "--out", "runs/small"]) == 2
     assert "runs/small: holds the results of a run" in capsys.readouterr().err
@@ -172,13 +188,18 @@ def test_studies_and_runs_do_not_share_a_folder(capsys: Said) -> None:
 def test_a_failed_equilibrium_is_marked(failing: None, capsys: Said) -> None:
     """In the result and in its picture: the share of the load, and that it is no equilibrium; the field is the one at that load."""
     assert run(RESTING, "--render", "--json") == 3
-    told = json.loads(capsys.readouterr().out)
+    printed = capsys.readouterr()
+    assert "of the load: no step lowers the energy; to try: solver.static: {field_steps: 40, max_steps: 150}" in printed.err
+    assert f"; the last good state is in {OUT}" in printed.err
+    told = json.loads(printed.out)
     assert Path(told["folder"]) == OUT
     assert (told["converged"], told["load_share"]) == (False, 0.25)
     assert "no step lowers the energy" in told["failure"]
     assert (OUT / PICTURE).stat().st_size > 5_000
     assert json.loads((OUT / NUMBERS).read_text())["load_share"] == 0.25
     found = Result.load(OUT)
+    assert not found.converged
+    assert 1e-3 < np.linalg.norm(found.tip - [0.016, 0, 0]) < 2e-3  # bent by about a quarter of the load
     assert trial_snapshot(found).caption() == "NOT THE ANSWER: at 25 % of the load"
     assert trial_snapshot(found).field == pytest.approx([0.0, 0.5e-3, 5e-3])
     assert Still(found).snapshot().caption() == "NOT THE ANSWER: at 25 % of the load"
@@ -271,49 +292,50 @@ def test_pictures_are_not_put_beside_other_results(tmp_path: Path, capsys: pytes
     assert "result.json" in capsys.readouterr().err
 
 
+def ramped(steps: int, resolution: str) -> str:
+    """Equilibria along a field that grows for a second."""
+    grown = MOVING[: MOVING.index("solver:")].replace("field: {", "field: {over_time: {ramp: {duration: 1 s}}, ", 1)
+    return grown + f"solver: {{quasi_static: {{steps: {steps}}}}}\nresolution: {{{resolution}}}\n"
+
+
+HURRIED, TIMED = ramped(50, "seconds: 0.02 s"), ramped(400, "seconds: 500 s")
+WAITING = SWING.format(dynamic="duration: 5 s, output_every: 0.1 ms")
+
+
+def waiting() -> dict[str, bytes]:
+    """Leave a motion that its time limit has ended; what is in its folder then."""
+    assert run(WAITING, "--time-limit", "200") == 3
+    assert (OUT / CHECKPOINT).exists()
+    return files(OUT)
+
+
 def test_a_time_that_is_refused_on_the_way_leaves_what_was_there(capsys: Said) -> None:
     """Its path can't be gone on with, so nothing of it stays: it looked like a motion that waits to be resumed."""
     assert run(RESTING) == 0
-    before = {path.name: path.read_bytes() for path in OUT.iterdir() if path.is_file()}
-    hurried = MOVING[: MOVING.index("solver:")].replace("field: {", "field: {over_time: {ramp: {duration: 1 s}}, ", 1)
-    hurried += "solver: {quasi_static: {steps: 50}}\nresolution: {seconds: 0.02 s}\n"
-    assert run(hurried) == 2
+    before = files(OUT)
+    assert run(HURRIED) == 2
     assert "must be enough for the coarsest grid" in capsys.readouterr().err
-    assert {path.name: path.read_bytes() for path in OUT.iterdir() if path.is_file()} == before
+    assert files(OUT) == before
     assert not (OUT / EARLIER).exists()
-    assert run(hurried, "--out", "runs/new") == 2
+    assert run(HURRIED, "--out", "runs/new") == 2
     assert not any((Path("runs/new") / name).exists() for name in (CHECKPOINT, MOTION, NUMBERS))
 
 
-def test_a_time_that_is_refused_keeps_a_motion_that_waits_beside_earlier_results(capsys: Said) -> None:
-    """Both: the motion, which --resume goes on with, and what it will replace. The motion was deleted once."""
+def test_a_time_that_is_refused_or_stopped_keeps_a_motion_that_waits_beside_earlier_results(capsys: Said) -> None:
+    """Both: the motion, which --resume goes on with, and what it will replace. The motion was deleted once. Of a time that is stopped the
+    last good state, from one grid alone, goes to FOLDER/failed."""
     assert run(RESTING) == 0
-    assert run(SWING.format(dynamic="duration: 5 s, output_every: 0.1 ms"), "--time-limit", "2") == 3
-    before = {str(path): path.read_bytes() for path in OUT.rglob("*") if path.is_file()}
-    assert (OUT / CHECKPOINT).exists()
+    before = waiting()
     assert (OUT / EARLIER / NUMBERS).exists()
-    hurried = MOVING[: MOVING.index("solver:")].replace("field: {", "field: {over_time: {ramp: {duration: 1 s}}, ", 1)
-    hurried += "solver: {quasi_static: {steps: 50}}\nresolution: {seconds: 0.02 s}\n"
     for options in ((), ("--resume",)):
-        assert run(hurried, *options) == 2
+        assert run(HURRIED, *options) == 2
         assert "must be enough for the coarsest grid" in capsys.readouterr().err
-        assert {str(path): path.read_bytes() for path in OUT.rglob("*") if path.is_file()} == before
-
-
-def test_a_time_that_is_stopped_keeps_a_motion_that_waits_beside_earlier_results(capsys: Said) -> None:
-    """Its last good state goes to FOLDER/failed, from one grid alone; what waits can be resumed."""
-    assert run(RESTING) == 0
-    assert run(SWING.format(dynamic="duration: 5 s, output_every: 0.1 ms"), "--time-limit", "2") == 3
-    before = {str(path): path.read_bytes() for path in OUT.rglob("*") if path.is_file()}
-    timed = MOVING[: MOVING.index("solver:")].replace("field: {", "field: {over_time: {ramp: {duration: 1 s}}, ", 1)
-    timed += "solver: {quasi_static: {steps: 400}}\nresolution: {seconds: 500 s}\n"
-    capsys.readouterr()
-    assert run(timed, "--resume", "--time-limit", "4") == 3
+        assert files(OUT) == before
+    assert run(TIMED, "--resume", "--time-limit", "200") == 3
     assert "with resolution.seconds begins at the start" in capsys.readouterr().err
     assert not Result.load(OUT / FAILED).converged
-    kept = {str(path): path.read_bytes() for path in OUT.rglob("*") if path.is_file() and path.parent.name != FAILED}
-    assert kept == before
     assert not (OUT / FAILED / MOTION).exists()
+    assert {name: content for name, content in files(OUT).items() if not name.startswith(FAILED)} == before
 
 
 @pytest.mark.parametrize("first", [None, RESTING], ids=["empty", "with a result"])
@@ -321,11 +343,9 @@ def test_a_time_that_is_stopped_leaves_the_last_grid_as_failed_and_nothing_to_re
     """What it tried first is no earlier result, and no checkpoint of it can be gone on from."""
     if first is not None:
         assert run(first) == 0
-    before = {path.name: path.read_bytes() for path in OUT.glob("*") if path.is_file()}
+    before = files(OUT)
     capsys.readouterr()
-    timed = MOVING[: MOVING.index("solver:")].replace("field: {", "field: {over_time: {ramp: {duration: 1 s}}, ", 1)
-    timed += "solver: {quasi_static: {steps: 400}}\nresolution: {seconds: 500 s}\n"
-    assert run(timed, "--time-limit", "4") == 3
+    assert run(TIMED, "--time-limit", "200") == 3
     said = capsys.readouterr().err
     assert "--resume" not in said
     assert "earlier results are in" not in said
@@ -333,39 +353,31 @@ def test_a_time_that_is_stopped_leaves_the_last_grid_as_failed_and_nothing_to_re
     assert not Result.load(saved).converged
     assert not (saved / CHECKPOINT).exists()
     assert not (OUT / EARLIER).exists()
-    if first:
-        assert {path.name: path.read_bytes() for path in OUT.glob("*") if path.is_file()} == before
+    assert {name: files(OUT).get(name) for name in before} == before
 
 
 def test_a_time_that_is_refused_before_it_begins_removes_nothing(capsys: Said) -> None:
     """A motion that waits to be resumed stays where it is: nothing was written over it."""
-    waiting = SWING.format(dynamic="duration: 5 s, output_every: 0.1 ms")
-    assert run(waiting, "--time-limit", "2") == 3
-    before = {path.name: path.read_bytes() for path in OUT.iterdir() if path.is_file()}
-    assert (OUT / CHECKPOINT).exists()
+    before = waiting()
     for options in ((), ("--resume",)):
-        assert run(waiting.replace("{cells_across: 2}", "{seconds: 0.1 s}"), *options) == 2
+        assert run(WAITING.replace("{cells_across: 2}", "{seconds: 0.1 s}"), *options) == 2
         assert "must be enough for the coarsest grid" in capsys.readouterr().err
-        assert {path.name: path.read_bytes() for path in OUT.iterdir() if path.is_file()} == before
+        assert files(OUT) == before
 
 
 def test_a_path_that_fails_with_an_asked_error_keeps_its_coarse_run_beside_what_was_there(
     monkeypatch: pytest.MonkeyPatch, capsys: Said
 ) -> None:
     """Nothing of it was written: earlier results stay, be they a result or a motion that waits, and the state goes to FOLDER/failed."""
-    asked = MOVING[: MOVING.index("solver:")].replace("field: {", "field: {over_time: {ramp: {duration: 1 s}}, ", 1)
-    asked += "solver: {quasi_static: {steps: 3}}\nresolution: {error: 1 %}\n"
 
     def fails(*_: Any, **__: Any) -> Any:
         raise SolveError("no proof", None)
 
     monkeypatch.setattr("magmpm.solving.several_grids.Runs.prove", fails)
-    assert run(asked, "--out", "runs/new") == 3
+    assert run(ramped(3, "error: 1 %"), "--out", "runs/new") == 3
     assert not Result.load("runs/new").converged
-    assert run(SWING.format(dynamic="duration: 5 s, output_every: 0.1 ms"), "--time-limit", "2") == 3
-    before = {path.name: path.read_bytes() for path in OUT.glob("*") if path.is_file()}
-    assert CHECKPOINT in before
-    assert run(asked) == 3
+    before = waiting()
+    assert run(ramped(3, "error: 1 %")) == 3
     assert not Result.load(OUT / FAILED).converged
-    assert {path.name: path.read_bytes() for path in OUT.glob("*") if path.is_file()} == before
+    assert {name: content for name, content in files(OUT).items() if not name.startswith(FAILED)} == before
     assert not (OUT / FAILED / CHECKPOINT).exists()

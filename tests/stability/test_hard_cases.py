@@ -29,20 +29,19 @@ def tips(scene: Scene, most_steps: int) -> tuple[np.ndarray, np.ndarray]:
     return result.tip / length, rod.position[-1] / length
 
 
-@pytest.mark.parametrize(("ratio", "most_steps"), [(0.7, 8), (2, 8), (20, 8), (100, 20), (500, 30), (2000, 40)])
-def test_any_bulk_modulus(ratio: float, most_steps: int) -> None:
-    """K/G from a sponge (nu = 0.02) to nu = 0.4997, tip rotated by 50 to 100 degrees: within 2.5 % of L of the rod."""
-    statics, rod = tips(rod_scene(directions=SPATIAL, field=FIELD, bulk_to_shear=ratio, cells=3), most_steps)
-    assert np.linalg.norm(statics - rod) < 2.5e-2
+def test_any_bulk_modulus() -> None:
+    """K/G from a sponge (nu = 0.02) to nu = 0.4997, tip rotated by 50 to 100 degrees: within 2.5 % of L of the rod (see also the table).
+
+    With F-bar the shape tends to a limit as K grows: from 500 G to 2000 G it changes only with E, by 9/(2000 x 3) = 0.1 %.
+    """
+    found = {}
+    for ratio, most_steps in ((0.7, 8), (2, 8), (500, 30), (2000, 40)):
+        found[ratio], rod = tips(rod_scene(directions=SPATIAL, field=FIELD, bulk_to_shear=ratio, cells=3), most_steps)
+        assert np.linalg.norm(found[ratio] - rod) < 2.5e-2, ratio
+    assert np.linalg.norm(found[500] - found[2000]) < 0.2e-2
 
 
-def test_incompressible_limit_is_reached() -> None:
-    """With F-bar the shape tends to a limit as K grows: from 500 G to 2000 G it changes only with E, by 9/(2000 x 3) = 0.1 %."""
-    one, two = (run(rod_scene(directions=SPATIAL, field=FIELD, bulk_to_shear=ratio, cells=3)).tip for ratio in (500, 2000))
-    assert np.linalg.norm(one - two) < 0.2e-2 * 40e-3
-
-
-@pytest.mark.parametrize("ratio", [10, 100, 1000])
+@pytest.mark.parametrize("ratio", [10, 1000])
 @pytest.mark.parametrize("first", ["stiff", "soft"])
 def test_stiffness_contrast(ratio: float, first: str) -> None:
     """Segments alternate between G and G/ratio, like magnetic rings on soft joints. Stiff neighbors restrain the ends of the
@@ -75,8 +74,7 @@ def test_cells_with_smaller_slivers(cells: int) -> None:
     assert np.linalg.norm(fine - coarse.tip / length) < 0.2e-2  # error of the grid at 7 cells and L/D = 4
 
 
-@pytest.mark.parametrize("wall", [0.4e-3, 0.1e-3, 0.04e-3, 0.01e-3])
-@pytest.mark.parametrize("cells", [2, 3, 4])
+@pytest.mark.parametrize(("wall", "cells"), [(0.4e-3, 2), (0.01e-3, 2), (0.1e-3, 3), (0.04e-3, 4), (0.01e-3, 4)])
 def test_thin_tube(wall: float, cells: int) -> None:
     """Walls down to a hundredth of a cell, bent far less than for kinking (Brazier): within 0.2 % of L of the rod."""
     statics, rod = tips(rod_scene(inner_diameter=4e-3 - 2 * wall, field=(0, 0, 0.5e-3), cells=cells), 8)
@@ -84,8 +82,7 @@ def test_thin_tube(wall: float, cells: int) -> None:
     assert statics[2] > 0.03
 
 
-@pytest.mark.parametrize("angle", [120, 150, 175])
-@pytest.mark.parametrize("load", [12.5, 25.0])
+@pytest.mark.parametrize(("load", "angle"), [(12.5, 120), (12.5, 175), (25.0, 150), (25.0, 175)])
 def test_large_rotation(load: float, angle: int) -> None:
     """Tip rotated by 109 to 172 degrees: from the rod, 8 Newton steps are enough."""
     given = {"length": 40e-3, "diameter": 4e-3}
@@ -106,21 +103,11 @@ def test_strong_field(B: float) -> None:
     assert against.converged
 
 
-@pytest.mark.parametrize("cells", [2, 3, 4])
-def test_as_long_as_thick(cells: int) -> None:
+def test_as_long_as_thick() -> None:
     """L = D, where the rod model is not valid: it converges, rotated toward the field, to the same shape on every grid within 5 %."""
-    result = run(rod_scene(length=4e-3, field=(0, 0, 50e-3), cells=cells))
-    finer = run(rod_scene(length=4e-3, field=(0, 0, 50e-3), cells=6))
-    assert result.converged
-    assert result.tip[2] == pytest.approx(finer.tip[2], rel=0.05)
-
-
-def test_needle() -> None:
-    """L/D = 200: bending is 1e-9 as stiff as the stiffest mode. With two cells across it bends 0.6 % too easily (F-bar): 0.2 % of L here.
-    """
-    given = {"length": 200e-3, "diameter": 1e-3}
-    statics, rod = tips(rod_scene(field=field_for_load(5.0, np.pi / 2, **given), **given), 8)
-    assert np.linalg.norm(statics - rod) < 0.3e-2
+    *coarse, finer = (run(rod_scene(length=4e-3, field=(0, 0, 50e-3), cells=cells)) for cells in (2, 3, 4, 6))
+    assert all(result.converged for result in coarse)
+    assert [result.tip[2] for result in coarse] == pytest.approx([finer.tip[2]] * 3, rel=0.05)
 
 
 @pytest.mark.parametrize(("lengths", "bound"), [([10.1, 0.1, 29.8], 2e-6), ([39.9, 0.1], 2e-6), ([0.1, 39.9], 0.2e-2)])
@@ -149,13 +136,3 @@ def test_slice_of_another_magnetisation() -> None:
 def test_fifty_segments() -> None:
     statics, rod = tips(rod_scene(directions=[(1, 0, 0), (0, 1, 0.5)] * 25, field=(0, 5e-3, 8e-3), cells=3), 8)
     assert np.linalg.norm(statics - rod) < 1e-2
-
-
-def test_bent_far_and_let_go() -> None:
-    """From a hook of 160 degrees back to no load: straight again, with det F = 1 everywhere, independent of the path."""
-    given = {"length": 40e-3, "diameter": 4e-3}
-    hook = run(rod_scene(field=field_for_load(25.0, np.radians(150), **given), **given))
-    assert hook.tip[0] < -0.3 * 40e-3
-    back = run(rod_scene(field=(0, 0, 0), **given), start=hook)
-    assert np.abs(back.particle_position - back.particle_reference).max() < 1e-12 * 40e-3
-    assert np.abs(back.particle_det_F - 1).max() < 1e-12

@@ -42,17 +42,6 @@ def test_a_damaged_name_of_the_study(content: bytes, tmp_path: Path) -> None:
         assert run_study(study, solve=solve, out=tmp_path / "out", trials=2).trials == 2
 
 
-def test_a_damaged_best_result_is_made_again(tmp_path: Path) -> None:
-    """A finished study repairs the files of its best trial."""
-    study = load_study(write_study(tmp_path))
-    run_study(study, solve=solve, out=tmp_path / "out", trials=2)
-    saved = tmp_path / "out/best/result.json"
-    good = saved.read_text()
-    saved.write_text("{")
-    run_study(study, solve=solve, out=tmp_path / "out", trials=2)
-    assert saved.read_text() == good
-
-
 def _truncated(path: Path) -> None:
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 

@@ -46,14 +46,19 @@ def parameters(blocks: list[Block]) -> dict[str, Any]:
     return {name: kind for block in blocks for name, kind in block.distributions().items()}
 
 
-def trial(study: optuna.Study, blocks: list[Block], model: Model, fails: bool = False) -> float:
-    """One trial by ask and tell; the root of its sum of squares."""
-    asked = study.ask(parameters(blocks))
+def evaluated(asked: optuna.Trial, blocks: list[Block], model: Model, fails: bool = False) -> float:
+    """The root of the sum of squares of a trial's design, whose residuals and Jacobian it then holds, unless it fails."""
     residuals, jacobian = model(Coordinates(blocks).read(asked.params))
     if not fails:
         asked.set_user_attr("residuals", residuals.tolist())
         asked.set_user_attr("jacobian", jacobian.tolist())
-    value = float(np.linalg.norm(residuals))
+    return float(np.linalg.norm(residuals))
+
+
+def trial(study: optuna.Study, blocks: list[Block], model: Model, fails: bool = False) -> float:
+    """One trial by ask and tell; the root of its sum of squares."""
+    asked = study.ask(parameters(blocks))
+    value = evaluated(asked, blocks, model, fails)
     study.tell(asked, value)
     return value
 
@@ -146,11 +151,8 @@ def test_a_bad_step_is_taken_back_and_made_shorter() -> None:
         trial(study, ALL, model)
         if constrained:
             asked = study.ask(parameters(ALL))
-            residuals, jacobian = model(Coordinates(ALL).read(asked.params))
-            asked.set_user_attr("residuals", residuals.tolist())
-            asked.set_user_attr("jacobian", jacobian.tolist())
             asked.set_constraint("stability", 0.01)
-            study.tell(asked, float(np.linalg.norm(residuals)))
+            study.tell(asked, evaluated(asked, ALL, model))
         else:
             trial(study, ALL, model, fails=True)
         trial(study, ALL, model)
@@ -221,11 +223,9 @@ def test_optimize_with_an_objective_works_as_with_any_sampler() -> None:
     model, _ = curved(ALL)
 
     def objective(one: optuna.Trial) -> float:
-        params = {name: one.suggest_float(name, kind.low, kind.high) for name, kind in parameters(ALL).items()}
-        residuals, jacobian = model(Coordinates(ALL).read(params))
-        one.set_user_attr("residuals", residuals.tolist())
-        one.set_user_attr("jacobian", jacobian.tolist())
-        return float(np.linalg.norm(residuals))
+        for name, kind in parameters(ALL).items():
+            one.suggest_float(name, kind.low, kind.high)
+        return evaluated(one, ALL, model)
 
     study = optuna.create_study(sampler=GaussNewtonSampler(ALL, 3))
     study.optimize(objective, n_trials=14)
@@ -280,10 +280,7 @@ def test_workers_follow_a_descent_each() -> None:
     model, _ = curved(ALL)
     study = optuna.create_study(sampler=GaussNewtonSampler(ALL, 1))
     for asked in [study.ask(parameters(ALL)) for _ in range(2)]:
-        residuals, jacobian = model(Coordinates(ALL).read(asked.params))
-        asked.set_user_attr("residuals", residuals.tolist())
-        asked.set_user_attr("jacobian", jacobian.tolist())
-        study.tell(asked, float(np.linalg.norm(residuals)))
+        study.tell(asked, evaluated(asked, ALL, model))
     for _ in range(2):
         study.ask(parameters(ALL))
     assert [(plan["start"], plan["from"]) for plan in plans(study)] == [(0, None), (1, None), (1, 1), (0, 0)]

@@ -131,6 +131,7 @@ def test_measures_are_what_they_say():
     params = found.parameters(RodDesign(np.tile([1.0, 0, 0], (3, 1)), MAX * np.array([[0.5, 0, 0], [0.5, 0, 0.3], [0.5, 0, 0]]), 0.0))
     results = [fake(found, depth, shift) for depth, shift in zip(found.study.depths, (1e-3, 2e-3, 2e-3), strict=True)]
     kept = found.measures(results, params)
+    assert json.loads(json.dumps(kept)) == kept, "it can be stored"
     assert kept["rms_m"] == pytest.approx(np.sqrt((1 + 4 + 4) / 3) * 1e-3, rel=1e-6)
     assert kept["exit_error_m"] == pytest.approx(2e-3, rel=1e-6)
     assert kept["worst_m"] == pytest.approx(2e-3, rel=1e-6)
@@ -206,10 +207,3 @@ def test_a_depth_that_fails_costs_the_penalty_and_is_named():
     assert outcome.result is None
     assert outcome.rms == found.space.scene.length
     assert outcome.reason == "at 20 mm: no equilibrium"
-
-
-def test_what_is_kept_can_be_stored():
-    found = insertion()
-    params = found.parameters(RodDesign(np.tile([1.0, 0, 0], (3, 1)), np.zeros((3, 3)), 0.0))
-    kept = found.measures([fake(found, depth, 0.0) for depth in found.study.depths], params)
-    assert json.loads(json.dumps(kept)) == kept

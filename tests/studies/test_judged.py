@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rod_solve import SCENE, STUDY, RodResult, solve, write_study
 
-from magmpm.errors import InputError, SolveError
+from magmpm.errors import SolveError
 from magmpm.scene import Scene
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.report import StudyReport
@@ -82,11 +82,6 @@ def test_another_error_is_another_study(tmp_path: Path) -> None:
     assert study.scene.resolution == plain.scene.resolution
     assert len({str(one.definition()) for one in (study, other, plain)}) == 3
     assert np.isclose(study.definition()["scene"]["resolution"]["error"], 0.001)
-
-
-def test_a_time_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="not a time"):
-        load_study(write_study(tmp_path, STUDY, SCENE.replace("{cells_across: 4}", "{seconds: 2 s}")))
 
 
 def test_designs_are_judged_by_their_whole_shape(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from rod_solve import STUDY, RodResult, RodSensitivities, differentiate, solve, write_study
 from test_resume import same, trials_of
 
-from magmpm.errors import InputError, SolveError
+from magmpm.errors import SolveError
 from magmpm.scene import Scene
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.report import StudyReport
@@ -112,9 +112,3 @@ def test_a_study_with_a_margin_resumes_bit_for_bit(tmp_path: Path) -> None:
     for trials in (12, 5, 12):
         run(tmp_path / ("whole" if trials == 12 and not (tmp_path / "parts").exists() else "parts"), sampler="tpe", trials=trials)
     same(trials_of(tmp_path / "whole" / "out"), trials_of(tmp_path / "parts" / "out"))
-
-
-def test_a_sampler_that_heeds_no_constraints_is_refused_before_any_trial(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cmaes would learn from designs that `stability` refuses"):
-        run(tmp_path, sampler="cmaes")
-    assert not (tmp_path / "out").exists()

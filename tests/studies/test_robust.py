@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rod_solve import SCENE, STUDY, RodSensitivities, solve, write_study
+from rod_solve import STUDY, RodSensitivities, solve, write_study
 
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.variables import variables
@@ -120,11 +120,3 @@ def test_a_study_judges_designs_by_mean_and_sigma(sampler: str, tmp_path: Path) 
     assert report.best["scatter_m"] > 0
     with pytest.raises(ValueError, match=r"sensitivities"):
         run_study(study, solve=solve, out=tmp_path / "other")
-
-
-def test_robust_needs_equilibria(tmp_path: Path) -> None:
-    from magmpm.errors import InputError
-
-    path = write_study(tmp_path, ROBUST, SCENE + "solver: {dynamic: {duration: 0.1 s}}\n")
-    with pytest.raises(InputError, match="robust differentiates equilibria"):
-        load_study(path)

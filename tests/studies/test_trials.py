@@ -187,14 +187,6 @@ def test_callbacks_see_progress_and_the_time_left(tmp_path: Path) -> None:
     assert seen[-1].seconds_left == 0
 
 
-def test_a_varied_field_and_magnetisation_run_together(tmp_path: Path) -> None:
-    text = STUDY.replace("{}", "{}\n  field: {max: 10 mT}").replace("random", "tpe")
-    report = run(tmp_path, text=text)
-    assert report.best is not None
-    assert len(report.best["params"]) == 13
-    assert np.linalg.norm(report.best["field_T"]) <= 0.01
-
-
 def test_memory_does_not_grow_with_trials(tmp_path: Path) -> None:
     """Results of a trial are freed: 10 MB per trial would be visible over 40 trials."""
     import psutil

@@ -26,7 +26,7 @@ from magmpm.statics.rod_start import straight
 D = 1e-3
 
 
-@pytest.mark.parametrize("load", [0.5, 1.0, 2.0, 3.6, 5.0, 6.44, 10.0, 12.5])
+@pytest.mark.parametrize("load", [0.5, 2.0, 5.0, 12.5])
 @pytest.mark.parametrize("cells", [3, pytest.param(4, marks=pytest.mark.slow)])
 def test_bending(load: float, cells: int) -> None:
     """Field across a rod of L/D = 40: within 1 % of the elastica (required), in tip deflection and along the whole axis."""
@@ -84,19 +84,6 @@ def test_critical_load(slenderness: float, bound: float) -> None:
     critical = loads[1] + high * (loads[1] - loads[0]) / (low - high)
     assert critical == pytest.approx(np.pi**2 / 4, rel=bound)
     assert low > high > 0
-
-
-@pytest.mark.parametrize(("part", "buckled"), [(0.97, False), (1.03, True)])
-def test_buckles_within_three_percent(part: float, buckled: bool) -> None:
-    """What a user sees: at L/D = 40 the run stays straight 3 % below pi^2/4 and buckles 3 % above."""
-    L = 40 * D
-    field = field_for_load(part * np.pi**2 / 4, np.pi, length=L, diameter=D) * [1, 0, 0]
-    result = run(rod_scene(length=L, diameter=D, field=field, cells=3))
-    if buckled:
-        # 2.7 % above the critical load of this body; the elastica at the same excess is at 0.31
-        assert result.tip[2] / L == pytest.approx(elastica(1.027 * np.pi**2 / 4, np.pi).deflection, abs=0.02)
-    else:
-        assert np.abs(result.tip[1:]).max() < 1e-9 * L
 
 
 @pytest.mark.parametrize("load", [0.5, 3.0, 10.0])

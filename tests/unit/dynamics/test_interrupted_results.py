@@ -1,7 +1,8 @@
-"""A result is the same, bit for bit, however often its run was interrupted: 1 to 5 times, and once more when it was finished."""
+"""A result is the same, bit for bit, however often its run was interrupted: once, four times, and once more when it was finished."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable
 from contextlib import suppress
@@ -16,15 +17,22 @@ from reference.moving import moving_scene
 from magmpm import Scene, run
 from magmpm.dynamics.time_loop import begin
 from magmpm.model import build
-from magmpm.results.file_names import ARRAYS, ENERGIES, JUMPS, NUMBERS, STEPS
+from magmpm.results.file_names import ARRAYS, CHECKPOINT, ENERGIES, JUMPS, MOTION, NUMBERS, STEPS
 from magmpm.simulate import simulated
 
-SWINGING = {
-    "length": 8e-3, "diameter": 4e-3, "material": "m", "clamp": "base",
-    "segments": [{"magnetization": [1.0, 0.0, 0.0], "length": 4e-3}, {"magnetization": [0.0, 0.0, 1.0], "length": 4e-3}],
-}  # fmt: skip
+BODY = {"catheter": {"length": 8e-3, "diameter": 4e-3, "material": "m", "clamp": "base", "segments": [{"magnetization": [0.0, 0.0, 1.0]}]}}
+# All kinds of effects: a field that turns; viscous stress, which needs the velocity gradient; contact with the ground; a guide that pushes.
+EFFECTS: dict[str, Any] = {
+    "magnetic_torque": {},
+    "gravity": {"acceleration": [0.0, 0.0, -9.81]},
+    "viscosity": {"viscosity": 5.0},
+    "damping": {"rate": 5.0},
+    "ground": {"point": [0.0, 0.0, -2.0e-3], "friction": 0.2},
+    "walls": {"tube": {"radius": 3e-3, "path": [[-5e-3, 0, 0], [20e-3, 0, 0]]}},
+    "feed": {"speed": 20e-3, "exit": 6e-3},
+}
 TURNING = {"uniform": [0.0, 2e-3, 20e-3], "over_time": {"rotation": {"axis": [0.0, 1.0, 0.0], "frequency": 200.0}}}
-FRAMES = 6
+FRAMES, STEPS_EACH = 6, 230  # checkpoints late in a motion too, after more than a thousand steps
 
 
 class Interrupted(Exception):
@@ -32,12 +40,12 @@ class Interrupted(Exception):
 
 
 def motion() -> Scene:
-    """A catheter of two segments in a field that turns."""
-    data = moving_scene({"catheter": SWINGING}, {"magnetic_torque": {}}, duration=1e-3).to_si()
+    """A catheter pushed through a guide over the ground, in a field that turns."""
+    data = moving_scene(BODY, EFFECTS, duration=1e-3).to_si()
     data["field"] = TURNING
     data["materials"]["m"]["remanence"] = 0.1
     step = begin(build(Scene.from_si(data))).control.step
-    data["solver"]["dynamic"] |= {"duration": (FRAMES - 0.5) * 40 * step, "output_every": 40 * step}
+    data["solver"]["dynamic"] |= {"duration": (FRAMES - 0.5) * STEPS_EACH * step, "output_every": STEPS_EACH * step}
     return Scene.from_si(data)
 
 
@@ -65,7 +73,9 @@ def finished(scene: Scene, folder: Path) -> dict[str, Any]:
     with np.load(folder / ARRAYS) as stored:
         arrays = {name: stored[name].tobytes() for name in stored.files}
     tables = {name: (folder / name).read_text() for name in (ENERGIES, STEPS, JUMPS) if (folder / name).exists()}
-    return {**timeless(json.loads((folder / NUMBERS).read_text())), **arrays, **tables}
+    saved = [folder / name for name in (CHECKPOINT, MOTION) if (folder / name).exists()]
+    frames = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in saved}
+    return {**timeless(json.loads((folder / NUMBERS).read_text())), **arrays, **tables, **frames}
 
 
 def interrupt(scene: Scene, folder: Path, moment: float) -> None:
@@ -98,7 +108,7 @@ def test_a_result_is_that_of_a_run_without_interruptions(name: str, tmp_path: Pa
     scene, drawn = SCENES[name](), np.random.default_rng(26)
     whole = finished(scene, tmp_path / "whole")
     assert finished(scene, tmp_path / "whole") == whole, "a finished run, resumed"
-    for kills in range(1, 6):
+    for kills in (1, 4):
         for moment in np.sort(drawn.uniform(0.0, 1.0, kills)):
             interrupt(scene, tmp_path / f"{kills}", moment)
         found = finished(scene, tmp_path / f"{kills}")

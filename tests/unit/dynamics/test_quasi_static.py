@@ -14,10 +14,9 @@ from reference.buckling import column
 from magmpm import Motion, Result, Scene, SolveError, run
 from magmpm.dynamics import quasi_static
 from magmpm.model import build
-from magmpm.results.file_names import ENERGIES, JUMPS, MOTION, STEPS
+from magmpm.results.file_names import MOTION, STEPS
 from magmpm.rod.cosserat import rod_model
 from magmpm.rod.kernels import frames_of, relax
-from magmpm.simulate import simulated
 from magmpm.statics import equilibrium
 from magmpm.statics.branch import Branch, Jump
 from magmpm.statics.newton import Minimum, minimize
@@ -236,35 +235,6 @@ def _point(loads: Any, time: float, grid: np.ndarray) -> Any:
     from magmpm.statics.energy import Energy
 
     return Energy(loads.at(time)).at(grid)
-
-
-class Killed(Exception):
-    pass
-
-
-def test_a_killed_path_resumes_bit_for_bit(tmp_path: Path) -> None:
-    """Also across a jump: its tables, frames and result are those of an unbroken run."""
-    path = scene({"steps": 5}, field={"uniform": [-8e-3, 0.0, 0.0], "over_time": {"ramp": {"duration": 1.0}}}, cells=2)
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
-    alone = run(path, folder=whole)
-
-    def kill(step: int, time: float) -> None:
-        if time > 0.7:
-            raise Killed
-
-    with pytest.raises(Killed):
-        simulated(path, folder=broken, on_progress=kill)
-    assert len(Motion.load(broken)) == 5
-    resumed = run(path, folder=broken, resume=True)
-    for name in (STEPS, JUMPS, ENERGIES):
-        assert (broken / name).read_text() == (whole / name).read_text()
-    np.testing.assert_array_equal(resumed.particle_position, alone.particle_position)
-    assert resumed.steps == alone.steps
-    assert resumed.jumps == alone.jumps
-    one, other = Motion.load(whole), Motion.load(broken)
-    for k in range(len(one)):
-        np.testing.assert_array_equal(one.position(k), other.position(k))
-    assert (whole / MOTION).stat().st_size > 0
 
 
 def test_a_path_that_fails_keeps_its_frames(tmp_path: Path) -> None:

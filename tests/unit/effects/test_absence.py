@@ -16,7 +16,7 @@ from reference.scenes import rod_scene
 
 from magmpm.compiled.jit import FASTMATH
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.effects import acting, gravity
+from magmpm.effects import gravity
 from magmpm.effects.acting import Effects
 from magmpm.effects.hooks import (
     add_energy,
@@ -27,7 +27,6 @@ from magmpm.effects.hooks import (
     has_contact,
     has_node,
 )
-from magmpm.inputs.settings import validate
 from magmpm.kernels import total_lagrangian_step as steps
 from magmpm.model import build
 from magmpm.scene import Scene
@@ -134,20 +133,8 @@ def compiled_code(function: Any, given: tuple[Any, ...]) -> str:
     return str(next(iter(found.inspect_llvm().values())))
 
 
-def named_in_turn(names: tuple[str, ...]) -> dict[str, Any]:
-    return {key: (Effects.model_fields[key].examples or [{}])[0] for key in names}
-
-
 def test_the_order_in_the_file_never_matters() -> None:
-    """Records come in the order of the phases, whatever the file's; an equilibrium is the same to the last bit."""
-    names = ("gravity", "damping", "magnetic_torque", "ground", "viscosity")
-    scene = moving_scene(BODY, {}, field={"uniform": [0.0, 0.0, 5e-3]})
-    first: list[bytes] | None = None
-    for order in permutations(names):
-        named = validate(Effects, named_in_turn(order), "example.yaml")
-        found = [part.tobytes() for part in acting.collect(scene.model_copy(update={"effects": named}), times=np.zeros(1))]
-        first = first or found
-        assert found == first, order
+    """An equilibrium is the same to the last bit (test_effect_contract.py: records come in the order of the phases)."""
     data = rod_scene(length=12e-3, field=(0.0, 0.0, 3e-3), gravity=(0.0, 0.0, -9.81)).to_si()
     effects = {key: value for key, value in data["effects"].items() if value is not None}
     shapes = [run(Scene.from_si({**data, "effects": dict(turn)})).particle_position.tobytes() for turn in permutations(effects.items())]

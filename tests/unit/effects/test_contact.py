@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +10,11 @@ import numpy as np
 import pytest
 from reference.dynamics import held
 from reference.scenes import G, rod_scene
+from reference.solids import box
 
 from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.curves import curve, tightest_radius
-from magmpm.bodies.surface_mesh import Mesh, write_stl
+from magmpm.bodies.surface_mesh import write_stl
 from magmpm.effects import contact_force, ground, self_contact, walls
 from magmpm.effects import contact_law as contact
 from magmpm.effects.acting import Effects
@@ -55,18 +55,11 @@ def test_a_bent_tube_goes_on_straight(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(distance.to_path(before, path), np.hypot(before[:, 1], before[:, 2]), rtol=0, atol=3e-5)
 
 
-def box(low: list[float], high: list[float]) -> tuple[np.ndarray, np.ndarray]:
-    """A box as 12 triangles."""
-    corners = np.array(list(product(*zip(low, high, strict=True))))
-    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
-    faces += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
-    return corners, np.array(faces)
-
-
 def test_inside_of_a_closed_surface(rng: np.random.Generator) -> None:
     """A box: exact beside its faces; its edges rounded off by at most 0.2 of the table's spacing; the sign right everywhere."""
     size, spacing = np.array([20e-3, 10e-3, 8e-3]), 0.5e-3
-    table = distance.surface(*box([0, 0, 0], size.tolist()), spacing)
+    solid = box((0, 0, 0), tuple(size.tolist()))
+    table = distance.surface(solid.vertices, solid.faces, spacing)
     x = rng.uniform(-0.1, 1.1, (2000, 3)) * size
     beyond = np.maximum(-x, x - size)
     exact = -(np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(axis=1), 0))
@@ -84,7 +77,8 @@ def test_inside_of_a_closed_surface(rng: np.random.Generator) -> None:
 
 
 def test_outside_the_table_nothing_touches() -> None:
-    table = distance.surface(*box([0, 0, 0], [8e-3, 8e-3, 8e-3]), 0.5e-3)
+    solid = box((0, 0, 0), (8e-3, 8e-3, 8e-3))
+    table = distance.surface(solid.vertices, solid.faces, 0.5e-3)
     named = walls.parameters(table, friction=0.3, stiffness=STIFFNESS)
     for far in ([1.0, 0, 0], [-1.0, 0, 0], [4e-3, 4e-3, 1.0], [4e-3, -1.0, 4e-3]):
         f = np.zeros(PARTS)
@@ -269,12 +263,11 @@ def test_a_body_outside_its_tube_is_refused() -> None:
 def test_a_lumen_from_a_mesh(tmp_path: Path) -> None:
     """An STL box around the catheter: the same laws, with the unit of the file; a box that is too small or elsewhere is refused."""
 
-    def lumen(low: list[float], high: list[float], unit: str = "mm") -> dict[str, Any]:
-        vertices, faces = box(low, high)
-        write_stl(Mesh(vertices, faces[:, ::-1] if outward(vertices, faces) < 0 else faces), tmp_path / "box.stl")
+    def lumen(unit: str) -> dict[str, Any]:
+        write_stl(box((-5, -3, -3), (20, 3, 3)), tmp_path / "box.stl")
         return {"surface": {"mesh": str(tmp_path / "box.stl"), "unit": unit}}
 
-    model = build(scene(walls=lumen([-5, -3, -3], [20, 3, 3])))
+    model = build(scene(walls=lumen("mm")))
     x = np.array([[6e-3, 0, 0], [6e-3, 0, 3.2e-3], [6e-3, -3.2e-3, 0.5e-3]])
     told = [contact.contact_of(model.effects, contact.at_rest(x[k : k + 1], np.full(1, MASS)), 1e-6) for k in range(3)]
     assert [t["count"] for t in told] == [0, 1, 1]
@@ -282,12 +275,7 @@ def test_a_lumen_from_a_mesh(tmp_path: Path) -> None:
     np.testing.assert_allclose(told[1]["force"], [0, 0, -pushes], rtol=0, atol=0.02 * pushes)
     np.testing.assert_allclose(told[2]["force"], [0, pushes, 0], rtol=0, atol=0.02 * pushes)
     with pytest.raises(InputError, match=r"the body begins .*outside the lumen"):
-        build(scene(walls=lumen([-5, -3, -3], [20, 3, 3], "um")))
-
-
-def outward(vertices: np.ndarray, faces: np.ndarray) -> float:
-    a, b, c = vertices[faces].transpose(1, 0, 2)
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)))
+        build(scene(walls=lumen("um")))
 
 
 # gaps

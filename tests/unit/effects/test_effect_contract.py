@@ -230,8 +230,3 @@ def test_no_load_is_no_effect(key: str) -> None:
     half = (half[0], one.own[1])  # a table of the body's shape is the same
     full, other = (hook(own, "energy")(at.magnet, at.rho, at.x, at.F) for own in (one.own, half))
     assert other == pytest.approx(full / 2, rel=1e-12)
-
-
-def test_unknown_hook_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"unknown hook 'friction'; hooks are energy, stress"):
-        hooks.register(np.dtype([("test_contract", np.float64)]), friction=lambda: None)

@@ -167,19 +167,6 @@ def test_field_names_tell_effects_apart() -> None:
         hooks.register(np.dtype(np.float64), energy=_nothing)
 
 
-def test_energy_and_derivatives_of_named_effects_agree_in_a_model(rng: np.random.Generator) -> None:
-    """Taylor test of the loads alone: the energy with both effects minus the energy without, linear in the
-    coefficients.
-    """
-    scene = rod_scene(length=8e-3, field=B, gravity=G_EARTH)
-    loaded, bare = Energy(static_model(build(scene))), Energy(static_model(build(scene.with_effects(magnetic_torque=None, gravity=None))))
-    c, d = 1e-5 * rng.standard_normal((2, *loaded.shape))
-    work = float(np.sum((loaded.residual(loaded.at(c)) - bare.residual(bare.at(c))) * d))
-    change = [e.at(c + d).energy - e.at(c).energy for e in (loaded, bare)]
-    scale = abs(change[0]) + abs(change[1])
-    assert change[0] - change[1] == pytest.approx(work, abs=1e-12 * scale + 1e-12 * abs(work))
-
-
 STRENGTHLESS = {"field": {"field": (0, 0, 0), "gravity": (0, 0, -9.81)}, "gravity": {"field": (1e-3, 0, 3e-3), "gravity": (0, 0, 0)}}
 
 

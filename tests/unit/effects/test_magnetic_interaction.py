@@ -16,8 +16,9 @@ from magmpm.errors import InputError
 from magmpm.fields.dipole import MU0
 from magmpm.model import Model, build
 from magmpm.scene import Scene
-from magmpm.simulate import run
+from magmpm.statics import axis
 from magmpm.statics.energy import Energy
+from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.interacting import InteractingEnergy
 from magmpm.statics.layout import static_model
 
@@ -132,41 +133,17 @@ def test_equilibrium_is_a_stationary_point_below_where_it_began() -> None:
     shape without the effect, which is different.
     """
     alone = rod_scene(length=40e-3, directions=MIXED, field=(0, 1e-3, 8e-3))
-    found, without = run(alone.with_effects(magnetic_interaction={})), run(alone)
+    named = alone.with_effects(magnetic_interaction={})
+    found, without = (solve_static(static_model(build(one))) for one in (named, alone))
     assert found.converged
-    whole = InteractingEnergy(static_model(build(alone.with_effects(magnetic_interaction={}))))
-    assert np.linalg.norm(found.tip - without.tip) > 1e-4
-    start = whole.at(_grid(without, whole))
+    whole = InteractingEnergy(static_model(build(named)))
+    assert np.linalg.norm(axis.tip(whole.model, found.point.grid) - axis.tip(whole.model, without.point.grid)) > 1e-4
+    start, end = whole.at(without.point.grid), whole.at(found.point.grid)
     loads = np.abs(whole.residual(start)).max()
-    end = whole.at(_grid(found, whole))
     assert end.energy < start.energy
-    assert end.energy == pytest.approx(found.energy, rel=1e-9)
+    assert end.energy == pytest.approx(found.point.energy, rel=1e-9)
     # the energy decrement was 1e-11 of the energy, so the residual is some 1e-5 of the loads at the start
     assert np.abs(whole.residual(end)).max() < 1e-3 * loads
-
-
-def _grid(result: object, whole: InteractingEnergy) -> np.ndarray:
-    """Grid coefficients of a result, by least squares from its particles, which determine them."""
-    model = whole.model
-    u = result.particle_position - result.particle_reference  # type: ignore[attr-defined]
-    layout = model.layout
-    of = np.repeat(np.arange(len(layout.cell_plane)), np.diff(layout.cell_first))
-    rows = []
-    for a in range(3):
-        for b in range(3):
-            for k in range(3):
-                node = (layout.cell_plane[of] + a) * layout.nodes_per_plane + layout.cell_row[of, b] + k
-                rows.append((node, model.weights[:, 0, a] * model.weights[:, 1, b] * model.weights[:, 2, k]))
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.linalg import lsqr
-
-    n = len(u)
-    A = coo_matrix(
-        (np.concatenate([w for _, w in rows]), (np.tile(np.arange(n), 27), np.concatenate([i for i, _ in rows]))),
-        shape=(n, layout.planes * layout.nodes_per_plane),
-    ).tocsr()
-    found = np.stack([lsqr(A, u[:, k], atol=1e-15, btol=1e-15, iter_lim=20_000)[0] for k in range(3)], axis=1)
-    return np.ascontiguousarray(found.reshape(layout.planes, layout.m))
 
 
 def test_one_magnetised_segment_is_alone() -> None:

@@ -182,7 +182,7 @@ def test_a_path_runs_as_its_scene_does() -> None:
 
 def test_a_motion_tells_itself_in_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "scene.yaml"
-    path.write_text(LATE.replace("GROUND", "[0 mm, 0 mm, -9 mm]"))
+    path.write_text(LATE.replace("  ground: {point: GROUND}\n", ""))
     result = magmpm.run(path, folder=tmp_path / "out")
     motion = magmpm.Motion.load(tmp_path / "out")
     assert repr(result).startswith("Result('late': motion of 1.00 ms in ")

@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 import pytest
 from reference import motions
+from reference.folders import holding
 
 from magmpm.errors import InputError
 from magmpm.results import trajectory as motion
@@ -111,16 +112,6 @@ def test_a_killed_run_leaves_whole_frames(delay: float, tmp_path: Path) -> None:
     assert MotionWriter(tmp_path, model, resume_at=read.times[1]).frames == 2
 
 
-LOCKED = """
-import sys
-sys.path[:0] = [{root!r}, {tests!r}]
-from magmpm.results.folder_lock import folder_lock
-with folder_lock({folder!r}):
-    print("locked", flush=True)
-    sys.stdin.read()
-"""
-
-
 def test_a_mark_that_changes_between_two_looks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A frame may be written after a look at the mark and before the file is opened: one failure does not count."""
     motions.written(tmp_path)
@@ -143,14 +134,10 @@ def test_a_folder_that_is_held_is_not_mended(tmp_path: Path) -> None:
     path = tmp_path / motion.MOTION
     path.write_bytes(motions.as_left_by_a_kill(path.read_bytes()))
     before = path.read_bytes()
-    code = LOCKED.format(root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path))
-    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as run:
-        assert run.stdout is not None
-        assert run.stdout.readline() == "locked\n"
-        with pytest.raises(InputError, match=f"in use by process {run.pid}"):
+    with holding(tmp_path) as pid:
+        with pytest.raises(InputError, match=f"in use by process {pid}"):
             Motion.load(tmp_path)
         assert path.read_bytes() == before
-        run.communicate()
     assert len(Motion.load(tmp_path)) == len(TIMES)
 
 

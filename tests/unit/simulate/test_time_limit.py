@@ -8,14 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reference.in_motion import moving
 from reference.scenes import rod_scene
 
 from magmpm import Scene, run
 from magmpm.cli import main
 from magmpm.cli import run as command
 from magmpm.errors import BudgetError, InputError, TimeOver
-from magmpm.results.file_names import CHECKPOINT, MOTION
 from magmpm.results.trajectory import Motion
 from magmpm.scene.time_limit import check, limited
 from magmpm.solving.precompile import prepare_kernels
@@ -61,21 +59,6 @@ def test_an_equilibrium_ends_with_the_share_that_was_reached() -> None:
     remedy, *_ = caught.value.remedies
     assert remedy.words.startswith("a weaker field")
     assert run(remedy.applied(scene)).converged
-
-
-def test_a_motion_that_goes_on_is_the_unbroken_one(tmp_path: Path) -> None:
-    """Bit for bit: its frames up to the limit are there, and --resume begins at the last."""
-    scene = moving(rod_scene(length=8e-3), {}, duration=2e-3, output_every=1e-4)
-    whole = run(scene, folder=tmp_path / "whole")
-    with limited(12.0, clock=ticks()), pytest.raises(TimeOver) as caught:
-        run(scene, folder=tmp_path / "broken")
-    assert caught.value.state.time < scene.duration
-    assert (tmp_path / "broken" / CHECKPOINT).exists()
-    assert 0 < len(Motion.load(tmp_path / "broken")) < len(Motion.load(tmp_path / "whole"))
-    resumed = run(scene, folder=tmp_path / "broken", resume=True)
-    np.testing.assert_array_equal(resumed.particle_position, whole.particle_position)
-    assert (tmp_path / "broken" / MOTION).exists()
-    assert len(Motion.load(tmp_path / "broken")) == len(Motion.load(tmp_path / "whole"))
 
 
 def path_scene() -> Scene:

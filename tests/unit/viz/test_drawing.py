@@ -1,16 +1,14 @@
-"""Both renderers draw a motion, at the same places, and matplotlib where there is no OpenGL."""
+"""Both renderers draw a motion, at the same places."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from reference import drawn
-from reference.drawn import SIZE
 
-from magmpm.viz import layout, movies, style
+from magmpm.viz import layout, style
 from magmpm.viz.from_motion import MotionRenderer
 from magmpm.viz.meshes import swept
 from magmpm.viz.snapshot import Obstacle
@@ -29,15 +27,6 @@ def test_both_backends_show_body_magnet_ground_and_contact(backend: str, motion:
     # Blue stands for contact: in the legend always, in the view when there is some.
     assert drawn.count(down, style.CONTACT) > drawn.count(up, style.CONTACT) + 60
     assert up.shape == (450, 800, 3)
-
-
-def test_without_an_opengl_library_matplotlib_draws_the_motion(motion: MotionRenderer, no_opengl: None, tmp_path: Path) -> None:
-    """As where no OpenGL is installed: VTK's window crashes its process, and nothing else."""
-    with Renderer() as renderer:
-        made = movies.movie(motion, tmp_path / "movie.mp4", renderer, size=SIZE)
-        assert renderer.backend == "matplotlib"
-        assert "apt-get install" in renderer.note
-    assert made.path.stat().st_size > 1000
 
 
 def test_both_backends_show_things_at_the_same_place(motion: MotionRenderer, flat: Renderer, solid: Renderer) -> None:

@@ -52,15 +52,18 @@ def test_mp4_lasts_as_long_as_its_shapes_are_shown_and_ends_with_the_last(flat: 
     assert away[2] < 0.6 * min(away[:2])
 
 
-def test_without_ffmpeg_a_gif_is_written_and_said(flat: Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_ffmpeg_a_gif_is_written_and_said(
+    motion: MotionRenderer, flat: Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     find, missing = importlib.util.find_spec, "imageio_ffmpeg"
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else find(name))
-    made = movies.best_shapes_movie(shapes(), tmp_path / "best.mp4", flat, size=SMALL)
-    assert made.path.name == "best.gif"
-    assert "pip install 'magmpm[render]'" in made.note
-    with Image.open(made.path) as gif:
-        assert gif.n_frames == 3  # type: ignore[attr-defined]
-        assert gif.size == (SMALL[0] // 2, SMALL[1] // 2)
+    best = movies.best_shapes_movie(shapes(), tmp_path / "best.mp4", flat, size=SMALL)
+    moved = movies.movie(motion, tmp_path / "movie.mp4", flat, size=SIZE)
+    for made, name, frames, size in ((best, "best.gif", 3, SMALL), (moved, "movie.gif", len(motion), SIZE)):
+        assert made.path.name == name
+        assert "pip install 'magmpm[render]'" in made.note
+        with Image.open(made.path) as gif:
+            assert (gif.n_frames, gif.size) == (frames, (size[0] // 2, size[1] // 2))  # type: ignore[attr-defined]
 
 
 def test_what_cannot_be_a_movie_is_refused(flat: Renderer, tmp_path: Path) -> None:
@@ -77,16 +80,6 @@ def test_the_movie_shows_every_frame_and_holds_the_last(motion: MotionRenderer, 
     frames, seconds = ffmpeg.count_frames_and_secs(str(made.path))
     assert frames == len(motion) + 10
     assert seconds == pytest.approx(frames / 10, abs=0.11)
-
-
-def test_without_ffmpeg_the_movie_is_a_gif(motion: MotionRenderer, flat: Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    find, missing = importlib.util.find_spec, "imageio_ffmpeg"
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else find(name))
-    made = movies.movie(motion, tmp_path / "movie.mp4", flat, size=SIZE)
-    assert made.path.name == "movie.gif"
-    assert "'magmpm[render]'" in made.note
-    with Image.open(made.path) as gif:
-        assert gif.n_frames == len(motion)  # type: ignore[attr-defined]
 
 
 def test_long_motions_are_thinned_and_keep_their_ends() -> None:

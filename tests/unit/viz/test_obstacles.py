@@ -23,20 +23,6 @@ def sources_of(field: dict[str, Any], time: float = 0.0) -> list[Obstacle]:
     return obstacles.sources(Scene.from_si(drawn.scene(field=field)), time)
 
 
-def test_moving_and_turning_magnets_are_drawn_where_they_are() -> None:
-    field = {
-        "magnet": [MAGNET],
-        "over_time": {
-            "keyframes": [{"time": 0.0, "move": [0, 0, 0]}, {"time": 1.0, "move": [-0.02, 0, 0]}],
-            "rotation": {"axis": [0, 0, 1], "frequency": 0.5, "center": [0, 0, 0], "turns": 0.25},
-        },
-    }
-    for time, center in ((0.0, [0.05, 0.0, 0.02]), (0.5, [0.0, 0.04, 0.02]), (1.0, [0.0, 0.03, 0.02])):
-        props = sources_of(field, time)
-        middle = 0.5 * (np.max([p.points.max(axis=0) for p in props], axis=0) + np.min([p.points.min(axis=0) for p in props], axis=0))
-        np.testing.assert_allclose(middle, center, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("magnet", "north"),
     [
