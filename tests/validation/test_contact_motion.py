@@ -50,6 +50,27 @@ def test_an_undamped_block_sticks_on_a_slope(
     assert max(np.abs(ways)) < 0.02 * model.scene.cell
 
 
+@pytest.mark.parametrize(("share", "way"), [(0.99, 0.0), (1.02, 3.63e-3)])
+def test_a_block_slides_once_its_slope_has_grown_beyond_the_cone(share: float, way: float) -> None:
+    """The tangent grows to 0.99 or 1.02 of friction in 0.1 s: after 0.3 s more the block has stayed, to 0.02 cell, or gone as far as a
+    rigid one, the integral of g cos(a) mu (s - 1) over time, to 5 %. Of a tilt at once see docs/effects.md: friction takes a time to act."""
+
+    def tilted(share: float, damping: float = 1e-6) -> Model:
+        angle = np.arctan(0.45 * share)
+        pull = {"acceleration": [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]}
+        ground = {"point": [0.0, 0.0, 0.0], "friction": 0.45}
+        return build(moving_scene(block((8e-3, 5e-3, 4e-3)), {"gravity": pull, "ground": ground, "damping": {"rate": damping}}, cells=2))
+
+    level = tilted(0.0, 400.0)
+    motion, dt = begin(level).motion, begin(level).dt
+    motion.advance(round(0.1 / dt), dt, level.effects)
+    begun = mean(level, motion.particles()[0])[0]
+    for part in range(100):
+        motion.advance(round(1e-3 / dt), dt, tilted(share * (part + 0.5) / 100).effects)
+    motion.advance(round(0.3 / dt), dt, tilted(share).effects)
+    assert mean(level, motion.particles()[0])[0] - begun == pytest.approx(way, rel=0.05, abs=0.02 * level.scene.cell)
+
+
 def mean(model: Model, values: np.ndarray) -> np.ndarray:
     """Mean over the mass of the body."""
     mass = model.density * model.particles.volume
