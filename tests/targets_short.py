@@ -42,7 +42,7 @@ def targets() -> set[str]:
 
 
 def lacks(need: str | None) -> bool:
-    """Whether a program or library that a target needs is not here."""
+    """Return True if a program or library that a target needs is not here."""
     if need == "torch":
         return not (ROOT / ".venv-gp/.ready").exists()
     if need == "initdb":
@@ -51,7 +51,7 @@ def lacks(need: str | None) -> bool:
 
 
 def run(name: str, logs: Path) -> str:
-    """What became of a target in its short form."""
+    """Outcome of a target in its short form."""
     if lacks(need := NEEDS.get(name)):
         return f"not run: needs {need} ({FROM[str(need)]})"
     with (logs / f"{name}.log").open("w") as log:

@@ -1,4 +1,4 @@
-"""Whether the advice of `magmpm effects` is right: against full runs with and without each effect, on scenes drawn at random.
+"""Check the advice of `magmpm effects` against full runs with and without each effect, on scenes drawn at random.
 
 make bench-advice: 40 scenes, every effect that each could have. A call is right if it says of an effect that it moves the answer by more
 than the asked error, 1 % of the length, when the full runs say so too. Effects for which the scene has no data (a rate, a wall) are no
@@ -131,7 +131,7 @@ def calls(number: int) -> list[dict[str, Any]]:
 
 
 def report() -> None:
-    """What the calls so far say."""
+    """Summary of the calls so far."""
     rows = [json.loads(line) for line in (FOLDER / "calls.jsonl").read_text().splitlines()]
     done = [row for row in rows if row["true"] is not None]
     for row in done:

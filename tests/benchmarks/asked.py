@@ -1,4 +1,4 @@
-"""What an asked error costs, and how well an asked time is kept: five-segment catheter, its field switched on, and its motion."""
+"""Cost of a requested error, and how well a requested time is kept: five-segment catheter, its field switched on, and its motion."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def error_seconds() -> dict[str, float]:
 
 
 def estimate_percent() -> dict[str, float]:
-    """What the error's proof takes over the plain solve on the chosen cells."""
+    """Time of the error's proof over that of the plain solve on the chosen cells."""
     found = {}
     for error in ERRORS:
         result, seconds = timed(asked(error=error))

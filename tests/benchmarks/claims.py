@@ -62,7 +62,7 @@ class Claim:
         return 0.5 * 10.0 ** (int(power or 0) - places)
 
     def agrees(self, measured: float) -> bool:
-        """Whether the page agrees with the measurement, within its digits and the tolerance."""
+        """Return True if the page agrees with the measurement, within its digits and the tolerance."""
         return abs(measured - self.value) <= self.tolerance * max(abs(measured), abs(self.value)) + 1.001 * self.rounding
 
     def written(self, measured: float) -> str:
@@ -202,7 +202,7 @@ def promised() -> Figures:
 
 
 def effects_costs() -> Figures:
-    """What each effect is counted to cost a catheter in motion, %."""
+    """Cost of each effect for a catheter in motion, %."""
     from magmpm.studies.explore.effects_costs import counted
 
     return {name: round(percent) for name, percent in counted(importlib.import_module("advice").drawn(2)).items()}

@@ -27,7 +27,7 @@ def _errors_percent(data: dict, field: float, times: list[float]) -> float:
 
 
 def critical_loads() -> dict[str, float]:
-    """Of Zhao's beam in plane strain, and of a catheter of twenty diameters magnetized against the field."""
+    """Critical loads of Zhao's beam in plane strain, and of a catheter of twenty diameters magnetized against the field."""
     from magmpm.scene import load_scene
 
     beam = load_scene(ROOT / "data/scenes/zhao_plane_strain.yaml").to_si()

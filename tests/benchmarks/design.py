@@ -62,7 +62,7 @@ def study_of(target: Path, sampler: str, trials: int) -> Study:
 
 
 def solved(study: Study) -> dict[str, Any]:
-    """What a study found: rms (mm) and seconds of every trial from its beginning, and the best design's rms at FINER cells, mm."""
+    """Results of a study: rms (mm) and seconds of every trial from its beginning, and the best design's rms at FINER cells, mm."""
     import optuna
 
     with tempfile.TemporaryDirectory() as folder:

@@ -1,4 +1,4 @@
-"""What an effect adds to the time of a step of motion, by short runs in pairs on one thread: a busy machine disturbs them little."""
+"""Time that an effect adds to that of a step of motion, by short runs in pairs on one thread: a busy machine disturbs them little."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def study_of(kind: str, number: int, cells: int, trials: int) -> Study:
 
 
 def by_rods(study: Study, starts: int) -> dict[str, object]:
-    """What the rod's best design reaches."""
+    """Error that the rod's best design reaches."""
     insertion = Insertion.of(study, SearchSpace.of(study))
     assert insertion is not None
     way = insertion.rods
@@ -92,7 +92,7 @@ def by_rods(study: Study, starts: int) -> dict[str, object]:
 
 
 def by_bodies(study: Study, out: File) -> dict[str, object]:
-    """What the best trial of a study reaches, after the first with which it is solved, or after all."""
+    """Error that the best trial of a study reaches, after the first with which it is solved, or after all."""
     row: dict[str, object] = {}
     for trials in range(1, study.trials + 1):
         report = run_study(study, solve=run, differentiate=sensitivities, out=out / study.name, trials=trials)
@@ -103,7 +103,7 @@ def by_bodies(study: Study, out: File) -> dict[str, object]:
 
 
 def _of_best(study: Study, folder: File, trials: int) -> dict[str, object]:
-    """What is kept of a study's best trial."""
+    """Numbers that are kept of a study's best trial."""
     kept = json.loads((folder / "best" / "design.json").read_text(encoding="utf-8"))
     curve = Path(study.target)
     means, fields = [], []
@@ -117,7 +117,7 @@ def _of_best(study: Study, folder: File, trials: int) -> dict[str, object]:
 
 
 def solved(row: dict[str, object]) -> bool:
-    """Whether a path counts as solved."""
+    """Return True if a path counts as solved."""
     mean, away = row["mean_m"], row["exit_m"]
     return isinstance(mean, float) and isinstance(away, float) and mean <= MEAN * LENGTH and away <= EXIT
 

@@ -79,7 +79,7 @@ def told(row: dict[str, Any]) -> str:
 
 
 def summary(rows: list[dict[str, Any]]) -> str:
-    """What all scenes say together."""
+    """Summary of all scenes."""
     known = [row for row in rows if "ratio" in row]
     kept = sum(row["true"] <= row["asked"] * row["length"] for row in known)
     spread = shares(np.array([row["ratio"] for row in known]))

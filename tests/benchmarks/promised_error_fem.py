@@ -43,7 +43,7 @@ def main() -> None:
 
 
 def suits(scene: Scene) -> bool:
-    """Whether the finite elements here can solve a scene in minutes."""
+    """Return True if the finite elements here can solve a scene in minutes."""
     body = scene.body.catheter
     if body is None or scene.length > SLENDER * scene.thickness:
         return False

@@ -65,7 +65,7 @@ def told(row: dict[str, Any]) -> str:
 
 
 def summary(rows: list[dict[str, Any]]) -> str:
-    """What all paths say together."""
+    """Summary of all paths."""
     ratio = np.array([row["ratio"] for row in rows if "ratio" in row])
     return f"{len(rows)} paths, {len(ratio)} judged: largest {shares(ratio)}"
 

@@ -18,7 +18,7 @@ CELLS = 16  # across the five-segment catheter: 290 000 particles, so that one m
 
 
 def grown() -> dict[str, float]:
-    """What the command prints, measured in a new process."""
+    """Output of the command, measured in a new process."""
     done = subprocess.run([sys.executable, __file__], check=True, capture_output=True, text=True)
     found: dict[str, float] = json.loads(done.stdout)
     return found

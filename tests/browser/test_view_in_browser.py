@@ -41,7 +41,7 @@ def turn(page: Any, slider: str, value: float) -> None:
 
 
 def number(page: Any, label: str) -> str:
-    """What stands beside the shape."""
+    """Text beside the shape."""
     return str(page.locator(f'#numbers tr:has(th:text-is("{label}")) td').inner_text())
 
 

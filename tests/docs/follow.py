@@ -26,7 +26,7 @@ PATIENCE = 120.0  # s until a server answers
 
 
 def command(words: list[str], quick: bool) -> list[str]:
-    """What is run for a line of a page."""
+    """Command that is run for a line of a page."""
     if words[0] == "magmpm":
         fewer = ["--trials", "2"] if quick and words[1] == "design" and "--trials" not in words else []
         return [*MAGMPM, *words[1:], *fewer]

@@ -37,7 +37,7 @@ class Step:
 
 
 def steps(page: Path) -> list[Step]:
-    """What a reader of this page does, in order."""
+    """Steps of a reader of this page, in order."""
     text, found = page.read_text(encoding="utf-8"), []
     for match in FENCE.finditer(text):
         how, kind, block = match["how"] or "", match["kind"], match["text"]

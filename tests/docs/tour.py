@@ -34,7 +34,7 @@ def environment(folder: Path) -> Path:
 
 
 def follow(page: Path, folder: Path, python: Path) -> tuple[bool, float, str]:
-    """Whether a page can be followed, the seconds it took, and what was said."""
+    """Outcome of following a page: whether it can be done, the seconds it took, and what was said."""
     folder.mkdir(parents=True)
     names = ("PYTHONPATH", "NUMBA_CACHE_DIR", "VIRTUAL_ENV")
     clean = {name: value for name, value in os.environ.items() if name not in names} | {"XDG_CACHE_HOME": str(folder.parent / "cache")}

@@ -21,7 +21,7 @@ from magmpm.results.result import Result
 
 
 class Page(HTMLParser):
-    """What a page loads and runs, its text, and whether its elements are closed in order."""
+    """Files that a page loads and runs, its text, and whether its elements are closed in order."""
 
     VOID = frozenset({"meta", "img", "br", "input"})
 

@@ -1,4 +1,4 @@
-"""What a run replaces, keeps and reports: a folder belongs to one scene and contains one result of it."""
+"""Files that a run replaces, keeps and reports: a folder belongs to one scene and contains one result of it."""
 
 from __future__ import annotations
 
@@ -340,7 +340,7 @@ def test_a_time_that_is_refused_or_stopped_keeps_a_motion_that_waits_beside_earl
 
 @pytest.mark.parametrize("first", [None, RESTING], ids=["empty", "with a result"])
 def test_a_time_that_is_stopped_leaves_the_last_grid_as_failed_and_nothing_to_resume(first: str | None, capsys: Said) -> None:
-    """What it tried first is no earlier result, and no checkpoint of it can be gone on from."""
+    """Its first attempt is no earlier result, and leaves no checkpoint from which a run could go on."""
     if first is not None:
         assert run(first) == 0
     before = files(OUT)

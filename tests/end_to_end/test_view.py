@@ -193,7 +193,7 @@ def test_wrong_options_are_refused(arguments: list[str], words: str, capsys: pyt
 
 
 def test_a_folder_that_cant_be_written_is_refused_before_the_page_is_served(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What is tried leaves nothing behind."""
+    """A trial leaves nothing behind."""
     assert main(["view", FIVE, "--out", "/proc/nope"]) == 2
     assert "the folder must be writable" in capsys.readouterr().err
     refuse_unwritable(tmp_path / "new")

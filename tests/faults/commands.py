@@ -95,7 +95,7 @@ def _files(out: Path) -> dict[str, Path]:
 
 
 def _whole(path: Path) -> bool:
-    """Whether a file ends as its kind does, and JSON can be read."""
+    """Return True if a file ends as its kind does, and JSON can be read."""
     content = path.read_bytes()
     if path.suffix == ".json":
         try:

@@ -38,7 +38,7 @@ Trials = dict[int, tuple[Any, ...]]
 
 @dataclass
 class Row:
-    """What became of one kind of fault: how many were injected, how many completed trials (or frames) there were and were lost."""
+    """Outcome of one kind of fault: how many were injected, how many completed trials (or frames) there were and were lost."""
 
     kind: str
     injected: int = 0
@@ -246,7 +246,7 @@ def corrupted_checkpoint(base: Path, drawn: random.Random) -> Row:
 
 
 def _brief(child: subprocess.Popen[str]) -> tuple[str, str]:
-    """Of a motion that goes on, because a few bytes of its checkpoint do not matter or are mended: a few seconds of it."""
+    """Go on for a few seconds with a motion of whose checkpoint a few bytes do not matter or are mended."""
     try:
         return child.communicate(timeout=15)
     except subprocess.TimeoutExpired:

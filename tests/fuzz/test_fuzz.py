@@ -90,7 +90,7 @@ def inputs(kind: str) -> Callable[[Any], Any]:
 
 
 def drawn(bases: list[dict[str, Any]], **strategies: Any) -> Callable[[Any], Any]:
-    """What a test's inputs are drawn from, and the bases of these, as a decorator below `inputs`."""
+    """Decorator below `inputs`: the bases from which a test's inputs are drawn."""
 
     def decorate(test: Any) -> Any:
         test.strategies, test.bases = strategies, bases
@@ -117,7 +117,7 @@ def _here(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPa
 
 
 def judged(read: Callable[[], Any]) -> Any:
-    """What a reader gives; None for an input that it refuses with a rule and a remedy."""
+    """Return what a reader gives; None for an input that it refuses with a rule and a remedy."""
     try:
         return read()
     except InputError as error:
@@ -128,7 +128,7 @@ def judged(read: Callable[[], Any]) -> Any:
 
 
 def sound(value: Any) -> bool:
-    """Whether all numbers in plain data are finite."""
+    """Return True if all numbers in plain data are finite."""
     if isinstance(value, dict):
         return all(sound(item) for item in value.values())
     if isinstance(value, list | tuple):
@@ -371,7 +371,7 @@ def test_bases_run(kind: str, number: int, tmp_path: Path) -> None:
 
 
 def test_table_of_all() -> None:
-    """What `make fuzz` prints: inputs of each kind, how many were accepted, and the kinds of failure."""
+    """Table that `make fuzz` prints: inputs of each kind, how many were accepted, and the kinds of failure."""
     rows = [f"{kind:<12}{DONE[kind]:>8}{ACCEPTED[kind]:>10}{len(BAD.get(kind, {})):>8}" for kind in SHARES]
     total = f"{'all':<12}{sum(DONE.values()):>8}{sum(ACCEPTED.values()):>10}{sum(map(len, BAD.values())):>8}"
     print("\n".join(["", f"{'inputs':<12}{'tried':>8}{'accepted':>10}{'bad':>8}", *rows, total]))

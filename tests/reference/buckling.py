@@ -35,7 +35,7 @@ class Column:
 
 
 def column(scene: Scene) -> Column:
-    """Of a catheter's or a plane-strain strip's scene with one segment."""
+    """Column of the scene of a catheter or plane-strain strip with one segment."""
     shape, material = scene.body.shape, scene.region_material(0)
     G, K = material.shear_modulus, material.shear_modulus * material.bulk_to_shear
     E, nu = float(young_modulus(G, K)), float(poisson_ratio(G, K))

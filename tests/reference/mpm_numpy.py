@@ -116,7 +116,7 @@ class Reference:
 
     @property
     def remanence(self) -> np.ndarray:
-        """Of the particles along x, y and z (n, 3) T."""
+        """Remanence of the particles along x, y and z, (n, 3) T."""
         return np.einsum("nij,nj->ni", self.axes, self.model.remanence[:, :3])
 
     def magnetization(self, F: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

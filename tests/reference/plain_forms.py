@@ -1,4 +1,4 @@
-"""What the compiled code computes, in plain NumPy: neo-Hookean energy and stress, and a banded matrix written out."""
+"""The compiled code's formulas in plain NumPy: neo-Hookean energy and stress, and a banded matrix written out."""
 
 from __future__ import annotations
 

@@ -220,7 +220,7 @@ def test_control_fails(case: Case) -> None:
 
 
 def test_switches_go_back() -> None:
-    """What a control replaces is there again after it, also after an error."""
+    """A function that a control replaces is back after it, also after an error."""
     replaced = ((newton, "_search"), (equilibrium, "solve_rod"), (Catheter, "discretize"))
     before = [(owner, name, getattr(owner, name)) for owner, name in replaced]
     [one] = [case for case in CASES if case.name == "thin tube, K/G = 100"]

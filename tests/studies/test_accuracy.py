@@ -109,7 +109,7 @@ def test_cells_that_find_no_answer_are_named_and_the_others_kept(tmp_path: Path)
 
 
 def test_one_size_alone_ends_with_3(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """What was solved is kept."""
+    """Solved grids are kept."""
     write_study(tmp_path)
     monkeypatch.setattr("magmpm.simulate.run", failing(3))
     assert main(["accuracy", str(tmp_path / "scene.yaml"), "--cells", "2,3", "--out", str(tmp_path / "ladder"), "--json"]) == 3

@@ -97,7 +97,7 @@ def test_obstacles_are_looked_for_at_rest() -> None:
 
 
 def test_costs_are_counted_and_always_the_same() -> None:
-    """Of a catheter in motion, measured in pairs of short runs (tests/benchmarks/advice.py costs): torque 7, gravity 3, viscosity 40, walls
+    """Costs of a catheter in motion, from pairs of short runs (tests/benchmarks/advice.py costs): torque 7, gravity 3, viscosity 40, walls
     35, damping 3 % of a step; counted within 3 %, or a third of them, and the same every time. At rest nothing adds a thousandth, but
     the segments on each other."""
     scene = moving_scene(BODY, {"damping": {"rate": 60.0}}, field={"uniform": [0.0, 0.0, 3e-3]})

@@ -192,7 +192,7 @@ def test_a_constant_far_from_the_scenes_is_told(tmp_path: Path) -> None:
 
 
 def test_fields_far_from_the_scenes_are_told_before_the_fit(tmp_path: Path) -> None:
-    """Of 3 mT and 3000 mT beside the scene's own: a unit of a thousand is told, fields of the same size are not."""
+    """Fields of 3 mT and 3000 mT beside the scene's own: a unit off by a thousand is reported, fields of the same size are not."""
     own = SCENE.with_field([0.0, 0.0, 3e-3])
     said = "the table's fields reach 3000 mT, the scene's own is 3 mT: check the units of its columns"
     for strength, told in ((4.0, []), (3000.0, [said])):

@@ -83,7 +83,7 @@ def test_a_descent_ends_where_it_comes_to_a_known_minimum() -> None:
 
 
 def test_noise_from_residuals_counts_what_the_constants_took_of_the_lengths() -> None:
-    """Of four lengths and an angle, whose share of the one constant's leverage is a half: 4 - 1/2 numbers are left."""
+    """Four lengths and an angle, which has half of the one constant's leverage, leave 4 - 1/2 numbers."""
     labels = [Label(k, "", angle=k == 4) for k in range(5)]
     best = Minimum(np.zeros(1), np.array([1.0, -1.0, 2.0, 0.0, 9.0]), np.array([[1.0], [1.0], [0.0], [0.0], [2**0.5]]), 1, True)
     one: Any = search._Search(Prediction(SCENE, Measured(Path(), "tips", (), (), (0, 1, 2)), (), 0, labels), (), None, None, 1.0, print)

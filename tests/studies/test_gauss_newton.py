@@ -144,7 +144,7 @@ def test_bounds_hold_and_are_reached_where_the_least_lies_beyond() -> None:
 
 
 def test_a_bad_step_is_taken_back_and_made_shorter() -> None:
-    """Where a design fails, or violates a constraint, the next one steps from the one before, less far."""
+    """After a design that fails or violates a constraint the next one steps from the one before, less far."""
     model, _ = curved(ALL)
     for constrained in (False, True):
         study = optuna.create_study(sampler=GaussNewtonSampler(ALL, 1))

@@ -1,4 +1,4 @@
-"""What is evaluated can be made: directions of a set, at most k different ones, by every sampler."""
+"""Designs that are evaluated can be made: directions of a set, at most k different ones, by every sampler."""
 
 from __future__ import annotations
 

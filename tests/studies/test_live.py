@@ -53,7 +53,7 @@ def test_the_saved_scene_is_the_one_shown(name: str, tmp_path: Path) -> None:
 
 
 def test_one_turned_number_leaves_the_others_words(tmp_path: Path) -> None:
-    """What was not turned stands in the file as it stood, with its units."""
+    """Settings that were not changed stay in the file as they were, with their units."""
     scene = load_scene(FIVE)
     known = sliders(scene)
     values = {"field.z": 5.0}
@@ -64,7 +64,7 @@ def test_one_turned_number_leaves_the_others_words(tmp_path: Path) -> None:
 
 
 def test_chosen_effects_and_cells_are_written(tmp_path: Path) -> None:
-    """Of `effects: auto` and an asked error, what is shown is written: the effects that were chosen, and the cells."""
+    """With `effects: auto` and a requested error the file has what is shown: the effects that were chosen, and the cells."""
     text = FIVE.read_text(encoding="utf-8")
     begin, end = text.index("effects:"), text.index("solver:")
     path = tmp_path / "auto.yaml"

@@ -1,4 +1,4 @@
-"""What neighbors tell of a solve's start: interpolation, and what is linear in the rod's curvature."""
+"""Starts of a solve from its neighbors: interpolation, exact for answers linear in the rod's curvature."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a study says of a target that it can't reach: curvature, the field's bound, directions without effect, other starts."""
+"""Reasons that a study gives for a target that it can't reach: curvature, the field's bound, directions without effect, other starts."""
 
 from __future__ import annotations
 

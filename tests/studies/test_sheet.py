@@ -1,4 +1,4 @@
-"""What a report says of a design: tolerances by their definition, and the body that is to be made."""
+"""A report's sheet of a design: tolerances by their definition, and the body that is to be made."""
 
 from __future__ import annotations
 

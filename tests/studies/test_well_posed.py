@@ -1,4 +1,4 @@
-"""What a study says before its first trial: that nothing moves the shape, or that the target can't tell its variables apart."""
+"""Warnings of a study before its first trial: that nothing moves the shape, or that the target can't tell its variables apart."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def test_an_undamped_block_sticks_on_a_slope(
 @pytest.mark.parametrize(("share", "way"), [(0.99, 0.0), (1.02, 3.63e-3)])
 def test_a_block_slides_once_its_slope_has_grown_beyond_the_cone(share: float, way: float) -> None:
     """The tangent grows to 0.99 or 1.02 of friction in 0.1 s: after 0.3 s more the block has stayed, to 0.02 cell, or gone as far as a
-    rigid one, the integral of g cos(a) mu (s - 1) over time, to 5 %. Of a tilt at once see docs/effects.md: friction takes a time to act."""
+    rigid one, by integrals of g cos(a) mu (s - 1) over time, to 5 %. A tilt at once makes it slip: docs/effects.md."""
 
     def tilted(share: float, damping: float = 1e-6) -> Model:
         angle = np.arctan(0.45 * share)

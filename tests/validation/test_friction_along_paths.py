@@ -38,7 +38,7 @@ def growing(time: float) -> dict[str, Any]:
 
 
 def contact(state: PathState) -> Any:
-    """What the ground does at the last equilibrium."""
+    """Contact with the ground at the last equilibrium."""
     shape = state.shape
     assert shape.touched is not None
     return contacts_at_rest(shape.model, shape.touched)["ground"]

@@ -66,7 +66,7 @@ def test_a_ramp_ends_where_the_static_solve_does() -> None:
 
 
 def test_steps_in_between_are_single_equilibria_too() -> None:
-    """Of a field that turns: each step is the equilibrium in the field of its time."""
+    """In a field that turns each step is the equilibrium in the field of its time."""
     turning = {"uniform": [3e-3, 0.0, 0.0], "over_time": {"rotation": {"axis": [0, 1, 0], "frequency": -1.0, "turns": 0.25}}}
     path = scene({"at": [0.0, 0.1, 0.2]}, field=turning)
     result = run(path)

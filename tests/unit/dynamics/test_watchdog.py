@@ -100,7 +100,7 @@ def test_a_body_that_was_turned_inside_out_is_told_where(model: Model) -> None:
 
 
 def test_comparisons_in_compiled_code_know_infinity_and_no_number() -> None:
-    """What compiled code may rely on (magmpm.compiled.jit): np.isfinite would not work."""
+    """Compiled code may rely on this comparison (magmpm.compiled.jit): np.isfinite would not work."""
 
     @compiled
     def below(values):  # type: ignore[no-untyped-def]

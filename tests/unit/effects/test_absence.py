@@ -1,4 +1,4 @@
-"""What a scene does not name is not there: not in the machine code of its kernels, not in what they are given, not in memory."""
+"""An effect that a scene does not name is not there: not in the machine code of its kernels, not in what they are given, not in memory."""
 
 from __future__ import annotations
 

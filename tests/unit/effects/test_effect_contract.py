@@ -129,7 +129,7 @@ STEPS = np.array([0.04, 0.02, 0.01, 0.005])
 
 
 def falls(left: np.ndarray, order: int, rounding: float) -> bool:
-    """Whether the remainder (steps, ...) of a Taylor series is nonzero. If so, asserts that it falls with its order."""
+    """Return True if the remainder (steps, ...) of a Taylor series is nonzero. If so, asserts that it falls with its order."""
     size = np.array([np.abs(one).max() for one in left])
     if size[0] <= 1e3 * rounding:
         return False

@@ -52,7 +52,7 @@ def change(named: Any, at: Point, dmagnet: np.ndarray, drho: float) -> np.ndarra
 
 
 def assert_derivative(moved: list[np.ndarray], was: np.ndarray, slope: np.ndarray) -> None:
-    """Whether the remainder (steps, ...) after the slope is rounding, or falls with order 2."""
+    """Return True if the remainder (steps, ...) after the slope is rounding, or falls with order 2."""
     left = [np.abs(there - was - t * slope).max() for t, there in zip(STEPS, moved, strict=True)]
     if left[0] > ROUNDING * max(np.abs(was).max(), np.abs(slope).max()):
         np.testing.assert_allclose(np.log2(np.array(left[:-1]) / left[1:]), 2.0, atol=0.2)

@@ -109,7 +109,7 @@ def test_distances_of_solids(kind: str) -> None:
 
 
 def test_parts_that_hold_together_are_one_solid() -> None:
-    """Where two boxes meet there is no surface: the depth in the middle is that below their common sides."""
+    """Two boxes have no surface where they meet: the depth in the middle is that below their common sides."""
     halves = [box((0.0, -1e-3, -1e-3), (2e-3, 1e-3, 1e-3)).triangles, box((2e-3, -1e-3, -1e-3), (4e-3, 1e-3, 1e-3)).triangles]
     solids, normal = mesh_solids([halves], 0.5e-3), np.empty(3)
     for x in np.linspace(1.6e-3, 2.4e-3, 9):

@@ -1,4 +1,4 @@
-"""What every compiled function of the package keeps to."""
+"""Rules for every compiled function of the package."""
 
 from __future__ import annotations
 

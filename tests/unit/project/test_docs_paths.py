@@ -1,4 +1,4 @@
-"""What the pages name exists: files and folders of this project in code spans, and the targets of links."""
+"""Files and folders of this project that the pages name in code spans exist, and so do the targets of links."""
 
 from __future__ import annotations
 

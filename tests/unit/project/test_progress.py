@@ -12,7 +12,7 @@ from magmpm.cli import progress
 def test_without_a_terminal_lines_come_though_the_work_reports_nothing(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What was told last, at least every EVERY seconds (8), and nothing of work shorter than that."""
+    """Progress is reported at least every EVERY seconds (8), and not at all for work shorter than that."""
     assert progress.EVERY < 10.0
     monkeypatch.setattr(progress, "EVERY", 0.05)
     with progress.Progress("fit of tube") as shown:

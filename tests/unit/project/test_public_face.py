@@ -84,7 +84,7 @@ def said_to_be_raised(function: Callable[..., Any]) -> set[str]:
 
 
 def faults(function: Callable[..., Any]) -> list[str]:
-    """What a function's docstring leaves unsaid."""
+    """List what a function's docstring leaves unsaid."""
     text = inspect.getdoc(function) or ""
     if not text:
         return ["has no docstring"]
@@ -235,7 +235,7 @@ resolution: {cells_across: 2}
 
 
 def test_errors_from_python_are_worded_as_the_command_words_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What shows only once the body is built, and what shows as the file is read: file, line, key and value."""
+    """Faults that show once the body is built, and those that show as the file is read, name file, line, key and value."""
     from magmpm.cli import main
 
     late, early = tmp_path / "late.yaml", tmp_path / "early.yaml"

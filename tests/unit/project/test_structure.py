@@ -60,7 +60,7 @@ def imported(module: str, path: Path, known: Iterable[str]) -> set[str]:
 
 
 def is_face(path: Path) -> bool:
-    """Whether a file only passes on what others define, at once or when it is asked for (PEP 562)."""
+    """Return True if a file only passes on what others define, at once or when it is asked for (PEP 562)."""
     defines = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
     defined = {node.name for node in ast.walk(tree(path)) if isinstance(node, defines)}
     short = len(path.read_text(encoding="utf-8").splitlines()) <= FACE

@@ -18,7 +18,7 @@ SCENE = ROOT / "data/scenes/axial_transverse.yaml"
 
 
 def drawn(thing: object) -> ElementTree.Element:
-    """What it shows, which must be whole XML."""
+    """The picture that it shows, which must be whole XML."""
     return ElementTree.fromstring(f"<div>{thing._repr_html_()}</div>")  # type: ignore[attr-defined]
 
 

@@ -1,4 +1,4 @@
-"""What a scene of equilibria along time must say, and what it may not."""
+"""Rules for scenes of equilibria along time: keys that they need, and keys that they must not have."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def test_they_are_those_found_alone(change: Callable[[Scene], Scene]) -> None:
 
 
 def test_a_wrong_expectation_does_no_harm() -> None:
-    """Where neighbors tell nonsense, or of another grid, the solve begins at its rod."""
+    """The solve begins at its rod if neighbors are nonsense, or of another grid."""
     scene = load_scene(SCENE).with_cells(2).with_field(FIELDS[2])
     alone = run(scene)
     shape = alone.grid_correction.shape

@@ -1,4 +1,4 @@
-"""What holds a body moves: splines that carry it, equilibria, paths and motions, refusals."""
+"""Held ends that move: splines that carry it, equilibria, paths and motions, refusals."""
 
 from __future__ import annotations
 

@@ -84,11 +84,11 @@ def test_what_no_grid_can_reach_is_refused_with_the_number(error: object, says: 
 
 
 def test_a_displacement_is_carried_between_grids_as_it_is() -> None:
-    """What the splines of both grids hold, a quadratic that is at rest at the clamp, comes over to rounding."""
+    """A quadratic that is at rest at the clamp, which the splines of both grids hold, comes over to rounding."""
     coarse, fine = (static_model(build(PLAIN.with_cells(n))) for n in (2, 3))
 
     def coefficients(model: StaticModel) -> np.ndarray:
-        """Of u = (x y, x z, x^2) at the nodes: c = f - h^2/8 f'' is exact for quadratics."""
+        """Coefficients of u = (x y, x z, x^2) at the nodes: c = f - h^2/8 f'' is exact for quadratics."""
         x = model.plane_coordinates()[:, None]
         y, z = (model.grid.node_coordinates(i + 1)[model.layout.node_yz[:, i]] for i in range(2))
         h = model.grid.spacing[0]
@@ -173,7 +173,7 @@ def test_a_search_keeps_blas_on_one_thread(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_an_error_out_of_reach_is_answered_with_one_in_reach() -> None:
-    """What the coarsest grid gives, and what finer ones should."""
+    """Answers of the coarsest grid, and those that finer ones should give."""
     with pytest.raises(SceneError, match=r"ask for .* % or more, which \d+ cells give, or try .* %, which \d+ cells give only if"):
         run(asked(error=2e-6))
 

@@ -21,7 +21,7 @@ SCENE = Path(__file__).parents[3] / "data" / "scenes" / "axial_transverse.yaml"
 
 
 def against(share: float, cells: int = 2, axis: int = 0) -> float:
-    """Of a catheter magnetized along its axis in a field against it, a share of the rod's critical field."""
+    """Scene of a catheter magnetized along its axis, in a field against it of a share of the rod's critical field."""
     scene = magmpm.load_scene(SCENE).with_cells(cells)
     (material,) = scene.materials.values()
     G = material.shear_modulus

@@ -34,7 +34,7 @@ def test_particles_that_are_wider_apart_one_way_are_enough() -> None:
 
 
 def test_gradients_are_those_of_the_motion() -> None:
-    """Of a bent rod, to second order in the neighbors' reach of about two particles."""
+    """A bent rod's surface is right to second order in the neighbors' reach of about two particles."""
     X = motions.body(0.5e-3).particles.position
     x, F = motions.bent(X, 40.0)
     found = gradients(X, x)

@@ -1,4 +1,4 @@
-"""What a motion's snapshots hold, where they are seen from, and what is written beside them."""
+"""Snapshots of a motion: their contents, their view, and the text beside them."""
 
 from __future__ import annotations
 

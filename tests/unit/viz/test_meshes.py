@@ -41,7 +41,7 @@ def test_refining_keeps_the_shape_and_shortens_every_edge() -> None:
 
 
 def test_edges_of_a_drawing_stay_sharp_and_round_sides_smooth() -> None:
-    """Of a welded rod: points of the two end circles are split into side and end, those of the side are not."""
+    """A welded rod has the points of its two end circles split into side and end, and no others."""
     turn = 2 * np.pi * np.arange(24) / 24
     circle = np.stack([0 * turn, np.cos(turn), np.sin(turn)], axis=1)
     points = np.vstack([circle, circle + np.eye(3)[0], [[0, 0, 0], [1, 0, 0]]])

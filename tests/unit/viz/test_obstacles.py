@@ -1,4 +1,4 @@
-"""What stands around the body stands where the solver has it."""
+"""Obstacles are drawn where the solver has them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What must be in a picture, whichever backend draws it: laws over pixels at places the view gives."""
+"""Laws of pictures, whichever backend draws them, checked over pixels at places the view gives."""
 
 from __future__ import annotations
 
@@ -233,7 +233,7 @@ def test_magnet_near_the_body_is_drawn_in_every_view(renderer: Renderer) -> None
 
 
 def test_surface_in_place_of_particles_lies_where_they_lie(renderer: Renderer) -> None:
-    """Of one color a segment and without the gaps of balls, it covers what they cover; target, axis and arrows stay."""
+    """It has one color a segment and no gaps as balls have, and covers what they cover; target, axis and arrows stay."""
     picture = bent_bodies.plain(replace(body(), target=None))
     rod = tube([0.008 * k for k in range(1, 6)], 2e-3, 0.0, 5e-4)
     x, r, a = (g.ravel() for g in np.meshgrid(np.arange(2e-4, 0.04, 4e-4), (1e-3, 1.8e-3), np.arange(0, 6.28, 0.2), indexing="ij"))
