@@ -32,7 +32,7 @@ from magmpm.model import Model
 MOVE = 0.5  # cells that any point may be away from its place when pairs were listed: they may then be twice as much nearer
 BETWEEN = 0.5  # cells from a place on a face to the nearest of its points, at most, if stretched by sqrt(3): the edges' EDGE
 REACH = float(np.hypot(2 * MOVE, BETWEEN))  # cells from the nearest point of a surface up to which a point is listed
-EVEN = 0.75  # power of a node's largest spline: light nodes, whose splines are small, are fast as such; 0.7 to 0.9 are tightest
+EVEN = 0.75  # power of a node's largest spline: light nodes, whose splines are small, are fast. From 0.7 to 1 the bound is tightest
 
 
 def body_contact(model: Model, packed: Packed) -> BodyContact | None:
@@ -103,8 +103,7 @@ class BodyContact:
         new = np.flatnonzero(~np.isin(key, known[kept]))
         memory = np.zeros((len(new), MEMORY))
         memory[:, PLACE : PLACE + 3], memory[:, CELL] = self._place[q[new]], self._at[q[new]]
-        clear = np.maximum(distance[new] ** 2 - (BETWEEN * self._cell) ** 2, 0.0)
-        memory[:, ROOM] = way + 0.5 * np.sqrt(clear)
+        memory[:, ROOM] = way + 0.5 * np.sqrt(np.maximum(distance[new] ** 2 - (BETWEEN * self._cell) ** 2, 0.0))
         order = np.argsort(np.concatenate([known[kept], key[new]]))
         memory = np.concatenate([held[kept], memory])[order]
         point, solid = np.concatenate([old.point[kept], p[new]])[order], np.concatenate([old.solid[kept], self._solid[q[new]]])[order]
@@ -164,8 +163,8 @@ class BodyContact:
     def state(self) -> dict[str, Any]:
         """State that `restore` needs."""
         now = self.meeting
-        kept = {"pair_point": now.point, "pair_solid": now.solid, "pair_memory": now.memory.copy(), "pair_most": now.most.copy()}
-        return kept | {"pair_then": self._then}
+        changed = {"pair_memory": now.memory.copy(), "pair_most": now.most.copy(), "pair_then": self._then}
+        return {"pair_point": now.point, "pair_solid": now.solid, **changed}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a `state`."""

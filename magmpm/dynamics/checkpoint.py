@@ -117,7 +117,7 @@ class Checkpoint:
 
     def must_fit(self, state: dict[str, Array], folder: Path | str) -> None:
         """Raise InputError unless the checkpoint has the arrays and shapes of a motion's state. folder: where it was loaded from."""
-        found, needed = ({name: array.shape for name, array in arrays.items()} for arrays in (self.state, state))
+        found, needed = ({name: name[:5] == "pair_" or array.shape for name, array in each.items()} for each in (self.state, state))
         if found != needed:
             raise _useless(Path(folder) / CHECKPOINT, f"arrays {found}, where this motion has {needed}")
 

@@ -128,23 +128,6 @@ def _inverted(F, out):
             out[i, j] /= det
 
 
-@inlined
-def _cell_at(cells, cell, X):
-    """The cell of a solid that X (3,) m is in, or the one that is left for X where there is no next one, on the way from a cell."""
-    for _ in range(TRIES):
-        farthest, way = 1e-9, -1
-        for i in range(3):
-            xi = (X[i] - cells.low[3 * cell + i]) / cells.width[3 * cell + i]
-            if -xi > farthest and cells.next[6 * cell + 2 * i] >= 0:
-                farthest, way = -xi, 2 * i
-            if xi - 1.0 > farthest and cells.next[6 * cell + 2 * i + 1] >= 0:
-                farthest, way = xi - 1.0, 2 * i + 1
-        if way < 0:
-            break
-        cell = cells.next[6 * cell + way]
-    return cell
-
-
 @compiled
 def _find(cells, cell, along_x, along_y, field, x, X, solids, s, value, slope, u, F, inverse, normal):
     """Move X (3,) m to the place of solid s that is now at x (3,) m. Returns its cell, and its distance (m) from the surface.
@@ -153,10 +136,13 @@ def _find(cells, cell, along_x, along_y, field, x, X, solids, s, value, slope, u
     nothing. X then is that place of the surface. The distance is 0 if nothing is found.
     """
     for _ in range(TRIES):
-        cell = _cell_at(cells, cell, X)
+        for k in range(6):  # two cells farther along each axis
+            xi = (X[k % 3] - cells.low[3 * cell + k % 3]) / cells.width[3 * cell + k % 3]
+            after = cells.next[6 * cell + 2 * (k % 3) + (1 if xi > 0.5 else 0)]
+            cell = after if after >= 0 and abs(xi - 0.5) > 0.5 + 1e-9 else cell
         _splines(cells, cell, X, value, slope)
         _gather(field, cells.node[cell], along_x, along_y, value, slope, u, F)
-        off, moved = 0.0, 0.0
+        off = 0.0
         for i in range(3):
             F[i, i] += 1.0
             u[i] = x[i] - X[i] - u[i]
@@ -167,23 +153,16 @@ def _find(cells, cell, along_x, along_y, field, x, X, solids, s, value, slope, u
         slope[:3] = X
         for i in range(3):
             X[i] += inverse[i, 0] * u[0] + inverse[i, 1] * u[1] + inverse[i, 2] * u[2]
-        d = solid_distance(solids, s, X, normal)
-        if not d > 0.0:
-            continue
-        below = d
-        for _ in range(3):  # the nearest face is not all of an edge
-            square = normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2
-            if not (below > 0.0 and square > 0.25):
-                break
-            for i in range(3):
-                X[i] -= below / square * normal[i]
-            below = solid_distance(solids, s, X, normal)
-        if not below < 0.5 * d:  # too far for a table
+        below = d = solid_distance(solids, s, X, normal)
+        for _ in range(3):  # at an edge, one face after another
+            if below > 0.0:
+                for i in range(3):
+                    X[i] -= below * normal[i]
+                below = solid_distance(solids, s, X, normal)
+        if d > 0.0 and not below < 0.5 * d:  # too far for a table
             X[:] = slope[:3]
             return cell, min(d, cells.width[3 * cell])
-        for i in range(3):
-            moved = max(moved, abs(X[i] - slope[i]))
-        if moved < SETTLED * d:
+        if d > 0.0 and (X[0] - slope[0]) ** 2 + (X[1] - slope[1]) ** 2 + (X[2] - slope[2]) ** 2 < (SETTLED * d) ** 2:
             return cell, d
     return cell, 0.0
 
@@ -203,65 +182,53 @@ def _at(field, node, along_x, along_y, value, out):
 @compiled
 def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
     """Write to memory the place, force and depth of each pair from `first` on, `apart` numbers apart; dt s: for which forces push."""
-    memory, cells = meeting.memory, _cells(meeting)
+    memory, law, cells, value, slope, u = meeting.memory, meeting.law, _cells(meeting), np.empty(9), np.empty(9), np.empty(3)
+    stiffness, soft, knee, damping = law[0], law[1], law[2], law[3]
     solids = Solids(meeting.kind, meeting.size, meeting.points, meeting.first, meeting.coefficients)
-    value, slope, x, u, X, normal, F, inverse = (
-        np.empty(9), np.empty(9), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3)),
-    )  # fmt: skip
+    x, X, normal, F, inverse = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    f, n, v, there = np.empty(PARTS), np.empty(3), np.empty(3), np.empty(3)
     for pair in range(first, len(meeting.point), apart):
-        at = MEMORY * pair
+        at, p, s = MEMORY * pair, meeting.point[pair], meeting.solid[pair]
         memory[at + DEPTH] = 0.0
         if memory[-1] < memory[at + ROOM]:
             continue
-        p = meeting.point[pair]
-        for i in range(3):
-            x[i], X[i] = surface.place[3 * p + i], memory[at + PLACE + i]
-        _at(state.u, meeting.node[pair], along_x, along_y, surface.weights[9 * p : 9 * p + 9], x)
-        cell, d = _find(
-            cells, int(memory[at + CELL]), along_x, along_y, state.u, x, X, solids, meeting.solid[pair], value, slope, u, F, inverse, normal
-        )
+        own, cell = surface.weights[9 * p : 9 * p + 9], int(memory[at + CELL])
+        x[:], X[:] = surface.place[3 * p : 3 * p + 3], memory[at + PLACE : at + PLACE + 3]
+        _at(state.u, meeting.node[pair], along_x, along_y, own, x)
+        cell, d = _find(cells, cell, along_x, along_y, state.u, x, X, solids, s, value, slope, u, F, inverse, normal)
         memory[at + PLACE : at + PLACE + 3], memory[at + CELL] = X, cell
-        if d < 0.0:
-            _press(pair, cell, -d, dt, meeting, surface, along_x, along_y, state.v, x, X, value, normal, F, inverse)
+        if not d < 0.0:
+            memory[at + HELD] = 0.0
+            memory[at + ROOM] = memory[-1] + 0.5 * NEAR * d
             continue
-        memory[at + HELD] = 0.0
-        memory[at + ROOM] = memory[-1] + 0.5 * NEAR * d
-
-
-@compiled
-def _press(pair, cell, depth, dt, meeting, surface, along_x, along_y, velocity, x, X, value, normal, F, inverse):
-    """Write to memory the force of a pair that touches at this depth (m)."""
-    memory, law, at, cells, p = meeting.memory, meeting.law, MEMORY * pair, _cells(meeting), meeting.point[pair]
-    stiffness, soft, knee, damping, friction = law[0], law[1], law[2], law[3], law[4]
-    f, n, v = np.zeros(PARTS), np.empty(3), np.zeros(3)
-    named = np.fmin(surface.friction[p], cells.friction[cell])
-    friction = named if named >= 0.0 else friction
-    for i in range(3):
-        n[i] = inverse[0, i] * normal[0] + inverse[1, i] * normal[1] + inverse[2, i] * normal[2]
-    if damping > 0.0 and memory[at + HELD] != STICKS:
-        _at(velocity, cells.node[cell], along_x, along_y, value, v)
+        f[:], v[:], there[:] = 0.0, 0.0, x
+        named = np.fmin(surface.friction[p], cells.friction[cell])
+        friction = named if named >= 0.0 else law[4]
         for i in range(3):
-            v[i] = -v[i]
-        _at(velocity, meeting.node[pair], along_x, along_y, surface.weights[9 * p : 9 * p + 9], v)
-    length = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
-    leaving = (v[0] * n[0] + v[1] * n[1] + v[2] * n[2]) / length
-    push(depth, n[0], n[1], n[2], leaving, cells.share[cell] * surface.mass[p], stiffness, soft, knee, damping, friction, f)
-    if friction > 0.0:
-        there, new = np.empty(3), memory[at + HELD] == 0.0
-        for i in range(3):
-            there[i] = x[i]
-            for j in range(3):
-                there[i] -= 0.0 if new else F[i, j] * (X[j] - memory[at + ANCHOR + j])
-        slides = hold(x, there, f)
-        if slides or new:
+            n[i] = inverse[0, i] * normal[0] + inverse[1, i] * normal[1] + inverse[2, i] * normal[2]
+        if damping > 0.0 and memory[at + HELD] != STICKS:
+            _at(state.v, cells.node[cell], along_x, along_y, value, v)
             for i in range(3):
-                memory[at + ANCHOR + i] = X[i]
+                v[i] = -v[i]
+            _at(state.v, meeting.node[pair], along_x, along_y, own, v)
+        length = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
+        leaving = (v[0] * n[0] + v[1] * n[1] + v[2] * n[2]) / length
+        push(-d, n[0], n[1], n[2], leaving, cells.share[cell] * surface.mass[p], stiffness, soft, knee, damping, friction, f)
+        if friction > 0.0:
+            new = memory[at + HELD] == 0.0
+            for i in range(3):
                 for j in range(3):
-                    memory[at + ANCHOR + i] -= inverse[i, j] * (x[j] - there[j])
-        memory[at + HELD] = SLIDES if slides else STICKS
-    memory[at + DEPTH] = depth
-    for i in range(3):
-        memory[at + FORCE + i], memory[at + NORMAL + i] = f[i], n[i] / length
+                    there[i] -= 0.0 if new else F[i, j] * (X[j] - memory[at + ANCHOR + j])
+            slides = hold(x, there, f)
+            if slides or new:
+                for i in range(3):
+                    memory[at + ANCHOR + i] = X[i]
+                    for j in range(3):
+                        memory[at + ANCHOR + i] -= inverse[i, j] * (x[j] - there[j])
+            memory[at + HELD] = SLIDES if slides else STICKS
+        memory[at + DEPTH] = -d
+        for i in range(3):
+            memory[at + FORCE + i], memory[at + NORMAL + i] = f[i], n[i] / length
 
 
 @compiled

@@ -14,6 +14,7 @@ from reference.solids import ball, box, turned
 from magmpm.bodies.surface_mesh import Mesh
 from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics import energies
+from magmpm.dynamics.checkpoint import Checkpoint
 from magmpm.dynamics.time_loop import SimulationState, begin, move
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.kernels.body_contact import DEPTH, MEMORY
@@ -111,6 +112,7 @@ def test_the_same_bits_on_any_number_of_threads_and_after_a_restart(tmp_path: Pa
             motion.advance(30, dt, model.effects)
     motions[2].advance(30, dt, model.effects)
     later = thrown()
+    Checkpoint("", 0.0, 0.0, "", 0, 0, {}, motions[2].state()).must_fit(later.state(), "")
     later.restore({name: np.array(value) for name, value in motions[2].state().items()})
     later.advance(30, dt, model.effects)
     assert depths(motions[0]).any()
@@ -221,3 +223,32 @@ def test_halves_of_a_folding_sheet_meet_and_part_again() -> None:
     assert max(depth for _, _, depth in seen) < 0.1 * scene.cell
     assert seen[-1][1] == 0
     assert state.x[:, 2].max() - state.x[:, 2].min() < 3e-3
+
+
+@pytest.mark.parametrize("speed", [2.0, 30.0])
+def test_forces_do_not_depend_on_when_pairs_were_listed(tmp_path: Path, speed: float) -> None:
+    """A slow and a very fast collision, with pairs listed when they must be and before every step: the same places to rounding, and the
+    same pairs touch. No point is ever farther from where it was listed than the bound on its way says."""
+    begun, model = [], build(two_blocks(tmp_path, friction=0.5))
+    for _ in range(2):
+        begun.append(begin(model).motion)
+        throw_part(begun[-1], 0, (speed, 0.3 * speed, 0.0))
+    dt, touched, lists, last = begin(model).dt * min(1.0, 4.0 / speed), 0, 0, begun[0].contact._then
+    for _ in range(int(1e-3 / speed / dt) + 10):
+        for motion in begun:
+            contact = motion.contact
+            assert contact is not None
+            if motion is begun[1]:
+                contact._then[:] = np.inf
+                contact.list(motion.u)
+            before, way = motion.u.reshape(-1, 3).copy(), contact.meeting.memory[-1]
+            motion.advance(1, dt, model.effects)
+            moved = contact._splines @ (motion.u.reshape(-1, 3) - before)
+            assert np.linalg.norm(moved, axis=1).max() <= (contact.meeting.memory[-1] - way) * (1 + 1e-9)
+        lists, last = lists + (begun[0].contact._then is not last), begun[0].contact._then
+        often, seldom = (depths(motion)[depths(motion) > 0] for motion in begun)
+        np.testing.assert_allclose(often, seldom, rtol=1e-6)
+        touched += len(often)
+    assert touched > 100
+    assert 0 < lists < 20
+    np.testing.assert_allclose(begun[0].particles()[0], begun[1].particles()[0], rtol=0, atol=1e-9 * CELL)
