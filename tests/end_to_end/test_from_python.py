@@ -110,12 +110,6 @@ def test_constants_are_fitted(tmp_path: Path) -> None:
     assert repr(found).startswith("Fit('short': shear_modulus")
 
 
-def test_public_names_alone_are_listed_and_the_physics_loads_no_optuna() -> None:
-    assert dir(magmpm) == sorted(magmpm.__all__)
-    code = "import magmpm, sys; magmpm.load_scene, magmpm.run, magmpm.Result; print({'optuna', 'pyvista', 'pandas'} & {*sys.modules})"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"
-
-
 IN_THE_WAY = "raise ImportError('a file of the user, which magmpm must not import')\n"
 
 
@@ -134,19 +128,12 @@ def test_users_own_studies_and_viz_are_in_nobodys_way(tmp_path: Path) -> None:
         ["-c", code],
         ["script.py"],
     ):
-
-
         done = subprocess.run(
             [sys.executable, *arguments], cwd=tmp_path, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False
         )
         assert done.returncode == 0, done.stderr
         assert "a file of the user" not in done.stderr
     assert (out / "best.png").stat().st_size > 5_000
-
-
-def test_python_m_magmpm_is_the_command() -> None:
-    done = subprocess.run([sys.executable, "-m", "magmpm", "--version"], capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("magmpm 0.")
 
 
 def test_the_shell_completes_the_whole_command_line(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -166,16 +166,6 @@ def test_a_surface_is_stored_once_and_a_picture_twice(tmp_path: Path) -> None:
     assert not kept.samefile(out / "pictures/trial_003.stl"), "a store that others share has files of its own"
 
 
-def test_study_in_parts_is_the_same_study(tmp_path: Path) -> None:
-    """--trials counts all trials, so a study may be run in any number of sessions."""
-    path = write_study(tmp_path)
-    run_study(load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "whole", sampler="tpe")
-    for trials in (1, 2, 6, 8):
-        report = run_study(load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "parts", sampler="tpe", trials=trials)
-        assert report.trials == trials
-    same(trials_of(tmp_path / "whole"), trials_of(tmp_path / "parts"))
-
-
 def test_ctrl_c_keeps_what_is_finished_and_repeats_the_trial(tmp_path: Path) -> None:
     path = write_study(tmp_path)
     run_study(load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "whole")

@@ -65,26 +65,18 @@ def apart(one: Result, other: Result) -> float:
     return float(np.linalg.norm(one.particle_position - other.particle_position, axis=1).max() / one.centreline[-1, 0])
 
 
-def assert_settles_there(case: dict[str, Any], cells: int, settle: float = 0.25) -> None:
+QUICK, *LONG = [(name, 2) for name in CASES] + [(name, cells) for name in list(CASES)[:3] for cells in (3, 4)]
+
+
+@pytest.mark.parametrize(("name", "cells"), [QUICK, *(pytest.param(*one, marks=pytest.mark.slow) for one in LONG)])
+def test_a_damped_motion_settles_at_the_equilibrium(name: str, cells: int) -> None:
     """Within 0.02 % of the length, and with the same forces to 1e-3."""
-    still, moved = run(scene(**case, cells=cells)), run(scene(**case, cells=cells, settle=settle))
+    still, moved = run(scene(**CASES[name], cells=cells)), run(scene(**CASES[name], cells=cells, settle=0.25))
     assert apart(still, moved) < 2e-4
     (told,), (then,) = still.contacts.values(), moved.contacts.values()
     assert told["count"] > 0
     assert np.linalg.norm(np.subtract(told["force"], then["force"])) < 1e-3 * np.linalg.norm(told["force"])
     assert told["depth"] == pytest.approx(then["depth"], rel=1e-2)
-
-
-@pytest.mark.parametrize("name", [next(iter(CASES)), *(pytest.param(name, marks=pytest.mark.slow) for name in list(CASES)[1:])])
-def test_a_damped_motion_settles_at_the_equilibrium(name: str) -> None:
-    assert_settles_there(CASES[name], 2)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("cells", [3, 4])
-@pytest.mark.parametrize("name", list(CASES)[:3])
-def test_on_finer_cells_too(name: str, cells: int) -> None:
-    assert_settles_there(CASES[name], cells)
 
 
 def propped(cells: int, gap: float, pull: float) -> Result:

@@ -92,15 +92,6 @@ def test_motion_comes_to_rest_where_statics_is(named: str) -> None:
     assert settled.kinetic_energy < 1e-4 * abs(settled.energy)
 
 
-def test_a_schedule_ends_where_statics_takes_it() -> None:
-    """The field rotates by 90 degrees while it grows: the last field of the motion is the field that a static solve of the scene uses."""
-    over = {"ramp": {"duration": 5e-3}, "rotation": {"axis": (0, 1, 0), "frequency": 50.0, "turns": 0.25}}
-    still = in_field(rod_scene(length=8e-3), {"uniform": (-4e-3, 0, 0), "over_time": over}, {"magnetic_torque": {}})
-    moved = run(moving(still, duration=6e-3, output_every=3e-3))
-    np.testing.assert_allclose(moved.field, [0, 0, 4e-3], atol=1e-12)
-    np.testing.assert_allclose(run(still).field, moved.field, atol=1e-12)
-
-
 def test_a_magnet_that_is_brought_too_close_stops_the_motion() -> None:
     """The magnet moves through the catheter: the run ends with a message (time, magnet, place) and the last good state."""
     frames = [{"time": 0.0, "move": (0, 0, 0)}, {"time": 4e-3, "move": (-25e-3, 0, 0)}]

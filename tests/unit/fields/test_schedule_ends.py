@@ -39,12 +39,3 @@ def test_the_last_part_to_end_counts() -> None:
     parts = [over for over, _ in STARTED_LATE.values()]
     assert end_time(field({**parts[0], **parts[1], **parts[3]})) == pytest.approx(1.375)
     assert end_time(FieldSource.model_validate({"uniform": (0, 0, 1e-2)})) == 0.0
-
-
-def test_a_rotation_the_other_way_stops_after_its_turns() -> None:
-    """Three quarters of a turn about +y, backward: from z through -x and -z to +x, where it stays."""
-    over = {"rotation": {"axis": (0, 1, 0), "frequency": -2.0, "start": 1.0, "turns": 0.75}}
-    given = FieldSource.model_validate({"uniform": (0, 0, 1e-2), "over_time": over})
-    z, x = np.array([0, 0, 1e-2]), np.array([1e-2, 0, 0])
-    found = places(given, np.array([0, 1, 1.125, 1.25, 1.375, 1.5, 50]))["uniform"]
-    np.testing.assert_allclose(found, [z, z, -x, -z, x, x, x], atol=1e-16)

@@ -10,7 +10,6 @@ import pytest
 from reference.scenes import rod_scene
 
 from magmpm.model import build
-from magmpm.rod.cosserat import solve_rod
 from magmpm.simulate import run
 from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy
@@ -65,7 +64,3 @@ def test_whole_run_at_any_thread_count() -> None:
         assert np.array_equal(results[0].particle_position, other.particle_position)
         assert np.array_equal(results[0].centreline, other.centreline)
         assert (results[0].energy, results[0].iterations) == (other.energy, other.iterations)
-
-
-def test_rod_repeats() -> None:
-    assert np.array_equal(solve_rod(SCENE).position, solve_rod(SCENE).position)

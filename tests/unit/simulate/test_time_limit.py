@@ -125,6 +125,8 @@ def test_what_is_to_be_resumed_stays_in_its_place(
     assert len(Motion.load(out)) == 41 > before
     assert main(["run", str(path), "--out", str(tmp_path / "whole")]) == 0
     np.testing.assert_array_equal(Motion.load(out)[40].position, Motion.load(tmp_path / "whole")[40].position)
+    assert main(["run", str(path), "--out", str(out), "--time-limit", "0"]) == 2
+    assert "time limit: received 0 s" in capsys.readouterr().err
 
 
 MOVING = """\
@@ -136,22 +138,3 @@ effects: {{magnetic_torque: {{}}}}
 resolution: {{cells_across: 2}}
 solver: {{dynamic: {{duration: {duration}, output_every: 0.1 ms}}}}
 """
-
-SCENE = """\
-name: bends
-materials: {m: {shear_modulus: 300 kPa, bulk_to_shear: 20, remanence: 100 mT}}
-body: {catheter: {length: 24 mm, diameter: 4 mm, material: m, segments: [{magnetization: [1, 0, 0]}]}}
-field: {uniform: [0 mT, 0 mT, 3 mT]}
-effects: {magnetic_torque: {}}
-resolution: {cells_across: 2}
-"""
-
-
-def test_the_command_ends_with_status_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "scene.yaml"
-    path.write_text(SCENE)
-    assert main(["run", str(path), "--out", str(tmp_path / "out"), "--time-limit", "1e-9"]) == 3
-    assert "the time is over: 1e-09 s were allowed" in capsys.readouterr().err
-    assert main(["run", str(path), "--out", str(tmp_path / "out"), "--time-limit", "0"]) == 2
-    assert "time limit: received 0 s" in capsys.readouterr().err
-    assert main(["run", str(path), "--out", str(tmp_path / "out"), "--time-limit", "600"]) == 0
