@@ -39,10 +39,10 @@ def uniform_mesh_problems(path: Path, like: dict[str, Problem]) -> dict[str, Pro
 
 def main(paths: list[str]) -> int:
     """Print the table."""
-    jointed, lockings = "--jointed" in paths, ("f-bar", "none")
+    jointed = "--jointed" in paths
+    lockings = ("f-bar",) if jointed else ("f-bar", "none")
     problems = finite_element_problems(REFERENCES / ("jointed_catheters.json" if jointed else "fem.json"))
     if jointed:
-        lockings = ("f-bar",)
         problems = {name: problem for name, problem in problems.items() if name in paths or len(paths) == 1}
     for path in [] if jointed else paths:
         problems |= uniform_mesh_problems(Path(path), problems)

@@ -43,7 +43,7 @@ def motion() -> Scene:
     """A catheter pushed through a guide over the ground, in a field that turns."""
     data = moving_scene(BODY, EFFECTS, duration=1e-3).to_si()
     data["field"] = TURNING
-    data["materials"]["m"]["remanence"] = 0.1
+    data["materials"]["m"] |= {"remanence": 0.1, "magnetization_law": "rotates"}
     step = begin(build(Scene.from_si(data))).control.step
     data["solver"]["dynamic"] |= {"duration": (FRAMES - 0.5) * STEPS_EACH * step, "output_every": STEPS_EACH * step}
     return Scene.from_si(data)
