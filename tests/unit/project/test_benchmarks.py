@@ -45,7 +45,7 @@ def test_the_twin_is_the_kernel_without_its_effects() -> None:
         "update_grid(k, dt, nodes, correction, state)",
         "v[n + i] += dt * (inverse_mass[n + i] * force[n + i] + added_at(correction, plane, node, i))",
     ]
-    effects = ("effect", "push", "remembered = ", "store(x,", "touched", "meeting", "gather(state.v,", "gather_value(")
+    effects = ("effect", "push", "remembered = ", "store(x,", "touched", "meeting", "fastest", "gather(state.v,", "gather_value(")
     of_loads = ("_, P, dF, x, rate, f, spare = work", "work = group_room(room.F)", "store(f, 8 * i, splat(0.0))",
                 "store(f, 8 * i, load(f, 8 * i) * V)")  # fmt: skip
     strange = []
