@@ -200,7 +200,7 @@ def test_a_failed_equilibrium_is_marked(failing: None, capsys: Said) -> None:
     assert json.loads((OUT / NUMBERS).read_text())["load_share"] == 0.25
     found = Result.load(OUT)
     assert not found.converged
-    assert 1e-3 < np.linalg.norm(found.tip - [0.016, 0, 0]) < 2e-3  # bent by about a quarter of the load
+    assert found.tip[2] > 0.5e-3  # bent along the field
     assert trial_snapshot(found).caption() == "NOT THE ANSWER: at 25 % of the load"
     assert trial_snapshot(found).field == pytest.approx([0.0, 0.5e-3, 5e-3])
     assert Still(found).snapshot().caption() == "NOT THE ANSWER: at 25 % of the load"
