@@ -19,15 +19,16 @@ from magmpm.scene import Scene, load_scene, of_file, remedies
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.scene.rules import of_known_error
 from magmpm.scene.variables import variables
+from magmpm.solving.effects_choice import choose_effects
+from magmpm.solving.effects_choice import missed_effects as missed_effects
 from magmpm.solving.precompile import DERIVATIVES, SOLVE, prepare_kernels
 from magmpm.solving.several_grids import Runs, choose_grid, grids_of
 from magmpm.solving.solve import Progress, at_rest, finite, result_of, solve, with_state
-from magmpm.statics.effects_choice import choose_effects
-from magmpm.statics.effects_choice import missed_effects as missed_effects
 from magmpm.statics.equilibrium import Equilibrium, Following, one_blas_thread
 from magmpm.statics.grids import Equilibria
 from magmpm.statics.linearized import Linearized
 from magmpm.statics.stability import stability
+from magmpm.statics.unnamed_loads import missed_loads
 
 
 def run(
@@ -186,6 +187,7 @@ def _resolved(
         with one_blas_thread():  # as the solves: the same bits
             found = replace(found, stability=stability(found.energy, found.point))
         result = finite(result_of(grids.models[choice.cells], found, seconds))
+        result.warnings.extend(missed_loads(scene, found.energy, found.point))
     else:
         assert isinstance(grids, Runs)
         result = grids.results[choice.cells] if into_folder is None else into_folder(grids.on(choice.cells))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,10 +26,11 @@ from magmpm.scene import Scene, memory, remedies
 from magmpm.solving.precompile import SOLVE, prepare_kernels
 from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.contact import Touched, contacts_at_rest
-from magmpm.statics.equilibrium import Equilibrium, Following, solve_static
+from magmpm.statics.equilibrium import Equilibrium, Following, one_blas_thread, solve_static
 from magmpm.statics.layout import StaticModel, static_model
+from magmpm.statics.newton import factored
 from magmpm.statics.stability import on_the_brink
-from magmpm.statics.unnamed_weight import missed_weight
+from magmpm.statics.unnamed_loads import missed_loads
 
 if TYPE_CHECKING:
     from magmpm.dynamics.quasi_static import PathState
@@ -65,7 +65,8 @@ def solve(
         if scene.solver.dynamic is not None:
             return _motion(scene, folder, resume, on_progress, on_begin, on_frame)
         result, found = at_rest(scene, start, on_progress)
-        return result if start is not None else replace(result, warnings=[*result.warnings, *missed_weight(scene, found)])
+        result.warnings.extend(missed_loads(scene, found.energy, found.point) if start is None else [])
+        return result
 
 
 def at_rest(
@@ -162,7 +163,13 @@ def _path(
     except SolveError as error:
         failed = result_of(error.state, error.reason) if isinstance(error.state, quasi_static.PathState) else None
         raise type(error)(error.reason, None if failed is None or failed.not_finite() else failed) from None
-    return finite(result_of(state))
+    result = result_of(state)
+    if state.branch is not None and scene.advice == "on":
+        energy, point = state.branch.energy_at(state.time), state.branch.now.point
+        with one_blas_thread():
+            factored(energy, point)
+        result.warnings.extend(missed_loads(scene, energy, point))
+    return finite(result)
 
 
 def _path_result(state: PathState, seconds: dict[str, float], failure: str = "") -> Result:
