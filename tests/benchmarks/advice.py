@@ -28,10 +28,10 @@ from magmpm.materials import young_modulus
 from magmpm.model import build
 from magmpm.results import measures
 from magmpm.results.trajectory import Motion
-from magmpm.rod.advice import allowed_error, variants
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
-from magmpm.statics.effects_choice import missed_effects
+from magmpm.solving.effects_choice import missed_effects
+from magmpm.solving.influence import variants
 from magmpm.studies.explore.effects_costs import counted
 from magmpm.studies.explore.effects_table import survey
 
@@ -105,7 +105,7 @@ def answer(scene: Scene) -> Any:
 def calls(number: int) -> list[dict[str, Any]]:
     """One row for each effect that the scene could have: what was advised, and what the full runs say."""
     scene, out = drawn(number), []
-    error = allowed_error(scene)
+    error = scene.allowed_error
     begun = time.perf_counter()
     table = survey(scene)
     seconds = time.perf_counter() - begun
