@@ -1,8 +1,8 @@
 """Influence of an effect on a scene's answer: two runs on the coarsest grid, with the effect and without it, and the distance between them.
 
 The answer is the equilibrium, the path or the motion that the scene asks for; an effect that it does not name is tried with its usual
-settings, where it has them. Runs with one cell more tell what the grid adds to the distance: always of single equilibria, which take
-hundredths of a second, elsewhere where the advice depends on it.
+settings, where it has them. Runs with one cell more tell what the grid adds to a distance that may matter: of single equilibria, which
+take hundredths of a second, and elsewhere where the advice depends on it.
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ NEIGHBORS = 2.5  # thicknesses along the axis: points nearer than that are neigh
 FRAMES = 25  # of a motion
 MOMENTS = 9  # of a path, in equal parts, at most
 FAINT = 1e-12  # of an effect's usual strength: as if it were not there, with the kernels of a scene that has it
-GRID = 0.05  # of a shift: its uncertainty on the coarsest grid, from tests/benchmarks/advice.py
-CLOSE = 0.3  # of the error: advice on a path or a motion is close to the other way within that
+GRID = 0.05  # of a shift: its uncertainty on the coarsest grid, 0.4 % in the middle and 2.5 % at most of 40 (tests/benchmarks/advice.py)
+CLOSE = 0.2  # of the error: a shift that is no nearer to it is on the same side on every grid
+SMALL = 0.5  # of the error: a smaller shift is not looked at on another grid
 LONGEST = 4.0  # s, of a motion that is run again for each effect
 RATE = 15e6  # particle-steps a second, whole runs of motion on two cores of about 2.7 GHz
 STABLE = 0.72  # of the time of a pressure wave through a cell: a step
@@ -66,8 +67,11 @@ class Variants:
 
     def shift(self, scene: Scene, other: Scene) -> Shift:
         """Distance between two variants. Raises SolveError where one has no answer or takes too long, InputError where it can't be run."""
-        moved = self._distance(scene, other, 0)
-        if self.scene.in_time and abs(moved - self.error) > CLOSE * self.error:
+        moved, key = self._distance(scene, other, 0), "magnetic_interaction"
+        if moved < SMALL * self.error:
+            return Shift(moved, moved / 2)
+        blocks = getattr(scene.effects, key) != getattr(other.effects, key)  # as large as cells: on 2 cells up to a quarter off
+        if self.scene.in_time and not blocks and abs(moved - self.error) > CLOSE * self.error:
             return Shift(moved, GRID * moved)
         finer = self._distance(scene, other, 1)
         return Shift(finer, abs(finer - moved) + GRID * finer / 2)
