@@ -32,6 +32,7 @@ LONGEST = 4.0  # s, of a motion that is run again for each effect
 RATE = 15e6  # particle-steps a second, whole runs of motion on two cores of about 2.7 GHz
 STABLE = 0.72  # of the time of a pressure wave through a cell: a step
 _WHERE = {"walls": "tube or surface", "viscosity": "viscosity or branches"}  # settings of which one is needed
+ONE_ENERGY = ("magnetic_torque", "magnetic_force")
 Word = Literal["keep", "drop", "add", "irrelevant"]
 
 
@@ -58,11 +59,12 @@ class Judgment:
 class Variants:
     """A scene and others that differ from it by their effects, each run once on a coarse grid.
 
-    error: m, that the answer may have; what the scene requests unless given.
+    error: m, that the answer may have, what the scene requests unless given; longest: s, that a motion may take about.
     """
 
-    def __init__(self, scene: Scene, error: float | None = None) -> None:
-        self.scene, self.error, self.cells = scene, error or scene.allowed_error, coarsest_cells(scene)
+    def __init__(self, scene: Scene, error: float | None = None, longest: float = LONGEST) -> None:
+        self.scene, self.error, self.longest = scene, error or scene.allowed_error, longest
+        self.cells = coarsest_cells(scene)
         self._found: dict[tuple[Any, int], Frames | MagmpmError] = {}
 
     def shift(self, scene: Scene, other: Scene) -> Shift:
@@ -73,7 +75,10 @@ class Variants:
         blocks = getattr(scene.effects, key) != getattr(other.effects, key)  # as large as cells: on 2 cells up to a quarter off
         if self.scene.in_time and not blocks and abs(moved - self.error) > CLOSE * self.error:
             return Shift(moved, GRID * moved)
-        finer = self._distance(scene, other, 1)
+        try:
+            finer = self._distance(scene, other, 1)
+        except SolveError:  # it takes too long, say
+            return Shift(moved, moved / 2)
         return Shift(finer, abs(finer - moved) + GRID * finer / 2)
 
     def frames(self, scene: Scene, finer: int = 0) -> Frames:
@@ -100,7 +105,7 @@ class Variants:
         if len(times) > MOMENTS:
             data["solver"]["quasi_static"] = {"at": [times[i] for i in np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)]}
         coarse, frames = Scene.from_si({**data, "reference": None, "advice": "off"}).with_cells(cells), Frames()
-        if coarse.solver.dynamic is not None and (takes := motion_seconds(coarse)) > LONGEST:
+        if coarse.solver.dynamic is not None and (takes := motion_seconds(coarse)) > self.longest:
             raise SolveError(f"a motion that takes some {takes:.2g} s on {cells} cells is not run again for each effect")
         result = solve(coarse, on_frame=frames.see)
         return frames if frames.times else frames_of(result)
@@ -116,7 +121,7 @@ class Variants:
         if named.viscosity is None and usual.viscosity is not None and not usual.viscosity.branches:
             effects["viscosity"] = {"viscosity": FAINT * usual.viscosity.viscosity}
         if named.magnetic_torque is None and named.magnetic_force is None and named.magnetic_interaction is None and scene.field.acts:
-            effects["magnetic_torque"] = {}
+            effects.update({key: {} for key in (ONE_ENERGY if scene.field.varies else ONE_ENERGY[:1])})
             for material in data["materials"].values():
                 material["remanence"] *= FAINT
         return data
@@ -132,7 +137,10 @@ def motion_seconds(scene: Scene) -> float:
 
 
 def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:
-    """The scene with an effect and without it; or why the effect can't act in it, in words."""
+    """The scene with an effect and without it; or why the effect can't act in it, in words.
+
+    At rest in a field that varies in space torque and force come and go together.
+    """
     kind, named = scene.effects.every()[key], getattr(scene.effects, key)
     along_time = scene.solver.quasi_static is not None and kind.ALONG_TIME
     if scene.solver.dynamic is None and kind.ONLY_IN_MOTION and not along_time:
@@ -143,12 +151,15 @@ def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:
     if key in _WHERE and named is None:
         return f"the scene does not say its {_WHERE[key]}"
     try:
-        if key == "magnetic_force" and scene.effects.magnetic_torque is None:
-            scene = scene.with_effects(magnetic_torque={})  # the two have one energy
+        both = key in ONE_ENERGY and scene.static and scene.field.varies  # neither has an equilibrium without the other
+        if both or (key == "magnetic_force" and scene.effects.magnetic_torque is None):
+            scene = scene.with_effects(**{one: {} for one in (ONE_ENERGY if both else ONE_ENERGY[:1])})
+            named = getattr(scene.effects, key)
         having = scene if named is not None else _naming(scene, key, kind)
         if key != "self_contact" and not getattr(having.effects, key).records(having, 1.0, np.zeros(1) if scene.in_time else None):
             return "nothing here that it could act on"
-        return having, scene.model_copy(update={"effects": scene.effects.model_copy(update={key: None})})
+        left_out = dict.fromkeys(ONE_ENERGY if both else (key,))
+        return having, scene.model_copy(update={"effects": scene.effects.model_copy(update=left_out)})
     except InputError as error:
         return reason(error)
 

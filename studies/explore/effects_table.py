@@ -186,7 +186,8 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None) ->
     spent = counted(scene) if measure else {}
     for key, kind in effects.every().items():
         named, found = getattr(scene.effects, key) is not None, judge(scene, key, runs)
-        at_rest_m, says = _judged(scene, body, key, kind) if scene.body.shape.line is not None else (None, "the body is no rod")
+        estimated = scene.body.shape.line is not None and (scene.in_time or key in NO_LOADS)
+        at_rest_m, says = _judged(scene, body, key, kind) if estimated else (None, found.why)
         if found.shift is None and at_rest_m and key not in NO_LOADS:
             found = _by_rest(scene, key, at_rest_m, found, error)
         moving = found.shift if scene.in_time else None

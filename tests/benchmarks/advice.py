@@ -13,8 +13,8 @@ calls. self_contact is not tried: it acts in motion alone, and on bodies that fo
 from __future__ import annotations
 
 import json
+import math
 import sys
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -25,19 +25,16 @@ from effect_cost import measured
 from magmpm.errors import MagmpmError
 from magmpm.fields.dipole import MU0
 from magmpm.materials import young_modulus
-from magmpm.model import build
-from magmpm.results import measures
-from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
 from magmpm.solving.effects_choice import missed_effects
-from magmpm.solving.influence import variants
+from magmpm.solving.influence import Variants, variants
 from magmpm.studies.explore.effects_costs import counted
 from magmpm.studies.explore.effects_table import survey
 
 SEED, SCENES = 20261122, 40  # fixed before the first run
 FOLDER = Path("runs/bench-advice")
-FRAMES = 25
+FINER = 1  # cells more across than the coarsest, of the full runs
 WARNED = ("five_segments", "three_segments_3d", "pulled_by_magnet", "pulled_by_map", "fed_into_vessel", "gallery/catheter_swing")
 
 
@@ -89,19 +86,6 @@ def drawn(number: int) -> Scene:
     )  # fmt: skip
 
 
-def answer(scene: Scene) -> Any:
-    """Shapes (k, m, 3) m of the axis in the full run: at rest, or in every frame."""
-    if not scene.in_time:
-        return run(scene).centreline[None, :, 1:]
-    with tempfile.TemporaryDirectory() as folder:
-        if scene.solver.dynamic is not None:
-            options = scene.solver.dynamic.model_copy(update={"output_every": scene.duration / FRAMES})
-            scene = scene.model_copy(update={"solver": scene.solver.model_copy(update={"dynamic": options})})
-        run(scene, folder=folder)
-        motion, model = Motion.load(folder), build(scene, time=0.0 if scene.static else None)
-        return np.stack([measures.axis_of_particles(model, motion.position(k))[:, 1:] for k in range(len(motion))])
-
-
 def calls(number: int) -> list[dict[str, Any]]:
     """One row for each effect that the scene could have: what was advised, and what the full runs say."""
     scene, out = drawn(number), []
@@ -109,7 +93,7 @@ def calls(number: int) -> list[dict[str, Any]]:
     begun = time.perf_counter()
     table = survey(scene)
     seconds = time.perf_counter() - begun
-    whole: dict[str, Any] = {}
+    fine = Variants(scene, error, math.inf)
     for row in table.effects:
         both = variants(scene, row.effect)
         if isinstance(both, str) or row.effect == "self_contact":
@@ -117,12 +101,7 @@ def calls(number: int) -> list[dict[str, Any]]:
         about = {"scene": number, "name": scene.name, "effect": row.effect, "named": row.named, "error": error, "seconds": seconds}
         about |= {"advice": row.advice, "shift": row.shift_m, "uncertainty": row.uncertainty_m, "length": scene.length}
         try:
-            for one in both:
-                if one.hash() not in whole:
-                    whole[one.hash()] = answer(one)
-            first, second = (whole[one.hash()] for one in both)
-            frames = min(len(first), len(second))
-            true = float(np.linalg.norm(first[:frames] - second[:frames], axis=2).max())
+            true = max(fine.frames(both[0], FINER).distances(fine.frames(both[1], FINER)).values())
         except MagmpmError as trouble:
             out.append({**about, "true": None, "why": str(trouble)[:200]})
             continue
