@@ -18,7 +18,7 @@ from magmpm.fields.sources import FieldSource
 from magmpm.model import build
 from magmpm.results.readable import fixed, significant
 from magmpm.rod.cantilever import first_frequency, is_cantilever
-from magmpm.rod.cosserat import rod_model, solve_rod
+from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.simulate import choose_effects, run
@@ -142,15 +142,6 @@ class Estimates:
         return self._found[key]
 
     @cached_property
-    def begin(self) -> Array:
-        """The same points (m, 3) m of the undeformed body."""
-        still = at_rest(self.scene)
-        if self.line is None:
-            return build(still.with_cells(COARSE)).particles.position
-        s = np.concatenate([[0.0], np.cumsum(rod_model(still).length)])
-        return np.array(self.line.base) + s[:, None] * [1.0, 0.0, 0.0]
-
-    @cached_property
     def frequency(self) -> float | None:
         """Frequency of the clamped rod, rad/s."""
         dense = all(self.scene.materials[p.material_name].density is not None for p in self.scene.regions())
@@ -170,9 +161,9 @@ def at_rest(scene: Scene) -> Scene:
     return Scene.from_si({**data, "solver": solver, "reference": None})
 
 
-def survey(scene: Scene, *, measure: bool = True, error: float | None = None) -> Table:
-    """Every available effect, in this scene. measure: count costs too; otherwise cost_percent is None. error: m, what the answer may be off
-    by; what the scene's resolution requests, or 1 % of the length, unless given.
+def survey(scene: Scene, *, measure: bool = True, error: float | None = None, only: str | None = None) -> Table:
+    """Every available effect, or only one, in this scene. measure: count costs too, else cost_percent is None. error: m, what the answer
+    may be off by; what the scene's resolution requests, or 1 % of the length, unless given.
 
     Raises InputError if a run of the scene could not begin, for example because the body starts in the ground or outside its lumen.
     """
@@ -185,6 +176,8 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None) ->
     body, runs, rows = Estimates(scene), Variants(scene, error), []
     spent = counted(scene) if measure else {}
     for key, kind in effects.every().items():
+        if only not in (None, key):
+            continue
         named, found = getattr(scene.effects, key) is not None, judge(scene, key, runs)
         estimated = scene.body.shape.line is not None and (scene.in_time or key in NO_LOADS)
         at_rest_m, says = _judged(scene, body, key, kind) if estimated else (None, found.why)
@@ -200,7 +193,7 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None) ->
         moment = stopped(scene)[1]
     except MagmpmError:  # the rows say why
         moment = None
-    return Table(scene.name, scene.length, error, rows, needs(scene, runs), moment)
+    return Table(scene.name, scene.length, error, rows, needs(scene, runs) if only is None else [], moment)
 
 
 def _by_rest(scene: Scene, key: str, at_rest_m: float, found: Judgment, error: float) -> Judgment:

@@ -6,7 +6,6 @@ calls. self_contact is not tried: it acts in motion alone, and on bodies that fo
 
     python tests/benchmarks/advice.py [FIRST LAST]     # scenes FIRST to LAST - 1, added to runs/bench-advice/calls.jsonl
     python tests/benchmarks/advice.py report           # what these say
-    python tests/benchmarks/advice.py warnings         # processor time of the warnings of `magmpm run`, over the run's
     python tests/benchmarks/advice.py costs            # counted costs against measured ones, on an idle machine
 """
 
@@ -25,9 +24,7 @@ from effect_cost import measured
 from magmpm.errors import MagmpmError
 from magmpm.fields.dipole import MU0
 from magmpm.materials import young_modulus
-from magmpm.scene import Scene, load_scene
-from magmpm.simulate import run
-from magmpm.solving.effects_choice import missed_effects
+from magmpm.scene import Scene
 from magmpm.solving.influence import Variants, variants
 from magmpm.studies.explore.effects_costs import counted
 from magmpm.studies.explore.effects_table import survey
@@ -35,7 +32,6 @@ from magmpm.studies.explore.effects_table import survey
 SEED, SCENES = 20261122, 40  # fixed before the first run
 FOLDER = Path("runs/bench-advice")
 FINER = 1  # cells more across than the coarsest, of the full runs
-WARNED = ("five_segments", "three_segments_3d", "pulled_by_magnet", "pulled_by_map", "fed_into_vessel", "gallery/catheter_swing")
 
 
 def drawn(number: int) -> Scene:
@@ -136,25 +132,11 @@ def costs() -> None:
             continue
 
 
-def warnings() -> None:
-    """Processor time of the warnings over that of the whole run, of scenes of every kind; the second of two runs."""
-    for name in WARNED:
-        scene = load_scene(Path("data/scenes") / f"{name}.yaml")
-        took = {}
-        for what, work in (("warnings", missed_effects), ("run", run)) * 2:
-            begun = time.process_time()
-            work(scene)
-            took[what] = time.process_time() - begun
-        print(f"{name:24} {1e3 * took['warnings']:6.0f} of {1e3 * took['run']:6.0f} ms: {100 * took['warnings'] / took['run']:.1f} %")
-
-
 def main() -> None:
     """As the first lines of this file say."""
     given = sys.argv[1:]
     if given == ["costs"]:
         costs()
-    elif given == ["warnings"]:
-        warnings()
     elif given == ["report"]:
         report()
     else:

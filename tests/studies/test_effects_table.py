@@ -172,7 +172,6 @@ def test_a_field_that_ends_has_no_moment() -> None:
 
 MEASURED = "to measure, compare `magmpm run` with and without it"
 BODY = {"catheter": {"length": 40e-3, "diameter": 4e-3, "material": "m", "segments": [{"magnetization": [1, 0, 0]}]}}
-STRAIGHT = {"tube": {"radius": 5e-3, "path": [[-10e-3, 0, 0], [90e-3, 0, 0]]}}
 
 
 def moving(effects: dict[str, Any], **more: Any) -> dict[str, Row]:
@@ -196,30 +195,21 @@ def test_walls_of_a_vessel_are_not_without_effect(capsys: pytest.CaptureFixture[
     assert "does not say its viscosity" in told["viscosity"]["why"]
 
 
-def test_a_fed_body_that_meets_no_wall_straight_ahead_may_still_bend() -> None:
-    found = moving({"feed": {"speed": 0.05, "exit": 20e-3}, "walls": STRAIGHT})
-    assert found["walls"].rest_m is None
-    assert "straight ahead it would stay 3 mm clear of it" in found["walls"].says
-
-
-def test_a_body_that_may_touch_as_it_swings_is_not_called_clear() -> None:
-    """The equilibrium is 5 mm below the axis: a swing of twice that reaches the ground 3 mm further down, but not 30 mm."""
+def test_motions_tell_whether_a_body_touches_the_ground() -> None:
+    """Let go under its weight it swings to nearly twice the depth of its equilibrium, which stays clear of a ground 3 mm further down."""
     low = -float(solve_rod(rod_scene(gravity=DOWN, shear=240e3)).position[:, 2].min())
-    assert 3e-3 < low < 12e-3
-    near, far = (moving({"gravity": {}, "ground": {"point": [0, 0, -low - 2e-3 - gap]}}) for gap in (3e-3, 30e-3))
-    assert near["ground"].rest_m is None
-    assert "the body comes to rest 3 mm above it, and may touch it as it swings" in near["ground"].says
-    assert far["ground"].rest_m == 0.0
-    assert f"stays {30 - 1e3 * low:.3g} mm clear" in far["ground"].says
-    assert far["gravity"].ignores == ("motion", "ground")
-    assert near["self_contact"].rest_m is None
+    near, far = (moving({"gravity": {}, "ground": {"point": [0, 0, -low - 2e-3 - gap]}})["ground"] for gap in (1e-3, 30e-3))
+    assert near.says == "the body comes to rest 1 mm above it"
+    assert (near.advice, far.advice) == ("keep", "drop")
+    assert far.shift_m == 0.0
 
 
 def test_nothing_is_estimated_of_a_body_that_nothing_holds() -> None:
     body = {"catheter": {**BODY["catheter"], "clamp": "none"}}
-    scene = moving_scene(body, {"gravity": {}, "ground": {"point": [0, 0, -5e-3]}}, field={"uniform": [0, 0, 3e-3]})
+    scene = moving_scene(body, {"gravity": {}, "ground": {"point": [0, 0, -5e-3]}}, field={"uniform": [0, 0, 3e-3]}, duration=0.05)
     found = rows(scene)
     for key in ("gravity", "ground", "magnetic_torque"):
+        assert found[key].advice == "keep", key
         assert found[key].rest_m is None, key
         assert found[key].says == f"not estimated: nothing holds the body; {MEASURED}", key
 
