@@ -21,6 +21,7 @@ from magmpm.results.folder_lock import written_folder
 from magmpm.results.result import Result
 from magmpm.results.strain import Strain, strain_of
 from magmpm.results.versions import versions
+from magmpm.rod.cantilever import is_cantilever
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, memory, remedies
 from magmpm.solving.precompile import SOLVE, prepare_kernels
@@ -50,10 +51,12 @@ def solve(
     on_progress: Progress | None = None,
     on_begin: Callable[[], None] | None = None,
     on_frame: OnFrame | None = None,
+    advise: bool = False,
 ) -> Result:
     """Simulate a scene whose cells and effects are given: arguments and errors as of simulate.run, but only frames are written to folder.
 
-    on_frame: called with each frame of what is solved along time, whether it is written or not.
+    on_frame: called with each frame of what is solved along time, whether it is written or not. advise: warn of loads that equilibria lack
+    (statics.unnamed_loads); of single ones of bodies that are no cantilevers always.
     """
     if start is not None and scene.in_time:
         raise ValueError("start: received one for a scene that moves, which begins undeformed; leave it out")
@@ -61,11 +64,12 @@ def solve(
         scene.check_energy()
     with remedies.named(scene):
         if scene.solver.quasi_static is not None:
-            return _path(scene, folder, resume, on_progress, on_begin, on_frame)
+            return _path(scene, folder, resume, on_progress, on_begin, on_frame, advise)
         if scene.solver.dynamic is not None:
             return _motion(scene, folder, resume, on_progress, on_begin, on_frame)
         result, found = at_rest(scene, start, on_progress)
-        result.warnings.extend(missed_loads(scene, found.energy, found.point) if start is None else [])
+        told = start is None and (advise or not is_cantilever(scene))
+        result.warnings.extend(missed_loads(scene, found.energy, found.point) if told else [])
         return result
 
 
@@ -141,7 +145,7 @@ def _motion(
 
 def _path(
     scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None, on_begin: Callable[[], None] | None,
-    on_frame: OnFrame | None,
+    on_frame: OnFrame | None, advise: bool,
 ) -> Result:  # fmt: skip
     from magmpm.dynamics import quasi_static  # single equilibria need neither it nor HDF5
 
@@ -164,7 +168,7 @@ def _path(
         failed = result_of(error.state, error.reason) if isinstance(error.state, quasi_static.PathState) else None
         raise type(error)(error.reason, None if failed is None or failed.not_finite() else failed) from None
     result = result_of(state)
-    if state.branch is not None and scene.advice == "on":
+    if state.branch is not None and advise:
         energy, point = state.branch.energy_at(state.time), state.branch.now.point
         with one_blas_thread():
             factored(energy, point)

@@ -1,7 +1,7 @@
-"""Whether the advice of `magmpm effects` is right: against full runs with and without each effect, on scenes drawn at random.
+"""Advice of `magmpm effects` against runs with and without each effect on a finer grid (rest 4, motion 3 cells), on scenes drawn at random.
 
 make bench-advice: 40 scenes, every effect that each could have. A call is right if it says of an effect that it moves the answer by more
-than the asked error, 1 % of the length, when the full runs say so too. Effects for which the scene has no data (a rate, a wall) are no
+than the requested error, 1 % of the length, when the finer runs say so too. Effects for which the scene has no data (a rate, a wall) are no
 calls. self_contact is not tried: it acts in motion alone, and on bodies that fold.
 
     python tests/benchmarks/advice.py [FIRST LAST]     # scenes FIRST to LAST - 1, added to runs/bench-advice/calls.jsonl
@@ -31,7 +31,6 @@ from magmpm.studies.explore.effects_table import survey
 
 SEED, SCENES = 20261122, 40  # fixed before the first run
 FOLDER = Path("runs/bench-advice")
-FINER = 1  # cells more across than the coarsest, of the full runs
 
 
 def drawn(number: int) -> Scene:
@@ -89,7 +88,7 @@ def calls(number: int) -> list[dict[str, Any]]:
     begun = time.perf_counter()
     table = survey(scene)
     seconds = time.perf_counter() - begun
-    fine = Variants(scene, error, math.inf)
+    fine, finer = Variants(scene, error, math.inf), 2 if scene.static else 1
     for row in table.effects:
         both = variants(scene, row.effect)
         if isinstance(both, str) or row.effect == "self_contact":
@@ -97,7 +96,7 @@ def calls(number: int) -> list[dict[str, Any]]:
         about = {"scene": number, "name": scene.name, "effect": row.effect, "named": row.named, "error": error, "seconds": seconds}
         about |= {"advice": row.advice, "shift": row.shift_m, "uncertainty": row.uncertainty_m, "length": scene.length}
         try:
-            true = max(fine.frames(both[0], FINER).distances(fine.frames(both[1], FINER)).values())
+            true = max(fine.frames(both[0], finer).distances(fine.frames(both[1], finer)).values())
         except MagmpmError as trouble:
             out.append({**about, "true": None, "why": str(trouble)[:200]})
             continue

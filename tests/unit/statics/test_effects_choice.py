@@ -13,7 +13,7 @@ from magmpm.effects.acting import Effects
 from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.scene import Scene, load_scene
-from magmpm.simulate import run
+from magmpm.simulate import run, simulated
 from magmpm.solving.effects_choice import choose_effects, missed_effects
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
@@ -61,7 +61,7 @@ def test_the_asked_error_decides(tmp_path: Path) -> None:
 
 def told(scene: Scene) -> list[str]:
     """Effects of which a run warns that they are not named."""
-    return [one.split()[1] for one in run(scene).warnings if one.startswith("effects: ") and "may move the answer" in one]
+    return [one.split()[1] for one in simulated(scene, advise=True).warnings if one.startswith("effects: ") and "may move the answer" in one]
 
 
 def test_what_is_not_named_and_matters_is_told_once(tmp_path: Path) -> None:
