@@ -8,7 +8,7 @@ take hundredths of a second, and elsewhere where the advice depends on it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -28,8 +28,9 @@ FAINT = 1e-12  # of an effect's usual strength: as if it were not there, with th
 GRID = 0.05  # of a shift: its uncertainty on the coarsest grid, 0.4 % in the middle and 2.5 % at most of 40 (tests/benchmarks/advice.py)
 CLOSE = 0.2  # of the error: a shift that is no nearer to it is on the same side on every grid
 SMALL = 0.5  # of the error: a smaller shift is not looked at on another grid
-LONGEST = 4.0  # s, of a motion that is run again for each effect
+LONGEST = 2.0  # s, that a motion may take which is run for each effect; of a longer one its first part is
 RATE = 15e6  # particle-steps a second, whole runs of motion on two cores of about 2.7 GHz
+FINER = 5.0  # times that long, a motion on a grid with one cell more
 STABLE = 0.72  # of the time of a pressure wave through a cell: a step
 _WHERE = {"walls": "tube or surface", "viscosity": "viscosity or branches"}  # settings of which one is needed
 ONE_ENERGY = ("magnetic_torque", "magnetic_force")
@@ -64,7 +65,9 @@ class Variants:
 
     def __init__(self, scene: Scene, error: float | None = None, longest: float = LONGEST) -> None:
         self.scene, self.error, self.longest = scene, error or scene.allowed_error, longest
-        self.cells = coarsest_cells(scene)
+        self.cells, self.duration = coarsest_cells(scene), scene.duration
+        if scene.solver.dynamic is not None:
+            self.duration *= min(1.0, longest / motion_seconds(scene.with_cells(self.cells)))
         self._found: dict[tuple[Any, int], Frames | MagmpmError] = {}
 
     def shift(self, scene: Scene, other: Scene) -> Shift:
@@ -100,13 +103,13 @@ class Variants:
     def _run(self, scene: Scene, cells: int) -> Frames:
         data = self._sharing_kernels(scene)
         if scene.solver.dynamic is not None:
-            data["solver"]["dynamic"] |= {"output_every": scene.duration / FRAMES, "time_step": None}
+            data["solver"]["dynamic"] |= {"duration": self.duration, "output_every": self.duration / FRAMES, "time_step": None}
         times = scene.path_times()
         if len(times) > MOMENTS:
             data["solver"]["quasi_static"] = {"at": [times[i] for i in np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)]}
         coarse, frames = Scene.from_si({**data, "reference": None, "advice": "off"}).with_cells(cells), Frames()
-        if coarse.solver.dynamic is not None and (takes := motion_seconds(coarse)) > self.longest:
-            raise SolveError(f"a motion that takes some {takes:.2g} s on {cells} cells is not run again for each effect")
+        if cells > self.cells and coarse.solver.dynamic is not None and motion_seconds(coarse) > FINER * self.longest:
+            raise SolveError("a motion on a finer grid takes too long")
         result = solve(coarse, on_frame=frames.see)
         return frames if frames.times else frames_of(result)
 
@@ -186,11 +189,17 @@ def judge(scene: Scene, key: str, runs: Variants) -> Judgment:
         return Judgment(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
     try:
         overlap = key == "self_contact" and scene.body.shape.line is not None
-        return verdict(scene, key, _overlap(runs.frames(both[1]), scene.thickness) if overlap else runs.shift(*both), runs.error)
+        found = verdict(scene, key, _overlap(runs.frames(both[1]), scene.thickness) if overlap else runs.shift(*both), runs.error)
     except SolveError as trouble:
         return unknown(key, named, trouble.reason)
     except MagmpmError as trouble:
         return unknown(key, named, reason(trouble))
+    if runs.duration == scene.duration:
+        return found
+    within = f"{found.why}, within its first {runs.duration:.2g} s"  # more than that is not run: the whole may be moved farther
+    if found.advice in ("keep", "add"):
+        return replace(found, shift=None, uncertainty=None, why=within)
+    return unknown(key, named, f"a whole run takes too long, and {within}")
 
 
 def verdict(scene: Scene, key: str, moved: Shift, error: float) -> Judgment:

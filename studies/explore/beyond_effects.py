@@ -18,6 +18,7 @@ from magmpm.scene import Scene
 from magmpm.solving.influence import Variants, motion_seconds
 
 SOLVE, ORDER, WIDE = 0.1, 3.6, 1.7  # s at 4 cells across and L/D 10; powers of the cells, and of a strip's width
+TOO_LONG = "not estimated: a whole run takes too long"
 STILL = 5  # equilibria and one, that a motion is compared with
 ROD = 0.005  # s, of a rod at rest
 # What a rod is off by, over its deflection: with slenderness, as the clamp's share of the length (docs/effects.md, "How sure").
@@ -53,6 +54,8 @@ def _three_dimensions(scene: Scene, runs: Variants, cost: float) -> Need:
     question, measured = "three dimensions", not scene.in_time
     if scene.body.shape.line is None or (scene.static and not is_cantilever(scene)):
         return Need(question, True, 0.0, None, "the body is no rod")
+    if runs.duration < scene.duration:
+        return Need(question, None, None, None, TOO_LONG)
     try:
         shapes = np.array(runs.frames(scene, int(measured)).points)
         off = _off(scene, runs, shapes[0]) if measured else _guessed(scene, shapes)
@@ -88,6 +91,8 @@ def _dynamics(scene: Scene, runs: Variants, cost: float) -> Need:
     held = [key for key in ("walls", "ground", "self_contact") if getattr(scene.effects, key) is not None]
     if held or scene.body.shape.line is None or scene.body.shape.clamp == "none":
         return Need(question, True, 0.0, None, f"{' and '.join(held) or 'such a body'}: equilibria may miss how it gets there")
+    if runs.duration < scene.duration:
+        return Need(question, None, None, None, TOO_LONG)
     try:
         moving, data = runs.frames(scene), scene.to_si()
         times = moving.times[:: len(moving.times) // STILL]

@@ -181,7 +181,7 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on
         named, found = getattr(scene.effects, key) is not None, judge(scene, key, runs)
         estimated = scene.body.shape.line is not None and (scene.in_time or key in NO_LOADS)
         at_rest_m, says = _judged(scene, body, key, kind) if estimated else (None, found.why)
-        if found.shift is None and at_rest_m and key not in NO_LOADS:
+        if found.shift is None and at_rest_m and key not in NO_LOADS and found.why.startswith("not estimated"):
             found = _by_rest(scene, key, at_rest_m, found, error)
         moving = found.shift if scene.in_time else None
         if not scene.in_time and found.shift is not None:
