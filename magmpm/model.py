@@ -170,7 +170,7 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
         raise SceneError(
             "effects",
             received="auto",
-            rule="here the effects must be named: they are chosen by `magmpm run` and magmpm.run (statics.effects_choice) alone",
+            rule="here the effects must be named: they are chosen by `magmpm run` and magmpm.run (solving.effects_choice) alone",
             remedy="name those that `magmpm run` tells it has chosen",
         )
     made = made or shape.discretize(resolution.cells_across, resolution.particles_per_cell, knots_of(scene))

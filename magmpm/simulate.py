@@ -19,15 +19,16 @@ from magmpm.scene import Scene, load_scene, of_file, remedies
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.scene.rules import of_known_error
 from magmpm.scene.variables import variables
+from magmpm.solving.effects_choice import choose_effects
+from magmpm.solving.effects_choice import missed_effects as missed_effects
 from magmpm.solving.precompile import DERIVATIVES, SOLVE, prepare_kernels
 from magmpm.solving.several_grids import Runs, choose_grid, grids_of
 from magmpm.solving.solve import Progress, at_rest, finite, result_of, solve, with_state
-from magmpm.statics.effects_choice import choose_effects
-from magmpm.statics.effects_choice import missed_effects as missed_effects
 from magmpm.statics.equilibrium import Equilibrium, Following, one_blas_thread
 from magmpm.statics.grids import Equilibria
 from magmpm.statics.linearized import Linearized
 from magmpm.statics.stability import stability
+from magmpm.statics.unnamed_loads import missed_loads
 
 
 def run(
@@ -109,15 +110,16 @@ def simulated(
     resume: bool = False,
     on_progress: Progress | None = None,
     on_begin: Callable[[], None] | None = None,
+    advise: bool = False,
 ) -> Result:
-    """Run as `run` does, for callers that save the result: folder takes frames and checkpoints, nothing else."""
-    on_grid = partial(solve, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
+    """Run as `run` does, for callers that save the result: folder takes frames and checkpoints, nothing else. advise: as of `solve`."""
+    on_grid = partial(solve, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin, advise=advise)
     if scene.effects.auto:
         choice = choose_effects(scene)
         found = simulated(choice.scene, start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
         return replace(found, effects_chosen=choice.told)
     if scene.resolution.asked:
-        return _resolved(scene, start, on_progress, on_grid if folder is not None and scene.in_time else None)[0]
+        return _resolved(scene, start, on_progress, on_grid if folder is not None and scene.in_time else None, advise)[0]
     return on_grid(scene, start=start)
 
 
@@ -158,7 +160,7 @@ def sensitivities(
 
 
 def _resolved(
-    scene: Scene, start: object, on_progress: Progress | None, into_folder: Callable[[Scene], Result] | None = None
+    scene: Scene, start: object, on_progress: Progress | None, into_folder: Callable[[Scene], Result] | None = None, advise: bool = False
 ) -> tuple[Result, Equilibrium | None]:
     """The answer on the grid that is chosen for the error or the time that a scene requests; of a straight body at rest as the solver found
     it, too. into_folder: runs the scene on that grid once more, and writes its frames; nothing is written before the grid is chosen.
@@ -186,6 +188,7 @@ def _resolved(
         with one_blas_thread():  # as the solves: the same bits
             found = replace(found, stability=stability(found.energy, found.point))
         result = finite(result_of(grids.models[choice.cells], found, seconds))
+        result.warnings.extend(missed_loads(scene, found.energy, found.point) if advise else [])
     else:
         assert isinstance(grids, Runs)
         result = grids.results[choice.cells] if into_folder is None else into_folder(grids.on(choice.cells))

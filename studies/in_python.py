@@ -65,8 +65,8 @@ def influence(scene: SceneLike, effect: str | None = None) -> Table | Row:
     if effect is not None and effect not in known:
         raise InputError(report("effect", received=repr(effect), rule=f"must be one of {', '.join(known)}", remedy="leave it out for all"))
     with _placed(scene):
-        table = survey(_scene(scene), measure=effect is None)
-    return table if effect is None else next(row for row in table.effects if row.effect == effect)
+        table = survey(_scene(scene), measure=effect is None, only=effect)
+    return table if effect is None else table.effects[0]
 
 
 def _placed(scene: SceneLike) -> AbstractContextManager[None]:

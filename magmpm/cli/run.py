@@ -116,7 +116,7 @@ def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Re
             else:  # in thousandths, of which the time left is guessed
                 progress.at(int(1000 * number / scene.duration), 1000, f"step {step}, t = {number:.4g} s")
 
-        return simulated(scene, folder=kept.path, resume=kept.written, on_progress=tell, on_begin=kept.set_aside)
+        return simulated(scene, folder=kept.path, resume=kept.written, on_progress=tell, on_begin=kept.set_aside, advise=True)
 
 
 def _warn(result: Result) -> None:

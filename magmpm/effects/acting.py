@@ -55,7 +55,7 @@ class Effects(Settings):
     walls: Walls | None = _key("Contact with the wall of a lumen.", _LUMEN)
     self_contact: SelfContact | None = _key("In motion: the body touches itself and separates again: {}.", {})
     feed: Feed | None = _key("In motion: the base is pushed through a guide.", {"speed": "20 mm/s", "exit": "10 mm"})
-    # `effects: auto` in a file: the program is to choose (statics.effects_choice); nothing is named with it.
+    # `effects: auto` in a file: the program is to choose (solving.effects_choice); nothing is named with it.
     auto: SkipJsonSchema[Literal[True] | None] = Field(default=None, description="The program chooses.", examples=[True])
 
     @model_validator(mode="after")

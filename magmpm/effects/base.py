@@ -87,10 +87,6 @@ class RestEstimate(Protocol):
         """
 
     @property
-    def begin(self) -> Array:
-        """The same points (m, 3) m of the undeformed body."""
-
-    @property
     def frequency(self) -> float | None:
         """First angular frequency of bending, rad/s; None where it is not known."""
 

@@ -14,9 +14,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.effects.base import Advice, RestEstimate, SceneLike
 
 MEASURE = "to measure, compare `magmpm run` with and without it"
-SWING = 2.0  # a body released from rest swings to at most twice its equilibrium deflection, if its stiffness is constant
 STILL = 1e-6  # of the length: a smaller shift counts as none
-STATIONS = 21  # points on that way
 
 
 def shift(scene: SceneLike, body: RestEstimate, key: str, settings: Any = None) -> float:
@@ -55,33 +53,12 @@ def obstacle(scene: SceneLike, body: RestEstimate, room: Callable[[Array], Array
 
     room: distance (k,) m of points (k, 3) m from it, negative beyond it; where: "above it", say, of what is clear of it.
     """
-    why = no_rest(scene)
-    if why is not None:
-        return Advice(None, f"not estimated: {why}{_ahead(scene, body, room)}; {MEASURE}")
-    rest = body.rest(scene)
-    clear = float(room(rest).min()) - body.half
+    if (why := no_rest(scene)) is not None:
+        return Advice(None, f"not estimated: {why}; {MEASURE}")
+    clear = float(room(body.rest(scene)).min()) - body.half
     if clear < 0:
         return Advice(-clear, f"without it the body would come to rest {-1e3 * clear:.3g} mm beyond it")
     says = f"the body comes to rest {1e3 * clear:.3g} mm {where}"
-    if scene.solver.dynamic is None:
-        return Advice(0.0, says)
-    if scene.field.over_time is not None:
-        return Advice(None, f"{says} when the field has ended; how near it comes on its way is not estimated: {MEASURE}")
-    ways = np.linspace(0.0, SWING, STATIONS)
-    least = min(float(room(body.begin + way * (rest - body.begin)).min()) for way in ways) - body.half
-    if least < 0:
-        return Advice(None, f"{says}, and may touch it as it swings, which is not estimated: {MEASURE}")
-    return Advice(0.0, f"{says}, and stays {1e3 * least:.3g} mm clear if it swings {SWING:g} times as far")
-
-
-def _ahead(scene: SceneLike, body: RestEstimate, room: Callable[[Array], Array]) -> str:
-    """Describe how near a fed body would come to an obstacle if it moved straight ahead."""
-    feed = scene.effects.feed
-    if feed is None or not scene.duration > 0.0:
-        return ""
-    way = feed.speed * scene.duration
-    sweep = body.begin + np.linspace(0.0, way, STATIONS)[:, None, None] * [1.0, 0.0, 0.0]
-    least = float(room(sweep.reshape(-1, 3)).min()) - body.half
-    if least < 0:
-        return f", and straight ahead it would get {-1e3 * least:.3g} mm beyond it"
-    return f", and straight ahead it would stay {1e3 * least:.3g} mm clear of it"
+    if scene.solver.dynamic is None or scene.field.over_time is None:
+        return Advice(0.0 if scene.solver.dynamic is None else None, says)
+    return Advice(None, f"{says} when the field has ended; how near it comes on its way is not estimated: {MEASURE}")

@@ -200,6 +200,11 @@ class Scene(Settings):
         return self.body.shape.length
 
     @property
+    def allowed_error(self) -> float:
+        """The error that the scene requests, m; 1 % of its length where it requests none."""
+        return self.resolution.allowed(self.length) or 0.01 * self.length
+
+    @property
     def thickness(self) -> float:
         """Length through which `cells_across` counts cells, m: a catheter's diameter, a strip's thickness."""
         return self.body.shape.thickness

@@ -37,9 +37,9 @@ from magmpm.effects.hooks import pairs
 from magmpm.errors import SolveError
 from magmpm.model import Model, build
 from magmpm.results.strain import strain_of
-from magmpm.rod.cosserat import RodModel
+from magmpm.rod.cantilever import is_cantilever, without_motion
+from magmpm.rod.cosserat import RodModel, solve_rod
 from magmpm.rod.family import RodFamily
-from magmpm.rod.shifts import exercise
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest, knots_of
 from magmpm.scene.variables import variables
@@ -52,6 +52,7 @@ from magmpm.statics.layout import static_model
 from magmpm.statics.linearized import Linearized
 from magmpm.statics.rod_start import straight
 from magmpm.statics.stability import mass
+from magmpm.statics.unnamed_loads import missed_loads
 
 LOCK = "compiling.lock"
 ROOM = 20e6  # bytes on the disk, without which compiling ahead is for nothing: a set of kernels takes 2 to 5 MB, while it is written twice
@@ -213,7 +214,8 @@ def solve_small(small: Scene) -> None:
 
             follow(small)
         else:
-            solve_static(static_model(build(small)))
+            found = solve_static(static_model(build(small)))
+            missed_loads(small, found.energy, found.point)
 
 
 def differentiate_small(small: Scene) -> None:
@@ -257,7 +259,8 @@ def _energy(small: Scene) -> None:
 
 
 def _rod(small: Scene) -> None:
-    exercise(small)
+    if is_cantilever(small):
+        solve_rod(without_motion(small))
 
 
 def _factorization(small: Scene) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from magmpm.errors import SceneError
 from magmpm.results.frames import Frames, frames_of, near_jumps
 from magmpm.results.result import Result
-from magmpm.rod.shifts import kink_warning
+from magmpm.rod.cantilever import kink_warning
 from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.solving.precompile import PROOFS, SOLVE, prepare_kernels

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,15 +21,17 @@ from magmpm.results.folder_lock import written_folder
 from magmpm.results.result import Result
 from magmpm.results.strain import Strain, strain_of
 from magmpm.results.versions import versions
+from magmpm.rod.cantilever import is_cantilever
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, memory, remedies
 from magmpm.solving.precompile import SOLVE, prepare_kernels
 from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.contact import Touched, contacts_at_rest
-from magmpm.statics.equilibrium import Equilibrium, Following, solve_static
+from magmpm.statics.equilibrium import Equilibrium, Following, one_blas_thread, solve_static
 from magmpm.statics.layout import StaticModel, static_model
+from magmpm.statics.newton import factored
 from magmpm.statics.stability import on_the_brink
-from magmpm.statics.unnamed_weight import missed_weight
+from magmpm.statics.unnamed_loads import missed_loads
 
 if TYPE_CHECKING:
     from magmpm.dynamics.quasi_static import PathState
@@ -50,10 +51,12 @@ def solve(
     on_progress: Progress | None = None,
     on_begin: Callable[[], None] | None = None,
     on_frame: OnFrame | None = None,
+    advise: bool = False,
 ) -> Result:
     """Simulate a scene whose cells and effects are given: arguments and errors as of simulate.run, but only frames are written to folder.
 
-    on_frame: called with each frame of what is solved along time, whether it is written or not.
+    on_frame: called with each frame of what is solved along time, whether it is written or not. advise: warn of loads that equilibria lack
+    (statics.unnamed_loads); of single ones of bodies that are no cantilevers always.
     """
     if start is not None and scene.in_time:
         raise ValueError("start: received one for a scene that moves, which begins undeformed; leave it out")
@@ -61,11 +64,13 @@ def solve(
         scene.check_energy()
     with remedies.named(scene):
         if scene.solver.quasi_static is not None:
-            return _path(scene, folder, resume, on_progress, on_begin, on_frame)
+            return _path(scene, folder, resume, on_progress, on_begin, on_frame, advise)
         if scene.solver.dynamic is not None:
             return _motion(scene, folder, resume, on_progress, on_begin, on_frame)
         result, found = at_rest(scene, start, on_progress)
-        return result if start is not None else replace(result, warnings=[*result.warnings, *missed_weight(scene, found)])
+        told = start is None and (advise or not is_cantilever(scene))
+        result.warnings.extend(missed_loads(scene, found.energy, found.point) if told else [])
+        return result
 
 
 def at_rest(
@@ -140,7 +145,7 @@ def _motion(
 
 def _path(
     scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None, on_begin: Callable[[], None] | None,
-    on_frame: OnFrame | None,
+    on_frame: OnFrame | None, advise: bool,
 ) -> Result:  # fmt: skip
     from magmpm.dynamics import quasi_static  # single equilibria need neither it nor HDF5
 
@@ -162,7 +167,13 @@ def _path(
     except SolveError as error:
         failed = result_of(error.state, error.reason) if isinstance(error.state, quasi_static.PathState) else None
         raise type(error)(error.reason, None if failed is None or failed.not_finite() else failed) from None
-    return finite(result_of(state))
+    result = result_of(state)
+    if state.branch is not None and advise:
+        energy, point = state.branch.energy_at(state.time), state.branch.now.point
+        with one_blas_thread():
+            factored(energy, point)
+        result.warnings.extend(missed_loads(scene, energy, point))
+    return finite(result)
 
 
 def _path_result(state: PathState, seconds: dict[str, float], failure: str = "") -> Result:

@@ -28,7 +28,7 @@ from magmpm.effects.hooks import pairs
 from magmpm.errors import MagmpmError
 from magmpm.inputs.settings import validate
 from magmpm.model import Model, build
-from magmpm.rod.shifts import without_motion
+from magmpm.rod.cantilever import without_motion
 from magmpm.scene import Scene
 
 SAMPLE = 16  # particles on which hooks are counted

@@ -17,12 +17,12 @@ from magmpm.errors import MagmpmError, SolveError
 from magmpm.fields.sources import FieldSource
 from magmpm.model import build
 from magmpm.results.readable import fixed, significant
-from magmpm.rod.advice import Judgment, allowed_error, judge, meets, reason, unknown, variants, verdict
-from magmpm.rod.cosserat import rod_model, solve_rod
-from magmpm.rod.shifts import RodAnswers, Shift, flat_stiffening, is_cantilever, is_rod
+from magmpm.rod.cantilever import first_frequency, is_cantilever
+from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.simulate import choose_effects, run
+from magmpm.solving.influence import Judgment, Shift, Variants, judge, reason, verdict
 from magmpm.studies.explore.beyond_effects import Need, needs
 from magmpm.studies.explore.effects_costs import counted
 
@@ -142,31 +142,10 @@ class Estimates:
         return self._found[key]
 
     @cached_property
-    def begin(self) -> Array:
-        """The same points (m, 3) m of the undeformed body."""
-        still = at_rest(self.scene)
-        if self.line is None:
-            return build(still.with_cells(COARSE)).particles.position
-        s = np.concatenate([[0.0], np.cumsum(rod_model(still).length)])
-        return np.array(self.line.base) + s[:, None] * [1.0, 0.0, 0.0]
-
-    @cached_property
     def frequency(self) -> float | None:
-        """Frequency of a clamped rod with the mean compliance and mass of this one: 3.516 sqrt(E I / (m L^4)), rad/s."""
-        if self.line is None or self.scene.body.shape.clamp == "none":
-            return None
-        heavy = self.scene.with_effects(gravity={"acceleration": [0.0, 0.0, -1.0]}) if self._dense else None
-        if heavy is None:
-            return None
-        rod = rod_model(at_rest(heavy))
-        length = float(rod.length.sum())
-        bending = length / float(np.sum(rod.length / rod.twist_bend[:, 1]))
-        mass = float(np.linalg.norm(rod.weight[0])) / length
-        return float(3.516 * np.sqrt(bending / (mass * length**4)))
-
-    @property
-    def _dense(self) -> bool:
-        return all(self.scene.materials[p.material_name].density is not None for p in self.scene.regions())
+        """Frequency of the clamped rod, rad/s."""
+        dense = all(self.scene.materials[p.material_name].density is not None for p in self.scene.regions())
+        return None if self.line is None or self.scene.body.shape.clamp == "none" or not dense else first_frequency(self.scene)
 
     @property
     def half(self) -> float:
@@ -182,30 +161,30 @@ def at_rest(scene: Scene) -> Scene:
     return Scene.from_si({**data, "solver": solver, "reference": None})
 
 
-def survey(scene: Scene, *, measure: bool = True, error: float | None = None) -> Table:
-    """Every available effect, in this scene. measure: count costs too; otherwise cost_percent is None. error: m, what the answer may be off
-    by; what the scene's resolution requests, or 1 % of the length, unless given.
+def survey(scene: Scene, *, measure: bool = True, error: float | None = None, only: str | None = None) -> Table:
+    """Every available effect, or only one, in this scene. measure: count costs too, else cost_percent is None. error: m, what the answer
+    may be off by; what the scene's resolution requests, or 1 % of the length, unless given.
 
     Raises InputError if a run of the scene could not begin, for example because the body starts in the ground or outside its lumen.
     """
-    error = error or allowed_error(scene)
+    error = error or scene.allowed_error
     if scene.effects.auto:
         scene = choose_effects(scene).scene
     if scene.resolution.asked:  # costs are those on the grid that such a run tries first
         scene = scene.with_cells(coarsest_cells(scene))
     _refuse_bad_beginning(scene)
-    body, answers, rows = Estimates(scene), RodAnswers(scene), []
+    body, runs, rows = Estimates(scene), Variants(scene, error), []
     spent = counted(scene) if measure else {}
     for key, kind in effects.every().items():
-        named = getattr(scene.effects, key) is not None
-        at_rest_m, says = _judged(scene, body, key, kind) if is_rod(scene) or not scene.in_time else (None, "none of its parts is a rod")
-        found = judge(scene, key, answers, error) if is_rod(scene) else _coarse(scene, key, at_rest_m, says, error)
-        if found.shift is None and at_rest_m and key not in NO_LOADS and not meets(scene):
+        if only not in (None, key):
+            continue
+        named, found = getattr(scene.effects, key) is not None, judge(scene, key, runs)
+        estimated = scene.body.shape.line is not None and (scene.in_time or key in NO_LOADS)
+        at_rest_m, says = _judged(scene, body, key, kind) if estimated else (None, found.why)
+        if found.shift is None and at_rest_m and key not in NO_LOADS and found.why.startswith("not estimated"):
             found = _by_rest(scene, key, at_rest_m, found, error)
         moving = found.shift if scene.in_time else None
-        if at_rest_m is not None and body.line is not None:
-            at_rest_m /= 1.0 + flat_stiffening(scene)
-        if not scene.in_time and at_rest_m is None:
+        if not scene.in_time and found.shift is not None:
             at_rest_m = found.shift
         why = f"{found.why}; {says}" if key in SETTLING and found.shift is not None else found.why
         ignores = _ignored(scene, key) if at_rest_m else ()
@@ -214,17 +193,7 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None) ->
         moment = stopped(scene)[1]
     except MagmpmError:  # the rows say why
         moment = None
-    return Table(scene.name, scene.length, error, rows, needs(scene, answers, error), moment)
-
-
-def _coarse(scene: Scene, key: str, moved: float | None, says: str, error: float) -> Judgment:
-    """The judgment of an effect on a body that is no rod, by its shift at rest."""
-    both, named = variants(scene, key), getattr(scene.effects, key) is not None
-    if isinstance(both, str):
-        return Judgment(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
-    if moved is None or (scene.in_time and (key in NO_LOADS or named)):
-        return unknown(key, named, f"a motion of such a body takes a run; {MEASURE}" if scene.in_time else says)
-    return verdict(scene, key, Shift(moved, moved * (1.0 if scene.in_time else 0.2)), error)
+    return Table(scene.name, scene.length, error, rows, needs(scene, runs) if only is None else [], moment)
 
 
 def _by_rest(scene: Scene, key: str, at_rest_m: float, found: Judgment, error: float) -> Judgment:

@@ -1,20 +1,19 @@
-"""Check the advice of `magmpm effects` against full runs with and without each effect, on scenes drawn at random.
+"""Advice of `magmpm effects` against runs with and without each effect on a finer grid (rest 4, motion 3 cells), on scenes drawn at random.
 
 make bench-advice: 40 scenes, every effect that each could have. A call is right if it says of an effect that it moves the answer by more
-than the asked error, 1 % of the length, when the full runs say so too. Effects for which the scene has no data (a rate, a wall) are no
+than the requested error, 1 % of the length, when the finer runs say so too. Effects for which the scene has no data (a rate, a wall) are no
 calls. self_contact is not tried: it acts in motion alone, and on bodies that fold.
 
     python tests/benchmarks/advice.py [FIRST LAST]     # scenes FIRST to LAST - 1, added to runs/bench-advice/calls.jsonl
     python tests/benchmarks/advice.py report           # what these say
-    python tests/benchmarks/advice.py warnings         # processor time of the warnings of `magmpm run`, over the run's
     python tests/benchmarks/advice.py costs            # counted costs against measured ones, on an idle machine
 """
 
 from __future__ import annotations
 
 import json
+import math
 import sys
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -25,20 +24,13 @@ from effect_cost import measured
 from magmpm.errors import MagmpmError
 from magmpm.fields.dipole import MU0
 from magmpm.materials import young_modulus
-from magmpm.model import build
-from magmpm.results import measures
-from magmpm.results.trajectory import Motion
-from magmpm.rod.advice import allowed_error, variants
-from magmpm.scene import Scene, load_scene
-from magmpm.simulate import run
-from magmpm.statics.effects_choice import missed_effects
+from magmpm.scene import Scene
+from magmpm.solving.influence import Variants, variants
 from magmpm.studies.explore.effects_costs import counted
 from magmpm.studies.explore.effects_table import survey
 
 SEED, SCENES = 20261122, 40  # fixed before the first run
 FOLDER = Path("runs/bench-advice")
-FRAMES = 25
-WARNED = ("five_segments", "three_segments_3d", "pulled_by_magnet", "pulled_by_map", "fed_into_vessel", "gallery/catheter_swing")
 
 
 def drawn(number: int) -> Scene:
@@ -89,27 +81,14 @@ def drawn(number: int) -> Scene:
     )  # fmt: skip
 
 
-def answer(scene: Scene) -> Any:
-    """Shapes (k, m, 3) m of the axis in the full run: at rest, or in every frame."""
-    if not scene.in_time:
-        return run(scene).centreline[None, :, 1:]
-    with tempfile.TemporaryDirectory() as folder:
-        if scene.solver.dynamic is not None:
-            options = scene.solver.dynamic.model_copy(update={"output_every": scene.duration / FRAMES})
-            scene = scene.model_copy(update={"solver": scene.solver.model_copy(update={"dynamic": options})})
-        run(scene, folder=folder)
-        motion, model = Motion.load(folder), build(scene, time=0.0 if scene.static else None)
-        return np.stack([measures.axis_of_particles(model, motion.position(k))[:, 1:] for k in range(len(motion))])
-
-
 def calls(number: int) -> list[dict[str, Any]]:
     """One row for each effect that the scene could have: what was advised, and what the full runs say."""
     scene, out = drawn(number), []
-    error = allowed_error(scene)
+    error = scene.allowed_error
     begun = time.perf_counter()
     table = survey(scene)
     seconds = time.perf_counter() - begun
-    whole: dict[str, Any] = {}
+    fine, finer = Variants(scene, error, math.inf), 2 if scene.static else 1
     for row in table.effects:
         both = variants(scene, row.effect)
         if isinstance(both, str) or row.effect == "self_contact":
@@ -117,12 +96,7 @@ def calls(number: int) -> list[dict[str, Any]]:
         about = {"scene": number, "name": scene.name, "effect": row.effect, "named": row.named, "error": error, "seconds": seconds}
         about |= {"advice": row.advice, "shift": row.shift_m, "uncertainty": row.uncertainty_m, "length": scene.length}
         try:
-            for one in both:
-                if one.hash() not in whole:
-                    whole[one.hash()] = answer(one)
-            first, second = (whole[one.hash()] for one in both)
-            frames = min(len(first), len(second))
-            true = float(np.linalg.norm(first[:frames] - second[:frames], axis=2).max())
+            true = max(fine.frames(both[0], finer).distances(fine.frames(both[1], finer)).values())
         except MagmpmError as trouble:
             out.append({**about, "true": None, "why": str(trouble)[:200]})
             continue
@@ -157,25 +131,11 @@ def costs() -> None:
             continue
 
 
-def warnings() -> None:
-    """Processor time of the warnings over that of the whole run, of scenes of every kind; the second of two runs."""
-    for name in WARNED:
-        scene = load_scene(Path("data/scenes") / f"{name}.yaml")
-        took = {}
-        for what, work in (("warnings", missed_effects), ("run", run)) * 2:
-            begun = time.process_time()
-            work(scene)
-            took[what] = time.process_time() - begun
-        print(f"{name:24} {1e3 * took['warnings']:6.0f} of {1e3 * took['run']:6.0f} ms: {100 * took['warnings'] / took['run']:.1f} %")
-
-
 def main() -> None:
     """As the first lines of this file say."""
     given = sys.argv[1:]
     if given == ["costs"]:
         costs()
-    elif given == ["warnings"]:
-        warnings()
     elif given == ["report"]:
         report()
     else:

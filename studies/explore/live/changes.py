@@ -16,7 +16,7 @@ from magmpm.errors import InputError, report
 from magmpm.inputs.settings import read_yaml
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene, load_scene
-from magmpm.statics.effects_choice import choose_effects
+from magmpm.solving.effects_choice import choose_effects
 from magmpm.studies.explore.live.sliders import AXES, SOURCES, Control, Values, angles, turned
 from magmpm.studies.search.best_scene import mended
 

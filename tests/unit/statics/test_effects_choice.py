@@ -13,12 +13,12 @@ from magmpm.effects.acting import Effects
 from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.scene import Scene, load_scene
-from magmpm.simulate import run
-from magmpm.statics.effects_choice import choose_effects, missed_effects
+from magmpm.simulate import run, simulated
+from magmpm.solving.effects_choice import choose_effects, missed_effects
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
-from magmpm.statics.unnamed_weight import _stretched, weight_shift
+from magmpm.statics.unnamed_loads import _stretched, first_order
 
 TEXT = """
 name: small
@@ -59,17 +59,42 @@ def test_the_asked_error_decides(tmp_path: Path) -> None:
     assert set(choose_effects(fine).scene.effects.named()) == {"magnetic_torque", "gravity"}
 
 
+def told(scene: Scene) -> list[str]:
+    """Effects of which a run warns that they are not named."""
+    return [one.split()[1] for one in simulated(scene, advise=True).warnings if "may move the answer" in one]
+
+
 def test_what_is_not_named_and_matters_is_told_once(tmp_path: Path) -> None:
-    """Gravity moves it by half of its length; a field of 1 uT does not matter; `advice: off` silences it and changes no hash."""
+    """Gravity moves it by half of its length; `advice: off` silences it and changes no hash; a stiff body has little weight."""
     scene = written(tmp_path, "{magnetic_torque: {}}")
-    told = missed_effects(scene)
-    assert len(told) == 1
-    assert "gravity is not named" in told[0]
+    assert told(scene) == ["gravity"]
+    assert told(Scene.from_si({**scene.to_si(), "resolution": {"error": 0.02}})) == ["gravity"]
     quiet = written(tmp_path, "{magnetic_torque: {}}", more="advice: off\n")
-    assert missed_effects(quiet) == []
+    assert told(quiet) == []
     assert quiet.hash() == scene.hash()
-    assert missed_effects(written(tmp_path, "{gravity: {}}", field="0.001 mT")) == []
-    assert missed_effects(rod_scene(field=(0.0, 0.0, 5e-3), density=None)) == []  # type: ignore[arg-type]  # nothing known of its weight
+    assert told(rod_scene(field=(0.0, 0.0, 5e-3), density=None)) == []  # type: ignore[arg-type]  # nothing known of its weight
+    assert told(rod_scene(field=(0.0, 0.0, 2e-3), shear=100 * 120e3)) == []
+
+
+def test_a_path_and_a_motion_are_told_of_their_weight() -> None:
+    """A path by its last equilibrium; a motion by its rod, and by what it reaches in its time: not in a hundredth of its period."""
+    data = rod_scene(field=(0.0, 0.0, 2e-3)).to_si()
+    over_time = {**data["field"], "over_time": {"ramp": {"duration": 1.0}}}
+    assert told(Scene.from_si({**data, "field": over_time, "solver": {"quasi_static": {"steps": 2}}})) == ["gravity"]
+    moving = {time: Scene.from_si({**data, "solver": {"dynamic": {"duration": time}}}) for time in (0.1, 0.002)}
+    assert [len(missed_effects(scene)) for scene in moving.values()] == [1, 0]
+    assert missed_effects(moving[0.1].with_effects(gravity={})) == []
+    assert missed_effects(moving[0.1].with_effects(ground={"point": [0, 0, -3e-3]})) == []  # which may hold it
+
+
+def test_segments_that_act_on_each_other_are_told() -> None:
+    """To first order they bend it by what two solves differ by: strong magnets across each other, in a soft body."""
+    halves = [[1, 0, 0], [0, 0, 1]]
+    scene = rod_scene(field=(0.0, 0.0, 1e-6), gravity=(0.0, 0.0, -9.81), directions=halves, shear=60e3, remanence=0.15, tolerance=1e-9)
+    assert told(scene) == ["magnetic_interaction"]
+    named = scene.with_effects(magnetic_interaction={})
+    assert told(named) == []
+    assert float(np.linalg.norm(run(named).centreline - run(scene).centreline, axis=1).max()) > scene.allowed_error
 
 
 def test_effects_named_beside_auto_are_refused(tmp_path: Path) -> None:
@@ -77,6 +102,11 @@ def test_effects_named_beside_auto_are_refused(tmp_path: Path) -> None:
         written(tmp_path, "{auto: true, gravity: {}}")
     with pytest.raises(InputError, match="effects must be named"):
         build(written(tmp_path, "auto"))
+
+
+def by_weight(energy: Energy, g: float) -> np.ndarray:
+    density = energy.model.density
+    return first_order(energy, np.zeros((len(density), 3, 3)), density[:, None] * [0.0, 0.0, -g])
 
 
 def test_a_weight_that_is_not_named_is_told_of_bodies_that_are_no_rods() -> None:
@@ -97,12 +127,11 @@ def test_a_weight_that_is_not_named_is_told_of_bodies_that_are_no_rods() -> None
     assert isinstance(found.energy, Energy)
     little = 1e-3 * 9.81
     apart = of(scene.with_effects(gravity={"acceleration": [0.0, 0.0, -little]})).grid - found.point.grid
-    shift = weight_shift(found.energy, (0.0, 0.0, -little))
+    shift = by_weight(found.energy, little)
     assert float(np.abs(shift).max()) == pytest.approx(float(np.abs(apart).max()), rel=0.1)  # coefficients bound their spline's values
     material = data["materials"]["m"]
     softer = {shear: Scene.from_si({**data, "materials": {"m": {**material, "shear_modulus": shear}}}) for shear in (1e5, 1e7)}
-    told = {shear: [one for one in run(one).warnings if "gravity is not named" in one] for shear, one in softer.items()}
-    assert [len(told[shear]) for shear in (1e5, 1e7)] == [1, 0]  # soft, it sags by more than a hundredth of its length
+    assert [told(one) for one in softer.values()] == [["gravity"], []]  # soft, it sags by more than a hundredth of its length
     scene = softer[1e5]
     assert not any("gravity" in one for one in run(scene.model_copy(update={"advice": "off"})).warnings)
     assert not any("gravity" in one for one in run(scene.with_effects(gravity={})).warnings)
@@ -111,7 +140,7 @@ def test_a_weight_that_is_not_named_is_told_of_bodies_that_are_no_rods() -> None
     thin = {**data, "field": {"uniform": [0.0, 0.0, 1e-9]}, "body": {"strip": body}}
     first = solve_static(static_model(build(Scene.from_si(thin))))
     assert isinstance(first.energy, Energy)
-    sag = float(np.linalg.norm(weight_shift(first.energy, (0.0, 0.0, -9.81)), axis=1).max())
+    sag = float(np.linalg.norm(by_weight(first.energy, 9.81), axis=1).max())
     bare, heavy = (run(Scene.from_si(thin).with_effects(gravity=one)).particle_position for one in (None, {}))
     true = float(np.linalg.norm(heavy - bare, axis=1).max())
     assert sag > 2.0 * true  # to first order; its longer axis holds it
@@ -124,10 +153,10 @@ def test_small_effects_that_add_up_are_not_left_out_together(tmp_path: Path) -> 
     stiff = TEXT.replace("EFFECTS", "auto").replace("FIELD", "-3.5 mT").replace("120 kPa", "5500 kPa")
     path.write_text(stiff)
     choice = choose_effects(load_scene(path))
-    told = {one["effect"]: one for one in choice.told}
-    assert told["magnetic_torque"]["shift_m"] < 0.4e-3
-    assert told["gravity"]["shift_m"] < 0.4e-3
+    found = {one["effect"]: one for one in choice.told}
+    assert found["magnetic_torque"]["shift_m"] < 0.4e-3
+    assert found["gravity"]["shift_m"] < 0.4e-3
     assert set(choice.scene.effects.named()) == {"magnetic_torque"}
-    assert "with what else was left out, by 1.8 %" in told["magnetic_torque"]["why"]
+    assert "with what else was left out, by 1.8 %" in found["magnetic_torque"]["why"]
     path.write_text(stiff.replace("-3.5 mT", "3.5 mT"))  # to opposite sides: both may be left out
     assert not choose_effects(load_scene(path)).scene.effects.named()

@@ -11,8 +11,8 @@ from reference.scenes import rod_scene
 
 from magmpm.errors import SolveError
 from magmpm.model import build
+from magmpm.rod.cantilever import kink_warning
 from magmpm.rod.cosserat import solve_rod
-from magmpm.rod.shifts import kink_warning
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.coarsest import knots_of
 from magmpm.statics import axis, equilibrium

@@ -1,14 +1,15 @@
-"""Which effects a scene calls for: chosen for `effects: auto`, and missed ones reported. Estimates are the rod's (magmpm.rod.advice)."""
+"""Effects that a scene calls for: chosen for `effects: auto` by pairs of runs (solving.influence), and missed ones of motions reported."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import Any
 
-from magmpm.errors import MagmpmError, SceneError, SolveError
-from magmpm.rod.advice import Judgment, allowed_error, judge, unknown, variants, worth_naming
-from magmpm.rod.shifts import RodAnswers, is_rod
+from magmpm.errors import MagmpmError, SolveError
+from magmpm.rod.cantilever import is_cantilever, weight_in_motion
 from magmpm.scene import Scene
+from magmpm.solving.influence import Judgment, Variants, judge, variants
+from magmpm.statics.unnamed_loads import SURE, missed
 
 TRIED_LAST = ("self_contact",)  # not among the effects in whose presence the others are tried: it acts in motion alone
 
@@ -25,8 +26,8 @@ def choose_effects(scene: Scene) -> Choice:
     """The effects that move the answer of a scene with `effects: auto` by more than the error it requests, and what was found of each.
 
     Each is tried against a scene with all that can act; what is left out has to be settings, such as a wall's, that only a user can give.
-    So is all that is left out, together: small shifts may add up. Where the body is no rod there is no estimate, and everything that can
-    act without settings of its own is chosen, except self_contact.
+    So is all that is left out, together: small shifts may add up. Where nothing can be estimated, of a motion that takes long, everything
+    that can act without settings of its own is chosen, except self_contact.
     """
     bare = scene.with_effects(auto=None)
     possible, found = [], {}
@@ -40,7 +41,7 @@ def choose_effects(scene: Scene) -> Choice:
     full, judged = _judged(bare, every, possible)
     found.update(judged)
     chosen = [key for key in possible if found[key].advice in ("keep", "add")]
-    chosen += _together(full, [key for key in possible if key not in chosen], found, allowed_error(bare))
+    chosen += _together(full, [key for key in possible if key not in chosen], found)
     if "magnetic_force" in chosen and "magnetic_torque" not in chosen and "magnetic_torque" in possible:
         chosen.append("magnetic_torque")  # the two have one energy
     one_energy = scene.static and full.field.varies and "magnetic_torque" in chosen and "magnetic_force" in possible
@@ -53,22 +54,22 @@ def choose_effects(scene: Scene) -> Choice:
     return Choice(bare.with_effects(**{key: {} for key in chosen}), told)
 
 
-def _together(full: Scene, left: list[str], found: dict[str, Judgment], error: float) -> list[str]:
+def _together(full: Scene, left: list[str], found: dict[str, Judgment]) -> list[str]:
     """Effects to choose after all, of those left out one by one, where all of them together move the answer by more than it may.
 
     From the one with the largest shift on, until the rest moves it by less. What is found of them is noted.
     """
     left = sorted((key for key in left if getattr(full.effects, key) is not None), key=lambda key: -(found[key].shift or 0.0))
-    if len(left) < 2 or not is_rod(full):
+    if len(left) < 2:
         return []
-    answers, chosen = RodAnswers(full), []
+    runs, chosen = Variants(full), []
     while left:
         without = full.model_copy(update={"effects": full.effects.model_copy(update=dict.fromkeys(left))})
         try:
-            moved = answers.shift(full, without).value
+            moved = runs.shift(full, without).value
         except MagmpmError:  # where they act there is a rest and without them none, say: then nothing tells that they matter
             break
-        if moved <= error:
+        if moved <= full.allowed_error:
             break
         key, share = left.pop(0), f"{100 * moved / full.length:.2g} % of its length"
         found[key] = replace(found[key], why=f"{found[key].why}; but with what else was left out, by {share}")
@@ -79,33 +80,27 @@ def _together(full: Scene, left: list[str], found: dict[str, Judgment], error: f
 def _judged(bare: Scene, every: dict[str, Any], possible: list[str]) -> tuple[Scene, dict[str, Judgment]]:
     """The scene with every possible effect, and the judgments of them in it."""
     full = bare.with_effects(**every)
-    if not is_rod(full):
-        why = "a body of this kind has no rod to estimate by"
-        return full, {key: unknown(key, key not in TRIED_LAST, why) for key in possible}
-    answers, error = RodAnswers(full), allowed_error(bare)
+    runs = Variants(full)
     try:
-        answers.shapes(full)
+        runs.frames(full)
     except SolveError:  # of what can be left out of the others' trial, the segments on each other are the hardest to find a rest with
-        if "magnetic_interaction" not in every:
-            raise
-        fewer = {key: value for key, value in every.items() if key != "magnetic_interaction"}
-        rest, judged = _judged(bare, fewer, [key for key in possible if key != "magnetic_interaction"])
-        return rest, {**judged, "magnetic_interaction": judge(rest, "magnetic_interaction", RodAnswers(rest), error)}
-    return full, {key: judge(full, key, answers, error) for key in possible}
+        if "magnetic_interaction" in every:
+            fewer = {key: value for key, value in every.items() if key != "magnetic_interaction"}
+            rest, judged = _judged(bare, fewer, [key for key in possible if key != "magnetic_interaction"])
+            return rest, {**judged, "magnetic_interaction": judge(rest, "magnetic_interaction", Variants(rest))}
+    return full, {key: judge(full, key, runs) for key in possible}
 
 
 def missed_effects(scene: Scene) -> list[str]:
-    """Warnings, one for each effect that the scene does not name and that would move its answer by more than the error it requests."""
-    if scene.advice == "off" or scene.effects.auto:
+    """A warning where a motion does not name the weight of its body, which would move it by more than the error it requests.
+
+    By its rod at rest, where nothing else holds the body than its clamp; equilibria say so themselves (statics.unnamed_loads).
+    """
+    named = scene.effects
+    supported = any(getattr(named, key) is not None for key in ("ground", "walls", "feed"))
+    if scene.advice == "off" or named.auto or named.gravity is not None or scene.static or supported or not is_cantilever(scene):
         return []
     try:
-        found = worth_naming(scene)
-    except (MagmpmError, SceneError):
+        return [missed(scene, "gravity")] if weight_in_motion(scene) > SURE * scene.allowed_error else []
+    except MagmpmError:
         return []
-    return [
-        f"effects: {one.effect} is not named, and {one.why}; name it, or write `advice: off` to hear no more of it (`magmpm effects` "
-        "says it of every effect)"
-        for one in found
-    ]
-
-

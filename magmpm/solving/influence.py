@@ -1,0 +1,239 @@
+"""Influence of an effect on a scene's answer: two runs on the coarsest grid, with the effect and without it, and the distance between them.
+
+The answer is the equilibrium, the path or the motion that the scene asks for; an effect that it does not name is tried with its usual
+settings, where it has them. Runs with one cell more tell what the grid adds to a distance that may matter: of single equilibria, which
+take hundredths of a second, and elsewhere where the advice depends on it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from magmpm.effects.base import Effect
+from magmpm.effects.self_contact import gap
+from magmpm.errors import InputError, MagmpmError, SceneError, SolveError
+from magmpm.results.frames import Frames, frames_of
+from magmpm.scene import Scene
+from magmpm.scene.coarsest import coarsest_cells
+from magmpm.solving.solve import solve
+
+NEIGHBORS = 2.5  # thicknesses along the axis: points nearer than that are neighbors
+FRAMES = 25  # of a motion
+MOMENTS = 9  # of a path, in equal parts, at most
+FAINT = 1e-12  # of an effect's usual strength: as if it were not there, with the kernels of a scene that has it
+GRID = 0.05  # of a shift: its uncertainty on the coarsest grid, 0.4 % in the middle and 2.5 % at most of 40 (tests/benchmarks/advice.py)
+CLOSE = 0.2  # of the error: a shift that is no nearer to it is on the same side on every grid
+SMALL = 0.5  # of the error: a smaller shift is not looked at on another grid
+LONGEST = 2.0  # s, that a motion may take which is run for each effect; of a longer one its first part is
+RATE = 15e6  # particle-steps a second, whole runs of motion on two cores of about 2.7 GHz
+FINER = 5.0  # times that long, a motion on a grid with one cell more
+STABLE = 0.72  # of the time of a pressure wave through a cell: a step
+_WHERE = {"walls": "tube or surface", "viscosity": "viscosity or branches"}  # settings of which one is needed
+ONE_ENERGY = ("magnetic_torque", "magnetic_force")
+Word = Literal["keep", "drop", "add", "irrelevant"]
+
+
+@dataclass(frozen=True)
+class Shift:
+    """value: m, the farthest that any point of the axis moves in any frame; uncertainty: m."""
+
+    value: float
+    uncertainty: float
+
+
+@dataclass(frozen=True)
+class Judgment:
+    """Advice on one effect: shift of the scene's answer, m, with its uncertainty, m (None: not known), what to do, and why, as text."""
+
+    effect: str
+    named: bool
+    shift: float | None
+    uncertainty: float | None
+    advice: Word
+    why: str
+
+
+class Variants:
+    """A scene and others that differ from it by their effects, each run once on a coarse grid.
+
+    error: m, that the answer may have, what the scene requests unless given; longest: s, that a motion may take about.
+    """
+
+    def __init__(self, scene: Scene, error: float | None = None, longest: float = LONGEST) -> None:
+        self.scene, self.error, self.longest = scene, error or scene.allowed_error, longest
+        self.cells, self.duration = coarsest_cells(scene), scene.duration
+        if scene.solver.dynamic is not None:
+            self.duration *= min(1.0, longest / motion_seconds(scene.with_cells(self.cells)))
+        self._found: dict[tuple[Any, int], Frames | MagmpmError] = {}
+
+    def shift(self, scene: Scene, other: Scene) -> Shift:
+        """Distance between two variants. Raises SolveError where one has no answer or takes too long, InputError where it can't be run."""
+        moved, key = self._distance(scene, other, 0), "magnetic_interaction"
+        if moved < SMALL * self.error:
+            return Shift(moved, moved / 2)
+        blocks = getattr(scene.effects, key) != getattr(other.effects, key)  # as large as cells: on 2 cells up to a quarter off
+        if self.scene.in_time and not blocks and abs(moved - self.error) > CLOSE * self.error:
+            return Shift(moved, GRID * moved)
+        try:
+            finer = self._distance(scene, other, 1)
+        except SolveError:  # it takes too long, say
+            return Shift(moved, moved / 2)
+        return Shift(finer, abs(finer - moved) + GRID * finer / 2)
+
+    def frames(self, scene: Scene, finer: int = 0) -> Frames:
+        """Frames of a variant, with so many cells more than the fewest. Raises as `shift`."""
+        key = tuple(scene.effects.named().items()), finer
+        if key not in self._found:
+            try:
+                self._found[key] = self._run(scene, self.cells + finer)
+            except MagmpmError as trouble:
+                self._found[key] = trouble
+        found = self._found[key]
+        if isinstance(found, MagmpmError):
+            raise found
+        return found
+
+    def _distance(self, scene: Scene, other: Scene, finer: int) -> float:
+        return max(self.frames(scene, finer).distances(self.frames(other, finer)).values())
+
+    def _run(self, scene: Scene, cells: int) -> Frames:
+        data = self._sharing_kernels(scene)
+        if scene.solver.dynamic is not None:
+            data["solver"]["dynamic"] |= {"duration": self.duration, "output_every": self.duration / FRAMES, "time_step": None}
+        times = scene.path_times()
+        if len(times) > MOMENTS:
+            data["solver"]["quasi_static"] = {"at": [times[i] for i in np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)]}
+        coarse, frames = Scene.from_si({**data, "reference": None, "advice": "off"}).with_cells(cells), Frames()
+        if cells > self.cells and coarse.solver.dynamic is not None and motion_seconds(coarse) > FINER * self.longest:
+            raise SolveError("a motion on a finer grid takes too long")
+        result = solve(coarse, on_frame=frames.see)
+        return frames if frames.times else frames_of(result)
+
+    def _sharing_kernels(self, scene: Scene) -> dict[str, Any]:
+        """Data of a variant in which what it lacks is FAINT, where that can be: all variants then share one set of compiled kernels."""
+        data, named = scene.to_si(), scene.effects
+        effects, usual = data["effects"], self.scene.effects
+        if named.gravity is None and _dense(scene):
+            effects["gravity"] = {"acceleration": [0.0, 0.0, -FAINT]}
+        if named.damping is None and usual.damping is not None:
+            effects["damping"] = {"rate": FAINT * usual.damping.rate}
+        if named.viscosity is None and usual.viscosity is not None and not usual.viscosity.branches:
+            effects["viscosity"] = {"viscosity": FAINT * usual.viscosity.viscosity}
+        if named.magnetic_torque is None and named.magnetic_force is None and named.magnetic_interaction is None and scene.field.acts:
+            effects.update({key: {} for key in (ONE_ENERGY if scene.field.varies else ONE_ENERGY[:1])})
+            for material in data["materials"].values():
+                material["remanence"] *= FAINT
+        return data
+
+
+def motion_seconds(scene: Scene) -> float:
+    """About what a motion takes on the scene's grid, s."""
+    used = [scene.materials[region.material_name] for region in scene.regions()]
+    wave = max(math.sqrt(m.shear_modulus * (m.bulk_to_shear + 4 / 3) / (m.density or math.inf)) for m in used)
+    low, high = scene.box()
+    particles = float(np.prod((np.array(high) - low) / scene.cell)) * scene.resolution.particles_per_cell**3
+    return particles * scene.duration * wave / (STABLE * scene.cell) / RATE
+
+
+def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:
+    """The scene with an effect and without it; or why the effect can't act in it, in words.
+
+    At rest in a field that varies in space torque and force come and go together.
+    """
+    kind, named = scene.effects.every()[key], getattr(scene.effects, key)
+    along_time = scene.solver.quasi_static is not None and kind.ALONG_TIME
+    if scene.solver.dynamic is None and kind.ONLY_IN_MOTION and not along_time:
+        return "it acts in motion only"
+    needed = [name for name, field in kind.model_fields.items() if field.is_required()]
+    if named is None and needed:
+        return f"the scene does not say its {' and '.join(needed)}"
+    if key in _WHERE and named is None:
+        return f"the scene does not say its {_WHERE[key]}"
+    try:
+        both = key in ONE_ENERGY and scene.static and scene.field.varies  # neither has an equilibrium without the other
+        if both or (key == "magnetic_force" and scene.effects.magnetic_torque is None):
+            scene = scene.with_effects(**{one: {} for one in (ONE_ENERGY if both else ONE_ENERGY[:1])})
+            named = getattr(scene.effects, key)
+        having = scene if named is not None else _naming(scene, key, kind)
+        if key != "self_contact" and not getattr(having.effects, key).records(having, 1.0, np.zeros(1) if scene.in_time else None):
+            return "nothing here that it could act on"
+        left_out = dict.fromkeys(ONE_ENERGY if both else (key,))
+        return having, scene.model_copy(update={"effects": scene.effects.model_copy(update=left_out)})
+    except InputError as error:
+        return reason(error)
+
+
+def _naming(scene: Scene, key: str, kind: type[Effect]) -> Scene:
+    """The scene with an effect named by its usual settings. Raises InputError where it lacks what the effect needs: a density, say.
+
+    Without the other rules of scenes, which take a millisecond and which the scene has passed.
+    """
+    if key == "gravity" and not _dense(scene):
+        raise SceneError("materials", found="a material has no density", rule="gravity needs one", remedy="add it")
+    return scene.model_copy(update={"effects": scene.effects.model_copy(update={key: kind()})})
+
+
+def _dense(scene: Scene) -> bool:
+    """True if all materials of the body name their densities."""
+    return all(scene.materials[region.material_name].density is not None for region in scene.regions())
+
+
+def judge(scene: Scene, key: str, runs: Variants) -> Judgment:
+    """Evaluate one effect, whether the scene names it or not, and say what to do."""
+    named, both = getattr(scene.effects, key) is not None, variants(scene, key)
+    if isinstance(both, str):
+        return Judgment(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
+    try:
+        overlap = key == "self_contact" and scene.body.shape.line is not None
+        found = verdict(scene, key, _overlap(runs.frames(both[1]), scene.thickness) if overlap else runs.shift(*both), runs.error)
+    except SolveError as trouble:
+        return unknown(key, named, trouble.reason)
+    except MagmpmError as trouble:
+        return unknown(key, named, reason(trouble))
+    if runs.duration == scene.duration:
+        return found
+    within = f"{found.why}, within its first {runs.duration:.2g} s"  # more than that is not run: the whole may be moved farther
+    if found.advice in ("keep", "add"):
+        return replace(found, shift=None, uncertainty=None, why=within)
+    return unknown(key, named, f"a whole run takes too long, and {within}")
+
+
+def verdict(scene: Scene, key: str, moved: Shift, error: float) -> Judgment:
+    """The judgment of a shift."""
+    named, matters = getattr(scene.effects, key) is not None, moved.value > error
+    word: Word = ("keep" if matters else "drop") if named else ("add" if matters else "irrelevant")
+    near = " (close: within what the estimate is uncertain by)" if abs(moved.value - error) < moved.uncertainty else ""
+    why = f"it moves the answer by {_percent(moved.value, scene)}, {'more' if matters else 'less'} than {_percent(error, scene)}{near}"
+    return Judgment(key, named, moved.value, moved.uncertainty, word, why)
+
+
+def unknown(key: str, named: bool, why: str) -> Judgment:
+    """Advice where no estimate can be had: a named effect stays."""
+    return Judgment(key, named, None, None, "keep" if named else "irrelevant", f"not estimated: {why}")
+
+
+def _overlap(frames: Frames, thickness: float) -> Shift:
+    """Depth (m) to which the body goes through itself without contact; 0 where it does not."""
+    depth = 0.0
+    for axis in frames.points:
+        s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(axis, axis=0), axis=1))])
+        depth = max(depth, -gap(axis, np.column_stack([s, 0 * s, 0 * s]), thickness, NEIGHBORS * thickness, thickness))
+    return Shift(depth, 0.1 * thickness if depth > 0 else 0.0)
+
+
+def reason(error: MagmpmError) -> str:
+    """The reason in one line of whole words: what was found, or else the rule that was broken; received values may be cut."""
+    if isinstance(error, SceneError) and error.found is not None:
+        return f"{error.key}: {error.found}"
+    lines = str(error).splitlines()
+    return next((line.strip().removeprefix("rule: ") for line in lines if line.startswith("  rule: ")), lines[0])
+
+
+def _percent(way: float, scene: Scene) -> str:
+    """A length as a fraction of the body's: "1.2 % of its length"."""
+    share: Any = 100 * way / scene.length
+    return f"{share:.0f} % of its length" if share >= 99.5 else f"{share:.2g} % of its length"
