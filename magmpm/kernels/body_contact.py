@@ -126,14 +126,14 @@ def _inverted(F, out):
 
 
 @compiled
-def _find(cells, cell, along_x, along_y, field, x, X, solids, s, work, F, inverse, normal):
-    """Move X (3,) m to the place of solid s that is now at x (3,) m. Returns its cell, and its distance (m) from the surface. work (21,):
-    values of the splines there, and room.
+def _find(cells, cell, along_x, along_y, field, x, X, solids, s, work, F, inverse):
+    """Move X (3,) m to the place of solid s that is now at x (3,) m. Returns its cell, and its distance (m) from the surface. work (24,):
+    values of the splines there, room, and at last the normal.
 
     A place out of the solid is found from the surface below it, whose motion goes on there: nodes that are farther out are light, and say
     nothing. X then is that place of the surface. The distance is 0 if nothing is found.
     """
-    value, slope, u = work[:9], work[9:18], work[18:]
+    value, slope, u, normal = work[:9], work[9:18], work[18:21], work[21:]
     for _ in range(TRIES):
         for k in range(6):  # two cells farther along each axis
             xi = (X[k % 3] - cells.low[3 * cell + k % 3]) / cells.width[3 * cell + k % 3]
@@ -181,9 +181,9 @@ def _at(field, node, along_x, along_y, value, out):
 @compiled
 def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
     """Write to memory the place, force and depth of each pair from `first` on, `apart` numbers apart; dt s: for which forces push."""
-    memory, law, cells, work = meeting.memory, meeting.law, _cells(meeting), np.empty(21)
+    memory, law, cells, work = meeting.memory, meeting.law, _cells(meeting), np.empty(24)
     solids = Solids(meeting.kind, meeting.size, meeting.points, meeting.first, meeting.coefficients)
-    x, X, normal, F, inverse = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    x, X, normal, F, inverse = np.empty(3), np.empty(3), work[21:], np.empty((3, 3)), np.empty((3, 3))
     f, n, v, there = np.empty(PARTS), np.empty(3), np.empty(3), np.empty(3)
     for pair in range(first, len(meeting.point), apart):
         at, p, s = MEMORY * pair, meeting.point[pair], meeting.solid[pair]
@@ -193,7 +193,7 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         own, cell = surface.weights[9 * p : 9 * p + 9], int(memory[at + CELL])
         x[:], X[:] = surface.place[3 * p : 3 * p + 3], memory[at + PLACE : at + PLACE + 3]
         _at(state.u, meeting.node[pair], along_x, along_y, own, x)
-        cell, d = _find(cells, cell, along_x, along_y, state.u, x, X, solids, s, work, F, inverse, normal)
+        cell, d = _find(cells, cell, along_x, along_y, state.u, x, X, solids, s, work, F, inverse)
         memory[at + PLACE : at + PLACE + 3], memory[at + CELL] = X, cell
         if not d < 0.0:
             memory[at + HELD], memory[at + ROOM] = 0.0, memory[-1] + 0.5 * NEAR * d
