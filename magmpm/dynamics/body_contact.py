@@ -15,23 +15,13 @@ from magmpm.dynamics.particle_groups import Packed
 from magmpm.effects.base import Contact
 from magmpm.effects.contact_force import stored
 from magmpm.effects.contact_law import law, most_friction, own_friction
-from magmpm.kernels.body_contact import (
-    CELL,
-    DEPTH,
-    FORCE,
-    MEMORY,
-    NORMAL,
-    PLACE,
-    ROOM,
-    SHARE,
-    Meeting,
-    SolidCells,
-)
+from magmpm.kernels.body_contact import CELL, DEPTH, FORCE, MEMORY, NORMAL, PLACE, ROOM, Meeting, SolidCells
 from magmpm.model import Model
 
 MOVE = 0.5  # cells that any point may be away from its place when pairs were listed: they may then be twice as much nearer
 BETWEEN = 0.5  # cells from a place on a face to the nearest of its points, at most, if stretched by sqrt(3): the edges' EDGE
 REACH = float(np.hypot(2 * MOVE, BETWEEN))  # cells from the nearest point of a surface up to which a point is listed
+SHARE = 0.5  # of the stiffness, where both bodies have points
 EVEN = 0.75  # power of a node's largest spline: light nodes, whose splines are small, are fast. From 0.7 to 1 the bound is tightest
 
 

@@ -28,7 +28,6 @@ CLOSE = 1e-12  # of a cell: distance of X + u(X) from the point; momentum is kep
 TRIES = 20
 SETTLED = 0.25  # of the distance d of a point from the surface: if the place below it has moved by less, d is good to some percent
 NEAR = 0.5  # of d: the present distance of the surface is at least this, whatever the strain
-SHARE = 0.5  # of the stiffness, where both bodies have points
 
 
 class SolidCells(NamedTuple):
@@ -129,12 +128,14 @@ def _inverted(F, out):
 
 
 @compiled
-def _find(cells, cell, along_x, along_y, field, x, X, solids, s, value, slope, u, F, inverse, normal):
-    """Move X (3,) m to the place of solid s that is now at x (3,) m. Returns its cell, and its distance (m) from the surface.
+def _find(cells, cell, along_x, along_y, field, x, X, solids, s, work, F, inverse):
+    """Move X (3,) m to the place of solid s that is now at x (3,) m. Returns its cell, and its distance (m) from the surface. work (24,):
+    values of the splines there, room, and at last the normal.
 
     A place out of the solid is found from the surface below it, whose motion goes on there: nodes that are farther out are light, and say
     nothing. X then is that place of the surface. The distance is 0 if nothing is found.
     """
+    value, slope, u, normal = work[:9], work[9:18], work[18:21], work[21:]
     for _ in range(TRIES):
         for k in range(6):  # two cells farther along each axis
             xi = (X[k % 3] - cells.low[3 * cell + k % 3]) / cells.width[3 * cell + k % 3]
@@ -182,10 +183,9 @@ def _at(field, node, along_x, along_y, value, out):
 @compiled
 def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
     """Write to memory the place, force and depth of each pair from `first` on, `apart` numbers apart; dt s: for which forces push."""
-    memory, law, cells, value, slope, u = meeting.memory, meeting.law, _cells(meeting), np.empty(9), np.empty(9), np.empty(3)
-    stiffness, soft, knee, damping = law[0], law[1], law[2], law[3]
+    memory, law, cells, work = meeting.memory, meeting.law, _cells(meeting), np.empty(24)
     solids = Solids(meeting.kind, meeting.size, meeting.points, meeting.first, meeting.coefficients)
-    x, X, normal, F, inverse = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    x, X, normal, F, inverse = np.empty(3), np.empty(3), work[21:], np.empty((3, 3)), np.empty((3, 3))
     f, n, v, there = np.empty(PARTS), np.empty(3), np.empty(3), np.empty(3)
     for pair in range(first, len(meeting.point), apart):
         at, p, s = MEMORY * pair, meeting.point[pair], meeting.solid[pair]
@@ -195,25 +195,23 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         own, cell = surface.weights[9 * p : 9 * p + 9], int(memory[at + CELL])
         x[:], X[:] = surface.place[3 * p : 3 * p + 3], memory[at + PLACE : at + PLACE + 3]
         _at(state.u, meeting.node[pair], along_x, along_y, own, x)
-        cell, d = _find(cells, cell, along_x, along_y, state.u, x, X, solids, s, value, slope, u, F, inverse, normal)
+        cell, d = _find(cells, cell, along_x, along_y, state.u, x, X, solids, s, work, F, inverse)
         memory[at + PLACE : at + PLACE + 3], memory[at + CELL] = X, cell
         if not d < 0.0:
-            memory[at + HELD] = 0.0
-            memory[at + ROOM] = memory[-1] + 0.5 * NEAR * d
+            memory[at + HELD], memory[at + ROOM] = 0.0, memory[-1] + 0.5 * NEAR * d
             continue
         f[:], v[:], there[:] = 0.0, 0.0, x
         named = np.fmin(surface.friction[p], cells.friction[cell])
         friction = named if named >= 0.0 else law[4]
         for i in range(3):
             n[i] = inverse[0, i] * normal[0] + inverse[1, i] * normal[1] + inverse[2, i] * normal[2]
-        if damping > 0.0 and memory[at + HELD] != STICKS:
-            _at(state.v, cells.node[cell], along_x, along_y, value, v)
-            for i in range(3):
-                v[i] = -v[i]
+        if law[3] > 0.0 and memory[at + HELD] != STICKS:
+            _at(state.v, cells.node[cell], along_x, along_y, work, v)
+            v *= -1.0
             _at(state.v, meeting.node[pair], along_x, along_y, own, v)
         length = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
         leaving = (v[0] * n[0] + v[1] * n[1] + v[2] * n[2]) / length
-        push(-d, n[0], n[1], n[2], leaving, cells.share[cell] * surface.mass[p], stiffness, soft, knee, damping, friction, f)
+        push(-d, n[0], n[1], n[2], leaving, cells.share[cell] * surface.mass[p], law[0], law[1], law[2], law[3], friction, f)
         if friction > 0.0:
             new = memory[at + HELD] == 0.0
             for i in range(3):

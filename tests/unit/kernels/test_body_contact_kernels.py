@@ -8,9 +8,10 @@ from reference.parts import parts_scene
 from reference.solids import box
 
 from magmpm.bodies.contact_solid import FINE, Solids, box_solid, mesh_solids, rod_solid, solid_distance
+from magmpm.dynamics.body_contact import SHARE
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.kernels.body_contact import DEPTH, MEMORY, PLACE, SHARE, _add_all, _touch
+from magmpm.kernels.body_contact import DEPTH, MEMORY, PLACE, _add_all, _touch
 from magmpm.kernels.total_lagrangian_step import State
 from magmpm.model import build
 
