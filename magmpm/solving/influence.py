@@ -13,9 +13,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from magmpm.effects import acting
 from magmpm.effects.base import Effect
 from magmpm.effects.self_contact import gap
 from magmpm.errors import InputError, MagmpmError, SceneError, SolveError
+from magmpm.model import build
 from magmpm.results.frames import Frames, frames_of
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
@@ -136,7 +138,8 @@ def motion_seconds(scene: Scene) -> float:
     wave = max(math.sqrt(m.shear_modulus * (m.bulk_to_shear + 4 / 3) / (m.density or math.inf)) for m in used)
     low, high = scene.box()
     particles = float(np.prod((np.array(high) - low) / scene.cell)) * scene.resolution.particles_per_cell**3
-    return particles * scene.duration * wave / (STABLE * scene.cell) / RATE
+    step = min([STABLE * scene.cell / wave, *acting.stable_steps(build(scene)).values()])  # viscosity asks for short ones
+    return particles * scene.duration / step / RATE
 
 
 def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:
