@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from magmpm.bodies.grid import Grid
 from magmpm.compiled.arrays import Array
 
+ON_PLANE = 1e-6  # of a cell: vertices this near a grid plane lie on it; STL files hold single precision, 6e-8 of a coordinate
 EMPTY = 1e-9  # share of a cell of the volume, below which it is rounding error
-ON_PLANE = 1e-9  # of a cell: vertices this near a grid plane lie on it
 MOST_CELLS = 30_000_000  # of the box around one part
 
 _A, _B = (6 - 15**0.5) / 21, (6 + 15**0.5) / 21
