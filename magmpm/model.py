@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.body_shape import BodyShape, Discretization
-from magmpm.bodies.contact_surface import ContactSurface, layer_mass, particle_of
+from magmpm.bodies.contact_surface import ContactSurface, layer_mass, particle_of, well_filled
 from magmpm.bodies.driven import Driven, driven_nodes
 from magmpm.bodies.grid import ClampPlane, Grid, clamp_first_node, clamp_last_node, clamp_low_node, spread
 from magmpm.bodies.regions import Line
@@ -127,6 +127,11 @@ class Model:
         return tuple(found)
 
     @cached_property
+    def well_filled(self) -> NDArray[np.bool_]:
+        """Select the particles (n,) in cells whose splines may move points of the surface."""
+        return well_filled(self.particles, self.scene.body.shape.part_of(self.particles))
+
+    @cached_property
     def surface(self) -> ContactSurface | None:
         """Surface by which the body touches obstacles and itself; None where it can't."""
         touches = any(effect.PHASE == "contact" for effect in self.scene.effects.named().values())
@@ -134,7 +139,7 @@ class Model:
             return None
         shape = self.scene.body.shape
         points = shape.surface(self.grid, base=not self.clamped_face and "base" not in dict(self.driven))
-        particle = particle_of(points, self.grid, self.particles, shape.part_of(self.particles))
+        particle = particle_of(points, self.grid, self.particles, shape.part_of(self.particles), self.well_filled)
         held = self.held[particle]
         place, area, on = points.position[~held], points.area[~held], particle[~held]
         (weights, _), first = self.splines_at(place, self.particles.cell[on], np.zeros(len(on), bool)), self.first_in_motion(on)

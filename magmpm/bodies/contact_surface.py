@@ -19,6 +19,7 @@ from magmpm.compiled.arrays import Array
 
 AROUND = 8  # points a cell width around a rod: a patch in contact on a hard plane is far narrower than a cell
 EDGE = 0.5  # of a cell: longest edge of a mesh's triangles, after they are cut
+SLIVER = 0.01  # of the fullest cell: from 1e-5 to 1e-3 contact gained energy, up to 19 % of a collision at 2 m/s
 ROUNDS = 6  # products of the bound on the frequency of contact: further ones thicken the layer by at most 6 %
 LOBATTO = np.array([0.0, (1 - 1 / math.sqrt(5)) / 2, (1 + 1 / math.sqrt(5)) / 2]), np.array([1.0, 5.0, 5.0, 1.0]) / 12
 
@@ -143,16 +144,30 @@ def _joined(faces: list[tuple[Array, Array]], region: NDArray[np.int64] | None =
     return SurfacePoints(position, area, np.zeros(len(area), np.int64) if region is None else region)
 
 
-def particle_of(points: SurfacePoints, grid: Grid, particles: Particles, region: NDArray[np.integer]) -> NDArray[np.int64]:
+def well_filled(particles: Particles, region: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Select particles (n,) in cells that hold more than SLIVER of the fullest cell of their region (n,).
+
+    The outer nodes of a sliver are so light that they tell nothing: just beyond its face they move by more than the body does.
+    The splines of the next cell go on through it (extended B-splines: Hoellig, Reif, Wipper, SIAM J. Numer. Anal. 39 (2001) 442).
+    """
+    _, cell = np.unique(np.column_stack([region, particles.cell]), axis=0, return_inverse=True)
+    filled, fullest = np.bincount(cell.ravel(), particles.volume)[cell.ravel()], np.zeros(region.max() + 1)
+    np.maximum.at(fullest, region, filled)
+    return np.asarray(filled > SLIVER * fullest[region])
+
+
+def particle_of(
+    points: SurfacePoints, grid: Grid, particles: Particles, region: NDArray[np.integer], chosen: NDArray[np.bool_]
+) -> NDArray[np.int64]:
     """A particle (n,) whose cell's splines move each point: of its region, in the cell that the point lies in or borders, or the nearest.
 
-    region (particles,): of each particle.
+    region, chosen (particles,): region of each particle, and whether its cell may move points.
     """
     from scipy.spatial import cKDTree  # imported only where it is used
 
     found = np.empty(len(points.area), np.int64)
     for one in np.unique(points.region):
-        on, mine = points.region == one, np.flatnonzero(region == one)
+        on, mine = points.region == one, np.flatnonzero((region == one) & chosen)
         nearest = mine[cKDTree(particles.position[mine]).query(points.position[on])[1]]
         inward = 1e-6 * (particles.position[nearest] - points.position[on])
         inside = grid.own(points.position[on] + inward, particles.cell[nearest]) - grid.origin

@@ -163,12 +163,14 @@ class BodyContact:
 
 
 def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:
-    """The cells of a model's solids, the number of the one that each particle (n,) is in; component and index (cells, 4) of
-    each."""
+    """The well filled cells of a model's solids, the number of the one that each particle (n,) is in, -1 for others; component and index
+    (cells, 4) of each."""
     grid, on = model.grid, model.particles.cell.astype(np.int64)
     shape = (int(model.component.max()) + 1, *(n + 2 for n in grid.cells))
     key = np.ravel_multi_index((model.component, *(on.T + 1)), shape)
-    cells, one, number = np.unique(key, return_index=True, return_inverse=True)
+    full, number = np.flatnonzero(model.well_filled), np.full(len(on), -1)
+    cells, one, number[full] = np.unique(key[full], return_index=True, return_inverse=True)
+    one = full[one]
     place, spans = on[one], grid.along
     width = np.tile(grid.spacing, (len(one), 1))
     width[:, 0] = spans.width[place[:, 0]]
@@ -183,7 +185,7 @@ def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:
     after, share = np.where(cells[at] == beside, at, -1), np.where(model.held[one], 1.0, SHARE)
     friction = own_friction(model.scene)[model.particles.segment[one]]
     found = SolidCells(first, low.ravel(), width.ravel(), splines.ravel(), after.ravel(), share, friction)
-    return found, number.reshape(-1), np.column_stack([model.component[one], place])
+    return found, number, np.column_stack([model.component[one], place])
 
 
 def _matrix(first: Index, weights: Array, nodes: tuple[int, int, int]) -> csr_matrix:

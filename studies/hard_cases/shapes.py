@@ -1,4 +1,4 @@
-"""Hard cases of shape and place: large strains and rotations, bodies anywhere on the grid, bodies that meet the ground."""
+"""Hard cases of shape and place: large strains and rotations, bodies anywhere on the grid."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 
 from magmpm.dynamics.stable_step import speed_of_sound
 from magmpm.dynamics.time_loop import SimulationState, begin, integrate, interval, move
-from magmpm.effects.contact_law import contact_of
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.studies.hard_cases.case import Case
@@ -17,7 +16,6 @@ from magmpm.studies.hard_cases.scenes import DENSITY, G, bending_field, opening_
 
 SHORT = 20e-3  # m
 TURN = 5.0  # 1/s: centrifugal strains are 1e-6
-FAST = 2.0  # m/s: a twentieth of the speed of sound
 SQUEEZED = 0.2  # det F
 LENGTH = 8e-3  # m, of free bodies
 GAINED = 0.02  # of the energy, that may appear
@@ -90,35 +88,6 @@ def _squeezed(scene: Scene) -> float:
     return found if largest > 1.0 else math.inf
 
 
-def _impact(scene: Scene) -> float:
-    """Depth to which a body that hits the ground penetrates it, in cells; infinite if it does not come back, or does with more energy."""
-    deepest, back, _ = _hit(scene)
-    return deepest if back > 0.1 * FAST and deepest > 0.0 else math.inf
-
-
-def _after_impact(scene: Scene) -> float:
-    """Energy lost or gained, over that at first, by a body that has hit the ground without friction and left it."""
-    _, back, change = _hit(scene)
-    return abs(change) if back > 0.1 * FAST and change < GAINED else math.inf
-
-
-def _hit(scene: Scene) -> tuple[float, float, float]:
-    """A body that falls on the ground: its depth in cells, its upward velocity after it has left (m/s), and the change of its energy."""
-    motion, dt, _ = at_rest(scene)
-    model = motion.model
-    throw(motion, lambda x: np.tile([0.3, 0.0, -FAST], (len(x), 1)))
-    begun, deepest, mass = energy(motion), 0.0, model.density * model.particles.volume
-    ground = scene.effects.named()["ground"].records(scene)
-    for _ in range(100):
-        advance(motion, max(1, int(2.5e-3 / 100 / dt)), dt)
-        x, v, _ = motion.particles()
-        told = contact_of(ground, motion.touching_points(), dt)
-        deepest = max(deepest, told["depth"])
-        if deepest > 0.0 and not told["count"] and (x[:, 2] - ground[0]["ground_point"][0][2]).min() > model.grid.spacing[2]:
-            break
-    return deepest / float(model.grid.spacing[2]), float(mass @ v[:, 2] / mass.sum()), energy(motion) / begun - 1
-
-
 def _opened(scene: Scene) -> float:
     """Largest distance of particles from the undeformed shape, fitted to them, over L; infinite if the body never folded."""
     model = build(scene)
@@ -168,24 +137,6 @@ CASES = (
             f"nothing does work, and no more than {100 * GAINED:g} % may be gained",
         )
         for ratio in (5.0, 20.0)
-    ),
-    Case(
-        "fast impact on a wall",
-        lambda: _free(effects={"ground": {"point": [0.0, 0.0, -2.5e-3], "friction": 0.3}}),
-        "passes through, sticks in the wall, or is thrown back faster than it came",
-        "depth below the wall, in cells",
-        _impact,
-        0.5,
-        "a penalty gives way by speed / its frequency, w = c / h: v/c of a cell times the root of the particles above each other",
-    ),
-    Case(
-        "energy of a fast impact",
-        lambda: _free(effects={"ground": {"point": [0.0, 0.0, -2.5e-3]}}),
-        "comes back with more energy than it had, or with little",
-        "energy lost or gained, over that at first",
-        _after_impact,
-        0.03,
-        "a wall without friction does no work",
     ),
     Case(
         "folded, held and let open",
