@@ -93,9 +93,8 @@ def _stacked(scene: Scene) -> float:
 
 def _stack() -> Scene:
     """Five blocks on the ground, every other one a hundred times as stiff."""
-    blocks = [_block((SIDE, SIDE, SIDE / 2), rise=k * (SIDE / 2 + GAP)) for k in range(5)]
-    ground = {"point": [0.0, 0.0, -0.25e-3 * SIDE]}
-    return _bodies(blocks, [G, 100 * G, G, 100 * G, G], gravity={}, ground=ground, damping={"rate": 500.0})
+    blocks, moduli = [_block((SIDE, SIDE, SIDE / 2), rise=k * (SIDE / 2 + GAP)) for k in range(5)], [G, 100 * G, G, 100 * G, G]
+    return _bodies(blocks, moduli, gravity={}, ground={"point": [0.0, 0.0, -0.25e-3 * SIDE]}, damping={"rate": 500.0})
 
 
 def _folded(scene: Scene) -> float:
