@@ -57,7 +57,7 @@ def without_motion(scene: Scene) -> Scene:
 
 def first_frequency(scene: Scene) -> float:
     """First angular frequency of a clamped rod with the mean compliance and mass of this one: 3.516 sqrt(E I / (m L^4)), rad/s."""
-    rod = rod_model(_heavy(without_motion(scene), 1.0), time=0.0)
+    rod = rod_model(_heavy(without_motion(scene), Gravity(acceleration=(0.0, 0.0, -1.0))), time=0.0)
     length = float(rod.length.sum())
     bending = length / float(np.sum(rod.length / rod.twist_bend[:, 1]))
     mass = float(np.linalg.norm(rod.weight[0])) / length
@@ -69,14 +69,14 @@ def weight_in_motion(scene: Scene) -> float:
     time. Raises SolveError where its rod finds no rest."""
     still, moved = without_motion(scene), 0.0
     for time in np.linspace(0.0, scene.duration, MOMENTS).tolist():
-        heavy, light = (solve_rod(one, time=time).position for one in (_heavy(still, 9.81), still))
+        heavy, light = (solve_rod(one, time=time).position for one in (_heavy(still, Gravity()), still))
         moved = max(moved, float(np.linalg.norm(heavy - light, axis=1).max()))
     return moved * _reached(scene)
 
 
-def _heavy(scene: Scene, g: float) -> Scene:
-    """The scene under a weight of g, m/s^2, without the rules that fields without end break at rest."""
-    return scene.model_copy(update={"effects": scene.effects.model_copy(update={"gravity": Gravity(acceleration=(0.0, 0.0, -g))})})
+def _heavy(scene: Scene, gravity: Gravity) -> Scene:
+    """The scene under this weight, without the rules that fields without end break at rest."""
+    return scene.model_copy(update={"effects": scene.effects.model_copy(update={"gravity": gravity})})
 
 
 def _reached(scene: Scene) -> float:

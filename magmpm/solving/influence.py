@@ -15,6 +15,7 @@ import numpy as np
 
 from magmpm.effects import acting
 from magmpm.effects.base import Effect
+from magmpm.effects.estimates import in_lengths
 from magmpm.effects.self_contact import gap
 from magmpm.errors import InputError, MagmpmError, SceneError, SolveError
 from magmpm.model import build
@@ -210,7 +211,7 @@ def verdict(scene: Scene, key: str, moved: Shift, error: float) -> Judgment:
     named, matters = getattr(scene.effects, key) is not None, moved.value > error
     word: Word = ("keep" if matters else "drop") if named else ("add" if matters else "irrelevant")
     near = " (close: within what the estimate is uncertain by)" if abs(moved.value - error) < moved.uncertainty else ""
-    why = f"it moves the answer by {_percent(moved.value, scene)}, {'more' if matters else 'less'} than {_percent(error, scene)}{near}"
+    why = f"it moves the answer by {in_lengths(moved.value, scene)}, {'more' if matters else 'less'} than {in_lengths(error, scene)}{near}"
     return Judgment(key, named, moved.value, moved.uncertainty, word, why)
 
 
@@ -234,9 +235,3 @@ def reason(error: MagmpmError) -> str:
         return f"{error.key}: {error.found}"
     lines = str(error).splitlines()
     return next((line.strip().removeprefix("rule: ") for line in lines if line.startswith("  rule: ")), lines[0])
-
-
-def _percent(way: float, scene: Scene) -> str:
-    """A length as a fraction of the body's: "1.2 % of its length"."""
-    share: Any = 100 * way / scene.length
-    return f"{share:.0f} % of its length" if share >= 99.5 else f"{share:.2g} % of its length"
