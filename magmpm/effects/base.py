@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, NotRequired, Protocol, TypedDict
 
 import numpy as np
@@ -75,32 +74,6 @@ class Touching(NamedTuple):
     mass: Array
     anchor: Array
     friction: Array
-
-
-class RestEstimate(Protocol):
-    """Estimates of where a scene's body comes to rest."""
-
-    def rest(self, scene: Any) -> Array:
-        """Points (m, 3) m of the body at equilibrium in a scene of the same body: along its axis, or all over it.
-
-        Raises SolveError where none is found.
-        """
-
-    @property
-    def frequency(self) -> float | None:
-        """First angular frequency of bending, rad/s; None where it is not known."""
-
-    @property
-    def half(self) -> float:
-        """Distance of the surface from the points of `rest`, m."""
-
-
-@dataclass(frozen=True)
-class Advice:
-    """shift: farthest (m) that any point of the body's axis comes to rest from where it would without the effect; None: not known."""
-
-    shift: float | None
-    says: str
 
 
 class Contact(TypedDict):
@@ -192,10 +165,6 @@ class Effect(Settings):
         """A number (n,) by which hooks distinguish particles (bodies.Particles); remanence (n, 3) T."""
         return None
 
-    @classmethod
-    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Estimate how much the effect matters to a scene, whether the scene names it or not."""
-        return Advice(None, "no estimate for this effect")
 
 
 class BodyEffect(Effect):

@@ -19,7 +19,7 @@ from pydantic import Field
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike, one_record
+from magmpm.effects.base import Effect, Records, SceneLike, one_record
 from magmpm.effects.hooks import register
 from magmpm.inputs.settings import Quantity
 
@@ -46,17 +46,6 @@ class Damping(Effect):
         """Parameters for the kernels, or () where the rate is zero."""
         return parameters(self.rate) if self.rate > 0 else ()
 
-    @classmethod
-    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Report the rate that would settle the body soonest."""
-        if body.frequency is None:
-            return Advice(0.0, "moves no equilibrium; settles motion")
-        best = 2 * body.frequency
-        named = scene.effects.damping
-        says = f"moves no equilibrium; {best:.3g} 1/s settles its first bending soonest"
-        if named is not None:
-            says += f", {named.rate:.3g} 1/s is {named.rate / best:.2g} of that"
-        return Advice(0.0, says)
 
 
 @compiled

@@ -18,7 +18,7 @@ from pydantic import Field
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.base import Advice, Effect, Place, Records, RestEstimate, SceneLike, one_record
+from magmpm.effects.base import Effect, Place, Records, SceneLike, one_record
 from magmpm.effects.hooks import register
 from magmpm.inputs.settings import Quantity
 
@@ -47,14 +47,6 @@ class Feed(Effect):
         corner = math.sqrt(2.0) * (0.5 * scene.thickness + half)  # of a straight body's nodes: with two cells across, beyond its diameter
         return parameters(speed=self.speed, exit=self.exit + half, radius=max(scene.thickness, 1.01 * corner))
 
-    @classmethod
-    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Report how far the feed pushes the base."""
-        named = scene.effects.feed
-        if named is None or not scene.duration > 0.0:
-            return Advice(None, "pushes the base through a guide at the speed it is given")
-        way = named.speed * scene.duration
-        return Advice(abs(way), f"pushes the base on by {1e3 * way:.3g} mm")
 
 
 @compiled

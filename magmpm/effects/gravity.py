@@ -9,8 +9,7 @@ from pydantic import Field
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike, one_record
-from magmpm.effects.estimates import in_lengths, shift
+from magmpm.effects.base import Effect, Records, SceneLike, one_record
 from magmpm.effects.hooks import register
 from magmpm.inputs.settings import Quantity
 from magmpm.inputs.vectors import three
@@ -39,13 +38,6 @@ class Gravity(Effect):
         acceleration = strength * np.array(self.acceleration)
         return parameters(acceleration) if acceleration.any() else ()
 
-    @classmethod
-    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Estimate how far weight bends the body."""
-        if any(scene.materials[region.material_name].density is None for region in scene.regions()):
-            return Advice(None, "not known: a material has no density")
-        moved = shift(scene, body, "gravity")
-        return Advice(moved, f"weight moves it by {in_lengths(moved, scene)}")
 
 
 @compiled

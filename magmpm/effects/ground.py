@@ -11,11 +11,10 @@ from pydantic import Field, field_validator
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.base import Advice, Point, Records, RestEstimate, SceneLike, one_record
+from magmpm.effects.base import Point, Records, SceneLike, one_record
 from magmpm.effects.body_reach import body_reach, unreached
 from magmpm.effects.contact_force import push, spring
 from magmpm.effects.contact_law import Friction, Obstacle, Stiffness
-from magmpm.effects.estimates import obstacle
 from magmpm.effects.hooks import register
 from magmpm.inputs.settings import fault
 from magmpm.inputs.vectors import Direction
@@ -84,11 +83,6 @@ class Ground(Obstacle):
         limits = body_reach(scene)
         return unreached("ground", self.WORDS, limits, self.height(limits.base))
 
-    @classmethod
-    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Estimate whether the body would come to rest beyond the plane without it."""
-        named = scene.effects.ground
-        return Advice(None, "no plane is given") if named is None else obstacle(scene, body, named.height, "above it")
 
 
 @compiled

@@ -14,8 +14,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike
-from magmpm.effects.estimates import shift_by_field
+from magmpm.effects.base import Effect, Records, SceneLike
 from magmpm.effects.hooks import register
 from magmpm.effects.magnetization import add_stress, carried, rotating
 from magmpm.fields.dipole import MU0
@@ -41,14 +40,6 @@ class MagneticForce(Effect):
             return ()
         return field_records(scene.field, ROTATING if rotating(scene).any() else DTYPE, times, strength), scene.outside_field().data
 
-    @classmethod
-    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Estimate how far the field's gradient pulls the body."""
-        if not scene.field.varies or not scene.magnetized_regions():
-            return Advice(0.0, "nothing to pull, or no gradient to pull it: a uniform field does not")
-        if scene.effects.magnetic_torque is None:
-            return Advice(None, "not known: a rest in this field needs magnetic_torque as well")
-        return shift_by_field(scene, body, "magnetic_force", "the field's gradient")
 
 
 @compiled

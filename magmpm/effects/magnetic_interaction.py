@@ -24,12 +24,10 @@ from pydantic import Field
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
 from magmpm.effects.base import (
-    Advice,
     BodyChange,
     BodyEffect,
     MarkedParticles,
     Records,
-    RestEstimate,
     SceneLike,
     one_record,
 )
@@ -62,16 +60,6 @@ class MagneticInteraction(BodyEffect):
             return ()
         return one_record(DTYPE, np.zeros(SIZE * MOST), share=strength)
 
-    @classmethod
-    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """The field of a segment in the one next to it."""
-        on = scene.magnetized_regions()
-        if len(on) < 2:
-            return Advice(0.0, "no two magnetized segments to act on each other")
-        remanence = float(np.linalg.norm(scene.region_remanence()[on], axis=1).max())
-        # A face of charge Br/mu0, seen over its own width, gives a mean of about Br/12 over a neighbor of two diameters (8.3 mT for 0.1 T).
-        field = f"{1e3 * remanence / 12:.2g} mT"
-        return Advice(None, f"touching segments feel a field of about {field} from each other; a coarse run tells what it moves")
 
     def marks(self, particles: Any, remanence: Array) -> Array:
         """Block of each particle (n,), -1 for none. Raises SceneError where there are more than MOST blocks."""

@@ -15,8 +15,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.effects import magnetization as turning
-from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike
-from magmpm.effects.estimates import shift_by_field
+from magmpm.effects.base import Effect, Records, SceneLike
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.fields.dipole import MU0
 from magmpm.fields.kernels import PLACE
@@ -62,12 +61,6 @@ class MagneticTorque(Effect):
         x, y, z = (parameters(other - first, bool(turning.rotating(scene).any())) if (other != first).any() else () for other in others)
         return x, y, z
 
-    @classmethod
-    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Estimate how far the field bends the body."""
-        if not scene.field.acts or not scene.magnetized_regions():
-            return Advice(0.0, "nothing to turn, or no field to turn it")
-        return shift_by_field(scene, body, "magnetic_torque", "the field")
 
 
 @compiled

@@ -6,15 +6,13 @@ stiffness see effects.contact_law. Without it, parts and folds pass through each
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike
+from magmpm.effects.base import Effect, Records, SceneLike
 from magmpm.effects.contact_law import Friction, Stiffness, law, most_friction, stable_step
-from magmpm.effects.estimates import MEASURE, no_rest
 
 
 class SelfContact(Effect):
@@ -32,24 +30,8 @@ class SelfContact(Effect):
     def stable_step(self, model: Any) -> float:
         """Largest stable step, s."""
         found = law(model.scene, self.stiffness, most_friction(model.scene, self.friction))
-        return stable_step(2 * found["stiffness"], 2 * found.get("damping", 0.0))
+        return stable_step(2 * found["stiffness"], found.get("damping", 0.0))
 
-    @classmethod
-    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Estimate whether the body would overlap itself in equilibrium if nothing prevented it."""
-        if (why := no_rest(scene)) is not None:
-            return Advice(None, f"not estimated: {why}; {MEASURE}")
-        points = body.rest(scene)
-        s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-        along = np.column_stack([s, 0 * s, 0 * s])
-        apart = 4 * math.pi * body.half  # a loop whose sides touch is longer
-        room = gap(points, along, size=2 * body.half, apart=apart, within=max(apart, 4 * body.half))
-        if room > 0:
-            clear = f"at rest the body is {'nowhere near' if math.isinf(room) else f'{1e3 * room:.3g} mm from'} itself"
-            if scene.solver.dynamic is None:
-                return Advice(0.0, clear)
-            return Advice(None, f"{clear}, how near on its way is not estimated: {MEASURE}")
-        return Advice(-room, f"at rest the body would be {-1e3 * room:.3g} mm through itself")
 
 
 def gap(position: Array, reference: Array, size: float, apart: float, within: float) -> float:

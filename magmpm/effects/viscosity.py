@@ -28,7 +28,7 @@ from pydantic import Field, model_validator
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, inlined
 from magmpm.compiled.simd import determinant_of, inverse_cube_root
-from magmpm.effects.base import Advice, Effect, Records, RestEstimate, SceneLike, one_record
+from magmpm.effects.base import Effect, Records, SceneLike, one_record
 from magmpm.effects.hooks import register
 from magmpm.inputs.settings import Quantity, Settings, fault
 
@@ -99,18 +99,6 @@ class Viscosity(Effect):
             steep = max(steep, float(model.steepness().sum(axis=1).max()))
         return 0.9 / (2.0 * self.viscosity / float(model.density.min()) * steep)
 
-    @classmethod
-    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """The damping ratio of the first bending."""
-        if body.frequency is None:
-            return Advice(0.0, "moves no equilibrium; losses in the material")
-        named = scene.effects.viscosity
-        softest = min(scene.materials[region.material_name].shear_modulus for region in scene.regions())
-        critical = 2 * softest / body.frequency
-        if named is None:
-            return Advice(0.0, f"moves no equilibrium; {critical:.3g} Pa s damps its first bending critically")
-        ratio = named.viscosity / critical
-        return Advice(0.0, f"moves no equilibrium; damps its first bending by {100 * ratio:.2g} % of critical")
 
 
 @compiled

@@ -22,11 +22,10 @@ from magmpm.bodies.signed_distance import Table, curvature, value
 from magmpm.bodies.surface_mesh import read_mesh, size_fault, unpack_mesh
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.base import Advice, Point, Records, RestEstimate, SceneLike, one_record
+from magmpm.effects.base import Point, Records, SceneLike, one_record
 from magmpm.effects.body_reach import body_reach, unreached
 from magmpm.effects.contact_force import push, spring
 from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, place
-from magmpm.effects.estimates import obstacle
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
 from magmpm.inputs.csv_tables import read_centreline, table_faults
@@ -214,13 +213,6 @@ class Walls(Obstacle):
                 )
         super().check(model)
 
-    @classmethod
-    def advice(cls, scene: SceneLike, body: RestEstimate) -> Advice:
-        """Estimate whether the body would come to rest beyond the wall without it."""
-        named = scene.effects.walls
-        if named is None:
-            return Advice(None, "no lumen is given")
-        return obstacle(scene, body, lambda points: named._room(scene, points), "from it")
 
 
 @lru_cache(maxsize=4)

@@ -15,7 +15,6 @@ import numpy as np
 
 from magmpm.effects import acting
 from magmpm.effects.base import Effect
-from magmpm.effects.estimates import in_lengths
 from magmpm.effects.self_contact import gap
 from magmpm.errors import InputError, MagmpmError, SceneError, SolveError
 from magmpm.model import build
@@ -120,7 +119,7 @@ class Variants:
         """Data of a variant in which what it lacks is FAINT, where that can be: all variants then share one set of compiled kernels."""
         data, named = scene.to_si(), scene.effects
         effects, usual = data["effects"], self.scene.effects
-        if named.gravity is None and _dense(scene):
+        if named.gravity is None and has_densities(scene):
             effects["gravity"] = {"acceleration": [0.0, 0.0, -FAINT]}
         if named.damping is None and usual.damping is not None:
             effects["damping"] = {"rate": FAINT * usual.damping.rate}
@@ -176,12 +175,12 @@ def _naming(scene: Scene, key: str, kind: type[Effect]) -> Scene:
 
     Without the other rules of scenes, which take a millisecond and which the scene has passed.
     """
-    if key == "gravity" and not _dense(scene):
+    if key == "gravity" and not has_densities(scene):
         raise SceneError("materials", found="a material has no density", rule="gravity needs one", remedy="add it")
     return scene.model_copy(update={"effects": scene.effects.model_copy(update={key: kind()})})
 
 
-def _dense(scene: Scene) -> bool:
+def has_densities(scene: Scene) -> bool:
     """True if all materials of the body name their densities."""
     return all(scene.materials[region.material_name].density is not None for region in scene.regions())
 
@@ -213,6 +212,12 @@ def verdict(scene: Scene, key: str, moved: Shift, error: float) -> Judgment:
     near = " (close: within what the estimate is uncertain by)" if abs(moved.value - error) < moved.uncertainty else ""
     why = f"it moves the answer by {in_lengths(moved.value, scene)}, {'more' if matters else 'less'} than {in_lengths(error, scene)}{near}"
     return Judgment(key, named, moved.value, moved.uncertainty, word, why)
+
+
+def in_lengths(way: float, scene: Scene) -> str:
+    """A distance (m) as a fraction of the body's length: "42 % of its length"."""
+    percent = 100 * way / scene.length
+    return f"{percent:.0f} % of its length" if percent >= 99.5 else f"{percent:.2g} % of its length"
 
 
 def unknown(key: str, named: bool, why: str) -> Judgment:

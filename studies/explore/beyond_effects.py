@@ -1,4 +1,4 @@
-"""Beyond effects: whether a scene needs three dimensions, dynamics and its particles; in seconds saved and error added.
+"""Beyond effects: whether a scene needs three dimensions and dynamics; in seconds saved and error added.
 
 Seconds are of a run on two cores of about 2.7 GHz, to a factor of two, from the measured rates of docs/design.md; errors are told from
 runs on coarse grids (magmpm.solving.influence).
@@ -39,7 +39,7 @@ class Need:
 def needs(scene: Scene, runs: Variants) -> list[Need]:
     """The answers for a scene, from runs of it."""
     cost = seconds(scene)
-    return [_three_dimensions(scene, runs, cost), _dynamics(scene, runs, cost), _particles(scene, cost)]
+    return [_three_dimensions(scene, runs, cost), _dynamics(scene, runs, cost)]
 
 
 def seconds(scene: Scene) -> float:
@@ -113,15 +113,6 @@ def _solve(scene: Scene, cells: int) -> float:
     strip = scene.body.strip
     wide = 1.0 if strip is None or strip.plane_strain else max(1.0, (strip.width / strip.thickness) ** WIDE)
     return SOLVE * (cells / 4) ** ORDER * scene.length / (10 * scene.thickness) * wide
-
-
-def _particles(scene: Scene, cost: float) -> Need:
-    """Two a direction integrate what a cell's splines can tell; more are exact too, and cost."""
-    each = scene.resolution.particles_per_cell
-    if each == 2:
-        return Need("particles per cell", True, 0.0, None, "2 a direction are the fewest that carry a cell's second moments")
-    saved = cost * (1 - (2 / each) ** 3) if scene.solver.dynamic is not None else 0.3 * cost * (1 - (2 / each) ** 3)
-    return Need("particles per cell", False, saved, 0.0, f"2 a direction are exact for a section's second moments as {each} are")
 
 
 def _moved(shapes: Array) -> float:
