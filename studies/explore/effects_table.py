@@ -131,7 +131,7 @@ def _by_rest(found: Judgment, rest: Judgment) -> Judgment:
 
 
 def _settling(scene: Scene, key: str) -> str:
-    """How fast an effect settles the first bending of a cantilever."""
+    """Report how fast an effect settles the first bending of a cantilever."""
     frequency, named = first_frequency(scene), getattr(scene.effects, key)
     if key == "damping":
         best = 2 * frequency

@@ -9,8 +9,8 @@ import pytest
 from magmpm.cli import main
 from magmpm.studies.hard_cases import CASES, Case, run_cases
 
-LONG = ("time step 0.9 of the bound",)  # 10^5 steps; shorter ones keep energy and spin in test_motion_free_body and _vibration too
-PARAMETERS = [pytest.param(case, id=case.name, marks=[pytest.mark.slow] if case.slow or case.name in LONG else []) for case in CASES]
+# Motions need kernels of their own, a quarter of a minute each: `make stability` and `make test-long` run them all.
+PARAMETERS = [pytest.param(one, id=one.name, marks=[pytest.mark.slow] if one.slow or not one.scene().static else []) for one in CASES]
 
 
 @pytest.mark.parametrize("case", PARAMETERS)

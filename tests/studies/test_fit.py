@@ -327,7 +327,7 @@ def missing(folder: Path, stray: tuple[float, float, float] = (0.0, 0.0, 0.0), t
 
 @pytest.mark.parametrize(("lacks", "name"), [
     ({"stray": (0.1, 0.17, -0.28)}, "a stray field"),  # 0.34 mT
-    ({"turn": math.radians(6.0)}, "the direction of segment 1"),
+    pytest.param({"turn": math.radians(6.0)}, "the direction of segment 1", marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_what_the_scene_lacks_is_named_and_the_interval_holds_the_truth(lacks: dict[str, Any], name: str, tmp_path: Path) -> None:
     found = fit(read_measured(missing(tmp_path, **lacks), SCENE), SCENE, vary=["shear_modulus"])

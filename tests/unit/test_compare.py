@@ -99,10 +99,10 @@ def refused_before(kind: str, folder: Path) -> Scene:
     return Scene.from_si(data)
 
 
-KINDS = ["ground", "feed", "self_contact", "free body", "endless field", "parts at rest"]
+KINDS = ["ground", "self_contact", "free body", "endless field", "parts at rest"]
 
 
-@pytest.mark.parametrize("kind", [*KINDS, pytest.param("walls", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", [*KINDS, *(pytest.param(name, marks=pytest.mark.slow) for name in ("walls", "feed"))])
 def test_an_error_is_known_where_it_was_refused(kind: str, tmp_path: Path) -> None:
     """The whole runs are compared, and the bound holds against 5 cells."""
     scene = refused_before(kind, tmp_path)

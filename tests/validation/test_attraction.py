@@ -52,6 +52,7 @@ def test_cubes_attract_as_the_charges_on_their_faces(tmp_path: Path, apart: floa
     assert np.abs(momenta(state.motion)[:3]).max() < 1e-12 * DENSITY * EDGE**3 * np.abs(state.v).max()
 
 
+@pytest.mark.slow
 def test_cubes_that_meet_stay_together(tmp_path: Path) -> None:
     """With damping the sum of all energies only falls, and at rest they press each other."""
     rows: list[float] = []

@@ -81,6 +81,7 @@ def test_a_compressed_strip_buckles_as_euler_says() -> None:
     assert any("bifurcation" in warning for warning in rest.warnings)
 
 
+@pytest.mark.slow
 def test_a_shaken_cantilever_follows_its_base() -> None:
     """Swing of the tip over that of the base: (cos b + cosh b) / (1 + cos b cosh b), with b^4 = rho A (w^2 - i c w) L^4 / EI."""
     length, thickness, rate, swing = 20e-3, 1e-3, 30.0, 0.1e-3
