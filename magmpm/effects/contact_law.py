@@ -86,11 +86,13 @@ def _wave(scene: SceneLike) -> float:
 
 def stable_step(stiffness: float, damping: float = 0.0) -> float:
     """Largest stable step (s) of a spring of this stiffness w^2 (1/s^2), together with a body at its own limit; with a dashpot of this
-    rate (1/s), z = rate / 2 w times the critical one, shorter by sqrt(1 + z^2) - z (Belytschko, section 6.6)."""
+    rate (1/s), z = rate / 2 w times the critical one. A step multiplies velocities by r = (1 - z h) / (1 + z h), h = w dt, and is stable
+    for h^2 < 2 (1 + r) (Jury's criterion)."""
     if not stiffness > 0:
         return math.inf
     z = damping / (2.0 * math.sqrt(stiffness))
-    return (math.sqrt(1.0 + z * z) - z) * SHARE * 2.0 / math.sqrt(stiffness)
+    h = float(np.roots([z, 1.0, 0.0, -4.0]).real.max())
+    return SHARE * h / math.sqrt(stiffness)
 
 
 def place(model: Any, point: Array) -> str:
