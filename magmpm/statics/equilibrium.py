@@ -302,13 +302,10 @@ def _most_steps(model: StaticModel) -> int:
 
 
 def _distance(model: StaticModel, point: Point, rod: RodShape) -> float:
-    """Largest distance between the rod and particles near the axis, over the length."""
+    """Largest distance between the body's axis and the rod, over the length."""
     assert model.line is not None  # only straight bodies are rods
-    position = model.particles.position - np.array(model.line.base)
-    radius = np.hypot(position[:, 1], position[:, 2])
-    near = radius <= radius.min() * 1.5
-    moved = position[near] + point.displacement[near]  # relative to the base
-    return float(np.linalg.norm(moved - rod.at(position[near, 0]), axis=1).max() / rod.s[-1])
+    rows = axis.centreline(model, point.grid)
+    return float(np.linalg.norm(rows[:, 1:] - np.array(model.line.base) - rod.at(rows[:, 0]), axis=1).max() / rod.s[-1])
 
 
 def _along_branch(model: StaticModel, count: int, on_step: Callable[[int, float], None] | None) -> Equilibrium:

@@ -13,7 +13,11 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import optuna
+from optuna.exceptions import UpdateFinishedTrialError
+from optuna.samplers import BaseSampler
+from optuna.trial import TrialState
 
 from magmpm.errors import InputError
 from magmpm.results.folder_lock import folder_lock
@@ -52,10 +56,6 @@ from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
 from magmpm.studies.search.samplers.optuna_ids import trial_id
 from magmpm.studies.search.search_space import SearchSpace
 from magmpm.studies.search.well_posed import check_search
-
-if TYPE_CHECKING:
-    import optuna
-    from optuna.samplers import BaseSampler
 
 __all__ = ["FAILURES", "STARTS", "Picture", "check_study", "kernel_uses", "run_study"]
 
@@ -203,8 +203,6 @@ class _Run(OpenStudy):
 
     def exhausted(self) -> bool:
         """True if only starts elsewhere are left to an insertion whose best design is good: they are on other branches, and win nothing."""
-        from optuna.trial import TrialState
-
         sampler, found = self.newton, isinstance(self.judge.trajectory, Insertion) and self.best is not None
         if sampler is None or not found or self.best > POOR * self.space.scene.length:  # type: ignore[operator]
             return False
@@ -214,16 +212,17 @@ class _Run(OpenStudy):
         return all(t.state != TrialState.WAITING for t in trials) and sampler.used_up(ended, running)
 
     def exchange(self) -> bool:
-        """Queues the best design with one direction of the set exchanged, where that is left to be tried. Returns whether one waits."""
-        from optuna.trial import TrialState
-
-        if self.shared or self.judge.trajectory is not None or len(self.study.minimize) > 1:
+        """Queues the best design of a set of directions with the rest a step on, or one direction exchanged. Returns whether one waits."""
+        several = self.judge.trajectory is not None or len(self.study.minimize) > 1
+        if self.shared or several or self.space.limits is None or self.space.limits.allowed is None:
             return False
         trials = self.store(lambda: self.kept.get_trials(deepcopy=False))
         best = report.best_trial([t for t in trials if t.state == TrialState.COMPLETE])
         if best is None or any(t.state == TrialState.WAITING and EXCHANGED in t.user_attrs for t in trials):
             return best is not None
-        params = next_exchange(self.space, self.study.target, best.params, [t.params for t in trials if t.state.is_finished()])
+        ended = [t for t in trials if t.state.is_finished()]
+        params = self.newton.refined(best, ended) if self.newton is not None else None
+        params = params or next_exchange(self.space, self.study.target, best.params, [t.params for t in ended])
         if params is not None:
             self.store(lambda: self.kept.enqueue_trial(params, user_attrs={EXCHANGED: best.number}))
         return params is not None
@@ -292,8 +291,6 @@ class _Run(OpenStudy):
 
     def wanted(self, at_work: int) -> bool:
         """True if another trial is wanted in addition to those being solved, at_work of them here."""
-        from optuna.trial import TrialState
-
         if not self.shared:
             return self.count + at_work < self.study.trials
         known = [t.state for t in self.store(lambda: self.kept.get_trials(deepcopy=False)) if t.state != TrialState.FAIL]
@@ -312,8 +309,6 @@ class _Run(OpenStudy):
 
     def in_time(self, asked: optuna.Trial) -> bool:
         """True if a trial is one of those that are wanted; one with which another session was faster is withdrawn."""
-        from optuna.trial import TrialState
-
         known = self.store(lambda: self.kept.get_trials(deepcopy=False))
         before = sum(t.number < asked.number and t.state != TrialState.FAIL for t in known)
         if before < self.study.trials:
@@ -347,9 +342,6 @@ class _Run(OpenStudy):
 
     def told(self, asked: optuna.Trial, judged: Judged, begun: float) -> bool:
         """Writes a trial's attributes and value. Returns whether it counts. May be called again where it is not known what was written."""
-        from optuna.exceptions import UpdateFinishedTrialError
-        from optuna.trial import TrialState
-
         try:
             for key, value in judged.known.items():
                 asked.set_user_attr(key, value)

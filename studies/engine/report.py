@@ -24,7 +24,7 @@ OF_SEVERAL = (  # of a trial of an insertion or a schedule
 SCATTER = ("measure_m", "mean_rms_m", "sigma_rms_m", "scatter_m")  # of a trial of a study with `robust`
 Ended = Literal["stop", "trials", "exhausted", "interrupted"]
 BRINK = 0.1  # stability below which a design is on the brink: it is reported, and another of nearly the same rms takes its place
-NEARLY = 1.1  # times the least rms: what the more stable design may cost
+NEARLY = 1.1  # times the least rms: what the more stable design may cost, and how much more than its rms one on the brink counts
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class StudyReport:
     """A study's state. SI.
 
     trials: finished ones, of which `failed` got the penalty, and `refused` were less stable than the study's margin;
-    exchanged: those in which single directions of the best design were exchanged, beyond the `wanted` ones;
+    exchanged: those that exchanged a direction of the best design or went a step on from it, beyond the `wanted` ones;
     best: {number, rms_m, tip_error_m, stability, params, magnetization (k, 3),
     field_T} of the best trial (best_trial), or None; first_trial_below_stop: number (from 0, as the dashboard
     counts) of the first trial that reached `stop`, None without one; seconds_per_trial: median of solve, picture and
@@ -63,7 +63,6 @@ class StudyReport:
     artifacts: str | None = None  # where the trials' pictures are, if not in the folder itself
     study_file: str | None = None  # the study's file, from the root
     limits: list[dict[str, Any]] = field(default_factory=list)  # what holds the best design back (reach.py), each with what it `says`
-
     exchanged: int = 0
     judged: list[dict[str, Any]] = field(default_factory=list)  # the best designs on finer grids (judged.py), best first
 
@@ -78,7 +77,7 @@ class StudyReport:
             return "interrupted; run the same command to go on"
         done = f"{self.trials} trial{'s are' if self.trials != 1 else ' is'} done"
         if self.exchanged:
-            done += f" ({self.exchanged} exchanged single directions of the best design)"
+            done += f" ({self.exchanged} exchanged single directions of the best design, or went a step on from it)"
         if self.ended == "exhausted":
             return f"{done}, and nothing more is to be had: no descent from the rod's designs gets better; for others, change `seed`"
         if self.ended == "trials" or self.best is None or self.stop_rms_m is None:
@@ -104,10 +103,14 @@ class StudyReport:
 
 def best_trial(trials: Sequence[FrozenTrial]) -> FrozenTrial | None:
     """The feasible trial nearest to the target; of equals, the first. If it is less stable than BRINK: of those whose value is at most
-    NEARLY times as large the nearest that is not, or the most stable one."""
+    NEARLY times as large, and not on the brink if one is not, the least value times its cost, 1 + (NEARLY - 1) BRINK / stability."""
     near = nearest_first(trials)
+    stability = {t.number: 1.0 if (known := t.user_attrs.get("stability")) is None else max(known, 1e-9) for t in near}
+    if not near or stability[near[0].number] >= BRINK:
+        return next(iter(near), None)
     close = [t for t in near if _rms(t) <= NEARLY * _rms(near[0])]
-    return max(close, key=lambda t: BRINK if (known := t.user_attrs.get("stability")) is None else min(known, BRINK), default=None)
+    stable = [t for t in close if stability[t.number] >= BRINK] or close
+    return min(stable, key=lambda t: _rms(t) * (1.0 + (NEARLY - 1.0) * BRINK / stability[t.number]))
 
 
 def on_the_brink(best: Mapping[str, Any] | None) -> list[str]:

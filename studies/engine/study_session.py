@@ -5,7 +5,11 @@ from __future__ import annotations
 import dataclasses
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import optuna
+from optuna.storages import BaseStorage
+from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.errors import InputError, SolveError
 from magmpm.errors import report as worded
@@ -24,18 +28,12 @@ from magmpm.studies.search.best_scene import write_best_scene
 from magmpm.studies.search.objectives import pareto_report
 from magmpm.studies.search.samplers.choice import settings
 
-if TYPE_CHECKING:
-    from optuna.storages import BaseStorage
-    from optuna.trial import FrozenTrial
-
 JUDGED = "judged"  # attribute of a study: its best designs on finer grids
 STARTS = "starts"  # attribute of a study: the rod's designs
 
 
 def as_begun(study: Study, storage: BaseStorage) -> Study:
     """A study whose file names no sampler, with the one by which the storage's study of its name was begun, if there is one."""
-    import optuna
-
     if study.why_sampler is None or study.name not in optuna.get_all_study_names(storage):
         return study
     kept = optuna.load_study(study_name=study.name, storage=storage).user_attrs.get("definition", {})
@@ -49,8 +47,6 @@ class OpenStudy:
     """A study and what is known of it."""
 
     def __init__(self, judge: Judge, out: Path, store: Store) -> None:
-        import optuna
-
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         self.judge, self.study, self.space, self.out, self.store = judge, judge.study, judge.space, out, store
         self.distributions = self.space.distributions()
@@ -67,8 +63,6 @@ class OpenStudy:
 
     def finished(self) -> list[FrozenTrial]:
         """Finished trials in order."""
-        from optuna.trial import TrialState
-
         return self.store(lambda: list(self.kept.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))))
 
     def rod_starts(self) -> list[dict[str, float]]:
@@ -158,8 +152,6 @@ def solved_again(judge: Judge, store: Store, number: int) -> dict[str, Any]:
 
     Raises InputError where the storage has no such trial, or none that is finished.
     """
-    import optuna
-
     must_exist(store.url, judge.out)
     storage = store.opened()
     with storage_faults(store.url, store.timeout):

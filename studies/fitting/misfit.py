@@ -3,7 +3,7 @@
 To first order: residuals r and slopes J at the minimum, slopes S of what was not varied, less what the constants can do in its place,
 A = S - J J^+ S. Freed, it lowers the sum of squares by the squared projection of r on A, which for normal errors has an F distribution
 (chi-square where the noise is given); probabilities are times the number of suspects. Below DOUBTED, intervals are widened to hold the
-answer with the suspect freed (as if known to WIDEST / 2) as well, and withheld where the data then no longer determine the constant.
+answers with the suspects freed (as if known to WIDEST / 2, fitted anew) as well, and withheld where the data then determine no constant.
 Source: Seber and Lee, Linear Regression Analysis (2003), section 4.3.
 """
 
@@ -22,7 +22,7 @@ from magmpm.studies.fitting.constants import GEOMETRY, SHOWN, Constant, constant
 from magmpm.studies.fitting.identify import FLAT, WIDEST
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.profile import Interval
-from magmpm.studies.fitting.solve import Minimum
+from magmpm.studies.fitting.solve import Minimum, least_squares
 from magmpm.studies.fitting.table import Measured
 
 ODD = 3.5  # standard errors: residuals beyond are named
@@ -32,8 +32,8 @@ DOUBTED = 0.05  # probability below which a suspect widens the intervals: of tru
 
 @dataclass(frozen=True)
 class Suspect:
-    """Something taken as exact. probability: that chance explains as much; x (k + q,): the fit's constants and its own with it freed;
-    errors (k,): standard errors of the former; degrees: of freedom, inf where the noise is given."""
+    """Something taken as exact. probability: that chance explains as much; x (k + q,): the fit's constants and its own, with it freed where
+    it is doubted; errors (k,): standard errors of the former; degrees: of freedom, inf where the noise is given; spread: their variance."""
 
     name: str
     constants: tuple[Constant, ...]
@@ -41,13 +41,12 @@ class Suspect:
     x: Array
     errors: Array
     degrees: float
+    spread: float
 
     def warning(self) -> str:
         """Warning about the suspect."""
-        parts = []
-        for constant, number in zip(self.constants, self.x.tolist(), strict=True):
-            factor, unit = SHOWN[constant.kind]
-            parts.append(f"{constant.name} {factor * constant.value(number):.3g} {unit}")
+        both = zip(self.constants, self.x.tolist(), strict=True)
+        parts = [f"{one.name} {SHOWN[one.kind][0] * one.value(number):.3g} {SHOWN[one.kind][1]}" for one, number in both]
         own = len(self.constants) - (len(self.x) - len(self.errors))
         return (
             f"{self.name} ({', '.join(parts[own:])}) explains the residuals better than chance does (F-test, probability that chance does "
@@ -62,14 +61,16 @@ class Suspect:
         halves = float(ndtri(tail) if np.isinf(self.degrees) else stdtrit(self.degrees, tail)) * self.errors
         for one, x, half in zip(intervals, self.x.tolist(), halves.tolist(), strict=False):
             low, high = (None if one.low is None else min(one.low, x - half)), (None if one.high is None else max(one.high, x + half))
-            found.append(Interval(None, None, "withheld") if half > WIDEST else Interval(low, high, "widened"))
+            known = half <= WIDEST and one.method != "withheld"
+            found.append(Interval(low, high, "widened") if known else Interval(None, None, "withheld"))
         return found
 
 
 def suspects_of(
     prediction: Prediction, best: Minimum, weights: Array, degrees: int, known_noise: bool
-) -> tuple[tuple[Suspect, ...], dict[str, float]]:
-    """Suspects that may not be exact, likeliest first; and the fraction by which each constant moves per fraction of the diameter.
+) -> tuple[tuple[Suspect, ...], dict[str, dict[str, float]]]:
+    """Suspects that may not be exact, likeliest first; and by their kind the fraction by which each constant moves for a fraction of the
+    diameter, 1 mT or a radian: the most, in any direction of these and of any segment.
 
     best: in standard errors; weights (n,): their inverses for what was measured.
     """
@@ -86,9 +87,12 @@ def suspects_of(
         slopes[:, :k] = best.slopes
         prediction.solves += wide.solves
     moved = -np.linalg.lstsq(best.slopes, slopes, rcond=None)[0]
-    left, found = slopes + best.slopes @ moved, []
+    left, found, moves = slopes + best.slopes @ moved, [], dict[str, dict[str, float]]()
     for name, group in groups:
         at = [k + freed.index(constant) for constant in group]
+        sizes = (moved[:, at[0]] if len(at) == 1 else np.linalg.norm(moved[:, at], axis=1)).tolist()
+        most = moves.setdefault(group[0].kind, {})
+        most |= {c.name: max(most.get(c.name, 0.0), size, key=abs) for c, size in zip(constants, sizes, strict=False) if c.relative}
         basis, sizes, _ = np.linalg.svd(left[:, at], full_matrices=False)
         basis = basis[:, sizes > FLAT * np.linalg.norm(slopes[:, at])]
         explained, count = float(np.sum((basis.T @ best.residuals) ** 2)), basis.shape[1]
@@ -96,15 +100,32 @@ def suspects_of(
             continue
         spread = 1.0 if known_noise else max((best.cost - explained) / (degrees - count), 1e-300)
         chance = chdtrc(count, explained) if known_noise else fdtrc(count, degrees - count, explained / count / spread)
-        J = slopes[:, [*range(k), *at]]
-        covariance = np.linalg.inv(J.T @ J + np.diag([0.0] * k + [(WIDEST / 2) ** -2] * len(at)))
-        x = np.concatenate([best.x, np.zeros(len(at))]) - covariance @ (J.T @ best.residuals)
-        errors = np.sqrt(spread * np.diag(covariance)[:k])
-        found.append(Suspect(name, (*constants, *group), float(chance), x, errors, np.inf if known_noise else degrees - count))
-    found = [replace(one, probability=min(1.0, len(found) * one.probability)) for one in found]
-    diameter = [i for i, constant in enumerate(freed) if constant.kind == GEOMETRY]
-    of_diameter = {c.name: float(moved[i, k + j]) for j in diameter for i, c in enumerate(constants) if c.relative}
-    return tuple(sorted(found, key=lambda one: one.probability)), of_diameter
+        about = np.append(best.x, np.zeros(len(at))), np.full(k, np.nan), np.inf if known_noise else degrees - count, spread
+        found.append(Suspect(name, (*constants, *group), float(chance), *about))
+    found = sorted((replace(one, probability=min(1.0, len(found) * one.probability)) for one in found), key=lambda one: one.probability)
+    chosen = doubted(found)
+    return (*(_settled(one, prediction, best, weights) for one in chosen), *found[len(chosen) :]), moves
+
+
+def doubted(suspects: Sequence[Suspect]) -> list[Suspect]:
+    """Suspects that chance does not do as well as, without those to which the likeliest is by as much to be preferred; likeliest first."""
+    return [one for one in suspects if one.probability < DOUBTED and DOUBTED * one.probability <= suspects[0].probability]
+
+
+def _settled(one: Suspect, prediction: Prediction, best: Minimum, weights: Array) -> Suspect:
+    """The suspect with the answer to which a descent leads: a direction that is off by some degrees is no longer of first order."""
+    k, extra = len(one.errors), len(one.x) - len(one.errors)
+    wide, loose = replace(prediction, constants=one.constants, solves=0), np.sqrt(one.spread) / (WIDEST / 2) * np.eye(len(one.x))[k:]
+    below = np.vstack([np.pad(best.slopes[len(weights) :], ((0, 0), (0, extra))), loose])  # what is known beforehand
+
+    def model(x: Array, slopes: bool) -> tuple[Array, Array]:
+        residuals, jacobian = wide.at(x, slopes=slopes)
+        return np.append(residuals * weights, below @ x), np.vstack([jacobian * weights[:, None], below])
+
+    there = least_squares(model, one.x, scale=math.sqrt(one.spread))
+    prediction.solves += wide.solves
+    spread = 1.0 if np.isinf(one.degrees) else (there.cost - float(np.sum((loose @ there.x) ** 2))) / one.degrees
+    return replace(one, x=there.x, errors=np.sqrt(spread * np.diag(np.linalg.inv(there.slopes.T @ there.slopes))[:k]), spread=spread)
 
 
 def _groups(scene: Scene, constants: Sequence[Constant]) -> Iterator[tuple[str, tuple[Constant, ...]]]:

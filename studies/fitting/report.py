@@ -11,7 +11,7 @@ import yaml
 
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.settings import read_yaml
-from magmpm.studies.fitting.constants import LOSSES, OF_MATERIALS, SHOWN, applied, directions
+from magmpm.studies.fitting.constants import GEOMETRY, LOSSES, OF_MATERIALS, SHOWN, applied, directions
 from magmpm.studies.fitting.held_out import HeldOut
 from magmpm.studies.fitting.prediction import Label
 from magmpm.studies.fitting.search import Fit, Fitted
@@ -44,7 +44,7 @@ def summary(found: Fit) -> dict[str, Any]:
             for value, label in zip(found.residuals, found.labels, strict=True)
         ],
         "suspects": None if found.suspects is None else [{"name": one.name, "probability": one.probability} for one in found.suspects],
-        "by_diameter": dict(found.by_diameter),
+        "moves": {kind: dict(by) for kind, by in found.moves.items()},
         "warnings": list(found.warnings),
         "solves": found.solves,
         "seconds": found.seconds,
@@ -89,9 +89,14 @@ def text(found: Fit) -> str:
 
 
 def _exact(found: Fit) -> str:
-    """Quantities whose error is in no interval, and the outcome of the test of them."""
-    moved = ", ".join(f"{name} {share:+.2g} %" for name, share in found.by_diameter.items())
-    words = "geometry" + (f" (1 % more diameter in the scene: {moved})" if moved else "") + ", and all that is not varied"
+    """Quantities whose error is in no interval, by what they would move the constants, and the outcome of the test of them."""
+    parts = []
+    for kind, name, share, of in ((GEOMETRY, "geometry", 1.0, "1 % more diameter in the scene:"),
+                                  ("field", "the field", 10.0, "0.1 mT: up to"),
+                                  ("magnetization", "directions", math.pi / 1.8, "1 deg: up to")):  # fmt: skip
+        moved = [f"{each} {share * by:{'+' * (kind == GEOMETRY)}.2g} %" for each, by in found.moves.get(kind, {}).items()]
+        parts.append(f"{name} ({of} {', '.join(moved)})" if moved else name)
+    words = f"{', '.join(parts)}, and all else that is not varied"
     if found.suspects is None:
         return words
     if not found.suspects:

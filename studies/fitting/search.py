@@ -23,7 +23,7 @@ from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.studies.fitting.constants import Constant, constants_of, with_known
 from magmpm.studies.fitting.identify import Refused, check_apart, refuse_twins
-from magmpm.studies.fitting.misfit import DOUBTED, Suspect, odd_readings, suspects_of, unequal_tables
+from magmpm.studies.fitting.misfit import Suspect, doubted, odd_readings, suspects_of, unequal_tables
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.profile import Interval, interval_of
 from magmpm.studies.fitting.solve import Minimum, Model, least_squares
@@ -60,7 +60,7 @@ class Fit:
     """Result of a fit. residuals (n,) m or rad, simulated minus measured, with their labels; sigma: of lengths m, of angles rad.
 
     ratios: by what each table's sigma of lengths is larger than that, which is the first table's. suspects: what was taken as exact and
-    might explain residuals (misfit.py), likeliest first, None: no test; by_diameter: share by which each constant moves for the diameter's.
+    might explain residuals (misfit.py), likeliest first, None: no test; moves: by what of each suspect the constants change (suspects_of).
     noise: where sigma is from: given | residuals | given, enlarged; correlation (k, k) of the constants.
     """
 
@@ -81,7 +81,7 @@ class Fit:
     seconds: float
     ratios: tuple[float, ...] = (1.0,)
     suspects: tuple[Suspect, ...] | None = None
-    by_diameter: Mapping[str, float] = field(default_factory=dict)
+    moves: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         found = ", ".join(f"{one.constant.name} = {one.value:.4g}" for one in self.constants)
@@ -156,11 +156,11 @@ def fit(
     covariance: Array = np.linalg.inv(best.slopes.T @ best.slopes).astype(np.float64)
     intervals = [interval_of(model, best, covariance, k, quantile, search.say) for k in range(len(constants))]
     shift, suspects = None, None
-    by_diameter: dict[str, float] = {}
+    moves: dict[str, dict[str, float]] = {}
     if thorough and not scene.in_time:
         shift = search.on_finer_grid(best, sigmas, covariance)
-        suspects, by_diameter = suspects_of(prediction, best, 1.0 / sigmas.of(labels), degrees, source == "given")
-        for one in (each for each in suspects[:1] if each.probability < DOUBTED):
+        suspects, moves = suspects_of(prediction, best, 1.0 / sigmas.of(labels), degrees, source == "given")
+        for one in doubted(suspects):
             intervals, warnings = one.widened(intervals, level), [*warnings, one.warning()]
     found = tuple(_fitted(c, k, best, covariance, intervals[k], shift) for k, c in enumerate(constants))
     deviations = np.sqrt(np.diag(covariance))
@@ -171,7 +171,7 @@ def fit(
     return Fit(
         scene, measured, found, level, sigmas.length, sigmas.angle if measured.has_angles else None, source, raw, labels,
         degrees, covariance / np.outer(deviations, deviations), best.x, tuple(warnings), prediction.solves, time.perf_counter() - begun,
-        ratios, suspects, by_diameter,
+        ratios, suspects, moves,
     )  # fmt: skip
 
 

@@ -42,10 +42,8 @@ def improved(space: SearchSpace, target: Array, starts: Sequence[dict[str, float
 
 
 def next_exchange(space: SearchSpace, target: Array, best: Parameters, tried: Sequence[Parameters]) -> dict[str, Any] | None:
-    """The best design's parameters with one direction exchanged (_exchanges), as no other trial has had it: of these the one that brings
-    the rod nearest to the target. None where all were tried, or directions are not of a set."""
-    if space.limits is None or space.limits.allowed is None:
-        return None
+    """The best design's parameters with one direction of the set exchanged (_exchanges), as no other trial has had it: of these the one
+    that brings the rod nearest to the target. None where all were tried."""
     order = best.get("order")
     known = {_key(space.made(space.embedded(one))) for one in tried if one.get("order") == order}
     new = [y for y in _exchanges(space, space.made(space.embedded(best))) if _key(y) not in known]

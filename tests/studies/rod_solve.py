@@ -74,9 +74,7 @@ class RodResult:
 def solve(scene: Scene, *, start: RodShape | None = None) -> RodResult:
     """Solves the rod model of the scene; start: near this shape, not on the branch that grows from zero load."""
     shape = solve_rod(scene, elements=20) if start is None else _near(scene, start)
-    s = np.linspace(
-        0.0, scene.body.catheter.length, 41
-    )  # rows at the faces and centers of cells, as the measures require
+    s = np.linspace(0.0, scene.body.catheter.length, 41)  # rows at the faces and centers of cells, as the measures require
     return RodResult(scene.to_si(), np.column_stack([s, shape.at(s)]), iterations=shape.iterations)
 
 

@@ -25,6 +25,8 @@ def trials(*pairs: tuple[float, float | None]) -> Any:
     ([(0.30, 0.02), (0.32, 0.3), (0.31, 0.2)], 2),  # the nearest that is not on the brink
     ([(0.30, 0.02), (0.34, 0.9)], 0),  # costs 13 %
     ([(0.30, 0.02), (0.32, 0.05), (0.31, 0.04)], 1),  # all on it: the most stable
+    ([(0.610, 0.065), (0.619, 0.107), (0.621, 0.398)], 2),  # of those not on it: 0.3 % of rms for four times the stability
+    ([(0.511, 0.078), (0.537, 0.080)], 0),  # all on it: 5 % of rms is too much for so little
     ([(0.30, 0.2), (0.31, 0.9)], 0),  # stable enough: rms decides
     ([(0.30, None), (0.31, 0.9)], 0),  # not known: rms decides
 ])  # fmt: skip

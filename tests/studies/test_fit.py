@@ -120,8 +120,6 @@ PLACES = "field_z_mT,s_mm,x_mm,y_mm,z_mm\n3,13,12,0.1,2\n3,40,35,,15\n"
 CURVE = "field_z_mT,x_mm,z_mm\n3,10,1\n3,30,8\n3,38,16\n"
 IN_SPACE = "field_z_mT,x_mm,y_mm,z_mm\n3,10,1,1\n3,30,0,8\n"
 POSE = "field_z_mT,tip_x_mm,tip_z_mm,tip_angle_deg\n3,36,14,50\n"
-
-
 TABLES = [PLACES, CURVE, POSE, pytest.param(IN_SPACE, marks=pytest.mark.slow)]
 
 
@@ -327,6 +325,7 @@ def missing(folder: Path, stray: tuple[float, float, float] = (0.0, 0.0, 0.0), t
 
 @pytest.mark.parametrize(("lacks", "name"), [
     ({"stray": (0.1, 0.17, -0.28)}, "a stray field"),  # 0.34 mT
+    ({"stray": (0.2, 0.34, -0.56)}, "a stray field"),  # 0.68 mT: to first order the modulus with it freed is above the true one
     pytest.param({"turn": math.radians(6.0)}, "the direction of segment 1", marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_what_the_scene_lacks_is_named_and_the_interval_holds_the_truth(lacks: dict[str, Any], name: str, tmp_path: Path) -> None:
@@ -352,7 +351,7 @@ def test_geometry_is_told_to_be_exact(tmp_path: Path) -> None:
     assert one.value == pytest.approx(1.21 * 118e3, rel=0.02)  # d^4 over d^2, less the clamp's share of the length, d/L
     finer = fit(found.measured, SCENE.with_cells(4), vary=["shear_modulus"], thorough=False).constants[0]
     assert one.grid_shift == pytest.approx(finer.value - one.value, rel=0.1)  # one Gauss-Newton step
-    assert found.by_diameter[one.constant.name] == pytest.approx(-2.0, abs=0.1)  # likewise
+    assert found.moves["diameter"][one.constant.name] == pytest.approx(-2.0, abs=0.1)  # likewise
     assert "1 % more diameter in the scene: shear_modulus_magnetic_silicone -2 %" in text(found)
 
 

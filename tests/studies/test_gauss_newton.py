@@ -144,7 +144,7 @@ def test_bounds_hold_and_are_reached_where_the_least_lies_beyond() -> None:
 
 
 def test_a_bad_step_is_taken_back_and_made_shorter() -> None:
-    """After a design that fails or violates a constraint the next one steps from the one before, less far."""
+    """After a design that fails or violates a constraint the next one steps from the one before, less far; a start is left for the next."""
     model, _ = curved(ALL)
     for constrained in (False, True):
         study = optuna.create_study(sampler=GaussNewtonSampler(ALL, 1))
@@ -159,13 +159,9 @@ def test_a_bad_step_is_taken_back_and_made_shorter() -> None:
         _, second, third = plans(study)
         assert second["from"] == third["from"] == 0
         assert third["length"] <= second["length"] / 4 * (1 + 1e-9)
-
-
-def test_a_start_that_fails_is_left_for_the_next() -> None:
-    model, _ = curved(ALL)
     study = optuna.create_study(sampler=GaussNewtonSampler(ALL, 1))
-    trial(study, ALL, model, fails=True)
-    trial(study, ALL, model)
+    for fails in (True, False):
+        trial(study, ALL, model, fails)
     assert [plan["start"] for plan in plans(study)] == [0, 1]
 
 
@@ -265,13 +261,13 @@ def test_the_curvature_is_what_the_last_step_showed_within_ten_of_the_guess(seen
     assert sampler._curvature(last, {0: before}, x, jacobian) == pytest.approx(taken * guess)  # type: ignore[arg-type,dict-item]
 
 
-@pytest.mark.parametrize(("cost", "stuck"), [(0.55, False), (0.58, True)])
-def test_a_descent_that_hardly_moves_is_left(cost: float, stuck: bool) -> None:
-    """Five accepted steps have to bring the value below three quarters, its square below 9/16."""
+@pytest.mark.parametrize(("cost", "promised", "stuck"), [(0.55, 1.0, False), (0.58, 1.0, True), (0.55, 0.01, True)])
+def test_a_descent_that_hardly_moves_is_left(cost: float, promised: float, stuck: bool) -> None:
+    """Five accepted steps have to bring the value below three quarters, its square below 9/16; of two steps one promises something."""
     chain = {k: SimpleNamespace(value=1.0, user_attrs={"residuals": [1.0 if k < 5 else cost**0.5]},
-                                system_attrs={PLAN: {"from": k - 1 if k else None}}) for k in range(6)}  # fmt: skip
-    step, sampler = SimpleNamespace(promised=cost), GaussNewtonSampler([BALL], 1)
-    args: Any = (chain[5], step, 1.0, chain, None, np.array([cost**0.5]), None)
+                                system_attrs={PLAN: {"from": k - 1 if k else None, "promised": promised}}) for k in range(6)}  # fmt: skip
+    step, sampler = SimpleNamespace(promised=promised * cost), GaussNewtonSampler([BALL], 1)
+    args: Any = (chain[5], step, 1.0, chain, None, np.array([cost**0.5]), None, chain[5])
     assert sampler._stuck(*args) is stuck
 
 

@@ -22,17 +22,17 @@ from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import optuna
+from optuna.exceptions import UpdateFinishedTrialError
+from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.errors import report
 from magmpm.studies.engine.storage import StorageError, Store
 from magmpm.studies.engine.storage_url import is_server
 from magmpm.studies.engine.workers.per_trial import AGAIN, SESSION
 from magmpm.studies.search.samplers.optuna_ids import storage_of, study_id, trial_id
-
-if TYPE_CHECKING:
-    import optuna
-    from optuna.trial import FrozenTrial
 
 STALE = 600.0  # s after which a trial begun on another machine counts as left behind, if its session writes no beat
 BEAT = 10.0  # s between two beats of a session
@@ -73,8 +73,6 @@ class Session:
 
     def sweep(self, mine: set[int]) -> None:
         """Ends the trials of dead sessions and queues their designs again; mine: numbers of the trials that are being solved here."""
-        from optuna.trial import TrialState
-
         now = time.monotonic()
         if now - self._looked > 2 * BEAT:  # the server, or this machine, was away: nobody's beat could be seen
             self._seen.clear()
@@ -91,8 +89,6 @@ class Session:
 
     def put_back(self, trial_id: int) -> None:
         """Lets `ask` take up a trial of this session again, with the same number and parameters, unless it has ended."""
-        from optuna.trial import TrialState
-
         def back() -> None:
             if not self.storage.get_trial(trial_id).state.is_finished():
                 self.storage.set_trial_state_values(trial_id, state=TrialState.WAITING)
@@ -101,17 +97,12 @@ class Session:
 
     def put_all_back(self) -> None:
         """Puts back every trial that this session has requested and not finished."""
-        from optuna.trial import TrialState
-
         for trial in self.store(lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))):
             if not self.shared or trial.user_attrs.get(SESSION) == self.name:
                 self.put_back(trial_id(trial))
 
     def withdraw(self, trial_id: int) -> None:
         """Ends a trial that nobody needs."""
-        from optuna.exceptions import UpdateFinishedTrialError
-        from optuna.trial import TrialState
-
         def end() -> None:
             with suppress(UpdateFinishedTrialError):
                 self.storage.set_trial_user_attr(trial_id, "reason", SURPLUS)
@@ -133,10 +124,6 @@ class Session:
 
     def _take_up(self, trial: FrozenTrial) -> None:
         """End a trial of a dead session, and queue its design, unless another session has."""
-        import optuna
-        from optuna.exceptions import UpdateFinishedTrialError
-        from optuna.trial import TrialState
-
         def end() -> bool:
             try:
                 with _one_at_a_time(self.store.url):
@@ -165,8 +152,6 @@ class Session:
 
         Raises StorageError when the process that runs them is alive.
         """
-        from optuna.trial import TrialState
-
         records = self.kept.user_attrs
         for trial in self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
             by = trial.user_attrs.get(SESSION)

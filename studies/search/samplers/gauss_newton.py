@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -53,14 +52,6 @@ PATIENCE, PROGRESS = 5, 0.75  # ... or if so many accepted steps have not brough
 LOOKED_AT = 3  # given designs that are tried before the best of them is improved, while all are poor
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """Plan for the requested trial: its parameters, and what is kept with it."""
-
-    params: dict[str, float]
-    kept: dict[str, Any]
-
-
 class GaussNewtonSampler(optuna.samplers.BaseSampler):
     """Suggests starts and Gauss-Newton steps; reads `residuals` and `jacobian` from the trials' user attributes.
 
@@ -82,9 +73,9 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         ended = (TrialState.COMPLETE, TrialState.FAIL, TrialState.PRUNED)
         trials = [t for t in study.get_trials(deepcopy=False, states=ended) if set(search_space) <= set(t.params)]
         running, _ = others_running(study, trial, search_space)
-        plan = self._plan(trials, running)
-        storage_of(study).set_trial_system_attr(trial_id(trial), PLAN, plan.kept)
-        return plan.params
+        params, kept = self._plan(trials, running)
+        storage_of(study).set_trial_system_attr(trial_id(trial), PLAN, kept)
+        return params
 
     def sample_independent(self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> Any:
         """For parameters that no block names: the middle of their range."""
@@ -92,8 +83,9 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
             raise ValueError(f"{param_name}: no block of the Gauss-Newton sampler names it, and it is not a plain number")
         return (param_distribution.low + param_distribution.high) / 2
 
-    def _plan(self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()) -> _Plan:
-        """The next trial: a step from the descent's best design so far, or a start. Descents with a running trial wait for it."""
+    def _plan(self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()) -> tuple[dict[str, float], dict[str, Any]]:
+        """Parameters of the next trial, and what is kept with it: a step from the descent's best design so far, or a start. Descents with a
+        running trial wait for it."""
         known = {t.number: t for t in trials}
         busy = {_start(t) for t in running}
         free = [t for t in trials if _start(t) not in busy]
@@ -104,17 +96,30 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
             x, residuals, jacobian = self._space.read(base.params), *_model(base)
             step = self._space.step(x, residuals, jacobian, radius, self._curvature(free[-1], known, x, jacobian))
             there = self._space.write(self._space.moved(x, step.p))
-            if not self._stuck(base, step, radius, known, x, residuals, jacobian) and not self._seen(there, trials):
+            if not self._stuck(base, step, radius, known, x, residuals, jacobian, free[-1]) and not self._seen(there, trials):
                 kept = {"start": _start(base), "from": base.number, "radius": radius, "length": step.length}
-                return _Plan(there, {**kept, "promised": step.promised})
+                return there, {**kept, "promised": step.promised}
         index = 1 + max((_start(t) for t in trials), default=-1)
         while self._seen(params := self._start_at(index), trials):
             index += 1
-        return _Plan(params, {"start": index, "from": None})
+        return params, {"start": index, "from": None}
 
     def used_up(self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial]) -> bool:
         """True if the given designs and the descents from them are used up, so that a point of the sequence comes next."""
-        return bool(self._plan(trials, running).kept["start"] >= len(self._starts))
+        return bool(self._plan(trials, running)[1]["start"] >= len(self._starts))
+
+    def refined(self, base: FrozenTrial, trials: Sequence[FrozenTrial]) -> dict[str, float] | None:
+        """The design a step on from the best trial's, shorter than those that were tried; None where it promises little."""
+        radius = RADIUS if _model_of(base) is not None else 0.0
+        while radius > LEAST_RADIUS:
+            x, residuals, jacobian = self._space.read(base.params), *_model(base)
+            step = self._space.step(x, residuals, jacobian, radius, self._space.curvature(x, jacobian))
+            if step.promised < LEAST_GAIN * _cost(base):
+                break
+            if not self._seen(there := self._space.write(self._space.moved(x, step.p)), trials):
+                return there
+            radius = step.length / 4
+        return None
 
     def _base(self, trials: Sequence[FrozenTrial], known: Mapping[int, FrozenTrial]) -> tuple[FrozenTrial, float] | None:
         """The design to step from and the radius, after the last trial; None: a start is due."""
@@ -125,7 +130,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         if plan is not None and plan["from"] is not None:
             before = known[plan["from"]]
             return _judged(before, last, plan)
-        given = [t for t in trials if _model_of(t) is not None and _of_a_start(t)]
+        given = [t for t in trials if _model_of(t) is not None and t.system_attrs.get(PLAN, {"from": None})["from"] is None]
         if plan is None:  # not ours: enqueued, or of another sampler
             return (min(given, key=_cost), RADIUS) if given else None
         looked_at = min(LOOKED_AT, len(self._starts))
@@ -145,12 +150,16 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
 
     def _stuck(
         self, base: FrozenTrial, step: Step, radius: float, known: Mapping[int, FrozenTrial], x: Array, residuals: Array, jacobian: Array,
+        last: FrozenTrial,
     ) -> bool:  # fmt: skip
-        """True if this descent should be left."""
+        """True if this descent, of which `last` is the last trial, should be left."""
         cost = float(residuals @ residuals)
         if radius < LEAST_RADIUS or step.promised <= 0.0:
             return True
-        if step.promised < LEAST_GAIN * cost:  # because it is short, or because the end is near
+        if step.promised < LEAST_GAIN * cost:  # because it is short, once, or because the end is near
+            plan = last.system_attrs.get(PLAN) or {}
+            if plan.get("promised", math.inf) < LEAST_GAIN * cost:
+                return True
             step = self._space.step(x, residuals, jacobian, RADIUS / 4)
         if step.promised < LEAST_GAIN * cost:
             return True
@@ -217,8 +226,3 @@ def _value(trial: FrozenTrial) -> float:
 def _start(trial: FrozenTrial) -> int:
     """Number of the start whose descent a trial belongs to; -1 for one that was not ours."""
     return int(trial.system_attrs.get(PLAN, {"start": -1})["start"])
-
-
-def _of_a_start(trial: FrozenTrial) -> bool:
-    return bool(trial.system_attrs.get(PLAN, {"from": None})["from"] is None)
-
