@@ -91,8 +91,7 @@ def stable_step(stiffness: float, damping: float = 0.0) -> float:
     if not stiffness > 0:
         return math.inf
     z = damping / (2.0 * math.sqrt(stiffness))
-    h = float(np.roots([z, 1.0, 0.0, -4.0]).real.max())
-    return SHARE * h / math.sqrt(stiffness)
+    return SHARE * float(np.roots([z, 1.0, 0.0, -4.0]).real.max()) / math.sqrt(stiffness)
 
 
 def place(model: Any, point: Array) -> str:

@@ -1,4 +1,4 @@
-"""Every hard case that `magmpm stability` runs stays within its bound."""
+"""Every hard case that `magmpm stability` runs stays within its bound; motions, with kernels of their own, in the long run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import pytest
 from magmpm.cli import main
 from magmpm.studies.hard_cases import CASES, Case, run_cases
 
-# Motions need kernels of their own, a quarter of a minute each: `make stability` and `make test-long` run them all.
 PARAMETERS = [pytest.param(one, id=one.name, marks=[pytest.mark.slow] if one.slow or not one.scene().static else []) for one in CASES]
 
 

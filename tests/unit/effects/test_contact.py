@@ -90,8 +90,7 @@ def test_outside_the_table_nothing_touches() -> None:
 
 
 def test_push_and_grip_have_the_numbers_of_their_formulas() -> None:
-    """m w^2 depth - m r v / (1 + r dt / 2) upward, not below 0, mu times that as grip, m w^2 as stiffness; nothing above the plane.
-    Without a dashpot no difference by the speed."""
+    """m w^2 depth - m r v / (1 + r dt / 2) upward, not below 0, mu times that as grip, m w^2 as stiffness; nothing above the plane."""
 
     def force(z: float, v: list[float], friction: float = 0.4, rate: float = 2 * np.sqrt(STIFFNESS)) -> np.ndarray:
         law = {"friction": friction, "stiffness": STIFFNESS, "damping": rate}
