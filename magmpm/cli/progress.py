@@ -17,6 +17,7 @@ class Progress:
     def __init__(self, title: str) -> None:
         self._title, self._begun, self._shown = title, time.monotonic(), 0
         self._visible, self._last, self._over = sys.stderr.isatty(), title, threading.Event()
+        self._first: tuple[float, int] | None = None  # time and parts done of the first report: compiling, and a resumed part, come before
 
     def __enter__(self) -> Progress:
         if not self._visible:
@@ -37,9 +38,10 @@ class Progress:
         self._line(f"{self._title}: {text}")
 
     def at(self, done: int, total: int, text: str = "") -> None:
-        """`done` of `total` parts are finished; the time left is estimated from those."""
-        spent = time.monotonic() - self._begun
-        left = f", about {_duration(spent / done * (total - done))} left" if done else ""
+        """`done` of `total` parts are finished; the time left is estimated from those since the first call."""
+        now = time.monotonic()
+        begun, before = self._first = self._first or (now, done)
+        left = f", about {_duration((now - begun) / (done - before) * (total - done))} left" if done > before else ""
         self._line(f"{self._title}: {done} of {total}{left}{'; ' if text else ''}{text}")
 
     def _line(self, text: str) -> None:

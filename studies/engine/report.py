@@ -68,7 +68,7 @@ class StudyReport:
 
     def __repr__(self) -> str:
         best = "none" if self.best is None else f"trial {self.best['number']}, rms {1e3 * self.best['rms_m']:.3f} mm"
-        return f"StudyReport({self.name!r}: {self.trials} trials by {self.sampler}; best {best}; in {self.out})"
+        return f"StudyReport({self.name!r}: {self.trials} trial{'s' * (self.trials != 1)} by {self.sampler}; best {best}; in {self.out})"
 
     @property
     def why(self) -> str:

@@ -12,6 +12,7 @@ import re
 import sqlite3
 import sys
 import time
+import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -69,7 +70,16 @@ def storage_faults(url: str, timeout: float = TIMEOUT) -> Iterator[None]:
     except Exception as error:
         if isinstance(error, (StorageInternalError, SQLAlchemyError, sqlite3.Error, *_of_grpc())):
             raise _explained(error, url, timeout) from None
+        unread = isinstance(error, (ValueError, TypeError, KeyError, AssertionError)) and "Record does not exist" not in str(error)
+        if unread and _in_optuna(error) and not is_server(url):
+            raise _corrupt(url, f"Optuna can't read it: {type(error).__name__} {error}".splitlines()[0]) from None
         raise
+
+
+def _in_optuna(error: Exception) -> bool:
+    """True if Optuna raised an error, or what it calls to decode what is stored."""
+    *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+    return frame.f_globals["__name__"].split(".")[0] in ("optuna", "json")
 
 
 def _of_grpc() -> tuple[type[Exception], ...]:

@@ -68,9 +68,9 @@ def check_apart(
         rule += f"; what they do tell: {'; '.join(said)}"
     if rms > POOR * scene.length:
         rule += f"; the scene is {1e3 * rms:.3g} mm (rms) from what was measured, so look first whether it names all that acted there"
-    fewer = f"--vary {_fewer(constants, right, lost)} and take the others from the scene" if len(constants) > len(lost) else "other data"
+    fewer = _fewer(constants, slopes, quantile, len(kept))
     loads = [c.name for c in involved if c.kind in ("remanence", "density")]
-    remedy = fewer
+    remedy = f"--vary {fewer} and take the others from the scene" if fewer else "other data"
     if len(names) > 1 and any(c.relative for c in involved):
         remedy += f"; or --known {(loads or [c.name for c in involved if c.relative])[0]}=2%, if it is known that well"
     if advice:
@@ -103,15 +103,21 @@ def _listed(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def _fewer(constants: Sequence[Constant], right: Array, lost: Sequence[int]) -> str:
-    """Names of the constants that are left when those that matter most in the lost directions are taken as known."""
-    left = list(range(len(constants)))
-    for row in lost:
-        # remanence, density and fields can be measured by themselves: they are taken as known first
-        first = [k for k in left if abs(right[row, k]) > SHARE and constants[k].kind not in ("shear_modulus", "damping", "viscosity")]
-        choice = first or left
-        left.remove(max(choice, key=lambda k: abs(right[row, k])))
-    return ",".join(constants[k].name for k in left)
+def _fewer(constants: Sequence[Constant], slopes: Array, quantile: float, count: int) -> str:
+    """Names of at most `count` constants that the data tell if the others are taken as known."""
+    kept: list[int] = []
+    # remanence, density and fields can be measured by themselves: the others are kept first
+    own = [k for k, c in enumerate(constants) if c.kind in ("shear_modulus", "damping", "viscosity")]
+    for left in (own, [k for k in range(len(constants)) if k not in own]):
+        while left and len(kept) < count:
+            basis = np.linalg.qr(slopes[:, kept])[0]
+            told = np.linalg.norm(slopes - basis @ (basis.T @ slopes), axis=0)  # by what the kept ones do not explain
+            best = max(left, key=lambda k: told[k])
+            if told[best] * WIDEST < quantile:
+                break
+            kept.append(best)
+            left.remove(best)
+    return ",".join(constants[k].name for k in sorted(kept))
 
 
 def _combination(constants: Sequence[Constant], direction: Array, width: float) -> str:

@@ -26,7 +26,8 @@ from magmpm.studies.fitting import (
     summary,
     text,
 )
-from magmpm.studies.fitting.constants import applied, constants_of
+from magmpm.studies.fitting.constants import Constant, applied, constants_of
+from magmpm.studies.fitting.identify import _fewer
 from magmpm.studies.fitting.prediction import Prediction
 from magmpm.studies.fitting.solve import least_squares
 
@@ -286,6 +287,13 @@ def test_modulus_and_remanence_are_not_told_apart_by_tips_in_a_uniform_field(tmp
     assert "shear_modulus_magnetic_silicone * remanence_magnetic_silicone^-1" in refused.value.known[0]
     assert any("moment" in words for words in refused.value.advice)
     assert any("weight" in words for words in refused.value.advice)
+
+
+def test_constants_that_are_left_to_vary_are_those_that_the_data_tell() -> None:
+    """A soft tip that bears nothing: neither its modulus, which moves nothing, nor the remanence, which moves what the modulus does."""
+    of = [("soft", "shear_modulus"), ("stiff", "shear_modulus"), ("Br", "remanence")]
+    constants = [Constant(name, kind, 1.0, "") for name, kind in of]
+    assert _fewer(constants, np.array([[1e-3, 50.0, -50.0], [0.0, 20.0, -20.0]]), 1.96, 2) == "stiff"
 
 
 def test_fewer_numbers_than_constants_are_refused(tmp_path: Path) -> None:

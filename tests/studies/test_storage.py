@@ -179,6 +179,7 @@ def test_a_damaged_database_is_told_as_such(tmp_path: Path) -> None:
     connection.close()
     for beside in path.parent.glob("study.db-*"):
         beside.unlink()
+    whole = Path(shutil.copytree(path.parent, tmp_path / "whole"))
     content = path.read_bytes()
     middle = bytearray(content)
     middle[len(content) // 2 : len(content) // 2 + 8192] = b"\x5a" * 8192
@@ -191,7 +192,17 @@ def test_a_damaged_database_is_told_as_such(tmp_path: Path) -> None:
             assert part in said
         assert "it resumes" not in said
         assert path.read_bytes() == damaged, "left as it is"
-    path.write_bytes(content)
+    for cell in ("trial_user_attributes SET value_json = '{'", "trial_params SET distribution_json = '{}'"):
+        shutil.rmtree(tmp_path / "out")
+        shutil.copytree(whole, tmp_path / "out")
+        connection = sqlite3.connect(path)
+        connection.execute(f"UPDATE {cell}")
+        connection.commit()
+        connection.close()
+        with pytest.raises(InputError, match="the database of trials is damaged"):
+            run(tmp_path)
+    shutil.rmtree(tmp_path / "out")
+    whole.rename(tmp_path / "out")
     assert run(tmp_path).trials == 8
 
 

@@ -39,7 +39,7 @@ def answer(facts: Mapping[str, Any]) -> Markup:
         if best.get("stability") is not None:
             boxes.append((significant(best["stability"], 2), "stability (1: at rest, 0: critical)"))
         boxes.append((f"{best['number']}", "its trial"))
-    boxes.append((f"{facts['trials']}", f"trials by {facts['sampler']}"))
+    boxes.append((f"{facts['trials']}", f"trial{'s' * (facts['trials'] != 1)} by {facts['sampler']}"))
     if facts.get("seconds_per_trial") is not None:
         boxes.append((f"{significant(facts['seconds_per_trial'], 2)} s", "a trial (median)"))
     return tag("div", *(tag("div", tag("b", value), tag("span", words)) for value, words in boxes), class_="answer")
@@ -64,7 +64,7 @@ def search(facts: Mapping[str, Any]) -> Markup:
     """Counts, why it ended, why trials failed, and the best of them."""
     refused = f", {facts['refused']} were refused as less stable than the margin" if facts.get("refused") else ""
     failed = f"{facts['failed']} failed{refused}"
-    parts = [tag("p", f"{facts['trials']} trials, of which {failed}. The study {_why(facts)}.")]
+    parts = [tag("p", f"{facts['trials']} trial{'s' * (facts['trials'] != 1)}, of which {failed}. The study {_why(facts)}.")]
     if facts.get("why_not"):
         head = ["", "why", "trials"]
         parts.append(table(head, [[kind, reason, count] for kind, reason, count in facts["why_not"][:12]]))

@@ -26,3 +26,17 @@ def test_without_a_terminal_lines_come_though_the_work_reports_nothing(
     with progress.Progress("short"):
         pass
     assert capsys.readouterr().err == ""
+
+
+def test_the_time_left_counts_no_compiling_and_nothing_done_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A motion that compiled for 60 s, and one that was resumed after 900 of 1000 parts: 10 parts a second are left to be done."""
+    now = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    for before, left in ((0, "about 90 s left"), (890, "about 1 s left")):
+        with progress.Progress("swing") as shown:
+            now[0] += 60.0
+            shown.at(before, 1000)
+            assert "left" not in shown._last
+            now[0] += 10.0
+            shown.at(before + 100, 1000)
+            assert left in shown._last
