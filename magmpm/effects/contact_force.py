@@ -24,16 +24,14 @@ PARTS = 7  # numbers in f
 
 
 @compiled
-def push(depth, n0, n1, n2, leaving, mass, stiffness, soft, knee, damping, friction, dt, f):
+def push(depth, n0, n1, n2, leaving, mass, stiffness, soft, knee, damping, friction, f):
     """f += the push along n and its grip. n: unit normal out of the obstacle; leaving: speed along it, m/s; depth m; damping 1/s.
 
-    The dashpot acts by the mean of the speeds before a step of dt (s) and after it, as it changes them itself (Crank and Nicolson). By the
-    speed before it would ask for a shorter step. The spring's stiffness over mass rises from `soft` times stiffness (1/s^2) at the surface
-    to all of it at the depth `knee` (m).
+    The spring's stiffness over mass rises from `soft` times stiffness (1/s^2) at the surface to all of it at the depth `knee` (m).
     """
     rigidity = mass * stiffness
     rest = depth * depth / (2.0 * knee) if depth < knee else depth - 0.5 * knee
-    normal = max(rigidity * (soft * depth + (1.0 - soft) * rest) - mass * damping * leaving / (1.0 + 0.5 * damping * dt), 0.0)
+    normal = max(rigidity * (soft * depth + (1.0 - soft) * rest) - mass * damping * leaving, 0.0)
     grip = friction * normal
     f[0] += normal * n0
     f[1] += normal * n1

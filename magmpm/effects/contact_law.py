@@ -10,7 +10,7 @@ thousandth of a cell. Source of the lumped bound used by `stable_step`: Hughes, 
 With friction, an elastic body on a hard plane flutters: shear and bounce of the whole body feed on each other while it slides, its weight
 comes off the ground, and it slides where it should stick (Martins, Oden, Simoes, Int. J. Eng. Sci. 28 (1990) 29). A dashpot beside a spring
 as stiff as a cell does not feel these slow modes. So friction has a spring that begins softer, to give as much as SOFT thicknesses of the
-body, whatever the cells, beside a dashpot that is critical for the full spring. The dashpot acts only where the body slides: what rolls
+body, whatever the cells, beside a dashpot near the impedance of the pressure wave. The dashpot acts only where the body slides: what rolls
 loses nothing. From the depth KNEE on the spring is as stiff as without friction, so that bodies that land do not sink in.
 """
 
@@ -59,10 +59,10 @@ Stiffness = Annotated[
 def law(scene: SceneLike, factor: float, friction: float) -> dict[str, float]:
     """The arguments of `push` for a scene's body: `stiffness` w^2 in 1/s^2, times `factor`, and with friction `soft`, `knee` (m) and
     `damping` (1/s)."""
-    rate = math.sqrt(factor) * _wave(scene) / scene.cell
+    rate = _wave(scene) / scene.cell
     if not friction > 0:
-        return {"stiffness": rate**2}
-    return {"stiffness": rate**2, "soft": scene.cell / (SOFT * scene.thickness), "knee": KNEE * scene.cell, "damping": 2.0 * rate}
+        return {"stiffness": factor * rate**2}
+    return {"stiffness": factor * rate**2, "soft": scene.cell / (SOFT * scene.thickness), "knee": KNEE * scene.cell, "damping": rate}
 
 
 def own_friction(scene: SceneLike) -> Array:
@@ -86,12 +86,11 @@ def _wave(scene: SceneLike) -> float:
 
 def stable_step(stiffness: float, damping: float = 0.0) -> float:
     """Largest stable step (s) of a spring of this stiffness w^2 (1/s^2), together with a body at its own limit; with a dashpot of this
-    rate (1/s), z = rate / 2 w times the critical one. A step multiplies velocities by r = (1 - z h) / (1 + z h), h = w dt, and is stable
-    for h^2 < 2 (1 + r) (Jury's criterion)."""
+    rate (1/s), z = rate / 2 w times the critical one, shorter by sqrt(1 + z^2) - z (Belytschko, section 6.6)."""
     if not stiffness > 0:
         return math.inf
     z = damping / (2.0 * math.sqrt(stiffness))
-    return SHARE * float(np.roots([z, 1.0, 0.0, -4.0]).real.max()) / math.sqrt(stiffness)
+    return (math.sqrt(1.0 + z * z) - z) * SHARE * 2.0 / math.sqrt(stiffness)
 
 
 def place(model: Any, point: Array) -> str:

@@ -101,7 +101,7 @@ def contact(effect, data, x, v, mass, dt, f):
         leaving = v[0] * n[0] + v[1] * n[1] + v[2] * n[2]
         push(
             below, n[0], n[1], n[2], leaving, mass, effect.ground_stiffness, effect.ground_soft, effect.ground_knee, effect.ground_damping,
-            effect.ground_friction, dt, f,
+            effect.ground_friction, f,
         )  # fmt: skip
 
 

@@ -260,7 +260,7 @@ def contact(effect, data, x, v, mass, dt, f):
         if size > 0.0:  # times the slope's size: the exact slope of the energy
             push(
                 beyond, sx / size, sy / size, sz / size, (v[0] * sx + v[1] * sy + v[2] * sz) / size, mass,
-                effect.walls_stiffness * size, effect.walls_soft, effect.walls_knee, effect.walls_damping, effect.walls_friction, dt, f,
+                effect.walls_stiffness * size, effect.walls_soft, effect.walls_knee, effect.walls_damping, effect.walls_friction, f,
             )  # fmt: skip
 
 

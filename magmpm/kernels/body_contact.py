@@ -212,7 +212,7 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         length = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
         leaving = (v[0] * n[0] + v[1] * n[1] + v[2] * n[2]) / length
         share = cells.share[cell]
-        push(-d, n[0], n[1], n[2], leaving, share * surface.mass[p], law[0], law[1], law[2], share * law[3], friction, dt, f)
+        push(-d, n[0], n[1], n[2], leaving, share * surface.mass[p], law[0], law[1], law[2], share * law[3], friction, f)
         if friction > 0.0:
             new = memory[at + HELD] == 0.0
             for i in range(3):

@@ -90,7 +90,8 @@ def test_outside_the_table_nothing_touches() -> None:
 
 
 def test_push_and_grip_have_the_numbers_of_their_formulas() -> None:
-    """m w^2 depth - m r v / (1 + r dt / 2) upward, not below 0, mu times that as grip, m w^2 as stiffness; nothing above the plane."""
+    """m w^2 depth - m r v upward, not below 0, mu times that as grip, m w^2 as stiffness; nothing above the plane. Without a dashpot no
+    difference by the speed."""
 
     def force(z: float, v: list[float], friction: float = 0.4, rate: float = 2 * np.sqrt(STIFFNESS)) -> np.ndarray:
         law = {"friction": friction, "stiffness": STIFFNESS, "damping": rate}
@@ -101,7 +102,7 @@ def test_push_and_grip_have_the_numbers_of_their_formulas() -> None:
 
     assert not force(1.2e-3, [1, 0, 0]).any()
     normal = MASS * STIFFNESS * 3e-4
-    slow = 0.1 * np.sqrt(STIFFNESS) * 3e-4 * (1 + np.sqrt(STIFFNESS) * 1e-6)  # m/s: the dashpot takes a fifth of the push
+    slow = 0.1 * np.sqrt(STIFFNESS) * 3e-4  # m/s: the dashpot takes a fifth of the push
     for v, push in (([3.0, 4.0, 0.0], normal), ([3.0, 4.0, slow], 0.8 * normal), ([0, 0, -slow], 1.2 * normal), ([0, 0, 6 * slow], 0.0)):
         np.testing.assert_allclose(force(0.8e-3, v), [0, 0, push, 0, 0, 0.4 * push, MASS * STIFFNESS], rtol=1e-12)
         np.testing.assert_allclose(force(0.8e-3, v, 0.0, 0.0), [0, 0, normal, 0, 0, 0, MASS * STIFFNESS], rtol=1e-12)
@@ -165,14 +166,14 @@ def test_friction_gives_back_no_more_than_it_took(rng: np.random.Generator) -> N
 
 def test_penalty_is_stable_at_its_step_and_not_far_beyond() -> None:
     """A particle that falls on the ground by itself: its energy stays at 1.4 / w, and grows without bound above 2 / w; with a dashpot of
-    critical damping, at 0.92 / w."""
+    critical damping, at 0.58 / w."""
     critical = 2 * np.sqrt(STIFFNESS)
     slippery, rough = (
         ground.parameters(point=[0, 0, 0], normal=[0, 0, 1], friction=0.3, stiffness=STIFFNESS, damping=rate) for rate in (0.0, critical)
     )
     step = contact.stable_step(STIFFNESS)
     assert step == pytest.approx(1.4 / np.sqrt(STIFFNESS))
-    assert contact.stable_step(STIFFNESS, critical) == pytest.approx(0.92 / np.sqrt(STIFFNESS), rel=1e-3)
+    assert contact.stable_step(STIFFNESS, critical) == pytest.approx(0.58 / np.sqrt(STIFFNESS), rel=1e-3)
 
     def fastest(dt: float, named: tuple[np.ndarray, np.ndarray] = slippery) -> float:
         x, v, most = np.zeros(3), np.zeros(3), 0.0

@@ -253,8 +253,8 @@ def test_what_is_stiff_tells_its_step(key: str) -> None:
 
 @pytest.mark.parametrize("key", CONTACT)
 def test_the_step_of_contact_is_that_of_its_stiffness(key: str, rng: np.random.Generator) -> None:
-    """0.7 h / w with h^2 (1 + z h) = 4, with w^2 the largest eigenvalue of minus the force's Jacobian over the mass, and 2 z w that by
-    velocity, 1 + z w dt times the force's in a step of dt: the true bound of a particle in contact."""
+    """0.7 of 2 (sqrt(1 + z^2) - z) / w, with w^2 the largest eigenvalue of minus the force's Jacobian over the mass, and 2 z w that by
+    velocity: the true bound of a particle in contact."""
     own = acting(key).own
     function = hook(own, "contact")
     stiffest, damped = 0.0, 0.0
@@ -271,9 +271,9 @@ def test_the_step_of_contact_is_that_of_its_stiffness(key: str, rng: np.random.G
         J, D = np.array(rows), np.array(rates)
         stiffest = max(stiffest, -np.linalg.eigvalsh((J + J.T) / 2)[0] / MASS)
         damped = max(damped, -np.linalg.eigvalsh((D + D.T) / 2)[0] / MASS)
-    z = damped / (1 - damped * DT / 2) / (2 * math.sqrt(stiffest))
-    h = acting(key).effect.stable_step(acting(key).model) * math.sqrt(stiffest) / 0.7
-    assert h**2 * (1 + z * h) == pytest.approx(4, rel=0.05)
+    z = damped / (2 * math.sqrt(stiffest))
+    bound = 1.4 * (math.hypot(1.0, z) - z) / math.sqrt(stiffest)
+    assert acting(key).effect.stable_step(acting(key).model) == pytest.approx(bound, rel=0.02)
 
 
 def growth(one: Acting, dt: float) -> float:
