@@ -92,7 +92,7 @@ class Ladder:
             lines.append("* another setting is both quicker and more accurate")
         bars = [rung.bar for rung in self.rungs[:-1] if rung.bar is not None]
         if bars != sorted(bars, reverse=True):
-            lines.append("at most: what the finest cells prove; of cells nearly as fine they prove less, so the bound may rise as errors fall")
+            lines.append("at most: what the finest cells prove; of cells nearly as fine they prove less, so it may rise as errors fall")
         for model in self.beside:
             lines.append(model.line)
         if self.algebraic_error is not None:
