@@ -12,10 +12,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from inspect import signature
 from typing import Any
 
 import numba
 from numba import prange
+from numba.extending import overload
 
 from magmpm.compiled.cache import jit
 from magmpm.errors import InputError, report
@@ -31,9 +33,31 @@ if _settings.DISABLE_JIT:
         )
     )
 FASTMATH = {"contract", "reassoc", "arcp", "nsz", "afn"}
-kernel: Callable[..., Any] = jit(parallel=True, fastmath=FASTMATH, error_model="numpy", nogil=True)
-compiled: Callable[..., Any] = jit(fastmath=FASTMATH, error_model="numpy", nogil=True)
+OPTIONS: Any = {"fastmath": FASTMATH, "no_cfunc_wrapper": True}  # wrappers for C would take 5 % of compiling; nobody calls them
+_ALL: dict[str, Any] = {**OPTIONS, "error_model": "numpy", "nogil": True}
+kernel: Callable[..., Any] = jit(parallel=True, **_ALL)
+compiled: Callable[..., Any] = jit(**_ALL)
+# A kernel that only compiled code calls: to be called from Python as well takes a tenth of compiling.
+inner_kernel: Callable[..., Any] = jit(parallel=True, no_cpython_wrapper=True, **_ALL)
 # For functions that inner loops call with many arrays. Without it, a call passes seven words for each array, some hundred instructions.
-inlined: Callable[..., Any] = jit(fastmath=FASTMATH, error_model="numpy", nogil=True, forceinline=True)
+inlined: Callable[..., Any] = jit(forceinline=True, **_ALL)
 
-__all__ = ["FASTMATH", "compiled", "inlined", "kernel", "prange"]
+
+def only_where(argument: str, needed: Callable[[Any], bool], function: Any, otherwise: str = "None") -> Callable[..., Any]:
+    """A compiled function that is called, and compiled into its callers, only where the type of one argument needs it.
+
+    needed: of that argument's Numba type; otherwise: Python text of the value elsewhere. The result can be called by compiled code alone.
+    """
+    names = ", ".join(signature(function.py_func).parameters)
+    space = {"function": function, "needed": needed}
+    exec(f"def build({names}):\n    if needed({argument}):\n        return lambda {names}: function({names})\n"
+         f"    return lambda {names}: {otherwise}", space)  # fmt: skip
+
+    def stub(*_: Any) -> Any:
+        raise NotImplementedError("only within compiled code")
+
+    overload(stub, jit_options=OPTIONS, strict=False)(space["build"])
+    return stub
+
+
+__all__ = ["FASTMATH", "OPTIONS", "compiled", "inlined", "inner_kernel", "kernel", "only_where", "prange"]

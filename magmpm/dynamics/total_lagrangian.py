@@ -17,6 +17,7 @@ from magmpm.dynamics.steps import Kinematics, at_step
 from magmpm.effects import acting
 from magmpm.effects.base import Contact, Touching
 from magmpm.effects.contact_law import at_rest
+from magmpm.effects.hooks import those_with
 from magmpm.kernels import total_lagrangian_step
 from magmpm.kernels.body_contact import Meeting
 from magmpm.kernels.surface_contact import ANCHOR
@@ -71,7 +72,7 @@ class TotalMotion:
         state = total_lagrangian_step.State(u, v, force, stiffness, anchor, memory)
         cells = p.cells._replace(shear=p.cells.shear + instant) if instant else p.cells
         body = cells, p.particles, p.nodes, p.mass.correction, p.surface, meeting
-        return int(total_lagrangian_step.advance(steps, dt, *body, state, effects, watch, self.slabs))
+        return int(total_lagrangian_step.advance(steps, dt, *body, state, (effects, those_with("node", effects)), watch, self.slabs))
 
     def velocity(self) -> Array:
         """Velocity of the nodes (3 nodes,) m/s, at the time of their displacements.

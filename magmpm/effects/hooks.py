@@ -46,9 +46,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numba.extending import overload
+from numba.extending import overload, register_jitable
 
-from magmpm.compiled.jit import FASTMATH
+from magmpm.compiled.jit import FASTMATH, OPTIONS
 
 HOOKS = ("energy", "stress", "force", "tangent", "softening", "stress_change", "force_change", "touch", "rate_stress", "relax", "contact",
          "near", "node", "push")  # fmt: skip
@@ -84,6 +84,11 @@ def has_hook(hook: str, named: tuple[Any, ...]) -> bool:
     return any(records.dtype.names in _registry[hook] for records, _ in pairs(named))
 
 
+def those_with(hook: str, named: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The part of a tuple (records, data, ...) whose effects have this hook."""
+    return tuple(part for pair in pairs(named) if has_hook(hook, pair) for part in pair)
+
+
 def pairs(named: tuple[Any, ...]) -> list[tuple[Any, Any]]:
     """The records and the table of each effect of a tuple (records, data, records, data, ...)."""
     return list(zip(named[::2], named[1::2], strict=True))
@@ -102,273 +107,122 @@ def _find(hook: str, effects: Any, wide: bool | None = None) -> Callable[..., An
     return _registry[hook].get(names)
 
 
-def any_softening(effects):
-    """True if any effect has a softening: known while compiling, so that the code for it is left out. Only within compiled code."""
+def any_has(*names: str, wide: bool | None = None) -> Callable[[Any], bool]:
+    """Function of the type of a tuple of effects: True if one of them has one of these hooks; wide: as in _find."""
+    return lambda effects: any(_find(name, effects[i:], wide) is not None for name in names for i in range(0, len(effects), 2))
 
 
-@overload(any_softening, jit_options={"fastmath": FASTMATH})
-def _any_softening(effects):
-    if len(effects) == 0:
-        return lambda effects: False
-    if _find("softening", effects) is not None:
-        return lambda effects: True
-    return lambda effects: any_softening(effects[2:])
+def _has(*names: str) -> Callable[..., bool]:
+    """Function for compiled code: True if any effect has one of these hooks. Known while compiling: what needs it is left out."""
+
+    def stub(_):
+        raise NotImplementedError("only within compiled code")
+
+    @overload(stub, jit_options=OPTIONS, strict=False)
+    def build(effects):
+        return (lambda effects: True) if any_has(*names)(effects) else (lambda effects: False)
+
+    return stub
 
 
-def add_energy(effects, step, magnet, rho, x, F):
-    """Sum of the effects' potential energies, J/m^3. Only within compiled code; step: which of an effect's records counts."""
+has_stress = _has("stress")
+has_force = _has("force")
+has_rate_stress = _has("rate_stress")
+has_relaxing = _has("relax")
+has_node = _has("node")
+any_softening = _has("softening")
 
 
-def add_stress(effects, step, magnet, rho, x, F, P):
-    """Adds every effect's stress to P. Only within compiled code."""
+def _walk(
+    arguments: str, find: Callable[[Any], Callable[..., Any] | None], fold: str = "{}; {}", last: str = "None"
+) -> Callable[..., Any]:
+    """Function for compiled code, of (effects, arguments): calls what `find` finds of each effect, in one piece of code without a loop.
+
+    find: the hook of the first of a tuple's effects, or None. fold: how the value of a call and that of the rest make one; last: of no
+    effect. Numba wants arguments spelled out, so the code is a text.
+    """
+
+    def code(effects):
+        names = arguments.removeprefix("step, ")
+        record = "[min(step, len(effects[{0}]) - 1)]" if names != arguments else "[0]"
+        space, value = {"np": np}, last
+        for i in reversed(range(0, len(effects), 2)):
+            hook = find(effects[i:])
+            if hook is not None:
+                space[f"hook{i}"] = hook
+                value = fold.format(f"hook{i}(effects[{i}]{record.format(i)}, effects[{i + 1}], {names})", value)
+        steps = value.split("; ")
+        exec("\n    ".join([f"def called(effects, {arguments}):", *steps[:-1], f"return {steps[-1]}"]), space)
+        return space["called"]
+
+    def stub(*_):
+        raise NotImplementedError("only within compiled code")
+
+    space: dict[str, Any] = {"code": code}
+    exec(f"def build(effects, {arguments}):\n    return code(effects)", space)
+    overload(stub, jit_options=OPTIONS, strict=False)(space["build"])
+    return stub
 
 
-def add_force(effects, step, magnet, rho, x, F, f):
-    """Adds every effect's force per volume to f. Only within compiled code."""
+def _hook(name: str, wide: bool | None = None) -> Callable[[Any], Callable[..., Any] | None]:
+    return lambda effects: _find(name, effects, wide)
 
 
-def add_tangent(effects, step, magnet, rho, x, F, A):
-    """Adds every effect's tangent to A. Only within compiled code."""
+# At one particle. step: which of an effect's records counts.
+add_energy = _walk("step, magnet, rho, x, F", _hook("energy"), "{} + ({})", "0.0")  # J/m^3
+add_stress = _walk("step, magnet, rho, x, F, P", _hook("stress"))
+add_force = _walk("step, magnet, rho, x, F, f", _hook("force"))
+add_tangent = _walk("step, magnet, rho, x, F, A", _hook("tangent"))
+add_softening = _walk("step, magnet, rho, x, F, H, M", _hook("softening"))
+
+# Eight particles at a time (kernels.particle_group): first the effects whose hooks are wide, called once, then the others, lane by lane.
+add_relaxing = _walk("step, dt, F, C, P", _hook("relax"))
+add_wide_stress = _walk("step, magnet, rho, x, F, P", _hook("stress", wide=True))
+add_wide_force = _walk("step, magnet, rho, x, F, f", _hook("force", wide=True))
+add_wide_rate_stress = _walk("step, rho, F, dF, P", _hook("rate_stress", wide=True))
+add_narrow_stress = _walk("step, magnet, rho, x, F, P", _hook("stress", wide=False))
+add_narrow_force = _walk("step, magnet, rho, x, F, f", _hook("force", wide=False))
+add_narrow_rate_stress = _walk("step, rho, F, dF, P", _hook("rate_stress", wide=False))
+
+# At a point of the surface, at a node, of a step.
+add_contact = _walk("step, x, v, mass, dt, f", _hook("contact"))
+add_touch = _walk("x, mass, f, H", _hook("touch"), "{} + ({})", "0.0")  # J
+change_node = _walk("step, X, u, v, dt", _hook("node"))
+push_time = _walk("step, dt", _hook("push"), "{} * ({})", "dt")  # s
 
 
-def add_softening(effects, step, magnet, rho, x, F, H, M):
-    """Adds every effect's derivatives with respect to place to H and M. Only within compiled code."""
+def _nearest(effects: Any) -> Callable[..., Any] | None:
+    """The hook `near` of an effect with contact; infinite if it has none."""
+    if _find("contact", effects) is None:
+        return None
+    return _find("near", effects) or register_jitable(lambda effect, data, x: np.inf)
 
 
-def add_rate_stress(effects, step, rho, F, dF, P):
-    """Adds every effect's stress of the rate dF to P. Only within compiled code."""
+deepest = _walk("step, x", _nearest, "max({}, {})", "-np.inf")  # the largest `near`, m
 
 
-def add_relaxing(effects, step, dt, F, C, P):
-    """Lets every effect's memory C follow F, and adds its stress to P. Only within compiled code."""
+def _change(name: str) -> Callable[[Any], Callable[..., Any] | None]:
+    """Find the hook `name`_change, or for an effect without it the difference of the hook `name`, which is exact if it is linear."""
 
-
-def add_contact(effects, step, x, v, mass, dt, f):
-    """Adds every effect's contact force on a point to f (effects.contact_force). Only within compiled code."""
-
-
-def change_node(effects, step, X, u, v, dt):
-    """Lets every effect change a node's velocity v. Only within compiled code."""
-
-
-@overload(add_energy, jit_options={"fastmath": FASTMATH}, strict=False)
-def _add_energy(effects, step, magnet, rho, x, F):
-    if len(effects) == 0:
-        return lambda effects, step, magnet, rho, x, F: 0.0
-    hook = _find("energy", effects)
-    if hook is None:
-        return lambda effects, step, magnet, rho, x, F: add_energy(effects[2:], step, magnet, rho, x, F)
-    return lambda effects, step, magnet, rho, x, F: (
-        hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], magnet, rho, x, F)
-        + add_energy(effects[2:], step, magnet, rho, x, F)
-    )
-
-
-# Each stub below is overloaded by the same three cases: nothing left, an effect without the hook, an effect with it. Numba wants the
-# arguments spelled out, so the cases are made from a text, once for each stub.
-_CASES = """
-def build(effects, step, {arguments}):
-    if len(effects) == 0:
-        return lambda effects, step, {arguments}: None
-    hook = find(name, effects, wide)
-    if hook is None:
-        return lambda effects, step, {arguments}: stub(effects[2:], step, {arguments})
-    def both(effects, step, {arguments}):
-        hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], {arguments})
-        stub(effects[2:], step, {arguments})
-    return both
-"""
-
-
-def _walk(stub: Callable[..., Any], name: str, arguments: str, wide: bool | None = None) -> None:
-    """Overload a stub whose hook writes into its arguments; wide: as in _find."""
-    space: dict[str, Any] = {"find": _find, "name": name, "stub": stub, "wide": wide}
-    exec(_CASES.format(arguments=arguments), space)
-    overload(stub, jit_options={"fastmath": FASTMATH}, strict=False)(space["build"])
-
-
-_walk(add_stress, "stress", "magnet, rho, x, F, P")
-_walk(add_force, "force", "magnet, rho, x, F, f")
-_walk(add_tangent, "tangent", "magnet, rho, x, F, A")
-_walk(add_softening, "softening", "magnet, rho, x, F, H, M")
-_walk(add_rate_stress, "rate_stress", "rho, F, dF, P")
-_walk(add_relaxing, "relax", "dt, F, C, P")
-_walk(add_contact, "contact", "x, v, mass, dt, f")
-_walk(change_node, "node", "X, u, v, dt")
-
-
-def add_stress_change(effects, step, magnet, rho, dmagnet, drho, x, F, P):
-    """Adds the change of every effect's stress with remanence and density to P. Only within compiled code."""
-
-
-def add_force_change(effects, step, magnet, rho, dmagnet, drho, x, F, f):
-    """Adds the change of every effect's force with remanence and density to f. Only within compiled code."""
-
-
-def _walk_change(stub: Callable[..., Any], name: str) -> None:
-    """Overload a stub by the hook `name`_change, or for an effect without it by the difference of the hook `name`, exact if linear."""
-
-    def build(effects, step, magnet, rho, dmagnet, drho, x, F, out):
-        if len(effects) == 0:
-            return lambda effects, step, magnet, rho, dmagnet, drho, x, F, out: None
+    def find(effects: Any) -> Callable[..., Any] | None:
         own, plain = _find(f"{name}_change", effects), _find(name, effects)
-        if own is not None:
+        if own is not None or plain is None:
+            return own
 
-            def exact(effects, step, magnet, rho, dmagnet, drho, x, F, out):
-                own(effects[0][min(step, len(effects[0]) - 1)], effects[1], magnet, rho, dmagnet, drho, x, F, out)
-                stub(effects[2:], step, magnet, rho, dmagnet, drho, x, F, out)
-
-            return exact
-        if plain is None:
-            return lambda effects, step, magnet, rho, dmagnet, drho, x, F, out: stub(
-                effects[2:], step, magnet, rho, dmagnet, drho, x, F, out
-            )
-
-        def difference(effects, step, magnet, rho, dmagnet, drho, x, F, out):
-            record = effects[0][min(step, len(effects[0]) - 1)]
+        def difference(effect, data, magnet, rho, dmagnet, drho, x, F, out):
             before, changed = np.zeros(out.shape), np.empty(len(magnet))
             for i in range(len(magnet)):
                 changed[i] = magnet[i] + dmagnet[i]
-            plain(record, effects[1], magnet, rho, x, F, before)
-            plain(record, effects[1], changed, rho + drho, x, F, out)
+            plain(effect, data, magnet, rho, x, F, before)
+            plain(effect, data, changed, rho + drho, x, F, out)
             flat, less = out.reshape(-1), before.reshape(-1)
             for i in range(len(flat)):
                 flat[i] -= less[i]
-            stub(effects[2:], step, magnet, rho, dmagnet, drho, x, F, out)
 
-        return difference
+        return register_jitable(fastmath=FASTMATH)(difference)
 
-    overload(stub, jit_options={"fastmath": FASTMATH}, strict=False)(build)
-
-
-_walk_change(add_stress_change, "stress")
-_walk_change(add_force_change, "force")
+    return find
 
 
-def deepest(effects, step, x):
-    """The largest `near` of the effects' contacts at x, m: infinite where one acts everywhere. Only within compiled code."""
-
-
-@overload(deepest, jit_options={"fastmath": FASTMATH}, strict=False)
-def _deepest(effects, step, x):
-    if len(effects) == 0:
-        return lambda effects, step, x: -np.inf
-    hook = _find("near", effects)
-    if _find("contact", effects) is None:
-        return lambda effects, step, x: deepest(effects[2:], step, x)
-    if hook is None:
-        return lambda effects, step, x: np.inf
-    return lambda effects, step, x: max(hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], x), deepest(effects[2:], step, x))
-
-
-def add_touch(effects, x, mass, f, H):
-    """Sum of the obstacles' energies (J) at a point of the surface; adds their force to f and its slope to H. Only within compiled code."""
-
-
-@overload(add_touch, jit_options={"fastmath": FASTMATH}, strict=False)
-def _add_touch(effects, x, mass, f, H):
-    if len(effects) == 0:
-        return lambda effects, x, mass, f, H: 0.0
-    hook = _find("touch", effects)
-    if hook is None:
-        return lambda effects, x, mass, f, H: add_touch(effects[2:], x, mass, f, H)
-    return lambda effects, x, mass, f, H: hook(effects[0][0], effects[1], x, mass, f, H) + add_touch(effects[2:], x, mass, f, H)
-
-
-def push_time(effects, step, dt):
-    """Seconds for which forces push in a step of dt (s). Only within compiled code."""
-
-
-@overload(push_time, jit_options={"fastmath": FASTMATH}, strict=False)
-def _push_time(effects, step, dt):
-    if len(effects) == 0:
-        return lambda effects, step, dt: dt
-    hook = _find("push", effects)
-    if hook is None:
-        return lambda effects, step, dt: push_time(effects[2:], step, dt)
-    return lambda effects, step, dt: (hook(effects[0][min(step, len(effects[0]) - 1)], effects[1], dt) * push_time(effects[2:], step, dt))
-
-
-# Eight particles at a time (kernels.particle_group): first the effects whose hooks are wide, called once, then the others, lane by lane.
-
-
-def add_wide_stress(effects, step, magnet, rho, x, F, P):
-    """add_stress of the wide hooks, on views of eight particles. Only within compiled code."""
-
-
-def add_wide_force(effects, step, magnet, rho, x, F, f):
-    """add_force of the wide hooks, on views of eight particles. Only within compiled code."""
-
-
-def add_wide_rate_stress(effects, step, rho, F, dF, P):
-    """add_rate_stress of the wide hooks, on views of eight particles. Only within compiled code."""
-
-
-def add_narrow_stress(effects, step, magnet, rho, x, F, P):
-    """add_stress of the other hooks. Only within compiled code."""
-
-
-def add_narrow_force(effects, step, magnet, rho, x, F, f):
-    """add_force of the other hooks. Only within compiled code."""
-
-
-def add_narrow_rate_stress(effects, step, rho, F, dF, P):
-    """add_rate_stress of the other hooks. Only within compiled code."""
-
-
-_walk(add_wide_stress, "stress", "magnet, rho, x, F, P", wide=True)
-_walk(add_wide_force, "force", "magnet, rho, x, F, f", wide=True)
-_walk(add_wide_rate_stress, "rate_stress", "rho, F, dF, P", wide=True)
-_walk(add_narrow_stress, "stress", "magnet, rho, x, F, P", wide=False)
-_walk(add_narrow_force, "force", "magnet, rho, x, F, f", wide=False)
-_walk(add_narrow_rate_stress, "rate_stress", "rho, F, dF, P", wide=False)
-
-
-# Whether any effect has a hook, known while compiling: a kernel gathers velocities, say, only where an effect requests them.
-
-
-def has_stress(effects):
-    """True if any effect adds stress. Only within compiled code."""
-
-
-def has_force(effects):
-    """True if any effect adds a force. Only within compiled code."""
-
-
-def has_rate_stress(effects):
-    """True if any effect adds a stress of the rate of deformation. Only within compiled code."""
-
-
-def has_relaxing(effects):
-    """True if any effect has a memory. Only within compiled code."""
-
-
-def has_contact(effects):
-    """True if any effect adds a contact force. Only within compiled code."""
-
-
-def has_node(effects):
-    """True if any effect changes nodes. Only within compiled code."""
-
-
-def has_narrow(effects):
-    """True if any effect's stress or force has to be called lane by lane. Only within compiled code."""
-
-
-def _answer(stub: Callable[..., Any], names: Sequence[str], wide: bool | None = None) -> None:
-    def build(effects):
-        rest = [effects[i:] for i in range(0, len(effects), 2)]
-        if any(_find(name, part, wide) is not None for name in names for part in rest):
-            return lambda effects: True
-        return lambda effects: False
-
-    overload(stub, strict=False)(build)
-
-
-_answer(has_stress, ["stress"])
-_answer(has_force, ["force"])
-_answer(has_rate_stress, ["rate_stress"])
-_answer(has_relaxing, ["relax"])
-_answer(has_contact, ["contact"])
-_answer(has_node, ["node"])
-_answer(has_narrow, ["stress", "force", "rate_stress"], wide=False)
+add_stress_change = _walk("step, magnet, rho, dmagnet, drho, x, F, P", _change("stress"))
+add_force_change = _walk("step, magnet, rho, dmagnet, drho, x, F, f", _change("force"))

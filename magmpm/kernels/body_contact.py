@@ -15,11 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
-from numba.extending import overload
 
 from magmpm.bodies.contact_solid import Solids, solid_distance
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled, inlined
+from magmpm.compiled.jit import compiled, inlined, only_where
 from magmpm.effects.contact_force import PARTS, hold, push
 from magmpm.kernels.surface_contact import SLIDES, STICKS
 
@@ -264,62 +263,25 @@ def _passed(meeting, way):
     meeting.memory[-1] += way
 
 
-# A body that does not touch itself has () for a meeting. Then nothing of the above is compiled into its kernel.
-
-
-def touch_pairs(slab, slabs, dt, meeting, surface, along_x, along_y, state):
-    """Find places, forces and depths of a slab's share of the pairs; dt s: for which forces push. Only within compiled code, as the rest
-    below."""
-
-
-def add_pairs(meeting, surface, along_x, along_y, force):
-    """Add the forces of all pairs to the nodes."""
-
-
-def pace_of(meeting, k, n, v):
+@inlined
+def _pace_of(meeting, k, n, v):
     """Square of a bound on how fast (m/s) an active node k, with velocity v[n : n + 3], lets any point move."""
+    return meeting.pace[k] ** 2 * (v[n] ** 2 + v[n + 1] ** 2 + v[n + 2] ** 2)
 
 
-def passed(meeting, way):
-    """Count the length (m) of the way that any point may have moved in a step."""
-
-
-def needs_list(meeting):
+@inlined
+def _needs_list(meeting):
     """True if the body has moved so far that pairs may be missing."""
+    return meeting.memory[-1] > meeting.most[0]
 
 
 def _meets(meeting: Any) -> bool:
+    """Return True if this is the type of a Meeting: a body that does not touch itself has ()."""
     return isinstance(meeting, types.BaseNamedTuple)
 
 
-@overload(touch_pairs, strict=False)
-def _touch_pairs(slab, slabs, dt, meeting, surface, along_x, along_y, state):
-    if not _meets(meeting):
-        return lambda slab, slabs, dt, meeting, surface, along_x, along_y, state: None
-    return lambda slab, slabs, dt, meeting, surface, along_x, along_y, state: _touch(
-        slab, slabs, dt, meeting, surface, along_x, along_y, state
-    )
-
-
-@overload(add_pairs, strict=False)
-def _add_pairs(meeting, surface, along_x, along_y, force):
-    if not _meets(meeting):
-        return lambda meeting, surface, along_x, along_y, force: None
-    return lambda meeting, surface, along_x, along_y, force: _add_all(meeting, surface, along_x, along_y, force)
-
-
-@overload(pace_of, strict=False)
-def _pace_of(meeting, k, n, v):
-    if not _meets(meeting):
-        return lambda meeting, k, n, v: 0.0
-    return lambda meeting, k, n, v: meeting.pace[k] ** 2 * (v[n] ** 2 + v[n + 1] ** 2 + v[n + 2] ** 2)
-
-
-@overload(passed, strict=False)
-def _has_passed(meeting, way):
-    return (lambda meeting, way: _passed(meeting, way)) if _meets(meeting) else (lambda meeting, way: None)
-
-
-@overload(needs_list, strict=False)
-def _needs_list(meeting):
-    return (lambda meeting: meeting.memory[-1] > meeting.most[0]) if _meets(meeting) else (lambda meeting: False)
+touch_pairs = only_where("meeting", _meets, _touch)
+add_pairs = only_where("meeting", _meets, _add_all)
+pace_of = only_where("meeting", _meets, _pace_of, "0.0")
+passed = only_where("meeting", _meets, _passed)
+needs_list = only_where("meeting", _meets, _needs_list, "False")

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled, inlined
+from magmpm.compiled.jit import compiled, inlined, inner_kernel, prange
 
 FIELDS = 3  # 1, y and z in a plane of nodes
 REACH = 2  # knots: splines reach over two planes, so hats that are two knots from each other still overlap
@@ -42,7 +42,7 @@ class Correction(NamedTuple):
 
 
 @inlined
-def sum_plane(plane, correction, force):
+def _sum_plane(plane, correction, force):
     """Moments of the nodes' forces in one plane: sums of f, y f and z f."""
     a0, a1, a2, b0, b1, b2, c0, c1, c2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(correction.first[plane], correction.first[plane + 1]):
@@ -80,9 +80,17 @@ def _solve(pivot, link, first, last, load, answer):
                 answer[k, 3 * a + i] = value
 
 
+@inner_kernel
+def correct(correction, force):
+    """From the nodes' forces, what the correction adds to the accelerations in each plane: `added`, constant and slopes along y and z."""
+    for plane in prange(len(correction.left)):
+        _sum_plane(plane, correction, force)
+    _spread(correction)
+
+
 @compiled
-def correct(correction):
-    """From the moments of all planes, what the correction adds to the accelerations in each: `added`, constant and slopes along y and z."""
+def _spread(correction):
+    """Solve for `added` from the moments of all planes."""
     load, answer, left, share = correction.load, correction.answer, correction.left, correction.share
     load[:] = 0.0
     for plane in range(len(left)):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled, inlined
+from magmpm.compiled.jit import compiled, inlined, only_where
 from magmpm.compiled.simd import WIDTH, load
 from magmpm.compiled.simd_views import matrix, vector
 from magmpm.effects.hooks import (
@@ -20,8 +20,8 @@ from magmpm.effects.hooks import (
     add_wide_force,
     add_wide_rate_stress,
     add_wide_stress,
+    any_has,
     has_force,
-    has_narrow,
     has_rate_stress,
     has_stress,
 )
@@ -55,25 +55,6 @@ def group_room(F):
     return GroupRoom(F, np.empty(72), np.empty(72), np.empty(24), np.empty(24), np.zeros(24), np.empty(72))  # no effect: no load
 
 
-@inlined
-def add_effects(effects, step, group, at, particles, work):
-    """Add the effects to the stress P (Pa) and load f (N/m^3) of a group in work (GroupRoom), with F from index `at`.
-
-    particles: a record with remanence (groups 3 8,), or (groups 4 8,) where an effect marks particles (effects.marked), and density and
-    volume (groups 8,).
-    Flat arrays and views, no slices: counting references would cost as much as an effect, and did where an array met a branch.
-    """
-    F, P, dF, x, _, f, _ = work
-    remanence, density, volume = particles.remanence, particles.density, particles.volume
-    rho = load(density, WIDTH * group)
-    m, place, deformed, out = vector(remanence, WIDTH * (len(remanence) // len(density)) * group), vector(x, 0), matrix(F, at), matrix(P, 0)
-    add_wide_stress(effects, step, m, rho, place, deformed, out)
-    add_wide_force(effects, step, m, rho, place, deformed, vector(f, 0))
-    add_wide_rate_stress(effects, step, rho, deformed, matrix(dF, 0), out)
-    if has_narrow(effects):
-        _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, volume)
-
-
 @compiled
 def _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, volume):
     """Add the effects with hooks for one particle at a time."""
@@ -90,3 +71,24 @@ def _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, 
         add_narrow_stress(effects, step, m, rho, place, deformed, P3[:, :, lane])
         add_narrow_force(effects, step, m, rho, place, deformed, force)
         add_narrow_rate_stress(effects, step, rho, deformed, dF3[:, :, lane], P3[:, :, lane])
+
+
+_add_narrow = only_where("effects", any_has("stress", "force", "rate_stress", wide=False), _lane_by_lane)
+
+
+@inlined
+def add_effects(effects, step, group, at, particles, work):
+    """Add the effects to the stress P (Pa) and load f (N/m^3) of a group in work (GroupRoom), with F from index `at`.
+
+    particles: a record with remanence (groups 3 8,), or (groups 4 8,) where an effect marks particles (effects.marked), and density and
+    volume (groups 8,).
+    Flat arrays and views, no slices: counting references would cost as much as an effect, and did where an array met a branch.
+    """
+    F, P, dF, x, _, f, _ = work
+    remanence, density, volume = particles.remanence, particles.density, particles.volume
+    rho = load(density, WIDTH * group)
+    m, place, deformed, out = vector(remanence, WIDTH * (len(remanence) // len(density)) * group), vector(x, 0), matrix(F, at), matrix(P, 0)
+    add_wide_stress(effects, step, m, rho, place, deformed, out)
+    add_wide_force(effects, step, m, rho, place, deformed, vector(f, 0))
+    add_wide_rate_stress(effects, step, rho, deformed, matrix(dF, 0), out)
+    _add_narrow(effects, step, group, F, at, P, dF, x, f, remanence, density, volume)

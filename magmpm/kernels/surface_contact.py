@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled, inlined
+from magmpm.compiled.jit import compiled, inlined, only_where
 from magmpm.compiled.simd_views import row
 from magmpm.effects.contact_force import PARTS, hold, own_grip
-from magmpm.effects.hooks import add_contact, deepest
+from magmpm.effects.hooks import add_contact, any_has, deepest
 
 ANCHOR = 4  # numbers a point in State.anchor: where friction holds it (3,) m, and whether it does: 0 if it does not touch
 STICKS, SLIDES = 1.0, 2.0
@@ -75,7 +75,7 @@ def _fastest(v, where):
 
 
 @compiled
-def touch(slab, step, dt, surface, cells, state, effects):
+def _touch(slab, step, dt, surface, cells, state, effects):
     """Add the contact of a slab's surface to state.force, and move state.anchor; dt s: for which forces push."""
     x, v, f, share, where = np.empty(3), np.empty(3), np.empty(PARTS), np.empty(27), np.empty(27, np.int64)
     room = ANCHOR * len(surface.mass)  # then a number a patch: how far it can move before a point of it may touch, m
@@ -110,3 +110,6 @@ def touch(slab, step, dt, surface, cells, state, effects):
                 for i in range(3):
                     state.force[where[j] + i] += share[j] * f[i]
         state.anchor[room + patch] = -most if most < 0.0 and least > -np.inf else 0.0  # -inf: past an obstacle's end, who knows how far
+
+
+touch = only_where("effects", any_has("contact"), _touch)  # a scene without obstacles compiles none of it

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled, inlined, kernel, prange
+from magmpm.compiled.jit import compiled, inlined, inner_kernel, kernel, prange
 from magmpm.compiled.simd import (
     WIDTH,
     flag_unless_positive,
@@ -34,14 +34,13 @@ from magmpm.compiled.simd_views import matrix, row, vector
 from magmpm.effects.hooks import (
     add_relaxing,
     change_node,
-    has_contact,
     has_node,
     has_rate_stress,
     has_relaxing,
     push_time,
 )
 from magmpm.kernels.body_contact import add_pairs, needs_list, pace_of, passed, touch_pairs
-from magmpm.kernels.mass_correction import added_at, correct, sum_plane
+from magmpm.kernels.mass_correction import added_at, correct
 from magmpm.kernels.particle_group import add_effects, any_effect, group_room
 from magmpm.kernels.surface_contact import touch
 from magmpm.kernels.watch import clear, see, stops
@@ -301,45 +300,64 @@ def update_grid(k, step, dt, push, nodes, correction, state, effects):
         u[n + i] += dt * v[n + i]
 
 
-@kernel
-def advance(steps, dt, cells, particles, nodes, correction, surface, meeting, state, effects, watch, slabs):
-    """Take up to `steps` steps of dt (s). Changes State in place. correction: kernels.mass_correction; surface: kernels.surface_contact;
-    meeting: kernels.body_contact, or (); watch, slabs: see kernels.watch.
+@inner_kernel
+def _sum_forces(step, dt, push, most, cells, particles, surface, meeting, state, effects, slabs):
+    """Add to state.force the forces of all slabs; most: groups in a cell."""
+    count = len(cells.slab_first) - 1
+    for color in range(2):
+        for half in prange((count + 1 - color) // 2):
+            slab = 2 * half + color
+            room = CellRoom(np.empty(72 * most), np.empty(8 * most), np.empty(24 * most), np.empty(4))
+            work = group_room(room.F)
+            least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
+            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+                least, bad = grid_to_particles(cell, cells, particles, state, room, least, bad)
+                high, change = particles_to_grid(cell, step, dt, cells, particles, state, effects, room, work, high, change)
+            touch(slab, step, push, surface, cells, state, effects)
+            touch_pairs(slab, count, push, meeting, surface, cells.along_x, cells.along_y, state)
+            see(slabs, slab, least, bad, high, change)
 
-    Returns the number of steps taken; if fewer than `steps`, the watch says why, or pairs of a meeting must be listed again.
-    """
-    count, most = len(cells.slab_first) - 1, 1
+
+@inner_kernel
+def _update_nodes(step, dt, push, nodes, correction, meeting, state, effects):
+    """Update all active nodes. Returns the square of a bound on how fast (m/s) a point of a meeting may move."""
+    fastest = 0.0
+    for k in prange(len(nodes.active)):
+        update_grid(np.int64(k), step, dt, push, nodes, correction, state, effects)
+        fastest = max(fastest, pace_of(meeting, np.int64(k), 3 * nodes.active[k], state.v))
+    return fastest
+
+
+@compiled
+def _most_groups(cells):
+    """Number of groups in the fullest cell. On its own: within `advance` its type would be open at first, and kernels compile for both."""
+    most = 1
     for cell in range(len(cells.first_node)):
         most = max(most, cells.first_group[cell + 1] - cells.first_group[cell])
+    return most
+
+
+@compiled
+def advance(steps, dt, cells, particles, nodes, correction, surface, meeting, state, effects, watch, slabs):
+    """Take up to `steps` steps of dt (s). Changes State in place. correction: kernels.mass_correction; surface: kernels.surface_contact;
+    meeting: kernels.body_contact, or (); effects: all, and those that act on nodes; watch, slabs: see kernels.watch.
+
+    Each part is a kernel of its own, compiled anew only for effects that it calls. Returns the number of steps taken; if fewer than
+    `steps`, the watch says why, or pairs of a meeting must be listed again.
+    """
+    on_all, on_nodes = effects
+    most = _most_groups(cells)
     for step in range(steps):
         if needs_list(meeting):
             return step
-        push = push_time(effects, step, dt)
-        for color in range(2):
-            for half in prange((count + 1 - color) // 2):
-                slab = 2 * half + color
-                room = CellRoom(np.empty(72 * most), np.empty(8 * most), np.empty(24 * most), np.empty(4))
-                work = group_room(room.F)
-                least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
-                for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                    least, bad = grid_to_particles(cell, cells, particles, state, room, least, bad)
-                    high, change = particles_to_grid(cell, step, dt, cells, particles, state, effects, room, work, high, change)
-                if has_contact(effects):
-                    touch(slab, step, push, surface, cells, state, effects)
-                touch_pairs(slab, count, push, meeting, surface, cells.along_x, cells.along_y, state)
-                see(slabs, slab, least, bad, high, change)
+        push = push_time(on_nodes, step, dt)
+        _sum_forces(step, dt, push, most, cells, particles, surface, meeting, state, on_all, slabs)
         if stops(watch, slabs):
             clear(state.force)
             return step
         add_pairs(meeting, surface, cells.along_x, cells.along_y, state.force)
-        for plane in prange(len(correction.left)):
-            sum_plane(plane, correction, state.force)
-        correct(correction)
-        fastest = 0.0
-        for k in prange(len(nodes.active)):
-            update_grid(k, step, dt, push, nodes, correction, state, effects)
-            fastest = max(fastest, pace_of(meeting, k, 3 * nodes.active[k], state.v))
-        passed(meeting, dt * math.sqrt(fastest))
+        correct(correction, state.force)
+        passed(meeting, dt * math.sqrt(_update_nodes(step, dt, push, nodes, correction, meeting, state, on_nodes)))
     return steps
 
 

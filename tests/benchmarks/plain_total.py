@@ -8,10 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from magmpm.compiled.jit import inlined, kernel, prange
+from magmpm.compiled.jit import compiled, inlined, inner_kernel, prange
 from magmpm.compiled.simd import larger, load, magnitude, splat, store
-from magmpm.kernels.mass_correction import added_at, correct, sum_plane
-from magmpm.kernels.total_lagrangian_step import CellRoom, State, _projected, grid_to_particles, scatter
+from magmpm.kernels.mass_correction import added_at, correct
+from magmpm.kernels.total_lagrangian_step import (
+    CellRoom,
+    State,
+    _most_groups,
+    _projected,
+    grid_to_particles,
+    scatter,
+)
 from magmpm.kernels.watch import clear, see, stops
 from magmpm.materials import neo_hookean, stiffest
 
@@ -52,31 +59,40 @@ def update_grid(k, dt, nodes, correction, state):
         u[n + i] += dt * v[n + i]
 
 
-@kernel
+@inner_kernel
+def _sum_forces(most, cells, particles, state, slabs):
+    """As of kernels.total_lagrangian_step, without effects."""
+    count = len(cells.slab_first) - 1
+    for color in range(2):
+        for half in prange((count + 1 - color) // 2):
+            slab = 2 * half + color
+            room = CellRoom(np.empty(72 * most), np.empty(8 * most), np.empty(24 * most), np.empty(4))
+            P, f, spare = np.empty(72), np.zeros(24), np.empty(72)
+            least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
+            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+                least, bad = grid_to_particles(cell, cells, particles, state, room, least, bad)
+                high, change = particles_to_grid(cell, cells, particles, state, room, P, f, spare, high, change)
+            see(slabs, slab, least, bad, high, change)
+
+
+@inner_kernel
+def _update_nodes(dt, nodes, correction, state):
+    """As of kernels.total_lagrangian_step, without effects."""
+    for k in prange(len(nodes.active)):
+        update_grid(np.int64(k), dt, nodes, correction, state)
+
+
+@compiled
 def advance(steps, dt, cells, particles, nodes, correction, state, watch, slabs):
     """As of kernels.total_lagrangian_step, without effects."""
-    count, most = len(cells.slab_first) - 1, 1
-    for cell in range(len(cells.first_node)):
-        most = max(most, cells.first_group[cell + 1] - cells.first_group[cell])
+    most = _most_groups(cells)
     for step in range(steps):
-        for color in range(2):
-            for half in prange((count + 1 - color) // 2):
-                slab = 2 * half + color
-                room = CellRoom(np.empty(72 * most), np.empty(8 * most), np.empty(24 * most), np.empty(4))
-                P, f, spare = np.empty(72), np.zeros(24), np.empty(72)
-                least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
-                for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                    least, bad = grid_to_particles(cell, cells, particles, state, room, least, bad)
-                    high, change = particles_to_grid(cell, cells, particles, state, room, P, f, spare, high, change)
-                see(slabs, slab, least, bad, high, change)
+        _sum_forces(most, cells, particles, state, slabs)
         if stops(watch, slabs):
             clear(state.force)
             return step
-        for plane in prange(len(correction.left)):
-            sum_plane(plane, correction, state.force)
-        correct(correction)
-        for k in prange(len(nodes.active)):
-            update_grid(k, dt, nodes, correction, state)
+        correct(correction, state.force)
+        _update_nodes(dt, nodes, correction, state)
     return steps
 
 

@@ -42,14 +42,17 @@ def test_the_twin_is_the_kernel_without_its_effects() -> None:
     own = [
         "P, f, spare = np.empty(72), np.zeros(24), np.empty(72)",
         "high, change = particles_to_grid(cell, cells, particles, state, room, P, f, spare, high, change)",
-        "update_grid(k, dt, nodes, correction, state)",
+        "update_grid(np.int64(k), dt, nodes, correction, state)",
+        "_sum_forces(most, cells, particles, state, slabs)",
+        "_update_nodes(dt, nodes, correction, state)",
         "v[n + i] += dt * (inverse_mass[n + i] * force[n + i] + added_at(correction, plane, node, i))",
     ]
-    effects = ("effect", "push", "remembered = ", "store(x,", "touched", "meeting", "fastest", "gather(state.v,", "gather_value(")
+    effects = ("effect", "push", "remembered = ", "store(x,", "touch", "meeting", "fastest", "_sum_forces(", "gather(state.v,",
+               "gather_value(")  # fmt: skip
     of_loads = ("_, P, dF, x, rate, f, spare = work", "work = group_room(room.F)", "store(f, 8 * i, splat(0.0))",
                 "store(f, 8 * i, load(f, 8 * i) * V)")  # fmt: skip
     strange = []
-    for name in ("particles_to_grid", "update_grid", "advance"):
+    for name in ("particles_to_grid", "update_grid", "_sum_forces", "_update_nodes", "advance"):
         left = body(getattr(kernels, name))
         for line in body(getattr(twin, name)):
             if line in left:
