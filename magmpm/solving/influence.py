@@ -74,11 +74,10 @@ class Variants:
 
     def shift(self, scene: Scene, other: Scene) -> Shift:
         """Distance between two variants. Raises SolveError where one has no answer or takes too long, InputError where it can't be run."""
-        moved, key = self._distance(scene, other, 0), "magnetic_interaction"
+        moved = self._distance(scene, other, 0)
         if moved < SMALL * self.error:
             return Shift(moved, moved / 2)
-        blocks = getattr(scene.effects, key) != getattr(other.effects, key)  # as large as cells: on 2 cells up to a quarter off
-        if self.scene.in_time and not blocks and abs(moved - self.error) > CLOSE * self.error:
+        if self.scene.in_time and not self._rough(scene, other) and abs(moved - self.error) > CLOSE * self.error:
             return Shift(moved, GRID * moved)
         try:
             finer = self._distance(scene, other, 1)
@@ -98,6 +97,12 @@ class Variants:
         if isinstance(found, MagmpmError):
             raise found
         return found
+
+    def _rough(self, scene: Scene, other: Scene) -> bool:
+        """True if what distinguishes two variants is only roughly resolved by the coarsest grid: contact, or blocks as large as its cells."""
+        kinds = scene.effects.every().items()
+        rough = [key for key, kind in kinds if kind.PHASE == "contact" or key == "magnetic_interaction"]
+        return any(getattr(scene.effects, key) != getattr(other.effects, key) for key in rough)
 
     def _distance(self, scene: Scene, other: Scene, finer: int) -> float:
         return max(self.frames(scene, finer).distances(self.frames(other, finer)).values())

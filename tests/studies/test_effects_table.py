@@ -126,8 +126,8 @@ def moving(effects: dict[str, Any], **more: Any) -> dict[str, Row]:
 
 
 def test_walls_of_a_vessel_are_not_without_effect(capsys: pytest.CaptureFixture[str]) -> None:
-    """In the run they lift the tip of the fed catheter by 5.5 mm, gravity lowers it, by 0.25 mm at the end and a millimeter before
-    it meets the wall, and damping hardly matters."""
+    """They move the fed catheter's axis by 5.729 and 5.718 mm at the end of runs on 3 and 4 cells, where it moves farthest; gravity by
+    0.25 mm there and a millimeter before it meets the wall, and damping hardly matters."""
     path = str(Path(__file__).parents[2] / "data/scenes/fed_into_vessel.yaml")
     assert main(["effects", path, "--quick", "--json"]) == 0
     told = {row["effect"]: row for row in json.loads(capsys.readouterr().out)["effects"]}
@@ -135,7 +135,7 @@ def test_walls_of_a_vessel_are_not_without_effect(capsys: pytest.CaptureFixture[
         "walls": "keep", "feed": "keep", "gravity": "add", "damping": "drop",
     }  # fmt: skip
     walls = told["walls"]
-    assert abs(walls["shift_m"] - 5.49e-3) < walls["uncertainty_m"] < 1e-3  # 54.44, 5.47 mm against 54.99, 0 mm in the runs
+    assert abs(walls["shift_m"] - 5.72e-3) < walls["uncertainty_m"] < 0.2e-3  # looked at with one cell more, as all contact is
     assert told["feed"]["shift_m"] == pytest.approx(60e-3 * 0.25, rel=0.05)  # speed times duration
     for key in ("magnetic_torque", "magnetic_interaction", "ground", "viscosity"):
         assert told[key]["advice"] == "irrelevant", key
