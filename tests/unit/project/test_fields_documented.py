@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from magmpm.fields.sources import FieldSource
 from magmpm.scene import load_scene
 
 ROOT = Path(__file__).parents[3]
@@ -28,5 +29,5 @@ def test_example_is_valid(number: int, tmp_path: Path) -> None:
     assert load_scene(path).field.acts
 
 
-def test_there_are_examples() -> None:
-    assert len(EXAMPLES) >= 8
+def test_the_examples_name_every_source() -> None:
+    assert all(re.search(rf"^  {source}:", "".join(EXAMPLES), re.MULTILINE) for source in FieldSource.model_fields)
