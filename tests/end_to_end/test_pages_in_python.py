@@ -26,7 +26,7 @@ def names_of(page: str, count: int) -> dict[str, Any]:
 def test_fitting(monkeypatch: pytest.MonkeyPatch) -> None:
     """The interval holds the modulus that was hidden, and the refusal names what would tell."""
     monkeypatch.chdir(ROOT)
-    constant = names_of("fitting.md", 3)["found"].constants[0]
+    constant = names_of("fitting.md", 2)["found"].constants[0]
     assert constant.low < 105e3 < constant.high
     assert constant.high - constant.low < 0.1 * 105e3
 
@@ -34,7 +34,7 @@ def test_fitting(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_sensitivities(monkeypatch: pytest.MonkeyPatch) -> None:
     """The two tips are each other's mirror."""
     monkeypatch.chdir(ROOT)
-    names = names_of("sensitivities.md", 4)
+    names = names_of("sensitivities.md", 3)
     up, down = names["up"], names["down"]
     assert abs(up.tip[2]) > 5e-3
     np.testing.assert_allclose(down.tip, up.tip * [1, 1, -1], atol=1e-6 * 40e-3)
