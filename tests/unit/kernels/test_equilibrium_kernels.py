@@ -87,7 +87,7 @@ def test_scatter_residual(case: tuple[Energy, Reference, np.ndarray]) -> None:
 
 def test_magnetization_that_rotates() -> None:
     """Energy and residual with R Br in place of F Br in one of two materials."""
-    mixed = small_scene(law=["rotates", "stretches"])
+    mixed = small_scene(law=["rotates", "stretches"], gravity=None)
     energy, reference = Energy(mixed), Reference.of(mixed)
     c = 0.08 * mixed.grid.spacing[0] * np.random.default_rng(5).standard_normal(energy.shape)
     point, expected = energy.at(c), reference.residual(c)
