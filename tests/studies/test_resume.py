@@ -226,8 +226,7 @@ def test_stop_reached_is_done_and_says_why(tmp_path: Path) -> None:
 def test_missing_extra_is_said_before_any_trial(
     sampler: str, module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    find = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *a: None if name == module else find(name, *a))
+    monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(InputError, match=rf"pip install 'magmpm\[{extra}\]'"):
         check_available(sampler)
     study = load_study(write_study(tmp_path))

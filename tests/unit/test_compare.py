@@ -10,6 +10,7 @@ import pytest
 from reference import acting
 from reference.scenes import rod_scene
 from reference.solids import box
+from reference.stopped import switched_off
 
 import magmpm
 from magmpm import Motion, Result, Scene, run
@@ -19,7 +20,6 @@ from magmpm.errors import SceneError, SolveError
 from magmpm.results.frames import Frames, near_jumps
 from magmpm.solving import several_grids
 from magmpm.solving.several_grids import Runs, cost_in_words, grids_of
-from magmpm.statics.branch import Branch, Jump
 from magmpm.statics.grids import Equilibria
 
 LENGTH = 24e-3
@@ -162,14 +162,7 @@ def test_a_time_for_what_runs_along_time() -> None:
 def test_a_path_that_fails_on_every_grid_leaves_files_of_one_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its last good state, in place of the results that were there; no grid was chosen, so there are no frames."""
     assert run(along_a_ramp(error=0.05), folder=tmp_path).converged
-    advance = Branch.advance
-
-    def stops(branch: Branch, until: float) -> list[Jump]:
-        if until > 0.6:
-            raise SolveError("switched off")
-        return advance(branch, until)
-
-    monkeypatch.setattr(Branch, "advance", stops)
+    switched_off(monkeypatch, 0.6)
     with pytest.raises(SolveError, match=r"t = 0\.75 s: switched off"):
         run(along_a_ramp(4, error=0.05), folder=tmp_path)
     saved = Result.load(tmp_path)

@@ -103,8 +103,7 @@ SCENES: dict[str, Callable[[], Scene]] = {
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] if name == "quasi-static, error" else []) for name in SCENES])
-def test_a_result_is_that_of_a_run_without_interruptions(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("magmpm.dynamics.time_loop.SAVE_EVERY", 0.0)
+def test_a_result_is_that_of_a_run_without_interruptions(name: str, tmp_path: Path) -> None:
     scene, drawn = SCENES[name](), np.random.default_rng(26)
     whole = finished(scene, tmp_path / "whole")
     assert finished(scene, tmp_path / "whole") == whole, "a finished run, resumed"

@@ -187,7 +187,7 @@ def test_without_an_opengl_library_matplotlib_draws_and_one_line_names_the_packa
 
 
 def test_without_pyvista_the_note_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "pyvista", None)
     with Renderer() as renderer:
         assert renderer.image(BODY, size=(80, 60)).shape == (60, 80, 3)
         assert renderer.backend == "matplotlib"
