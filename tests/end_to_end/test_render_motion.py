@@ -30,7 +30,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "runs" / "bending"
 
 
-@pytest.mark.parametrize("kind", ["svg", "pdf"])
+@pytest.mark.parametrize("kind", ["svg", pytest.param("pdf", marks=pytest.mark.slow)])
 def test_pictures_for_papers(folder: Path, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["render", "runs/bending", "--json", "--frames", "0", "--format", kind]) == 0
     files = json.loads(capsys.readouterr().out)["files"]

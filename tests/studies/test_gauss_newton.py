@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import optuna
 import pytest
 
-from magmpm.studies.search.samplers.gauss_newton import LEAST_GAIN, PLAN, GaussNewtonSampler, _judged
+from magmpm.studies.search.samplers.gauss_newton import LEAST_GAIN, PLAN, GaussNewtonSampler
 from magmpm.studies.search.samplers.gauss_newton_steps import (
     Array,
     Ball,
@@ -240,35 +239,6 @@ def test_directions_without_effect_stay_as_they_are() -> None:
     assert values[4] < 1e-6
     found = DIRECTIONS[1].read(study.trials[4].params)
     np.testing.assert_allclose(found, DIRECTIONS[1].read(study.trials[0].params), rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize(("cost", "radius"), [(0.0, 4.0), (0.5, 3.0), (0.9, 2.0 / 1.9), (2.0, 2.0 / 3.0)])
-def test_the_radius_follows_how_well_a_step_was_foreseen(cost: float, radius: float) -> None:
-    """A step of length 2 within the radius 3 that promised to take all of a cost of 1; a poor one is cut at the parabola's least."""
-    before, last = (SimpleNamespace(user_attrs={"residuals": [c**0.5], "jacobian": []}, constraints={}) for c in (1.0, cost))
-    better, found = _judged(before, last, {"length": 2.0, "promised": 1.0, "radius": 3.0})  # type: ignore[arg-type]
-    assert better is (last if cost < 1.0 else before)
-    assert found == pytest.approx(min(radius, 1.0) if cost > 0.75 else radius)
-
-
-@pytest.mark.parametrize(("seen", "taken"), [(0.01, 0.1), (0.5, 0.5), (100.0, 10.0)])
-def test_the_curvature_is_what_the_last_step_showed_within_ten_of_the_guess(seen: float, taken: float) -> None:
-    """A step of length 1 that the linear model left at 0.5, and that ended `seen` guesses above it."""
-    sampler, x, jacobian = GaussNewtonSampler([BALL], 1), np.array([0.0, 0.0, 5e-3]), 2e2 * np.eye(3)
-    guess = sampler._space.curvature(x, jacobian)
-    kept: Any = {"constraints": {}, "system_attrs": {PLAN: {"from": 0, "promised": 0.75, "length": 1.0}}}
-    before, last = (SimpleNamespace(user_attrs={"residuals": [r], "jacobian": []}, **kept) for r in (1.0, 0.5 + seen * guess))
-    assert sampler._curvature(last, {0: before}, x, jacobian) == pytest.approx(taken * guess)  # type: ignore[arg-type,dict-item]
-
-
-@pytest.mark.parametrize(("cost", "promised", "stuck"), [(0.55, 1.0, False), (0.58, 1.0, True), (0.55, 0.01, True)])
-def test_a_descent_that_hardly_moves_is_left(cost: float, promised: float, stuck: bool) -> None:
-    """Five accepted steps have to bring the value below three quarters, its square below 9/16; of two steps one promises something."""
-    chain = {k: SimpleNamespace(value=1.0, user_attrs={"residuals": [1.0 if k < 5 else cost**0.5]},
-                                system_attrs={PLAN: {"from": k - 1 if k else None, "promised": promised}}) for k in range(6)}  # fmt: skip
-    step, sampler = SimpleNamespace(promised=promised * cost), GaussNewtonSampler([BALL], 1)
-    args: Any = (chain[5], step, 1.0, chain, None, np.array([cost**0.5]), None, chain[5])
-    assert sampler._stuck(*args) is stuck
 
 
 def test_workers_follow_a_descent_each() -> None:

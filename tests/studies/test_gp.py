@@ -15,7 +15,7 @@ from magmpm.scene import Scene
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.samplers.gp import ShapeSampler
-from magmpm.studies.search.samplers.shape_model import NOISE, PRIOR, ShapeModel, layout_of
+from magmpm.studies.search.samplers.shape_model import ShapeModel, layout_of
 from magmpm.studies.search.search_space import SearchSpace
 
 LAYOUT = layout_of([("direction", 3, 1.0)] * 3 + [("field", 3, 1.0), ("number", 1, 1.0)])
@@ -49,26 +49,6 @@ def test_the_expected_square_is_that_of_samples_and_its_slope_is_exact() -> None
     h = 1e-5
     found = [(model.expected(at + h * e)[0] - model.expected(at - h * e)[0]) / (2 * h) for e in np.eye(13)]
     np.testing.assert_allclose(slope, found, atol=1e-7 * np.abs(slope).max())  # h^2 times a third derivative of order 100
-    # the expectation over normal components, by its definition
-    scores, spread, *_ = model._at(at)
-    drawn = scores + np.random.default_rng(3).normal(size=(400_000, len(scores))) * np.sqrt(spread * model._amplitude)
-    squares = np.sum((drawn @ model._basis + model._mean) ** 2, axis=1)
-    assert squares.mean() == pytest.approx(value, abs=5 * squares.std() / np.sqrt(len(squares)))
-
-
-def test_the_kernel_is_as_written() -> None:
-    """Against the formula, pair by pair; and positive definite."""
-    x, residuals = designs(7)
-    model = ShapeModel(LAYOUT, x, residuals)
-    z, p = x @ LAYOUT.matrix(PRIOR, 13), PRIOR
-    found = model._kernel(z, z, p)
-    for i in range(7):
-        for j in range(7):
-            r = np.sqrt(5) * np.linalg.norm(z[i] - z[j]) / np.exp(p[9])
-            expected = (1 + z[i] @ z[j]) / 8 + np.exp(p[8]) * (1 + r + r * r / 3) * np.exp(-r)
-            # distances are differences of squares: the root of rounding errors, 1e-8 of the size, near zero enters squared
-            assert found[i, j] == pytest.approx(expected, rel=1e-12)
-    assert np.linalg.eigvalsh(found + NOISE * np.eye(7)).min() > 0
 
 
 def test_more_designs_teach_more() -> None:
