@@ -25,9 +25,7 @@ BODY = bent_bodies.catheter(bent_bodies.c_shape, bent_bodies.c_shape, spacing=1e
 
 
 def process_of(renderer: Renderer) -> int:
-    renderer.wait_ready()
-    assert renderer._worker is not None
-    return renderer._worker.process.pid
+    return int(renderer.run(os.getpid))
 
 
 def size_of(path: Path) -> tuple[int, int]:
@@ -224,7 +222,7 @@ def test_resting_ends_the_process_until_the_next_picture() -> None:
 def test_the_process_ends_with_its_parent() -> None:
     script = (
         "import os, signal\nfrom viz.worker import Renderer\nrenderer = Renderer('matplotlib')\n"
-        "renderer.wait_ready()\nprint(renderer._worker.process.pid, flush=True)\n"
+        "print(renderer.run(os.getpid), flush=True)\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     child = int(printed_by(script))
