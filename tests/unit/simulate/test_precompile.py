@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import threading
@@ -61,6 +62,29 @@ def test_nothing_is_compiled_where_a_compiling_process_fails(compiler: SimpleNam
     compiler.work = lambda: False
     assert warmup.fill_cache(rod_scene(), lambda _: None)
     assert warmup.fill_cache(rod_scene(), lambda _: None), "it is tried again"
+
+
+def test_another_clone_or_touched_sources_are_not_ready(compiler: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numba compiles the same text again at another place or with other times."""
+    for clone in ("one", "two"):
+        (tmp_path / clone).mkdir()
+        source = tmp_path / clone / "kernels.py"
+        source.write_text("x = 1\n")
+        monkeypatch.setattr(warmup, "PACKAGE", tmp_path / clone)
+        for time_of_change in (1e9, 2e9):
+            os.utime(source, (1e9, time_of_change))
+            assert warmup.fill_cache(rod_scene(), print)
+            assert not warmup.fill_cache(rod_scene(), print)
+    assert len(compiler.asked) == 4
+
+
+def test_without_room_on_the_disk_nothing_is_compiled_ahead(compiler: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernels could not be stored: each run compiles its own, once instead of twice."""
+    monkeypatch.setattr(warmup, "ROOM", 1e30)
+    assert warmup.fill_cache(rod_scene(), compiler.lines.append)
+    (line,) = compiler.lines
+    assert "no room" in line
+    assert compiler.asked == []
 
 
 RUN = """

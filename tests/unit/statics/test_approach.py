@@ -65,6 +65,13 @@ def test_in_plane_strain_a_plane_has_one_row_of_nodes() -> None:
     assert np.abs(start - truth).max() < 1e-2 * np.abs(truth).max()
 
 
+def test_no_answer_where_steps_lead_away(grids) -> None:
+    """Bent to the other side: it says None instead of a place."""
+    fine, start, _, compared = grids
+    with one_blas_thread():
+        assert approached(Energy(fine), -start, lambda grid: points(fine, grid), compared, 0.0, lambda *_: None) is None
+
+
 def test_no_answer_from_a_folded_start(grids) -> None:
     """det F <= 0 somewhere: nothing is factored."""
     fine, start, _, compared = grids
