@@ -36,12 +36,12 @@ def test_all_that_is_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "deadly.py/cache"))
-    monkeypatch.setitem(doctor.PATIENCE, "import", 3.0)
+    monkeypatch.setitem(doctor.PATIENCE, "import", 8.0)
     assert main(["doctor", "--json"]) == 1
     told = json.loads(capsys.readouterr().out)
     checks = {check["name"]: check for check in told["checks"]}
     failed = {name: check["found"] for name, check in checks.items() if check["status"] == doctor.FAIL}
-    words = {"nothing_here": "missing", "numpy": "99 or newer", "deadly": "killed by signal 6", "hanging": "no answer within 3 s"}
+    words = {"nothing_here": "missing", "numpy": "99 or newer", "deadly": "killed by signal 6", "hanging": "no answer within 8 s"}
     assert failed.keys() == {"cache of kernels", *(f"library {name}" for name in words)}
     assert all(word in failed[f"library {name}"] for name, word in words.items())
     assert all("pip install" in checks[f"library {name}"]["remedy"] for name in words)
