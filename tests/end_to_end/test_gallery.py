@@ -77,8 +77,8 @@ def test_a_scene_shown_beside_another_is_on_its_page(build: ModuleType, root: Pa
     scenes = root / "data/scenes/gallery"
     (scenes / "rod.yaml").write_text(short)
     (scenes / "thick.yaml").write_text(short.replace("rod let go", "thick one").replace("thickness: 2", "thickness: 3"))
-    monkeypatch.setattr(build, "BESIDE", {"rod": ("thick",)})
-    monkeypatch.setattr(build, "MOMENTS", {"rod": (0.0, 0.002)})
+    monkeypatch.setitem(build.BESIDE, "rod", ("thick",))
+    monkeypatch.setitem(build.MOMENTS, "rod", (0.0, 0.002))
     assert build.main(["thick"], root) == 0
     page = (root / "docs/gallery/rod.md").read_text()
     assert "| measured | rod let go | thick one |" in page

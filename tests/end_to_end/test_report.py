@@ -147,9 +147,9 @@ def test_a_folder_without_a_study_is_refused(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_a_page_that_cannot_be_printed_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from magmpm.viz.sheet import PrintError, printed, printing
+    from magmpm.viz.sheet import PrintError, printed
 
-    monkeypatch.setattr(printing, "BROWSERS", ())
+    monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setitem(__import__("sys").modules, "weasyprint", None)
     with pytest.raises(PrintError, match=r"WeasyPrint is not at hand.*no Chromium.*magmpm\[report\]"):
         printed("<p>page</p>", tmp_path / "page.pdf")

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from reference.dynamics import hook_of
 from reference.solids import box
 
 from magmpm.bodies.surface_mesh import write_stl
@@ -112,7 +113,7 @@ def acting(key: str) -> Acting:
 
 def hook(named: tuple[np.ndarray, ...], name: str) -> Any:
     """One hook of an effect as a function of the arguments after its record and data; None if the effect lacks it."""
-    function = hooks._registry[name].get(named[0].dtype.names) if named else None
+    function = hook_of(named[0], name) if named else None
     return None if function is None else lambda *given: function(named[0][0], named[1], *given)
 
 

@@ -27,10 +27,15 @@ from magmpm.effects import hooks
 from magmpm.model import Model
 
 
+def hook_of(record: np.ndarray, name: str) -> Any:
+    """The compiled hook of an effect's record, or None."""
+    return hooks._registry[name].get(record.dtype.names)
+
+
 def call(model: Model, hook: str, *arguments: Any, step: int = 0) -> None:
     """One hook of every effect that has it, in the order of the model: function(effect, data, *arguments)."""
     for record, data in hooks.pairs(model.effects):
-        function = hooks._registry[hook].get(record.dtype.names)
+        function = hook_of(record, hook)
         if function is not None:
             function(record[min(step, len(record) - 1)], data, *arguments)
 
@@ -39,7 +44,7 @@ def push_time(model: Model, dt: float, step: int = 0) -> float:
     """Seconds for which forces push in a step of dt (s): the product of all hooks `push`."""
     push = dt
     for record, data in hooks.pairs(model.effects):
-        function = hooks._registry["push"].get(record.dtype.names)
+        function = hook_of(record, "push")
         if function is not None:
             push *= function(record[min(step, len(record) - 1)], data, dt)
     return push

@@ -96,17 +96,3 @@ def test_a_design_near_the_end_of_a_branch_comes_after_a_safe_one() -> None:
     assert search(way, None, seed=1, starts=2) == [safe, risky]
     grown = iter([risky] * 3)
     assert search(way, None, seed=1, starts=3, enough=1.5) == [risky] * 2, "one more of its kind ends the search"
-
-
-@pytest.mark.parametrize(("squares", "taken"), [(1.0, 5.0), (3.0, 0.0)])
-def test_a_fitted_field_is_taken_where_it_is_nearer(squares: float, taken: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    def go(self: RodPath, way: object, directions: object, last: object, field: np.ndarray | None) -> list[SimpleNamespace]:
-        here = {"squares": 2.0, "field": field} if field is not None else {"squares": squares, "field": np.full(3, 5.0)}
-        return [SimpleNamespace(position=np.ones((2, 3)), q=None, **here)]
-
-    monkeypatch.setattr(RodPath, "_go", go)
-    rods = SimpleNamespace(depths=[SimpleNamespace(place=np.array([0.0, 1.0]))], settled=lambda *_: "state")
-    design = SimpleNamespace(directions=None, fields=np.zeros((1, 3)), state=SimpleNamespace(positions=[np.zeros((2, 3))]))
-    fields, _, strayed = RodPath(rods, ((),))._followed(design)  # type: ignore[arg-type,misc]
-    assert strayed
-    assert fields[0, 0] == taken

@@ -1,4 +1,4 @@
-"""Who is dead, who waits for whom, and which designs are given up: rules of workers, without processes."""
+"""Which sessions of workers count as dead, without processes."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ import time
 from types import SimpleNamespace
 from typing import Any
 
-import pytest
-
-from magmpm.studies.engine.workers import per_trial, pool
 from magmpm.studies.engine.workers.sessions import BEAT, LEASE, RECORD, Session
 
 
@@ -35,24 +32,3 @@ def test_beats_that_could_not_be_seen_count_for_nothing() -> None:
         one = session(looked)
         one.sweep(set())
         assert len(one._seen) == known
-
-
-def test_a_trial_waits_for_smaller_numbers_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(per_trial, "PATIENCE", 0.2)
-    for other, waits in ((1, True), (3, False)):
-        running = [SimpleNamespace(number=other, user_attrs={})]
-        study: Any = SimpleNamespace(get_trials=lambda *_, running=running, **__: running)
-        begun = time.monotonic()
-        per_trial._wait_for_smaller(study, SimpleNamespace(number=2))  # type: ignore[arg-type]
-        assert (time.monotonic() - begun > 0.1) is waits
-
-
-def test_a_design_that_ended_two_processes_is_given_up() -> None:
-    worker: Any = SimpleNamespace(job=(5, {}), ready=True, tries=0, given=[], start=lambda: None)
-    worker.give = worker.given.append
-    many: Any = pool.Pool.__new__(pool.Pool)
-    many._failed_starts = many.deaths = 0
-    assert many._replaced(worker, "ended by SIGKILL") is None
-    assert (worker.given, worker.tries) == ([(5, {})], 1)
-    assert "ended by SIGKILL, 2 times" in many._replaced(worker, "ended by SIGKILL")
-    assert worker.job is None

@@ -16,6 +16,7 @@ from magmpm.model import build
 from magmpm.scene import Scene
 
 DOWN = {"acceleration": [6.0, 0.0, -6.0]}
+UNDAMPED = {"rate": 1e-6}  # 1/s: nothing, but the kernels of other tests
 
 
 def named(scene: Scene, **friction: float) -> Scene:
@@ -30,7 +31,7 @@ def test_a_material_stands_for_what_the_ground_names() -> None:
     """The same bits as on a ground that names it."""
     moved = []
     for ground, own in ((0.3, None), (0.0, 0.3), (0.7, 0.3)):
-        effects = {"gravity": DOWN, "ground": {"point": [0.0, 0.0, 0.0], "friction": ground}}
+        effects = {"gravity": DOWN, "damping": UNDAMPED, "ground": {"point": [0.0, 0.0, 0.0], "friction": ground}}
         scene = moving_scene(block((4e-3, 4e-3, 2e-3)), effects, duration=0.01)
         state = move(build(scene if own is None else named(scene, m=own)))
         moved.append((state.x, state.contacts["ground"]["force"]))
@@ -45,7 +46,7 @@ def test_the_smaller_of_two_materials_counts(tmp_path: Path) -> None:
     meshes = {"slope": box((-2e-3, -2e-3, -2e-3), (6e-3, 4e-3, 0.0)), "slider": box((0.0, 0.0, 0.03e-3), (2e-3, 2e-3, 2.03e-3))}
 
     def run(friction: float, **own: float) -> np.ndarray:
-        effects = {"gravity": DOWN, "self_contact": {"friction": friction}}
+        effects = {"gravity": DOWN, "damping": UNDAMPED, "ground": {"point": [0.0, 0.0, -0.1]}, "self_contact": {"friction": friction}}
         scene = parts_scene(tmp_path, meshes, effects, 1e-3, held=["slope"], duration=0.02)
         data = scene.to_si()
         data["materials"]["slippery"] = dict(data["materials"]["m"])
@@ -82,7 +83,7 @@ def test_a_coated_tip_slides_where_the_rest_grips() -> None:
 def test_energy_of_contact_is_counted() -> None:
     """A block bounces on slippery ground: of its fall the sum of all energies gains less than 0.5 %, loses less than 2 % at any
     time, in steps of second order, and 0.5 % in the end. The ground's springs hold some of it."""
-    effects = {"gravity": {}, "ground": {"point": [0.0, 0.0, -0.2e-3]}}
+    effects = {"gravity": {}, "damping": UNDAMPED, "ground": {"point": [0.0, 0.0, -0.2e-3]}}
     scene = moving_scene(block((2e-3, 2e-3, 2e-3)), effects, duration=0.04)
     rows: list[dict[str, float]] = []
     move(build(scene), on_state=lambda state: rows.append(state.energies))

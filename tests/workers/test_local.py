@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 from contextlib import suppress
 from pathlib import Path
@@ -18,7 +17,6 @@ from interruptible import draw
 from rod_solve import STUDY, write_study
 
 from magmpm.cli import main
-from magmpm.compiled.process import threads_each
 from magmpm.errors import InputError
 from magmpm.studies.engine.loop import allowed_time, run_study
 from magmpm.studies.engine.report import StudyReport
@@ -126,14 +124,6 @@ def test_a_time_limit_that_cant_be_is_refused(workers: int | None, limit: float,
     with pytest.raises(InputError, match=r"--time-limit: received .*\n  rule: .*\n  remedy: "):
         run(tmp_path, workers=workers, time_limit=limit)
     assert not (tmp_path / "out").exists()
-
-
-def test_threads_are_split(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
-    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
-    assert [threads_each(n) for n in (1, 2, 3, 8, 20)] == [8, 4, 2, 1, 1]
-    monkeypatch.setenv("NUMBA_NUM_THREADS", "4")
-    assert [threads_each(n) for n in (1, 2, 8)] == [4, 2, 1]
 
 
 @pytest.mark.parametrize("workers", [0, -1, 257])

@@ -92,6 +92,8 @@ def test_it_ends_with_its_caller_in_the_middle_of_a_job() -> None:
 
 
 def test_threads_are_split(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)), raising=False)
+    cores = len(os.sched_getaffinity(0))
     monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
-    assert [threads_each(n) for n in (1, 2, 3, 16)] == [8, 4, 2, 1]
+    assert [threads_each(n) for n in (1, cores, 2 * cores)] == [cores, 1, 1]
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
+    assert threads_each(1) == 1

@@ -27,7 +27,7 @@ from magmpm.effects.hooks import (
     has_node,
 )
 from magmpm.kernels import total_lagrangian_step as steps
-from magmpm.model import build
+from magmpm.model import Model, build
 from magmpm.scene import Scene
 from magmpm.simulate import run
 
@@ -89,17 +89,24 @@ def test_without_effects_the_code_is_that_of_a_loop_that_never_heard_of_them() -
     assert "NRT" not in bare  # Numba's functions that allocate
 
 
+def given_to_steps(monkeypatch: pytest.MonkeyPatch, moved: list[tuple[Model, tuple[Any, ...]]]) -> list[tuple[Any, ...]]:
+    """Arguments of the kernel for each of these models with these effects."""
+    seen: list[tuple[Any, ...]] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(steps, "advance", lambda *given: seen.append(given) or 1)
+        for model, effects in moved:
+            TotalMotion(model).advance(1, 1e-9, effects)
+    return seen
+
+
 @pytest.mark.slow
 def test_the_kernel_of_motion_holds_no_effect_that_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """The real one, compiled here and now: for a bare scene it has as many operations on numbers (within 1 %) as its twin without effects,
     and no symbol of any effect; for weight it has gravity's and no other's."""
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
     twin = __import__("plain_total")
-    seen: list[tuple[Any, ...]] = []
-    monkeypatch.setattr(steps, "advance", lambda *given: seen.append(given) or 1)
-    for effects in ((), WEIGHT):
-        TotalMotion(build(moving_scene(BODY, {}))).advance(1, 1e-9, effects)
-    monkeypatch.undo()
+    model = build(moving_scene(BODY, {}))
+    seen = given_to_steps(monkeypatch, [(model, ()), (model, WEIGHT)])
     bare, heavy = (compiled_code(steps._sum_forces, forces_of(given)) for given in seen)
     _, _, cells, particles, *_, state, _, _, slabs = seen[0]
     plain = compiled_code(twin._sum_forces, (1, cells, particles, state, slabs))  # no surface, no effects
@@ -117,12 +124,8 @@ def test_contact_that_does_not_touch_counts_no_references(monkeypatch: pytest.Mo
 
     With 114 more, a step took half as long again.
     """
-    seen: list[tuple[Any, ...]] = []
-    monkeypatch.setattr(steps, "advance", lambda *given: seen.append(given) or 1)
-    for effects in ({}, {"ground": {"point": [0.0, 0.0, -1.0]}}):
-        model = build(moving_scene(BODY, effects))
-        TotalMotion(model).advance(1, 1e-9, model.effects)
-    monkeypatch.undo()
+    models = [build(moving_scene(BODY, effects)) for effects in ({}, {"ground": {"point": [0.0, 0.0, -1.0]}})]
+    seen = given_to_steps(monkeypatch, [(model, model.effects) for model in models])
     bare, ground = (compiled_code(steps._sum_forces, forces_of(given)).count("@NRT_incref(") for given in seen)
     assert bare <= 35
     assert ground <= 80

@@ -296,7 +296,8 @@ def growth(one: Acting, dt: float) -> float:
     return float(np.abs(np.linalg.eigvals(np.array(columns))).max())
 
 
-@pytest.mark.parametrize("key", [key for key in STIFF if key != "self_contact"])  # the plain reference has no pairs
+# The plain reference has no pairs; the ground has the law of contact that walls have.
+@pytest.mark.parametrize("key", [pytest.param(key, marks=[pytest.mark.slow] * (key == "ground")) for key in STIFF if key != "self_contact"])
 def test_a_body_with_it_bears_the_step_it_allows(key: str) -> None:
     """At the default 0.8 of the smaller bound of body and effect no small motion grows."""
     one = acting(key)

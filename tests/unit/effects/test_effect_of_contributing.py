@@ -18,13 +18,15 @@ from reference.scenes import rod_scene
 
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting as effects
-from magmpm.effects import hooks
 from magmpm.errors import InputError
 from magmpm.inputs.settings import validate
 from magmpm.model import build
 
 ROOT = Path(__file__).resolve().parents[3]
 RATE, DT = 5.0, 1e-3  # 1/s, s: so slow that only the drag acts on a body without stiffness
+
+
+pytestmark = pytest.mark.usefixtures("own_registry")
 
 
 @pytest.fixture
@@ -45,7 +47,6 @@ def example() -> tuple[str, str]:
 def joined(file: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """A file as the module of the effect `drag`, named by a line of Effects."""
     (tmp_path / "drag.py").write_text(file)
-    monkeypatch.setattr(hooks, "_registry", {hook: dict(table) for hook, table in hooks._registry.items()})
     spec = importlib.util.spec_from_file_location("magmpm.effects.drag", tmp_path / "drag.py")
     assert spec is not None
     assert spec.loader is not None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numba
@@ -136,19 +135,12 @@ def test_collect_names_only_what_the_scene_names() -> None:
     np.testing.assert_array_equal(half[2]["gravity"][0], 0.5 * G_EARTH)
 
 
-@pytest.fixture
-def clean_registry(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Removes what a test registers."""
-    monkeypatch.setattr(hooks, "_registry", {hook: dict(table) for hook, table in hooks._registry.items()})
-    return
-
-
 @numba.njit
 def _nothing(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
     return 0.0
 
 
-@pytest.mark.usefixtures("clean_registry")
+@pytest.mark.usefixtures("own_registry")
 def test_unknown_hook_is_refused_and_leaves_no_trace() -> None:
     dtype = np.dtype([("test_unknown", np.float64)])
     with pytest.raises(ValueError, match=r"unknown hook 'friction'; hooks are energy, stress, force, tangent"):
@@ -156,7 +148,7 @@ def test_unknown_hook_is_refused_and_leaves_no_trace() -> None:
     hooks.register(dtype, energy=_nothing)  # a refused registration has no effect
 
 
-@pytest.mark.usefixtures("clean_registry")
+@pytest.mark.usefixtures("own_registry")
 def test_field_names_tell_effects_apart() -> None:
     """Otherwise a second effect with the same names would be called instead of the first."""
     with pytest.raises(ValueError, match="field names of its own"):

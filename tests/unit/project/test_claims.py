@@ -101,17 +101,11 @@ def test_a_figure_that_differs_is_told_and_written(
     page = tmp_path / "page.md"
     page.write_text("A body takes 500 or 1 020 bytes, more or less.\n")
     monkeypatch.setattr(claims, "memory", lambda: {"now": 949.8, "peak": 1022.0})
-    for method in ("groups", "replaced"):
-        function = getattr(claims, method)
-        monkeypatch.setattr(claims, method, lambda *given, _f=function: _f(*given, tmp_path))
-    for method in ("found", "claims"):
-        function = getattr(claims.Place, method)
-        monkeypatch.setattr(claims.Place, method, lambda self, root=tmp_path, _f=function: _f(self, tmp_path))
-    assert claims.main([]) == 1
+    assert claims.main([], tmp_path) == 1
     said = capsys.readouterr().out
     assert re.search(r"DIFFERS page.md +now +says +500 +now 949.8", said)
     assert "1 figure differs" in said
-    assert claims.main(["--write"]) == 0
+    assert claims.main(["--write"], tmp_path) == 0
     assert page.read_text() == "A body takes 950 or 1 020 bytes, more or less.\n"
-    assert claims.main(["memory"]) == 0
-    assert claims.main(["weather"]) == 2
+    assert claims.main(["memory"], tmp_path) == 0
+    assert claims.main(["weather"], tmp_path) == 2

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -110,22 +109,6 @@ def test_a_killed_run_leaves_whole_frames(delay: float, tmp_path: Path) -> None:
     with h5py.File(tmp_path / motion.MOTION, "r"):
         pass  # opens without special flags, as ParaView does
     assert MotionWriter(tmp_path, model, resume_at=read.times[1]).frames == 2
-
-
-def test_a_mark_that_changes_between_two_looks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A frame may be written after a look at the mark and before the file is opened: one failure does not count."""
-    motions.written(tmp_path)
-    path, open_file, failures = tmp_path / motion.MOTION, h5py.File, [OSError("truncated file"), OSError("open for write")]
-
-    def unlucky(*args: Any, **settings: Any) -> h5py.File:
-        if failures:
-            path.touch()  # a run writes
-            raise failures.pop()
-        return open_file(*args, **settings)
-
-    monkeypatch.setattr(vtkhdf.h5py, "File", unlucky)
-    assert len(Motion.load(tmp_path)) == len(TIMES)
-    assert not failures
 
 
 def test_a_folder_that_is_held_is_not_mended(tmp_path: Path) -> None:

@@ -71,15 +71,6 @@ def test_shipped_scenes_load_without_warnings_and_fit_the_schema(path: Path) -> 
     Draft202012Validator(json_schema(Scene)).validate(dict(read_yaml(path)))
 
 
-@pytest.mark.parametrize("name", ["axial_transverse_5mT", "three_segments_3d"])
-def test_reference_scenes_are_the_finite_element_cases(name: str) -> None:
-    scene = load_scene(ROOT / f"data/scenes/{name.removesuffix('_5mT')}.yaml")
-    rows = scene.reference_centreline()
-    assert rows is not None
-    np.testing.assert_array_equal(rows, read_centreline(ROOT / f"data/references/{name}.csv"))
-    assert rows[-1, 0] <= scene.body.catheter.length
-
-
 def test_directions_by_angles_and_by_components(tmp_path: Path) -> None:
     def direction(text: str) -> tuple[float, float, float]:
         scene = scene_of(tmp_path, FIVE.read_text().replace("[1, 0, 0]", text))

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from reference.scenes import rod_scene
@@ -15,94 +16,75 @@ from reference.scenes import rod_scene
 from magmpm.solving import precompile as warmup
 
 
-def test_another_clone_and_touched_sources_are_not_ready(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Numba compiles the same text again at another place or with other times; a valid marker would let this process compile it."""
-    stamps = [warmup._stamp("kinds")]
-    for clone in ("one", "two"):
-        folder = tmp_path / clone
-        folder.mkdir()
-        (folder / "kernels.py").write_text("x = 1\n")
-        os.utime(folder / "kernels.py", (1e9, 1e9))
-        monkeypatch.setattr(warmup, "PACKAGE", folder)
-        stamps.append(warmup._stamp("kinds"))
-    os.utime(tmp_path / "two" / "kernels.py", (1e9, 2e9))
-    stamps.append(warmup._stamp("kinds"))
-    stamps.append(warmup._stamp("other kinds"))
-    assert len(set(stamps)) == len(stamps)
-    assert warmup._stamp("kinds") == warmup._stamp("kinds")
-
-
 @pytest.fixture
-def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """An empty cache, and in place of the processes that fill it: what they are asked for, and `work`, what they answer."""
+    found = SimpleNamespace(asked=[], lines=[], work=lambda: True)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(warmup, "_ready", set())
-    return tmp_path
+    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small, uses, tell: found.asked.append(list(uses)) or found.work())
+    return found
 
 
-def test_who_waits_is_told_what_is_compiled_and_that_it_is_once(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    lines: list[str] = []
-    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda *_: True)
+def test_only_what_is_used_is_compiled_and_once(compiler: SimpleNamespace) -> None:
+    """A plain run asks for no kernels of derivatives; who asks for them later waits for these alone, and is told."""
     scene = rod_scene(field=(0.0, 0.0, 5e-3), gravity=(0.0, 0.0, -9.81))
-    assert warmup.fill_cache(scene, lines.append)
-    assert "statics with gravity + magnetic_torque" in lines[0] or "statics with magnetic_torque + gravity" in lines[0]
-    assert "once on this machine" in lines[0]
-    assert not warmup.fill_cache(scene, lines.append), "a second time there is nothing to do"
-    assert len(lines) == 2
-
-
-def test_only_what_is_used_is_compiled(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A plain run asks for no kernels of derivatives; who asks for them later waits for these alone."""
-    asked: list[list[str]] = []
-    lines: list[str] = []
-    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small, uses, tell: asked.append(list(uses)) or True)
-    scene = rod_scene(field=(0.0, 0.0, 5e-3))
     for uses in ([warmup.SOLVE], [warmup.SOLVE, warmup.DERIVATIVES], [warmup.SOLVE, warmup.DERIVATIVES, warmup.RODS]):
-        warmup.fill_cache(scene, lines.append, uses)
-    assert asked == [["solve"], ["sensitivities"], ["rods"]]
-    assert "compiling kernels for sensitivities; once on this machine" in lines[2]
-    assert not warmup.fill_cache(rod_scene(gravity=(0.0, 0.0, -9.81)), lines.append, [warmup.RODS]), "the same rods for any effects"
+        assert warmup.fill_cache(scene, compiler.lines.append, uses)
+        assert not warmup.fill_cache(scene, compiler.lines.append, uses), "a second time there is nothing to do"
+    assert compiler.asked == [["solve"], ["sensitivities"], ["rods"]]
+    assert "statics with magnetic_torque + gravity; once on this machine" in compiler.lines[0]
+    assert "compiling kernels for sensitivities; once on this machine" in compiler.lines[2]
+    assert len(compiler.lines) == 6
+    assert not warmup.fill_cache(rod_scene(gravity=(0.0, 0.0, -9.81)), print, [warmup.RODS]), "the same rods for any effects"
 
 
-def test_one_process_compiles_and_others_wait_for_it(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_process_compiles_and_others_wait_for_it(compiler: SimpleNamespace) -> None:
     """Two processes need the same kernels: one compiles them, the other finds them ready."""
     begun, go_on = threading.Event(), threading.Event()
-
-    def slow(*_: object) -> bool:
-        begun.set()
-        return go_on.wait(60)
-
-    monkeypatch.setattr(warmup, "_compiled_elsewhere", slow)
-    scene, lines, found = rod_scene(field=(0.0, 0.0, 5e-3)), list[str](), list[bool]()
+    compiler.work = lambda: begun.set() or go_on.wait(60)
+    scene, found = rod_scene(field=(0.0, 0.0, 5e-3)), list[bool]()
     one = threading.Thread(target=lambda: found.append(warmup.fill_cache(scene, lambda _: None)))
     one.start()
     assert begun.wait(60)
-    other = threading.Thread(target=lambda: found.append(warmup.fill_cache(scene, lines.append)))
+    other = threading.Thread(target=lambda: found.append(warmup.fill_cache(scene, compiler.lines.append)))
     other.start()
-    while not lines and other.is_alive():
+    while not compiler.lines and other.is_alive():
         time.sleep(0.01)
     go_on.set()
     one.join()
     other.join()
-    assert lines == ["another magmpm is compiling kernels; waiting for it"]
+    assert compiler.lines == ["another magmpm is compiling kernels; waiting for it"]
     assert sorted(found) == [False, True]
 
 
-def test_nothing_is_compiled_where_a_compiling_process_fails(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_compiled_where_a_compiling_process_fails(compiler: SimpleNamespace) -> None:
     """A cache that could not be filled is not marked as filled."""
-    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda *_: False)
+    compiler.work = lambda: False
     assert warmup.fill_cache(rod_scene(), lambda _: None)
     assert warmup.fill_cache(rod_scene(), lambda _: None), "it is tried again"
 
 
-def test_without_room_on_the_disk_nothing_is_compiled_ahead(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_clone_or_touched_sources_are_not_ready(compiler: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numba compiles the same text again at another place or with other times."""
+    for clone in ("one", "two"):
+        (tmp_path / clone).mkdir()
+        source = tmp_path / clone / "kernels.py"
+        source.write_text("x = 1\n")
+        monkeypatch.setattr(warmup, "PACKAGE", tmp_path / clone)
+        for time_of_change in (1e9, 2e9):
+            os.utime(source, (1e9, time_of_change))
+            assert warmup.fill_cache(rod_scene(), print)
+            assert not warmup.fill_cache(rod_scene(), print)
+    assert len(compiler.asked) == 4
+
+
+def test_without_room_on_the_disk_nothing_is_compiled_ahead(compiler: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
     """The kernels could not be stored: each run compiles its own, once instead of twice."""
-    lines: list[str] = []
-    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda *_: pytest.fail("compiled"))
-    monkeypatch.setattr("magmpm.solving.precompile.ROOM", 1e30)
-    assert warmup.fill_cache(rod_scene(), lines.append)
-    (line,) = lines
-    assert str(empty_cache) in line
+    monkeypatch.setattr(warmup, "ROOM", 1e30)
+    assert warmup.fill_cache(rod_scene(), compiler.lines.append)
+    (line,) = compiler.lines
     assert "no room" in line
+    assert compiler.asked == []
 
 
 RUN = """

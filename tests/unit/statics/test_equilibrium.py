@@ -10,7 +10,7 @@ import pytest
 from reference.scenes import field_for_load, rod_scene
 from scipy.spatial import cKDTree
 
-from magmpm.errors import SolveError, TimeOver
+from magmpm.errors import SolveError
 from magmpm.model import build
 from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
@@ -343,42 +343,3 @@ def test_progress_is_told_of_each_step() -> None:
     assert [step for step, _ in told] == list(range(1, len(told) + 1))
     assert len(told) >= 3
     assert told[-1][1] < told[0][1]
-
-
-def test_a_ramp_that_had_to_be_halved_grows_again() -> None:
-    """Steps fail where they are longer than 1/64 below a tenth of the load, and at 0.5, where they must stay short a while."""
-    model = static_model(build(rod_scene(length=16e-3, cells=2)))
-    tried: list[float] = []
-    reached = 0.0
-
-    def solved(factor: float, grid: np.ndarray) -> tuple[Any, Minimum]:
-        nonlocal reached
-        tried.append(factor - reached)
-        if factor - reached > 1 / 64 and (reached < 0.1 or 0.5 <= reached < 0.6):
-            raise SolveError("too long")
-        reached = factor
-        return Energy(model), Minimum(Energy(model).at(grid), 3, 0.0, 0)
-
-    found = equilibrium._ramped(model, 8, [], solved)
-    assert found.converged
-    assert reached == 1.0
-    steps = np.array(tried)
-    assert steps[:2] == pytest.approx([1 / 8, 1 / 32]), "the first step that fails is quartered"
-    assert steps.min() == pytest.approx(1 / 128)
-    assert steps[-2] == pytest.approx(1 / 16), "it grows; more slowly after it has failed in growing"
-    assert len(steps) < 60  # 128 steps of 1/128 without growing
-
-
-def test_a_ramp_whose_time_is_over_tries_no_smaller_step() -> None:
-    model, tried = static_model(build(rod_scene(length=16e-3, cells=2))), []
-
-    def solved(factor: float, grid: np.ndarray) -> tuple[Any, Minimum]:
-        tried.append(factor)
-        if factor > 0.3:
-            raise TimeOver("the time is over")
-        return Energy(model), Minimum(Energy(model).at(grid), 3, 0.0, 0)
-
-    with pytest.raises(TimeOver, match=r"at 37\.5 % of the load: the time is over") as caught:
-        equilibrium._ramped(model, 8, [], solved)
-    assert tried == [0.125, 0.25, 0.375]
-    assert caught.value.state.load_share == 0.25

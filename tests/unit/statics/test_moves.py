@@ -72,7 +72,8 @@ def test_a_path_and_a_motion_end_in_the_equilibrium() -> None:
 
 
 def test_a_motion_resumes_bit_for_bit(tmp_path: Path) -> None:
-    scene = strip(move={"base": to([0, 0, 1], over_time={"oscillation": {"frequency": 100.0}})}, solver={"dynamic": {"duration": 4e-3}})
+    scene = strip(move={"base": to([0, 0, 1], over_time={"oscillation": {"frequency": 100.0}})}, effects={"damping": {"rate": 1.0}},
+                  solver={"dynamic": {"duration": 4e-3}})  # fmt: skip
     whole = integrate(begin(build(scene)))
     with pytest.raises(KeyboardInterrupt):
         integrate(begin(build(scene)), folder=tmp_path, on_state=lambda state: stop() if state.frame == 50 else None)

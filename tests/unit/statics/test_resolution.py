@@ -134,17 +134,6 @@ def test_caution_is_for_what_was_not_measured(slenderness: float, wall: float, f
     assert caution(slenderness, wall) == factor
 
 
-def test_errors_that_hardly_fall_are_no_ground_for_a_leap(monkeypatch: pytest.MonkeyPatch) -> None:
-    """0.78 % at 2 cells and 0.56 % at 4 for 0.12 % asked: the next are 6, not the 12 that an order of 1.5 asks for."""
-    search = resolution._Search(Equilibria(asked(error=0.0012)), 0.0, resolution._nothing)
-    monkeypatch.setattr(resolution._Search, "fits", lambda self, cells: True)
-    monkeypatch.setattr(resolution._Search, "takes", lambda self, cells: 1.0)
-    search.errors.update({2: 0.0078 * LENGTH, 4: 0.0056 * LENGTH})
-    assert resolution._next(search, 4, None) == 6
-    search.errors.update({4: 0.002 * LENGTH})  # order 2: 5 cells are told 0.13 %, 6 cells 0.09 %
-    assert resolution._next(search, 4, None) == 6
-
-
 def test_a_search_leaves_no_matrices() -> None:
     """Its end frees them, without a collection of circles: the next search uses their memory again."""
     gc.disable()
@@ -158,19 +147,15 @@ def test_a_search_leaves_no_matrices() -> None:
         gc.enable()
 
 
-def test_a_search_keeps_blas_on_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Between its solves too: the threads that a small fit starts spin on for a while, and kernels then run at half their pace."""
+def test_a_search_keeps_blas_on_one_thread() -> None:
+    """The threads that a small fit starts spin on for a while, and kernels then run at half their pace."""
     seen: list[int] = []
-    on = Equilibria.on
 
-    def watched(grids: Equilibria, cells: int) -> Scene:
+    def look(*_: object) -> None:
         seen.append(max(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"))
-        return on(grids, cells)
 
-    monkeypatch.setattr(Equilibria, "on", watched)
     with threadpool_limits(2, user_api="blas"):
-        resolution.choose(Equilibria(asked(error=0.005)))
-    assert len(seen) >= 3  # the answer, its witness, its proof
+        run(asked(error=0.005), on_progress=look)
     assert set(seen) == {1}
 
 

@@ -115,7 +115,7 @@ def test_derivatives_are_those_of_equilibria(name: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(found.adjoint(gradient), by_columns, rtol=0, atol=1e-8 * np.abs(by_columns).max(initial=1e-300))
 
 
-@pytest.mark.parametrize("name", ["parts", "interacting"])
+@pytest.mark.parametrize("name", ["parts", pytest.param("interacting", marks=pytest.mark.slow)])
 def test_one_derivative_of_what_takes_long(name: str, tmp_path: Path) -> None:
     """The tip of parts, and magnets that pull each other, by one plain difference: all variables of them are slow cases above."""
     scene = tight(scene_of(name, tmp_path))

@@ -15,7 +15,7 @@ from magmpm.scene import Scene
 from magmpm.statics.block_cholesky import factor, solve_columns
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
-from magmpm.statics.stability import _inner, _mixed, _start, mass
+from magmpm.statics.stability import mass
 
 SCENE = Path(__file__).parents[3] / "data" / "scenes" / "axial_transverse.yaml"
 
@@ -76,11 +76,11 @@ def smallest(scene: Scene) -> tuple[float, float]:
     energy = found.energy
     _, panels = energy.tangent(found.point)
     assert factor(panels, energy.model.layout.split) < 0
-    X = _start(energy)
+    X = energy.free_columns(np.random.default_rng(1).standard_normal((energy.shape[0], 4, energy.shape[1])))
     for _ in range(12):
         Y = solve_columns(panels, energy.model.layout.split, mass(energy, X))
-        values, vectors = eigh(_inner(Y, mass(energy, X)), _inner(Y, mass(energy, Y)))
-        X = _mixed(Y, vectors)
+        values, vectors = eigh(*(np.einsum("pam,pbm->ab", Y, mass(energy, one)) for one in (X, Y)))
+        X = np.ascontiguousarray(np.einsum("pam,ab->pbm", Y, vectors))
     return float(values[0]), found.stability
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.util
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,8 +55,7 @@ def test_mp4_lasts_as_long_as_its_shapes_are_shown_and_ends_with_the_last(flat: 
 def test_without_ffmpeg_a_gif_is_written_and_said(
     motion: MotionRenderer, flat: Renderer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    find, missing = importlib.util.find_spec, "imageio_ffmpeg"
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == missing else find(name))
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     best = movies.best_shapes_movie(shapes(), tmp_path / "best.mp4", flat, size=SMALL)
     moved = movies.movie(motion, tmp_path / "movie.mp4", flat, size=SIZE)
     for made, name, frames, size in ((best, "best.gif", 3, SMALL), (moved, "movie.gif", len(motion), SIZE)):

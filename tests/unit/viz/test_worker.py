@@ -25,9 +25,7 @@ BODY = bent_bodies.catheter(bent_bodies.c_shape, bent_bodies.c_shape, spacing=1e
 
 
 def process_of(renderer: Renderer) -> int:
-    renderer.wait_ready()
-    assert renderer._worker is not None
-    return renderer._worker.process.pid
+    return int(renderer.run(os.getpid))
 
 
 def size_of(path: Path) -> tuple[int, int]:
@@ -187,7 +185,7 @@ def test_without_an_opengl_library_matplotlib_draws_and_one_line_names_the_packa
 
 
 def test_without_pyvista_the_note_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "pyvista", None)
     with Renderer() as renderer:
         assert renderer.image(BODY, size=(80, 60)).shape == (60, 80, 3)
         assert renderer.backend == "matplotlib"
@@ -224,7 +222,7 @@ def test_resting_ends_the_process_until_the_next_picture() -> None:
 def test_the_process_ends_with_its_parent() -> None:
     script = (
         "import os, signal\nfrom viz.worker import Renderer\nrenderer = Renderer('matplotlib')\n"
-        "renderer.wait_ready()\nprint(renderer._worker.process.pid, flush=True)\n"
+        "print(renderer.run(os.getpid), flush=True)\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     child = int(printed_by(script))
