@@ -99,7 +99,7 @@ class Variants:
         return found
 
     def _rough(self, scene: Scene, other: Scene) -> bool:
-        """True if what distinguishes two variants is only roughly resolved by the coarsest grid: contact, or blocks as large as its cells."""
+        """True if what distinguishes two variants is resolved only roughly by the coarsest grid: contact, or blocks of its cells' size."""
         kinds = scene.effects.every().items()
         rough = [key for key, kind in kinds if kind.PHASE == "contact" or key == "magnetic_interaction"]
         return any(getattr(scene.effects, key) != getattr(other.effects, key) for key in rough)
