@@ -177,7 +177,7 @@ tour: $(VENV)/.ready-test
 	$(BIN)/python tests/docs/tour.py $(PAGES)
 
 schema: $(VENV)/.ready
-	$(BIN)/python -m magmpm.scene.json_schema
+	$(BIN)/python -c "from magmpm.inputs.settings import write_json_schema as write; from magmpm.scene import Scene; write(Scene, 'magmpm/scene.schema.json')"
 
 gallery: $(VENV)/.ready
 	$(BIN)/python docs/gallery/build.py $(SCENES)

@@ -1,7 +1,12 @@
-"""A scene made ready to run, in equilibrium or in motion: particles, grid, materials, effects."""
+"""A scene made ready to run, in equilibrium or in motion: particles, grid, materials, effects.
+
+Where what holds the body is moved, the coefficient of nodes that follow it is its displacement: splines sum to one, so a face, or a held
+part, whose nodes all have the same coefficient moves by it, exactly.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -9,13 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.body_shape import BodyShape, Discretization
+from magmpm.bodies.body_shape import BodyShape, Discretization, Line
 from magmpm.bodies.contact_surface import ContactSurface, layer_mass, particle_of, well_filled
-from magmpm.bodies.driven import Driven, driven_nodes
 from magmpm.bodies.grid import ClampPlane, Grid, clamp_first_node, clamp_last_node, clamp_low_node, spread
-from magmpm.bodies.regions import Line
+from magmpm.bodies.polar_grid import PolarGrid
 from magmpm.bodies.section_quadrature import Particles
-from magmpm.bodies.volume_modes import volume_modes
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.effects.contact_law import own_friction
@@ -24,6 +27,64 @@ from magmpm.effects.magnetization import rotating
 from magmpm.errors import SceneError
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import knots_of
+
+Driven = tuple[tuple[str, NDArray[np.bool_]], ...]  # by what moves them: which of the grid's nodes follow, in the grid's shape
+
+
+def driven_nodes(shape: BodyShape, made: Discretization, moves: Collection[str]) -> tuple[tuple[ClampPlane, ...], Driven]:
+    """The planes on which a body is held, those that move marked, and the nodes that follow what is moved: base, tip or parts by name.
+
+    Raises SceneError where parts that move apart hold at one face, or at the same nodes.
+    """
+    grid, cell = made.grid, made.particles.cell
+    on = {name: np.zeros(grid.nodes, bool) for name in moves}
+    if shape.line is not None:
+        ends = [(replace(plane, moved="tip" in on), "tip") for plane in made.planes]
+        ends += [(ClampPlane(0, True, 0, moved=True), "base")] if "base" in on else []
+        for plane, name in ends:
+            if name in on:
+                on[name][_layer(grid, plane)] = True
+        return tuple(plane for plane, _ in ends), tuple(on.items())
+    regions = shape.regions()
+    names = np.array([region.name if region.held else "" for region in regions])[made.particles.segment]
+    planes = []
+    for plane in made.planes:
+        behind = cell[:, plane.axis] == plane.cell + (-1 if plane.lower else 1)
+        holding = set(names[behind]) - {""}
+        if holding & set(on):
+            _one(holding)
+            on[holding.pop()][_layer(grid, plane)] = True
+            plane = replace(plane, moved=True)
+        planes.append(plane)
+    seen = np.array([[1, 1, 1]]) if planes else np.array(list(np.ndindex(3, 3, 3)))  # by a held particle: see Model.splines_at
+    held = {name: np.zeros(grid.nodes, bool) for name in set(names) - {""}}
+    for name, mask in held.items():
+        for shift in seen:
+            mask[tuple((cell[names == name] + shift).T)] = True
+        if name in on:
+            on[name] |= mask
+    for name, mask in on.items():
+        for other in held:
+            if other != name and (mask & held[other]).any():
+                _one({name, other})
+    return tuple(planes), tuple(on.items())
+
+
+def _layer(grid: Grid, plane: ClampPlane) -> tuple[slice | int, ...]:
+    """Index of the nodes that have the displacement of a plane that moves."""
+    first = int(grid.along.node[plane.cell]) if plane.axis == 0 else plane.cell
+    return tuple(first + (0 if plane.lower else 2) if axis == plane.axis else slice(None) for axis in range(3))
+
+
+def _one(holding: set[str]) -> None:
+    """Raise SceneError where not all that holds at one place is one."""
+    if len(holding) > 1:
+        raise SceneError(
+            "move",
+            found=f"{' and '.join(sorted(holding))} hold the body at the same face or within a cell of each other",
+            rule="what is moved holds its cells alone",
+            remedy="give these parts one name, so that they move together, or use smaller cells",
+        )
 
 
 @dataclass(frozen=True)
@@ -38,7 +99,7 @@ class Model:
     remanence: Array  # (n, 3) T, in the undeformed body; a fourth column where an effect marks particles (effects.marked)
     density: Array  # (n,) kg/m^3
     effects: tuple[NDArray[Any], ...]  # records and data of each effect, in turn
-    modes: Array  # (n, 0) or (n, 4): what the volume part of the energy is projected on, see bodies.volume_modes
+    modes: Array  # (n, 0) or (n, 4): what the volume part of the energy is projected on, see volume_modes
     section: dict[str, float]  # relative errors of area and second moment
     held: NDArray[np.bool_]  # (n,) particles of parts that can't move
     clamped_face: bool  # the grid's lower x face stays at rest: node 0 along x is eliminated (bodies.grid.clamp_first_node)
@@ -62,6 +123,13 @@ class Model:
     def free(self) -> bool:
         """True if nothing holds the body."""
         return not (self.clamped_face or self.held.any() or self.driven)
+
+    def field_at(self, position: Array, time: float | None) -> Array:
+        """The outside field (3,) T at the center of particles at positions (n, 3) m, at a time (s; None: the end of the schedule)."""
+        if not self.scene.effects.in_a_field:
+            return np.zeros(3)
+        center = self.particles.volume @ position / self.particles.volume.sum()
+        return np.asarray(self.scene.outside_field().at(center, time)[0])
 
     def splines(self) -> tuple[Array, Array]:
         """Values and slopes (1/m) of the three splines that each particle sees along each axis, (n, 3, 3): axis, node.
@@ -227,3 +295,33 @@ def _filled(scene: Scene, shape: BodyShape, made: Discretization, named: tuple[N
         driven=driven,
         time=time,
     )
+
+
+LINEAR_STIFFNESS = 5.0  # of G: the most that the linear modes of the volume part carry, see volume_modes
+
+
+def volume_modes(grid: Grid, particles: Particles, ratio: Array) -> Array:
+    """Anti-locking (F-bar): functions on each cell's particles onto which det F is projected in the volume part of the energy.
+
+    ratio (n,): K/G. Returns (n, 4) m^(-3/2): a constant and three linear modes, orthogonal under the particles' volumes. The volume
+    energy of a cell is K/2 sum_k c_k^2 with c_k = sum V mode_k (J - 1). The linear modes carry at most LINEAR_STIFFNESS G in place
+    of K: a cell's mean of J is held by K, its variation within the cell, which vanishes with the cell's size, more softly.
+    Through a tube's wall it does not vanish, for one cell is all of the wall: there the linear mode has all of K.
+    Source: F-bar, de Souza Neto et al., IJSS 33 (1996); as a projection for splines, Elguedj et al., CMAME 197 (2008).
+    The measurements behind both choices are in docs/design.md.
+    """
+    modes, cell_first = np.zeros((len(particles.volume), 4)), particles.cell_first
+    cell = np.repeat(np.arange(len(cell_first) - 1), np.diff(cell_first))
+    root = np.sqrt(particles.volume)
+    for k, raw in enumerate([np.ones(len(cell)), *grid.own(particles.position, particles.cell).T]):
+        mode = raw * root
+        size = np.sqrt(np.bincount(cell, mode**2))
+        for _ in range(2):  # twice: once leaves rounding of the size of the offset from the origin
+            for j in range(k):
+                mode = mode - modes[:, j] * np.bincount(cell, modes[:, j] * mode)[cell]
+        left = np.sqrt(np.bincount(cell, mode**2))
+        fine = left > 1e-9 * size  # particles in a line or a plane: the mode adds nothing
+        modes[:, k] = np.where(fine[cell], mode / np.where(fine, left, 1.0)[cell], 0.0)
+    soft = slice(1, 3 if isinstance(grid, PolarGrid) else 4)
+    modes[:, soft] *= np.sqrt(np.minimum(1.0, LINEAR_STIFFNESS / ratio))[:, None]
+    return modes / root[:, None]

@@ -1,4 +1,4 @@
-"""run(scene) -> Result: one simulation, as the scene says."""
+"""run(scene) -> Result: one simulation, as the scene says; sensitivities(scene): of its equilibrium to numbers of the scene."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from magmpm.errors import InputError, SolveError, report
+from magmpm.errors import InputError, SolveError
 from magmpm.results.file_names import CHECKPOINT, NUMBERS, OF_EQUILIBRIUM, forget_motion
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.result import Result
-from magmpm.results.sensitivities import Sensitivities
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene, of_file, remedies
 from magmpm.scene.coarsest import coarsest_cells
@@ -26,7 +25,7 @@ from magmpm.solving.several_grids import Runs, choose_grid, grids_of
 from magmpm.solving.solve import Progress, at_rest, finite, result_of, solve, with_state
 from magmpm.statics.equilibrium import Equilibrium, Following, one_blas_thread
 from magmpm.statics.grids import Equilibria
-from magmpm.statics.linearized import Linearized
+from magmpm.statics.linearized import Linearized, Sensitivities
 from magmpm.statics.stability import stability
 from magmpm.statics.unnamed_loads import missed_loads
 
@@ -148,7 +147,7 @@ def sensitivities(
         raise TypeError(f"start: received {start!r}; must be a Result, as run(scene) returns it, a RodShape, or None")
     if not scene.static:
         rule, remedy = "sensitivities are those of an equilibrium", "leave out solver.dynamic, or differentiate runs by differences"
-        raise InputError(report("solver.dynamic", received="a motion", rule=rule, remedy=remedy))
+        raise InputError("solver.dynamic", received="a motion", rule=rule, remedy=remedy)
     wanted = variables(scene, of)
     if scene.resolution.asked:
         prepare_kernels(scene.with_cells(coarsest_cells(scene)), uses=(DERIVATIVES,))

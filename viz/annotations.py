@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from magmpm.results import readable
+from magmpm import errors as readable
 from magmpm.viz import style
 from magmpm.viz.camera import View, in_view
 from magmpm.viz.layout import Layout, Panel, Views

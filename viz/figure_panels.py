@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from magmpm.results import readable
+from magmpm.errors import length as readable_length
 from magmpm.viz import style
 from magmpm.viz.annotations import Page, Sign, field_arrow, field_text, signs, varies
 from magmpm.viz.camera import Framing, View
@@ -123,7 +123,7 @@ def _foot(page: Page, snapshots: Sequence[Snapshot], view: View, panel: tuple[in
     meter = 0.5 / view.half_height * panel[1] / page.width
     # Of what is small beside what stands around it the bar is a few of the floor's squares long.
     unit = next((n * snapshot.unit for n in (1, 2, 5) if n * snapshot.unit * meter > 1.5 * step), 10 * snapshot.unit)
-    label = max(0.5 * page.length(readable.length(unit), letter), 0.5 * unit * meter)
+    label = max(0.5 * page.length(readable_length(unit), letter), 0.5 * unit * meter)
     middle = 0.6 * step + label
     page.scale_bar(middle, y, unit * meter, unit, size=letter)
     found = signs(snapshots, [(view, panel[0] / panel[1])])

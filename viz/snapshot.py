@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from magmpm.results import readable
+from magmpm.errors import length as readable_length
 from magmpm.viz import style
 from magmpm.viz.meshes import Surface
 
@@ -164,7 +164,7 @@ class Snapshot:
         if self.trial is not None:
             words.append(f"trial {self.trial}")
         if self.rms is not None:
-            words.append(f"rms {self.rms * 1e3:.2f} mm" if self.rms >= 1e-4 else f"rms {readable.length(self.rms)}")
+            words.append(f"rms {self.rms * 1e3:.2f} mm" if self.rms >= 1e-4 else f"rms {readable_length(self.rms)}")
         if self.time is not None:
             words.append(f"t = {seconds(self.time, self.duration)}")
             words += [self.event] if self.event else [slower(self.pace)] if self.pace else []

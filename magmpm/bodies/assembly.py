@@ -1,4 +1,5 @@
-"""Bodies made of STL parts: one mesh a part, each with its material, magnetization and clamp."""
+"""Bodies made of STL parts: one mesh a part, each with its material, magnetization and clamp.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
-from magmpm.bodies.body_shape import BodyShape, Discretization
-from magmpm.bodies.connectivity import connected_components
+from magmpm.bodies.body_shape import BodyShape, Discretization, Region
 from magmpm.bodies.contact_solid import Solids, mesh_solids
 from magmpm.bodies.contact_surface import SurfacePoints, parts_surface
-from magmpm.bodies.grid import ClampPlane, Grid
-from magmpm.bodies.knots import EVEN, Knots
+from magmpm.bodies.grid import EVEN, ClampPlane, Grid, Knots
 from magmpm.bodies.mesh_quadrature import TOUCHING, grid_of_parts, part_errors, part_particles
-from magmpm.bodies.regions import Region
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.surface_mesh import (
     PREFIX,
@@ -31,7 +29,7 @@ from magmpm.bodies.surface_mesh import (
     volume_of,
 )
 from magmpm.compiled.arrays import Array
-from magmpm.inputs.settings import Quantity, Settings, fault
+from magmpm.inputs.settings import Settings, Width, fault
 from magmpm.inputs.vectors import Direction, Vector
 
 MAX_PARTS = 1000
@@ -49,11 +47,9 @@ class MeshPart(Settings):
     name: str = Field(default="", max_length=100, description="What messages call it; the file's name unless given.", examples=["base"])
     material: str = Field(description="A name from `materials`.", examples=["silicone"])
     magnetization: Direction = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Direction in the undeformed part: [x, y, z], normalized, or "
-        "{azimuth: ..., elevation: ...}; [0, 0, 0], unmagnetized, unless given.",
-        examples=[[0, 0, 1]],
-    )
+        default=(0.0, 0.0, 0.0), description="Direction in the undeformed part: [x, y, z], normalized, or {azimuth: ..., elevation: ...}; "
+        "[0, 0, 0], unmagnetized, unless given.", examples=[[0, 0, 1]],
+    )  # fmt: skip
     clamp: bool = Field(default=False, strict=True, description="Whether the part is held; false unless given.", examples=[True])
 
     @model_validator(mode="before")
@@ -80,7 +76,7 @@ class Parts(BodyShape):
     unit: Literal["um", "mm", "cm", "m", "inch"] = Field(
         description="Unit of the numbers in the STL files, which do not say it.", examples=["mm"]
     )
-    spacing: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] | None = Field(
+    spacing: Width | None = Field(
         default=None, description="Cell size; the thinnest part's thickness over `cells_across` unless given.", examples=["0.5 mm"],
     )  # fmt: skip
     meshes: tuple[MeshPart, ...] = Field(
@@ -230,3 +226,23 @@ class Parts(BodyShape):
             for i, j in itertools.combinations(range(len(regions)), 2)
             if one_grid and TOUCHING * self.length < gaps[i, j] < 2 * cell and not (regions[i].held and regions[j].held)
         ]
+
+
+def connected_components(touching: NDArray[np.bool_], cell: NDArray[np.integer], part: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Which connected component each particle (n,) is in, from 0.
+
+    touching (parts, parts): which touch; cell (n, 3), part (n,): of each particle of the undeformed body. Two parts are connected
+    where they touch and share a cell, or have cells that share a face.
+    """
+    from scipy.sparse import csgraph  # only for bodies of parts
+    from scipy.spatial import cKDTree
+
+    count = len(touching)
+    box = (*(np.ptp(cell, axis=0) + 1).tolist(), count)
+    full = np.unique(np.ravel_multi_index((*(cell - cell.min(axis=0)).T, part), box))
+    *places, of = np.unravel_index(full, box)
+    near = np.zeros((count, count), bool)
+    pairs = of[cKDTree(np.column_stack(places)).query_pairs(1.01, output_type="ndarray")]  # the same cell, or neighbors by a face
+    near[pairs[:, 0], pairs[:, 1]] = True
+    number = csgraph.connected_components(near & touching, directed=False)[1]
+    return np.asarray(np.asarray(number, np.int64)[part])

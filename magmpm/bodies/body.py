@@ -22,9 +22,7 @@ class Body(Settings):
     model_config = ConfigDict(json_schema_extra={"minProperties": 1, "maxProperties": 1})
 
     catheter: Catheter | None = Field(
-        default=None,
-        description="A straight round rod or tube from the origin along +x.",
-        examples=[CATHETER],
+        default=None, description="A straight round rod or tube from the origin along +x.", examples=[CATHETER]
     )
     strip: Strip | None = Field(default=None, description="A strip or sheet, flat in x and y.", examples=[STRIP])
 

@@ -14,13 +14,33 @@ from numpy.typing import NDArray
 
 from magmpm.bodies.contact_solid import Solids
 from magmpm.bodies.contact_surface import SurfacePoints
-from magmpm.bodies.grid import ClampPlane, Grid
-from magmpm.bodies.knots import EVEN, Knots
-from magmpm.bodies.regions import Line, Region
+from magmpm.bodies.grid import EVEN, ClampPlane, Grid, Knots
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array
-from magmpm.inputs.settings import Settings
+from magmpm.inputs.settings import Key, Settings
 from magmpm.inputs.vectors import Vector
+
+
+@dataclass(frozen=True)
+class Region:
+    """A stretch of a body with one material and magnetization: a segment of a catheter or strip, a part of an assembly.
+
+    magnetization: unit vector in the undeformed body, or zeros; held: it can't move.
+    """
+
+    name: str
+    at: Key  # where the scene's data describe it, below `body`
+    material_name: str
+    magnetization: Vector
+    held: bool = False
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight body along +x: base (3,) m, the center of its base face; length m."""
+
+    base: Vector
+    length: float
 
 
 @dataclass(frozen=True)

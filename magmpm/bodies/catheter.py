@@ -12,19 +12,16 @@ from pydantic import Field, ValidationInfo, field_validator
 from magmpm.bodies.body_shape import Discretization
 from magmpm.bodies.contact_solid import Solids, rod_solid
 from magmpm.bodies.contact_surface import SurfacePoints, rod_surface
-from magmpm.bodies.grid import Grid
-from magmpm.bodies.knots import EVEN, Knots
+from magmpm.bodies.grid import EVEN, Grid, Knots
 from magmpm.bodies.polar_grid import PolarGrid, tube_grid, tube_particles
 from magmpm.bodies.section_quadrature import Particles, rod_grid, rod_particles, rod_section, section_errors
-from magmpm.bodies.sections import Section, ring
-from magmpm.bodies.segments import MAX_SEGMENTS, Segment, StraightBody
+from magmpm.bodies.segments import MAX_SEGMENTS, Section, Segment, StraightBody, ring
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
-from magmpm.inputs.settings import Quantity, fault
+from magmpm.inputs.settings import Length, Quantity, Width, fault
 from magmpm.inputs.vectors import Vector
 
 THINNEST_WALL = 1e-3  # of the diameter: a hundredth of a cell at 16 cells across; `warnings` reports walls thinner than a cell
-THINNEST_AROUND = 0.1 - 1e-9  # wall over radius: the thinnest held against finite elements; at 0.05 and 0.02 no equilibrium was found
 THIN_WALL = "resolution: the tube's wall"  # how the warning of a wall of less than a cell begins
 
 
@@ -34,10 +31,8 @@ class Catheter(StraightBody):
     kind: ClassVar[str] = "catheter"
     across: ClassVar[str] = "diameter"
 
-    length: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
-        description="Length of the undeformed catheter.", examples=["40 mm"]
-    )
-    diameter: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(description="Outer diameter.", examples=["4 mm"])
+    length: Length = Field(description="Length of the undeformed catheter.", examples=["40 mm"])
+    diameter: Width = Field(description="Outer diameter.", examples=["4 mm"])
     inner_diameter: Annotated[float, Quantity("length", at_least="0 mm", at_most="1 m")] = Field(
         default=0.0, description="Diameter of the bore; 0 mm, a solid rod, unless given.", examples=["2 mm"]
     )
@@ -93,8 +88,9 @@ class Catheter(StraightBody):
 
     @property
     def round_cells(self) -> bool:
-        """True if the cells at rest lie around the axis, in layers that fit the wall."""
-        return self.hollow and self.diameter - self.inner_diameter >= THINNEST_AROUND * self.diameter
+        """True if the cells at rest lie around the axis, in layers that fit the wall: from 0.1 of the radius on, the thinnest wall held
+        against finite elements; at 0.05 and 0.02 no equilibrium was found."""
+        return self.hollow and self.diameter - self.inner_diameter >= (0.1 - 1e-9) * self.diameter
 
     def kink_radius(self, poisson: float) -> float:
         """Radius (m) of its axis below which a tube has no equilibrium: its section flattens, and it kinks. 0 for a solid rod.

@@ -19,7 +19,6 @@ from magmpm.compiled.jit import compiled
 
 BOX, ROD, TABLE = range(3)
 FINE = 4  # points of a table in a cell width
-FITS = 0.1  # of a table's spacing: faces of parts this near hold together. Drawings never fit exactly
 
 
 class Solids(NamedTuple):
@@ -72,7 +71,7 @@ def _table(parts: Sequence[Array], cell: float) -> Table:
             if near.any():
                 pieces = cut(part[near], cell)
                 corners, there = np.ascontiguousarray(pieces.reshape(-1, 3)), np.ascontiguousarray(other[_meets(other, part, spacing)])
-                free = (to_triangles(corners, there) > FITS * spacing).reshape(-1, 3).any(axis=1)
+                free = (to_triangles(corners, there) > 0.1 * spacing).reshape(-1, 3).any(axis=1)
                 part, kept = np.concatenate([part, pieces[free]]), np.concatenate([kept & ~near, np.ones(free.sum(), bool)])
         outside.append(part[kept])
     return solid(parts, np.concatenate(outside), spacing)

@@ -17,11 +17,9 @@ from magmpm.bodies.grid import Grid, each_node, spread
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array
 
-AROUND = 8  # points a cell width around a rod: a patch in contact on a hard plane is far narrower than a cell
 EDGE = 0.5  # of a cell: longest edge of a mesh's triangles, after they are cut
 SLIVER = 0.01  # of the fullest cell: from 1e-5 to 1e-3 contact gained energy, up to 19 % of a collision at 2 m/s
 ROUNDS = 6  # products of the bound on the frequency of contact: further ones thicken the layer by at most 6 %
-LOBATTO = np.array([0.0, (1 - 1 / math.sqrt(5)) / 2, (1 + 1 / math.sqrt(5)) / 2]), np.array([1.0, 5.0, 5.0, 1.0]) / 12
 
 
 @dataclass(frozen=True)
@@ -70,7 +68,8 @@ def layer_mass(area: Array, first: NDArray[np.int64], weights: Array, mass: Arra
 
 def lobatto(edges: Array) -> tuple[Array, Array]:
     """Points and weights of Lobatto's rule of four points between each two edges (k,), with the edges shared: (3 k - 2,) each."""
-    width, (share, weight) = np.diff(edges), LOBATTO
+    width, weight = np.diff(edges), np.array([1.0, 5.0, 5.0, 1.0]) / 12
+    share = np.array([0.0, (1 - 1 / math.sqrt(5)) / 2, (1 + 1 / math.sqrt(5)) / 2])
     points = np.append((edges[:-1, None] + width[:, None] * share).ravel(), edges[-1])
     weights = np.zeros(len(points))
     for k in range(4):
@@ -98,7 +97,7 @@ def rod_surface(along: Array, *, outer: float, inner: float, cell: float, base: 
 
     A bore has none: nothing but a body inside could touch it.
     """
-    count = 4 * math.ceil(AROUND * 2 * math.pi * outer / cell / 4)
+    count = 4 * math.ceil(8 * 2 * math.pi * outer / cell / 4)  # a patch in contact on a hard plane is far narrower than a cell
     angle = 2 * math.pi / count * (np.arange(count) + 0.5)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     (x, dx), (r, dr) = lobatto(along), lobatto(np.linspace(inner, outer, math.ceil((outer - inner) / cell) + 1))

@@ -6,6 +6,8 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 
+STATIONS = 41  # along a body, where axes are compared
+
 
 def curve(points: Array, step: float) -> Array:
     """Points (m, 3) at most `step` (m) apart on the smooth curve (cubic spline over the chords) through points (k, 3)."""

@@ -15,14 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.grid import Grid, Run, spline_weights
-from magmpm.bodies.knots import Knots, runs_along
+from magmpm.bodies.grid import Grid, Knots, Run, runs_along, spline_weights
 from magmpm.bodies.section_quadrature import Particles, extruded, gauss
 from magmpm.compiled.arrays import Array
-
-AROUND = 3.0  # cells in half a turn, over the cube root of: cells across times middle radius over wall
-FEWEST = 4  # in half a turn
-FLAT = 0.8  # of a cell's width along: the thickest cell through a wall; one alone, where half a radius bends sharply, is 0.1 to 0.3 % off
 
 
 @dataclass(frozen=True)
@@ -86,13 +81,14 @@ class PolarGrid(Grid):
 def tube_grid(ends: Array, outer: float, inner: float, cells_across: int, knots: Knots, turn: float = 0.0) -> PolarGrid:
     """Grid of a tube along +x. ends (k,) m: where each segment ends, the last one at the tip; outer, inner: radii, m; turn: part of a cell,
     0 to 1, by which the grid is turned: to see what its place does."""
+    # The thickest cell through a wall is 0.8 of a cell's width along: one alone, where half a radius bends sharply, is 0.1 to 0.3 % off.
     h, wall, like = 2 * outer / cells_across, outer - inner, knots.like
     if isinstance(like, PolarGrid):
         _, around, through = like.cells
         knots = replace(knots, like=like.even)
     else:
-        around = 2 * max(FEWEST, round(AROUND * (cells_across * (outer + inner) / (2 * wall)) ** (1 / 3)))
-        through = math.ceil(wall / (FLAT * h) - 1e-9)
+        around = 2 * max(4, round(3.0 * (cells_across * (outer + inner) / (2 * wall)) ** (1 / 3)))
+        through = math.ceil(wall / (0.8 * h) - 1e-9)
     along, width, runs = runs_along(ends, h, cells_across, knots)
     spacing = np.array([width, 2 * np.pi / around, wall / through])
     even = Grid(np.array([0.0, turn * spacing[1], inner]), spacing, (along, around, through), runs)

@@ -14,13 +14,10 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.grid import Grid
-from magmpm.bodies.knots import EVEN, Knots, runs_along
+from magmpm.bodies.grid import EVEN, Grid, Knots, runs_along
 from magmpm.compiled.arrays import Array
 
-EMPTY = 1e-9  # share of a cell: a piece with less volume is rounding error, as its moments are differences of far larger numbers
 WIDEST = 2.0  # a strip's cells may be this much longer across its width than through its thickness
-DEEPEST = 6  # halvings of a cell's side, after which a piece's points are pulled into the cell
 
 
 @dataclass(frozen=True)
@@ -91,11 +88,11 @@ def section_points(low: Array, high: Array, outer: float, inner: float, count: i
     """
     owner, depth = np.arange(len(low)), 0
     found: list[tuple[Array, Array, NDArray[np.int64]]] = []
-    cells, least = (low, high), EMPTY * float(np.prod(high - low, axis=1).max())
+    cells, least = (low, high), 1e-9 * float(np.prod(high - low, axis=1).max())  # less is rounding error
     while len(low):
         piece, points, areas = _piece_rules(low, high, outer, inner, count, least)
         a, b = cells[0][owner[piece]], cells[1][owner[piece]]
-        if depth == DEEPEST:
+        if depth == 6:  # halvings of a cell's side
             points = np.clip(points, a[:, None, :], b[:, None, :])
         slack = 1e-9 * (b - a)[:, None, :]
         inside = np.all((points >= a[:, None] - slack) & (points <= b[:, None] + slack), axis=(1, 2))

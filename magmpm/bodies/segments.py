@@ -1,20 +1,75 @@
-"""Bodies that are straight along x and made of segments, base to tip: what a catheter and a strip have in common."""
+"""Bodies that are straight along x and made of segments, base to tip: what a catheter and a strip have in common.
+
+Their cross-sections are given as a rod feels them; axis 1 runs along the body, 2 and 3 (y, z undeformed) lie in the section.
+"""
 
 from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
-from magmpm.bodies.body_shape import BodyShape
-from magmpm.bodies.regions import Line, Region
-from magmpm.bodies.sections import Section
+from magmpm.bodies.body_shape import BodyShape, Line, Region
 from magmpm.compiled.arrays import Array
-from magmpm.inputs.settings import Quantity, Settings, fault
+from magmpm.inputs.settings import Length, Settings, fault
 from magmpm.inputs.vectors import Direction, Vector
+
+
+@dataclass(frozen=True)
+class Section:
+    """area m^2; twist_bend (k, 3) N m^2: torsion, bending about axes 2 and 3; compliance (k, 3) 1/N: of stretch and the two shears.
+
+    k materials, by shear modulus G, Young's modulus E and Poisson's ratio nu.
+    """
+
+    area: float
+    twist_bend: Array
+    compliance: Array
+
+
+def ring(outer: float, inner: float, G: Array, E: Array, nu: Array) -> Section:
+    """A round tube of outer and inner radius (m), of materials of moduli G and E (k,) Pa and Poisson's ratio nu (k,).
+
+    Shear: Cowper, J. Appl. Mech. 33 (1966) 335-340.
+    """
+    r1, r0, m = outer, inner, inner / outer
+    area, inertia = np.pi * (r1**2 - r0**2), np.pi / 4 * (r1**4 - r0**4)
+    shear = 6 * (1 + nu) * (1 + m**2) ** 2 / ((7 + 6 * nu) * (1 + m**2) ** 2 + (20 + 12 * nu) * m**2)
+    twist_bend = np.stack([2 * G * inertia, E * inertia, E * inertia], axis=1)
+    compliance = np.stack([1 / (E * area), 1 / (shear * G * area), 1 / (shear * G * area)], axis=1)
+    return Section(float(area), twist_bend, compliance)
+
+
+def rectangle(width: float, thickness: float, G: Array, E: Array, nu: Array, plane_strain: bool) -> Section:
+    """A rectangle, width along axis 2 and thickness along 3 (m).
+
+    Torsion: Timoshenko and Goodier, Theory of Elasticity, section 109; shear: Cowper (1966). In plane strain E/(1 - nu^2) takes
+    E's place, and twist and bending in the plane of the sheet are next to impossible.
+    """
+    area = width * thickness
+    shear = 10 * (1 + nu) / (12 + 11 * nu)
+    if plane_strain:
+        E = E / (1 - nu**2)
+        bend = E * area * thickness**2 / 12
+        twist_bend = np.stack([1e3 * bend, bend, 1e3 * bend], axis=1)  # what can't happen is as stiff as that
+    else:
+        second_moments = area * thickness**2 / 12, area * width**2 / 12
+        twist_bend = np.stack([G * torsion_constant(width, thickness), E * second_moments[0], E * second_moments[1]], axis=1)
+    compliance = np.stack([1 / (E * area), 1 / (shear * G * area), 1 / (shear * G * area)], axis=1)
+    return Section(area, twist_bend, compliance)
+
+
+def torsion_constant(width: float, thickness: float) -> float:
+    """Torsion constant J of a rectangle, m^4: twist rate = torque / (G J)."""
+    b, t = max(width, thickness), min(width, thickness)
+    odd = 2 * np.arange(8) + 1.0
+    series = np.sum(np.tanh(odd * np.pi * b / (2 * t)) / odd**5)
+    return float(b * t**3 / 3 * (1 - 192 * t / (np.pi**5 * b) * series))
+
 
 MAX_SEGMENTS = 1000
 MAX_SLENDERNESS = 500.0  # length over diameter, or over thickness
@@ -25,16 +80,12 @@ class Segment(Settings):
     """A length of a catheter or strip with one magnetization and one material."""
 
     magnetization: Direction = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Direction in the undeformed body: [x, y, z], normalized, or "
-        "{azimuth: ..., elevation: ...}; [0, 0, 0], unmagnetized, unless given.",
-        examples=[[1, 0, 0]],
-    )
+        default=(0.0, 0.0, 0.0), description="Direction in the undeformed body: [x, y, z], normalized, or {azimuth: ..., elevation: ...}; "
+        "[0, 0, 0], unmagnetized, unless given.", examples=[[1, 0, 0]],
+    )  # fmt: skip
     material: str | None = Field(default=None, description="A name from `materials`; the body's unless given.", examples=["plain silicone"])
-    length: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] | None = Field(
-        default=None,
-        description="Length of this segment; segments without one share the rest of the length equally.",
-        examples=["8 mm"],
+    length: Length | None = Field(
+        default=None, description="Length of this segment; segments without one share the rest of the length equally.", examples=["8 mm"]
     )
 
 

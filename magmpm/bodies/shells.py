@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     from manifold3d import Manifold
 
 TOLERANCE = 1e-3  # of the smaller of two shells: touching faces of a drawing never fit exactly
-NOTHING = 1e-9  # of the mesh's box: a shell with less volume than this is ignored
 SAME = 1e-6  # of the mesh's size: vertices this near are one (STL repeats them in single precision)
-SAME_ANGLE = 1e-3  # rad: triangles nearer to each other than this around their edge are one plane
 SHOWN = 3  # shells of each kind that a message names
 
 Index = NDArray[Any]
@@ -104,7 +102,7 @@ def _matched(vertices: Array, faces: Index, edges: Index, size: float) -> tuple[
     away = vertices[faces.sum(1) - edges.sum(1)] - start
     away = away - (away @ along)[:, None] * along
     height = np.linalg.norm(away, axis=1)
-    same = SAME_ANGLE + 4 * SAME * size / max(float(height.min()), 1e-300)
+    same = 1e-3 + 4 * SAME * size / max(float(height.min()), 1e-300)
     axis = away[0] / max(float(height[0]), 1e-300)
     angle = np.arctan2(away @ np.cross(along, axis), away @ axis)
     pairs, left = [], list(np.flatnonzero(~forward))
@@ -142,7 +140,7 @@ def trouble(vertices: Array, faces: Index, size: float) -> tuple[str, str] | Non
             f"or one is inverted, the first near ({', '.join(f'{x:.4g}' for x in vertices[overlaps[0]])})",
             "unite what overlaps (in Blender: the Boolean modifier, Union), or remove what stands twice, and export the part again",
         )
-    return _misplaced([shell for shell in shells if abs(shell.volume()) > NOTHING * size])
+    return _misplaced([shell for shell in shells if abs(shell.volume()) > 1e-9 * size])
 
 
 def overlapping_boxes(solids: Sequence[Manifold]) -> list[tuple[int, int]]:

@@ -1,4 +1,5 @@
-"""A strip or sheet: a straight body with a rectangular section."""
+"""A strip or sheet: a straight body with a rectangular section, whose magnetization may vary along it.
+"""
 
 from __future__ import annotations
 
@@ -9,21 +10,67 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from magmpm.bodies.body_shape import Discretization
+from magmpm.bodies.body_shape import Discretization, Region
 from magmpm.bodies.contact_solid import Solids, box_solid
 from magmpm.bodies.contact_surface import SurfacePoints, box_surface
-from magmpm.bodies.grid import ClampPlane, Grid
-from magmpm.bodies.knots import EVEN, Knots
-from magmpm.bodies.magnetization_profile import REGIONS_A_PERIOD, Profile
-from magmpm.bodies.regions import Region
+from magmpm.bodies.grid import EVEN, ClampPlane, Grid, Knots
 from magmpm.bodies.section_quadrature import Particles, strip_errors, strip_grid, strip_particles
-from magmpm.bodies.sections import Section, rectangle
-from magmpm.bodies.segments import MAX_SEGMENTS, MAX_SLENDERNESS, Segment, StraightBody
+from magmpm.bodies.segments import MAX_SEGMENTS, MAX_SLENDERNESS, Section, Segment, StraightBody, rectangle
 from magmpm.compiled.arrays import Array
-from magmpm.inputs.settings import Key, Quantity, fault
+from magmpm.inputs.settings import Angle, Key, Length, Quantity, Settings, Width, fault
 from magmpm.inputs.vectors import Vector, three
 
-FLAT = 3.0  # width over thickness from which the section is taken for a plate's
+REGIONS_A_PERIOD = 8  # regions by which a turn is shown and measured, and the fewest cells that resolve it
+
+
+class Harmonic(Settings):
+    """A direction of magnetization that turns steadily along the length."""
+
+    wavelength: Length | None = Field(default=None, description="Length of one full turn; give this or `periods`.", examples=["3.7 mm"])
+    periods: float | None = Field(
+        default=None, strict=True, gt=0, le=100, allow_inf_nan=False, description="Full turns along the length; give this or `wavelength`.",
+        examples=[1],
+    )  # fmt: skip
+    phase: Angle = Field(
+        default=0.0, description="Angle at the base, from the plane's first axis toward its second; 0 deg unless given.",
+        examples=["45 deg"],
+    )  # fmt: skip
+    plane: Literal["xz", "xy", "yz"] = Field(
+        default="xz", description="Plane in which the direction turns; xz unless given.", examples=["xz"]
+    )
+    turn: Literal["ccw", "cw"] = Field(
+        default="ccw",
+        description="Along +x the angle grows (ccw: from the plane's first axis toward its second, unless given) or shrinks (cw).",
+        examples=["cw"],
+    )
+
+    @model_validator(mode="after")
+    def _one_pitch(self) -> Harmonic:
+        if (self.wavelength is None) == (self.periods is None):
+            raise fault("give `wavelength` or `periods`, one of them", "write, say, `harmonic: {periods: 1, phase: 45 deg}`")
+        return self
+
+    def turns(self, length: float) -> float:
+        """Full turns along a length (m)."""
+        return self.periods if self.periods is not None else length / (self.wavelength or length)
+
+
+class Profile(Settings):
+    """A magnetization that varies along the length."""
+
+    harmonic: Harmonic = Field(
+        description="A direction that turns steadily along the length.", examples=[{"periods": 1, "phase": "45 deg"}]
+    )
+
+    def direction(self, share: float, length: float) -> Vector:
+        """Unit vector at a share 0 to 1 of the length (m)."""
+        h = self.harmonic
+        angle = h.phase + (1.0 if h.turn == "ccw" else -1.0) * 2 * math.pi * h.turns(length) * share
+        out = [0.0, 0.0, 0.0]
+        out["xyz".index(h.plane[0])], out["xyz".index(h.plane[1])] = math.cos(angle), math.sin(angle)
+        return (out[0], out[1], out[2])
+
+
 
 _Coordinate = Annotated[float, Quantity("length", at_least="-10 m", at_most="10 m")]
 
@@ -35,20 +82,17 @@ class Strip(StraightBody):
     across: ClassVar[str] = "thickness"
     branch_distance: ClassVar[float] = 0.3  # strips that free their edges are between beam and plate, and just past buckling that is 0.1
 
-    length: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(description="Length along x.", examples=["17.2 mm"])
-    width: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(description="Width along y.", examples=["5 mm"])
-    thickness: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
-        description="Thickness along z; `cells_across` counts the cells through it.", examples=["0.84 mm"]
-    )
+    length: Length = Field(description="Length along x.", examples=["17.2 mm"])
+    width: Length = Field(description="Width along y.", examples=["5 mm"])
+    thickness: Width = Field(description="Thickness along z; `cells_across` counts the cells through it.", examples=["0.84 mm"])
     material: str = Field(description="A name from `materials`; segments may name others.", examples=["silicone"])
     clamp: Literal["base", "both", "none"] = Field(
         default="base", description="The faces that are held: base (at the lower x), both ends, or none (a free body).", examples=["base"],
     )  # fmt: skip
     position: Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], three("[0 mm, 0 mm, 1 mm]")] = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Center of the base face: [x, y, z]; the origin unless given.",
+        default=(0.0, 0.0, 0.0), description="Center of the base face: [x, y, z]; the origin unless given.",
         examples=[["0 mm", "0 mm", "1 mm"]],
-    )
+    )  # fmt: skip
     plane_strain: bool = Field(
         default=False, strict=True,
         description="Nothing moves along y and nothing varies along it, as in a very wide sheet; false unless given.", examples=[True],
@@ -58,10 +102,9 @@ class Strip(StraightBody):
         examples=[[{"magnetization": [1, 0, 0]}]],
     )  # fmt: skip
     magnetization_profile: Profile | None = Field(
-        default=None,
-        description="A magnetization that varies along the length; give this or `segments`.",
+        default=None, description="A magnetization that varies along the length; give this or `segments`.",
         examples=[{"harmonic": {"periods": 1, "phase": "45 deg"}}],
-    )
+    )  # fmt: skip
 
     @field_validator("thickness")
     @classmethod
@@ -97,7 +140,7 @@ class Strip(StraightBody):
     @property
     def bends_as_plate(self) -> bool:
         """True if the strip keeps its width as it bends: in plane strain, and nearly so where it is much wider than thick."""
-        return self.plane_strain or self.width > FLAT * self.thickness
+        return self.plane_strain or self.width > 3.0 * self.thickness
 
     @property
     def size(self) -> Array:

@@ -21,21 +21,18 @@ from pydantic import ValidationInfo
 
 from magmpm.bodies.shells import SAME, MeshError, overlapping_boxes, solid_of, trouble
 from magmpm.compiled.arrays import Array
-from magmpm.inputs.regular_file import UnfitFile, read_regular
 from magmpm.inputs.settings import fault, from_file, named_file
+from magmpm.inputs.user_files import UnfitFile, read_regular
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
 PREFIX = "mesh:"  # of the text a scene keeps
 MOST_FACES = 300_000
-MOST_PACKED = 16 + 72 * MOST_FACES + 12 * MOST_FACES  # bytes of a stored mesh: three vertices of its own for each face
 MOST_BYTES = 200_000_000  # of a file: text STL takes 200 to 300 a triangle; with fewer bytes the number of triangles is checked
 LARGEST_NUMBER = 1e8  # in any unit: 100 m in micrometres; larger ones are a damaged file's, and their cubes and squares overflow
 FARTHEST, SMALLEST = 10.0, 1e-6  # m: coordinates, as of all places in a scene, and the longest side of a mesh
 RAYS = 400  # points from which the thickness is measured
-LEAST_RAY = 1e-6  # of the mesh's size: a surface nearer than this is the one the ray starts from
-THINNEST_SHARE = 0.1  # of the surface: thickness is what this share of it lies within
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("color", "<u2")])  # of binary STL
 
 
@@ -196,7 +193,7 @@ def unpack_mesh(text: str) -> Mesh:
     try:
         packed = base64.b64decode(text.removeprefix(PREFIX), validate=True)
         stream = zlib.decompressobj()
-        content = stream.decompress(packed, MOST_PACKED)  # a small text may stand for terabytes
+        content = stream.decompress(packed, 16 + 84 * MOST_FACES)  # three vertices a face: a small text may stand for terabytes
         if not stream.eof:
             raise ValueError("it is cut off, or too large")
         v, f = (int(count) for count in np.frombuffer(content, "<i8", 2))
@@ -252,8 +249,8 @@ def thickness_of(text: str) -> float:
     solid, found = _stored_solid(text), []
     for begin, end in zip(start, start + 2 * size * inward, strict=True):
         far = [2 * size * hit.distance for hit in solid.ray_cast(begin, end)]
-        found += [x for x in far if x >= LEAST_RAY * size][:1]
-    return float(np.quantile(found, THINNEST_SHARE, method="inverted_cdf"))
+        found += [x for x in far if x >= 1e-6 * size][:1]  # nearer is the surface that the ray starts from
+    return float(np.quantile(found, 0.1, method="inverted_cdf"))
 
 
 def overlaps(texts: Sequence[str]) -> Iterator[tuple[int, int, float, float]]:

@@ -1,7 +1,7 @@
 """The `magmpm` command: the only place that joins physics, studies and pictures.
 
 Exit status: 0 done; 2 the input is wrong; 3 the run ended unstable or unconverged, with the last good state saved if there was one;
-1 anything else. arguments.py says what can be typed; magmpm/cli/NAME.py has the command of that name, and is imported only to run it,
+1 anything else. arguments.py says what can be typed; the module of a command is imported only to run it,
 so that `magmpm --help` answers at once.
 """
 
@@ -15,7 +15,7 @@ from importlib import import_module
 from magmpm.cli.arguments import parser
 from magmpm.compiled.environment import refuse_unusable
 from magmpm.errors import MagmpmError, SolveError
-from magmpm.inputs.allowed_paths import VARIABLE
+from magmpm.inputs.user_files import VARIABLE
 from magmpm.results.whole_file import REFUSED, explained
 
 
@@ -31,7 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         refuse_unusable()
         if getattr(options, "allow_outside", False):
             os.environ[VARIABLE] = os.sep
-        status: int = import_module(f"magmpm.cli.{options.command}").command(options)
+        module, function = options.command.split(".")
+        status: int = getattr(import_module(f"magmpm.cli.{module}"), function)(options)
         return status
     except SolveError as error:
         return _say(f"magmpm: {error.reason}", SolveError.exit_status)

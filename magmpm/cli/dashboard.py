@@ -8,8 +8,9 @@ import sys
 from pathlib import Path
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
-from magmpm.cli.design import is_study, saved_report
-from magmpm.errors import InputError, report
+from magmpm.cli.answers import is_study
+from magmpm.cli.design import saved_report
+from magmpm.errors import InputError
 from magmpm.inputs.page_guard import LOOPBACK, Guard, GuardedHandler, GuardedServer
 from magmpm.results.folder_lock import refuse_links
 
@@ -31,7 +32,7 @@ def _url(saved: str, option: str | None) -> str:
     url = known_url(saved, option, os.environ)
     if url is None:
         rule, remedy = "the password is kept nowhere", f"put the whole URL into the environment variable {VARIABLE}"
-        raise InputError(report(f"storage {saved}", rule=rule, remedy=remedy))
+        raise InputError(f"storage {saved}", rule=rule, remedy=remedy)
     return url
 
 
@@ -67,7 +68,7 @@ def command(options: argparse.Namespace) -> int:
         study = optuna.load_study(study_name=saved["name"], storage=storage)
     except KeyError:
         rule, remedy = f"must hold the study {saved['name']}", "name its database with --storage"
-        raise InputError(report(f"storage {shown_url(url)}", rule=rule, remedy=remedy)) from None
+        raise InputError(f"storage {shown_url(url)}", rule=rule, remedy=remedy) from None
     Notes(study, folder, artifacts).keep_up()
     guard, start = Guard(), f"/dashboard/studies/{study_id(study)}"
     app = guarded(page(wsgi(DashboardView(storage), artifact_store=artifacts), options.write), guard, start, options.write)
@@ -76,7 +77,7 @@ def command(options: argparse.Namespace) -> int:
     except OSError as error:
         rule = f"the port must be free on this machine, and allowed to this user ({error.strerror})"
         remedy = f"end what uses it, or name another, say, --port {port + 1 if port < 65535 else 8080}"
-        raise InputError(report("--port", received=str(port), rule=rule, remedy=remedy)) from None
+        raise InputError("--port", received=str(port), rule=rule, remedy=remedy) from None
     with server:
         print(f"http://{LOOPBACK}:{port}{start}?secret={guard.secret} shows {folder}; Ctrl-C ends it", file=sys.stderr, flush=True)
         server.serve_forever()

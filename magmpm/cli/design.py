@@ -9,28 +9,24 @@ import shlex
 import signal
 import sys
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from magmpm.cli.answers import SURFACE
-from magmpm.cli.insertion import design_snapshot, draw_movie
-from magmpm.cli.insertion import trial_snapshot as of_insertion
 from magmpm.cli.progress import Progress
-from magmpm.errors import InputError
-from magmpm.errors import report as worded
+from magmpm.errors import InputError, count
 from magmpm.results.folder_lock import folder_lock
-from magmpm.results.readable import count
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result
     from magmpm.studies.engine.report import StudyReport
     from magmpm.studies.evaluate.trial import Trial
     from magmpm.studies.problem.study import Study
+    from magmpm.viz.snapshot import Snapshot
     from magmpm.viz.worker import Renderer
-
-MOST_SHAPES = 8  # in the movie of the best shapes
 
 
 def command(options: argparse.Namespace) -> int:
@@ -151,8 +147,9 @@ class TrialPicture:
 
             self._renderer = Renderer()
         if trial.shapes:
-            scene = self._study.scene.to_si()
-            return self._renderer.render(of_insertion(self._study.name, scene, trial.target, trial.shapes, trial.number, trial.rms_m), path)
+            study = self._study
+            shown = insertion_snapshot(study.name, study.scene.to_si(), trial.target, trial.shapes, trial.number, trial.rms_m)
+            return self._renderer.render(shown, path)
         from magmpm.viz.from_result import trial_snapshot
 
         kept: dict[str, Any] = {"trial": trial.number, "rms": trial.rms_m, "title": self._study.name}
@@ -208,22 +205,6 @@ def _text(report: StudyReport, files: list[Path]) -> str:
     return "\n".join(lines)
 
 
-def is_study(folder: Path) -> bool:
-    """True if a folder holds a study, or the files of one that ended before its first report."""
-    from magmpm.studies.problem.file_names import DATABASE, OWNER, REPORT
-
-    return any((folder / name).exists() for name in (REPORT, OWNER, DATABASE))
-
-
-def refuse_study(folder: Path) -> None:
-    """Raises InputError where a folder that a run wants belongs to a study."""
-    from magmpm.studies.problem.file_names import OWNER
-
-    if is_study(folder) or (folder / OWNER).exists():
-        rule = "a study has a folder of its own: a run's result would mix with its designs"
-        raise InputError(worded(f"{folder}: holds a study", rule=rule, remedy="use another --out"))
-
-
 def render_study(folder: Path, out: Path, *, smooth: bool = False, kind: str = "png") -> tuple[list[Path], str]:
     """Pictures of a study's best designs, drawn anew from what is saved; the files, and the renderer's note.
 
@@ -248,12 +229,9 @@ def saved_report(folder: Path) -> dict[str, Any]:
         _ = report["stop_rms_m"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
-            worded(
-                f"{folder / REPORT}: can't be read as a study's report ({error})",
-                rule="must be as `magmpm design` wrote it",
-                remedy="run `magmpm design` again: it writes it anew, and its trials are not in it",
-            )
-        ) from None
+            f"{folder / REPORT}: can't be read as a study's report ({error})", rule="must be as `magmpm design` wrote it",
+            remedy="run `magmpm design` again: it writes it anew, and its trials are not in it",
+        ) from None  # fmt: skip
     return report
 
 
@@ -284,7 +262,6 @@ def draw_study(
     from magmpm.viz import plots
     from magmpm.viz.from_result import trial_snapshot
     from magmpm.viz.movies import best_shapes_movie
-    from magmpm.viz.snapshot import Snapshot
     from magmpm.viz.style import FINAL_SIZE
 
     out = out or folder
@@ -295,9 +272,9 @@ def draw_study(
         known = read_design(of)
         if "number" not in known or "rms_m" not in known:
             rule, remedy = "must be as `magmpm design` wrote it", "run `magmpm design` again: it makes the design anew"
-            raise InputError(worded(f"{of / DESIGN}: can't be read as a design", rule=rule, remedy=remedy))
+            raise InputError(f"{of / DESIGN}: can't be read as a design", rule=rule, remedy=remedy)
         result = Result.load(of)
-        shown = None if result.scene is None else design_snapshot(report["name"], result.scene, target, known)
+        shown = None if result.scene is None else _design_snapshot(report["name"], result.scene, target, known)
         kept: dict[str, Any] = {"trial": known["number"], "rms": known["rms_m"], "title": report["name"]}
         return shown or trial_snapshot(result, target=target, smooth=smooth, **kept)
 
@@ -305,7 +282,7 @@ def draw_study(
     if (folder / BEST).exists():
         best = snapshot(folder / BEST)
         files.append(renderer.render(best, out / f"best.{kind}", size=FINAL_SIZE if best.insets else None))
-        files += draw_movie(folder / BEST, out, report["name"], renderer)
+        files += _draw_movie(folder / BEST, out, report["name"], renderer)
     if report["rms_m"]:
         shown = (report["rms_m"], out / f"convergence.{kind}", report["stop_rms_m"], report["name"], report["failed_trials"])
         files.append(renderer.run(plots.convergence, *shown))
@@ -313,5 +290,44 @@ def draw_study(
         files.append(renderer.run(plots.pareto, report, out / f"pareto.{kind}"))
     shapes = sorted(path.parent for path in (folder / IMPROVEMENTS).glob(f"[0-9]*/{DESIGN}"))
     if shapes:
-        files.append(best_shapes_movie([snapshot(of) for of in shapes[-MOST_SHAPES:]], out / "best_shapes.mp4", renderer).path)
+        files.append(best_shapes_movie([snapshot(of) for of in shapes[-8:]], out / "best_shapes.mp4", renderer).path)
     return [Path(path) for path in files]
+
+
+def _design_snapshot(name: str, scene: Mapping[str, Any], path: np.ndarray | None, known: Mapping[str, Any]) -> Snapshot | None:
+    """The picture of a design's insertion, from what is stored of it; None where it is none. path: rows [s, x, y, z], (m, 4) m."""
+    from magmpm.studies.evaluate.insertion import shapes_of
+
+    shapes = shapes_of(known)
+    if not shapes or path is None:
+        return None
+    return insertion_snapshot(name, scene, path, shapes, known["number"], known["rms_m"])
+
+
+def insertion_snapshot(
+    name: str, scene: Mapping[str, Any], path: np.ndarray, shapes: tuple[Mapping[str, Any], ...], trial: int, rms: float
+) -> Snapshot:
+    """The picture of a trial."""
+    from magmpm.viz.insertion import Insertion
+
+    if "catheter" in shapes[-1]:  # a result's scene has what is outside alone
+        scene = {**scene, "body": {"catheter": shapes[-1]["catheter"]}}
+    return Insertion(name, scene, path).trial(shapes, trial=trial, rms=rms)
+
+
+def _draw_movie(folder: Path, out: Path, name: str, renderer: Renderer) -> list[Path]:
+    """The movie of the best design in `folder`, into `out`; nothing where its frames are not there."""
+    from magmpm.studies.evaluate.insertion import MOVIE
+    from magmpm.viz.camera import Framing
+    from magmpm.viz.insertion import Insertion
+    from magmpm.viz.movies import frames_movie
+
+    if not (folder / MOVIE).exists():
+        return []
+    content = json.loads((folder / MOVIE).read_text(encoding="utf-8"))
+    shown = Insertion(name, content["scene"], np.array(content["path_m"]))
+    moments = [shown.moment(frame) for frame in content["frames"]]
+    framing = Framing.of(moments)
+    numbers = np.arange(len(moments))
+    made = frames_movie(out / "insertion.mp4", lambda k: renderer.image(moments[k], framing=framing), numbers)
+    return [Path(made.path)]

@@ -24,8 +24,6 @@ from typing import Any
 from magmpm.cli.answers import print_summary
 
 OK, WARN, FAIL = "ok", "warning", "failure"
-LARGE_CACHE = 2_000_000_000  # bytes of kernels: more is said
-LEAST_DISK = 1_000_000_000  # bytes
 IMPORTS = {"PyYAML": "yaml"}  # where names differ
 PATIENCE = {"import": 120.0, "opengl": 150.0, "self-test": 600.0}  # s: a cold self-test compiles kernels
 EXTRAS_FOR = {
@@ -247,7 +245,7 @@ def _room() -> Iterator[Check]:
         found = f"{folder}: {kernels} kernels, {size / 1e6:.0f} MB"
         if not kernels:
             yield Check("cache of kernels", OK, f"{found}: the first run compiles them, and says how long that takes", "magmpm prepare")
-        elif size > LARGE_CACHE:
+        elif size > 2_000_000_000:
             yield Check("cache of kernels", OK, found, f"remove {folder}; what is needed is compiled again")
         else:
             yield Check("cache of kernels", OK, found)
@@ -255,7 +253,7 @@ def _room() -> Iterator[Check]:
     written = f"{free / 1e9:.1f} GB free in {Path.cwd()}"
     if not os.access(Path.cwd(), os.W_OK):
         yield Check("folder of results", WARN, f"{Path.cwd()} can't be written", "go to another folder, or give --out")
-    elif free < LEAST_DISK:
+    elif free < 1_000_000_000:
         yield Check("folder of results", WARN, written, "motions take some 100 MB: free room, or give --out on another disk")
     else:
         yield Check("folder of results", OK, written)

@@ -9,18 +9,16 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from magmpm.cli.answers import print_summary, results_folder
-from magmpm.errors import InputError, report
+from magmpm.cli.answers import folder_of_results, print_summary
+from magmpm.errors import InputError
 
 REPORT, TABLE, HELD_OUT, SCENE = "fit.json", "residuals.csv", "held_out.csv", "fitted_scene.yaml"
 
 
 def command(options: argparse.Namespace) -> int:
     """Fit constants of a scene to tables of measurements; table, files and picture. Returns the exit status."""
-    from magmpm.cli.design import refuse_study
     from magmpm.cli.progress import Progress
     from magmpm.inputs.yaml_document import of_file
-    from magmpm.results.folder_lock import folder_lock
     from magmpm.scene import load_scene
 
     asked = _numbers(options)
@@ -39,9 +37,7 @@ def command(options: argparse.Namespace) -> int:
     held = None
     for doubt in doubtful_fields(measured, scene):
         print(f"magmpm: warning: {doubt}", file=sys.stderr, flush=True)
-    folder = options.out or results_folder(f"{scene.name} fit")
-    with folder_lock(folder):
-        refuse_study(folder)
+    with folder_of_results(options, f"{scene.name} fit") as folder:
         try:
             with Progress(f"fit of {scene.name}") as progress, of_file(options.scene):
                 found = fit(measured, scene, vary=_list(options.vary), **asked, thorough=not options.quick, on_progress=progress.note)
@@ -87,7 +83,7 @@ def _numbers(options: argparse.Namespace) -> dict[str, Any]:
     """Noise, what is known, and the level, from what was typed. Raises InputError."""
     if not 50 <= options.level < 100:
         rule, remedy = "must be at least 50 and below 100 (%)", "leave it out for 95"
-        raise InputError(report("--level", received=f"{options.level:g}", rule=rule, remedy=remedy))
+        raise InputError("--level", received=f"{options.level:g}", rule=rule, remedy=remedy)
     known = {}
     for pair in _list(options.known) or []:
         name, _, share = pair.partition("=")
@@ -102,14 +98,11 @@ def _numbers(options: argparse.Namespace) -> dict[str, Any]:
 
 def _quantity(option: str, text: str | None, kind: str) -> Any:
     """A positive quantity in SI, None where it is not given. Raises InputError."""
-    from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
+    from magmpm.inputs.quantities import KINDS, in_si
 
     if text is None:
         return None
-    try:
-        value = parse_quantity(text, KINDS[kind])
-    except BadQuantity as error:
-        raise InputError(report(option, received=repr(text), rule=error.rule, remedy=error.remedy)) from None
+    value = in_si(text, kind, option)
     if not 0 < value < math.inf:
-        raise InputError(report(option, received=repr(text), rule="must be greater than 0", remedy=f'write, say, "{KINDS[kind].example}"'))
+        raise InputError(option, received=repr(text), rule="must be greater than 0", remedy=f'write, say, "{KINDS[kind].example}"')
     return value

@@ -13,15 +13,14 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
-from magmpm.errors import InputError, MagmpmError, report
+from magmpm.errors import InputError, MagmpmError
 from magmpm.inputs.page_guard import ALL, HEADERS, LOOPBACK, Guard, GuardedHandler, GuardedServer
 from magmpm.viz import page
 
 SITE = Path(page.__file__).parent / "site"
 KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
 SECRET = "X-Magmpm-Secret"
-MOST = 1_000_000  # bytes of a request
-FIRST_PORT, PORTS = 8090, 20  # tried in turn unless a port is requested
+FIRST_PORT = 8090  # and the next ones, tried in turn unless a port is requested
 Answer = bytes | Mapping[str, Any]
 Routes = Mapping[str, Callable[[Any], Answer]]
 # The page loads nothing from elsewhere, and is shown in no other page.
@@ -52,7 +51,7 @@ class PageServer(GuardedServer):
         names = [name.strip() for name in host.split(",") if name.strip()] or [LOOPBACK]
         self.routes, self.guard, host = routes, Guard(names), names[0]
         self.secret = self.guard.secret
-        for candidate in range(FIRST_PORT, FIRST_PORT + PORTS) if port is None else (port,):
+        for candidate in range(FIRST_PORT, FIRST_PORT + 20) if port is None else (port,):
             try:
                 super().__init__((host, candidate), _Handler)
                 break
@@ -61,7 +60,7 @@ class PageServer(GuardedServer):
         else:
             rule = f"the address must be this machine's, and the port free and allowed to this user ({trouble})"
             remedy = "end what uses it, or name another, say, --port 0 for any that is free"
-            raise InputError(report("--port", received=f"{port or FIRST_PORT} on {host}", rule=rule, remedy=remedy))
+            raise InputError("--port", received=f"{port or FIRST_PORT} on {host}", rule=rule, remedy=remedy)
         name = (*names[1:], self.server_name if host in ALL else host)[0]
         self.url = f"http://{name}:{self.server_port}/#{self.secret}"
 
@@ -130,7 +129,7 @@ class _Handler(GuardedHandler):
         if self.path.removeprefix("/") not in self.server.routes:
             raise Refused(HTTPStatus.NOT_FOUND)
         length = self.headers.get("Content-Length") or ""
-        if not length.isascii() or not length.isdigit() or len(length) > 9 or int(length) > MOST:
+        if not length.isascii() or not length.isdigit() or len(length) > 9 or int(length) > 1_000_000:  # bytes
             raise Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         try:
             return json.loads(self.rfile.read(int(length)) or b"null")

@@ -7,7 +7,6 @@ import threading
 import time
 from types import TracebackType
 
-PATIENCE = 1.0  # s before the first line: short work shows nothing
 EVERY = 8.0  # s between lines where there is no terminal
 
 
@@ -46,7 +45,7 @@ class Progress:
 
     def _line(self, text: str) -> None:
         self._last = text
-        if time.monotonic() - self._begun >= PATIENCE:
+        if time.monotonic() - self._begun >= 1.0:  # short work shows nothing
             self._write(text)
 
     def _write(self, text: str) -> None:

@@ -6,10 +6,10 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from magmpm.cli.answers import PARTICLES, SURFACE, print_summary
-from magmpm.errors import InputError, report
+from magmpm.cli.answers import PARTICLES, SURFACE, is_study, print_summary
+from magmpm.errors import InputError
 from magmpm.results.file_names import ABOUT, ENERGIES_PLOT, FRAMES, MOMENTS, MOTION, MOVIE, NUMBERS, PICTURE
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.run_folder import holds_run, read_mapping
@@ -42,17 +42,14 @@ def render(
 
     Raises InputError where there is nothing to draw or `out` can't be written, RenderError where nothing can be drawn.
     """
-    from magmpm.cli.design import is_study, render_study
+    from magmpm.cli.design import render_study
 
     if out is not None and out.resolve() != folder.resolve() and (is_study(out) or holds_run(out)):
         raise InputError(
-            report(
-                str(out),
-                received="a folder that holds other results",
-                rule="pictures lie beside the results they show, or in a folder without any",
-                remedy="give another --out, or leave it out: pictures then go into the folder that is drawn",
-            )
-        )
+            str(out), received="a folder that holds other results",
+            rule="pictures lie beside the results they show, or in a folder without any",
+            remedy="give another --out, or leave it out: pictures then go into the folder that is drawn",
+        )  # fmt: skip
     if is_study(folder):
         with folder_lock(out or folder):
             return _told(*render_study(folder, out or folder, smooth=style == SURFACE, kind=kind))
@@ -64,21 +61,16 @@ def render(
         return draw_run(folder, out or folder, frames=frames, fps=fps, style=style, kind=kind)
 
 
-def draw_run(folder: Path, out: Path, **options: Any) -> list[str]:
-    """Draw what a run left in a folder into `out`; the files. Options as of `render_run`."""
-    return _told(*render_run(folder, out, **options))
-
-
 def _told(files: list[Path], note: str) -> list[str]:
     if note:
         print(note, file=sys.stderr)
     return [str(path) for path in files]
 
 
-def render_run(
+def draw_run(
     folder: Path, out: Path, *, frames: str | None = None, fps: float | None = None, style: str | None = None, kind: str = "png"
-) -> tuple[list[Path], str]:
-    """Draw what a run left in a folder into `out`. Returns the files, and a note on what could not be done as wished, or "".
+) -> list[str]:
+    """Draw what a run left in a folder into `out`. Returns the files; a note on what could not be done as wished goes to stderr.
 
     A motion gets its movie, its moments (the first, the last, and that between which is most unlike both), its last moment as a picture
     and its energies; an equilibrium gets its picture. frames: "all" or numbers with commas: these frames as pictures of their own; fps:
@@ -102,7 +94,7 @@ def render_run(
             from magmpm.results.result import Result
 
             files, note = [draw_result(Result.load(folder), _named(out / PICTURE, kind), renderer, style)], ""
-        return files, " ".join(filter(None, (note, renderer.note)))
+        return _told(files, " ".join(filter(None, (note, renderer.note))))
 
 
 def draw_result(result: Result, path: Path, renderer: Renderer, style: str | None = None) -> Path:

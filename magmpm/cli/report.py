@@ -10,10 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from magmpm.cli.answers import print_summary
-from magmpm.cli.design import draw_study, is_study, saved_report, saved_target
+from magmpm.cli.answers import is_study, print_summary
+from magmpm.cli.design import draw_study, saved_report, saved_target
 from magmpm.errors import InputError
-from magmpm.errors import report as worded
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.run_folder import holds_run
 from magmpm.results.whole_file import whole_file
@@ -26,7 +25,6 @@ MOVIES = {
     "insertion.mp4": "The best design on its way along the path.",
     "best_shapes.mp4": "The designs that were the best so far, one after the other.",
 }
-MOST_TRIALS = 6  # pictures of trials on the page
 
 
 def command(options: argparse.Namespace) -> int:
@@ -36,16 +34,16 @@ def command(options: argparse.Namespace) -> int:
     if not is_study(folder):
         drawn = f"for a run, `magmpm render {folder}` draws it"
         remedy = drawn if holds_run(folder) else "give the folder of a study, such as runs/s_shape"
-        raise InputError(worded(f"{folder}: holds no study", rule="a report is that of a study", remedy=remedy))
+        raise InputError(f"{folder}: holds no study", rule="a report is that of a study", remedy=remedy)
     if out.resolve() != folder.resolve() and (is_study(out) or holds_run(out)):
         rule = "a report lies beside the study it tells of, or in a folder without results"
-        raise InputError(worded(f"{out}: holds other results", rule=rule, remedy="give another --out, or leave it out"))
+        raise InputError(f"{out}: holds other results", rule=rule, remedy="give another --out, or leave it out")
     from magmpm.studies.engine.storage_url import known_url
 
     report = saved_report(folder)
     if options.motion and not {"insertion", "schedule"} & (report.get("best") or {}).keys():
         rule = "only the best design of an insertion or a schedule can be run in time"
-        raise InputError(worded("--motion", received=str(folder), rule=rule, remedy="leave it out"))
+        raise InputError("--motion", received=str(folder), rule=rule, remedy="leave it out")
     storage = known_url(report["storage"], options.storage, os.environ)
     with folder_lock(out):
         made = write(folder, report, out, storage=storage, quick=options.quick, motion=options.motion, pdf=not options.no_pdf)
@@ -101,7 +99,7 @@ def _pictures(folder: Path, report: Mapping[str, Any], drawn: Path, facts: Mappi
         return at / name if (at / name).exists() else None
 
     improved = sorted(path.name for path in (folder / IMPROVEMENTS).glob("[0-9]*") if path.name.isdigit())
-    trials = [(folder / PICTURES / f"trial_{name}.png", f"Trial {int(name)}") for name in improved[-MOST_TRIALS:]]
+    trials = [(folder / PICTURES / f"trial_{name}.png", f"Trial {int(name)}") for name in improved[-6:]]
     return Pictures(
         best=there("best.png"), convergence=there("convergence.png"), pareto=there("pareto.png"),
         movies=[(at / name, words) for name, words in MOVIES.items() if (at / name).exists()],

@@ -9,16 +9,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
-from magmpm.cli.answers import PARTICLES, print_summary, results_folder
-from magmpm.cli.design import refuse_study
+from magmpm.cli.answers import PARTICLES, folder_of_results, print_summary
 from magmpm.cli.progress import Progress
 from magmpm.cli.render import draw_run
-from magmpm.errors import InputError, MagmpmError, SolveError, TimeOver
+from magmpm.errors import (
+    InputError,
+    MagmpmError,
+    SolveError,
+    TimeOver,
+    count,
+    lengths,
+    quantity,
+    significant,
+    stability_in_words,
+)
 from magmpm.inputs.yaml_document import of_file
 from magmpm.results.file_names import CHECKPOINT, EARLIER
-from magmpm.results.folder_lock import folder_lock
-from magmpm.results.path_tables import jump_in_words
-from magmpm.results.readable import count, lengths, quantity, significant, stability_in_words
+from magmpm.results.motion_tables import jump_in_words
 from magmpm.results.result import Result
 from magmpm.results.run_folder import RunFolder
 from magmpm.scene import Scene, load_scene
@@ -37,9 +44,7 @@ def command(options: argparse.Namespace) -> int:
             f"--style: received {PARTICLES}: this scene is a motion, which is drawn by its surface; leave --style out, and look at the "
             "particles in ParaView"
         )
-    folder = options.out or results_folder(scene.name)
-    with folder_lock(folder):
-        refuse_study(folder)
+    with folder_of_results(options, scene.name) as folder:
         kept = RunFolder(folder, scene, options.scene)
         kept.claim(options.overwrite)
         return _run_into(kept, scene, options)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from magmpm.cli.answers import results_folder
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.inputs.yaml_document import of_file, read_yaml
 from magmpm.results.folder_lock import refuse_unwritable
 from magmpm.scene import Scene, load_scene
@@ -24,19 +24,22 @@ def command(options: argparse.Namespace) -> int:
     path = Path(options.scene)
     scene, path, target, target_name = _asked(path, options)
     if options.port is not None and not 0 <= options.port < 65536:
-        raise InputError(report("--port", received=str(options.port), rule="must be 0 to 65535", remedy="--port 0 takes a free one"))
+        raise InputError("--port", received=str(options.port), rule="must be 0 to 65535", remedy="--port 0 takes a free one")
     folder = options.out or results_folder(scene.name)
     refuse_unwritable(folder)
     if scene.in_time:
-        from magmpm.cli.view_motion import MotionView
+        if options.cells is not None:
+            remedy = "leave it out, or change the scene's resolution"
+            raise InputError(f"--cells: received one for a motion, which is shown as it is run; {remedy}")
+        from magmpm.cli.view_pages import MotionView
 
-        _fits_motion(options)
         view: Any = MotionView(scene, path, folder)
     else:
-        from magmpm.cli.view_shape import ShapeView
+        from magmpm.cli.view_pages import ShapeView
+        from magmpm.studies.explore.live import ready
 
         with of_file(path):
-            view = ShapeView(_at_rest(scene, options.cells), path, folder, target, target_name)
+            view = ShapeView(ready(scene, options.cells), path, folder, target, target_name)
     try:
         return _serve(view, path, options)
     finally:
@@ -71,19 +74,6 @@ def _target(path: Path, scene: Scene) -> tuple[Any, str]:
     if scene.body.shape.line is None:
         raise InputError(f"--target: received {path}; a body made of parts has no axis to compare with it: leave it out")
     return rows, path.stem.replace("_", " ")
-
-
-def _fits_motion(options: argparse.Namespace) -> None:
-    """Raises InputError for what belongs to shapes at rest."""
-    if options.cells is not None:
-        raise InputError("--cells: received one for a motion, which is shown as it is run; leave it out, or change the scene's resolution")
-
-
-def _at_rest(scene: Scene, cells: int | None) -> Scene:
-    """The scene with its effects chosen and its cells counted, as it is solved again and again. Raises InputError."""
-    from magmpm.studies.explore.live import ready
-
-    return ready(scene, cells)
 
 
 def _serve(view: Any, path: Path, options: argparse.Namespace) -> int:

@@ -20,9 +20,8 @@ from magmpm.model import Model
 
 MOVE = 0.5  # cells that any point may be away from its place when pairs were listed: they may then be twice as much nearer
 BETWEEN = 0.5  # cells from a place on a face to the nearest of its points, at most, if stretched by sqrt(3): the edges' EDGE
-REACH = float(np.hypot(2 * MOVE, BETWEEN))  # cells from the nearest point of a surface up to which a point is listed
 SHARE = 0.5  # of the stiffness, where both bodies have points
-EVEN = 0.75  # power of a node's largest spline: light nodes, whose splines are small, are fast. From 0.7 to 1 the bound is tightest
+REACH = float(np.hypot(2 * MOVE, BETWEEN))  # cells from the nearest point of a surface up to which a point is listed
 
 
 def body_contact(model: Model, packed: Packed) -> BodyContact | None:
@@ -54,7 +53,7 @@ class BodyContact:
         weights, _ = model.splines_at(self._place, model.particles.cell[particle], model.held[particle])
         self._splines = _matrix(model.first_in_motion(particle), weights, model.nodes_in_motion)
         splines = abs(self._splines)[:, packed.nodes.active]
-        pace = splines.max(axis=0).toarray().ravel() ** EVEN
+        pace = splines.max(axis=0).toarray().ravel() ** 0.75  # light nodes are fast: from 0.7 to 1 the bound is tightest
         self._pace = pace * (splines @ np.divide(1.0, pace, out=np.zeros_like(pace), where=pace > 0)).max()
         segment = model.particles.segment
         self.names = [model.scene.regions()[segment[model.component == one].min()].name for one in range(int(model.component.max()) + 1)]

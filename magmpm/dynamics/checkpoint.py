@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.results.file_names import CHECKPOINT
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
-from magmpm.scene.motion_options import DynamicOptions
-
-_ABOUT = ("scene_hash", "every", "time", "formulation", "frame", "steps", "control")
+from magmpm.scene.options import DynamicOptions
 
 
 def motion_hash(scene: Scene) -> str:
@@ -52,7 +50,7 @@ class Checkpoint:
         """Write the checkpoint to a folder, over an earlier one, completely or not at all. Raises OSError, with the name of the file."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        about = {k: getattr(self, k) for k in _ABOUT}
+        about = {name: value for name, value in vars(self).items() if name != "state"}
         with whole_file(folder / CHECKPOINT) as part, part.open("wb") as stream:
             np.savez(stream, **{"about": np.array(json.dumps(about)), **self.state})  # type: ignore[arg-type]
         return folder / CHECKPOINT
@@ -83,33 +81,24 @@ class Checkpoint:
             if options is not None:
                 but = "its duration alone may be longer, and its budgets (max_disk, max_memory) others"
             raise InputError(
-                report(
-                    str(path),
-                    received="the checkpoint of another scene (or the file was changed since)",
-                    rule=f"only the scene that it was written by can be resumed from it; {but}",
-                    remedy="run without --resume, or into another folder with --out",
-                )
-            )
+                str(path), received="the checkpoint of another scene (or the file was changed since)",
+                rule=f"only the scene that it was written by can be resumed from it; {but}",
+                remedy="run without --resume, or into another folder with --out",
+            )  # fmt: skip
         if options is None:  # equilibria along time
             return
         if options.duration < self.time * (1 - 1e-9):
             raise InputError(
-                report(
-                    f"{path}: solver.dynamic.duration",
-                    received=f"{options.duration:.6g} s",
-                    rule=f"must be no shorter than what the motion has done, {self.time:.6g} s",
-                    remedy="give a longer one, or run without --resume: from the start",
-                )
-            )
+                f"{path}: solver.dynamic.duration", received=f"{options.duration:.6g} s",
+                rule=f"must be no shorter than what the motion has done, {self.time:.6g} s",
+                remedy="give a longer one, or run without --resume: from the start",
+            )  # fmt: skip
         if self.frame and not abs(self.times(options)[self.frame - 1] - self.time) <= 1e-9 * self.time:
             raise InputError(
-                report(
-                    f"{path}: solver.dynamic.duration",
-                    received=f"{options.duration:.6g} s, of a motion that ended at {self.time:.6g} s",
-                    rule=f"a motion is lengthened from one of its frames, every {self.every:.6g} s, and it ended between two",
-                    remedy="run without --resume: from the start",
-                )
-            )
+                f"{path}: solver.dynamic.duration", received=f"{options.duration:.6g} s, of a motion that ended at {self.time:.6g} s",
+                rule=f"a motion is lengthened from one of its frames, every {self.every:.6g} s, and it ended between two",
+                remedy="run without --resume: from the start",
+            )  # fmt: skip
 
     def times(self, options: DynamicOptions) -> list[float]:
         """Times (s) of all frames but the first of a motion that continues from here, at the same interval."""
@@ -124,4 +113,4 @@ class Checkpoint:
 
 def _useless(path: Path, received: str) -> InputError:
     rule = "the checkpoint to resume from must be whole, and of this version of magmpm"
-    return InputError(report(str(path), received=received, rule=rule, remedy="remove it, or run without --resume: from the start"))
+    return InputError(str(path), received=received, rule=rule, remedy="remove it, or run without --resume: from the start")

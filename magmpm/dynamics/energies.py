@@ -16,7 +16,7 @@ from magmpm.model import Model
 
 
 def volume_change(model: Model, J: Array) -> Array:
-    """J - 1 (n,) as it enters the volume part of the energy: with F-bar projected on the modes of the cells (bodies.volume_modes)."""
+    """J - 1 (n,) as it enters the volume part of the energy: with F-bar projected on the modes of the cells (model.volume_modes)."""
     change = J - 1.0
     if model.modes.shape[1] == 0:
         return change
@@ -60,9 +60,12 @@ def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, 
 
 
 def loads_conserve(model: Model) -> bool:
-    """True if no load can add energy: loads are constant, no guide feeds the body, and what holds it does not move. Contact only takes."""
+    """True if no load can add energy: loads are constant, no guide feeds the body, and what holds it does not move. Contact only takes.
+
+    Loads of the body on itself are held for some steps, which may add a little.
+    """
     named = model.scene.effects
-    if model.scene.move:
+    if model.scene.move or acting.feels_itself(model.scene):
         return False
     if model.scene.field.varies and (named.magnetic_torque is None) != (named.magnetic_force is None):
         return False  # one without the other has no energy

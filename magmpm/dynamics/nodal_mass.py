@@ -30,7 +30,6 @@ from magmpm.kernels.mass_correction import FIELDS, REACH, Correction
 from magmpm.model import Model
 
 NOTHING = 1e-10  # of the largest entry of a matrix: an eigenvalue below it is a direction without mass
-HAT = 2  # cells between two hats: bending and torsion of a body of two cells are then right to 0.5 %
 
 
 @dataclass(frozen=True)
@@ -174,7 +173,7 @@ def _planes_mass(model: Model, weights: Array, base: Index, strides: tuple[int, 
 
 def _knots(x: Array, slender: bool) -> Array:
     """x of a chain's knots: of every second plane of nodes, or, where the body is not slender, of the first and the last."""
-    spaces = max(1, round((len(x) - 1) / HAT)) if slender else 1
+    spaces = max(1, round((len(x) - 1) / 2)) if slender else 1  # bending and torsion of two cells are then right to 0.5 %
     at = x[np.round(np.linspace(0, len(x) - 1, spaces + 1)).astype(int)]
     return at if len(x) > 1 else at[0] + np.array([0.0, 1.0])
 

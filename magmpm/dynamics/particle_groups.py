@@ -14,8 +14,6 @@ from magmpm.kernels.surface_contact import Surface
 from magmpm.kernels.total_lagrangian_step import Cells, Nodes, Particles
 from magmpm.model import Model
 
-ALIKE = 12  # decimals
-
 
 @dataclass(frozen=True)
 class Packed:
@@ -141,7 +139,7 @@ def _alike(groups: Array) -> tuple[Index, Array]:
     The numbers are of order one, and groups are the same if they agree to rounding. Cells differ only in position, so there are few kinds.
     They stay in the cache, where all groups would have to be read in every step.
     """
-    rounded = np.round(groups, ALIKE) + 0.0  # turns -0.0 into 0.0
+    rounded = np.round(groups, 12) + 0.0  # to 12 decimals; + 0.0 turns -0.0 into 0.0
     seen: dict[bytes, int] = {}
     first: list[int] = []
     kind = np.empty(len(groups), dtype=np.int64)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.regions import Line
+from magmpm.bodies.body_shape import Line
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.effects.base import Records
@@ -22,19 +22,13 @@ from magmpm.results import measures
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import knots_of
 from magmpm.statics import axis
-from magmpm.statics.axis_order import arranged
-from magmpm.statics.between_grids import along
-from magmpm.statics.contact import Touched
+from magmpm.statics.axis import along
+from magmpm.statics.branch import Lift
+from magmpm.statics.contact import SETTLED, Held, Touched, change, followed, held_at
 from magmpm.statics.energy import Point
 from magmpm.statics.equilibrium import Equilibrium, restored, solve_static
-from magmpm.statics.friction import SETTLED, Held, change, followed, held_at
-from magmpm.statics.layout import StaticModel, static_model
-from magmpm.statics.lift import Lift
-from magmpm.statics.nearby_minima import Tell
-
-LEAST = 1.0  # diameters: a shorter piece outside of the guide is taken as straight
-KEPT = 4  # lengths whose models are kept
-RAMP = 8  # load steps to the first equilibrium of a fed part in a field that varies
+from magmpm.statics.layout import StaticModel, arranged, static_model
+from magmpm.statics.newton import OnStep
 
 
 @dataclass(frozen=True)
@@ -78,7 +72,7 @@ class FieldLoads:
         """Length (m) outside of the guide; None where there is none."""
         return None
 
-    def first(self, time: float, on_step: Tell | None = None) -> Equilibrium:
+    def first(self, time: float, on_step: OnStep | None = None) -> Equilibrium:
         """The equilibrium at a time, s, found as statics finds one."""
         return solve_static(replace(self.model, effects=self._named(time), time=time), on_step=on_step)
 
@@ -118,7 +112,7 @@ class FieldLoads:
     def shape(self, time: float, point: Point | None) -> Shape:
         """The body at an equilibrium of a time, s."""
         assert point is not None  # it always bends
-        found = restored(self._arranged, Equilibrium(point, 0, True, np.zeros((0, 0))), self._of).point
+        found = restored(self._arranged, point, self._of)
         model = replace(self.model, time=time)
         tip = measures.region_means(model, found.position)[-1] if model.line is None else axis.tip(model, point.grid)
         rows = axis.centreline(model, point.grid)
@@ -148,7 +142,7 @@ class FeedLoads:
 
     def bends(self, time: float) -> bool:
         """True if enough of the body is outside the guide at a time, s."""
-        return self.inserted(time) >= LEAST * self.scene.thickness
+        return self.inserted(time) >= self.scene.thickness  # a shorter piece outside of the guide is taken as straight
 
     def at(self, time: float) -> StaticModel:
         """The model of the part outside the guide, clamped at its exit."""
@@ -164,15 +158,15 @@ class FeedLoads:
             named, line = acting.collect(self._free, times=np.array([time])), Line((self._exit, 0.0, 0.0), shape.length)
             model = reshaped(replace(self.whole, scene=self._free), shape, made)
             self._models[time] = static_model(replace(model, effects=named, time=time, line=line))
-            while len(self._models) > KEPT:
+            while len(self._models) > 4:  # lengths
                 self._models.popitem(last=False)
         return self._models[time]
 
-    def first(self, time: float, on_step: Tell | None = None) -> Equilibrium:
+    def first(self, time: float, on_step: OnStep | None = None) -> Equilibrium:
         """The equilibrium at a time, s, found as statics finds one: from the rod, or in a field that varies by a ramp of the load."""
         model = self.at(time)
         if self.scene.field.varies or model.touching is not None:  # the rod would need what is around a body that begins at the exit
-            slow = self._free.solver.static.model_copy(update={"field_steps": RAMP})
+            slow = self._free.solver.static.model_copy(update={"field_steps": 8})
             scene = self._free.model_copy(update={"solver": self._free.solver.model_copy(update={"static": slow})})
         else:
             scene = self._bare.inserted(self.inserted(time)).model_copy(update={"field": self.scene.field})
@@ -217,17 +211,12 @@ class FeedLoads:
         return Shape(replace(whole, time=time), position, F, rows, tip, low, high, dof, touched)
 
 
-def _all_planes(model: StaticModel, grid: Array) -> Array:
-    """Coefficients (planes + 1, m) with node 0, which the clamp eliminated."""
-    return np.concatenate([-grid[:1], grid])
-
-
 def _displacement(part: StaticModel, grid: Array, whole: Model, free: NDArray[np.bool_], clamp: float) -> tuple[Array, Array]:
     """Displacement (k, 3) m and its gradient (k, 3, 3) at the whole's free particles; clamp: m, where the part begins on its axis."""
     layout = part.layout
     weights, slopes = (values[free] for values in whole.splines())
     node, weights[:, 0], slopes[:, 0] = part.grid.splines_along(whole.particles.position[free, 0] - clamp)
-    planes = _all_planes(part, grid).reshape(layout.planes + 1, layout.nodes_per_plane, 3)
+    planes = np.concatenate([-grid[:1], grid]).reshape(layout.planes + 1, layout.nodes_per_plane, 3)  # node 0: the clamp eliminated it
     nodes = np.zeros((layout.planes + 1, *part.grid.nodes[1:], 3))
     nodes[:, layout.node_yz[:, 0], layout.node_yz[:, 1]] = planes
     at = whole.particles.cell[free]

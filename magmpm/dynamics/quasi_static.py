@@ -14,25 +14,21 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.arrays import Array
 from magmpm.dynamics import energies
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
 from magmpm.dynamics.path_loads import FeedLoads, FieldLoads, Shape
 from magmpm.effects import acting
 from magmpm.errors import SolveError
-from magmpm.model import Model
 from magmpm.results.file_names import JUMPS, STEPS, forget_motion
-from magmpm.results.motion_tables import GrowingTable
-from magmpm.results.path_tables import jump_in_words, path_row
+from magmpm.results.motion_tables import GrowingTable, jump_in_words, path_row
 from magmpm.results.strain import Strain, strain_of
 from magmpm.results.trajectory import MotionWriter
 from magmpm.scene import Scene
 from magmpm.statics.branch import Branch, Jump, Reached, point_of
-from magmpm.statics.contact import contacts_at_rest
+from magmpm.statics.contact import Held, contacts_at_rest
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
-from magmpm.statics.friction import Held
+from magmpm.statics.newton import OnStep
 
-FORMULATION = "quasi_static"
 MOST_TRIES = 50  # solves of an equilibrium with friction, which settles by a factor of two or more each
 Progress = Callable[[float, int], None]
 
@@ -73,7 +69,7 @@ def loads_of(scene: Scene, time: float) -> FieldLoads | FeedLoads:
     return FieldLoads(scene, time) if scene.effects.feed is None else FeedLoads(scene, time)
 
 
-def begin(scene: Scene, saved: Checkpoint | None = None, on_step: Callable[[int, float], None] | None = None) -> PathState:
+def begin(scene: Scene, saved: Checkpoint | None = None, on_step: OnStep | None = None) -> PathState:
     """The first equilibrium, found as statics finds one; or the one of a checkpoint. Raises SolveError, InputError."""
     if saved is None:
         first = scene.path_times()[0]
@@ -108,11 +104,11 @@ def _unbegun(state: PathState, last: object) -> PathState | None:
     return state
 
 
-def _options(scene: Scene, on_step: Callable[[int, float], None] | None) -> dict[str, Any]:
+def _options(scene: Scene, on_step: OnStep | None) -> dict[str, Any]:
     return {"tolerance": scene.solver.static.tolerance, "max_steps": scene.solver.static.max_steps, "on_step": on_step}
 
 
-def _go_on(state: PathState, time: float, on_step: Callable[[int, float], None] | None) -> list[Jump]:
+def _go_on(state: PathState, time: float, on_step: OnStep | None) -> list[Jump]:
     """Go on to a time, s. Returns the jumps on the way. Raises SolveError."""
     loads, jumps = state.loads, []
     scene = loads.whole.scene
@@ -146,7 +142,7 @@ def _advance(branch: Branch, loads: FieldLoads | FeedLoads, time: float) -> list
 
 def follow(
     scene: Scene, *, folder: Path | str | None = None, resume: bool = False, on_progress: Progress | None = None,
-    on_step: Callable[[int, float], None] | None = None, on_state: Callable[[PathState], None] | None = None,
+    on_step: OnStep | None = None, on_state: Callable[[PathState], None] | None = None,
 ) -> PathState:  # fmt: skip
     """All equilibria of a scene's path.
 
@@ -195,7 +191,7 @@ def _note(state: PathState, jumps: list[Jump]) -> list[dict[str, Any]]:
         {
             "time": state.time,
             "tip": [float(x) for x in shape.tip],
-            "field": [float(b) for b in field_at(shape.model, shape.position)],
+            "field": [float(b) for b in shape.model.field_at(shape.position, state.time)],
             **({} if inserted is None else {"inserted": inserted}),
             "energy": state.energy,
             "stability": _stability(branch),
@@ -214,17 +210,9 @@ def _stability(branch: Branch | None) -> float | None:
         return branch.stability()
 
 
-def field_at(model: Model, position: Array) -> Array:
-    """The outside field (3,) T at the center of a body at positions (n, 3) m, at the model's time."""
-    if not model.scene.effects.in_a_field:
-        return np.zeros(3)
-    center = model.particles.volume @ position / model.particles.volume.sum()
-    return np.asarray(model.scene.outside_field().at(center, model.time)[0])
-
-
 def _told(state: PathState, shape: Shape, jump: Jump) -> dict[str, Any]:
     """A jump as results report it: with the field's strength, and the length outside of the guide, when the branch ended."""
-    strength = float(np.linalg.norm(field_at(replace(shape.model, time=jump.time), shape.position)))
+    strength = float(np.linalg.norm(shape.model.field_at(shape.position, jump.time)))
     inserted = state.loads.inserted(jump.time)
     return {**vars(jump), "field": strength, **({} if inserted is None else {"inserted": inserted})}
 
@@ -256,7 +244,7 @@ class _Files:
         known = {"kinetic": 0.0, "elastic": elastic, **energies.effect_energies(model, x, F, state.time)}
         contacts = {} if shape.touched is None else contacts_at_rest(model, shape.touched)
         known |= {key: contact["energy"] for key, contact in contacts.items()}
-        self.frames.frame(state.time, x, np.zeros_like(x), F, stress, known, contacts, field_at(model, x))
+        self.frames.frame(state.time, x, np.zeros_like(x), F, stress, known, contacts, model.field_at(x, state.time))
         self.steps.add(path_row(state.rows[-1]))
         for jump in jumps:
             self.jumps.add(path_row(jump))
@@ -268,6 +256,6 @@ class _Files:
             arrays |= {f"held_{name}": value for name, value in state.loads.held._asdict().items()}
         more = {"branch": numbers, "rows": state.rows, "jumps": state.jumps, "warnings": state.warnings, "strain": state.strain.state()}
         return Checkpoint(
-            scene_hash=self._hash, every=0.0, time=state.time, formulation=FORMULATION,
+            scene_hash=self._hash, every=0.0, time=state.time, formulation="quasi_static",
             frame=state.frame, steps=state.iterations, control=more, state=arrays,
         )  # fmt: skip

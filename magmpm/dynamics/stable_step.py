@@ -29,7 +29,6 @@ from magmpm.effects import acting
 from magmpm.model import Model
 
 TIGHT = 1e-3  # relative tolerance of the body's largest eigenvalue
-A_PERIOD = 20  # least number of steps in the shortest period of the field: between two steps, a straight line is off by about 1 %
 
 
 @dataclass(frozen=True)
@@ -142,4 +141,4 @@ def _of_schedule(model: Model) -> float | None:
     overs = [move.over_time for move in (scene.move or {}).values()] + ([scene.field.over_time] if scene.effects.in_a_field else [])
     parts = [part for over in overs if over is not None for part in (over.rotation, over.oscillation) if part is not None]
     fastest = max((abs(part.frequency) for part in parts), default=0.0)
-    return 1.0 / (A_PERIOD * fastest) if fastest > 0 else None
+    return 1.0 / (20 * fastest) if fastest > 0 else None  # between two steps, a straight line is off by about 1 %

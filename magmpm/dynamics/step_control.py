@@ -22,18 +22,14 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.dynamics.stable_step import StableStep, body_step, stiffness
-from magmpm.dynamics.steps import Kinematics, Records, take
-from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.dynamics.total_lagrangian import Kinematics, TotalMotion, take
 from magmpm.dynamics.watchdog import Trouble
+from magmpm.effects.base import Records
 from magmpm.kernels.watch import BROKEN, GOING, HIGHEST, LIMIT, QUICK, QUICKEST, SHARE, STIFF, WHY
-from magmpm.scene.motion_options import DynamicOptions
+from magmpm.scene.options import DynamicOptions
 
 CHANGE = 0.15  # of the largest stiffness: how much a particle's stiffness may change in one step
 RESERVE = 0.95  # of the bound: a step above it asks for a new bound
-CALM = 0.25  # of CHANGE: below it, halved steps grow again
-SOFTER = 0.7  # of the stiffness that shortened the steps: below it, the next frame asks for a new bound
-MOST = 6  # halvings at once
-LEAST = 1e-4  # of the first step: if even shorter steps are needed, the motion ends
 
 
 class StepControl:
@@ -95,7 +91,7 @@ class StepControl:
                 now = None
         elif watch[WHY] == STIFF:
             trouble, now = self._find_bound(), None
-        elif self._halvings and watch[QUICKEST] < CALM * CHANGE:
+        elif self._halvings and watch[QUICKEST] < 0.25 * CHANGE:  # calm: steps grow again
             self._halvings -= 1
             self._choose()
         now = now or motion.kinematics()
@@ -105,7 +101,7 @@ class StepControl:
     def at_frame(self) -> None:
         """Find the bound again if the body is softer than when the steps were shortened."""
         highest = self._motion.watch[HIGHEST]
-        if self._bound < self._stable.body and 0.0 < highest < SOFTER * self._stiffness:
+        if self._bound < self._stable.body and 0.0 < highest < 0.7 * self._stiffness:  # which shortened the steps
             self._find_bound()
         self._motion.watch[HIGHEST] = 0.0
 
@@ -113,8 +109,8 @@ class StepControl:
         """Halve the step as often as needed, from how far the last one was too long; changed: F in a step."""
         broke, given = self._motion.watch[WHY] == BROKEN, self._options.time_step is not None
         over = 16.0 if broke else max(self._motion.watch[QUICKEST], changed) / CHANGE
-        halvings = self._halvings + min(max(1, math.ceil(math.log2(over))), MOST)
-        if given or 0.5**halvings < LEAST:
+        halvings = self._halvings + min(max(1, math.ceil(math.log2(over))), 6)
+        if given or 0.5**halvings < 1e-4:  # even a step of 1e-4 of the first one is too long
             return None if broke else self._trouble(f"the motion changes too much within {'a' if given else 'any'} step")
         self._halvings, self.why = halvings, "the body moves too quickly for longer ones"
         self._choose()

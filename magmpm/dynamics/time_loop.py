@@ -1,4 +1,10 @@
-"""The time loop: `move` simulates the motion of a model, frame by frame."""
+"""The time loop: `move` simulates the motion of a model, frame by frame.
+
+Loads by which the body acts on itself cost more than a step, so they are held for some steps (OwnLoads). Held at the shape where they were
+computed, they would lag behind the body by half the time they are held, and a load that lags does work: it drives or damps the motion. So
+they are extrapolated from the last two shapes to the middle of the time for which they are held, which leaves an error of second order, and
+that time is chosen by how much they change.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +21,9 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.dynamics import energies, watchdog
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
-from magmpm.dynamics.own_loads import OwnLoads
 from magmpm.dynamics.stable_step import StableStep, stable_step
 from magmpm.dynamics.step_control import StepControl
-from magmpm.dynamics.steps import Kinematics
-from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.dynamics.total_lagrangian import Kinematics, TotalMotion
 from magmpm.effects import acting, viscosity
 from magmpm.errors import InputError, SceneError, SolveError
 from magmpm.kernels.watch import BROKEN, WHY
@@ -30,9 +34,43 @@ from magmpm.results.strain import Strain, strain_of
 from magmpm.results.trajectory import MotionWriter
 from magmpm.scene import Scene, time_limit
 from magmpm.scene.memory import GROWTH
-from magmpm.scene.motion_options import DynamicOptions
+from magmpm.scene.options import DynamicOptions
 
-FORMULATION = "total"  # in results: updated was another, with a grid in space
+FIRST, MOST = 1, 256  # steps for which they are held: the first ones are not extrapolated
+CHANGE = 0.02  # of the largest value, while they are held: the error is some thousandths of these loads
+
+
+class OwnLoads:
+    """Keeps the loads near to the shape of a body that moves; `steps`: for how many steps to hold the next ones."""
+
+    def __init__(self, model: Model) -> None:
+        self.model, self.steps = model, FIRST
+        self._last: list[Array] = []  # tables as computed
+        self._elapsed, self._taken = 0.0, 0  # s and steps since then
+
+    def refresh(self, named: tuple[Any, ...], x: Array, F: Array, held: float) -> None:
+        """Bring the tables of the effects `named` up to date with particles at x (n, 3) m, F (n, 3, 3), to be held for so many s."""
+        acting.refresh(named, self.model, x, F)
+        tables = acting.own_tables(named)
+        now = [table.copy() for table in tables]
+        if self._last and self._elapsed > 0.0:
+            for table, before in zip(tables, self._last, strict=True):
+                table += (table - before) * (0.5 * held / self._elapsed)
+            change = max(_change(new, old) for new, old in zip(now, self._last, strict=True))
+            wanted = self._taken * CHANGE / max(change, 1e-3 * CHANGE)
+            self.steps = int(np.clip(wanted, max(1.0, self.steps / 4), min(2 * self.steps, MOST)))
+        self._last, self._elapsed, self._taken = now, 0.0, 0
+
+    def passed(self, steps: int, dt: float) -> None:
+        """So many steps of dt (s) were taken under these loads."""
+        self._elapsed, self._taken = self._elapsed + steps * dt, self._taken + steps
+
+
+def _change(new: Array, old: Array) -> float:
+    largest = float(np.abs(new).max(initial=0.0))
+    return float(np.abs(new - old).max(initial=0.0)) / largest if largest > 0.0 else 0.0
+
+
 SAVE_EVERY = 0.5  # s of work that a killed run may have to repeat
 CHUNK = 256  # steps between two checks of the motion
 Progress = Callable[[float, int], None]
@@ -146,7 +184,7 @@ def integrate(
     else:
         _measure(state, state.motion.kinematics())
         state.balance.check(state.energies)
-    writer, conserves = None if folder is None else _writer(state, folder, saved), _conserves(model)
+    writer, conserves = None if folder is None else _writer(state, folder, saved), energies.loads_conserve(model)
     see = on_state or (lambda _: None)
     see(state)
     _write(state, writer if saved is None else None)
@@ -203,7 +241,7 @@ def _checkpoint(state: SimulationState, scene_hash: str) -> Checkpoint:
     """The checkpoint of a motion after a frame."""
     motion = state.motion
     return Checkpoint(
-        scene_hash=scene_hash, every=state.every, time=state.time, formulation=FORMULATION,
+        scene_hash=scene_hash, every=state.every, time=state.time, formulation="total",
         frame=state.frame, steps=state.steps, state=motion.state(),
         control={
             **state.control.state(), **state.strain.state(), **state.balance.state(),
@@ -223,11 +261,6 @@ def _go_on_from(state: SimulationState, saved: Checkpoint) -> None:
     state.energies = known.get("energies", state.energies)
 
 
-def _conserves(model: Model) -> bool:
-    """True if the sum of all energies must not grow. Loads of the body on itself are held for some steps, which may add a little."""
-    return energies.loads_conserve(model) and not acting.feels_itself(model.scene)
-
-
 def interval(state: SimulationState, until: float, on_progress: Progress | None = None) -> Kinematics:
     """Take equal steps up to a time (s), no longer than state.control allows. Where the control changes its bound, choose a new step.
 
@@ -244,8 +277,7 @@ def interval(state: SimulationState, until: float, on_progress: Progress | None 
             steps = min(CHUNK if own is None else own.steps, count - first)
             times = start + dt * np.arange(first, first + steps, dtype=float)
             named = acting.collect(model.scene, times=times)
-            if isinstance(motion, TotalMotion):
-                named += motion.ends.records(times, dt)
+            named += motion.ends.records(times, dt)
             if own is not None:
                 x, _, F = motion.particles()
                 own.refresh(named, x, F, steps * dt)
@@ -295,7 +327,7 @@ def _measure(state: SimulationState, now: Kinematics) -> None:
         energies.add_effects_stress(model, now.x, now.F, named, state.P)
         potentials = energies.effect_energies(model, now.x, now.F, state.time)
         losses = model.scene.effects.viscosity
-        if losses is not None and losses.branches and isinstance(motion, TotalMotion):
+        if losses is not None and losses.branches:
             W, P = viscosity.stored(losses.branches, now.F, motion.remembered(), motion.lag)
             state.P, potentials["viscosity"] = state.P + P, float(W @ model.particles.volume)
     touching = motion.touching_points()
@@ -309,7 +341,5 @@ def _write(state: SimulationState, writer: MotionWriter | None) -> None:
     """Write the measured state as a frame."""
     if writer is None:
         return
-    model = state.motion.model
-    center = model.particles.volume @ state.x / model.particles.volume.sum()
-    field = model.scene.outside_field().at(center, state.time)[0] if model.scene.effects.in_a_field else np.zeros(3)
+    field = state.motion.model.field_at(state.x, state.time)
     writer.frame(state.time, state.x, state.v, state.F, state.P, state.energies, state.contacts, field)

@@ -1,28 +1,110 @@
-"""State of a motion, total Lagrangian: displacement and velocity of the nodes of a grid in the undeformed body."""
+"""State of a motion, total Lagrangian: displacement and velocity of the nodes of a grid in the undeformed body.
+
+Nodes that follow what holds the body and moves have its velocity in each step, whatever the forces on them: the one that brings them to
+where they are due at the end of the step, so that they never drift. The forces that hold them do work on the body, which nothing counts:
+the energy balance is not checked while they move.
+"""
 
 from __future__ import annotations
 
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array
+from magmpm.compiled.jit import compiled
 from magmpm.compiled.simd import WIDTH
 from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics.body_contact import body_contact
-from magmpm.dynamics.moved_ends import MovedEnds
 from magmpm.dynamics.particle_groups import pack
-from magmpm.dynamics.steps import Kinematics, at_step
 from magmpm.effects import acting
-from magmpm.effects.base import Contact, Touching
+from magmpm.effects.base import Contact, Records, Touching
 from magmpm.effects.contact_law import at_rest
-from magmpm.effects.hooks import those_with
+from magmpm.effects.hooks import NO_DATA, each_record, register, those_with
+from magmpm.errors import SceneError
 from magmpm.kernels import total_lagrangian_step
 from magmpm.kernels.body_contact import Meeting
 from magmpm.kernels.surface_contact import ANCHOR
-from magmpm.kernels.watch import BROKEN, WHY, new_slabs, unlimited
+from magmpm.kernels.watch import BROKEN, GOING, WHY, new_slabs, unlimited
 from magmpm.model import Model
+
+DTYPE = np.dtype([("rate", np.float64, 3), ("low", np.float64, 3), ("high", np.float64, 3)])
+
+
+class MovedEnds:
+    """Records for kernels of what holds a model's body and moves; place (nodes, 3) m and mass (nodes,) kg of all nodes.
+
+    Raises SceneError where other nodes stand among those that follow.
+    """
+
+    def __init__(self, model: Model, place: Array, mass: Array) -> None:
+        self._moves, self._boxes, half = model.scene.move or {}, {}, 0.25 * model.grid.spacing
+        for name, nodes in model.driven_in_motion:
+            follows = nodes & (mass > 0)
+            low, high = place[follows].min(axis=0) - half, place[follows].max(axis=0) + half
+            if ((mass > 0) & ((place > low) & (place < high)).all(axis=1) & ~follows).any():
+                raise SceneError(
+                    f"move.{name}",
+                    found="other parts stand within the box around what is moved",
+                    rule="in motion that box must be free of them",
+                    remedy="divide the part into several, or move it in statics or along equilibria (solver.quasi_static)",
+                )
+            self._boxes[name] = low, high
+
+    def records(self, times: Array, dt: float) -> Records:
+        """Records and data, in turn, for steps of dt (s) that begin at times (k,) s; none where nothing moves."""
+        out: list[Any] = []
+        for name, (low, high) in self._boxes.items():
+            record, move = np.zeros(len(times), DTYPE), self._moves[name]
+            record["rate"] = (move.displacement(times + dt) - move.displacement(times)) / dt
+            record["low"], record["high"] = low, high
+            out += [record, NO_DATA]
+        return tuple(out)
+
+
+@compiled
+def node(effect, data, X, u, v, dt):  # type: ignore[no-untyped-def]
+    """v = rate of the nodes in the box."""
+    inside = True
+    for i in range(3):
+        inside = inside and effect.low[i] < X[i] and X[i] < effect.high[i]
+    if inside:
+        for i in range(3):
+            v[i] = effect.rate[i]
+
+
+register(DTYPE, node=node)
+
+
+class Kinematics(NamedTuple):
+    """Kinematics of a motion at one time: x m, v m/s (n, 3) and F (n, 3, 3) of its particles, in the model's order; kinetic energy, J."""
+
+    x: Array
+    v: Array
+    F: Array
+    kinetic: float
+
+
+def from_step(named: Records, step: int) -> Records:
+    """The records from a given step on. An effect that is constant in time has one record for all steps."""
+    return each_record(lambda records: records[step:] if len(records) > 1 else records, named)
+
+
+def at_step(named: Records, step: int) -> Records:
+    """The records of one step, or the last ones if there are fewer."""
+    return each_record(lambda records: records[min(step, len(records) - 1) :][:1], named)
+
+
+def take(motion: TotalMotion, named: Records, steps: int, dt: float) -> tuple[int, bool]:
+    """Take up to `steps` steps of dt (s). Returns the number taken, fewer if the motion's watch ended them, and whether it broke."""
+    taken = 0
+    while taken < steps:
+        gone, broken = motion.advance(steps - taken, dt, from_step(named, taken))
+        taken += gone
+        if motion.watch[WHY] != GOING:  # otherwise pairs of a body that touches itself were listed again
+            return taken, broken
+    return taken, False
 
 
 class TotalMotion:

@@ -14,7 +14,6 @@ from magmpm.effects.body_reach import FAR
 from magmpm.errors import LeftField, SolveError
 from magmpm.model import Model
 
-GAIN = 0.05  # of the largest kinetic energy: how much the total energy may grow when no load does work
 REMEDY = "lower solver.dynamic.safety (or time_step)"
 SURFACE = 2.0  # times the speed of a wave: of particles on a surface from which it comes back
 
@@ -119,7 +118,7 @@ class EnergyBalance:
         self.kinetic = max(self.kinetic, energies["kinetic"])
         self.least = min(self.least, total)
         scale = max(self.kinetic, abs(energies["elastic"]))
-        if not total - self.least <= GAIN * scale + 1e-15:
+        if not total - self.least <= 0.05 * scale + 1e-15:  # what it may grow by
             grown = f"{total - self.least:.3g} J, with a kinetic energy of at most {self.kinetic:.3g} J"
             return Trouble(f"energy appeared from nothing: the sum of all energies grew by {grown}", -1, REMEDY)
         return None

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.body import Body
-from magmpm.bodies.regions import Region
+from magmpm.bodies.body_shape import Region
 from magmpm.compiled.arrays import Array
 from magmpm.effects.hooks import NO_DATA
 from magmpm.fields.outside_field import Field

@@ -15,16 +15,13 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import show
-from magmpm.inputs.csv_tables import Line, TableError, table_faults, table_lines
+from magmpm.errors import in_mm, show
+from magmpm.fields.spline import FEWEST
+from magmpm.inputs.csv_tables import MAX_ROWS, Line, TableError, table_faults, table_lines
 from magmpm.inputs.quantities import KINDS, BadQuantity, Kind, format_si, parse_quantity
 from magmpm.inputs.settings import Settings, fault, from_file, named_file
 from magmpm.inputs.vectors import Point
 
-MAX_NODES = 500_000
-MAX_ROWS = 100_000
-FEWEST = 4  # nodes along each axis of a map: a cubic spline needs as many
-SAME = 1e-4  # of the spacing: two coordinates closer than this belong to one plane of the grid
 _MAP = {name: KINDS[kind] for kind, names in (("length", "xyz"), ("flux density", ("Bx", "By", "Bz"))) for name in names}
 _SCHEDULE = {"time": KINDS["time"], **_MAP}
 _NUMBER = (-1e6, 1e6, "-1e6", "1e6")  # least and largest in SI, and as messages write them: as over_time.Keyframe has them
@@ -70,14 +67,12 @@ class Map(Settings):
 
     table: Annotated[Grid3, BeforeValidator(_read_map), WithJsonSchema({"type": "string"})] = Field(
         description="Path, relative to this file, of a CSV table with columns x, y, z, Bx, By, Bz, each with its unit in the header: "
-        "x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT.",
-        examples=["../measured/magnet.csv"],
-    )
+        "x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT.", examples=["../measured/magnet.csv"],
+    )  # fmt: skip
     position: Point = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Where the origin of the map lies in the scene; [0 mm, 0 mm, 0 mm] unless given.",
+        default=(0.0, 0.0, 0.0), description="Where the origin of the map lies in the scene; [0 mm, 0 mm, 0 mm] unless given.",
         examples=[["0 mm", "0 mm", "0 mm"]],
-    )
+    )  # fmt: skip
 
 
 def read_map(path: Path | str) -> tuple[Array, Array, Array]:
@@ -88,7 +83,7 @@ def read_map(path: Path | str) -> tuple[Array, Array, Array]:
     Raises TableError naming file, line, value received, rule and remedy.
     """
     path = Path(path)
-    names, rows, lines = _read(path, _MAP, _START_MAP, MAX_NODES, _MAP_BOUNDS)
+    names, rows, lines = _read(path, _MAP, _START_MAP, 500_000, _MAP_BOUNDS)
     missing = [name for name in _MAP if name not in names]
     if missing:
         rule = f"a map has the columns x, y, z, Bx, By and Bz; {', '.join(missing)} is missing"
@@ -103,12 +98,12 @@ def read_map(path: Path | str) -> tuple[Array, Array, Array]:
     count = np.bincount(flat, minlength=math.prod(shape))
     if count.max() > 1:
         twice = int(np.flatnonzero(flat == int(np.argmax(count)))[1])
-        raise lines[twice].error("each point of the grid may stand once", "remove one of the rows", received=_point(rows[twice]))
+        raise lines[twice].error("each point of the grid may stand once", "remove one of the rows", received=in_mm(rows[twice, :3], "g"))
     if count.min() == 0:
         hole = np.array(np.unravel_index(int(np.argmin(count)), shape))
         rule = (
             f"a map has a row for each of its {shape[0]} x {shape[1]} x {shape[2]} grid points; "
-            f"{int((count == 0).sum())} are missing, the first at {_point(lower + hole * spacing)}"
+            f"{int((count == 0).sum())} are missing, the first at {in_mm(lower + hole * spacing, 'g')}"
         )
         raise TableError(str(path), rule=rule, remedy="measure or interpolate the missing points")
     values = np.empty((len(rows), 3))
@@ -121,7 +116,7 @@ def _axis(path: Path, coordinates: Array, name: str) -> Array:
     found = np.unique(coordinates)
     extent = found[-1] - found[0]
     step = np.diff(found)
-    keep = np.concatenate([[True], step > SAME * (step.max() if len(step) else 1.0)])
+    keep = np.concatenate([[True], step > 1e-4 * (step.max() if len(step) else 1.0)])  # nearer ones belong to one plane
     found = found[keep]
     if len(found) < FEWEST:
         rule = f"a map has at least {FEWEST} grid points along each axis; along {name} it has {len(found)}"
@@ -226,7 +221,3 @@ def _header(header: Line, kinds: dict[str, Kind], plain: tuple[str, ...], start:
         names.append(name)
         factors.append(factor)
     return names, factors
-
-
-def _point(row: Array) -> str:
-    return "(" + ", ".join(f"{1e3 * value:g}" for value in row[:3]) + ") mm"

@@ -12,27 +12,29 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import LeftField, SceneError
-from magmpm.fields import dipole_cloud as lattice
+from magmpm.errors import LeftField, SceneError, in_mm
 from magmpm.fields import table
-from magmpm.fields.domain import Box, cut_for, reach, seen_from_sources
 from magmpm.fields.kernels import fields_at, gradients_at
-from magmpm.fields.magnets import Solid, bare_dipoles, dipole_rows, exact, polarization, taken, wires
-from magmpm.fields.schedule import end_time, places, records, sample_times
+from magmpm.fields.magnets import (
+    Box,
+    Solid,
+    bare_dipoles,
+    cut_for,
+    dipole_rows,
+    exact,
+    polarization,
+    reach,
+    seen_from_sources,
+    taken,
+    wires,
+)
+from magmpm.fields.schedule import end_time, places, sample_times
 from magmpm.fields.sources import FieldSource, Tabulation
-
-__all__ = ["Field", "end_time", "outside_field", "places", "records"]
 
 Corner = tuple[float, float, float]
 ARCS = 48  # pieces of a coil's wire, each in a box
-NEAREST = 0.5  # of the undeformed body's distance from a magnet: a cloud of dipoles is accurate down to this distance
-FAR_OFF = 0.05  # of the longest side of a box: some seven nodes of the finest table
-SWEPT = 3.0  # times the volume of the body's reach: moving sources that need a larger table become clouds of dipoles
-ROUNDING = 1e-3  # of a map's spacing: tolerance of its planes (measured_map), and so of its margin
-ODD = 0.05  # of grad B: curl or divergence of a measured map from which on there is a warning
 
 
 @dataclass(frozen=True)
@@ -90,13 +92,13 @@ class Field:
             worst = int(np.argmax(depth))
             if depth[worst] > 0:
                 return (
-                    f"the body's point at {_mm(points[worst])} is inside {solid.name}, center {_mm(_outward(place, solid.position))}",
+                    f"the body's point at {in_mm(points[worst])} is inside {solid.name}, center {in_mm(_outward(place, solid.position))}",
                     solid.name,
                     "move the magnet away, or make the pull weaker: nothing stops a body at a magnet's surface but contact with walls",
                 )
             if depth[worst] > -distance:
                 return (
-                    f"the body's point at {_mm(points[worst])} is within {1e3 * distance:.3g} mm of {solid.name}, where its field "
+                    f"the body's point at {in_mm(points[worst])} is within {1e3 * distance:.3g} mm of {solid.name}, where its field "
                     "is not known",
                     solid.name,
                     "begin with the body nearer to the magnet, or raise field.tabulation.tolerance",
@@ -106,8 +108,8 @@ class Field:
             worst = int(np.argmin(distance))
             if distance[worst] < self.cell:
                 return (
-                    f"the body's point at {_mm(points[worst])} is {1e3 * distance[worst]:.3g} mm from the point dipole {name} at "
-                    f"{_mm(_outward(place, position))}, nearer than a cell of the grid, {1e3 * self.cell:.3g} mm",
+                    f"the body's point at {in_mm(points[worst])} is {1e3 * distance[worst]:.3g} mm from the point dipole {name} at "
+                    f"{in_mm(_outward(place, position))}, nearer than a cell of the grid, {1e3 * self.cell:.3g} mm",
                     name,
                     "move the dipole away, or give it its size: its `diameter`, or a `magnet` in its place",
                 )
@@ -116,7 +118,7 @@ class Field:
             if out.any():
                 point = points[int(np.argmax(out))]
                 return (
-                    f"the body's point at {_mm(point)} is outside of the box where {limit.name} is known, {limit.box.text()}",
+                    f"the body's point at {in_mm(point)} is outside of the box where {limit.name} is known, {limit.box.text()}",
                     limit.name,
                     limit.remedy,
                 )
@@ -198,7 +200,7 @@ def _tabulated(
     """
     boxes: list[Box | None] = [box]
     if options.lower is None:
-        far = FAR_OFF * float((box.upper - box.lower).max())
+        far = 0.05 * float((box.upper - box.lower).max())  # some seven nodes of the finest table
         boxes += [cut_for(box, seen, _arcs(named), keeps_off=off) for off in (0.0, far)]
     failed: SceneError | None = None
     for number, tried in enumerate(boxes):
@@ -241,7 +243,7 @@ def _arcs(named: list[Solid]) -> list[Solid]:
 
 def _sweeps(source: FieldSource, box: Box, body: Box, anchored: bool) -> bool:
     """True if magnets move so far that a table would be many times as large as the body's reach."""
-    return source.tabulation is None and not source.coils and box.volume > SWEPT * reach(body, anchored).volume
+    return source.tabulation is None and not source.coils and box.volume > 3.0 * reach(body, anchored).volume
 
 
 def _clouds(source: FieldSource, options: Tabulation, body: Box) -> tuple[list[Array], list[tuple[Solid, float]]]:
@@ -255,20 +257,21 @@ def _clouds(source: FieldSource, options: Tabulation, body: Box) -> tuple[list[A
     blocks = [solid for solid in taken(source) if not solid.ball]
     for solid, magnet in zip(blocks, source.magnet or (), strict=True):
         depth = -np.inf
-        for time, place in zip(sample_times(source), _passing(source), strict=True):
+        for time, place in zip(sample_times(source), places(source, sample_times(source)), strict=True):
             local = (corners - place["origin"]) @ place["frame"].reshape(3, 3)
             depth = max(depth, float(solid.depth(local).max()))
             if depth >= 0:
                 when = "" if source.over_time is None else f" at {time:.4g} s"
                 raise SceneError(
                     solid.name,
-                    found=f"the magnet, center {_mm(_outward(place, solid.position))}{when}, is in the box around the body, {body.text()}",
+                    found=f"the magnet, center {in_mm(_outward(place, solid.position))}{when}, is in the box around the body, "
+                    f"{body.text()}",
                     rule="the undeformed body must be outside of every magnet, at all times",
                     remedy="move the magnet away",
                 )
-        distance = -NEAREST * depth
+        distance = -0.5 * depth  # down to which the cloud is accurate
         alone = FieldSource(magnet=(magnet,))
-        clouds.append(lattice.cloud(solid, polarization(magnet), exact(alone), distance, options.tolerance))
+        clouds.append(table.cloud(solid, polarization(magnet), exact(alone), distance, options.tolerance))
         near.append((solid, distance))
     return clouds, near
 
@@ -281,7 +284,7 @@ def _map(source: FieldSource, body: Box, seen: Box) -> tuple[Array, Limit, list[
     lower = np.array(grid.lower) + source.map.position
     box = Box(lower, lower + spacing * (np.array(grid.shape) - 1))
     short = np.maximum(box.lower - (seen.lower - spacing), seen.upper + spacing - box.upper)  # m, along x, y, z
-    if np.any(short > ROUNDING * spacing):
+    if np.any(short > 1e-3 * spacing):  # the tolerance of its planes (measured_map)
         worst = int(np.argmax(short))
         rule = (
             f"a map must cover the undeformed body, {seen.text()} as the map sees it, with a margin of one of its spacings "
@@ -294,13 +297,9 @@ def _map(source: FieldSource, body: Box, seen: Box) -> tuple[Array, Limit, list[
     warnings = [
         f"field.map: the map's {name} is {100 * size:.0f} % of its gradient, where a magnetic field has none; its force is as wrong as that"
         for name, size in (("curl", errors.curl), ("divergence", errors.divergence))
-        if size > ODD
+        if size > 0.05
     ]
     return packed, Limit(box, "field.map", "give a map that covers where the body goes"), warnings
-
-
-def _passing(source: FieldSource) -> NDArray[np.void]:
-    return places(source, sample_times(source))
 
 
 def _names(named: list[Solid]) -> str:
@@ -314,7 +313,3 @@ def _times(time: float | None) -> Array | None:
 def _outward(place: np.void, point: Array) -> Array:
     """A point of the sources' frame in space."""
     return np.asarray(place["frame"].reshape(3, 3) @ point + place["origin"])
-
-
-def _mm(point: Array) -> str:
-    return "(" + ", ".join(f"{1e3 * value:.3g}" for value in point) + ") mm"

@@ -15,19 +15,18 @@ from pydantic_core import CoreSchema
 
 from magmpm.fields.measured_map import Map
 from magmpm.fields.over_time import OverTime
-from magmpm.inputs.settings import Quantity, Settings, fault
+from magmpm.inputs.settings import Length, Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis, FluxVector, Point, Vector, three
 
 MAX_SOURCES = 100
 
-_Size = Annotated[float, Quantity("length", above="0 mm", at_most="10 m")]
 _Moment = Annotated[float, Quantity("magnetic moment", at_least="-1e6 A*m^2", at_most="1e6 A*m^2")]
 if TYPE_CHECKING:
     Moment = Vector
     Sizes = Vector
 else:
     Moment = Annotated[tuple[_Moment, _Moment, _Moment], three("[0 A*m^2, 0 A*m^2, 0.5 A*m^2]")]
-    Sizes = Annotated[tuple[_Size, _Size, _Size], three("[20 mm, 20 mm, 10 mm]")]
+    Sizes = Annotated[tuple[Length, Length, Length], three("[20 mm, 20 mm, 10 mm]")]
 
 
 class _OneOrMore(BeforeValidator):
@@ -46,10 +45,8 @@ class Dipole(Settings):
 
     position: Point = Field(description="Where it is: [x, y, z].", examples=[["60 mm", "0 mm", "0 mm"]])
     moment: Moment = Field(description="Magnetic moment, Br V/mu0 of a magnet: [x, y, z].", examples=[["0 A*m^2", "0 A*m^2", "0.5 A*m^2"]])
-    diameter: _Size | None = Field(
-        default=None,
-        description="Of the sphere it stands for, which the body must stay out of; a point unless given.",
-        examples=["10 mm"],
+    diameter: Length | None = Field(
+        default=None, description="Of the sphere it stands for, which the body must stay out of; a point unless given.", examples=["10 mm"]
     )
 
 
@@ -57,16 +54,15 @@ class Cuboid(Settings):
     """A block."""
 
     size: Sizes = Field(
-        description="Edges along x, y and the magnet's axis (z unless `axis` is given).",
-        examples=[["20 mm", "20 mm", "10 mm"]],
+        description="Edges along x, y and the magnet's axis (z unless `axis` is given).", examples=[["20 mm", "20 mm", "10 mm"]]
     )
 
 
 class Cylinder(Settings):
     """A round bar or disk."""
 
-    diameter: _Size = Field(description="Diameter.", examples=["20 mm"])
-    length: _Size = Field(description="Length along its axis.", examples=["20 mm"])
+    diameter: Length = Field(description="Diameter.", examples=["20 mm"])
+    length: Length = Field(description="Length along its axis.", examples=["20 mm"])
 
 
 class Magnet(Settings):
@@ -78,17 +74,14 @@ class Magnet(Settings):
     )
     position: Point = Field(description="Its center: [x, y, z].", examples=[["60 mm", "0 mm", "0 mm"]])
     axis: Axis = Field(
-        default=(0.0, 0.0, 1.0),
-        description="Where its axis points (a block's third edge): [x, y, z] or angles; [0, 0, 1] unless given.",
+        default=(0.0, 0.0, 1.0), description="Where its axis points (a block's third edge): [x, y, z] or angles; [0, 0, 1] unless given.",
         examples=[[0, 0, 1]],
-    )
+    )  # fmt: skip
     remanence: Annotated[float, Quantity("flux density", above="0 mT", at_most="3 T")] = Field(
         description="Remanent flux density Br; 1.2 to 1.45 T for neodymium.", examples=["1.3 T"]
     )
     magnetization: Axis | None = Field(
-        default=None,
-        description="Direction of its magnetization in space; along its axis unless given.",
-        examples=[[1, 0, 0]],
+        default=None, description="Direction of its magnetization in space; along its axis unless given.", examples=[[1, 0, 0]]
     )
 
     @model_validator(mode="after")
@@ -103,11 +96,10 @@ class Coil(Settings):
 
     position: Point = Field(description="Its center: [x, y, z].", examples=[["0 mm", "0 mm", "-60 mm"]])
     axis: Axis = Field(
-        default=(0.0, 0.0, 1.0),
-        description="Its axis; a positive current makes a field along it. [0, 0, 1] unless given.",
+        default=(0.0, 0.0, 1.0), description="Its axis; a positive current makes a field along it. [0, 0, 1] unless given.",
         examples=[[0, 0, 1]],
-    )
-    diameter: _Size = Field(description="Mean diameter of the winding.", examples=["80 mm"])
+    )  # fmt: skip
+    diameter: Length = Field(description="Mean diameter of the winding.", examples=["80 mm"])
     current: Annotated[float, Quantity("current", at_least="-1e6 A", at_most="1e6 A")] = Field(
         description="Current in each turn.", examples=["5 A"]
     )
@@ -118,19 +110,13 @@ class Tabulation(Settings):
     """Table of the field of magnets and coils, from which the solver takes field and gradients."""
 
     tolerance: float = Field(
-        default=2e-3,
-        strict=True,
-        ge=1e-6,
-        le=0.1,
-        allow_inf_nan=False,
-        description="Largest error of the table, of the field's size at that place; 0.002 unless given.",
-        examples=[0.002],
-    )
+        default=2e-3, strict=True, ge=1e-6, le=0.1, allow_inf_nan=False,
+        description="Largest error of the table, of the field's size at that place; 0.002 unless given.", examples=[0.002],
+    )  # fmt: skip
     lower: Point | None = Field(
-        default=None,
-        description="Lower corner of the box it covers, [x, y, z]; what the body may reach unless given.",
+        default=None, description="Lower corner of the box it covers, [x, y, z]; what the body may reach unless given.",
         examples=[["-50 mm", "-50 mm", "-50 mm"]],
-    )
+    )  # fmt: skip
     upper: Point | None = Field(default=None, description="Upper corner of that box.", examples=[["50 mm", "50 mm", "50 mm"]])
 
     @model_validator(mode="after")
@@ -146,41 +132,27 @@ class FieldSource(Settings):
     """The outside magnetic field: the sum of its sources."""
 
     uniform: FluxVector = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Flux density, the same everywhere: [x, y, z].",
-        examples=[["0 mT", "6 mT", "8 mT"]],
+        default=(0.0, 0.0, 0.0), description="Flux density, the same everywhere: [x, y, z].", examples=[["0 mT", "6 mT", "8 mT"]]
     )
     dipole: Annotated[tuple[Dipole, ...] | None, _OneOrMore()] = Field(
-        default=None,
-        min_length=1,
-        max_length=MAX_SOURCES,
-        description="A point dipole, or a list of them.",
+        default=None, min_length=1, max_length=MAX_SOURCES, description="A point dipole, or a list of them.",
         examples=[{"position": ["60 mm", "0 mm", "0 mm"], "moment": ["0 A*m^2", "0 A*m^2", "0.5 A*m^2"]}],
-    )
+    )  # fmt: skip
     magnet: Annotated[tuple[Magnet, ...] | None, _OneOrMore()] = Field(
-        default=None,
-        min_length=1,
-        max_length=MAX_SOURCES,
+        default=None, min_length=1, max_length=MAX_SOURCES,
         description="A permanent magnet of finite size, or a list of them (needs magpylib).",
         examples=[{"cylinder": {"diameter": "20 mm", "length": "20 mm"}, "position": ["60 mm", "0 mm", "0 mm"], "remanence": "1.3 T"}],
-    )
+    )  # fmt: skip
     coils: Annotated[tuple[Coil, ...] | None, _OneOrMore()] = Field(
-        default=None,
-        min_length=1,
-        max_length=MAX_SOURCES,
-        description="A round coil, or a list of them (needs magpylib).",
+        default=None, min_length=1, max_length=MAX_SOURCES, description="A round coil, or a list of them (needs magpylib).",
         examples=[{"position": ["0 mm", "0 mm", "-60 mm"], "diameter": "80 mm", "current": "5 A", "turns": 200}],
-    )
+    )  # fmt: skip
     map: Map | None = Field(default=None, description="A measured field on a regular grid.", examples=[{"table": "../measured/magnet.csv"}])
     tabulation: Tabulation | None = Field(
-        default=None,
-        description="How magnets and coils are put on a table; as usual unless given.",
-        examples=[{"tolerance": 0.002}],
+        default=None, description="How magnets and coils are put on a table; as usual unless given.", examples=[{"tolerance": 0.002}]
     )
     over_time: OverTime | None = Field(
-        default=None,
-        description="How the field changes in time; it does not unless given.",
-        examples=[{"ramp": {"duration": "50 ms"}}],
+        default=None, description="How the field changes in time; it does not unless given.", examples=[{"ramp": {"duration": "50 ms"}}]
     )
 
     @property

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.errors import InputError, report, show
-from magmpm.inputs.regular_file import UnfitFile, read_regular
 from magmpm.inputs.settings import fault
+from magmpm.inputs.user_files import UnfitFile, read_regular
 
 COLUMNS = ("s_mm", "x_mm", "y_mm", "z_mm")
 MAX_ROWS = 100_000

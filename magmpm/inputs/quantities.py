@@ -16,6 +16,8 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
+from magmpm.errors import InputError
+
 # pi to 50 digits: degrees keep an exact rational factor, rounded once with the number
 _PI = Fraction("3.1415926535897932384626433832795028841971693993751")
 
@@ -113,6 +115,14 @@ def parse_quantity(text: str, kind: Kind) -> float:
         return float(Fraction(number.group()) * _factor(unit, kind))
     except OverflowError:
         raise BadQuantity(f"{a(kind.name)} must be a finite number", write) from None
+
+
+def in_si(value: float | str, kind: str, what: str) -> float:
+    """A number as it is, text with a unit in SI. Raises InputError, about `what`."""
+    try:
+        return parse_quantity(value, KINDS[kind]) if isinstance(value, str) else float(value)
+    except BadQuantity as error:
+        raise InputError(what, received=repr(value), rule=error.rule, remedy=error.remedy) from None
 
 
 def as_text(si: float, kind: Kind) -> str:

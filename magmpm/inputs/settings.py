@@ -25,31 +25,10 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from magmpm.errors import InputError, NotThereYet
-from magmpm.inputs.allowed_paths import REMEDY, RULE, is_allowed
 from magmpm.inputs.messages import NOTHING, empty_values, nearest_key, overruled, translate
 from magmpm.inputs.quantities import KINDS, BadQuantity, a, as_text, format_si, parse_quantity
-from magmpm.inputs.yaml_document import Document, Key, read_yaml
-
-__all__ = [
-    "Acceleration",
-    "Angle",
-    "Current",
-    "Density",
-    "FluxDensity",
-    "Frequency",
-    "Length",
-    "Pressure",
-    "Quantity",
-    "Settings",
-    "Time",
-    "fault",
-    "folder_of",
-    "from_file",
-    "named_file",
-    "read_yaml",
-    "validate",
-    "write_json_schema",
-]
+from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
+from magmpm.inputs.yaml_document import Document, Key
 
 M = TypeVar("M", bound=BaseModel)
 MOST_TOLD = 20  # problems of a file: more would hide the first
@@ -76,15 +55,13 @@ def from_file(info: ValidationInfo) -> bool:
     return bool(info.context and info.context.get("file"))
 
 
-def folder_of(info: ValidationInfo) -> Path:
-    """The folder that paths in the validated data are relative to."""
-    return Path(info.context["file"]).parent if info.context and info.context.get("file") else Path()
-
-
 def named_file(info: ValidationInfo, name: str | Path) -> Path:
     """The file that a path in the validated data names. Raises PydanticCustomError (see `fault`) for one that it may not name."""
-    path = folder_of(info) / name
-    if info.context and info.context.get("file") and not is_allowed(path, Path(info.context["file"])):
+    file = info.context.get("file") if info.context else None
+    if not file:
+        return Path(name)
+    path = Path(file).parent / name
+    if not is_allowed(path, Path(file)):
         raise fault(RULE, REMEDY)
     return path
 
@@ -150,15 +127,11 @@ class Quantity:
         }
 
 
-Length = Annotated[float, Quantity("length")]
-Pressure = Annotated[float, Quantity("pressure")]
-Density = Annotated[float, Quantity("density")]
-FluxDensity = Annotated[float, Quantity("flux density")]
-Angle = Annotated[float, Quantity("angle")]
-Acceleration = Annotated[float, Quantity("acceleration")]
-Time = Annotated[float, Quantity("time")]
-Frequency = Annotated[float, Quantity("frequency")]
-Current = Annotated[float, Quantity("current")]
+Length = Annotated[float, Quantity("length", above="0 mm", at_most="10 m")]
+Width = Annotated[float, Quantity("length", above="0 mm", at_most="1 m")]
+Angle = Annotated[float, Quantity("angle", at_least="-360 deg", at_most="360 deg")]
+Duration = Annotated[float, Quantity("time", above="0 s", at_most="1e6 s")]
+Bytes = Annotated[float, Quantity("size", above="0 B", at_most="1e15 B")]
 
 
 def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = None) -> M:

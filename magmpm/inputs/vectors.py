@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag
 
-from magmpm.inputs.settings import Quantity, Settings, fault
+from magmpm.inputs.settings import Angle, Quantity, Settings, fault
 
 Vector = tuple[float, float, float]
 
@@ -51,9 +51,7 @@ def _unit_vector(value: Any) -> Vector:
 class Angles(Settings):
     """A direction by two angles: d = (cos e cos a, cos e sin a, sin e)."""
 
-    azimuth: Annotated[float, Quantity("angle", at_least="-360 deg", at_most="360 deg")] = Field(
-        description="Turn in the x-y plane, from +x toward +y.", examples=["30 deg"]
-    )
+    azimuth: Angle = Field(description="Turn in the x-y plane, from +x toward +y.", examples=["30 deg"])
     elevation: Annotated[float, Quantity("angle", at_least="-90 deg", at_most="90 deg")] = Field(
         default=0.0, description="Lift from the x-y plane toward +z; 0 deg unless given.", examples=["10 deg"]
     )

@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from magmpm.errors import InputError, Key, SceneError, dotted, report, show, undotted
-from magmpm.inputs.regular_file import UnfitFile, read_regular
+from magmpm.inputs.user_files import UnfitFile, read_regular
 
 MAX_BYTES = 1_000_000
 MAX_NODES = 100_000
@@ -74,14 +74,14 @@ def read_yaml(path: Path | str) -> Document:
         raise InputError(_explain(error, path, text)) from None
     except yaml.YAMLError as error:
         reason = " ".join(str(error).split())
-        raise InputError(report(f"{path}: not a text file ({reason})", rule=_RULE, remedy=_START)) from None
+        raise InputError(f"{path}: not a text file ({reason})", rule=_RULE, remedy=_START) from None
     except RecursionError:
-        raise InputError(report(f"{path}: brackets nested too deeply", rule=_RULE, remedy=_START)) from None
+        raise InputError(f"{path}: brackets nested too deeply", rule=_RULE, remedy=_START) from None
     if root is None:
-        raise InputError(report(f"{path}: the file is empty", rule=_RULE, remedy=_START))
+        raise InputError(f"{path}: the file is empty", rule=_RULE, remedy=_START)
     if not isinstance(root, yaml.MappingNode):
         received = "a list" if isinstance(root, yaml.SequenceNode) else show(str(root.value))
-        raise InputError(report(f"{path}:1", received=received, rule=_RULE, remedy=_START))
+        raise InputError(f"{path}:1", received=received, rule=_RULE, remedy=_START)
     builder = _Builder(path, loader)
     data = builder.mapping(root, ())
     return Document(data, path, builder.lines)
@@ -122,23 +122,23 @@ def _read_text(path: Path) -> str:
     """The file as text. Raises InputError."""
     try:
         if path.is_dir():
-            raise InputError(report(f"{path}: this is a folder", rule=_RULE, remedy="name a file in it"))
+            raise InputError(f"{path}: this is a folder", rule=_RULE, remedy="name a file in it")
         return read_regular(path, MAX_BYTES).decode("utf-8-sig")
     except FileNotFoundError:
         siblings = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
         near = difflib.get_close_matches(path.name, siblings, n=1)
         remedy = f'did you mean "{path.parent / near[0]}"?' if near else "check the path and the current folder"
-        raise InputError(report(f"{path}: no such file", rule="the file must exist", remedy=remedy)) from None
+        raise InputError(f"{path}: no such file", rule="the file must exist", remedy=remedy) from None
     except UnicodeDecodeError as error:
         byte = f"byte {error.object[error.start]:#04x} at {error.start} is not UTF-8"
-        raise InputError(report(f"{path}: not a text file ({byte})", rule=_RULE, remedy=_START)) from None
+        raise InputError(f"{path}: not a text file ({byte})", rule=_RULE, remedy=_START) from None
     except UnfitFile as error:
         rule = f"must be a regular file, and must not exceed {MAX_BYTES} bytes"
-        raise InputError(report(f"{path}: {error.strerror}", rule=rule, remedy=_START)) from None
+        raise InputError(f"{path}: {error.strerror}", rule=rule, remedy=_START) from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         remedy = "check the path and its permissions"
-        raise InputError(report(f"{path}: {reason}", rule="the file must be readable", remedy=remedy)) from None
+        raise InputError(f"{path}: {reason}", rule="the file must be readable", remedy=remedy) from None
 
 
 def _explain(error: yaml.MarkedYAMLError, path: Path, text: str) -> str:

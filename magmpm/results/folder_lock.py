@@ -74,7 +74,7 @@ def refuse_links(folder: Path) -> None:
         if path.is_symlink() and (path.name in SUBFOLDERS or not path.is_dir()) and not path.resolve().is_relative_to(folder.resolve()):
             rule = "what is written to a folder of results must not land elsewhere"
             received = f"a link to {os.readlink(path)}"
-            raise InputError(report(str(path), received=received, rule=rule, remedy="remove the link, or use another folder"))
+            raise InputError(str(path), received=received, rule=rule, remedy="remove the link, or use another folder")
 
 
 def _below(folder: Path) -> Iterator[Path]:
@@ -111,7 +111,7 @@ def unwritable(folder: Path, error: OSError) -> InputError:
         rule, remedy = f"results need room on the disk ({error.strerror})", "free some, or use another --out"
     else:
         rule, remedy = f"the folder must be writable ({error.strerror})", "results can't be written there; use another --out"
-    return InputError(report(str(folder), rule=rule, remedy=remedy))
+    return InputError(str(folder), rule=rule, remedy=remedy)
 
 
 def _take(stream: IO[str], folder: Path) -> None:

@@ -1,14 +1,23 @@
-"""Measures of a deformed body: the axis through its particles, the middle of its regions, its distance from a target shape."""
+"""Measures of a deformed body: the axis through its particles, the middle of its regions, its distance from a target shape;
+and the frames of runs, with the distance between those of two.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from magmpm.bodies.curves import on_rows
+from magmpm.bodies.curves import STATIONS, on_rows
 from magmpm.compiled.arrays import Array
 from magmpm.materials import magnetization
-from magmpm.model import Model
+from magmpm.model import Model, build
 from magmpm.results.result import Result
+from magmpm.scene import Scene
+
+if TYPE_CHECKING:
+    from magmpm.results.trajectory import Motion
 
 
 def region_magnetization(model: Model, F: Array) -> Array:
@@ -37,19 +46,10 @@ def axis_of_particles(model: Model, position: Array) -> Array:
     x, of = np.unique(model.particles.position[:, 0], return_inverse=True)
     volume = np.bincount(of, model.particles.volume)
     mean = np.stack([np.bincount(of, model.particles.volume * p) / volume for p in position.T], axis=1)
-    grid, base = model.grid, model.line.base[0]
-
-    def splines(s: Array) -> Array:
-        node, values, _ = grid.splines_along(s)
-        dense = np.zeros((len(s), grid.nodes[0]))
-        for a in range(3):
-            dense[np.arange(len(s)), node + a] += values[:, a]
-        return dense
-
-    root = np.sqrt(volume)[:, None]
-    coefficients = np.linalg.lstsq(root * splines(x - base), root * mean, rcond=None)[0]
-    s = grid.stations
-    return np.column_stack([s, splines(s) @ coefficients])
+    root, s = np.sqrt(volume)[:, None], model.grid.stations
+    splines = model.grid.matrix_along(x - model.line.base[0])
+    coefficients = np.linalg.lstsq(root * splines, root * mean, rcond=None)[0]
+    return np.column_stack([s, model.grid.matrix_along(s) @ coefficients])
 
 
 def centreline_at(result: Result, s: Array) -> Array:
@@ -80,3 +80,49 @@ def of_particles(model: Model, x: Array) -> tuple[Array, Array, Array]:
     """Axis rows, tip and centers of regions of a body in motion, as Frames.see takes them. x (n, 3) m: its particles."""
     axis, centers = axis_of_particles(model, x), region_means(model, x)
     return axis, axis[-1, 1:] if len(axis) else centers[-1], centers
+
+
+@dataclass
+class Frames:
+    """Frames of a run to compare: time (s), points (m, 3) m and tip (3,) m of each; and the times (s) of jumps of a path."""
+
+    times: list[float] = field(default_factory=list)
+    points: list[Array] = field(default_factory=list)
+    tips: list[Array] = field(default_factory=list)
+    jumps: list[float] = field(default_factory=list)
+
+    def see(self, time: float, axis: Array, tip: Array, centers: Array) -> None:
+        """Add a frame (solving.solve.OnFrame)."""
+        along = np.linspace(0.0, axis[-1, 0], STATIONS) if len(axis) else None
+        self.times.append(time)
+        self.points.append(centers.copy() if along is None else on_rows(axis[:, 0], axis[:, 1:], along)[0])
+        self.tips.append(np.array(tip))
+
+    def distances(self, other: Frames, of: str = "centreline", skip: list[tuple[float, float]] | None = None) -> dict[float, float]:
+        """The largest distance (m) in each frame that both have, by its time (s); spans of time (s) to `skip` are left out."""
+        mine, theirs = (one.tips if of == "tip" else one.points for one in (self, other))
+        return {
+            t: float(np.linalg.norm(np.atleast_2d(a - b), axis=1).max())
+            for t, a, b in zip(self.times, mine, [theirs[other.times.index(t)] if t in other.times else None for t in self.times])
+            if b is not None and not any(first <= t <= last for first, last in skip or ())
+        }  # fmt: skip
+
+
+def frames_of(run: Result | Motion) -> Frames:
+    """The frames of a saved motion or path; of a Result its end alone."""
+    frames = Frames()
+    if isinstance(run, Result):
+        frames.see(run.time, run.centreline, run.tip, run.segment_center)
+        return frames
+    scene = Scene.from_si(run.scene or {})
+    model = build(scene, time=0.0 if scene.static else None)
+    for k, t in enumerate(run.times):
+        frames.see(float(t), *of_particles(model, np.asarray(run.position(k), dtype=float)))
+    return frames
+
+
+def near_jumps(one: Frames, other: Frames) -> list[tuple[float, float]]:
+    """Spans of time (s) in which two grids of a path may be on different branches: from jump to jump, and as long before and after, since
+    the true jump is not farther from theirs than they are from each other, about (statics.error_estimate)."""
+    pairs = [(min(a, b), max(a, b)) for a, b in zip(one.jumps, other.jumps)]
+    return [(2 * first - last, 2 * last - first) for first, last in pairs]

@@ -1,4 +1,4 @@
-"""Tables that grow with a motion, a row at a time: `energies.csv` and `contacts.csv`."""
+"""Tables that grow with a motion, a row at a time: `energies.csv` and `contacts.csv`; of a path `steps.csv` and `jumps.csv`."""
 
 from __future__ import annotations
 
@@ -11,9 +11,57 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, report
-from magmpm.results.path_tables import read_rows
+from magmpm.errors import InputError, length, quantity
 from magmpm.results.whole_file import whole_file
+
+MEANING = {"limit point": "the branch turns back there (limit point)", "bifurcation": "the branch is unstable from there on (bifurcation)"}
+
+
+def path_row(known: Mapping[str, Any]) -> dict[str, Any]:
+    """A row of steps.csv or jumps.csv: the time first, as `t` (s), and vectors in three columns."""
+    row: dict[str, Any] = {"t": known["time"]}
+    for name, value in known.items():
+        if isinstance(value, list):
+            row |= {f"{name}_{axis}": part for axis, part in zip("xyz", value, strict=True)}
+        elif name != "time":
+            row[name] = "" if value is None else value
+    return row
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """The rows of such a table, as text; the last may be cut off by a kill, and is then left out. None where there is no file."""
+    if not path.exists():
+        return []
+    text = path.read_text(encoding="utf-8")
+    return list(csv.DictReader(text[: text.rfind("\n") + 1].splitlines()))
+
+
+def read_steps(path: Path) -> dict[str, Array]:
+    """Column of steps.csv -> (rows,), SI; NaN where a value is not known. Raises ValueError where it holds something else."""
+    rows = read_rows(path)
+    return {name: np.array([float(row[name] or "nan") for row in rows]) for name in (rows[0] if rows else {})}
+
+
+def read_jumps(path: Path) -> list[dict[str, Any]]:
+    """The rows of jumps.csv: `time` and the others as in the `jumps` of a Result. Raises ValueError where it holds something else."""
+    found = []
+    for row in read_rows(path):
+        numbers = {name: float(value) for name, value in row.items() if name not in ("t", "kind")}
+        found.append({"time": float(row["t"]), "kind": row["kind"], **numbers})
+    return found
+
+
+def jump_in_words(jump: Mapping[str, Any]) -> str:
+    """Describe a jump in one line: time, load, kind and distance."""
+    load = f"in a field of {quantity(jump['field'], 'T', 4)}"
+    if jump.get("inserted") is not None:
+        load += f", with {length(jump['inserted'], 4)} out of the guide"
+    what = MEANING[jump["kind"]]
+    return (
+        f"t = {quantity(jump['time'], 's', 4)}, {load}: {what}; the body moved by {length(jump['moved'])} and lost "
+        f"{quantity(jump['released'], 'J')}"
+    )
+
 
 PAIR = ": "  # in the name of a contact of two components, which has rows only while they touch
 
@@ -56,26 +104,17 @@ class GrowingTable:
 
 
 def energy_row(time: float, energies: Mapping[str, float]) -> dict[str, float]:
-    """Row of energies.csv: t (s), then J: each energy, the dissipated one if given, and the total of the others."""
-    if {"t", "kinetic", "elastic"} - {"t", *energies}:
-        raise ValueError(f"energies need `kinetic` and `elastic`, got {sorted(energies)}")
-    row = {name: energy for name, energy in energies.items() if name not in ("dissipated", "total")}
-    total = energies.get("total", sum(row.values()))
-    if "dissipated" in energies:
-        row["dissipated"] = energies["dissipated"]
-    return {"t": time, **row, "total": total}
+    """Row of energies.csv: t (s), then J: each energy, and their total."""
+    return {"t": time, **energies, "total": sum(energies.values())}
 
 
-def contact_row(time: float, effect: str, contact: Any) -> dict[str, Any]:
+def contact_row(time: float, effect: str, contact: Mapping[str, Any]) -> dict[str, Any]:
     """Row of contacts.csv: t (s), effect, force on the body (N), points touching, deepest penetration (m); where given, slip (m/s),
-    mean point p (m) and normal n.
-
-    contact: a mapping or an object with force, count and depth, or the force alone.
+    mean point p (m) and normal n. contact: effects.base.Contact.
     """
-    known = contact if isinstance(contact, Mapping) else _of_object(contact)
-    vectors = [("F", np.asarray(known["force"], dtype=float)), *((of[0], known.get(of, ("", "", ""))) for of in ("point", "normal"))]
+    vectors = [("F", np.asarray(contact["force"], dtype=float)), *((of[0], contact.get(of, ("", "", ""))) for of in ("point", "normal"))]
     force, point, normal = ({f"{of}{axis}": part[i] for i, axis in enumerate("xyz")} for of, part in vectors)
-    plain = {name: known.get(name, "") for name in ("count", "depth", "slip")}
+    plain = {name: contact.get(name, "") for name in ("count", "depth", "slip")}
     return {"t": time, "effect": effect, **force, **plain, **point, **normal}
 
 
@@ -110,7 +149,7 @@ def must_have(path: Path, found: Mapping[str, Array], times: Array, *, lacking: 
 
 def _damaged(path: Path, received: str) -> InputError:
     rule = "must be the table that the run wrote, whole"
-    return InputError(report(str(path), received=received, rule=rule, remedy="put it back, or run the scene again, without --resume"))
+    return InputError(str(path), received=received, rule=rule, remedy="put it back, or run the scene again, without --resume")
 
 
 @contextmanager
@@ -122,12 +161,6 @@ def _as_written(path: Path) -> Iterator[None]:
         raise
     except (KeyError, TypeError, ValueError, csv.Error) as error:
         raise _damaged(path, f"what can't be read as one ({error})") from None
-
-
-def _of_object(contact: Any) -> dict[str, Any]:
-    if not hasattr(contact, "force"):
-        return {"force": contact}
-    return {name: getattr(contact, name) for name in ("force", "count", "depth") if hasattr(contact, name)}
 
 
 def _plain(value: Any) -> Any:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import platform
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import cache
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +18,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, report
-from magmpm.inputs.regular_file import MOST, read_regular
+from magmpm.errors import InputError, lengths, quantity, report
+from magmpm.inputs.user_files import MOST, read_regular
 from magmpm.results.file_names import ARRAYS, NUMBERS
-from magmpm.results.readable import lengths, quantity
 from magmpm.results.whole_file import whole_file, write_json
 
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of Python, magmpm and the packages that compute for it, by name."""
+    found = {"python": platform.python_version()}
+    for name in ("magmpm", "numpy", "scipy", "numba"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+# How to cite, in words: as CITATION.cff says it.
+CITATION = (
+    "The magmpm developers (2026). magmpm: simulation and computational design of magnetic soft robots with the material point method, "
+    "version 0.1.0, MIT license."
+)
+SOURCES = (
+    "T. Akiba, S. Sano, T. Yanase, T. Ohta, M. Koyama: Optuna: a next-generation hyperparameter optimization framework. KDD 2019. "
+    "doi:10.1145/3292500.3330701 (the search)",
+    "S. K. Lam, A. Pitrou, S. Seibert: Numba: a LLVM-based Python JIT compiler. LLVM-HPC 2015. doi:10.1145/2833157.2833162 (the kernels)",
+    "R. Zhao, Y. Kim, S. A. Chester, P. Sharma, X. Zhao: Mechanics of hard-magnetic soft materials. J. Mech. Phys. Solids 124 (2019) 244. "
+    "doi:10.1016/j.jmps.2018.10.008 (the magnetic stress)",
+)  # what a study stands on
 _LATER: dict[str, Any] = {  # what results saved by earlier versions lack
     "load_share": 1.0, "failure": "", "largest_stretch": 1.0, "tightest_radius": None, "steps": [], "jumps": [], "stability": None,
     "error_estimate": None, "resolution": None, "effects_chosen": None, "contacts": {},
@@ -132,7 +159,7 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Its axis and figures, as notebooks show it."""
-        from magmpm.results.notebook import of_result
+        from magmpm.scene.notebook import of_result
 
         return of_result(self)
 
@@ -197,7 +224,7 @@ def _needed(package: str, remedy: str) -> Any:
     try:
         return import_module(package)
     except ImportError:
-        raise InputError(report(package, received="nothing", rule=f"needs {package}, which is not installed", remedy=remedy)) from None
+        raise InputError(package, received="nothing", rule=f"needs {package}, which is not installed", remedy=remedy) from None
 
 
 def _finite(value: Any) -> bool:

@@ -13,8 +13,8 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from magmpm.errors import InputError, report
-from magmpm.inputs.regular_file import MOST, read_regular
+from magmpm.errors import InputError
+from magmpm.inputs.user_files import MOST, read_regular
 from magmpm.results.file_names import (
     ABOUT,
     CHECKPOINT,
@@ -58,13 +58,10 @@ class RunFolder:
         stem = self.scene_file.stem
         other = self.path.with_name(stem if stem != self.path.name else f"{stem}-2")
         raise InputError(
-            report(
-                f"{self.path}: holds the results of another scene, {holder}",
-                received=f"{self.scene.name} ({self.scene_file})",
-                rule="a folder of results belongs to one scene",
-                remedy=f"use another folder, say, --out {other}; or --overwrite, which removes those results",
-            )
-        )
+            f"{self.path}: holds the results of another scene, {holder}", received=f"{self.scene.name} ({self.scene_file})",
+            rule="a folder of results belongs to one scene",
+            remedy=f"use another folder, say, --out {other}; or --overwrite, which removes those results",
+        )  # fmt: skip
 
     def holding(self) -> str:
         """Describe the files there that a run would replace; "" if none."""

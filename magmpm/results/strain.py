@@ -6,7 +6,7 @@ Three limits, each with its reason:
   fifth, and from about 5 on far stiffer (Treloar, The Physics of Rubber Elasticity, chapter 5); filled silicone stiffens sooner.
 * VOLUME: silicone's own K/G is near 1000, and its volume hardly changes. K = 20 G stands in for that while the volume changes by a few
   percent only: at 20 % the pressure is 4 G. And the law's K/2 (J - 1)^2 resists by no more than K/2 however small J gets.
-* BEND: an axis bent to a radius of less than the thickness has its outer side stretched to 1.5 and its inner one crushed to a half. With
+* Bend: an axis bent to a radius of less than the thickness has its outer side stretched to 1.5 and its inner one crushed to a half. With
   two cells across, the fewest there are, a cell then turns by half a radian, as much as the one curvature that the quadratic splines
   have in a cell should stand for: so the grid needs no limit of its own.
 
@@ -30,7 +30,6 @@ from magmpm.model import Model
 
 STRETCH = 1.5
 VOLUME = 0.2
-BEND = 1.0  # thicknesses
 SHARE = 0.005
 REMEDY = "check the units of loads and of shear_modulus"
 
@@ -74,7 +73,7 @@ class Strain:
                 f"{self.min_det_F:.3g} to {self.max_det_F:.3g}), where silicone would keep its volume; raise bulk_to_shear, or {REMEDY}"
             )
         thickness = model.scene.thickness
-        if model.line is not None and self.radius < BEND * thickness:
+        if model.line is not None and self.radius < thickness:
             found.append(
                 f"strain: the axis is bent to a radius of {1e3 * self.radius:.3g} mm, less than the body is thick, {1e3 * thickness:.3g} "
                 f"mm: its inner side is crushed; {REMEDY}"

@@ -9,10 +9,9 @@ import errno
 import json
 import os
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any, overload
 
 import h5py
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import BudgetError, InputError, report
+from magmpm.errors import BudgetError, InputError, quantity
 from magmpm.results import vtkhdf
 from magmpm.results.file_names import ABOUT, CONTACTS, ENERGIES, JUMPS, MOTION, STEPS
 from magmpm.results.frame_arrays import QUANTITIES, FrameArrays, Numbers
@@ -32,9 +31,9 @@ from magmpm.results.motion_tables import (
     must_have,
     read_contacts,
     read_energies,
+    read_jumps,
+    read_steps,
 )
-from magmpm.results.path_tables import read_jumps, read_steps
-from magmpm.results.readable import quantity
 from magmpm.results.whole_file import write_json
 
 _KEEP_FREE = 16_000_000  # bytes of the disk left to others
@@ -42,20 +41,18 @@ _OVERHEAD = 65_536  # bytes a frame takes besides its arrays, at most: index of 
 
 
 class MotionWriter:
-    """Writes a motion frame by frame into a folder; a context manager, though every frame is whole on disk by itself.
+    """Writes a motion frame by frame into a folder.
 
     model: anything with particles.position (n, 3) m, particles.volume (n,) m^3, particles.segment (n,), remanence (n, 3) T, and
-    optionally scene, which is stored for the pictures. quantities: names from QUANTITIES [all]. max_disk: bytes that the motion's
-    files may take. resume_at: s, time of a checkpoint: frames after it are dropped and the motion goes on, so that its files hold
-    what an unbroken run's do; resume_frames: how many there must be up to then, each with its energies, and with contacts of the effects
-    resume_contacts.
+    optionally scene, which is stored for the pictures. max_disk: bytes that the motion's files may take. resume_at: s, time of a
+    checkpoint: frames after it are dropped and the motion goes on, so that its files hold what an unbroken run's do; resume_frames:
+    how many there must be up to then, each with its energies, and with contacts of the effects resume_contacts.
     """
 
     def __init__(
         self,
         folder: Path | str,
         model: Any,
-        quantities: Sequence[str] | None = None,
         *,
         max_disk: float | None = None,
         resume_at: float | None = None,
@@ -66,10 +63,6 @@ class MotionWriter:
         self.folder.mkdir(parents=True, exist_ok=True)
         self.path = self.folder / MOTION
         self.max_disk = max_disk
-        self.quantities = tuple(QUANTITIES if quantities is None else quantities)
-        unknown = [name for name in self.quantities if name not in QUANTITIES]
-        if unknown:
-            raise InputError(f"quantities: received {unknown[0]!r}; must be among {', '.join(QUANTITIES)}")
         particles = model.particles
         reference, remanence = np.array(particles.position, dtype=float), np.array(model.remanence[:, :3], dtype=float)
         self._arrays = FrameArrays(reference, remanence, getattr(model, "rotating", None))
@@ -78,7 +71,7 @@ class MotionWriter:
             self._must_exist()
             if resume_frames is not None:
                 self._must_hold(resume_frames, resume_at, resume_contacts)
-            self._file = vtkhdf.FrameFile.resume(self.path, len(reference), self.quantities, resume_at)
+            self._file = vtkhdf.FrameFile.resume(self.path, len(reference), resume_at)
             self._energies.cut(self._file.last)
             self._contacts.cut(self._file.last)
             self._tell_about(model)
@@ -92,18 +85,12 @@ class MotionWriter:
             "reference": reference.astype(np.float32),
         }
         self._tell_about(model)
-        self._file = vtkhdf.FrameFile.create(self.path, self.quantities, static)
+        self._file = vtkhdf.FrameFile.create(self.path, static)
 
     @property
     def frames(self) -> int:
         """Frames written so far."""
         return self._file.frames
-
-    def __enter__(self) -> MotionWriter:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        return None
 
     @property
     def size(self) -> int:
@@ -114,8 +101,7 @@ class MotionWriter:
     @property
     def frame_size(self) -> int:
         """Bytes a frame adds, at most."""
-        components = 3 + sum(QUANTITIES[name] for name in self.quantities)
-        return 4 * len(self._arrays.reference) * components + _OVERHEAD
+        return 4 * len(self._arrays.reference) * (3 + sum(QUANTITIES.values())) + _OVERHEAD
 
     def frame(
         self,
@@ -131,9 +117,8 @@ class MotionWriter:
         """Add a frame.
 
         time: s, later than the last frame's; x (n, 3) m; v (n, 3) m/s; F (n, 3, 3); stress (n, 3, 3) Pa: first Piola-Kirchhoff stress,
-        the effects' part included; energies: J, kinetic, elastic and each effect's potential; `total` is their sum unless given,
-        `dissipated` is not part of it. contacts: effect -> {force: (3,) N on the body, count: particles touching, depth: m, deepest
-        penetration}, or an object with these attributes, or the force alone. field: (3,) T, the outside field at the body, for pictures.
+        the effects' part included; energies: J, kinetic, elastic and each effect's potential. contacts: effect -> its contact
+        (effects.base.Contact). field: (3,) T, the outside field at the body, for pictures.
         Raises BudgetError, before anything is written, if the frame would not fit into max_disk or on the disk.
         """
         self._afford(time)
@@ -198,13 +183,10 @@ class MotionWriter:
         times = times[times <= until * (1 + 1e-12)]
         if len(times) != frames:
             raise InputError(
-                report(
-                    str(self.path),
-                    received=f"{len(times)} frames up to the checkpoint",
-                    rule=f"a motion goes on from the {frames} frames it had then, all of them",
-                    remedy="put back the file that belongs to the checkpoint, or run again without --resume",
-                )
-            )
+                str(self.path), received=f"{len(times)} frames up to the checkpoint",
+                rule=f"a motion goes on from the {frames} frames it had then, all of them",
+                remedy="put back the file that belongs to the checkpoint, or run again without --resume",
+            )  # fmt: skip
         must_have(self._energies.path, read_energies(self._energies.path), times)
         found = read_contacts(self._contacts.path)
         for effect in contacts:
@@ -214,7 +196,7 @@ class MotionWriter:
     def _must_exist(self) -> None:
         if not self.path.exists():
             place = f"{self.path}: is missing, while the folder holds a checkpoint of this motion"
-            raise InputError(report(place, rule="a motion goes on from the frames it has", remedy="run again without --resume"))
+            raise InputError(place, rule="a motion goes on from the frames it has", remedy="run again without --resume")
 
 
 def _bytes(size: float) -> str:
@@ -250,7 +232,7 @@ def _read_about(path: Path) -> tuple[str, dict[str, Any] | None]:
         return name, scene
     except (OSError, KeyError, TypeError, ValueError) as error:
         rule, remedy = "must be as the motion's run wrote it", "run the scene again with --resume, which writes it anew, or without"
-        raise InputError(report(f"{path}: can't be read ({error})", rule=rule, remedy=remedy)) from None
+        raise InputError(f"{path}: can't be read ({error})", rule=rule, remedy=remedy) from None
 
 
 def _whole(path: Path, file: h5py.File) -> tuple[Array, Array, dict[str, Any]]:
@@ -319,7 +301,7 @@ class Motion:
 
     def _repr_html_(self) -> str:
         """Drawing of the path of the body's middle, and its times, as notebooks show it."""
-        from magmpm.results.notebook import of_motion
+        from magmpm.scene.notebook import of_motion
 
         return of_motion(self)
 

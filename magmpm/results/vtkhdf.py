@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import time as clock
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.frame_arrays import QUANTITIES, Numbers
 from magmpm.results.hdf5_mark import marked_in_order, state_of, unmark
@@ -34,10 +34,7 @@ STATIC = ("part", "volume", "remanence", "reference")
 _FORMAT = ("v110", "v110")
 _TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
 _AHEAD = 64  # frames by which arrays and rows are extended at a time: a chunk of the rows
-_PATIENCE = 2.0  # s: a file that is marked as being written, and not changed, for longer was left by a killed run
 _MOMENT = 0.02  # s between two looks at a file
-_LONGEST = 30.0  # s that a file may go on changing before it can be opened
-_ATTEMPTS = 5  # to read a file while a run changes it
 _TIMES, _FIELD, _COUNT = "VTKHDF/Steps/Values", "VTKHDF/FieldData/field", "NSteps"
 _SUMS = "magmpm/checksum"
 
@@ -45,27 +42,27 @@ _SUMS = "magmpm/checksum"
 class FrameFile:
     """A file of frames that grows; it is open only while a frame is written.
 
-    n: particles; quantities: names of arrays besides Points; frames: written so far; places: frames whose room on the disk is taken.
+    n: particles; frames: written so far; places: frames whose room on the disk is taken.
     """
 
-    def __init__(self, path: Path, n: int, quantities: Sequence[str], frames: int = 0, places: int = 0) -> None:
-        self.path, self.n, self.quantities = path, n, tuple(quantities)
+    def __init__(self, path: Path, n: int, frames: int = 0, places: int = 0) -> None:
+        self.path, self.n = path, n
         self.frames, self.places = frames, places
         self.last = -np.inf  # s, time of the last frame
         self._rows = frames  # rows that the file has
 
     @classmethod
-    def create(cls, path: Path, quantities: Sequence[str], static: Mapping[str, NDArray[Any]]) -> FrameFile:
+    def create(cls, path: Path, static: Mapping[str, NDArray[Any]]) -> FrameFile:
         """A file without frames; static: the arrays of STATIC, (n, ...) each."""
         n = len(static["part"])
         unfinished = path.with_name(f".{path.name}")
         with h5py.File(unfinished, "w", libver=_FORMAT, locking=False) as file:
-            _write_head(file, n, quantities, static)
+            _write_head(file, n, static)
         unfinished.replace(path)
-        return cls(path, n, quantities)
+        return cls(path, n)
 
     @classmethod
-    def resume(cls, path: Path, n: int, quantities: Sequence[str], until: float) -> FrameFile:
+    def resume(cls, path: Path, n: int, until: float) -> FrameFile:
         """A file that was written before, without its frames after a time (s).
 
         They are no longer counted, and new frames overwrite them. Raises InputError where the file is another motion's, or where a frame to
@@ -73,11 +70,12 @@ class FrameFile:
         """
         mend(path)
         with opened(path) as file:
-            stored, particles = _quantities(file), int(file["VTKHDF/NumberOfPoints"][0])
-            if particles != n or set(stored) != set(quantities):
+            stored = [name for name in file["VTKHDF/PointData"] if name not in STATIC]
+            particles = int(file["VTKHDF/NumberOfPoints"][0])
+            if particles != n or set(stored) != set(QUANTITIES):
                 raise InputError(
                     f"{path}: holds another motion ({particles} particles, {', '.join(stored)}), not "
-                    f"this one's ({n} particles, {', '.join(quantities)}); resume with the scene it began with"
+                    f"this one's ({n} particles, {', '.join(QUANTITIES)}); resume with the scene it began with"
                 )
             count = int(file["VTKHDF/Steps"].attrs[_COUNT])
             kept = int(np.count_nonzero(file[_TIMES][:count] <= until * (1 + 1e-12)))
@@ -85,7 +83,7 @@ class FrameFile:
             last = float(file[_TIMES][kept - 1]) if kept else -np.inf
             rows = len(file[_SUMS])
         _count_only(path, kept)
-        resumed = cls(path, n, quantities, kept, count)
+        resumed = cls(path, n, kept, count)
         resumed.last, resumed._rows = last, rows
         return resumed
 
@@ -93,7 +91,7 @@ class FrameFile:
         """Add a frame: time s, later than the last; Points (n, 3) m and every quantity; field (3,) T. Raises ValueError, OSError."""
         if time <= self.last:
             raise ValueError(f"frame at t = {time} s, but the last one is at {self.last} s")
-        k, names = self.frames, ("Points", *self.quantities)
+        k, names = self.frames, ("Points", *QUANTITIES)
         moment = np.array([time, *field], dtype=float)
         sums = [_sum(moment), *(_sum(arrays[name]) for name in names)]
         identifier = _open_for_growth(self.path)
@@ -128,7 +126,7 @@ class FrameFile:
             (steps_group["ConnectivityIdOffsets"], 0),
             (steps_group["FieldDataOffsets/field"], steps),
             (steps_group["FieldDataSizes/field"], (3, 1)),
-            *((steps_group["PointDataOffsets"][name], points) for name in self.quantities),
+            *((steps_group["PointDataOffsets"][name], points) for name in QUANTITIES),
             *((steps_group["PointDataOffsets"][name], 0) for name in STATIC),
             (file[_FIELD], np.nan),
             (file[_SUMS], 0),
@@ -136,12 +134,12 @@ class FrameFile:
         for dataset, values in rows:
             dataset.resize(count, axis=0)
             dataset[first:] = values
-        for name in ("Points", *self.quantities):
+        for name in ("Points", *QUANTITIES):
             file[_place(name)].resize(count * n, axis=0)
         self._rows = count
 
 
-def _write_head(file: h5py.File, n: int, quantities: Sequence[str], static: Mapping[str, NDArray[Any]]) -> None:
+def _write_head(file: h5py.File, n: int, static: Mapping[str, NDArray[Any]]) -> None:
     integer, number = np.dtype(np.int64), np.dtype(float)
     root = file.create_group("VTKHDF")
     root.attrs["Version"] = np.array([2, 1])
@@ -162,18 +160,18 @@ def _write_head(file: h5py.File, n: int, quantities: Sequence[str], static: Mapp
     for name in ("CellOffsets", "ConnectivityIdOffsets"):
         _row_of(steps, name, (len(_TOPOLOGIES),), integer)
     data, offsets = root.create_group("PointData"), steps.create_group("PointDataOffsets")
-    for name in quantities:
-        _growing(file, name, n, QUANTITIES[name])
+    for name, components in QUANTITIES.items():
+        _growing(file, name, n, components)
     for name in STATIC:
         data[name] = static[name]
-    for name in (*quantities, *STATIC):
+    for name in (*QUANTITIES, *STATIC):
         _row_of(offsets, name, (), integer)
     _row_of(root.create_group("FieldData"), "field", (3,), number)
     _row_of(steps.create_group("FieldDataOffsets"), "field", (), integer)
     _row_of(steps.create_group("FieldDataSizes"), "field", (2,), integer)
     own = file.create_group("magmpm")
-    _row_of(own, "checksum", (2 + len(quantities),), np.dtype(np.uint32))
-    own.attrs["quantities"] = list(quantities)
+    _row_of(own, "checksum", (2 + len(QUANTITIES),), np.dtype(np.uint32))
+    own.attrs["quantities"] = list(QUANTITIES)
     own.attrs["static"] = np.uint32(_sum_of_static(static))
 
 
@@ -236,10 +234,6 @@ def _count_only(path: Path, frames: int) -> None:
         steps["Values"].resize(frames, axis=0)
 
 
-def _quantities(file: h5py.File) -> list[str]:
-    return [name for name in file["VTKHDF/PointData"] if name not in STATIC]
-
-
 def read_static(file: h5py.File) -> dict[str, Any]:
     """Read the arrays that are stored once: those of STATIC."""
     return {name: file["VTKHDF/PointData"][name][()] for name in STATIC}
@@ -283,11 +277,9 @@ def damaged(path: Path, file: h5py.File, k: int, name: str) -> InputError:
 
 def _unreadable(path: Path, received: str) -> InputError:
     return InputError(
-        report(
-            str(path), received=received, rule="must be the whole motion that a run here wrote",
-            remedy="run the scene again, without --resume, or put back a copy of the file",
-        )
-    )
+        str(path), received=received, rule="must be the whole motion that a run here wrote",
+        remedy="run the scene again, without --resume, or put back a copy of the file",
+    )  # fmt: skip
 
 
 def opened(path: Path) -> h5py.File:
@@ -304,8 +296,8 @@ def opened(path: Path) -> h5py.File:
         try:
             return self_contained(path, h5py.File(path, "r", locking=False))
         except OSError:
-            patience = _PATIENCE if marked_in_order(path) else _MOMENT
-            if now - since > patience or now - begun > _LONGEST:
+            patience = 2.0 if marked_in_order(path) else _MOMENT  # what is marked and does not change was left by a killed run
+            if now - since > patience or now - begun > 30.0:
                 raise
             clock.sleep(_MOMENT)
 
@@ -323,13 +315,13 @@ def self_contained(path: Path, file: h5py.File) -> h5py.File:
     if foreign:
         file.close()
         rule = "a motion's file holds all of its data itself"
-        raise InputError(report(f"{path}: {foreign[0]}", received="data of another file", rule=rule, remedy="run the scene again"))
+        raise InputError(f"{path}: {foreign[0]}", received="data of another file", rule=rule, remedy="run the scene again")
     return file
 
 
 def steady(path: Path, read: Callable[[h5py.File], T]) -> T:
     """Read from the file; again where that fails while a run changes the file. Raises what `read` raises, OSError."""
-    for _ in range(_ATTEMPTS):
+    for _ in range(5):  # attempts
         before = state_of(path)
         try:
             with opened(path) as file:

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
-from magmpm.fields import outside_field as fields
+from magmpm.fields import schedule as fields
 from magmpm.fields.dipole import MU0
 from magmpm.materials import poisson_ratio, young_modulus
 from magmpm.rod.kernels import frames_of, relax

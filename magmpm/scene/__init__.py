@@ -1,8 +1,8 @@
 """Scenes: `load_scene(path)` and the classes of which a Scene is made."""
 
 from magmpm.bodies.body import Body
+from magmpm.bodies.body_shape import Region
 from magmpm.bodies.catheter import Catheter
-from magmpm.bodies.regions import Region
 from magmpm.bodies.segments import Segment
 from magmpm.bodies.strip import Strip
 from magmpm.effects.acting import Effects

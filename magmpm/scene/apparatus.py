@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody
-from magmpm.errors import InputError
+from magmpm.errors import InputError, in_mm
 from magmpm.fields.magnets import taken
 from magmpm.inputs.csv_tables import Line
 from magmpm.inputs.vectors import Vector
@@ -18,10 +18,9 @@ from magmpm.scene.scene import Scene
 from magmpm.scene.variables import variables
 
 AXES = "xyz"
-MOST_COILS = 16
 _PLACE, _AXIS = tuple(f"magnet_{a}" for a in AXES), tuple(f"magnet_axis_{a}" for a in AXES)
 _ANGLES = ("magnet_azimuth", "magnet_elevation")
-_CURRENTS = tuple(f"current_{k + 1}" for k in range(MOST_COILS))
+_CURRENTS = tuple(f"current_{k + 1}" for k in range(16))
 APPARATUS = {
     **dict.fromkeys(_PLACE, "length"), **dict.fromkeys(_AXIS, "number"), **dict.fromkeys(_ANGLES, "angle"),
     "current": "current", **dict.fromkeys(_CURRENTS, "current"), "inserted": "length",
@@ -110,9 +109,8 @@ def _broken(apparatus: Apparatus, scene: Scene) -> tuple[str, str, str] | None:
     points = np.outer(np.linspace(0.0, there.length, 101), [1.0, 0.0, 0.0])
     for solid in taken(there.field) if there.body.shape.line is not None else ():
         if solid.depth(points).max() > 0:
-            center = ", ".join(f"{1e3 * part:.4g}" for part in solid.position)
             rule, remedy = "the undeformed body must be outside of the magnet", "check its place and unit; the origin is the clamp"
-            return rule, remedy, f"{solid.name} centered at ({center}) mm"
+            return rule, remedy, f"{solid.name} centered at {in_mm(solid.position, '.4g')}"
     return None
 
 

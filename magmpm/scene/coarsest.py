@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from magmpm.bodies.knots import EVEN, Knots
+from magmpm.bodies.grid import EVEN, Knots
 from magmpm.errors import InputError
 from magmpm.scene.scene import Scene
 

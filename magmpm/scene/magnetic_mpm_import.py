@@ -14,7 +14,6 @@ import math
 import os
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,17 +24,11 @@ from pydantic import Field, model_validator
 from magmpm.bodies.assembly import MAX_PARTS, MAY_OVERLAP
 from magmpm.bodies.surface_mesh import MeshError, overlaps, pack_mesh, read_stl, unpack_mesh
 from magmpm.errors import InputError, report
-from magmpm.inputs.allowed_paths import allow
-from magmpm.inputs.regular_file import read_regular
-from magmpm.inputs.settings import Settings, fault, read_yaml, validate
+from magmpm.inputs.settings import Settings, fault, validate
+from magmpm.inputs.user_files import allow, read_regular
 from magmpm.inputs.vectors import three
-from magmpm.inputs.yaml_document import MAX_BYTES
+from magmpm.inputs.yaml_document import MAX_BYTES, read_yaml
 from magmpm.scene import Scene, load_scene
-
-BULK_TO_SHEAR = 20.0  # implied by the format
-UNIT = 0.1  # per cent that a vector's length may differ from one unnoticed: what three decimals leave
-APART = 0.01  # of the robot's size: a segment farther than this from all others hangs in the air
-FREE_CELLS, FIXED_CELLS = 2, 4  # cells through the thinnest part: the cost of a motion rises with the fourth power of this
 
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
@@ -81,14 +74,6 @@ class Robot(Settings):
         return self
 
 
-@dataclass
-class Imported:
-    """A scene made from a robot: its text, and warnings of what its author may not have meant."""
-
-    text: str
-    warnings: list[str] = field(default_factory=list)
-
-
 def import_robot(robot_file: Path | str, scene_file: Path | str, *, overwrite: bool = False) -> tuple[Scene, list[str]]:
     """Make a scene file from a robot file. Returns the scene and warnings. overwrite: also replace a file with other content.
 
@@ -96,14 +81,14 @@ def import_robot(robot_file: Path | str, scene_file: Path | str, *, overwrite: b
     """
     path, target = Path(robot_file), Path(scene_file)
     robot = validate(Robot, read_yaml(path))
-    made = _scene_text(path, robot, target)
+    text, warnings = _scene_text(path, robot, target)
     allow(path.parent / "meshes")  # the user has named the robot: its scene may name its meshes, wherever it is kept
     if not overwrite:
-        _spare(target, made.text)
+        _spare(target, text)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         part = target.with_name(f".{target.name}.part")
-        part.write_text(made.text, encoding="utf-8")
+        part.write_text(text, encoding="utf-8")
         scene = load_scene(part)
         part.replace(target)
     except OSError as error:
@@ -111,7 +96,7 @@ def import_robot(robot_file: Path | str, scene_file: Path | str, *, overwrite: b
     finally:
         with suppress(OSError):  # where nothing can be written there is no file to remove
             target.with_name(f".{target.name}.part").unlink(missing_ok=True)
-    return scene, made.warnings
+    return scene, warnings
 
 
 def _spare(target: Path, text: str) -> None:
@@ -121,21 +106,22 @@ def _spare(target: Path, text: str) -> None:
     except OSError as error:
         raise InputError(f"-o: received {target}: can't be written ({error.strerror}); name another file") from None
     if not same:
-        raise InputError(report(
+        raise InputError(
             "-o", received=str(target), rule="an existing file whose contents differ from this import is not changed",
             remedy="name another file, or add --overwrite to replace its contents",
-        ))  # fmt: skip
+        )  # fmt: skip
 
 
-def _scene_text(path: Path, robot: Robot, target: Path) -> Imported:
+def _scene_text(path: Path, robot: Robot, target: Path) -> tuple[str, list[str]]:
+    """The text of the scene, and warnings of what the robot's author may not have meant."""
     found, texts = _meshes(path, robot)
     warnings = [*_odd_vectors(robot), *_unused(path, found), *_apart(robot, texts)]
     _refuse_overlaps(path, robot, texts)
     if all(segment.fixed for segment in robot.segments):
-        raise InputError(report(
+        raise InputError(
             f"{path}: segments", received="fixed: true in all", rule="one segment at least must be free to move",
             remedy="set `fixed: False` on those that are",
-        ))  # fmt: skip
+        )  # fmt: skip
     if not any(any(s.magnetisation_vector) for s in robot.segments) or robot.remenance == 0.0:
         warnings.append("no segment is magnetized: a field will do nothing, and the scene does not name magnetic_torque")
     folder = target.resolve().parent
@@ -146,7 +132,7 @@ def _scene_text(path: Path, robot: Robot, target: Path) -> Imported:
         f"# {robot.name}, made by `magmpm import` from {path.name}, a robot of the magneticMPM format, which says nothing of field,\n"
         "# surroundings or time: set `field` (zero here), and look through `effects`, `solver` and `resolution`.\n"
     )
-    return Imported(head + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=200, allow_unicode=True), warnings)
+    return head + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=200, allow_unicode=True), warnings
 
 
 def _scene(robot: Robot, meshes: list[str], low: float) -> dict[str, Any]:
@@ -158,7 +144,7 @@ def _scene(robot: Robot, meshes: list[str], low: float) -> dict[str, Any]:
         name = f"{'magnetic' if magnetized else 'plain'} {segment.shear_modulus:.9g} Pa, {segment.density:.9g} kg per m^3"
         materials[name] = {
             "shear_modulus": f"{segment.shear_modulus:.12g} Pa",
-            "bulk_to_shear": BULK_TO_SHEAR,
+            "bulk_to_shear": 20.0,  # implied by the format
             "density": f"{segment.density:.12g} kg/m^3",
             **({"remanence": f"{robot.remenance:.12g} T"} if magnetized else {}),
         }
@@ -181,7 +167,7 @@ def _scene(robot: Robot, meshes: list[str], low: float) -> dict[str, Any]:
         "field": {"uniform": ["0 mT", "0 mT", "0 mT"]},
         "effects": effects,
         "solver": solver,
-        "resolution": {"cells_across": FIXED_CELLS if held else FREE_CELLS},
+        "resolution": {"cells_across": 4 if held else 2},
     }
 
 
@@ -210,10 +196,14 @@ def _meshes(path: Path, robot: Robot) -> tuple[list[Path], list[str]]:
             found.append(file)
         except MeshError as error:
             wrong.append(report(place, received=segment.mesh, rule=error.rule, remedy=error.remedy))
-    if wrong:
-        head = f"{len(wrong)} problems in {path}\n" if len(wrong) > 1 else ""
-        raise InputError(head + "\n".join(wrong))
+    _refuse_all(path, wrong)
     return found, texts
+
+
+def _refuse_all(path: Path, wrong: list[str]) -> None:
+    """Raises InputError with all that is wrong, if anything is."""
+    if wrong:
+        raise InputError((f"{len(wrong)} problems in {path}\n" if len(wrong) > 1 else "") + "\n".join(wrong))
 
 
 def _odd_vectors(robot: Robot) -> list[str]:
@@ -221,7 +211,7 @@ def _odd_vectors(robot: Robot) -> list[str]:
     found = []
     for i, segment in enumerate(robot.segments):
         length = math.hypot(*segment.magnetisation_vector)
-        if length > 0 and abs(length - 1) > UNIT / 100:
+        if length > 0 and abs(length - 1) > 1e-3:  # what three decimals leave
             vector = ", ".join(f"{x:g}" for x in segment.magnetisation_vector)
             found.append(
                 f"segments[{i}].magnetisation_vector: [{vector}] has length {length:.4g}; it is made one, so the remanence is "
@@ -248,8 +238,7 @@ def _refuse_overlaps(path: Path, robot: Robot, texts: list[str]) -> None:
                 f"{robot.segments[i].mesh}: {100 * shared / smaller:.3g} % of the smaller",
                 remedy="trim one of the meshes; faces may touch",
             ))  # fmt: skip
-    if wrong:
-        raise InputError((f"{len(wrong)} problems in {path}\n" if len(wrong) > 1 else "") + "\n".join(wrong))
+    _refuse_all(path, wrong)
 
 
 def _apart(robot: Robot, texts: list[str]) -> list[str]:
@@ -260,6 +249,6 @@ def _apart(robot: Robot, texts: list[str]) -> list[str]:
     for i in range(len(boxes) if len(boxes) > 1 else 0):
         gap = np.maximum(boxes[:, 0] - boxes[i, 1], boxes[i, 0] - boxes[:, 1]).max(axis=1)
         gap[i] = np.inf
-        if gap.min() > APART * size:
+        if gap.min() > 0.01 * size:
             found.append(f"segments[{i}].mesh: {robot.segments[i].mesh} touches no other segment: the nearest is {gap.min():.3g} mm away")
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -12,23 +12,19 @@ from magmpm.bodies.body_shape import BodyShape
 from magmpm.compiled.arrays import Array
 from magmpm.fields.over_time import OverTime
 from magmpm.fields.schedule import ended, strength_of
-from magmpm.inputs.settings import Quantity, Settings, fault
+from magmpm.inputs.settings import Length, Settings, fault
 from magmpm.inputs.vectors import Axis
-
-SAMPLES = 1000  # moments of a schedule at which ends are compared, its keyframes aside
 
 
 class Move(Settings):
     """A held part, or a held end, is moved along a line."""
 
     along: Axis = Field(description="Direction: [x, y, z] or angles.", examples=[[-1, 0, 0]])
-    distance: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(description="How far.", examples=["0.47 mm"])
+    distance: Length = Field(description="How far.", examples=["0.47 mm"])
     over_time: OverTime | None = Field(
-        default=None,
-        description="The share of the distance over time, as the strength of a field: ramp, oscillation, keyframes or table. All of it, at "
-        "all times, unless given.",
-        examples=[{"ramp": {"duration": "50 ms"}}],
-    )
+        default=None, description="The share of the distance over time, as the strength of a field: ramp, oscillation, keyframes or table. "
+        "All of it, at all times, unless given.", examples=[{"ramp": {"duration": "50 ms"}}],
+    )  # fmt: skip
 
     @model_validator(mode="after")
     def _share_alone(self) -> Move:
@@ -111,4 +107,4 @@ def _moments(moves: list[Move]) -> Array:
     frames = [frame.time for move in moves if move.over_time is not None for frame in move.over_time.frames]
     swings = [move.over_time.oscillation for move in moves if move.over_time is not None and move.over_time.oscillation is not None]
     periods = [swing.start + 1.0 / swing.frequency for swing in swings]
-    return np.unique(np.concatenate([frames, np.linspace(0.0, max([*periods, *(move.end for move in moves)]), SAMPLES)]))
+    return np.unique(np.concatenate([frames, np.linspace(0.0, max([*periods, *(move.end for move in moves)]), 1000)]))

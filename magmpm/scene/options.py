@@ -5,8 +5,10 @@ The descriptions and examples are what editors show (scene.schema.json) and what
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import (
     BeforeValidator,
     Field,
@@ -20,8 +22,118 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from magmpm.effects.contact_law import Friction
-from magmpm.inputs.settings import Quantity, Settings, fault, from_file
-from magmpm.scene.motion_options import DynamicOptions, QuasiStaticOptions
+from magmpm.inputs.settings import Bytes, Duration, Quantity, Settings, fault, from_file
+
+MOST_FRAMES = 100_000
+
+
+class DynamicOptions(Settings):
+    """Motion in time by explicit steps."""
+
+    duration: Annotated[float, Quantity("time", above="0 s", at_most="1e4 s")] = Field(
+        description="How long the motion is followed.", examples=["0.5 s"]
+    )
+    output_every: Annotated[float, Quantity("time", above="0 s", at_most="1e4 s")] | None = Field(
+        default=None, description="Time between frames on disk; a hundredth of the duration unless given.", examples=["5 ms"],
+    )  # fmt: skip
+    time_step: Annotated[float, Quantity("time", above="0 s", at_most="1 s")] | None = Field(
+        default=None, description="Time step; chosen below the stable bound unless given, and refused above it.", examples=["10 us"],
+    )  # fmt: skip
+    safety: float = Field(
+        default=0.8, gt=0, le=1, strict=True, allow_inf_nan=False,
+        description="Chosen time step over the largest stable one; 0.8 unless given.", examples=[0.8],
+    )  # fmt: skip
+    max_disk: Bytes | None = Field(
+        default=None, description="What the motion's files may take; all there is unless given.", examples=["2 GB"]
+    )
+    max_memory: Bytes | None = Field(
+        default=None, description="What particles and grid may take in memory; all there is unless given.", examples=["4 GB"],
+    )  # fmt: skip
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_formulation(cls, given: Any, info: ValidationInfo) -> Any:
+        if not isinstance(given, Mapping) or "formulation" not in given:
+            return given
+        if given["formulation"] not in (None, "total") or from_file(info):  # results of earlier versions hold None or total
+            rule = "there is one formulation of motion, total Lagrangian, in which bodies touch themselves too, so there is no such key"
+            raise fault(rule, "leave it out", ("formulation",))
+        return {key: value for key, value in given.items() if key != "formulation"}
+
+    @model_validator(mode="after")
+    def _frames_can_be_counted(self) -> DynamicOptions:
+        frames = self.duration / (self.output_every or self.duration)
+        if frames > MOST_FRAMES * (1 + 1e-9):
+            raise fault(
+                f"a motion has at most {MOST_FRAMES} frames, and this would have {frames:.4g}",
+                f"at least `output_every: {self.duration / MOST_FRAMES:.3g} s`, or leave it out for a hundred frames, here "
+                f"`output_every: {10 * self.duration:.3g} ms`",
+                ("output_every",),
+            )
+        return self
+
+    @property
+    def frame_interval(self) -> float:
+        """Time between frames, s."""
+        return self.output_every or self.duration / 100
+
+    @property
+    def frame_times(self) -> list[float]:
+        """Times of the frames after the first, s: every `output_every`, and the end."""
+        every = self.frame_interval
+        count = int(self.duration / every * (1 + 1e-12))
+        times = [k * every for k in range(1, count + 1)]
+        return times if times and times[-1] > self.duration * (1 - 1e-9) else [*times, self.duration]
+
+
+class QuasiStaticOptions(Settings):
+    """Equilibria along time, each found from the one before."""
+
+    steps: int | None = Field(
+        default=None, strict=True, ge=1, le=MOST_FRAMES - 1,
+        description="Equal steps from 0 s to the end of the field's schedule, or of `duration`; give this or `at`.", examples=[40],
+    )  # fmt: skip
+    at: tuple[Annotated[float, Quantity("time", at_least="0 s", at_most="1e6 s")], ...] | None = Field(
+        default=None, min_length=2, max_length=MOST_FRAMES, description="Times of the equilibria, rising; give this or `steps`.",
+        examples=[["0 s", "0.1 s", "0.15 s"]],
+    )  # fmt: skip
+    duration: Duration | None = Field(
+        default=None, description="With `steps`: when the last equilibrium is; the end of the field's schedule unless given.",
+        examples=["0.5 s"],
+    )  # fmt: skip
+    max_disk: Bytes | None = Field(
+        default=None, description="What the files of all steps may take; all there is unless given.", examples=["2 GB"]
+    )
+
+    @field_validator("at")
+    @classmethod
+    def _rising(cls, times: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        for k, (before, now) in enumerate(zip(times or (), (times or ())[1:]), start=1):
+            if not now > before:
+                raise fault(
+                    f"times must rise; this one, {now:g} s, follows {before:g} s",
+                    "sort them, each time once; a load that returns is a field whose schedule returns",
+                    (k,),
+                )
+        return times
+
+    @model_validator(mode="after")
+    def _one_way_to_say_when(self) -> QuasiStaticOptions:
+        if self.steps is None and self.at is None:
+            raise fault("it must say when: `steps` or `at`", "write, say, `quasi_static: {steps: 40}`")
+        if self.at is not None:
+            for key in ("steps", "duration"):
+                if getattr(self, key) is not None:
+                    raise fault(f"`at` says when the equilibria are, and so does `{key}`", f"remove `at` or `{key}`", (key,))
+        return self
+
+    def times(self, schedule_end: float) -> list[float]:
+        """Times (s) of all equilibria. schedule_end: s, when everything in the field's schedule that ends has ended."""
+        if self.at is not None:
+            return list(self.at)
+        assert self.steps is not None  # _one_way_to_say_when
+        end = self.duration if self.duration is not None else schedule_end
+        return [float(time) for time in np.linspace(0.0, end, self.steps + 1)]
 
 
 class Material(Settings):
@@ -34,20 +146,15 @@ class Material(Settings):
         description="Shear modulus G at small strain.", examples=["120 kPa"]
     )
     bulk_to_shear: float = Field(
-        strict=True,
-        allow_inf_nan=False,
-        description="Bulk over shear modulus, K/G: how incompressible. 20 is usual for silicone; above 2/3, "
-        "so that Poisson's ratio (3K - 2G)/(6K + 2G) is positive, and at most 10000.",
-        examples=[20],
+        strict=True, allow_inf_nan=False, description="Bulk over shear modulus, K/G: how incompressible. 20 is usual for silicone; above "
+        "2/3, so that Poisson's ratio (3K - 2G)/(6K + 2G) is positive, and at most 10000.", examples=[20],
         json_schema_extra={"exclusiveMinimum": 0.6667, "maximum": 10_000},
-    )
+    )  # fmt: skip
     density: Annotated[float, Quantity("density", above="0 kg/m^3", at_most="30000 kg/m^3")] | None = Field(
         default=None, description="Mass per volume; needed for gravity.", examples=["1882 kg/m^3"]
     )
     remanence: Annotated[float, Quantity("flux density", at_least="0 mT", at_most="3 T")] = Field(
-        default=0.0,
-        description="Remanent flux density Br; 0 mT, plain silicone, unless given.",
-        examples=["138 mT"],
+        default=0.0, description="Remanent flux density Br; 0 mT, plain silicone, unless given.", examples=["138 mT"]
     )
     magnetization_law: Literal["stretches", "rotates"] = Field(
         default="stretches",
@@ -56,11 +163,9 @@ class Material(Settings):
     )
 
     friction: Friction | None = Field(
-        default=None,
-        description="Coulomb's coefficient of friction of its surface, in place of the one that ground, walls or self_contact names. "
-        "Of two parts that touch, and both name one, the smaller counts.",
-        examples=[0.05],
-    )
+        default=None, description="Coulomb's coefficient of friction of its surface, in place of the one that ground, walls or "
+        "self_contact names. Of two parts that touch, and both name one, the smaller counts.", examples=[0.05],
+    )  # fmt: skip
 
     @model_serializer(mode="wrap")
     def _as_said(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -88,55 +193,39 @@ class StaticOptions(Settings):
     """Equilibrium: how it is sought."""
 
     tolerance: float = Field(
-        default=1e-11,
-        strict=True,
-        ge=1e-14,
-        le=1e-2,
-        allow_inf_nan=False,
-        description="Stops when a step can win less than this part of the energy; 1e-11 unless given.",
-        examples=[1e-11],
-    )
+        default=1e-11, strict=True, ge=1e-14, le=1e-2, allow_inf_nan=False,
+        description="Stops when a step can win less than this part of the energy; 1e-11 unless given.", examples=[1e-11],
+    )  # fmt: skip
     max_steps: int = Field(
-        default=60,
-        strict=True,
-        ge=1,
-        le=10_000,
+        default=60, strict=True, ge=1, le=10_000,
         description="Most Newton steps of a solve; 60 unless given. Of STL parts, which have no rod's shape to start from, ten times this.",
         examples=[60],
-    )
+    )  # fmt: skip
     field_steps: int | None = Field(
-        default=None,
-        strict=True,
-        ge=1,
-        le=1000,
-        description="Steps in which field and gravity grow from zero; chosen by the solver unless given.",
-        examples=[10],
-    )
+        default=None, strict=True, ge=1, le=1000,
+        description="Steps in which field and gravity grow from zero; chosen by the solver unless given.", examples=[10],
+    )  # fmt: skip
 
 
 class Solver(Settings):
     """Statics, quasi-statics or dynamics, one of them, and the settings that all share."""
 
     anti_locking: Literal["f-bar", "none"] = Field(
-        default="f-bar",
-        description="Cure for volumetric locking, in equilibrium and in motion: f-bar (unless given) or none.",
+        default="f-bar", description="Cure for volumetric locking, in equilibrium and in motion: f-bar (unless given) or none.",
         examples=["f-bar"],
-    )
+    )  # fmt: skip
     static: StaticOptions = Field(
-        default=StaticOptions(),
-        description="Equilibrium: {} for the usual settings; give this, `quasi_static` or `dynamic`.",
+        default=StaticOptions(), description="Equilibrium: {} for the usual settings; give this, `quasi_static` or `dynamic`.",
         examples=[{}],
-    )
+    )  # fmt: skip
     dynamic: DynamicOptions | None = Field(
-        default=None,
-        description="Motion in time, from rest: at least {duration: 0.5 s}; give this, `quasi_static` or `static`.",
+        default=None, description="Motion in time, from rest: at least {duration: 0.5 s}; give this, `quasi_static` or `static`.",
         examples=[{"duration": "0.5 s", "output_every": "5 ms"}],
-    )
+    )  # fmt: skip
     quasi_static: QuasiStaticOptions | None = Field(
-        default=None,
-        description="Equilibria along time, each from the one before: {steps: 40}; give this, `dynamic` or `static`.",
+        default=None, description="Equilibria along time, each from the one before: {steps: 40}; give this, `dynamic` or `static`.",
         examples=[{"steps": 40}],
-    )
+    )  # fmt: skip
 
     @model_validator(mode="after")
     def _one_solver(self, info: ValidationInfo) -> Solver:
@@ -168,38 +257,26 @@ class Resolution(Settings):
     """Fineness of the grid: given in cells, or chosen for an error or a time."""
 
     cells_across: int = Field(
-        default=4,
-        strict=True,
-        ge=2,
-        le=16,
-        description="Grid cells across a catheter's diameter, a strip's thickness, or the thinnest part; 4 unless given.",
-        examples=[4],
-    )
+        default=4, strict=True, ge=2, le=16,
+        description="Grid cells across a catheter's diameter, a strip's thickness, or the thinnest part; 4 unless given.", examples=[4],
+    )  # fmt: skip
     particles_per_cell: int = Field(
-        default=2,
-        strict=True,
-        ge=2,
-        le=4,
+        default=2, strict=True, ge=2, le=4,
         description="Particles in a cell along each direction; 2 unless given; one point can't carry a cell's second moments.",
         examples=[2],
-    )
+    )  # fmt: skip
     from_tip: Literal[True] | None = Field(
-        default=None,
-        description="Cells are counted from the tip, so that they stay in the material while the inserted length changes; the one "
-        "at the base takes what is left. Unless given, all cells between two materials are equal.",
-        examples=[True],
-    )
+        default=None, description="Cells are counted from the tip, so that they stay in the material while the inserted length changes; "
+        "the one at the base takes what is left. Unless given, all cells between two materials are equal.", examples=[True],
+    )  # fmt: skip
     error: Annotated[float | str, BeforeValidator(_read_error), WithJsonSchema(_ERROR)] | None = Field(
-        default=None,
-        description="The largest error wanted, a share of the length or a length: the program chooses the cells, and proves the error; "
-        "give this, `seconds`, or cells_across.",
-        examples=["1 %", "0.1 mm"],
-    )
+        default=None, description="The largest error wanted, a share of the length or a length: the program chooses the cells, and proves "
+        "the error; give this, `seconds`, or cells_across.", examples=["1 %", "0.1 mm"],
+    )  # fmt: skip
     of: Literal["centreline", "tip"] = Field(
-        default="centreline",
-        description="Where `error` is meant: anywhere on the centreline (unless given), or at the tip.",
+        default="centreline", description="Where `error` is meant: anywhere on the centreline (unless given), or at the tip.",
         examples=["tip"],
-    )
+    )  # fmt: skip
     seconds: Annotated[float, Quantity("time", above="0 s", at_most="86400 s")] | None = Field(
         default=None,
         description="The best answer within this time, with its error: the program chooses the cells; give this, `error`, or cells_across.",

@@ -14,10 +14,8 @@ from magmpm.scene.scene import Scene
 
 RAMPED = {"field_steps": 40, "max_steps": 150}  # of statics: small steps, each with many iterations
 FOLLOWED = 60  # equilibria along a ramp of the field
-GENTLE = (0.4, 0.1)  # of the stable step
 SHARE = 0.9  # of the load or the time that was reached
 WEAKER = (0.5, 0.1)  # of the load, where it is not known how much was borne
-FAINT = 2e-3  # of the load, where none was
 ENERGY = "energy appeared from nothing"  # how the reason of a motion begins whose steps are too long
 
 
@@ -71,7 +69,7 @@ def _of_motion(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     given = {"solver.dynamic.time_step": None}
     gentler = [
         Remedy(f"solver.dynamic.safety: {part:g}", {**given, "solver.dynamic.safety": part})
-        for part in GENTLE
+        for part in (0.4, 0.1)  # of the stable step
         if part < scene.solver.dynamic.safety
     ]
     # What flies away does so at shorter steps too (7 of 7 random scenes); energy from nothing is the steps' own.
@@ -128,7 +126,7 @@ def _weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     """A weaker field and weight, where there is no rest under the whole load: as much as was borne, or parts where that is not known."""
     share = getattr(error.state, "load_share", 1.0)
     borne = tuple(float(f"{part * share:.3g}") for part in (SHARE, WEAKER[0]))
-    parts = WEAKER if share >= 1.0 else borne if share > 0.0 else (WEAKER[-1], FAINT)
+    parts = WEAKER if share >= 1.0 else borne if share > 0.0 else (WEAKER[-1], 2e-3)
     over, weight = scene.field.over_time, scene.effects.gravity
     ramp = Ramp(duration=end_time(scene.field) or 1.0, begin=1.0) if over is None or over.ramp is None else over.ramp
     found = []

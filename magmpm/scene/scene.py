@@ -26,18 +26,20 @@ from pydantic import (
 )
 
 from magmpm.bodies.body import CATHETER, Body
-from magmpm.bodies.regions import Region
+from magmpm.bodies.body_shape import Region
 from magmpm.effects.acting import Effects
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.fields.outside_field import Field as OutsideField
-from magmpm.fields.outside_field import end_time, outside_field
+from magmpm.fields.outside_field import outside_field
+from magmpm.fields.schedule import end_time
 from magmpm.fields.sources import FieldSource
 from magmpm.inputs.csv_tables import read_centreline, table_faults
-from magmpm.inputs.folder_names import folder_fault
-from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
-from magmpm.inputs.settings import Settings, fault, from_file, named_file, read_yaml, validate
+from magmpm.inputs.quantities import in_si
+from magmpm.inputs.settings import Settings, fault, from_file, named_file, validate
+from magmpm.inputs.user_files import folder_fault
+from magmpm.inputs.yaml_document import read_yaml
 from magmpm.scene import moves, rules
-from magmpm.scene.inserted import inserted_data
+from magmpm.scene.made_of_scenes import inserted_data
 from magmpm.scene.options import Material, Resolution, Solver
 
 K = TypeVar("K")
@@ -83,12 +85,9 @@ class Reference(Settings):
     """A known answer to compare with."""
 
     centreline: Annotated[
-        tuple[tuple[float, float, float, float], ...],
-        BeforeValidator(_read_points),
-        WithJsonSchema({"type": "string"}),
+        tuple[tuple[float, float, float, float], ...], BeforeValidator(_read_points), WithJsonSchema({"type": "string"}),
     ] = Field(
-        description="Path, relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm.",
-        examples=["../references/shape.csv"],
+        description="Path, relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm.", examples=["../references/shape.csv"]
     )
 
 
@@ -114,21 +113,17 @@ class Scene(Settings):
 
     name: str = Field(min_length=1, max_length=100, description="Names the folder of results.", examples=["five-segment catheter"])
     materials: Annotated[dict[str, Material], AfterValidator(FrozenDict)] = Field(
-        min_length=1,
-        description="Materials by name.",
-        examples=[{"silicone": {"shear_modulus": "120 kPa", "bulk_to_shear": 20}}],
+        min_length=1, description="Materials by name.", examples=[{"silicone": {"shear_modulus": "120 kPa", "bulk_to_shear": 20}}]
     )
     body: Body = Field(description="What moves: a catheter, a strip, or parts given as STL meshes.", examples=[{"catheter": CATHETER}])
     field: FieldSource = Field(
-        default=FieldSource(),
-        description="The outside magnetic field; none unless given.",
+        default=FieldSource(), description="The outside magnetic field; none unless given.",
         examples=[{"uniform": ["0 mT", "6 mT", "8 mT"]}],
-    )
+    )  # fmt: skip
     move: Annotated[dict[str, moves.Move], AfterValidator(FrozenDict)] | None = Field(
-        default=None,
-        description="What holds the body is moved: base, tip (of a strip that both ends hold), or held parts by their names.",
+        default=None, description="What holds the body is moved: base, tip (of a strip that both ends hold), or held parts by their names.",
         examples=[{"tip": {"along": [-1, 0, 0], "distance": "0.47 mm"}}],
-    )
+    )  # fmt: skip
     effects: Annotated[Effects, BeforeValidator(_read_effects), _OrAuto()] = Field(
         default=Effects(),
         description="What is simulated; what is not named is not, and costs nothing. auto: the program chooses, and says what and why.",
@@ -136,9 +131,7 @@ class Scene(Settings):
     )
     solver: Solver = Field(default=Solver(), description="Static unless given.", examples=[{"static": {}}])
     resolution: Resolution = Field(
-        default=Resolution(),
-        description="How fine the grid is: {cells_across: 4} unless given.",
-        examples=[{"cells_across": 4}],
+        default=Resolution(), description="How fine the grid is: {cells_across: 4} unless given.", examples=[{"cells_across": 4}]
     )
     advice: Literal["on", "off"] = Field(
         default="on",
@@ -164,7 +157,7 @@ class Scene(Settings):
         """Raises InputError where an equilibrium has no energy: with torque or force alone, in a field that varies in space."""
         if (missing := rules.without_energy(self)) is not None:
             rule, remedy = rules.NO_ENERGY
-            raise InputError(report(f"effects.{missing}", received="nothing", rule=rule, remedy=remedy))
+            raise InputError(f"effects.{missing}", received="nothing", rule=rule, remedy=remedy)
 
     @property
     def static(self) -> bool:
@@ -278,7 +271,7 @@ class Scene(Settings):
 
         Raises InputError for scenes with a measured map or another table that a file names by its path, and then writes nothing.
         """
-        from magmpm.scene.saved import save
+        from magmpm.scene.made_of_scenes import save
 
         return save(self, Path(path))
 
@@ -330,8 +323,8 @@ class Scene(Settings):
         if not before.any():
             rule = "a strength alone needs a field whose direction it keeps, and the scene has none"
             remedy = 'write ["0 mT", "0 mT", "4 mT"]'
-            raise InputError(report("field.uniform", received=repr(strength), rule=rule, remedy=remedy))
-        found: list[float] = (_in_si(strength, "flux density", "field.uniform") * before / np.linalg.norm(before)).tolist()
+            raise InputError("field.uniform", received=repr(strength), rule=rule, remedy=remedy)
+        found: list[float] = (in_si(strength, "flux density", "field.uniform") * before / np.linalg.norm(before)).tolist()
         return found
 
     def with_material(self, name: str | None = None, **properties: Any) -> Scene:
@@ -342,7 +335,7 @@ class Scene(Settings):
         data = self.to_si()
         if name is None and len(self.materials) > 1:
             rule, remedy = "the scene has several materials", f"name one of them: {', '.join(self.materials)}"
-            raise InputError(report("materials", received="no name", rule=rule, remedy=remedy))
+            raise InputError("materials", received="no name", rule=rule, remedy=remedy)
         key = next(iter(self.materials)) if name is None else name
         return Scene.from_si({**data, "materials": {**data["materials"], key: {**data["materials"].get(key, {}), **properties}}})
 
@@ -366,7 +359,7 @@ class Scene(Settings):
         length the shape is that of the whole catheter. Field and gravity are as they are.
         length: one diameter (a shorter piece is no rod) to the whole. Raises InputError, also for other bodies.
         """
-        return Scene.from_si(inserted_data(self, self.to_si(), _in_si(length, "length", "length")))
+        return Scene.from_si(inserted_data(self, self.to_si(), in_si(length, "length", "length")))
 
     def with_effects(self, **effects: Mapping[str, Any] | Settings | None) -> Scene:
         """The scene with these effects named (by settings, {} for the usual) or, given None, not named.
@@ -377,14 +370,6 @@ class Scene(Settings):
         data = self.to_si()
         changed = {key: value.model_dump() if isinstance(value, Settings) else value for key, value in effects.items()}
         return Scene.from_si({**data, "effects": {**data["effects"], **changed}})
-
-
-def _in_si(value: float | str, kind: str, what: str) -> float:
-    """A number as it is, text with a unit in SI. Raises InputError."""
-    try:
-        return parse_quantity(value, KINDS[kind]) if isinstance(value, str) else float(value)
-    except BadQuantity as error:
-        raise InputError(report(what, received=repr(value), rule=error.rule, remedy=error.remedy)) from None
 
 
 def _rounded(content: Any) -> Any:

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import NamedTuple
 
-from magmpm.errors import InputError, TimeOver, report
+from magmpm.errors import InputError, TimeOver
 
 
 class _Limit(NamedTuple):
@@ -37,7 +37,7 @@ def limited(seconds: float | None, clock: Callable[[], float] = time.perf_counte
         yield
         return
     if not seconds > 0.0:
-        raise InputError(report("time limit", received=f"{seconds:g} s", rule="must be above zero", remedy="give seconds, or none"))
+        raise InputError("time limit", received=f"{seconds:g} s", rule="must be above zero", remedy="give seconds, or none")
     before = _limits.set((*_limits.get(), _Limit(seconds, clock() + seconds, clock)))
     try:
         yield

@@ -15,7 +15,7 @@ import numpy as np
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.scene.scene import Scene
 
 Vector = tuple[float, float, float]
@@ -83,7 +83,7 @@ def variables(scene: Scene, of: Sequence[str] | None = None) -> tuple[Variable, 
 
 
 def _refuse(received: str, rule: str, remedy: str) -> None:
-    raise InputError(report("of", received=received, rule=rule, remedy=remedy))
+    raise InputError("of", received=received, rule=rule, remedy=remedy)
 
 
 # The variables of each kind; where a scene has none: the rule that it breaks and the remedy, with "; " between them.

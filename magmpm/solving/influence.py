@@ -18,7 +18,7 @@ from magmpm.effects.base import Effect
 from magmpm.effects.self_contact import gap
 from magmpm.errors import InputError, MagmpmError, SceneError, SolveError
 from magmpm.model import build
-from magmpm.results.frames import Frames, frames_of
+from magmpm.results.measures import Frames, frames_of
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.solving.solve import solve

@@ -44,12 +44,11 @@ from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest, knots_of
 from magmpm.scene.variables import variables
-from magmpm.statics.axis_order import arranged
 from magmpm.statics.block_cholesky import factor, new_panels, rounded, solve
 from magmpm.statics.changes import right_sides
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import solve_static
-from magmpm.statics.layout import static_model
+from magmpm.statics.layout import arranged, static_model
 from magmpm.statics.linearized import Linearized
 from magmpm.statics.rod_start import straight
 from magmpm.statics.stability import mass

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.errors import SceneError
-from magmpm.results.frames import Frames, frames_of, near_jumps
+from magmpm.results.measures import Frames, frames_of, near_jumps
 from magmpm.results.result import Result
 from magmpm.rod.cantilever import kink_warning
 from magmpm.scene import Scene, memory
@@ -20,10 +20,9 @@ from magmpm.scene.coarsest import coarsest_cells
 from magmpm.solving.precompile import PROOFS, SOLVE, prepare_kernels
 from magmpm.solving.solve import solve
 from magmpm.statics.error_estimate import WITNESS
-from magmpm.statics.grids import PARTICLE, Equilibria, Grids, OnStep, Solved, operations, particles
+from magmpm.statics.grids import PARTICLE, Equilibria, Grids, Solved, operations
+from magmpm.statics.newton import OnStep
 from magmpm.statics.resolution import PATIENCE, ChosenGrid, choose, first_cells, known_error, proofs
-
-EARLY = 0.01  # of the time that an error may take: after it the pace of the first run is known
 
 
 class Runs(Grids):
@@ -64,7 +63,7 @@ class Runs(Grids):
         gone: seconds since the run began.
         """
         asked, allowed = self.asked, self.asked.resolution.allowed(self.asked.length)
-        if self.solved or not asked.in_time or allowed is None or at <= 0.0 or gone < EARLY * PATIENCE:
+        if self.solved or not asked.in_time or allowed is None or at <= 0.0 or gone < 0.01 * PATIENCE:  # then the pace is known
             return
         end = asked.solver.dynamic.duration if asked.solver.dynamic is not None else asked.path_times()[-1]
         alone, times = gone * end / at, self.times(cells)
@@ -109,8 +108,8 @@ class Runs(Grids):
 def work(scene: Scene) -> float:
     """Multiply-adds of a Newton step; of a motion particles times steps, both in units of their own."""
     if scene.static:
-        return operations(scene)[0] + PARTICLE * particles(scene)
-    return particles(scene) * scene.resolution.cells_across
+        return operations(scene)[0] + PARTICLE * memory.fewest_particles(scene)
+    return memory.fewest_particles(scene) * scene.resolution.cells_across
 
 
 def grids_of(scene: Scene) -> Grids:

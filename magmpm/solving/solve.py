@@ -18,9 +18,8 @@ from magmpm.errors import SolveError
 from magmpm.model import Model, build
 from magmpm.results import measures
 from magmpm.results.folder_lock import written_folder
-from magmpm.results.result import Result
+from magmpm.results.result import Result, versions
 from magmpm.results.strain import Strain, strain_of
-from magmpm.results.versions import versions
 from magmpm.rod.cantilever import is_cantilever
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, memory, remedies
@@ -94,9 +93,13 @@ def at_rest(
 
 def with_state(error: SolveError, seconds: dict[str, float]) -> SolveError:
     """The error with its last good equilibrium as a Result, if that is known and finite; else with none."""
-    last, state = error.state, None
-    if isinstance(last, Equilibrium) and last.model is not None:
-        state = result_of(last.model, last, seconds, error.reason)
+    last = error.state
+    known = isinstance(last, Equilibrium) and last.model is not None
+    return _failed(error, result_of(last.model, last, seconds, error.reason) if known else None)
+
+
+def _failed(error: SolveError, state: Result | None) -> SolveError:
+    """The error with this state, if it is finite."""
     return type(error)(error.reason, None if state is None or state.not_finite() else state)
 
 
@@ -137,8 +140,8 @@ def _motion(
             moved = dynamics.integrate(moved, folder=folder, resume=resume, on_progress=_by_time(on_progress), on_state=see)
     except SolveError as error:
         seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
-        state = _moved_result(error.state, seconds, error.reason) if isinstance(error.state, dynamics.SimulationState) else None
-        raise type(error)(error.reason, None if state is None or state.not_finite() else state) from None
+        known = isinstance(error.state, dynamics.SimulationState)
+        raise _failed(error, _moved_result(error.state, seconds, error.reason) if known else None) from None
     seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
     return finite(_moved_result(moved, seconds))
 
@@ -165,8 +168,7 @@ def _path(
         with written_folder(folder, resume, on_begin), memory.within(scene):
             state = quasi_static.follow(scene, folder=folder, resume=resume, on_progress=_by_time(on_progress), on_state=see)
     except SolveError as error:
-        failed = result_of(error.state, error.reason) if isinstance(error.state, quasi_static.PathState) else None
-        raise type(error)(error.reason, None if failed is None or failed.not_finite() else failed) from None
+        raise _failed(error, result_of(error.state, error.reason) if isinstance(error.state, quasi_static.PathState) else None) from None
     result = result_of(state)
     if state.branch is not None and advise:
         energy, point = state.branch.energy_at(state.time), state.branch.now.point
@@ -180,27 +182,21 @@ def _path_result(state: PathState, seconds: dict[str, float], failure: str = "")
     shape = state.shape
     last: dict[str, Any] = next(reversed(state.rows), {"iterations": state.iterations, "stability": None})
     return Result(
-        **_particles(shape.model, shape.position, shape.F, state.time),
+        **_of_any(shape.model, shape.position, shape.F, state.time, state.strain, state.warnings, seconds, failure, last["stability"]),
         grid_correction=np.zeros((0, 0)),
         centreline=shape.centreline,
         tip=shape.tip,
-        converged=not failure,
         iterations=last["iterations"],
         dof=shape.dof,
         min_det_F=shape.min_det_F,
         max_det_F=shape.max_det_F,
         energy=state.energy,
-        seconds=seconds,
-        warnings=_warnings(shape.model.scene) + state.warnings + state.strain.warnings(shape.model) + on_the_brink(last["stability"]),
         time=state.time,
         formulation="quasi_static",
         steps=state.rows,
         jumps=state.jumps,
         contacts=_contacts(shape.model, shape.touched),
         load_share=state.load_share,
-        stability=last["stability"],
-        **_strained(state.strain),
-        failure=failure,
     )
 
 
@@ -209,26 +205,21 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
     J = np.linalg.det(moved.F)
     axis, tip, _ = measures.of_particles(model, moved.x)
     return Result(
-        **_particles(model, moved.x, moved.F, moved.time),
+        **_of_any(model, moved.x, moved.F, moved.time, moved.strain, moved.warnings + moved.control.warnings(), seconds, failure),
         grid_correction=np.zeros((0, 0)),
         centreline=axis,
         tip=tip,
-        converged=not failure,
         iterations=moved.steps,
         dof=moved.motion.unknowns,
         min_det_F=float(J.min()),
         max_det_F=float(J.max()),
         energy=sum(moved.energies.values()) - moved.energies["kinetic"],
-        seconds=seconds,
-        warnings=_warnings(model.scene) + moved.warnings + moved.control.warnings() + moved.strain.warnings(model),
         time=moved.time,
         time_step=moved.dt,
         stable_steps={name: step for name, step in moved.stable.named.items() if math.isfinite(step)},
         formulation="total",
         kinetic_energy=moved.energies["kinetic"],
         contacts=_plain(moved.contacts),
-        **_strained(moved.strain),
-        failure=failure,
     )
 
 
@@ -241,15 +232,13 @@ def _neighbor(model: StaticModel, start: object) -> NDArray[np.float64] | None:
     raise ValueError("start: the neighboring result must be on the same grid")
 
 
-def _warnings(scene: Scene) -> list[str]:
-    """Warn of settings that the author of the scene may not have meant, and of the field's map."""
-    return [*scene.warnings(), *effects.warnings(scene), *(scene.outside_field().warnings if scene.effects.in_a_field else [])]
-
-
-def _particles(model: Model, position: NDArray[np.float64], F: NDArray[np.float64], time: float | None) -> dict[str, Any]:
-    """Fields of every result: the scene, the particles, and the field at the body's center at a time (s; None in statics)."""
+def _of_any(
+    model: Model, position: Array, F: Array, time: float | None, strain: Strain, warnings: list[str], seconds: dict[str, float],
+    failure: str, stability: float | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Fields of every result, with the field at the body's center at a time (s; None in statics). warnings: those of this solve."""
     scene, particles = model.scene, model.particles
-    center = particles.volume @ position / particles.volume.sum()
+    of_field = scene.outside_field().warnings if scene.effects.in_a_field else []
     return {
         "name": scene.name,
         "scene": scene.to_si(),
@@ -261,39 +250,37 @@ def _particles(model: Model, position: NDArray[np.float64], F: NDArray[np.float6
         "particle_det_F": np.linalg.det(F),
         "segment_center": measures.region_means(model, position),
         "segment_remanence": measures.region_magnetization(model, F),
-        "field": scene.outside_field().at(center, time)[0] if scene.effects.in_a_field else np.zeros(3),
+        "field": model.field_at(position, time),
         "particles": len(position),
         "section": model.section,
-        "versions": versions(),
-    }
-
-
-def _strained(strain: Strain) -> dict[str, Any]:
-    """Fields of every result about its strain."""
-    return {"largest_stretch": strain.stretch, "tightest_radius": strain.radius if math.isfinite(strain.radius) else None}
+        "converged": not failure,
+        "failure": failure,
+        "seconds": seconds,
+        "warnings": [
+            *scene.warnings(), *effects.warnings(scene), *of_field, *warnings, *strain.warnings(model), *on_the_brink(stability),
+        ],
+        "largest_stretch": strain.stretch,
+        "tightest_radius": strain.radius if math.isfinite(strain.radius) else None,
+        "stability": stability,
+        "versions": dict(versions()),
+    }  # fmt: skip
 
 
 def result_of(model: StaticModel, found: Equilibrium, seconds: dict[str, float], failure: str = "") -> Result:
-    scene, point = model.scene, found.point
+    point = found.point
     position, strain = point.position, strain_of(model, point.position, point.F)
     return Result(
-        **_particles(model, position, point.F, model.time),
+        **_of_any(model, position, point.F, model.time, strain, found.warnings, seconds, failure, found.stability),
         grid_correction=found.correction,
         centreline=axis_of_unknowns.centreline(model, point.grid),
         tip=measures.region_means(model, position)[-1] if model.line is None else axis_of_unknowns.tip(model, point.grid),
-        converged=found.converged,
         iterations=found.steps,
         dof=model.dof,
         min_det_F=point.min_det_F,
         max_det_F=point.max_det_F,
         energy=point.energy,
-        seconds=seconds,
-        warnings=_warnings(scene) + found.warnings + strain.warnings(model) + on_the_brink(found.stability),
-        **_strained(strain),
         load_share=found.load_share,
-        stability=found.stability,
         contacts=_contacts(model, point.touched),
-        failure=failure,
     )
 
 

@@ -14,6 +14,9 @@ steps of the overdamped motion M du/dt = -dE/du (M: mass matrix), each of limite
 
 Sources: contraction of Newton's method: Deuflhard, Newton Methods for Nonlinear Problems, section 2.1; critical points: Riks, Int. J.
 Solids Struct. 15 (1979) 529-551; Wriggers and Simo, IJNME 30 (1990) 155-176.
+
+Unknowns that follow what is moved are given (layout.Layout.fixed), so Newton's steps leave them alone: what a solve begins from decides
+where they are. It begins from the shape of the unloaded body, moved to first order (Lift).
 """
 
 from __future__ import annotations
@@ -28,22 +31,19 @@ from magmpm.effects import acting
 from magmpm.errors import LeftField, SolveError
 from magmpm.statics.block_cholesky import solve
 from magmpm.statics.energy import Energy, Point
-from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
+from magmpm.statics.interacting import InteractingEnergy, energy_of, minimize_with_interaction
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.nearby_minima import NearbyMinima, Tell, lowest_mode
-from magmpm.statics.stability import stability
+from magmpm.statics.nearby_minima import NearbyMinima, lowest_mode
+from magmpm.statics.newton import OnStep
+from magmpm.statics.stability import NO_LOAD, stability, unloaded
 
 FINEST = 2.0**-10  # of the step requested: attempts are halved down to this, and critical loads known within it
-LANDING = 15  # of the finest steps: how far past the end of a branch the body is sought again; nearer, a new branch is too steep
 GROWTH = 2.0  # of the step after one that was accepted
-TOGETHER = 2e-3  # of the unloaded body's lowest eigenvalue: below minus this a body whose segments act on each other is unstable
-PUSH = 1e-3  # of the length: how far along its mode an unstable body is pushed off
-LONGEST_FALL = 0.03  # of the length: a step of a fall
 Kind = Literal["limit point", "bifurcation"]
 
 
 class Loads(Protocol):
-    """A path of loads: the model at any time, with its axes as the solve needs them (statics.axis_order)."""
+    """A path of loads: the model at any time, with its axes as the solve needs them (statics.layout)."""
 
     def at(self, time: float) -> StaticModel: ...
 
@@ -85,7 +85,7 @@ class Reached:
 class Branch:
     """Follows equilibria along a path of loads. `now` is the last one."""
 
-    def __init__(self, loads: Loads, now: Reached, *, tolerance: float, max_steps: int, on_step: Tell | None = None) -> None:
+    def __init__(self, loads: Loads, now: Reached, *, tolerance: float, max_steps: int, on_step: OnStep | None = None) -> None:
         self.loads, self.now = loads, now
         self.before: Reached | None = None  # the one before, on the same branch
         self._tolerance, self._max_steps = tolerance, max_steps
@@ -130,7 +130,7 @@ class Branch:
             gap = min(until, beyond) - self.now.time
             way = min(gap / 2 if ends else gap, self.now.step)
             if beyond < np.inf and gap <= 1.5 * least:
-                jumps.append(self._jump(beyond, min(until, beyond + LANDING * finest)))
+                jumps.append(self._jump(beyond, min(until, beyond + 15 * finest)))  # nearer, a new branch is too steep
                 beyond = np.inf
                 continue
             end = min(until, beyond)
@@ -189,7 +189,7 @@ class Branch:
             point, lowest = self._near.together(model, begin), None
             if point is not None:
                 lowest = self._together_stable(model, point)
-                self._near.unstable = lowest < -TOGETHER
+                self._near.unstable = lowest < -2e-3  # of the unloaded body's lowest eigenvalue
                 point = None if self._near.unstable else point
         else:
             point, mode = self._near.contracted(energy, begin), None
@@ -200,7 +200,7 @@ class Branch:
         if point is None:
             return None
         if (lost := outside_domain(model, point)) is not None:
-            raise LeftField(lost)
+            raise LeftField(lost.reason)
         return Reached(target, point, lowest, self._near.spent, self.now.step)
 
     def _eigenvalue(self, energy: Energy, point: Point) -> float | None:
@@ -227,7 +227,7 @@ class Branch:
         begin = energy.at(self.loads.moved(last.point.grid, last.time, landing))
         found = self._fall(energy, begin, carry(mode, last.time, landing))
         if (lost := outside_domain(energy.model, found)) is not None:
-            raise LeftField(f"after a branch ended: {lost}")
+            raise LeftField(f"after a branch ended: {lost.reason}")
         moved = float(np.linalg.norm(found.position - begin.position, axis=1).max())
         self.now = Reached(landing, found, self._eigenvalue(energy, found), self._near.spent, landing - critical)
         self.before = None
@@ -254,7 +254,7 @@ class Branch:
     def _fall(self, energy: Energy, begin: Point, mode: Array) -> Point:
         """The minimum that the body falls to from just past the end of a branch."""
         length = float(np.ptp(energy.model.plane_coordinates()))
-        push = PUSH * length / float(np.abs(mode).max()) * mode
+        push = 1e-3 * length / float(np.abs(mode).max()) * mode
         if float(push[-1].sum()) < 0.0:  # where nothing else decides: toward +z, as statics.newton does
             push = -push
         one, other = energy.at(begin.grid + push), energy.at(begin.grid - push)
@@ -266,23 +266,24 @@ class Branch:
 
         def stays_in_the_field(point: Point) -> None:
             if (lost := outside_domain(energy.model, point)) is not None:
-                raise LeftField(f"as the body fell from a branch that ended: {lost}")
+                raise LeftField(f"as the body fell from a branch that ended: {lost.reason}")
 
-        return self._near.settled(energy, one, LONGEST_FALL * length, stays_in_the_field)
+        return self._near.settled(energy, one, 0.03 * length, stays_in_the_field)
+
 
 def point_of(model: StaticModel, grid: Array) -> Point:
     """The state at coefficients (planes, m) m, with its whole energy."""
-    return (InteractingEnergy(model) if acting.feels_itself(model.scene) else Energy(model)).at(grid)
+    return energy_of(model).at(grid)
 
 
-def outside_domain(model: StaticModel, point: Point) -> str | None:
-    """Reason why the field is not known at a body, or how it went through an obstacle; or None."""
+def outside_domain(model: StaticModel, point: Point) -> SolveError | None:
+    """The error if a solve has led into a magnet, to where the field is not known, or through an obstacle; else None."""
     if model.touching is not None and (through := acting.passed(model.scene, model.touching.positions(point.grid))) is not None:
-        return through
+        return SolveError(through)
     if not model.scene.effects.in_a_field:
         return None
     found = model.scene.outside_field().outside_domain(point.position, model.time)
-    return None if found is None else f"{found[0]}; {found[2]}"
+    return None if found is None else LeftField(f"{found[0]}; {found[2]}")
 
 
 def _zero_of(kind: Kind, before: Reached, last: Reached, past: float) -> float:
@@ -294,3 +295,42 @@ def _zero_of(kind: Kind, before: Reached, last: Reached, past: float) -> float:
     return float(np.clip(last.time + near * (last.time - before.time) / (far - near), last.time, past))
 
 
+class Lift:
+    """Coefficients (planes, m) m by which what is moved moves all of an unloaded body; those of a body of which nothing is moved are 0."""
+
+    def __init__(self, model: StaticModel) -> None:
+        self._moves, self._whole = model.scene.move or {}, {}
+        if not model.driven:
+            return
+        bare, at = unloaded(model)
+        for name, move in self._moves.items():
+            given = model.displaced(**{name: move.whole})
+            pulled = bare.products(at, given[:, None])[0][:, 0]
+            self._whole[name] = given - solve(bare.panels, model.layout.split, np.ascontiguousarray(pulled))
+
+    def at(self, time: float | None) -> Array:
+        """At a time, s; None: at the end of its schedules."""
+        return np.asarray(sum(move.share(time)[0] * self._whole[name] for name, move in self._moves.items()))
+
+    def on(self, grid: Array, before: float, after: float) -> Array:
+        """Coefficients `grid` (planes, m) m of a time, s, as those of another one begin; the same array where nothing is moved."""
+        return grid if not self._moves else grid + (self.at(after) - self.at(before))
+
+
+class GrowingLoads:
+    """The path on which all loads of a model, and the way of what is moved, grow from nothing, at 0, to all, at 1. statics.branch.Loads."""
+
+    def __init__(self, model: StaticModel) -> None:
+        self._model, self._way = model, Lift(model).at(model.time)
+
+    def at(self, time: float) -> StaticModel:
+        """The model under a share of its loads; at 0 under next to none, by the same kernels."""
+        return replace(self._model, effects=acting.collect(self._model.scene, max(time, NO_LOAD), self._model.times))
+
+    def carried(self, grid: Array, before: float, after: float) -> Array:
+        """The same coefficients: the grid stays."""
+        return grid
+
+    def moved(self, grid: Array, before: float, after: float) -> Array:
+        """The same, with what holds the body where it is at the later share."""
+        return grid + (after - before) * self._way

@@ -21,7 +21,7 @@ from magmpm.kernels.equilibrium import (
     particles_to_grid_with_tangent,
 )
 from magmpm.scene import memory
-from magmpm.statics.block_cholesky import clear, fix, new_panels, panel_bytes
+from magmpm.statics.block_cholesky import clear, fix, new_panels, panel_bytes, solve_columns
 from magmpm.statics.contact import Touched
 from magmpm.statics.layout import StaticModel
 
@@ -59,6 +59,11 @@ class Energy:
         self._rest: float | None = None
         self._per_cell = np.empty((3, cells))
         self._fixed = layout.fixed if layout.fixed.any() else None
+
+    @property
+    def alone(self) -> Energy:
+        """The part in which each particle is by itself: all of it, but for statics.interacting."""
+        return self
 
     def load(self, model: StaticModel) -> None:
         """Put the same body under other loads: those of a model with the same grid and particles."""
@@ -119,6 +124,15 @@ class Energy:
         out = np.zeros((self.shape[0], columns, self.shape[1]))
         scatter(self.cells, self.particles, column, P, f, self._fortran, out)
         return self.free_columns(out)
+
+    def each_scattered(self, P: Array, f: Array) -> Array:
+        """`scattered` with a column for each slot: (planes, slots, m) N."""
+        column = np.repeat(np.arange(len(P))[:, None], len(self.model.layout.cell_plane), axis=1)
+        return self.scattered(column, P, f, len(P))
+
+    def solve_columns(self, right: Array) -> Array:
+        """Solutions for right-hand sides (planes, k, m), from the factored tangent in the panels."""
+        return solve_columns(self.panels, self.model.layout.split, right)
 
     def products(self, point: Point, columns: Array) -> tuple[Array, Array]:
         """The second derivative (N), and the mass matrix of unit density, times columns (planes, k, m)."""

@@ -24,19 +24,15 @@ from magmpm.errors import InputError, LeftField, SolveError, TimeOver
 from magmpm.materials import poisson_ratio
 from magmpm.rod.cosserat import RodShape, solve_rod
 from magmpm.statics import axis
-from magmpm.statics.axis_order import arranged
-from magmpm.statics.branch import Branch, Reached, point_of
+from magmpm.statics.branch import Branch, GrowingLoads, Lift, Reached, outside_domain, point_of
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
-from magmpm.statics.layout import StaticModel
-from magmpm.statics.lift import GrowingLoads, Lift
-from magmpm.statics.newton import FOLLOWING, USUAL, Minimum, minimize
+from magmpm.statics.layout import StaticModel, arranged
+from magmpm.statics.newton import FOLLOWING, USUAL, Minimum, OnStep, minimize
 from magmpm.statics.rod_start import from_rod, local_correction, straight, with_correction
 from magmpm.statics.stability import Unloaded, stability
 
 RAMP_STEPS = 8
-QUICK, EASY = 6, 3  # a step of a ramp is quick within so many Newton steps; so many quick ones double a step that was halved
-NEAR_KINK = 1.5  # times Brazier's radius: a solve that fails for a tube that is bent so far has most likely met its limit
 PATIENCE = 10  # times as many steps without the start from a rod, since a body may have to turn around: 100 to 300 steps in robots tried
 
 BODY = ("particles.position", "particles.volume", "shear", "bulk", "weights", "modes", "layout.fixed", "layout.cell_first")
@@ -96,7 +92,6 @@ class Equilibrium:
 
     point: Point
     steps: int
-    converged: bool
     correction: Array
     warnings: list[str] = field(default_factory=list)
     load_share: float = 1.0
@@ -110,14 +105,14 @@ def solve_static(
     *,
     correction: Array | None = None,
     rod: RodShape | None = None,
-    on_step: Callable[[int, float], None] | None = None,
+    on_step: OnStep | None = None,
     judged: bool = True,
     following: Following | None = None,
 ) -> Equilibrium:
     """Equilibrium of a model. correction (planes, m) m: that of a neighboring design, to start from; rod: a shape to find it near;
     judged: find its stability as well; following: what solves of neighbors left, which makes this one quick, and which it changes.
 
-    Raises SolveError, with the last good Equilibrium (converged False) as its state, or where none is found near `rod`; InputError if
+    Raises SolveError, with the last good Equilibrium as its state, or where none is found near `rod`; InputError if
     nothing holds the body; ValueError for a rod's shape of another length, or if the body is no straight one that is held at
     its base alone.
     """
@@ -141,16 +136,17 @@ def solve_static(
             assert found.energy is not None
             known = None if following is None else following.body
             judged = judged and (following is None or following.judged)
-            return restored(model, replace(found, stability=stability(found.energy, found.point, known) if judged else None), of)
+            settled = stability(found.energy, found.point, known) if judged else None
+            return replace(found, point=restored(model, found.point, of), stability=settled)
         except SolveError as error:
             state = error.state if isinstance(error.state, Equilibrium) else _unloaded(model)
-            raise type(error)(error.reason, replace(restored(model, state, of), model=asked)) from None
+            raise type(error)(error.reason, replace(state, point=restored(model, state.point, of), model=asked)) from None
 
 
 def _unloaded(model: StaticModel) -> Equilibrium:
     """The last good state of a solve that found none under load."""
     rest = straight(model)
-    return Equilibrium(Energy(model).at(rest), 0, False, rest, load_share=0.0)
+    return Equilibrium(Energy(model).at(rest), 0, rest, load_share=0.0)
 
 
 def one_blas_thread() -> AbstractContextManager[object]:
@@ -162,39 +158,32 @@ def one_blas_thread() -> AbstractContextManager[object]:
     return limit
 
 
-def restored(model: StaticModel, found: Equilibrium, of: Index) -> Equilibrium:
-    """The equilibrium with particles and reference axes in their order before statics.axis_order."""
+def restored(model: StaticModel, point: Point, of: Index) -> Point:
+    """The equilibrium's point with particles and reference axes in their order before statics.layout."""
     if model.order == (0, 1, 2):
-        return found
-    point = found.point
+        return point
     back, axes = np.argsort(of), np.argsort(model.order)
     F = np.ascontiguousarray(point.F[back][:, :, axes])
-    return replace(found, point=replace(point, displacement=point.displacement[back], position=point.position[back], F=F))
+    return replace(point, displacement=point.displacement[back], position=point.position[back], F=F)
 
 
-def _solve(model: StaticModel, start: _Start, on_step: Callable[[int, float], None] | None) -> Equilibrium:
+def _solve(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equilibrium:
     itself = acting.feels_itself(model.scene)
     try:
         found = (_settle if itself else _branch)(model, start, on_step)
     except SolveError as error:
         at = error.state.point if isinstance(error.state, Equilibrium) else error.state
         raise _outside_domain(model, at, error.state) or _kinked(model, at, error) or error from None
-    outside = _outside_domain(model, found.point, replace(found, converged=False))
+    outside = _outside_domain(model, found.point, found)
     if outside is not None:
         raise outside
     return found
 
 
 def _outside_domain(model: StaticModel, point: object, state: object) -> SolveError | None:
-    """The error if a solve has led into a magnet, to where the field is not known, or through an obstacle; else None."""
-    if not isinstance(point, Point):
-        return None
-    if model.touching is not None and (through := acting.passed(model.scene, model.touching.positions(point.grid))) is not None:
-        return SolveError(through, state)
-    if not model.scene.effects.in_a_field:
-        return None
-    found = model.scene.outside_field().outside_domain(point.position, model.time)
-    return None if found is None else LeftField(f"{found[0]}; {found[2]}", state)
+    """The error of `outside_domain`, with the state of the solve."""
+    found = outside_domain(model, point) if isinstance(point, Point) else None
+    return None if found is None else type(found)(found.reason, state)
 
 
 def _kinked(model: StaticModel, point: object, error: SolveError) -> SolveError | None:
@@ -203,39 +192,34 @@ def _kinked(model: StaticModel, point: object, error: SolveError) -> SolveError 
     if tube is None or not isinstance(point, Point) or type(error) is not SolveError:
         return None
     limit = tube.kink_radius(float(poisson_ratio(model.shear, model.bulk).max()))
-    if not tightest_radius(axis.centreline(model, point.grid)[:, 1:]) < NEAR_KINK * limit:
+    if not tightest_radius(axis.centreline(model, point.grid)[:, 1:]) < 1.5 * limit:  # then it has most likely met its limit
         return None
     text = f"the tube kinks: bent to a radius of about {1e3 * limit:.3g} mm its section flattens, and it bears no more (Brazier)"
     return SolveError(f"{text}; thicken the wall, or bend it less ({error.reason})", error.state)
 
 
-def _settle(model: StaticModel, start: _Start, on_step: Callable[[int, float], None] | None) -> Equilibrium:
+def _settle(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equilibrium:
     """Equilibrium with magnetic interaction within the body, starting from the one without; where that fails, all loads are ramped."""
     options = model.scene.solver.static
 
-    def settled(energy: InteractingEnergy, begin: Array) -> Minimum:
-        return minimize_with_interaction(energy, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
+    def settled(factor: float, begin: Array, energy: InteractingEnergy | None = None) -> tuple[InteractingEnergy, Minimum]:
+        energy = energy or InteractingEnergy(model, factor)
+        found = minimize_with_interaction(energy, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
+        return energy, found
 
     energy = InteractingEnergy(model)
     try:
         found = _branch(energy.alone.model, start, on_step)
-        last = settled(energy, found.point.grid)
+        _, last = settled(1.0, found.point.grid, energy)
         return replace(found, point=last.point, steps=found.steps + last.steps, energy=energy)
     except (LeftField, TimeOver):
         raise
     except SolveError as error:
         warnings = [f"{error.reason}; the load and the interaction were ramped together"]
-        return _ramped(model, RAMP_STEPS, warnings, lambda factor, begin: _at_share(model, factor, begin, settled))
+        return _ramped(model, RAMP_STEPS, warnings, settled)
 
 
-def _at_share(
-    model: StaticModel, factor: float, begin: Array, settled: Callable[[InteractingEnergy, Array], Minimum]
-) -> tuple[InteractingEnergy, Minimum]:
-    energy = InteractingEnergy(model, factor)
-    return energy, settled(energy, begin)
-
-
-def _branch(model: StaticModel, start: _Start, on_step: Callable[[int, float], None] | None) -> Equilibrium:
+def _branch(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equilibrium:
     """Equilibrium on the branch that grows from zero load, or near the rod's shape that is given."""
     options = model.scene.solver.static
     warnings: list[str] = []
@@ -266,7 +250,7 @@ def _branch(model: StaticModel, start: _Start, on_step: Callable[[int, float], N
         steps += found.steps
         if _distance(model, found.point, rod) < body.branch_distance:
             correction = local_correction(model, rod, found.point.grid)
-            return Equilibrium(found.point, steps, True, correction, warnings, energy=energy)
+            return Equilibrium(found.point, steps, correction, warnings, energy=energy)
     warnings.append("the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve instead")
     return _ramp(model, RAMP_STEPS, on_step, warnings)
 
@@ -284,7 +268,7 @@ def _starts(energy: Energy, rod: RodShape, start: _Start) -> list[Array]:
     return starts if start.following is None else sorted(starts, key=lambda grid: energy.at(grid).energy)
 
 
-def _near_rod(energy: Energy, rod: RodShape, on_step: Callable[[int, float], None] | None) -> Equilibrium:
+def _near_rod(energy: Energy, rod: RodShape, on_step: OnStep | None) -> Equilibrium:
     """Equilibrium near a rod's shape. Raises SolveError if the solve leads away from it."""
     model, options = energy.model, energy.model.scene.solver.static
     body = model.scene.body.shape
@@ -293,7 +277,7 @@ def _near_rod(energy: Energy, rod: RodShape, on_step: Callable[[int, float], Non
     if (apart := _distance(model, found.point, rod)) >= body.branch_distance:
         away = f"it went to one {100 * apart:.2g} % of the length away"
         raise SolveError(f"the body found no equilibrium near the rod that it began from: {away}")
-    return Equilibrium(found.point, found.steps, True, local_correction(model, rod, found.point.grid), [], energy=energy)
+    return Equilibrium(found.point, found.steps, local_correction(model, rod, found.point.grid), [], energy=energy)
 
 
 def _most_steps(model: StaticModel) -> int:
@@ -308,7 +292,7 @@ def _distance(model: StaticModel, point: Point, rod: RodShape) -> float:
     return float(np.linalg.norm(rows[:, 1:] - np.array(model.line.base) - rod.at(rows[:, 0]), axis=1).max() / rod.s[-1])
 
 
-def _along_branch(model: StaticModel, count: int, on_step: Callable[[int, float], None] | None) -> Equilibrium:
+def _along_branch(model: StaticModel, count: int, on_step: OnStep | None) -> Equilibrium:
     """Equilibrium to which a branch leads as loads, and what is moved, grow in `count` equal steps: a strip that is compressed buckles."""
     options, loads, rest = model.scene.solver.static, GrowingLoads(model), straight(model)
     begin, warnings, steps = Reached(0.0, point_of(loads.at(0.0), rest), None, 0, np.inf), [], 0
@@ -323,12 +307,12 @@ def _along_branch(model: StaticModel, count: int, on_step: Callable[[int, float]
             steps += branch.now.iterations
     except SolveError as error:
         last = branch.now
-        state = Equilibrium(last.point, steps, False, np.zeros_like(rest), warnings, last.time)
+        state = Equilibrium(last.point, steps, np.zeros_like(rest), warnings, last.time)
         raise type(error)(f"after {100 * last.time:.1f} % of the load: {error.reason}", state) from None
-    return Equilibrium(branch.now.point, steps, True, np.zeros_like(rest), warnings, energy=branch.energy_at(1.0))
+    return Equilibrium(branch.now.point, steps, np.zeros_like(rest), warnings, energy=branch.energy_at(1.0))
 
 
-def _ramp(model: StaticModel, count: int, on_step: Callable[[int, float], None] | None, warnings: list[str]) -> Equilibrium:
+def _ramp(model: StaticModel, count: int, on_step: OnStep | None, warnings: list[str]) -> Equilibrium:
     """Ramp the load from zero in `count` equal steps."""
     options = model.scene.solver.static
 
@@ -352,7 +336,7 @@ def _ramped(
     """
     grid, reached, size, steps = straight(model), 0.0, 1.0 / count, 0
     least = size / 32
-    quick, wait, grown = 0, EASY, False
+    quick, wait, grown = 0, 3, False  # `wait` quick steps double one that was halved
     last: Point | None = None
     moved = Lift(model).at(model.time) if model.driven else None
     while reached < 1.0:
@@ -361,22 +345,22 @@ def _ramped(
             energy, found = solved(factor, grid if moved is None else grid + (factor - reached) * moved)
         except SolveError as error:
             if size <= least or isinstance(error, TimeOver):
-                state = None if last is None else Equilibrium(last, steps, False, np.zeros_like(last.grid), warnings, reached)
+                state = None if last is None else Equilibrium(last, steps, np.zeros_like(last.grid), warnings, reached)
                 raise type(error)(f"at {100 * factor:.1f} % of the load: {error.reason}", state) from None
             size = max(size / (4 if last is None else 2), least)  # nothing is known of a body's first step
             quick, wait, grown = 0, 2 * wait if grown else wait, False
             continue
         grid, last, reached, steps = found.point.grid, found.point, factor, steps + found.steps
-        quick = quick + 1 if found.steps <= QUICK else 0
+        quick = quick + 1 if found.steps <= 6 else 0
         grown = quick >= wait and size < 1.0 / count
         if grown:
             size, quick = 2 * size, 0
     assert last is not None  # the loop ran at least once
-    return Equilibrium(last, steps, True, np.zeros_like(last.grid), warnings, energy=energy)
+    return Equilibrium(last, steps, np.zeros_like(last.grid), warnings, energy=energy)
 
 
 def solve_from(
-    model: StaticModel, start: Array, *, tolerance: float | None = None, on_step: Callable[[int, float], None] | None = None
+    model: StaticModel, start: Array, *, tolerance: float | None = None, on_step: OnStep | None = None
 ) -> Equilibrium:
     """Equilibrium of a straight body from coefficients `start` (planes, m) m near it: of the same scene on another grid.
 
@@ -386,8 +370,8 @@ def solve_from(
     energy = Energy(model)
     with one_blas_thread():
         found = minimize(energy, start, tolerance=tolerance or options.tolerance, max_steps=options.max_steps, on_step=on_step)
-    reached = Equilibrium(found.point, found.steps, True, np.zeros_like(start), energy=energy)
-    outside = _outside_domain(model, found.point, replace(reached, converged=False))
+    reached = Equilibrium(found.point, found.steps, np.zeros_like(start), energy=energy)
+    outside = _outside_domain(model, found.point, reached)
     if outside is not None:
         raise outside
     return reached

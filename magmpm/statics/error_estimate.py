@@ -18,10 +18,6 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 
-# What drawn scenes (SMOOTH, below) had not: walls below a fifth of a cell, and bodies of L/D below 3. Three tubes with a wall of a tenth of
-# a cell, and a body of L/D 2, had errors of up to 1.74 and 1.51 of their bounds, which are therefore twice and 1.6 times as large.
-THIN, THIN_WALL = 2.0, 0.2
-BLUNT, BLUNT_BODY = 1.6, 3.0
 WARY = 0.7
 ALGEBRAIC = 0.3  # of the root of the solve's tolerance: error of the solve, over the largest displacement
 
@@ -29,7 +25,7 @@ ALGEBRAIC = 0.3  # of the root of the solve's tolerance: error of the solve, ove
 # 1.5: the singular stress at the rim of a clamp, docs/design.md; 1: less what the cut of the grid does; 4: bending far from the clamp, in
 # cells that are fine enough. On 95 scenes drawn at random (seeds 0 to 99 of tests/benchmarks/drawn_scenes.py) the bound was too small by up
 # to 1.31 at 2 cells and 1.99 at 3, against the finest grid solved; never at 4. With these factors of safety the worst are 1.05 and 1.47.
-ORDER, LEAST, USUAL, FASTEST = 1.5, 1.0, 2.0, 4.0  # the slowest order; of errors that fall steadily; before a scene has shown its own
+ORDER, LEAST, FASTEST = 1.5, 1.0, 4.0  # the slowest order; that of errors that fall steadily; the fastest
 PROOF = {2: 4, 3: 5, 4: 6, 5: 7, 6: 8, 7: 10, 8: 11, 9: 12, 10: 14, 11: 15, 12: 16}  # cells across: of the grid that tells another's error
 WITNESS = {2: (3,)}  # grids between the two that tell whether errors fall steadily: neighbors' differences say little and count for less
 SAFETY = {2: 1.25, 3: 1.35}
@@ -58,7 +54,7 @@ def left(coarse: int, fine: int) -> float:
 def foretold(errors: Mapping[int, float], cells: int) -> float:
     """The error (m) of a finer grid, from those of one or more grids: at the order that the last two show, or the usual one."""
     order, last = observed_order(errors), max(errors)
-    return errors[last] * (last / cells) ** min(max(USUAL if order is None else order, ORDER), FASTEST)
+    return errors[last] * (last / cells) ** min(max(2.0 if order is None else order, ORDER), FASTEST)
 
 
 def steady(order: float | None) -> bool | None:
@@ -72,9 +68,12 @@ def distance(one: Array, other: Array) -> float:
 
 
 def caution(slenderness: float, wall: float) -> float:
-    """Factor of the bounds for bodies unlike those by which they were measured. slenderness: length over thickness; wall: cells across a
-    tube's wall (inf without a bore)."""
-    return (THIN if wall < THIN_WALL else 1.0) * (BLUNT if slenderness < BLUNT_BODY else 1.0)
+    """Factor of the bounds for bodies unlike those by which they were measured: walls below a fifth of a cell, and bodies of L/D below 3.
+    Three tubes with a wall of a tenth of a cell, and a body of L/D 2, had errors of up to 1.74 and 1.51 of their bounds.
+
+    slenderness: length over thickness; wall: cells across a tube's wall (inf without a bore).
+    """
+    return (2.0 if wall < 0.2 else 1.0) * (1.6 if slenderness < 3.0 else 1.0)
 
 
 def observed_order(errors: Mapping[int, float]) -> float | None:

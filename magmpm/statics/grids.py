@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from magmpm.bodies.curves import STATIONS
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.errors import SolveError, TimeOver
@@ -20,25 +21,19 @@ from magmpm.model import build
 from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import knots_of
 from magmpm.statics import axis
-from magmpm.statics.between_grids import carried
+from magmpm.statics.axis import carried
 from magmpm.statics.block_cholesky import factor, rounded, solve
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import Equilibrium, solve_from, solve_static
 from magmpm.statics.error_estimate import ALGEBRAIC, distance
 from magmpm.statics.layout import StaticModel, static_model
-from magmpm.statics.newton import PAIRS, corrected
+from magmpm.statics.newton import PAIRS, OnStep, corrected
 
-STATIONS = 41  # along the body, where axes are compared
-PER_SOLVE = 3.0  # factorizations of a solve from a coarser one's shape, with its stability
-PER_PROOF = 1.3  # of a proof: one, and now and then a solve
 PARTICLE = 2.0e4  # multiply-adds, at the pace of the factorization, that a particle costs in a Newton step: measured, docs/accuracy.md
 BESIDE = 2.0  # passes over the particles that building a model costs, in units of a Newton step's
 SETTLED = 0.03  # of the difference from the coarser grid: a proof may still move by so much
-MOST_CHORDS = 10  # steps with one set of factors
 ASTRAY = 3.0  # times the first one: a step that is longer leads away
 SLENDER = 15.0  # length over thickness: above, factors are of double precision. Steps settled as they do with those up to 20, not at 24
-
-OnStep = Callable[[int, float], None]
 
 
 @dataclass
@@ -139,8 +134,8 @@ class Equilibria(Grids):
 
     def takes(self, cells: int, proof: bool) -> float:
         """Seconds, from counted operations and particles, at the pace of the last grids solved."""
-        multiplied, weight = operations(self.on(cells))[0], PARTICLE * particles(self.on(cells))
-        factorizations = PER_PROOF if proof else PER_SOLVE
+        multiplied, weight = operations(self.on(cells))[0], PARTICLE * memory.fewest_particles(self.on(cells))
+        factorizations = 1.3 if proof else 3.0  # a proof takes one, and now and then a solve; a solve three, with its stability
         return min(map(self._pace, list(self.solved.values())[-2:])) * (factorizations * (multiplied + weight) + BESIDE * weight)
 
     def size(self, cells: int) -> float:
@@ -149,7 +144,7 @@ class Equilibria(Grids):
 
     def _pace(self, one: Solved) -> float:
         """Seconds of a solved grid per multiply-add."""
-        weight = PARTICLE * particles(self.on(one.cells))
+        weight = PARTICLE * memory.fewest_particles(self.on(one.cells))
         return one.seconds / (one.steps * (operations(self.on(one.cells))[0] + weight) + BESIDE * weight)
 
     def _nearest(self, cells: int) -> int | None:
@@ -187,11 +182,6 @@ class Equilibria(Grids):
         return solve_static(model, on_step=self.on_step, judged=False)
 
 
-def particles(scene: Scene) -> float:
-    """Particles of the scene's grid, before anything is built."""
-    return memory.fewest_particles(scene)
-
-
 def operations(scene: Scene) -> tuple[float, float]:
     """Multiply-adds of a factorization on the scene's grid, and the bytes of its matrix, before anything is built."""
     grid = scene.body.shape.grid(scene.resolution.cells_across, knots_of(scene))
@@ -222,7 +212,7 @@ def approached(
     newton = partial(solve, factors, energy.model.layout.split)
     first, at, direction = 0.0, points(start), -newton(residual)
     pairs: list[tuple[Array, Array]] = []
-    for step in range(MOST_CHORDS + 1):
+    for step in range(10 + 1):
         point = energy.at(point.grid + direction)
         if not point.min_det_F > 0:
             return None

@@ -7,7 +7,6 @@ step lowers the whole energy, so the result is a minimum. Source: Nocedal and Wr
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -18,18 +17,22 @@ from magmpm.effects.base import BodyChange
 from magmpm.errors import Collapsed, SolveError
 from magmpm.kernels.changes import loads
 from magmpm.kernels.equilibrium import grid_to_particles
-from magmpm.statics.block_cholesky import solve, solve_columns
+from magmpm.statics.block_cholesky import solve
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.newton import LEAST_FRACTION, ROUNDING, ROUNDING_AT_REST, Minimum, Progress, factored
+from magmpm.statics.newton import (
+    LEAST_FRACTION,
+    ROUNDING,
+    ROUNDING_AT_REST,
+    Minimum,
+    OnStep,
+    corrected,
+    factored,
+)
 
-REMEMBERED = 12  # steps
 FRESH = 6  # steps with one factorization
-SHORT = 0.25  # of a full step: a shorter one asks for a new factorization
 MOST_PRODUCTS = 200
-CLOSE = 1e-11  # of the first residual, in the energy's norm: where conjugate gradients end
 MOST_STEPS = 10  # times max_steps: these steps are cheap
-COLLAPSED = 1e-3  # det F below which dipoles of neighbors fall onto each other: their energy has no lower bound
 
 
 class InteractingEnergy:
@@ -45,7 +48,7 @@ class InteractingEnergy:
 
     def at(self, grid: Array) -> Point:
         """State and whole energy for grid coefficients (planes, m) m. `residual` then uses its loads."""
-        point = self.alone.at(grid)
+        self._point = point = self.alone.at(grid)
         if not point.min_det_F > 0:
             return point
         acting.refresh(self.named, self.model, point.position, point.F)
@@ -54,6 +57,11 @@ class InteractingEnergy:
     def residual(self, point: Point) -> Array:
         """Gradient (planes, m) N of the whole energy, at the point from the last call of `at`."""
         return self.whole.residual(point)
+
+    def products(self, point: Point, columns: Array) -> tuple[Array, Array]:
+        """Products as those of Energy, at the point from the last call of `at`."""
+        stiff, heavy = self.alone.products(point, columns)
+        return stiff + self.refresh_product(point, columns), heavy
 
     def refresh_product(self, point: Point, columns: Array) -> Array:
         """The second derivative of the shared energy times columns (planes, k, m), N, at the point from the last call of `at`."""
@@ -65,7 +73,7 @@ class InteractingEnergy:
             grid_to_particles(alone.cells, alone.particles, np.ascontiguousarray(columns[:, k]), np.zeros_like(model.axes), dx, dF)
             change = acting.refresh_change(self.named, model, point.position, point.F, BodyChange(still, dx, dF))
             loads(self.whole.particles, change, point.position, point.F, P[k], f[k])
-        return self._scattered(P, f)
+        return self.alone.each_scattered(P, f)
 
     def refresh_by_remanence(self, point: Point, changes: Array) -> Array:
         """Change (planes, k, m) N of the residual as tables follow changes (k, n, 3) T of the remanence, at the point of the last `at`."""
@@ -75,39 +83,39 @@ class InteractingEnergy:
             by = BodyChange(changes[k], np.zeros((n, 3)), np.zeros((n, 3, 3)))
             change = acting.refresh_change(self.named, self.model, point.position, point.F, by)
             loads(self.whole.particles, change, point.position, point.F, P[k], f[k])
-        return self._scattered(P, f)
+        return self.alone.each_scattered(P, f)
 
-    def _scattered(self, P: Array, f: Array) -> Array:
-        column = np.repeat(np.arange(len(P))[:, None], len(self.model.layout.cell_plane), axis=1)
-        return self.alone.scattered(column, P, f, len(P))
-
-    def solve_columns(self, point: Point, right: Array) -> Array:
-        """K^-1 times right-hand sides (planes, k, m), K the tangent of the whole energy; the factors of `alone` in its panels.
+    def solve_columns(self, right: Array) -> Array:
+        """K^-1 times right-hand sides (planes, k, m), K the tangent of the whole energy at the last point of `at`; `alone` has its factors.
 
         Conjugate gradients, preconditioned by these factors: a product with their matrix is a sum of earlier ones. Raises SolveError
         where K is not positive definite. Source: Nocedal and Wright, algorithm 5.3.
         """
-        split = self.model.layout.split
         x, left = np.zeros_like(right), right.copy()
-        z = solve_columns(self.alone.panels, split, left)
+        z = self.alone.solve_columns(left)
         p, Ap = z.copy(), left.copy()  # Ap: the matrix of the factors times p
         size = start = _dots(left, z)
         for _ in range(MOST_PRODUCTS):
-            on = size > CLOSE**2 * start
+            on = size > 1e-11**2 * start  # of the first residual, in the energy's norm
             if not on.any():
                 return x
-            product = Ap + self.refresh_product(point, p)
+            product = Ap + self.refresh_product(self._point, p)
             curvature = _dots(p, product)
             if np.any(curvature[on] <= 0.0):
                 raise SolveError("the tangent of the whole energy is not positive definite: the equilibrium is at a critical load")
             step = np.where(on, size / np.where(on, curvature, 1.0), 0.0)[None, :, None]
             x += step * p
             left -= step * product
-            z = solve_columns(self.alone.panels, split, left)
+            z = self.alone.solve_columns(left)
             before, size = size, _dots(left, z)
             again = (size / np.where(before > 0.0, before, 1.0))[None, :, None]
             p, Ap = z + again * p, left + again * Ap
         raise SolveError(f"no sensitivities within {MOST_PRODUCTS} conjugate gradients: the equilibrium is too near to a critical load")
+
+
+def energy_of(model: StaticModel) -> Energy | InteractingEnergy:
+    """The whole energy of a model, of whichever kind."""
+    return InteractingEnergy(model) if acting.feels_itself(model.scene) else Energy(model)
 
 
 def _dots(a: Array, b: Array) -> Array:
@@ -116,7 +124,7 @@ def _dots(a: Array, b: Array) -> Array:
 
 
 def minimize_with_interaction(
-    energy: InteractingEnergy, start: Array, *, tolerance: float, max_steps: int, on_step: Progress | None = None
+    energy: InteractingEnergy, start: Array, *, tolerance: float, max_steps: int, on_step: OnStep | None = None
 ) -> Minimum:
     """A minimum of the whole energy, from grid coefficients `start` (planes, m) m, as newton.minimize.
 
@@ -126,13 +134,13 @@ def minimize_with_interaction(
     rest = energy.at(np.zeros_like(start)).energy
     point = energy.at(start)
     gradient = energy.residual(point)
-    remembered: deque[tuple[Array, Array]] = deque(maxlen=REMEMBERED)
+    remembered: list[tuple[Array, Array]] = []  # the last twelve steps, and what they changed in the gradient
     age, decrement, scale = FRESH, np.inf, 1.0
     for step in range(1, MOST_STEPS * max_steps + 1):
         if age >= FRESH:
             factored(alone, point)
             age = 0
-        direction = -_two_loop(gradient, remembered, lambda g: solve(alone.panels, split, g))
+        direction = corrected(gradient, remembered, lambda g: -solve(alone.panels, split, g))
         decrement = -float(np.sum(gradient * direction)) / 2
         if not decrement > 0:  # the remembered steps are out of date
             remembered.clear()
@@ -152,32 +160,17 @@ def minimize_with_interaction(
             fraction *= 0.5
             if fraction < LEAST_FRACTION:
                 raise SolveError("no step lowers the energy: the line search gave up", before)
-        if point.min_det_F < COLLAPSED:
+        if point.min_det_F < 1e-3:  # dipoles of neighbors fall onto each other: their energy has no lower bound
             raise Collapsed(
                 "the segments attract each other more strongly than their material can bear, and fall onto each other: "
                 f"det F fell to {point.min_det_F:.2g} (bodies bear it up to a Br^2/(mu0 G) of about 1)", before
             )  # fmt: skip
         after = energy.residual(point)
-        remembered.append((point.grid - before.grid, after - gradient))
-        if float(np.sum(remembered[-1][0] * remembered[-1][1])) <= 0:
-            remembered.pop()
-        gradient, age = after, FRESH if fraction <= SHORT else age + 1
+        pair = point.grid - before.grid, after - gradient
+        remembered = [*remembered[-11:], *([pair] if float(np.sum(pair[0] * pair[1])) > 0 else [])]
+        gradient, age = after, FRESH if fraction <= 0.25 else age + 1
     raise SolveError(
         f"no equilibrium of segments that act on each other within {MOST_STEPS * max_steps} steps (energy decrement "
         f"{decrement / scale:.1e} of the energy, wanted {tolerance:.1e})",
         point,
     )
-
-
-def _two_loop(gradient: Array, remembered: deque[tuple[Array, Array]], precondition) -> Array:  # type: ignore[no-untyped-def]
-    """The L-BFGS inverse Hessian times the gradient: the two-loop recursion."""
-    q = gradient.copy()
-    shares = []
-    for s, y in reversed(remembered):
-        share = float(np.sum(s * q)) / float(np.sum(s * y))
-        shares.append(share)
-        q -= share * y
-    out = precondition(q)
-    for (s, y), share in zip(remembered, reversed(shares), strict=True):
-        out = out + (share - float(np.sum(y * out)) / float(np.sum(s * y))) * s
-    return np.asarray(out)

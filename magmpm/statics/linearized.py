@@ -9,26 +9,26 @@ Source: implicit function theorem; Tortorelli and Michaleris, Inverse Problems i
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from magmpm.bodies.curves import on_rows
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
-from magmpm.statics.block_cholesky import factor, solve_columns
-from magmpm.statics.changes import magnet_changes, right_sides
-from magmpm.statics.energy import Energy, Point
-from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
-from magmpm.statics.geometry import (
-    GeometryChange,
+from magmpm.statics.block_cholesky import factor
+from magmpm.statics.changes import (
     contact_changes,
     geometry_changes,
-    residual_alone,
-    residual_with_interaction,
+    magnet_changes,
+    right_sides,
 )
-from magmpm.statics.interacting import InteractingEnergy
+from magmpm.statics.energy import Energy, Point
+from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 from magmpm.statics.newton import refined
 
 
@@ -38,14 +38,12 @@ class Linearized:
     def __init__(self, found: Equilibrium, variables: Sequence[Variable]) -> None:
         """Raises SolveError where the tangent is not positive definite: at a critical load, say."""
         assert found.energy is not None
-        whole = found.energy
-        self._whole = whole if isinstance(whole, InteractingEnergy) else None
-        self.energy: Energy = whole.alone if isinstance(whole, InteractingEnergy) else whole
-        self.model, self.variables = whole.model, variables
+        self._whole, self.energy = found.energy, found.energy.alone
+        self.model, self.variables = found.energy.model, variables
         with one_blas_thread():
             self._point = self._refined(found.point.grid)
             self._factor()
-            self._geometry = self._shapes()
+            self._geometry = geometry_changes(self.model, self._point.grid, self.variables)
             self._right = self._right_sides()
 
     def _factor(self) -> None:
@@ -54,27 +52,21 @@ class Linearized:
             raise SolveError("the equilibrium is at a critical load: its tangent is not positive definite, so it has no sensitivities")
 
     def _refined(self, grid: Array) -> Point:
-        if self._whole is None:
-            return refined(self.energy, self.energy.at(grid))
+        if isinstance(self._whole, Energy):
+            return refined(self._whole, self._whole.at(grid))
         for _ in range(3):  # Newton steps: each doubles the digits of what the solve found
             self._point = self._whole.at(grid)
             residual = self._whole.residual(self._point)
             self._factor()
-            grid = grid - self._whole.solve_columns(self._point, residual[:, None])[:, 0]
+            grid = grid - self._whole.solve_columns(residual[:, None])[:, 0]
         return self._whole.at(grid)
 
-    def _shapes(self) -> dict[int, GeometryChange]:
-        residual = residual_alone if self._whole is None else residual_with_interaction
-        return geometry_changes(self.model, self._point.grid, self.variables, residual)
-
     def _right_sides(self) -> Array:
-        if self._whole is None:
-            right = right_sides(self.energy, self._point, self.variables)
-        else:
-            right = right_sides(self._whole.whole, self._point, self.variables)
-            changes = magnet_changes(self.model, self.variables)
-            if changes:
-                right[:, list(changes)] += self._whole.refresh_by_remanence(self._point, np.array(list(changes.values())))
+        whole = self._whole
+        right = right_sides(whole if isinstance(whole, Energy) else whole.whole, self._point, self.variables)
+        changes = magnet_changes(self.model, self.variables)
+        if changes and not isinstance(whole, Energy):
+            right[:, list(changes)] += whole.refresh_by_remanence(self._point, np.array(list(changes.values())))
         for k, change in self._geometry.items():
             right[:, k] = change.residual
         for k, stiffer in contact_changes(self.model, self._point.grid, self.variables).items():
@@ -84,9 +76,7 @@ class Linearized:
     def solve(self, right: Array) -> Array:
         """K^-1 times right-hand sides (planes, k, m), by block substitution; with interaction, conjugate gradients of these."""
         with one_blas_thread():
-            if self._whole is not None:
-                return self._whole.solve_columns(self._point, right)
-            return solve_columns(self.energy.panels, self.model.layout.split, right)
+            return self._whole.solve_columns(right)
 
     @cached_property
     def unknowns(self) -> Array:
@@ -143,10 +133,68 @@ class Linearized:
             return axis.splines_along(model, model.grid.stations[-1:])[0][:, None] * axis.end_face_weights(model)
         last = model.particles.segment == len(model.scene.regions()) - 1  # the tip of parts: the mean of the last (simulate)
         force = np.where(last[:, None], np.array([-1.0, 0.0, 0.0]), 0.0)[None]
-        column = np.zeros((1, len(model.layout.cell_plane)), np.int64)
-        out = self.energy.scattered(column, np.zeros((1, len(last), 3, 3)), force, 1)
+        out = self.energy.each_scattered(np.zeros((1, len(last), 3, 3)), force)
         return out[:, 0, ::3] / model.particles.volume[last].sum()
 
     def _by_node(self, columns: Array) -> Array:
         """Columns (planes, k, m) as (planes, k, nodes, 3)."""
         return columns.reshape(*columns.shape[:2], -1, 3)
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """Derivatives of an equilibrium's shape with respect to k variables of its scene. SI units, per unit of each variable.
+
+    result: the equilibrium; variables: what is changed, in the order of the last axis. Derivatives are computed when first requested
+    for: `adjoint` needs none of the others.
+    """
+
+    result: Any  # results.result.Result, which statics does not know
+    variables: tuple[Variable, ...]
+    _near: Linearized = field(repr=False)
+
+    @property
+    def tip(self) -> Array:
+        """Derivatives (3, k), m per unit, of `result.tip`."""
+        return self._near.tip
+
+    @property
+    def centreline(self) -> Array:
+        """Derivatives (stations, 3, k), m per unit, of x, y, z in `result.centreline`, row by row; no rows for a body without an axis.
+
+        A row stays in its place in a cell, so where a segment gets longer the row's arc length grows; `at` is for fixed arc lengths.
+        """
+        return self._near.centreline
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The variables' names, such as segment_1_azimuth, field_x, remanence_silicone."""
+        return tuple(variable.name for variable in self.variables)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The variables' units: rad, T, Pa, m or kg/m^3."""
+        return tuple(variable.unit for variable in self.variables)
+
+    def at(self, arc_lengths: Array) -> Array:
+        """Derivatives (m, 3, k), m per unit, of `results.measures.centreline_at(result, arc_lengths)`, arc_lengths (m,) m.
+
+        Exact, as that is: parabolas through three rows. Raises ValueError for an arc length outside the body.
+        """
+        s = np.asarray(arc_lengths, dtype=float)
+        rows = self.result.centreline
+        stations, _, k = self.centreline.shape
+        values, _ = on_rows(rows[:, 0], self.centreline.reshape(stations, 3 * k), s)
+        _, slope = on_rows(rows[:, 0], rows[:, 1:], s)
+        moved, _ = on_rows(rows[:, 0], self._near.stations, s)
+        return values.reshape(len(s), 3, k) - slope[:, :, None] * moved[:, None, :]
+
+    def adjoint(self, gradient: Array) -> Array:
+        """dJ/d(variable) (k,) of an objective J with this gradient dJ/d(centreline) (stations, 3), in J's unit per m.
+
+        One substitution, however many variables. Raises ValueError for a gradient of another shape.
+        """
+        gradient, rows = np.asarray(gradient, dtype=float), self.result.centreline
+        if gradient.shape != (len(rows), 3):
+            raise ValueError(f"gradient has shape {gradient.shape}; must be {(len(rows), 3)}, a row for each of the centreline's")
+        return self._near.adjoint(gradient)

@@ -20,25 +20,20 @@ from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.newton import NEAR, ROUNDING_AT_REST, _chord_steps, factored
+from magmpm.statics.newton import NEAR, ROUNDING_AT_REST, OnStep, _chord_steps, factored
 
 CONTRACTION = 0.5  # of Newton's steps, below which they are sure to stay with the branch
-ALIKE = 1e-5  # of the length: steps shorter than this may shrink more slowly, down to rounding
-MOST_NEWTON = 12  # steps of one attempt
 MOST_FALLING = 400  # steps of a fall
-MOST_TURNS = 6  # Newton steps in each
-STIFFEST = 1e15  # times NEUTRAL: with more, it is not the tangent that matters
 STIFFER = 10.0  # times as much of the mass matrix, where a tangent has no factors yet
 NEUTRAL = 1e-4  # of the lowest eigenvalue of the undeformed body: what counts as zero. A buckled round rod turns about its axis freely
 SOFT = 100.0  # of Energy.least_scale, a strain of 1e-8: near a critical load rounding alone costs the soft mode such an energy
-Tell = Callable[[int, float], None]
 
 
 class NearbyMinima:
     """Finds minima near states of a model. spent: Newton steps so far; unstable: whether the last search ended at a stationary point that
     is no minimum."""
 
-    def __init__(self, *, tolerance: float, on_step: Tell | None = None) -> None:
+    def __init__(self, *, tolerance: float, on_step: OnStep | None = None) -> None:
         self._tolerance, self._tell = tolerance, on_step
         self.spent, self.unstable = 0, False
         self._shift, self._free, self._decrement = 0.0, 0.0, 0.0
@@ -55,7 +50,7 @@ class NearbyMinima:
         self.unstable = False
         point, rest, allowed, on = energy.at(begin), energy.rest_energy(), np.inf, np.zeros(0, np.int64)
         length = float(np.ptp(energy.model.plane_coordinates()))
-        for step in range(MOST_NEWTON):
+        for step in range(12):
             if not point.min_det_F > 0:
                 return None
             residual, definite = self.made_definite(energy, point)
@@ -70,7 +65,7 @@ class NearbyMinima:
             if self._tell is not None:
                 self._tell(step + 1, decrement / scale)
             size = float(np.abs(direction).max())
-            if size > max(allowed, ALIKE * length):
+            if size > max(allowed, 1e-5 * length):  # steps that are shorter may shrink more slowly, down to rounding
                 return None
             allowed = CONTRACTION * (size if allowed == np.inf else allowed)
             if decrement < NEAR * scale:
@@ -104,7 +99,7 @@ class NearbyMinima:
         done, enough = definite, self._enough / STIFFER
         while not done:
             residual, done = self._factored(energy, point, max(STIFFER * self._shift, enough))
-            if not self._shift < STIFFEST * self._neutral(energy):
+            if not self._shift < 1e15 * self._neutral(energy):  # it is not the tangent that matters
                 return None, False
             self._enough = self._shift
         return residual, definite
@@ -173,7 +168,7 @@ class NearbyMinima:
     def _euler(self, energy: Energy, before: Point, mu: float, longest: float) -> Point | None:
         """The minimum of E + mu/2 |c - c0|^2 near a state c0; None where there is none within `longest` (m)."""
         mass, split, point = self.mass(energy), energy.model.layout.split, before
-        for turn in range(MOST_TURNS):
+        for turn in range(6):  # Newton steps
             residual, definite = self.made_definite(energy, point, mu)
             if residual is None or (not definite and turn == 0):
                 return None

@@ -1,7 +1,7 @@
 """Globalized Newton's method for a minimum of the energy.
 
 * An energy line search (Armijo), so every step lowers the energy. Where a straight step does not, the same step along an arc is tried
-  (statics.arc_step) before a shorter one.
+  (along_arc) before a shorter one.
 * A tangent that is not positive definite is shifted until it is. The first shift is 1e-5 of its largest diagonal entry. Bending is
   about 1e-6 as stiff as the stiffest mode, so this shift freezes bending while the stiff modes settle. A positive definite tangent
   is never shifted: even 1e-7 would stall the soft modes for dozens of steps.
@@ -10,6 +10,13 @@
   a chord step costs an eighth of a Newton step, and still reduces the error by a factor of about its own size.
 
 Sources: Nocedal and Wright, Numerical Optimization, 2nd ed., chapter 3; negative curvature: More and Sorensen, Math. Prog. 16 (1979).
+
+Along an arc planes of nodes turn by finite rotations, as the sections of a bending or twisting body do. A straight step moves every node
+along a line. Where sections turn by an angle a, this stretches the body by a^2/2, and stretching is up to a million times as stiff as
+bending and twist. So in a soft mode, near a critical load, only tiny straight steps lower the energy. Here the direction of each plane of
+nodes is split into a translation, a rotation and a rest. The rotations are applied as rotations, and the distances between planes are
+turned with them and added up again from the first plane. To first order in the fraction this is the straight step, so the direction still
+goes down. Source: retractions, Absil, Mahony, Sepulchre, Optimization Algorithms on Matrix Manifolds, ch. 4.
 """
 
 from __future__ import annotations
@@ -22,17 +29,13 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.scene import time_limit
-from magmpm.statics.arc_step import along_arc
 from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy, Point
+from magmpm.statics.layout import StaticModel
 
 FIRST_SHIFT = 1e-5  # of the largest diagonal entry
-LEAST_SHIFT = 1e-9  # near an equilibrium: the softest modes of a slender body, bending and twist, are 1e-7 to 1e-9 as stiff
-SPURIOUS_PRESSURE = 1.0  # of G: a start with more is shifted before its first factorization, which would fail
 NEAR = 1e-5  # of the energy scale: below this decrement the tangent hardly changes
-LARGEST_SHIFT = 1e3
 PAIRS = 6  # steps that a chord step remembers
-POOR = 0.5  # of the decrement, half of what a full step wins in a quadratic: a straight step that wins less is compared with an arc
 CRAWL = 8  # shifted steps in a row, after which the body goes along the mode that the shift slows down
 NEAREST, FARTHEST = 2.0**-6, 16.0  # times as far as `_leave` says
 STALL, STALLED = 15, 0.1  # steps that all together win less than this share of what the next one promises: the solve leads nowhere
@@ -40,7 +43,7 @@ MOST_LEFT = 8  # unstable equilibria that one solve may leave
 LEAST_FRACTION = 1e-8  # of a step: below it the line search gives up
 ROUNDING = 1e-13  # of the energy scale: smaller differences of energies are rounding errors
 ROUNDING_AT_REST = 1e3  # of Energy.least_scale, 1e-15 of shear modulus times volume: nor below it, however small the load
-Progress = Callable[[int, float], None]
+OnStep = Callable[[int, float], None]  # of a solve: called after each step with its number and its energy decrement
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ class Minimum:
 
 
 def minimize(
-    energy: Energy, start: Array, *, tolerance: float, max_steps: int, on_step: Progress | None = None, chord: Chord = USUAL
+    energy: Energy, start: Array, *, tolerance: float, max_steps: int, on_step: OnStep | None = None, chord: Chord = USUAL
 ) -> Minimum:
     """A minimum of the energy, from grid coefficients `start` (planes, m) m.
 
@@ -93,7 +96,7 @@ def minimize(
         decrement = -float(np.sum(residual * direction)) / 2
         scale = max(abs(point.energy - rest), energy.least_scale())
         if tolerance * scale < decrement < NEAR * scale and shift > 0.0:  # only a soft mode is left: FIRST_SHIFT would freeze it
-            residual, direction, shift = _step(energy, point, LEAST_SHIFT)
+            residual, direction, shift = _step(energy, point, 1e-9)  # the softest modes, bending and twist, are 1e-7 to 1e-9 as stiff
             decrement = -float(np.sum(residual * direction)) / 2
         if decrement < chord.near * scale and shift == 0.0:
             near, reached = _chord_steps(energy, point, residual, direction, decrement, tolerance * scale, chord)
@@ -123,9 +126,10 @@ def _not_found(point: Point, after: str, decrement: float, tolerance: float) -> 
 
 
 def _expected_shift(energy: Energy, point: Point) -> float:
-    """Likely shift for a start. Its section field ignores the clamp, which leaves a spurious pressure there."""
+    """Likely shift for a start. Its section field ignores the clamp, which leaves a spurious pressure there; with more than G the first
+    factorization would fail."""
     ratio = float(np.max(energy.model.bulk / energy.model.shear))
-    return FIRST_SHIFT if ratio * max(1 - point.min_det_F, point.max_det_F - 1) > SPURIOUS_PRESSURE else 0.0
+    return FIRST_SHIFT if ratio * max(1 - point.min_det_F, point.max_det_F - 1) > 1.0 else 0.0
 
 
 def _step(energy: Energy, point: Point, shift: float) -> tuple[Array, Array, float]:
@@ -146,7 +150,7 @@ def factored(energy: Energy, point: Point, shift: float = 0.0) -> tuple[Array, f
         if factor(panels, layout.split) < 0:
             return residual, shift
         shift = 10.0 * shift if shift > 0.0 else FIRST_SHIFT
-        if shift > LARGEST_SHIFT:
+        if shift > 1e3:
             raise SolveError("the tangent can't be made positive definite: it holds values that are not finite", point)
 
 
@@ -259,7 +263,7 @@ def _search(energy: Energy, point: Point, direction: Array, decrement: float, sc
         enough = point.energy - 2e-4 * fraction * decrement + noise
         trial = energy.at(point.grid + fraction * direction)
         won = point.energy - trial.energy if trial.min_det_F > 0 else -np.inf
-        if won < POOR * fraction * decrement:  # sections that turn far stretch the body on a straight way
+        if won < 0.5 * fraction * decrement:  # half of what it wins in a quadratic: sections that turn far stretch the body
             arc = energy.at(along_arc(energy.model, point.grid, direction, fraction))
             trial = arc if arc.min_det_F > 0 and not arc.energy >= trial.energy else trial
         if trial.min_det_F > 0 and trial.energy <= enough:
@@ -267,3 +271,40 @@ def _search(energy: Energy, point: Point, direction: Array, decrement: float, sc
         fraction *= 0.5
         if fraction < LEAST_FRACTION:
             raise SolveError("no step lowers the energy: the line search gave up", point)
+
+
+def rest_nodes(model: StaticModel) -> Array:
+    """Positions (planes, nodes, 3) m of the nodes of the undeformed grid, in x, y, z."""
+    grid, layout = model.grid, model.layout
+    first, second, third = model.order
+    X = np.empty((layout.planes, layout.nodes_per_plane, 3))
+    X[..., first] = grid.node_coordinates(0)[int(model.clamped_face) :, None]
+    X[..., second], X[..., third] = grid.section_nodes(layout.node_yz).T
+    return X
+
+
+def along_arc(model: StaticModel, grid: Array, direction: Array, fraction: float) -> Array:
+    """Coefficients (planes, m) m after a fraction of a step `direction` (planes, m) m from `grid` (planes, m) m, along an arc."""
+    X = rest_nodes(model)
+    x, d = X + grid.reshape(X.shape), direction.reshape(X.shape)
+    center, shift = x.mean(axis=1), d.mean(axis=1)
+    arm, turn = x - center[:, None], d - shift[:, None]
+    # The rotation that is nearest to each plane's motion, by least squares: of the sum of |w x arm - turn|^2.
+    inertia = np.einsum("pni,pni->p", arm, arm)[:, None, None] * np.eye(3) - np.einsum("pni,pnj->pij", arm, arm)
+    w = np.einsum("pij,pj->pi", np.linalg.pinv(inertia, rcond=1e-9, hermitian=True), np.cross(arm, turn).sum(axis=1))
+    section = _turned(fraction * w, arm + fraction * (turn - np.cross(w[:, None], arm)))
+    between, change = np.diff(center, axis=0), np.diff(shift, axis=0)
+    mean = (w[1:] + w[:-1]) / 2
+    gaps = _turned(fraction * mean, (between + fraction * (change - np.cross(mean, between)))[:, None])[:, 0]
+    start = center[:1] + fraction * shift[:1]
+    moved = np.concatenate([start, start + np.cumsum(gaps, axis=0)])
+    out = (moved[:, None] + section - X).reshape(grid.shape)
+    out[model.layout.fixed] = grid[model.layout.fixed]
+    return np.ascontiguousarray(out)
+
+
+def _turned(angles: Array, vectors: Array) -> Array:
+    """Vectors (p, n, 3) turned by rotation vectors (p, 3) rad."""
+    from scipy.spatial.transform import Rotation  # 0.1 s to import, and few solves need it
+
+    return np.einsum("pij,pnj->pni", Rotation.from_rotvec(angles).as_matrix(), vectors)

@@ -20,15 +20,14 @@ from magmpm.scene.coarsest import coarsest_cells, knots_of
 from magmpm.statics import error_estimate as law
 from magmpm.statics.equilibrium import one_blas_thread
 from magmpm.statics.error_estimate import PROOF, caution, observed_order
-from magmpm.statics.grids import Grids, OnStep
+from magmpm.statics.grids import Grids
+from magmpm.statics.newton import OnStep
 
 PATIENCE = 3600.0  # s: an error that would take longer is out of reach
 LARGEST = 0.5  # of the length: a larger error tells nothing
 FLOOR = 1e-6  # of the length: equilibria are known no better (docs/design.md, "End.")
 SHARE = 0.5  # of the machine's memory that a grid may take
 LATE = 1.15  # of the time requested: a grid that takes longer is given up
-RESERVE = 0.9  # of the time left that a grid may be foretold to take
-HOPE = 0.5  # errors may fall by this order faster than they did
 # Where materials meet, grids begin here: of 143 drawn bodies 2 by 4 cells gave errors up to 2 times too small, of 97 3 by 5 one 4 times.
 JOINTED = {3: 6}
 FIRST_LEAP = 6  # cells across, at most, of the second grid that is proven
@@ -205,7 +204,7 @@ def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None
     if search.errors[tried] <= wanted:
         return None
     order = observed_order(search.errors)
-    hoped = law.FASTEST if order is None else min(max(order, law.LEAST) + HOPE, law.FASTEST)
+    hoped = law.FASTEST if order is None else min(max(order, law.LEAST) + 0.5, law.FASTEST)  # they may fall faster than they did
     if not finer or search.errors[tried] * (tried / finer[-1]) ** hoped > wanted:
         # Two coarse grids far from each other may be too coarse, rather than on other branches: then their distance foretells nothing.
         if tried < FIRST_LEAP and search.errors[tried] > LARGEST * search.scene.length:
@@ -232,7 +231,7 @@ def _next_in_time(search: _Search, tried: int, finer: list[int]) -> int | None:
         raise _too_short(search, gone + search.extra(tried))
     if len(search.errors) == 1:  # whose pace says little: it was the first to run
         finer = [n for n in finer if n <= FIRST_LEAP]
-    return max((n for n in finer if search.fits(n) and search.takes(n) + search.extra(n) <= RESERVE * (limit - gone)), default=None)
+    return max((n for n in finer if search.fits(n) and search.takes(n) + search.extra(n) <= 0.9 * (limit - gone)), default=None)
 
 
 def _too_short(search: _Search, needed: float) -> SceneError:

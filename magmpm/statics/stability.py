@@ -23,16 +23,13 @@ from magmpm.kernels.equilibrium import grid_to_particles
 from magmpm.statics.block_cholesky import factor, solve_columns
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy
+from magmpm.statics.layout import StaticModel
 
 COLUMNS = 3  # soft vectors: of a rod two of bending and one of twist
-ROUNDS = 2  # of inverse iteration
 ENOUGH = 1e-5  # of the unloaded body's eigenvalue: what one more vector would win; it is subtracted, so a tenth of it is left
-MOST = 6  # vectors added
 NO_LOAD = 1e-12  # of the load, as good as none: other kernels would have to be compiled for none at all
 _rest: OrderedDict[bytes, float] = OrderedDict()
-KEPT = 64  # bodies
 BRINK = 0.02  # of the unloaded body's least stiffness: below, an equilibrium has a warning
-DEPENDENT = 1e-10  # of the squared size: columns nearer than this to the others' span add nothing but rounding
 
 Products = Callable[[Array], tuple[Array, Array]]
 
@@ -54,19 +51,11 @@ def stability(energy: Energy | InteractingEnergy, point: Point, body: Unloaded |
     energy: of the solve, with its last factors in its panels, which stay; with interaction, those of the other parts of the energy.
     body: what an earlier call for the same body found.
     """
-    alone = energy.alone if isinstance(energy, InteractingEnergy) else energy
-    body = body or Unloaded()
+    alone, body = energy.alone, body or Unloaded()
     rest = body.rest = _of_rest(alone) if body.rest is None else body.rest
     body.lumped = _lumped(alone) if body.lumped is None else body.lumped
     here = energy.at(point.grid)  # and tables that follow the shape
-
-    def products(columns: Array) -> tuple[Array, Array]:
-        stiff, heavy = alone.products(here, columns)
-        if isinstance(energy, InteractingEnergy):
-            stiff += energy.refresh_product(here, columns)
-        return stiff, heavy
-
-    return _smallest(alone, products, rest, body.lumped) / rest
+    return _smallest(alone, lambda columns: energy.products(here, columns), rest, body.lumped) / rest
 
 
 def on_the_brink(stability: float | None) -> list[str]:
@@ -79,19 +68,24 @@ def on_the_brink(stability: float | None) -> list[str]:
     ]
 
 
+def unloaded(model: StaticModel) -> tuple[Energy, Point]:
+    """The energy of a model without loads, with the factors of its tangent in its panels, and its point at rest."""
+    energy = Energy(replace(model, effects=acting.collect(model.scene, NO_LOAD, model.times)))
+    at = energy.at(np.zeros(energy.shape))
+    if factor(energy.tangent(at)[1], model.layout.split) >= 0:
+        raise ArithmeticError("the unloaded body's tangent has no Cholesky factors")
+    return energy, at
+
+
 def _of_rest(energy: Energy) -> float:
     """Smallest eigenvalue (1/s^2 per kg/m^3) of the unloaded body's tangent, kept for the next solve of the same body."""
     model = energy.model
     parts = [model.particles.position, model.particles.volume, model.shear, model.bulk, model.weights, model.modes, model.layout.fixed]
     key = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).digest()
     if key not in _rest:
-        unloaded = Energy(replace(model, effects=acting.collect(model.scene, NO_LOAD, model.times), touching=None))
-        at = unloaded.at(np.zeros(unloaded.shape))
-        _, panels = unloaded.tangent(at)
-        if factor(panels, model.layout.split) >= 0:
-            raise ArithmeticError("the unloaded body's tangent has no Cholesky factors")
-        _rest[key] = _smallest(unloaded, lambda columns: unloaded.products(at, columns), 0.0, _lumped(unloaded))
-        while len(_rest) > KEPT:
+        bare, at = unloaded(replace(model, touching=None))
+        _rest[key] = _smallest(bare, lambda columns: bare.products(at, columns), 0.0, _lumped(bare))
+        while len(_rest) > 64:  # bodies
             _rest.popitem(last=False)
     _rest.move_to_end(key)
     return _rest[key]
@@ -101,13 +95,13 @@ def _smallest(energy: Energy, products: Products, scale: float, lumped: Array) -
     """Smallest eigenvalue of the tangent whose products are given; scale: what its error is measured by, 0 for itself; lumped: volumes."""
     split = energy.model.layout.split
     X = _start(energy)
-    for _ in range(ROUNDS):
+    for _ in range(2):  # rounds of inverse iteration
         MX = lumped * X
         X = solve_columns(energy.panels, split, _mixed(MX, _orthonormal(_inner(X, MX))))
     X = _mixed(X, _orthonormal(_inner(X, lumped * X)))
     KX, MX = products(X)
     value = np.inf
-    for _ in range(MOST):
+    for _ in range(6):  # vectors added
         turn = _orthonormal(_inner(X, MX))
         values, vectors = np.linalg.eigh(turn.T @ _inner(X, KX) @ turn)
         value, mix = float(values[0]), (turn @ vectors)[:, :1]
@@ -138,7 +132,7 @@ def _orthonormal(gram: Array) -> Array:
     size = np.sqrt(np.diag(gram))
     size = np.where(size > 0.0, size, np.inf)  # what can't move: a column of zeros
     values, vectors = np.linalg.eigh(gram / np.outer(size, size))
-    kept = values > DEPENDENT
+    kept = values > 1e-10  # of the squared size: what is nearer to the others' span adds nothing but rounding
     return np.asarray((vectors[:, kept] / np.sqrt(values[kept])) / size[:, None])
 
 
@@ -165,10 +159,8 @@ def _lumped(energy: Energy) -> Array:
 
 def mass(energy: Energy, columns: Array) -> Array:
     """The mass matrix of unit density times columns (planes, k, m)."""
-    model, count = energy.model, columns.shape[1]
-    n = len(model.shear)
+    count, n = columns.shape[1], len(energy.model.shear)
     u, F = np.empty((count, n, 3)), np.empty((n, 3, 3))
     for k in range(count):
-        grid_to_particles(energy.cells, energy.particles, np.ascontiguousarray(columns[:, k]), model.axes, u[k], F)
-    column = np.repeat(np.arange(count)[:, None], len(model.layout.cell_plane), axis=1)
-    return energy.scattered(column, np.zeros((count, n, 3, 3)), -u, count)
+        grid_to_particles(energy.cells, energy.particles, np.ascontiguousarray(columns[:, k]), energy.model.axes, u[k], F)
+    return energy.each_scattered(np.zeros((count, n, 3, 3)), -u)

@@ -18,7 +18,6 @@ from magmpm.effects.magnetization import rotating
 from magmpm.errors import InputError
 from magmpm.kernels.equilibrium import grid_to_particles
 from magmpm.scene import Scene
-from magmpm.statics.block_cholesky import solve_columns
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy
 
@@ -33,7 +32,7 @@ def missed_loads(scene: Scene, energy: Energy | InteractingEnergy | None, point:
     """
     if scene.advice == "off" or energy is None:
         return []
-    alone = energy.alone if isinstance(energy, InteractingEnergy) else energy
+    alone = energy.alone
     return [missed(scene, key) for key, P, f in _unnamed(scene, alone, point) if _moved(scene, alone, P, f) > SURE * scene.allowed_error]
 
 
@@ -85,8 +84,7 @@ def _stretched(shift: float, thickness: float) -> float:
 def first_order(energy: Energy, P: Array, f: Array) -> Array:
     """Shift (particles, 3) m of an equilibrium by more stress P (n, 3, 3) Pa and force f (n, 3) N/m^3, to first order."""
     model, n = energy.model, len(energy.model.shear)
-    column = np.zeros((1, len(model.layout.cell_plane)), np.int64)
-    moved = solve_columns(energy.panels, model.layout.split, energy.scattered(column, -P[None], -f[None], 1))
+    moved = energy.solve_columns(energy.each_scattered(-P[None], -f[None]))
     shift, F = np.empty((n, 3)), np.empty((n, 3, 3))
     grid_to_particles(energy.cells, energy.particles, np.ascontiguousarray(moved[:, 0]), model.axes, shift, F)
     return shift

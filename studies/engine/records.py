@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from magmpm.inputs.regular_file import MOST, read_regular
+from magmpm.inputs.user_files import MOST, read_regular
 from magmpm.results.result import readable
 from magmpm.results.whole_file import whole_file
 from magmpm.studies.engine.artifact_stores import ARTIFACTS, artifact_store

@@ -15,7 +15,7 @@ import yaml
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
-from magmpm.inputs.settings import read_yaml
+from magmpm.inputs.yaml_document import read_yaml
 from magmpm.studies.search.best_scene import SCENE
 from magmpm.studies.search.file_paths import mended
 

@@ -8,8 +8,8 @@ from typing import Any
 from magmpm.effects import acting as effects
 from magmpm.effects.acting import Effects
 from magmpm.effects.base import Effect
+from magmpm.errors import fixed, significant
 from magmpm.model import build
-from magmpm.results.readable import fixed, significant
 from magmpm.rod.cantilever import first_frequency, is_cantilever, without_motion
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells

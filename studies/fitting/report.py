@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 
 from magmpm.compiled.arrays import Array
-from magmpm.inputs.settings import read_yaml
+from magmpm.inputs.yaml_document import read_yaml
 from magmpm.studies.fitting.constants import GEOMETRY, LOSSES, OF_MATERIALS, SHOWN, applied, directions
 from magmpm.studies.fitting.held_out import HeldOut
 from magmpm.studies.fitting.prediction import Label

@@ -9,9 +9,8 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.dynamics import energies
 from magmpm.dynamics.step_control import LIMIT
-from magmpm.dynamics.steps import take
 from magmpm.dynamics.time_loop import begin
-from magmpm.dynamics.total_lagrangian import TotalMotion
+from magmpm.dynamics.total_lagrangian import TotalMotion, take
 from magmpm.effects import acting as effects
 from magmpm.errors import SolveError
 from magmpm.model import Model, build

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from magmpm.inputs.settings import read_yaml
+from magmpm.inputs.yaml_document import read_yaml
 from magmpm.studies.search.file_paths import from_folder, mended
 from magmpm.studies.search.scene_edits import Edits
 from magmpm.studies.search.search_space import SearchSpace

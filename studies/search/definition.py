@@ -17,9 +17,9 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, report
-from magmpm.inputs.allowed_paths import REMEDY, RULE, is_allowed
 from magmpm.inputs.csv_tables import read_centreline
 from magmpm.inputs.settings import validate
+from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
 from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.coarsest import coarsest_cells

@@ -9,7 +9,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, NotThereYet, dotted, report
-from magmpm.inputs.folder_names import folder_fault
+from magmpm.inputs.user_files import folder_fault
 from magmpm.inputs.yaml_document import Document
 from magmpm.scene import Scene
 from magmpm.studies.problem.path import Path as Curve

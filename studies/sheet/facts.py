@@ -15,9 +15,8 @@ import numpy as np
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.errors import MagmpmError, SolveError
-from magmpm.inputs.regular_file import read_regular
-from magmpm.results.result import Result
-from magmpm.results.versions import versions
+from magmpm.inputs.user_files import read_regular
+from magmpm.results.result import Result, versions
 from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine import records
 from magmpm.studies.engine.storage import must_exist, open_storage, storage_faults

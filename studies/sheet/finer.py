@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.errors import MagmpmError, SolveError
-from magmpm.results.frames import frames_of
+from magmpm.results.measures import frames_of
 from magmpm.scene import Scene, memory
 from magmpm.statics.error_estimate import PROOF, factor
 from magmpm.statics.grids import operations

@@ -229,20 +229,20 @@ def locking() -> Figures:
     """Anti-locking of docs/design.md on axial_transverse_5mT: none, the linear part of J with at most 10 G, 5 G; errors in % of L."""
     from reference.problems import finite_element_problems
 
-    from magmpm.bodies import volume_modes
+    from magmpm import model
     from magmpm.results.measures import largest_distance
     from magmpm.simulate import run
 
     problem = finite_element_problems(ROOT / "data/references/fem.json")["axial_transverse_5mT"]
-    usual, found = volume_modes.LINEAR_STIFFNESS, {}
+    usual, found = model.LINEAR_STIFFNESS, {}
     try:
         for name, kind, stiffness in (("none", "none", usual), ("10 G", "f-bar", 10.0), ("5 G", "f-bar", 5.0)):
-            volume_modes.LINEAR_STIFFNESS = stiffness
+            model.LINEAR_STIFFNESS = stiffness
             for n in (3, 4, 6, 8):
                 result = run(problem.scene(n, anti_locking=kind))
                 found[f"{name} {n}"] = 100 * largest_distance(result, problem.centreline) / problem.length
     finally:
-        volume_modes.LINEAR_STIFFNESS = usual
+        model.LINEAR_STIFFNESS = usual
     return found
 
 

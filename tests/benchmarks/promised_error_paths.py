@@ -16,7 +16,7 @@ from drawn_scenes import along_path, options_of, rows_of, shares
 
 from magmpm import run
 from magmpm.errors import MagmpmError
-from magmpm.results.frames import near_jumps
+from magmpm.results.measures import near_jumps
 from magmpm.scene import Scene
 from magmpm.scene.time_limit import limited
 from magmpm.solving.several_grids import Runs

@@ -14,7 +14,7 @@ import yaml
 
 from magmpm.cli import main
 from magmpm.cli.examples import examples_folder
-from magmpm.results.versions import CITATION
+from magmpm.results.result import CITATION
 
 ROOT = Path(__file__).resolve().parents[2]
 

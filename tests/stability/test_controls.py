@@ -66,7 +66,7 @@ def _at_once(model: Any, _: int, on_step: Any, warnings: list[str]) -> Any:
     energy, options = Energy(model), model.scene.solver.static
     begin = straight(model)
     found = newton.minimize(energy, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
-    return equilibrium.Equilibrium(found.point, found.steps, True, np.zeros_like(begin), warnings, energy=energy)
+    return equilibrium.Equilibrium(found.point, found.steps, np.zeros_like(begin), warnings, energy=energy)
 
 
 def _stay(energy: Energy, point: Point, residual: Array, attempt: int) -> Point:

@@ -9,7 +9,8 @@ from jsonschema import Draft202012Validator
 from rod_solve import SCENE, STUDY, solve, write_study
 
 from magmpm.errors import InputError
-from magmpm.inputs.settings import json_schema, read_yaml
+from magmpm.inputs.settings import json_schema
+from magmpm.inputs.yaml_document import read_yaml
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.problem import schema
 from magmpm.studies.problem.study_file import StudyFile

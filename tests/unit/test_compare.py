@@ -17,7 +17,7 @@ from magmpm import Motion, Result, Scene, run
 from magmpm.bodies.surface_mesh import write_stl
 from magmpm.compare import distance
 from magmpm.errors import SceneError, SolveError
-from magmpm.results.frames import Frames, near_jumps
+from magmpm.results.measures import Frames, near_jumps
 from magmpm.solving import several_grids
 from magmpm.solving.several_grids import Runs, cost_in_words, grids_of
 from magmpm.statics.grids import Equilibria

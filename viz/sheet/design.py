@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from magmpm.results.readable import fixed, significant
+from magmpm.errors import fixed, significant
 from magmpm.viz.sheet.drawing import drawing
 from magmpm.viz.sheet.markup import NOTHING, Markup, joined, table, tag
 

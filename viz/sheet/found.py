@@ -6,8 +6,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from magmpm.results.readable import length, significant
-from magmpm.results.versions import CITATION, SOURCES
+from magmpm.errors import length, significant
+from magmpm.results.result import CITATION, SOURCES
 from magmpm.viz.sheet.markup import NOTHING, Markup, joined, pairs, safe, table, tag
 
 WORDS = {"insertion": "insertion along a path", "schedule": "shapes at given times", "shape": "one target shape"}

@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 
 from magmpm.errors import InputError, report
-from magmpm.inputs.settings import read_yaml
+from magmpm.inputs.yaml_document import read_yaml
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene, load_scene
 from magmpm.solving.effects_choice import choose_effects

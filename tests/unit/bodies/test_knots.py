@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from magmpm.bodies.grid import Grid
-from magmpm.bodies.knots import EVEN, THIN, Knots, runs_along
+from magmpm.bodies.grid import EVEN, THIN, Grid, Knots, runs_along
 
 H = 1e-3
 

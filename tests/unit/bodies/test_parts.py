@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from reference.solids import ball, box, turned
 
-from magmpm.bodies.cut_cells import cell_moments
 from magmpm.bodies.grid import Grid
-from magmpm.bodies.mesh_quadrature import grid_of_parts, part_errors, part_particles
+from magmpm.bodies.mesh_quadrature import cell_moments, grid_of_parts, part_errors, part_particles
 from magmpm.bodies.shells import shells_of, solid_of
 from magmpm.bodies.surface_mesh import (
     Mesh,

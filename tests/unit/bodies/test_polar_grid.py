@@ -7,7 +7,7 @@ import pytest
 from reference.mpm_numpy import around_matrix
 from reference.scenes import rod_scene
 
-from magmpm.bodies.knots import Knots
+from magmpm.bodies.grid import Knots
 from magmpm.bodies.polar_grid import PolarGrid, tube_grid, tube_particles
 from magmpm.model import build
 from magmpm.statics.layout import static_model

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from magmpm.bodies.sections import torsion_constant
+from magmpm.bodies.segments import torsion_constant
 from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.results import measures

@@ -11,7 +11,7 @@ from reference.dynamics import Total
 from reference.in_motion import free_rod, moving
 from reference.scenes import rod_scene
 
-from magmpm.dynamics import own_loads
+from magmpm.dynamics import time_loop
 from magmpm.dynamics.time_loop import begin, interval
 from magmpm.effects import acting as effects
 from magmpm.model import build
@@ -47,7 +47,7 @@ def test_what_segments_do_to_each_other_follows_the_shape(monkeypatch: pytest.Mo
     """Held for 4 steps: the fields of the current shape, which differ by a thousandth from those of the undeformed body, and half of
     their change in the 4 steps before."""
     for name, value in {"FIRST": 4, "MOST": 4, "CHANGE": 1e9}.items():
-        monkeypatch.setattr(own_loads, name, value)
+        monkeypatch.setattr(time_loop, name, value)
     body: dict[str, Any] = {"length": 8e-3, "directions": [(0.3, 0.2, 1.0), (-1.0, 0.4, 0.0)]}
     model = build(free_rod({"magnetic_interaction": {}}, **body))
     moved = begin(model)

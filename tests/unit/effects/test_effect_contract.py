@@ -15,8 +15,8 @@ import pytest
 from reference.acting import KEYS, Point, acting, having, hook, scene
 from reference.dynamics import Total
 
-from magmpm.dynamics.steps import take
 from magmpm.dynamics.time_loop import begin
+from magmpm.dynamics.total_lagrangian import take
 from magmpm.effects import acting as effects
 from magmpm.effects import hooks
 from magmpm.effects.acting import Effects

@@ -9,13 +9,11 @@ import pytest
 from reference.taylor import slopes
 
 from magmpm.errors import InputError
-from magmpm.fields import dipole_cloud as lattice
-from magmpm.fields import domain as region
 from magmpm.fields import kernels as evaluate
 from magmpm.fields import magnets as solids
 from magmpm.fields import spline, table
 from magmpm.fields.dipole import POINT
-from magmpm.fields.domain import Box
+from magmpm.fields.magnets import Box
 from magmpm.fields.schedule import places
 from magmpm.fields.sources import FieldSource
 
@@ -255,7 +253,7 @@ def test_cloud_of_dipoles(given: dict[str, object], rng: np.random.Generator) ->
     field = source(magnet=given)
     assert field.magnet is not None
     exact, solid = solids.exact(field), solids.taken(field)[0]
-    rows = lattice.cloud(solid, solids.polarization(field.magnet[0]), exact, 8e-3, 2e-3)
+    rows = table.cloud(solid, solids.polarization(field.magnet[0]), exact, 8e-3, 2e-3)
     x = solid.position + rng.uniform(-50e-3, 50e-3, (3000, 3))
     x = x[solid.depth(x) < -8e-3]
     B, want = at(place(), dipoles(*rows), x)[0], exact(x)
@@ -265,11 +263,11 @@ def test_cloud_of_dipoles(given: dict[str, object], rng: np.random.Generator) ->
 
 
 def test_a_cloud_too_near_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lattice, "MAX_DIPOLES", 50)
+    monkeypatch.setattr(table, "MAX_DIPOLES", 50)
     field = source(magnet=CYLINDER)
     assert field.magnet is not None
     with pytest.raises(InputError, match=r"field.magnet: within 0.5 mm .* can't be as exact"):
-        lattice.cloud(solids.taken(field)[0], solids.polarization(field.magnet[0]), solids.exact(field), 0.5e-3, 2e-3)
+        table.cloud(solids.taken(field)[0], solids.polarization(field.magnet[0]), solids.exact(field), 0.5e-3, 2e-3)
 
 
 def test_without_magpylib_the_message_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -286,45 +284,45 @@ BODY = Box(np.array([0, -2e-3, -2e-3]), np.array([40e-3, 2e-3, 2e-3]))
 
 
 def test_reach_of_a_held_body_is_its_length() -> None:
-    box = region.reach(BODY, anchored=True)
+    box = solids.reach(BODY, anchored=True)
     assert box.holds(np.array([[-40e-3, 0, 0], [0, 40e-3, 0], [40e-3, 2e-3, 2e-3]])).all()
-    free = region.reach(BODY, anchored=False)
+    free = solids.reach(BODY, anchored=False)
     assert free.holds(np.array([[79e-3, 0, 0], [-39e-3, 0, 0]])).all()
 
 
 def test_box_is_cut_between_body_and_magnet() -> None:
     """A quarter of the gap remains to the magnet; the body is in the box, the magnet is not."""
     magnet = solids.taken(source(magnet={**CYLINDER, "position": (52e-3, 5e-3, 8e-3)}))
-    box = region.cut_for(region.reach(BODY, True), BODY, magnet)
+    box = solids.cut_for(solids.reach(BODY, True), BODY, magnet)
     assert box is not None
     assert box.cut == ("field.magnet",)
     assert box.upper[0] == pytest.approx(42e-3 - 0.25 * 2e-3)
     assert np.all(box.lower <= BODY.lower)
     assert not box.meets(*magnet[0].box())
-    reach = region.reach(BODY, True)
+    reach = solids.reach(BODY, True)
     beside = solids.taken(source(magnet={**CYLINDER, "position": (reach.upper[0] + 10.1e-3, 5e-3, 8e-3)}))
-    assert region.cut_for(reach, BODY, beside) is reach
-    near = region.cut_for(reach, BODY, beside, keeps_off=0.0)
+    assert solids.cut_for(reach, BODY, beside) is reach
+    near = solids.cut_for(reach, BODY, beside, keeps_off=0.0)
     assert near is not None
     assert near.upper[0] < reach.upper[0], "no table is exact a tenth of a millimeter beside a magnet's edge"
     assert near.volume > 0.5 * reach.volume
     aside = solids.taken(source(magnet={**CYLINDER, "position": (reach.upper[0] + 10.1e-3, 30e-3, 8e-3)}))
-    kept = [region.cut_for(reach, BODY, aside, keeps_off=off) for off in (0.0, 3e-3)]
+    kept = [solids.cut_for(reach, BODY, aside, keeps_off=off) for off in (0.0, 3e-3)]
     assert kept[0] is not None
     assert kept[1] is not None
     low = aside[0].box()[0]
     assert low[0] - kept[0].upper[0] == pytest.approx(0.25 * (low[0] - BODY.upper[0]))  # the least that a cut loses
     assert low[1] - kept[1].upper[1] == pytest.approx(0.25 * (low[1] - BODY.upper[1]))  # where more than 3 mm are kept
-    far = region.cut_for(region.reach(BODY, True), BODY, solids.taken(source(magnet=CYLINDER)))
+    far = solids.cut_for(solids.reach(BODY, True), BODY, solids.taken(source(magnet=CYLINDER)))
     assert far is not None
     assert not far.cut, "out of reach: nothing to cut"
     inside = solids.taken(source(magnet={**CYLINDER, "position": (20e-3, 0, 0)}))
-    assert region.cut_for(region.reach(BODY, True), BODY, inside) is None
+    assert solids.cut_for(solids.reach(BODY, True), BODY, inside) is None
 
 
 def test_sources_that_turn_see_the_body_all_round() -> None:
     given = {"rotation": {"axis": (0, 0, 1), "frequency": 2.0, "center": (60e-3, 0, 0)}}
-    seen = region.seen_from_sources(source(magnet=CYLINDER, over_time=given), BODY)
+    seen = solids.seen_from_sources(source(magnet=CYLINDER, over_time=given), BODY)
     assert seen.upper[0] >= 119e-3
     assert seen.lower[1] <= -59e-3
     assert seen.upper[2] == pytest.approx(2e-3)

@@ -11,7 +11,7 @@ import pytest
 from magmpm import load_scene
 from magmpm.cli import main
 from magmpm.errors import InputError
-from magmpm.inputs.allowed_paths import VARIABLE, allow, is_allowed
+from magmpm.inputs.user_files import VARIABLE, allow, is_allowed
 
 ROOT = Path(__file__).resolve().parents[3]
 SCENE = (ROOT / "data/scenes/axial_transverse.yaml").read_text(encoding="utf-8")

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from magmpm.results.readable import count, fixed, length, lengths, quantity, significant, stability_in_words
+from magmpm.errors import count, fixed, length, lengths, quantity, significant, stability_in_words
 
 
 @pytest.mark.parametrize(

@@ -143,8 +143,6 @@ def test_resuming_before_the_first_frame_or_with_another_body(tmp_path: Path) ->
         assert len(file["VTKHDF/Steps/Values"]) == file["VTKHDF/Steps"].attrs["NSteps"] == 3
     with pytest.raises(InputError, match="holds another motion"):
         MotionWriter(tmp_path / "again", motions.body(0.5e-3), resume_at=0.1)
-    with pytest.raises(InputError, match="holds another motion"):
-        MotionWriter(tmp_path / "again", model, ["det_F"], resume_at=0.1)
 
 
 def test_a_new_motion_takes_the_place_of_an_old_one(tmp_path: Path) -> None:
@@ -186,15 +184,6 @@ def test_a_full_disk_is_found_before_the_frame(tmp_path: Path, monkeypatch: pyte
     with pytest.raises(BudgetError, match="the disk is full"):
         motions.write(writer, motions.bending(model, TIMES[2:]))
     assert len(Motion.load(tmp_path)) == 2
-
-
-def test_only_the_quantities_asked_for_are_stored(tmp_path: Path) -> None:
-    model = motions.body()
-    writer = MotionWriter(tmp_path, model, ["displacement", "det_F"])
-    motions.write(writer, motions.bending(model, TIMES[:2]))
-    assert set(Motion.load(tmp_path)[1].quantities) == {"displacement", "det_F"}
-    with pytest.raises(InputError, match="'presure'"):
-        MotionWriter(tmp_path, model, ["presure"])
 
 
 def test_frames_go_forward_in_time(tmp_path: Path) -> None:

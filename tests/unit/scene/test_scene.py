@@ -17,7 +17,8 @@ from magmpm.errors import InputError
 from magmpm.fields.measured_map import _BOUNDS
 from magmpm.fields.over_time import Keyframe
 from magmpm.inputs.csv_tables import read_centreline, write_centreline
-from magmpm.inputs.settings import json_schema, read_yaml
+from magmpm.inputs.settings import json_schema
+from magmpm.inputs.yaml_document import read_yaml
 from magmpm.scene import (
     Body,
     Catheter,
@@ -30,7 +31,6 @@ from magmpm.scene import (
     Segment,
     load_scene,
 )
-from magmpm.scene import json_schema as schema
 
 ROOT = Path(__file__).resolve().parents[3]
 SCENES = sorted((ROOT / "data/scenes").glob("*.yaml"))
@@ -271,8 +271,8 @@ def essence(part: Any, at: str = "") -> set[tuple[str, str]]:
 
 
 def test_the_committed_schema_is_current() -> None:
-    committed = json.loads(schema.PATH.read_text())
-    assert essence(committed) == essence(json_schema(Scene)), "run python -m magmpm.scene.json_schema"
+    committed = json.loads((ROOT / "magmpm/scene.schema.json").read_text())
+    assert essence(committed) == essence(json_schema(Scene)), "run make schema"
     assert ("/$defs/Catheter/properties/length", 'description = "Length of the undeformed catheter."') in essence(committed)
 
 

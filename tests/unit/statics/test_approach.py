@@ -9,7 +9,7 @@ from reference.scenes import rod_scene
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.statics import axis
-from magmpm.statics.between_grids import carried
+from magmpm.statics.axis import carried
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import one_blas_thread, solve_static
 from magmpm.statics.grids import SETTLED, SLENDER, approached

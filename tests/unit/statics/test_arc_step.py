@@ -9,10 +9,9 @@ from scipy.spatial.transform import Rotation
 from magmpm.model import build
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
-from magmpm.statics.arc_step import along_arc, rest_nodes
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import StaticModel, static_model
-from magmpm.statics.newton import minimize
+from magmpm.statics.newton import along_arc, minimize, rest_nodes
 from magmpm.statics.rod_start import from_rod
 
 SILICONE = {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.138}

@@ -17,10 +17,9 @@ from magmpm.model import build
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
-from magmpm.statics.axis_order import arranged
 from magmpm.statics.block_cholesky import clear, new_panels
 from magmpm.statics.equilibrium import solve_static
-from magmpm.statics.layout import StaticModel, static_model
+from magmpm.statics.layout import StaticModel, arranged, static_model
 
 GROUND = {"point": [0.0, 0.0, -0.998e-3], "normal": [-3e-4, 1e-3, 1.0]}
 WALLS = {"tube": {"radius": 1.005e-3, "path": [[-4e-3, 0.0, 0.0], [4e-3, 0.0, 1e-6], [12e-3, 0.0, 5e-6]]}}

@@ -184,7 +184,6 @@ def test_it_is_a_stable_equilibrium() -> None:
     step = -solve(panels, model.layout.split, residual)
     assert -np.sum(residual * step) / 2 < 1e-11 * abs(found.point.energy - energy.rest_energy())
     assert np.abs(step).max() < 3e-6 * L
-    assert found.converged
 
 
 # symmetric loads: straight below the critical load, buckled above

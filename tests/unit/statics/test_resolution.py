@@ -16,7 +16,7 @@ from magmpm.errors import SceneError, SolveError
 from magmpm.model import build
 from magmpm.results.measures import largest_distance
 from magmpm.statics import resolution
-from magmpm.statics.between_grids import carried
+from magmpm.statics.axis import carried
 from magmpm.statics.error_estimate import PROOF, WITNESS, bound, caution
 from magmpm.statics.grids import Equilibria
 from magmpm.statics.layout import StaticModel, static_model

@@ -21,9 +21,9 @@ def test_moments_show_what_closes_and_opens_again_closed(tmp_path: Path) -> None
     model = motions.body()
     bends = [0.0, 0.1, 0.35, 0.4, 0.2, 0.05, 0.0, 0.0, 0.0]
     frames = list(motions.bending(model, bends))
-    with MotionWriter(tmp_path, model) as writer:
-        for k, frame in enumerate(frames):
-            writer.frame(0.01 * k, frame.x, frame.v, frame.F, frame.P, frame.energies)
+    writer = MotionWriter(tmp_path, model)
+    for k, frame in enumerate(frames):
+        writer.frame(0.01 * k, frame.x, frame.v, frame.F, frame.P, frame.energies)
     motion = MotionRenderer(Motion.load(tmp_path))
     apart = [float(np.abs(motion.motion.position(k) - motion.motion.position(0)).max()) for k in range(len(motion))]
     assert moments(motion) == [0, int(np.argmax(apart)), 8]

@@ -130,11 +130,11 @@ def test_a_far_magnet_does_not_make_the_body_a_speck(tmp_path: Path) -> None:
 
 def test_a_run_that_blew_up_is_drawn_as_far_as_it_is_finite(tmp_path: Path, flat: Renderer) -> None:
     model = motions.body()
-    with MotionWriter(tmp_path, model) as writer:
-        good, bad = motions.bending(model, [0.0, 0.1])
-        writer.frame(good.time, good.x, good.v, good.F, good.P, good.energies)
-        bad.x[:50] = np.nan
-        writer.frame(bad.time, bad.x, bad.v, bad.F, bad.P, bad.energies)
+    writer = MotionWriter(tmp_path, model)
+    good, bad = motions.bending(model, [0.0, 0.1])
+    writer.frame(good.time, good.x, good.v, good.F, good.P, good.energies)
+    bad.x[:50] = np.nan
+    writer.frame(bad.time, bad.x, bad.v, bad.F, bad.P, bad.energies)
     motion = MotionRenderer(Motion.load(tmp_path))
     snapshot = motion.snapshot(1)
     assert 0 < len(snapshot.body.triangles) < len(motion.snapshot(0).body.triangles)

@@ -1,7 +1,10 @@
-"""A scene at rest in view: what the page requests of it, and the answers."""
+"""The pages of `magmpm view`: of a scene at rest, with what the page requests of it, and of a motion, as it is saved or runs."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import tempfile
 import threading
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,14 +13,13 @@ from typing import Any
 import numpy as np
 
 from magmpm.cli.page_server import Routes
-from magmpm.errors import InputError, MagmpmError
-from magmpm.results.readable import lengths
+from magmpm.errors import InputError, MagmpmError, lengths
+from magmpm.results.file_names import MOTION
 from magmpm.results.result import Result
+from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
 from magmpm.studies.explore.live import Overtaken, Preview, Shape, Solver, changed, checked, controls, saved
-from magmpm.viz.page import Stage, about_scene, packed
-
-BRINK = 0.02  # as of magmpm.statics.stability: one below has a warning
+from magmpm.viz.page import MotionStage, Stage, about_scene, packed
 
 
 class ShapeView:
@@ -109,8 +111,93 @@ def _numbers(result: Result, rms: float | None) -> list[dict[str, Any]]:
     if rms is not None:
         rows.append(("rms to target", f"{1e3 * rms:.3g} mm", False))
     if result.stability is not None:
-        soft = result.stability <= BRINK
+        soft = any(w.startswith("stability: ") for w in result.warnings)
         rows.append(("stability", f"{result.stability:.3g}" + (" (about to lose its hold)" if soft else ""), soft))
     rows.append(("largest stretch", f"{result.largest_stretch:.3g}", any(w.startswith("strain: ") for w in result.warnings)))
     rows.append(("Newton steps", str(result.iterations), False))
     return [{"label": label, "text": text, "alarm": alarm} for label, text, alarm in rows]
+
+
+class MotionView:
+    """The page of a motion: its frames, and how far its run is. One that was not run yet is run first, and shown as it grows."""
+
+    def __init__(self, scene: Scene, path: Path, folder: Path) -> None:
+        """folder: of the results: saved ones of this scene are shown, otherwise it is run into it."""
+        self.scene, self.path, self.folder = scene, path, folder
+        self._reading = threading.Lock()
+        self._stage: MotionStage | None = None
+        self._run: subprocess.Popen[bytes] | None = None
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115
+        if not self._saved():
+            command = [sys.executable, "-m", "magmpm.cli", "run", str(path), "--out", str(folder), "--resume"]
+            self._run = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self._said)
+
+    def routes(self) -> Routes:
+        """Requests that the page may send, and the functions that answer them."""
+        return {"about": self.about, "progress": self.progress, "frame": self.frame}
+
+    def about(self, _: Any) -> Mapping[str, Any]:
+        """The scene, and how it is solved."""
+        kind = "equilibria along time" if self.scene.static else "motion"
+        effects = list(self.scene.effects.named())
+        return {"kind": "motion", "solved": kind, "effects": effects, "duration": self.scene.duration, **about_scene(self.scene, None, "")}
+
+    def progress(self, _: Any) -> Mapping[str, Any]:
+        """The frames there are: times (s), energies (J), the tip's path (m), and their box; whether the run goes on, or why it failed."""
+        running, failure = self._state()
+        with self._reading:
+            motion = self._loaded()
+            if motion is None or len(motion) == 0:
+                return {"times": [], "running": running, "failure": failure}
+            stage = self._staged(motion)
+            told = stage.told()
+        return {**told, "running": running, "failure": failure}
+
+    def frame(self, asked: Any) -> bytes:
+        """A frame by its number. Raises InputError."""
+        number = asked.get("number") if isinstance(asked, Mapping) else None
+        with self._reading:
+            motion = self._loaded() if self._stage is None else self._stage.motion
+            if motion is None or isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < len(motion):
+                raise InputError(f"frame: received {number!r:.40}; the motion has frames 0 to {0 if motion is None else len(motion) - 1}")
+            stage = self._staged(motion)
+            header, arrays = stage.frame(number, str(asked.get("surface", "")))
+        return packed(header, arrays)
+
+    def close(self) -> None:
+        """Let the run stop as Ctrl-C would: what was finished is kept."""
+        if self._run is not None and self._run.poll() is None:
+            self._run.terminate()
+            self._run.wait()
+        self._said.close()
+
+    def _saved(self) -> bool:
+        """True if the folder holds this scene's motion, complete."""
+        if not (self.folder / MOTION).exists():
+            return False
+        motion = Motion.load(self.folder)
+        if motion.scene is None or Scene.from_si(motion.scene).hash() != self.scene.hash() or len(motion) == 0:
+            return False
+        return bool(np.isclose(motion.times[-1], self.scene.duration, rtol=1e-6))
+
+    def _state(self) -> tuple[bool, str]:
+        """Return whether the run goes on, and why it failed."""
+        if self._run is None or self._run.poll() is None:
+            return self._run is not None, ""
+        if self._run.returncode == 0:
+            return False, ""
+        self._said.seek(0)
+        return False, self._said.read().decode(errors="replace").rsplit("\r", 1)[-1].strip()
+
+    def _loaded(self) -> Motion | None:
+        """The motion as it is on the disk now."""
+        try:
+            return Motion.load(self.folder)
+        except MagmpmError:  # not begun, or between two writes
+            return None if self._stage is None else self._stage.motion
+
+    def _staged(self, motion: Motion) -> MotionStage:
+        if self._stage is None:
+            self._stage = MotionStage(self.scene, motion)
+        self._stage.motion = motion
+        return self._stage
