@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, compiled_elsewhere
 
 MOST_POINTS = 4_000_000  # 32 MB
 BAND = 4  # points of the table beyond the wall, on either side, that hold true distances to a surface
@@ -218,7 +218,7 @@ def _crossings(corners, origin, spacing, inside):
                         inside[i, j, k] = not inside[i, j, k]
 
 
-@compiled
+@compiled_elsewhere
 def value(p, q, r, spacing, rows, columns, coefficients):
     """Distance (m) and the three components of its slope, at a place p, q, r in points from the table's first, each 0.5 or more and less
     than the last by as much. rows, columns: points along y and z; coefficients flat.

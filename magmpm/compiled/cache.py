@@ -8,22 +8,31 @@ This relies on private names (with an underscore) of numba.core.caching, version
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import pickle
 import sys
 from collections.abc import Callable
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
+from magmpm.compiled.process import Died, started
+
 _DIGEST = 32  # bytes
 _told: set[str] = set()
+_compiles_here = False
 
 
-def jit(**options: Any) -> Callable[..., Any]:
-    """numba.njit with this cache, as a decorator; options: of njit."""
+def jit(*, elsewhere: bool = False, **options: Any) -> Callable[..., Any]:
+    """numba.njit with this cache, as a decorator; options: of njit.
+
+    elsewhere: for functions called before a run's kernels are compiled (magmpm.solving.precompile says why not in this process).
+    """
     compiles = numba.njit(**options)
 
     def decorate(function: Callable[..., Any]) -> Any:
@@ -32,9 +41,34 @@ def jit(**options: Any) -> Callable[..., Any]:
             dispatcher._cache = KernelCache(function)
         except RuntimeError:  # raised by Numba if no folder can be written
             _tell("no folder can be written", "is not kept")
+            return dispatcher
+        if elsewhere:
+            dispatcher.compile = lambda signature: _compile_elsewhere(dispatcher, signature)
         return dispatcher
 
     return decorate
+
+
+def _compile_elsewhere(dispatcher: Any, signature: Any) -> Any:
+    """Compile a function in a process of its own, unless this is one that compiles, and load it from the disk."""
+    known = tuple(signature) in dispatcher.overloads
+    if not (known or _compiles_here or dispatcher._cache.load_overload(signature, dispatcher.targetctx)):
+        with started(1, _begin) as (process,), suppress(Died):
+            process.ask((dispatcher.py_func.__module__, dispatcher.py_func.__name__, signature))
+    return type(dispatcher).compile(dispatcher, signature)
+
+
+def compile_here() -> None:
+    """Let this process compile for others. It is short, and the compiler's objects stay: looking for garbage took a seventh of its time."""
+    global _compiles_here
+    _compiles_here = True
+    gc.disable()
+
+
+def _begin(_: object) -> Callable[[tuple[str, str, Any]], None]:
+    """Begin a process that compiles functions by module, name and signature."""
+    compile_here()
+    return lambda job: getattr(import_module(job[0]), job[1]).compile(job[2])
 
 
 def kept_all() -> bool:

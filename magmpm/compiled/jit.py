@@ -37,6 +37,8 @@ OPTIONS: Any = {"fastmath": FASTMATH, "no_cfunc_wrapper": True}  # wrappers for 
 _ALL: dict[str, Any] = {**OPTIONS, "error_model": "numpy", "nogil": True}
 kernel: Callable[..., Any] = jit(parallel=True, **_ALL)
 compiled: Callable[..., Any] = jit(**_ALL)
+# For functions that are called before the kernels of a run are compiled, as a body or a field is made.
+compiled_elsewhere: Callable[..., Any] = jit(elsewhere=True, **_ALL)
 # A kernel that only compiled code calls: to be called from Python as well takes a tenth of compiling.
 inner_kernel: Callable[..., Any] = jit(parallel=True, no_cpython_wrapper=True, **_ALL)
 # For functions that inner loops call with many arrays. Without it, a call passes seven words for each array, some hundred instructions.
@@ -60,4 +62,4 @@ def only_where(argument: str, needed: Callable[[Any], bool], function: Any, othe
     return stub
 
 
-__all__ = ["FASTMATH", "OPTIONS", "compiled", "inlined", "inner_kernel", "kernel", "only_where", "prange"]
+__all__ = ["FASTMATH", "OPTIONS", "compiled", "compiled_elsewhere", "inlined", "inner_kernel", "kernel", "only_where", "prange"]

@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import Field
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, compiled_elsewhere
 from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching
 from magmpm.effects.contact_force import PARTS, hold, own_grip, stored
 from magmpm.effects.hooks import add_contact, deepest
@@ -104,7 +104,7 @@ def place(model: Any, point: Array) -> str:
 _stored = compiled(stored)
 
 
-@compiled
+@compiled_elsewhere
 def _touching(named, x, v, mass, dt, anchor, friction, soft, knee, force):
     """Number in contact, the deepest one (-1: none) and how deep it is (m), energy (J) of the springs; adds to force (3,) N and moves
     anchors (n, 3) m."""

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, compiled_elsewhere
 from magmpm.fields import dipole, spline
 
 PLACE: list[Any] = [
@@ -131,14 +131,14 @@ def curvature(place, data, x, m0, m1, m2, scale, H):
             H[i, j] += s * (h0 * R[3 * j] + h1 * R[3 * j + 1] + h2 * R[3 * j + 2])
 
 
-@compiled
+@compiled_elsewhere
 def fields_at(place, data, x, B):
     """B (n, 3) T at points x (n, 3) m."""
     for p in range(len(x)):
         B[p, 0], B[p, 1], B[p, 2] = field(place, data, x[p])
 
 
-@compiled
+@compiled_elsewhere
 def gradients_at(place, data, x, G):
     """G (n, 3, 3) = dB_i/dx_j T/m at points x (n, 3) m."""
     for p in range(len(x)):

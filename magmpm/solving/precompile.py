@@ -13,7 +13,6 @@ others are the same for every combination. What few runs need, derivatives and f
 from __future__ import annotations
 
 import fcntl
-import gc
 import hashlib
 import json
 import os
@@ -30,7 +29,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.compiled.cache import kept_all
+from magmpm.compiled.cache import compile_here, kept_all
 from magmpm.compiled.environment import PACKAGE
 from magmpm.compiled.process import answers, started
 from magmpm.effects import acting as effects
@@ -229,7 +228,7 @@ def _begin(_: object, small: dict[str, Any]) -> Callable[[str], bool]:
     """Begin a process: it compiles parts by their names, and reports whether the disk saved them."""
     every = {**_WHOLE, **_STATIC, **_MOTION, **{name: do for added in _ADDED.values() for name, do in added.items()}}
     scene = Scene.from_si(small)
-    gc.disable()  # the compiler makes many objects that stay: looking for garbage among them is a seventh of its time
+    compile_here()
 
     def compile_part(part: str) -> bool:
         with suppress(SolveError):

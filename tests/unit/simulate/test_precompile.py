@@ -120,3 +120,18 @@ def test_a_run_compiles_nothing_itself(solver: str, more: list[str], tmp_path: P
     command = [sys.executable, "-c", RUN, str(scene), str(tmp_path / "out"), *more]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr
+
+
+FIELD = """
+import numpy as np
+from magmpm.fields.kernels import PLACE, field, fields_at
+fields_at(np.zeros(1, PLACE)[0], np.zeros(2), np.ones((1, 3)), np.empty((1, 3)))
+print(sum(fields_at.stats.cache_hits.values()), sum(fields_at.stats.cache_misses.values()), len(field.signatures))
+"""
+
+
+def test_a_field_that_is_needed_before_the_run_is_compiled_elsewhere(tmp_path: Path) -> None:
+    """From an empty cache as well: kernels of the run would call its functions, and the first run differ from others in the last bit."""
+    done = subprocess.run([sys.executable, "-c", FIELD], capture_output=True, text=True, check=True,
+                          env={**os.environ, "XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": ""})  # fmt: skip
+    assert done.stdout.split() == ["1", "0", "0"], done.stderr
