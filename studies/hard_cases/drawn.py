@@ -17,21 +17,12 @@ from magmpm.bodies.surface_mesh import Mesh, pack_mesh
 from magmpm.fields.dipole import MU0
 from magmpm.materials import young_modulus
 from magmpm.studies.hard_cases import drawn_fields as fields
-from magmpm.studies.hard_cases.drawn_more import widen
+from magmpm.studies.hard_cases.drawn_fields import DYNAMIC, QUASI_STATIC, STATIC, Content, mm
+from magmpm.studies.hard_cases.scenes import FIRST
 
-STATIC, QUASI_STATIC, DYNAMIC = "static", "quasi_static", "dynamic"
-KINDS = (STATIC, QUASI_STATIC, DYNAMIC)
-SHARES = (0.6, 0.18, 0.22)  # of the scenes
+KINDS = {STATIC: 0.6, QUASI_STATIC: 0.18, DYNAMIC: 0.22}  # with their shares of the scenes
 COMBINATIONS, RENEWED = 4, 400  # of effects in motion, each compiled once: so many in so many scenes; the next scenes have others
 MOST_STEPS = 5000  # of a motion, by an estimate
-WIDER = 1  # of the numbers that draw what is less usual
-FIRST = 1.8751040687  # first root of cos(z) cosh(z) = -1: bending of a cantilever
-Content = dict[str, Any]
-
-
-def mm(value: float) -> str:
-    """A length as files write it."""
-    return f"{1e3 * value:.9g} mm"
 
 
 @dataclass
@@ -67,7 +58,7 @@ def drawn(seed: int, number: int) -> Content:
     """The content of scene file `number` of a seed."""
     rng = np.random.default_rng([seed, number])
     severity = float(rng.random())
-    kind = str(rng.choice(KINDS, p=SHARES))
+    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     chosen = int(rng.integers(COMBINATIONS)) + COMBINATIONS * (number // RENEWED)
     effects = _motion_effects(np.random.default_rng([seed, 1_000_000 + chosen])) if kind == DYNAMIC else []
     cells = int(rng.choice([2, 3, 4], p=[0.8, 0.17, 0.03]))
@@ -93,7 +84,7 @@ def drawn(seed: int, number: int) -> Content:
     content["resolution"] = {"cells_across": cells, "particles_per_cell": int(rng.choice([2, 3], p=[0.95, 0.05]))}
     if "parts" in body:  # wide sections: three cells across would take minutes along a path
         content["resolution"] = {"cells_across": 2}
-    widen(np.random.default_rng([seed, number, WIDER]), content, sizes, kind, end)
+    fields.widen(np.random.default_rng([seed, number, 1]), content, sizes, kind, end)
     return content
 
 
