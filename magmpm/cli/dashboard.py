@@ -53,7 +53,7 @@ def command(options: argparse.Namespace) -> int:
 
     from magmpm.studies.dashboard.page import guarded, page
     from magmpm.studies.dashboard.view import DashboardView, Notes
-    from magmpm.studies.engine.artifact_stores import artifact_store
+    from magmpm.studies.engine.records import artifact_store
     from magmpm.studies.engine.storage import must_exist, open_storage
     from magmpm.studies.engine.storage_url import shown_url
     from magmpm.studies.search.samplers.optuna_ids import study_id

@@ -163,8 +163,7 @@ class TrialPicture:
 def _text(report: StudyReport, files: list[Path]) -> str:
     """The report for people."""
     from magmpm.studies.engine.records import BEST
-    from magmpm.studies.engine.report import on_the_brink
-    from magmpm.studies.engine.verify_best import said
+    from magmpm.studies.engine.report import on_the_brink, said
     from magmpm.studies.search.best_scene import SCENE
     from magmpm.studies.search.search_space import FIELD
 

@@ -59,7 +59,7 @@ def findings(study: Study, space: SearchSpace, trials: Sequence[FrozenTrial]) ->
         found: list[Finding | None] = [{"what": "trials", "says": says, "rms_m": rms, "promised_rms_m": foreseen}]
     else:
         found = []
-    found += [_bound(block, x[at], residuals @ jacobian[:, at] / rms) for block, at in zip(space.blocks, space.slices, strict=True)]
+    found += [_bound(block, x[at], residuals @ jacobian[:, at] / rms) for block, at in space.parts]
     kept = [one for one in found if one is not None]
     if any(one["what"] == "field" for one in kept):
         kept += _stronger_field(study, space, good)
@@ -181,7 +181,7 @@ def _weak(space: SearchSpace, tangent: Array, basis: Array) -> list[Finding]:
     if space.limits is not None and space.limits.allowed is not None:
         return []
     found = []
-    for block, at in zip(space.blocks, space.slices, strict=True):
+    for block, at in space.parts:
         if not isinstance(block, Direction):
             continue
         columns = np.flatnonzero(np.any(basis[at] != 0.0, axis=0))

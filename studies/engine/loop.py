@@ -23,7 +23,7 @@ from magmpm.errors import InputError
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.whole_file import REFUSED, explained
 from magmpm.studies.engine import records, report
-from magmpm.studies.engine.artifact_stores import whole_place
+from magmpm.studies.engine.records import whole_place
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.engine.storage import (
     OUTAGE,
@@ -35,14 +35,19 @@ from magmpm.studies.engine.storage import (
     storage_url,
 )
 from magmpm.studies.engine.study_session import STARTS, OpenStudy
-from magmpm.studies.engine.workers.per_trial import EXCHANGED, READY, PerTrial
 from magmpm.studies.engine.workers.pool import Pool
-from magmpm.studies.engine.workers.sessions import Session, remembered, uninterrupted
+from magmpm.studies.engine.workers.sessions import (
+    EXCHANGED,
+    READY,
+    PerTrial,
+    Session,
+    remembered,
+    uninterrupted,
+)
 from magmpm.studies.evaluate.insertion import Insertion
 from magmpm.studies.evaluate.judge import FAILURES, Judge, Judged, Picture, trial_of
-from magmpm.studies.evaluate.linear_model import Differentiate, needs_derivatives
-from magmpm.studies.evaluate.trial import Solve, Trial, constraints
-from magmpm.studies.rods.limited_designs import next_exchange
+from magmpm.studies.evaluate.trial import Differentiate, Solve, Trial, constraints, needs_derivatives
+from magmpm.studies.rods.rod_designs import next_exchange
 from magmpm.studies.search.definition import Study
 from magmpm.studies.search.objectives import trial_values
 from magmpm.studies.search.samplers.choice import (

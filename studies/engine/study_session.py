@@ -15,15 +15,13 @@ from magmpm.errors import InputError, SolveError
 from magmpm.errors import report as worded
 from magmpm.studies.engine import records, report
 from magmpm.studies.engine.explain_miss import findings
-from magmpm.studies.engine.report import StudyReport
+from magmpm.studies.engine.report import StudyReport, judged
 from magmpm.studies.engine.storage import Store, must_exist, must_hold, open_study, shown_url, storage_faults
-from magmpm.studies.engine.verify_best import judged
-from magmpm.studies.engine.workers.per_trial import EXCHANGED
-from magmpm.studies.evaluate.insertion import Insertion
+from magmpm.studies.engine.workers.sessions import EXCHANGED
+from magmpm.studies.evaluate.insertion import MOVIE, Insertion
 from magmpm.studies.evaluate.judge import Judge
 from magmpm.studies.problem.study import Study
-from magmpm.studies.rods.limited_designs import improved
-from magmpm.studies.rods.rod_designs import rod_starts
+from magmpm.studies.rods.rod_designs import improved, rod_starts
 from magmpm.studies.search.best_scene import write_best_scene
 from magmpm.studies.search.objectives import pareto_report
 from magmpm.studies.search.samplers.choice import settings
@@ -89,9 +87,8 @@ class OpenStudy:
             self.replace_best(best)
         self.judge_finer()
         if records.holds(self.out / records.BEST, best):
-            if isinstance(self.judge.trajectory, Insertion):
-                self.judge.trajectory.keep_best(self.out / records.BEST, self.judge.solve, best.params)
-                return
+            if isinstance(self.judge.trajectory, Insertion) and not (self.out / records.BEST / MOVIE).exists():
+                self.judge.trajectory.write_moments(self.out / records.BEST, self.judge.solve, best.params)
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
 
     def judge_finer(self) -> None:

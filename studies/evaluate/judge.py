@@ -6,12 +6,21 @@ import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from magmpm.studies.evaluate.insertion import Insertion, shapes_of
-from magmpm.studies.evaluate.linear_model import Differentiate, needs_derivatives, solve_with_derivatives
-from magmpm.studies.evaluate.schedule import Schedule
-from magmpm.studies.evaluate.trial import Outcome, Solve, Trial, attributes, evaluate, penalty
+from magmpm.studies.evaluate.trajectory import Schedule
+from magmpm.studies.evaluate.trial import (
+    Differentiate,
+    Outcome,
+    Solve,
+    Trial,
+    attributes,
+    evaluate,
+    needs_derivatives,
+    penalty,
+    solve_with_derivatives,
+)
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -23,10 +32,8 @@ FAILURES = "failures.log"
 PICTURES = "pictures"
 
 
-class Picture(Protocol):
-    """Draws a trial's result to a file; returns the file (another ending is fine), or several. What it raises never harms the trial."""
-
-    def __call__(self, result: Result, path: Path, trial: Trial) -> Path | Sequence[Path]: ...
+# Draws a trial's result to a file; returns the file (another ending is fine), or several. What it raises never harms the trial.
+Picture = Callable[["Result", Path, Trial], Path | Sequence[Path]]
 
 
 @dataclasses.dataclass(frozen=True)

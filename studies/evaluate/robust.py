@@ -33,8 +33,8 @@ from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
 
 if TYPE_CHECKING:
+    from magmpm.scene.variables import Variable
     from magmpm.studies.problem.study_file import Robust
-    from magmpm.studies.search.search_space import VariableLike
 
 NARROW = 1e-7  # relative variance of rms^2 below which rounding would spoil the difference of moments
 SIGMAS = 2.0  # of the rms, above its mean, in the measure
@@ -91,16 +91,14 @@ def kinds(errors: Robust) -> list[str]:
     return [kind for kind, size in named.items() if size > 0]
 
 
-def deviations(scene: Scene, variables: Sequence[VariableLike], errors: Robust) -> Array:
+def deviations(scene: Scene, variables: Sequence[Variable], errors: Robust) -> Array:
     """The standard deviation (k,) of each variable of a scene's sensitivities, in its unit; 0 for those that have no error."""
 
-    def of(variable: Any) -> float:
+    def of(variable: Variable) -> float:
         if variable.kind == "magnetization":
             return errors.direction
-        if variable.kind == "remanence":
-            return errors.remanence * scene.materials[variable.material].remanence
-        if variable.kind == "shear_modulus":
-            return errors.shear_modulus * scene.materials[variable.material].shear_modulus
+        if variable.kind in ("remanence", "shear_modulus"):
+            return float(getattr(errors, variable.kind) * getattr(scene.materials[variable.material or ""], variable.kind))
         return 0.0
 
     return np.array([of(variable) for variable in variables])

@@ -7,25 +7,26 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
+from magmpm.results.result import Result
+from magmpm.results.sensitivities import Sensitivities
 from magmpm.results.whole_file import naming
 from magmpm.scene import Scene
-from magmpm.studies.problem.shape_distance import gaps, residuals, root_mean_square
+from magmpm.studies.evaluate.robust import Scatter, deviations, kinds
+from magmpm.studies.problem.shape_distance import gap_derivatives, gaps, root_mean_square
+from magmpm.studies.problem.study import Study
+from magmpm.studies.search.search_space import SearchSpace
 
-if TYPE_CHECKING:
-    from magmpm.results.result import Result
-    from magmpm.rod.cosserat import RodShape
-
-
-class Solve(Protocol):
-    """From a scene to its equilibrium: magmpm.run. start: a rod's shape near which it is."""
-
-    def __call__(self, scene: Scene, *, start: RodShape | None = None) -> Result: ...
+Found = TypeVar("Found")
+MOST_NUMBERS = 3600  # in a Jacobian: of at most 18 characters each
+Solve = Callable[..., Result]  # from a scene to its equilibrium: magmpm.run(scene, start=a rod's shape near which it is)
+Differentiate = Callable[..., Sensitivities]  # ... and its derivatives: magmpm.sensitivities(scene, of, start=...)
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,18 @@ def penalty(scene: Scene) -> float:
     return scene.length
 
 
+def attempted(work: Callable[[], Found], scene: Scene, log: Path) -> Found | str:
+    """Outcome of `work`, or the reason why it failed; unexpected errors are logged with their traceback. Interrupts pass through."""
+    try:
+        return work()
+    except SolveError as error:
+        return error.reason
+    except Exception as error:  # a study runs for hours: no design may end it
+        with naming(log), log.open("a", encoding="utf-8") as stream:
+            stream.write(f"scene {scene.hash()}\n{traceback.format_exc()}\n")
+        return f"{type(error).__name__}: {error}"
+
+
 def evaluate(
     solve: Callable[[Scene], Result | tuple[Result, Mapping[str, Any]]], scene: Scene, target: NDArray[np.float64], log: Path,
     margin: float | None = None,
@@ -95,31 +108,28 @@ def evaluate(
     solve: gives the Result, and what else is to be stored of the trial, if anything. margin: least stability; one that is less
     is refused.
 
-    A solve that fails in any way, or ends in numbers that are not finite, gives the penalty with a reason; unexpected errors are logged
-    with their traceback. Interrupts pass through.
+    A solve that fails in any way, or ends in numbers that are not finite, gives the penalty with a reason.
     """
     begun = time.perf_counter()
 
     def failed(reason: str) -> Outcome:
         return Outcome(None, penalty(scene), None, reason, time.perf_counter() - begun)
 
-    try:
+    def solved() -> tuple[Result, Mapping[str, Any], float, Array]:
         found = solve(scene)
         result, model = found if isinstance(found, tuple) else (found, {})
-        seconds = time.perf_counter() - begun
-        apart = gaps(result, target)
-        rms, tip = root_mean_square(apart), float(np.linalg.norm(apart[-1]))
-    except SolveError as error:
-        return failed(error.reason)
-    except Exception as error:  # a study runs for hours: no design may end it
-        with naming(log), log.open("a", encoding="utf-8") as stream:
-            stream.write(f"scene {scene.hash()}\n{traceback.format_exc()}\n")
-        return failed(f"{type(error).__name__}: {error}")
+        return result, model, time.perf_counter() - begun, gaps(result, target)
+
+    found = attempted(solved, scene, log)
+    if isinstance(found, str):
+        return failed(found)
+    result, model, seconds, apart = found
+    rms, tip = root_mean_square(apart), float(np.linalg.norm(apart[-1]))
     if not (np.isfinite(rms) and np.isfinite(tip)):
         return failed("the result holds numbers that are not finite")
     if not result.converged:
         return failed("the solve did not converge")
-    model = {"residuals": residuals(apart), **model}
+    model = {"residuals": _rounded((apart / np.sqrt(len(apart))).reshape(-1)), **model}
     stability = getattr(result, "stability", None)
     if margin is not None and stability is None:
         return failed("the stability of the result is not known, and the study has a margin")
@@ -170,3 +180,43 @@ def versions() -> Mapping[str, str]:
     from importlib.metadata import version
 
     return {name: version(name) for name in ("magmpm", "optuna")}
+
+
+def needs_derivatives(study: Study) -> bool:
+    """True if the trials of a study are solved with derivatives."""
+    return study.sampler == "gauss-newton" or study.robust is not None
+
+
+def linear_model(found: Sensitivities, target: Array, space: SearchSpace, params: Mapping[str, Any]) -> dict[str, Any]:
+    """The user attributes `residuals` (m) and `jacobian` (m rows) of a solved trial with target rows [s, x, y, z], (k, 4) m."""
+    share = 1.0 / np.sqrt(len(target))
+    gap = gaps(found.result, target)
+    slopes = gap_derivatives(found, target).reshape(gap.size, -1)
+    chain = space.chain(found.variables, space.embedded(params), params.get("order"))
+    return stored(share * gap.reshape(-1), share * slopes @ chain)
+
+
+def solve_with_derivatives(
+    differentiate: Differentiate, scene: Scene, study: Study, space: SearchSpace, params: Mapping[str, Any]
+) -> tuple[Result, dict[str, Any]]:
+    """The equilibrium of a trial, and what is stored of its derivatives: the linear model for gauss-newton, the scatter for `robust`."""
+    follows, errors = study.sampler == "gauss-newton", study.robust
+    of = [*(space.sensitivities if follows else ()), *(kinds(errors) if errors is not None else ())]
+    found = differentiate(scene, list(dict.fromkeys(of)))
+    model = linear_model(found, study.target, space, params) if follows else {}
+    if errors is not None:
+        spread = gap_derivatives(found, study.target) * deviations(scene, found.variables, errors)
+        model |= Scatter(gaps(found.result, study.target), spread).attributes()
+    return found.result, model
+
+
+def stored(residuals: Array, jacobian: Array) -> dict[str, Any]:
+    """The attributes of residuals (m,) and their Jacobian (m, k), rounded, and shortened where they are long."""
+    if jacobian.size > MOST_NUMBERS and len(residuals) > jacobian.shape[1] + 1:
+        triangle: Array = np.asarray(np.linalg.qr(np.column_stack([jacobian, residuals]), mode="r"))
+        residuals, jacobian = triangle[:, -1], triangle[:, :-1]
+    return {"residuals": _rounded(residuals), "jacobian": [_rounded(row) for row in jacobian]}
+
+
+def _rounded(values: Array) -> list[float]:
+    return [float(f"{value:.9g}") for value in values.tolist()]

@@ -21,8 +21,7 @@ from magmpm.scene import Scene
 from magmpm.studies.fitting.constants import GEOMETRY, SHOWN, Constant, constants_of, diameter_of
 from magmpm.studies.fitting.identify import FLAT, WIDEST
 from magmpm.studies.fitting.prediction import Label, Prediction
-from magmpm.studies.fitting.profile import Interval
-from magmpm.studies.fitting.solve import Minimum, least_squares
+from magmpm.studies.fitting.solve import Interval, Minimum, least_squares
 from magmpm.studies.fitting.table import Measured
 
 ODD = 3.5  # standard errors: residuals beyond are named

@@ -25,8 +25,7 @@ from magmpm.studies.fitting.constants import Constant, constants_of, with_known
 from magmpm.studies.fitting.identify import Refused, check_apart, refuse_twins
 from magmpm.studies.fitting.misfit import Suspect, doubted, odd_readings, suspects_of, unequal_tables
 from magmpm.studies.fitting.prediction import Label, Prediction
-from magmpm.studies.fitting.profile import Interval, interval_of
-from magmpm.studies.fitting.solve import Minimum, Model, least_squares
+from magmpm.studies.fitting.solve import Interval, Minimum, Model, interval_of, least_squares
 from magmpm.studies.fitting.table import Measured
 
 __all__ = ["Fit", "Fitted", "Refused", "doubtful_fields", "fit"]

@@ -22,6 +22,7 @@ from magmpm.rod.cosserat import rod_model
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
 from magmpm.studies.problem.path import Path
+from magmpm.studies.search.parameters import across, unit
 
 ELEMENTS = 48  # of the whole catheter: positions to a tenth of a per cent of the length; designs need no more
 FEWEST = 10
@@ -29,7 +30,6 @@ FIRST, LEAST = 1 / 6, 1 / 48  # of the path's curvature: a step with which it gr
 STEPS, LAST = 12, 60  # of least squares at each share of the curvature, and at the whole
 LEFT = 1.5, 5e-3  # a value more than so many times the last, plus this share of the length: rods fell to another branch
 HOPELESS = 0.1  # of the length: a value that no start recovers from
-SPREAD = 0.5  # of the random part of the first directions, which are along +x
 FIELDS, COARSE = ((1.0, 0.0, 0.0), (0.6, 0.0, 0.8), (-0.6, 0.0, 0.8)), 4  # first fields for given directions, and shares of the curvature
 LARGEST = 0.6  # of the components of a step: radians, and parts of the greatest field
 ENDLESS = 8.0  # b = v/sqrt(1 + v^2) maps vectors to the unit ball; this v is its boundary, 0.992
@@ -171,12 +171,11 @@ class RodTrajectory:
             return d
         moved = d.copy()
         moved[self.movable] += np.einsum("kat,kt->ka", bases, p.reshape(-1, 2))
-        return np.asarray(moved / np.linalg.norm(moved, axis=1)[:, None])
+        return unit(moved)
 
     def grown(self, path: Path, rng: np.random.Generator) -> RodDesign | None:
         """A design that grows with the path from a random start (see above); None where it can't, or where it is hopeless."""
-        d = SPREAD * rng.normal(size=(self.count, 3)) + [1.0, 0.0, 0.0]
-        d /= np.linalg.norm(d, axis=1)[:, None]
+        d = unit(0.5 * rng.normal(size=(self.count, 3)) + [1.0, 0.0, 0.0])
         fields = self.max_field * np.tile([0.5, 0.0, 0.0] + 0.2 * rng.normal(size=3), (len(self.depths), 1))
         fields *= np.minimum(1.0, 0.95 * self.max_field / np.linalg.norm(fields, axis=1))[:, None]
         design = RodDesign(d, fields, 0.0)
@@ -215,14 +214,6 @@ class RodTrajectory:
             else:
                 found.append(design)
         return min(found, key=lambda each: each.value)
-
-
-def across(directions: Array) -> Array:
-    """Two unit vectors across each of k unit vectors, (k, 3, 2)."""
-    unit = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
-    a = np.cross(directions, unit)
-    a /= np.linalg.norm(a, axis=1)[:, None]
-    return np.stack([a, np.cross(directions, a)], axis=2)
 
 
 def to_ball(b: Array) -> Array:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
 
 Parameters = Mapping[str, Any]
+TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
 FIELD = ("field_mT", "field_azimuth_deg", "field_elevation_deg")
 
 
@@ -37,6 +38,18 @@ def angles(vector: Array) -> tuple[float, float]:
 def unit(vectors: Array) -> Array:
     """Vectors (..., 3) of length 1."""
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
+
+
+def across(units: Array) -> Array:
+    """Two unit vectors across each of the unit vectors (..., 3), as columns (..., 3, 2)."""
+    first = unit(np.cross(units, np.eye(3)[np.argmin(np.abs(units), axis=-1)]))
+    return np.stack([first, np.cross(units, first)], axis=-1)
+
+
+def corner_of(seed: int, corner: int) -> Array:
+    """The direction (3,) of all segments in one of a study's first trials: a corner of a regular tetrahedron in a random orientation."""
+    turn, _ = np.linalg.qr(np.random.default_rng([seed]).normal(size=(3, 3)))
+    return np.asarray(TETRAHEDRON[corner] @ turn)
 
 
 def from_azimuth(azimuth: float, elevation: float) -> Array:

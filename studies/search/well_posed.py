@@ -14,7 +14,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, SolveError, report
 from magmpm.rod.cosserat import solve_rod
 from magmpm.studies.problem.study import Study
-from magmpm.studies.search.parameters import Block, Choice, Direction, FieldVector
+from magmpm.studies.search.parameters import Block, Choice, Direction, FieldVector, across
 from magmpm.studies.search.search_space import SearchSpace
 
 DESIGNS, SEED, ELEMENTS = 3, 20_24, 20
@@ -121,7 +121,7 @@ def _jacobian(space: SearchSpace, x: Array, shapes: list[_Shape]) -> Array:
     if all(isinstance(block, Choice) for block in space.blocks):
         return np.empty((0, 0))
     here, columns, field = [shape.at(x) for shape in shapes], [], -1
-    for block, at in zip(space.blocks, space.slices, strict=True):
+    for block, at in space.parts:
         field += isinstance(block, FieldVector)
         for step in _steps(block, x[at]):
             moved = x.copy()
@@ -137,8 +137,6 @@ def _steps(block: Block, x: Array) -> list[Array]:
     if isinstance(block, Choice):
         return []
     if isinstance(block, Direction):
-        first = np.cross(x, np.eye(3)[int(np.argmin(np.abs(x)))])
-        first /= np.linalg.norm(first)
-        return [first, np.cross(x, first)]
+        return list(across(x).T)
     size = block.max if isinstance(block, FieldVector) else 1.0
     return list(size * np.eye(block.size))

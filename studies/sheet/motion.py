@@ -21,9 +21,8 @@ from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
 from magmpm.studies.engine.records import BEST
-from magmpm.studies.evaluate.insertion_motion import times
 from magmpm.studies.problem.study import Study
-from magmpm.studies.search.best_scene import SCENE
+from magmpm.studies.search.best_scene import SCENE, times
 
 FINEST = 1000  # frames of a motion: times that need more are met by the nearest frame
 

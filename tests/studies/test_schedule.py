@@ -13,7 +13,7 @@ from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.records import read_design
-from magmpm.studies.evaluate.schedule import Schedule
+from magmpm.studies.evaluate.trajectory import Schedule
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.search_space import SearchSpace
 from magmpm.studies.sheet.motion import in_motion, in_time

@@ -39,8 +39,7 @@ from magmpm.studies.search.samplers.gauss_newton_steps import (
     Number,
     Step,
 )
-from magmpm.studies.search.samplers.optuna_ids import storage_of, trial_id
-from magmpm.studies.search.samplers.pending_trials import others_running
+from magmpm.studies.search.samplers.optuna_ids import others_running, storage_of, trial_id
 
 __all__ = ["PLAN", "Ball", "Direction", "GaussNewtonSampler", "Number"]
 

@@ -26,8 +26,8 @@ from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.compiled.arrays import Array
 from magmpm.studies.search.objectives import ranked
-from magmpm.studies.search.parameters import unit
-from magmpm.studies.search.samplers.pending_trials import others_running
+from magmpm.studies.search.parameters import TETRAHEDRON, corner_of, unit
+from magmpm.studies.search.samplers.optuna_ids import others_running
 from magmpm.studies.search.search_space import SearchSpace
 
 
@@ -64,7 +64,6 @@ class Designs:
 
 
 PRIOR_OF_CHOICES, GOOD_OF_CHOICES = 1.0, 0.25  # weight of any choice next to the good trials', and their share of all
-TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / math.sqrt(3)
 
 
 class DirectionTPE(optuna.samplers.BaseSampler):
@@ -126,9 +125,8 @@ class DirectionTPE(optuna.samplers.BaseSampler):
 
     def _alike(self, corner: int) -> tuple[Array, Array]:
         """All segments in the direction of one corner of the study's tetrahedron; any field."""
-        turn, _ = np.linalg.qr(np.random.default_rng([self._seed]).normal(size=(3, 3)))
         segments = len(self._space.segments)
-        directions = np.tile(TETRAHEDRON[corner] @ turn, (segments, 1))
+        directions = np.tile(corner_of(self._seed, corner), (segments, 1))
         field = unit(self._rng.normal(size=(self._space.count - segments, 3)))
         return np.vstack([directions, field]), self._rng.random(self._space.numbers)
 
