@@ -39,7 +39,7 @@ def command(options: argparse.Namespace) -> int:
     """optuna-dashboard on a study's database and pictures, until it is stopped. Returns the exit status. Raises InputError."""
     from importlib.util import find_spec
 
-    from magmpm.studies.problem.file_names import REPORT
+    from magmpm.studies.problem import REPORT
 
     folder, port = Path(options.folder), options.port
     if not is_study(folder):

@@ -209,14 +209,14 @@ def _text(report: StudyReport, files: list[Path]) -> str:
 
 def is_study(folder: Path) -> bool:
     """True if a folder holds a study, or the files of one that ended before its first report."""
-    from magmpm.studies.problem.file_names import DATABASE, OWNER, REPORT
+    from magmpm.studies.problem import DATABASE, OWNER, REPORT
 
     return any((folder / name).exists() for name in (REPORT, OWNER, DATABASE))
 
 
 def refuse_study(folder: Path) -> None:
     """Raises InputError where a folder that a run wants belongs to a study."""
-    from magmpm.studies.problem.file_names import OWNER
+    from magmpm.studies.problem import OWNER
 
     if is_study(folder) or (folder / OWNER).exists():
         rule = "a study has a folder of its own: a run's result would mix with its designs"
@@ -237,7 +237,7 @@ def render_study(folder: Path, out: Path, *, smooth: bool = False, kind: str = "
 
 def saved_report(folder: Path) -> dict[str, Any]:
     """Read the report that a study saved in its folder. Raises InputError."""
-    from magmpm.studies.problem.file_names import REPORT
+    from magmpm.studies.problem import REPORT
 
     try:
         report: dict[str, Any] = json.loads((folder / REPORT).read_text(encoding="utf-8"))

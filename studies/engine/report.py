@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from magmpm.errors import MagmpmError
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
-from magmpm.studies.problem.file_names import REPORT
+from magmpm.studies.problem import REPORT
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 
 if TYPE_CHECKING:
