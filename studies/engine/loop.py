@@ -64,7 +64,6 @@ from magmpm.studies.search.well_posed import check_search
 
 __all__ = ["FAILURES", "STARTS", "Picture", "check_study", "kernel_uses", "run_study"]
 
-REMEMBERED = 50  # durations of trials by which the time left is guessed
 LOOK = 1.0  # s between two looks at what other sessions do
 
 
@@ -339,7 +338,7 @@ class _Run(OpenStudy):
             return None
         self.count, self.best = self.count + 1, trial.best_rms_m
         self.durations.append(time.perf_counter() - begun)
-        del self.durations[:-REMEMBERED]
+        del self.durations[:-50]
         left = statistics.median(self.durations) * max(self.study.trials - self.count, 0)
         return dataclasses.replace(
             trial, finished=self.count, wanted=max(self.study.trials, self.count), seconds=self.durations[-1], seconds_left=left,

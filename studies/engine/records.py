@@ -38,7 +38,6 @@ BUCKET = re.compile(r"[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
 BEST = "best"
 IMPROVEMENTS = "improvements"
 DESIGN = "design.json"
-SURFACE = ".stl"
 
 
 def whole_place(place: str) -> str:
@@ -116,7 +115,7 @@ class Gallery:
         Surfaces alone, some 350 kB a trial: a copy of a picture mends the one that is damaged. Some file systems have no such names.
         """
         kept = self._out / ARTIFACTS / key
-        if not self._own or path.suffix != SURFACE or Path(key).name != key:
+        if not self._own or path.suffix != ".stl" or Path(key).name != key:
             return False
         try:
             if not (kept.exists() and kept.samefile(path)):

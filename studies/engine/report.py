@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from magmpm.errors import MagmpmError
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
-from magmpm.studies.problem import REPORT
+from magmpm.studies.problem import BRINK, REPORT
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 
 if TYPE_CHECKING:
@@ -28,9 +28,7 @@ OF_SEVERAL = (  # of a trial of an insertion or a schedule
 )  # fmt: skip
 SCATTER = ("measure_m", "mean_rms_m", "sigma_rms_m", "scatter_m")  # of a trial of a study with `robust`
 Ended = Literal["stop", "trials", "exhausted", "interrupted"]
-BRINK = 0.1  # stability below which a design is on the brink: it is reported, and another of nearly the same rms takes its place
 NEARLY = 1.1  # times the least rms: what the more stable design may cost, and how much more than its rms one on the brink counts
-MOST = 5  # designs that are evaluated
 
 
 @dataclass(frozen=True)
@@ -188,7 +186,7 @@ def judged(
     """
     before = {one["number"]: one for one in known}
     found: list[dict[str, Any]] = []
-    for trial in designs[:MOST]:
+    for trial in designs[:5]:
         if found and trial.user_attrs["rms_m"] > _least(found):
             break
         found.append(before.get(trial.number) or _judge(study, trial, scene_of(trial), solve))

@@ -51,7 +51,6 @@ EXIT_WEIGHT = 0.25
 DEPTHS = "insertion"  # user attribute: what is kept of each depth
 CATHETER = "catheter"  # ... the whole catheter, of which the last depth may leave a part in the guide
 SHAPES = "shapes"  # ... and how it is drawn: axis, and each segment's center and remanence
-MOMENTS = 48  # of the movie: depths, most of them between those that are evaluated
 MOVIE = "insertion.json"
 
 
@@ -146,7 +145,7 @@ class Insertion(Trajectory):
         fields, way = self.fields(params), self.way(params)
         if way is None:
             depths = np.array(self.study.depths)
-            for length in np.unique(np.concatenate([depths, np.linspace(depths[0], depths[-1], MOMENTS)])).tolist():
+            for length in np.unique(np.concatenate([depths, np.linspace(depths[0], depths[-1], 48)])).tolist():
                 yield length, np.array([np.interp(length, depths, column) for column in fields.T]), None
             return
         directions = directions_of(self.space.scene_of(params))

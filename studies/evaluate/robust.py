@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from magmpm.scene.variables import Variable
     from magmpm.studies.problem.study_file import Robust
 
-NARROW = 1e-7  # relative variance of rms^2 below which rounding would spoil the difference of moments
 SIGMAS = 2.0  # of the rms, above its mean, in the measure
 STEP, REACH = 0.4, 70.0  # of the integral over log t: the trapezoid rule errs by exp(-2 pi^2 / STEP), the ends by exp(-REACH / 2)
 
@@ -63,7 +62,7 @@ class Scatter:
         if total == 0.0:
             return 0.0, 0.0
         relative = float(2 * np.sum(s**4) + 4 * np.sum((s * along) ** 2)) / total**2  # variance of rms^2 over its mean squared
-        if relative < NARROW:  # the first terms of the root's expansion
+        if relative < 1e-7:  # the first terms of the root's expansion
             return float(np.sqrt(total / m) * (1 - relative / 8)), float(np.sqrt(relative / 4 * total / m))
         u = np.arange(-REACH, REACH + STEP / 2, STEP)
         t = np.exp(u)[:, None] / total

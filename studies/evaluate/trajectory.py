@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from magmpm.rod.cosserat import RodShape
 
 NEAR = 0.01  # of the length: a rod's design that is near enough
-TIMES = "schedule"  # user attribute: what is kept of each time
 
 
 @dataclass(frozen=True)
@@ -245,7 +244,7 @@ class Schedule(Trajectory):
             "worst_m": float(np.sqrt(squares[worst])),
             "worst_time_s": self.study.keyframes[worst].time,
             **self.field_changes(params),
-            TIMES: [
+            "schedule": [
                 {
                     "time_s": frame.time,
                     "field_T": np.round(self.space.field(params, self.field_number(k)), 12).tolist(),

@@ -24,7 +24,6 @@ from magmpm.studies.problem.study import Study
 from magmpm.studies.search.search_space import SearchSpace
 
 Found = TypeVar("Found")
-MOST_NUMBERS = 3600  # in a Jacobian: of at most 18 characters each
 Solve = Callable[..., Result]  # from a scene to its equilibrium: magmpm.run(scene, start=a rod's shape near which it is)
 Differentiate = Callable[..., Sensitivities]  # ... and its derivatives: magmpm.sensitivities(scene, of, start=...)
 
@@ -212,7 +211,7 @@ def solve_with_derivatives(
 
 def stored(residuals: Array, jacobian: Array) -> dict[str, Any]:
     """The attributes of residuals (m,) and their Jacobian (m, k), rounded, and shortened where they are long."""
-    if jacobian.size > MOST_NUMBERS and len(residuals) > jacobian.shape[1] + 1:
+    if jacobian.size > 3600 and len(residuals) > jacobian.shape[1] + 1:  # numbers of at most 18 characters
         triangle: Array = np.asarray(np.linalg.qr(np.column_stack([jacobian, residuals]), mode="r"))
         residuals, jacobian = triangle[:, -1], triangle[:, :-1]
     return {"residuals": _rounded(residuals), "jacobian": [_rounded(row) for row in jacobian]}

@@ -22,13 +22,7 @@ from magmpm.simulate import choose_effects
 from magmpm.solving.influence import Judgment, Variants, has_densities, judge, motion_seconds
 from magmpm.studies.explore.effects_costs import counted
 
-SOLVE, ORDER, WIDE = 0.1, 3.6, 1.7  # s at 4 cells across and L/D 10; powers of the cells, and of a strip's width
 TOO_LONG = "not estimated: a whole run takes too long"
-STILL = 5  # equilibria and one, that a motion is compared with
-ROD = 0.005  # s, of a rod at rest
-# What a rod is off by, over its deflection: with slenderness, as the clamp's share of the length (docs/effects.md, "How sure").
-ALWAYS, CLAMPED = 0.005, 0.3
-SETTLING = ("damping", "viscosity")  # of which it is reported how fast they settle the body
 
 
 @dataclass(frozen=True)
@@ -72,7 +66,7 @@ def _three_dimensions(scene: Scene, runs: Variants, cost: float) -> Need:
     flat = "; the axis stays in a plane" if _out_of_plane(shapes) < runs.error else ""
     slender = scene.length / scene.thickness
     why = f"{why} off by {1e3 * off:.2g} mm{flat} (L/D {slender:.3g})"
-    return Need(question, not off < runs.error, max(cost - ROD, 0.0) if off < runs.error else 0.0, off, why)
+    return Need(question, not off < runs.error, max(cost - 0.005, 0.0) if off < runs.error else 0.0, off, why)
 
 
 def _off(scene: Scene, runs: Variants, axis: Array) -> float:
@@ -83,10 +77,10 @@ def _off(scene: Scene, runs: Variants, axis: Array) -> float:
 
 
 def _guessed(scene: Scene, shapes: Array) -> float:
-    """Guess of the rod's error, m, from its deflection."""
+    """Guess of the rod's error, m, from its deflection: the clamp's share of the length counts (docs/effects.md, "How sure")."""
     strip = scene.body.strip
     across = scene.thickness if strip is None else max(strip.width, strip.thickness)
-    return (ALWAYS + CLAMPED * across / scene.length) * _moved(shapes)
+    return (0.005 + 0.3 * across / scene.length) * _moved(shapes)
 
 
 def _dynamics(scene: Scene, runs: Variants, cost: float) -> Need:
@@ -101,7 +95,7 @@ def _dynamics(scene: Scene, runs: Variants, cost: float) -> Need:
         return Need(question, None, None, None, TOO_LONG)
     try:
         moving, data = runs.frames(scene), scene.to_si()
-        times = moving.times[:: len(moving.times) // STILL]
+        times = moving.times[:: len(moving.times) // 5]
         data["solver"]["dynamic"], data["solver"]["quasi_static"] = None, {"at": times}
         for key, kind in scene.effects.every().items():
             data["effects"][key] = None if kind.ONLY_IN_MOTION and not kind.ALONG_TIME else data["effects"][key]
@@ -117,8 +111,8 @@ def _dynamics(scene: Scene, runs: Variants, cost: float) -> Need:
 def _solve(scene: Scene, cells: int) -> float:
     """About what an equilibrium of the scene's body takes with so many cells across, s; of a strip, with its width."""
     strip = scene.body.strip
-    wide = 1.0 if strip is None or strip.plane_strain else max(1.0, (strip.width / strip.thickness) ** WIDE)
-    return SOLVE * (cells / 4) ** ORDER * scene.length / (10 * scene.thickness) * wide
+    wide = 1.0 if strip is None or strip.plane_strain else max(1.0, (strip.width / strip.thickness) ** 1.7)
+    return 0.1 * (cells / 4) ** 3.6 * scene.length / (10 * scene.thickness) * wide  # 0.1 s at 4 cells across and L/D 10
 
 
 def _moved(shapes: Array) -> float:
@@ -234,7 +228,8 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on
             found = judge(scene, key, runs)
             if held and not scene.static and found.shift is None and found.advice == "irrelevant":
                 found = _by_rest(found, judge(still.scene, key, still))
-            why = found.why + (_settling(scene, key) if key in SETTLING and is_cantilever(scene) and has_densities(scene) else "")
+            settles = key in ("damping", "viscosity") and is_cantilever(scene) and has_densities(scene)
+            why = found.why + (_settling(scene, key) if settles else "")
             rows.append(Row(key, found.named, found.shift, found.uncertainty, spent.get(key), found.advice, why))
     return Table(scene.name, scene.length, error, rows, needs(scene, runs) if only is None else [])
 

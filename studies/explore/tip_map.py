@@ -32,6 +32,7 @@ from magmpm.solving.precompile import prepare_kernels
 from magmpm.statics.axis import tip
 from magmpm.statics.equilibrium import Following, solve_static
 from magmpm.statics.layout import StaticModel, static_model
+from magmpm.statics.stability import BRINK
 from magmpm.studies.explore.neighbors import Neighbors
 from magmpm.studies.explore.rod_tips import rod_tips
 
@@ -39,8 +40,6 @@ MOST = 100_000
 PATHS = 8  # as many processes can share the work; longer paths learn more. Their number is fixed, so that a map is the same on any machine
 AXES = "xyz"
 Path_ = Sequence[tuple[int, Sequence[float]]]  # indices and fields, T
-BRINK = 0.02  # of the unloaded body's least stiffness, as `magmpm run` warns: a shape below is as good as unstable
-LEFT = 0.1  # of the length, between the tips of solve and rod: they are two shapes
 MARKS = {  # from the worst to the best
     "failed": "no shape at rest was found",
     "unstable": f"stability at most {BRINK:g}: on the edge of another shape",
@@ -251,7 +250,7 @@ def map_tips(scene: Scene, fields: Fields, on_progress: Callable[[int, int], Non
         if on_progress is not None:
             on_progress(done + 1, count)
     rods = rod_tips(scene, fields.values, fields.rays)
-    away = np.linalg.norm(rods.tip - tip, axis=1) > LEFT * scene.length
+    away = np.linalg.norm(rods.tip - tip, axis=1) > 0.1 * scene.length  # they are two shapes
     other = np.where(away[:, None] & np.isnan(rods.other), rods.tip, rods.other)
     mark = np.full(count, "sure", dtype="<U10")
     mark[~np.isnan(other).any(axis=1)] = "two shapes"

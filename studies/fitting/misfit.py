@@ -21,10 +21,9 @@ from magmpm.scene import Scene
 from magmpm.studies.fitting.constants import GEOMETRY, SHOWN, Constant, constants_of, diameter_of
 from magmpm.studies.fitting.identify import FLAT, WIDEST
 from magmpm.studies.fitting.prediction import Label, Prediction
-from magmpm.studies.fitting.solve import Interval, Minimum, least_squares
+from magmpm.studies.fitting.solve import Interval, Minimum, least_squares, quantile_of
 from magmpm.studies.fitting.table import Measured
 
-ODD = 3.5  # standard errors: residuals beyond are named
 UNEQUAL, ENOUGH = 2.0, 10  # a reported factor between two tables' residuals, of so many numbers each: by chance in 4 % of such pairs
 DOUBTED = 0.05  # probability below which a suspect widens the intervals: of true models one in twenty is doubted in vain
 
@@ -54,10 +53,7 @@ class Suspect:
 
     def widened(self, intervals: Sequence[Interval], level: float) -> list[Interval]:
         """The intervals (k) with those of the answer in which it is freed."""
-        from scipy.special import ndtri, stdtrit
-
-        tail, found = 0.5 + level / 2, []
-        halves = float(ndtri(tail) if np.isinf(self.degrees) else stdtrit(self.degrees, tail)) * self.errors
+        found, halves = [], quantile_of(level, self.degrees) * self.errors
         for one, x, half in zip(intervals, self.x.tolist(), halves.tolist(), strict=False):
             low, high = (None if one.low is None else min(one.low, x - half)), (None if one.high is None else max(one.high, x + half))
             known = half <= WIDEST and one.method != "withheld"
@@ -146,7 +142,7 @@ def odd_readings(sizes: Array, labels: Sequence[Label], measured: Measured) -> l
     odd = [
         f"{files[label.table]}line {label.line}, {label.what} ({size:+.1f})"
         for size, label in zip(sizes, labels, strict=True)
-        if abs(size) > ODD
+        if abs(size) > 3.5
     ]
     if not odd:
         return []

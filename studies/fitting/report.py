@@ -13,6 +13,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.studies.fitting.constants import GEOMETRY, LOSSES, OF_MATERIALS, SHOWN, applied, directions
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.search import Fit, Fitted
+from magmpm.studies.fitting.solve import quantile_of
 from magmpm.studies.fitting.table import Measured
 from magmpm.studies.search.best_scene import as_yaml, moved_content
 
@@ -63,16 +64,13 @@ def predict_held_out(found: Fit, measured: Measured) -> HeldOut:
 
     Raises SolveError where no equilibrium is found.
     """
-    from scipy.special import ndtri, stdtrit  # what scipy.stats calls, without its half second
-
     prediction = Prediction(found.scene, measured, tuple(one.constant for one in found.constants))
     residuals, slopes = prediction.at(found.x)
     ratios = found.ratios if len(found.ratios) == len(measured.each) else (1.0,) * len(measured.each)
     there = replace(found, measured=measured, residuals=residuals, labels=tuple(prediction.labels), ratios=ratios)
     errors = np.array([one.error / abs(one.constant.slope(x)) for one, x in zip(found.constants, found.x.tolist(), strict=True)])
     of_constants = np.sqrt(np.einsum("ni,ij,nj->n", slopes * errors, found.correlation, slopes * errors))
-    tail = 0.5 + found.level / 2
-    quantile = float(ndtri(tail) if found.noise == "given" else stdtrit(found.degrees, tail))
+    quantile = quantile_of(found.level, np.inf if found.noise == "given" else found.degrees)
     return HeldOut(there, of_constants, quantile * np.hypot(of_constants, [there.sigma_of(label) for label in there.labels]))
 
 

@@ -13,10 +13,16 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import MagmpmError
 
-MOST_STEPS = 60
 TINY = 1e-8  # in x: likewise
 Model = Callable[[Array, bool], tuple[Array, Array]]  # x, whether with slopes -> residuals in standard errors (n,), slopes (n, k)
-FARTHEST = 6.0  # standard errors, or in x: an end is not sought beyond
+
+
+def quantile_of(level: float, degrees: float) -> float:
+    """Quantile of intervals at a level: Student's t, or the normal one where the noise is known (degrees of freedom: inf)."""
+    from scipy.special import ndtri, stdtrit  # what scipy.stats calls, without its half second
+
+    tail = 0.5 + level / 2
+    return float(ndtri(tail) if np.isinf(degrees) else stdtrit(degrees, tail))
 
 
 @dataclass(frozen=True)
@@ -49,7 +55,7 @@ def least_squares(
     free = np.ones(len(x), bool) if free is None else free
     residuals, slopes = model(x, True)
     radius, steps = 1.0, 0  # x changes by a factor of e at most at first
-    while steps < MOST_STEPS:
+    while steps < 60:
         step = _step(residuals, slopes[:, free], radius)
         noise = scale if scale is not None else float(np.sqrt(residuals @ residuals / max(len(residuals) - free.sum(), 1)))
         if np.linalg.norm(slopes[:, free] @ step) <= small * noise or np.linalg.norm(step) <= TINY or known(x):
@@ -135,7 +141,7 @@ def interval_of(model: Model, best: Minimum, covariance: Array, k: int, quantile
 def _end(model: Model, best: Minimum, along: Array, k: int, error: float, quantile: float) -> float | None:
     """Point where the root of the rise meets the quantile, by false position; None where it does not within reach. error: with its sign."""
     free = np.arange(len(best.x)) != k
-    reach = max(FARTHEST * quantile * abs(error), FARTHEST)
+    reach = max(6.0 * quantile * abs(error), 6.0)
 
     def root(distance: float, start: Array) -> tuple[float, Array]:
         there = start.copy()

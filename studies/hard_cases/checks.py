@@ -23,30 +23,27 @@ from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import choose_effects, run
+from magmpm.statics.stability import (
+    BRINK,  # below, runs warn that a small change may move the body far, and nothing is compared
+)
 from magmpm.studies.hard_cases.twins import MIRROR, QUARTER, can_turn, twin
 
 # Equilibria of the same body on the same grid: the solve stops where a step could win 1e-11 of the energy, so the error of the softest
 # motion is sqrt(1e-11 / stability) of what the load has moved it; ten times that, for loads whose energy is a hundred times the body's.
 SOLVED = 1e-4
-SAME_ENERGY = 1e-6  # of an equilibrium and the same one sought more closely
 CLOSER, CLOSEST = 1e3, 1e-14  # times, and the closest that there is: what is an equilibrium stays where it is
 TABLE = 0.02  # more where magnets or coils are on a table, whose error is 0.002 of the field, about another box
-BRINK = 0.02  # of stability: below, runs warn that a small change may move the body far, and nothing is compared
 FINER = 0.06  # of the length: two or three cells across against one more; errors at two cells are 1 to 2 % (docs/accuracy)
 ROD = 0.06  # of the length, for L/D >= 10: two cells across 2 %, rod and solid 0.05 D/L, stiff neighbors 2 %
 LOCKED = 0.03  # more without anti-locking: 4.1 % for 1.4 % where it is switched off; docs/stability, controls
-STIFFNESS = 0.02  # the error of a body's stiffness at two cells across; docs/accuracy
 # More for a strip's width over its length, above 1 / SLENDER, if finer cells agree with the answer: of a strip of L/W 5 that falls to its
 # side (seed 151, 428), finite elements are 0.4 % of the length from the solid, and 7 % from the rod.
 BROAD = 0.2
 SLENDER = 10.0
-SAME_MOTION = 1e-6  # of the length: rounding grows as a motion goes on; of the mirror image
 # Contact and friction decide by single steps: there a change of the last bit grows at once. So a mirror image that is
 # farther away is compared with what changes of the moduli by NOISE do.
 NOISE, GROWN = 1e-13, 5.0
 HALF_STEP = 0.02  # of the largest displacement: second order, and what contact and friction choose by single steps
-PROMISED = 1.5  # times the reported error: what the true one never is above
-GAINED = 0.05  # of the largest kinetic energy, as the watchdog allows
 
 
 SAME = np.eye(3)
@@ -105,7 +102,7 @@ def _promised(scene: Scene, result: Result, cells: int, found: Checked) -> None:
             return
         off = np.linalg.norm(finer.tip - result.tip) if tip else largest_distance(result, finer.centreline)
         apart.append(float(off))
-        if apart[-1] <= PROMISED * told:
+        if apart[-1] <= 1.5 * told:
             found.done.append("promised error")
             return
     found.done.append("promised error")
@@ -178,7 +175,7 @@ def _stays(scene: Scene, result: Result, bound: float) -> bool:
     closer = _try(_closer(scene))
     if closer is None or _apart(scene, result, closer) > bound:
         return False
-    return abs(closer.energy - result.energy) <= max(SAME_ENERGY, bound) * abs(closer.energy)
+    return abs(closer.energy - result.energy) <= max(1e-6, bound) * abs(closer.energy)
 
 
 def _closer(scene: Scene) -> Scene:
@@ -288,7 +285,7 @@ def _rod(scene: Scene, result: Result, found: Checked) -> None:
 def _off_by_cells(scene: Scene, result: Result) -> float:
     """Possible error of the cells, over L: their stiffness, 2 % at two cells and in proportion to the cells' area, moves a soft body by
     that fraction over its stability."""
-    return STIFFNESS * (2 / scene.resolution.cells_across) ** 2 * _displaced(scene, result) / max(result.stability or 0.0, BRINK)
+    return 0.02 * (2 / scene.resolution.cells_across) ** 2 * _displaced(scene, result) / max(result.stability or 0.0, BRINK)
 
 
 def _followed(scene: Scene, result: Result, found: Checked) -> None:
@@ -311,7 +308,7 @@ def _moved(scene: Scene, result: Result, folder: Path, found: Checked) -> None:
     else:
         found.done.append("mirror image")
         apart, table = _apart(scene, result, other, MIRROR), TABLE if scene.field.magnet or scene.field.coils else 0.0
-        if apart > (bound := SAME_MOTION + table):
+        if apart > (bound := 1e-6 + table):  # rounding grows as a motion goes on
             grown = max((_apart(scene, result, noisy) for noisy in map(_try, _noisy(scene)) if noisy is not None), default=math.inf)
             where = found.wrong if apart > max(bound, GROWN * grown) else found.branches
             where.append(f"mirror image: {apart:.3g} L apart, bound {bound:.3g}; changes of {NOISE:g} of the moduli grow to {grown:.3g} L")
@@ -358,5 +355,5 @@ def _energy(scene: Scene, folder: Path, found: Checked) -> None:
     found.done.append("energy")
     most = max(row["kinetic"] + row["elastic"] for row in rows)
     gained = max(row["total"] for row in rows) - rows[0]["total"]
-    if gained > GAINED * most:
+    if gained > 0.05 * most:  # as the watchdog allows
         found.wrong.append(f"energy: {gained:.3g} J gained, kinetic and elastic are {most:.3g} J at most")

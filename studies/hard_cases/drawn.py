@@ -20,8 +20,6 @@ from magmpm.studies.hard_cases.drawn_fields import DYNAMIC, QUASI_STATIC, STATIC
 from magmpm.studies.hard_cases.scenes import FIRST
 
 KINDS = {STATIC: 0.6, QUASI_STATIC: 0.18, DYNAMIC: 0.22}  # with their shares of the scenes
-COMBINATIONS, RENEWED = 4, 400  # of effects in motion, each compiled once: so many in so many scenes; the next scenes have others
-MOST_STEPS = 5000  # of a motion, by an estimate
 
 
 @dataclass
@@ -58,7 +56,7 @@ def drawn(seed: int, number: int) -> Content:
     rng = np.random.default_rng([seed, number])
     severity = float(rng.random())
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
-    chosen = int(rng.integers(COMBINATIONS)) + COMBINATIONS * (number // RENEWED)
+    chosen = int(rng.integers(4)) + 4 * (number // 400)  # of combinations of effects, each compiled once: four in 400 scenes
     effects = _motion_effects(np.random.default_rng([seed, 1_000_000 + chosen])) if kind == DYNAMIC else []
     cells = int(rng.choice([2, 3, 4], p=[0.8, 0.17, 0.03]))
     materials = _materials(rng, severity, kind == DYNAMIC)
@@ -67,7 +65,7 @@ def drawn(seed: int, number: int) -> Content:
     content: Content = {"name": f"drawn {seed} {number}", "materials": materials, "body": body}
     named: Content = {"magnetic_torque": {}}
     steps = (sizes.across / cells) / math.sqrt((sizes.ratio + 4 / 3) * sizes.shear / sizes.density)
-    end = 1.0 if kind != DYNAMIC else min(float(rng.uniform(0.1, 1.0)) * sizes.period, 0.4 * steps * MOST_STEPS)
+    end = 1.0 if kind != DYNAMIC else min(float(rng.uniform(0.1, 1.0)) * sizes.period, 0.4 * steps * 5000)
     content["field"], varies = fields.drawn_field(rng, sizes, min(sizes.flux(load), 5.0), kind, end, effects)
     if varies:
         named["magnetic_force"] = {}

@@ -35,7 +35,6 @@ OWN_SHARE = 0.8  # of the limit, after which the solver is to end by itself
 Outcome = dict[str, Any]
 Tell = Callable[[Outcome], None]
 OUTCOMES, SCENES, STATES, ORDER = "outcomes.jsonl", "scenes", "states", "order.json"
-LIMIT = 120.0  # s of processor time for a scene with its checks, which a busy machine does not shorten
 Job = tuple[int, Path, Path]  # number, scene file, folder for what is saved
 BROKEN = (WRONG, REFUSED, TRACEBACK, HUNG)
 ENDS = (CONVERGED, STOPPED, *BROKEN)
@@ -155,7 +154,7 @@ def _kept(state: Any, folder: Path) -> bool:
 
 
 def run_random(
-    count: int, seed: int, folder: Path, *, processes: int = 2, limit: float = LIMIT, on_done: Callable[[int, int], None] | None = None
+    count: int, seed: int, folder: Path, *, processes: int = 2, limit: float = 120.0, on_done: Callable[[int, int], None] | None = None
 ) -> dict[str, Any]:
     """Draw and solve scenes 0 to count - 1 of a seed. Scenes that did not converge stay in folder/scenes, their last good states in
     folder/states, outcomes in folder/outcomes.jsonl; those that are there already are not solved again.

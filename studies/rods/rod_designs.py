@@ -27,9 +27,7 @@ from magmpm.studies.search.search_space import SearchSpace
 
 ELEMENTS = 8  # in each segment: the rod is a thousandth of its length from its limit, less than from the body
 KEPT = 6
-NEAR = 3e-4  # of the length: rms of the rod that is near enough, since the body is farther from the rod
 APART = 0.3  # rad: root mean square angle between designs that count as different
-STEADY, UNSTEADY = 0.15, 0.05  # a design less stable than this counts as worse, at a critical load by this share of the length
 
 
 @dataclass(frozen=True)
@@ -152,7 +150,7 @@ def rod_designs(
     at = problem.state(directions, field, q, np.full(starts, 0.1))
     for steps, left in ((10, 24), (10, 12), (12, 12)):  # and how many of the descents go on after them
         for _ in range(steps):
-            if np.sort(at.cost)[min(KEPT, len(at.cost)) - 1] < (NEAR * scene.length) ** 2:
+            if np.sort(at.cost)[min(KEPT, len(at.cost)) - 1] < (3e-4 * scene.length) ** 2:
                 break
             at = problem.step(at)
         at = at.best(left)
@@ -199,7 +197,8 @@ def _verified(scene: Scene, problem: _Problem, regions: Sequence[int], at: _Desc
         gap = shape.at(target[:, 0]) - target[:, 1:]
         stability = problem.family.stability(at.quaternions[s], at.directions[s], np.zeros(3) if field_max is None else field)
         found.append(RodDesign(at.directions[s], field, float(np.sqrt(np.mean(np.sum(gap**2, axis=1)))), stability))
-    found.sort(key=lambda design: design.rms + max(1.0 - design.stability / STEADY, 0.0) * UNSTEADY * scene.length)
+    # a stability below 0.15 counts as worse, at a critical load by 0.05 of the length
+    found.sort(key=lambda design: design.rms + max(1.0 - design.stability / 0.15, 0.0) * 0.05 * scene.length)
     kept: list[RodDesign] = []
     for design in found:
         if all(_apart(design, other) > APART for other in kept):

@@ -19,13 +19,13 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene
+from magmpm.studies.problem import BRINK
 from magmpm.studies.problem.path import Path
 from magmpm.studies.rods.rod_trajectory import Depth, RodDesign, RodTrajectory, State, depth_of
 from magmpm.studies.search.parameters import unit
 
 FEWEST = 4  # steps from one depth to the next
-STRAY = 0.01  # of the length: a shape farther than this from the design's has left its branch
-BRINK, RISKY = 0.1, 3.0  # stability on the way below which a design counts so many times as much
+RISKY = 3.0  # times as much a design counts whose stability on the way is below BRINK
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class RodPath:
         for k, way in enumerate(self.ways):
             went = self._go(way, design.directions, last, design.fields[k])
             away = np.inf if went is None else float(np.abs(went[-1].position - design.state.positions[k]).max())
-            if away > STRAY * length:
+            if away > 0.01 * length:  # it has left its branch
                 strayed = True
                 fitted = self._go(way, design.directions, last, None)
                 if went is None or (fitted is not None and fitted[-1].squares < went[-1].squares):

@@ -28,11 +28,6 @@ ELEMENTS = 48  # of the whole catheter: positions to a tenth of a per cent of th
 FEWEST = 10
 FIRST, LEAST = 1 / 6, 1 / 48  # of the path's curvature: a step with which it grows, and the least one
 STEPS, LAST = 12, 60  # of least squares at each share of the curvature, and at the whole
-LEFT = 1.5, 5e-3  # a value more than so many times the last, plus this share of the length: rods fell to another branch
-HOPELESS = 0.1  # of the length: a value that no start recovers from
-FIELDS, COARSE = ((1.0, 0.0, 0.0), (0.6, 0.0, 0.8), (-0.6, 0.0, 0.8)), 4  # first fields for given directions, and shares of the curvature
-LARGEST = 0.6  # of the components of a step: radians, and parts of the greatest field
-ENDLESS = 8.0  # b = v/sqrt(1 + v^2) maps vectors to the unit ball; this v is its boundary, 0.992
 Shapes = tuple[Array, ...]  # the frames of each depth's rod as quaternions (n + 1, 4)
 
 
@@ -132,7 +127,7 @@ class RodTrajectory:
                 normal = self._normal(d, v, state, turning)
             bases, A, X, V, g, h = normal
             p, q = _arrow_step(A, X, V, g, h, damping)
-            scale = min(1.0, LARGEST / max(np.abs(p).max(initial=0.0), np.abs(q).max(), 1e-300))
+            scale = min(1.0, 0.6 / max(np.abs(p).max(initial=0.0), np.abs(q).max(), 1e-300))
             d_new = self._turned(d, bases, scale * p)
             v_new = _within(v + scale * q)
             tried = self.settled(d_new, self.max_field * from_ball(v_new), state.shapes)
@@ -187,10 +182,10 @@ class RodTrajectory:
             found = None
             if state is not None:
                 found = bent.least_squares(replace(design, state=state), STEPS if now < 1.0 else LAST)
-            fell = found is None or found.value > LEFT[0] * design.value + LEFT[1] * size
+            fell = found is None or found.value > 1.5 * design.value + 5e-3 * size  # to another branch
             if fell and step > LEAST:
                 step /= 2
-            elif found is None or found.value > HOPELESS * size:
+            elif found is None or found.value > 0.1 * size:
                 return None
             else:
                 design, share, step = found, now, min(1.5 * step, FIRST)
@@ -203,9 +198,9 @@ class RodTrajectory:
         The path's curvature and the weight grow as in `grown`. Where rods fall to another branch on the way, the fields follow them there.
         """
         found = [RodDesign(directions, np.zeros((len(self.depths), 3)), np.inf)]
-        for first in FIELDS:
+        for first in ((1.0, 0.0, 0.0), (0.6, 0.0, 0.8), (-0.6, 0.0, 0.8)):
             design = RodDesign(directions, 0.5 * self.max_field * np.tile(first, (len(self.depths), 1)), np.inf)
-            for share in np.linspace(0.0, 1.0, COARSE + 1)[1:]:
+            for share in np.linspace(0.0, 1.0, 5)[1:]:
                 bent = self.bent(path.flattened(share), share) if share < 1.0 else self
                 state = bent.settled(directions, design.fields, None if design.state is None else design.state.shapes)
                 if state is None:
@@ -235,7 +230,8 @@ def _by_v(v: Array) -> Array:
 
 
 def _within(v: Array) -> Array:
-    return np.asarray(v * np.minimum(1.0, ENDLESS / np.maximum(np.linalg.norm(v, axis=1), 1e-300))[:, None])
+    """b = v/sqrt(1 + v^2) maps vectors to the unit ball; a v of 8 is its boundary, 0.992."""
+    return np.asarray(v * np.minimum(1.0, 8.0 / np.maximum(np.linalg.norm(v, axis=1), 1e-300))[:, None])
 
 
 def _arrow_step(A: Array, X: Array, V: Array, g: Array, h: Array, damping: float) -> tuple[Array, Array]:

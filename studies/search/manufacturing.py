@@ -20,9 +20,6 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 
-MOST_SUBSETS = 20_000  # of a set that are all tried; of more, directions are added one by one
-MOST_TURNS = 50
-
 
 @dataclass(frozen=True)
 class Makeable:
@@ -62,7 +59,7 @@ class Makeable:
         if k is None or k >= len(allowed):
             return allowed
         cosines = asked @ allowed.T
-        if math.comb(len(allowed), k) <= MOST_SUBSETS:
+        if math.comb(len(allowed), k) <= 20_000:  # all are tried
             subsets = np.array(list(itertools.combinations(range(len(allowed)), k)))
             return np.asarray(allowed[subsets[int(np.argmax(cosines[:, subsets].max(axis=2).sum(axis=0)))]])
         chosen: list[int] = []
@@ -76,7 +73,7 @@ class Makeable:
     def _shared(self, asked: Array) -> tuple[Array, NDArray[np.int64]]:
         """Shared directions (n, 3) and the group (n,) that each segment is in."""
         group = _merged(asked, self.at_most or len(asked))
-        for _ in range(MOST_TURNS):
+        for _ in range(50):
             sums = np.array([asked[group == g].sum(axis=0) for g in range(group.max() + 1)])
             centers = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)
             new = np.argmax(asked @ centers.T, axis=1)

@@ -18,7 +18,6 @@ from magmpm.studies.search.parameters import Block, Choice, Direction, FieldVect
 from magmpm.studies.search.search_space import SearchSpace
 
 DESIGNS, SEED, ELEMENTS = 3, 20_24, 20
-STATIONS = 13  # of each depth of an insertion
 STEP = 1e-6  # of a whole step: forward differences, whose singular values agree with those of other steps to 1e-6 mm
 NOTHING = 1e-5  # of the length: a whole step of a variable that moves the shape less than this moves nothing
 SEEN = 1e-5  # of the length: what a whole step must move the shape by (rms), to be seen in the target: 0.4 um of 40 mm
@@ -90,7 +89,7 @@ def _shapes(study: Study, space: SearchSpace) -> list[_Shape]:
     """The equilibria of a design: one, or one at each depth or time."""
     own = space.fields > 1
     if study.depths:
-        places = [np.linspace(0.0, depth, STATIONS) for depth in study.depths]
+        places = [np.linspace(0.0, depth, 13) for depth in study.depths]
         return [_Shape(space, s, float(s[-1]), k if own else -1) for k, s in enumerate(places)]
     if study.keyframes:
         return [_Shape(space, frame.target[:, 0], None, k if own else -1) for k, frame in enumerate(study.keyframes)]

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     import optuna
     from optuna.trial import FrozenTrial
 
-TEXT = 200_000  # bytes of an input file that a report shows
 
 
 def kept_trials(storage: optuna.storages.BaseStorage, name: str) -> tuple[optuna.Study, list[FrozenTrial]]:
@@ -216,7 +215,7 @@ def _files(study: Study) -> dict[str, str]:
 
 def _text(path: Path) -> str:
     try:
-        return read_regular(path, TEXT).decode("utf-8", errors="replace")
+        return read_regular(path, 200_000).decode("utf-8", errors="replace")
     except OSError:
         return ""
 

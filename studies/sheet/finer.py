@@ -31,9 +31,7 @@ if TYPE_CHECKING:
 
 SHARE = 0.01  # of the length: how far the tip may move
 LARGEST = {"deg": 30.0, "%": 30.0, "mm": float("inf")}  # beyond which the first order says no more than that
-USUAL = {"deg": 5.0, "%": 5.0}  # errors of manufacture by which a design is evaluated where its study names none
 SAME = 0.05  # of the length: at a larger distance, two answers are two equilibria
-MOST_MEMORY = 0.25  # of the machine's: that a finer grid may take
 
 
 def tolerances(scene: Scene, found: Sensitivities, hidden: int = 0) -> list[dict[str, Any]]:
@@ -88,7 +86,7 @@ def allowed(row: dict[str, Any], distance: float) -> float | None:
     return float(distance / row["tip_m_per_unit"])
 
 
-def together(rows: Sequence[dict[str, Any]], direction: float = USUAL["deg"], materials: float = USUAL["%"]) -> float:
+def together(rows: Sequence[dict[str, Any]], direction: float = 5.0, materials: float = 5.0) -> float:
     """Standard deviation (m, in space) of the tip for independent errors of manufacture, to first order: an upper bound.
 
     direction: standard deviation, deg, of each segment's turn along each of two axes; materials: of remanence and shear modulus, %.
@@ -159,7 +157,7 @@ def finer(result: Result, again: Again, run: Callable[..., Result]) -> dict[str,
     if proof is None:
         return f"not known: no finer grid tells the error of {cells} cells across"
     fine = again.scene.with_cells(proof)
-    if operations(fine)[1] > MOST_MEMORY * memory.machine():
+    if operations(fine)[1] > 0.25 * memory.machine():
         return f"not known: {proof} cells across take more than a quarter of this machine's memory"
     found = run(fine, start=again.start)
     moved = max(frames_of(result).distances(frames_of(found)).values())

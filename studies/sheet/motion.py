@@ -24,8 +24,6 @@ from magmpm.studies.engine.records import BEST
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.best_scene import SCENE, times
 
-FINEST = 1000  # frames of a motion: times that need more are met by the nearest frame
-
 
 def in_time(folder: Path, design: Mapping[str, Any], study: Study | None) -> list[dict[str, float]]:
     """Run the best design along time; one row each depth or time, SI. Raises InputError, SolveError."""
@@ -63,7 +61,7 @@ def in_motion(scene: Scene, study: Study) -> Scene:
     end = study.keyframes[-1].time + study.hold
     moments = [Fraction(t).limit_denominator(100_000) for t in (*(frame.time for frame in study.keyframes), end)]
     common = math.lcm(*(t.denominator for t in moments))
-    every = max(float(Fraction(math.gcd(*(int(t * common) for t in moments)), common)) / 10, end / FINEST)
+    every = max(float(Fraction(math.gcd(*(int(t * common) for t in moments)), common)) / 10, end / 1000)
     data = scene.to_si()
     data["solver"] = {"anti_locking": data["solver"]["anti_locking"], "dynamic": {"duration": end, "output_every": every}}
     return Scene.from_si(data)

@@ -18,7 +18,6 @@ from magmpm.studies.evaluate.judge import Judge, Judged
 
 TRIES = 2  # processes that a design may end before it counts as failed
 STARTS = 3  # processes in a row that may end before they are ready
-STARTING = 600.0  # s that a process may take until it is ready
 SECRETS = ("MAGMPM_STORAGE", "PGPASSWORD", "PGPASSFILE")  # of the storage, which workers do not see
 
 
@@ -91,7 +90,7 @@ class Pool:
     def _of_those_that_hang(self) -> Iterator[tuple[int, str]]:
         """Ends processes that take too long. Number of each design that is given up, and why."""
         for worker in self._workers:
-            limit = self.limit if worker.ready else STARTING
+            limit = self.limit if worker.ready else 600.0
             if worker.job is None or limit is None or time.monotonic() - worker.since < limit or worker.pipe.poll():
                 continue
             number = worker.job[0]

@@ -48,7 +48,6 @@ BEAT = 10.0  # s between two beats of a session
 LEASE = 60.0  # s without a beat after which a session counts as dead
 RECORD = "session:"  # attribute of a study: who a session is
 SURPLUS = "one more than were asked for: another session had the last one already"
-_OF_ARTIFACTS = "artifacts:"
 
 
 class PerTrial(BaseSampler):
@@ -207,7 +206,7 @@ class Session:
         self.lost.append(f"trial {trial.number}: its session died; {'its design is queued again' if whole else 'it had no design yet'}")
         if not whole:
             return
-        known = {key: value for key, value in trial.system_attrs.items() if not key.startswith(_OF_ARTIFACTS)}
+        known = {key: value for key, value in trial.system_attrs.items() if not key.startswith("artifacts:")}
         again = optuna.trial.create_trial(
             state=TrialState.WAITING,
             system_attrs={**known, "fixed_params": trial.params},

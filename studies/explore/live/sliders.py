@@ -18,8 +18,6 @@ from magmpm.scene import Scene, load_scene
 from magmpm.solving.effects_choice import choose_effects
 from magmpm.studies.search.best_scene import as_yaml, moved_content
 
-LEAST_FIELD = 20e-3  # T: fields up to this, or twice the scene's own, can be reached
-WAY = 50e-3  # m, or the body's length: how far a magnet can be moved to either side
 SOURCES = ("dipole", "magnet", "coils")
 AXES = "xyz"
 Values = Mapping[str, float]
@@ -103,7 +101,7 @@ def _field(scene: Scene) -> Iterator[Control]:
         return
     if field.over_time is not None and not _uniform_counts(scene):
         return
-    largest = nice(1e3 * max(LEAST_FIELD, 2 * float(np.linalg.norm(field.uniform))))
+    largest = nice(1e3 * max(20e-3, 2 * float(np.linalg.norm(field.uniform))))
     group = "Uniform field" if field.varies else "Field"
     for axis, value in zip(AXES, field.uniform, strict=True):
         yield Control(f"field.{axis}", group, f"B{axis}", "mT", -largest, largest, largest / 400, shown(1e3 * value))
@@ -129,7 +127,7 @@ def _inserted(scene: Scene) -> Iterator[Control]:
 
 def _sources(scene: Scene) -> Iterator[Control]:
     """Sliders for the positions of magnets, dipoles and coils."""
-    way = 1e3 * max(WAY, scene.length)
+    way = 1e3 * max(50e-3, scene.length)
     for kind in SOURCES:
         for k, source in enumerate(getattr(scene.field, kind) or ()):
             name = {"coils": "Coil"}.get(kind, kind.capitalize())

@@ -29,7 +29,6 @@ from magmpm.statics.rod_start import from_rod, with_correction
 from magmpm.studies.explore.neighbors import Neighbors
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 
-MOST = 400  # solves that are remembered, the last ones
 PATIENCE = 0.4  # s: a solve that has taken longer is given up when a newer one waits; a shorter one is finished, so that shapes keep coming
 
 
@@ -160,7 +159,7 @@ class Solver:
 
 def _begin(pipe: Any, target: Array | None) -> Callable[[Scene | None], Any]:
     """Begin the process: it solves the scenes that come; None only ends the solve before it."""
-    neighbors = Neighbors(MOST)
+    neighbors = Neighbors(400)  # the last solves
     following = Following(neighbors.expected)
 
     def answer(scene: Scene | None) -> Any:

@@ -47,8 +47,6 @@ PLAN = "gauss_newton:plan"
 RADIUS = 1.0  # of the first step of a descent
 LEAST_RADIUS = 1e-5  # a descent with a smaller one is stuck
 LEAST_GAIN = 0.02  # share of the sum of squares that a step must promise, else the descent is stuck
-PATIENCE, PROGRESS = 5, 0.75  # ... or if so many accepted steps have not brought the value below this share
-LOOKED_AT = 3  # given designs that are tried before the best of them is improved, while all are poor
 
 
 class GaussNewtonSampler(optuna.samplers.BaseSampler):
@@ -132,7 +130,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         given = [t for t in trials if _model_of(t) is not None and t.system_attrs.get(PLAN, {"from": None})["from"] is None]
         if plan is None:  # not ours: enqueued, or of another sampler
             return (min(given, key=_cost), RADIUS) if given else None
-        looked_at = min(LOOKED_AT, len(self._starts))
+        looked_at = min(3, len(self._starts))
         fresh = [t for t in given if t is last or 0 <= _start(t) <= plan["start"] < looked_at]
         if not fresh or (_value(best := min(fresh, key=_cost)) > self._poor and plan["start"] + 1 < looked_at):
             return None
@@ -165,10 +163,10 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         if _value(base) <= self._goal:
             return False
         earlier: FrozenTrial | None = base
-        for _ in range(PATIENCE):
+        for _ in range(5):  # accepted steps that have not brought the value below three quarters
             plan = earlier.system_attrs.get(PLAN) if earlier is not None else None
             earlier = None if plan is None or plan["from"] is None else known[plan["from"]]
-        return earlier is not None and _cost(base) > PROGRESS**2 * _cost(earlier)
+        return earlier is not None and _cost(base) > 0.75**2 * _cost(earlier)
 
     def _start_at(self, index: int) -> dict[str, float]:
         """The given design, or after them the point of the sequence."""
