@@ -1,6 +1,6 @@
 """Reasons why a target was not reached: what holds the best design back, with the numbers that show it.
 
-Read from the linear model of the best design (its residuals r and Jacobian J, linear_model.py), from the other descents of the
+Read from the linear model of the best design (its residuals r and Jacobian J, trial.linear_model), from the other descents of the
 Gauss-Newton sampler, and from the rod:
 
 * a field or a number at its bound: at a minimum, rms changes with the bound by the Lagrange multiplier (r.J u)/rms, u pointing outward;

@@ -49,7 +49,11 @@ def whole_place(place: str) -> str:
 
 
 def artifact_store(place: str | None, out: Path) -> FileSystemArtifactStore | Boto3ArtifactStore:
-    """The store that `place` names: a folder, s3://BUCKET, or None for the folder's own. Raises InputError."""
+    """The store that `place` names: a folder, s3://BUCKET, or None for the folder's own. Raises InputError.
+
+    All by Optuna's own stores. The keys of S3 come from where its clients look for them (AWS_ACCESS_KEY_ID, ~/.aws, a role), the address
+    of a store that is not Amazon's from AWS_ENDPOINT_URL; neither is kept with the study.
+    """
     from optuna.artifacts import Boto3ArtifactStore, FileSystemArtifactStore
 
     if place is not None:

@@ -1,4 +1,4 @@
-"""Report of what a study has found so far, read from its storage."""
+"""Report of what a study has found so far, read from its storage; and its best designs evaluated on finer grids."""
 
 from __future__ import annotations
 
@@ -66,9 +66,9 @@ class StudyReport:
     why_sampler: str | None = None  # why this one, where the study's file names none
     artifacts: str | None = None  # where the trials' pictures are, if not in the folder itself
     study_file: str | None = None  # the study's file, from the root
-    limits: list[dict[str, Any]] = field(default_factory=list)  # what holds the best design back (reach.py), each with what it `says`
+    limits: list[dict[str, Any]] = field(default_factory=list)  # what holds the best design back (explain_miss), each with what it `says`
     exchanged: int = 0
-    judged: list[dict[str, Any]] = field(default_factory=list)  # the best designs on finer grids (judged.py), best first
+    judged: list[dict[str, Any]] = field(default_factory=list)  # the best designs on finer grids, best first
 
     def __repr__(self) -> str:
         best = "none" if self.best is None else f"trial {self.best['number']}, rms {1e3 * self.best['rms_m']:.3f} mm"
@@ -176,9 +176,11 @@ def judged(
     study: Study, designs: Sequence[FrozenTrial], scene_of: Callable[[FrozenTrial], Scene], solve: Callable[[Scene], Result],
     known: Sequence[dict[str, Any]],
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """The evaluated designs, best first.
+    """The best designs of a study that requests an error, on finer grids, best first.
 
-    Each {number, rms_m, trial_cells, judged_rms_m, error_estimate_m, cells_across, coarse_error_m}, or a `reason`.
+    Trials run on the coarsest grid, which sorts good from bad. At the end every design that its error can't tell from the best one is run
+    with the error that is requested. Each is {number, rms_m, trial_cells, judged_rms_m, error_estimate_m, cells_across, coarse_error_m}, or
+    has a `reason`.
 
     designs: feasible trials, nearest to the target first; scene_of: the scene of a trial on the coarse grid; known: those evaluated before.
     rms_m is that of the trial; judged_rms_m (m) is right to error_estimate_m; coarse_error_m: bound of the trial's own error, None where

@@ -212,7 +212,15 @@ class Trajectory(ABC):
 
 @dataclass(frozen=True)
 class Schedule(Trajectory):
-    """The shapes that a study asks for, and when."""
+    """A field over time that brings a body through given shapes at given times.
+
+    The twin of insertion: the body stays as it is, and the field at each of the times is unknown, with a magnetization (and what else
+    varies) that all times share. Each shape is the equilibrium that the body comes to from the one before (rod_path.py; where a field
+    varies in space, the one that grows from no load); between the times the field changes evenly, as keyframes of a scene do. So a schedule
+    holds for motions that are slow beside the body's own (`magmpm report --motion` compares with a motion).
+
+    rms: root of the mean, over all times, of the mean squared distance from that time's target; worst: the largest rms of a single time.
+    """
 
     @classmethod
     def of(cls, study: Study, space: SearchSpace) -> Schedule | None:

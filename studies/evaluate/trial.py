@@ -187,7 +187,11 @@ def needs_derivatives(study: Study) -> bool:
 
 
 def linear_model(found: Sensitivities, target: Array, space: SearchSpace, params: Mapping[str, Any]) -> dict[str, Any]:
-    """The user attributes `residuals` (m) and `jacobian` (m rows) of a solved trial with target rows [s, x, y, z], (k, 4) m."""
+    """The user attributes of a solved trial that Gauss-Newton reads; target rows [s, x, y, z], (m, 4) m.
+
+    residuals: the gaps at the target's rows, component by component, over the root of m: their sum of squares is rms^2. jacobian: their
+    derivatives by the embedded coordinates of the design (parameters.py).
+    """
     share = 1.0 / np.sqrt(len(target))
     gap = gaps(found.result, target)
     slopes = gap_derivatives(found, target).reshape(gap.size, -1)
@@ -210,7 +214,11 @@ def solve_with_derivatives(
 
 
 def stored(residuals: Array, jacobian: Array) -> dict[str, Any]:
-    """The attributes of residuals (m,) and their Jacobian (m, k), rounded, and shortened where they are long."""
+    """The attributes of residuals (m,) and their Jacobian (m, k), as JSON with 9 digits: a step of the sampler needs no more.
+
+    Optuna keeps an attribute in a column of the type TEXT, which holds anything in SQLite and PostgreSQL, but 65 535 bytes in MySQL. Where
+    a Jacobian is longer, its QR factorization is stored in place of both: r = Q r', J = Q J' have the same sums of squares for every step.
+    """
     if jacobian.size > 3600 and len(residuals) > jacobian.shape[1] + 1:  # numbers of at most 18 characters
         triangle: Array = np.asarray(np.linalg.qr(np.column_stack([jacobian, residuals]), mode="r"))
         residuals, jacobian = triangle[:, -1], triangle[:, :-1]

@@ -37,7 +37,11 @@ class Need:
 
 
 def needs(scene: Scene, runs: Variants) -> list[Need]:
-    """The answers for a scene, from runs of it."""
+    """Whether a scene needs three dimensions and dynamics, in seconds saved and error added.
+
+    Seconds are of a run on two cores of about 2.7 GHz, to a factor of two (docs/design.md has the rates); errors are told from runs on
+    coarse grids (magmpm.solving.influence).
+    """
     cost = seconds(scene)
     return [_three_dimensions(scene, runs, cost), _dynamics(scene, runs, cost)]
 

@@ -17,7 +17,7 @@ from magmpm.statics.layout import static_model
 from magmpm.studies.hard_cases.case import Case
 from magmpm.studies.hard_cases.drawn import block
 from magmpm.studies.hard_cases.equilibria import from_rod
-from magmpm.studies.hard_cases.scenes import (
+from magmpm.studies.hard_cases.motions import (
     DIAMETER,
     LENGTH,
     SILICONE,

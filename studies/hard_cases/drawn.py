@@ -17,7 +17,7 @@ from magmpm.fields.dipole import MU0
 from magmpm.materials import young_modulus
 from magmpm.studies.hard_cases import drawn_fields as fields
 from magmpm.studies.hard_cases.drawn_fields import DYNAMIC, QUASI_STATIC, STATIC, Content, mm
-from magmpm.studies.hard_cases.scenes import FIRST
+from magmpm.studies.hard_cases.motions import FIRST
 
 KINDS = {STATIC: 0.6, QUASI_STATIC: 0.18, DYNAMIC: 0.22}  # with their shares of the scenes
 

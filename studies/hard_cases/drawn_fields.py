@@ -1,4 +1,4 @@
-"""Fields, schedules and effects of motion of scenes drawn at random (hard_cases.drawn)."""
+"""Fields, schedules, effects of motion, and less usual parts of the schema, of scenes drawn at random (hard_cases.drawn)."""
 
 from __future__ import annotations
 

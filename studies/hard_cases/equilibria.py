@@ -13,7 +13,7 @@ from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.studies.hard_cases.case import Case
-from magmpm.studies.hard_cases.scenes import (
+from magmpm.studies.hard_cases.motions import (
     EULER,
     LENGTH,
     RATIO,

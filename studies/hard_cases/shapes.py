@@ -15,8 +15,20 @@ from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.studies.hard_cases.case import Case
 from magmpm.studies.hard_cases.drawn import block
-from magmpm.studies.hard_cases.motions import advance, at_rest, energy, last_cells, stretch, throw
-from magmpm.studies.hard_cases.scenes import DENSITY, SILICONE, G, bending_field, made, rod
+from magmpm.studies.hard_cases.motions import (
+    DENSITY,
+    SILICONE,
+    G,
+    advance,
+    at_rest,
+    bending_field,
+    energy,
+    last_cells,
+    made,
+    rod,
+    stretch,
+    throw,
+)
 
 TURN = 5.0  # 1/s: centrifugal strains are 1e-6
 LENGTH = 8e-3  # m, of free bodies

@@ -17,17 +17,22 @@ from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.studies.hard_cases.case import Case
-from magmpm.studies.hard_cases.motions import advance, at_rest, energy, last_cells, spin, throw
-from magmpm.studies.hard_cases.scenes import (
+from magmpm.studies.hard_cases.motions import (
     DENSITY,
     DIAMETER,
     FIRST,
     RATIO,
     REMANENCE,
     G,
+    advance,
+    at_rest,
     bending_field,
     changed,
+    energy,
+    last_cells,
     rod,
+    spin,
+    throw,
 )
 
 SHAKEN = 4 * 4e-3  # m, length of the body whose steps are at the edge

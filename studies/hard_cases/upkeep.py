@@ -15,8 +15,7 @@ from magmpm.results.file_names import CHECKPOINT, ENERGIES
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.studies.hard_cases.case import Case
-from magmpm.studies.hard_cases.motions import advance, at_rest
-from magmpm.studies.hard_cases.scenes import bending_field, changed, rod
+from magmpm.studies.hard_cases.motions import advance, at_rest, bending_field, changed, rod
 from magmpm.studies.hard_cases.stepping import energy_kept, stays
 
 SHORT = 8e-3  # m

@@ -252,7 +252,7 @@ def _sequence(count: int, size: int, seed: int) -> Array:
 
 
 def improved(space: SearchSpace, target: Array, starts: Sequence[dict[str, float]]) -> list[dict[str, float]]:
-    """Starts (parameters) whose directions are of the set, improved: best first, each once.
+    """Starts (parameters) whose directions are of the set, improved: best first, each once. A choice has no derivative, so it is searched.
 
     From the snapped start, the exchange (_exchanges) that brings the rod nearest to the target rows (m, 4) m is kept, until none brings it
     nearer. What else varies stays: the sampler's steps change it.

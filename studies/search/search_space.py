@@ -1,7 +1,7 @@
 """Search space of a study, and the scene that each design stands for.
 
-A design is made of blocks (blocks.py), in this order: directions of the magnetized segments, base to tip; the field, or one at each depth
-or time; numbers within bounds: lengths, diameter, remanence, stiffness; and the order of the segments. Each magnetized segment
+A design is made of blocks (parameters.py), in this order: directions of the magnetized segments, base to tip; the field, or one at each
+depth or time; numbers within bounds: lengths, diameter, remanence, stiffness; and the order of the segments. Each magnetized segment
 has two angles, relative to the catheter and not to the room:
 
     around: turn about the catheter's axis, from +y toward +z, -180 to 180 deg

@@ -28,8 +28,7 @@ from magmpm.studies.search.best_scene import SCENE
 from magmpm.studies.search.definition import definition_hash, load_study
 from magmpm.studies.search.samplers.choice import settings
 from magmpm.studies.search.search_space import SearchSpace
-from magmpm.studies.sheet.finer import SHARE, allowed, judged, last_equilibrium, together
-from magmpm.studies.sheet.motion import in_time
+from magmpm.studies.sheet.finer import SHARE, allowed, in_time, judged, last_equilibrium, together
 
 if TYPE_CHECKING:
     import optuna

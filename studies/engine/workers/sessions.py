@@ -51,7 +51,13 @@ SURPLUS = "one more than were asked for: another session had the last one alread
 
 
 class PerTrial(BaseSampler):
-    """make: the sampler of the trial with a number. starts: designs of the first trials, whatever the sampler would choose."""
+    """A study's sampler, made anew for each trial from the study's seed and the trial's number.
+
+    So a choice depends on seed, number and the trials that are there, and not on which process makes it. Where several sessions share a
+    study, each trial first waits until all with smaller numbers have their parameters: storages give out numbers one by one, so this orders
+    the choices, and each of them knows all designs that are being solved. Without that, two that ask at the same moment would choose alike.
+    make: the sampler of the trial with a number. starts: designs of the first trials, whatever the sampler would choose.
+    """
 
     def __init__(
         self, make: Callable[[int], BaseSampler], *, starts: Sequence[Mapping[str, Any]] = (), session: str | None = None,

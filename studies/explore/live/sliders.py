@@ -1,4 +1,7 @@
-"""Sliders of a scene that can be changed while one looks: a number each, with its unit and its range."""
+"""Sliders of a scene that can be changed while one looks; the scene with their numbers, to be solved, and as a file for `magmpm run`.
+
+The file is the scene's own, with its units and words; only what was turned is written anew.
+"""
 
 from __future__ import annotations
 

@@ -59,7 +59,11 @@ class Shape:
 
 
 class Preview:
-    """Previews of one scene's variants."""
+    """The shape at once, of one scene's variants: the rod's, dressed with what the last solve added to its rod.
+
+    The rod takes milliseconds. Seen from the rod's frames, what the 3D solve adds to it is nearly the same for a neighboring scene, so that
+    a preview is close to the solution where a slider has moved a little. It is a preview all the same, and the page says so.
+    """
 
     def __init__(self) -> None:
         self._correction = np.zeros((0, 0))

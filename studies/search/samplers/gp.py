@@ -71,7 +71,22 @@ class Layout:
 
 
 class ShapeModel:
-    """The model of n >= 2 designs x (n, size) with residuals (n, m)."""
+    """A Gaussian process of a shape, of n >= 2 designs x (n, size) with residuals (n, m).
+
+    Residuals are reduced to their principal components over the known designs, and each component is a Gaussian process of its own
+    amplitude. All share one kernel of the embedded coordinates x, brought to z = A x:
+
+        k(x, x') = (1 + z.z') / (1 + n) + w (1 + r + r^2 / 3) exp(-r),   r = sqrt(5) |z - z'| / l,   n the directions and other coordinates.
+
+    The first part is linear: a shape is nearly linear in small moments. The second is Matern's kernel with smoothness 5/2. A says how much
+    which coordinate matters. Of the directions it is a Kronecker product: axes of a direction count differently (a magnet along the field
+    feels no torque), segments that are neighbors act alike (their correlation falls as exp(-distance / c)), and segments matter by a power
+    of their place along the body. Of a field or a number it is a factor (docs/design.md, "Choosing trials", has its errors of prediction).
+
+    The parameters are those of greatest posterior density: their likelihood, with the amplitudes at their best, and normal priors. Sources:
+    Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), sections 2.2, 4.2 and 5.4.1; the composite of a model and a
+    known function: Astudillo and Frazier, ICML 2019.
+    """
 
     def __init__(self, layout: Layout, x: Array, residuals: Array) -> None:
         self._layout, self._x = layout, x
