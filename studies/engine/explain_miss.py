@@ -26,7 +26,7 @@ from magmpm.studies.problem.study import Study
 from magmpm.studies.rods.rod_designs import rod_designs
 from magmpm.studies.search.parameters import Block, Direction, FieldVector, Number
 from magmpm.studies.search.samplers.choice import gauss_newton_blocks
-from magmpm.studies.search.samplers.gauss_newton import LEAST_GAIN, PLAN, RADIUS
+from magmpm.studies.search.samplers.gauss_newton import LEAST_GAIN, RADIUS, model_of, start_of
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -43,8 +43,7 @@ def findings(study: Study, space: SearchSpace, trials: Sequence[FrozenTrial]) ->
     good = 0.01 * space.scene.length if study.stop_rms is None else study.stop_rms  # near enough to need no explanation
     if best is None or best.value is None or best.value <= good or "jacobian" not in best.user_attrs or study.depths or study.keyframes:
         return []
-    residuals = np.array(best.user_attrs["residuals"], dtype=float)
-    jacobian = np.array(best.user_attrs["jacobian"], dtype=float).reshape(len(residuals), -1)
+    residuals, jacobian = model_of(best)
     coordinates, x = gauss_newton_blocks(space), space.embedded(best.params)
     rms = float(np.linalg.norm(residuals))
     step = coordinates.step(x, residuals, jacobian, RADIUS / 4)
@@ -191,10 +190,10 @@ def _other_starts(trials: Sequence[FrozenTrial], best: FrozenTrial) -> list[Find
     """Report where the descents from other starts ended."""
     ends: dict[int, float] = {}
     for trial in trials:
-        start = trial.system_attrs.get(PLAN, {"start": -1})["start"]
+        start = start_of(trial)
         if trial.user_attrs.get("feasible") and trial.value is not None:
             ends[start] = min(ends.get(start, np.inf), trial.value)
-    ends.pop(best.system_attrs.get(PLAN, {"start": -1})["start"], None)
+    ends.pop(start_of(best), None)
     if not ends:
         says = "no other start was tried: more trials would begin elsewhere"
         return [{"what": "other starts", "says": says, "rms_m": []}]

@@ -58,8 +58,7 @@ class Judge:
         """The outcome of the design of a trial. Only interrupts, and disks that take no log, end this with an exception."""
         scene = self.scene_of(params)
         outcome = self.outcome(params, scene)
-        known = attributes(outcome, scene, self.space.directions(params), self.space.field(params))
-        known |= self.space.quantities(params)
+        known = self._known(outcome, scene, params)
         begun = time.perf_counter()
         files = self._drawn(number, outcome, known)
         return Judged(outcome, known, files, time.perf_counter() - begun)
@@ -67,8 +66,11 @@ class Judge:
     def failed(self, params: Mapping[str, Any], reason: str) -> Judged:
         """The judgment of a design that could not be solved."""
         outcome = Outcome(None, penalty(self.study.scene), None, reason, 0.0)
-        known = attributes(outcome, self.scene_of(params), self.space.directions(params), self.space.field(params))
-        return Judged(outcome, known | self.space.quantities(params), [], 0.0)
+        return Judged(outcome, self._known(outcome, self.scene_of(params), params), [], 0.0)
+
+    def _known(self, outcome: Outcome, scene: Scene, params: Mapping[str, Any]) -> dict[str, Any]:
+        space = self.space
+        return attributes(outcome, scene, space.directions(params), space.field(params)) | space.quantities(params)
 
     def scene_of(self, params: Mapping[str, Any]) -> Scene:
         """The scene of a trial; of an insertion that of its last depth, of a schedule that of its last time."""

@@ -19,7 +19,6 @@ from magmpm.rod.cosserat import RodShape
 
 STATIONS = 20  # along a rod, at which its curvature is compared
 REACH = 2.0  # of curvature times length, rad: rods at a larger distance have little to do with each other
-MOST = 64  # neighbors, the nearest
 
 
 class Neighbors:
@@ -38,7 +37,7 @@ class Neighbors:
         if not self._rods:
             return None
         known = np.array(self._rods)
-        near = np.argsort(np.linalg.norm(known - self._asked, axis=1), kind="stable")[:MOST]
+        near = np.argsort(np.linalg.norm(known - self._asked, axis=1), kind="stable")[:64]
         among = _covariance(known[near], known[near])
         share = np.linalg.solve(among + 1e-8 * np.diag(np.diag(among)), _covariance(known[near], self._asked[None])[:, 0])
         return np.asarray(np.einsum("k,kpm->pm", share, np.array([self._added[k] for k in near])))

@@ -24,7 +24,6 @@ from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.solve import Interval, Minimum, least_squares, quantile_of
 from magmpm.studies.fitting.table import Measured
 
-UNEQUAL, ENOUGH = 2.0, 10  # a reported factor between two tables' residuals, of so many numbers each: by chance in 4 % of such pairs
 DOUBTED = 0.05  # probability below which a suspect widens the intervals: of true models one in twenty is doubted in vain
 
 
@@ -151,14 +150,17 @@ def odd_readings(sizes: Array, labels: Sequence[Label], measured: Measured) -> l
 
 
 def unequal_tables(sizes: Array, labels: Sequence[Label], measured: Measured) -> list[str]:
-    """A warning where one table's lengths are off by much more than another's, in standard errors: then their weights are wrong."""
+    """A warning where one table's lengths are off by twice another's, in standard errors: then their weights are wrong.
+
+    Of ten numbers each, that happens by chance to 4 % of pairs.
+    """
     parts = [
         np.array([size for size, label in zip(sizes, labels, strict=True) if label.table == k and not label.angle])
         for k in range(len(measured.each))
     ]
-    rms = [float(np.sqrt(np.mean(part**2))) if len(part) >= ENOUGH else math.nan for part in parts]
+    rms = [float(np.sqrt(np.mean(part**2))) if len(part) >= 10 else math.nan for part in parts]
     known = [value for value in rms if math.isfinite(value)]
-    if len(known) < 2 or max(known) < UNEQUAL * max(min(known), 1e-12):
+    if len(known) < 2 or max(known) < 2.0 * max(min(known), 1e-12):
         return []
     large, small = (measured.each[rms.index(end(known))].path.name for end in (max, min))
     return [

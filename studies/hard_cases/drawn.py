@@ -71,7 +71,7 @@ def drawn(seed: int, number: int) -> Content:
         named["magnetic_force"] = {}
     if kind != DYNAMIC:
         if rng.random() < 0.3:
-            named["gravity"] = _gravity(rng, severity)
+            named["gravity"] = fields.gravity(rng, severity, direction)
         if rng.random() < 0.1 and "parts" not in body and sizes.length < 20 * sizes.across:
             named["magnetic_interaction"] = {"blocks_across": int(rng.integers(1, 4))}
     else:
@@ -202,11 +202,6 @@ def block(lower: tuple[float, float, float], upper: tuple[float, float, float]) 
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]
     return Mesh(corners, np.array(faces))
-
-
-def _gravity(rng: np.random.Generator, severity: float) -> Content:
-    size = 9.81 * (10.0 if rng.random() < 0.3 * severity else 1.0)
-    return {"acceleration": [f"{size * x:.6g} m/s^2" for x in direction(rng)]}
 
 
 def _solver(rng: np.random.Generator, kind: str, end: float) -> Content:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -102,8 +103,7 @@ def moving_effects(rng: np.random.Generator, named: list[str], sizes: Any, sever
     """The effects of a combination, with numbers that suit the body. end: s."""
     found: Content = {}
     if "gravity" in named:
-        size = 9.81 * (10.0 if rng.random() < 0.3 * severity else 1.0)
-        found["gravity"] = {"acceleration": [f"{size * x:.6g} m/s^2" for x in unit(rng)]}
+        found["gravity"] = gravity(rng, severity, unit)
     if "damping" in named:
         found["damping"] = {"rate": f"{min(2 * math.pi / sizes.period * 10 ** rng.uniform(-1, 0.6), 1e6):.6g} 1/s"}
     if "viscosity" in named:
@@ -112,23 +112,33 @@ def moving_effects(rng: np.random.Generator, named: list[str], sizes: Any, sever
         found["self_contact"] = {}
     if "magnetic_interaction" in named:
         found["magnetic_interaction"] = {"blocks_across": 2}
-    (x0, y0, z0), (x1, y1, z1) = sizes.box
+    (x0, y0, z0), (_, y1, z1) = sizes.box
     if "ground" in named:
         tilt = float(rng.uniform(-0.5, 0.5))
         n = np.array([math.sin(tilt), 0.0, math.cos(tilt)])
-        corners = np.array([[x, y, z] for x in (x0, x1) for y in (y0, y1) for z in (z0, z1)])
-        lowest = float((corners @ n).min()) - sizes.across * float(rng.uniform(0.05, 2.0))
-        found["ground"] = {"point": _mm(lowest * n), "normal": [float(x) for x in n], "friction": float(f"{rng.uniform(0, 1):.4g}")}
+        found["ground"] = {**_ground(rng, n, sizes), "friction": float(f"{rng.uniform(0, 1):.4g}")}
     if "walls" in named:
         radius = math.hypot((y1 - y0) / 2, (z1 - z0) / 2) * float(rng.uniform(1.1, 3.0))
         length = sizes.length
         path = [_mm([x0 - 0.5 * length, 0, 0]), _mm([x0 + 2.5 * length, 0, 0])]
         found["walls"] = {"tube": {"radius": f"{1e3 * radius:.9g} mm", "path": path}, "friction": float(f"{rng.uniform(0, 1):.4g}")}
     if "feed" in named and catheter:
-        exit_at = float(rng.uniform(0.4, 0.7)) * sizes.length
-        speed = min(float(rng.uniform(0.1, 0.9)) * (exit_at - 1.05 * sizes.across) / end, 5.0)
-        found["feed"] = {"speed": f"{speed:.9g} m/s", "exit": f"{1e3 * exit_at:.9g} mm"}
+        found["feed"] = _feed(rng, sizes, end, (0.4, 0.7), 5.0)
     return found
+
+
+def gravity(rng: np.random.Generator, severity: float, way: Callable[[np.random.Generator], Iterable[float]]) -> Content:
+    """Gravity, sometimes tenfold; way: draws its direction."""
+    size = 9.81 * (10.0 if rng.random() < 0.3 * severity else 1.0)
+    return {"acceleration": [f"{size * x:.6g} m/s^2" for x in way(rng)]}
+
+
+def _ground(rng: np.random.Generator, normal: np.ndarray, sizes: Any) -> Content:
+    """A ground with this normal, below the body."""
+    (x0, y0, z0), (x1, y1, z1) = sizes.box
+    corners = np.array([[x, y, z] for x in (x0, x1) for y in (y0, y1) for z in (z0, z1)])
+    lowest = float((corners @ normal).min()) - sizes.across * float(rng.uniform(0.05, 2.0))
+    return {"point": _mm(lowest * normal), "normal": [float(x) for x in normal]}
 
 
 def widen(rng: np.random.Generator, content: Content, sizes: Any, kind: str, end: float) -> None:
@@ -153,7 +163,7 @@ def _equilibria(rng: np.random.Generator, content: Content, sizes: Any, kind: st
         content["effects"] = "auto"
     feeds = kind == QUASI_STATIC and catheter and not varies and "magnetic_interaction" not in effects
     if feeds and sizes.length > 4 * sizes.across and rng.random() < 0.5:
-        effects["feed"] = _feed(rng, sizes, end)
+        effects["feed"] = _feed(rng, sizes, end, (0.5, 0.9), math.inf)
     if kind == QUASI_STATIC and rng.random() < 0.2:
         steps = solver[QUASI_STATIC].pop("steps")
         times = [0.0, *sorted(rng.uniform(0.02, 0.98, steps - 1)), 1.0]
@@ -173,27 +183,18 @@ def _motion(rng: np.random.Generator, content: Content, sizes: Any, end: float) 
         duration = end * float(rng.uniform(1.5, 4.0))
         moving |= {"duration": f"{1e3 * duration:.9g} ms", "output_every": f"{1e3 * duration / 8:.9g} ms"}
     if "ground" in effects and rng.random() < 0.4:
-        _tilt(rng, effects["ground"], sizes)
+        n = np.array([rng.uniform(-0.4, 0.4), rng.uniform(-0.4, 0.4), 1.0])
+        effects["ground"] |= _ground(rng, n / np.linalg.norm(n), sizes)  # slopes along x and y
     if "walls" in effects and rng.random() < 0.6:
         tube = effects["walls"]["tube"]
         tube["path"] = _bent(rng, sizes, 1e-3 * float(tube["radius"].split()[0]))
 
 
-def _feed(rng: np.random.Generator, sizes: Any, end: float) -> Content:
-    """A guide that holds a part of the catheter, and pushes out some of what it holds."""
-    exit_at = float(rng.uniform(0.5, 0.9)) * sizes.length
-    speed = float(rng.uniform(0.1, 0.9)) * (exit_at - 1.05 * sizes.across) / end
+def _feed(rng: np.random.Generator, sizes: Any, end: float, held: tuple[float, float], fastest: float) -> Content:
+    """A guide that holds a part of the catheter, within these shares, and pushes out some of what it holds, at most so fast, m/s."""
+    exit_at = float(rng.uniform(*held)) * sizes.length
+    speed = min(float(rng.uniform(0.1, 0.9)) * (exit_at - 1.05 * sizes.across) / end, fastest)
     return {"speed": f"{speed:.9g} m/s", "exit": f"{1e3 * exit_at:.9g} mm"}
-
-
-def _tilt(rng: np.random.Generator, ground: Content, sizes: Any) -> None:
-    """A ground that slopes along x and y, below the body."""
-    n = np.array([rng.uniform(-0.4, 0.4), rng.uniform(-0.4, 0.4), 1.0])
-    n /= np.linalg.norm(n)
-    (x0, y0, z0), (x1, y1, z1) = sizes.box
-    lowest = min(float(np.dot(n, (x, y, z))) for x in (x0, x1) for y in (y0, y1) for z in (z0, z1))
-    lowest -= sizes.across * float(rng.uniform(0.05, 2.0))
-    ground |= {"point": [mm(x) for x in lowest * n], "normal": [float(x) for x in n]}
 
 
 def _bent(rng: np.random.Generator, sizes: Any, radius: float) -> list[list[str]]:

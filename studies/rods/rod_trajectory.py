@@ -25,9 +25,8 @@ from magmpm.studies.problem.path import Path
 from magmpm.studies.search.parameters import across, unit
 
 ELEMENTS = 48  # of the whole catheter: positions to a tenth of a per cent of the length; designs need no more
-FEWEST = 10
 FIRST, LEAST = 1 / 6, 1 / 48  # of the path's curvature: a step with which it grows, and the least one
-STEPS, LAST = 12, 60  # of least squares at each share of the curvature, and at the whole
+STEPS = 12  # of least squares at each share of the curvature
 Shapes = tuple[Array, ...]  # the frames of each depth's rod as quaternions (n + 1, 4)
 
 
@@ -181,7 +180,7 @@ class RodTrajectory:
             state = bent.settled(design.directions, design.fields, None if design.state is None else design.state.shapes)
             found = None
             if state is not None:
-                found = bent.least_squares(replace(design, state=state), STEPS if now < 1.0 else LAST)
+                found = bent.least_squares(replace(design, state=state), STEPS if now < 1.0 else 60)
             fell = found is None or found.value > 1.5 * design.value + 5e-3 * size  # to another branch
             if fell and step > LEAST:
                 step /= 2
@@ -253,7 +252,7 @@ def depth_of(whole: Scene, path: Path, length: float, count: int) -> Depth:
     scene = whole.with_field([0.0, 0.0, 0.0]).inserted(length)
     catheter = scene.body.shape
     assert isinstance(catheter, Catheter)
-    rod = rod_model(scene, max(FEWEST, round(ELEMENTS * length / whole.length)))
+    rod = rod_model(scene, max(10, round(ELEMENTS * length / whole.length)))
     magnetized = scene.magnetized_regions()
     place = np.concatenate([[0.0], np.cumsum(rod.length)])
     share = np.zeros(len(place))

@@ -17,7 +17,7 @@ from magmpm.studies.problem.study import Study
 from magmpm.studies.search.parameters import Block, Choice, Direction, FieldVector, across
 from magmpm.studies.search.search_space import SearchSpace
 
-DESIGNS, SEED, ELEMENTS = 3, 20_24, 20
+DESIGNS = 3
 STEP = 1e-6  # of a whole step: forward differences, whose singular values agree with those of other steps to 1e-6 mm
 NOTHING = 1e-5  # of the length: a whole step of a variable that moves the shape less than this moves nothing
 SEEN = 1e-5  # of the length: what a whole step must move the shape by (rms), to be seen in the target: 0.4 um of 40 mm
@@ -82,7 +82,7 @@ class _Shape:
     def at(self, x: Array) -> Array:
         scene = self.space.scene_at(x, field=self.field)
         scene = scene if self.inserted is None else scene.inserted(self.inserted)
-        return solve_rod(scene, ELEMENTS).at(np.minimum(self.stations, scene.length)).reshape(-1)
+        return solve_rod(scene, 20).at(np.minimum(self.stations, scene.length)).reshape(-1)
 
 
 def _shapes(study: Study, space: SearchSpace) -> list[_Shape]:
@@ -98,7 +98,7 @@ def _shapes(study: Study, space: SearchSpace) -> list[_Shape]:
 
 def judge(study: Study, space: SearchSpace) -> Judgement | None:
     """Evaluate a study by the rod at random designs; None where it finds no equilibrium, or there are only choices."""
-    rng, space = np.random.default_rng(SEED), replace(space, limits=None)  # directions of a set have no derivatives
+    rng, space = np.random.default_rng(2024), replace(space, limits=None)  # directions of a set have no derivatives
     moves, seen, shapes = [], [], _shapes(study, space)
     for _ in range(4 * DESIGNS):
         try:

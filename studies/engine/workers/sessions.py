@@ -185,7 +185,7 @@ class Session:
 
     def _is_dead(self, by: str | None, trial: FrozenTrial, records: Mapping[str, Any]) -> bool:
         """True if the session that runs a trial is gone."""
-        owner = records.get(RECORD + by, {}) if by is not None else records.get("process", {})
+        owner = records.get("process" if by is None else RECORD + by, {})
         if owner.get("host") == here() or (owner and "beat" not in owner):
             return not alive(owner, self.out, _age(trial))
         key, now = by or f"trial {trial.number}", time.monotonic()
@@ -228,7 +228,7 @@ class Session:
         records = self.kept.user_attrs
         for trial in self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
             by = trial.user_attrs.get(SESSION)
-            owner = records.get(RECORD + by, {}) if by is not None else records.get("process", {})
+            owner = records.get("process" if by is None else RECORD + by, {})
             if alive(owner, self.out, _age(trial)):
                 rule = f"trial {trial.number} is being run by process {owner['pid']} on {owner['host']}"
                 remedy = "wait for it or end it, then run this command again: it resumes; or share the work with it: --workers 1"

@@ -263,11 +263,8 @@ def _put_inserted(content: Data, shown: Scene) -> None:
     content["solver"] = {key: value for key, value in (content.get("solver") or {}).items() if key in ("anti_locking", "static")}
 
 
-USUAL = 4  # cells across, where the scene requests an error instead
-
-
 def ready(scene: Scene, cells: int | None = None) -> Scene:
-    """The scene with `effects: auto` chosen, and in `cells` cells across, or its own; USUAL where it requests an error or a time.
+    """The scene with `effects: auto` chosen, and in `cells` cells across, or its own; 4 where it requests an error or a time.
 
     Raises InputError where nothing holds its body, or the cells don't fit it.
     """
@@ -279,5 +276,5 @@ def ready(scene: Scene, cells: int | None = None) -> Scene:
     if cells is not None and not 2 <= cells <= 16:
         raise InputError(report("--cells", received=str(cells), rule="must be from 2 to 16", remedy="--cells 4"))
     if cells is not None or scene.resolution.asked:
-        scene = scene.with_cells(cells or USUAL)
+        scene = scene.with_cells(cells or 4)
     return scene

@@ -113,9 +113,9 @@ def settings(name: str) -> dict[str, Any]:
     if name in ("nsga2", "optuna:NSGAIISampler", "optuna:NSGAIIISampler"):
         return {"population": POPULATION}
     if name == "gp":
-        from magmpm.studies.search.samplers.gp import SETTINGS
+        from magmpm.studies.search.samplers import gp
 
-        return dict(SETTINGS)
+        return dataclasses.asdict(gp.Settings())
     return {}
 
 

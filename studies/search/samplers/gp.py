@@ -27,18 +27,11 @@ from magmpm.studies.search.parameters import Direction, FieldVector, corner_of
 from magmpm.studies.search.samplers.optuna_ids import others_running
 from magmpm.studies.search.search_space import SearchSpace
 
-CORRELATION, PLACE, OTHERS, WEIGHT, RANGE = 5, 6, 7, 8, 9  # places of the parameters; before them those of the axes
+# of the parameters: five of the axes, correlation and power of the place, factor of the others, weight, range
 PRIOR = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, -1.0, 1.0])  # their means: logarithms, but for shears and the power
 SPREAD = np.array([1.0, 1.0, 0.5, 0.5, 0.5, 1.0, 0.7, 1.0, 1.5, 1.0])  # and standard deviations
 NOISE = 1e-7  # of the variance of 1: solves are exact but for rounding and their tolerance
 OWN = 0.5  # weight of the sample's variance in an amplitude, in designs
-ALIKE = 2  # trials before there is a model
-BEST, RANDOM = 2, 6  # starts of the search for the next design: the best so far, and random ones
-STEPS = 60  # of each
-LITTLE = 0.9  # of the distance: two trials that leave more of it brought little
-DRAWN = 64  # designs among which the one is chosen that the model knows least of
-MOST = 120  # designs in a model: the nearest ones to the target
-SETTINGS = {"alike": ALIKE, "starts": [BEST, RANDOM], "steps": STEPS, "most": MOST, "little": LITTLE, "drawn": DRAWN}
 
 
 @dataclass(frozen=True)
@@ -61,12 +54,13 @@ class Layout:
             axes = np.array([[np.exp(p[0]), 0, 0], [p[2], np.exp(p[1]), 0], [p[3], p[4], np.exp(-p[0] - p[1])]])
             place = (np.arange(k) + 0.5) / k
             apart = np.abs(np.subtract.outer(place, place))
-            along = np.linalg.cholesky(np.exp(-apart * np.exp(-p[CORRELATION]))) * (place ** p[PLACE])[:, None]
+            correlation, power = p[5], p[6]
+            along = np.linalg.cholesky(np.exp(-apart * np.exp(-correlation))) * (place**power)[:, None]
             both = np.kron(along, axes)
             both *= np.sqrt(3 * k / np.sum(both**2))
             rows = np.concatenate([np.arange(first, first + 3) for first in self.directions])
             found[np.ix_(rows, rows)] = both
-        found[list(self.others), list(self.others)] = np.exp(p[OTHERS])
+        found[list(self.others), list(self.others)] = np.exp(p[7])
         return found
 
 
@@ -125,8 +119,8 @@ class ShapeModel:
     def _kernel(self, a: Array, b: Array, p: Array) -> Array:
         product = a @ b.T
         apart = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2 * product
-        r = np.sqrt(5 * np.maximum(apart, 0.0)) / np.exp(p[RANGE])
-        return np.asarray((1 + product) / (1 + self._layout.count) + np.exp(p[WEIGHT]) * (1 + r + r * r / 3) * np.exp(-r))
+        r = np.sqrt(5 * np.maximum(apart, 0.0)) / np.exp(p[9])
+        return np.asarray((1 + product) / (1 + self._layout.count) + np.exp(p[8]) * (1 + r + r * r / 3) * np.exp(-r))
 
     def predicted(self, x: Array) -> tuple[Array, Array]:
         """Mean (m,) of the residuals of a design (size,), and the variance of their whole."""
@@ -137,7 +131,7 @@ class ShapeModel:
         z = x @ self._a
         k = self._kernel(z[None], self._z, self._p)[0]
         white = np.asarray(solve_triangular(self._factor, k, lower=True))
-        own = (1 + z @ z) / (1 + self._layout.count) + np.exp(self._p[WEIGHT])
+        own = (1 + z @ z) / (1 + self._layout.count) + np.exp(self._p[8])
         return k @ self._weights, max(float(own - white @ white), 1e-12), z, white
 
     def expected(self, x: Array, caution: float = 1.0) -> tuple[float, Array]:
@@ -148,11 +142,11 @@ class ShapeModel:
         """
         scores, variance, z, white = self._at(x)
         off, total = scores - self._left, caution * float(self._amplitude.sum())
-        range_ = float(np.exp(self._p[RANGE]))
+        weight, range_ = np.exp(self._p[8]), float(np.exp(self._p[9]))
         apart = z - self._z
         r = np.sqrt(5 * np.sum(apart**2, axis=1)) / range_
         slopes = self._z / (1 + self._layout.count)
-        slopes = slopes - (np.exp(self._p[WEIGHT]) * 5 / (3 * range_**2) * (1 + r) * np.exp(-r))[:, None] * apart
+        slopes = slopes - (weight * 5 / (3 * range_**2) * (1 + r) * np.exp(-r))[:, None] * apart
         back = np.asarray(solve_triangular(self._factor, white, lower=True, trans=1))
         of_variance = 2 * z / (1 + self._layout.count) - 2 * back @ slopes
         gradient = 2 * off @ (self._weights.T @ slopes) + total * of_variance
@@ -173,6 +167,21 @@ def layout_of(sizes: Sequence[tuple[bool, int]]) -> Layout:
     return Layout(tuple(directions), tuple(others))
 
 
+@dataclass(frozen=True)
+class Settings:
+    """alike: trials before there is a model; starts: of the search for the next design, the best so far and random ones; steps: of each;
+    most: designs in a model, the nearest to the target; little: of the distance, two trials that leave more of it brought little; drawn:
+    designs among which the one is chosen that the model knows least of.
+    """
+
+    alike: int = 2
+    starts: tuple[int, int] = (2, 6)
+    steps: int = 60
+    most: int = 120
+    little: float = 0.9
+    drawn: int = 64
+
+
 class ShapeSampler(optuna.samplers.BaseSampler):
     """Chooses the trial after `finished` ones by a Gaussian process of the shape.
 
@@ -180,7 +189,7 @@ class ShapeSampler(optuna.samplers.BaseSampler):
     """
 
     def __init__(self, space: SearchSpace, seed: int, finished: int) -> None:
-        self._space, self._seed, self._finished = space, seed, finished
+        self._space, self._seed, self._settings = space, seed, Settings()
         self._rng = np.random.default_rng([seed, finished, 1])
         self._caution = 1.0
         self._scale = np.ones(space.size)
@@ -201,16 +210,16 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         trials = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
         running, before = others_running(study, trial, search_space)
         order = self._order(trials)
-        if len(trials) + before < ALIKE:
+        if len(trials) + before < self._settings.alike:
             return self._space.parameters_at(self._alike(len(trials) + before) * self._scale, order)
         running = [t for t in running if t.params.get("order") == order]
         known = [t for t in trials if "residuals" in t.user_attrs and t.params.get("order") == order]
         done = [self._embedded(t) for t in trials if t.params.get("order") == order]
         asked = np.array([self._embedded(t) for t in running]).reshape(-1, self._space.size)
         tried = np.concatenate([np.array(done).reshape(-1, self._space.size), asked])
-        if len(known) < ALIKE or not self._space.size:
+        if len(known) < self._settings.alike or not self._space.size:
             return self._space.parameters_at(self._drawn() * self._scale, order)
-        known = sorted(known, key=lambda t: (_square(t), t.number))[:MOST]
+        known = sorted(known, key=lambda t: (_square(t), t.number))[: self._settings.most]
         x = np.array([self._embedded(t) for t in known])
         self._caution = 1.0 if _improved(trials) else 0.0
         residuals = np.array([t.user_attrs["residuals"] for t in known], dtype=float)
@@ -224,19 +233,21 @@ class ShapeSampler(optuna.samplers.BaseSampler):
     def _stuck(self, trials: list[FrozenTrial]) -> bool:
         """True if two trials have brought little. Every other trial then looks elsewhere: a model of similar designs is too sure."""
         values = [float("inf") if t.value is None else t.value for t in trials]
-        return len(values) > ALIKE + 1 and len(values) % 2 == 0 and min(values[-2:]) > LITTLE * min(values[:-2])
+        enough = len(values) > self._settings.alike + 1 and len(values) % 2 == 0
+        return enough and min(values[-2:]) > self._settings.little * min(values[:-2])
 
     def _farthest(self, model: ShapeModel) -> Array:
         """Design of several random ones that the model knows least of."""
-        drawn = [self._drawn() for _ in range(DRAWN)]
+        drawn = [self._drawn() for _ in range(self._settings.drawn)]
         return drawn[int(np.argmax([model.predicted(x)[1] for x in drawn]))]
 
     def _least(self, model: ShapeModel, x: Array, tried: Array) -> Array:
         """The design with the least expected sum of squares; a random one if that has been tried."""
+        best, random = self._settings.starts
         # beside good designs, where no start is a maximum of certainty
-        starts = [x[k] + 0.05 * self._rng.normal(size=x.shape[1]) for k in range(min(BEST, len(x)))]
-        starts += [self._drawn() for _ in range(RANDOM)]
-        options = {"maxiter": STEPS}
+        starts = [x[k] + 0.05 * self._rng.normal(size=x.shape[1]) for k in range(min(best, len(x)))]
+        starts += [self._drawn() for _ in range(random)]
+        options = {"maxiter": self._settings.steps}
         found = [minimize(self._folded, s, args=(model,), jac=True, method="L-BFGS-B", options=options) for s in starts]
         for one in sorted(found, key=lambda one: float(one.fun)):
             design = self._nearest(one.x)

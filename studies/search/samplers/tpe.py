@@ -63,7 +63,7 @@ class Designs:
         return Designs(self.directions[index], self.numbers[index])
 
 
-PRIOR_OF_CHOICES, GOOD_OF_CHOICES = 1.0, 0.25  # weight of any choice next to the good trials', and their share of all
+PRIOR_OF_CHOICES = 1.0  # weight of any choice next to the good trials'
 
 
 class DirectionTPE(optuna.samplers.BaseSampler):
@@ -102,7 +102,7 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         neighbors, so there is nothing to learn from trials of another.
         """
         for choice in self._space.choices:
-            good = max(math.ceil(len(ordered) * GOOD_OF_CHOICES), 1) if len(ordered) >= len(TETRAHEDRON) else 0
+            good = max(math.ceil(len(ordered) / 4), 1) if len(ordered) >= len(TETRAHEDRON) else 0
             known = [trial.params[choice.name] for trial in ordered[:good]]
             if self._rng.random() < PRIOR_OF_CHOICES / (PRIOR_OF_CHOICES + good):
                 known = list(choice.choices)
