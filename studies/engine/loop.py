@@ -45,8 +45,8 @@ from magmpm.studies.engine.workers.sessions import (
     uninterrupted,
 )
 from magmpm.studies.evaluate.insertion import Insertion
-from magmpm.studies.evaluate.judge import FAILURES, Judge, Judged, Picture, trial_of
-from magmpm.studies.evaluate.trial import Differentiate, Solve, Trial, constraints, needs_derivatives
+from magmpm.studies.evaluate.judge import FAILURES, Judge, Picture, trial_of
+from magmpm.studies.evaluate.trial import Differentiate, Outcome, Solve, Trial, constraints, needs_derivatives
 from magmpm.studies.rods.rod_designs import next_exchange
 from magmpm.studies.search.definition import Study
 from magmpm.studies.search.objectives import trial_values
@@ -273,8 +273,8 @@ class _Run(OpenStudy):
                     pool.limit = self.time_limit or allowed_time(self.durations)
                     for number, answer in pool.answers(LOOK):
                         asked, begun = at_work[number]
-                        judged = answer if isinstance(answer, Judged) else self.judge.failed(asked.params, answer)
-                        trial = self.keep(asked, judged, begun)
+                        outcome = self.judge.failed(asked.params, answer) if isinstance(answer, str) else answer
+                        trial = self.keep(asked, outcome, begun)
                         del at_work[number]
                         if trial is not None and on_trial is not None:
                             on_trial(trial)
@@ -320,20 +320,20 @@ class _Run(OpenStudy):
         self.session.withdraw(trial_id(asked))
         return False
 
-    def keep(self, asked: optuna.Trial, judged: Judged, begun: float) -> Trial | None:
+    def keep(self, asked: optuna.Trial, outcome: Outcome, begun: float) -> Trial | None:
         """Keeps a trial's result, picture and attributes, and tells its value last: only then does it count.
 
         None where another session has taken up the trial meanwhile, because this one could not reach the storage for long.
         """
-        outcome, known = judged.outcome, judged.known
+        known = outcome.known
         trial = trial_of(self.study, asked.number, outcome, self.best)
-        if judged.files:
-            note = self.store(lambda: self.gallery.attach(asked, judged.files))
+        if outcome.files:
+            note = self.store(lambda: self.gallery.attach(asked, outcome.files))
             known |= {} if note is None else {"picture_note": note}
         if outcome.result is not None and trial.improved:
             design = {"number": asked.number, "rms_m": outcome.rms, "params": asked.params, **known}
             records.save_design(self.out / records.IMPROVEMENTS / f"{asked.number:03d}", outcome.result, design)
-        if not self.store(lambda: self.told(asked, judged, begun)):
+        if not self.store(lambda: self.told(asked, outcome, begun)):
             self.session.lost.append(f"trial {asked.number}: taken up by another session while this one could not reach the storage")
             return None
         self.count, self.best = self.count + 1, trial.best_rms_m
@@ -344,19 +344,19 @@ class _Run(OpenStudy):
             trial, finished=self.count, wanted=max(self.study.trials, self.count), seconds=self.durations[-1], seconds_left=left,
         )  # fmt: skip
 
-    def told(self, asked: optuna.Trial, judged: Judged, begun: float) -> bool:
+    def told(self, asked: optuna.Trial, outcome: Outcome, begun: float) -> bool:
         """Writes a trial's attributes and value. Returns whether it counts. May be called again where it is not known what was written."""
         try:
-            for key, value in judged.known.items():
+            for key, value in outcome.known.items():
                 asked.set_user_attr(key, value)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # "already set": by the process that was killed in this trial
-                for key, value in constraints(judged.outcome, self.study.margin).items():
+                for key, value in constraints(outcome, self.study.margin).items():
                     asked.set_constraint(key, value)
             # `total` lacks itself and the value; report.seconds_per_trial has all of a trial
             total = time.perf_counter() - begun
-            asked.set_user_attr("seconds", {"solve": judged.outcome.seconds, "render": judged.drawing, "total": total})
-            values = trial_values(self.study.minimize, self.space, asked.params, judged.outcome.value, not judged.outcome.accepted)
+            asked.set_user_attr("seconds", {"solve": outcome.seconds, "render": outcome.drawing, "total": total})
+            values = trial_values(self.study.minimize, self.space, asked.params, outcome.value, not outcome.accepted)
             self.kept.tell(asked, values)
         except (UpdateFinishedTrialError, ValueError):
             state = self.storage.get_trial(trial_id(asked)).state

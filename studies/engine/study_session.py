@@ -164,16 +164,16 @@ def solved_again(judge: Judge, store: Store, number: int) -> dict[str, Any]:
         what = "is not finished" if trial is not None else f"is not there; the study has {len(trials)}, numbered from 0"
         remedy = "--trial 0, say" if trials else "run the study first"
         raise InputError(worded("--trial", received=str(number), rule=f"trial {number} {what}", remedy=remedy))
-    judged = judge.judged(number, trial.params)
-    stored, now = trial.user_attrs.get("rms_m", trial.values[0]), judged.outcome.rms
+    outcome = judge.judged(number, trial.params)
+    stored, now = trial.user_attrs.get("rms_m", trial.values[0]), outcome.rms
     return {
         "number": number,
         "params": dict(trial.params),
         "rms_m": now,
         "stored_rms_m": stored,
-        "same": bool(stored == now and trial.values[0] == judged.outcome.value),
-        "reason": judged.outcome.reason,
+        "same": bool(stored == now and trial.values[0] == outcome.value),
+        "reason": outcome.reason,
         "versions": trial.user_attrs.get("versions", {}),
-        "versions_now": judged.known["versions"],
-        "files": [str(path) for path in judged.files],
+        "versions_now": outcome.known["versions"],
+        "files": [str(path) for path in outcome.files],
     }

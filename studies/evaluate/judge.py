@@ -36,16 +36,6 @@ PICTURES = "pictures"
 Picture = Callable[["Result", Path, Trial], Path | Sequence[Path]]
 
 
-@dataclasses.dataclass(frozen=True)
-class Judged:
-    """Evaluation of a design: its outcome, the attributes to save, its pictures, and the seconds of drawing."""
-
-    outcome: Outcome
-    known: dict[str, Any]
-    files: list[Path]
-    drawing: float
-
-
 class Judge:
     """Solves and evaluates the designs of a study, and draws them."""
 
@@ -54,19 +44,22 @@ class Judge:
         self.space = SearchSpace.of(study)
         self.trajectory = Insertion.of(study, self.space) or Schedule.of(study, self.space)
 
-    def judged(self, number: int, params: Mapping[str, Any]) -> Judged:
-        """The outcome of the design of a trial. Only interrupts, and disks that take no log, end this with an exception."""
+    def judged(self, number: int, params: Mapping[str, Any]) -> Outcome:
+        """The outcome of the design of a trial, with what to save.
+
+        Only interrupts, and disks that take no log, end this with an exception.
+        """
         scene = self.scene_of(params)
         outcome = self.outcome(params, scene)
         known = self._known(outcome, scene, params)
         begun = time.perf_counter()
         files = self._drawn(number, outcome, known)
-        return Judged(outcome, known, files, time.perf_counter() - begun)
+        return dataclasses.replace(outcome, known=known, files=files, drawing=time.perf_counter() - begun)
 
-    def failed(self, params: Mapping[str, Any], reason: str) -> Judged:
-        """The judgment of a design that could not be solved."""
+    def failed(self, params: Mapping[str, Any], reason: str) -> Outcome:
+        """The outcome of a design that could not be solved."""
         outcome = Outcome(None, penalty(self.study.scene), None, reason, 0.0)
-        return Judged(outcome, self._known(outcome, self.scene_of(params), params), [], 0.0)
+        return dataclasses.replace(outcome, known=self._known(outcome, self.scene_of(params), params))
 
     def _known(self, outcome: Outcome, scene: Scene, params: Mapping[str, Any]) -> dict[str, Any]:
         space = self.space

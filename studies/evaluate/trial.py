@@ -66,6 +66,9 @@ class Outcome:
     model: Mapping[str, Any] = field(default_factory=dict)  # attributes of a solve with derivatives
     stability: float | None = None  # of the result (Result.stability)
     refused: bool = False  # solved, but less stable than the study's margin
+    known: dict[str, Any] = field(default_factory=dict)  # attributes to save of the trial
+    files: list[Path] = field(default_factory=list)  # its pictures
+    drawing: float = 0.0  # s
 
     @property
     def accepted(self) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.studies.fitting.constants import GEOMETRY, LOSSES, OF_MATERIALS, SHOWN, applied, directions
+from magmpm.studies.fitting.constants import GEOMETRY, SHOWN, applied, directions, write
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.search import Fit, Fitted
 from magmpm.studies.fitting.solve import quantile_of
@@ -182,26 +182,15 @@ def residuals_table(found: Fit) -> str:
 def fitted_scene(found: Fit, source: Path, folder: Path) -> str:
     """The scene's file with the fitted constants, its paths relative to `folder`, and what they are in comments."""
     content = moved_content(source, folder)
-    for one in found.constants:
-        c = one.constant
-        factor, unit = SHOWN[c.kind]
-        if c.kind in OF_MATERIALS and c.variable is not None:
-            content["materials"][c.variable.material][c.kind] = f"{factor * one.value:.10g} {unit}"
-        elif c.kind in LOSSES:
-            content["effects"][c.kind][LOSSES[c.kind][0]] = f"{factor * one.value:.10g} {unit}"
-    if any(one.constant.kind == "length" for one in found.constants):
-        shape: Any = applied(found.scene, [one.constant for one in found.constants], found.x).body.shape
+    constants = [one.constant for one in found.constants]
+    write(content, found.scene, constants, found.x, lambda kind, value: f"{SHOWN[kind][0] * value:.10g} {SHOWN[kind][1]}")
+    if any(constant.kind == "length" for constant in constants):
+        shape: Any = applied(found.scene, constants, found.x).body.shape
         body = content["body"][found.scene.body.kind]
         body["length"] = f"{1e3 * shape.length:.10g} mm"
         for segment, length in zip(body.get("segments") or [], shape.segment_lengths(), strict=False):
             segment.update(length=f"{1e3 * length:.10g} mm")
-    fields = [one for one in found.constants if one.constant.kind == "field"]
-    if fields:
-        uniform = np.array(found.scene.field.uniform)
-        for one in fields:
-            uniform[(one.constant.variable.component or 0) if one.constant.variable else 0] += one.value
-        content["field"] = {**content.get("field", {}), "uniform": [f"{1e3 * part:.10g} mT" for part in uniform.tolist()]}
-    turned = directions(found.scene, [one.constant for one in found.constants], found.x)
+    turned = directions(found.scene, constants, found.x)
     if turned is not None:
         for region, direction in zip(found.scene.regions(), turned.tolist(), strict=True):
             place: Any = content
