@@ -50,13 +50,7 @@ from magmpm.studies.evaluate.trial import Differentiate, Outcome, Solve, Trial, 
 from magmpm.studies.rods.rod_designs import next_exchange
 from magmpm.studies.search.definition import Study
 from magmpm.studies.search.objectives import trial_values
-from magmpm.studies.search.samplers.choice import (
-    POOR,
-    check_available,
-    check_suits,
-    check_workers,
-    make_sampler,
-)
+from magmpm.studies.search.samplers import choice
 from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
 from magmpm.studies.search.samplers.optuna_ids import trial_id
 from magmpm.studies.search.search_space import SearchSpace
@@ -69,9 +63,9 @@ LOOK = 1.0  # s between two looks at what other sessions do
 
 def check_study(study: Study, workers: int | None = None, time_limit: float | None = None) -> list[str]:
     """Warnings about the search of a study, one sentence each. Raises InputError where its sampler can't search it, or nothing can."""
-    check_available(study.sampler)
-    check_suits(study)
-    check_workers(workers, time_limit)
+    choice.check_available(study.sampler)
+    choice.check_suits(study)
+    choice.check_workers(workers, time_limit)
     return check_search(study, SearchSpace.of(study))
 
 
@@ -189,8 +183,8 @@ class _Run(OpenStudy):
             if isinstance(insertion, Insertion) and insertion.projects and study.sampler != "gauss-newton":
                 from magmpm.studies.search.samplers.optuna_own import FieldsByRod
 
-                return FieldsByRod(make_sampler(study.sampler, insertion.directions_alone(), study.seed, number), insertion)
-            return make_sampler(study.sampler, self.space, study.seed, number, starts=self.starts, goal=study.stop_rms or 0.0)
+                return FieldsByRod(choice.make_sampler(study.sampler, insertion.directions_alone(), study.seed, number), insertion)
+            return choice.make_sampler(study.sampler, self.space, study.seed, number, starts=self.starts, goal=study.stop_rms or 0.0)
 
         inner = of(0)
         self.newton = inner if isinstance(inner, GaussNewtonSampler) and self.starts else None
@@ -208,7 +202,7 @@ class _Run(OpenStudy):
     def exhausted(self) -> bool:
         """True if only starts elsewhere are left to an insertion whose best design is good: they are on other branches, and win nothing."""
         sampler, found = self.newton, isinstance(self.judge.trajectory, Insertion) and self.best is not None
-        if sampler is None or not found or self.best > POOR * self.space.scene.length:  # type: ignore[operator]
+        if sampler is None or not found or self.best > choice.POOR * self.space.scene.length:  # type: ignore[operator]
             return False
         trials = self.store(lambda: self.kept.get_trials(deepcopy=False))
         running = [t for t in trials if t.state == TrialState.RUNNING and set(self.distributions) <= set(t.params)]

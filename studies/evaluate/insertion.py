@@ -3,19 +3,17 @@
 A trial is a whole trajectory: one equilibrium at each depth, each an ordinary static scene (Scene.inserted), in that depth's field. What is
 outside the guide at depth l is compared with the path's first l, at equal arc length from the exit on.
 
-* body rms: root of the mean, over all depths, of the mean squared distance along the inserted length. Each depth counts the same, and in
-  it each piece of its length (trapezoidal rule on STATIONS stations).
+* body rms: root of the mean, over all depths, of the mean squared distance along the inserted length (STATIONS stations).
 * exit error: distance of the tip from the path's end, at full insertion (at the last depth from the path's point there).
 * worst depth: the largest rms of a single depth.
 * smoothness of the field: its largest change between neighboring depths, and the sum of the changes, T.
 
-The value of a trial is its body rms. Samplers that read residuals get, with the distances, the exit's, which counts EXIT_WEIGHT as much
-as all of the body: the body's rms alone would leave the tip 2 to 4 times as far away as the rest.
+The value of a trial is its body rms. Samplers that read residuals get the exit's as well, which counts EXIT_WEIGHT as much as all of the
+body: the body's rms alone would leave the tip 2 to 4 times as far away as the rest.
 
-A body that is pushed has at each depth the equilibrium that it comes to from the depth before, and few of these are on the branch that
-grows from no load. So a rod is pushed along (rod_path.py), and each depth's equilibrium is the one near it. Where a depth has none, the
-trial gets the penalty, and the reason names the depth. In a field that varies in space there is no rod to follow: then each depth is on
-the branch that grows from no load.
+A body that is pushed has at each depth the equilibrium that it comes to from the depth before. So a rod is pushed along (rod_path.py), and
+each depth's equilibrium is the one near it; in a field that varies in space, the one on the branch that grows from no load. Where a depth
+has none, the trial gets the penalty, and the reason names the depth.
 """
 
 from __future__ import annotations

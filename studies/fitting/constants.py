@@ -157,7 +157,7 @@ def applied(scene: Scene, constants: Sequence[Constant], x: Array) -> Scene:
 def write(
     data: dict[str, Any], scene: Scene, constants: Sequence[Constant], x: Array, written: Callable[[str, float], Any]
 ) -> None:
-    """Put the constants at x of materials, losses and the field into a scene's data; written: a value of a kind, SI, as the data have it."""
+    """Put the constants at x of materials, losses and the field into a scene's data; written: a value of a kind as the data have it."""
     uniform = np.array(scene.field.uniform)
     for constant, number in zip(constants, x.tolist(), strict=True):
         value, variable = constant.value(number), constant.variable

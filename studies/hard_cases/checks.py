@@ -23,9 +23,7 @@ from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import choose_effects, run
-from magmpm.statics.stability import (
-    BRINK,  # below, runs warn that a small change may move the body far, and nothing is compared
-)
+from magmpm.statics.stability import BRINK
 from magmpm.studies.hard_cases.motions import changed
 from magmpm.studies.hard_cases.twins import MIRROR, QUARTER, can_turn, twin
 
@@ -136,7 +134,7 @@ def _ways(result: Result) -> np.ndarray:
 
 
 def _soft(result: Result) -> bool:
-    """True if the result itself shows that a small change of the load may move it far."""
+    """True if the result itself shows that a small change of the load may move it far: runs warn, and nothing is compared."""
     return result.stability is None or result.stability < BRINK
 
 

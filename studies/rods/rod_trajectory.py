@@ -1,10 +1,9 @@
 """Designs of an insertion by the rod: directions of magnetization that all depths share, and a field at each depth.
 
-A trajectory of rods costs a hundredth of one of bodies. Most designs that would put a rod onto the path can't hold it there: magnets that
-point against the field are inverted pendulums, and the rod falls to another branch. So designs *grow with the path*: they begin with a path
-without curvature (and a rod without weight), where magnets along the axis in a field along the axis are stable, and least squares follows
-the path as it bends, in small steps. Where rods leave their branch all the same, rod_path.py mends the design; what is hopeless is given
-up for the next random start.
+Most designs that would put a rod onto the path can't hold it there: magnets that point against the field are inverted pendulums, and the
+rod falls to another branch. So designs *grow with the path*: they begin with a path without curvature (and a rod without weight), where
+magnets along the axis in a field along the axis are stable, and least squares follows the path as it bends, in small steps. Where rods
+leave their branch all the same, rod_path.py mends the design; what is hopeless is given up for the next random start.
 
 The fields of two depths do not touch each other's shapes: the normal equations are an arrow, and each depth is eliminated by itself.
 """

@@ -8,8 +8,6 @@ has two angles, relative to the catheter and not to the room:
     along:  lift from the cross-section toward the tip, -90 to 90 deg
     d = (sin along, cos along cos around, cos along sin around)
 
-`along` = 90 deg is magnetized along the axis toward the tip, 0 across it. The mechanics of a bent catheter refers to its axis, not
-to +z, and searches in these angles needed fewer trials (docs/design.md, "Choosing trials", has the counts).
 A varied field has its strength and the two angles of scene files: azimuth from +x toward +y, elevation to +z.
 """
 
@@ -26,13 +24,13 @@ from numpy.typing import NDArray
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
-from magmpm.studies.search.manufacturing import Makeable
 from magmpm.studies.search.parameters import (
     FIELD,
     Block,
     Choice,
     Direction,
     FieldVector,
+    Makeable,
     Number,
     Parameters,
     angles,
