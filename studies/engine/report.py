@@ -133,11 +133,6 @@ def nearest_first(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
     return sorted((t for t in trials if feasible(t)), key=_rms)
 
 
-def first_below(trials: Sequence[FrozenTrial], rms: float | None) -> FrozenTrial | None:
-    """The first feasible trial whose rms is at most `rms`."""
-    return next((t for t in trials if rms is not None and feasible(t) and _rms(t) <= rms), None)
-
-
 def feasible(trial: FrozenTrial) -> bool:
     """True if the trial's solve succeeded and it did not get the penalty."""
     return bool(trial.user_attrs.get("feasible"))
@@ -189,16 +184,12 @@ def judged(
     before = {one["number"]: one for one in known}
     found: list[dict[str, Any]] = []
     for trial in designs[:5]:
-        if found and trial.user_attrs["rms_m"] > _least(found):
+        # its rms and that of the first may both be wrong by the coarse error
+        bars = [one["coarse_error_m"] for one in found if one.get("coarse_error_m") is not None]
+        if found and trial.user_attrs["rms_m"] > found[0]["rms_m"] + 2.0 * max(bars, default=0.0):
             break
         found.append(before.get(trial.number) or _judge(study, trial, scene_of(trial), solve))
     return sorted(found, key=lambda one: (one.get("judged_rms_m") is None, one.get("judged_rms_m", 0.0), one["number"]))
-
-
-def _least(found: Sequence[dict[str, Any]]) -> float:
-    """The trial's rms (m) above which a design can't be the best: its rms and that of the first may both be wrong by the coarse error."""
-    bars = [one["coarse_error_m"] for one in found if one.get("coarse_error_m") is not None]
-    return float(found[0]["rms_m"] + 2.0 * max(bars, default=0.0))
 
 
 def _judge(study: Study, trial: FrozenTrial, coarse: Scene, solve: Callable[[Scene], Result]) -> dict[str, Any]:

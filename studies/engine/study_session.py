@@ -126,7 +126,8 @@ class OpenStudy:
     def report(self, ended: report.Ended) -> StudyReport:
         """The study as it stands."""
         trials = self.finished()
-        chosen, first = report.best_trial(trials), report.first_below(trials, self.study.stop_rms)
+        chosen, stop = report.best_trial(trials), self.study.stop_rms
+        first = next((t for t in trials if stop is not None and report.feasible(t) and t.values[0] <= stop), None)
         best = None if chosen is None else report.describe(chosen)
         return StudyReport(
             name=self.study.name, out=self.out, storage=shown_url(self.store.url), sampler=self.study.sampler,

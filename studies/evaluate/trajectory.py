@@ -27,7 +27,7 @@ from magmpm.studies.evaluate.trial import Differentiate, Outcome, Solve, attempt
 from magmpm.studies.problem.path import Path as Curve
 from magmpm.studies.problem.shape_distance import gap_derivatives, gaps
 from magmpm.studies.problem.study import Study
-from magmpm.studies.rods.rod_path import RodPath, directions_of, search
+from magmpm.studies.rods.rod_path import FEWEST, RodPath, directions_of, search
 from magmpm.studies.rods.rod_trajectory import ELEMENTS, Depth, RodDesign, RodTrajectory
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -271,7 +271,8 @@ class Schedule(Trajectory):
     def _way(self, scene: Scene) -> RodPath:
         times = tuple(_rod(scene, path, len(self.followed.paths)) for path in self.followed.paths)
         movable = np.array(scene.magnetized_regions(), dtype=int)
-        return RodPath.of_fields(RodSchedule(times, self.space.field_max or 0.0, movable, len(scene.regions())))
+        rods = RodSchedule(times, self.space.field_max or 0.0, movable, len(scene.regions()))
+        return RodPath(rods, tuple((depth,) * FEWEST for depth in rods.depths))  # of bodies that stay while the field changes
 
     @property
     def followed(self) -> Shapes:

@@ -19,7 +19,7 @@ from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.simulate import choose_effects
-from magmpm.solving.influence import Judgment, Variants, has_densities, judge, motion_seconds
+from magmpm.solving.influence import Variants, has_densities, judge, motion_seconds
 from magmpm.studies.explore.effects_costs import counted
 
 TOO_LONG = "not estimated: a whole run takes too long"
@@ -231,16 +231,13 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on
         if only in (None, key):
             found = judge(scene, key, runs)
             if held and not scene.static and found.shift is None and found.advice == "irrelevant":
-                found = _by_rest(found, judge(still.scene, key, still))
+                rest = judge(still.scene, key, still)
+                if rest.advice == "add":  # the shift in motion is not known, but at rest it is more than the error
+                    found = replace(found, advice="add", why=f"at rest {rest.why}; in motion {found.why}")
             settles = key in ("damping", "viscosity") and is_cantilever(scene) and has_densities(scene)
             why = found.why + (_settling(scene, key) if settles else "")
             rows.append(Row(key, found.named, found.shift, found.uncertainty, spent.get(key), found.advice, why))
     return Table(scene.name, scene.length, error, rows, needs(scene, runs) if only is None else [])
-
-
-def _by_rest(found: Judgment, rest: Judgment) -> Judgment:
-    """Advice where the shift in motion is not known, but an effect moves the body at rest by more than the error."""
-    return replace(found, advice="add", why=f"at rest {rest.why}; in motion {found.why}") if rest.advice == "add" else found
 
 
 def _settling(scene: Scene, key: str) -> str:

@@ -54,7 +54,8 @@ def check_apart(
     said = [_combination(constants, right[k], quantile / values[k]) for k in kept]
     advice = measurements_that_tell(scene, measured, constants, slopes, quantile, noise)
     one = len(names) == 1
-    each = _listed([_plain(c) for c in involved])
+    *others, last = [_plain(c) for c in involved]
+    each = f"{', '.join(others)} and {last}" if others else last
     words = {"curve": "points", "several": "readings"}.get(measured.kind, measured.kind)
     rule = f"these {words} do not {'determine ' + each if one else 'tell ' + each + ' apart'}: "
     if structural:
@@ -91,10 +92,6 @@ def _far(constants: Sequence[Constant]) -> str:
         "by 1 mT": any(c.kind == "field" for c in constants),
     }
     return " or ".join(way for way, some in ways.items() if some) + " and more"
-
-
-def _listed(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def _fewer(constants: Sequence[Constant], slopes: Array, quantile: float, count: int) -> str:

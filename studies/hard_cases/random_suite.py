@@ -243,7 +243,8 @@ def random_table(summary: dict[str, Any]) -> str:
 
 def _known(folder: Path, seed: int) -> dict[int, Outcome]:
     """Outcomes that a folder holds, by number."""
-    order, now = folder / ORDER, {"seed": seed, "first_scenes": _mark(seed)}
+    first = json.dumps([drawn(seed, number) for number in range(20)], sort_keys=True)  # which tell whether they are drawn as before
+    order, now = folder / ORDER, {"seed": seed, "first_scenes": hashlib.sha256(first.encode()).hexdigest()}
     held = json.loads(order.read_text(encoding="utf-8")) if order.exists() else now
     if held != now:
         what = f"of seed {held['seed']}, and this is seed {seed}" if held["seed"] != seed else "drawn by another version"
@@ -259,12 +260,6 @@ def _known(folder: Path, seed: int) -> dict[int, Outcome]:
                 continue
             found[outcome["number"]] = outcome
     return found
-
-
-def _mark(seed: int) -> str:
-    """Tells whether a seed's scenes are drawn as before: SHA-256 of the first of them, in hex."""
-    first = json.dumps([drawn(seed, number) for number in range(20)], sort_keys=True)
-    return hashlib.sha256(first.encode()).hexdigest()
 
 
 def _path(folder: Path, number: int) -> Path:

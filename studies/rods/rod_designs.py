@@ -141,7 +141,9 @@ def rod_designs(
         problem = _Problem(scene, target, regions, field_max)
     except SolveError:
         return []
-    uniform = _sequence(starts, 3 * len(regions) + 3, seed)
+    from scipy.stats import qmc
+
+    uniform = np.asarray(qmc.Sobol(3 * len(regions) + 3, rng=np.random.default_rng([seed])).random(starts))
     directions = _on_sphere(uniform[:, : 3 * len(regions)].reshape(starts, -1, 3))
     field = _on_sphere(uniform[:, None, -3:])[:, 0] * (0.4 + 0.6 * uniform[:, -1:])
     q = problem.family.straight(starts)
@@ -242,13 +244,6 @@ def _on_sphere(u: Array) -> Array:
     x, turn = 2 * u[..., 0] - 1, 2 * np.pi * u[..., 1]
     across = np.sqrt(1 - x * x)
     return np.stack([x, across * np.cos(turn), across * np.sin(turn)], axis=-1)
-
-
-def _sequence(count: int, size: int, seed: int) -> Array:
-    """Points (count, size) in 0 to 1 that cover it evenly (Sobol, scrambled by the seed)."""
-    from scipy.stats import qmc
-
-    return np.asarray(qmc.Sobol(size, rng=np.random.default_rng([seed])).random(count))
 
 
 def improved(space: SearchSpace, target: Array, starts: Sequence[dict[str, float]]) -> list[dict[str, float]]:

@@ -62,14 +62,6 @@ class RodPath:
             before = length
         return cls(rods, tuple(ways))
 
-    @classmethod
-    def of_fields(cls, rods: RodTrajectory) -> RodPath:
-        """The way of bodies that stay as they are, while the field changes."""
-        return cls(rods, tuple((depth,) * FEWEST for depth in rods.depths))
-
-    def bent(self, path: Any, share: float) -> RodTrajectory:
-        return self.rods.bent(path, share)
-
     def stops(self, directions: Array, fields: Array) -> list[list[Stop]]:
         """All rods on the way to each place, by directions (k, 3) and fields (D, 3) T. Raises SolveError where one finds no equilibrium."""
         last, found = None, []

@@ -127,7 +127,8 @@ class RodTrajectory:
             p, q = _arrow_step(A, X, V, g, h, damping)
             scale = min(1.0, 0.6 / max(np.abs(p).max(initial=0.0), np.abs(q).max(), 1e-300))
             d_new = self._turned(d, bases, scale * p)
-            v_new = _within(v + scale * q)
+            v_new = v + scale * q
+            v_new *= np.minimum(1.0, 8.0 / np.maximum(np.linalg.norm(v_new, axis=1), 1e-300))[:, None]  # 8: the boundary of the ball, 0.992
             tried = self.settled(d_new, self.max_field * from_ball(v_new), state.shapes)
             if tried is not None and tried.squares < state.squares:
                 little = little + 1 if tried.squares > 0.99 * state.squares else 0
@@ -146,7 +147,8 @@ class RodTrajectory:
         A, X, V, g, h = np.zeros((m, m)), np.zeros((depths, m, 3)), np.empty((depths, 3, 3)), np.zeros(m), np.empty((depths, 3))
         for k, depth in enumerate(self.depths):
             slopes, gaps = 1e3 * state.slopes[k], 1e3 * state.gaps[k]
-            of_v = self.max_field * slopes[:, -3:] @ _by_v(v[k])
+            root = np.sqrt(1 + v[k] @ v[k])
+            of_v = self.max_field * slopes[:, -3:] @ (np.eye(3) / root - np.outer(v[k], v[k]) / root**3)  # db/dv
             V[k], h[k] = of_v.T @ of_v, of_v.T @ gaps
             if turning:
                 of_d = np.zeros((len(gaps), len(self.movable), 2))
@@ -219,17 +221,6 @@ def to_ball(b: Array) -> Array:
 def from_ball(v: Array) -> Array:
     """b (D, 3) of v."""
     return np.asarray(v / np.sqrt(1 + np.sum(v * v, axis=1))[:, None])
-
-
-def _by_v(v: Array) -> Array:
-    """db/dv (3, 3)."""
-    root = np.sqrt(1 + v @ v)
-    return np.asarray(np.eye(3) / root - np.outer(v, v) / root**3)
-
-
-def _within(v: Array) -> Array:
-    """b = v/sqrt(1 + v^2) maps vectors to the unit ball; a v of 8 is its boundary, 0.992."""
-    return np.asarray(v * np.minimum(1.0, 8.0 / np.maximum(np.linalg.norm(v, axis=1), 1e-300))[:, None])
 
 
 def _arrow_step(A: Array, X: Array, V: Array, g: Array, h: Array, damping: float) -> tuple[Array, Array]:

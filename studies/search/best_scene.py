@@ -78,7 +78,10 @@ def write_best_scene(folder: Path, study: Study, space: SearchSpace, best: Mappi
             f"#   magmpm report {folder.parent} --motion        runs it and compares it with the equilibria of the study\n\n"
         )
     else:
-        _add_design(content, study, space, best["params"])
+        content["name"] = f"{study.name} best"[:100]
+        space.edit(Edits(study.scene, content), space.embedded(best["params"]), best["params"].get("order"))
+        if study.keyframes:
+            _add_schedule(content, study, space, best["params"])
         head = (
             f"# The best design of the study {study.name}: trial {best['number']}, "
             f"rms {1e3 * best['rms_m']:.4g} mm from the target shape.\n"
@@ -90,14 +93,6 @@ def write_best_scene(folder: Path, study: Study, space: SearchSpace, best: Mappi
         with whole_file(path) as part:
             part.write_text(text, encoding="utf-8")
     return path
-
-
-def _add_design(content: dict[str, Any], study: Study, space: SearchSpace, found: Mapping[str, Any]) -> None:
-    """The design, and of a schedule its fields and times."""
-    content["name"] = f"{study.name} best"[:100]
-    space.edit(Edits(study.scene, content), space.embedded(found), found.get("order"))
-    if study.keyframes:
-        _add_schedule(content, study, space, found)
 
 
 def _add_schedule(content: dict[str, Any], study: Study, space: SearchSpace, found: Mapping[str, Any]) -> None:

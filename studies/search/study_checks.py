@@ -103,7 +103,8 @@ def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named:
     A silicone catheter bends but hardly stretches. Points at a larger distance than the length of catheter between them show a mistake in
     the table (units, columns, another catheter), which a search would never reveal.
     """
-    length, where = _greatest_length(scene, file), f"{csv} (named in {named})"
+    bounds, where = file.vary.length, f"{csv} (named in {named})"
+    length = scene.length if bounds is None or bounds.total == "keep" else bounds.max * len(scene.regions())  # at most
     if target[-1, 0] > length * (1 + 1e-6):
         received = f"s_mm up to {1e3 * target[-1, 0]:g}"
         rule = f"s_mm of the target must not exceed the catheter's length, {1e3 * length:g} mm"
@@ -181,12 +182,6 @@ def _check_curve(rows: Array, thickness: float, where: str) -> None:
         received = f"s_mm up to {1e3 * rows[-1, 0]:g} for a curve that is {1e3 * long:.4g} mm long"
         rule = f"s_mm is the length along the path, to {100 * AS_LONG:g} %"
         raise InputError(report(where, received=received, rule=rule, remedy="count s_mm along the points, and check the units"))
-
-
-def _greatest_length(scene: Scene, file: StudyFile) -> float:
-    """Greatest length of the body, m."""
-    bounds = file.vary.length
-    return scene.length if bounds is None or bounds.total == "keep" else bounds.max * len(scene.regions())
 
 
 def check_numbers(scene: Scene, file: StudyFile, document: Document) -> None:

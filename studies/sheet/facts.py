@@ -111,8 +111,10 @@ def gather(
     run, differentiate: magmpm.run and magmpm.sensitivities, by which the best design is evaluated again, unless quick. storage: the URL of
     the trials where the report's lacks a password. motion: run the best design of an insertion or a schedule in time, too.
     """
+    import optuna
+
     notes: list[str] = []
-    facts: dict[str, Any] = {**report, "notes": notes, "versions": {**versions(), **_optuna_version()}}
+    facts: dict[str, Any] = {**report, "notes": notes, "versions": {**versions(), "optuna": optuna.__version__}}
     facts |= _of_trials(folder, report, storage, notes)
     study = _study(facts, notes)
     facts["command"] = _command(facts)
@@ -125,7 +127,9 @@ def gather(
         return facts
     result = Result.load(folder / records.BEST)
     body = without_guide(describe_body(_best_scene(folder / records.BEST, result)), len(best.get("magnetization") or ()))
-    facts |= {"body": body, "best_scene": _text(folder / records.BEST / SCENE), "result": _of_result(result)}
+    names = ("converged", "iterations", "particles", "dof", "min_det_F", "max_det_F", "largest_stretch", "warnings", "versions")
+    numbers = {name: getattr(result, name) for name in names} | {"tip_m": [float(x) for x in result.tip]}
+    facts |= {"body": body, "best_scene": _text(folder / records.BEST / SCENE), "result": numbers}
     if motion:
         facts["motion"] = in_time(folder, best, study)
     if not quick:
@@ -144,12 +148,6 @@ def _limits_of_errors(facts: Mapping[str, Any], length: float) -> dict[str, Any]
         moves[f"the study's stop ({1e3 * facts['stop_rms_m']:.3g} mm)"] = float(facts["stop_rms_m"])
     limited = [{**row, "allowed": [allowed(row, distance) for distance in moves.values()]} for row in rows]
     return {"tolerances": limited, "moves": list(moves), "together_m": together(rows)}
-
-
-def _optuna_version() -> dict[str, str]:
-    import optuna
-
-    return {"optuna": optuna.__version__}
 
 
 def _of_trials(folder: Path, report: Mapping[str, Any], storage: str | None, notes: list[str]) -> dict[str, Any]:
@@ -225,11 +223,6 @@ def _best_scene(folder: Path, result: Result) -> Scene:
         return load_scene(folder / SCENE)
     except MagmpmError:
         return Scene.from_si(result.scene)
-
-
-def _of_result(result: Result) -> dict[str, Any]:
-    names = ("converged", "iterations", "particles", "dof", "min_det_F", "max_det_F", "largest_stretch", "warnings", "versions")
-    return {name: getattr(result, name) for name in names} | {"tip_m": [float(x) for x in result.tip]}
 
 
 def describe_body(scene: Scene) -> dict[str, Any]:

@@ -53,16 +53,12 @@ def tolerances(scene: Scene, found: Sensitivities, hidden: int = 0) -> list[dict
     tip, variables = np.asarray(found.tip, dtype=float), list(found.variables)
     columns: dict[tuple[str, Any], list[int]] = {}
     for k, variable in enumerate(variables):
-        columns.setdefault((variable.kind, _whose(variable)), []).append(k)
+        whose = variable.region if variable.region is not None else variable.material
+        columns.setdefault((variable.kind, whose), []).append(k)
     rows: list[dict[str, Any]] = []
     for (kind, whose), places in columns.items():
         rows += _rows(kind, whose, tip[:, places], scene, variables[places[0]], hidden)
     return [row for row in rows if row["tip_m_per_unit"] > 0.0]  # without weight the density does nothing
-
-
-def _whose(variable: Any) -> Any:
-    """Owner of a variable: a segment's number, a material, or nothing."""
-    return variable.region if variable.region is not None else variable.material
 
 
 def _rows(kind: str, whose: Any, columns: Array, scene: Scene, variable: Any, hidden: int) -> list[dict[str, Any]]:

@@ -221,25 +221,25 @@ class ShapeSampler(optuna.samplers.BaseSampler):
             return self._space.parameters_at(self._drawn() * self._scale, order)
         known = sorted(known, key=lambda t: (_square(t), t.number))[: self._settings.most]
         x = np.array([self._embedded(t) for t in known])
-        self._caution = 1.0 if _improved(trials) else 0.0
+        # if the last trial is not the best so far, what is uncertain is no reason against the next design
+        values = [float("inf") if t.value is None else t.value for t in trials]
+        self._caution = 1.0 if values[-1] <= min(values) else 0.0
         residuals = np.array([t.user_attrs["residuals"] for t in known], dtype=float)
         model = ShapeModel(self._layout, x, residuals)
         if len(asked):  # what is being solved counts as found where the model expects it (the kriging believer, Ginsbourger et al. 2010)
             expected = np.array([model.predicted(one)[0] for one in asked])
             model = ShapeModel(self._layout, np.concatenate([x, asked]), np.concatenate([residuals, expected]))
-        chosen = self._farthest(model) if self._stuck(trials) else self._least(model, x, tried)
+        if self._stuck(values):
+            drawn = [self._drawn() for _ in range(self._settings.drawn)]
+            chosen = drawn[int(np.argmax([model.predicted(one)[1] for one in drawn]))]  # that the model knows least of
+        else:
+            chosen = self._least(model, x, tried)
         return self._space.parameters_at(chosen * self._scale, order)
 
-    def _stuck(self, trials: list[FrozenTrial]) -> bool:
+    def _stuck(self, values: list[float]) -> bool:
         """True if two trials have brought little. Every other trial then looks elsewhere: a model of similar designs is too sure."""
-        values = [float("inf") if t.value is None else t.value for t in trials]
         enough = len(values) > self._settings.alike + 1 and len(values) % 2 == 0
         return enough and min(values[-2:]) > self._settings.little * min(values[:-2])
-
-    def _farthest(self, model: ShapeModel) -> Array:
-        """Design of several random ones that the model knows least of."""
-        drawn = [self._drawn() for _ in range(self._settings.drawn)]
-        return drawn[int(np.argmax([model.predicted(x)[1] for x in drawn]))]
 
     def _least(self, model: ShapeModel, x: Array, tried: Array) -> Array:
         """The design with the least expected sum of squares; a random one if that has been tried."""
@@ -299,12 +299,6 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         if not solved or len(trials) % 2 == 0:
             return str(self._rng.choice(self._space.choices[0].choices))
         return str(min(solved, key=lambda t: (_square(t), t.number)).params["order"])
-
-
-def _improved(trials: list[FrozenTrial]) -> bool:
-    """True if the last trial is the best so far. If not, what is uncertain is no reason against the next design."""
-    values = [float("inf") if t.value is None else t.value for t in trials]
-    return values[-1] <= min(values)
 
 
 def _square(trial: FrozenTrial) -> float:

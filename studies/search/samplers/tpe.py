@@ -1,8 +1,8 @@
 """TPE for directions: the tree-structured Parzen estimator with kernels on the sphere.
 
 TPE draws candidates from a density l of the good trials so far and takes the one with the largest l/g, g being the density of the others
-(Bergstra et al., NeurIPS 2011). Optuna's TPESampler builds both of Gaussians in each angle, which know neither that -180 and 180 degrees are
-the same, nor what a pole is, and are wide with few trials. Here a design is a list of unit vectors (and of plain numbers, such as the
+(Bergstra et al., NeurIPS 2011). Optuna's TPESampler builds both of Gaussians in each angle, which know neither that -180 and 180 degrees
+are the same, nor what a pole is, and are wide with few trials. Here a design is a list of unit vectors (and of plain numbers, such as the
 field's strength), and a trial's kernel is a product of von Mises-Fisher densities exp(K d.m) K / (4 pi sinh K). docs/design.md, "Choosing
 trials", has targets, settings and counts.
 
@@ -53,10 +53,6 @@ class Designs:
     def __len__(self) -> int:
         return len(self.directions)
 
-    def and_(self, more: Designs) -> Designs:
-        """These designs and more."""
-        return Designs(np.concatenate([self.directions, more.directions]), np.concatenate([self.numbers, more.numbers]))
-
     def __getitem__(self, index: Any) -> Designs:
         return Designs(self.directions[index], self.numbers[index])
 
@@ -83,13 +79,17 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         if len(trials) + before < len(TETRAHEDRON):
             return self._with_choices(self._space.parameters(*self._alike(len(trials) + before)), trials)
         if not trials:
-            return self._with_choices(self._space.parameters(*self._anywhere()), trials)
+            anywhere = unit(self._rng.normal(size=(self._space.count, 3))), self._rng.random(self._space.numbers)
+            return self._with_choices(self._space.parameters(*anywhere), trials)
         designs = self._read(trials)
-        order = sorted(ranked(trials), key=lambda i: _violation(trials[i]))
+        # trials that violate a constraint are worse than all others, by how far (as in Optuna's TPE)
+        order = sorted(ranked(trials), key=lambda i: sum(max(value, 0.0) for value in trials[i].constraints.values()))
         count = math.ceil(self._settings.good * len(trials))
         others = designs[order[count:]]
         if running:  # as if they had turned out badly: a constant liar (Ginsbourger et al. 2010)
-            others = others.and_(self._read(running))
+            more = self._read(running)
+            pairs = (others.directions, more.directions), (others.numbers, more.numbers)
+            others = Designs(*(np.concatenate(pair) for pair in pairs))
         chosen = self.choose(designs[order[:count]], others)
         return self._with_choices(self._space.parameters(chosen.directions[0], chosen.numbers[0]), [trials[i] for i in order])
 
@@ -127,10 +127,6 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         directions = np.tile(corner_of(self._seed, corner), (segments, 1))
         field = unit(self._rng.normal(size=(self._space.count - segments, 3)))
         return np.vstack([directions, field]), self._rng.random(self._space.numbers)
-
-    def _anywhere(self) -> tuple[Array, Array]:
-        """Any directions, any numbers: while the first trials are being solved, nothing is known."""
-        return unit(self._rng.normal(size=(self._space.count, 3))), self._rng.random(self._space.numbers)
 
     def _read(self, trials: Sequence[FrozenTrial]) -> Designs:
         read = [self._space.design(trial.params) for trial in trials]
@@ -175,8 +171,3 @@ def _near(rng: np.random.Generator, means: Array, K: float) -> Array:
     across = rng.normal(size=means.shape)
     across = unit(across - np.sum(across * means, axis=-1, keepdims=True) * means)
     return unit(cosine * means + np.sqrt(1 - cosine**2) * across)
-
-
-def _violation(trial: FrozenTrial) -> float:
-    """Violation of a trial's constraints: trials with one are worse than all others, by how far (as in Optuna's TPE)."""
-    return sum(max(value, 0.0) for value in trial.constraints.values())
