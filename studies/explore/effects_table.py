@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -22,8 +23,6 @@ from magmpm.simulate import choose_effects
 from magmpm.solving.influence import Variants, has_densities, judge, motion_seconds
 from magmpm.studies.explore.effects_costs import counted
 
-TOO_LONG = "not estimated: a whole run takes too long"
-
 
 @dataclass(frozen=True)
 class Need:
@@ -43,7 +42,31 @@ def needs(scene: Scene, runs: Variants) -> list[Need]:
     coarse grids (magmpm.solving.influence).
     """
     cost = seconds(scene)
-    return [_three_dimensions(scene, runs, cost), _dynamics(scene, runs, cost)]
+    rod = scene.body.shape.line is not None and (not scene.static or is_cantilever(scene))
+    three = _need("three dimensions", scene, runs, "" if rod else "the body is no rod", _three_dimensions, cost - 0.005)
+    if scene.solver.dynamic is None:
+        return [three, Need("dynamics", False, 0.0, 0.0, "the scene asks for equilibria")]
+    held = " and ".join(key for key in ("walls", "ground", "self_contact") if getattr(scene.effects, key) is not None)
+    if scene.body.shape.line is None or scene.body.shape.clamp == "none":
+        held = held or "such a body"
+    refused = f"{held}: equilibria may miss how it gets there" if held else ""
+    saved = cost - 9 * _solve(scene, scene.resolution.cells_across)
+    return [three, _need("dynamics", scene, runs, refused, _dynamics, saved)]
+
+
+def _need(
+    question: str, scene: Scene, runs: Variants, refused: str, off: Callable[[Scene, Variants], tuple[float, str]], saved: float
+) -> Need:
+    """The answer to a question, by how far the scene is off without (m, and in words); refused: why it can't be done without."""
+    if refused:
+        return Need(question, True, 0.0, None, refused)
+    if runs.duration < scene.duration:
+        return Need(question, None, None, None, "not estimated: a whole run takes too long")
+    try:
+        far, why = off(scene, runs)
+    except MagmpmError as trouble:
+        return Need(question, None, None, None, f"not estimated: {trouble}")
+    return Need(question, not far < runs.error, max(saved, 0.0) if far < runs.error else 0.0, far, why)
 
 
 def seconds(scene: Scene) -> float:
@@ -53,24 +76,15 @@ def seconds(scene: Scene) -> float:
     return _solve(scene, scene.resolution.cells_across) * max(1, len(scene.path_times()))
 
 
-def _three_dimensions(scene: Scene, runs: Variants, cost: float) -> Need:
+def _three_dimensions(scene: Scene, runs: Variants) -> tuple[float, str]:
     """A rod would do where what it is off by is less than the error: measured at rest, else guessed from how far the body bends."""
-    question, measured = "three dimensions", not scene.in_time
-    if scene.body.shape.line is None or (scene.static and not is_cantilever(scene)):
-        return Need(question, True, 0.0, None, "the body is no rod")
-    if runs.duration < scene.duration:
-        return Need(question, None, None, None, TOO_LONG)
-    try:
-        shapes = np.array(runs.frames(scene, int(measured)).points)
-        off = _off(scene, runs, shapes[0]) if measured else _guessed(scene, shapes)
-    except MagmpmError as trouble:
-        return Need(question, None, None, None, f"not estimated: {trouble}")
+    measured = not scene.in_time
+    shapes = np.array(runs.frames(scene, int(measured)).points)
+    off = _off(scene, runs, shapes[0]) if measured else _guessed(scene, shapes)
     how = "is at most" if measured else "may be"
     why = f"a rod would do for the shape of the axis, and {how}" if off < runs.error else f"a rod {how}"
     flat = "; the axis stays in a plane" if _out_of_plane(shapes) < runs.error else ""
-    slender = scene.length / scene.thickness
-    why = f"{why} off by {1e3 * off:.2g} mm{flat} (L/D {slender:.3g})"
-    return Need(question, not off < runs.error, max(cost - 0.005, 0.0) if off < runs.error else 0.0, off, why)
+    return off, f"{why} off by {1e3 * off:.2g} mm{flat} (L/D {scene.length / scene.thickness:.3g})"
 
 
 def _off(scene: Scene, runs: Variants, axis: Array) -> float:
@@ -87,29 +101,17 @@ def _guessed(scene: Scene, shapes: Array) -> float:
     return (0.005 + 0.3 * across / scene.length) * _moved(shapes)
 
 
-def _dynamics(scene: Scene, runs: Variants, cost: float) -> Need:
+def _dynamics(scene: Scene, runs: Variants) -> tuple[float, str]:
     """Equilibria along time would do where the field changes slowly for the body's first period, and the body does not swing."""
-    question = "dynamics"
-    if scene.solver.dynamic is None:
-        return Need(question, False, 0.0, 0.0, "the scene asks for equilibria")
-    held = [key for key in ("walls", "ground", "self_contact") if getattr(scene.effects, key) is not None]
-    if held or scene.body.shape.line is None or scene.body.shape.clamp == "none":
-        return Need(question, True, 0.0, None, f"{' and '.join(held) or 'such a body'}: equilibria may miss how it gets there")
-    if runs.duration < scene.duration:
-        return Need(question, None, None, None, TOO_LONG)
-    try:
-        moving, data = runs.frames(scene), scene.to_si()
-        times = moving.times[:: len(moving.times) // 5]
-        data["solver"]["dynamic"], data["solver"]["quasi_static"] = None, {"at": times}
-        for key, kind in scene.effects.every().items():
-            data["effects"][key] = None if kind.ONLY_IN_MOTION and not kind.ALONG_TIME else data["effects"][key]
-        still = Scene.from_si(data)
-        off = max(moving.distances(Variants(still).frames(still)).values())
-    except MagmpmError as trouble:
-        return Need(question, None, None, None, f"not estimated: {trouble}")
-    why = "equilibria along time (solver.quasi_static) would do" if off < runs.error else "the body swings, or lags behind its equilibria"
-    saved = max(cost - 9 * _solve(scene, scene.resolution.cells_across), 0.0) if off < runs.error else 0.0
-    return Need(question, not off < runs.error, saved, off, why)
+    moving, data = runs.frames(scene), scene.to_si()
+    times = moving.times[:: len(moving.times) // 5]
+    data["solver"]["dynamic"], data["solver"]["quasi_static"] = None, {"at": times}
+    for key, kind in scene.effects.every().items():
+        data["effects"][key] = None if kind.ONLY_IN_MOTION and not kind.ALONG_TIME else data["effects"][key]
+    still = Scene.from_si(data)
+    off = max(moving.distances(Variants(still).frames(still)).values())
+    good = off < runs.error
+    return off, "equilibria along time (solver.quasi_static) would do" if good else "the body swings, or lags behind its equilibria"
 
 
 def _solve(scene: Scene, cells: int) -> float:
@@ -224,7 +226,9 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on
         scene = choose_effects(scene).scene
     if scene.resolution.asked:  # costs are those on the grid that such a run tries first
         scene = scene.with_cells(coarsest_cells(scene))
-    _refuse_bad_beginning(scene)
+    if any(type(effect).check is not Effect.check for effect in scene.effects.named().values()):  # that can't begin, as by model.build
+        bare = build(scene.model_copy(update={"effects": Effects()}))
+        effects.check(replace(bare, scene=scene))
     spent, runs, rows = counted(scene) if measure else {}, Variants(scene, error), []
     still, held = Variants(without_motion(scene), error), scene.body.shape.clamp != "none" and scene.effects.feed is None
     for key in effects.every():
@@ -251,10 +255,3 @@ def _settling(scene: Scene, key: str) -> str:
     if named is None:
         return f"; {critical:.3g} Pa s damps its first bending critically"
     return f"; damps its first bending by {100 * named.viscosity / critical:.2g} % of critical"
-
-
-def _refuse_bad_beginning(scene: Scene) -> None:
-    """Raises InputError if an effect that the scene names can't begin, as magmpm.model.build does."""
-    if any(type(effect).check is not Effect.check for effect in scene.effects.named().values()):
-        bare = build(scene.model_copy(update={"effects": Effects()}))
-        effects.check(replace(bare, scene=scene))

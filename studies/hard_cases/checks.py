@@ -299,25 +299,20 @@ def _moved(scene: Scene, result: Result, folder: Path, found: Checked) -> None:
             grown = max((_apart(scene, result, noisy) for noisy in map(_try, _noisy(scene)) if noisy is not None), default=math.inf)
             where = found.wrong if apart > max(bound, 5.0 * grown) else found.branches
             where.append(f"mirror image: {apart:.3g} L apart, bound {bound:.3g}; changes of {NOISE:g} of the moduli grow to {grown:.3g} L")
-    options = scene.to_si()["solver"]
+    options = scene.to_si()["solver"]["dynamic"]
     bound = HALF_STEP * largest + 1e-5
     if scene.effects.ground or scene.effects.walls or scene.effects.self_contact:
         bound += 1e-3  # at which step a point touches
     if scene.effects.feed:
         bound = 5 * HALF_STEP * largest + 1e-3  # each node that leaves a guide is a shock
-    other = _try(Scene.from_si({**scene.to_si(), "solver": {**options, "dynamic": {**options["dynamic"], "safety": 0.4}}}))
+    other = _try(changed(scene, solver={**scene.to_si()["solver"], "dynamic": {**options, "safety": 0.4}}))
     if other is not None:
         found.done.append("half the step")
         if (apart := _apart(scene, result, other)) > bound:
-            coarse = _by_grid(scene, result)
+            finer = _try(scene.with_cells(scene.resolution.cells_across + 1))
+            coarse = 0.0 if finer is None else _apart(scene, result, finer)  # a step that moves it less is as good as its grid
             told = f"half the step: {apart:.3g} L apart, bound {bound:.3g}; largest displacement {largest:.3g} L; grid: {coarse:.3g} L"
             (found.branches if apart < coarse else found.wrong).append(told)
-
-
-def _by_grid(scene: Scene, result: Result) -> float:
-    """Change of the answer, over L, with one more cell across: a time step that moves it less is as good as its grid."""
-    finer = _try(scene.with_cells(scene.resolution.cells_across + 1))
-    return 0.0 if finer is None else _apart(scene, result, finer)
 
 
 def _noisy(scene: Scene) -> list[Scene]:
