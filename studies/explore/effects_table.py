@@ -36,7 +36,7 @@ class Need:
 
 
 def needs(scene: Scene, runs: Variants) -> list[Need]:
-    """Whether a scene needs three dimensions and dynamics, in seconds saved and error added.
+    """Answers to whether a scene needs three dimensions and dynamics, in seconds saved and error added.
 
     Seconds are of a run on two cores of about 2.7 GHz, to a factor of two (docs/design.md has the rates); errors are told from runs on
     coarse grids (magmpm.solving.influence).
