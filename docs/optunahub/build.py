@@ -13,7 +13,7 @@ from pathlib import Path
 
 HERE, ROOT = Path(__file__).resolve().parent, Path(__file__).resolve().parents[2]
 SAMPLERS, INSIDE = ROOT / "studies/search/samplers", "magmpm.studies.search.samplers."
-MODULES = {"gauss_newton": "_sampler", "gauss_newton_steps": "_steps", "optuna_ids": "_optuna_ids", "pending_trials": "_pending_trials"}
+MODULES = {"gauss_newton": "_sampler", "gauss_newton_steps": "_steps", "optuna_ids": "_optuna_ids"}
 ALLOWED = {"__future__", "collections", "dataclasses", "math", "typing", "types", "numpy", "optuna", "scipy", "pytest"}
 FACE = '''"""Gauss-Newton for Optuna: see README.md."""
 

@@ -33,7 +33,7 @@ def folder_of_results(options: argparse.Namespace, name: str) -> Iterator[Path]:
 
 def is_study(folder: Path) -> bool:
     """True if a folder holds a study, or the files of one that ended before its first report."""
-    from magmpm.studies.problem.file_names import DATABASE, OWNER, REPORT
+    from magmpm.studies.problem import DATABASE, OWNER, REPORT
 
     return any((folder / name).exists() for name in (REPORT, OWNER, DATABASE))
 

@@ -40,7 +40,7 @@ def command(options: argparse.Namespace) -> int:
     """optuna-dashboard on a study's database and pictures, until it is stopped. Returns the exit status. Raises InputError."""
     from importlib.util import find_spec
 
-    from magmpm.studies.problem.file_names import REPORT
+    from magmpm.studies.problem import REPORT
 
     folder, port = Path(options.folder), options.port
     if not is_study(folder):
@@ -54,7 +54,7 @@ def command(options: argparse.Namespace) -> int:
 
     from magmpm.studies.dashboard.page import guarded, page
     from magmpm.studies.dashboard.view import DashboardView, Notes
-    from magmpm.studies.engine.artifact_stores import artifact_store
+    from magmpm.studies.engine.records import artifact_store
     from magmpm.studies.engine.storage import must_exist, open_storage
     from magmpm.studies.engine.storage_url import shown_url
     from magmpm.studies.search.samplers.optuna_ids import study_id

@@ -160,8 +160,7 @@ class TrialPicture:
 def _text(report: StudyReport, files: list[Path]) -> str:
     """The report for people."""
     from magmpm.studies.engine.records import BEST
-    from magmpm.studies.engine.report import on_the_brink
-    from magmpm.studies.engine.verify_best import said
+    from magmpm.studies.engine.report import on_the_brink, said
     from magmpm.studies.search.best_scene import SCENE
     from magmpm.studies.search.search_space import FIELD
 
@@ -219,7 +218,7 @@ def render_study(folder: Path, out: Path, *, smooth: bool = False, kind: str = "
 
 def saved_report(folder: Path) -> dict[str, Any]:
     """Read the report that a study saved in its folder. Raises InputError."""
-    from magmpm.studies.problem.file_names import REPORT
+    from magmpm.studies.problem import REPORT
 
     try:
         report: dict[str, Any] = json.loads((folder / REPORT).read_text(encoding="utf-8"))

@@ -1,6 +1,6 @@
 """Reasons why a target was not reached: what holds the best design back, with the numbers that show it.
 
-Read from the linear model of the best design (its residuals r and Jacobian J, linear_model.py), from the other descents of the
+Read from the linear model of the best design (its residuals r and Jacobian J, trial.linear_model), from the other descents of the
 Gauss-Newton sampler, and from the rod:
 
 * a field or a number at its bound: at a minimum, rms changes with the bound by the Lagrange multiplier (r.J u)/rms, u pointing outward;
@@ -26,18 +26,13 @@ from magmpm.studies.problem.study import Study
 from magmpm.studies.rods.rod_designs import rod_designs
 from magmpm.studies.search.parameters import Block, Direction, FieldVector, Number
 from magmpm.studies.search.samplers.choice import gauss_newton_blocks
-from magmpm.studies.search.samplers.gauss_newton import LEAST_GAIN, PLAN, RADIUS
+from magmpm.studies.search.samplers.gauss_newton import LEAST_GAIN, RADIUS, model_of, start_of
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
-SENSIBLE = 0.01  # of the length: without a `stop`, a design within this is near enough to need no explanation
 AT_BOUND = 0.999  # share of a bound that counts as being at it
-WEAK = 1e-3  # of the length, rms for a radian: a direction that moves the shape less than this has no effect
-WINDOW = 20  # parts of the length over which the target's bends are taken
-EXCESS = 0.02  # rad in a window by which the target must bend more than the body can
-STRONGER = (1.5, 2.0, 3.0)  # times the greatest field, in which the rod searches again
 
 Finding = dict[str, Any]
 
@@ -45,11 +40,10 @@ Finding = dict[str, Any]
 def findings(study: Study, space: SearchSpace, trials: Sequence[FrozenTrial]) -> list[Finding]:
     """Reasons why the best design is not better: dicts with `what`, the sentence `says`, numbers in SI. None where it is near enough."""
     best = best_trial(trials)
-    good = SENSIBLE * space.scene.length if study.stop_rms is None else study.stop_rms
+    good = 0.01 * space.scene.length if study.stop_rms is None else study.stop_rms  # near enough to need no explanation
     if best is None or best.value is None or best.value <= good or "jacobian" not in best.user_attrs or study.depths or study.keyframes:
         return []
-    residuals = np.array(best.user_attrs["residuals"], dtype=float)
-    jacobian = np.array(best.user_attrs["jacobian"], dtype=float).reshape(len(residuals), -1)
+    residuals, jacobian = model_of(best)
     coordinates, x = gauss_newton_blocks(space), space.embedded(best.params)
     rms = float(np.linalg.norm(residuals))
     step = coordinates.step(x, residuals, jacobian, RADIUS / 4)
@@ -59,7 +53,7 @@ def findings(study: Study, space: SearchSpace, trials: Sequence[FrozenTrial]) ->
         found: list[Finding | None] = [{"what": "trials", "says": says, "rms_m": rms, "promised_rms_m": foreseen}]
     else:
         found = []
-    found += [_bound(block, x[at], residuals @ jacobian[:, at] / rms) for block, at in zip(space.blocks, space.slices, strict=True)]
+    found += [_bound(block, x[at], residuals @ jacobian[:, at] / rms) for block, at in space.parts]
     kept = [one for one in found if one is not None]
     if any(one["what"] == "field" for one in kept):
         kept += _stronger_field(study, space, good)
@@ -104,7 +98,7 @@ def _stronger_field(study: Study, space: SearchSpace, good: float) -> list[Findi
     assert space.field_max is not None
     scene = space.scene_at(space.nearest(np.full(space.size, 0.5)))
     reached: list[tuple[float, float]] = []
-    for factor in (1.0, *STRONGER):
+    for factor in (1.0, 1.5, 2.0, 3.0):
         designs = rod_designs(scene, study.target, space.segments, factor * space.field_max, seed=study.seed, starts=32, keep=1)
         if designs:
             reached.append((factor * space.field_max, designs[0].rms))
@@ -122,11 +116,11 @@ def _curvature(study: Study, space: SearchSpace, best: FrozenTrial) -> list[Find
         s, can = reachable_curvature(space.scene_of(best.params), space.field_max)
     except SolveError:
         return []
-    ends, bends = target_bends(study.target, space.scene.length / WINDOW)
+    ends, bends = target_bends(study.target, space.scene.length / 20)
     most = np.array([np.mean(np.interp(np.linspace(a, b, 9), s, can)) for a, b in ends])
     excess = (bends - most) * (ends[:, 1] - ends[:, 0])
     worst = int(np.argmax(excess))
-    if excess[worst] < EXCESS:
+    if excess[worst] < 0.02:  # rad
         return []
     a, b = 1e3 * ends[worst]
     says = (
@@ -181,12 +175,12 @@ def _weak(space: SearchSpace, tangent: Array, basis: Array) -> list[Finding]:
     if space.limits is not None and space.limits.allowed is not None:
         return []
     found = []
-    for block, at in zip(space.blocks, space.slices, strict=True):
+    for block, at in space.parts:
         if not isinstance(block, Direction):
             continue
         columns = np.flatnonzero(np.any(basis[at] != 0.0, axis=0))
         moves = float(np.linalg.norm(tangent[:, columns], 2))
-        if moves < WEAK * space.scene.length:
+        if moves < 1e-3 * space.scene.length:
             says = f"turning {block.name} by a radian moves the shape by {1e3 * moves:.2g} mm (rms) at most: it has no effect here"
             found.append({"what": block.name, "says": says, "m_per_rad": moves})
     return found
@@ -196,10 +190,10 @@ def _other_starts(trials: Sequence[FrozenTrial], best: FrozenTrial) -> list[Find
     """Report where the descents from other starts ended."""
     ends: dict[int, float] = {}
     for trial in trials:
-        start = trial.system_attrs.get(PLAN, {"start": -1})["start"]
+        start = start_of(trial)
         if trial.user_attrs.get("feasible") and trial.value is not None:
             ends[start] = min(ends.get(start, np.inf), trial.value)
-    ends.pop(best.system_attrs.get(PLAN, {"start": -1})["start"], None)
+    ends.pop(start_of(best), None)
     if not ends:
         says = "no other start was tried: more trials would begin elsewhere"
         return [{"what": "other starts", "says": says, "rms_m": []}]

@@ -23,7 +23,7 @@ from magmpm.errors import InputError
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.whole_file import REFUSED, explained
 from magmpm.studies.engine import records, report
-from magmpm.studies.engine.artifact_stores import whole_place
+from magmpm.studies.engine.records import whole_place
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.engine.storage import (
     OUTAGE,
@@ -35,23 +35,22 @@ from magmpm.studies.engine.storage import (
     storage_url,
 )
 from magmpm.studies.engine.study_session import STARTS, OpenStudy
-from magmpm.studies.engine.workers.per_trial import EXCHANGED, READY, PerTrial
 from magmpm.studies.engine.workers.pool import Pool
-from magmpm.studies.engine.workers.sessions import Session, remembered, uninterrupted
+from magmpm.studies.engine.workers.sessions import (
+    EXCHANGED,
+    READY,
+    PerTrial,
+    Session,
+    remembered,
+    uninterrupted,
+)
 from magmpm.studies.evaluate.insertion import Insertion
-from magmpm.studies.evaluate.judge import FAILURES, Judge, Judged, Picture, trial_of
-from magmpm.studies.evaluate.linear_model import Differentiate, needs_derivatives
-from magmpm.studies.evaluate.trial import Solve, Trial, constraints
-from magmpm.studies.rods.limited_designs import next_exchange
+from magmpm.studies.evaluate.judge import FAILURES, Judge, Picture, trial_of
+from magmpm.studies.evaluate.trial import Differentiate, Outcome, Solve, Trial, constraints, needs_derivatives
+from magmpm.studies.rods.rod_designs import next_exchange
 from magmpm.studies.search.definition import Study
 from magmpm.studies.search.objectives import trial_values
-from magmpm.studies.search.samplers.choice import (
-    POOR,
-    check_available,
-    check_suits,
-    check_workers,
-    make_sampler,
-)
+from magmpm.studies.search.samplers import choice
 from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
 from magmpm.studies.search.samplers.optuna_ids import trial_id
 from magmpm.studies.search.search_space import SearchSpace
@@ -59,15 +58,14 @@ from magmpm.studies.search.well_posed import check_search
 
 __all__ = ["FAILURES", "STARTS", "Picture", "check_study", "kernel_uses", "run_study"]
 
-REMEMBERED = 50  # durations of trials by which the time left is guessed
 LOOK = 1.0  # s between two looks at what other sessions do
 
 
 def check_study(study: Study, workers: int | None = None, time_limit: float | None = None) -> list[str]:
     """Warnings about the search of a study, one sentence each. Raises InputError where its sampler can't search it, or nothing can."""
-    check_available(study.sampler)
-    check_suits(study)
-    check_workers(workers, time_limit)
+    choice.check_available(study.sampler)
+    choice.check_suits(study)
+    choice.check_workers(workers, time_limit)
     return check_search(study, SearchSpace.of(study))
 
 
@@ -185,8 +183,8 @@ class _Run(OpenStudy):
             if isinstance(insertion, Insertion) and insertion.projects and study.sampler != "gauss-newton":
                 from magmpm.studies.search.samplers.optuna_own import FieldsByRod
 
-                return FieldsByRod(make_sampler(study.sampler, insertion.directions_alone(), study.seed, number), insertion)
-            return make_sampler(study.sampler, self.space, study.seed, number, starts=self.starts, goal=study.stop_rms or 0.0)
+                return FieldsByRod(choice.make_sampler(study.sampler, insertion.directions_alone(), study.seed, number), insertion)
+            return choice.make_sampler(study.sampler, self.space, study.seed, number, starts=self.starts, goal=study.stop_rms or 0.0)
 
         inner = of(0)
         self.newton = inner if isinstance(inner, GaussNewtonSampler) and self.starts else None
@@ -204,7 +202,7 @@ class _Run(OpenStudy):
     def exhausted(self) -> bool:
         """True if only starts elsewhere are left to an insertion whose best design is good: they are on other branches, and win nothing."""
         sampler, found = self.newton, isinstance(self.judge.trajectory, Insertion) and self.best is not None
-        if sampler is None or not found or self.best > POOR * self.space.scene.length:  # type: ignore[operator]
+        if sampler is None or not found or self.best > choice.POOR * self.space.scene.length:  # type: ignore[operator]
             return False
         trials = self.store(lambda: self.kept.get_trials(deepcopy=False))
         running = [t for t in trials if t.state == TrialState.RUNNING and set(self.distributions) <= set(t.params)]
@@ -269,8 +267,8 @@ class _Run(OpenStudy):
                     pool.limit = self.time_limit or allowed_time(self.durations)
                     for number, answer in pool.answers(LOOK):
                         asked, begun = at_work[number]
-                        judged = answer if isinstance(answer, Judged) else self.judge.failed(asked.params, answer)
-                        trial = self.keep(asked, judged, begun)
+                        outcome = self.judge.failed(asked.params, answer) if isinstance(answer, str) else answer
+                        trial = self.keep(asked, outcome, begun)
                         del at_work[number]
                         if trial is not None and on_trial is not None:
                             on_trial(trial)
@@ -316,43 +314,43 @@ class _Run(OpenStudy):
         self.session.withdraw(trial_id(asked))
         return False
 
-    def keep(self, asked: optuna.Trial, judged: Judged, begun: float) -> Trial | None:
+    def keep(self, asked: optuna.Trial, outcome: Outcome, begun: float) -> Trial | None:
         """Keeps a trial's result, picture and attributes, and tells its value last: only then does it count.
 
         None where another session has taken up the trial meanwhile, because this one could not reach the storage for long.
         """
-        outcome, known = judged.outcome, judged.known
+        known = outcome.known
         trial = trial_of(self.study, asked.number, outcome, self.best)
-        if judged.files:
-            note = self.store(lambda: self.gallery.attach(asked, judged.files))
+        if outcome.files:
+            note = self.store(lambda: self.gallery.attach(asked, outcome.files))
             known |= {} if note is None else {"picture_note": note}
         if outcome.result is not None and trial.improved:
             design = {"number": asked.number, "rms_m": outcome.rms, "params": asked.params, **known}
             records.save_design(self.out / records.IMPROVEMENTS / f"{asked.number:03d}", outcome.result, design)
-        if not self.store(lambda: self.told(asked, judged, begun)):
+        if not self.store(lambda: self.told(asked, outcome, begun)):
             self.session.lost.append(f"trial {asked.number}: taken up by another session while this one could not reach the storage")
             return None
         self.count, self.best = self.count + 1, trial.best_rms_m
         self.durations.append(time.perf_counter() - begun)
-        del self.durations[:-REMEMBERED]
+        del self.durations[:-50]
         left = statistics.median(self.durations) * max(self.study.trials - self.count, 0)
         return dataclasses.replace(
             trial, finished=self.count, wanted=max(self.study.trials, self.count), seconds=self.durations[-1], seconds_left=left,
         )  # fmt: skip
 
-    def told(self, asked: optuna.Trial, judged: Judged, begun: float) -> bool:
+    def told(self, asked: optuna.Trial, outcome: Outcome, begun: float) -> bool:
         """Writes a trial's attributes and value. Returns whether it counts. May be called again where it is not known what was written."""
         try:
-            for key, value in judged.known.items():
+            for key, value in outcome.known.items():
                 asked.set_user_attr(key, value)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # "already set": by the process that was killed in this trial
-                for key, value in constraints(judged.outcome, self.study.margin).items():
+                for key, value in constraints(outcome, self.study.margin).items():
                     asked.set_constraint(key, value)
             # `total` lacks itself and the value; report.seconds_per_trial has all of a trial
             total = time.perf_counter() - begun
-            asked.set_user_attr("seconds", {"solve": judged.outcome.seconds, "render": judged.drawing, "total": total})
-            values = trial_values(self.study.minimize, self.space, asked.params, judged.outcome.value, not judged.outcome.accepted)
+            asked.set_user_attr("seconds", {"solve": outcome.seconds, "render": outcome.drawing, "total": total})
+            values = trial_values(self.study.minimize, self.space, asked.params, outcome.value, not outcome.accepted)
             self.kept.tell(asked, values)
         except (UpdateFinishedTrialError, ValueError):
             state = self.storage.get_trial(trial_id(asked)).state

@@ -8,29 +8,72 @@ OUT/best/                     the same of the best trial, and its scene as a fil
 from __future__ import annotations
 
 import filecmp
+import importlib.util
 import json
+import re
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from magmpm.errors import InputError, report
 from magmpm.inputs.user_files import MOST, read_regular
 from magmpm.results.result import readable
 from magmpm.results.whole_file import whole_file
-from magmpm.studies.engine.artifact_stores import ARTIFACTS, artifact_store
 from magmpm.studies.engine.storage import StorageError, storage_faults
+from magmpm.studies.engine.storage_url import shown_url
 from magmpm.studies.evaluate.judge import PICTURES
 
 if TYPE_CHECKING:
     import optuna
+    from optuna.artifacts import Boto3ArtifactStore, FileSystemArtifactStore
     from optuna.trial import FrozenTrial
 
     from magmpm.results.result import Result
 
+ARTIFACTS = "artifacts"
+S3 = "s3://"
+SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
+BUCKET = re.compile(r"[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
 BEST = "best"
 IMPROVEMENTS = "improvements"
 DESIGN = "design.json"
-SURFACE = ".stl"
+
+
+def whole_place(place: str) -> str:
+    """The place of pictures from wherever it is looked for: an absolute path, or s3://BUCKET. Raises InputError for other addresses."""
+    if SCHEME.match(place) and not place.startswith(S3):
+        rule, remedy = "must be a folder, or s3://BUCKET", "--artifacts s3://my-study, or a folder that all machines see"
+        raise InputError(report("--artifacts", received=shown_url(place), rule=rule, remedy=remedy))
+    return place if place.startswith(S3) else str(Path(place).resolve())
+
+
+def artifact_store(place: str | None, out: Path) -> FileSystemArtifactStore | Boto3ArtifactStore:
+    """The store that `place` names: a folder, s3://BUCKET, or None for the folder's own. Raises InputError.
+
+    All by Optuna's own stores. The keys of S3 come from where its clients look for them (AWS_ACCESS_KEY_ID, ~/.aws, a role), the address
+    of a store that is not Amazon's from AWS_ENDPOINT_URL; neither is kept with the study.
+    """
+    from optuna.artifacts import Boto3ArtifactStore, FileSystemArtifactStore
+
+    if place is not None:
+        place = whole_place(place)
+    if place is None or not place.startswith(S3):
+        folder = out / ARTIFACTS if place is None else Path(place)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            rule = f"must be a folder that can be made, or s3://BUCKET ({error.strerror})"
+            raise InputError(report("--artifacts", received=str(folder), rule=rule, remedy="name another folder")) from None
+        return FileSystemArtifactStore(str(folder))
+    bucket = place.removeprefix(S3).rstrip("/")
+    if not BUCKET.fullmatch(bucket):
+        rule = "must name a bucket alone: 3 to 63 letters a to z, digits, dots and hyphens; keys come from the environment"
+        raise InputError(report("--artifacts", received="s3://...", rule=rule, remedy="--artifacts s3://my-study"))
+    if importlib.util.find_spec("boto3") is None:
+        rule, remedy = "an S3-compatible store needs the package boto3", "pip install 'magmpm[s3]'"
+        raise InputError(report("--artifacts", received=place, rule=rule, remedy=remedy))
+    return Boto3ArtifactStore(bucket)
 
 
 class Gallery:
@@ -76,7 +119,7 @@ class Gallery:
         Surfaces alone, some 350 kB a trial: a copy of a picture mends the one that is damaged. Some file systems have no such names.
         """
         kept = self._out / ARTIFACTS / key
-        if not self._own or path.suffix != SURFACE or Path(key).name != key:
+        if not self._own or path.suffix != ".stl" or Path(key).name != key:
             return False
         try:
             if not (kept.exists() and kept.samefile(path)):

@@ -1,20 +1,25 @@
-"""Report of what a study has found so far, read from its storage."""
+"""Report of what a study has found so far, read from its storage; and its best designs evaluated on finer grids."""
 
 from __future__ import annotations
 
 import json
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from magmpm.errors import MagmpmError
 from magmpm.results.whole_file import whole_file
-from magmpm.studies.problem.file_names import REPORT
+from magmpm.scene import Scene
+from magmpm.studies.problem import BRINK, REPORT
+from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
+    from magmpm.results.result import Result
+    from magmpm.studies.problem.study import Study
 
 QUANTITIES = ("segment_lengths_m", "diameter_m", "remanence_T", "shear_modulus_Pa")  # of a trial, where the study varies them
 OF_SEVERAL = (  # of a trial of an insertion or a schedule
@@ -23,7 +28,6 @@ OF_SEVERAL = (  # of a trial of an insertion or a schedule
 )  # fmt: skip
 SCATTER = ("measure_m", "mean_rms_m", "sigma_rms_m", "scatter_m")  # of a trial of a study with `robust`
 Ended = Literal["stop", "trials", "exhausted", "interrupted"]
-BRINK = 0.1  # stability below which a design is on the brink: it is reported, and another of nearly the same rms takes its place
 NEARLY = 1.1  # times the least rms: what the more stable design may cost, and how much more than its rms one on the brink counts
 
 
@@ -62,9 +66,9 @@ class StudyReport:
     why_sampler: str | None = None  # why this one, where the study's file names none
     artifacts: str | None = None  # where the trials' pictures are, if not in the folder itself
     study_file: str | None = None  # the study's file, from the root
-    limits: list[dict[str, Any]] = field(default_factory=list)  # what holds the best design back (reach.py), each with what it `says`
+    limits: list[dict[str, Any]] = field(default_factory=list)  # what holds the best design back (explain_miss), each with what it `says`
     exchanged: int = 0
-    judged: list[dict[str, Any]] = field(default_factory=list)  # the best designs on finer grids (judged.py), best first
+    judged: list[dict[str, Any]] = field(default_factory=list)  # the best designs on finer grids, best first
 
     def __repr__(self) -> str:
         best = "none" if self.best is None else f"trial {self.best['number']}, rms {1e3 * self.best['rms_m']:.3f} mm"
@@ -129,11 +133,6 @@ def nearest_first(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
     return sorted((t for t in trials if feasible(t)), key=_rms)
 
 
-def first_below(trials: Sequence[FrozenTrial], rms: float | None) -> FrozenTrial | None:
-    """The first feasible trial whose rms is at most `rms`."""
-    return next((t for t in trials if rms is not None and feasible(t) and _rms(t) <= rms), None)
-
-
 def feasible(trial: FrozenTrial) -> bool:
     """True if the trial's solve succeeded and it did not get the penalty."""
     return bool(trial.user_attrs.get("feasible"))
@@ -166,3 +165,62 @@ def seconds_per_trial(trials: Sequence[FrozenTrial]) -> float | None:
 
 def _rms(trial: FrozenTrial) -> float:
     return float(trial.values[0])  # of two objectives the first
+
+
+def judged(
+    study: Study, designs: Sequence[FrozenTrial], scene_of: Callable[[FrozenTrial], Scene], solve: Callable[[Scene], Result],
+    known: Sequence[dict[str, Any]],
+) -> list[dict[str, Any]]:  # fmt: skip
+    """The best designs of a study that requests an error, on finer grids, best first.
+
+    Trials run on the coarsest grid, which sorts good from bad. At the end every design that its error can't tell from the best one is run
+    with the error that is requested. Each is {number, rms_m, trial_cells, judged_rms_m, error_estimate_m, cells_across, coarse_error_m}, or
+    has a `reason`.
+
+    designs: feasible trials, nearest to the target first; scene_of: the scene of a trial on the coarse grid; known: those evaluated before.
+    rms_m is that of the trial; judged_rms_m (m) is right to error_estimate_m; coarse_error_m: bound of the trial's own error, None where
+    the coarse grid was not among those that were tried. A design whose finer run fails keeps the reason.
+    """
+    before = {one["number"]: one for one in known}
+    found: list[dict[str, Any]] = []
+    for trial in designs[:5]:
+        # its rms and that of the first may both be wrong by the coarse error
+        bars = [one["coarse_error_m"] for one in found if one.get("coarse_error_m") is not None]
+        if found and trial.user_attrs["rms_m"] > found[0]["rms_m"] + 2.0 * max(bars, default=0.0):
+            break
+        found.append(before.get(trial.number) or _judge(study, trial, scene_of(trial), solve))
+    return sorted(found, key=lambda one: (one.get("judged_rms_m") is None, one.get("judged_rms_m", 0.0), one["number"]))
+
+
+def _judge(study: Study, trial: FrozenTrial, coarse: Scene, solve: Callable[[Scene], Result]) -> dict[str, Any]:
+    assert study.asked is not None
+    first = coarse.resolution.cells_across
+    told: dict[str, Any] = {"number": trial.number, "rms_m": trial.user_attrs["rms_m"], "trial_cells": first}
+    try:
+        fine = {**study.asked.model_dump(mode="json"), "from_tip": coarse.resolution.from_tip}
+        result = solve(Scene.from_si({**coarse.to_si(), "resolution": fine}))
+    except MagmpmError as error:
+        return {**told, "reason": str(error)}
+    assert result.resolution is not None
+    return {
+        **told,
+        "judged_rms_m": root_mean_square(gaps(result, study.target)),
+        "error_estimate_m": result.error_estimate,
+        "cells_across": result.resolution["cells_across"],
+        "coarse_error_m": next((one["error"] for one in result.resolution["tried"] if one["cells_across"] == first), None),
+    }
+
+
+def said(found: Sequence[dict[str, Any]]) -> list[str]:
+    """Messages on the designs that were verified, a line each."""
+    lines = []
+    for one in found:
+        if "reason" in one:
+            lines.append(f"trial {one['number']}: not judged on a finer grid: {one['reason']}")
+            continue
+        bar = "" if one["coarse_error_m"] is None else f" (to {1e3 * one['coarse_error_m']:.2g} mm)"
+        lines.append(
+            f"trial {one['number']}: rms {1e3 * one['judged_rms_m']:.4g} mm, its shape right to {1e3 * one['error_estimate_m']:.2g} mm at "
+            f"{one['cells_across']} cells; {1e3 * one['rms_m']:.4g} mm{bar} in the trial, at {one['trial_cells']}"
+        )
+    return lines

@@ -31,7 +31,7 @@ from magmpm.studies.engine.storage_url import (
     storage_url,
     without_passwords,
 )
-from magmpm.studies.problem.file_names import DATABASE, OWNER, REPORT
+from magmpm.studies.problem import DATABASE, OWNER, REPORT
 from magmpm.studies.search.definition import Study, definition_hash, differences
 from magmpm.studies.search.objectives import NAMES
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
 from magmpm.errors import InputError, report
-from magmpm.studies.problem.file_names import DATABASE
+from magmpm.studies.problem import DATABASE
 
 if TYPE_CHECKING:
     from sqlalchemy.engine import URL

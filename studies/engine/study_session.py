@@ -15,15 +15,13 @@ from magmpm.errors import InputError, SolveError
 from magmpm.errors import report as worded
 from magmpm.studies.engine import records, report
 from magmpm.studies.engine.explain_miss import findings
-from magmpm.studies.engine.report import StudyReport
+from magmpm.studies.engine.report import StudyReport, judged
 from magmpm.studies.engine.storage import Store, must_exist, must_hold, open_study, shown_url, storage_faults
-from magmpm.studies.engine.verify_best import judged
-from magmpm.studies.engine.workers.per_trial import EXCHANGED
-from magmpm.studies.evaluate.insertion import Insertion
+from magmpm.studies.engine.workers.sessions import EXCHANGED
+from magmpm.studies.evaluate.insertion import MOVIE, Insertion
 from magmpm.studies.evaluate.judge import Judge
 from magmpm.studies.problem.study import Study
-from magmpm.studies.rods.limited_designs import improved
-from magmpm.studies.rods.rod_designs import rod_starts
+from magmpm.studies.rods.rod_designs import improved, rod_starts
 from magmpm.studies.search.best_scene import write_best_scene
 from magmpm.studies.search.objectives import pareto_report
 from magmpm.studies.search.samplers.choice import settings
@@ -89,9 +87,8 @@ class OpenStudy:
             self.replace_best(best)
         self.judge_finer()
         if records.holds(self.out / records.BEST, best):
-            if isinstance(self.judge.trajectory, Insertion):
-                self.judge.trajectory.keep_best(self.out / records.BEST, self.judge.solve, best.params)
-                return
+            if isinstance(self.judge.trajectory, Insertion) and not (self.out / records.BEST / MOVIE).exists():
+                self.judge.trajectory.write_moments(self.out / records.BEST, self.judge.solve, best.params)
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
 
     def judge_finer(self) -> None:
@@ -129,7 +126,8 @@ class OpenStudy:
     def report(self, ended: report.Ended) -> StudyReport:
         """The study as it stands."""
         trials = self.finished()
-        chosen, first = report.best_trial(trials), report.first_below(trials, self.study.stop_rms)
+        chosen, stop = report.best_trial(trials), self.study.stop_rms
+        first = next((t for t in trials if stop is not None and report.feasible(t) and t.values[0] <= stop), None)
         best = None if chosen is None else report.describe(chosen)
         return StudyReport(
             name=self.study.name, out=self.out, storage=shown_url(self.store.url), sampler=self.study.sampler,
@@ -167,16 +165,16 @@ def solved_again(judge: Judge, store: Store, number: int) -> dict[str, Any]:
         what = "is not finished" if trial is not None else f"is not there; the study has {len(trials)}, numbered from 0"
         remedy = "--trial 0, say" if trials else "run the study first"
         raise InputError(worded("--trial", received=str(number), rule=f"trial {number} {what}", remedy=remedy))
-    judged = judge.judged(number, trial.params)
-    stored, now = trial.user_attrs.get("rms_m", trial.values[0]), judged.outcome.rms
+    outcome = judge.judged(number, trial.params)
+    stored, now = trial.user_attrs.get("rms_m", trial.values[0]), outcome.rms
     return {
         "number": number,
         "params": dict(trial.params),
         "rms_m": now,
         "stored_rms_m": stored,
-        "same": bool(stored == now and trial.values[0] == judged.outcome.value),
-        "reason": judged.outcome.reason,
+        "same": bool(stored == now and trial.values[0] == outcome.value),
+        "reason": outcome.reason,
         "versions": trial.user_attrs.get("versions", {}),
-        "versions_now": judged.known["versions"],
-        "files": [str(path) for path in judged.files],
+        "versions_now": outcome.known["versions"],
+        "files": [str(path) for path in outcome.files],
     }

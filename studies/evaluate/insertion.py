@@ -3,19 +3,17 @@
 A trial is a whole trajectory: one equilibrium at each depth, each an ordinary static scene (Scene.inserted), in that depth's field. What is
 outside the guide at depth l is compared with the path's first l, at equal arc length from the exit on.
 
-* body rms: root of the mean, over all depths, of the mean squared distance along the inserted length. Each depth counts the same, and in
-  it each piece of its length (trapezoidal rule on STATIONS stations).
+* body rms: root of the mean, over all depths, of the mean squared distance along the inserted length (STATIONS stations).
 * exit error: distance of the tip from the path's end, at full insertion (at the last depth from the path's point there).
 * worst depth: the largest rms of a single depth.
 * smoothness of the field: its largest change between neighboring depths, and the sum of the changes, T.
 
-The value of a trial is its body rms. Samplers that read residuals get, with the distances, the exit's, which counts EXIT_WEIGHT as much
-as all of the body: the body's rms alone would leave the tip 2 to 4 times as far away as the rest.
+The value of a trial is its body rms. Samplers that read residuals get the exit's as well, which counts EXIT_WEIGHT as much as all of the
+body: the body's rms alone would leave the tip 2 to 4 times as far away as the rest.
 
-A body that is pushed has at each depth the equilibrium that it comes to from the depth before, and few of these are on the branch that
-grows from no load. So a rod is pushed along (rod_path.py), and each depth's equilibrium is the one near it. Where a depth has none, the
-trial gets the penalty, and the reason names the depth. In a field that varies in space there is no rod to follow: then each depth is on
-the branch that grows from no load.
+A body that is pushed has at each depth the equilibrium that it comes to from the depth before. So a rod is pushed along (rod_path.py), and
+each depth's equilibrium is the one near it; in a field that varies in space, the one on the branch that grows from no load. Where a depth
+has none, the trial gets the penalty, and the reason names the depth.
 """
 
 from __future__ import annotations
@@ -24,7 +22,6 @@ import dataclasses
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path as File
 from typing import TYPE_CHECKING, Any
 
@@ -35,28 +32,23 @@ from magmpm.errors import SolveError
 from magmpm.results.measures import centreline_at
 from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
-from magmpm.studies.evaluate.insertion_motion import write_push
-from magmpm.studies.evaluate.linear_model import Sensitive
 from magmpm.studies.evaluate.trajectory import Trajectory
 from magmpm.studies.evaluate.trial import Solve
 from magmpm.studies.problem.path import Path
 from magmpm.studies.problem.study import Study
-from magmpm.studies.rods.rod_path import RodPath, directions_of, search
-from magmpm.studies.rods.rod_trajectory import RodDesign
+from magmpm.studies.rods.rod_path import RodPath, directions_of
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result
     from magmpm.rod.cosserat import RodShape
+    from magmpm.statics.linearized import Sensitivities
 
 STATIONS = 25
 EXIT_WEIGHT = 0.25
-STARTS, WANTED = 40, 2  # of the rod: most random starts, and how many designs are enough
-NEAR = 0.01  # of the length: a rod's design that is near enough
 DEPTHS = "insertion"  # user attribute: what is kept of each depth
 CATHETER = "catheter"  # ... the whole catheter, of which the last depth may leave a part in the guide
 SHAPES = "shapes"  # ... and how it is drawn: axis, and each segment's center and remanence
-MOMENTS = 48  # of the movie: depths, most of them between those that are evaluated
 MOVIE = "insertion.json"
 
 
@@ -65,6 +57,7 @@ class Insertion(Trajectory):
     """The trajectory that a study requests."""
 
     path: Path
+    sought = 40, 2
     end_weight = EXIT_WEIGHT
 
     @classmethod
@@ -85,13 +78,13 @@ class Insertion(Trajectory):
         s = _stations(result)
         return np.asarray(centreline_at(result, s) - self.path.at(s))
 
-    def slopes(self, found: Sensitive, number: int) -> Array:
+    def slopes(self, found: Sensitivities, number: int) -> Array:
         return found.at(_stations(found.result))
 
     def weights(self, number: int) -> Array:
         return _weights()
 
-    def hidden(self, found: Sensitive) -> int:
+    def hidden(self, found: Sensitivities) -> int:
         return len(self.space.scene.regions()) - int(np.max(found.result.particle_segment)) - 1
 
     def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
@@ -128,12 +121,6 @@ class Insertion(Trajectory):
         }
         return {name: np.round(np.asarray(values), 7).tolist() for name, values in rows.items()}
 
-    def keep_best(self, folder: File, solve: Solve, params: Mapping[str, Any]) -> None:
-        """Adds to the best design's folder its movie's frames, and the push through the guide as a scene that runs."""
-        if not (folder / MOVIE).exists():
-            self.write_moments(folder, solve, params)
-        write_push(folder, self.study, self.space, params)
-
     def write_moments(self, folder: File, solve: Solve, params: Mapping[str, Any]) -> None:
         """Writes the frames of the movie of a design into a folder: all depths on the way, each in a field between those of its neighbors.
         A depth that finds no equilibrium is left out.
@@ -156,7 +143,7 @@ class Insertion(Trajectory):
         fields, way = self.fields(params), self.way(params)
         if way is None:
             depths = np.array(self.study.depths)
-            for length in np.unique(np.concatenate([depths, np.linspace(depths[0], depths[-1], MOMENTS)])).tolist():
+            for length in np.unique(np.concatenate([depths, np.linspace(depths[0], depths[-1], 48)])).tolist():
                 yield length, np.array([np.interp(length, depths, column) for column in fields.T]), None
             return
         directions = directions_of(self.space.scene_of(params))
@@ -169,10 +156,9 @@ class Insertion(Trajectory):
     def way(self, params: Mapping[str, Any]) -> RodPath | None:
         return None if self.space.scene.field.varies else self._way(self.space.scene_of(params))
 
-    @cached_property
-    def rods(self) -> RodPath:
-        """The rods among which designs are sought: numbers within bounds are in the middle."""
-        return self._way(self.space.scene)
+    @property
+    def followed(self) -> Path:
+        return self.path
 
     def _way(self, scene: Scene) -> RodPath:
         most = self.space.field_max or 0.0
@@ -194,22 +180,6 @@ class Insertion(Trajectory):
         fitted = self.rods.rods.fitted(self.path, directions)
         mended = None if fitted.state is None else self.rods.mended(fitted, turning=False)
         return {**self.parameters(mended or fitted), **chosen}
-
-    def rod_starts(self) -> list[dict[str, float]]:
-        """Parameters of the rod's best designs, best first; none where directions or fields at each depth are not varied."""
-        if self.space.field_max is None or self.space.fields != len(self.study.depths) or not self.space.segments:
-            return []
-        length = self.study.depths[-1]
-        found = search(self.rods, self.path, seed=self.study.seed, starts=STARTS, wanted=WANTED, enough=NEAR * length)
-        return [self.parameters(design) for design in found[:WANTED]]
-
-    def parameters(self, design: RodDesign) -> dict[str, float]:
-        """A rod's design as the study's parameters; numbers within bounds stay in the middle."""
-        x = np.full(self.space.size, 0.5)
-        directions = [design.directions[i] for i in self.space.segments]
-        x[: 3 * len(directions)] = np.concatenate(directions)
-        x[3 * len(directions) : 3 * (len(directions) + self.space.fields)] = design.fields.ravel()
-        return self.space.parameters_at(x)
 
 
 def shapes_of(kept: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:

@@ -6,12 +6,21 @@ import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from magmpm.studies.evaluate.insertion import Insertion, shapes_of
-from magmpm.studies.evaluate.linear_model import Differentiate, needs_derivatives, solve_with_derivatives
-from magmpm.studies.evaluate.schedule import Schedule
-from magmpm.studies.evaluate.trial import Outcome, Solve, Trial, attributes, evaluate, penalty
+from magmpm.studies.evaluate.trajectory import Schedule
+from magmpm.studies.evaluate.trial import (
+    Differentiate,
+    Outcome,
+    Solve,
+    Trial,
+    attributes,
+    evaluate,
+    needs_derivatives,
+    penalty,
+    solve_with_derivatives,
+)
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -23,20 +32,8 @@ FAILURES = "failures.log"
 PICTURES = "pictures"
 
 
-class Picture(Protocol):
-    """Draws a trial's result to a file; returns the file (another ending is fine), or several. What it raises never harms the trial."""
-
-    def __call__(self, result: Result, path: Path, trial: Trial) -> Path | Sequence[Path]: ...
-
-
-@dataclasses.dataclass(frozen=True)
-class Judged:
-    """Evaluation of a design: its outcome, the attributes to save, its pictures, and the seconds of drawing."""
-
-    outcome: Outcome
-    known: dict[str, Any]
-    files: list[Path]
-    drawing: float
+# Draws a trial's result to a file; returns the file (another ending is fine), or several. What it raises never harms the trial.
+Picture = Callable[["Result", Path, Trial], Path | Sequence[Path]]
 
 
 class Judge:
@@ -47,21 +44,26 @@ class Judge:
         self.space = SearchSpace.of(study)
         self.trajectory = Insertion.of(study, self.space) or Schedule.of(study, self.space)
 
-    def judged(self, number: int, params: Mapping[str, Any]) -> Judged:
-        """The outcome of the design of a trial. Only interrupts, and disks that take no log, end this with an exception."""
+    def judged(self, number: int, params: Mapping[str, Any]) -> Outcome:
+        """The outcome of the design of a trial, with what to save.
+
+        Only interrupts, and disks that take no log, end this with an exception.
+        """
         scene = self.scene_of(params)
         outcome = self.outcome(params, scene)
-        known = attributes(outcome, scene, self.space.directions(params), self.space.field(params))
-        known |= self.space.quantities(params)
+        known = self._known(outcome, scene, params)
         begun = time.perf_counter()
         files = self._drawn(number, outcome, known)
-        return Judged(outcome, known, files, time.perf_counter() - begun)
+        return dataclasses.replace(outcome, known=known, files=files, drawing=time.perf_counter() - begun)
 
-    def failed(self, params: Mapping[str, Any], reason: str) -> Judged:
-        """The judgment of a design that could not be solved."""
+    def failed(self, params: Mapping[str, Any], reason: str) -> Outcome:
+        """The outcome of a design that could not be solved."""
         outcome = Outcome(None, penalty(self.study.scene), None, reason, 0.0)
-        known = attributes(outcome, self.scene_of(params), self.space.directions(params), self.space.field(params))
-        return Judged(outcome, known | self.space.quantities(params), [], 0.0)
+        return dataclasses.replace(outcome, known=self._known(outcome, self.scene_of(params), params))
+
+    def _known(self, outcome: Outcome, scene: Scene, params: Mapping[str, Any]) -> dict[str, Any]:
+        space = self.space
+        return attributes(outcome, scene, space.directions(params), space.field(params)) | space.quantities(params)
 
     def scene_of(self, params: Mapping[str, Any]) -> Scene:
         """The scene of a trial; of an insertion that of its last depth, of a schedule that of its last time."""

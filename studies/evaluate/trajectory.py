@@ -8,28 +8,35 @@ from __future__ import annotations
 
 import dataclasses
 import time
-import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
-from magmpm.results.whole_file import naming
+from magmpm.rod.cosserat import rod_model
+from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
-from magmpm.studies.evaluate.linear_model import Differentiate, Sensitive, stored
-from magmpm.studies.evaluate.trial import Outcome, Solve, penalty
+from magmpm.studies.evaluate.trial import Differentiate, Outcome, Solve, attempted, penalty, stored
+from magmpm.studies.problem.path import Path as Curve
+from magmpm.studies.problem.shape_distance import gap_derivatives, gaps
 from magmpm.studies.problem.study import Study
-from magmpm.studies.rods.rod_path import RodPath, directions_of
+from magmpm.studies.rods.rod_path import FEWEST, RodPath, directions_of, search
+from magmpm.studies.rods.rod_trajectory import ELEMENTS, Depth, RodDesign, RodTrajectory
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
     from magmpm.results.result import Result
     from magmpm.rod.cosserat import RodShape
+    from magmpm.statics.linearized import Sensitivities
+
+NEAR = 0.01  # of the length: a rod's design that is near enough
 
 
 @dataclass(frozen=True)
@@ -56,6 +63,37 @@ class Trajectory(ABC):
         return [stops[-1].shape(directions) for stops in way.stops(directions, self.fields(params))]
 
     @abstractmethod
+    def _way(self, scene: Scene) -> RodPath:
+        """The rods of a scene on the way from each equilibrium to the next."""
+
+    @property
+    @abstractmethod
+    def followed(self) -> Any:
+        """The curve that the rods follow, or one for each of them: rod_trajectory.RodTrajectory.grown."""
+
+    @cached_property
+    def rods(self) -> RodPath:
+        """The rods among which designs are sought: numbers within bounds are in the middle."""
+        return self._way(self.space.scene)
+
+    def rod_starts(self) -> list[dict[str, float]]:
+        """Parameters of the rod's best designs, best first; none where directions or the fields of each equilibrium are not varied."""
+        space, (starts, wanted) = self.space, self.sought
+        if space.field_max is None or space.fields != len(self.places) or not space.segments:
+            return []
+        length = self.study.depths[-1] if self.study.depths else space.scene.length
+        found = search(self.rods, self.followed, seed=self.study.seed, starts=starts, wanted=wanted, enough=NEAR * length)
+        return [self.parameters(design) for design in found[:wanted]]
+
+    def parameters(self, design: RodDesign) -> dict[str, float]:
+        """A rod's design as the study's parameters; numbers within bounds are in the middle."""
+        x = np.full(self.space.size, 0.5)
+        directions = design.directions[list(self.space.segments)]
+        x[: directions.size] = directions.ravel()
+        x[directions.size : directions.size + design.fields.size] = design.fields.ravel()
+        return self.space.parameters_at(x)
+
+    @abstractmethod
     def way(self, params: Mapping[str, Any]) -> RodPath | None:
         """The rods of a design on the way from each equilibrium to the next; None where the body is no rod in a uniform field."""
 
@@ -64,7 +102,7 @@ class Trajectory(ABC):
         """Vectors (m, 3) m from the target to the shape of an equilibrium."""
 
     @abstractmethod
-    def slopes(self, found: Sensitive, number: int) -> Array:
+    def slopes(self, found: Sensitivities, number: int) -> Array:
         """Their derivatives (m, 3, k), m per unit of each variable of `found`."""
 
     @abstractmethod
@@ -72,13 +110,10 @@ class Trajectory(ABC):
         """Weights of the squared lengths of the gaps (m,); they sum to 1."""
 
     @abstractmethod
-    def rod_starts(self) -> list[dict[str, float]]:
-        """Parameters of the rod's best designs, best first."""
-
-    @abstractmethod
     def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
         """Measures reported of a design: rms_m, which is its value, and more."""
 
+    sought = 24, 3  # of the rod: most random starts, and how many designs are enough
     end_weight = 0.0  # what the last gap of the last equilibrium counts besides, in what Gauss-Newton reads
 
     def field_number(self, number: int) -> int:
@@ -113,20 +148,22 @@ class Trajectory(ABC):
             starts = self.starts(params)
         except SolveError as error:
             return failed(error.reason)
-        results, slopes = [], []
+        results: list[Result] = []
+        slopes: list[Array] = []
         for k, (scene, start) in enumerate(zip(self.scenes(params), starts, strict=True)):
             place = f"{self.places[k]}: "
-            try:
-                found = self._solved(solve, differentiate, scene, start)
-                results.append(found[0])
-                if found[1] is not None:
-                    slopes.append(self._by_coordinates(found[1], params, k))
-            except SolveError as error:
-                return failed(place + error.reason)
-            except Exception as error:  # a study runs for hours: no design may end it
-                with naming(log), log.open("a", encoding="utf-8") as stream:
-                    stream.write(f"scene {scene.hash()}\n{traceback.format_exc()}\n")
-                return failed(f"{place}{type(error).__name__}: {error}")
+
+            def solved(scene: Scene = scene, start: RodShape | None = start, k: int = k) -> tuple[Result, Array | None]:
+                if differentiate is None:
+                    return solve(scene, start=start), None
+                near = differentiate(scene, self.space.sensitivities, start=start)
+                return near.result, self._by_coordinates(near, params, k)
+
+            found = attempted(solved, scene, log)
+            if isinstance(found, str):
+                return failed(place + found)
+            results.append(found[0])
+            slopes += [] if found[1] is None else [found[1]]
             if not results[-1].converged:
                 return failed(place + "the solve did not converge")
         measures = self.measures(results, params)
@@ -149,20 +186,11 @@ class Trajectory(ABC):
             reason = f"the stability {place}, {stability:.3g}, is below the margin, {margin:g}"
         return Outcome(results[-1], rms, tip, reason, seconds, model, stability, reason is not None)
 
-    def _solved(
-        self, solve: Solve, differentiate: Differentiate | None, scene: Scene, start: RodShape | None
-    ) -> tuple[Result, Sensitive | None]:
-        """One equilibrium, with derivatives if they are wanted."""
-        if differentiate is None:
-            return solve(scene, start=start), None
-        found = differentiate(scene, self.space.sensitivities, start=start)
-        return found.result, found
-
-    def hidden(self, found: Sensitive) -> int:
+    def hidden(self, found: Sensitivities) -> int:
         """Number of segments of the whole body, from its base, that this equilibrium does not have."""
         return 0
 
-    def _by_coordinates(self, found: Sensitive, params: Mapping[str, Any], number: int) -> Array:
+    def _by_coordinates(self, found: Sensitivities, params: Mapping[str, Any], number: int) -> Array:
         """Derivatives (3 m, size) of an equilibrium's gaps by the design's embedded coordinates."""
         hidden = self.hidden(found)
         variables = [v if v.region is None else dataclasses.replace(v, region=v.region + hidden) for v in found.variables]  # type: ignore
@@ -180,3 +208,104 @@ class Trajectory(ABC):
         rows = [*(root * gap for root, gap in zip(roots, gaps, strict=True)), end * gaps[-1][-3:]]
         columns = [*(root[:, None] * slope for root, slope in zip(roots, slopes, strict=True)), end * slopes[-1][-3:]]
         return stored(np.concatenate(rows), np.concatenate(columns))
+
+
+@dataclass(frozen=True)
+class Schedule(Trajectory):
+    """A field over time that brings a body through given shapes at given times.
+
+    The twin of insertion: the body stays as it is, and the field at each of the times is unknown, with a magnetization (and what else
+    varies) that all times share. Each shape is the equilibrium that the body comes to from the one before (rod_path.py; where a field
+    varies in space, the one that grows from no load); between the times the field changes evenly, as keyframes of a scene do. So a schedule
+    holds for motions that are slow beside the body's own (`magmpm report --motion` compares with a motion).
+
+    rms: root of the mean, over all times, of the mean squared distance from that time's target; worst: the largest rms of a single time.
+    """
+
+    @classmethod
+    def of(cls, study: Study, space: SearchSpace) -> Schedule | None:
+        """None where the study has no times."""
+        return cls(study, space) if study.keyframes else None
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        return tuple(f"at {frame.time:g} s" for frame in self.study.keyframes)
+
+    def scenes(self, params: Mapping[str, Any]) -> list[Scene]:
+        return [self.space.scene_of(params, self.field_number(k)) for k in range(len(self.study.keyframes))]
+
+    def gaps(self, result: Result, number: int) -> Array:
+        return gaps(result, self.study.keyframes[number].target)
+
+    def slopes(self, found: Sensitivities, number: int) -> Array:
+        return gap_derivatives(found, self.study.keyframes[number].target)
+
+    def weights(self, number: int) -> Array:
+        count = len(self.study.keyframes[number].target)
+        return np.full(count, 1.0 / count)
+
+    def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
+        squares = self.mean_squares(results)
+        worst = int(np.argmax(squares))
+        return {
+            "rms_m": float(np.sqrt(squares.mean())),
+            "worst_m": float(np.sqrt(squares[worst])),
+            "worst_time_s": self.study.keyframes[worst].time,
+            **self.field_changes(params),
+            "schedule": [
+                {
+                    "time_s": frame.time,
+                    "field_T": np.round(self.space.field(params, self.field_number(k)), 12).tolist(),
+                    "rms_m": float(np.sqrt(squares[k])),
+                    "tip_error_m": float(np.linalg.norm(self.gaps(results[k], k)[-1])),
+                }
+                for k, frame in enumerate(self.study.keyframes)
+            ],
+        }
+
+    def way(self, params: Mapping[str, Any]) -> RodPath | None:
+        scene = self.space.scene_of(params)
+        straight = isinstance(scene.body.shape, StraightBody) and scene.body.shape.clamp == "base"
+        return self._way(scene) if straight and not scene.field.varies else None
+
+    def _way(self, scene: Scene) -> RodPath:
+        times = tuple(_rod(scene, path, len(self.followed.paths)) for path in self.followed.paths)
+        movable = np.array(scene.magnetized_regions(), dtype=int)
+        rods = RodSchedule(times, self.space.field_max or 0.0, movable, len(scene.regions()))
+        return RodPath(rods, tuple((depth,) * FEWEST for depth in rods.depths))  # of bodies that stay while the field changes
+
+    @property
+    def followed(self) -> Shapes:
+        return Shapes(tuple(Curve(frame.target) for frame in self.study.keyframes))
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """The shapes of a schedule as curves."""
+
+    paths: tuple[Curve, ...]
+
+    def flattened(self, share: float) -> Shapes:
+        """With this share of their curvature."""
+        return Shapes(tuple(path.flattened(share) for path in self.paths))
+
+
+class RodSchedule(RodTrajectory):
+    """Rods of one length, each with a shape of its own."""
+
+    def bent(self, path: Any, share: float) -> RodTrajectory:
+        """With other shapes, and this share of the weight."""
+        bent = [replace(rod.weighing(share), path=curve.at(rod.place)) for rod, curve in zip(self.depths, path.paths, strict=True)]
+        return replace(self, depths=tuple(bent))
+
+
+def _rod(scene: Scene, path: Curve, count: int) -> Depth:
+    """The rod of one time of `count`, compared with its shape up to the shape's end."""
+    scene = scene.with_field([0.0, 0.0, 0.0])
+    rod = rod_model(scene, max(ELEMENTS, 4 * len(scene.regions())))
+    place = np.concatenate([[0.0], np.cumsum(rod.length)])
+    seen = place <= path.length * (1 + 1e-9)
+    roots = np.where(seen, np.sqrt(1.0 / (count * seen.sum())), 0.0)
+    family = RodFamily.of(rod, scene.body.shape.segment_lengths(), scene.magnetized_regions())  # type: ignore[attr-defined]
+    segments = np.array(scene.magnetized_regions(), dtype=int)
+    return Depth(rod=family, segments=segments, place=place, path=path.at(np.minimum(place, path.length)), roots=roots)

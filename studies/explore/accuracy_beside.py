@@ -24,11 +24,8 @@ from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
 
 USUAL_CELLS, MORE_PARTICLES = 4, 3
-REPEATS = 3  # runs of a scene, of which the median counts, while a run takes less than a second
 SHIFTS = ((0.25, 0.25), (0.5, 0.5), (0.75, 0.25))  # of a cell: other places of the body's axis against the grid
 COARSE = 2  # cells across, on which motions are compared
-SETTLED = 16.0  # over the first angular frequency of bending: with critical damping 2e-6 of the motion is left
-CANTILEVER = 3.516  # first eigenvalue of a clamped beam, w L^2 root(rho A/(E I))
 
 Solve = Callable[[Scene], Result]
 
@@ -76,7 +73,7 @@ def apart(result: Result, rows: Array) -> float:
 def timed(scene: Scene, solve: Solve) -> tuple[Result, float]:
     """The result and the median time of setup and solve, s."""
     times: list[float] = []
-    while not times or (times[-1] < 1.0 and len(times) < REPEATS):
+    while not times or (times[-1] < 1.0 and len(times) < 3):
         begun = perf_counter()
         result = solve(scene)
         times.append(perf_counter() - begun - result.seconds.get("compile", 0.0))
@@ -180,10 +177,11 @@ def _settling(scene: Scene) -> Scene | None:
     if any(material.density is None for material in used):
         return None
     softest = min(float(young_modulus(m.shear_modulus, m.bulk_to_shear * m.shear_modulus)) / (m.density or math.inf) for m in used)
-    frequency = CANTILEVER / scene.length**2 * math.sqrt(softest) * scene.thickness / 4  # root(I/A) of a round section is a fourth
+    # of a clamped beam: w L^2 root(rho A/(E I)) = 3.516; root(I/A) of a round section is a fourth of its thickness
+    frequency = 3.516 / scene.length**2 * math.sqrt(softest) * scene.thickness / 4
     data = scene.to_si()
     solver = {key: value for key, value in data["solver"].items() if key != "static"}
-    duration = SETTLED / frequency
+    duration = 16.0 / frequency  # 2e-6 of the motion is left
     effects = {**data["effects"], "damping": {"rate": 2 * frequency}}
     dynamic = {"duration": duration, "output_every": duration / 4}
     return Scene.from_si({**data, "effects": effects, "solver": {**solver, "dynamic": dynamic}})

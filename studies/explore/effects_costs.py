@@ -31,14 +31,10 @@ from magmpm.model import Model, build
 from magmpm.rod.cantilever import without_motion
 from magmpm.scene import Scene
 
-SAMPLE = 16  # particles on which hooks are counted
 # Per cent of a step of a particle without effects. Measured by tests/benchmarks/advice.py costs.
 WIDE, NARROW, LANES, NODE = 0.27, 0.5, 80.0, 0.6  # of an operation for eight, for one, of going through eight, of a node's
-ANY = 1.5  # of having any effect
 # Of an equilibrium: operations in a solve with one particle's share of it, and passes over the particles in one.
 SOLVE, PASSES = 60_000.0, 10
-TOGETHER = 30  # gradients that a body needs more which acts on itself (statics.interacting)
-PAIR = 60  # operations of a pair of blocks
 SQUARE_ROOT = 6  # operations
 
 
@@ -187,12 +183,12 @@ def _records(scene: Scene, key: str) -> Records:
 
 
 def _sampled(model: Model) -> Any:
-    return np.linspace(0, len(model.density) - 1, min(SAMPLE, len(model.density))).astype(int)
+    return np.linspace(0, len(model.density) - 1, min(16, len(model.density))).astype(int)
 
 
 def _step(model: Model, named: Records) -> float:
     """Per cent of a motion's step: hooks on particles, and on nodes."""
-    chosen, total = _sampled(model), ANY
+    chosen, total = _sampled(model), 1.5  # of having any effect
     nodes = float(np.prod([cells + 2 for cells in model.grid.cells])) / len(model.density)
     for records, data in pairs(named):
         names, called = records.dtype.names, False
@@ -249,5 +245,6 @@ def _solve(model: Model, named: Records, kind: type[Effect]) -> float:
             total += 100 * PASSES * sum(each) / len(chosen) / SOLVE
     if issubclass(kind, BodyEffect):
         blocks = float(model.remanence[:, -1].max() + 1) if model.remanence.shape[1] > 3 else 0.0
-        total += 100 * TOGETHER * (PAIR * blocks**2 / len(model.density) + SOLVE / 60) / SOLVE
+        # 30 gradients more (statics.interacting), of 60 operations for each pair of blocks
+        total += 100 * 30 * (60 * blocks**2 / len(model.density) + SOLVE / 60) / SOLVE
     return total

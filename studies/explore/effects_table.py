@@ -2,23 +2,136 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+import numpy as np
+
+from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.effects.acting import Effects
 from magmpm.effects.base import Effect
-from magmpm.errors import fixed, significant
+from magmpm.errors import MagmpmError, fixed, significant
 from magmpm.model import build
 from magmpm.rod.cantilever import first_frequency, is_cantilever, without_motion
+from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.simulate import choose_effects
-from magmpm.solving.influence import Judgment, Variants, has_densities, judge
-from magmpm.studies.explore.beyond_effects import Need, needs
+from magmpm.solving.influence import Variants, has_densities, judge, motion_seconds
 from magmpm.studies.explore.effects_costs import counted
 
-SETTLING = ("damping", "viscosity")  # of which it is reported how fast they settle the body
+
+@dataclass(frozen=True)
+class Need:
+    """One question. needed: None where it is not known; seconds_saved: by doing without (0: nothing to save), error_added_m: m, by that."""
+
+    question: str
+    needed: bool | None
+    seconds_saved: float | None
+    error_added_m: float | None
+    why: str
+
+
+def needs(scene: Scene, runs: Variants) -> list[Need]:
+    """Answers to whether a scene needs three dimensions and dynamics, in seconds saved and error added.
+
+    Seconds are of a run on two cores of about 2.7 GHz, to a factor of two (docs/design.md has the rates); errors are told from runs on
+    coarse grids (magmpm.solving.influence).
+    """
+    cost = seconds(scene)
+    rod = scene.body.shape.line is not None and (not scene.static or is_cantilever(scene))
+    three = _need("three dimensions", scene, runs, "" if rod else "the body is no rod", _three_dimensions, cost - 0.005)
+    if scene.solver.dynamic is None:
+        return [three, Need("dynamics", False, 0.0, 0.0, "the scene asks for equilibria")]
+    held = " and ".join(key for key in ("walls", "ground", "self_contact") if getattr(scene.effects, key) is not None)
+    if scene.body.shape.line is None or scene.body.shape.clamp == "none":
+        held = held or "such a body"
+    refused = f"{held}: equilibria may miss how it gets there" if held else ""
+    saved = cost - 9 * _solve(scene, scene.resolution.cells_across)
+    return [three, _need("dynamics", scene, runs, refused, _dynamics, saved)]
+
+
+def _need(
+    question: str, scene: Scene, runs: Variants, refused: str, off: Callable[[Scene, Variants], tuple[float, str]], saved: float
+) -> Need:
+    """The answer to a question, by how far the scene is off without (m, and in words); refused: why it can't be done without."""
+    if refused:
+        return Need(question, True, 0.0, None, refused)
+    if runs.duration < scene.duration:
+        return Need(question, None, None, None, "not estimated: a whole run takes too long")
+    try:
+        far, why = off(scene, runs)
+    except MagmpmError as trouble:
+        return Need(question, None, None, None, f"not estimated: {trouble}")
+    return Need(question, not far < runs.error, max(saved, 0.0) if far < runs.error else 0.0, far, why)
+
+
+def seconds(scene: Scene) -> float:
+    """About what a run takes, s."""
+    if scene.solver.dynamic is not None:
+        return motion_seconds(scene)
+    return _solve(scene, scene.resolution.cells_across) * max(1, len(scene.path_times()))
+
+
+def _three_dimensions(scene: Scene, runs: Variants) -> tuple[float, str]:
+    """A rod would do where what it is off by is less than the error: measured at rest, else guessed from how far the body bends."""
+    measured = not scene.in_time
+    shapes = np.array(runs.frames(scene, int(measured)).points)
+    off = _off(scene, runs, shapes[0]) if measured else _guessed(scene, shapes)
+    how = "is at most" if measured else "may be"
+    why = f"a rod would do for the shape of the axis, and {how}" if off < runs.error else f"a rod {how}"
+    flat = "; the axis stays in a plane" if _out_of_plane(shapes) < runs.error else ""
+    return off, f"{why} off by {1e3 * off:.2g} mm{flat} (L/D {scene.length / scene.thickness:.3g})"
+
+
+def _off(scene: Scene, runs: Variants, axis: Array) -> float:
+    """Distance (m) of the rod from the finer of two equilibria, with the distance of these."""
+    rod = solve_rod(scene).at(np.linspace(0.0, scene.length, len(axis)))
+    grids = max(runs.frames(scene).distances(runs.frames(scene, 1)).values())
+    return grids + float(np.linalg.norm(axis - axis[0] - rod + rod[0], axis=1).max())
+
+
+def _guessed(scene: Scene, shapes: Array) -> float:
+    """Guess of the rod's error, m, from its deflection: the clamp's share of the length counts (docs/effects.md, "How sure")."""
+    strip = scene.body.strip
+    across = scene.thickness if strip is None else max(strip.width, strip.thickness)
+    return (0.005 + 0.3 * across / scene.length) * _moved(shapes)
+
+
+def _dynamics(scene: Scene, runs: Variants) -> tuple[float, str]:
+    """Equilibria along time would do where the field changes slowly for the body's first period, and the body does not swing."""
+    moving, data = runs.frames(scene), scene.to_si()
+    times = moving.times[:: len(moving.times) // 5]
+    data["solver"]["dynamic"], data["solver"]["quasi_static"] = None, {"at": times}
+    for key, kind in scene.effects.every().items():
+        data["effects"][key] = None if kind.ONLY_IN_MOTION and not kind.ALONG_TIME else data["effects"][key]
+    still = Scene.from_si(data)
+    off = max(moving.distances(Variants(still).frames(still)).values())
+    good = off < runs.error
+    return off, "equilibria along time (solver.quasi_static) would do" if good else "the body swings, or lags behind its equilibria"
+
+
+def _solve(scene: Scene, cells: int) -> float:
+    """About what an equilibrium of the scene's body takes with so many cells across, s; of a strip, with its width."""
+    strip = scene.body.strip
+    wide = 1.0 if strip is None or strip.plane_strain else max(1.0, (strip.width / strip.thickness) ** 1.7)
+    return 0.1 * (cells / 4) ** 3.6 * scene.length / (10 * scene.thickness) * wide  # 0.1 s at 4 cells across and L/D 10
+
+
+def _moved(shapes: Array) -> float:
+    """The farthest (m) any point of the axis is from where it would be straight."""
+    straight = np.linspace(0.0, 1.0, shapes.shape[1])[None, :, None] * np.array([1.0, 0.0, 0.0])
+    length = np.linalg.norm(np.diff(shapes[0], axis=0), axis=1).sum()
+    return float(np.linalg.norm(shapes - shapes[:, :1] - length * straight, axis=2).max())
+
+
+def _out_of_plane(shapes: Array) -> float:
+    """The farthest (m) the axis leaves the plane through its base and x that fits it best."""
+    yz = (shapes - shapes[:, :1])[..., 1:].reshape(-1, 2)
+    normal = np.linalg.svd(yz, full_matrices=False)[2][-1]
+    return float(np.abs(yz @ normal).max())
 
 
 @dataclass(frozen=True)
@@ -112,22 +225,22 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on
         scene = choose_effects(scene).scene
     if scene.resolution.asked:  # costs are those on the grid that such a run tries first
         scene = scene.with_cells(coarsest_cells(scene))
-    _refuse_bad_beginning(scene)
+    if any(type(effect).check is not Effect.check for effect in scene.effects.named().values()):  # that can't begin, as by model.build
+        bare = build(scene.model_copy(update={"effects": Effects()}))
+        effects.check(replace(bare, scene=scene))
     spent, runs, rows = counted(scene) if measure else {}, Variants(scene, error), []
     still, held = Variants(without_motion(scene), error), scene.body.shape.clamp != "none" and scene.effects.feed is None
     for key in effects.every():
         if only in (None, key):
             found = judge(scene, key, runs)
             if held and not scene.static and found.shift is None and found.advice == "irrelevant":
-                found = _by_rest(found, judge(still.scene, key, still))
-            why = found.why + (_settling(scene, key) if key in SETTLING and is_cantilever(scene) and has_densities(scene) else "")
+                rest = judge(still.scene, key, still)
+                if rest.advice == "add":  # the shift in motion is not known, but at rest it is more than the error
+                    found = replace(found, advice="add", why=f"at rest {rest.why}; in motion {found.why}")
+            settles = key in ("damping", "viscosity") and is_cantilever(scene) and has_densities(scene)
+            why = found.why + (_settling(scene, key) if settles else "")
             rows.append(Row(key, found.named, found.shift, found.uncertainty, spent.get(key), found.advice, why))
     return Table(scene.name, scene.length, error, rows, needs(scene, runs) if only is None else [])
-
-
-def _by_rest(found: Judgment, rest: Judgment) -> Judgment:
-    """Advice where the shift in motion is not known, but an effect moves the body at rest by more than the error."""
-    return replace(found, advice="add", why=f"at rest {rest.why}; in motion {found.why}") if rest.advice == "add" else found
 
 
 def _settling(scene: Scene, key: str) -> str:
@@ -141,10 +254,3 @@ def _settling(scene: Scene, key: str) -> str:
     if named is None:
         return f"; {critical:.3g} Pa s damps its first bending critically"
     return f"; damps its first bending by {100 * named.viscosity / critical:.2g} % of critical"
-
-
-def _refuse_bad_beginning(scene: Scene) -> None:
-    """Raises InputError if an effect that the scene names can't begin, as magmpm.model.build does."""
-    if any(type(effect).check is not Effect.check for effect in scene.effects.named().values()):
-        bare = build(scene.model_copy(update={"effects": Effects()}))
-        effects.check(replace(bare, scene=scene))

@@ -19,9 +19,6 @@ from magmpm.rod.cosserat import RodShape
 
 STATIONS = 20  # along a rod, at which its curvature is compared
 REACH = 2.0  # of curvature times length, rad: rods at a larger distance have little to do with each other
-LINEAR = 0.1  # share of the covariance that is linear in the curvature
-NUGGET = 1e-8  # of the variance: solves have errors
-MOST = 64  # neighbors, the nearest
 
 
 class Neighbors:
@@ -40,9 +37,9 @@ class Neighbors:
         if not self._rods:
             return None
         known = np.array(self._rods)
-        near = np.argsort(np.linalg.norm(known - self._asked, axis=1), kind="stable")[:MOST]
+        near = np.argsort(np.linalg.norm(known - self._asked, axis=1), kind="stable")[:64]
         among = _covariance(known[near], known[near])
-        share = np.linalg.solve(among + NUGGET * np.diag(np.diag(among)), _covariance(known[near], self._asked[None])[:, 0])
+        share = np.linalg.solve(among + 1e-8 * np.diag(np.diag(among)), _covariance(known[near], self._asked[None])[:, 0])
         return np.asarray(np.einsum("k,kpm->pm", share, np.array([self._added[k] for k in near])))
 
     def learn(self, added: Array) -> None:
@@ -65,4 +62,4 @@ def _curvature(rod: RodShape) -> Array:
 def _covariance(one: Array, other: Array) -> Array:
     """(n, m) of curvatures (n, k) and (m, k)."""
     apart = np.linalg.norm(one[:, None] - other[None], axis=2) * math.sqrt(5.0) / REACH
-    return (1.0 + apart + apart**2 / 3.0) * np.exp(-apart) + LINEAR * (one @ other.T)
+    return (1.0 + apart + apart**2 / 3.0) * np.exp(-apart) + 0.1 * (one @ other.T)

@@ -1,7 +1,14 @@
 """Material constants from measurements: `fit(read_measured(path, scene), scene)`, or of several tables; docs/fitting.md."""
 
-from magmpm.studies.fitting.held_out import HeldOut, predict_held_out
-from magmpm.studies.fitting.report import fitted_scene, residuals_table, shown, summary, text
+from magmpm.studies.fitting.report import (
+    HeldOut,
+    fitted_scene,
+    predict_held_out,
+    residuals_table,
+    shown,
+    summary,
+    text,
+)
 from magmpm.studies.fitting.search import Fit, Refused, doubtful_fields, fit
 from magmpm.studies.fitting.table import Measured, read_measured, read_split, read_tables, together
 

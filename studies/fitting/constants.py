@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -144,24 +145,30 @@ def applied(scene: Scene, constants: Sequence[Constant], x: Array) -> Scene:
     for constant, number in zip(constants, x, strict=True):
         if constant.kind == "length" and constant.variable is not None:
             scene = constant.variable.changed(scene, constant.value(number) - constant.start)
-    data = scene.to_si()
-    changed = False
-    for constant, number in zip(constants, x, strict=True):
-        variable = constant.variable
-        if constant.kind in OF_MATERIALS:
-            assert variable is not None
-            data["materials"][variable.material][constant.kind] = constant.value(number)
-        elif constant.kind in LOSSES:
-            data["effects"][constant.kind][LOSSES[constant.kind][0]] = constant.value(number)
-        elif constant.kind == "field":
-            assert variable is not None
-            data["field"]["uniform"][variable.component or 0] += constant.value(number)
-        else:
-            continue
-        changed = True
-    found = Scene.from_si(data) if changed else scene
+    found = scene
+    if any(constant.kind in (*OF_MATERIALS, *LOSSES, "field") for constant in constants):
+        data = scene.to_si()
+        write(data, scene, constants, x, lambda kind, value: value)
+        found = Scene.from_si(data)
     turned = directions(scene, constants, x)
     return found if turned is None else found.with_magnetizations(turned)
+
+
+def write(
+    data: dict[str, Any], scene: Scene, constants: Sequence[Constant], x: Array, written: Callable[[str, float], Any]
+) -> None:
+    """Put the constants at x of materials, losses and the field into a scene's data; written: a value of a kind as the data have it."""
+    uniform = np.array(scene.field.uniform)
+    for constant, number in zip(constants, x.tolist(), strict=True):
+        value, variable = constant.value(number), constant.variable
+        if constant.kind in LOSSES:
+            data["effects"][constant.kind][LOSSES[constant.kind][0]] = written(constant.kind, value)
+        elif variable is not None and constant.kind in OF_MATERIALS:
+            data["materials"][variable.material][constant.kind] = written(constant.kind, value)
+        elif variable is not None and constant.kind == "field":
+            uniform[variable.component or 0] += value
+    if any(constant.kind == "field" for constant in constants):
+        data["field"] = {**data.get("field", {}), "uniform": [written("field", part) for part in uniform.tolist()]}
 
 
 def directions(scene: Scene, constants: Sequence[Constant], x: Array) -> Array | None:

@@ -16,11 +16,7 @@ from magmpm.studies.fitting.solve import Minimum
 from magmpm.studies.fitting.table import Measured, Readings
 
 FLAT = 1e-6  # of the largest singular value: below, a direction moves nothing; slopes are exact to some 1e-8
-FLAT_OF_DIFFERENCES = 1e-3  # likewise, of slopes by differences
 WIDEST = 1.0  # in x: half a confidence interval longer than a factor of e (or a radian) tells nothing
-POOR = 0.02  # of the length: residuals above are not noise of a measurement
-SHARE = 0.3  # of a unit vector: constants with less in a direction are not named
-CLEAR = 0.05  # in x: an interval this narrow tells a constant
 
 
 class Refused(InputError):
@@ -47,26 +43,28 @@ def check_apart(
     """
     _, values, right = np.linalg.svd(slopes, full_matrices=True)
     values = np.concatenate([values, np.zeros(len(right) - len(values))])
-    least = (FLAT_OF_DIFFERENCES if differences else FLAT) * values[0]
+    least = (1e-3 if differences else FLAT) * values[0]
     lost = [k for k, value in enumerate(values) if value <= least or quantile / value > WIDEST]
     if not lost:
         return
     structural = all(values[k] <= least for k in lost)
-    involved = [c for k, c in enumerate(constants) if any(abs(right[row, k]) > SHARE for row in lost)]
+    involved = [c for k, c in enumerate(constants) if any(abs(right[row, k]) > 0.3 for row in lost)]
     names = [c.name for c in involved]
     kept = [k for k in range(len(values)) if k not in lost]
     said = [_combination(constants, right[k], quantile / values[k]) for k in kept]
     advice = measurements_that_tell(scene, measured, constants, slopes, quantile, noise)
     one = len(names) == 1
-    each = _listed([_plain(c) for c in involved])
-    rule = f"these {_WORDS.get(measured.kind, 'readings')} do not {'determine ' + each if one else 'tell ' + each + ' apart'}: "
+    *others, last = [_plain(c) for c in involved]
+    each = f"{', '.join(others)} and {last}" if others else last
+    words = {"curve": "points", "several": "readings"}.get(measured.kind, measured.kind)
+    rule = f"these {words} do not {'determine ' + each if one else 'tell ' + each + ' apart'}: "
     if structural:
         rule += f"{'it' if one else 'they'} can change{'' if one else ' together'} without moving any measured number"
     else:
         rule += f"{'it' if one else 'they'} can change{'' if one else ' together'} {_far(involved)} within the errors of measurement"
     if said:
         rule += f"; what they do tell: {'; '.join(said)}"
-    if rms > POOR * scene.length:
+    if rms > 0.02 * scene.length:  # no noise of a measurement
         rule += f"; the scene is {1e3 * rms:.3g} mm (rms) from what was measured, so look first whether it names all that acted there"
     fewer = _fewer(constants, slopes, quantile, len(kept))
     loads = [c.name for c in involved if c.kind in ("remanence", "density")]
@@ -76,9 +74,6 @@ def check_apart(
     if advice:
         remedy += f"; or measure in addition: {'; or '.join(advice)}"
     raise Refused(measured.named, rule=rule, remedy=remedy, together=names, known=said, advice=advice)
-
-
-_WORDS = {"tips": "tips", "places": "places", "curve": "points"}  # what a table holds
 
 
 def _plain(constant: Constant) -> str:
@@ -97,10 +92,6 @@ def _far(constants: Sequence[Constant]) -> str:
         "by 1 mT": any(c.kind == "field" for c in constants),
     }
     return " or ".join(way for way, some in ways.items() if some) + " and more"
-
-
-def _listed(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def _fewer(constants: Sequence[Constant], slopes: Array, quantile: float, count: int) -> str:
@@ -222,7 +213,7 @@ def refuse_twins(constants: Sequence[Constant], best: Minimum, others: Sequence[
     All in standard errors.
     """
     for other in others:
-        far = float(np.max(np.abs(other.x - best.x))) > CLEAR and float(np.linalg.norm(best.slopes @ (other.x - best.x))) > 3 * quantile
+        far = float(np.max(np.abs(other.x - best.x))) > 0.05 and float(np.linalg.norm(best.slopes @ (other.x - best.x))) > 3 * quantile
         if far and other.converged and other.cost < best.cost + quantile**2:
             rule = f"two sets of constants explain the data equally well: {_in_words(constants, best.x)} or {_in_words(constants, other.x)}"
             remedy = "measure further coordinates, or at another field (a weaker one bends less, and has one answer)"

@@ -21,12 +21,9 @@ from magmpm.scene import Scene
 from magmpm.studies.fitting.constants import GEOMETRY, SHOWN, Constant, constants_of, diameter_of
 from magmpm.studies.fitting.identify import FLAT, WIDEST
 from magmpm.studies.fitting.prediction import Label, Prediction
-from magmpm.studies.fitting.profile import Interval
-from magmpm.studies.fitting.solve import Minimum, least_squares
+from magmpm.studies.fitting.solve import Interval, Minimum, least_squares, quantile_of
 from magmpm.studies.fitting.table import Measured
 
-ODD = 3.5  # standard errors: residuals beyond are named
-UNEQUAL, ENOUGH = 2.0, 10  # a reported factor between two tables' residuals, of so many numbers each: by chance in 4 % of such pairs
 DOUBTED = 0.05  # probability below which a suspect widens the intervals: of true models one in twenty is doubted in vain
 
 
@@ -55,10 +52,7 @@ class Suspect:
 
     def widened(self, intervals: Sequence[Interval], level: float) -> list[Interval]:
         """The intervals (k) with those of the answer in which it is freed."""
-        from scipy.special import ndtri, stdtrit
-
-        tail, found = 0.5 + level / 2, []
-        halves = float(ndtri(tail) if np.isinf(self.degrees) else stdtrit(self.degrees, tail)) * self.errors
+        found, halves = [], quantile_of(level, self.degrees) * self.errors
         for one, x, half in zip(intervals, self.x.tolist(), halves.tolist(), strict=False):
             low, high = (None if one.low is None else min(one.low, x - half)), (None if one.high is None else max(one.high, x + half))
             known = half <= WIDEST and one.method != "withheld"
@@ -147,7 +141,7 @@ def odd_readings(sizes: Array, labels: Sequence[Label], measured: Measured) -> l
     odd = [
         f"{files[label.table]}line {label.line}, {label.what} ({size:+.1f})"
         for size, label in zip(sizes, labels, strict=True)
-        if abs(size) > ODD
+        if abs(size) > 3.5
     ]
     if not odd:
         return []
@@ -156,14 +150,17 @@ def odd_readings(sizes: Array, labels: Sequence[Label], measured: Measured) -> l
 
 
 def unequal_tables(sizes: Array, labels: Sequence[Label], measured: Measured) -> list[str]:
-    """A warning where one table's lengths are off by much more than another's, in standard errors: then their weights are wrong."""
+    """A warning where one table's lengths are off by twice another's, in standard errors: then their weights are wrong.
+
+    Of ten numbers each, that happens by chance to 4 % of pairs.
+    """
     parts = [
         np.array([size for size, label in zip(sizes, labels, strict=True) if label.table == k and not label.angle])
         for k in range(len(measured.each))
     ]
-    rms = [float(np.sqrt(np.mean(part**2))) if len(part) >= ENOUGH else math.nan for part in parts]
+    rms = [float(np.sqrt(np.mean(part**2))) if len(part) >= 10 else math.nan for part in parts]
     known = [value for value in rms if math.isfinite(value)]
-    if len(known) < 2 or max(known) < UNEQUAL * max(min(known), 1e-12):
+    if len(known) < 2 or max(known) < 2.0 * max(min(known), 1e-12):
         return []
     large, small = (measured.each[rms.index(end(known))].path.name for end in (max, min))
     return [

@@ -22,7 +22,6 @@ from magmpm.studies.fitting.constants import Constant, applied, chain
 from magmpm.studies.fitting.table import Measured, Readings
 
 STEP = 0.01  # of x, for the central differences of motions: 1 % of a modulus
-AXES = "xyz"
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,7 @@ def _at_points(shape: Axis, readings: Readings, kind: str, found: Found) -> None
         for i in np.flatnonzero(np.isfinite(readings.points[m])):
             prefix = "tip_" if kind == "tips" else ""
             both = (float(readings.points[m, i]),), (float(place[i]),)
-            _add(found, place[i] - readings.points[m, i], change[i], Label(int(line), f"{prefix}{AXES[i]}", False, *both, readings.table))
+            _add(found, place[i] - readings.points[m, i], change[i], Label(int(line), f"{prefix}{'xyz'[i]}", False, *both, readings.table))
         if np.isfinite(readings.angles[m]):
             angle, turned = tip_angle(shape, readings.plane)
             both = (float(readings.angles[m]),), (angle,)

@@ -3,22 +3,75 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from magmpm.compiled.arrays import Array
-from magmpm.inputs.yaml_document import read_yaml
-from magmpm.studies.fitting.constants import GEOMETRY, LOSSES, OF_MATERIALS, SHOWN, applied, directions
-from magmpm.studies.fitting.held_out import HeldOut
-from magmpm.studies.fitting.prediction import Label
+from magmpm.studies.fitting.constants import GEOMETRY, SHOWN, applied, directions, write
+from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.search import Fit, Fitted
+from magmpm.studies.fitting.solve import quantile_of
 from magmpm.studies.fitting.table import Measured
-from magmpm.studies.search.file_paths import mended
+from magmpm.studies.search.best_scene import as_yaml, moved_content
 
 MOST_SERIES = 9  # in the picture
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """`found`: the fit with the held-out readings in place of its own. of_constants (n,): standard errors of the prediction, m or rad, that
+    come from the constants' errors; half (n,): half the interval, at the fit's level, in which a reading is expected.
+    """
+
+    found: Fit
+    of_constants: Array
+    half: Array
+
+    @property
+    def inside(self) -> float:
+        """Share of the readings that lie in their intervals."""
+        return float(np.mean(np.abs(self.found.residuals) <= self.half))
+
+    def summary(self) -> dict[str, Any]:
+        """Everything as plain data, SI."""
+        rows = zip(self.found.labels, self.found.residuals.tolist(), self.half.tolist(), strict=True)
+        return {
+            "rms_m": self.found.rms_m, "rms_rad": self.found.rms_rad, "inside": self.inside, "numbers": len(self.found.residuals),
+            "readings": [
+                {"table": label.table, "line": label.line, "what": label.what, "unit": "rad" if label.angle else "m",
+                 "measured": label.measured, "predicted": label.simulated, "residual": residual, "half_interval": half}
+                for label, residual, half in rows
+            ],
+        }  # fmt: skip
+
+    def text(self) -> str:
+        """One line for people."""
+        angles = any(label.angle for label in self.found.labels)
+        sizes = [f"{1e3 * self.found.rms_m:.3g} mm"] * (not self.found.measured.angles_alone)
+        sizes += [f"{math.degrees(self.found.rms_rad):.3g} deg"] * angles
+        numbers = len(self.found.residuals)
+        return (
+            f"  held out         {numbers} number{'s' * (numbers != 1)}, predicted with rms {' and '.join(sizes)}; "
+            f"{100 * self.inside:.0f} % of them in their {100 * self.found.level:g} % intervals"
+        )
+
+
+def predict_held_out(found: Fit, measured: Measured) -> HeldOut:
+    """Predict readings that the fit did not see. To first order in the constants' errors; a reading has the fit's noise as well.
+
+    Raises SolveError where no equilibrium is found.
+    """
+    prediction = Prediction(found.scene, measured, tuple(one.constant for one in found.constants))
+    residuals, slopes = prediction.at(found.x)
+    ratios = found.ratios if len(found.ratios) == len(measured.each) else (1.0,) * len(measured.each)
+    there = replace(found, measured=measured, residuals=residuals, labels=tuple(prediction.labels), ratios=ratios)
+    errors = np.array([one.error / abs(one.constant.slope(x)) for one, x in zip(found.constants, found.x.tolist(), strict=True)])
+    of_constants = np.sqrt(np.einsum("ni,ij,nj->n", slopes * errors, found.correlation, slopes * errors))
+    quantile = quantile_of(found.level, np.inf if found.noise == "given" else found.degrees)
+    return HeldOut(there, of_constants, quantile * np.hypot(of_constants, [there.sigma_of(label) for label in there.labels]))
 
 
 def summary(found: Fit) -> dict[str, Any]:
@@ -128,27 +181,16 @@ def residuals_table(found: Fit) -> str:
 
 def fitted_scene(found: Fit, source: Path, folder: Path) -> str:
     """The scene's file with the fitted constants, its paths relative to `folder`, and what they are in comments."""
-    content: dict[str, Any] = mended(dict(read_yaml(source)), source.parent, folder)
-    for one in found.constants:
-        c = one.constant
-        factor, unit = SHOWN[c.kind]
-        if c.kind in OF_MATERIALS and c.variable is not None:
-            content["materials"][c.variable.material][c.kind] = f"{factor * one.value:.10g} {unit}"
-        elif c.kind in LOSSES:
-            content["effects"][c.kind][LOSSES[c.kind][0]] = f"{factor * one.value:.10g} {unit}"
-    if any(one.constant.kind == "length" for one in found.constants):
-        shape: Any = applied(found.scene, [one.constant for one in found.constants], found.x).body.shape
+    content = moved_content(source, folder)
+    constants = [one.constant for one in found.constants]
+    write(content, found.scene, constants, found.x, lambda kind, value: f"{SHOWN[kind][0] * value:.10g} {SHOWN[kind][1]}")
+    if any(constant.kind == "length" for constant in constants):
+        shape: Any = applied(found.scene, constants, found.x).body.shape
         body = content["body"][found.scene.body.kind]
         body["length"] = f"{1e3 * shape.length:.10g} mm"
         for segment, length in zip(body.get("segments") or [], shape.segment_lengths(), strict=False):
             segment.update(length=f"{1e3 * length:.10g} mm")
-    fields = [one for one in found.constants if one.constant.kind == "field"]
-    if fields:
-        uniform = np.array(found.scene.field.uniform)
-        for one in fields:
-            uniform[(one.constant.variable.component or 0) if one.constant.variable else 0] += one.value
-        content["field"] = {**content.get("field", {}), "uniform": [f"{1e3 * part:.10g} mT" for part in uniform.tolist()]}
-    turned = directions(found.scene, [one.constant for one in found.constants], found.x)
+    turned = directions(found.scene, constants, found.x)
     if turned is not None:
         for region, direction in zip(found.scene.regions(), turned.tolist(), strict=True):
             place: Any = content
@@ -157,7 +199,7 @@ def fitted_scene(found: Fit, source: Path, folder: Path) -> str:
             place["magnetization"] = [round(part, 9) for part in direction]
     source_names = ", ".join(one.path.name for one in found.measured.each)
     comment = "".join(f"# {line}\n" for line in (f"Fitted to {source_names} by `magmpm fit`:", *text(found).splitlines()[1:]))
-    return comment + "\n" + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
+    return comment + "\n" + as_yaml(content)
 
 
 def shown(found: Fit, held: HeldOut | None = None) -> dict[str, Any]:

@@ -25,17 +25,12 @@ from magmpm.studies.fitting.constants import Constant, constants_of, with_known
 from magmpm.studies.fitting.identify import Refused, check_apart, refuse_twins
 from magmpm.studies.fitting.misfit import Suspect, doubted, odd_readings, suspects_of, unequal_tables
 from magmpm.studies.fitting.prediction import Label, Prediction
-from magmpm.studies.fitting.profile import Interval, interval_of
-from magmpm.studies.fitting.solve import Minimum, Model, least_squares
+from magmpm.studies.fitting.solve import Interval, Minimum, Model, interval_of, least_squares, quantile_of
 from magmpm.studies.fitting.table import Measured
 
 __all__ = ["Fit", "Fitted", "Refused", "doubtful_fields", "fit"]
 
 FLOOR = 1e-6  # of the length: what the solve itself leaves; readings are not taken as more exact
-UNLIKELY = 0.01  # share of samples in which residuals of the given size would be as large: below, the size is not believed
-FAR_FIELD = 100.0  # fields this many times the scene's own, or its inverse, are reported
-FAR = 10.0  # a constant this many times the scene's, or its inverse, is reported: a unit may be wrong
-STARTS = (0.0, np.log(4.0), -np.log(4.0))  # of moduli: further descents begin at a fourth and four times the scene's
 
 
 @dataclass(frozen=True)
@@ -278,7 +273,9 @@ class _Search:
         stiff = np.array([float(c.kind == "shear_modulus") for c in self.constants])
         if not stiff.any():
             stiff = np.array([-float(c.kind == "remanence") for c in self.constants])
-        starts = [shift * stiff for shift in (STARTS if thorough and stiff.any() else STARTS[:1])]
+        # further descents begin at a fourth and four times the scene's moduli
+        further = (np.log(4.0), -np.log(4.0)) if thorough and stiff.any() else ()
+        starts = [shift * stiff for shift in (0.0, *further)]
         scene = self.prediction.scene
         if not scene.in_time and (cells := coarsest_cells(scene)) < scene.resolution.cells_across:
             coarse = Prediction(scene.with_cells(cells), self.prediction.measured, self.constants)
@@ -340,32 +337,31 @@ def _scatter(
 ) -> tuple[_Noise, float, str, list[str]]:
     """Standard deviations to go by, of lengths `least` (m) at the least, the quantile for intervals, where they are from, and what is to be
     said."""
-    from scipy.special import chdtrc, ndtri, stdtrit  # what scipy.stats calls, without its half second
+    from scipy.special import chdtrc  # what scipy.stats calls, without its half second
 
-    tail = 0.5 + level / 2
     if not sigmas.given:
         factor = float(np.sqrt(best.cost / max(degrees, 1)))
         if all(label.angle for label in labels):
             sigmas = replace(sigmas, angle=max(sigmas.angle * factor, FLOOR))
         elif not any(label.angle for label in labels):
             sigmas = replace(sigmas, length=max(sigmas.length * factor, least))
-        return sigmas, float(stdtrit(degrees, tail)), "residuals", []
-    if degrees > 0 and chdtrc(degrees, best.cost) < UNLIKELY:
+        return sigmas, quantile_of(level, degrees), "residuals", []
+    if degrees > 0 and chdtrc(degrees, best.cost) < 0.01:
         factor = float(np.sqrt(best.cost / degrees))
         says = (
             f"the residuals are {factor:.2g} times as large as the noise given explains (probability {chdtrc(degrees, best.cost):.1g}): "
             "the scene lacks something that the measurement has, or the noise is larger; the intervals go by the residuals"
         )
         wider = replace(sigmas, length=sigmas.length * factor, angle=sigmas.angle * factor)
-        return wider, float(stdtrit(degrees, tail)), "given, enlarged", [says]
-    return sigmas, float(ndtri(tail)), "given", []
+        return wider, quantile_of(level, degrees), "given, enlarged", [says]
+    return sigmas, quantile_of(level, np.inf), "given", []
 
 
 def doubtful_fields(measured: Measured, scene: Scene) -> list[str]:
     """Warn, before anything is solved, of fields of the table so far from the scene's own that a unit may be wrong."""
     own = max(map(abs, scene.field.uniform))
     largest = max((abs(part) for state in measured.states for part in state.field or ()), default=0.0)
-    if not (own > 0.0 and largest > 0.0) or 1 / FAR_FIELD < largest / own < FAR_FIELD:
+    if not (own > 0.0 and largest > 0.0) or 1 / 100 < largest / own < 100:
         return []
     return [f"the table's fields reach {1e3 * largest:.4g} mT, the scene's own is {1e3 * own:.3g} mT: check the units of its columns"]
 
@@ -375,7 +371,7 @@ def _of_values(found: Sequence[Fitted]) -> list[str]:
     says = []
     for one in found:
         ratio = one.value / given if (given := one.constant.value(0.0)) else 1.0
-        if not 1 / FAR < ratio < FAR:
+        if not 1 / 10 < ratio < 10:
             says.append(f"{one.constant.name} is {ratio:.2g} times the scene's: check the units of the table's columns, and the scene's")
     return says
 

@@ -13,12 +13,16 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import MagmpmError
 
-MOST_STEPS, LONGEST = 60, 1.0  # steps; length of the first, in x: a factor of e
-SMALL = 1e-3  # standard errors: a step below it ends the search
 TINY = 1e-8  # in x: likewise
-MOST_TRIES = 12  # of shorter steps from one point
-
 Model = Callable[[Array, bool], tuple[Array, Array]]  # x, whether with slopes -> residuals in standard errors (n,), slopes (n, k)
+
+
+def quantile_of(level: float, degrees: float) -> float:
+    """Quantile of intervals at a level: Student's t, or the normal one where the noise is known (degrees of freedom: inf)."""
+    from scipy.special import ndtri, stdtrit  # what scipy.stats calls, without its half second
+
+    tail = 0.5 + level / 2
+    return float(ndtri(tail) if np.isinf(degrees) else stdtrit(degrees, tail))
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,7 @@ class Minimum:
 
 
 def least_squares(
-    model: Model, start: Array, *, free: Array | None = None, scale: float | None = None, small: float = SMALL,
+    model: Model, start: Array, *, free: Array | None = None, scale: float | None = None, small: float = 1e-3,
     known: Callable[[Array], bool] = lambda x: False,
 ) -> Minimum:  # fmt: skip
     """The minimum of the sum of squares that a descent from `start` (k,) reaches; free (k,): which numbers may change.
@@ -50,13 +54,13 @@ def least_squares(
     x = np.array(start, dtype=float)
     free = np.ones(len(x), bool) if free is None else free
     residuals, slopes = model(x, True)
-    radius, steps = LONGEST, 0
-    while steps < MOST_STEPS:
+    radius, steps = 1.0, 0  # x changes by a factor of e at most at first
+    while steps < 60:
         step = _step(residuals, slopes[:, free], radius)
         noise = scale if scale is not None else float(np.sqrt(residuals @ residuals / max(len(residuals) - free.sum(), 1)))
         if np.linalg.norm(slopes[:, free] @ step) <= small * noise or np.linalg.norm(step) <= TINY or known(x):
             return Minimum(x, residuals, slopes, steps, True)
-        for _ in range(MOST_TRIES):
+        for _ in range(12):
             steps += 1
             there = x.copy()
             there[free] += step
@@ -103,3 +107,69 @@ def _step(residuals: Array, slopes: Array, radius: float) -> Array:
         if high - low <= 0.05 * high:
             break
     return step(high)
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Ends in x; None where the sum of squares does not rise enough. method: linear | profile."""
+
+    low: float | None
+    high: float | None
+    method: str
+
+
+def interval_of(model: Model, best: Minimum, covariance: Array, k: int, quantile: float, say: Callable[[], None]) -> Interval:
+    """The interval of the number k, by the residuals in standard errors and the covariance (k, k) of x at the minimum."""
+    error = float(np.sqrt(covariance[k, k]))
+    along = covariance[:, k] / error**2  # how the others go along with x_k
+    ends = []
+    parabolic = True
+    for side in (-1.0, 1.0):
+        there = best.x + along * side * quantile * error
+        try:
+            rise = float(np.sum(model(there, False)[0] ** 2)) - best.cost
+        except MagmpmError:
+            rise = np.inf
+        parabolic &= abs(rise - quantile**2) <= 0.1 * quantile**2
+        ends.append(float(there[k]))
+    if parabolic:
+        return Interval(ends[0], ends[1], "linear")
+    low, high = (_end(model, best, along, k, side * error, quantile) for side in (-1.0, 1.0))
+    return Interval(low, high, "profile")
+
+
+def _end(model: Model, best: Minimum, along: Array, k: int, error: float, quantile: float) -> float | None:
+    """Point where the root of the rise meets the quantile, by false position; None where it does not within reach. error: with its sign."""
+    free = np.arange(len(best.x)) != k
+    reach = max(6.0 * quantile * abs(error), 6.0)
+
+    def root(distance: float, start: Array) -> tuple[float, Array]:
+        there = start.copy()
+        there[k] = best.x[k] + np.sign(error) * distance
+        try:
+            # such a small step changes a sum of squares of 4 by 0.001, far less than the accuracy of an end
+            found = least_squares(model, there, free=free, scale=1.0, small=0.03)
+        except MagmpmError:
+            return np.inf, start
+        return float(np.sqrt(max(found.cost - best.cost, 0.0))), found.x
+
+    inside, below, x = 0.0, 0.0, best.x
+    distance = quantile * abs(error)
+    outside, above = None, np.inf
+    for _ in range(12):
+        value, at = root(distance, x + along * (best.x[k] + np.sign(error) * distance - x[k]))
+        if abs(value - quantile) <= 0.01 * quantile:
+            return float(best.x[k] + np.sign(error) * distance)
+        if value < quantile:
+            inside, below, x = distance, value, at
+        else:
+            outside, above = distance, value
+        if outside is None:
+            if inside >= reach:
+                return None
+            distance = min(inside * max(1.2, min(quantile / max(below, 1e-9), 3.0)), reach)
+        elif np.isinf(above):
+            distance = 0.5 * (inside + outside)
+        else:
+            distance = inside + (outside - inside) * float(np.clip((quantile - below) / (above - below), 0.1, 0.9))
+    return float(best.x[k] + np.sign(error) * (inside if outside is None else 0.5 * (inside + outside)))

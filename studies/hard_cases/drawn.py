@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -17,21 +16,10 @@ from magmpm.bodies.surface_mesh import Mesh, pack_mesh
 from magmpm.fields.dipole import MU0
 from magmpm.materials import young_modulus
 from magmpm.studies.hard_cases import drawn_fields as fields
-from magmpm.studies.hard_cases.drawn_more import widen
+from magmpm.studies.hard_cases.drawn_fields import DYNAMIC, QUASI_STATIC, STATIC, Content, mm
+from magmpm.studies.hard_cases.motions import FIRST
 
-STATIC, QUASI_STATIC, DYNAMIC = "static", "quasi_static", "dynamic"
-KINDS = (STATIC, QUASI_STATIC, DYNAMIC)
-SHARES = (0.6, 0.18, 0.22)  # of the scenes
-COMBINATIONS, RENEWED = 4, 400  # of effects in motion, each compiled once: so many in so many scenes; the next scenes have others
-MOST_STEPS = 5000  # of a motion, by an estimate
-WIDER = 1  # of the numbers that draw what is less usual
-FIRST = 1.8751040687  # first root of cos(z) cosh(z) = -1: bending of a cantilever
-Content = dict[str, Any]
-
-
-def mm(value: float) -> str:
-    """A length as files write it."""
-    return f"{1e3 * value:.9g} mm"
+KINDS = {STATIC: 0.6, QUASI_STATIC: 0.18, DYNAMIC: 0.22}  # with their shares of the scenes
 
 
 @dataclass
@@ -67,8 +55,8 @@ def drawn(seed: int, number: int) -> Content:
     """The content of scene file `number` of a seed."""
     rng = np.random.default_rng([seed, number])
     severity = float(rng.random())
-    kind = str(rng.choice(KINDS, p=SHARES))
-    chosen = int(rng.integers(COMBINATIONS)) + COMBINATIONS * (number // RENEWED)
+    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    chosen = int(rng.integers(4)) + 4 * (number // 400)  # of combinations of effects, each compiled once: four in 400 scenes
     effects = _motion_effects(np.random.default_rng([seed, 1_000_000 + chosen])) if kind == DYNAMIC else []
     cells = int(rng.choice([2, 3, 4], p=[0.8, 0.17, 0.03]))
     materials = _materials(rng, severity, kind == DYNAMIC)
@@ -77,13 +65,13 @@ def drawn(seed: int, number: int) -> Content:
     content: Content = {"name": f"drawn {seed} {number}", "materials": materials, "body": body}
     named: Content = {"magnetic_torque": {}}
     steps = (sizes.across / cells) / math.sqrt((sizes.ratio + 4 / 3) * sizes.shear / sizes.density)
-    end = 1.0 if kind != DYNAMIC else min(float(rng.uniform(0.1, 1.0)) * sizes.period, 0.4 * steps * MOST_STEPS)
+    end = 1.0 if kind != DYNAMIC else min(float(rng.uniform(0.1, 1.0)) * sizes.period, 0.4 * steps * 5000)
     content["field"], varies = fields.drawn_field(rng, sizes, min(sizes.flux(load), 5.0), kind, end, effects)
     if varies:
         named["magnetic_force"] = {}
     if kind != DYNAMIC:
         if rng.random() < 0.3:
-            named["gravity"] = _gravity(rng, severity)
+            named["gravity"] = fields.gravity(rng, severity, direction)
         if rng.random() < 0.1 and "parts" not in body and sizes.length < 20 * sizes.across:
             named["magnetic_interaction"] = {"blocks_across": int(rng.integers(1, 4))}
     else:
@@ -93,7 +81,7 @@ def drawn(seed: int, number: int) -> Content:
     content["resolution"] = {"cells_across": cells, "particles_per_cell": int(rng.choice([2, 3], p=[0.95, 0.05]))}
     if "parts" in body:  # wide sections: three cells across would take minutes along a path
         content["resolution"] = {"cells_across": 2}
-    widen(np.random.default_rng([seed, number, WIDER]), content, sizes, kind, end)
+    fields.widen(np.random.default_rng([seed, number, 1]), content, sizes, kind, end)
     return content
 
 
@@ -214,11 +202,6 @@ def block(lower: tuple[float, float, float], upper: tuple[float, float, float]) 
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]
     return Mesh(corners, np.array(faces))
-
-
-def _gravity(rng: np.random.Generator, severity: float) -> Content:
-    size = 9.81 * (10.0 if rng.random() < 0.3 * severity else 1.0)
-    return {"acceleration": [f"{size * x:.6g} m/s^2" for x in direction(rng)]}
 
 
 def _solver(rng: np.random.Generator, kind: str, end: float) -> Content:

@@ -1,30 +1,79 @@
-"""Hard cases of statics."""
+"""Hard cases of equilibria: critical loads, snapping, twisting, ten times the load, a magnet that passes."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
+from magmpm.fields.dipole import MU0
+from magmpm.materials import poisson_ratio, young_modulus
+from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.studies.hard_cases.case import Case
-from magmpm.studies.hard_cases.scenes import LENGTH, bending_field, rod, twisting_field
+from magmpm.studies.hard_cases.motions import (
+    EULER,
+    LENGTH,
+    RATIO,
+    REMANENCE,
+    SILICONE,
+    G,
+    bending_field,
+    changed,
+    made,
+    rod,
+    twisting_field,
+)
 
-X_SPATIAL = ((1.0, 0.0, 0.0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6))  # magnetizations that bend and twist
-EULER = np.pi**2 / 4  # critical load of theta'' + load sin(theta) = 0, theta(0) = theta'(1) = 0
+SPATIAL = ((1.0, 0.0, 0.0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6))  # magnetizations that bend and twist
+AGAINST = 1.3 * EULER  # load of the part of the field along the strip that snaps
+STRIP, THICK = 20e-3, 1e-3  # m, its length and thickness
+FAR, PAST = 80e-3, 10e-3  # m: next to the tip, where the magnet comes from and goes to; where it has just passed
+D = 10e-3  # m: diameter of the magnet that passes, and its distance from the tip
+
+
+def from_rod(scene: Scene) -> float:
+    """Distance of the tip from the rod's, over L."""
+    return float(np.linalg.norm(run(scene).tip - solve_rod(scene).position[-1])) / scene.length
+
+
+def _off_critical(square: Callable[[float], float], loads: Sequence[float], size: float) -> float:
+    """Relative error of the load at which deflections begin, by two loads beyond: their squares grow in proportion to the load beyond it.
+
+    square: of the deflection by a load, which is of this size; loads: over EULER.
+    """
+    one, two = (load * EULER for load in loads)
+    squares = square(one), square(two)
+    if square(0.95 * EULER) > (1e-3 * size) ** 2 or min(squares) < (0.05 * size) ** 2:
+        return np.inf  # bent before the critical load, or straight beyond it
+    critical = one - squares[0] * (two - one) / (squares[1] - squares[0])
+    return float(abs(critical / EULER - 1))
 
 
 def _buckling(scene: Scene) -> float:
-    """Relative error of the load at which deflections begin: their squares grow in proportion to the load beyond it."""
-    loads, squares = np.array([1.03, 1.06]) * EULER, []
-    for load in loads:
-        tip = run(scene.with_field(bending_field(float(load), np.pi, 2 * LENGTH))).tip
-        squares.append(float(tip[1] ** 2 + tip[2] ** 2))
-    below = run(scene.with_field(bending_field(0.95 * EULER, np.pi, 2 * LENGTH))).tip
-    if np.hypot(below[1], below[2]) > 1e-3 * LENGTH or min(squares) < (0.05 * LENGTH) ** 2:
-        return np.inf  # bent before the critical load, or straight beyond it
-    critical = loads[0] - squares[0] * (loads[1] - loads[0]) / (squares[1] - squares[0])
-    return float(abs(critical / EULER - 1))
+    def square(load: float) -> float:
+        tip = run(scene.with_field(bending_field(load, np.pi, 2 * LENGTH))).tip
+        return float(tip[1] ** 2 + tip[2] ** 2)
+
+    return _off_critical(square, (1.03, 1.06), LENGTH)
+
+
+def _twist_buckles(scene: Scene) -> float:
+    """Relative error of the load at which a rod magnetized across it begins to turn about its axis, in a field against it."""
+
+    def square(load: float) -> float:
+        return _tip_turn(scene, run(scene.with_field([0.0, -twisting_field(load)[2], 0.0]))) ** 2
+
+    return _off_critical(square, (1.04, 1.08), 1.0)
+
+
+def _tip_turn(scene: Scene, result: Result) -> float:
+    """Angle (rad) by which the last section has turned about the long axis."""
+    end = result.particle_reference[:, 0] > 0.95 * scene.length
+    (_, y, z), (_, b, c) = result.particle_reference[end].T, result.particle_position[end].T
+    return float(np.arctan2(np.sum(y * c - z * b), np.sum(y * b + z * c)))
 
 
 def _twist(scene: Scene) -> float:
@@ -39,24 +88,15 @@ def _twist(scene: Scene) -> float:
 
         s = np.linspace(0.0, 1.0, 41)
         exact = solve_bvp(slope, lambda a, b: np.array([a[0], b[1]]), s, np.stack([s, 1.0 - s]), tol=1e-8).sol(1.0)[0]
-        result = run(scene.with_field(twisting_field(load)))
-        end = result.particle_reference[:, 0] > 0.95 * LENGTH
-        (_, y, z), (_, b, c) = result.particle_reference[end].T, result.particle_position[end].T
-        found = np.arctan2(np.sum(y * c - z * b), np.sum(y * b + z * c))
-        worst = max(worst, abs(float(found) - float(exact)))
+        worst = max(worst, abs(_tip_turn(scene, run(scene.with_field(twisting_field(load)))) - float(exact)))
     return worst
 
 
 def _incompressible(scene: Scene) -> float:
     """Largest distance of tips from the rod's, over L, for K/G from 20 to 500."""
-    worst = 0.0
-    for ratio in (20.0, 100.0, 500.0):
-        data = scene.to_si()
-        for material in data["materials"].values():
-            material["bulk_to_shear"] = ratio
-        other = Scene.from_si(data)
-        worst = max(worst, float(np.linalg.norm(run(other).tip - solve_rod(other).position[-1])) / LENGTH)
-    return worst
+    kinds = scene.to_si()["materials"]
+    scenes = [changed(scene, materials={k: {**kind, "bulk_to_shear": r} for k, kind in kinds.items()}) for r in (20.0, 100.0, 500.0)]
+    return max(from_rod(other) for other in scenes)
 
 
 def _from_a_loaded_neighbor(scene: Scene) -> float:
@@ -65,41 +105,143 @@ def _from_a_loaded_neighbor(scene: Scene) -> float:
     return float(np.abs(back.particle_position - back.particle_reference).max()) / LENGTH
 
 
+def _flux(load: float) -> float:
+    """Flux density (T) of a load M B A L^2/(E' I) on the strip, E' = E/(1 - nu^2), A/I = 12/t^2."""
+    nu = poisson_ratio(G, RATIO * G)
+    E = young_modulus(G, RATIO * G) / (1 - nu**2)
+    return float(load * E * THICK**2 * MU0 / (12 * REMANENCE * STRIP**2))
+
+
+def _snapping() -> Scene:
+    """A strip in plane strain in a field against it, whose small transverse part goes over to the other side and comes back."""
+    against, across = _flux(AGAINST), _flux(0.35 * EULER)
+    frames = [{"time": float(t), "uniform": [-against, 0.0, across * s]} for t, s in ((0, 1), (1, -1), (2, 1))]
+    strip = {"length": STRIP, "width": 5e-3, "thickness": THICK, "material": "silicone", "plane_strain": True}
+    return made(
+        {"strip": {**strip, "segments": [{"magnetization": [1.0, 0.0, 0.0]}]}}, {"silicone": SILICONE}, cells=3,
+        field={"over_time": {"keyframes": frames}}, effects={"magnetic_torque": {}}, solver={"quasi_static": {"steps": 40}},
+    )  # fmt: skip
+
+
+def _snap_load(against: float) -> float:
+    """Transverse load M Bz A L^2/(E I) at which the upper branch of theta'' - against sin(theta)(-1) + b cos(theta) = 0 ends.
+
+    theta(0) = 0, theta'(1) = 0. Along the branch the tip's angle falls; b(angle) is found by shooting, and is least where it ends.
+    """
+    from scipy.integrate import solve_ivp
+    from scipy.optimize import brentq, minimize_scalar
+
+    def end(b: float, angle: float) -> float:
+        def slope(_: float, y: Sequence[float]) -> list[float]:
+            return [y[1], -against * np.sin(y[0]) - b * np.cos(y[0])]
+
+        return float(solve_ivp(slope, (1.0, 0.0), [angle, 0.0], rtol=1e-9, atol=1e-11).y[0, -1])
+
+    def load(angle: float) -> float:
+        return float(brentq(end, -2.0, 3.0, args=(angle,), xtol=1e-10))
+
+    found = minimize_scalar(load, bounds=(0.2, 1.6), method="bounded", options={"xatol": 1e-5})
+    return float(found.fun)
+
+
+def _snapped(scene: Scene) -> float:
+    """Largest error of the two loads at which it snaps, relative to the exact one; infinite unless it snaps twice, to each side."""
+    result = run(scene)
+    if len(result.jumps) != 2 or {jump["kind"] for jump in result.jumps} != {"limit point"}:
+        return np.inf
+    exact, most = abs(_snap_load(AGAINST)), 0.35 * EULER
+    there, back = (jump["time"] for jump in result.jumps)
+    found = [most * (1 - 2 * there), most * (2 * (back - 1) - 1)]
+    if not (found[0] < 0 < found[1]):
+        return np.inf
+    return float(max(abs(abs(b) / exact - 1) for b in found))
+
+
+def _two_ways(scene: Scene) -> float:
+    """Distance of tips over L, of the solve from the rod's shape and of a load that grows in 20 steps."""
+    one, two = run(scene), run(changed(scene, solver={"static": {"field_steps": 20, "max_steps": 200}}))
+    return float(np.linalg.norm(one.tip - two.tip)) / scene.length if min(one.min_det_F, two.min_det_F) > 0 else np.inf
+
+
+def _past_a_bifurcation(scene: Scene) -> float:
+    """Distance over L of the tip's place, as distance from the axis and height, after a ramp to twice the critical load, from statics."""
+    ramp = {**scene.to_si()["field"], "over_time": {"ramp": {"duration": 1.0}}}
+    followed = run(changed(scene, field=ramp, solver={"quasi_static": {"steps": 20}}))
+    ramped = run(changed(scene, solver={"static": {"field_steps": 10}}))
+    places = [np.array([r.tip[0], np.hypot(r.tip[1], r.tip[2])]) for r in (followed, ramped, run(scene))]
+    if places[2][1] < 0.3 * scene.length:
+        return np.inf
+    return float(max(np.linalg.norm(places[k] - places[2]) for k in (0, 1))) / scene.length
+
+
+def _passing() -> Scene:
+    """A magnet, a sphere of neodymium, that goes past the tip, from 80 mm at one side to 80 mm at the other, one diameter beyond it."""
+    moment = 1.3 * np.pi * D**3 / 6 / MU0
+    source = {"position": [LENGTH + 1.5 * D, 0.0, 0.0], "moment": [-moment, 0.0, 0.0], "diameter": D}
+    frames = [{"time": float(k), "move": [0.0, 0.0, y]} for k, y in ((0, -FAR), (1, FAR))]
+    field = {"dipole": [source], "over_time": {"keyframes": frames}}
+    return changed(rod(effects={"magnetic_torque": {}, "magnetic_force": {}}), field=field, solver={"quasi_static": {"steps": 32}})
+
+
+def _passed(scene: Scene) -> float:
+    """Distance of the last shape from the mirror image of the first, or of the shape where the magnet has just passed from that of statics,
+    whichever is more, over L; infinite if the tip has hardly moved in between."""
+    tips = np.array([step["tip"] for step in run(scene).steps])
+    if np.ptp(tips[:, 2]) < 0.05 * LENGTH:
+        return np.inf
+    [source] = scene.to_si()["field"]["dipole"]
+    source = {**source, "position": [source["position"][0], 0.0, PAST]}
+    still = run(changed(scene, field={"dipole": [source]}, solver={"static": {}}))
+    just = round((0.5 + PAST / FAR / 2) * (len(tips) - 1))
+    mirrored = np.linalg.norm(tips[-1] - tips[0] * [1.0, 1.0, -1.0])
+    return float(max(mirrored, np.linalg.norm(tips[just] - still.tip))) / LENGTH
+
+
 CASES = (
     Case(
-        "antiparallel field through buckling",
-        lambda: rod(length=2 * LENGTH, field=bending_field(EULER, np.pi, 2 * LENGTH), cells=4),
-        "stays straight on the unstable branch, or buckles by rounding at any load",
-        "error of the critical load, relative",
-        _buckling,
-        0.03,
-        "Euler: M B A L^2/(E I) = pi^2/4; Wang et al., JMPS 142 (2020) 104045, section 3",
+        "antiparallel field through buckling", lambda: rod(length=2 * LENGTH, field=bending_field(EULER, np.pi, 2 * LENGTH), cells=4),
+        "stays straight on the unstable branch, or buckles by rounding at any load", "error of the critical load, relative", _buckling,
+        0.03, "Euler: M B A L^2/(E I) = pi^2/4; Wang et al., JMPS 142 (2020) 104045, section 3",
     ),
     Case(
-        "twist about the long axis",
-        lambda: rod(directions=[(0.0, 1.0, 0.0)], field=twisting_field(2.0), cells=4),
-        "has no torque without a symmetric stress, or locks",
-        "error of the tip's twist, rad",
-        _twist,
-        0.03,
+        "twist about the long axis", lambda: rod(directions=[(0.0, 1.0, 0.0)], field=twisting_field(2.0), cells=4),
+        "has no torque without a symmetric stress, or locks", "error of the tip's twist, rad", _twist, 0.03,
         "theta'' + (M B A L^2/(G J)) cos(theta) = 0, Saint-Venant's torsion of a disk",
     ),
     Case(
-        "K/G from 20 to 500",
-        lambda: rod(directions=X_SPATIAL, field=[2e-3, 10e-3, -14e-3], cells=3),
-        "locks: deflections vanish as K/G grows",
-        "distance of tips from the rod's, over L",
-        _incompressible,
-        0.025,
+        "K/G from 20 to 500", lambda: rod(directions=SPATIAL, field=[2e-3, 10e-3, -14e-3], cells=3),
+        "locks: deflections vanish as K/G grows", "distance of tips from the rod's, over L", _incompressible, 0.025,
         "Cosserat rod; it and a solid of L/D = 10 differ by 0.05 D/L of the deflection (tests/validation/test_rod_statics.py)",
     ),
     Case(
-        "no load, begun from a loaded neighbor",
-        lambda: rod(field=bending_field(25.0, np.radians(150)), cells=3),
-        "keeps a part of what it began from",
-        "displacement left, over L",
-        _from_a_loaded_neighbor,
-        1e-8,
+        "no load, begun from a loaded neighbor", lambda: rod(field=bending_field(25.0, np.radians(150)), cells=3),
+        "keeps a part of what it began from", "displacement left, over L", _from_a_loaded_neighbor, 1e-8,
         "elastic: no load, no displacement; statics has no path, motion does (`loaded and unloaded`)",
+    ),
+    Case(
+        "snap-through, both branches", _snapping, "stays on a branch that has ended, or snaps early and on one side only",
+        "error of the two loads at which it snaps, relative", _snapped, 0.05,
+        "limit points of theta'' + a sin(theta) + b cos(theta) = 0 by shooting; 3 cells across, load known within 1/1000 of its way",
+        slow=True,
+    ),
+    Case(
+        "twist past its critical load", lambda: rod(directions=[(0.0, 1.0, 0.0)], field=twisting_field(1.0), cells=3),
+        "stays untwisted on the unstable branch, or tumbles to any angle", "error of the critical load of twist, relative", _twist_buckles,
+        0.03, "M B A L^2/(G J) = pi^2/4, a third of what bends it: Saint-Venant's torsion of a disk",
+    ),
+    Case(
+        "ten times the design load", lambda: rod(directions=SPATIAL, field=[20e-3, 100e-3, -140e-3], cells=3),
+        "diverges, or ends with particles inside out", "distance of tips of two ways to solve it, over L", _two_ways, 1e-4,
+        "one equilibrium: tolerance 1e-11 of the energy, so sqrt(1e-11) of the displacement, thirty times that",
+    ),
+    Case(
+        "ramp past a bifurcation", lambda: rod(field=bending_field(2 * EULER, np.pi), cells=2), "stays straight on the unstable branch",
+        "distance of the ramped tips from that of statics, over L", _past_a_bifurcation, 1e-3,
+        "one buckled shape, turned about the axis as it may: 1e-4 L along a neutral direction, ten times that", slow=True,
+    ),
+    Case(
+        "magnet passed at one diameter", _passing, "sticks to the magnet, or remembers on which side it was",
+        "last shape from the mirrored first one, or one on the way from that of statics, over L", _passed, 1e-4,
+        "the way of the magnet is its own mirror image; tolerance 1e-11 of the energy", slow=True,
     ),
 )

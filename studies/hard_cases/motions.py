@@ -1,8 +1,9 @@
-"""Bodies set in motion by hand, for cases that look closer than frames allow."""
+"""Scenes of the hard cases, in SI, and bodies set in motion by hand, for cases that look closer than frames allow."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +14,19 @@ from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion, take
 from magmpm.effects import acting as effects
 from magmpm.errors import SolveError
+from magmpm.fields.dipole import MU0
+from magmpm.materials import young_modulus
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 
 Affine = Callable[[Array], Array]
 FACTOR = 1.0  # of the chosen step and of the stable one: controls raise it
+G, RATIO, DENSITY, REMANENCE = 120e3, 20.0, 1882.0, 0.1  # Pa, K/G, kg/m^3, T
+SILICONE = {"shear_modulus": G, "bulk_to_shear": RATIO, "density": DENSITY, "remanence": REMANENCE}
+LENGTH, DIAMETER = 40e-3, 4e-3  # m
+X = (1.0, 0.0, 0.0)
+EULER = np.pi**2 / 4  # critical load of theta'' + load sin(theta) = 0, theta(0) = theta'(1) = 0
+FIRST = 1.8751040687  # first root of cos(z) cosh(z) = -1: bending of a cantilever
 
 
 def at_rest(scene: Scene) -> tuple[TotalMotion, float, float]:
@@ -70,3 +79,50 @@ def last_cells(model: Model) -> Array:
     last = model.particles.cell[:, 0] == model.particles.cell[:, 0].max()
     share = model.particles.volume * last
     return np.asarray(share / share.sum())
+
+
+def made(
+    body: Mapping[str, Any], materials: Mapping[str, Any], *, field: Mapping[str, Any], effects: Mapping[str, Any],
+    solver: Mapping[str, Any] | None = None, cells: int | None = 2,
+) -> Scene:  # fmt: skip
+    """The scene of these data, an equilibrium unless `solver` says otherwise."""
+    resolution = {} if cells is None else {"resolution": {"cells_across": cells}}
+    parts = {"body": body, "materials": materials, "field": field, "effects": effects, "solver": solver or {"static": {}}}
+    return Scene.from_si({"name": "hard case", **parts, **resolution})
+
+
+def changed(scene: Scene, **parts: Any) -> Scene:
+    """The scene with these parts of its data in place of its own."""
+    return Scene.from_si({**scene.to_si(), **parts})
+
+
+def rod(
+    *, length: float = LENGTH, directions: Sequence[Sequence[float]] = (X,), shear: Sequence[float] | None = None, ratio: float = RATIO,
+    field: Sequence[float] | None = None, cells: int = 2, clamp: str = "base", effects: Mapping[str, Any] | None = None,
+    dynamic: Mapping[str, Any] | None = None,
+) -> Scene:  # fmt: skip
+    """A catheter 4 mm thick of equal segments with these magnetizations. field (3,) T; shear: Pa, one a segment."""
+    moduli = [G] * len(directions) if shear is None else list(shear)
+    kinds = {f"material {k}": {**SILICONE, "shear_modulus": g, "bulk_to_shear": ratio} for k, g in enumerate(moduli)}
+    segments = [{"magnetization": list(d), "material": name} for d, name in zip(directions, kinds, strict=True)]
+    catheter = {"length": length, "diameter": DIAMETER, "material": "material 0", "clamp": clamp, "segments": segments}
+    return made(
+        {"catheter": catheter}, kinds, field={"uniform": [0.0, 0.0, 0.0] if field is None else [float(b) for b in field]}, cells=cells,
+        effects={**({} if field is None else {"magnetic_torque": {}}), **(effects or {})},
+        solver=None if dynamic is None else {"dynamic": {"duration": 1.0, **dynamic}},
+    )  # fmt: skip
+
+
+def bending_field(load: float, angle: float = np.pi / 2, length: float = LENGTH) -> list[float]:
+    """Field (3,) T at an angle to +x in the x-z plane, for a load M B A L^2/(E I) on a rod magnetized along its axis.
+
+    Source: Wang et al., JMPS 142 (2020) 104045; A/I = 16/D^2.
+    """
+    E = young_modulus(G, RATIO * G)
+    size = load * E * MU0 * DIAMETER**2 / (16 * REMANENCE * length**2)
+    return [float(size * np.cos(angle)), 0.0, float(size * np.sin(angle))]
+
+
+def twisting_field(load: float) -> list[float]:
+    """Field (3,) T along z, for a load M B A L^2/(G J) on a rod magnetized along y; A/J = 8/D^2."""
+    return [0.0, 0.0, load * G * MU0 * DIAMETER**2 / (8 * REMANENCE * LENGTH**2)]

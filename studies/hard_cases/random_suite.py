@@ -5,41 +5,156 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
+import shutil
 import signal
+import sys
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 import yaml
 
 from magmpm.compiled.process import DIED, RAISED, TOLD, Died, answers, started
-from magmpm.errors import InputError
-from magmpm.studies.hard_cases.attempt import (
-    CONVERGED,
-    HUNG,
-    REFUSED,
-    STOPPED,
-    TRACEBACK,
-    WRONG,
-    Outcome,
-    attempt,
-)
+from magmpm.errors import InputError, SolveError
+from magmpm.results.result import Result
+from magmpm.scene import Scene, load_scene
+from magmpm.scene.remedies import Remedy
+from magmpm.scene.time_limit import limited
+from magmpm.simulate import run
+from magmpm.solving.precompile import prepare_kernels
+from magmpm.studies.hard_cases.checks import checked
 from magmpm.studies.hard_cases.drawn import drawn
 
+CONVERGED, STOPPED, WRONG, REFUSED, TRACEBACK, HUNG = "converged", "stopped", "wrong", "refused", "traceback", "hung"
+OWN_SHARE = 0.8  # of the limit, after which the solver is to end by itself
+Outcome = dict[str, Any]
+Tell = Callable[[Outcome], None]
 OUTCOMES, SCENES, STATES, ORDER = "outcomes.jsonl", "scenes", "states", "order.json"
-FIRST = 20  # scenes by which another version of the generator is noticed
-LIMIT = 120.0  # s of processor time for a scene with its checks, which a busy machine does not shorten
-PATIENCE = 20.0  # times as long, and
-COMPILING = 1200.0  # s more, may a process take: it compiles before its limit of processor time begins
 Job = tuple[int, Path, Path]  # number, scene file, folder for what is saved
 BROKEN = (WRONG, REFUSED, TRACEBACK, HUNG)
 ENDS = (CONVERGED, STOPPED, *BROKEN)
 
 
+def attempt(path: Path, folder: Path, limit: float, tell: Tell) -> Outcome:
+    """Solve the scene of a file. limit: s of processor time for the run, and as much for its checks or remedies, after
+    which the process is ended (SIGPROF), if it has not ended by itself before (magmpm.scene.time_limit); folder: for what is saved.
+
+    tell(outcome): called before remedies are tried, with what is known until then.
+    The outcome has `ended`, one of
+    converged: an answer that the independent checks do not refute; `checks` names them, `branches` where another equilibrium was found;
+    stopped: SolveError, BudgetError, or a requested error that no grid reaches, with `reason`, `saved` (whether a last good state was
+    there, saved and read back), `remedies` tried in turn, and `answered`, the one that brought an answer ("" if none did);
+    wrong: an answer that a check refutes; `reason` says which;
+    refused: InputError: the scene was not valid, a fault of the generator or of a rule;
+    traceback: any other exception.
+    """
+    begun = process_time()
+    try:
+        scene = load_scene(path)
+        if not (scene.resolution.asked or scene.effects.auto):  # which choose what they need
+            prepare_kernels(scene)
+        begun = process_time()
+        out_of_time(limit)
+        found = _solved(scene, folder, int(path.stem), limit, tell)
+    except InputError as error:
+        found = {"ended": REFUSED, "reason": str(error)}
+    except Exception as error:
+        found = {"ended": TRACEBACK, "reason": f"{type(error).__name__}: {error}", "traceback": traceback.format_exc()}
+    finally:
+        out_of_time(0.0)
+    return {"file": path.name, "seconds": process_time() - begun, **found}
+
+
+def out_of_time(limit: float) -> None:
+    """End this process after so many more seconds of processor time, even within compiled code; 0: no longer."""
+    if sys.platform != "win32":
+        signal.signal(signal.SIGPROF, signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_PROF, limit)
+
+
+def _solved(scene: Scene, folder: Path, number: int, limit: float, tell: Tell) -> Outcome:
+    try:
+        with limited(OWN_SHARE * limit, process_time):
+            result = run(scene, folder=folder)
+    except InputError as error:
+        if not (scene.resolution.asked and "resolution." in str(error).splitlines()[0]):
+            raise
+        return _out_of_reach(scene, error, limit)
+    except SolveError as error:
+        found: Outcome = {"ended": STOPPED, "kind": type(error).__name__, "reason": error.reason, "saved": _kept(error.state, folder)}
+        found |= {"remedies": [remedy.words for remedy in error.remedies], "answered": ""}
+        tell(found)
+        out_of_time(limit)
+        return found | {"answered": remedied(scene, error.remedies, limit)}
+    out_of_time(limit)  # the checks are several more runs
+    with limited(OWN_SHARE * limit, process_time):
+        done = checked(scene, result, folder, number)
+    shutil.rmtree(folder)
+    found = {"warnings": result.warnings, "checks": done.done, "branches": done.branches, "solver": result.formulation}
+    return {"ended": WRONG if done.wrong else CONVERGED, "reason": "; ".join(done.wrong), **found}
+
+
+def _out_of_reach(scene: Scene, error: InputError, limit: float) -> Outcome:
+    """An error or a time that no grid meets: known only once grids are solved, so it is no fault of the scene. Nothing is saved of it.
+
+    Its remedy names what can be had, or to give `cells_across`.
+    """
+    reason = str(error)
+    remedy = reason.splitlines()[-1].strip()
+    found: Outcome = {"ended": STOPPED, "kind": "out of reach", "reason": reason, "saved": False, "remedies": [remedy]}
+    data, share, seconds = scene.to_si(), re.search(r"ask for ([\d.e+-]+) %", reason), re.search(r"allow ([\d.e+-]+) s", reason)
+    if share:
+        data["resolution"]["error"] = float(share[1]) / 100
+    elif seconds:
+        data["resolution"]["seconds"] = float(seconds[1])
+    else:
+        data["resolution"] = {"cells_across": 3}
+    out_of_time(limit)
+    try:
+        with limited(OWN_SHARE * limit, process_time):
+            run(Scene.from_si(data))
+    except (SolveError, InputError):
+        return found | {"answered": ""}
+    return found | {"answered": remedy}
+
+
+class _Late(Exception):
+    """A remedy took more than its share of the time."""
+
+
+def remedied(scene: Scene, remedies: tuple[Remedy, ...], limit: float) -> str:
+    """The first remedy that brings an answer: a converged result, finite and of positive det F. Each has the same share of the limit, s."""
+    for remedy in remedies:
+        until = process_time() + limit / len(remedies)
+
+        def in_time(step: int, number: float, until: float = until) -> None:
+            if process_time() > until:
+                raise _Late
+
+        try:
+            result = run(remedy.applied(scene), on_progress=in_time)
+        except (SolveError, _Late):
+            continue
+        if result.converged and result.min_det_F > 0.0 and not result.not_finite():
+            return remedy.words
+    return ""
+
+
+def _kept(state: Any, folder: Path) -> bool:
+    """True if there is a last good state, which a folder gives back as it was."""
+    if not isinstance(state, Result):
+        return False
+    back = Result.load(state.save(folder))
+    return bool((back.particle_position == state.particle_position).all()) and not back.converged
+
+
 def run_random(
-    count: int, seed: int, folder: Path, *, processes: int = 2, limit: float = LIMIT, on_done: Callable[[int, int], None] | None = None
+    count: int, seed: int, folder: Path, *, processes: int = 2, limit: float = 120.0, on_done: Callable[[int, int], None] | None = None
 ) -> dict[str, Any]:
     """Draw and solve scenes 0 to count - 1 of a seed. Scenes that did not converge stay in folder/scenes, their last good states in
     folder/states, outcomes in folder/outcomes.jsonl; those that are there already are not solved again.
@@ -71,7 +186,7 @@ def solved(jobs: Iterable[Job], processes: int, limit: float) -> Iterator[tuple[
     known: dict[int, Outcome] = {}  # before remedies are tried
     env = {**os.environ, "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}
     with started(processes, _begin, limit, env=env) as pool:
-        for (number, path, _), kind, found in answers(iter(jobs), pool, PATIENCE * limit + COMPILING):
+        for (number, path, _), kind, found in answers(iter(jobs), pool, 20 * limit + 1200):  # it compiles before its limit begins
             if kind == RAISED:
                 raise found
             if kind == TOLD:
@@ -128,7 +243,8 @@ def random_table(summary: dict[str, Any]) -> str:
 
 def _known(folder: Path, seed: int) -> dict[int, Outcome]:
     """Outcomes that a folder holds, by number."""
-    order, now = folder / ORDER, {"seed": seed, "first_scenes": _mark(seed)}
+    first = json.dumps([drawn(seed, number) for number in range(20)], sort_keys=True)  # which tell whether they are drawn as before
+    order, now = folder / ORDER, {"seed": seed, "first_scenes": hashlib.sha256(first.encode()).hexdigest()}
     held = json.loads(order.read_text(encoding="utf-8")) if order.exists() else now
     if held != now:
         what = f"of seed {held['seed']}, and this is seed {seed}" if held["seed"] != seed else "drawn by another version"
@@ -144,12 +260,6 @@ def _known(folder: Path, seed: int) -> dict[int, Outcome]:
                 continue
             found[outcome["number"]] = outcome
     return found
-
-
-def _mark(seed: int) -> str:
-    """Tells whether a seed's scenes are drawn as before: SHA-256 of the first of them, in hex."""
-    first = json.dumps([drawn(seed, number) for number in range(FIRST)], sort_keys=True)
-    return hashlib.sha256(first.encode()).hexdigest()
 
 
 def _path(folder: Path, number: int) -> Path:

@@ -1,24 +1,40 @@
-"""Hard cases of shape and place: large strains and rotations, bodies anywhere on the grid."""
+"""Hard cases of shape and place: large strains and rotations, bodies anywhere on the grid, bodies that touch each other."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from magmpm.bodies.surface_mesh import Mesh, pack_mesh
 from magmpm.dynamics.stable_step import speed_of_sound
 from magmpm.dynamics.time_loop import SimulationState, begin, integrate, interval, move
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.studies.hard_cases.case import Case
-from magmpm.studies.hard_cases.motions import advance, at_rest, energy, last_cells, stretch, throw
-from magmpm.studies.hard_cases.scenes import DENSITY, G, bending_field, opening_strip, rod
+from magmpm.studies.hard_cases.drawn import block
+from magmpm.studies.hard_cases.motions import (
+    DENSITY,
+    SILICONE,
+    G,
+    advance,
+    at_rest,
+    bending_field,
+    energy,
+    last_cells,
+    made,
+    rod,
+    stretch,
+    throw,
+)
 
-SHORT = 20e-3  # m
 TURN = 5.0  # 1/s: centrifugal strains are 1e-6
-SQUEEZED = 0.2  # det F
 LENGTH = 8e-3  # m, of free bodies
 GAINED = 0.02  # of the energy, that may appear
+FAST = 2.0  # m/s: a twentieth of the speed of sound
+SIDE, CELL, GAP = 2.0, 0.5, 0.02  # mm, of blocks
 
 
 def _offsets(count: int) -> Case:
@@ -39,18 +55,10 @@ def _offsets(count: int) -> Case:
     return Case(
         f"{count} offsets of body against grid",
         lambda: rod(
-            length=SHORT,
-            field=bending_field(1.0, length=SHORT),
-            cells=4,
-            effects={"damping": {"rate": 240.0}},
+            length=20e-3, field=bending_field(1.0, length=20e-3), cells=4, effects={"damping": {"rate": 240.0}},
             dynamic={"duration": 0.06, "output_every": 0.03},
-        ),
-        "loses slivers of cells, or bends by another amount at every place",
-        "spread of settled tips, over L",
-        measure,
-        0.005,
-        "the grid is not part of the physics",
-        slow=count > 8,
+        ), "loses slivers of cells, or bends by another amount at every place", "spread of settled tips, over L", measure, 0.005,
+        "the grid is not part of the physics", slow=count > 8,
     )
 
 
@@ -74,7 +82,7 @@ def _squeezed(scene: Scene) -> float:
     small. For ten passages of a pressure wave through it."""
     moved = begin(build(scene))
     motion = moved.motion
-    stretch(motion, SQUEEZED ** (1 / 3))
+    stretch(motion, 0.2 ** (1 / 3))
     begun, found, largest = energy(motion), 0.0, 0.0
     passes = LENGTH / float(speed_of_sound(motion.model).max())
     for time in np.linspace(0.0, 10.0 * passes, 101)[1:]:
@@ -110,21 +118,122 @@ def _ends(moved: SimulationState, first: np.ndarray, last: np.ndarray) -> tuple[
     return x[first].mean(axis=0), x[last].mean(axis=0)
 
 
+def _opening_strip() -> Scene:
+    """The strip of `_folding_strip`, thinner and in plane strain, folded in 50 ms, held for 200 ms and let open."""
+    data = _folding_strip().to_si()
+    data["materials"]["silicone"]["shear_modulus"] = 30e3
+    data["body"]["strip"] |= {"length": 12e-3, "thickness": 0.5e-3, "plane_strain": True}
+    for segment, along in zip(data["body"]["strip"]["segments"], (-1.0, 1.0), strict=True):
+        segment["magnetization"] = [along, 0.0, -0.36]
+    frames = [{"time": t, "strength": s} for t, s in ((0.0, 0.0), (0.05, 1.0), (0.25, 1.0), (0.29, 0.0))]
+    data["field"] = {"uniform": [0.0, 0.0, 20e-3], "over_time": {"keyframes": frames}}
+    data["effects"]["damping"] = {"rate": 100.0}
+    data["solver"]["dynamic"] = {"duration": 0.45, "output_every": 0.05}
+    return Scene.from_si(data)
+
+
+def _folding_strip() -> Scene:
+    """A free strip of two halves magnetized against each other, folded by three times the field that this takes."""
+    halves = [{"magnetization": [1.0, 0.0, 0.0]}, {"magnetization": [-1.0, 0.0, 0.0]}]
+    strip = {"length": 20e-3, "width": 2e-3, "thickness": 1e-3, "material": "silicone", "clamp": "none", "segments": halves}
+    return made(
+        {"strip": strip}, {"silicone": SILICONE}, field={"uniform": [0.0, 0.0, 150e-3]},
+        effects={"magnetic_torque": {}, "self_contact": {}, "damping": {"rate": 60.0}}, solver={"dynamic": {"duration": 0.03}},
+    )  # fmt: skip
+
+
 def _free(**more: object) -> Scene:
     return rod(length=LENGTH, clamp="none", dynamic={}, **more)  # type: ignore[arg-type]
+
+
+def _bodies(meshes: Sequence[Mesh], moduli: Sequence[float] = (), **effects: object) -> Scene:
+    """Free bodies with these meshes, mm, the lowest one first, and with these shear moduli, Pa."""
+    parts = [
+        {"mesh": pack_mesh(mesh), "name": f"body {k}", "material": f"material {k if moduli else 0}"} for k, mesh in enumerate(meshes)
+    ]
+    kinds = {f"material {k}": {**SILICONE, "shear_modulus": g, "remanence": 0.0} for k, g in enumerate(moduli or [G])}
+    return made(
+        {"parts": {"unit": "mm", "spacing": 1e-3 * CELL, "meshes": parts}}, kinds, cells=None, field={"uniform": [0.0, 0.0, 0.0]},
+        effects={"self_contact": {}, **effects}, solver={"dynamic": {"duration": 0.05}},
+    )  # fmt: skip
+
+
+def _block(size: Sequence[float] = (SIDE, SIDE, SIDE), turn: Rotation | None = None, rise: float = 0.0) -> Mesh:
+    """A block around a place at this height, mm, turned."""
+    half = np.array(size) / 2
+    mesh = block(tuple(-half), tuple(half))
+    return Mesh((mesh.vertices if turn is None else turn.apply(mesh.vertices)) + np.array([0.0, 0.0, rise]), mesh.faces)
+
+
+def _over(low: Mesh, high: Mesh, aside: tuple[float, float] = (0.11, 0.07)) -> Scene:
+    """One body just above the other, a little aside."""
+    rise = low.vertices[:, 2].max() - high.vertices[:, 2].min() + GAP
+    return _bodies([low, Mesh(high.vertices + np.array([*aside, rise]), high.faces)])
+
+
+def _corner() -> Scene:
+    """A cube that stands on its corner, over a face."""
+    return _over(_block((2 * SIDE, 2 * SIDE, SIDE)), _block(turn=Rotation.align_vectors([[0, 0, 1]], [[1, 1, 1]])[0]))
+
+
+def _edges() -> Scene:
+    """Two bars whose edges cross."""
+    return _over(
+        _block((2 * SIDE, SIDE, SIDE), Rotation.from_euler("x", 45, degrees=True)),
+        _block((SIDE, 2 * SIDE, SIDE), Rotation.from_euler("y", 45, degrees=True)),
+    )
+
+
+def _hit(scene: Scene) -> float:
+    """Energy lost or gained, over that at first, as the last body falls on the other or the ground; infinite if they do not part."""
+    moved = begin(build(scene))
+    motion, model = moved.motion, moved.motion.model
+    last = int(model.component.max())
+    falls = np.arange(len(motion.packed.node_place)) >= last * int(np.prod(model.grid.nodes))
+    throw(motion, lambda x: np.where(falls[:, None], [0.0, 0.0, -FAST], 0.0))
+    begun = energy(motion)
+    interval(moved, 2e-3)  # until the bodies have parted
+    x, v, _ = motion.particles()
+    mass, high = model.density * model.particles.volume, model.component == last
+    up, apart = (np.subtract(*(mass[on] @ z[on, 2] / (mass[on].sum() or 1.0) for on in (high, ~high))) for z in (v, x))
+    return abs(energy(motion) / begun - 1) if up > 0.1 * FAST and apart > 0.0 else math.inf
+
+
+def _stacked(scene: Scene) -> float:
+    """Depth in cells of the contacts of a stack that has settled; infinite if a block sinks through another."""
+    moved = move(build(scene))
+    model = moved.motion.model
+    height = [float(moved.x[model.component == k, 2].mean()) for k in range(model.component.max() + 1)]
+    deepest = max(contact["depth"] for contact in moved.contacts.values())
+    return deepest / (1e-3 * CELL) if np.diff(height).min() > 0.5e-3 * SIDE else math.inf
+
+
+def _stack() -> Scene:
+    """Five blocks on the ground, every other one a hundred times as stiff."""
+    blocks, moduli = [_block((SIDE, SIDE, SIDE / 2), rise=k * (SIDE / 2 + GAP)) for k in range(5)], [G, 100 * G, G, 100 * G, G]
+    return _bodies(blocks, moduli, gravity={}, ground={"point": [0.0, 0.0, -0.25e-3 * SIDE]}, damping={"rate": 500.0})
+
+
+def _folded(scene: Scene) -> float:
+    """Largest depth of a fold in itself, in cells, in any frame; infinite if it never touches itself."""
+    depths: list[float] = []
+    move(build(scene), on_state=lambda state: depths.append(max((c["depth"] for c in state.contacts.values()), default=0.0)))
+    return max(depths) / scene.cell or math.inf
+
+
+def _impact(name: str, scene: Callable[[], Scene]) -> Case:
+    return Case(
+        name, scene, "passes through, sticks, or bounces with more energy", "energy lost or gained, over that at first", _hit, 0.02,
+        "two elastic bodies without friction keep their energy",
+    )  # fmt: skip
 
 
 CASES = (
     _offsets(8),
     _offsets(64),
     Case(
-        "rotation by 360 degrees",
-        _free,
-        "is strained by rotating, or does not come back",
-        "largest strain F^T F - 1 on the way",
-        _turn,
-        1e-5,
-        f"rigid motion: no strain but the centrifugal one, rho (w L)^2/(8 E) = {DENSITY * (TURN * LENGTH) ** 2 / 8 / (3 * G):.0e}",
+        "rotation by 360 degrees", _free, "is strained by rotating, or does not come back", "largest strain F^T F - 1 on the way", _turn,
+        1e-5, f"rigid motion: no strain but the centrifugal one, rho (w L)^2/(8 E) = {DENSITY * (TURN * LENGTH) ** 2 / 8 / (3 * G):.0e}",
     ),
     *(
         Case(
@@ -139,13 +248,21 @@ CASES = (
         for ratio in (5.0, 20.0)
     ),
     Case(
-        "folded, held and let open",
-        opening_strip,
-        "keeps a bend, though nothing in it is plastic, or slowly tears while it is held",
-        "distance of particles from the undeformed shape, over L",
-        _opened,
-        0.002,
-        "a hyperelastic body without load is as it was made; damping leaves exp(-8)",
-        slow=True,
+        "folded, held and let open", _opening_strip, "keeps a bend, though nothing in it is plastic, or slowly tears while it is held",
+        "distance of particles from the undeformed shape, over L", _opened, 0.002,
+        "a hyperelastic body without load is as it was made; damping leaves exp(-8)", slow=True,
+    ),
+    _impact("a block hits the ground at 2 m/s", lambda: _bodies([_block()], ground={"point": [0.0, 0.0, -0.51e-3 * SIDE]})),
+    _impact("blocks collide at 2 m/s", lambda: _over(_block(), _block())),
+    _impact("a corner hits a face at 2 m/s", _corner),
+    _impact("edges cross at 2 m/s", _edges),
+    _impact("a block hits a sheet of two cells", lambda: _over(_block((3 * SIDE, 3 * SIDE, 2 * CELL)), _block())),
+    Case(
+        "stack of five, stiffness 1:100", _stack, "sinks in, or creeps through", "deepest contact, in cells", _stacked, 0.02,
+        "weight over the stiffness of a layer: a thousandth of a cell", slow=True,
+    ),
+    Case(
+        "folding onto itself, in three times the field", _folding_strip, "passes through itself", "deepest contact, in cells", _folded, 0.2,
+        "pressure of the field over the stiffness of a layer",
     ),
 )

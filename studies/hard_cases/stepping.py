@@ -1,4 +1,4 @@
-"""Hard cases of the time step: sudden loads, steps at the edge, stiff materials."""
+"""Hard cases of the time step and of fields that change: sudden loads, steps at the edge, stiff materials, magnets that approach."""
 
 from __future__ import annotations
 
@@ -8,33 +8,53 @@ from collections.abc import Callable
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.dynamics.time_loop import begin, integrate, move
+from magmpm.dynamics.time_loop import begin, integrate, interval, move
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.errors import SolveError
+from magmpm.fields.dipole import MU0
+from magmpm.materials import young_modulus
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.studies.hard_cases.case import Case
-from magmpm.studies.hard_cases.motions import advance, at_rest, energy, last_cells, spin, throw
-from magmpm.studies.hard_cases.scenes import G, bending_field, rod
+from magmpm.studies.hard_cases.motions import (
+    DENSITY,
+    DIAMETER,
+    FIRST,
+    RATIO,
+    REMANENCE,
+    G,
+    advance,
+    at_rest,
+    bending_field,
+    changed,
+    energy,
+    last_cells,
+    rod,
+    spin,
+    throw,
+)
 
-STEPS = 100_000
-SHORT = 4 * 4e-3  # m
-SHAKE = 0.2  # m/s
+SHAKEN = 4 * 4e-3  # m, length of the body whose steps are at the edge
+SHORT = 20e-3  # m
+FREQUENCY = FIRST**2 * math.sqrt(young_modulus(G, RATIO * G) / DENSITY) * DIAMETER / 4 / SHORT**2 / (2 * math.pi)  # Hz, of bending
+LOADED, SETTLED = 0.05, 0.25  # s: of a rod whose first bending takes 0.03 s, and is damped critically
+SHORTER = 16e-3  # m
 
 
-def _energy_kept(motion: TotalMotion, dt: float, steps: int, looks: int) -> float:
-    """Largest change of the energy since the first check, over the largest kinetic energy."""
-    begun, change, most = energy(motion), 0.0, 0.0
-    for _ in range(looks):
-        advance(motion, steps // looks, dt)
-        change, most = max(change, abs(energy(motion) - begun)), max(most, motion.kinetic_energy())
+def energy_kept(motion: TotalMotion, dt: float, steps: int, looks: int, start: float = 0.0) -> float:
+    """Largest change of the energy since the first check, at `start` (s), over the largest kinetic energy."""
+    begun, change, most, part = energy(motion, start), 0.0, 0.0, steps // looks
+    for k in range(looks):
+        advance(motion, part, dt, start + k * part * dt)
+        change = max(change, abs(energy(motion, start + (k + 1) * part * dt) - begun))
+        most = max(most, motion.kinetic_energy())
     return change / most
 
 
 def _switched_on(scene: Scene) -> float:
     motion, dt, _ = at_rest(scene)
-    return _energy_kept(motion, dt, int(0.1 / dt), 100)
+    return energy_kept(motion, dt, int(0.1 / dt), 100)
 
 
 def _shaken(scene: Scene) -> tuple[TotalMotion, float]:
@@ -43,20 +63,22 @@ def _shaken(scene: Scene) -> tuple[TotalMotion, float]:
     noise = np.random.default_rng(0)
 
     def velocity(x: Array) -> Array:
-        return np.cross([0.0, 30.0, 0.0], x) + SHAKE * noise.standard_normal(x.shape)
+        return np.cross([0.0, 30.0, 0.0], x) + 0.2 * noise.standard_normal(x.shape)
 
     throw(motion, velocity)
     return motion, largest
 
 
-def _stays(part: float) -> Callable[[Scene], float]:
+def stays(part: float, steps: int, looks: int) -> Callable[[Scene], float]:
+    """Measure of the change of energy and spin in so many steps of a part of the bound."""
+
     def measure(scene: Scene) -> float:
-        """Change of the energy over 10^5 steps of a part of the bound, over the energy at first; at least that of the spin."""
+        """Change of the energy, over the energy at first; at least that of the spin."""
         motion, bound = _shaken(scene)
         advance(motion, 64, part * bound)
         begun, turning, most = energy(motion), spin(motion), 0.0
-        for _ in range(50):
-            advance(motion, STEPS // 50, part * bound)
+        for _ in range(looks):
+            advance(motion, steps // looks, part * bound)
             most = max(most, abs(energy(motion) / begun - 1))
         return max(most, float(np.linalg.norm(spin(motion) - turning) / np.linalg.norm(turning)))
 
@@ -81,16 +103,15 @@ def _detected(part: float) -> Callable[[Scene], float]:
     return measure
 
 
-def _settled(scene: Scene) -> float:
-    """Distance of the tip from that of statics, over L."""
-    still = run(Scene.from_si({**scene.to_si(), "solver": {"static": {}}, "effects": _static(scene)}))
+def _settled(scene: Scene, least: float = 0.0) -> float:
+    """Distance of the settled tip from that of statics, over L; infinite if it has moved by less than `least` of L."""
+    effects = {**scene.to_si()["effects"], "damping": None, "viscosity": None}
+    still = run(changed(scene, solver={"static": {}}, effects=effects))
     model = build(scene)
-    moved = move(model)
-    return float(np.linalg.norm(last_cells(model) @ (moved.x - still.particle_position))) / scene.length
-
-
-def _static(scene: Scene) -> dict[str, object]:
-    return {**scene.to_si()["effects"], "damping": None, "viscosity": None}
+    moved, share = move(model), last_cells(model)
+    if np.linalg.norm(share @ (moved.x - model.particles.position)) < least * scene.length:
+        return math.inf
+    return float(np.linalg.norm(share @ (moved.x - still.particle_position))) / scene.length
 
 
 def _settling(load: float, **body: object) -> Scene:
@@ -101,60 +122,107 @@ def _settling(load: float, **body: object) -> Scene:
 
 def _too_long() -> Scene:
     moving = {"duration": 2.0, "output_every": 0.01, "time_step": 1e-6}
-    return rod(length=SHORT, field=bending_field(2.0, length=SHORT), dynamic=moving)
+    return rod(length=SHAKEN, field=bending_field(2.0, length=SHAKEN), dynamic=moving)
+
+
+def _rotating() -> Scene:
+    turning = {"rotation": {"axis": [0.0, 1.0, 0.0], "frequency": FREQUENCY}}
+    field = bending_field(1.0, 0.0, SHORT)
+    return changed(rod(length=SHORT, field=field, dynamic={}), field={"uniform": field, "over_time": turning})
+
+
+def _resonance(scene: Scene) -> float:
+    """Largest gap between a body's energy and the work the field has done on it, -integral of m . dB, over its largest kinetic energy."""
+    motion, dt, _ = at_rest(scene)
+    model, turning = motion.model, scene.outside_field()
+    place = np.zeros((1, 3))
+
+    def moment() -> np.ndarray:
+        _, _, F = motion.particles()
+        found: np.ndarray = model.particles.volume @ np.einsum("nij,nj->ni", F, model.remanence[:, :3]) / MU0
+        return found
+
+    begun, m, B = energy(motion, 0.0), moment(), turning.at(place, 0.0)[0]
+    work, worst, most, highest = 0.0, 0.0, 0.0, 0.0
+    height = last_cells(model)
+    for k in range(int(4 / FREQUENCY / dt / 4)):
+        advance(motion, 4, dt, 4 * k * dt)
+        time = 4 * (k + 1) * dt
+        after, now = moment(), turning.at(place, time)[0]
+        work -= 0.5 * float((m + after) @ (now - B))
+        m, B = after, now
+        worst = max(worst, abs(energy(motion, time) - begun - work))
+        most = max(most, motion.kinetic_energy())
+        highest = max(highest, abs(float(height @ motion.particles()[0][:, 2])))
+    return worst / most if highest > 0.2 * SHORT else math.inf
+
+
+def _cycle() -> Scene:
+    """A rod that a field bends to a tip deflection of 0.7 of its length, and releases as slowly."""
+    strength = [{"time": 0.0, "strength": 0.0}, {"time": LOADED, "strength": 1.0}, {"time": 2 * LOADED, "strength": 0.0}]
+    field = bending_field(6.0, length=SHORTER)
+    scene = rod(length=SHORTER, field=field, effects={"damping": {"rate": 370.0}}, dynamic={"duration": SETTLED})
+    return changed(scene, field={"uniform": field, "over_time": {"keyframes": strength}})
+
+
+def _left_over(scene: Scene) -> float:
+    """Largest remaining displacement, over L, when the unloaded body has come to rest; infinite if it was not bent far before."""
+    model = build(scene)
+    moved, rest = begin(model), model.particles.position
+    bent = np.abs(interval(moved, LOADED).x - rest).max()
+    left = float(np.abs(interval(moved, SETTLED).x - rest).max())
+    return left / SHORTER if bent > 0.7 * SHORTER else math.inf
+
+
+def _approaching() -> Scene:
+    """The dipole of a 20 mm cube of neodymium, 8 A m^2, that approaches the tip from 80 mm above it to 40 mm."""
+    effects = {"magnetic_torque": {}, "magnetic_force": {}, "damping": {"rate": 240.0}}
+    source = {"position": [30e-3, 0.0, 80e-3], "moment": [0.0, 0.0, 8.0], "diameter": 20e-3}
+    frames = [{"time": 0.0, "move": [0.0, 0.0, 0.0]}, {"time": 0.05, "move": [0.0, 0.0, -40e-3]}]
+    scene = rod(length=SHORT, effects=effects, dynamic={"duration": 0.2, "output_every": 0.05})
+    return changed(scene, field={"dipole": [source], "over_time": {"keyframes": frames}})
 
 
 CASES = (
     Case(
-        "field switched on at once",
-        lambda: rod(field=bending_field(10.0), dynamic={}),
-        "blows up on the first swing, or loses it",
-        "change of all energies over 0.1 s, over the largest kinetic",
-        _switched_on,
-        0.01,
+        "field switched on at once", lambda: rod(field=bending_field(10.0), dynamic={}), "blows up on the first swing, or loses it",
+        "change of all energies over 0.1 s, over the largest kinetic", _switched_on, 0.01,
         "nothing does work: a constant field has a potential",
     ),
     Case(
-        "time step 0.9 of the bound",
-        lambda: rod(length=SHORT, clamp="none", dynamic={}),
-        "gains energy slowly, or loses it, or its spin",
-        "change in 10^5 steps of energy or of spin, over those at first",
-        _stays(0.9),
-        0.1,
+        "time step 0.9 of the bound", lambda: rod(length=SHAKEN, clamp="none", dynamic={}), "gains energy slowly, or loses it, or its spin",
+        "change in 10^5 steps of energy or of spin, over those at first", stays(0.9, 100_000, 50), 0.1,
         "symplectic Euler below 2/omega: the energy of a mode swings, and does not grow",
     ),
     Case(
-        "time step 1.2 of the bound",
-        _too_long,
-        "ends with values that are not finite, or with wrong ones",
-        "steps until it is stopped, with its reason and last good state",
-        _detected(1.2),
-        40.0,
+        "time step 1.2 of the bound", _too_long, "ends with values that are not finite, or with wrong ones",
+        "steps until it is stopped, with its reason and last good state", _detected(1.2), 40.0,
         "the fastest mode grows 3.5-fold a step, by x + sqrt(x^2 - 1), x = 2 1.2^2 - 1: from rounding to 1 in 30",
     ),
     Case(
-        "K/G = 500 in motion",
-        lambda: _settling(2.0, ratio=500.0),
-        "locks, or needs a step for which it was not asked",
-        "settled tip from statics, over L",
-        _settled,
-        0.002,
-        "statics by Newton's method on the same particles",
+        "K/G = 500 in motion", lambda: _settling(2.0, ratio=500.0), "locks, or needs a step for which it was not asked",
+        "settled tip from statics, over L", _settled, 0.002, "statics by Newton's method on the same particles",
     ),
     Case(
         "stiffness contrast 1:100",
         lambda: rod(
-            directions=[(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)] * 2,
-            shear=[G, G / 100, G, G / 100],
-            field=[0.0, 0.0, 0.1e-3],
-            effects={"damping": {"rate": 12.0}},
-            dynamic={"duration": 2.0, "output_every": 0.1},
-        ),
-        "takes the soft neighbor's step, or tears at the joint",
-        "settled tip from statics, over L",
-        _settled,
-        0.002,
-        "statics by Newton's method on the same particles",
-        slow=True,
+            directions=[(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)] * 2, shear=[G, G / 100, G, G / 100], field=[0.0, 0.0, 0.1e-3],
+            effects={"damping": {"rate": 12.0}}, dynamic={"duration": 2.0, "output_every": 0.1},
+        ), "takes the soft neighbor's step, or tears at the joint", "settled tip from statics, over L", _settled, 0.002,
+        "statics by Newton's method on the same particles", slow=True,
+    ),
+    Case(
+        "loaded and unloaded", _cycle, "remembers the path it came", "displacement left, over L, after a tip deflection of 0.7 L",
+        _left_over, 1e-8, "elastic: no load, no displacement; what is left of the motion falls by exp(-185 t)",
+    ),
+    Case(
+        "field rotating at the first bending frequency", _rotating, "gains energy that no one gave it, until it breaks",
+        "energy that is not the field's work, over the largest kinetic", _resonance, 0.01, "dE/dt = -m . dB/dt",
+    ),
+    Case(
+        "a magnet brought close", _approaching,
+        "is pulled off by a gradient that its torque knows nothing of, or loses balance as the field grows tenfold",
+        "settled tip from statics, over L", lambda scene: _settled(scene, 0.05), 0.005,
+        f"statics by Newton's method in the magnet's last place; remanence {REMANENCE:g} T", slow=True,
     ),
 )

@@ -31,16 +31,11 @@ HEED_NO_CONSTRAINTS = frozenset({"cmaes", "optuna:CmaEsSampler"})  # samplers th
 TAKE_CHOICES = ("tpe", "random", "nsga2", "optuna:TPESampler", "optuna:RandomSampler", "optuna:NSGAIISampler", "optuna:NSGAIIISampler")
 
 
-def is_optuna(name: str) -> bool:
-    """True if a name requests one of Optuna's own samplers."""
-    return name.startswith(PREFIX)
-
-
 def wrong_name(name: Any) -> tuple[str, str] | None:
     """Rule and remedy for a name that is no sampler; None for the name of one."""
     if isinstance(name, str) and name in NAMES:
         return None
-    if isinstance(name, str) and is_optuna(name.lower()):
+    if isinstance(name, str) and name.lower().startswith(PREFIX):
         return _wrong_optuna(name[len(PREFIX) :])
     if name in OPTUNA:
         return f"samplers of Optuna are named with `{PREFIX}` before them", f'write "{PREFIX}{name}"'

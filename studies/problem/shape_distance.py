@@ -6,7 +6,7 @@ points at the target's last stations: there its tip is compared, so that a desig
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from magmpm.compiled.arrays import Array
 from magmpm.results.measures import centreline_at
 from magmpm.results.result import Result
+
+if TYPE_CHECKING:
+    from magmpm.statics.linearized import Sensitivities
 
 
 def gaps(result: Result, target: Array) -> Array:
@@ -33,24 +36,7 @@ def root_mean_square(gaps: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(gaps**2, axis=1))))
 
 
-def residuals(gaps: Array) -> list[float]:
-    """Gaps (m, 3) m as trials store them: component by component over the root of m, so that their sum of squares is rms^2; 9 digits."""
-    return [float(f"{value:.9g}") for value in (gaps / np.sqrt(len(gaps))).reshape(-1).tolist()]
-
-
-class Derivatives(Protocol):
-    """Interface of magmpm's Sensitivities as far as it is read."""
-
-    @property
-    def result(self) -> Result: ...
-
-    @property
-    def centreline(self) -> Array: ...
-
-    def at(self, arc_lengths: Array) -> Array: ...
-
-
-def gap_derivatives(sensitivities: Derivatives, target: Array) -> Array:
+def gap_derivatives(sensitivities: Sensitivities, target: Array) -> Array:
     """Derivatives (m, 3, k) of `gaps` of the sensitivities' result, m per unit of each variable."""
     stations, beyond = _stations(sensitivities.result, target)
     found = sensitivities.at(stations)

@@ -1,18 +1,23 @@
-"""Content of a study file: its keys, their values, and which of them go together."""
+"""Content of a study file: its keys, their values, and which of them go together.
+
+python -m magmpm.studies.problem.study_file         # rewrites studies/study.schema.json, by which editors complete and explain study files
+"""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
-from magmpm.inputs.settings import Key, Quantity, Settings, fault
+from magmpm.inputs.settings import Key, Quantity, Settings, fault, write_json_schema
 from magmpm.inputs.vectors import Axis
 from magmpm.studies.problem.sampler_names import NAMES, known_sampler
 from magmpm.studies.problem.variables import Vary
 
 MOST_TRIALS = 1_000_000
 MOST_DEPTHS = 200
+SCHEMA = Path(__file__).parents[1] / "study.schema.json"
 
 
 class Match(Settings):
@@ -281,3 +286,7 @@ class StudyFile(Settings):
             return rule, "add `length: {min: 4 mm, max: 12 mm}` or `diameter: {...}` to `vary`", ("minimize",)
         return None
 
+
+if __name__ == "__main__":
+    write_json_schema(StudyFile, SCHEMA)
+    print(SCHEMA)

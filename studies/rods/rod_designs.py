@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -21,17 +22,12 @@ from magmpm.errors import SolveError
 from magmpm.rod.cosserat import rod_model, solve_rod
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
-from magmpm.studies.search.parameters import Direction, FieldVector, unit
+from magmpm.studies.search.parameters import Direction, FieldVector, Parameters, across, unit
 from magmpm.studies.search.search_space import SearchSpace
 
-STARTS = 64
 ELEMENTS = 8  # in each segment: the rod is a thousandth of its length from its limit, less than from the body
-ROUNDS = ((10, 24), (10, 12), (12, 12))  # steps, and how many of the descents go on after them
 KEPT = 6
-NEAR = 3e-4  # of the length: rms of the rod that is near enough, since the body is farther from the rod
 APART = 0.3  # rad: root mean square angle between designs that count as different
-STEADY, UNSTEADY = 0.15, 0.05  # a design less stable than this counts as worse, at a critical load by this share of the length
-LOADS = (0.25, 0.5, 0.75)  # shares of the load on the way to a start's first shape
 
 
 @dataclass(frozen=True)
@@ -105,7 +101,7 @@ class _Problem:
     def state(self, directions: Array, field: Array, quaternions: Array, damping: Array) -> _Descents:
         """The descents at these designs; one without a stable shape has an infinite cost."""
         rows, columns, found = self.shapes(directions, field, quaternions)
-        basis = _across(directions)
+        basis = across(directions)
         count = 3 * self.count
         turned = np.einsum("smka,skab->smkb", columns[:, :, :count].reshape(*rows.shape, -1, 3), basis)
         slopes = np.concatenate([turned.reshape(*rows.shape, 2 * self.count), columns[:, :, count:]], axis=2)
@@ -135,7 +131,7 @@ class _Problem:
 
 
 def rod_designs(
-    scene: Scene, target: Array, regions: Sequence[int], field_max: float | None, *, seed: int = 1, starts: int = STARTS, keep: int = KEPT
+    scene: Scene, target: Array, regions: Sequence[int], field_max: float | None, *, seed: int = 1, starts: int = 64, keep: int = KEPT
 ) -> list[RodDesign]:
     """The rod's best designs for target rows [s, x, y, z] (m, 4) m, best first; different from each other. None where the scene has no rod.
 
@@ -145,16 +141,18 @@ def rod_designs(
         problem = _Problem(scene, target, regions, field_max)
     except SolveError:
         return []
-    uniform = _sequence(starts, 3 * len(regions) + 3, seed)
+    from scipy.stats import qmc
+
+    uniform = np.asarray(qmc.Sobol(3 * len(regions) + 3, rng=np.random.default_rng([seed])).random(starts))
     directions = _on_sphere(uniform[:, : 3 * len(regions)].reshape(starts, -1, 3))
     field = _on_sphere(uniform[:, None, -3:])[:, 0] * (0.4 + 0.6 * uniform[:, -1:])
     q = problem.family.straight(starts)
-    for share in LOADS:
+    for share in (0.25, 0.5, 0.75):  # of the load, on the way to the first shape
         problem.shapes(directions, field, q, share)
     at = problem.state(directions, field, q, np.full(starts, 0.1))
-    for steps, left in ROUNDS:
+    for steps, left in ((10, 24), (10, 12), (12, 12)):  # and how many of the descents go on after them
         for _ in range(steps):
-            if np.sort(at.cost)[min(KEPT, len(at.cost)) - 1] < (NEAR * scene.length) ** 2:
+            if np.sort(at.cost)[min(KEPT, len(at.cost)) - 1] < (3e-4 * scene.length) ** 2:
                 break
             at = problem.step(at)
         at = at.best(left)
@@ -170,7 +168,7 @@ def rod_starts(space: SearchSpace, target: Array, seed: int) -> list[dict[str, f
     starts = []
     for design in found:
         x, directions = middle.copy(), iter(design.directions)
-        for block, at in zip(space.blocks, space.slices, strict=True):
+        for block, at in space.parts:
             if isinstance(block, Direction):
                 x[at] = next(directions)
             elif isinstance(block, FieldVector):
@@ -201,7 +199,8 @@ def _verified(scene: Scene, problem: _Problem, regions: Sequence[int], at: _Desc
         gap = shape.at(target[:, 0]) - target[:, 1:]
         stability = problem.family.stability(at.quaternions[s], at.directions[s], np.zeros(3) if field_max is None else field)
         found.append(RodDesign(at.directions[s], field, float(np.sqrt(np.mean(np.sum(gap**2, axis=1)))), stability))
-    found.sort(key=lambda design: design.rms + max(1.0 - design.stability / STEADY, 0.0) * UNSTEADY * scene.length)
+    # a stability below 0.15 counts as worse, at a critical load by 0.05 of the length
+    found.sort(key=lambda design: design.rms + max(1.0 - design.stability / 0.15, 0.0) * 0.05 * scene.length)
     kept: list[RodDesign] = []
     for design in found:
         if all(_apart(design, other) > APART for other in kept):
@@ -234,13 +233,6 @@ def _hold_at_the_bound(A: Array, g: Array, field: Array) -> None:
     A[held, -3:, -3:] += stiff[held, None, None] * outward[held, :, None] * outward[held, None, :]
 
 
-def _across(units: Array) -> Array:
-    """Two unit vectors across each of the unit vectors (..., 3), as columns (..., 3, 2)."""
-    axis = np.eye(3)[np.argmin(np.abs(units), axis=-1)]
-    first = unit(np.cross(units, axis))
-    return np.stack([first, np.cross(units, first)], axis=-1)
-
-
 def _turned(units: Array, turns: Array) -> Array:
     """Unit vectors (..., 3) after turns (..., 3) across them, rad, along great circles."""
     angle = np.linalg.norm(turns, axis=-1, keepdims=True)
@@ -254,8 +246,71 @@ def _on_sphere(u: Array) -> Array:
     return np.stack([x, across * np.cos(turn), across * np.sin(turn)], axis=-1)
 
 
-def _sequence(count: int, size: int, seed: int) -> Array:
-    """Points (count, size) in 0 to 1 that cover it evenly (Sobol, scrambled by the seed)."""
-    from scipy.stats import qmc
+def improved(space: SearchSpace, target: Array, starts: Sequence[dict[str, float]]) -> list[dict[str, float]]:
+    """Starts (parameters) whose directions are of the set, improved: best first, each once. A choice has no derivative, so it is searched.
 
-    return np.asarray(qmc.Sobol(size, rng=np.random.default_rng([seed])).random(count))
+    From the snapped start, the exchange (_exchanges) that brings the rod nearest to the target rows (m, 4) m is kept, until none brings it
+    nearer. What else varies stays: the sampler's steps change it.
+    """
+    limits = space.limits
+    if limits is None or limits.allowed is None:
+        return list(starts)
+    found: dict[tuple[float, ...], tuple[float, dict[str, float]]] = {}
+    for start in starts:
+        x = space.made(space.embedded(start))
+        best, solves = _distance(space, target, x), 1
+        while solves < 1500:  # a second and a half
+            tried = _exchanges(space, x)
+            values = [_distance(space, target, y) for y in tried]
+            solves += len(tried)
+            if not values or not min(values) < best:
+                break
+            x, best = tried[int(np.argmin(values))], min(values)
+        found.setdefault(_key(x), (best, space.parameters_at(x)))
+    return [parameters for _, parameters in sorted(found.values(), key=lambda pair: pair[0])]
+
+
+def next_exchange(space: SearchSpace, target: Array, best: Parameters, tried: Sequence[Parameters]) -> dict[str, Any] | None:
+    """The best design's parameters with one direction of the set exchanged (_exchanges), as no other trial has had it: of these the one
+    that brings the rod nearest to the target. None where all were tried."""
+    order = best.get("order")
+    known = {_key(space.made(space.embedded(one))) for one in tried if one.get("order") == order}
+    new = [y for y in _exchanges(space, space.made(space.embedded(best))) if _key(y) not in known]
+    if not new:
+        return None
+    turned = space.parameters_at(min(new, key=lambda y: _distance(space, target, y, order)), order)
+    names = {name for block in space.blocks if isinstance(block, Direction) for name in block.bounds()}
+    return {name: turned[name] if name in names else value for name, value in best.items()}
+
+
+def _exchanges(space: SearchSpace, x: Array) -> list[Array]:
+    """All designs (size,) in which one segment of x has another direction of the set; and where directions are counted, those in which
+    all segments of one direction have."""
+    limits, places = space.limits, [at for block, at in space.parts if isinstance(block, Direction)]
+    assert limits is not None
+    assert limits.allowed is not None
+    alike = [[at for at in places if np.array_equal(x[at], x[first])] for first in places] if limits.at_most is not None else []
+    found = {}
+    for group in [*([at] for at in places), *alike]:
+        for vector in limits.allowed:
+            y = x.copy()
+            for at in group:
+                y[at] = vector
+            if limits.at_most is None or len(np.unique([y[at] for at in places], axis=0)) <= limits.at_most:
+                found[_key(y)] = y
+    found.pop(_key(x), None)
+    return list(found.values())
+
+
+def _distance(space: SearchSpace, target: Array, x: Array, order: str | None = None) -> float:
+    """Root mean square distance (m) of the rod from the target; inf where it is not found."""
+    try:
+        scene = space.scene_at(x, order)
+        gap = solve_rod(scene, 40).at(np.minimum(target[:, 0], scene.length)) - target[:, 1:]
+    except SolveError:
+        return np.inf
+    return float(np.sqrt(np.mean(np.sum(gap**2, axis=1))))
+
+
+def _key(x: Array) -> tuple[float, ...]:
+    return tuple((np.round(x, 6) + 0.0).tolist())

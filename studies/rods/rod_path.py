@@ -19,16 +19,13 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene
+from magmpm.studies.problem import BRINK
 from magmpm.studies.problem.path import Path
 from magmpm.studies.rods.rod_trajectory import Depth, RodDesign, RodTrajectory, State, depth_of
+from magmpm.studies.search.parameters import unit
 
-STEPS = 48  # of the whole length: the way's steps are as long, or shorter
 FEWEST = 4  # steps from one depth to the next
-REPAIRS = 4  # of a design that its rods leave on the way
-FIT, AGAIN = 20, 30  # steps of least squares: a field on the way, and the design after it
-STRAY = 0.01  # of the length: a shape farther than this from the design's has left its branch
-BRINK, RISKY = 0.1, 3.0  # stability on the way below which a design counts so many times as much
-LEAST = 1.0  # diameters: where the way begins, straight
+RISKY = 3.0  # times as much a design counts whose stability on the way is below BRINK
 
 
 @dataclass(frozen=True)
@@ -57,21 +54,13 @@ class RodPath:
     def of(cls, scene: Scene, path: Path, lengths: Sequence[float], *, max_field: float, exit_weight: float) -> RodPath:
         """The way of a scene's catheter through these inserted lengths (m)."""
         rods = RodTrajectory.of(scene, path, lengths, max_field=max_field, exit_weight=exit_weight)
-        before, ways = min(LEAST * scene.thickness, lengths[0]), []
+        before, ways = min(scene.thickness, lengths[0]), []
         for length, depth in zip(lengths, rods.depths, strict=True):
-            steps = max(FEWEST, math.ceil(STEPS * (length - before) / scene.length))
+            steps = max(FEWEST, math.ceil(48 * (length - before) / scene.length))
             between = np.linspace(before, length, steps + 1)[1:-1] if length > before else np.zeros(0)
             ways.append((*(depth_of(scene, path, float(each), len(lengths)) for each in between), depth))
             before = length
         return cls(rods, tuple(ways))
-
-    @classmethod
-    def of_fields(cls, rods: RodTrajectory) -> RodPath:
-        """The way of bodies that stay as they are, while the field changes."""
-        return cls(rods, tuple((depth,) * FEWEST for depth in rods.depths))
-
-    def bent(self, path: Any, share: float) -> RodTrajectory:
-        return self.rods.bent(path, share)
 
     def stops(self, directions: Array, fields: Array) -> list[list[Stop]]:
         """All rods on the way to each place, by directions (k, 3) and fields (D, 3) T. Raises SolveError where one finds no equilibrium."""
@@ -98,7 +87,7 @@ class RodPath:
 
         turning: whether directions may change, not fields alone.
         """
-        for _ in range(REPAIRS):
+        for _ in range(4):
             went = self._followed(design)
             if went is None:
                 return None
@@ -106,7 +95,7 @@ class RodPath:
             if not strayed:
                 return replace(design, value=float(np.sqrt(state.squares)), state=state)
             begin = RodDesign(design.directions, fields, np.inf, state)
-            design = self.rods.least_squares(begin, AGAIN, turning=turning)
+            design = self.rods.least_squares(begin, 30, turning=turning)
         try:
             ends = [way[-1] for way in self.stops(design.directions, design.fields)]
         except SolveError:
@@ -121,7 +110,7 @@ class RodPath:
         for k, way in enumerate(self.ways):
             went = self._go(way, design.directions, last, design.fields[k])
             away = np.inf if went is None else float(np.abs(went[-1].position - design.state.positions[k]).max())
-            if away > STRAY * length:
+            if away > 0.01 * length:  # it has left its branch
                 strayed = True
                 fitted = self._go(way, design.directions, last, None)
                 if went is None or (fitted is not None and fitted[-1].squares < went[-1].squares):
@@ -146,7 +135,7 @@ class RodPath:
             if state is None:
                 return None
             if field is None:
-                fitted = one.least_squares(RodDesign(directions, now[None], np.inf, state), FIT, turning=False)
+                fitted = one.least_squares(RodDesign(directions, now[None], np.inf, state), 20, turning=False)
                 assert fitted.state is not None  # least_squares begins from one
                 now, state = fitted.fields[0], fitted.state
             last = Stop(depth, now, state.shapes[0], state.positions[0], state.squares)
@@ -156,16 +145,14 @@ class RodPath:
 
 def directions_of(scene: Scene) -> Array:
     """Unit vectors (k, 3) of all segments of a scene; zero where one has no magnetization."""
-    directions = np.array([region.magnetization for region in scene.regions()], dtype=float)
-    return np.asarray(directions / np.maximum(np.linalg.norm(directions, axis=1), 1e-300)[:, None])
+    return unit(np.array([region.magnetization for region in scene.regions()], dtype=float))
 
 
 def _longer(last: Stop, depth: Depth) -> Array:
     """The quaternions (n + 1, 4) of a stop's rod with what has left the guide since, straight, at its base."""
     old, new = last.depth.place, depth.place
     at = new - (new[-1] - old[-1])
-    q = np.stack([np.interp(at, old, column) for column in last.q.T], axis=1)
-    return np.asarray(q / np.linalg.norm(q, axis=1)[:, None])
+    return unit(np.stack([np.interp(at, old, column) for column in last.q.T], axis=1))
 
 
 def search(way: RodPath, path: Any, *, seed: int, starts: int, wanted: int = 1, enough: float = 0.0) -> list[RodDesign]:

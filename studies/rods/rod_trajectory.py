@@ -1,10 +1,9 @@
 """Designs of an insertion by the rod: directions of magnetization that all depths share, and a field at each depth.
 
-A trajectory of rods costs a hundredth of one of bodies. Most designs that would put a rod onto the path can't hold it there: magnets that
-point against the field are inverted pendulums, and the rod falls to another branch. So designs *grow with the path*: they begin with a path
-without curvature (and a rod without weight), where magnets along the axis in a field along the axis are stable, and least squares follows
-the path as it bends, in small steps. Where rods leave their branch all the same, rod_path.py mends the design; what is hopeless is given
-up for the next random start.
+Most designs that would put a rod onto the path can't hold it there: magnets that point against the field are inverted pendulums, and the
+rod falls to another branch. So designs *grow with the path*: they begin with a path without curvature (and a rod without weight), where
+magnets along the axis in a field along the axis are stable, and least squares follows the path as it bends, in small steps. Where rods
+leave their branch all the same, rod_path.py mends the design; what is hopeless is given up for the next random start.
 
 The fields of two depths do not touch each other's shapes: the normal equations are an arrow, and each depth is eliminated by itself.
 """
@@ -22,17 +21,11 @@ from magmpm.rod.cosserat import rod_model
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
 from magmpm.studies.problem.path import Path
+from magmpm.studies.search.parameters import across, unit
 
 ELEMENTS = 48  # of the whole catheter: positions to a tenth of a per cent of the length; designs need no more
-FEWEST = 10
 FIRST, LEAST = 1 / 6, 1 / 48  # of the path's curvature: a step with which it grows, and the least one
-STEPS, LAST = 12, 60  # of least squares at each share of the curvature, and at the whole
-LEFT = 1.5, 5e-3  # a value more than so many times the last, plus this share of the length: rods fell to another branch
-HOPELESS = 0.1  # of the length: a value that no start recovers from
-SPREAD = 0.5  # of the random part of the first directions, which are along +x
-FIELDS, COARSE = ((1.0, 0.0, 0.0), (0.6, 0.0, 0.8), (-0.6, 0.0, 0.8)), 4  # first fields for given directions, and shares of the curvature
-LARGEST = 0.6  # of the components of a step: radians, and parts of the greatest field
-ENDLESS = 8.0  # b = v/sqrt(1 + v^2) maps vectors to the unit ball; this v is its boundary, 0.992
+STEPS = 12  # of least squares at each share of the curvature
 Shapes = tuple[Array, ...]  # the frames of each depth's rod as quaternions (n + 1, 4)
 
 
@@ -132,9 +125,10 @@ class RodTrajectory:
                 normal = self._normal(d, v, state, turning)
             bases, A, X, V, g, h = normal
             p, q = _arrow_step(A, X, V, g, h, damping)
-            scale = min(1.0, LARGEST / max(np.abs(p).max(initial=0.0), np.abs(q).max(), 1e-300))
+            scale = min(1.0, 0.6 / max(np.abs(p).max(initial=0.0), np.abs(q).max(), 1e-300))
             d_new = self._turned(d, bases, scale * p)
-            v_new = _within(v + scale * q)
+            v_new = v + scale * q
+            v_new *= np.minimum(1.0, 8.0 / np.maximum(np.linalg.norm(v_new, axis=1), 1e-300))[:, None]  # 8: the boundary of the ball, 0.992
             tried = self.settled(d_new, self.max_field * from_ball(v_new), state.shapes)
             if tried is not None and tried.squares < state.squares:
                 little = little + 1 if tried.squares > 0.99 * state.squares else 0
@@ -153,7 +147,8 @@ class RodTrajectory:
         A, X, V, g, h = np.zeros((m, m)), np.zeros((depths, m, 3)), np.empty((depths, 3, 3)), np.zeros(m), np.empty((depths, 3))
         for k, depth in enumerate(self.depths):
             slopes, gaps = 1e3 * state.slopes[k], 1e3 * state.gaps[k]
-            of_v = self.max_field * slopes[:, -3:] @ _by_v(v[k])
+            root = np.sqrt(1 + v[k] @ v[k])
+            of_v = self.max_field * slopes[:, -3:] @ (np.eye(3) / root - np.outer(v[k], v[k]) / root**3)  # db/dv
             V[k], h[k] = of_v.T @ of_v, of_v.T @ gaps
             if turning:
                 of_d = np.zeros((len(gaps), len(self.movable), 2))
@@ -171,12 +166,11 @@ class RodTrajectory:
             return d
         moved = d.copy()
         moved[self.movable] += np.einsum("kat,kt->ka", bases, p.reshape(-1, 2))
-        return np.asarray(moved / np.linalg.norm(moved, axis=1)[:, None])
+        return unit(moved)
 
     def grown(self, path: Path, rng: np.random.Generator) -> RodDesign | None:
         """A design that grows with the path from a random start (see above); None where it can't, or where it is hopeless."""
-        d = SPREAD * rng.normal(size=(self.count, 3)) + [1.0, 0.0, 0.0]
-        d /= np.linalg.norm(d, axis=1)[:, None]
+        d = unit(0.5 * rng.normal(size=(self.count, 3)) + [1.0, 0.0, 0.0])
         fields = self.max_field * np.tile([0.5, 0.0, 0.0] + 0.2 * rng.normal(size=3), (len(self.depths), 1))
         fields *= np.minimum(1.0, 0.95 * self.max_field / np.linalg.norm(fields, axis=1))[:, None]
         design = RodDesign(d, fields, 0.0)
@@ -187,11 +181,11 @@ class RodTrajectory:
             state = bent.settled(design.directions, design.fields, None if design.state is None else design.state.shapes)
             found = None
             if state is not None:
-                found = bent.least_squares(replace(design, state=state), STEPS if now < 1.0 else LAST)
-            fell = found is None or found.value > LEFT[0] * design.value + LEFT[1] * size
+                found = bent.least_squares(replace(design, state=state), STEPS if now < 1.0 else 60)
+            fell = found is None or found.value > 1.5 * design.value + 5e-3 * size  # to another branch
             if fell and step > LEAST:
                 step /= 2
-            elif found is None or found.value > HOPELESS * size:
+            elif found is None or found.value > 0.1 * size:
                 return None
             else:
                 design, share, step = found, now, min(1.5 * step, FIRST)
@@ -204,9 +198,9 @@ class RodTrajectory:
         The path's curvature and the weight grow as in `grown`. Where rods fall to another branch on the way, the fields follow them there.
         """
         found = [RodDesign(directions, np.zeros((len(self.depths), 3)), np.inf)]
-        for first in FIELDS:
+        for first in ((1.0, 0.0, 0.0), (0.6, 0.0, 0.8), (-0.6, 0.0, 0.8)):
             design = RodDesign(directions, 0.5 * self.max_field * np.tile(first, (len(self.depths), 1)), np.inf)
-            for share in np.linspace(0.0, 1.0, COARSE + 1)[1:]:
+            for share in np.linspace(0.0, 1.0, 5)[1:]:
                 bent = self.bent(path.flattened(share), share) if share < 1.0 else self
                 state = bent.settled(directions, design.fields, None if design.state is None else design.state.shapes)
                 if state is None:
@@ -215,14 +209,6 @@ class RodTrajectory:
             else:
                 found.append(design)
         return min(found, key=lambda each: each.value)
-
-
-def across(directions: Array) -> Array:
-    """Two unit vectors across each of k unit vectors, (k, 3, 2)."""
-    unit = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
-    a = np.cross(directions, unit)
-    a /= np.linalg.norm(a, axis=1)[:, None]
-    return np.stack([a, np.cross(directions, a)], axis=2)
 
 
 def to_ball(b: Array) -> Array:
@@ -235,16 +221,6 @@ def to_ball(b: Array) -> Array:
 def from_ball(v: Array) -> Array:
     """b (D, 3) of v."""
     return np.asarray(v / np.sqrt(1 + np.sum(v * v, axis=1))[:, None])
-
-
-def _by_v(v: Array) -> Array:
-    """db/dv (3, 3)."""
-    root = np.sqrt(1 + v @ v)
-    return np.asarray(np.eye(3) / root - np.outer(v, v) / root**3)
-
-
-def _within(v: Array) -> Array:
-    return np.asarray(v * np.minimum(1.0, ENDLESS / np.maximum(np.linalg.norm(v, axis=1), 1e-300))[:, None])
 
 
 def _arrow_step(A: Array, X: Array, V: Array, g: Array, h: Array, damping: float) -> tuple[Array, Array]:
@@ -266,7 +242,7 @@ def depth_of(whole: Scene, path: Path, length: float, count: int) -> Depth:
     scene = whole.with_field([0.0, 0.0, 0.0]).inserted(length)
     catheter = scene.body.shape
     assert isinstance(catheter, Catheter)
-    rod = rod_model(scene, max(FEWEST, round(ELEMENTS * length / whole.length)))
+    rod = rod_model(scene, max(10, round(ELEMENTS * length / whole.length)))
     magnetized = scene.magnetized_regions()
     place = np.concatenate([[0.0], np.cumsum(rod.length)])
     share = np.zeros(len(place))

@@ -7,64 +7,92 @@ paths are relative to its own file.
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import yaml
 
+from magmpm.bodies.surface_mesh import PREFIX
+from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError, report
 from magmpm.inputs.yaml_document import read_yaml
-from magmpm.studies.search.file_paths import from_folder, mended
+from magmpm.results.whole_file import whole_file
 from magmpm.studies.search.scene_edits import Edits
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
-    from magmpm.studies.search.definition import Study
+    from magmpm.scene import Scene
+    from magmpm.studies.problem.study import Study
 
+PATHS = frozenset({"mesh", "table", "centreline", "path"})  # keys whose text names a file
 SCENE = "scene.yaml"
-STEPS = 10  # equilibria from one shape of a schedule to the next
+SPEED = 10e-3  # m/s: the slowest free swing of a 56 mm catheter takes half a second, in which it advances by two diameters
+
+
+def moved_content(source: Path, folder: Path) -> dict[str, Any]:
+    """The content of a scene's file, with its paths relative to `folder`."""
+    content: dict[str, Any] = _mended(dict(read_yaml(source)), source.parent, folder)
+    return content
+
+
+def as_yaml(content: Mapping[str, Any]) -> str:
+    """The content of a scene as the text of a file."""
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
+
+
+def _mended(value: Any, old: Path, new: Path, key: str | int = "") -> Any:
+    """The same data, with paths that were relative to the folder `old` relative to `new`."""
+    if isinstance(value, Mapping):
+        return {name: _mended(item, old, new, name) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_mended(item, old, new) for item in value]
+    if key in PATHS and isinstance(value, str) and not value.startswith(PREFIX):
+        return value if Path(value).is_absolute() else _from_folder(old / value, new)
+    return value
+
+
+def _from_folder(path: Path, folder: Path) -> str:
+    """A path as a file in `folder` names it."""
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
 
 
 def write_best_scene(folder: Path, study: Study, space: SearchSpace, best: Mapping[str, Any]) -> Path | None:
     """Write the scene of a design into a folder. Returns the file, or None for a study that was made in Python.
 
-    best: {number, rms_m, params} of the trial. The file is written whole or not at all, and left alone if it says the same.
+    best: {number, rms_m, params} of the trial. The file is written whole or not at all, and left alone if it says the same. Of an insertion
+    it is the push of the design through its guide, as a motion (`magmpm report --motion` runs it): the catheter is longer than the study's
+    by a plain piece that stays in the guide, `feed` pushes it at one speed, and the field passes from each depth's to the next's evenly. It
+    begins one diameter out, without a field.
     """
     if study.scene_file is None:
         return None
-    path = folder / SCENE
-    text = _head(study, best, path) + yaml.safe_dump(
-        _content(study, study.scene_file, space, best["params"], folder), sort_keys=False, default_flow_style=None, width=120,
-        allow_unicode=True,
-    )  # fmt: skip
-    if path.exists() and path.read_text(encoding="utf-8") == text:
-        return path
-    part = path.with_suffix(".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
+    path, content = folder / SCENE, moved_content(study.scene_file, folder)
+    if study.depths:
+        _add_push(content, study, space, best["params"])
+        head = (
+            f"# The best design of the study {study.name}, pushed through its guide while the field passes from depth to depth.\n"
+            f"# `magmpm design` writes it anew when a trial is better: copy it before you change it.\n#\n#   magmpm run {path} --render\n"
+            f"#   magmpm report {folder.parent} --motion        runs it and compares it with the equilibria of the study\n\n"
+        )
+    else:
+        content["name"] = f"{study.name} best"[:100]
+        space.edit(Edits(study.scene, content), space.embedded(best["params"]), best["params"].get("order"))
+        if study.keyframes:
+            _add_schedule(content, study, space, best["params"])
+        head = (
+            f"# The best design of the study {study.name}: trial {best['number']}, "
+            f"rms {1e3 * best['rms_m']:.4g} mm from the target shape.\n"
+            f"# `magmpm design` made it of {_from_folder(study.scene_file, folder)}, and writes it anew when a trial is better: "
+            f"copy it before you change it.\n#\n#   magmpm run {path} --render\n\n"
+        )
+    text = head + as_yaml(content)
+    if not (path.exists() and path.read_text(encoding="utf-8") == text):
+        with whole_file(path) as part:
+            part.write_text(text, encoding="utf-8")
     return path
-
-
-def _head(study: Study, best: Mapping[str, Any], path: Path) -> str:
-    """Comment lines: what the file is, where it comes from, and how to run it."""
-    assert study.scene_file is not None
-    made_of = from_folder(study.scene_file, path.parent)
-    return (
-        f"# The best design of the study {study.name}: trial {best['number']}, rms {1e3 * best['rms_m']:.4g} mm from the target shape.\n"
-        f"# `magmpm design` made it of {made_of}, and writes it anew when a trial is better: copy it before you change it.\n"
-        "#\n"
-        f"#   magmpm run {path} --render\n\n"
-    )
-
-
-def _content(study: Study, source: Path, space: SearchSpace, found: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """The scene's file as data, with the design in it and paths relative to `folder`."""
-    content: dict[str, Any] = mended(dict(read_yaml(source)), source.parent, folder)
-    content["name"] = f"{study.name} best"[:100]
-    space.edit(Edits(study.scene, content), space.embedded(found), found.get("order"))
-    if study.keyframes:
-        _add_schedule(content, study, space, found)
-    return content
 
 
 def _add_schedule(content: dict[str, Any], study: Study, space: SearchSpace, found: Mapping[str, Any]) -> None:
@@ -80,6 +108,59 @@ def _add_schedule(content: dict[str, Any], study: Study, space: SearchSpace, fou
         frames.append({"uniform": list(frames[-1]["uniform"]), "time": f"{times[-1]:.15g} s"})
     field = {key: value for key, value in content.get("field", {}).items() if key != "uniform"}
     content["field"] = {**field, "over_time": {"keyframes": frames}}
-    at = [a + (b - a) * i / STEPS for a, b in itertools.pairwise(times) for i in range(STEPS)]
+    at = [a + (b - a) * i / 10 for a, b in itertools.pairwise(times) for i in range(10)]
     solver = {key: value for key, value in content.get("solver", {}).items() if key != "static"}
     content["solver"] = {**solver, "quasi_static": {"at": [f"{time:.12g} s" for time in (*at, times[-1])]}}
+
+
+def times(depths: Array, diameter: float) -> Array:
+    """Times when each depth is reached, s."""
+    return (np.asarray(depths) - min(diameter, depths[0])) / SPEED
+
+
+def _add_push(content: dict[str, Any], study: Study, space: SearchSpace, params: Mapping[str, Any]) -> None:
+    """The motion of a design."""
+    whole = space.scene_of(params)
+    shape = whole.body.catheter
+    assert shape is not None
+    catheter = content["body"]["catheter"]
+    segments = [dict(segment) for segment in catheter["segments"]]
+    for segment, length, direction in zip(segments, shape.segment_lengths(), space.directions(params), strict=True):
+        segment.update(length=f"{1e3 * length:.12g} mm", magnetization=direction.tolist())
+    held, depths = 2.0 * shape.diameter, np.array(study.depths)
+    total = study.scene.length + held
+    out = min(shape.diameter, float(depths[0]))
+    catheter.update(length=f"{1e3 * total:.12g} mm", segments=[{"length": f"{1e3 * held:.12g} mm"}, *segments])
+    catheter.pop("clamp", None)
+    fields = np.array([space.field(params, k if space.fields > 1 else -1) for k in range(len(depths))])
+    reached = times(depths, shape.diameter)
+    keyframes = [{"time": "0 s", "uniform": ["0 mT", "0 mT", "0 mT"]}] if reached[0] > 0 else []
+    keyframes += [
+        {"time": f"{time:.9g} s", "uniform": [f"{1e3 * x:.12g} mT" for x in field]} for time, field in zip(reached, fields, strict=True)
+    ]
+    effects = {key: value for key, value in content.get("effects", {}).items() if key != "feed"}
+    effects |= _moved_walls(whole, total - out)
+    effects |= {"feed": {"speed": f"{1e3 * SPEED:g} mm/s", "exit": f"{1e3 * (total - out):.12g} mm"}}
+    effects.setdefault("damping", {"rate": "30 1/s"})
+    content.update(
+        name=f"{study.name} push"[:100],
+        field={**content.get("field", {}), "uniform": ["0 mT", "0 mT", "0 mT"], "over_time": {"keyframes": keyframes}}, effects=effects,
+        solver={"dynamic": {"duration": f"{reached[-1]:.9g} s", "output_every": "20 ms"}}, resolution={"cells_across": 2},  # minutes
+    )  # fmt: skip
+    content.pop("reference", None)
+
+
+def _moved_walls(scene: Scene, exit_at: float) -> dict[str, Any]:
+    """A tube of `walls` where the push has its guide's exit; the scene has it around its own, or around the origin.
+
+    Raises InputError for walls of a surface, which can't be moved.
+    """
+    walls = scene.effects.walls
+    if walls is None:
+        return {}
+    if walls.tube is None:
+        rule = "the push of an insertion moves its walls to the guide's exit, and a surface stays where its file has it"
+        raise InputError(report("effects.walls.surface", rule=rule, remedy="give the walls as a `tube`, or do not name them"))
+    shift = np.array([exit_at - (0.0 if scene.effects.feed is None else scene.effects.feed.exit), 0.0, 0.0])
+    path = [[f"{1e3 * x:.9g} mm" for x in np.asarray(point) + shift] for point in walls.tube.path]
+    return {"walls": {"tube": {"radius": f"{1e3 * walls.tube.radius:.9g} mm", "path": path}, "friction": walls.friction}}

@@ -26,15 +26,8 @@ from magmpm.scene.coarsest import coarsest_cells
 from magmpm.studies.problem.sampler_names import SAMPLERS, check_sampler_name
 from magmpm.studies.problem.study import Keyframe, Study
 from magmpm.studies.problem.study_file import Match, StudyFile
+from magmpm.studies.search import study_checks
 from magmpm.studies.search.samplers.choice import best_suited
-from magmpm.studies.search.study_checks import (
-    check_file_name,
-    check_numbers,
-    check_scene,
-    check_target,
-    named_in,
-    place,
-)
 
 __all__ = ["SAMPLERS", "Study", "StudyFile", "check_sampler_name", "definition_hash", "differences", "load_study"]
 
@@ -47,20 +40,20 @@ def load_study(path: Path | str) -> Study:
     Raises InputError (NotThereYet for what a later version brings) with file, line, key, value, rule and remedy.
     """
     document = read_yaml(path)
-    check_file_name(document.path)
+    study_checks.check_file_name(document.path)
     file = validate(StudyFile, document)
     folder = document.path.parent
     _must_be_near(document, folder / file.scene, "scene")
     try:
         scene = load_scene(folder / file.scene)
     except InputError as error:
-        raise named_in(error, place(document, "scene")) from None
-    check_scene(scene, file, document)
+        raise study_checks.named_in(error, study_checks.place(document, "scene")) from None
+    study_checks.check_scene(scene, file, document)
     asked = None
     if scene.resolution.asked:  # of the whole shape, which designs are evaluated by: a bound for the tip as well
         asked = scene.resolution.model_copy(update={"of": "centreline"})
         scene = scene.with_cells(coarsest_cells(scene))
-    check_numbers(scene, file, document)
+    study_checks.check_numbers(scene, file, document)
     target, keyframes = _targets(file, document, scene)
     study = Study(
         path=document.path, name=document.path.stem, scene=scene, target=target, vary=file.vary, trials=file.trials,
@@ -87,7 +80,7 @@ def _targets(file: StudyFile, document: Document, scene: Scene) -> tuple[Array, 
 def _must_be_near(document: Document, path: Path, *key: str | int) -> None:
     """Raises InputError for a path that a study may not name."""
     if not is_allowed(path, document.path):
-        raise InputError(report(place(document, *key), received=str(path), rule=RULE, remedy=REMEDY))
+        raise InputError(report(study_checks.place(document, *key), received=str(path), rule=RULE, remedy=REMEDY))
 
 
 def _read_target(name: str, key: tuple[str | int, ...], file: StudyFile, document: Document, scene: Scene) -> Array:
@@ -97,8 +90,8 @@ def _read_target(name: str, key: tuple[str | int, ...], file: StudyFile, documen
     try:
         target = read_centreline(csv)
     except InputError as error:
-        raise named_in(error, place(document, *key)) from None
-    check_target(target, scene, file, csv, place(document, *key))
+        raise study_checks.named_in(error, study_checks.place(document, *key)) from None
+    study_checks.check_target(target, scene, file, csv, study_checks.place(document, *key))
     return target
 
 

@@ -1,15 +1,13 @@
 """Search space of a study, and the scene that each design stands for.
 
-A design is made of blocks (blocks.py), in this order: directions of the magnetized segments, base to tip; the field, or one at each depth
-or time; numbers within bounds: lengths, diameter, remanence, stiffness; and the order of the segments. Each magnetized segment
+A design is made of blocks (parameters.py), in this order: directions of the magnetized segments, base to tip; the field, or one at each
+depth or time; numbers within bounds: lengths, diameter, remanence, stiffness; and the order of the segments. Each magnetized segment
 has two angles, relative to the catheter and not to the room:
 
     around: turn about the catheter's axis, from +y toward +z, -180 to 180 deg
     along:  lift from the cross-section toward the tip, -90 to 90 deg
     d = (sin along, cos along cos around, cos along sin around)
 
-`along` = 90 deg is magnetized along the axis toward the tip, 0 across it. The mechanics of a bent catheter refers to its axis, not
-to +z, and searches in these angles needed fewer trials (docs/design.md, "Choosing trials", has the counts).
 A varied field has its strength and the two angles of scene files: azimuth from +x toward +y, elevation to +z.
 """
 
@@ -18,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +24,13 @@ from numpy.typing import NDArray
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
-from magmpm.studies.search.manufacturing import Makeable
 from magmpm.studies.search.parameters import (
     FIELD,
     Block,
     Choice,
     Direction,
     FieldVector,
+    Makeable,
     Number,
     Parameters,
     angles,
@@ -45,20 +43,11 @@ from magmpm.studies.search.scene_edits import Edits, arrangement, kept_total, nu
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
 
+    from magmpm.scene.variables import Variable
     from magmpm.studies.problem.study import Study
     from magmpm.studies.problem.study_file import Limits
 
 __all__ = ["FIELD", "SearchSpace", "angles", "direction"]
-
-
-class VariableLike(Protocol):
-    """Interface of a variable of magmpm.sensitivities, as far as the chain rule needs it."""
-
-    @property
-    def kind(self) -> str: ...
-
-    @property
-    def name(self) -> str: ...
 
 
 @dataclass(frozen=True)
@@ -107,6 +96,11 @@ class SearchSpace:
         """Slices of each block's embedded coordinates."""
         ends = np.cumsum([block.size for block in self.blocks]).tolist()
         return tuple(slice(end - block.size, end) for block, end in zip(self.blocks, ends, strict=True))
+
+    @cached_property
+    def parts(self) -> tuple[tuple[Block, slice], ...]:
+        """The blocks, each with the slice of its embedded coordinates."""
+        return tuple(zip(self.blocks, self.slices, strict=True))
 
     @property
     def size(self) -> int:
@@ -168,7 +162,7 @@ class SearchSpace:
         order: of the segments where it varies; as in the scene unless given.
         """
         found: dict[str, Any] = {}
-        for block, at in zip(self.blocks, self.slices, strict=True):
+        for block, at in self.parts:
             if isinstance(block, Choice):
                 found[block.name] = order or orders(self.scene, own=True)[0]
             found |= block.written(block.nearest(np.asarray(x, dtype=float)[at]))
@@ -176,7 +170,7 @@ class SearchSpace:
 
     def nearest(self, x: Array) -> Array:
         """The embedded coordinates (size,) of a design nearest to x, block by block."""
-        parts = [block.nearest(np.asarray(x, dtype=float)[at]) for block, at in zip(self.blocks, self.slices, strict=True)]
+        parts = [block.nearest(np.asarray(x, dtype=float)[at]) for block, at in self.parts]
         return np.concatenate([np.zeros(0), *parts])
 
     def drawn(self, rng: np.random.Generator) -> Array:
@@ -247,8 +241,8 @@ class SearchSpace:
     def edit(self, edits: Edits, x: Array, order: str | None = None, field: int = -1) -> None:
         """Write a design, by its embedded coordinates (size,), into a scene's data."""
         lengths, x = {}, self.made(x)
-        fields = [at for block, at in zip(self.blocks, self.slices, strict=True) if isinstance(block, FieldVector)]
-        for block, at in zip(self.blocks, self.slices, strict=True):
+        fields = [at for block, at in self.parts if isinstance(block, FieldVector)]
+        for block, at in self.parts:
             if isinstance(block, Direction):
                 edits.segment(block.segment)["magnetization"] = x[at].tolist()
             elif isinstance(block, Number) and block.what == "length":
@@ -273,7 +267,7 @@ class SearchSpace:
         """Magnetization of every segment of the trial's scene, (k, 3) unit vectors or zeros, in the undeformed body."""
         found = np.array([region.magnetization for region in self.scene.regions()], dtype=float)
         x = self.made(self.embedded(parameters))
-        for block, at in zip(self.blocks, self.slices, strict=True):
+        for block, at in self.parts:
             if isinstance(block, Direction):
                 found[block.segment] = x[at]
         order = parameters.get("order")
@@ -309,7 +303,7 @@ class SearchSpace:
         named += [(what, any(n.what == what for n in self.numbers_within)) for what in ("length", "diameter", "remanence", "shear_modulus")]
         return [what for what, wanted in named if wanted]
 
-    def chain(self, variables: Sequence[VariableLike], x: Array, order: str | None = None, field: int = -1) -> Array:
+    def chain(self, variables: Sequence[Variable], x: Array, order: str | None = None, field: int = -1) -> Array:
         """The derivatives of the variables of a solve by embedded coordinates: (k, size), so that columns (..., k) @ chain are (..., size).
 
         variables: `Sensitivities.variables` of the scene of these coordinates x (size,), order and field. A direction's three columns are
@@ -319,13 +313,13 @@ class SearchSpace:
         rows = _rows(variables)
         count = len(self.scene.regions())
         places: NDArray[np.int64] = np.arange(count) if order is None else np.argsort(arrangement(self.scene, order))
-        fields = [at for block, at in zip(self.blocks, self.slices, strict=True) if isinstance(block, FieldVector)]
-        numbers = [(block, at) for block, at in zip(self.blocks, self.slices, strict=True) if isinstance(block, Number)]
+        fields = [at for block, at in self.parts if isinstance(block, FieldVector)]
+        numbers = [(block, at) for block, at in self.parts if isinstance(block, Number)]
         lengths = [(number.of, at) for number, at in numbers if number.what == "length"]
-        for block, at in zip(self.blocks, self.slices, strict=True):
+        for block, at in self.parts:
             if isinstance(block, Direction):
                 for row in rows.get(("magnetization", int(places[block.segment])), ()):  # none where the remanence is zero
-                    found[row, at] = variables[row].direction  # type: ignore[attr-defined]
+                    found[row, at] = variables[row].direction
             elif isinstance(block, Number) and block.what != "length":
                 name = Edits.material_name(self.scene, block) if block.what != "diameter" else None
                 for row in rows.get((block.what, name), ()):
@@ -354,7 +348,7 @@ class SearchSpace:
                     found[row, at] = (high - low) * moved[i, j]
 
 
-def _rows(variables: Sequence[VariableLike]) -> dict[tuple[str, int | str | None], list[int]]:
+def _rows(variables: Sequence[Variable]) -> dict[tuple[str, int | str | None], list[int]]:
     """Which rows of a Jacobian belong to what: by kind, and by segment or material."""
     found: dict[tuple[str, int | str | None], list[int]] = {}
     for row, variable in enumerate(variables):

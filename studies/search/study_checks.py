@@ -19,7 +19,7 @@ from magmpm.studies.search.scene_edits import MOST_ORDERS, numbers_of
 from magmpm.studies.search.search_space import SearchSpace
 
 FEWEST_POINTS = 2  # of a target, beyond the base
-AS_LONG, FINE = 0.05, 1001  # how far s_mm may be from the length of a path's curve, counted on so many points
+AS_LONG = 0.05  # how far s_mm may be from the length of a path's curve
 STRETCH = 1.1  # a target may be this much longer than the part of the catheter it belongs to
 
 
@@ -103,7 +103,8 @@ def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named:
     A silicone catheter bends but hardly stretches. Points at a larger distance than the length of catheter between them show a mistake in
     the table (units, columns, another catheter), which a search would never reveal.
     """
-    length, where = _greatest_length(scene, file), f"{csv} (named in {named})"
+    bounds, where = file.vary.length, f"{csv} (named in {named})"
+    length = scene.length if bounds is None or bounds.total == "keep" else bounds.max * len(scene.regions())  # at most
     if target[-1, 0] > length * (1 + 1e-6):
         received = f"s_mm up to {1e3 * target[-1, 0]:g}"
         rule = f"s_mm of the target must not exceed the catheter's length, {1e3 * length:g} mm"
@@ -175,18 +176,12 @@ def _check_curve(rows: Array, thickness: float, where: str) -> None:
         received = f"points whose smooth curve, which leaves the guide along +x, has a radius of {1e3 * radius:.3g} mm"
         rule = f"a path must not bend sharper than the catheter's diameter allows, at a radius of {1e3 * thickness:g} mm"
         raise InputError(report(where, received=received, rule=rule, remedy="smooth the path, or give more points where it bends"))
-    points = curve.at(np.linspace(0.0, rows[-1, 0], FINE))
+    points = curve.at(np.linspace(0.0, rows[-1, 0], 1001))
     long = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     if abs(long / rows[-1, 0] - 1.0) > AS_LONG:
         received = f"s_mm up to {1e3 * rows[-1, 0]:g} for a curve that is {1e3 * long:.4g} mm long"
         rule = f"s_mm is the length along the path, to {100 * AS_LONG:g} %"
         raise InputError(report(where, received=received, rule=rule, remedy="count s_mm along the points, and check the units"))
-
-
-def _greatest_length(scene: Scene, file: StudyFile) -> float:
-    """Greatest length of the body, m."""
-    bounds = file.vary.length
-    return scene.length if bounds is None or bounds.total == "keep" else bounds.max * len(scene.regions())
 
 
 def check_numbers(scene: Scene, file: StudyFile, document: Document) -> None:

@@ -14,11 +14,10 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, SolveError, report
 from magmpm.rod.cosserat import solve_rod
 from magmpm.studies.problem.study import Study
-from magmpm.studies.search.parameters import Block, Choice, Direction, FieldVector
+from magmpm.studies.search.parameters import Block, Choice, Direction, FieldVector, across
 from magmpm.studies.search.search_space import SearchSpace
 
-DESIGNS, SEED, ELEMENTS = 3, 20_24, 20
-STATIONS = 13  # of each depth of an insertion
+DESIGNS = 3
 STEP = 1e-6  # of a whole step: forward differences, whose singular values agree with those of other steps to 1e-6 mm
 NOTHING = 1e-5  # of the length: a whole step of a variable that moves the shape less than this moves nothing
 SEEN = 1e-5  # of the length: what a whole step must move the shape by (rms), to be seen in the target: 0.4 um of 40 mm
@@ -83,14 +82,14 @@ class _Shape:
     def at(self, x: Array) -> Array:
         scene = self.space.scene_at(x, field=self.field)
         scene = scene if self.inserted is None else scene.inserted(self.inserted)
-        return solve_rod(scene, ELEMENTS).at(np.minimum(self.stations, scene.length)).reshape(-1)
+        return solve_rod(scene, 20).at(np.minimum(self.stations, scene.length)).reshape(-1)
 
 
 def _shapes(study: Study, space: SearchSpace) -> list[_Shape]:
     """The equilibria of a design: one, or one at each depth or time."""
     own = space.fields > 1
     if study.depths:
-        places = [np.linspace(0.0, depth, STATIONS) for depth in study.depths]
+        places = [np.linspace(0.0, depth, 13) for depth in study.depths]
         return [_Shape(space, s, float(s[-1]), k if own else -1) for k, s in enumerate(places)]
     if study.keyframes:
         return [_Shape(space, frame.target[:, 0], None, k if own else -1) for k, frame in enumerate(study.keyframes)]
@@ -99,7 +98,7 @@ def _shapes(study: Study, space: SearchSpace) -> list[_Shape]:
 
 def judge(study: Study, space: SearchSpace) -> Judgement | None:
     """Evaluate a study by the rod at random designs; None where it finds no equilibrium, or there are only choices."""
-    rng, space = np.random.default_rng(SEED), replace(space, limits=None)  # directions of a set have no derivatives
+    rng, space = np.random.default_rng(2024), replace(space, limits=None)  # directions of a set have no derivatives
     moves, seen, shapes = [], [], _shapes(study, space)
     for _ in range(4 * DESIGNS):
         try:
@@ -121,7 +120,7 @@ def _jacobian(space: SearchSpace, x: Array, shapes: list[_Shape]) -> Array:
     if all(isinstance(block, Choice) for block in space.blocks):
         return np.empty((0, 0))
     here, columns, field = [shape.at(x) for shape in shapes], [], -1
-    for block, at in zip(space.blocks, space.slices, strict=True):
+    for block, at in space.parts:
         field += isinstance(block, FieldVector)
         for step in _steps(block, x[at]):
             moved = x.copy()
@@ -137,8 +136,6 @@ def _steps(block: Block, x: Array) -> list[Array]:
     if isinstance(block, Choice):
         return []
     if isinstance(block, Direction):
-        first = np.cross(x, np.eye(3)[int(np.argmin(np.abs(x)))])
-        first /= np.linalg.norm(first)
-        return [first, np.cross(x, first)]
+        return list(across(x).T)
     size = block.max if isinstance(block, FieldVector) else 1.0
     return list(size * np.eye(block.size))

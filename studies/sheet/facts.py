@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,21 +20,85 @@ from magmpm.inputs.user_files import read_regular
 from magmpm.results.result import Result, versions
 from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine import records
+from magmpm.studies.engine.report import feasible, refused
 from magmpm.studies.engine.storage import must_exist, open_storage, storage_faults
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.best_scene import SCENE
 from magmpm.studies.search.definition import definition_hash, load_study
 from magmpm.studies.search.samplers.choice import settings
 from magmpm.studies.search.search_space import SearchSpace
-from magmpm.studies.sheet import trials as of_trials
-from magmpm.studies.sheet.finer import judged, last_equilibrium
-from magmpm.studies.sheet.motion import in_time
-from magmpm.studies.sheet.tolerances import SHARE, allowed, together
+from magmpm.studies.sheet.finer import SHARE, allowed, in_time, judged, last_equilibrium, together
 
 if TYPE_CHECKING:
+    import optuna
     from optuna.trial import FrozenTrial
 
-TEXT = 200_000  # bytes of an input file that a report shows
+
+
+def kept_trials(storage: optuna.storages.BaseStorage, name: str) -> tuple[optuna.Study, list[FrozenTrial]]:
+    """A study in its storage, and its finished trials in order."""
+    import optuna
+    from optuna.trial import TrialState
+
+    kept = optuna.load_study(study_name=name, storage=storage)
+    return kept, kept.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+
+
+def best_rows(trials: Sequence[FrozenTrial]) -> list[dict[str, Any]]:
+    """The feasible trials nearest to the target: number, value_m, rms_m, tip_error_m, stability, values."""
+    good = sorted((t for t in trials if feasible(t)), key=lambda t: (t.values[0], t.number))[:10]
+    return [
+        {
+            "number": t.number,
+            "value_m": float(t.values[0]),
+            "rms_m": float(t.user_attrs.get("rms_m", t.values[0])),
+            "tip_error_m": t.user_attrs.get("tip_error_m"),
+            "stability": t.user_attrs.get("stability"),
+            "values": [float(v) for v in t.values],
+        }
+        for t in good
+    ]
+
+
+def reasons(trials: Sequence[FrozenTrial]) -> list[tuple[str, str, int]]:
+    """Reasons why trials failed or were refused: which of the two, the reason, and how many trials, most first."""
+    counted: dict[tuple[str, str], int] = {}
+    for trial in trials:
+        if not feasible(trial):
+            key = ("refused" if refused(trial) else "failed", str(trial.user_attrs.get("reason") or "not told"))
+            counted[key] = counted.get(key, 0) + 1
+    return [(kind, reason, count) for (kind, reason), count in sorted(counted.items(), key=lambda item: -item[1])]
+
+
+def importances(kept: optuna.Study, trials: Sequence[FrozenTrial]) -> dict[str, Any]:
+    """Which parameters the best trials differ in from all: PED-ANOVA (Watanabe et al., IJCAI 2023), shares that sum to 1.
+
+    `values`: parameter -> share, largest first; `trials`: of how many. Or `why` there are none.
+    """
+    from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
+
+    good = [t for t in trials if feasible(t)]
+    if len(good) < 4:
+        return {"why": f"{len(good)} feasible trials are too few to tell which parameters mattered"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # experimental
+        try:
+            found = get_param_importances(kept, evaluator=PedAnovaImportanceEvaluator(), target=lambda t: t.values[0])
+        except (ValueError, RuntimeError) as error:
+            return {"why": f"not known: {error}"}
+    if not found or not sum(found.values()) > 0:
+        return {"why": "no parameter tells the better trials from the others"}
+    return {"values": {name: float(share) for name, share in found.items()}, "trials": len(trials)}
+
+
+def when(trials: Sequence[FrozenTrial]) -> dict[str, Any]:
+    """`began` and `ended` (ISO dates), of the trials that say so."""
+    begun = [t.datetime_start for t in trials if t.datetime_start is not None]
+    done = [t.datetime_complete for t in trials if t.datetime_complete is not None]
+    return {
+        "began": min(begun).isoformat(" ", "seconds") if begun else None,
+        "ended_at": max(done).isoformat(" ", "seconds") if done else None,
+    }
 
 
 def gather(
@@ -45,8 +110,10 @@ def gather(
     run, differentiate: magmpm.run and magmpm.sensitivities, by which the best design is evaluated again, unless quick. storage: the URL of
     the trials where the report's lacks a password. motion: run the best design of an insertion or a schedule in time, too.
     """
+    import optuna
+
     notes: list[str] = []
-    facts: dict[str, Any] = {**report, "notes": notes, "versions": {**versions(), **_optuna_version()}}
+    facts: dict[str, Any] = {**report, "notes": notes, "versions": {**versions(), "optuna": optuna.__version__}}
     facts |= _of_trials(folder, report, storage, notes)
     study = _study(facts, notes)
     facts["command"] = _command(facts)
@@ -59,7 +126,9 @@ def gather(
         return facts
     result = Result.load(folder / records.BEST)
     body = without_guide(describe_body(_best_scene(folder / records.BEST, result)), len(best.get("magnetization") or ()))
-    facts |= {"body": body, "best_scene": _text(folder / records.BEST / SCENE), "result": _of_result(result)}
+    names = ("converged", "iterations", "particles", "dof", "min_det_F", "max_det_F", "largest_stretch", "warnings", "versions")
+    numbers = {name: getattr(result, name) for name in names} | {"tip_m": [float(x) for x in result.tip]}
+    facts |= {"body": body, "best_scene": _text(folder / records.BEST / SCENE), "result": numbers}
     if motion:
         facts["motion"] = in_time(folder, best, study)
     if not quick:
@@ -80,29 +149,20 @@ def _limits_of_errors(facts: Mapping[str, Any], length: float) -> dict[str, Any]
     return {"tolerances": limited, "moves": list(moves), "together_m": together(rows)}
 
 
-def _optuna_version() -> dict[str, str]:
-    import optuna
-
-    return {"optuna": optuna.__version__}
-
-
 def _of_trials(folder: Path, report: Mapping[str, Any], storage: str | None, notes: list[str]) -> dict[str, Any]:
     """Facts in the storage; a note where it can't be read."""
     url = storage or report["storage"]
     try:
         must_exist(url, folder)
         with storage_faults(url):
-            kept, trials = of_trials.kept_trials(open_storage(url), report["name"])
+            kept, trials = kept_trials(open_storage(url), report["name"])
             found: dict[str, Any] = {"definition": kept.user_attrs.get("definition"), "hash": kept.user_attrs.get("definition_hash")}
-            importances = of_trials.importances(kept, trials)
+            shares = importances(kept, trials)
     except (MagmpmError, KeyError) as error:
         notes.append(f"The trials could not be read, so their table and the parameters' importances are missing: {error}")
         return {}
-    return found | _told(trials) | {"importances": importances}
-
-
-def _told(trials: list[FrozenTrial]) -> dict[str, Any]:
-    return {"best_trials": of_trials.best_rows(trials), "why_not": of_trials.reasons(trials), **of_trials.when(trials)}
+    told = {"best_trials": best_rows(trials), "why_not": reasons(trials), **when(trials)}
+    return found | told | {"importances": shares}
 
 
 def _study(facts: dict[str, Any], notes: list[str]) -> Study | None:
@@ -151,7 +211,7 @@ def _files(study: Study) -> dict[str, str]:
 
 def _text(path: Path) -> str:
     try:
-        return read_regular(path, TEXT).decode("utf-8", errors="replace")
+        return read_regular(path, 200_000).decode("utf-8", errors="replace")
     except OSError:
         return ""
 
@@ -162,11 +222,6 @@ def _best_scene(folder: Path, result: Result) -> Scene:
         return load_scene(folder / SCENE)
     except MagmpmError:
         return Scene.from_si(result.scene)
-
-
-def _of_result(result: Result) -> dict[str, Any]:
-    names = ("converged", "iterations", "particles", "dof", "min_det_F", "max_det_F", "largest_stretch", "warnings", "versions")
-    return {name: getattr(result, name) for name in names} | {"tip_m": [float(x) for x in result.tip]}
 
 
 def describe_body(scene: Scene) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The best design again: solved with its derivatives, and on a finer grid, near the equilibrium that the study found.
+"""The best design again: solved with its derivatives, which give tolerances, and on a finer grid, near the study's equilibrium.
 
 An insertion's or a schedule's equilibrium need not be on the branch that grows from no load, so each is sought where the study found it:
 near the shape of its rod (studies.trajectory). If the answer is another equilibrium all the same, that is said in place of its numbers.
@@ -6,31 +6,101 @@ near the shape of its rod (studies.trajectory). If the answer is another equilib
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm.errors import MagmpmError, SolveError
-from magmpm.results.measures import frames_of
-from magmpm.scene import Scene, memory
+from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError, MagmpmError, SolveError, report
+from magmpm.model import build
+from magmpm.results.measures import axis_of_particles, frames_of
+from magmpm.results.trajectory import Motion
+from magmpm.scene import Scene, load_scene, memory
+from magmpm.simulate import run
 from magmpm.statics.error_estimate import PROOF, factor
 from magmpm.statics.grids import operations
+from magmpm.studies.engine.records import BEST
 from magmpm.studies.evaluate.insertion import Insertion
-from magmpm.studies.evaluate.schedule import Schedule
+from magmpm.studies.evaluate.trajectory import Schedule
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 from magmpm.studies.problem.study import Study
+from magmpm.studies.search.best_scene import SCENE, times
 from magmpm.studies.search.search_space import SearchSpace
-from magmpm.studies.sheet.tolerances import tolerances
 
 if TYPE_CHECKING:
-    from magmpm.compiled.arrays import Array
     from magmpm.results.result import Result
     from magmpm.rod.cosserat import RodShape
+    from magmpm.statics.linearized import Sensitivities
 
+SHARE = 0.01  # of the length: how far the tip may move
+LARGEST = {"deg": 30.0, "%": 30.0, "mm": float("inf")}  # beyond which the first order says no more than that
 SAME = 0.05  # of the length: at a larger distance, two answers are two equilibria
-MOST_MEMORY = 0.25  # of the machine's: that a finer grid may take
+
+
+def tolerances(scene: Scene, found: Sensitivities, hidden: int = 0) -> list[dict[str, Any]]:
+    """A row for each number of a design: `what`, `of`, its `unit` (deg, % or mm) and `tip_m_per_unit`, how far the tip moves for one unit.
+
+    A direction may be wrong by a turn about any axis across it: what counts is the turn that moves the tip most, the largest singular value
+    of the tip's derivatives (3, 2) by two perpendicular turns. All else counts by the length of the tip's derivative.
+    scene: that of `found`; hidden: how many segments of the whole body, from its base, it does not have.
+    """
+    tip, variables = np.asarray(found.tip, dtype=float), list(found.variables)
+    columns: dict[tuple[str, Any], list[int]] = {}
+    for k, variable in enumerate(variables):
+        whose = variable.region if variable.region is not None else variable.material
+        columns.setdefault((variable.kind, whose), []).append(k)
+    rows: list[dict[str, Any]] = []
+    for (kind, whose), places in columns.items():
+        rows += _rows(kind, whose, tip[:, places], scene, variables[places[0]], hidden)
+    return [row for row in rows if row["tip_m_per_unit"] > 0.0]  # without weight the density does nothing
+
+
+def _rows(kind: str, whose: Any, columns: Array, scene: Scene, variable: Any, hidden: int) -> list[dict[str, Any]]:
+    def row(what: str, of: str, unit: str, moved: Any) -> dict[str, Any]:
+        return {"what": what, "of": of, "unit": unit, "tip_m_per_unit": float(moved), "segment": segment}
+
+    segment = None if variable.region is None else variable.region + hidden + 1
+    degree = np.deg2rad(1.0)
+    if kind == "magnetization":
+        return [row("direction", f"segment {segment}", "deg", degree * np.linalg.norm(columns, ord=2))]
+    if kind == "field":
+        field = np.array(scene.field.uniform, dtype=float)
+        strength = float(np.linalg.norm(field))
+        if columns.shape[1] != 3 or strength == 0.0:
+            return []
+        across = np.eye(3) - np.outer(field, field) / strength**2  # the field as it turns
+        return [
+            row("strength", "field", "%", 0.01 * np.linalg.norm(columns @ field)),
+            row("direction", "field", "deg", degree * strength * np.linalg.norm(columns @ across, ord=2)),
+        ]
+    moved = float(np.linalg.norm(columns))
+    if kind in ("length", "diameter"):
+        return [row(kind, "body" if segment is None else f"segment {segment}", "mm", 1e-3 * moved)]
+    value = float(getattr(scene.materials[whose], kind))
+    return [row(kind.replace("_", " "), str(whose), "%", 0.01 * value * moved)] if value else []
+
+
+def allowed(row: dict[str, Any], distance: float) -> float | None:
+    """The error, in the row's unit, that alone moves the tip by `distance` (m); None where it is beyond LARGEST."""
+    if row["tip_m_per_unit"] * LARGEST[row["unit"]] <= distance:
+        return None
+    return float(distance / row["tip_m_per_unit"])
+
+
+def together(rows: Sequence[dict[str, Any]], direction: float = 5.0, materials: float = 5.0) -> float:
+    """Standard deviation (m, in space) of the tip for independent errors of manufacture, to first order: an upper bound.
+
+    direction: standard deviation, deg, of each segment's turn along each of two axes; materials: of remanence and shear modulus, %.
+    Each direction counts both axes with the derivative of the worse one.
+    """
+    parts = [np.sqrt(2.0) * direction * row["tip_m_per_unit"] for row in rows if row["what"] == "direction" and row["segment"] is not None]
+    parts += [materials * row["tip_m_per_unit"] for row in rows if row["what"] in ("remanence", "shear modulus")]
+    return float(np.linalg.norm(parts)) if parts else 0.0
 
 
 @dataclass(frozen=True)
@@ -93,7 +163,7 @@ def finer(result: Result, again: Again, run: Callable[..., Result]) -> dict[str,
     if proof is None:
         return f"not known: no finer grid tells the error of {cells} cells across"
     fine = again.scene.with_cells(proof)
-    if operations(fine)[1] > MOST_MEMORY * memory.machine():
+    if operations(fine)[1] > 0.25 * memory.machine():
         return f"not known: {proof} cells across take more than a quarter of this machine's memory"
     found = run(fine, start=again.start)
     moved = max(frames_of(result).distances(frames_of(found)).values())
@@ -109,3 +179,86 @@ def finer(result: Result, again: Again, run: Callable[..., Result]) -> dict[str,
         "rms_m": rms[0],
         "finer_rms_m": rms[1],
     }
+
+
+def in_time(folder: Path, design: Mapping[str, Any], study: Study | None) -> list[dict[str, float]]:
+    """Run the best design along time; one row each depth or time, SI. Raises InputError, SolveError."""
+    scene, out = load_scene(folder / BEST / SCENE), folder / "motion" / f"trial_{design['number']:04d}"
+    if "insertion" in design:
+        return _pushed(_motion(scene, out), design)
+    if study is None:
+        rule = "the schedule's shapes are those of its study file, which is gone or has changed"
+        raise InputError(report("--motion", rule=rule, remedy="leave it out"))
+    paths = {"quasi_static_m": scene, "motion_m": in_motion(scene, study)}
+    ways = {name: _distances(study, path, _motion(path, out / name.removesuffix("_m"))) for name, path in paths.items()}
+    return [
+        {"time_s": frame.time, "design_m": row["rms_m"], **{name: way[k] for name, way in ways.items()}}
+        for k, (frame, row) in enumerate(zip(study.keyframes, design["schedule"], strict=True))
+    ]
+
+
+def _motion(scene: Scene, out: Path) -> Motion:
+    run(scene, folder=out, resume=True)
+    return Motion.load(out)
+
+
+def _distances(study: Study, scene: Scene, motion: Motion) -> list[float]:
+    """The rms distance (m) from each of the study's shapes at its time."""
+    model, found = build(scene), []
+    for frame in study.keyframes:
+        axis = axis_of_particles(model, np.asarray(motion.position(motion.nearest(frame.time)), dtype=float))
+        gaps = _at(frame.target[:, 0], axis[:, 0], axis[:, 1:]) - frame.target[:, 1:]
+        found.append(float(np.sqrt(np.mean(np.sum(gaps**2, axis=1)))))
+    return found
+
+
+def in_motion(scene: Scene, study: Study) -> Scene:
+    """The scene as a motion, with a frame at each of the study's times."""
+    end = study.keyframes[-1].time + study.hold
+    moments = [Fraction(t).limit_denominator(100_000) for t in (*(frame.time for frame in study.keyframes), end)]
+    common = math.lcm(*(t.denominator for t in moments))
+    every = max(float(Fraction(math.gcd(*(int(t * common) for t in moments)), common)) / 10, end / 1000)
+    data = scene.to_si()
+    data["solver"] = {"anti_locking": data["solver"]["anti_locking"], "dynamic": {"duration": end, "output_every": every}}
+    return Scene.from_si(data)
+
+
+def _pushed(motion: Motion, design: Mapping[str, Any]) -> list[dict[str, float]]:
+    """Distances (m) of the pushed body from the equilibrium of each depth, and the force of its walls (N)."""
+    scene = motion.scene
+    assert scene is not None  # the file says what was run
+    exit_at = scene["effects"]["feed"]["exit"]
+    length, diameter = scene["body"]["catheter"]["length"], scene["body"]["catheter"]["diameter"]
+    depths = np.array([each["depth_m"] for each in design["insertion"]])
+    reference = np.asarray(motion.reference, dtype=float)
+    rows = []
+    for depth, when, shape in zip(depths, times(depths, diameter), design["shapes"], strict=True):
+        s, axis = _outside(reference, np.asarray(motion.position(motion.nearest(when)), dtype=float), length - depth)
+        known = np.array(shape["axis_m"])
+        away = np.linalg.norm(axis - _at(s, np.linspace(0.0, depth, len(known)), known) - np.array([exit_at, 0.0, 0.0]), axis=1)
+        size = {"largest_m": float(away.max()), "rms_m": float(np.sqrt(np.mean(away**2))), "tip_m": float(away[-1])}
+        rows.append({"depth_m": float(depth), **size, "contact_N": _contact(motion, when)})
+    return rows
+
+
+def _at(s: Array, known: Array, points: Array) -> Array:
+    """Points (n, 3) m of a curve at arc lengths s (n,) m."""
+    return np.stack([np.interp(s, known, column) for column in points.T], axis=1)
+
+
+def _outside(reference: Array, position: Array, inside: float) -> tuple[Array, Array]:
+    """Arc lengths (k,) m from the exit on, and the mean places (k, 3) m of the particles of each layer outside the guide."""
+    layer, of = np.unique(np.round(reference[:, 0], 9), return_inverse=True)
+    count = np.bincount(of)
+    mean = np.stack([np.bincount(of, column) / count for column in position.T], axis=1)
+    outside = layer > inside
+    return layer[outside] - inside, mean[outside]
+
+
+def _contact(motion: Motion, when: float) -> float:
+    """The size of the force of walls on the body at a time, N; 0 where no walls are named."""
+    contact = motion.contacts.get("walls")
+    if contact is None or not len(contact["t"]):
+        return 0.0
+    k = int(np.argmin(np.abs(np.asarray(contact["t"]) - when)))
+    return float(np.linalg.norm([contact[name][k] for name in ("Fx", "Fy", "Fz")]))

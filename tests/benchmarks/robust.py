@@ -19,7 +19,7 @@ import numpy as np
 from magmpm import run, sensitivities
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.variables import Variable, tangents
-from magmpm.studies.evaluate.robust import Scatter, deviations, kinds
+from magmpm.studies.evaluate.trial import Scatter, deviations, kinds
 from magmpm.studies.problem.shape_distance import gap_derivatives, gaps, root_mean_square
 from magmpm.studies.problem.study_file import Robust
 

@@ -25,7 +25,7 @@ from magmpm.results.file_names import CHECKPOINT, EARLIER, FAILED, MOMENTS, MOTI
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.scene.time_limit import limited
-from magmpm.studies.problem.file_names import OWNER, REPORT
+from magmpm.studies.problem import OWNER, REPORT
 from magmpm.viz.from_result import Still, trial_snapshot
 
 MOVING = SWING.format(dynamic="duration: 0.4 ms, output_every: 0.2 ms")

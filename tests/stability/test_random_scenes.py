@@ -17,10 +17,9 @@ from magmpm.scene import Scene, load_scene
 from magmpm.scene.remedies import Remedy
 from magmpm.scene.time_limit import limited
 from magmpm.simulate import run
-from magmpm.studies.hard_cases.attempt import remedied
 from magmpm.studies.hard_cases.checks import FINER, LATE, checked
 from magmpm.studies.hard_cases.drawn import drawn
-from magmpm.studies.hard_cases.random_suite import BROKEN, solved
+from magmpm.studies.hard_cases.random_suite import BROKEN, remedied, solved
 from magmpm.studies.hard_cases.twins import MIRROR, twin
 
 

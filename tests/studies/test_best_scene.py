@@ -17,8 +17,8 @@ from magmpm.results.measures import rms_distance
 from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.report import StudyReport
+from magmpm.studies.search.best_scene import PATHS
 from magmpm.studies.search.definition import load_study
-from magmpm.studies.search.file_paths import PATHS
 
 BOX = Mesh(
     np.array([[x, y, z] for x in (-10.0, 90.0) for y in (-60.0, 60.0) for z in (-60.0, 60.0)]),

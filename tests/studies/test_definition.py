@@ -12,8 +12,7 @@ from magmpm.errors import InputError
 from magmpm.inputs.settings import json_schema
 from magmpm.inputs.yaml_document import read_yaml
 from magmpm.studies.engine.loop import run_study
-from magmpm.studies.problem import schema
-from magmpm.studies.problem.study_file import StudyFile
+from magmpm.studies.problem.study_file import SCHEMA, StudyFile
 from magmpm.studies.search.definition import definition_hash, differences, load_study
 
 ROOT = Path(__file__).parents[2]
@@ -29,10 +28,10 @@ def test_shipped_studies_load_and_fit_the_schema(path: Path) -> None:
 
 
 def test_schema_file_is_current() -> None:
-    """`python -m magmpm.studies.problem.schema` rewrites it."""
+    """`python -m magmpm.studies.problem.study_file` rewrites it."""
     import json
 
-    assert json.loads(schema.PATH.read_text()) == json_schema(StudyFile)
+    assert json.loads(SCHEMA.read_text()) == json_schema(StudyFile)
 
 
 def test_schema_knows_what_is_wrong() -> None:

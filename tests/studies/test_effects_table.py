@@ -22,9 +22,8 @@ from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.solving.influence import Variants, judge
-from magmpm.studies.explore.beyond_effects import needs
 from magmpm.studies.explore.effects_costs import counted
-from magmpm.studies.explore.effects_table import Row, survey
+from magmpm.studies.explore.effects_table import Row, needs, survey
 
 FIELD, DOWN = (0.0, 0.0, 3e-3), (0.0, 0.0, -9.81)
 

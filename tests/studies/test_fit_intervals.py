@@ -14,8 +14,7 @@ from magmpm.studies.fitting import Refused, search
 from magmpm.studies.fitting.constants import constants_of
 from magmpm.studies.fitting.identify import refuse_twins
 from magmpm.studies.fitting.prediction import Label, Prediction
-from magmpm.studies.fitting.profile import interval_of
-from magmpm.studies.fitting.solve import Minimum, least_squares
+from magmpm.studies.fitting.solve import Minimum, interval_of, least_squares
 from magmpm.studies.fitting.table import Measured
 
 SCENE = load_scene(Path(__file__).resolve().parents[2] / "data/scenes/axial_transverse.yaml").with_cells(2)
@@ -31,7 +30,7 @@ def exponential(y: float) -> tuple[object, Minimum]:
 
 
 def test_the_profile_of_a_curved_problem() -> None:
-    """Ends where exp(x) = y +- q exactly; 1 % of q is the accuracy that is sought (profile.NEAR)."""
+    """Ends where exp(x) = y +- q exactly; 1 % of q is the accuracy that is sought (solve._end)."""
     model, best = exponential(4.0)
     covariance = np.linalg.inv(best.slopes.T @ best.slopes)
     found = interval_of(model, best, covariance, 0, 1.96, lambda: None)

@@ -14,11 +14,10 @@ from magmpm.errors import SolveError
 from magmpm.scene import Scene
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.search.definition import load_study
-from magmpm.studies.search.samplers.gp import ShapeSampler
-from magmpm.studies.search.samplers.shape_model import NOISE, PRIOR, ShapeModel, layout_of
+from magmpm.studies.search.samplers.gp import NOISE, PRIOR, ShapeModel, ShapeSampler, layout_of
 from magmpm.studies.search.search_space import SearchSpace
 
-LAYOUT = layout_of([("direction", 3, 1.0)] * 3 + [("field", 3, 1.0), ("number", 1, 1.0)])
+LAYOUT = layout_of([(True, 3)] * 3 + [(False, 3), (False, 1)])
 
 
 def designs(n: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:

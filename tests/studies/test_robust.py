@@ -13,7 +13,7 @@ from rod_solve import STUDY, RodSensitivities, solve, write_study
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.variables import variables
 from magmpm.studies.engine.loop import run_study
-from magmpm.studies.evaluate.robust import Scatter, deviations, kinds
+from magmpm.studies.evaluate.trial import Scatter, deviations, kinds
 from magmpm.studies.problem.shape_distance import gap_derivatives, gaps, root_mean_square
 from magmpm.studies.problem.study_file import Robust
 from magmpm.studies.search.definition import load_study

@@ -13,10 +13,10 @@ from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.records import read_design
-from magmpm.studies.evaluate.schedule import Schedule
+from magmpm.studies.evaluate.trajectory import Schedule
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.search_space import SearchSpace
-from magmpm.studies.sheet.motion import in_motion, in_time
+from magmpm.studies.sheet.finer import in_motion, in_time
 
 TEXT = STUDY.replace("{}", "{}\n  field: {max: 15 mT, at: each time}").replace(
     "match: {centreline: target.csv}",

@@ -24,8 +24,8 @@ from test_resume import trials_of
 from magmpm.errors import InputError
 from magmpm.results.folder_lock import FolderInUse
 from magmpm.scene import Scene
-from magmpm.studies.engine.artifact_stores import artifact_store
 from magmpm.studies.engine.loop import run_study
+from magmpm.studies.engine.records import artifact_store
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.engine.storage import StorageError
 from magmpm.studies.engine.storage_url import known_url, shown_url

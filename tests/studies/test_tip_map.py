@@ -17,8 +17,8 @@ from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.statics.layout import static_model
 from magmpm.studies.explore.live import ready
-from magmpm.studies.explore.tip_map import MARKS, in_plane, map_tips, on_rays, processes
-from magmpm.studies.explore.tip_map.rods import rod_tips
+from magmpm.studies.explore.rod_tips import rod_tips
+from magmpm.studies.explore.tip_map import MARKS, _along, in_plane, map_tips, on_rays, solved
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = ROOT / "data" / "scenes" / "axial_transverse.yaml"
@@ -82,7 +82,7 @@ def test_no_soft_mode_is_lost_on_a_symmetric_way() -> None:
     scene, fields = ready(load_scene(SCENE), 2), in_plane(225, 20e-3, "xz")
     path = next(path for path in fields.paths if 142 in path)
     way = [(k, fields.values[k].tolist()) for k in path[: path.index(142) + 1]]
-    last = list(processes._along(scene, static_model(build(scene)), way))[-1]
+    last = list(_along(scene, static_model(build(scene)), way))[-1]
     alone = run(scene.with_field(way[-1][1]))
     assert alone.stability is not None
     assert abs(last.stability - alone.stability) < 1e-4
@@ -96,8 +96,8 @@ def test_a_process_that_dies_costs_one_field(monkeypatch: pytest.MonkeyPatch) ->
     start = Process.start
     monkeypatch.setattr(Process, "start", lambda self: (start(self), begun.append(self)))
     path = [(k, [0.0, 0.0, 1e-3 * k]) for k in range(1, 6)]
-    whole = list(processes.solved(scene, [path], 1))
-    tips = processes.solved(scene, [path], 1)
+    whole = list(solved(scene, [path], 1))
+    tips = solved(scene, [path], 1)
     found = [next(tips)]
     begun[-1].process.send_signal(signal.SIGSTOP)  # so that it does not finish before it is killed
     begun[-1].process.kill()

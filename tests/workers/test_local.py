@@ -54,7 +54,7 @@ def test_every_sampler_with_three_workers(sampler: str, tmp_path: Path) -> None:
     study = load_study(tmp_path / "probe.yaml").changed(sampler=sampler)
     judge = Judge(study, rod_solve.solve, rod_solve.differentiate, None, tmp_path)
     for trial in trials:
-        assert judge.judged(trial.number, trial.params).outcome.value == trial.value
+        assert judge.judged(trial.number, trial.params).value == trial.value
         assert (tmp_path / f"out/pictures/trial_{trial.number:03d}.png").exists()
 
 

@@ -19,7 +19,7 @@ from servers import PASSWORD, Postgres, grpc_proxy, postgres, program
 
 from magmpm.studies.engine.storage import open_storage
 from magmpm.studies.engine.storage_url import storage_url
-from magmpm.studies.engine.workers.per_trial import AGAIN
+from magmpm.studies.engine.workers.sessions import AGAIN
 
 HERE = Path(__file__).parent
 WANTED = 40

@@ -14,11 +14,11 @@ from typing import Any
 
 from magmpm.compiled.process import RAISED, READY, Died, Process, threads_each, with_threads
 from magmpm.errors import MagmpmError, report
-from magmpm.studies.evaluate.judge import Judge, Judged
+from magmpm.studies.evaluate.judge import Judge
+from magmpm.studies.evaluate.trial import Outcome
 
 TRIES = 2  # processes that a design may end before it counts as failed
 STARTS = 3  # processes in a row that may end before they are ready
-STARTING = 600.0  # s that a process may take until it is ready
 SECRETS = ("MAGMPM_STORAGE", "PGPASSWORD", "PGPASSFILE")  # of the storage, which workers do not see
 
 
@@ -59,7 +59,7 @@ class Pool:
         worker.job = (number, dict(params))
         worker.give(worker.job)
 
-    def answers(self, patience: float) -> Iterator[tuple[int, Judged | str]]:
+    def answers(self, patience: float) -> Iterator[tuple[int, Outcome | str]]:
         """Number and judgment of designs that are done, after at most `patience`, s; or why the design ended its processes.
 
         Raises WorkersError where processes do not start.
@@ -91,7 +91,7 @@ class Pool:
     def _of_those_that_hang(self) -> Iterator[tuple[int, str]]:
         """Ends processes that take too long. Number of each design that is given up, and why."""
         for worker in self._workers:
-            limit = self.limit if worker.ready else STARTING
+            limit = self.limit if worker.ready else 600.0
             if worker.job is None or limit is None or time.monotonic() - worker.since < limit or worker.pipe.poll():
                 continue
             number = worker.job[0]
@@ -128,6 +128,6 @@ class _Worker(Process):
         super().__init__(_begin, judge.study, judge.solve, judge.differentiate, judge.picture, judge.out, env=env)
 
 
-def _begin(_: object, *judge: Any) -> Callable[[tuple[int, dict[str, Any]]], Judged]:
+def _begin(_: object, *judge: Any) -> Callable[[tuple[int, dict[str, Any]]], Outcome]:
     judges = Judge(*judge)
     return lambda job: judges.judged(*job)

@@ -17,29 +17,102 @@ import socket
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import optuna
 from optuna.exceptions import UpdateFinishedTrialError
+from optuna.samplers import BaseSampler
 from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.errors import report
 from magmpm.studies.engine.storage import StorageError, Store
 from magmpm.studies.engine.storage_url import is_server
-from magmpm.studies.engine.workers.per_trial import AGAIN, SESSION
 from magmpm.studies.search.samplers.optuna_ids import storage_of, study_id, trial_id
 
+if TYPE_CHECKING:
+    from optuna import Study
+    from optuna.distributions import BaseDistribution
+
+SESSION = "session"  # user attribute of a trial: the session that runs it
+AGAIN = "again"  # ... and the number of the trial, left behind by a session that died, whose design it has
+EXCHANGED = "exchanged"  # ... and the number of the trial whose design it has, but for one direction
+READY = "asked"  # ... and whether its parameters are all there
+PATIENCE = 5.0  # s to wait for the parameters of a trial with a smaller number: its session may have died
 STALE = 600.0  # s after which a trial begun on another machine counts as left behind, if its session writes no beat
 BEAT = 10.0  # s between two beats of a session
 LEASE = 60.0  # s without a beat after which a session counts as dead
 RECORD = "session:"  # attribute of a study: who a session is
 SURPLUS = "one more than were asked for: another session had the last one already"
-_OF_ARTIFACTS = "artifacts:"
+
+
+class PerTrial(BaseSampler):
+    """A study's sampler, made anew for each trial from the study's seed and the trial's number.
+
+    So a choice depends on seed, number and the trials that are there, and not on which process makes it. Where several sessions share a
+    study, each trial first waits until all with smaller numbers have their parameters: storages give out numbers one by one, so this orders
+    the choices, and each of them knows all designs that are being solved. Without that, two that ask at the same moment would choose alike.
+    make: the sampler of the trial with a number. starts: designs of the first trials, whatever the sampler would choose.
+    """
+
+    def __init__(
+        self, make: Callable[[int], BaseSampler], *, starts: Sequence[Mapping[str, Any]] = (), session: str | None = None,
+        wait: bool = False,
+    ) -> None:  # fmt: skip
+        self._make, self._starts, self._session, self._wait = make, starts, session, wait
+        self._inner: BaseSampler | None = None
+        self._given = False
+
+    def before_trial(self, study: Study, trial: FrozenTrial) -> None:
+        """Once a trial has its number."""
+        self._inner = self._make(trial.number)
+        self._given = AGAIN in trial.user_attrs or EXCHANGED in trial.user_attrs
+        if self._session is not None:
+            storage_of(study).set_trial_user_attr(trial_id(trial), SESSION, self._session)
+        if self._wait and not self._given:
+            _wait_for_smaller(study, trial)
+        self._inner.before_trial(study, trial)
+
+    def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
+        """Search space that the sampler chooses from together; nothing where the design is given."""
+        assert self._inner is not None
+        return {} if self._given else self._inner.infer_relative_search_space(study, trial)
+
+    def sample_relative(self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
+        """The design of a trial."""
+        assert self._inner is not None
+        if self._given:
+            return {}
+        found = self._inner.sample_relative(study, trial, search_space)
+        if trial.number < len(self._starts):
+            storage_of(study).set_trial_user_attr(trial_id(trial), "start", "rod")
+            return {name: value for name, value in self._starts[trial.number].items() if name in search_space}
+        return found
+
+    def sample_independent(self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> Any:
+        """Value that the sampler chooses by itself."""
+        assert self._inner is not None
+        if not self._given and trial.number < len(self._starts) and param_name in self._starts[trial.number]:
+            return self._starts[trial.number][param_name]
+        return self._inner.sample_independent(study, trial, param_name, param_distribution)
+
+    def after_trial(self, study: Study, trial: FrozenTrial, state: TrialState, values: Sequence[float] | None) -> None:
+        """Pass a trial that has ended to the sampler, which takes notes of it."""
+        self._make(trial.number).after_trial(study, trial, state, values)
+
+
+def _wait_for_smaller(study: Study, trial: FrozenTrial) -> None:
+    """Wait until the running trials with smaller numbers have all their parameters, or for PATIENCE."""
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until:
+        trials = study.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
+        if all(READY in t.user_attrs for t in trials if t.number < trial.number):
+            return
+        time.sleep(0.02)
 
 
 class Session:
@@ -112,7 +185,7 @@ class Session:
 
     def _is_dead(self, by: str | None, trial: FrozenTrial, records: Mapping[str, Any]) -> bool:
         """True if the session that runs a trial is gone."""
-        owner = records.get(RECORD + by, {}) if by is not None else records.get("process", {})
+        owner = records.get("process" if by is None else RECORD + by, {})
         if owner.get("host") == here() or (owner and "beat" not in owner):
             return not alive(owner, self.out, _age(trial))
         key, now = by or f"trial {trial.number}", time.monotonic()
@@ -139,7 +212,7 @@ class Session:
         self.lost.append(f"trial {trial.number}: its session died; {'its design is queued again' if whole else 'it had no design yet'}")
         if not whole:
             return
-        known = {key: value for key, value in trial.system_attrs.items() if not key.startswith(_OF_ARTIFACTS)}
+        known = {key: value for key, value in trial.system_attrs.items() if not key.startswith("artifacts:")}
         again = optuna.trial.create_trial(
             state=TrialState.WAITING,
             system_attrs={**known, "fixed_params": trial.params},
@@ -155,7 +228,7 @@ class Session:
         records = self.kept.user_attrs
         for trial in self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
             by = trial.user_attrs.get(SESSION)
-            owner = records.get(RECORD + by, {}) if by is not None else records.get("process", {})
+            owner = records.get("process" if by is None else RECORD + by, {})
             if alive(owner, self.out, _age(trial)):
                 rule = f"trial {trial.number} is being run by process {owner['pid']} on {owner['host']}"
                 remedy = "wait for it or end it, then run this command again: it resumes; or share the work with it: --workers 1"

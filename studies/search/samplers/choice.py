@@ -10,7 +10,7 @@ import dataclasses
 import importlib.util
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from magmpm.errors import InputError, report
 from magmpm.studies.problem.sampler_names import (
     HEED_NO_CONSTRAINTS,
     ONE_OBJECTIVE,
+    PREFIX,
     TAKE_CHOICES,
     check_sampler_name,
 )
@@ -35,6 +36,9 @@ POOR = 0.04  # of the length: a rod's design whose body is farther from the targ
 MOST_WORKERS = 256  # processes of one session
 POPULATION = 20  # of the genetic samplers; Optuna's 50 would be more trials than most studies have
 
+# of samplers that are Optuna's own, besides the seed
+_GENETIC: dict[str, Any] = {"population_size": POPULATION}
+_OPTIONS = {"NSGAIISampler": _GENETIC, "NSGAIIISampler": _GENETIC, "GPSampler": {"deterministic_objective": True}}
 _TORCH, _CMAES = ("torch", "gp"), ("cmaes", "cmaes")  # package, and the extra of magmpm that brings it
 _EXTRAS = {"cmaes": _CMAES, "optuna:GPSampler": _TORCH, "optuna:CmaEsSampler": _CMAES}
 
@@ -109,9 +113,9 @@ def settings(name: str) -> dict[str, Any]:
     if name in ("nsga2", "optuna:NSGAIISampler", "optuna:NSGAIIISampler"):
         return {"population": POPULATION}
     if name == "gp":
-        from magmpm.studies.search.samplers.gp import SETTINGS
+        from magmpm.studies.search.samplers import gp
 
-        return dict(SETTINGS)
+        return dataclasses.asdict(gp.Settings())
     return {}
 
 
@@ -123,78 +127,34 @@ def make_sampler(
     starts: designs that gauss-newton begins from; goal: the value, m, that it need not go below.
     """
     check_sampler_name(name, "sampler")
-    if name == "gauss-newton":
-        return _gauss_newton(space, seed, starts, goal)
+    number = int(np.random.SeedSequence([seed, finished]).generate_state(1)[0])  # a seed of 32 bits for one trial
     with warnings.catch_warnings():
         # Optuna calls samplers experimental, or announces changes of defaults, on every construction
         warnings.simplefilter("ignore")
-        return _MAKERS[name](space, seed, finished)
+        if name == "gauss-newton":
+            from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
 
+            blocks = gauss_newton_blocks(space).blocks
+            return GaussNewtonSampler(blocks, seed, starts=starts, goal=goal, poor=POOR * space.scene.length)
+        if name == "tpe":
+            from magmpm.studies.search.samplers.tpe import DirectionTPE
 
-def _tpe(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from magmpm.studies.search.samplers.tpe import DirectionTPE
+            return DirectionTPE(space, seed, finished)
+        if name == "gp":
+            from magmpm.studies.search.samplers.gp import ShapeSampler
 
-    return DirectionTPE(space, seed, finished)
+            return ShapeSampler(space, seed, finished)
+        from magmpm.studies.search.samplers import optuna_own
 
+        if name in ("cmaes", "optuna:CmaEsSampler"):
+            return optuna_own.DataOnlyCmaEsSampler(seed=number, warn_independent_sampling=False)
+        if name == "optuna:QMCSampler":
+            return optuna_own.SobolSampler(space, seed, finished)
+        import optuna
 
-def _number(seed: int, finished: int) -> int:
-    """A seed of 32 bits for one trial of a study."""
-    return int(np.random.SeedSequence([seed, finished]).generate_state(1)[0])
-
-
-def _gp(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from magmpm.studies.search.samplers.gp import ShapeSampler
-
-    return ShapeSampler(space, seed, finished)
-
-
-def _cmaes(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from magmpm.studies.search.samplers.optuna_own import DataOnlyCmaEsSampler
-
-    return DataOnlyCmaEsSampler(seed=_number(seed, finished), warn_independent_sampling=False)
-
-
-def _random(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from optuna.samplers import RandomSampler
-
-    return RandomSampler(seed=_number(seed, finished))
-
-
-def _nsga2(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from optuna.samplers import NSGAIISampler
-
-    return NSGAIISampler(seed=_number(seed, finished), population_size=POPULATION)
-
-
-def _nsga3(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from optuna.samplers import NSGAIIISampler
-
-    return NSGAIIISampler(seed=_number(seed, finished), population_size=POPULATION)
-
-
-def _optuna_tpe(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from optuna.samplers import TPESampler
-
-    return TPESampler(seed=_number(seed, finished))
-
-
-def _optuna_gp(_: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from optuna.samplers import GPSampler
-
-    return GPSampler(seed=_number(seed, finished), deterministic_objective=True)
-
-
-def _qmc(space: SearchSpace, seed: int, finished: int) -> BaseSampler:
-    from magmpm.studies.search.samplers.optuna_own import SobolSampler
-
-    return SobolSampler(space, seed, finished)
-
-
-def _gauss_newton(space: SearchSpace, seed: int, starts: Sequence[Mapping[str, float]], goal: float) -> BaseSampler:
-    from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
-
-    blocks = gauss_newton_blocks(space).blocks
-    return GaussNewtonSampler(blocks, seed, starts=starts, goal=goal, poor=POOR * space.scene.length)
+        kind = {"nsga2": "NSGAIISampler", "random": "RandomSampler"}.get(name, name.removeprefix(PREFIX))
+        found: BaseSampler = getattr(optuna.samplers, kind)(seed=number, **_OPTIONS.get(kind, {}))
+        return found
 
 
 def gauss_newton_blocks(space: SearchSpace) -> Coordinates:
@@ -211,19 +171,3 @@ def gauss_newton_blocks(space: SearchSpace) -> Coordinates:
         elif isinstance(block, Number):
             blocks.append(gn.Number(names[0], *block.bounds()[names[0]]))
     return gn.Coordinates(blocks)
-
-
-_MAKERS: dict[str, Callable[[SearchSpace, int, int], BaseSampler]] = {
-    "tpe": _tpe,
-    "gp": _gp,
-    "cmaes": _cmaes,
-    "nsga2": _nsga2,
-    "random": _random,
-    "optuna:TPESampler": _optuna_tpe,
-    "optuna:RandomSampler": _random,
-    "optuna:CmaEsSampler": _cmaes,
-    "optuna:GPSampler": _optuna_gp,
-    "optuna:QMCSampler": _qmc,
-    "optuna:NSGAIISampler": _nsga2,
-    "optuna:NSGAIIISampler": _nsga3,
-}

@@ -39,8 +39,7 @@ from magmpm.studies.search.samplers.gauss_newton_steps import (
     Number,
     Step,
 )
-from magmpm.studies.search.samplers.optuna_ids import storage_of, trial_id
-from magmpm.studies.search.samplers.pending_trials import others_running
+from magmpm.studies.search.samplers.optuna_ids import others_running, storage_of, trial_id
 
 __all__ = ["PLAN", "Ball", "Direction", "GaussNewtonSampler", "Number"]
 
@@ -48,8 +47,6 @@ PLAN = "gauss_newton:plan"
 RADIUS = 1.0  # of the first step of a descent
 LEAST_RADIUS = 1e-5  # a descent with a smaller one is stuck
 LEAST_GAIN = 0.02  # share of the sum of squares that a step must promise, else the descent is stuck
-PATIENCE, PROGRESS = 5, 0.75  # ... or if so many accepted steps have not brought the value below this share
-LOOKED_AT = 3  # given designs that are tried before the best of them is improved, while all are poor
 
 
 class GaussNewtonSampler(optuna.samplers.BaseSampler):
@@ -87,19 +84,19 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         """Parameters of the next trial, and what is kept with it: a step from the descent's best design so far, or a start. Descents with a
         running trial wait for it."""
         known = {t.number: t for t in trials}
-        busy = {_start(t) for t in running}
-        free = [t for t in trials if _start(t) not in busy]
+        busy = {start_of(t) for t in running}
+        free = [t for t in trials if start_of(t) not in busy]
         found = self._base(free, known)
         trials = [*trials, *running]
         if found is not None:
             base, radius = found
-            x, residuals, jacobian = self._space.read(base.params), *_model(base)
+            x, residuals, jacobian = self._space.read(base.params), *model_of(base)
             step = self._space.step(x, residuals, jacobian, radius, self._curvature(free[-1], known, x, jacobian))
             there = self._space.write(self._space.moved(x, step.p))
             if not self._stuck(base, step, radius, known, x, residuals, jacobian, free[-1]) and not self._seen(there, trials):
-                kept = {"start": _start(base), "from": base.number, "radius": radius, "length": step.length}
+                kept = {"start": start_of(base), "from": base.number, "radius": radius, "length": step.length}
                 return there, {**kept, "promised": step.promised}
-        index = 1 + max((_start(t) for t in trials), default=-1)
+        index = 1 + max((start_of(t) for t in trials), default=-1)
         while self._seen(params := self._start_at(index), trials):
             index += 1
         return params, {"start": index, "from": None}
@@ -110,9 +107,9 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
 
     def refined(self, base: FrozenTrial, trials: Sequence[FrozenTrial]) -> dict[str, float] | None:
         """The design a step on from the best trial's, shorter than those that were tried; None where it promises little."""
-        radius = RADIUS if _model_of(base) is not None else 0.0
+        radius = RADIUS if _counted(base) is not None else 0.0
         while radius > LEAST_RADIUS:
-            x, residuals, jacobian = self._space.read(base.params), *_model(base)
+            x, residuals, jacobian = self._space.read(base.params), *model_of(base)
             step = self._space.step(x, residuals, jacobian, radius, self._space.curvature(x, jacobian))
             if step.promised < LEAST_GAIN * _cost(base):
                 break
@@ -130,11 +127,11 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         if plan is not None and plan["from"] is not None:
             before = known[plan["from"]]
             return _judged(before, last, plan)
-        given = [t for t in trials if _model_of(t) is not None and t.system_attrs.get(PLAN, {"from": None})["from"] is None]
+        given = [t for t in trials if _counted(t) is not None and t.system_attrs.get(PLAN, {"from": None})["from"] is None]
         if plan is None:  # not ours: enqueued, or of another sampler
             return (min(given, key=_cost), RADIUS) if given else None
-        looked_at = min(LOOKED_AT, len(self._starts))
-        fresh = [t for t in given if t is last or 0 <= _start(t) <= plan["start"] < looked_at]
+        looked_at = min(3, len(self._starts))
+        fresh = [t for t in given if t is last or 0 <= start_of(t) <= plan["start"] < looked_at]
         if not fresh or (_value(best := min(fresh, key=_cost)) > self._poor and plan["start"] + 1 < looked_at):
             return None
         return best, RADIUS
@@ -142,7 +139,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
     def _curvature(self, last: FrozenTrial, known: Mapping[int, FrozenTrial], x: Array, jacobian: Array) -> float:
         """Deviation of the residuals from the linear model, over a step's length squared: as the last step showed, or a guess."""
         guess, plan = self._space.curvature(x, jacobian), last.system_attrs.get(PLAN)
-        if plan is None or plan["from"] is None or _model_of(last) is None:
+        if plan is None or plan["from"] is None or _counted(last) is None:
             return guess
         left = math.sqrt(max(_cost(known[plan["from"]]) - plan["promised"], 0.0))
         seen = abs(math.sqrt(_cost(last)) - left) / max(plan["length"], LEAST_RADIUS) ** 2
@@ -166,10 +163,10 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         if _value(base) <= self._goal:
             return False
         earlier: FrozenTrial | None = base
-        for _ in range(PATIENCE):
+        for _ in range(5):  # accepted steps that have not brought the value below three quarters
             plan = earlier.system_attrs.get(PLAN) if earlier is not None else None
             earlier = None if plan is None or plan["from"] is None else known[plan["from"]]
-        return earlier is not None and _cost(base) > PROGRESS**2 * _cost(earlier)
+        return earlier is not None and _cost(base) > 0.75**2 * _cost(earlier)
 
     def _start_at(self, index: int) -> dict[str, float]:
         """The given design, or after them the point of the sequence."""
@@ -190,7 +187,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
 def _judged(before: FrozenTrial, last: FrozenTrial, plan: Mapping[str, Any]) -> tuple[FrozenTrial, float]:
     """The better of the two designs, and the next radius, from how well the linear model foresaw the last one."""
     length = plan["length"]
-    if _model_of(last) is None:
+    if _counted(last) is None:
         return before, length / 4
     gain = _cost(before) - _cost(last)
     share = gain / plan["promised"]
@@ -201,7 +198,7 @@ def _judged(before: FrozenTrial, last: FrozenTrial, plan: Mapping[str, Any]) -> 
     return last, max(plan["radius"], 2.0 * length) if share > 0.75 else plan["radius"]
 
 
-def _model_of(trial: FrozenTrial) -> Any:
+def _counted(trial: FrozenTrial) -> Any:
     """A trial's stored residuals, if it counts: solved, with derivatives, and no constraint violated."""
     attrs = trial.user_attrs
     if "residuals" not in attrs or "jacobian" not in attrs or any(c > 0.0 for c in trial.constraints.values()):
@@ -209,7 +206,8 @@ def _model_of(trial: FrozenTrial) -> Any:
     return attrs["residuals"]
 
 
-def _model(trial: FrozenTrial) -> tuple[Array, Array]:
+def model_of(trial: FrozenTrial) -> tuple[Array, Array]:
+    """A trial's residuals (m,) and their Jacobian (m, k)."""
     residuals = np.array(trial.user_attrs["residuals"], dtype=float)
     return residuals, np.array(trial.user_attrs["jacobian"], dtype=float).reshape(len(residuals), -1)
 
@@ -223,6 +221,6 @@ def _value(trial: FrozenTrial) -> float:
     return math.inf if trial.value is None else trial.value
 
 
-def _start(trial: FrozenTrial) -> int:
+def start_of(trial: FrozenTrial) -> int:
     """Number of the start whose descent a trial belongs to; -1 for one that was not ours."""
     return int(trial.system_attrs.get(PLAN, {"start": -1})["start"])

@@ -92,9 +92,10 @@ class Ball:
         return {self.strength: strength, self.azimuth: math.degrees(math.atan2(x[1], x[0])), self.elevation: math.degrees(elevation)}
 
     def tangent(self, x: Array) -> tuple[Array, Array, Array]:
-        outward = _outward(x)
+        size = float(np.linalg.norm(x))
+        outward = np.asarray(x / size) if size > 0.0 else np.array([1.0, 0.0, 0.0])
         basis = self.radius * np.column_stack([outward, _across(outward)])
-        inside = float(np.linalg.norm(x)) / self.radius
+        inside = size / self.radius
         return basis, np.array([-1.0 - inside, -2.0, -2.0]), np.array([max(1.0 - inside, 0.0), 2.0, 2.0])
 
     def within(self, x: Array, p: Array) -> Array:
@@ -142,11 +143,6 @@ class Number:
 
 
 Block = Direction | Ball | Number
-
-
-def _outward(x: Array) -> Array:
-    size = float(np.linalg.norm(x))
-    return np.asarray(x / size) if size > 0.0 else np.array([1.0, 0.0, 0.0])
 
 
 def _across(unit: Array) -> Array:

@@ -1,6 +1,6 @@
 """gp: Bayesian search with a model of the shape, not of its distance from the target.
 
-The distance is a known function of the shape: from a model of the points at the target's stations (shape_model.py), the expected square of
+The distance is a known function of the shape: from a model of the points at the target's stations (ShapeModel), the expected square of
 the rms has a closed form, with its gradient. The next trial is the design at which it is least, on the sphere of each direction and within
 the bounds of all else, from several starts. So a trial teaches where every point goes, also one that is far from the target.
 
@@ -11,30 +11,175 @@ out of the model; its design is not tried again.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import optuna
 from optuna.distributions import BaseDistribution
 from optuna.trial import FrozenTrial, TrialState
+from scipy.linalg import cho_solve, solve_triangular
 from scipy.optimize import minimize
 
 from magmpm.compiled.arrays import Array
-from magmpm.studies.search.parameters import Direction, FieldVector
-from magmpm.studies.search.samplers.pending_trials import others_running
-from magmpm.studies.search.samplers.shape_model import ShapeModel, layout_of
+from magmpm.studies.search.parameters import Direction, FieldVector, corner_of
+from magmpm.studies.search.samplers.optuna_ids import others_running
 from magmpm.studies.search.search_space import SearchSpace
 
-ALIKE = 2  # trials before there is a model
-BEST, RANDOM = 2, 6  # starts of the search for the next design: the best so far, and random ones
-STEPS = 60  # of each
-BESIDE = 0.05  # how far from a good design its start is, so that it is no maximum of certainty
-LITTLE = 0.9  # of the distance: two trials that leave more of it brought little
-DRAWN = 64  # designs among which the one is chosen that the model knows least of
-SAME = 1e-3  # designs nearer than this, in every coordinate, are one
-MOST = 120  # designs in a model: the nearest ones to the target
-SETTINGS = {"alike": ALIKE, "starts": [BEST, RANDOM], "steps": STEPS, "most": MOST, "little": LITTLE, "drawn": DRAWN}
-TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+# of the parameters: five of the axes, correlation and power of the place, factor of the others, weight, range
+PRIOR = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, -1.0, 1.0])  # their means: logarithms, but for shears and the power
+SPREAD = np.array([1.0, 1.0, 0.5, 0.5, 0.5, 1.0, 0.7, 1.0, 1.5, 1.0])  # and standard deviations
+NOISE = 1e-7  # of the variance of 1: solves are exact but for rounding and their tolerance
+OWN = 0.5  # weight of the sample's variance in an amplitude, in designs
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which embedded coordinates are directions (k, 3 each, base to tip) and which are not; these are of size 1."""
+
+    directions: tuple[int, ...]  # first coordinate of each
+    others: tuple[int, ...]
+
+    @property
+    def count(self) -> int:
+        """Directions and other coordinates."""
+        return max(1, len(self.directions) + len(self.others))
+
+    def matrix(self, p: Array, size: int) -> Array:
+        """A transposed (size, size): z = x @ A.T."""
+        found = np.zeros((size, size))
+        k = len(self.directions)
+        if k:
+            axes = np.array([[np.exp(p[0]), 0, 0], [p[2], np.exp(p[1]), 0], [p[3], p[4], np.exp(-p[0] - p[1])]])
+            place = (np.arange(k) + 0.5) / k
+            apart = np.abs(np.subtract.outer(place, place))
+            correlation, power = p[5], p[6]
+            along = np.linalg.cholesky(np.exp(-apart * np.exp(-correlation))) * (place**power)[:, None]
+            both = np.kron(along, axes)
+            both *= np.sqrt(3 * k / np.sum(both**2))
+            rows = np.concatenate([np.arange(first, first + 3) for first in self.directions])
+            found[np.ix_(rows, rows)] = both
+        found[list(self.others), list(self.others)] = np.exp(p[7])
+        return found
+
+
+class ShapeModel:
+    """A Gaussian process of a shape, of n >= 2 designs x (n, size) with residuals (n, m).
+
+    Residuals are reduced to their principal components over the known designs, and each component is a Gaussian process of its own
+    amplitude. All share one kernel of the embedded coordinates x, brought to z = A x:
+
+        k(x, x') = (1 + z.z') / (1 + n) + w (1 + r + r^2 / 3) exp(-r),   r = sqrt(5) |z - z'| / l,   n the directions and other coordinates.
+
+    The first part is linear: a shape is nearly linear in small moments. The second is Matern's kernel with smoothness 5/2. A says how much
+    which coordinate matters. Of the directions it is a Kronecker product: axes of a direction count differently (a magnet along the field
+    feels no torque), segments that are neighbors act alike (their correlation falls as exp(-distance / c)), and segments matter by a power
+    of their place along the body. Of a field or a number it is a factor (docs/design.md, "Choosing trials", has its errors of prediction).
+
+    The parameters are those of greatest posterior density: their likelihood, with the amplitudes at their best, and normal priors. Sources:
+    Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), sections 2.2, 4.2 and 5.4.1; the composite of a model and a
+    known function: Astudillo and Frazier, ICML 2019.
+    """
+
+    def __init__(self, layout: Layout, x: Array, residuals: Array) -> None:
+        self._layout, self._x = layout, x
+        self._mean = residuals.mean(axis=0)
+        _, sizes, basis = np.linalg.svd(residuals - self._mean, full_matrices=False)
+        share = np.cumsum(sizes**2) / max(float(np.sum(sizes**2)), 1e-300)
+        kept = max(1, min(int(np.sum(share < 1 - 1e-6)) + 1, len(x) - 1))
+        self._basis = basis[:kept]
+        self._scores = (residuals - self._mean) @ self._basis.T
+        self._variance = self._scores.var(axis=0) + 1e-300
+        found = minimize(self._cost, PRIOR, method="L-BFGS-B", bounds=[(-4.0, 4.0)] * len(PRIOR), options={"maxiter": 30})
+        self._p = np.asarray(found.x, dtype=float)
+        self._a = layout.matrix(self._p, x.shape[1])
+        self._z = x @ self._a
+        self._factor, white = self._whitened(self._z, self._p)
+        self._amplitude = self._amplitudes(white)
+        self._weights: Array = np.asarray(cho_solve((self._factor, True), self._scores))
+        self._left = -self._basis @ self._mean  # scores at which the residuals within the basis vanish
+        self._beyond = float(self._mean @ self._mean - self._left @ self._left)
+
+    def _whitened(self, z: Array, p: Array) -> tuple[Array, Array]:
+        factor = np.asarray(np.linalg.cholesky(self._kernel(z, z, p) + NOISE * np.eye(len(z))))
+        return factor, np.asarray(solve_triangular(factor, self._scores, lower=True))
+
+    def _amplitudes(self, white: Array) -> Array:
+        """Variance of each component: the best, drawn a little toward that of its scores."""
+        return np.asarray((np.sum(white**2, axis=0) + OWN * self._variance) / (len(white) + OWN))
+
+    def _cost(self, p: Array) -> float:
+        """Negative logarithm of the posterior density of the parameters, to a constant."""
+        factor, white = self._whitened(self._x @ self._layout.matrix(p, self._x.shape[1]), p)
+        n, count = self._scores.shape
+        likelihood = count * np.sum(np.log(np.diag(factor))) + 0.5 * (n + OWN) * np.sum(np.log(self._amplitudes(white)))
+        return float(likelihood + 0.5 * np.sum(((p - PRIOR) / SPREAD) ** 2))
+
+    def _kernel(self, a: Array, b: Array, p: Array) -> Array:
+        product = a @ b.T
+        apart = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2 * product
+        r = np.sqrt(5 * np.maximum(apart, 0.0)) / np.exp(p[9])
+        return np.asarray((1 + product) / (1 + self._layout.count) + np.exp(p[8]) * (1 + r + r * r / 3) * np.exp(-r))
+
+    def predicted(self, x: Array) -> tuple[Array, Array]:
+        """Mean (m,) of the residuals of a design (size,), and the variance of their whole."""
+        scores, variance, _, _ = self._at(x)
+        return scores @ self._basis + self._mean, np.array(variance * self._amplitude.sum())
+
+    def _at(self, x: Array) -> tuple[Array, float, Array, Array]:
+        z = x @ self._a
+        k = self._kernel(z[None], self._z, self._p)[0]
+        white = np.asarray(solve_triangular(self._factor, k, lower=True))
+        own = (1 + z @ z) / (1 + self._layout.count) + np.exp(self._p[8])
+        return k @ self._weights, max(float(own - white @ white), 1e-12), z, white
+
+    def expected(self, x: Array, caution: float = 1.0) -> tuple[float, Array]:
+        """The expected sum of squares of the residuals of a design (size,), and its gradient (size,).
+
+        Of independent normal components with means m_j and variances v_j, that of the sum of m_j^2 is the sum of m_j^2 + v_j.
+        caution: how much the variances count; 0 gives the square of the means alone.
+        """
+        scores, variance, z, white = self._at(x)
+        off, total = scores - self._left, caution * float(self._amplitude.sum())
+        weight, range_ = np.exp(self._p[8]), float(np.exp(self._p[9]))
+        apart = z - self._z
+        r = np.sqrt(5 * np.sum(apart**2, axis=1)) / range_
+        slopes = self._z / (1 + self._layout.count)
+        slopes = slopes - (weight * 5 / (3 * range_**2) * (1 + r) * np.exp(-r))[:, None] * apart
+        back = np.asarray(solve_triangular(self._factor, white, lower=True, trans=1))
+        of_variance = 2 * z / (1 + self._layout.count) - 2 * back @ slopes
+        gradient = 2 * off @ (self._weights.T @ slopes) + total * of_variance
+        return float(off @ off + total * variance + self._beyond), gradient @ self._a.T
+
+
+def layout_of(sizes: Sequence[tuple[bool, int]]) -> Layout:
+    """The layout of blocks in order: whether each is a direction, and how many coordinates it has."""
+    directions: list[int] = []
+    others: list[int] = []
+    first = 0
+    for is_direction, size in sizes:
+        if is_direction:
+            directions.append(first)
+        else:
+            others += range(first, first + size)
+        first += size
+    return Layout(tuple(directions), tuple(others))
+
+
+@dataclass(frozen=True)
+class Settings:
+    """alike: trials before there is a model; starts: of the search for the next design, the best so far and random ones; steps: of each;
+    most: designs in a model, the nearest to the target; little: of the distance, two trials that leave more of it brought little; drawn:
+    designs among which the one is chosen that the model knows least of.
+    """
+
+    alike: int = 2
+    starts: tuple[int, int] = (2, 6)
+    steps: int = 60
+    most: int = 120
+    little: float = 0.9
+    drawn: int = 64
 
 
 class ShapeSampler(optuna.samplers.BaseSampler):
@@ -44,16 +189,14 @@ class ShapeSampler(optuna.samplers.BaseSampler):
     """
 
     def __init__(self, space: SearchSpace, seed: int, finished: int) -> None:
-        self._space, self._seed, self._finished = space, seed, finished
+        self._space, self._seed, self._settings = space, seed, Settings()
         self._rng = np.random.default_rng([seed, finished, 1])
         self._caution = 1.0
         self._scale = np.ones(space.size)
-        sizes = []
-        for block, at in zip(space.blocks, space.slices, strict=True):
+        for block, at in space.parts:
             if isinstance(block, FieldVector):
                 self._scale[at] = block.max
-            sizes.append(("direction" if isinstance(block, Direction) else "other", block.size, 1.0))
-        self._layout = layout_of(sizes)
+        self._layout = layout_of([(isinstance(block, Direction), block.size) for block in space.blocks])
 
     def infer_relative_search_space(self, study: optuna.Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
         return self._space.distributions()
@@ -67,45 +210,48 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         trials = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
         running, before = others_running(study, trial, search_space)
         order = self._order(trials)
-        if len(trials) + before < ALIKE:
+        if len(trials) + before < self._settings.alike:
             return self._space.parameters_at(self._alike(len(trials) + before) * self._scale, order)
         running = [t for t in running if t.params.get("order") == order]
         known = [t for t in trials if "residuals" in t.user_attrs and t.params.get("order") == order]
         done = [self._embedded(t) for t in trials if t.params.get("order") == order]
         asked = np.array([self._embedded(t) for t in running]).reshape(-1, self._space.size)
         tried = np.concatenate([np.array(done).reshape(-1, self._space.size), asked])
-        if len(known) < ALIKE or not self._space.size:
+        if len(known) < self._settings.alike or not self._space.size:
             return self._space.parameters_at(self._drawn() * self._scale, order)
-        known = sorted(known, key=lambda t: (_square(t), t.number))[:MOST]
+        known = sorted(known, key=lambda t: (_square(t), t.number))[: self._settings.most]
         x = np.array([self._embedded(t) for t in known])
-        self._caution = 1.0 if _improved(trials) else 0.0
+        # if the last trial is not the best so far, what is uncertain is no reason against the next design
+        values = [float("inf") if t.value is None else t.value for t in trials]
+        self._caution = 1.0 if values[-1] <= min(values) else 0.0
         residuals = np.array([t.user_attrs["residuals"] for t in known], dtype=float)
         model = ShapeModel(self._layout, x, residuals)
         if len(asked):  # what is being solved counts as found where the model expects it (the kriging believer, Ginsbourger et al. 2010)
             expected = np.array([model.predicted(one)[0] for one in asked])
             model = ShapeModel(self._layout, np.concatenate([x, asked]), np.concatenate([residuals, expected]))
-        chosen = self._farthest(model) if self._stuck(trials) else self._least(model, x, tried)
+        if self._stuck(values):
+            drawn = [self._drawn() for _ in range(self._settings.drawn)]
+            chosen = drawn[int(np.argmax([model.predicted(one)[1] for one in drawn]))]  # that the model knows least of
+        else:
+            chosen = self._least(model, x, tried)
         return self._space.parameters_at(chosen * self._scale, order)
 
-    def _stuck(self, trials: list[FrozenTrial]) -> bool:
+    def _stuck(self, values: list[float]) -> bool:
         """True if two trials have brought little. Every other trial then looks elsewhere: a model of similar designs is too sure."""
-        values = [float("inf") if t.value is None else t.value for t in trials]
-        return len(values) > ALIKE + 1 and len(values) % 2 == 0 and min(values[-2:]) > LITTLE * min(values[:-2])
-
-    def _farthest(self, model: ShapeModel) -> Array:
-        """Design of several random ones that the model knows least of."""
-        drawn = [self._drawn() for _ in range(DRAWN)]
-        return drawn[int(np.argmax([model.predicted(x)[1] for x in drawn]))]
+        enough = len(values) > self._settings.alike + 1 and len(values) % 2 == 0
+        return enough and min(values[-2:]) > self._settings.little * min(values[:-2])
 
     def _least(self, model: ShapeModel, x: Array, tried: Array) -> Array:
         """The design with the least expected sum of squares; a random one if that has been tried."""
-        starts = [x[k] + BESIDE * self._rng.normal(size=x.shape[1]) for k in range(min(BEST, len(x)))]
-        starts += [self._drawn() for _ in range(RANDOM)]
-        options = {"maxiter": STEPS}
+        best, random = self._settings.starts
+        # beside good designs, where no start is a maximum of certainty
+        starts = [x[k] + 0.05 * self._rng.normal(size=x.shape[1]) for k in range(min(best, len(x)))]
+        starts += [self._drawn() for _ in range(random)]
+        options = {"maxiter": self._settings.steps}
         found = [minimize(self._folded, s, args=(model,), jac=True, method="L-BFGS-B", options=options) for s in starts]
         for one in sorted(found, key=lambda one: float(one.fun)):
             design = self._nearest(one.x)
-            if np.all(np.abs(tried - design).max(axis=1) > SAME):
+            if np.all(np.abs(tried - design).max(axis=1) > 1e-3):
                 return design
         return self._drawn()
 
@@ -114,7 +260,7 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         x = self._nearest(u)
         value, gradient = model.expected(x, self._caution)
         gradient = gradient / value
-        for block, at in zip(self._space.blocks, self._space.slices, strict=True):
+        for block, at in self._space.parts:
             length = float(np.linalg.norm(u[at]))
             if isinstance(block, Direction) or (isinstance(block, FieldVector) and length > 1.0):
                 gradient[at] = (gradient[at] - (gradient[at] @ x[at]) * x[at]) / max(length, 1e-12)
@@ -124,7 +270,7 @@ class ShapeSampler(optuna.samplers.BaseSampler):
     def _outside(self, u: Array) -> Array:
         """1 at plain numbers outside their bounds, where the nearest design stays the same."""
         found = np.zeros(len(u))
-        for block, at in zip(self._space.blocks, self._space.slices, strict=True):
+        for block, at in self._space.parts:
             if not isinstance(block, (Direction, FieldVector)):
                 found[at] = (u[at] < 0) | (u[at] > 1)
         return found
@@ -140,10 +286,9 @@ class ShapeSampler(optuna.samplers.BaseSampler):
 
     def _alike(self, corner: int) -> Array:
         """All segments in the direction of one corner of the study's tetrahedron; everything else at random."""
-        turn, _ = np.linalg.qr(np.random.default_rng([self._seed]).normal(size=(3, 3)))
         found = self._drawn()
         for first in self._layout.directions:
-            found[first : first + 3] = TETRAHEDRON[corner] @ turn
+            found[first : first + 3] = corner_of(self._seed, corner)
         return found
 
     def _order(self, trials: list[FrozenTrial]) -> str | None:
@@ -154,12 +299,6 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         if not solved or len(trials) % 2 == 0:
             return str(self._rng.choice(self._space.choices[0].choices))
         return str(min(solved, key=lambda t: (_square(t), t.number)).params["order"])
-
-
-def _improved(trials: list[FrozenTrial]) -> bool:
-    """True if the last trial is the best so far. If not, what is uncertain is no reason against the next design."""
-    values = [float("inf") if t.value is None else t.value for t in trials]
-    return values[-1] <= min(values)
 
 
 def _square(trial: FrozenTrial) -> float:

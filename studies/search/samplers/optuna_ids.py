@@ -6,12 +6,14 @@ notes on the requested trial, of which it gets a copy without methods. All priva
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+import optuna
+from optuna.trial import FrozenTrial, TrialState
+
 if TYPE_CHECKING:
-    import optuna
     from optuna.storages import BaseStorage
-    from optuna.trial import FrozenTrial
 
 
 def storage_of(study: optuna.Study) -> BaseStorage:
@@ -27,3 +29,13 @@ def study_id(study: optuna.Study) -> int:
 def trial_id(trial: optuna.Trial | FrozenTrial) -> int:
     """The trial's number in its storage: another one than its number in its study."""
     return trial._trial_id
+
+
+def others_running(study: optuna.Study, trial: FrozenTrial, names: Iterable[str]) -> tuple[list[FrozenTrial], int]:
+    """The running trials whose designs are known, and how many of all running ones have a smaller number than this one.
+
+    With one worker there are none.
+    """
+    running = [t for t in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)) if t.number != trial.number]
+    asked = set(names)
+    return [t for t in running if asked <= set(t.params)], sum(t.number < trial.number for t in running)

@@ -1,12 +1,10 @@
 """TPE for directions: the tree-structured Parzen estimator with kernels on the sphere.
 
-TPE draws candidates from a density l of the good trials so far and takes the one with the largest l/g, g being the density
-of the others (Bergstra et al., NeurIPS 2011). Optuna's TPESampler builds both of Gaussians in each angle separately. These
-know neither that -180 and 180 degrees are the same, nor that all azimuths are the same at a pole; and their width, a sixth of
-the range and more with so few trials, loses most of the information of a good trial. Here a design is a list of unit vectors
-(and of plain numbers, such as the field's strength), and a trial's kernel is a product of von Mises-Fisher
-densities exp(K d.m) K / (4 pi sinh K). On designs of five segments this raised the share of studies that
-come within 2 mm in 35 trials from 0.7 to 0.93 (docs/design.md, "Choosing trials", has targets, settings and counts).
+TPE draws candidates from a density l of the good trials so far and takes the one with the largest l/g, g being the density of the others
+(Bergstra et al., NeurIPS 2011). Optuna's TPESampler builds both of Gaussians in each angle, which know neither that -180 and 180 degrees
+are the same, nor what a pole is, and are wide with few trials. Here a design is a list of unit vectors (and of plain numbers, such as the
+field's strength), and a trial's kernel is a product of von Mises-Fisher densities exp(K d.m) K / (4 pi sinh K). docs/design.md, "Choosing
+trials", has targets, settings and counts.
 
 The first four trials magnetize all segments alike, in the directions of a regular tetrahedron in a random orientation. Each gives one
 bend, and together they show where the target lies.
@@ -26,8 +24,8 @@ from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.compiled.arrays import Array
 from magmpm.studies.search.objectives import ranked
-from magmpm.studies.search.parameters import unit
-from magmpm.studies.search.samplers.pending_trials import others_running
+from magmpm.studies.search.parameters import TETRAHEDRON, corner_of, unit
+from magmpm.studies.search.samplers.optuna_ids import others_running
 from magmpm.studies.search.search_space import SearchSpace
 
 
@@ -55,16 +53,11 @@ class Designs:
     def __len__(self) -> int:
         return len(self.directions)
 
-    def and_(self, more: Designs) -> Designs:
-        """These designs and more."""
-        return Designs(np.concatenate([self.directions, more.directions]), np.concatenate([self.numbers, more.numbers]))
-
     def __getitem__(self, index: Any) -> Designs:
         return Designs(self.directions[index], self.numbers[index])
 
 
-PRIOR_OF_CHOICES, GOOD_OF_CHOICES = 1.0, 0.25  # weight of any choice next to the good trials', and their share of all
-TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / math.sqrt(3)
+PRIOR_OF_CHOICES = 1.0  # weight of any choice next to the good trials'
 
 
 class DirectionTPE(optuna.samplers.BaseSampler):
@@ -86,13 +79,17 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         if len(trials) + before < len(TETRAHEDRON):
             return self._with_choices(self._space.parameters(*self._alike(len(trials) + before)), trials)
         if not trials:
-            return self._with_choices(self._space.parameters(*self._anywhere()), trials)
+            anywhere = unit(self._rng.normal(size=(self._space.count, 3))), self._rng.random(self._space.numbers)
+            return self._with_choices(self._space.parameters(*anywhere), trials)
         designs = self._read(trials)
-        order = sorted(ranked(trials), key=lambda i: _violation(trials[i]))
+        # trials that violate a constraint are worse than all others, by how far (as in Optuna's TPE)
+        order = sorted(ranked(trials), key=lambda i: sum(max(value, 0.0) for value in trials[i].constraints.values()))
         count = math.ceil(self._settings.good * len(trials))
         others = designs[order[count:]]
         if running:  # as if they had turned out badly: a constant liar (Ginsbourger et al. 2010)
-            others = others.and_(self._read(running))
+            more = self._read(running)
+            pairs = (others.directions, more.directions), (others.numbers, more.numbers)
+            others = Designs(*(np.concatenate(pair) for pair in pairs))
         chosen = self.choose(designs[order[:count]], others)
         return self._with_choices(self._space.parameters(chosen.directions[0], chosen.numbers[0]), [trials[i] for i in order])
 
@@ -103,7 +100,7 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         neighbors, so there is nothing to learn from trials of another.
         """
         for choice in self._space.choices:
-            good = max(math.ceil(len(ordered) * GOOD_OF_CHOICES), 1) if len(ordered) >= len(TETRAHEDRON) else 0
+            good = max(math.ceil(len(ordered) / 4), 1) if len(ordered) >= len(TETRAHEDRON) else 0
             known = [trial.params[choice.name] for trial in ordered[:good]]
             if self._rng.random() < PRIOR_OF_CHOICES / (PRIOR_OF_CHOICES + good):
                 known = list(choice.choices)
@@ -126,15 +123,10 @@ class DirectionTPE(optuna.samplers.BaseSampler):
 
     def _alike(self, corner: int) -> tuple[Array, Array]:
         """All segments in the direction of one corner of the study's tetrahedron; any field."""
-        turn, _ = np.linalg.qr(np.random.default_rng([self._seed]).normal(size=(3, 3)))
         segments = len(self._space.segments)
-        directions = np.tile(TETRAHEDRON[corner] @ turn, (segments, 1))
+        directions = np.tile(corner_of(self._seed, corner), (segments, 1))
         field = unit(self._rng.normal(size=(self._space.count - segments, 3)))
         return np.vstack([directions, field]), self._rng.random(self._space.numbers)
-
-    def _anywhere(self) -> tuple[Array, Array]:
-        """Any directions, any numbers: while the first trials are being solved, nothing is known."""
-        return unit(self._rng.normal(size=(self._space.count, 3))), self._rng.random(self._space.numbers)
 
     def _read(self, trials: Sequence[FrozenTrial]) -> Designs:
         read = [self._space.design(trial.params) for trial in trials]
@@ -179,8 +171,3 @@ def _near(rng: np.random.Generator, means: Array, K: float) -> Array:
     across = rng.normal(size=means.shape)
     across = unit(across - np.sum(across * means, axis=-1, keepdims=True) * means)
     return unit(cosine * means + np.sqrt(1 - cosine**2) * across)
-
-
-def _violation(trial: FrozenTrial) -> float:
-    """Violation of a trial's constraints: trials with one are worse than all others, by how far (as in Optuna's TPE)."""
-    return sum(max(value, 0.0) for value in trial.constraints.values())

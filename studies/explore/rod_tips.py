@@ -16,13 +16,8 @@ from magmpm.rod.cosserat import RodModel, rod_model
 from magmpm.rod.derivative_kernels import relax_all
 from magmpm.scene import Scene
 
-ELEMENTS = 60  # deflections to 1e-3: enough to distinguish shapes
 STEPS, FINER = 16, 8  # of a field's growth; and how much finer where it is not smooth
-JUMP = 0.02  # of the length: a shorter move of the tip in a step is no snap
 LASTING = 0.6  # of a step's move that is left in the longest of FINER parts of it: 1/8 where smooth, 0.35 at a buckling load, 1 at a snap
-APART = 0.03  # of the length, between the tips of two shapes
-NEIGHBORS = 5  # fields whose shapes are tried
-AGAIN = 3  # times that a rod which found no rest is tried
 
 
 @dataclass(frozen=True)
@@ -37,8 +32,8 @@ class RodTips:
 def rod_tips(scene: Scene, fields: Array, rays: int) -> RodTips:
     """Follow the scene's rods in fields (m, 3) T; `rays` of them: each m / rays in a row, of one direction and growing strength, in equal
     steps from the first. A rod that finds no equilibrium has a tip of NaN."""
-    rod = rod_model(scene.with_field([0.0, 0.0, 0.0]), ELEMENTS)
-    apart, jump = APART * float(rod.length.sum()), JUMP * float(rod.length.sum())
+    rod = rod_model(scene.with_field([0.0, 0.0, 0.0]), 60)  # deflections to 1e-3
+    apart, jump = 0.03 * float(rod.length.sum()), 0.02 * float(rod.length.sum())
     ends = fields.reshape(rays, -1, 3)
     shapes, tip, longest = _grown(rod, ends, 1)
     snaps = np.zeros(longest.shape, dtype=bool)
@@ -77,7 +72,7 @@ def _grown(rod: RodModel, ends: Array, finer: int) -> tuple[Array, Array, Array]
         for share in np.arange(1, parts + 1) / parts:
             here = start + share * (ends[:, number] - start)
             tip, found = _relaxed(rod, q, here)
-            for _ in range(AGAIN):
+            for _ in range(3):
                 if (left := np.flatnonzero(~found)).size:  # at a critical load: it goes on from where it has got to
                     again = q[left].copy()
                     tip[left], found[left] = _relaxed(rod, again, here[left])
@@ -99,7 +94,7 @@ def _others(rod: RodModel, fields: Array, shapes: Array, tip: Array, apart: floa
     other, passed = np.full((m, 3), np.nan), shapes.copy()
     if m < 2:
         return other
-    near = np.asarray(cKDTree(fields).query(fields, k=min(NEIGHBORS + 1, m))[1]).reshape(m, -1)[:, 1:]
+    near = np.asarray(cKDTree(fields).query(fields, k=min(5 + 1, m))[1]).reshape(m, -1)[:, 1:]
     fresh: NDArray[np.bool_] = np.asarray(np.isfinite(tip).all(axis=1))
     place = tip.copy()  # of what is passed on: its tips; and whether it is new
     while fresh.any():

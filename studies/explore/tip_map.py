@@ -1,0 +1,278 @@
+"""Map of a body's tip over many uniform fields, and of the fields where its position is not certain: `magmpm map`.
+
+The fields lie along rays to all sides, or on a grid of two components. Paths join neighbors: each solve learns from those before
+(explore.neighbors). The equilibria are those that `magmpm run` finds: the rod follows the branch that grows from no load. Paths know
+nothing of each other: it does not matter which process takes one.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.bodies.segments import StraightBody
+from magmpm.compiled.arrays import Array
+from magmpm.compiled.process import DIED, RAISED, TOLD, answers, started, with_threads
+from magmpm.effects import acting
+from magmpm.errors import InputError, MagmpmError, report
+from magmpm.model import build
+from magmpm.results.whole_file import whole_file, write_json
+from magmpm.scene import Scene
+from magmpm.solving.precompile import prepare_kernels
+from magmpm.statics.axis import tip
+from magmpm.statics.equilibrium import Following, solve_static
+from magmpm.statics.layout import StaticModel, static_model
+from magmpm.statics.stability import BRINK
+from magmpm.studies.explore.neighbors import Neighbors
+from magmpm.studies.explore.rod_tips import rod_tips
+
+MOST = 100_000
+PATHS = 8  # as many processes can share the work; longer paths learn more. Their number is fixed, so that a map is the same on any machine
+AXES = "xyz"
+Path_ = Sequence[tuple[int, Sequence[float]]]  # indices and fields, T
+MARKS = {  # from the worst to the best
+    "failed": "no shape at rest was found",
+    "unstable": f"stability at most {BRINK:g}: on the edge of another shape",
+    "snapped": "the shape jumps on the way up to this field",
+    "two shapes": "another stable shape exists: history decides",
+    "sure": "one stable shape",
+}
+HEAD = ("Bx_mT", "By_mT", "Bz_mT", "x_mm", "y_mm", "z_mm", "stability", "mark", "other_x_mm", "other_y_mm", "other_z_mm", "why")
+
+
+@dataclass(frozen=True)
+class Fields:
+    """values (m, 3) T; paths: lists of their indices, each near those before; kind: "rays" or "plane"; axes: of a plane's components;
+    shape: directions and strengths, or steps along both axes."""
+
+    values: Array
+    paths: tuple[tuple[int, ...], ...]
+    kind: str
+    axes: tuple[int, int]
+    shape: tuple[int, int]
+
+    @property
+    def rays(self) -> int:
+        """Number of rays, each with as many fields in a row; fields of a plane have one each."""
+        return self.shape[0] if self.kind == "rays" else len(self.values)
+
+
+def on_rays(count: int, largest: float, strengths: int | None = None) -> Fields:
+    """About `count` fields up to `largest` (T): directions evenly over the sphere, each with equal steps of strength from the first one on.
+
+    The directions are Fibonacci's lattice. Source: Gonzalez, Mathematical Geosciences 42 (2010) 49-64. Raises InputError.
+    """
+    _check(count, largest)
+    strengths = min(8, count) if strengths is None else strengths
+    if not 1 <= strengths <= count:
+        raise InputError(report("--strengths", received=str(strengths), rule=f"must be 1 to the {count} fields", remedy="--strengths 8"))
+    k = max(round(count / strengths), 1)
+    z = 1.0 - (2.0 * np.arange(k) + 1.0) / k
+    turn = math.pi * (3.0 - math.sqrt(5.0)) * np.arange(k)
+    flat = np.sqrt(1.0 - z * z)
+    directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
+    steps = largest * np.arange(1, strengths + 1) / strengths
+    values = (directions[:, None, :] * steps[None, :, None]).reshape(-1, 3)
+    bands = [sorted(band.tolist(), key=lambda j: turn[j] % (2.0 * math.pi)) for band in np.array_split(np.arange(k), min(PATHS, k))]
+    paths = tuple(tuple(j * strengths + step for j in band for step in range(strengths)) for band in bands)
+    return Fields(values, paths, "rays", (0, 2), (k, strengths))
+
+
+def in_plane(count: int, largest: float, axes: str) -> Fields:
+    """About `count` fields, a square grid of two components from -`largest` to `largest` (T), in rows that run to and fro.
+
+    axes: two letters, such as "xz". Raises InputError.
+    """
+    _check(count, largest)
+    if len(axes) != 2 or len(set(axes)) != 2 or not set(axes) <= set(AXES):
+        raise InputError(report("--plane", received=repr(axes), rule="must be two of x, y and z", remedy="--plane xz"))
+    first, second = (AXES.index(axis) for axis in axes)
+    n = max(round(math.sqrt(count)), 2)
+    marks = np.linspace(-largest, largest, n)
+    values = np.zeros((n, n, 3))
+    values[:, :, first], values[:, :, second] = marks[None, :], marks[:, None]
+    rows = [tuple(range(row * n, (row + 1) * n))[:: -1 if row % 2 else 1] for row in range(n)]
+    paths = tuple(tuple(k for row in band.tolist() for k in rows[row]) for band in np.array_split(np.arange(n), min(PATHS, n)))
+    return Fields(values.reshape(-1, 3), paths, "plane", (first, second), (n, n))
+
+
+def _check(count: int, largest: float) -> None:
+    if not 1 <= count <= MOST:
+        raise InputError(report("--fields", received=str(count), rule=f"must be 1 to {MOST}", remedy="--fields 1000"))
+    if not 0.0 < largest <= 20.0:
+        raise InputError(report("--max", received=f"{1e3 * largest:g} mT", rule="must be above 0 and at most 20 T", remedy="--max 20mT"))
+
+
+@dataclass(frozen=True)
+class Tip:
+    """Tip in one field: its index; tip (3,) m, stability and Newton steps; or why there is none."""
+
+    index: int
+    tip: tuple[float, float, float] | None
+    stability: float
+    steps: int
+    failure: str = ""
+
+
+def solved(scene: Scene, paths: Sequence[Path_], processes: int) -> Iterator[Tip]:
+    """The tips of all fields of all paths, in the order in which they are found. Of a process that ends, the field that it was at has no
+    answer, and another one takes up the rest of its path."""
+    left = deque(list(path) for path in paths)
+    env = with_threads(max((os.cpu_count() or 1) // processes, 1))
+    with started(min(processes, len(paths)), _begin, scene, env=env) as pool:
+        for path, kind, found in answers(left, pool):
+            if kind == RAISED:
+                raise found
+            if kind == TOLD:
+                yield found
+                path.pop(0)
+            elif kind == DIED and path:
+                index, _ = path.pop(0)
+                yield Tip(index, None, np.nan, 0, f"the process that solved it {found}")
+                if path:
+                    left.append(path)
+
+
+def _begin(pipe: Any, scene: Scene) -> Callable[[Path_], None]:
+    """Begin a process: it follows a path, and sends each tip."""
+    model = static_model(build(scene))
+
+    def follow(path: Path_) -> None:
+        for found in _along(scene, model, path):
+            pipe.send((TOLD, found))
+
+    return follow
+
+
+def _along(scene: Scene, model: StaticModel, path: Path_) -> Iterator[Tip]:
+    """The tips along a path, each found from the ones before."""
+    neighbors = Neighbors()
+    following = Following(neighbors.expected)
+    for index, uniform in path:
+        here = scene.with_field(uniform)
+        loaded = replace(model, scene=here, effects=acting.collect(here))
+        try:
+            found = solve_static(loaded, following=following)
+        except (MagmpmError, ArithmeticError) as error:
+            yield Tip(index, None, np.nan, 0, getattr(error, "reason", str(error)))
+            continue
+        neighbors.learn(found.correction)
+        at = tip(loaded, found.point.grid)
+        yield Tip(index, tuple(at.tolist()), float(found.stability if found.stability is not None else np.nan), found.steps)
+
+
+@dataclass(frozen=True)
+class TipMap:
+    """tip (m, 3) m and stability (m,) of each field, NaN where there is none; mark (m,): of MARKS; other (m, 3) m: the rod's tip in another
+    stable shape, or NaN; why (m,): of failures; seconds."""
+
+    scene: Scene
+    fields: Fields
+    tip: Array
+    stability: Array
+    mark: NDArray[np.str_]
+    other: Array
+    why: list[str]
+    seconds: float
+    newton_steps: int = 0
+    files: list[str] = field(default_factory=list)
+
+    def counts(self) -> dict[str, int]:
+        """Number of fields with each mark."""
+        return {mark: int(np.count_nonzero(self.mark == mark)) for mark in MARKS}
+
+    def summary(self) -> dict[str, Any]:
+        """Plain data, SI, for --json."""
+        none = np.isnan(self.tip).any(axis=1)
+        return {
+            "fields": len(self.tip),
+            "kind": self.fields.kind,
+            "largest_field": float(np.linalg.norm(self.fields.values, axis=1).max()),
+            "counts": self.counts(),
+            "reach": None if none.all() else [np.nanmin(self.tip, axis=0).tolist(), np.nanmax(self.tip, axis=0).tolist()],
+            "cells_across": self.scene.resolution.cells_across,
+            "seconds": self.seconds,
+            "newton_steps": self.newton_steps,
+        }
+
+    def rows(self) -> list[list[Any]]:
+        """The table, a row a field, as HEAD names its columns."""
+        def cells(values: Array, factor: float) -> list[str]:
+            return ["" if np.isnan(v) else f"{factor * v + 0.0:.6g}" for v in values]
+
+        return [
+            [*cells(b, 1e3), *cells(tip, 1e3), *cells(np.array([s]), 1.0), mark, *cells(other, 1e3), why]
+            for b, tip, s, mark, other, why in zip(
+                self.fields.values, self.tip, self.stability, self.mark.tolist(), self.other, self.why, strict=True
+            )
+        ]
+
+    def save(self, folder: Path) -> list[Path]:
+        """map.csv and map.json in a folder."""
+        folder.mkdir(parents=True, exist_ok=True)
+        table, numbers = folder / "map.csv", folder / "map.json"
+        with whole_file(table) as part, part.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream, lineterminator="\n")
+            writer.writerow(HEAD)
+            writer.writerows(self.rows())
+
+        def plain(values: Array) -> list[Any]:
+            return [None if np.isnan(v).any() else v.tolist() for v in values]
+
+        arrays = {"field_T": self.fields.values.tolist(), "tip_m": plain(self.tip), "stability": plain(self.stability),
+                  "mark": self.mark.tolist(), "other_m": plain(self.other), "why": self.why}  # fmt: skip
+        write_json(numbers, {**self.summary(), "marks": MARKS, "scene": self.scene.to_si(), "scene_hash": self.scene.hash(), **arrays})
+        return [table, numbers]
+
+
+def map_tips(scene: Scene, fields: Fields, on_progress: Callable[[int, int], None] | None = None) -> TipMap:
+    """The map of a scene at rest in uniform fields, which take the place of its own. Raises InputError for scenes that have none."""
+    check(scene)
+    prepare_kernels(scene)
+    begun = time.perf_counter()
+    count = len(fields.values)
+    tip, stability, why, steps = np.full((count, 3), np.nan), np.full(count, np.nan), [""] * count, 0
+    paths = [[(k, fields.values[k].tolist()) for k in path] for path in fields.paths]
+    for done, found in enumerate(solved(scene, paths, os.cpu_count() or 1)):
+        if found.tip is not None:
+            tip[found.index] = found.tip
+        stability[found.index], why[found.index], steps = found.stability, found.failure, steps + found.steps
+        if on_progress is not None:
+            on_progress(done + 1, count)
+    rods = rod_tips(scene, fields.values, fields.rays)
+    away = np.linalg.norm(rods.tip - tip, axis=1) > 0.1 * scene.length  # they are two shapes
+    other = np.where(away[:, None] & np.isnan(rods.other), rods.tip, rods.other)
+    mark = np.full(count, "sure", dtype="<U10")
+    mark[~np.isnan(other).any(axis=1)] = "two shapes"
+    mark[rods.snapped] = "snapped"
+    mark[stability <= BRINK] = "unstable"
+    mark[np.isnan(tip).any(axis=1)] = "failed"
+    return TipMap(scene, fields, tip, stability, mark, other, why, time.perf_counter() - begun, steps)
+
+
+def check(scene: Scene) -> None:
+    """Raises InputError for a scene without a map."""
+    if scene.in_time:
+        rule, remedy = "a map is one of shapes at rest", "write `solver: {static: {}}`"
+        raise InputError(report("solver", received="a motion", rule=rule, remedy=remedy))
+    shape = scene.body.shape
+    if not isinstance(shape, StraightBody) or shape.clamp != "base":
+        rule, remedy = "a map follows rods: a catheter or strip that is held at its base alone", "map a scene with such a body"
+        raise InputError(report(f"body.{scene.body.kind}", rule=rule, remedy=remedy))
+    if scene.field.varies or scene.field.over_time is not None:
+        rule = "a map is one of uniform fields, which take the place of the scene's own"
+        remedy = "leave out dipoles, magnets, coils, maps and schedules; `magmpm view` moves magnets by hand"
+        raise InputError(report("field", received="a field that varies in space or time", rule=rule, remedy=remedy))
+    if scene.effects.magnetic_torque is None or not scene.magnetized_regions():
+        rule, remedy = "the field must act on the body", "name `magnetic_torque: {}`, and magnetize a segment"
+        raise InputError(report("effects.magnetic_torque", received="nothing that a field turns", rule=rule, remedy=remedy))
