@@ -21,7 +21,7 @@ from typing import Any
 import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
-from magmpm.compiled.process import Died, started
+from magmpm.compiled.process import started
 
 _DIGEST = 32  # bytes
 _told: set[str] = set()
@@ -53,8 +53,9 @@ def _compile_elsewhere(dispatcher: Any, signature: Any) -> Any:
     """Compile a function in a process of its own, unless this is one that compiles, and load it from the disk."""
     known = tuple(signature) in dispatcher.overloads
     if not (known or _compiles_here or dispatcher._cache.load_overload(signature, dispatcher.targetctx)):
-        with started(1, _begin) as (process,), suppress(Died):
-            process.ask((dispatcher.py_func.__module__, dispatcher.py_func.__name__, signature))
+        with started(1, _begin) as (process,), suppress(Exception):  # of whatever kind: it is compiled here
+            imported = [name for name in sys.modules if name.startswith("magmpm.effects.")]  # their hooks are part of what is compiled
+            process.ask((imported, dispatcher.py_func.__module__, dispatcher.py_func.__name__, signature))
     return type(dispatcher).compile(dispatcher, signature)
 
 
@@ -65,10 +66,17 @@ def compile_here() -> None:
     gc.disable()
 
 
-def _begin(_: object) -> Callable[[tuple[str, str, Any]], None]:
-    """Begin a process that compiles functions by module, name and signature."""
+def _begin(_: object) -> Callable[[tuple[list[str], str, str, Any]], None]:
+    """Begin a process that compiles functions by module, name and signature, with other modules imported."""
     compile_here()
-    return lambda job: getattr(import_module(job[0]), job[1]).compile(job[2])
+
+    def compile_one(job: tuple[list[str], str, str, Any]) -> None:
+        imported, module, name, signature = job
+        for other in imported:
+            import_module(other)
+        getattr(import_module(module), name).compile(signature)
+
+    return compile_one
 
 
 def kept_all() -> bool:
