@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from magmpm.cli import main
-from magmpm.cli.examples import examples_folder
+from magmpm.cli.first_steps import examples_folder
 from magmpm.results.result import CITATION
 
 ROOT = Path(__file__).resolve().parents[2]
