@@ -337,6 +337,9 @@ class Scene(Settings):
             rule, remedy = "the scene has several materials", f"name one of them: {', '.join(self.materials)}"
             raise InputError("materials", received="no name", rule=rule, remedy=remedy)
         key = next(iter(self.materials)) if name is None else name
+        if key not in self.materials and "shear_modulus" not in properties:
+            rule, remedy = f"the scene has {', '.join(self.materials)}; a new one needs a shear_modulus", "use one of these names"
+            raise InputError("materials", received=repr(key), rule=rule, remedy=remedy)
         return Scene.from_si({**data, "materials": {**data["materials"], key: {**data["materials"].get(key, {}), **properties}}})
 
     def with_cells(self, cells_across: int) -> Scene:

@@ -39,6 +39,7 @@ __all__ = ["DATABASE", "OWNER", "TIMEOUT", "StorageAway", "StorageError", "Store
 
 if TYPE_CHECKING:
     import optuna
+    from optuna.trial import FrozenTrial
 
 Kept = TypeVar("Kept")
 TIMEOUT = 60.0  # s to wait for a locked database
@@ -313,7 +314,7 @@ def open_study(
             storage=storage, study_name=study.name, directions=["minimize"] * len(study.minimize), load_if_exists=True
         )
         known = kept.user_attrs.get("definition")
-        if known is None and kept.get_trials(deepcopy=False):
+        if trials_of(kept, url) and known is None:
             rule = f"holds a study named {study.name} that magmpm did not make"
             raise InputError(report(shown_url(url), rule=rule, remedy="use another --out or --storage"))
         if known is None:
@@ -330,6 +331,15 @@ def open_study(
                 f"  remedy: begin a new study with --out, say, --out {out}-2; or put the old values back to resume"
             )
     return kept
+
+
+def trials_of(kept: optuna.Study, url: str) -> list[FrozenTrial]:
+    """All trials of a study. Raises InputError where a value is no number: SQLite keeps text as well, and Optuna hands it on."""
+    trials = kept.get_trials(deepcopy=False)
+    for trial in trials:
+        if not all(isinstance(value, float) for value in trial.values or ()):
+            raise _corrupt(url, f"trial {trial.number} has the value {trial.values[0]!r:.40}")
+    return trials
 
 
 def must_exist(url: str, out: Path) -> None:

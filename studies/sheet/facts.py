@@ -21,7 +21,7 @@ from magmpm.results.result import Result, versions
 from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine import records
 from magmpm.studies.engine.report import feasible, refused
-from magmpm.studies.engine.storage import must_exist, open_storage, storage_faults
+from magmpm.studies.engine.storage import must_exist, open_storage, storage_faults, trials_of
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.best_scene import SCENE
 from magmpm.studies.search.definition import definition_hash, load_study
@@ -35,13 +35,13 @@ if TYPE_CHECKING:
 
 
 
-def kept_trials(storage: optuna.storages.BaseStorage, name: str) -> tuple[optuna.Study, list[FrozenTrial]]:
-    """A study in its storage, and its finished trials in order."""
+def kept_trials(url: str, name: str) -> tuple[optuna.Study, list[FrozenTrial]]:
+    """A study in its storage, and its finished trials in order. Raises as `open_storage` and `trials_of` do."""
     import optuna
     from optuna.trial import TrialState
 
-    kept = optuna.load_study(study_name=name, storage=storage)
-    return kept, kept.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+    kept = optuna.load_study(study_name=name, storage=open_storage(url))
+    return kept, [trial for trial in trials_of(kept, url) if trial.state == TrialState.COMPLETE]
 
 
 def best_rows(trials: Sequence[FrozenTrial]) -> list[dict[str, Any]]:
@@ -155,7 +155,7 @@ def _of_trials(folder: Path, report: Mapping[str, Any], storage: str | None, not
     try:
         must_exist(url, folder)
         with storage_faults(url):
-            kept, trials = kept_trials(open_storage(url), report["name"])
+            kept, trials = kept_trials(url, report["name"])
             found: dict[str, Any] = {"definition": kept.user_attrs.get("definition"), "hash": kept.user_attrs.get("definition_hash")}
             shares = importances(kept, trials)
     except (MagmpmError, KeyError) as error:

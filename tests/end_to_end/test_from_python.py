@@ -48,8 +48,9 @@ def test_numbers_may_be_text_with_units() -> None:
     with pytest.raises(magmpm.InputError, match="direction"):
         scene.with_field([0, 0, 0]).with_field("4 mT")
     two = scene.with_material("stiff", shear_modulus="1 MPa", bulk_to_shear=20, density="2 g/cm^3")
-    with pytest.raises(magmpm.InputError, match="silicone, stiff"):
-        two.with_material(shear_modulus="1 MPa")
+    for unclear in ({"shear_modulus": "1 MPa"}, {"name": "silicon", "remanence": 0.1}):  # none of two, and none of them
+        with pytest.raises(magmpm.InputError, match="silicone, stiff"):
+            two.with_material(**unclear)
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)

@@ -68,6 +68,10 @@ def test_a_design_whose_rods_are_elsewhere_is_mended():
     squares = [stops[-1].squares for stops in way.stops(design.directions, design.fields)]
     assert np.sqrt(sum(squares)) == pytest.approx(design.value, rel=1e-6)
     assert design.value < 0.5 * pushed
+    by_fields = way.mended(RodDesign(d, fields, 0.0, elsewhere), turning=False)
+    assert by_fields is not None
+    np.testing.assert_array_equal(by_fields.directions, d)
+    assert np.abs(by_fields.fields - fields).max() > 0.01 * np.abs(fields).max()
 
 
 def test_search_judges_on_the_way():

@@ -192,7 +192,8 @@ def test_a_damaged_database_is_told_as_such(tmp_path: Path) -> None:
             assert part in said
         assert "it resumes" not in said
         assert path.read_bytes() == damaged, "left as it is"
-    for cell in ("trial_user_attributes SET value_json = '{'", "trial_params SET distribution_json = '{}'"):
+    cells = ("trial_user_attributes SET value_json = '{'", "trial_params SET distribution_json = '{}'", "trial_values SET value = 'abc'")
+    for cell in cells:
         shutil.rmtree(tmp_path / "out")
         shutil.copytree(whole, tmp_path / "out")
         connection = sqlite3.connect(path)
