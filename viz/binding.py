@@ -9,7 +9,6 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 NEIGHBORS = (16, 32, 64)  # tried in turn
-FLAT = 0.15  # neighbors whose thickness is less than this share of their width tell little across
 
 
 class Binding:
@@ -64,7 +63,7 @@ def _affine(points: np.ndarray, near: np.ndarray, distance: np.ndarray) -> tuple
     mean = moment[:, 0, 1:] / moment[:, 0, :1]
     spread = moment[:, 1:, 1:] / moment[:, :1, :1] - np.einsum("mi,mj->mij", mean, mean)
     sizes = np.linalg.eigvalsh(spread)
-    flat = sizes[:, 0] < FLAT**2 * sizes[:, 2]
+    flat = sizes[:, 0] < 0.15**2 * sizes[:, 2]  # neighbors whose thickness is less than this share of their width tell little across
     # What the neighbors do not determine stays out.
     moment[:, 1:, 1:] += 1e-9 * np.trace(moment, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     first = np.zeros((len(points), 4, 1))

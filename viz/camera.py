@@ -16,7 +16,6 @@ from magmpm.viz.snapshot import Obstacle, Plane, Snapshot
 # Directions the main view may be seen from: the base on the left, the axis to the right, from a little above and never face on, so
 # that depth is read; and rather from the tip's side, where the clamp is behind the body, than from the clamp's.
 _AZIMUTHS = np.radians([-70.0, -55.0, -40.0, -110.0, -125.0, -140.0])
-_BEHIND_CLAMP = 0.6
 _ELEVATIONS = np.radians([20.0, 28.0, 40.0])
 _PREFERRED_ELEVATION, _ELEVATION_WIDTH = np.radians(24.0), np.radians(30.0)
 
@@ -193,7 +192,7 @@ def best_direction(points: np.ndarray) -> np.ndarray:
             # A straight curve has no area from anywhere: the small term then picks its longest view.
             area = np.sqrt(max(np.linalg.det(spread @ spread.T), 0.0)) + 1e-3 * np.sum(spread**2)
             score = area * np.exp(-(((elevation - _PREFERRED_ELEVATION) / _ELEVATION_WIDTH) ** 2))
-            score *= _BEHIND_CLAMP if toward[0] < 0 else 1.0
+            score *= 0.6 if toward[0] < 0 else 1.0
             # The first of equals wins: rounding must not make two trials of a study be seen from two sides.
             if score > best_score * (1 + 1e-6):
                 best, best_score = toward, score

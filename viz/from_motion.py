@@ -17,8 +17,6 @@ from magmpm.viz.camera import Framing, best_direction, extremes
 from magmpm.viz.obstacles import REACH, ground, in_reach, sources, standing, surfaces
 from magmpm.viz.snapshot import History, Obstacle, Snapshot
 
-LOOKS = 60  # frames looked at to place the camera
-STANDS = 0.06  # of the duration: how long it is said that a body has jumped
 DONE = {"limit point": "snapped", "bifurcation": "buckled"}  # what a body did where a branch of equilibria ended
 FAR = 3.5  # in place of obstacles.REACH for a few moments, where a source is shown before it has come near
 
@@ -97,7 +95,8 @@ class MotionRenderer:
         """Describe what the body has just done in a frame of equilibria along time: it left a branch that ended, a moment ago."""
         times = self.motion.times
         now = float(times[number])
-        shown = max(STANDS * float(np.ptp(times)), float(now - times[number - 1]) if number else 0.0)
+        # 0.06 of the duration: how long it is said that a body has jumped
+        shown = max(0.06 * float(np.ptp(times)), float(now - times[number - 1]) if number else 0.0)
         past = [jump for jump in self._jumps if now - shown <= jump["time"] <= now]
         return "" if not past else f"{DONE[past[-1]['kind']]} at {1e3 * past[-1]['field']:.3g} mT"
 
@@ -144,7 +143,7 @@ class MotionRenderer:
 
     def _framed(self) -> Framing:
         found = []
-        for k in np.unique(np.linspace(0, len(self) - 1, LOOKS).round().astype(int)):
+        for k in np.unique(np.linspace(0, len(self) - 1, 60).round().astype(int)):  # frames looked at to place the camera
             points = self.motion.position(k).astype(float)
             points = points[np.isfinite(points).all(axis=1)]
             if len(points):

@@ -23,10 +23,8 @@ from magmpm.viz.snapshot import Particles, Snapshot, spread
 MAX_PARTICLES = 40_000
 
 # How deep below the surface particles are kept, in their own sizes: the rest cannot be seen.
-SKIN = 2.5
 
 # Particles of less than this share of a whole one's volume are not drawn.
-SLIVER = 1e-3
 
 
 class Still(MotionRenderer):
@@ -181,8 +179,8 @@ def _particles(result: Any, scene: Scene | None, most: int) -> Particles:
     # Particles at the surface fill cut cells; the largest fills a whole one.
     volume = np.asarray(result.particle_volume)
     size = float(volume.max() ** (1 / 3))
-    keep = np.flatnonzero(finite & (volume > SLIVER * size**3))
-    keep = keep[_skin(np.asarray(result.particle_reference)[keep], SKIN * size, most, scene)]
+    keep = np.flatnonzero(finite & (volume > 1e-3 * size**3))
+    keep = keep[_skin(np.asarray(result.particle_reference)[keep], 2.5 * size, most, scene)]
     return Particles(position[keep].astype(np.float32), np.asarray(result.particle_segment)[keep].astype(np.int32), size)
 
 

@@ -18,7 +18,6 @@ from magmpm.viz.meshes import Surface, swept
 from magmpm.viz.snapshot import Obstacle, Snapshot, spread
 
 LUMEN = 1.6  # of the catheter's diameter: that of the tube drawn around the path, where no walls are named
-SHOWN = 4  # depths in a trial's picture
 APART = 0.33  # of the path's length, along y: bodies of different depths in one picture
 FIELD, GUIDE = 0.15, 3.0  # longest arrow of a depth's field, of the path's length; length of the guide that is shown, in diameters
 FINE = 80  # points of an axis as it is drawn
@@ -117,7 +116,7 @@ class Insertion:
 
     def trial(self, frames: Sequence[Mapping[str, Any]], *, trial: int, rms: float) -> Snapshot:
         """A trial: bodies at several depths."""
-        some = np.unique(np.linspace(0, len(frames) - 1, SHOWN + 1).round().astype(int)[1:])
+        some = np.unique(np.linspace(0, len(frames) - 1, 5).round().astype(int)[1:])  # four depths in a trial's picture
         return self.snapshot([frames[k] for k in some], lumen=False, title=self.name, trial=trial, rms=rms)
 
     def moment(self, frame: Mapping[str, Any]) -> Snapshot:

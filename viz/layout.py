@@ -98,7 +98,6 @@ PAGE = Layout(
     legend=LegendPlace(0.735, 0.135, 0.045, 0.138, 0.016),
 )
 # What is tall leaves room for a second view, a quarter of a turn about the vertical from the first.
-TALL = 0.8  # width over height
 TWO_VIEWS = replace(
     PAGE,
     mains=(Panel(0.0, 0.185, 0.5, 0.915), Panel(0.5, 0.185, 1.0, 0.915)),
@@ -121,7 +120,7 @@ TRIAL = Layout(
 
 def page_of(framing: Framing, *, insets: bool = False) -> Layout:
     """One view, or two of what is tall; or a trial's, with its insets."""
-    return TRIAL if insets else PAGE if framing.aspect > TALL else TWO_VIEWS
+    return TRIAL if insets else PAGE if framing.aspect > 0.8 else TWO_VIEWS  # width over height
 
 
 def bare(size: tuple[int, int]) -> Layout:

@@ -25,9 +25,7 @@ NO_FFMPEG = "imageio-ffmpeg is not installed, so the movie is a GIF; for mp4: pi
 
 # A movie lasts about that long (s), within what these frame rates (1/s) allow; longer motions are shown with fewer frames.
 _LASTS, _SLOWEST, _FASTEST = 6.0, 8.0, 25.0
-MOST_FRAMES = 500
 _HOLD = 1.0  # s that the last moment stands
-_GIF_FRAMES = 40
 
 # Seconds that a best shape stands still, that the last one stands, and that one fades into the next.
 _SHAPE, _LAST_SHAPE, _FADE = 0.7, 2.0, 0.25
@@ -75,7 +73,7 @@ def movie(
     GIF of the same name is written. Raises RenderError.
     """
     _even(size)
-    numbers = chosen(len(motion), MOST_FRAMES)
+    numbers = chosen(len(motion), 500)
     fps = fps or rate(len(numbers))
     slower = pace(motion.motion.times[numbers], fps)
 
@@ -89,7 +87,7 @@ def frames_movie(path: str | Path, image: Callable[[int], np.ndarray], numbers: 
     """The frames of those numbers as a movie, mp4 or GIF; image: a frame's picture (h, w, 3) uint8."""
     path, fps = _ready(path), fps or rate(len(numbers))
     if path.suffix == ".gif":
-        few = chosen(len(numbers), _GIF_FRAMES)
+        few = chosen(len(numbers), 40)
         each = len(numbers) / fps / len(few)
         return _write_gif((image(int(k)) for k in numbers[few]), path, [each] * (len(few) - 1) + [_HOLD])
     first = image(int(numbers[0]))

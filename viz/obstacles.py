@@ -22,7 +22,6 @@ from magmpm.viz.snapshot import Obstacle, Plane
 
 AROUND = 48
 REACH = 2.5  # how far from the body, in its lengths, a source may be to be in view
-NEODYMIUM = 1.3  # T; a point dipole is drawn as the sphere of this remanence that makes its moment
 
 
 def ground(scene: Scene | None) -> Plane | None:
@@ -85,7 +84,8 @@ def _sources(field: FieldSource) -> Iterator[Obstacle]:
         moment = np.array(dipole.moment)
         strength = float(np.linalg.norm(moment))
         kind = "magnet" if dipole.diameter else "point dipole"
-        shape = ball(dipole.diameter / 2 if dipole.diameter else (3e-7 * strength / NEODYMIUM) ** (1 / 3), AROUND)
+        # 1.3 T: a point dipole is drawn as the sphere of this remanence that makes its moment
+        shape = ball(dipole.diameter / 2 if dipole.diameter else (3e-7 * strength / 1.3) ** (1 / 3), AROUND)
         frame = frame_of((moment / strength).tolist() if strength else (0.0, 0.0, 1.0))
         yield from _halves(f"{kind} {style.POLES}", _upright(shape), frame, dipole.position)
     for coil in wires(field):

@@ -17,7 +17,6 @@ from pathlib import Path
 PACKAGE = Path(__file__).parents[1]
 MOST_THREADS = 4096
 LAYERS = ("default", "safe", "threadsafe", "forksafe", "tbb", "omp", "workqueue")  # names that Numba accepts
-KEPT_CACHES = 4  # cache folders of earlier source versions to keep on disk
 
 
 def source_hash() -> str:
@@ -48,7 +47,7 @@ def _cache_folder() -> Path:
             print(f"magmpm: no folder takes compiled kernels ({error}; {other}): every run compiles its own", file=sys.stderr)
         return folder
     old = sorted((path for path in root.glob("numba-*") if path != folder), key=lambda p: p.stat().st_mtime, reverse=True)
-    for stale in old[KEPT_CACHES - 1 :]:
+    for stale in old[3:]:  # with this one, four versions of the sources stay on the disk
         shutil.rmtree(stale, ignore_errors=True)
     return folder
 

@@ -71,7 +71,6 @@ def _change(new: Array, old: Array) -> float:
     return float(np.abs(new - old).max(initial=0.0)) / largest if largest > 0.0 else 0.0
 
 
-SAVE_EVERY = 0.5  # s of work that a killed run may have to repeat
 CHUNK = 256  # steps between two checks of the motion
 Progress = Callable[[float, int], None]
 
@@ -205,7 +204,7 @@ def integrate(
             state.strain = state.strain.worst(strain_of(model, state.x, state.F, state.time))
             state.control.at_frame()  # before the checkpoint, which stores the next step
             last = _checkpoint(state, scene_hash)
-            if folder is not None and monotonic() > saved_at + SAVE_EVERY:
+            if folder is not None and monotonic() > saved_at + 0.5:  # s of work that a killed run may have to repeat
                 _save(state, last, folder)
                 saved_last, saved_at = last, monotonic()
     except SolveError as error:

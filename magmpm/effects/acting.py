@@ -31,7 +31,6 @@ from magmpm.fields.dipole import MU0
 from magmpm.inputs.settings import Settings, fault
 
 WHIP = 4.0  # the square of a tip's speed over the mean of the body's: 3 for a body that turns about its base, and a free end whips
-LOOKS = 9  # moments at which a field that changes in time is looked at
 _PLANE = {"point": ["0 mm", "0 mm", "-2 mm"], "friction": 0.3}
 _LUMEN = {"tube": {"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}}
 _PULL = "A field that varies in space pulls the magnetized segments: {}. A uniform field does not pull."
@@ -221,7 +220,8 @@ def driven_speed(model: Any, x: Array, time: float, way: float) -> float:
     magnetic = float((remanence / model.density).max()) / MU0
     if named.in_a_field and magnetic > 0.0:
         field = scene.outside_field()
-        most = max(float(np.linalg.norm(field.at(x, moment), axis=1).max()) for moment in np.linspace(0.0, time, LOOKS))
+        # a field that changes in time is looked at in nine moments
+        most = max(float(np.linalg.norm(field.at(x, moment), axis=1).max()) for moment in np.linspace(0.0, time, 9))
         work += 4.0 * magnetic * most
     if named.magnetic_interaction is not None:
         work += magnetic * float(remanence.max())

@@ -38,7 +38,6 @@ from magmpm.rod.kernels import frames_of, relax
 from magmpm.scene import Scene
 
 ELEMENTS = 180  # elastica to 1e-4 in deflection and angle, also past buckling (second order: 120 gives 2e-4)
-LEAST_FOLLOWED = 6  # load steps in a field that depends on the shape
 MOST_TURNS = 40  # iterations of a fixed point
 FOLLOWED = 1e-4  # of the length: accuracy that a start needs
 Surroundings = Callable[[Array, Array], tuple[Array, Array]]
@@ -207,7 +206,7 @@ def _follow(rod: RodModel, surroundings: Surroundings, close: float) -> RodShape
     first = replace(rod, field=field, weight=rod.weight + _beyond(force))
     quaternions = np.zeros((n + 1, 4))
     quaternions[:, 0] = 1.0
-    loads, total = np.linspace(0.0, 1.0, max(_steps(first), LEAST_FOLLOWED) + 1)[1:], 0
+    loads, total = np.linspace(0.0, 1.0, max(_steps(first), 6) + 1)[1:], 0  # load steps in a field that depends on the shape
     for factor in loads:
         for turn in range(MOST_TURNS):
             here = replace(rod, field=factor * field, weight=factor * (rod.weight + _beyond(force)))

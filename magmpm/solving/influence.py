@@ -33,7 +33,6 @@ SMALL = 0.5  # of the error: a smaller shift is not looked at on another grid
 LONGEST = 2.0  # s, that a motion may take which is run for each effect; of a longer one its first part is
 RATE = 15e6  # particle-steps a second, whole runs of motion on two cores of about 2.7 GHz
 FINER = 5.0  # times that long, a motion on a grid with one cell more
-STABLE = 0.72  # of the time of a pressure wave through a cell: a step
 _WHERE = {"walls": "tube or surface", "viscosity": "viscosity or branches"}  # settings of which one is needed
 ONE_ENERGY = ("magnetic_torque", "magnetic_force")
 Word = Literal["keep", "drop", "add", "irrelevant"]
@@ -143,7 +142,8 @@ def motion_seconds(scene: Scene) -> float:
     wave = max(math.sqrt(m.shear_modulus * (m.bulk_to_shear + 4 / 3) / (m.density or math.inf)) for m in used)
     low, high = scene.box()
     particles = float(np.prod((np.array(high) - low) / scene.cell)) * scene.resolution.particles_per_cell**3
-    step = min([STABLE * scene.cell / wave, *acting.stable_steps(build(scene)).values()])  # viscosity asks for short ones
+    # a step takes 0.72 of the time of a pressure wave through a cell
+    step = min([0.72 * scene.cell / wave, *acting.stable_steps(build(scene)).values()])  # viscosity asks for short ones
     return particles * scene.duration / step / RATE
 
 

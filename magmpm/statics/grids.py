@@ -32,7 +32,6 @@ from magmpm.statics.newton import PAIRS, OnStep, corrected
 PARTICLE = 2.0e4  # multiply-adds, at the pace of the factorization, that a particle costs in a Newton step: measured, docs/accuracy.md
 BESIDE = 2.0  # passes over the particles that building a model costs, in units of a Newton step's
 SETTLED = 0.03  # of the difference from the coarser grid: a proof may still move by so much
-ASTRAY = 3.0  # times the first one: a step that is longer leads away
 SLENDER = 15.0  # length over thickness: above, factors are of double precision. Steps settled as they do with those up to 20, not at 24
 
 
@@ -222,7 +221,7 @@ def approached(
         on_step(step, 0.0)
         if step and moved < SETTLED * distance(at, compared):
             return point.grid
-        if moved > ASTRAY * first:
+        if moved > 3.0 * first:  # a longer step leads away
             return None
         last, residual = residual, energy.residual(point)
         pairs = [*pairs[1 - PAIRS :], (direction, residual - last)]

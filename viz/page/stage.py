@@ -18,8 +18,6 @@ from magmpm.viz.from_result import segment_arrows
 from magmpm.viz.obstacles import ground, sources, standing
 from magmpm.viz.snapshot import Obstacle, spread
 
-KEPT = 24  # surfaces of bodies: one for each length outside a guide that was seen
-
 
 class DeformedBody(Protocol):
     """Interface of a shape to draw: see studies.live.preview.Shape."""
@@ -71,7 +69,7 @@ class Stage:
         magnetized = np.linalg.norm(scene.region_remanence(), axis=1) > 0
         name = f"{scene.length:.9g}/{len(shape.reference)}/{''.join(str(int(m)) for m in magnetized)}"
         if name not in self._bodies:
-            while len(self._bodies) >= KEPT:
+            while len(self._bodies) >= 24:  # surfaces of bodies: one for each length outside a guide that was seen
                 self._bodies.pop(next(iter(self._bodies)))
             self._bodies[name] = Body(scene, shape.reference, shape.volume, shape.part, _remanence(scene, shape))
         return name, self._bodies[name]

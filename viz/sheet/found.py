@@ -11,7 +11,6 @@ from magmpm.results.result import CITATION, SOURCES
 from magmpm.viz.sheet.markup import NOTHING, Markup, joined, pairs, safe, table, tag
 
 WORDS = {"insertion": "insertion along a path", "schedule": "shapes at given times", "shape": "one target shape"}
-MOST_BARS = 16
 LONGEST = 60_000  # characters of a file or a definition on the page
 
 
@@ -102,7 +101,7 @@ def importances(facts: Mapping[str, Any]) -> Markup:
         return NOTHING
     if "values" not in told:
         return tag("p", told["why"][:1].upper() + told["why"][1:] + ".")
-    shown = list(told["values"].items())[:MOST_BARS]
+    shown = list(told["values"].items())[:16]
     largest = max(share for _, share in shown) or 1.0
     rows = [[name, Markup(f'<i style="width:{100 * share / largest:.1f}%"></i>'), f"{100 * share:.1f} %"] for name, share in shown]
     body = [tag("tr", tag("td", name), tag("td", bar, class_="bar"), tag("td", text)) for name, bar, text in rows]
