@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from magmpm.effects import acting as effects
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.inputs.yaml_document import of_file
 from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine.report import StudyReport
@@ -63,7 +63,7 @@ def influence(scene: SceneLike, effect: str | None = None) -> Table | Row:
     """
     known = effects.every()
     if effect is not None and effect not in known:
-        raise InputError(report("effect", received=repr(effect), rule=f"must be one of {', '.join(known)}", remedy="leave it out for all"))
+        raise InputError("effect", received=repr(effect), rule=f"must be one of {', '.join(known)}", remedy="leave it out for all")
     with _placed(scene):
         table = survey(_scene(scene), measure=effect is None, only=effect)
     return table if effect is None else table.effects[0]

@@ -72,12 +72,12 @@ def prepare() -> None:
 
 def refuse_unusable() -> None:
     """Raise InputError for thread settings that would make Numba fail, at its first import or its first parallel loop."""
-    from magmpm.errors import InputError, report
+    from magmpm.errors import InputError
 
     threads, layer = os.environ.get("NUMBA_NUM_THREADS"), os.environ.get("NUMBA_THREADING_LAYER")
     if threads is not None and not (re.fullmatch(r"\s*[0-9]{1,9}\s*", threads) and 1 <= int(threads) <= MOST_THREADS):
         rule, remedy = f"must be a whole number from 1 to {MOST_THREADS}", f"set it to, say, {os.cpu_count() or 1}, or unset it"
-        raise InputError(report("NUMBA_NUM_THREADS", received=threads or "nothing", rule=rule, remedy=remedy))
+        raise InputError("NUMBA_NUM_THREADS", received=threads or "nothing", rule=rule, remedy=remedy)
     if layer is not None and layer.lower() not in LAYERS:
         rule, remedy = f"must be one of {', '.join(LAYERS)}", "unset it"
-        raise InputError(report("NUMBA_THREADING_LAYER", received=layer or "nothing", rule=rule, remedy=remedy))
+        raise InputError("NUMBA_THREADING_LAYER", received=layer or "nothing", rule=rule, remedy=remedy)

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.inputs.user_files import MOST, read_regular
 from magmpm.results.result import readable
 from magmpm.results.whole_file import whole_file
@@ -44,7 +44,7 @@ def whole_place(place: str) -> str:
     """The place of pictures from wherever it is looked for: an absolute path, or s3://BUCKET. Raises InputError for other addresses."""
     if SCHEME.match(place) and not place.startswith(S3):
         rule, remedy = "must be a folder, or s3://BUCKET", "--artifacts s3://my-study, or a folder that all machines see"
-        raise InputError(report("--artifacts", received=shown_url(place), rule=rule, remedy=remedy))
+        raise InputError("--artifacts", received=shown_url(place), rule=rule, remedy=remedy)
     return place if place.startswith(S3) else str(Path(place).resolve())
 
 
@@ -64,15 +64,15 @@ def artifact_store(place: str | None, out: Path) -> FileSystemArtifactStore | Bo
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             rule = f"must be a folder that can be made, or s3://BUCKET ({error.strerror})"
-            raise InputError(report("--artifacts", received=str(folder), rule=rule, remedy="name another folder")) from None
+            raise InputError("--artifacts", received=str(folder), rule=rule, remedy="name another folder") from None
         return FileSystemArtifactStore(str(folder))
     bucket = place.removeprefix(S3).rstrip("/")
     if not BUCKET.fullmatch(bucket):
         rule = "must name a bucket alone: 3 to 63 letters a to z, digits, dots and hyphens; keys come from the environment"
-        raise InputError(report("--artifacts", received="s3://...", rule=rule, remedy="--artifacts s3://my-study"))
+        raise InputError("--artifacts", received="s3://...", rule=rule, remedy="--artifacts s3://my-study")
     if importlib.util.find_spec("boto3") is None:
         rule, remedy = "an S3-compatible store needs the package boto3", "pip install 'magmpm[s3]'"
-        raise InputError(report("--artifacts", received=place, rule=rule, remedy=remedy))
+        raise InputError("--artifacts", received=place, rule=rule, remedy=remedy)
     return Boto3ArtifactStore(bucket)
 
 

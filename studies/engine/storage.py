@@ -177,11 +177,9 @@ def _corrupt(url: str, reason: str) -> InputError:
     path = Path(str(make_url(url).database))
     saved = f"save what can be read of its trials: sqlite3 {path} .recover | sqlite3 {path}.saved, and name that with --storage sqlite:///{path}.saved"
     return InputError(
-        report(
-            f"{path}: the database of trials is damaged ({reason})",
-            rule="must be an SQLite database that is whole; running again will not mend it",
-            remedy=f"put back a copy; or {saved}; or move the file away and begin anew with another --out",
-        )
+        f"{path}: the database of trials is damaged ({reason})",
+        rule="must be an SQLite database that is whole; running again will not mend it",
+        remedy=f"put back a copy; or {saved}; or move the file away and begin anew with another --out",
     )
 
 
@@ -205,7 +203,7 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
         reason = without_passwords(str(error).splitlines()[0], url)
         if isinstance(error, ImportError) and "psycopg" in reason:
             remedy = "pip install 'magmpm[postgresql]'"
-        raise InputError(report("--storage", received=shown_url(url), rule=f"must be a usable URL: {reason}", remedy=remedy)) from None
+        raise InputError("--storage", received=shown_url(url), rule=f"must be a usable URL: {reason}", remedy=remedy) from None
     sqlite = parts.get_backend_name() == "sqlite"
     refuse_memory(parts, url)
     options: dict[str, Any] = {"connect_args": {"timeout": timeout}} if sqlite else {"pool_pre_ping": True}
@@ -217,7 +215,7 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
         try:
             backend = _made(url, options)
         except RuntimeError as error:  # made by another version of Optuna
-            raise InputError(report(shown_url(url), rule=str(error), remedy="use another --out")) from None
+            raise InputError(shown_url(url), rule=str(error), remedy="use another --out") from None
         if sqlite:
             _commit_without_waiting(backend)
         return optuna.storages.get_storage(backend)
@@ -243,7 +241,7 @@ def _open_grpc(url: str) -> optuna.storages.BaseStorage:
     host, port = grpc_address(url)
     if importlib.util.find_spec("grpc") is None or importlib.util.find_spec("google.protobuf") is None:
         rule, remedy = "Optuna's gRPC proxy needs the packages grpcio and protobuf", "pip install 'magmpm[grpc]'"
-        raise InputError(report("--storage", received=url, rule=rule, remedy=remedy))
+        raise InputError("--storage", received=url, rule=rule, remedy=remedy)
     from optuna.storages import GrpcStorageProxy
 
     with warnings.catch_warnings():
@@ -262,7 +260,7 @@ def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
     """Checks that the file is a writable database, and puts it into WAL mode."""
     if path.exists() and not path.is_file():
         rule, remedy = "must be a file: an SQLite database, or one that is to become one", "name a file in it, with --storage or --out"
-        raise InputError(report(f"{path}: {'a folder' if path.is_dir() else 'no regular file'}", rule=rule, remedy=remedy))
+        raise InputError(f"{path}: {'a folder' if path.is_dir() else 'no regular file'}", rule=rule, remedy=remedy)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with storage_faults(url, timeout):
@@ -271,7 +269,7 @@ def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
                 code = connection.execute("SELECT type, name FROM sqlite_master WHERE type IN ('trigger', 'view')").fetchone()
                 if code is not None:
                     rule = "a database of trials has tables alone: triggers and views are code, which would run here"
-                    raise InputError(report(f"{path}: holds the {code[0]} {code[1]}", rule=rule, remedy="use another --out or --storage"))
+                    raise InputError(f"{path}: holds the {code[0]} {code[1]}", rule=rule, remedy="use another --out or --storage")
                 connection.execute("PRAGMA journal_mode=WAL")
                 (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
                 if found != "ok":
@@ -280,11 +278,11 @@ def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
                 connection.close()
     except OSError as error:
         rule, remedy = f"the folder must be writable ({error.strerror})", "use another --out"
-        raise InputError(report(str(path.parent), rule=rule, remedy=remedy)) from None
+        raise InputError(str(path.parent), rule=rule, remedy=remedy) from None
     except StorageError as error:
         if "not a database" in str(error):
             rule, remedy = ("must be an SQLite database", "use another --out or --storage, or move the file away")
-            raise InputError(report(str(path), rule=rule, remedy=remedy)) from None
+            raise InputError(str(path), rule=rule, remedy=remedy) from None
         raise
 
 
@@ -310,13 +308,12 @@ def open_study(
     import optuna
 
     with storage_faults(url, timeout):
-        kept = optuna.create_study(
-            storage=storage, study_name=study.name, directions=["minimize"] * len(study.minimize), load_if_exists=True
-        )
+        ways = ["minimize"] * len(study.minimize)
+        kept = optuna.create_study(storage=storage, study_name=study.name, directions=ways, load_if_exists=True)
         known = kept.user_attrs.get("definition")
         if trials_of(kept, url) and known is None:
             rule = f"holds a study named {study.name} that magmpm did not make"
-            raise InputError(report(shown_url(url), rule=rule, remedy="use another --out or --storage"))
+            raise InputError(shown_url(url), rule=rule, remedy="use another --out or --storage")
         if known is None:
             kept.set_user_attr("definition", dict(definition))
             kept.set_user_attr("definition_hash", definition_hash(definition))
@@ -380,11 +377,9 @@ def _without_trials(out: Path, found: str) -> InputError:
         written = str(json.loads((out / REPORT).read_text(encoding="utf-8"))["storage"])
     which = f"name their database with --storage ({written} when they ended)" if written else "name their database with --storage"
     return InputError(
-        report(
-            f"{out}: holds designs of trials that are not there: {found}",
-            rule="the designs in a folder and the trials in its database must belong together",
-            remedy=f"put the trials back, or {which}; or begin anew in another folder, say, --out {out}-2",
-        )
+        f"{out}: holds designs of trials that are not there: {found}",
+        rule="the designs in a folder and the trials in its database must belong together",
+        remedy=f"put the trials back, or {which}; or begin anew in another folder, say, --out {out}-2",
     )
 
 
@@ -395,11 +390,11 @@ def claim_folder(out: Path, name: str) -> None:
     """
     if holds_run(out):
         rule = "a study has a folder of its own: its designs would mix with the run's result"
-        raise InputError(report(f"{out}: holds the results of a run", rule=rule, remedy=f"use another --out, say, {out}-study"))
+        raise InputError(f"{out}: holds the results of a run", rule=rule, remedy=f"use another --out, say, {out}-study")
     path = out / OWNER
     holder = path.read_text(encoding="utf-8", errors="replace").strip() if path.exists() else name
     if holder and holder != name:
         rule = f"the folder holds the results of another study, {holder} ({OWNER}); a study has a folder of its own"
-        raise InputError(report(str(out), received=name, rule=rule, remedy=f"use another --out, say, {out}-{name}"))
+        raise InputError(str(out), received=name, rule=rule, remedy=f"use another --out, say, {out}-{name}")
     with naming(path):
         path.write_text(name + "\n", encoding="utf-8")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.studies.problem import DATABASE
 
 if TYPE_CHECKING:
@@ -37,9 +37,9 @@ def storage_url(out: Path | None, url: str | None) -> str:
         rule, file = "must be the URL of a database", f"sqlite:///{url}"
         if re.search(r"[=@;\s]", url):  # another way to say it, such as libpq's, which may hold a password
             remedy = f"write, say, sqlite:///{DATABASE} or postgresql://USER@HOST/DATABASE"
-            raise InputError(report("--storage", received="a text without ://, not shown for what it may hold", rule=rule, remedy=remedy))
+            raise InputError("--storage", received="a text without ://, not shown for what it may hold", rule=rule, remedy=remedy)
         remedy = f"write, say, {f'sqlite:///{DATABASE}' if in_memory(make_url(file)) else file}"
-        raise InputError(report("--storage", received=url or "nothing", rule=rule, remedy=remedy))
+        raise InputError("--storage", received=url or "nothing", rule=rule, remedy=remedy)
     _refuse_plain_signs(url)
     for plain in ("postgresql://", "postgres://"):
         if url.startswith(plain) and importlib.util.find_spec("psycopg2") is None:
@@ -52,7 +52,7 @@ def _refuse_plain_signs(url: str) -> None:
     password = _IN_FRONT.match(url.partition("?")[0])
     if not url.startswith("sqlite") and password is not None and re.search(r"[@/#]", password["password"]):
         rule, remedy = "the signs @ / ? # end a password, so it is written without them", "write %40 for @, %2F for /, %3F for ?, %23 for #"
-        raise InputError(report("--storage", received=shown_url(url), rule=rule, remedy=remedy))
+        raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy)
 
 
 def known_url(saved: str, option: str | None, environment: Mapping[str, str]) -> str | None:
@@ -73,7 +73,7 @@ def given_url(option: str | None, environment: Mapping[str, str]) -> str | None:
     if option is not None and passwords(option):
         rule = "everybody on this machine can read a command line, and with it the password (ps)"
         remedy = f"put the whole URL into the environment variable {VARIABLE}, or leave the password to PGPASSWORD or ~/.pgpass"
-        raise InputError(report("--storage", received=shown_url(option), rule=rule, remedy=remedy))
+        raise InputError("--storage", received=shown_url(option), rule=rule, remedy=remedy)
     return option if option is not None else environment.get(VARIABLE) or None
 
 
@@ -107,7 +107,7 @@ def grpc_address(url: str) -> tuple[str, int]:
     match = re.fullmatch(r"grpc://(?P<host>\[[0-9a-fA-F:]+\]|[\w.-]+)(?::(?P<port>[0-9]{1,5}))?/?", url)
     if match is None or not 0 < int(match["port"] or GRPC_PORT) < 65536:
         rule, remedy = "must be grpc://HOST:PORT, as of Optuna's gRPC proxy", f"write, say, grpc://localhost:{GRPC_PORT}"
-        raise InputError(report("--storage", received=shown_url(url), rule=rule, remedy=remedy))
+        raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy)
     return match["host"], int(match["port"] or GRPC_PORT)
 
 
@@ -122,4 +122,4 @@ def refuse_memory(parts: URL, url: str) -> None:
     """Raises InputError for a database that would not outlive its process."""
     if parts.get_backend_name() == "sqlite" and in_memory(parts):
         rule = "a database in memory is gone with its process, and with it all trials"
-        raise InputError(report("--storage", received=shown_url(url), rule=rule, remedy=f"name a file, say, --storage sqlite:///{DATABASE}"))
+        raise InputError("--storage", received=shown_url(url), rule=rule, remedy=f"name a file, say, --storage sqlite:///{DATABASE}")

@@ -12,7 +12,6 @@ from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.errors import InputError, SolveError
-from magmpm.errors import report as worded
 from magmpm.studies.engine import records, report
 from magmpm.studies.engine.explain_miss import findings
 from magmpm.studies.engine.report import StudyReport, judged
@@ -158,13 +157,13 @@ def solved_again(judge: Judge, store: Store, number: int) -> dict[str, Any]:
             kept = optuna.load_study(study_name=judge.study.name, storage=storage)
         except KeyError:
             rule, remedy = f"holds no study named {judge.study.name}", "name the --out or the --storage that it was run with"
-            raise InputError(worded(shown_url(store.url), rule=rule, remedy=remedy)) from None
+            raise InputError(shown_url(store.url), rule=rule, remedy=remedy) from None
         trials = {t.number: t for t in kept.get_trials(deepcopy=False)}
     trial = trials.get(number)
     if trial is None or trial.values is None:
         what = "is not finished" if trial is not None else f"is not there; the study has {len(trials)}, numbered from 0"
         remedy = "--trial 0, say" if trials else "run the study first"
-        raise InputError(worded("--trial", received=str(number), rule=f"trial {number} {what}", remedy=remedy))
+        raise InputError("--trial", received=str(number), rule=f"trial {number} {what}", remedy=remedy)
     outcome = judge.judged(number, trial.params)
     stored, now = trial.user_attrs.get("rms_m", trial.values[0]), outcome.rms
     return {

@@ -24,7 +24,7 @@ from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.process import DIED, RAISED, TOLD, answers, started, with_threads
 from magmpm.effects import acting
-from magmpm.errors import InputError, MagmpmError, report
+from magmpm.errors import InputError, MagmpmError
 from magmpm.model import build
 from magmpm.results.whole_file import whole_file, write_json
 from magmpm.scene import Scene
@@ -75,7 +75,7 @@ def on_rays(count: int, largest: float, strengths: int | None = None) -> Fields:
     _check(count, largest)
     strengths = min(8, count) if strengths is None else strengths
     if not 1 <= strengths <= count:
-        raise InputError(report("--strengths", received=str(strengths), rule=f"must be 1 to the {count} fields", remedy="--strengths 8"))
+        raise InputError("--strengths", received=str(strengths), rule=f"must be 1 to the {count} fields", remedy="--strengths 8")
     k = max(round(count / strengths), 1)
     z = 1.0 - (2.0 * np.arange(k) + 1.0) / k
     turn = math.pi * (3.0 - math.sqrt(5.0)) * np.arange(k)
@@ -95,7 +95,7 @@ def in_plane(count: int, largest: float, axes: str) -> Fields:
     """
     _check(count, largest)
     if len(axes) != 2 or len(set(axes)) != 2 or not set(axes) <= set(AXES):
-        raise InputError(report("--plane", received=repr(axes), rule="must be two of x, y and z", remedy="--plane xz"))
+        raise InputError("--plane", received=repr(axes), rule="must be two of x, y and z", remedy="--plane xz")
     first, second = (AXES.index(axis) for axis in axes)
     n = max(round(math.sqrt(count)), 2)
     marks = np.linspace(-largest, largest, n)
@@ -108,9 +108,9 @@ def in_plane(count: int, largest: float, axes: str) -> Fields:
 
 def _check(count: int, largest: float) -> None:
     if not 1 <= count <= MOST:
-        raise InputError(report("--fields", received=str(count), rule=f"must be 1 to {MOST}", remedy="--fields 1000"))
+        raise InputError("--fields", received=str(count), rule=f"must be 1 to {MOST}", remedy="--fields 1000")
     if not 0.0 < largest <= 20.0:
-        raise InputError(report("--max", received=f"{1e3 * largest:g} mT", rule="must be above 0 and at most 20 T", remedy="--max 20mT"))
+        raise InputError("--max", received=f"{1e3 * largest:g} mT", rule="must be above 0 and at most 20 T", remedy="--max 20mT")
 
 
 @dataclass(frozen=True)
@@ -264,15 +264,15 @@ def check(scene: Scene) -> None:
     """Raises InputError for a scene without a map."""
     if scene.in_time:
         rule, remedy = "a map is one of shapes at rest", "write `solver: {static: {}}`"
-        raise InputError(report("solver", received="a motion", rule=rule, remedy=remedy))
+        raise InputError("solver", received="a motion", rule=rule, remedy=remedy)
     shape = scene.body.shape
     if not isinstance(shape, StraightBody) or shape.clamp != "base":
         rule, remedy = "a map follows rods: a catheter or strip that is held at its base alone", "map a scene with such a body"
-        raise InputError(report(f"body.{scene.body.kind}", rule=rule, remedy=remedy))
+        raise InputError(f"body.{scene.body.kind}", rule=rule, remedy=remedy)
     if scene.field.varies or scene.field.over_time is not None:
         rule = "a map is one of uniform fields, which take the place of the scene's own"
         remedy = "leave out dipoles, magnets, coils, maps and schedules; `magmpm view` moves magnets by hand"
-        raise InputError(report("field", received="a field that varies in space or time", rule=rule, remedy=remedy))
+        raise InputError("field", received="a field that varies in space or time", rule=rule, remedy=remedy)
     if scene.effects.magnetic_torque is None or not scene.magnetized_regions():
         rule, remedy = "the field must act on the body", "name `magnetic_torque: {}`, and magnetize a segment"
-        raise InputError(report("effects.magnetic_torque", received="nothing that a field turns", rule=rule, remedy=remedy))
+        raise InputError("effects.magnetic_torque", received="nothing that a field turns", rule=rule, remedy=remedy)

@@ -16,7 +16,7 @@ import numpy as np
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.scene import Scene
 from magmpm.scene.variables import Variable, tangents, variables
 
@@ -76,7 +76,7 @@ def constants_of(scene: Scene, of: Sequence[str] | None = None) -> tuple[Constan
         for constant in _named(scene, word):
             found[constant.name] = constant
     if not found:
-        raise InputError(report("--vary", received="nothing", rule="a fit needs a constant to find", remedy="say, --vary shear_modulus"))
+        raise InputError("--vary", received="nothing", rule="a fit needs a constant to find", remedy="say, --vary shear_modulus")
     return tuple(found.values())
 
 
@@ -86,7 +86,7 @@ def _named(scene: Scene, word: str) -> list[Constant]:
         made = _made(scene, word)
         if isinstance(made, str):
             rule, _, remedy = made.partition("; ")
-            raise InputError(report("--vary", received=word, rule=rule, remedy=remedy or "leave it out"))
+            raise InputError("--vary", received=word, rule=rule, remedy=remedy or "leave it out")
         return made
     every = [c for kind in KINDS if not isinstance(made := _made(scene, kind), str) for c in made]
     chosen = [constant for constant in every if constant.name == word]
@@ -94,7 +94,7 @@ def _named(scene: Scene, word: str) -> list[Constant]:
         names = [*KINDS, *(constant.name for constant in every)]
         near = difflib.get_close_matches(word, names, n=1)
         remedy = f'did you mean "{near[0]}"?' if near else "choose among them"
-        raise InputError(report("--vary", received=repr(word), rule=f"must be of {', '.join(dict.fromkeys(names))}", remedy=remedy))
+        raise InputError("--vary", received=repr(word), rule=f"must be of {', '.join(dict.fromkeys(names))}", remedy=remedy)
     return chosen
 
 
@@ -136,7 +136,7 @@ def with_known(constants: Sequence[Constant], known: dict[str, float]) -> tuple[
         chosen = [constant for constant in constants if constant.name == name or (constant.kind == name and constant.relative)]
         if not chosen:
             names = ", ".join(constant.name for constant in constants if constant.relative)
-            raise InputError(report("--known", received=name, rule=f"must be among what is varied: {names}", remedy="correct the name"))
+            raise InputError("--known", received=name, rule=f"must be among what is varied: {names}", remedy="correct the name")
     return tuple(replace(c, known=known.get(c.name, known.get(c.kind)) if c.relative else None) for c in constants)
 
 

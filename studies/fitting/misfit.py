@@ -68,8 +68,6 @@ def suspects_of(
 
     best: in standard errors; weights (n,): their inverses for what was measured.
     """
-    from scipy.special import chdtrc, fdtrc  # what scipy.stats calls, without its half second
-
     constants, k = prediction.constants, len(prediction.constants)
     groups = list(_groups(prediction.scene, constants))
     freed = tuple(constant for _, group in groups for constant in group)
@@ -92,13 +90,26 @@ def suspects_of(
         explained, count = float(np.sum((basis.T @ best.residuals) ** 2)), basis.shape[1]
         if count == 0 or degrees <= count:
             continue
-        spread = 1.0 if known_noise else max((best.cost - explained) / (degrees - count), 1e-300)
-        chance = chdtrc(count, explained) if known_noise else fdtrc(count, degrees - count, explained / count / spread)
-        about = np.append(best.x, np.zeros(len(at))), np.full(k, np.nan), np.inf if known_noise else degrees - count, spread
-        found.append(Suspect(name, (*constants, *group), float(chance), *about))
-    found = sorted((replace(one, probability=min(1.0, len(found) * one.probability)) for one in found), key=lambda one: one.probability)
-    chosen = doubted(found)
-    return (*(_settled(one, prediction, best, weights) for one in chosen), *found[len(chosen) :]), moves
+        remaining = np.inf if known_noise else degrees - count
+        spread = 1.0 if known_noise else max((best.cost - explained) / remaining, 1e-300)
+        about = np.append(best.x, np.zeros(len(at))), np.full(k, np.nan), remaining, spread
+        found.append(Suspect(name, (*constants, *group), _chance(count, remaining, explained, spread), *about))
+    found = sorted((replace(one, probability=min(1.0, len(found) * one.probability)) for one in found), key=_probability)
+    for _ in found:  # one that explains less than it seemed to leaves others in doubt
+        chosen = [_settled(one, prediction, best, weights, len(found)) if np.isnan(one.errors).all() else one for one in doubted(found)]
+        found = sorted((*chosen, *found[len(chosen) :]), key=_probability)
+    return tuple(found), moves
+
+
+def _probability(one: Suspect) -> float:
+    return one.probability
+
+
+def _chance(count: int, degrees: float, explained: float, spread: float) -> float:
+    """Probability that chance explains so much of a sum of squares by so many numbers."""
+    from scipy.special import chdtrc, fdtrc  # what scipy.stats calls, without its half second
+
+    return float(chdtrc(count, explained) if np.isinf(degrees) else fdtrc(count, degrees, explained / count / spread))
 
 
 def doubted(suspects: Sequence[Suspect]) -> list[Suspect]:
@@ -106,8 +117,8 @@ def doubted(suspects: Sequence[Suspect]) -> list[Suspect]:
     return [one for one in suspects if one.probability < DOUBTED and DOUBTED * one.probability <= suspects[0].probability]
 
 
-def _settled(one: Suspect, prediction: Prediction, best: Minimum, weights: Array) -> Suspect:
-    """The suspect with the answer to which a descent leads: a direction that is off by some degrees is no longer of first order."""
+def _settled(one: Suspect, prediction: Prediction, best: Minimum, weights: Array, tried: int) -> Suspect:
+    """The suspect with the answer to which a descent leads, and its probability there: some degrees are no longer of first order."""
     k, extra = len(one.errors), len(one.x) - len(one.errors)
     wide, loose = replace(prediction, constants=one.constants, solves=0), np.sqrt(one.spread) / (WIDEST / 2) * np.eye(len(one.x))[k:]
     below = np.vstack([np.pad(best.slopes[len(weights) :], ((0, 0), (0, extra))), loose])  # what is known beforehand
@@ -118,8 +129,11 @@ def _settled(one: Suspect, prediction: Prediction, best: Minimum, weights: Array
 
     there = least_squares(model, one.x, scale=math.sqrt(one.spread))
     prediction.solves += wide.solves
-    spread = 1.0 if np.isinf(one.degrees) else (there.cost - float(np.sum((loose @ there.x) ** 2))) / one.degrees
-    return replace(one, x=there.x, errors=np.sqrt(spread * np.diag(np.linalg.inv(there.slopes.T @ there.slopes))[:k]), spread=spread)
+    cost = there.cost - float(np.sum((loose @ there.x) ** 2))
+    spread = 1.0 if np.isinf(one.degrees) else cost / one.degrees
+    errors = np.sqrt(spread * np.diag(np.linalg.inv(there.slopes.T @ there.slopes))[:k])
+    probability = min(1.0, tried * _chance(extra, one.degrees, max(best.cost - cost, 0.0), spread))
+    return replace(one, x=there.x, errors=errors, spread=spread, probability=probability)
 
 
 def _groups(scene: Scene, constants: Sequence[Constant]) -> Iterator[tuple[str, tuple[Constant, ...]]]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from magmpm.bodies.curves import on_rows
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.results.measures import axis_of_particles, region_means
 from magmpm.scene import Scene
@@ -175,7 +175,7 @@ class Prediction:
         if lengths and any(readings.apparatus.inserted is not None for readings in self.measured.states):
             rule = "the column inserted_mm says how long the free body is in each row, so its length is no constant to find"
             remedy = "leave length out of --vary; or remove the column, and fit the rows of one inserted length"
-            raise InputError(report(self.measured.named, received=f"inserted_mm, and --vary {','.join(lengths)}", rule=rule, remedy=remedy))
+            raise InputError(self.measured.named, received=f"inserted_mm, and --vary {','.join(lengths)}", rule=rule, remedy=remedy)
 
     def at(self, x: Array, *, slopes: bool = True) -> tuple[Array, Array]:
         """Residuals (n,) m or rad, and their derivatives (n, k) per unit of x; without `slopes` they may be missing.
@@ -225,7 +225,7 @@ class Prediction:
         times, shapes, tips = _frames(applied(self.scene, self.constants, x))
         if len(times) < 4:
             rule = "what is measured over time needs four frames or more to be compared with"
-            raise InputError(report("solver", received=f"{len(times)} frames", rule=rule, remedy="write a smaller output_every"))
+            raise InputError("solver", received=f"{len(times)} frames", rule=rule, remedy="write a smaller output_every")
         rows, tip = CubicSpline(times, shapes[:, :, 1:]), CubicSpline(times, tips)
         parts = []
         for readings, t in ((each, each.time) for each in self.measured.states):

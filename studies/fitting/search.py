@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, MagmpmError, SolveError, report
+from magmpm.errors import InputError, MagmpmError, SolveError
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.studies.fitting.constants import Constant, constants_of, with_known
@@ -177,7 +177,7 @@ def _of_tables(measured: Measured, noise: float | Sequence[float] | None) -> tup
         return noise, (1.0,) * count
     if len(noise) not in (1, count):
         rule = f"one for all tables, or one for each, {count}"
-        raise InputError(report("--noise", received=f"{len(noise)} of them", rule=rule, remedy='say, --noise "0.2 mm, 0.5 mm"'))
+        raise InputError("--noise", received=f"{len(noise)} of them", rule=rule, remedy='say, --noise "0.2 mm, 0.5 mm"')
     return noise[0], tuple(each / noise[0] for each in (noise if len(noise) == count else [noise[0]] * count))
 
 
@@ -185,7 +185,7 @@ def _on_one_grid(scene: Scene) -> Scene:
     """The scene on the cells that its resolution requests. Raises InputError where effects are still to be chosen."""
     if scene.effects.auto:
         rule, remedy = "a fit compares runs with the same effects", "name those that `magmpm run` tells it has chosen"
-        raise InputError(report("effects", received="auto", rule=rule, remedy=remedy))
+        raise InputError("effects", received="auto", rule=rule, remedy=remedy)
     if not scene.resolution.asked:
         return scene
     from magmpm.simulate import run
@@ -199,7 +199,7 @@ def _check_counts(measured: Measured, constants: Sequence[Constant], noise: floa
     """Raises InputError where there are fewer numbers than constants, or too few to tell the noise."""
     if measured.has_angles and angle_noise is None and not measured.angles_alone:
         rule, remedy = "angles and lengths are weighed by their errors", 'say how exact an angle is: --angle-noise "1 deg"'
-        raise InputError(report("--angle-noise", received="nothing", rule=rule, remedy=remedy))
+        raise InputError("--angle-noise", received="nothing", rule=rule, remedy=remedy)
     unknown = sum(constant.known is None for constant in constants)
     if measured.numbers < unknown:
         names = ", ".join(constant.name for constant in constants)
@@ -208,7 +208,7 @@ def _check_counts(measured: Measured, constants: Sequence[Constant], noise: floa
     if measured.numbers == unknown and (angle_noise if measured.angles_alone else noise) is None:
         rule = "as many numbers as constants leave nothing to tell the errors of measurement by"
         received = f"{measured.numbers} number{'s' * (measured.numbers != 1)}"
-        raise InputError(report(measured.named, received=received, rule=rule, remedy='say it: --noise "0.2 mm"'))
+        raise InputError(measured.named, received=received, rule=rule, remedy='say it: --noise "0.2 mm"')
 
 
 class _Search:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 from typing import Any
 
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.inputs.settings import fault
 
 SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "random", "gauss-newton")
@@ -68,4 +68,4 @@ def check_sampler_name(name: str, place: str) -> None:
     """Raises InputError for unknown names."""
     found = wrong_name(name)
     if found is not None:
-        raise InputError(report(place, received=f'"{name}"', rule=found[0], remedy=found[1]))
+        raise InputError(place, received=f'"{name}"', rule=found[0], remedy=found[1])

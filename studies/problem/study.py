@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.scene import Scene
 from magmpm.scene.options import Resolution
 from magmpm.studies.problem.sampler_names import check_sampler_name
@@ -79,7 +79,7 @@ class Study:
         """The study with what a command line overrides. Raises InputError."""
         if trials is not None and not 1 <= trials <= MOST_TRIALS:
             rule = "must be at least 1" if trials < 1 else f"must be at most {MOST_TRIALS}"
-            raise InputError(report("--trials", received=str(trials), rule=rule, remedy="--trials 35"))
+            raise InputError("--trials", received=str(trials), rule=rule, remedy="--trials 35")
         if sampler is not None:
             check_sampler_name(sampler, "--sampler")
         return dataclasses.replace(

@@ -17,7 +17,7 @@ import yaml
 
 from magmpm.bodies.surface_mesh import PREFIX
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.inputs.yaml_document import read_yaml
 from magmpm.results.whole_file import whole_file
 from magmpm.studies.search.scene_edits import Edits
@@ -160,7 +160,7 @@ def _moved_walls(scene: Scene, exit_at: float) -> dict[str, Any]:
         return {}
     if walls.tube is None:
         rule = "the push of an insertion moves its walls to the guide's exit, and a surface stays where its file has it"
-        raise InputError(report("effects.walls.surface", rule=rule, remedy="give the walls as a `tube`, or do not name them"))
+        raise InputError("effects.walls.surface", rule=rule, remedy="give the walls as a `tube`, or do not name them")
     shift = np.array([exit_at - (0.0 if scene.effects.feed is None else scene.effects.feed.exit), 0.0, 0.0])
     path = [[f"{1e3 * x:.9g} mm" for x in np.asarray(point) + shift] for point in walls.tube.path]
     return {"walls": {"tube": {"radius": f"{1e3 * walls.tube.radius:.9g} mm", "path": path}, "friction": walls.friction}}

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.inputs.csv_tables import read_centreline
 from magmpm.inputs.settings import validate
 from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
@@ -80,7 +80,7 @@ def _targets(file: StudyFile, document: Document, scene: Scene) -> tuple[Array, 
 def _must_be_near(document: Document, path: Path, *key: str | int) -> None:
     """Raises InputError for a path that a study may not name."""
     if not is_allowed(path, document.path):
-        raise InputError(report(study_checks.place(document, *key), received=str(path), rule=RULE, remedy=REMEDY))
+        raise InputError(study_checks.place(document, *key), received=str(path), rule=RULE, remedy=REMEDY)
 
 
 def _read_target(name: str, key: tuple[str | int, ...], file: StudyFile, document: Document, scene: Scene) -> Array:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, NotThereYet, dotted, report
+from magmpm.errors import InputError, NotThereYet, dotted
 from magmpm.inputs.user_files import folder_fault
 from magmpm.inputs.yaml_document import Document
 from magmpm.scene import Scene
@@ -28,7 +28,7 @@ def check_file_name(path: Path) -> None:
     found = folder_fault(path.stem)
     if found is not None:
         where, received = f"{path}: its name without the ending names the folder of results", f'"{path.stem}"'
-        raise InputError(report(where, received=received, rule=found[0], remedy=f"rename the file; {found[1]}"))
+        raise InputError(where, received=received, rule=found[0], remedy=f"rename the file; {found[1]}")
 
 
 def named_in(error: InputError, where: str) -> InputError:
@@ -85,7 +85,7 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
     else:
         _check_depths(scene, file, document)
         return
-    raise InputError(report(place(document, "scene"), received=f'"{file.scene}"', rule=rule, remedy=remedy))
+    raise InputError(place(document, "scene"), received=f'"{file.scene}"', rule=rule, remedy=remedy)
 
 
 def _check_depths(scene: Scene, file: StudyFile, document: Document) -> None:
@@ -94,7 +94,7 @@ def _check_depths(scene: Scene, file: StudyFile, document: Document) -> None:
     if isinstance(depths, tuple) and depths and depths[0] < scene.thickness * (1 - 1e-9):
         rule = f"a depth must be at least one diameter of the catheter, {1e3 * scene.thickness:g} mm: a shorter piece is no rod"
         remedy = f"begin with `{1e3 * scene.thickness:g} mm`, or leave it out"
-        raise InputError(report(place(document, "insertion", "depths"), received=f"{1e3 * depths[0]:g} mm", rule=rule, remedy=remedy))
+        raise InputError(place(document, "insertion", "depths"), received=f"{1e3 * depths[0]:g} mm", rule=rule, remedy=remedy)
 
 
 def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named: str) -> None:
@@ -109,16 +109,16 @@ def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named:
         received = f"s_mm up to {1e3 * target[-1, 0]:g}"
         rule = f"s_mm of the target must not exceed the catheter's length, {1e3 * length:g} mm"
         remedy = "check that the target belongs to this catheter"
-        raise InputError(report(where, received=received, rule=rule, remedy=remedy))
+        raise InputError(where, received=received, rule=rule, remedy=remedy)
     rows = target if target[0, 0] == 0 else np.vstack([np.zeros(4), target])
     if len(rows) - 1 < FEWEST_POINTS:
         received = f"{len(rows) - 1} point beyond the base"
         rule = f"a shape needs {FEWEST_POINTS} points or more beyond the base: one says where it is, and not how it bends"
-        raise InputError(report(where, received=received, rule=rule, remedy="add points, one for each segment or more"))
+        raise InputError(where, received=received, rule=rule, remedy="add points, one for each segment or more")
     if np.linalg.norm(rows[0, 1:]) > 0.01 * length:
         received = f"{1e3 * rows[0, 1:]} mm at s = 0"
         rule = "the target must start at the catheter's base, the origin"
-        raise InputError(report(where, received=received, rule=rule, remedy="move the target"))
+        raise InputError(where, received=received, rule=rule, remedy="move the target")
     apart = np.linalg.norm(np.diff(rows[:, 1:], axis=0), axis=1)
     along = np.diff(rows[:, 0])
     worst = int(np.argmax(apart - STRETCH * along))
@@ -127,11 +127,11 @@ def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named:
         received = f"points {1e3 * apart[worst]:.4g} mm apart at s_mm = {a:g} and {b:g}"
         rule = "points must not be further apart than the catheter between them is long (it bends, but hardly stretches)"
         remedy = "check units, columns, and that the catheter leaves the base along +x"
-        raise InputError(report(where, received=received, rule=rule, remedy=remedy))
+        raise InputError(where, received=received, rule=rule, remedy=remedy)
     if apart.sum() < 0.2 * along.sum():
         received = f"points that span {1e3 * apart.sum():.4g} mm along {1e3 * along.sum():.4g} mm of catheter"
         rule = "the target's points must follow the catheter"
-        raise InputError(report(where, received=received, rule=rule, remedy="check units: columns are in mm"))
+        raise InputError(where, received=received, rule=rule, remedy="check units: columns are in mm")
     if file.insertion is not None:
         _check_path(rows, scene, file, where)
 
@@ -156,13 +156,13 @@ def _check_path(rows: Array, scene: Scene, file: StudyFile, where: str) -> None:
         received = f"a bend of {bend:.3g} deg at s_mm = {at:g}, a radius of {1e3 * radius[worst]:.3g} mm"
         rule = f"a path must not bend sharper than the catheter's diameter allows, at a radius of {1e3 * thickness:g} mm"
         remedy = "smooth the path, or check its units; at s_mm = 0 it must leave the guide along +x"
-        raise InputError(report(where, received=received, rule=rule, remedy=remedy))
+        raise InputError(where, received=received, rule=rule, remedy=remedy)
     _check_curve(rows, thickness, where)
     depths = file.insertion.depths if file.insertion is not None else 1
     if isinstance(depths, tuple) and depths[-1] > rows[-1, 0] * (1 + 1e-6):
         received = f"a path up to s_mm = {1e3 * rows[-1, 0]:g}"
         rule = f"the path must reach as far as the depths: the last one is {1e3 * depths[-1]:g} mm"
-        raise InputError(report(where, received=received, rule=rule, remedy="give shorter depths, or a longer path"))
+        raise InputError(where, received=received, rule=rule, remedy="give shorter depths, or a longer path")
 
 
 def _check_curve(rows: Array, thickness: float, where: str) -> None:
@@ -170,18 +170,18 @@ def _check_curve(rows: Array, thickness: float, where: str) -> None:
     if rows[-1, 0] < thickness * (1 - 1e-9):
         received = f"a path up to s_mm = {1e3 * rows[-1, 0]:g}"
         rule = f"a path is at least one diameter of the catheter long, {1e3 * thickness:g} mm: a shorter piece is no rod"
-        raise InputError(report(where, received=received, rule=rule, remedy="give a longer path, and check its units"))
+        raise InputError(where, received=received, rule=rule, remedy="give a longer path, and check its units")
     curve = Curve(rows)
     if (radius := curve.smallest_radius()) < thickness:
         received = f"points whose smooth curve, which leaves the guide along +x, has a radius of {1e3 * radius:.3g} mm"
         rule = f"a path must not bend sharper than the catheter's diameter allows, at a radius of {1e3 * thickness:g} mm"
-        raise InputError(report(where, received=received, rule=rule, remedy="smooth the path, or give more points where it bends"))
+        raise InputError(where, received=received, rule=rule, remedy="smooth the path, or give more points where it bends")
     points = curve.at(np.linspace(0.0, rows[-1, 0], 1001))
     long = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     if abs(long / rows[-1, 0] - 1.0) > AS_LONG:
         received = f"s_mm up to {1e3 * rows[-1, 0]:g} for a curve that is {1e3 * long:.4g} mm long"
         rule = f"s_mm is the length along the path, to {100 * AS_LONG:g} %"
-        raise InputError(report(where, received=received, rule=rule, remedy="count s_mm along the points, and check the units"))
+        raise InputError(where, received=received, rule=rule, remedy="count s_mm along the points, and check the units")
 
 
 def check_numbers(scene: Scene, file: StudyFile, document: Document) -> None:
@@ -191,7 +191,7 @@ def check_numbers(scene: Scene, file: StudyFile, document: Document) -> None:
         found = _corner_fault(scene, file)
     if found is not None:
         key, received, rule, remedy = found
-        raise InputError(report(place(document, *key), received=received, rule=rule, remedy=remedy))
+        raise InputError(place(document, *key), received=received, rule=rule, remedy=remedy)
 
 
 Fault = tuple[tuple[str, ...], str, str, str]  # key, value received, rule, remedy

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, SolveError, report
+from magmpm.errors import InputError, SolveError
 from magmpm.rod.cosserat import solve_rod
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.parameters import Block, Choice, Direction, FieldVector, across
@@ -48,7 +48,7 @@ def check_search(study: Study, space: SearchSpace) -> list[str]:
         received = f"{count} the shape by at most {most:.2g} mm at the target's points"
         rule = f"something must move the shape, by {least:.2g} mm in a whole step (a radian, the greatest field, a range)"
         remedy = "vary the magnetization or the field, give the target points toward the tip, or the scene a stronger field"
-        raise InputError(report(f"{study.path}: vary", received=received, rule=rule, remedy=remedy))
+        raise InputError(f"{study.path}: vary", received=received, rule=rule, remedy=remedy)
     if found.seen < found.freedom:
         return [
             f"vary: {found.freedom} numbers vary, and {_told(study)} tell {found.seen} combinations of them "

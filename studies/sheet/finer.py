@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, MagmpmError, SolveError, report
+from magmpm.errors import InputError, MagmpmError, SolveError
 from magmpm.model import build
 from magmpm.results.measures import axis_of_particles, frames_of
 from magmpm.results.trajectory import Motion
@@ -188,7 +188,7 @@ def in_time(folder: Path, design: Mapping[str, Any], study: Study | None) -> lis
         return _pushed(_motion(scene, out), design)
     if study is None:
         rule = "the schedule's shapes are those of its study file, which is gone or has changed"
-        raise InputError(report("--motion", rule=rule, remedy="leave it out"))
+        raise InputError("--motion", rule=rule, remedy="leave it out")
     paths = {"quasi_static_m": scene, "motion_m": in_motion(scene, study)}
     ways = {name: _distances(study, path, _motion(path, out / name.removesuffix("_m"))) for name, path in paths.items()}
     return [

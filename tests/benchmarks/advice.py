@@ -1,4 +1,5 @@
-"""Advice of `magmpm effects` against runs with and without each effect on a finer grid (rest 4, motion 3 cells), on scenes drawn at random.
+"""Advice of `magmpm effects` against runs with and without each effect on a finer grid, on scenes drawn at random: at rest and beside
+walls on 4 cells, else in motion on 3.
 
 make bench-advice: 40 scenes, every effect that each could have. A call is right if it says of an effect that it moves the answer by more
 than the requested error, 1 % of the length, when the finer runs say so too. Effects for which the scene has no data (a rate, a wall) are no
@@ -88,7 +89,7 @@ def calls(number: int) -> list[dict[str, Any]]:
     begun = time.perf_counter()
     table = survey(scene)
     seconds = time.perf_counter() - begun
-    fine, finer = Variants(scene, error, math.inf), 2 if scene.static else 1
+    fine, finer = Variants(scene, error, math.inf), 2 if scene.static or scene.effects.walls is not None else 1
     for row in table.effects:
         both = variants(scene, row.effect)
         if isinstance(both, str) or row.effect == "self_contact":

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.fields.schedule import places
 from magmpm.inputs.vectors import Vector
 from magmpm.results.whole_file import whole_file
@@ -59,19 +59,19 @@ def checked(known: Mapping[str, Control], values: Any) -> dict[str, float]:
     """Values that came from outside: names of controls with finite numbers. Their ranges are the sliders', not the scene's, but a number
     can be typed, so that anything the scene itself allows is. Raises InputError."""
     if not isinstance(values, Mapping):
-        raise InputError(report("values", received=type(values).__name__, rule="must be numbers by name", remedy="move a slider"))
+        raise InputError("values", received=type(values).__name__, rule="must be numbers by name", remedy="move a slider")
     out = {}
     for name, value in values.items():
         if name not in known:
             rule, remedy = "this scene has no such slider", f"use one of {', '.join(list(known)[:8])}"
-            raise InputError(report("values", received=repr(name)[:80], rule=rule, remedy=remedy))
+            raise InputError("values", received=repr(name)[:80], rule=rule, remedy=remedy)
         try:
             out[name] = math.nan if isinstance(value, bool) or not isinstance(value, (int, float)) else float(value)
         except OverflowError:  # a whole number of more than 308 digits
             out[name] = math.inf
         if not math.isfinite(out[name]):
             place = f"{known[name].group.lower()} {known[name].label}"
-            raise InputError(report(place, received=repr(value)[:80], rule="must be a finite number", remedy="type a number"))
+            raise InputError(place, received=repr(value)[:80], rule="must be a finite number", remedy="type a number")
     return out
 
 
@@ -270,11 +270,11 @@ def ready(scene: Scene, cells: int | None = None) -> Scene:
     """
     if scene.body.shape.clamp == "none":
         rule, remedy = "only a body that is held somewhere has a rest", "name a clamp, or view a motion: `solver: {dynamic: ...}`"
-        raise InputError(report(f"body.{scene.body.kind}.clamp", received="none", rule=rule, remedy=remedy))
+        raise InputError(f"body.{scene.body.kind}.clamp", received="none", rule=rule, remedy=remedy)
     if scene.effects.auto:
         scene = choose_effects(scene).scene
     if cells is not None and not 2 <= cells <= 16:
-        raise InputError(report("--cells", received=str(cells), rule="must be from 2 to 16", remedy="--cells 4"))
+        raise InputError("--cells", received=str(cells), rule="must be from 2 to 16", remedy="--cells 4")
     if cells is not None or scene.resolution.asked:
         scene = scene.with_cells(cells or 4)
     return scene

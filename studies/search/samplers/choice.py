@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.studies.problem.sampler_names import (
     HEED_NO_CONSTRAINTS,
     ONE_OBJECTIVE,
@@ -57,10 +57,10 @@ def check_suits(study: Study) -> None:
     """Raises InputError when a study, as the command line has changed it, requests what its sampler can't do."""
     if (found := _unsuited(study)) is not None:
         rule, remedy = found
-        raise InputError(report(f"{study.path}: sampler", received=study.sampler, rule=rule, remedy=remedy))
+        raise InputError(f"{study.path}: sampler", received=study.sampler, rule=rule, remedy=remedy)
     if len(study.minimize) > 1 and study.robust is not None:
         rule, remedy = "`robust` judges a design by one objective", "remove `robust` or `minimize`"
-        raise InputError(report(f"{study.path}: minimize", received=str(list(study.minimize)), rule=rule, remedy=remedy))
+        raise InputError(f"{study.path}: minimize", received=str(list(study.minimize)), rule=rule, remedy=remedy)
 
 
 def _unsuited(study: Study) -> tuple[str, str] | None:
@@ -93,15 +93,15 @@ def check_workers(workers: int | None, time_limit: float | None = None) -> None:
     """Raises InputError for a number of workers, or a time limit of their solves (s), that can't be."""
     if workers is not None and not 1 <= workers <= MOST_WORKERS:
         rule = f"must be from 1 to {MOST_WORKERS}"
-        raise InputError(report("--workers", received=str(workers), rule=rule, remedy="--workers 2, or as many as there are cores"))
+        raise InputError("--workers", received=str(workers), rule=rule, remedy="--workers 2, or as many as there are cores")
     if time_limit is None:
         return
     if workers is None:
         rule = "ends worker processes; without --workers there is none"
-        raise InputError(report("--time-limit", received=f"{time_limit:g}", rule=rule, remedy="--workers 1 as well"))
+        raise InputError("--time-limit", received=f"{time_limit:g}", rule=rule, remedy="--workers 1 as well")
     if not 0.0 < time_limit < math.inf:
         rule = "must be a number of seconds above 0"
-        raise InputError(report("--time-limit", received=f"{time_limit:g}", rule=rule, remedy="--time-limit 600"))
+        raise InputError("--time-limit", received=f"{time_limit:g}", rule=rule, remedy="--time-limit 600")
 
 
 def settings(name: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from optuna.distributions import BaseDistribution
 from optuna.samplers import BaseSampler, CmaEsSampler, QMCSampler
 from optuna.trial import FrozenTrial
 
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 from magmpm.studies.search.parameters import Direction
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -58,7 +58,7 @@ class DataOnlyCmaEsSampler(CmaEsSampler):
             except Exception as error:  # a damaged pickle raises a dozen kinds
                 rule, remedy = "the state of cmaes must be as Optuna wrote it", "take up the study with another sampler, say, --sampler tpe"
                 place = f"the study's database: trial {trial.number}: {key}"
-                raise InputError(report(place, received=f"a state that can't be read ({error})", rule=rule, remedy=remedy)) from None
+                raise InputError(place, received=f"a state that can't be read ({error})", rule=rule, remedy=remedy) from None
         return None
 
 
