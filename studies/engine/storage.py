@@ -308,8 +308,8 @@ def open_study(
     import optuna
 
     with storage_faults(url, timeout):
-        ways = ["minimize"] * len(study.minimize)
-        kept = optuna.create_study(storage=storage, study_name=study.name, directions=ways, load_if_exists=True)
+        objectives = len(study.minimize)
+        kept = optuna.create_study(storage=storage, study_name=study.name, directions=["minimize"] * objectives, load_if_exists=True)
         known = kept.user_attrs.get("definition")
         if trials_of(kept, url) and known is None:
             rule = f"holds a study named {study.name} that magmpm did not make"
