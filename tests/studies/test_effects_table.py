@@ -207,6 +207,7 @@ def strip(width: float, clamp: str = "base", shear: float = 7e6, length: float =
     )
 
 
+@pytest.mark.slow
 def test_shifts_of_a_strip_held_at_both_ends_are_those_of_whole_runs() -> None:
     """With and without each effect, within what the table says that it is uncertain by."""
     asked = strip(5e-3, "both", 1e6, 30e-3)
