@@ -33,8 +33,8 @@ if _settings.DISABLE_JIT:
         )
     )
 FASTMATH = {"contract", "reassoc", "arcp", "nsz", "afn"}
-OPTIONS: Any = {"fastmath": FASTMATH, "no_cfunc_wrapper": True}  # wrappers for C would take 5 % of compiling; nobody calls them
-_ALL: dict[str, Any] = {**OPTIONS, "error_model": "numpy", "nogil": True}
+_OPTIONS: Any = {"fastmath": FASTMATH, "no_cfunc_wrapper": True}  # wrappers for C would take 5 % of compiling; nobody calls them
+_ALL: dict[str, Any] = {**_OPTIONS, "error_model": "numpy", "nogil": True}
 kernel: Callable[..., Any] = jit(parallel=True, **_ALL)
 compiled: Callable[..., Any] = jit(**_ALL)
 # For functions that are called before the kernels of a run are compiled, as a body or a field is made.
@@ -43,6 +43,16 @@ compiled_elsewhere: Callable[..., Any] = jit(elsewhere=True, **_ALL)
 inner_kernel: Callable[..., Any] = jit(parallel=True, no_cpython_wrapper=True, **_ALL)
 # For functions that inner loops call with many arrays. Without it, a call passes seven words for each array, some hundred instructions.
 inlined: Callable[..., Any] = jit(forceinline=True, **_ALL)
+
+
+def chosen_by_types(build: Callable[..., Any]) -> Callable[..., Any]:
+    """Function for compiled code: `build` chooses its code by the types of the arguments. Called from Python it raises TypeError."""
+
+    def called(*_: Any) -> Any:
+        raise TypeError("only compiled code can call this: which code it is depends on the types of the arguments")
+
+    overload(called, jit_options=_OPTIONS, strict=False)(build)
+    return called
 
 
 def only_where(argument: str, needed: Callable[[Any], bool], function: Any, otherwise: str = "None") -> Callable[..., Any]:
@@ -54,12 +64,7 @@ def only_where(argument: str, needed: Callable[[Any], bool], function: Any, othe
     space = {"function": function, "needed": needed}
     exec(f"def build({names}):\n    if needed({argument}):\n        return lambda {names}: function({names})\n"
          f"    return lambda {names}: {otherwise}", space)  # fmt: skip
-
-    def stub(*_: Any) -> Any:
-        raise NotImplementedError("only within compiled code")
-
-    overload(stub, jit_options=OPTIONS, strict=False)(space["build"])
-    return stub
+    return chosen_by_types(space["build"])
 
 
-__all__ = ["FASTMATH", "OPTIONS", "compiled", "compiled_elsewhere", "inlined", "inner_kernel", "kernel", "only_where", "prange"]
+__all__ = ["FASTMATH", "chosen_by_types", "compiled", "compiled_elsewhere", "inlined", "inner_kernel", "kernel", "only_where", "prange"]

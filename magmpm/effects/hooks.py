@@ -46,9 +46,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numba.extending import overload, register_jitable
+from numba.extending import register_jitable
 
-from magmpm.compiled.jit import FASTMATH, OPTIONS
+from magmpm.compiled.jit import FASTMATH, chosen_by_types
 
 HOOKS = ("energy", "stress", "force", "tangent", "softening", "stress_change", "force_change", "touch", "rate_stress", "relax", "contact",
          "near", "node", "push")  # fmt: skip
@@ -114,15 +114,7 @@ def any_has(*names: str, wide: bool | None = None) -> Callable[[Any], bool]:
 
 def _has(*names: str) -> Callable[..., bool]:
     """Function for compiled code: True if any effect has one of these hooks. Known while compiling: what needs it is left out."""
-
-    def stub(_):
-        raise NotImplementedError("only within compiled code")
-
-    @overload(stub, jit_options=OPTIONS, strict=False)
-    def build(effects):
-        return (lambda effects: True) if any_has(*names)(effects) else (lambda effects: False)
-
-    return stub
+    return chosen_by_types(lambda effects: (lambda effects: True) if any_has(*names)(effects) else (lambda effects: False))
 
 
 has_stress = _has("stress")
@@ -155,13 +147,9 @@ def _walk(
         exec("\n    ".join([f"def called(effects, {arguments}):", *steps[:-1], f"return {steps[-1]}"]), space)
         return space["called"]
 
-    def stub(*_):
-        raise NotImplementedError("only within compiled code")
-
     space: dict[str, Any] = {"code": code}
     exec(f"def build(effects, {arguments}):\n    return code(effects)", space)
-    overload(stub, jit_options=OPTIONS, strict=False)(space["build"])
-    return stub
+    return chosen_by_types(space["build"])
 
 
 def _hook(name: str, wide: bool | None = None) -> Callable[[Any], Callable[..., Any] | None]:

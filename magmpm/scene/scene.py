@@ -39,7 +39,7 @@ from magmpm.inputs.settings import Settings, fault, from_file, named_file, valid
 from magmpm.inputs.user_files import folder_fault
 from magmpm.inputs.yaml_document import read_yaml
 from magmpm.scene import moves, rules
-from magmpm.scene.made_of_scenes import inserted_data
+from magmpm.scene.derived import inserted_data
 from magmpm.scene.options import Material, Resolution, Solver
 
 K = TypeVar("K")
@@ -271,7 +271,7 @@ class Scene(Settings):
 
         Raises InputError for scenes with a measured map or another table that a file names by its path, and then writes nothing.
         """
-        from magmpm.scene.made_of_scenes import save
+        from magmpm.scene.derived import save
 
         return save(self, Path(path))
 

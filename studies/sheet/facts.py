@@ -27,7 +27,7 @@ from magmpm.studies.search.best_scene import SCENE
 from magmpm.studies.search.definition import definition_hash, load_study
 from magmpm.studies.search.samplers.choice import settings
 from magmpm.studies.search.search_space import SearchSpace
-from magmpm.studies.sheet.finer import SHARE, allowed, in_time, judged, last_equilibrium, together
+from magmpm.studies.sheet.verified_best import SHARE, allowed, in_time, judged, last_equilibrium, together
 
 if TYPE_CHECKING:
     import optuna

@@ -16,7 +16,7 @@ from magmpm.studies.engine.records import read_design
 from magmpm.studies.evaluate.trajectory import Schedule
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.search_space import SearchSpace
-from magmpm.studies.sheet.finer import in_motion, in_time
+from magmpm.studies.sheet.verified_best import in_motion, in_time
 
 TEXT = STUDY.replace("{}", "{}\n  field: {max: 15 mT, at: each time}").replace(
     "match: {centreline: target.csv}",

@@ -11,7 +11,7 @@ from rod_solve import write_study
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.variables import Variable, variables
 from magmpm.studies.sheet.facts import describe_body, without_guide
-from magmpm.studies.sheet.finer import allowed, together, tolerances
+from magmpm.studies.sheet.verified_best import allowed, together, tolerances
 
 
 @dataclass

@@ -159,6 +159,11 @@ def test_field_names_tell_effects_apart() -> None:
         hooks.register(np.dtype(np.float64), energy=_nothing)
 
 
+def test_python_is_told_that_only_compiled_code_calls_hooks() -> None:
+    with pytest.raises(TypeError, match="only compiled code can call this"):
+        add_energy((), 0, np.zeros(3), 1.0, np.zeros(3), np.eye(3))
+
+
 STRENGTHLESS = {"field": {"field": (0, 0, 0), "gravity": (0, 0, -9.81)}, "gravity": {"field": (1e-3, 0, 3e-3), "gravity": (0, 0, 0)}}
 
 
