@@ -41,20 +41,22 @@ def command(options: argparse.Namespace) -> int:
         fill_cache,  # what solves, searches and draws, after the file is read
     )
     from magmpm.studies.engine.loop import check_study, kernel_uses, run_study
-    from magmpm.studies.engine.storage_url import given_url
+    from magmpm.studies.engine.storage_url import given_url, storage_url
     from magmpm.viz.worker import Renderer
 
     if options.trial is not None:
         return _again(options, study)
-    check_study(study.changed(sampler=options.sampler), options.workers, options.time_limit)  # before there is a folder
+    changed = study.changed(trials=options.trials, sampler=options.sampler)
+    check_study(changed, options.workers, options.time_limit)  # before there is a folder
     out, storage = options.out or Path("runs") / study.name, given_url(options.storage, os.environ)
+    storage_url(out, storage)  # refused before kernels are compiled
     _end_as_by_ctrl_c()
     with (
         folder_lock(out),  # until the pictures of the whole are there
         nullcontext() if options.no_pictures else Renderer() as renderer,
         Progress(study.name) as progress,
     ):
-        fill_cache(study.scene, progress.note, kernel_uses(study.changed(sampler=options.sampler)))
+        fill_cache(study.scene, progress.note, kernel_uses(changed))
         report = run_study(
             study,
             solve=run,

@@ -160,7 +160,7 @@ def one_blas_thread() -> AbstractContextManager[object]:
 
 def restored(model: StaticModel, point: Point, of: Index) -> Point:
     """The equilibrium's point with particles and reference axes in their order before statics.layout."""
-    if model.order == (0, 1, 2):
+    if model.line is not None:  # they are in that order
         return point
     back, axes = np.argsort(of), np.argsort(model.order)
     F = np.ascontiguousarray(point.F[back][:, :, axes])

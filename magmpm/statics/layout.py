@@ -36,7 +36,7 @@ class Layout:
     cell_first: Index  # (cells + 1,) first particle of each cell
     cell_plane: Index  # (cells,)
     cell_row: Index  # (cells, 3)
-    slab_first: Index  # (slabs + 1,) first cell of each slab of two base planes
+    slab_first: Index  # (slabs + 1,) first cell of each slab of two base planes; after them come cells of parts at rest, which add nothing
     node_yz: Index  # (nodes_per_plane, 2) grid index of each node of a plane
     fixed: NDArray[np.bool_]  # (planes, m) unknowns that are given: zero at nodes without material, at held parts, along y in plane strain
 
@@ -115,28 +115,34 @@ def make_layout(model: Model, weights: Array) -> Layout:
     cell_x, iy, iz = model.particles.cell[cell_first[:-1]].T
     ix = model.grid.along.node[cell_x]
 
-    # Each row of nodes is numbered without gaps, so the three nodes of a cell along z have consecutive numbers.
+    # Each row of nodes is numbered without gaps, so the three nodes of a cell along z have consecutive numbers. Only nodes of cells that can
+    # move are: a wide base does not widen the planes. Cells of parts at rest beyond them share three nodes, the first, which stay at zero.
     _, rows, columns = nodes_along
+    still = model.held[cell_first[:-1]] & (not model.driven)
     low, high = np.full(rows, columns), np.full(rows, -1)
     in_row = [1, 1, 1] if model.plane_strain else [0, 1, 2]  # in plane strain one row represents all three
     row = [(iy + shift) % rows for shift in in_row]  # around a tube the last row is before the first
     for each in row:
-        np.minimum.at(low, each, iz)
-        np.maximum.at(high, each, iz + 2)
+        np.minimum.at(low, each[~still], iz[~still])
+        np.maximum.at(high, each[~still], iz[~still] + 2)
     counts = np.maximum(high - low + 1, 0)
-    start = np.concatenate([[0], np.cumsum(counts)])
-    cell_row = np.stack([start[each] + iz - low[each] for each in row], axis=1)
-    node_yz = np.array([(y, low[y] + k) for y in range(rows) for k in range(counts[y])])
+    numbered = np.all([(low[each] <= iz) & (iz + 2 <= high[each]) for each in row], axis=0)
+    shared = [(row[0][cell], iz[cell] + k) for cell in np.flatnonzero(~numbered)[:1] for k in range(3)]
+    start = len(shared) + np.concatenate([[0], np.cumsum(counts)])
+    cell_row = np.stack([np.where(numbered, start[each] + iz - low[each], 0) for each in row], axis=1)
+    node_yz = np.array(shared + [(y, low[y] + k) for y in range(rows) for k in range(counts[y])])
 
     cell_plane = np.maximum(ix - 1, 0) if model.clamped_face else ix
     slab = cell_plane // 2
-    slab_first = np.searchsorted(slab, np.arange(slab.max() + 2))
+    moving = int((~still).sum())
+    slab_first = np.searchsorted(slab[:moving] if still[moving:].all() else slab, np.arange(slab.max() + 2))  # see _renumbered
     planes, nodes = nodes_along[0] - int(model.clamped_face), int(start[-1])
     touched = _touched(cell_first, cell_plane, cell_row, weights, (planes, nodes))
     fixed = np.repeat(~touched, 3, axis=1)  # nodes without material have no equation
     if model.held.any():
-        still = model.held[:, None, None] * weights
-        fixed |= np.repeat(_touched(cell_first, cell_plane, cell_row, still, (planes, nodes)), 3, axis=1)
+        held, everywhere = model.held[:, None, None] * weights, np.stack([each * columns + iz for each in row], axis=1)
+        on = _touched(cell_first, cell_plane, everywhere, held, (planes, rows * columns))
+        fixed |= np.repeat(on[:, node_yz @ (columns, 1)], 3, axis=1)
     for _, follows in model.driven:
         fixed |= np.repeat(on_planes(model, follows, node_yz), 3, axis=1)
     if model.plane_strain:
@@ -193,7 +199,7 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
     axes = list(order)
     cell = p.cell[:, axes]
     cells = (model.grid.cells[axes[0]], model.grid.cells[axes[1]], model.grid.cells[axes[2]])
-    of = np.lexsort((np.arange(len(cell)), p.segment, np.ravel_multi_index(cell.T, cells)))
+    of = np.lexsort((np.arange(len(cell)), p.segment, np.ravel_multi_index(cell.T, cells), model.held & (not model.driven)))
     grid = Grid(model.grid.origin[axes], model.grid.spacing[axes], cells)
     particles = Particles(p.position[of], p.volume[of], p.segment[of], cell[of])
     ratio = (model.bulk / model.shear)[of]

@@ -30,7 +30,7 @@ from magmpm.model import build
 from magmpm.results.result import Result
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
-from magmpm.statics.layout import static_model
+from magmpm.statics.layout import arranged, static_model
 
 MATERIAL = {"shear_modulus": 100e3, "bulk_to_shear": 20.0, "density": 1500.0, "remanence": 0.1}
 
@@ -285,6 +285,26 @@ def test_a_box_of_parts_is_the_strip(axis: int) -> None:
     np.testing.assert_array_equal(found.particle_position[wall], found.particle_reference[wall])
     assert found.dof == want.dof
     assert found.centreline.shape == (0, 4)
+
+
+@pytest.mark.parametrize("root", [0.0, -1.0], ids=["stands on it", "embedded in it"])
+def test_a_wide_base_adds_no_unknowns_and_changes_nothing(root: float) -> None:
+    """Blocks that hold an arm, whether or not on one plane: when they are wider, planes grow by the three nodes that they share."""
+
+    def held_by(wide: float) -> Scene:
+        over = [{"mesh": box((-1, -wide, low), (0, wide, high)), "clamp": True} for low, high in ((-wide, -0.5), (-0.5, 0.5), (0.5, wide))]
+        arm = {"mesh": box((root, -0.5, -0.5), (5, 0.5, 0.5)), "magnetization": [1, 0, 0]}
+        return parts_scene(*(over if root == 0.0 else over[::2]), arm, field=(0.0, 1e-3, 3e-3), spacing=0.5e-3)
+
+    small, large = (arranged(static_model(build(held_by(wide))))[0] for wide in (1.0, 3.0))
+    assert large.layout.m <= small.layout.m + 9
+    assert large.dof == small.dof
+    one, other = run(held_by(1.0)), run(held_by(3.0))
+    assert np.linalg.norm(other.tip - other.segment_center[-1] - one.tip + one.segment_center[-1]) < 1e-12
+    np.testing.assert_allclose(other.segment_center[-1], one.segment_center[-1], atol=1e-10)
+    held = other.particle_segment < len(other.segment_center) - 1
+    np.testing.assert_array_equal(other.particle_position[held], other.particle_reference[held])
+    assert np.linalg.norm(other.segment_center[-1] - [(5 + root) / 2e3, 0.0, 0.0]) > 1e-4
 
 
 def test_a_result_of_parts_survives_being_saved(tmp_path: Path) -> None:
