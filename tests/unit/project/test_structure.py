@@ -154,7 +154,7 @@ def test_lines_are_a_cost(package: str) -> None:
 
 def test_readme_and_pages_are_read_in_one_sitting() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= MOST_IN_README
-    assert sum(len(page.read_bytes().splitlines()) for page in (ROOT / "docs").glob("*.md")) <= 1_617  # pages: as above
+    assert sum(len(page.read_bytes().splitlines()) for page in (ROOT / "docs").glob("*.md")) <= 1_616  # pages: as above
 
 
 def test_docstrings_begin_with_a_verb_or_a_noun() -> None:
