@@ -24,7 +24,7 @@ help:
 	@echo "make bench-convergence  how the error falls with the cells on 100 bodies drawn at random"
 	@echo "make bench-fit  how often the intervals of magmpm fit hold the truth, over 1 000 synthetic fits (QUICK=1: 100; POSES=poses: a magnet in each row)"
 	@echo "make measured   public measurements, fitted and predicted: pictures and tables of docs/measured.md (CASES=kim)"
-	@echo "make bench-least-squares  the Gauss-Newton sampler against Optuna's on five public problems: the table of docs/optunahub.md (SEEDS=5, SAMPLERS=tpe)"
+	@echo "make bench-least-squares  the Gauss-Newton sampler against Optuna's on five public problems: the table of docs/optunahub/problems.md (SEEDS=5, SAMPLERS=tpe)"
 	@echo "make optunahub  that sampler as a package in the layout of OptunaHub, in runs/optunahub; its tests run there"
 	@echo "make release    wheel, site and the sampler's package by one command, in runs/release"
 	@echo "make bench-startup  seconds until each command could begin its work"

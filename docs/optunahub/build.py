@@ -56,7 +56,7 @@ def build(out: Path) -> Path:
     (package / "tests/conftest.py").write_text(FIXTURE, encoding="utf-8")
     for name in ("README.md", "example.py", "requirements.txt"):
         shutil.copy(HERE / name, package)
-    table = re.search(r"<!-- table: problems -->\n(.*?)<!-- end -->", (ROOT / "docs/optunahub.md").read_text(encoding="utf-8"), re.DOTALL)
+    table = re.search(r"<!-- table: problems -->\n(.*?)<!-- end -->", (HERE / "problems.md").read_text(encoding="utf-8"), re.DOTALL)
     assert table is not None
     page = (package / "README.md").read_text(encoding="utf-8").replace("<!-- table -->\n", table[1])
     (package / "README.md").write_text(page, encoding="utf-8")

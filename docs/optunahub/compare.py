@@ -1,4 +1,4 @@
-"""`make bench-least-squares`: the Gauss-Newton sampler against Optuna's on five public problems; the table of docs/optunahub.md.
+"""`make bench-least-squares`: the Gauss-Newton sampler against Optuna's on five public problems; the table of docs/optunahub/problems.md.
 
     python docs/optunahub/compare.py [SEEDS [SAMPLER ...]]     # gauss-newton tpe gp cmaes random; gp needs torch
 
@@ -126,7 +126,7 @@ def main(seeds: str = "5", *names: str) -> int:
     order = [name for name in ("gauss-newton", "tpe", "gp", "cmaes", "random") if name in known]
     rows = [f"| problem | {' | '.join(order)} |", "| --- " * (len(order) + 1) + "|"]
     rows += [f"| {problem} | " + " | ".join(known[name][problem] for name in order) + " |" for problem in PROBLEMS]
-    page = ROOT / "docs/optunahub.md"
+    page = ROOT / "docs/optunahub/problems.md"
     place = r"(<!-- table: problems -->\n).*?(<!-- end -->)"
     page.write_text(re.sub(place, lambda at: at[1] + "\n".join(rows) + "\n" + at[2], page.read_text(), flags=re.DOTALL))
     print("\n".join(rows))

@@ -23,7 +23,7 @@ MOST_FLOORS, MOST_ARROWS, MOST_AT_THE_ROOT = 12, 110, 8
 FACE = 40  # lines
 # Ceilings: they fall, and do not rise. What is new pays for its lines by what it replaces.
 MOST_LINES = {"magmpm": 28_159, "studies": 15_025, "viz": 5_074, "tests": 34_291}
-MOST_IN_README = 89  # lines
+MOST_IN_README = 82  # lines
 NO_OPENING = {"Of", "What", "Whether", "Where", "Who", "Why", "How", "When", "As", "By"}  # of a docstring: it begins with a verb or a noun
 
 Graph = dict[str, set[str]]
@@ -154,7 +154,7 @@ def test_lines_are_a_cost(package: str) -> None:
 
 def test_readme_and_pages_are_read_in_one_sitting() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= MOST_IN_README
-    assert sum(len(page.read_bytes().splitlines()) for page in (ROOT / "docs").glob("*.md")) <= 1_823  # pages: as above
+    assert sum(len(page.read_bytes().splitlines()) for page in (ROOT / "docs").glob("*.md")) <= 1_616  # pages: as above
 
 
 def test_docstrings_begin_with_a_verb_or_a_noun() -> None:
