@@ -10,7 +10,6 @@ true values; of n the share itself scatters by sqrt(0.95 * 0.05 / n): 0.7 % of 1
 
 from __future__ import annotations
 
-import json
 import math
 import multiprocessing
 import os
@@ -21,9 +20,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import machine
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
 FIELDS = (0.0, 1.5, 3.0, 4.5, 6.0)  # mT along z
 DISTANCES = (140.0, 110.0, 90.0, 80.0, 72.0, 65.0)  # mm, of a magnet's center above the base
 NOISE, ANGLE_NOISE = 0.2e-3, 0.5  # m, degrees
@@ -34,7 +33,7 @@ def scene(poses: bool) -> Any:
     """The scene that the fits begin with: 40 x 4 mm, magnetized along its axis, with its weight; beside a magnet."""
     from magmpm import load_scene
 
-    found = load_scene(ROOT / "data/scenes/axial_transverse.yaml").with_cells(2)
+    found = load_scene(machine.ROOT / "data/scenes/axial_transverse.yaml").with_cells(2)
     data = found.to_si()
     data["materials"]["magnetic silicone"]["density"] = 1882.0
     if not poses:
@@ -113,9 +112,7 @@ def main(fits: str = "1000", first: str = "0", poses: str = "") -> int:
     print(f"{len(done)} fits, {len(every)} intervals: {100 * share:.1f} % hold the truth (95 % +- {100 * scatter:.1f} % expected)")
     solves = np.median([each["solves"] for each in done])
     print(f"median {seconds:.2f} s and {solves:.0f} solves a fit; {time.perf_counter() - begun:.0f} s in all")
-    out = ROOT / f"runs/bench/fit{'_' * bool(poses)}{poses}.json"
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(json.dumps({"share": share, "intervals": len(every), "seconds_per_fit": seconds, "fits": done}, indent=1) + "\n")
+    machine.save(f"fit{'_' * bool(poses)}{poses}", {"share": share, "intervals": len(every), "seconds_per_fit": seconds, "fits": done})
     return 0
 
 

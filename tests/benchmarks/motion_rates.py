@@ -1,20 +1,16 @@
-"""Speed of motion: particle-steps per second, threads, memory, and the cost of the mechanism of effects.
+"""Speed of motion: particle-steps per second, and the cost of the mechanism of effects.
 
 The body is the five-segment catheter at 8 cells across (38 400 particles), in its field; frames and checks of the motion are not counted.
 """
 
 from __future__ import annotations
 
-import functools
 import statistics
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numba
-import resident
 from effect_cost import measured
 
 from magmpm.dynamics.time_loop import begin
@@ -28,12 +24,10 @@ SECONDS, REPEATS, PAIRS = 0.25, 9, 5  # steps of one measurement; number of meas
 SETTLING = 2000  # steps until the body is bent and moves
 
 
-def scene(cells: int = 8, length: float | None = None) -> Scene:
+def scene(cells: int = 8) -> Scene:
     """The catheter in motion."""
     data = load_scene(SCENE).with_cells(cells).to_si()
     data["solver"]["dynamic"] = {"duration": 1.0}
-    if length is not None:
-        data["body"]["catheter"]["length"] = length
     return Scene.from_si(data)
 
 
@@ -70,51 +64,6 @@ def started(**options: Any) -> tuple[Model, TotalMotion, float]:
 def all_threads() -> float:
     """Particle-steps per second, all threads."""
     return rate(*started())
-
-
-def paired(first: Callable[[], float], second: Callable[[], float]) -> float:
-    """Median of the ratio of first to second, measured alternately, so that other load affects both."""
-    return statistics.median(first() / second() for _ in range(PAIRS))
-
-
-@functools.cache
-def rates_by_threads() -> dict[str, float]:
-    """Particle-steps per second with one thread and with two, measured alternately."""
-    work = started()
-    rates: dict[int, list[float]] = {1: [], 2: []}
-    try:
-        for _ in range(PAIRS):
-            for count in rates:
-                numba.set_num_threads(count)
-                rates[count].append(rate(*work))
-    finally:
-        numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
-    found = {f"{count} thread{'s' * (count > 1)}": statistics.median(each) for count, each in rates.items()}
-    found["two over twice one"] = statistics.median(two / (2 * one) for one, two in zip(rates[1], rates[2], strict=True))
-    return found
-
-
-def efficiency() -> float:
-    """Rate of two threads over twice the rate of one."""
-    return rates_by_threads()["two over twice one"]
-
-
-@functools.cache
-def memory() -> dict[str, float]:
-    """Growth of a process during a motion, in bytes per particle: peak, in motion, and the sum of the arrays of the motion."""
-    measured = resident.grown()
-    return {key: measured[key] for key in ("peak", "now", "counted")}
-
-
-def bytes_per_particle() -> float:
-    """Peak growth of a process, bytes per particle."""
-    return memory()["peak"]
-
-
-def million() -> dict[str, float]:
-    """Rate with a million particles over that with 38 400."""
-    large, small = started(cells=16, length=0.135), started()
-    return {"rate": paired(lambda: rate(*large), lambda: rate(*small)), "particles": float(len(large[0].density))}
 
 
 def mechanism_percent() -> float:

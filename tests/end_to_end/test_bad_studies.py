@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import random
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from bad_scenes import DAMAGE
 from bad_studies import CASES, FILES, BadStudy, write
 
-from magmpm.cli import main
 from magmpm.errors import InputError, NotThereYet
 from magmpm.studies.search.definition import load_study
 
@@ -26,13 +27,8 @@ def test_the_good_study_is_good(tmp_path: Path) -> None:
     assert (study.name, study.trials, study.stop_rms, study.field_max) == ("study", 35, 2e-3, 10e-3)
 
 
-def test_there_are_enough_cases_and_each_is_its_own() -> None:
-    assert len(CASES) >= 12
-    assert len({case.name for case in CASES}) == len(CASES)
-
-
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name.replace(" ", "-"))
-def test_what_is_wrong_is_said_by_loader_and_command(case: BadStudy, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_wrong_is_said_by_loader_and_command(case: BadStudy, tmp_path: Path, told: Callable[..., Any]) -> None:
     path, out = write(case, tmp_path), tmp_path / "out"
     with pytest.raises(InputError) as caught:
         load_study(path)
@@ -41,26 +37,19 @@ def test_what_is_wrong_is_said_by_loader_and_command(case: BadStudy, tmp_path: P
     assert "\n  rule: " in message or "no such file" in message or "this is a folder" in message
     assert "problems in" not in message, f"one mistake, one problem:\n{message}"
     assert isinstance(caught.value, NotThereYet) == case.later
-    assert main(["design", str(path), "--out", str(out), "--no-pictures"]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    for told in (message, printed.err):
-        missing = [phrase for phrase in case.says if phrase not in told]
-        assert not missing, f"not said: {missing}\nin:\n{told}"
+    assert all(phrase in message for phrase in case.says), message
+    assert told("design", path, "--out", out, "--no-pictures", status=2, says=case.says).out == ""
     assert not out.exists(), "nothing is left behind"
 
 
 @pytest.mark.parametrize("name", ["..yaml", "...yaml", "a\tb.yaml"])
-def test_a_study_is_named_as_a_folder_can_be(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_study_is_named_as_a_folder_can_be(name: str, tmp_path: Path, told: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """`..yaml` would write its results into runs/ itself, `...yaml` beside it."""
     monkeypatch.chdir(tmp_path)
     write_good(tmp_path).rename(tmp_path / name)
     before = sorted(tmp_path.rglob("*"))
-    assert main(["design", name, "--no-pictures"]) == 2
-    said = capsys.readouterr().err
-    assert all(part in said for part in (name, "names the folder of results", "\n  rule: ", "\n  remedy: rename the file"))
+    says = name, "names the folder of results", "\n  rule: ", "\n  remedy: rename the file"
+    told("design", name, "--no-pictures", status=2, says=says)
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -76,14 +65,9 @@ def test_a_study_is_named_as_a_folder_can_be(
     ],
     ids=lambda value: "-".join(value) if isinstance(value, list) else None,
 )
-def test_bad_options_end_with_status_2(
-    arguments: list[str], says: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = write_good(tmp_path)
-    assert main(["design", str(path), "--out", str(tmp_path / "out"), "--no-pictures", *arguments]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert all(phrase in printed.err for phrase in says), printed.err
+def test_bad_options_end_with_status_2(arguments: list[str], says: tuple[str, ...], tmp_path: Path, told: Callable[..., Any]) -> None:
+    out = ["--out", tmp_path / "out", "--no-pictures"]
+    assert told("design", write_good(tmp_path), *out, *arguments, status=2, says=says).out == ""
 
 
 def test_damaged_files_never_crash(tmp_path: Path) -> None:

@@ -6,48 +6,29 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pytest
+from reference.commands import started
+from reference.damage import cut_short, garbage
 from test_commands import SCENE
 
-from magmpm.cli import main
 from magmpm.compiled.cache import _DIGEST
 from magmpm.compiled.environment import refuse_unusable
 from magmpm.errors import InputError
 
-ROOT = Path(__file__).parents[2]
 
-
-def command(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    code = "import sys; from magmpm.cli import main; sys.exit(main(sys.argv[1:]))"
-    return subprocess.run(
-        [sys.executable, "-c", code, *arguments], env={**os.environ, "PYTHONPATH": paths, **environment},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-
-
-def truncated(content: bytes) -> bytes:
-    return content[: len(content) // 2]
-
-
-def garbage(content: bytes) -> bytes:
-    return np.random.default_rng(1).bytes(len(content))
-
-
-def one_bit(content: bytes) -> bytes:
+def one_bit(path: Path) -> None:
     """One bit in the machine code of a data file: it still unpickles."""
-    changed = bytearray(content)
-    changed[_DIGEST + len(content) // 2] ^= 1
-    return bytes(changed)
+    changed = bytearray(path.read_bytes())
+    changed[_DIGEST + len(changed) // 2] ^= 1
+    path.write_bytes(changed)
 
 
-DAMAGED: list[tuple[str, str, Callable[[bytes], bytes]]] = [  # kernels of statics that compile in one or two seconds
-    ("kernels.frames_of", ".nbi", truncated),
+DAMAGED: list[tuple[str, str, Callable[[Path], None]]] = [  # kernels of statics that compile in one or two seconds
+    ("kernels.frames_of", ".nbi", cut_short),
     ("block_cholesky._solve", ".nbi", garbage),
     ("block_cholesky._factor", ".nbc", one_bit),
 ]
@@ -60,24 +41,28 @@ def scene(tmp_path: Path) -> Path:
     return tmp_path / "scene.yaml"
 
 
-def test_a_damaged_cache_is_compiled_anew(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_cache_is_compiled_anew(scene: Path, tmp_path: Path, told: Callable[..., Any]) -> None:
     """Index (.nbi) and data (.nbc) of several kernels, with several kinds of damage, in a copy of the cache."""
-    assert main(["run", str(scene), "--json", "--out", str(tmp_path / "good")]) == 0
-    good = json.loads(capsys.readouterr().out)
+    good = json.loads(told("run", scene, "--json", "--out", tmp_path / "good").out)
     cache = tmp_path / "cache"
     shutil.copytree(os.environ["NUMBA_CACHE_DIR"], cache)
     damaged = [path for part, ending, _ in DAMAGED for path in cache.rglob(f"{part}-*.sealed*{ending}")]  # other copies and precisions, too
     for path in damaged:
         damage = next(damage for part, ending, damage in DAMAGED if path.name.startswith(part) and path.name.endswith(ending))
-        path.write_bytes(damage(path.read_bytes()))
-    done = command("run", str(scene), "--json", "--out", str(tmp_path / "bad"), NUMBA_CACHE_DIR=str(cache))
-    assert done.returncode == 0, done.stderr
-    said = [path for path in damaged if f"{path}: damaged; what belongs there is compiled anew\n" in done.stderr]
+        damage(path)
+
+    def run_again() -> tuple[str, str]:
+        child = started("run", scene, "--json", "--out", tmp_path / "bad", output=subprocess.PIPE, NUMBA_CACHE_DIR=str(cache))
+        out, err = child.communicate()
+        assert child.returncode == 0, err
+        return out, err
+
+    out, err = run_again()
+    said = [path for path in damaged if f"{path}: damaged; what belongs there is compiled anew\n" in err]
     for part, ending, _ in DAMAGED:
         assert any(path.name.startswith(part) and path.name.endswith(ending) for path in said), part
-    assert json.loads(done.stdout)["tip"] == good["tip"]
-    again = command("run", str(scene), "--json", "--out", str(tmp_path / "bad"), NUMBA_CACHE_DIR=str(cache))
-    assert (again.returncode, again.stderr) == (0, ""), "what was damaged has been replaced"
+    assert json.loads(out)["tip"] == good["tip"]
+    assert run_again()[1] == "", "what was damaged has been replaced"
 
 
 @pytest.mark.parametrize(
@@ -95,9 +80,10 @@ def test_unusable_settings_of_numba_are_refused_at_once(
 ) -> None:
     """Before Numba reads them, which would end with a traceback; alone: seen in a process of its own as well."""
     if alone:
-        done = command("run", str(scene), "--out", str(scene.parent / "out"), **{variable: value})
-        assert (done.returncode, done.stdout) == (2, "")
-        said = done.stderr.removeprefix("magmpm: ")
+        child = started("run", scene, "--out", scene.parent / "out", output=subprocess.PIPE, **{variable: value})
+        out, err = child.communicate()
+        assert (child.returncode, out) == (2, "")
+        said = err.removeprefix("magmpm: ")
     else:
         monkeypatch.setenv(variable, value)
         with pytest.raises(InputError) as refused:

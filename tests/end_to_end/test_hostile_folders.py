@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 from reference import drawn, motions
 
-from magmpm.cli import main
 from magmpm.errors import InputError
 from magmpm.results.file_names import MOTION
 from magmpm.results.folder_lock import LOCK, folder_lock
-from magmpm.results.trajectory import Motion, MotionWriter
+from magmpm.results.trajectory import Motion
 
 
 @pytest.fixture
@@ -22,25 +22,19 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A motion of three frames, and beside it a file that nobody may touch."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MAGMPM_RENDER", "matplotlib")
-    scene = drawn.scene()
-    model = motions.body()
-    model.scene = SimpleNamespace(to_si=lambda: scene, name="bending")
-    motions.write(MotionWriter("out", model), motions.bending(model, np.linspace(0.0, 0.4, 3)))
+    drawn.written("out", motions.body(), np.linspace(0.0, 0.4, 3), drawn.scene())
     (tmp_path / "precious.txt").write_text("precious")
     return tmp_path / "out"
 
 
 @pytest.mark.parametrize("name", [LOCK, ".picture.png", "energies.csv", "best/result.json", "study.db", "frames"])
-def test_a_link_out_of_the_folder_is_refused(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_link_out_of_the_folder_is_refused(name: str, folder: Path, told: Callable[..., Any]) -> None:
     """The lock alone would empty the file it leads to."""
     precious, link = folder.parent / "precious.txt", folder / name
     link.parent.mkdir(exist_ok=True)
     link.unlink(missing_ok=True)
     link.symlink_to(folder.parent if name == "frames" else precious)
-    assert main(["render", str(folder)]) == 2
-    said = capsys.readouterr().err
-    assert f"{link}: received a link to" in said
-    assert "  remedy: remove the link" in said
+    told("render", folder, status=2, says=(f"{link}: received a link to", "  remedy: remove the link"))
     assert precious.read_text() == "precious"
 
 

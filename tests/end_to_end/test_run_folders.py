@@ -5,19 +5,16 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
-import time
 from itertools import count
 from pathlib import Path
 from typing import Any
 
 import pytest
-from swing import SCENE as SWING
-from swing import environment
+import swing
+from reference.commands import started, wait_for
 from test_commands import SCENE, STUDY
 from test_import import robot_file
-from test_motion_runs import WILD
+from test_motion_resumed import WILD
 
 from magmpm.cli import main
 from magmpm.errors import SolveError
@@ -28,8 +25,8 @@ from magmpm.scene.time_limit import limited
 from magmpm.studies.problem import OWNER, REPORT
 from magmpm.viz.from_result import Still, trial_snapshot
 
-MOVING = SWING.format(dynamic="duration: 0.4 ms, output_every: 0.2 ms")
-RESTING = MOVING[: MOVING.index("solver:")] + "solver: {static: {field_steps: 4}}\nresolution: {cells_across: 2}\n"
+MOVING = swing.text("duration: 0.4 ms, output_every: 0.2 ms")
+RESTING = swing.text(solver="{static: {field_steps: 4}}")
 # Its ramp ends at 70 % of the load: three of Newton's steps are too few.
 FAILING = RESTING.replace("[0 mT, 2 mT, 20 mT]", "[-60 mT, 2 mT, 6 mT]").replace("field_steps: 4", "field_steps: 4, max_steps: 3")
 OUT = Path("runs/swing")
@@ -79,7 +76,7 @@ def test_a_run_without_pictures_leaves_no_older_ones(capsys: Said) -> None:
 
 def test_an_equilibrium_after_a_motion_leaves_no_movie_of_it(capsys: Said) -> None:
     assert run(MOVING) == 0
-    for name in (PICTURE, MOMENTS, "energies.png", "movie.mp4", "movie.gif"):
+    for name in (PICTURE, MOMENTS, "energies.png", "movie.mp4", "movie.gif", "contacts.csv"):
         (OUT / name).write_text("an older picture")
     (OUT / "frames").mkdir()
     (OUT / "frames/frame_0000.png").write_text("an older picture")
@@ -232,13 +229,10 @@ def test_a_motion_that_is_killed_keeps_what_was_there_aside(capsys: Said) -> Non
     """In FOLDER/earlier until it is resumed and finished, or until it fails."""
     assert run(RESTING) == 0
     before = files(OUT)
-    Path("scene.yaml").write_text(SWING.format(dynamic="duration: 30 ms, output_every: 1 ms"))
-    command = [sys.executable, "-m", "magmpm.cli", "run", "scene.yaml"]
-    process = subprocess.Popen(command, env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    patience = time.monotonic() + 120
-    while not (OUT / CHECKPOINT).exists() and process.poll() is None and time.monotonic() < patience:
-        time.sleep(0.005)
-    os.kill(process.pid, signal.SIGKILL)
+    swing.scene(Path(), "duration: 30 ms, output_every: 1 ms")
+    process = started("run", "scene.yaml")
+    wait_for((OUT / CHECKPOINT).exists, process)
+    process.kill()
     assert process.wait() == -signal.SIGKILL, "the run was over before it could be killed"
     assert files(OUT / EARLIER) == before
     assert main(["run", "scene.yaml", "--resume"]) == 0
@@ -280,12 +274,12 @@ def test_pictures_are_not_put_beside_other_results(tmp_path: Path, capsys: pytes
 
 def ramped(steps: int, resolution: str) -> str:
     """Equilibria along a field that grows for a second."""
-    grown = MOVING[: MOVING.index("solver:")].replace("field: {", "field: {over_time: {ramp: {duration: 1 s}}, ", 1)
-    return grown + f"solver: {{quasi_static: {{steps: {steps}}}}}\nresolution: {{{resolution}}}\n"
+    grown = "{over_time: {ramp: {duration: 1 s}}, uniform: [0 mT, 2 mT, 20 mT]}"
+    return swing.text(field=grown, solver=f"{{quasi_static: {{steps: {steps}}}}}", resolution=f"{{{resolution}}}")
 
 
 HURRIED, TIMED = ramped(50, "seconds: 0.02 s"), ramped(400, "seconds: 500 s")
-WAITING = SWING.format(dynamic="duration: 5 s, output_every: 0.1 ms")
+WAITING = swing.text("duration: 5 s, output_every: 0.1 ms")
 
 
 def waiting() -> dict[str, bytes]:

@@ -6,13 +6,16 @@ times that, because these bodies are neither slender nor smooth.
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
-from reference.scenes import G, field_for_load, rod_scene
+from reference.scenes import G, rod_scene
 
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
+from magmpm.studies.hard_cases import CASES, Case, run_cases
 
 SPATIAL = [(1, 0, 0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6)]
 FIELD = np.array([2e-3, 10e-3, -14e-3])
@@ -82,15 +85,6 @@ def test_thin_tube(wall: float, cells: int) -> None:
     assert statics[2] > 0.03
 
 
-@pytest.mark.parametrize(("load", "angle"), [(12.5, 120), (12.5, 175), (25.0, 150), (25.0, 175)])
-def test_large_rotation(load: float, angle: int) -> None:
-    """Tip rotated by 109 to 172 degrees: from the rod, 8 Newton steps are enough."""
-    given = {"length": 40e-3, "diameter": 4e-3}
-    field = field_for_load(load, np.radians(angle), **given)
-    statics, rod = tips(rod_scene(field=field, **given), 8)
-    assert np.linalg.norm(statics - rod) < 2e-2
-
-
 @pytest.mark.parametrize("B", [0.1, 0.4])
 def test_strong_field(B: float) -> None:
     """100 to 400 times a field that bends it: a sharp bend at the clamp, magnetic stress up to a quarter of G, strains of tens of percent.
@@ -136,3 +130,44 @@ def test_slice_of_another_magnetisation() -> None:
 def test_fifty_segments() -> None:
     statics, rod = tips(rod_scene(directions=[(1, 0, 0), (0, 1, 0.5)] * 25, field=(0, 5e-3, 8e-3), cells=3), 8)
     assert np.linalg.norm(statics - rod) < 1e-2
+
+
+# Every hard case that `magmpm stability` runs stays within its bound; motions, with kernels of their own, in the long run
+
+
+PARAMETERS = [pytest.param(one, id=one.name, marks=[pytest.mark.slow] if one.slow or not one.scene().static else []) for one in CASES]
+
+
+@pytest.mark.parametrize("case", PARAMETERS)
+def test_hard_case(case: Case) -> None:
+    outcome = case.run()
+    assert outcome.passed, f"{outcome.quantity}: {outcome.measure:.3g}, at most {outcome.bound:.3g}; {outcome.reason}"
+
+
+@pytest.mark.slow
+def test_cases_in_two_processes() -> None:
+    """They come back in their order, with the same numbers as in one process."""
+    some = [case for case in CASES if case.name.startswith(("thin tube", "no load"))]
+    one, two = (run_cases(some, processes=count) for count in (1, 2))
+    assert [(o.name, o.measure, o.passed) for o in one] == [(o.name, o.measure, o.passed) for o in two]
+
+
+def test_names_tell_cases_apart() -> None:
+    assert len({case.name for case in CASES}) == len(CASES) >= 38
+
+
+def test_command(told) -> None:
+    """A table or one JSON object; exit status 0 if all pass, 3 if one fails, 2 for an unknown case."""
+    quick = "no load, begun from a loaded neighbor"
+    found = json.loads(told("stability", "--case", "LOADED NEIGHBOR", "--json").out)
+    assert [case["name"] for case in found["cases"]] == [quick]
+    assert found["failed"] == []
+    told("stability", "--case", "perpetual motion", status=2, says=quick)
+    [case] = [case for case in CASES if case.name == quick]
+    object.__setattr__(case, "bound", -1.0)
+    try:
+        printed = told("stability", "--case", quick, status=3, says=quick)
+    finally:
+        object.__setattr__(case, "bound", 1e-8)
+    assert "FAILED" in printed.out
+    assert case.weak in printed.out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,6 @@ import numpy as np
 import pytest
 
 from magmpm import load_scene, run, sensitivities
-from magmpm.cli import main
 from magmpm.errors import InputError
 from magmpm.scene import Scene
 from magmpm.studies.fitting import (
@@ -363,28 +363,23 @@ def test_geometry_is_told_to_be_exact(tmp_path: Path) -> None:
     assert "1 % more diameter in the scene: shear_modulus_magnetic_silicone -2 %" in text(found)
 
 
-def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Callable[..., Any]) -> None:
     """Files that are whole; the fitted scene gives the constant that was found; --json is one object."""
     monkeypatch.chdir(tmp_path)
     scene = tmp_path / "scene.yaml"
     text = (ROOT / "data/scenes/axial_transverse.yaml").read_text(encoding="utf-8")
     scene.write_text(text.split("reference:")[0].replace("cells_across: 4", "cells_across: 2"), encoding="utf-8")
     measured = tips(tmp_path, noise=1e-4)
-    assert main(["fit", str(measured), str(scene), "--vary", "shear_modulus", "--quick", "--json", "--out", "found"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    constant = told["constants"][0]
+    found = json.loads(told("fit", measured, scene, "--vary", "shear_modulus", "--quick", "--json", "--out", "found").out)
+    constant = found["constants"][0]
     assert constant["low"] < 100e3 < constant["high"]
-    assert all(Path(name).stat().st_size > 0 for name in told["files"])
+    assert all(Path(name).stat().st_size > 0 for name in found["files"])
     fitted = load_scene("found/fitted_scene.yaml")
     assert fitted.materials[MATERIAL].shear_modulus == pytest.approx(constant["value"], rel=1e-9)
-    several = [*map(str, three_tables(tmp_path, 100e3, (0.1, 0.2, 0.2))), str(scene), "--out", "all"]
-    assert main(["fit", *several, "--vary", "shear_modulus", "--quick", "--noise", "0.1 mm, 0.2 mm, 0.2 mm"]) == 0
-    assert "tips.csv, " in capsys.readouterr().out
-    assert main(["fit", str(measured), str(scene), "--quick", "--json", "--out", "found"]) == 2
-    refused = json.loads(capsys.readouterr().out)
-    assert refused["measure"]
-    assert main(["fit", str(measured), str(scene), "--noise", "0.2"]) == 2
-    assert "needs a unit" in capsys.readouterr().err
+    several = [*three_tables(tmp_path, 100e3, (0.1, 0.2, 0.2)), scene, "--out", "all"]
+    assert "tips.csv, " in told("fit", *several, "--vary", "shear_modulus", "--quick", "--noise", "0.1 mm, 0.2 mm, 0.2 mm").out
+    assert json.loads(told("fit", measured, scene, "--quick", "--json", "--out", "found", status=2).out)["measure"]
+    told("fit", measured, scene, "--noise", "0.2", status=2, says="needs a unit")
 
 
 @pytest.mark.slow

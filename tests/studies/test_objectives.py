@@ -10,7 +10,7 @@ import numpy as np
 import optuna
 import pytest
 from rod_solve import SCENE, STUDY, RodResult, solve, write_study
-from test_resume import same, trials_of
+from test_resume import trials_of
 
 from magmpm.errors import InputError, SolveError
 from magmpm.scene import Scene
@@ -120,10 +120,3 @@ def test_a_sampler_of_one_objective_is_refused_before_any_trial(sampler: str, tm
         run_study(study, solve=solve, out=tmp_path / "out", sampler=sampler)  # type: ignore[arg-type]
     assert "sampler: nsga2" in str(caught.value)
     assert not (tmp_path / "out").exists()
-
-
-def test_one_objective_stays_as_it_was(tmp_path: Path) -> None:
-    report = run_study(load_study(write_study(tmp_path)), solve=solve, out=tmp_path / "a")  # type: ignore[arg-type]
-    assert not {"pareto", "front", "objectives"} & set(report.summary())
-    run_study(load_study(write_study(tmp_path)), solve=solve, out=tmp_path / "b")  # type: ignore[arg-type]
-    same(trials_of(tmp_path / "a"), trials_of(tmp_path / "b"))
