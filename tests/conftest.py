@@ -1,7 +1,5 @@
 """Rules for every test: NumPy floating-point errors raise, random numbers are reproducible, BLAS uses one thread."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Callable, Iterator

@@ -4,8 +4,6 @@ python tests/targets_short.py [TARGET ...]. Programs that are not here are named
 target says goes to runs/targets/TARGET.log.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

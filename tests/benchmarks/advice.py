@@ -10,8 +10,6 @@ calls. self_contact is not tried: it acts in motion alone, and on bodies that fo
     python tests/benchmarks/advice.py costs            # counted costs against measured ones, on an idle machine
 """
 
-from __future__ import annotations
-
 import json
 import math
 import sys

@@ -11,8 +11,6 @@ and of a copy on the same cores. Rates of motion come with `per_gflop`: particle
 which differ less between machines than seconds. Nothing here asserts, because the machine may be busy with other things.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -10,8 +10,6 @@ differs. Times and rates have large tolerances, because they also depend on the 
 tests/unit/project/test_claims.py checks that every figure of the list is on its page, and that the tests it names exist.
 """
 
-from __future__ import annotations
-
 import argparse
 import functools
 import importlib

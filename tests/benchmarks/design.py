@@ -11,8 +11,6 @@ storing. The best design of each study is solved again at 6 cells across. A samp
 the sources, so the command can be interrupted and continued. Writes runs/bench/design.json.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

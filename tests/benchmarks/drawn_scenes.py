@@ -3,8 +3,6 @@
 Also the command line of the benchmarks over their seeds, and the rows that these keep.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Callable, Iterable

@@ -1,7 +1,5 @@
 """Time that an effect adds to that of a step of motion, by short runs in pairs on one thread: a busy machine disturbs them little."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from typing import Any

@@ -8,8 +8,6 @@ alone, or both shear modulus and remanence, of a body with weight; the noise giv
 true values; of n the share itself scatters by sqrt(0.95 * 0.05 / n): 0.7 % of 1 000.
 """
 
-from __future__ import annotations
-
 import math
 import multiprocessing
 import os

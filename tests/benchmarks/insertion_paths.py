@@ -20,8 +20,6 @@ Why a path is not solved: *field*: the field is at its bound at half of the dept
 rods fell to another branch; *other*.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import time

@@ -3,8 +3,6 @@
 Two rates limit all code here: matrix products, which dominate static solves, and memory copies.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import platform

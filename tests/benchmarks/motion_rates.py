@@ -3,8 +3,6 @@
 The body is the five-segment catheter at 8 cells across (38 400 particles), in its field; frames and checks of the motion are not counted.
 """
 
-from __future__ import annotations
-
 import statistics
 import time
 from dataclasses import replace

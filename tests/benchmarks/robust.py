@@ -6,8 +6,6 @@ Five designs, from 3 mm off their target to exactly on it, where the rms is leas
 seed. A sampled standard deviation of N solves is itself known to 1/sqrt(2 N) of its value: 4 % at 300.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import time

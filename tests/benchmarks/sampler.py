@@ -6,8 +6,6 @@ SAMPLER+rod begins with the rod's designs (`start: rod`).
 Every trial is a full solve at the resolution of the study, without pictures; each study starts in a new folder.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from dataclasses import replace

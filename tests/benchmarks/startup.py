@@ -9,8 +9,6 @@ and some to the second. Python keeps the bytecode of what it imports, as it does
 not (PYTHONDONTWRITEBYTECODE), and compiles all sources again with every command.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import subprocess

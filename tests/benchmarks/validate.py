@@ -7,8 +7,6 @@ With a path, the two cases of that file (uniform meshes: see docs/design.md) as 
 jointed catheters and tubes of jointed_catheters.json, or those named, with F-bar.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace

@@ -7,8 +7,6 @@ other, weighs little. One worker is the default: this process solves, with all t
 one is what a user gains.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

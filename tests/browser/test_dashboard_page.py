@@ -1,7 +1,5 @@
 """`magmpm dashboard` in a real browser: numbers in mm, notes, pictures, downloads, and failed and refused trials as such."""
 
-from __future__ import annotations
-
 import shutil
 import sys
 import time

@@ -1,7 +1,5 @@
 """The page of `magmpm view` in a real browser: sliders move the body, states are told as they are, saved scenes run, motions play."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Callable

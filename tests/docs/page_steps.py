@@ -8,8 +8,6 @@ Fenced blocks are steps: `python`, `sh` and `yaml`. A comment in the line before
 Lines of `sh` that set up a machine (SETUP) are not run: `make`, the tests of the wheel and continuous integration do that.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 `make test-docs` runs these alone, with the slow ones.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import os

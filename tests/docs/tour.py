@@ -6,8 +6,6 @@ The wheel is built of this checkout and installed with the extras that the pages
 (`magmpm examples .`). A table says which pages pass and what each took; exit status 1 if one does not.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -3,8 +3,6 @@
 `write(case, folder)` writes the file; `expected(case, path)` lists the phrases that its message must contain.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

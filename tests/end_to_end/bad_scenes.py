@@ -3,8 +3,6 @@
 `CASES` is data, so that `load_scene` and the command are tested with the same files (bad_scene.write, bad_scene.expected).
 """
 
-from __future__ import annotations
-
 from bad_scene import BadScene, edit, effect, field, motion, whole
 
 # ruff: noqa: E501  (a case a line reads best)

@@ -4,8 +4,6 @@
 files and returns the path of the study.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

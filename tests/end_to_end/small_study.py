@@ -1,7 +1,5 @@
 """A small study that is really solved (2 cells across, torque alone), for tests of what is made of a study's folder."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

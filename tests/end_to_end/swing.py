@@ -1,7 +1,5 @@
 """A catheter that swings, as a scene file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from reference.commands import scene_text

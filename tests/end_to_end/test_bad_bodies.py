@@ -1,12 +1,9 @@
 """Broken strips and STL parts: each refused before the run with file, line, key, value received, rule and remedy."""
 
-from __future__ import annotations
-
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import bad_studies
 import numpy as np
@@ -203,9 +200,7 @@ TURNING = (
     ],
     ids=["ground", "walls", "dipole", "magnet"],
 )  # fmt: skip
-def test_file_line_and_value_are_named(
-    field: str, effect: str, where: str, says: tuple[str, ...], tmp_path: Path, told: Callable[..., Any]
-) -> None:
+def test_file_line_and_value_are_named(field, effect, where, says, tmp_path, told) -> None:
     if "magnet:" in field:
         pytest.importorskip("magpylib")
     path = tmp_path / "scene.yaml"
@@ -259,9 +254,7 @@ def odd(kind: str, path: Path) -> str:
 @pytest.mark.parametrize("kind", ["pipe", "device", "folder", "huge"])
 @pytest.mark.parametrize("place", ["scene", "mesh", "reference", "study", "target", "robot", "segment"])
 @pytest.mark.usefixtures("_impatient")
-def test_what_is_no_usable_file_is_refused_at_once(
-    place: str, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Callable[..., Any]
-) -> None:
+def test_what_is_no_usable_file_is_refused_at_once(place, kind, tmp_path, monkeypatch, told) -> None:
     monkeypatch.chdir(tmp_path)
     names = {"scene": "scene.yaml", "mesh": "base.stl", "reference": "reference.csv", "study": "study.yaml", "target": "target.csv"}
     path = tmp_path / names.get(place, "tiny.yaml" if place == "robot" else "meshes/tip.STL")

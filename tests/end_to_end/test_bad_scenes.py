@@ -1,7 +1,5 @@
 """Every broken scene file is refused with one message: file and line, key, value received, rule, remedy."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every broken study is refused with a message that names file, line, key, value, rule and remedy, before anything runs."""
 
-from __future__ import annotations
-
 import contextlib
 import random
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The commands as a user types them: output, files, exit status."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

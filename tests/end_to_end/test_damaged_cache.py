@@ -1,7 +1,5 @@
 """Damaged compiled kernels on disk, or a cache that cannot be written: a run continues, with a message, and gives the same result."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -75,9 +73,7 @@ def test_a_damaged_cache_is_compiled_anew(scene: Path, tmp_path: Path, told: Cal
         ("NUMBA_THREADING_LAYER", "foo", "must be one of default, ", False),
     ],
 )
-def test_unusable_settings_of_numba_are_refused_at_once(
-    variable: str, value: str, rule: str, alone: bool, scene: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unusable_settings_of_numba_are_refused_at_once(variable, value, rule, alone, scene, monkeypatch) -> None:
     """Before Numba reads them, which would end with a traceback; alone: seen in a process of its own as well."""
     if alone:
         child = started("run", scene, "--out", scene.parent / "out", output=subprocess.PIPE, **{variable: value})

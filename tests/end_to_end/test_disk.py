@@ -1,7 +1,5 @@
 """Messages about damaged files, and about disks that are full or not writable."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -46,9 +44,7 @@ def _null_inside(path: Path) -> None:
         ("result.json", cut_short), ("result.json", emptied), ("result.json", null), ("result.json", _null_inside),
     ],
 )  # fmt: skip
-def test_a_damaged_result_is_refused_by_its_file(
-    name: str, damage: Callable[[Path], None], result: Path, tmp_path: Path, told: Told
-) -> None:
+def test_a_damaged_result_is_refused_by_its_file(name, damage, result, tmp_path, told) -> None:
     """`render` refuses it; a new run replaces it."""
     folder = tmp_path / "out"
     shutil.copytree(result, folder)
@@ -76,9 +72,7 @@ def test_a_full_disk_names_file_and_remedy(number: int, result: Path, tmp_path: 
 
 
 @pytest.mark.parametrize("command", [["run", "scene.yaml"], ["render", "out"], ["accuracy", "scene.yaml", "--cells", "2,3"]])
-def test_a_read_only_folder_is_refused(
-    command: list[str], result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
-) -> None:
+def test_a_read_only_folder_is_refused(command, result, tmp_path, monkeypatch, told) -> None:
     """Before the computation, with status 2; also if the lock file can be opened, but no other file can be created."""
     shutil.copytree(result, tmp_path / "out")
     shutil.copy(result.parent / "scene.yaml", tmp_path)
@@ -136,9 +130,7 @@ def test_what_is_not_finite_is_named_and_not_saved(broken: str, good: Result, tm
     assert not list((tmp_path / "out").glob("*.json"))
 
 
-def test_a_run_that_ends_in_nan_ends_with_status_3(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_that_ends_in_nan_ends_with_status_3(tmp_path, capsys, monkeypatch) -> None:
     """As for means over a segment without particles: no result is written, and the reason names the value that is not finite."""
     scene = tmp_path / "scene.yaml"
     scene.write_text(HOLLOW.read_text(encoding="utf-8").replace("cells_across: 4", "cells_across: 2"), encoding="utf-8")

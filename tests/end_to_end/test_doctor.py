@@ -1,7 +1,5 @@
 """magmpm doctor: its checks by name, broken libraries and folders, and the stored answers."""
 
-from __future__ import annotations
-
 import configparser
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One process at a time writes to a results folder; a second one names the first and changes nothing."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading
@@ -51,9 +49,7 @@ def test_two_motions_into_one_folder(tmp_path: Path, told: Callable[..., Any]) -
     "command",
     [["run", "scene.yaml"], ["accuracy", "scene.yaml", "--cells", "2,3"], ["design", "study.yaml", "--no-pictures"], ["render", "out"]],
 )
-def test_every_command_that_writes_a_folder_waits_its_turn(
-    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Callable[..., Any]
-) -> None:
+def test_every_command_that_writes_a_folder_waits_its_turn(command, tmp_path, monkeypatch, told) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MAGMPM_RENDER", "matplotlib")
     Path("scene.yaml").write_text(SCENE)

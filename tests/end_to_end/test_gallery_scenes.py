@@ -1,7 +1,5 @@
 """The results of the gallery's scenes are within bounds: coarse variants in `make test`, the scenes themselves in `make test-long`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -79,9 +77,7 @@ def test_a_swept_beam_ends_where_statics_and_finite_elements_have_it(measure: Mo
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["zhao_beam", "zhao_beam_5mm"])
-def test_the_swept_beams_of_the_gallery_are_where_finite_elements_have_them(
-    measure: ModuleType, tmp_path: Path, name: str, one_thread: None
-) -> None:
+def test_the_swept_beams_of_the_gallery_are_where_finite_elements_have_them(measure, tmp_path, name, one_thread) -> None:
     found, fem = measure.against_finite_elements(moved(scene(name), tmp_path))
     assert np.abs(found - fem).max() < ZHAO
 
@@ -174,7 +170,6 @@ def test_the_walking_field_is_what_its_script_writes(tmp_path: Path) -> None:
 
 def test_the_gripper_is_what_its_script_writes_and_alike_on_six_sides(tmp_path: Path) -> None:
     parts = load_scene(SCENES / "gripper.yaml").body.parts
-    assert parts is not None
     names = ["hub", "ball", *(f"{half}_{k}" for k in range(1, 7) for half in ("inner", "outer"))]
     assert [part.name for part in parts.meshes] == [f"gripper_{name}" for name in names]
     directions = np.array([part.magnetization for part in parts.meshes[2:]]).reshape(6, 2, 3)
@@ -314,9 +309,7 @@ def test_a_scene_shown_beside_another_is_on_its_page(build: ModuleType, root: Pa
         assert poster.width > 1500
 
 
-def test_a_scene_that_is_wrong_ends_with_its_status_and_the_others_are_built(
-    build: ModuleType, root: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_scene_that_is_wrong_ends_with_its_status_and_the_others_are_built(build, root, capsys) -> None:
     (root / "data/scenes/gallery/a_wrong_one.yaml").write_text(SCENE.replace("length: 10 mm", "length: 10"))
     assert build.main([], root) == 2
     assert "a_wrong_one.yaml" in capsys.readouterr().err

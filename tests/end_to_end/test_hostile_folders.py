@@ -1,7 +1,5 @@
 """Folders of results from others: links and HDF5 files that would make a command read or write files outside the folder."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

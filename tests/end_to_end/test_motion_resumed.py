@@ -1,7 +1,5 @@
 """`magmpm run` of motions that are killed, resumed or lengthened, and of damaged checkpoints."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import signal

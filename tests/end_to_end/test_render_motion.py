@@ -1,7 +1,5 @@
 """`magmpm render` of a motion: files, messages, exit status."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

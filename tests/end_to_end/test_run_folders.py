@@ -1,7 +1,5 @@
 """Files that a run replaces, keeps and reports: a folder belongs to one scene and contains one result of it."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -345,9 +343,7 @@ def test_a_time_that_is_refused_before_it_begins_removes_nothing(capsys: Said) -
         assert files(OUT) == before
 
 
-def test_a_path_that_fails_with_an_asked_error_keeps_its_coarse_run_beside_what_was_there(
-    monkeypatch: pytest.MonkeyPatch, capsys: Said
-) -> None:
+def test_a_path_that_fails_with_an_asked_error_keeps_its_coarse_run_beside_what_was_there(monkeypatch, capsys) -> None:
     """Nothing of it was written: earlier results stay, be they a result or a motion that waits, and the state goes to FOLDER/failed."""
 
     def fails(*_: Any, **__: Any) -> Any:

@@ -1,7 +1,5 @@
 """`magmpm view` without a browser: its server answers who has the secret, and nobody else; wrong commands are refused."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import socket

@@ -5,8 +5,6 @@ Every input is a base with changes. Each base is accepted as it is, and `make fu
 refused gets no further than that refusal.
 """
 
-from __future__ import annotations
-
 import faulthandler
 import functools
 import json

@@ -1,7 +1,5 @@
 """Bodies bent by hand, to draw without solving anything."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

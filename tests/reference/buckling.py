@@ -1,7 +1,5 @@
 """The field in which a clamped rod that is magnetized against it buckles: Euler's load of the Cosserat rod."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The command in a process of its own, and scene files for it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

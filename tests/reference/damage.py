@@ -1,7 +1,5 @@
 """Ways in which a file can be damaged."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 

@@ -13,8 +13,6 @@ P is the neo-Hookean stress with its volume part projected on model.modes (F-bar
 CMAME 360 (2020).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import Any
@@ -119,7 +117,7 @@ class Total:
     anchor: np.ndarray
 
     @classmethod
-    def of(cls, model: Model) -> Total:
+    def of(cls, model: Model) -> "Total":
         shape, surface = model.grid.nodes, model.surface
         first = model.first_nodes(model.particles.cell)
         n = len(first)

@@ -3,8 +3,6 @@
 Lengths over L, angles in radians, s = 0 clamped.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bodies in motion for tests: started by the test, moved by the kernels of the solver, measured independently."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 

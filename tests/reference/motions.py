@@ -1,7 +1,5 @@
 """Motions in closed form, written like those of a run, for tests of the files and pictures of a motion."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

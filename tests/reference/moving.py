@@ -1,7 +1,5 @@
 """Dynamic scenes for tests, and motions recorded at given times."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -7,8 +7,6 @@ u = 0 on the face), and F-bar is a weighted least-squares fit in each cell. Arou
 and sin that are as smooth. All vectors and F are along x, y and z. Everything is dense: for small models only.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,7 +83,7 @@ class Reference:
     places: np.ndarray
 
     @classmethod
-    def of(cls, model: StaticModel) -> Reference:
+    def of(cls, model: StaticModel) -> "Reference":
         grid, layout = model.grid, model.layout
         values, slopes, places = [], [], model.particles.position.copy()
         axes = np.tile(np.eye(3), (len(places), 1, 1))

@@ -5,8 +5,6 @@ for name, problem in finite_element_problems(Path("data/references/fem.json")).i
     print(name, largest_distance(result, problem.centreline) / problem.length)
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

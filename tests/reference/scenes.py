@@ -1,7 +1,5 @@
 """Scenes for tests, built from a few SI values."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -4,8 +4,6 @@ Rod and statics differ by about 0.05 D/L of the deflection on a solid rod (tests
 times that, because these bodies are neither slender nor smooth.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

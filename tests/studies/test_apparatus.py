@@ -1,7 +1,5 @@
 """Tables that say how a magnet stood in each row, and readings that are held out of a fit."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """optuna-dashboard shows every trial's numbers and picture."""
 
-from __future__ import annotations
-
 import json
 import re
 import socket

@@ -1,7 +1,5 @@
 """A study is defined by exactly what determines its trials and their values."""
 
-from __future__ import annotations
-
 import gc
 import json
 from collections.abc import Callable

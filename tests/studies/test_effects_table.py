@@ -1,7 +1,5 @@
 """`magmpm effects`: the estimated influence of each effect on a scene, and its cost per step."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import asdict

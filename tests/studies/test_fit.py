@@ -1,7 +1,5 @@
 """magmpm fit: tables as people have them, slopes of residuals, intervals of known problems, and what the data can't tell."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable
@@ -339,7 +337,6 @@ def missing(folder: Path, stray: tuple[float, float, float] = (0.0, 0.0, 0.0), t
 def test_what_the_scene_lacks_is_named_and_the_interval_holds_the_truth(lacks: dict[str, Any], name: str, tmp_path: Path) -> None:
     found = fit(read_measured(missing(tmp_path, **lacks), SCENE), SCENE, vary=["shear_modulus"])
     (one,) = found.constants
-    assert found.suspects is not None
     assert found.suspects[0].name == name
     assert found.suspects[0].probability < 0.01
     assert any(name in warning and "explains the residuals better" in warning for warning in found.warnings)

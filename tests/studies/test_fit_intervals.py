@@ -1,7 +1,5 @@
 """Minima and intervals of fits on problems whose answer is known, without a simulation."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """Insertion: the path, the rods' trajectory, measures of a trajectory, and what a study keeps."""
 
-from __future__ import annotations
-
 import json
 from types import SimpleNamespace
 
@@ -77,7 +75,6 @@ def test_slopes_of_the_trajectory_are_its_differences():
     d /= np.linalg.norm(d, axis=1)[:, None]
     fields = 4e-3 * np.array([[1, 0, 0.5], [0.8, 0.3, 0.5], [0.6, -0.2, 0.7]])
     state = rods.settled(d, fields, None)
-    assert state is not None
     step = 1e-7
     for k in range(3):
         shift = np.zeros((3, 3))
@@ -96,7 +93,6 @@ def test_least_squares_recovers_a_design_that_made_the_path():
     d = np.array([[1.0, 0, 0], [0.8, 0, 0.6], [0.8, 0.6, 0]])
     fields = 5e-3 * np.array([[1, 0, 0.6], [1, 0, 0.5], [1, 0.1, 0.4]])
     made = rods.settled(d, fields, None)
-    assert made is not None
     depths = tuple(
         type(depth)(depth.rod, depth.segments, depth.place, position, depth.roots)
         for depth, position in zip(rods.depths, made.positions, strict=True)
@@ -105,7 +101,6 @@ def test_least_squares_recovers_a_design_that_made_the_path():
     near = d + np.array([0.1, -0.1, 0.1])
     near /= np.linalg.norm(near, axis=1)[:, None]
     state = known.settled(near, 0.9 * fields, None)
-    assert state is not None
     assert np.sqrt(state.squares) > 1e-4
     design = known.least_squares(RodDesign(near, 0.9 * fields, 1.0, state), 60)
     assert design.value < 1e-6
@@ -264,12 +259,10 @@ def test_a_design_whose_rods_are_elsewhere_is_mended():
     assert elsewhere is not None
     pushed = np.sqrt(sum(stops[-1].squares for stops in way.stops(d, fields)))
     design = way.mended(RodDesign(d, fields, 0.0, elsewhere))
-    assert design is not None
     squares = [stops[-1].squares for stops in way.stops(design.directions, design.fields)]
     assert np.sqrt(sum(squares)) == pytest.approx(design.value, rel=1e-6)
     assert design.value < 0.5 * pushed
     by_fields = way.mended(RodDesign(d, fields, 0.0, elsewhere), turning=False)
-    assert by_fields is not None
     np.testing.assert_array_equal(by_fields.directions, d)
     assert np.abs(by_fields.fields - fields).max() > 0.01 * np.abs(fields).max()
 

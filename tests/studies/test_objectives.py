@@ -1,7 +1,5 @@
 """Two objectives: their values, the Pareto front, and studies that have them."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

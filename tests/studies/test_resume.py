@@ -1,7 +1,5 @@
 """A study that is killed and continued is the same study: numbers, parameters, values, pictures."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import signal
@@ -204,9 +202,7 @@ def test_stop_reached_is_done_and_says_why(tmp_path: Path) -> None:
     ("sampler", "module", "extra"),
     [("cmaes", "cmaes", "cmaes"), ("optuna:GPSampler", "torch", "gp"), ("optuna:CmaEsSampler", "cmaes", "cmaes")],
 )
-def test_missing_extra_is_said_before_any_trial(
-    sampler: str, module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_extra_is_said_before_any_trial(sampler, module, extra, tmp_path, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(InputError, match=rf"pip install 'magmpm\[{extra}\]'"):
         check_available(sampler)

@@ -1,7 +1,5 @@
 """Scatter of a design: the linear model's moments are those of samples, the standard deviations those of the errors, studies use them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Designs that the rod finds, and studies that begin with them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

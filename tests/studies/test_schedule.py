@@ -1,7 +1,5 @@
 """A schedule finds one magnetization and a field at each time for several shapes; its scene has the keyframes; the check runs them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parameters and their designs, and the choices of TPE."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Blocks of a design: parameters and embedded coordinates agree, scenes have the values, the chain rule is that of the scenes made."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 from typing import Any

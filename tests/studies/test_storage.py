@@ -1,7 +1,5 @@
 """The database of trials: its settings, and the messages if it cannot be used."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """Warnings of a study before its first trial: that nothing moves the shape, or that the target can't tell its variables apart."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bodies that touch each other in motion, against mechanics: collisions, rest, rolling, sliding, wedges, folds; the same bits."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +39,6 @@ def two_blocks(folder: Path, **contact: float) -> Scene:
 
 def depths(motion: TotalMotion) -> np.ndarray:
     """Depth (pairs,) m of each pair of a motion."""
-    assert motion.contact is not None
     return np.asarray(motion.contact.meeting.memory[:-1].reshape(-1, MEMORY)[:, DEPTH])
 
 
@@ -50,7 +47,6 @@ def test_a_collision_keeps_momentum_and_energy(tmp_path: Path, friction: float) 
     """At 2 m/s: both momenta to rounding; no energy is gained, and without friction 0.5 % is lost at most; 0.15 cells deep at most."""
     begun = begin(build(two_blocks(tmp_path, friction=friction)))
     motion, model = begun.motion, begun.motion.model
-    assert isinstance(motion, TotalMotion)
     throw_part(motion, 0, (2.0, 0.3, 0.0))
     before, kinetic, deepest = momenta(motion), motion.kinetic_energy(), 0.0
     for _ in range(60):
@@ -105,7 +101,6 @@ def test_a_sliver_of_a_cell_does_not_feed_a_collision(tmp_path: Path, sliver: fl
     meshes = {"a": box((0.0, 0.0, 0.0), (edge, edge, edge)), "b": box((start, 0.3e-3, 0.2e-3), (start + edge, 2.3e-3, 2.2e-3))}
     begun = begin(build(parts_scene(tmp_path, meshes, {"self_contact": {}}, 1e-3)))
     motion = begun.motion
-    assert isinstance(motion, TotalMotion)
     throw_part(motion, 0, (2.0, 0.3, 0.0))
     kinetic = motion.kinetic_energy()
     interval(begun, 2e-3)
@@ -120,7 +115,6 @@ def test_the_same_bits_on_any_number_of_threads_and_after_a_restart(tmp_path: Pa
 
     def thrown() -> TotalMotion:
         motion = begin(model).motion
-        assert isinstance(motion, TotalMotion)
         throw_part(motion, 0, (2.0, 0.5, 0.0))
         return motion
 
@@ -257,7 +251,6 @@ def test_forces_do_not_depend_on_when_pairs_were_listed(tmp_path: Path, speed: f
     for _ in range(int(1e-3 / speed / dt) + 10):
         for motion in begun:
             contact = motion.contact
-            assert contact is not None
             if motion is begun[1]:
                 contact._then[:] = np.inf
                 contact.list(motion.u)
@@ -328,7 +321,6 @@ def test_a_coated_tip_slides_where_the_rest_grips() -> None:
     catheter = {"diameter": 2e-3, "length": 12e-3, "material": "m", "segments": parts}
     lumen = {"tube": {"radius": 3e-3, "path": [[-5e-3, 0.0, 0.0], [20e-3, 0.0, 0.0]]}, "friction": 0.4}
     model = build(named(moving_scene({"catheter": catheter}, {"walls": lumen}), stiff=0.05))
-    assert model.surface is not None
     own = own_friction(model.scene)
     np.testing.assert_array_equal(own, [np.nan, 0.05])
     x = np.array([[3e-3, 0.0, -3.02e-3], [9e-3, 0.0, -3.02e-3]])

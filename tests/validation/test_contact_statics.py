@@ -1,7 +1,5 @@
 """Contact at equilibrium: against the damped motion that settles there, beam theory, and the balance of forces."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

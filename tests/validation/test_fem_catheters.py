@@ -4,8 +4,6 @@ Required: a largest distance of 0.3 % of L at 4 cells across (goal 0.15 %), 0.12
 the goal, half the bound at 6 cells, plus the stated error of the finite elements (0.001 to 0.04 %).
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -75,6 +73,10 @@ def test_tube(name: str) -> None:
 
 
 # Convergence of statics with the grid: order, final error, and the benefit of F-bar
+#
+# The rim of the clamp limits the order: a held, nearly incompressible body has a singular stress there, r^(lambda - 1) with lambda about
+# 0.7. Global errors fall as h^(2 lambda), about h^1.5, whatever the order of the splines.
+# Source: Williams, J. Appl. Mech. 19 (1952) 526-528; Babuska and Suri, SIAM Review 36 (1994) 578-632.
 
 
 GIVEN = {name: PROBLEMS[name] for name in ("axial_transverse_5mT", "three_segments_3d")}
@@ -138,15 +140,6 @@ def test_extrapolates_to_the_finite_elements(problem: Problem) -> None:
     assert 1.3 <= p <= 2.5
     limit = axis[2] + (axis[2] - axis[1]) / ((8 / 6) ** p - 1)
     assert np.linalg.norm(limit - problem.centreline[:, 1:], axis=1).max() < 0.02e-2 * problem.length
-
-
-@given_problem
-@pytest.mark.parametrize("cells", [2, 3, 4])
-def test_f_bar_wins(problem: Problem, cells: int) -> None:
-    """At K = 20 G it halves the error of any coarse grid; therefore it is the default."""
-    (averaged,) = errors(problem, [cells], anti_locking="f-bar")
-    (plain,) = errors(problem, [cells], anti_locking="none")
-    assert averaged < plain / 2
 
 
 @pytest.mark.parametrize("ratio", [20, 500])

@@ -1,7 +1,5 @@
 """Damping and viscosity remove as much energy from an oscillation as theory says. No other test checks their strength."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -13,7 +11,6 @@ from reference.scenes import G, rod_scene
 from scipy.optimize import curve_fit
 
 from magmpm.dynamics.time_loop import begin, interval
-from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.materials import poisson_ratio, young_modulus
 from magmpm.model import build
 
@@ -107,7 +104,6 @@ def decay(effects: dict[str, Any]) -> tuple[float, float]:
     """
     model = filled(build(moving(rod_scene(length=LENGTH), effects)))
     motion = begin(model).motion
-    assert isinstance(motion, TotalMotion)
     height, frequency = tip_height(model), timoshenko(LENGTH, 2e-3, E, G, DENSITY)
     peak = 0.01 * LENGTH * frequency
     free = motion.packed.nodes.inverse_mass[2::3] > 0

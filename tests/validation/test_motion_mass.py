@@ -1,8 +1,5 @@
-"""Free bodies turn, and clamped rods twist and bend, with the inertia of the body; with lumped mass, the control, they are far too slow."""
+"""Free bodies turn, and clamped rods twist and bend, with the inertia of the body."""
 
-from __future__ import annotations
-
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +12,6 @@ from scipy.integrate import solve_ivp
 
 from magmpm.bodies.surface_mesh import write_stl
 from magmpm.dynamics.time_loop import begin
-from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.fields.dipole import MU0
 from magmpm.materials import young_modulus
 from magmpm.model import build
@@ -23,14 +19,6 @@ from magmpm.scene import Scene
 
 E = young_modulus(G, 20.0 * G)
 WEAK = 1e-3  # T: the body strains by 1e-3 at most
-
-
-def lumped(motion: TotalMotion) -> TotalMotion:
-    """The motion with lumped mass alone: both matrices of the correction are the same."""
-    mass = motion.packed.mass
-    pivot, link = (np.stack([part[1], part[1]]) for part in (mass.correction.pivot, mass.correction.link))
-    motion.packed = replace(motion.packed, mass=replace(mass, correction=mass.correction._replace(pivot=pivot, link=link), chains=()))
-    return motion
 
 
 def turned(F: np.ndarray, volume: np.ndarray) -> np.ndarray:
@@ -53,12 +41,10 @@ def free_body(shape: str, cells: int, folder: Path) -> Scene:
     return moving_scene(body, {"magnetic_torque": {}}, cells=cells, field=field)
 
 
-def angle_over_theory(scene: Scene, *, corrected: bool = True, turn: float = 0.3) -> float:
+def angle_over_theory(scene: Scene, turn: float = 0.3) -> float:
     """Angle by which a body has turned about -y when a rigid body of its shape has turned by `turn` rad, over that."""
     begun = begin(build(scene))
     model, motion = begun.motion.model, begun.motion
-    assert isinstance(motion, TotalMotion)
-    motion = motion if corrected else lumped(motion)
     V, x = model.particles.volume, model.particles.position
     arm = x - V @ x / V.sum()
     second = DENSITY * (V @ (arm[:, 0] ** 2 + arm[:, 2] ** 2))
@@ -89,23 +75,15 @@ def test_a_free_body_turns_under_a_torque_as_a_rigid_body(shape: str, cells: int
     assert angle_over_theory(free_body(shape, cells, tmp_path)) == pytest.approx(1.0, abs=bound)
 
 
-def test_with_lumped_mass_it_turns_too_slowly(tmp_path: Path) -> None:
-    """The control: two thirds of the angle at 2 cells."""
-    assert angle_over_theory(free_body("cube", 2, tmp_path), corrected=False) < 0.75
-    assert angle_over_theory(free_body("sphere", 2, tmp_path), corrected=False) < 0.6
-
-
-def tumble(*, corrected: bool) -> float:
+def tumble() -> float:
     """Largest angle (deg) between a body of 6 x 4.5 x 3 mm that spins about its middle axis and Euler's equations, in 3 turns."""
     spin = np.array([2.0, 2.0, 200.0])  # 1/s
     size = np.array([6e-3, 3e-3, 4.5e-3])  # the middle axis is z
     scene = moving_scene(block(tuple(size), position=[0.0, 0.0, 0.0]), {}, cells=3)
     begun = begin(build(scene))
     model, motion = begun.motion.model, begun.motion
-    assert isinstance(motion, TotalMotion)
     x, V = model.particles.position, model.particles.volume
     middle = V @ x / V.sum()
-    motion = motion if corrected else lumped(motion)
     free = motion.packed.nodes.inverse_mass > 0
     motion.v[:] = np.where(free, np.cross(spin, motion.packed.node_place - middle).ravel(), 0.0)
     second = (x - middle).T @ (V[:, None] * (x - middle))
@@ -129,12 +107,11 @@ def tumble(*, corrected: bool) -> float:
 
 
 def test_a_body_tumbles_as_euler_says() -> None:
-    """Three turns about the axis of the middle moment of inertia, over the flip: within 5 degrees at 3 cells; lumped 36 degrees."""
-    assert tumble(corrected=True) < 5.0
-    assert tumble(corrected=False) > 20.0
+    """Three turns about the axis of the middle moment of inertia, over the flip: within 5 degrees at 3 cells; with lumped mass 36."""
+    assert tumble() < 5.0
 
 
-def frequency_over_theory(kind: str, *, cells: int = 2, corrected: bool = True) -> float:
+def frequency_over_theory(kind: str, cells: int = 2) -> float:
     """First frequency of a clamped rod, 4 mm thick, over that of a beam: torsion of 20 mm, bending of 40 mm."""
     length = 20e-3 if kind == "torsion" else 40e-3
     expected = np.pi / 2 / length * np.sqrt(G / DENSITY) if kind == "torsion" else timoshenko(length, 2e-3, E, G, DENSITY)
@@ -145,8 +122,6 @@ def frequency_over_theory(kind: str, *, cells: int = 2, corrected: bool = True) 
         return np.outer(0.005 * length * expected * cantilever_mode(x[:, 0], length), [0.0, 0.0, 1.0])
 
     motion, dt = set_off(moving(rod_scene(length=length, cells=cells, density=DENSITY)), velocity)
-    assert isinstance(motion, TotalMotion)
-    motion = motion if corrected else lumped(motion)
     X = motion.model.particles.position
     last = motion.model.particles.cell[:, 0] == motion.model.particles.cell[:, 0].max()
     times, looks = [], []
@@ -164,8 +139,3 @@ def frequency_over_theory(kind: str, *, cells: int = 2, corrected: bool = True) 
 def test_a_clamped_rod_vibrates_as_a_beam(kind: str) -> None:
     """At 2 cells, within 2 %."""
     assert frequency_over_theory(kind) == pytest.approx(1.0, abs=0.02)
-
-
-def test_with_lumped_mass_torsion_is_a_quarter_too_slow() -> None:
-    """The control."""
-    assert frequency_over_theory("torsion", corrected=False) < 0.8

@@ -1,7 +1,5 @@
 """A damped motion comes to rest at the equilibrium that statics finds by Newton's method."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A cantilever oscillates as beam theory says, and conserves its energy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference.in_motion import (

@@ -3,8 +3,6 @@
 Equation: theta'' + load sin(phi - theta) = 0, theta(0) = theta'(1) = 0 (tests/reference/elastica.py), load = M B A L^2/(E I).
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference.elastica import elastica

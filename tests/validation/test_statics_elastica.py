@@ -4,8 +4,6 @@ A real rod differs from the elastica by its clamp: the held face cannot contract
 a coarse grid adds as much. At L/D = 40 that is 0.1 to 0.3 % of the deflection.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference.elastica import elastica, heavy_elastica

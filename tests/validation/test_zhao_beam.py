@@ -4,8 +4,6 @@ The required accuracy is 1 % of the length in the tip deflection at 7 mT and abo
 2 % of bending stiffness move the tip along the beam by 1 % of its length.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

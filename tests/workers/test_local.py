@@ -1,7 +1,5 @@
 """Several workers on one machine: the same study with one, reproducible trials with more, and what happens when one dies."""
 
-from __future__ import annotations
-
 import json
 import signal
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Four workers on PostgreSQL, and on Optuna's gRPC proxy, while workers and sessions are killed: nothing lost, nothing doubled."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal
