@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from page_steps import PAGES, ROOT, Step, blocks, steps
+from page_steps import PAGES, ROOT, Step, blocks, plan, steps
+from reference.commands import environment
 
 from magmpm.cli.arguments import parser
 from magmpm.effects.acting import Effects
@@ -134,11 +135,8 @@ def follow(page: Path, folder: Path, python: str = sys.executable, *options: str
     """Do what a page says, in a folder that has the repository's data."""
     for inside in ("data", "docs"):
         (folder / inside).symlink_to(ROOT / inside)
-    plan = folder / "steps.json"
-    plan.write_text(json.dumps([[s.kind, s.text, s.line, s.name] for s in steps(page) if s.kind != "yaml"]), encoding="utf-8")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    driver = str(ROOT / "tests/docs/follow.py")
-    return subprocess.run([python, driver, str(plan), *options], cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    command = [python, ROOT / "tests/docs/follow.py", plan(page, folder), *options]
+    return subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True, check=False)
 
 
 @pytest.mark.slow
@@ -218,7 +216,6 @@ def test_it_is_stored_without_outputs() -> None:
 @pytest.mark.slow
 def test_all_of_it_runs(tmp_path: Path) -> None:
     (tmp_path / "data").symlink_to(ROOT / "data")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     if find_spec("nbclient") and find_spec("ipykernel"):
         import nbclient
         import nbformat
@@ -232,5 +229,5 @@ def test_all_of_it_runs(tmp_path: Path) -> None:
     else:
         script = tmp_path / "cells.py"
         script.write_text("\n".join(CODE), encoding="utf-8")
-        ran = subprocess.run([sys.executable, str(script)], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        ran = subprocess.run([sys.executable, script], cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
         assert ran.returncode == 0, ran.stderr[-3000:]

@@ -1,16 +1,20 @@
 """Every broken scene file is refused with one message: file and line, key, value received, rule, remedy."""
 
+import contextlib
 import random
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import bad_studies
 import pytest
 from bad_scene import GOOD, BadScene, expected, write
 from bad_scenes import CASES, DAMAGE
+from bad_studies import FILES, BadStudy
 
 from magmpm.errors import InputError, NotThereYet
 from magmpm.scene import load_scene
+from magmpm.studies.search.definition import load_study
 
 
 def refusal(path: Path) -> str:
@@ -85,3 +89,74 @@ def test_all_problems_are_listed_in_the_order_of_the_file(tmp_path: Path) -> Non
     assert lines[0] == f"3 problems in {path}"
     places = [line.split(": received")[0] for line in lines[1::3]]
     assert places == [f"{path}:12: body.catheter.length", f"{path}:22: field.uniform[1]", f"{path}:28: resolution.seconds"]
+
+
+# Every broken study is refused with a message that names file, line, key, value, rule and remedy, before anything runs
+
+
+def write_good(folder: Path) -> Path:
+    for name, text in FILES.items():
+        (folder / name).write_text(text)
+    return folder / "study.yaml"
+
+
+def test_the_good_study_is_good(tmp_path: Path) -> None:
+    study = load_study(write_good(tmp_path))
+    assert (study.name, study.trials, study.stop_rms, study.field_max) == ("study", 35, 2e-3, 10e-3)
+
+
+@pytest.mark.parametrize("case", bad_studies.CASES, ids=lambda case: case.name.replace(" ", "-"))
+def test_what_is_wrong_in_a_study_is_said_by_loader_and_command(case: BadStudy, tmp_path: Path, told: Callable[..., Any]) -> None:
+    path, out = bad_studies.write(case, tmp_path), tmp_path / "out"
+    with pytest.raises(InputError) as caught:
+        load_study(path)
+    message = str(caught.value)
+    assert str(tmp_path) in message, "the file is named"
+    assert "\n  rule: " in message or "no such file" in message or "this is a folder" in message
+    assert "problems in" not in message, f"one mistake, one problem:\n{message}"
+    assert isinstance(caught.value, NotThereYet) == case.later
+    assert all(phrase in message for phrase in case.says), message
+    assert told("design", path, "--out", out, "--no-pictures", status=2, says=case.says).out == ""
+    assert not out.exists(), "nothing is left behind"
+
+
+@pytest.mark.parametrize("name", ["..yaml", "...yaml", "a\tb.yaml"])
+def test_a_study_is_named_as_a_folder_can_be(name: str, tmp_path: Path, told: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """`..yaml` would write its results into runs/ itself, `...yaml` beside it."""
+    monkeypatch.chdir(tmp_path)
+    write_good(tmp_path).rename(tmp_path / name)
+    before = sorted(tmp_path.rglob("*"))
+    says = name, "names the folder of results", "\n  rule: ", "\n  remedy: rename the file"
+    told("design", name, "--no-pictures", status=2, says=says)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--sampler", "annealing"], ("--sampler", "annealing", "tpe, gp, cmaes, nsga2, random, gauss-newton, or optuna:NAME")),
+        (["--sampler", "optuna:CMAES"], ("--sampler", 'did you mean "optuna:CmaEsSampler"?')),
+        (["--trials", "0"], ("--trials", "received 0", "at least 1")),
+        (["--trials", "99999999999"], ("--trials", "received 99999999999", "rule: must be at most 1000000", "remedy: --trials")),
+        (["--storage", "study.db"], ("--storage", "study.db", "sqlite:///study.db")),
+        (["--storage", "nodatabase://here"], ("--storage", "nodatabase", "usable URL")),
+    ],
+    ids=lambda value: "-".join(value) if isinstance(value, list) else None,
+)
+def test_bad_options_end_with_status_2(arguments: list[str], says: tuple[str, ...], tmp_path: Path, told: Callable[..., Any]) -> None:
+    out = ["--out", tmp_path / "out", "--no-pictures"]
+    assert told("design", write_good(tmp_path), *out, *arguments, status=2, says=says).out == ""
+
+
+def test_damaged_studies_never_crash(tmp_path: Path) -> None:
+    """Good files with random damage give a study or an InputError, nothing else."""
+    rng = random.Random(5)
+    pieces = [*DAMAGE, "1e999", ".nan", "\0", "é"]
+    for _ in range(300):
+        write_good(tmp_path)
+        path = tmp_path / rng.choice(list(FILES))
+        text = path.read_text()
+        at = rng.randrange(len(text))
+        path.write_text(text[:at] + rng.choice(pieces) + text[at + rng.choice([0, 1, 3]) :])
+        with contextlib.suppress(InputError):
+            load_study(tmp_path / "study.yaml")

@@ -67,9 +67,7 @@ def heavy_elastica(weight: float, s: np.ndarray) -> np.ndarray:
 
     mesh = np.linspace(0, 1, 41)
     guess = np.zeros((4, len(mesh)))
-    for part in (
-        np.linspace(0.2, 1, 5) * weight
-    ):  # continuation in the load, to stay on the branch that starts from zero
+    for part in np.linspace(0.2, 1, 5) * weight:  # continuation in the load, to stay on the branch that starts from zero
 
         def slope(s: np.ndarray, y: np.ndarray, part: float = part) -> np.ndarray:
             return np.stack([y[1], -part * (1 - s) * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])])

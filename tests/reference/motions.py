@@ -57,20 +57,10 @@ def bending(model: SimpleNamespace, times: Array, most: float = 60.0, period: fl
         field = 8e-3 * np.array([np.cos(phase), 0.0, np.sin(phase)])
         elastic = 0.5 * SHEAR * np.sum(V * (np.einsum("nij,nij->n", F, F) - 3 - 2 * np.log(np.linalg.det(F))))
         down = max(float(-(x[:, 2] + 0.006).min()), 0.0)
-        yield Moment(
-            time=float(time),
-            x=x,
-            v=v,
-            F=F,
-            P=P,
-            energies={
-                "kinetic": 0.5 * DENSITY * float(V @ (v**2).sum(axis=1)),
-                "elastic": float(elastic),
-                "magnetic_torque": -1e-6 * float(np.sin(phase)),
-            },
-            contacts={"ground": { "force": np.array([0.0, 0.0, 1e3 * down]), "count": int(1e6 * down), "depth": down, }},
-            field=field,
-        )
+        kinetic = 0.5 * DENSITY * float(V @ (v**2).sum(axis=1))
+        energies = {"kinetic": kinetic, "elastic": float(elastic), "magnetic_torque": -1e-6 * float(np.sin(phase))}
+        contacts = {"ground": {"force": np.array([0.0, 0.0, 1e3 * down]), "count": int(1e6 * down), "depth": down}}
+        yield Moment(float(time), x, v, F, P, energies, contacts, field)
 
 
 def bent(X: Array, curvature: float) -> tuple[Array, Array]:

@@ -57,12 +57,8 @@ def _finite_element_problem(name: str, case: dict[str, Any], folder: Path) -> Pr
     materials, segments = {}, []
     for segment in case["segments"]:
         material = f"G {segment['shear_modulus']:g} Pa, Br {segment['remanence']:g} T"
-        materials[material] = {
-            "shear_modulus": segment["shear_modulus"],
-            "bulk_to_shear": case["bulk_to_shear"],
-            "density": case["density"],
-            "remanence": segment["remanence"],
-        }
+        own = {key: segment[key] for key in ("shear_modulus", "remanence")}
+        materials[material] = own | {key: case[key] for key in ("bulk_to_shear", "density")}
         direction = segment["direction"] if segment["remanence"] else [0.0, 0.0, 0.0]
         segments.append({"magnetization": direction, "material": material, "length": segment["length"]})
     effects: dict[str, Any] = {}
@@ -70,20 +66,9 @@ def _finite_element_problem(name: str, case: dict[str, Any], folder: Path) -> Pr
         effects["magnetic_torque"] = {}
     if any(case["gravity"]):
         effects["gravity"] = {"acceleration": case["gravity"]}
-    catheter = {
-        "length": case["length"],
-        "diameter": case["diameter"],
-        "inner_diameter": case["inner_diameter"],
-        "material": next(iter(materials)),
-        "segments": segments,
-    }
-    content = {
-        "name": name,
-        "materials": materials,
-        "body": {"catheter": catheter},
-        "field": {"uniform": case["field"]},
-        "effects": effects,
-    }
+    sizes = {key: case[key] for key in ("length", "diameter", "inner_diameter")}
+    body = {"catheter": {**sizes, "material": next(iter(materials)), "segments": segments}}
+    content = {"name": name, "materials": materials, "body": body, "field": {"uniform": case["field"]}, "effects": effects}
     error = 1e-3 * case["centreline_error_mm"] / case["length"]
     rows = case["centreline"]  # a table's name, or the rows themselves in mm
     centreline = read_centreline(folder / rows) if isinstance(rows, str) else 1e-3 * np.array(rows)

@@ -40,16 +40,10 @@ def rod_scene(
     for segment, part in zip(segments, [None] * len(segments) if lengths is None else lengths, strict=True):
         if part is not None:
             segment["length"] = float(part)
-    materials = {
-        f"m{k}": {
-            "shear_modulus": g,
-            "bulk_to_shear": bulk_to_shear,
-            "density": density,
-            "remanence": remanence,
-            "magnetization_law": law if isinstance(law, str) else law[k],
-        }
-        for k, g in enumerate(moduli)
-    }
+    usual = {"bulk_to_shear": bulk_to_shear, "density": density, "remanence": remanence}
+    laws = [law] * len(moduli) if isinstance(law, str) else law
+    materials = {f"m{k}": {"shear_modulus": g, "magnetization_law": laws[k], **usual} for k, g in enumerate(moduli)}
+    sizes = {"length": length, "diameter": diameter, "inner_diameter": inner_diameter}
     effects: dict[str, Any] = {}
     if field is not None:
         effects["magnetic_torque"] = {}
@@ -59,16 +53,7 @@ def rod_scene(
         {
             "name": "test",
             "materials": materials,
-            "body": {
-                "catheter": {
-                    "length": length,
-                    "diameter": diameter,
-                    "inner_diameter": inner_diameter,
-                    "material": "m0",
-                    "clamp": "base",
-                    "segments": segments,
-                }
-            },
+            "body": {"catheter": {**sizes, "material": "m0", "clamp": "base", "segments": segments}},
             "field": {"uniform": [0.0, 0.0, 0.0] if field is None else list(map(float, field))},
             "effects": effects,
             "solver": {"anti_locking": anti_locking, "static": static},
