@@ -173,8 +173,7 @@ def stability_over_solve_percent() -> float:
 def derivative_error() -> dict[str, float]:
     """Largest difference to extrapolated central differences of refined solves, over a variable's largest entry, by scene and kind.
 
-    The scenes of the tests, solved to the tolerance that users have unless they name one.
-    """
+    The scenes of the tests, solved to the tolerance that users have unless they name one."""
     from test_sensitivities import CASES, scene_of
 
     worst: dict[str, float] = {}

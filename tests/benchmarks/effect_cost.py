@@ -18,8 +18,7 @@ REPEATS, PART, STILL = 60, 0.004, 1e-12  # pairs of short runs; s, each; s, a st
 def measured(scene: Scene, key: str, model: Model | None = None) -> float:
     """Percent of a bare step, at the scene's settings of the effect or else at its key's example. Raises MagmpmError where it can't act.
 
-    model: of the scene, or of one with the same body.
-    """
+    model: of the scene, or of one with the same body."""
     model, records = model or build(scene), _records(scene, key)
     motion, bare = TotalMotion(replace(model, effects=records)), TotalMotion(replace(model, effects=()))
     numba.set_num_threads(1)

@@ -77,12 +77,6 @@ def one(number: int, poses: str = "") -> dict[str, Any]:
     return {**about, "constants": held, "seconds": found.seconds, "solves": found.solves}
 
 
-def _share(done: list[dict[str, Any]]) -> float:
-    """Share of all intervals that hold the true value."""
-    held = [each["low"] <= each["true"] <= each["high"] for one_fit in done for each in one_fit["constants"].values()]
-    return float(np.mean(held))
-
-
 def main(fits: str = "1000", first: str = "0", poses: str = "") -> int:
     """Print the table, and write runs/bench/fit.json."""
     os.environ.setdefault("NUMBA_NUM_THREADS", "1")
@@ -90,12 +84,7 @@ def main(fits: str = "1000", first: str = "0", poses: str = "") -> int:
     begun = time.perf_counter()
     one(1, poses)  # kernels
     with multiprocessing.get_context("spawn").Pool(2) as pool:
-        done = []
-        for each in pool.imap_unordered(partial(one, poses=poses), range(int(first), int(fits)), chunksize=4):
-            done.append(each)
-            if len(done) % 50 == 0:
-                spent = time.perf_counter() - begun
-                print(f"{len(done)} of {fits} fits, {spent:.0f} s: {100 * _share(done):.1f} %", file=sys.stderr, flush=True)
+        done = list(pool.imap_unordered(partial(one, poses=poses), range(int(first), int(fits)), chunksize=4))
     groups: dict[tuple[str, str], list[bool]] = {}
     for each in done:
         for name, interval in each["constants"].items():

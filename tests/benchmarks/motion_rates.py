@@ -106,8 +106,7 @@ def effect_costs() -> dict[str, float]:
     """Time that each effect alone adds to a step, in percent, measured.
 
     Contact is also measured for a body that touches: with the ground through the body, so that a quarter of its particles is in contact,
-    and in a tube narrower than the body, so that its whole surface is in contact.
-    """
+    and in a tube narrower than the body, so that its whole surface is in contact."""
     from magmpm.studies.explore.effects_costs import counted
 
     lying = scene()

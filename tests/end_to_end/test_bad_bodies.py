@@ -187,19 +187,15 @@ TURNING = (
 )
 
 
-@pytest.mark.parametrize(
-    ("field", "effect", "where", "says"),
-    [
-        (FIELD, "ground: {point: [0 mm, 0 mm, 1 mm]}", '9: effects.ground: received {"point": ["0 mm", "0 mm", "1 mm"]}; ',
-         ("the body begins 3 mm inside", "just touching", "away from the body")),
-        (FIELD, TUBE, '9: effects.walls: received {"tube": {"radius": "3 mm"',
-         ("outside the lumen, farthest with segment 1 (body.catheter.segments[0]), at (", "make the lumen wider")),
-        (NEAR, EFFECT, '7: field.dipole[1]: received {"position": ["8 mm", "0 mm", "0 mm"]', ("nearer than a cell", "move the dipole")),
-        (TURNING, EFFECT, '5: field.magnet: received {"cylinder": {',
-         ("the magnet, center (", " s, is in the box around the body", "move the magnet")),
-    ],
-    ids=["ground", "walls", "dipole", "magnet"],
-)  # fmt: skip
+@pytest.mark.parametrize(("field", "effect", "where", "says"), [
+    (FIELD, "ground: {point: [0 mm, 0 mm, 1 mm]}", '9: effects.ground: received {"point": ["0 mm", "0 mm", "1 mm"]}; ',
+     ("the body begins 3 mm inside", "just touching", "away from the body")),
+    (FIELD, TUBE, '9: effects.walls: received {"tube": {"radius": "3 mm"',
+     ("outside the lumen, farthest with segment 1 (body.catheter.segments[0]), at (", "make the lumen wider")),
+    (NEAR, EFFECT, '7: field.dipole[1]: received {"position": ["8 mm", "0 mm", "0 mm"]', ("nearer than a cell", "move the dipole")),
+    (TURNING, EFFECT, '5: field.magnet: received {"cylinder": {',
+     ("the magnet, center (", " s, is in the box around the body", "move the magnet")),
+], ids=["ground", "walls", "dipole", "magnet"])  # fmt: skip
 def test_file_line_and_value_are_named(field, effect, where, says, tmp_path, told) -> None:
     if "magnet:" in field:
         pytest.importorskip("magpylib")

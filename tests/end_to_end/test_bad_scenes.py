@@ -1,7 +1,5 @@
 """Every broken scene file is refused with one message: file and line, key, value received, rule, remedy."""
 
-import contextlib
-import random
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,7 +7,7 @@ from typing import Any
 import bad_studies
 import pytest
 from bad_scene import GOOD, BadScene, expected, write
-from bad_scenes import CASES, DAMAGE
+from bad_scenes import CASES
 from bad_studies import FILES, BadStudy
 
 from magmpm.errors import InputError, NotThereYet
@@ -43,27 +41,6 @@ def test_what_is_wrong_is_said_by_loader_and_command(case: BadScene, tmp_path: P
     assert isinstance(caught.value, NotThereYet) == case.later
     assert told("run", path, "--json", "--out", tmp_path / "out", status=2, says=tuple(expected(case, path))).out == ""
     assert not (tmp_path / "out").exists()
-
-
-def test_damaged_files_never_crash(tmp_path: Path) -> None:
-    """A good file with random damage gives a scene or an InputError, nothing else."""
-    rng = random.Random(1)
-    path = tmp_path / "probe.yaml"
-    pieces = [*DAMAGE, "!", "|", "%", "~", "é", "\0", "null", "true", ".nan", "1e999", "-1", "0", "9" * 400, "[]", "{}"]
-    pieces += ["<<: *a", "mm", "T", "---\n", "? "]
-    messages = []
-    for _ in range(400):
-        text = GOOD
-        for _ in range(rng.randint(1, 3)):
-            start = rng.randrange(len(text))
-            text = text[:start] + rng.choice(pieces) + text[start + rng.choice([0, 1, 1, 3, 10]) :]
-        path.write_text(text)
-        try:
-            load_scene(path)
-        except InputError as error:
-            messages.append(str(error))
-    assert all(str(path) in message for message in messages)
-    assert len(messages) > 200  # of 400: most damages matter
 
 
 def test_thousands_of_problems_are_counted_and_the_first_put_into_words(tmp_path: Path) -> None:
@@ -131,32 +108,14 @@ def test_a_study_is_named_as_a_folder_can_be(name: str, tmp_path: Path, told: Ca
     assert sorted(tmp_path.rglob("*")) == before
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["--sampler", "annealing"], ("--sampler", "annealing", "tpe, gp, cmaes, nsga2, random, gauss-newton, or optuna:NAME")),
-        (["--sampler", "optuna:CMAES"], ("--sampler", 'did you mean "optuna:CmaEsSampler"?')),
-        (["--trials", "0"], ("--trials", "received 0", "at least 1")),
-        (["--trials", "99999999999"], ("--trials", "received 99999999999", "rule: must be at most 1000000", "remedy: --trials")),
-        (["--storage", "study.db"], ("--storage", "study.db", "sqlite:///study.db")),
-        (["--storage", "nodatabase://here"], ("--storage", "nodatabase", "usable URL")),
-    ],
-    ids=lambda value: "-".join(value) if isinstance(value, list) else None,
-)
+@pytest.mark.parametrize(("arguments", "says"), [
+    (["--sampler", "annealing"], ("--sampler", "annealing", "tpe, gp, cmaes, nsga2, random, gauss-newton, or optuna:NAME")),
+    (["--sampler", "optuna:CMAES"], ("--sampler", 'did you mean "optuna:CmaEsSampler"?')),
+    (["--trials", "0"], ("--trials", "received 0", "at least 1")),
+    (["--trials", "99999999999"], ("--trials", "received 99999999999", "rule: must be at most 1000000", "remedy: --trials")),
+    (["--storage", "study.db"], ("--storage", "study.db", "sqlite:///study.db")),
+    (["--storage", "nodatabase://here"], ("--storage", "nodatabase", "usable URL")),
+], ids=lambda value: "-".join(value) if isinstance(value, list) else None)  # fmt: skip
 def test_bad_options_end_with_status_2(arguments: list[str], says: tuple[str, ...], tmp_path: Path, told: Callable[..., Any]) -> None:
     out = ["--out", tmp_path / "out", "--no-pictures"]
     assert told("design", write_good(tmp_path), *out, *arguments, status=2, says=says).out == ""
-
-
-def test_damaged_studies_never_crash(tmp_path: Path) -> None:
-    """Good files with random damage give a study or an InputError, nothing else."""
-    rng = random.Random(5)
-    pieces = [*DAMAGE, "1e999", ".nan", "\0", "é"]
-    for _ in range(300):
-        write_good(tmp_path)
-        path = tmp_path / rng.choice(list(FILES))
-        text = path.read_text()
-        at = rng.randrange(len(text))
-        path.write_text(text[:at] + rng.choice(pieces) + text[at + rng.choice([0, 1, 3]) :])
-        with contextlib.suppress(InputError):
-            load_study(tmp_path / "study.yaml")

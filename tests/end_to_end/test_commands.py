@@ -74,7 +74,7 @@ def test_design_resumes_and_draws(folder: Path, told: Told) -> None:
     for name in ("best.png", "convergence.png", "best/result.json", "pictures/trial_002.png"):
         assert (folder / "runs/study" / name).exists(), name
     assert list((folder / "runs/study").glob("best_shapes.*"))
-    assert json.loads((folder / "runs/study/study.json").read_text()) == first
+    assert {**json.loads((folder / "runs/study/study.json").read_text()), "files": first["files"]} == first
     assert json.loads(told("design", "study.yaml", "--json", "--no-pictures").out)["rms_m"] == first["rms_m"]
     more = json.loads(told("design", "study.yaml", "--json", "--trials", "4", "--no-pictures").out)
     assert more["rms_m"][:3] == first["rms_m"]
@@ -123,19 +123,16 @@ def test_accuracy_leaves_table_and_picture(folder: Path, told: Told) -> None:
     assert "<text" in (folder / "runs/small/accuracy.svg").read_text(encoding="utf-8"), "text as text"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["run", "missing.yaml"], ["missing.yaml"]),
-        (["render", "nowhere"], ["nowhere", "holds no saved result"]),
-        (["dashboard", "nowhere"], ["nowhere", "holds no study"]),
-        (["accuracy", "scene.yaml", "--cells", "4"], ["at least two"]),
-        (["accuracy", "scene.yaml", "--cells", "4,x"], ["4,x", "whole numbers"]),
-        (["accuracy", "scene.yaml", "--cells", "4,99"], ["cells_across", "99"]),
-        (["run", "scene.yaml", "--out", "target.csv"], ["--out", "target.csv"]),
-        (["accuracy", "scene.yaml", "--out", "target.csv/x"], ["--out", "target.csv/x"]),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["run", "missing.yaml"], ["missing.yaml"]),
+    (["render", "nowhere"], ["nowhere", "holds no saved result"]),
+    (["dashboard", "nowhere"], ["nowhere", "holds no study"]),
+    (["accuracy", "scene.yaml", "--cells", "4"], ["at least two"]),
+    (["accuracy", "scene.yaml", "--cells", "4,x"], ["4,x", "whole numbers"]),
+    (["accuracy", "scene.yaml", "--cells", "4,99"], ["cells_across", "99"]),
+    (["run", "scene.yaml", "--out", "target.csv"], ["--out", "target.csv"]),
+    (["accuracy", "scene.yaml", "--out", "target.csv/x"], ["--out", "target.csv/x"]),
+])  # fmt: skip
 def test_wrong_arguments_end_with_status_2(folder: Path, told: Told, arguments: list[str], words: list[str]) -> None:
     """Errors of a command line are reported in terms of that command line."""
     assert "Traceback" not in told(*arguments, status=2, says=tuple(words)).err

@@ -37,13 +37,10 @@ def _null_inside(path: Path) -> None:
     path.write_text(path.read_text().replace('"converged": true', '"converged": null'))
 
 
-@pytest.mark.parametrize(
-    ("name", "damage"),
-    [
-        ("state.npz", cut_short), ("state.npz", emptied),
-        ("result.json", cut_short), ("result.json", emptied), ("result.json", null), ("result.json", _null_inside),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "damage"), [
+    ("state.npz", cut_short), ("state.npz", emptied),
+    ("result.json", cut_short), ("result.json", emptied), ("result.json", null), ("result.json", _null_inside),
+])  # fmt: skip
 def test_a_damaged_result_is_refused_by_its_file(name, damage, result, tmp_path, told) -> None:
     """`render` refuses it; a new run replaces it."""
     folder = tmp_path / "out"

@@ -45,10 +45,9 @@ def test_two_motions_into_one_folder(tmp_path: Path, told: Callable[..., Any]) -
     assert times[0] == 0.0
 
 
-@pytest.mark.parametrize(
-    "command",
-    [["run", "scene.yaml"], ["accuracy", "scene.yaml", "--cells", "2,3"], ["design", "study.yaml", "--no-pictures"], ["render", "out"]],
-)
+@pytest.mark.parametrize("command", [
+    ["run", "scene.yaml"], ["accuracy", "scene.yaml", "--cells", "2,3"], ["design", "study.yaml", "--no-pictures"], ["render", "out"],
+])  # fmt: skip
 def test_every_command_that_writes_a_folder_waits_its_turn(command, tmp_path, monkeypatch, told) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MAGMPM_RENDER", "matplotlib")

@@ -32,17 +32,9 @@ def robot_file(folder: Path, meshes: dict[str, Mesh] | None = None, **changes: A
     (folder / "meshes").mkdir(parents=True, exist_ok=True)
     for name, mesh in {**MESHES, **(meshes or {})}.items():
         write_stl(mesh, folder / "meshes" / name)
-    content = {
-        "name": "Tiny",
-        "n_segments": 3,
-        "remenance": 0.138,
-        "segments": [
-            segment("base.STL", [0, 0, 0], density=927, fixed=True),
-            segment("robot - arm.STL", [0, 0, 1]),
-            segment("tip.STL", [0.8, 0, 0.6]),
-        ],
-        **changes,
-    }
+    hub = segment("base.STL", [0, 0, 0], density=927, fixed=True)
+    arm, tip = segment("robot - arm.STL", [0, 0, 1]), segment("tip.STL", [0.8, 0, 0.6])
+    content = {"name": "Tiny", "n_segments": 3, "remenance": 0.138, "segments": [hub, arm, tip], **changes}
     path = folder / "tiny.yaml"
     path.write_text(yaml.safe_dump({k: v for k, v in content.items() if v is not None}))
     return path
@@ -183,10 +175,9 @@ def test_a_folder_without_meshes_is_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real robots are not beside the project")
-@pytest.mark.parametrize(
-    ("robot", "volume", "held", "odd"),
-    [("Tentacle/tentacleA", 1182.75, 1, 4), ("Tentacle/tentacleF", 1182.75, 1, 4), ("SmallScaleBot/SmallScaleBot", 1.02675, 0, 0)],
-)
+@pytest.mark.parametrize(("robot", "volume", "held", "odd"), [
+    ("Tentacle/tentacleA", 1182.75, 1, 4), ("Tentacle/tentacleF", 1182.75, 1, 4), ("SmallScaleBot/SmallScaleBot", 1.02675, 0, 0),
+])  # fmt: skip
 def test_real_robots(robot: str, volume: float, held: int, odd: int, tmp_path: Path) -> None:
     """Volume (mm^3, sum over the meshes, computed by trimesh), the held part, and vectors that are not of unit length."""
     scene, warnings = import_robot(REAL / f"{robot}.yaml", tmp_path / "s.yaml")

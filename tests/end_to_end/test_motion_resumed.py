@@ -107,14 +107,11 @@ def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path, told: Tol
     assert one.scene["solver"]["dynamic"]["duration"] == Result.load(out).scene["solver"]["dynamic"]["duration"] > 5e-4
 
 
-@pytest.mark.parametrize(
-    ("short", "long", "rule"),
-    [
-        ("2 ms, output_every: 1 ms", "1 ms, output_every: 1 ms", "must be no shorter than what the motion has done, 0.002 s"),
-        ("2.5 ms, output_every: 1 ms", "4 ms, output_every: 1 ms", "it ended between two"),
-        ("2 ms, output_every: 1 ms", "4 ms, output_every: 2 ms", "its duration alone may be longer, and its budgets"),
-    ],
-)
+@pytest.mark.parametrize(("short", "long", "rule"), [
+    ("2 ms, output_every: 1 ms", "1 ms, output_every: 1 ms", "must be no shorter than what the motion has done, 0.002 s"),
+    ("2.5 ms, output_every: 1 ms", "4 ms, output_every: 1 ms", "it ended between two"),
+    ("2 ms, output_every: 1 ms", "4 ms, output_every: 2 ms", "its duration alone may be longer, and its budgets"),
+])  # fmt: skip
 def test_what_can_t_be_lengthened_is_refused(short: str, long: str, rule: str, tmp_path: Path, told: Told) -> None:
     out = tmp_path / "out"
     told("run", scene(tmp_path, f"duration: {short}"), "--out", out)

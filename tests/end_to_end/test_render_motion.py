@@ -55,10 +55,9 @@ def test_a_motion_gets_a_movie_moments_a_picture_and_its_energies(folder: Path, 
     assert not (folder / "movie.mp4").exists()
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [(["--frames", "7"], ("--frames", "'7'", "0 to 6")), (["--frames", "first"], ("--frames", "'first'", "all"))],
-)
+@pytest.mark.parametrize(("options", "says"), [
+    (["--frames", "7"], ("--frames", "'7'", "0 to 6")), (["--frames", "first"], ("--frames", "'first'", "all")),
+])  # fmt: skip
 def test_bad_options_end_with_status_2(options: list[str], says: tuple[str, ...], folder: Path, told: Told) -> None:
     told("render", "runs/bending", *options, status=2, says=says)
     assert not (folder / "movie.mp4").exists()

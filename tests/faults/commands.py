@@ -21,8 +21,7 @@ ENDS = {".png": b"IEND\xaeB`\x82", ".html": b"</html>\n", ".csv": b"\n", ".json"
 def kills_of_commands(base: Path, count: int, drawn: random.Random) -> list[Row]:
     """SIGKILL of each command over results that are complete: `count` kills at random moments each.
 
-    After each, every file is whole: as it was, or as it becomes. Run again, the command ends well and leaves the same files.
-    """
+    After each, every file is whole: as it was, or as it becomes. Run again, the command ends well and leaves the same files."""
     static, table = base / "rest.yaml", base / "tips.csv"
     static.write_text(text(), encoding="utf-8")
     table.write_text("field_z_mT,tip_x_mm,tip_z_mm\n10,14.92,4.64\n15,13.7,6.5\n20,12.5,8.1\n", encoding="utf-8")

@@ -22,7 +22,7 @@ import commands
 import kinds
 from kinds import Row
 
-PARTS = ("single", "server", "motions", "commands", "studies", "workers")
+PARTS = ("single", "motions", "commands", "studies", "workers")
 Fault = Callable[[], Row | list[Row]]
 
 
@@ -32,7 +32,6 @@ def faults(base: Path, kills: int, drawn: random.Random, parts: tuple[str, ...] 
     third = max(kills // 3, 1)
     known: dict[str, dict[str, Fault]] = {
         "single": {fault.__name__: partial(fault, base) for fault in single},
-        "server": {"server_faults": partial(kinds.server_faults, base)},
         "motions": {"kills_of_motions": partial(kinds.kills_of_motions, base, third, drawn)},
         "commands": {"kills_of_commands": partial(commands.kills_of_commands, base, max(kills // 60, 2), drawn)},
         "studies": {"kills_of_studies": partial(kinds.kills_of_studies, base, third, drawn, 0)},

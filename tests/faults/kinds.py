@@ -121,8 +121,7 @@ def ended(row: Row, study: Path, out: Path, workers: int, trials: int, **more: s
 def until_met(row: Row, count: int) -> Iterator[int]:
     """Numbers of attempts, until so many kills have met something complete, or hopelessly many have been tried (the row then says so).
 
-    One in five of the kills of studies is meant for a start, and some attempts end before their kill, so three for each are enough.
-    """
+    One in five of the kills of studies is meant for a start, and some attempts end before their kill, so three for each are enough."""
     for attempt in range(3 * count + 20):
         if row.met >= count:
             return
@@ -170,8 +169,7 @@ def kills_of_studies(base: Path, count: int, drawn: random.Random, workers: int)
 def kills_of_motions(base: Path, count: int, drawn: random.Random) -> Row:
     """SIGKILL of motions at random moments, until `count` of them have met frames, each resumed.
 
-    At the end all frames are there, and the last state is bit for bit the same.
-    """
+    At the end all frames are there, and the last state is bit for bit the same."""
     row = Row("SIGKILL, motions (frames)")
     attempts = until_met(row, count)
     dynamic = "duration: 200 ms, output_every: 1 ms"
@@ -307,38 +305,3 @@ def clock_set_back(base: Path) -> Row:
         ended(row, study, out, workers, 20, TEST_CLOCK="-86400")
         compare(row, before, complete(out))
     return row
-
-
-def server_faults(base: Path) -> list[Row]:
-    """PostgreSQL is stopped and started, and connections are cut, under a session with two workers."""
-    from servers import postgres, program
-
-    rows = [Row("database server stopped and started"), Row("database connections cut")]
-    if program("initdb") is None:
-        for row in rows:
-            row.said.append("not injected: PostgreSQL is not installed (apt-get install postgresql)")
-        return rows
-    with postgres() as server:
-        url = server.url().replace("postgresql://", "postgresql+psycopg://")
-        folder = base / "server"
-        study = study_of(folder, 40)
-        child = begin(study, folder / "out", 2, TEST_SECONDS="0.2", MAGMPM_STORAGE=server.url())
-        for k in range(6):
-            known = len(complete(folder, url))
-            while len(complete(folder, url)) < known + 4 and child.poll() is None:
-                time.sleep(0.1)
-            before, row = complete(folder, url), rows[k % 2]
-            if k % 2:
-                server.cut()
-            else:
-                server.stop()
-                time.sleep(1.5)
-                server.start()
-            row.injected += 1
-            compare(row, before, complete(folder, url))
-        said = awaited(rows[0], child)
-        for row in rows:
-            _note(row, "\n".join(line for line in said.splitlines() if "answer" in line))
-            if child.returncode or len(complete(folder, url)) != 40:
-                row.wrong.append(f"status {child.returncode}, {len(complete(folder, url))} trials: {said[-300:]}")
-    return rows

@@ -37,8 +37,7 @@ def elastica(load: float, field_angle: float) -> Elastica:
     Multiplied by theta' it integrates once: theta'^2 = 2 load (cos(phi - theta_1) - cos(phi - theta)), theta_1 the
     tip's angle. So length and positions are integrals over theta, and theta_1 follows from length 1. The
     substitution theta = theta_1 - t^2 removes the singularity.
-    Source: the pendulum; Wang et al., JMPS 142 (2020) 104045, section 3. At phi = pi there is a solution for loads above pi^2/4.
-    """
+    Source: the pendulum; Wang et al., JMPS 142 (2020) 104045, section 3. At phi = pi there is a solution for loads above pi^2/4."""
 
     def integral(weight: str, tip: float) -> float:
         def integrand(t: float) -> float:

@@ -44,8 +44,7 @@ class Problem:
 def finite_element_problems(path: Path) -> dict[str, Problem]:
     """The problems of data/references/fem.json or jointed_catheters.json (their SOURCES.md says what the keys mean).
 
-    Raises InputError when the file or a table it names can't be read.
-    """
+    Raises InputError when the file or a table it names can't be read."""
     try:
         cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
     except (OSError, ValueError, KeyError) as error:

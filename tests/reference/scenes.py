@@ -33,8 +33,7 @@ def rod_scene(
     **static: Any,
 ) -> Scene:
     """A clamped catheter. shear: one value, or one per segment; field (3,) T, gravity (3,) m/s^2: None
-    omits the effect.
-    """
+    omits the effect."""
     moduli = np.broadcast_to(np.asarray(shear, dtype=float), (len(directions),)).tolist()
     segments: list[dict[str, Any]] = [{"magnetization": list(map(float, d)), "material": f"m{k}"} for k, d in enumerate(directions)]
     for segment, part in zip(segments, [None] * len(segments) if lengths is None else lengths, strict=True):
@@ -51,8 +50,7 @@ def rod_scene(
         effects["gravity"] = {"acceleration": list(map(float, gravity))}
     return Scene.from_si(
         {
-            "name": "test",
-            "materials": materials,
+            "name": "test", "materials": materials,
             "body": {"catheter": {**sizes, "material": "m0", "clamp": "base", "segments": segments}},
             "field": {"uniform": [0.0, 0.0, 0.0] if field is None else list(map(float, field))},
             "effects": effects,
@@ -66,8 +64,7 @@ def field_for_load(load: float, angle: float, *, length: float, diameter: float,
     """Field (3,) T at `angle` to +x, in the x-z plane, that gives an axially magnetized solid rod this
     elastica load.
 
-    load = (Br/mu0) B A L^2 / (E I), A / I = 16 / D^2.
-    """
+    load = (Br/mu0) B A L^2 / (E I), A / I = 16 / D^2."""
     E = young_modulus(G, bulk_to_shear * G)
     size = load * E * MU0 * diameter**2 / (16 * BR * length**2)
     return size * np.array([np.cos(angle), 0.0, np.sin(angle)])

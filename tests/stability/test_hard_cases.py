@@ -33,8 +33,7 @@ def tips(scene: Scene, most_steps: int) -> tuple[np.ndarray, np.ndarray]:
 def test_any_bulk_modulus() -> None:
     """K/G from a sponge (nu = 0.02) to nu = 0.4997, tip rotated by 50 to 100 degrees: within 2.5 % of L of the rod (see also the table).
 
-    With F-bar the shape tends to a limit as K grows: from 500 G to 2000 G it changes only with E, by 9/(2000 x 3) = 0.1 %.
-    """
+    With F-bar the shape tends to a limit as K grows: from 500 G to 2000 G it changes only with E, by 9/(2000 x 3) = 0.1 %."""
     found = {}
     for ratio, most_steps in ((0.7, 8), (2, 8), (500, 30), (2000, 40)):
         found[ratio], rod = tips(rod_scene(directions=SPATIAL, field=FIELD, bulk_to_shear=ratio, cells=3), most_steps)
@@ -46,8 +45,7 @@ def test_any_bulk_modulus() -> None:
 @pytest.mark.parametrize("first", ["stiff", "soft"])
 def test_stiffness_contrast(ratio: float, first: str) -> None:
     """Segments alternate between G and G/ratio, like magnetic rings on soft joints. Stiff neighbors restrain the ends of the
-    joints, which a rod ignores: 1 to 2 % of L.
-    """
+    joints, which a rod ignores: 1 to 2 % of L."""
     moduli = np.array([G, G / ratio, G, G / ratio])
     moduli = moduli if first == "stiff" else moduli[::-1]
     directions = [(1, 0, 0), (0, 0, 1), (1, 0, 0), (0, 0, 1)]
@@ -106,8 +104,7 @@ def test_as_long_as_thick() -> None:
 def test_segments_far_shorter_than_a_cell(lengths: list[float], bound: float) -> None:
     """A slice of 0.1 mm in cells of 1.3 mm: dividing a cell in two changes nothing where the strain varies slowly.
 
-    At the clamp it does not: the volume constraint of two regions is stiffer than that of one. The bound is twice the grid's error.
-    """
+    At the clamp it does not: the volume constraint of two regions is stiffer than that of one. The bound is twice the grid's error."""
     given = {"field": (0, 5e-3, 5e-3), "cells": 3}
     whole, _ = tips(rod_scene(directions=[(1, 0, 0)], **given), 8)
     slices = {"directions": [(1, 0, 0)] * len(lengths), "lengths": [1e-3 * part for part in lengths]}
@@ -117,8 +114,7 @@ def test_segments_far_shorter_than_a_cell(lengths: list[float], bound: float) ->
 
 def test_slice_of_another_magnetisation() -> None:
     """A slice of 0.1 mm, 1/13 of a cell, magnetized transversely, at the tip of an axially magnetized rod: its small torque,
-    A Br B/mu0 x 0.1 mm, rotates the tip as in the rod model.
-    """
+    A Br B/mu0 x 0.1 mm, rotates the tip as in the rod model."""
     given = {"lengths": [39.9e-3, 0.1e-3], "field": (8e-3, 0, 0), "cells": 3}
     statics, rod = tips(rod_scene(directions=[(0, 0, 0), (0, 0, -1)], **given), 8)
     assert rod[2] > 1e-3

@@ -61,16 +61,13 @@ def test_three_hundred_random_scenes(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (tmp_path / "random/outcomes.jsonl").read_text(encoding="utf-8") == outcomes
 
 
-@pytest.mark.parametrize(
-    ("given", "named"),
-    [
-        (["--random", "0"], "--random"),
-        (["--random", "3", "--seed", "-1"], "--seed"),
-        (["--seed", "3"], "--seed"),
-        (["--out", "here"], "--out"),
-        (["--random", "3", "--case", "needle"], "--case"),
-    ],
-)
+@pytest.mark.parametrize(("given", "named"), [
+    (["--random", "0"], "--random"),
+    (["--random", "3", "--seed", "-1"], "--seed"),
+    (["--seed", "3"], "--seed"),
+    (["--out", "here"], "--out"),
+    (["--random", "3", "--case", "needle"], "--case"),
+])  # fmt: skip
 def test_orders_that_make_no_sense_are_refused(given: list[str], named: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["stability", *given]) == 2
     assert named in capsys.readouterr().err

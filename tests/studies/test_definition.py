@@ -47,18 +47,14 @@ def test_schema_knows_what_is_wrong() -> None:
     assert not validator.is_valid({**good, "stop": {"rms": "2"}})
 
 
-@pytest.mark.parametrize(
-    ("study", "scene"),
-    [
-        (STUDY.replace("trials: 8", "trials: 99"), SCENE),
-        (STUDY + "stop: {rms: 1 mm}\n", SCENE),
-        ("# a remark\n" + STUDY.replace("{centreline: target.csv}", "\n  centreline: ./target.csv"), SCENE),
-        (STUDY, SCENE.replace("name: five segments", "name: another name")),
-        (STUDY, SCENE.replace("length: 40 mm", "length: 4 cm").replace("120 kPa", "0.12 MPa")),
-        (STUDY, SCENE.replace("[-1, 0, 0.5]", "[0, 1, 0]")),  # the start of the search is not used
-    ],
-    ids=["trials", "stop", "layout", "name", "units", "varied magnetisation"],
-)
+@pytest.mark.parametrize(("study", "scene"), [
+    (STUDY.replace("trials: 8", "trials: 99"), SCENE),
+    (STUDY + "stop: {rms: 1 mm}\n", SCENE),
+    ("# a remark\n" + STUDY.replace("{centreline: target.csv}", "\n  centreline: ./target.csv"), SCENE),
+    (STUDY, SCENE.replace("name: five segments", "name: another name")),
+    (STUDY, SCENE.replace("length: 40 mm", "length: 4 cm").replace("120 kPa", "0.12 MPa")),
+    (STUDY, SCENE.replace("[-1, 0, 0.5]", "[0, 1, 0]")),  # the start of the search is not used
+], ids=["trials", "stop", "layout", "name", "units", "varied magnetisation"])  # fmt: skip
 def test_what_does_not_change_the_definition(study: str, scene: str, tmp_path: Path) -> None:
     path = write_study(tmp_path)
     before = load_study(path).definition()
@@ -119,10 +115,6 @@ def test_overrides_of_the_command_line(tmp_path: Path) -> None:
     study = load_study(write_study(tmp_path))
     assert study.changed() == study
     assert study.changed(trials=5, sampler="tpe").definition()["sampler"] == "tpe"
-    with pytest.raises(InputError, match="--trials: received 0"):
-        study.changed(trials=0)
-    with pytest.raises(InputError, match='--sampler: received "newton"'):
-        study.changed(sampler="newton")
 
 
 # A results folder belongs to one study

@@ -171,16 +171,9 @@ def strip(width: float, clamp: str = "base", shear: float = 7e6, length: float =
     body = {"length": length, "width": width, "thickness": 1e-3, "material": "m", "clamp": clamp}
     half = {"magnetization": [1.0, 0.0, 0.0], "length": length / 2}
     segments = [half, {"magnetization": [-1.0 if clamp == "both" else 1.0, 0.0, 0.0], "length": length / 2}]
-    return Scene.from_si(
-        {
-            "name": "strip",
-            "materials": {"m": {"shear_modulus": shear, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.1}},
-            "body": {"strip": {**body, "segments": segments}},
-            "effects": {"magnetic_torque": {}},
-            "field": {"uniform": [0.0, 0.0, 1e-3]},
-            "resolution": {"cells_across": 2},
-        }
-    )
+    materials = {"m": {"shear_modulus": shear, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.1}}
+    about = {"name": "strip", "effects": {"magnetic_torque": {}}, "field": {"uniform": [0.0, 0.0, 1e-3]}, "resolution": {"cells_across": 2}}
+    return Scene.from_si({**about, "materials": materials, "body": {"strip": {**body, "segments": segments}}})
 
 
 @pytest.mark.slow

@@ -126,8 +126,7 @@ TABLES = [PLACES, CURVE, POSE, pytest.param(IN_SPACE, marks=pytest.mark.slow)]
 def test_slopes_are_those_of_the_residuals(tmp_path: Path, text: str) -> None:
     """Central differences of the residuals, away from the start; 2e-5 of the largest: their own error at a step of 1e-3.
 
-    Across a curve in space there are two directions, whose turn about the curve is left out: their sum of squares has the slope it has.
-    """
+    Across a curve in space there are two directions, whose turn about the curve is left out: their sum of squares has the slope it has."""
     measured = read_measured(table(tmp_path, text), SCENE)
     constants = constants_of(SCENE, ["shear_modulus", "remanence", "magnetization", "field"])
     prediction = Prediction(SCENE, measured, constants)

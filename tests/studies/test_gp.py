@@ -12,7 +12,7 @@ from magmpm.errors import SolveError
 from magmpm.scene import Scene
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.search.definition import load_study
-from magmpm.studies.search.samplers.gp import NOISE, PRIOR, ShapeModel, ShapeSampler, layout_of
+from magmpm.studies.search.samplers.gp import ShapeModel, ShapeSampler, layout_of
 from magmpm.studies.search.search_space import SearchSpace
 
 LAYOUT = layout_of([(True, 3)] * 3 + [(False, 3), (False, 1)])
@@ -51,21 +51,6 @@ def test_the_expected_square_is_that_of_samples_and_its_slope_is_exact() -> None
     drawn = scores + np.random.default_rng(3).normal(size=(400_000, len(scores))) * np.sqrt(spread * model._amplitude)
     squares = np.sum((drawn @ model._basis + model._mean) ** 2, axis=1)
     assert squares.mean() == pytest.approx(value, abs=5 * squares.std() / np.sqrt(len(squares)))
-
-
-def test_the_kernel_is_as_written() -> None:
-    """Against the formula, pair by pair; and positive definite."""
-    x, residuals = designs(7)
-    model = ShapeModel(LAYOUT, x, residuals)
-    z, p = x @ LAYOUT.matrix(PRIOR, 13), PRIOR
-    found = model._kernel(z, z, p)
-    for i in range(7):
-        for j in range(7):
-            r = np.sqrt(5) * np.linalg.norm(z[i] - z[j]) / np.exp(p[9])
-            expected = (1 + z[i] @ z[j]) / 8 + np.exp(p[8]) * (1 + r + r * r / 3) * np.exp(-r)
-            # distances are differences of squares: the root of rounding errors, 1e-8 of the size, near zero enters squared
-            assert found[i, j] == pytest.approx(expected, rel=1e-12)
-    assert np.linalg.eigvalsh(found + NOISE * np.eye(7)).min() > 0
 
 
 def test_more_designs_teach_more() -> None:
@@ -125,8 +110,7 @@ def test_failed_trials_are_left_out_and_not_repeated(tmp_path: Path) -> None:
 def test_a_target_within_reach_is_found_in_few_trials(tmp_path: Path) -> None:
     """The shape of a known design, 3 to 15 mm from straight: within 2 mm of it in at most 25 trials.
 
-    Random designs are within 2 mm of such a shape in one of some hundred trials.
-    """
+    Random designs are within 2 mm of such a shape in one of some hundred trials."""
     study = load_study(write_study(tmp_path))
     directions = np.array([[1, 0, 0], [0.8, 0.6, 0], [0.6, 0, 0.8], [0.6, 0.8, 0], [0, 0.6, 0.8]])
     target = solve(study.scene.with_magnetizations(directions)).centreline[::4]

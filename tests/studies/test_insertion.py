@@ -27,17 +27,10 @@ def arc(length=30e-3, rows=31):
 
 
 def catheter():
-    return Scene.from_si(
-        {
-            "name": "three",
-            "materials": {"silicone": {"shear_modulus": 120e3, "bulk_to_shear": 20, "density": 1882.0, "remanence": 0.138}},
-            "body": {
-                "catheter": {"length": 30e-3, "diameter": 3e-3, "material": "silicone", "segments": 3 * [{"magnetization": [1, 0, 0]}]}
-            },
-            "effects": {"magnetic_torque": {}, "gravity": {}},
-            "resolution": {"cells_across": 2},
-        }
-    )
+    body = {"length": 30e-3, "diameter": 3e-3, "material": "silicone", "segments": 3 * [{"magnetization": [1, 0, 0]}]}
+    materials = {"silicone": {"shear_modulus": 120e3, "bulk_to_shear": 20, "density": 1882.0, "remanence": 0.138}}
+    about = {"name": "three", "effects": {"magnetic_torque": {}, "gravity": {}}, "resolution": {"cells_across": 2}}
+    return Scene.from_si({**about, "materials": materials, "body": {"catheter": body}})
 
 
 def insertion(depths=(10e-3, 20e-3, 30e-3)):
@@ -110,16 +103,8 @@ def fake(found, depth, shift):
     """A result whose axis is the path, shifted along y."""
     s = np.linspace(0.0, depth, 61)
     axis = found.path.at(s) + np.array([0.0, shift, 0.0])
-    return SimpleNamespace(
-        centreline=np.column_stack([s, axis]),
-        tip=axis[-1],
-        iterations=3,
-        converged=True,
-        stability=0.5,
-        particle_segment=np.array([0]),
-        segment_center=axis[:1],
-        segment_remanence=np.ones((1, 3)),
-    )
+    segment = {"particle_segment": np.array([0]), "segment_center": axis[:1], "segment_remanence": np.ones((1, 3))}
+    return SimpleNamespace(centreline=np.column_stack([s, axis]), tip=axis[-1], iterations=3, converged=True, stability=0.5, **segment)
 
 
 def test_measures_are_what_they_say():

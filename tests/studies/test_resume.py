@@ -198,10 +198,9 @@ def test_stop_reached_is_done_and_says_why(tmp_path: Path) -> None:
     assert (more.trials, more.ended, more.first_trial_below_stop) == (8, "trials", None)
 
 
-@pytest.mark.parametrize(
-    ("sampler", "module", "extra"),
-    [("cmaes", "cmaes", "cmaes"), ("optuna:GPSampler", "torch", "gp"), ("optuna:CmaEsSampler", "cmaes", "cmaes")],
-)
+@pytest.mark.parametrize(("sampler", "module", "extra"), [
+    ("cmaes", "cmaes", "cmaes"), ("optuna:GPSampler", "torch", "gp"), ("optuna:CmaEsSampler", "cmaes", "cmaes"),
+])  # fmt: skip
 def test_missing_extra_is_said_before_any_trial(sampler, module, extra, tmp_path, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(InputError, match=rf"pip install 'magmpm\[{extra}\]'"):

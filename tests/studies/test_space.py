@@ -47,8 +47,7 @@ def tip(scene: Scene) -> np.ndarray:
 def test_the_chain_rule_is_the_derivative_of_the_scenes(total: str, per: str, tmp_path: Path) -> None:
     """Columns of the scene's variables times the chain, against central differences along the embedded coordinates; both of the rod's tip.
 
-    Steps of 1e-5 of a range: differences are good to 1e-10 / 1e-5 = 1e-5 of the largest derivative of a block, here of 1.
-    """
+    Steps of 1e-5 of a range: differences are good to 1e-10 / 1e-5 = 1e-5 of the largest derivative of a block, here of 1."""
     space, rng = space_of(tmp_path, total, per), np.random.default_rng(5)
     x, order = space.drawn(rng), "PMMPM"
     scene = space.scene_at(x, order)

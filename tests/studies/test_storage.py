@@ -102,26 +102,23 @@ def test_locked_in_mid_study_keeps_what_is_finished(tmp_path: Path) -> None:
     assert [t.params for t in trials_of(tmp_path / "out")] == [t.params for t in trials_of(whole)]
 
 
-@pytest.mark.parametrize(
-    ("url", "kind", "says"),
-    [
-        ("study.db", InputError, ("--storage", "must be the URL", "sqlite:///study.db")),
-        ("nodatabase://x", InputError, ("usable URL", "nodatabase")),
-        ("postgresql+nodriver://x/y", InputError, ("usable URL", "nodriver")),
-        ("sqlite:////proc/no/study.db", InputError, ("/proc/no", "writable")),
-        ("sqlite:///:memory:", InputError, ("--storage: received sqlite:///:memory:", "gone with its process", "sqlite:///study.db")),
-        ("sqlite://", InputError, ("--storage: received sqlite://", "gone with its process")),
-        ("sqlite:///file:x?mode=memory&uri=true", InputError, ("--storage: received sqlite:///file:x?", "gone with its process")),
-        ("sqlite:///file::memory:?cache=shared&uri=true", InputError, ("--storage: received sqlite:///file:", "gone with its process")),
-        ("sqlite:///file:/x?vfs=memdb&uri=true", InputError, ("--storage: received sqlite:///file:", "gone with its process")),
-        ("", InputError, ("--storage: received nothing", "must be the URL", "sqlite:///study.db")),
-        (":memory:", InputError, ("--storage: received :memory:", "must be the URL", "sqlite:///study.db")),
-        ("postgresql://me:se@cret@host/db", InputError, ("--storage: received postgresql://me:***@host/db", "write %40 for @")),
-        ("postgresql://me:se/c@host/db?x=1", InputError, ("received postgresql://me:***@host/db", "%2F for /")),
-        ("host=here user=me password=cret", InputError, ("a text without ://", "postgresql://USER@HOST/DATABASE")),
-        ("sqlite:////tmp", InputError, ("/tmp: a folder", "must be a file", "remedy: ")),
-    ],
-)
+@pytest.mark.parametrize(("url", "kind", "says"), [
+    ("study.db", InputError, ("--storage", "must be the URL", "sqlite:///study.db")),
+    ("nodatabase://x", InputError, ("usable URL", "nodatabase")),
+    ("postgresql+nodriver://x/y", InputError, ("usable URL", "nodriver")),
+    ("sqlite:////proc/no/study.db", InputError, ("/proc/no", "writable")),
+    ("sqlite:///:memory:", InputError, ("--storage: received sqlite:///:memory:", "gone with its process", "sqlite:///study.db")),
+    ("sqlite://", InputError, ("--storage: received sqlite://", "gone with its process")),
+    ("sqlite:///file:x?mode=memory&uri=true", InputError, ("--storage: received sqlite:///file:x?", "gone with its process")),
+    ("sqlite:///file::memory:?cache=shared&uri=true", InputError, ("--storage: received sqlite:///file:", "gone with its process")),
+    ("sqlite:///file:/x?vfs=memdb&uri=true", InputError, ("--storage: received sqlite:///file:", "gone with its process")),
+    ("", InputError, ("--storage: received nothing", "must be the URL", "sqlite:///study.db")),
+    (":memory:", InputError, ("--storage: received :memory:", "must be the URL", "sqlite:///study.db")),
+    ("postgresql://me:se@cret@host/db", InputError, ("--storage: received postgresql://me:***@host/db", "write %40 for @")),
+    ("postgresql://me:se/c@host/db?x=1", InputError, ("received postgresql://me:***@host/db", "%2F for /")),
+    ("host=here user=me password=cret", InputError, ("a text without ://", "postgresql://USER@HOST/DATABASE")),
+    ("sqlite:////tmp", InputError, ("/tmp: a folder", "must be a file", "remedy: ")),
+])  # fmt: skip
 def test_unusable_storage_is_said_before_any_trial(url: str, kind: type[Exception], says: tuple[str, ...], tmp_path: Path) -> None:
     with pytest.raises(kind) as caught:
         run(tmp_path, storage=url)

@@ -69,17 +69,13 @@ def test_the_best_designs_result_is_kept(tmp_path: Path) -> None:
     assert rms_distance(solve(scene), study.target) == report.best["rms_m"]  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("error", "reason"),
-    [
-        (SolveError("no equilibrium at 60 % of the load"), "no equilibrium at 60 % of the load"),
-        (FloatingPointError("overflow encountered in exp"), "FloatingPointError: overflow encountered in exp"),
-        (np.linalg.LinAlgError("Singular matrix"), "LinAlgError: Singular matrix"),
-        (ValueError("shapes differ"), "ValueError: shapes differ"),
-        (MemoryError(), "MemoryError: "),
-    ],
-    ids=lambda value: type(value).__name__,
-)
+@pytest.mark.parametrize(("error", "reason"), [
+    (SolveError("no equilibrium at 60 % of the load"), "no equilibrium at 60 % of the load"),
+    (FloatingPointError("overflow encountered in exp"), "FloatingPointError: overflow encountered in exp"),
+    (np.linalg.LinAlgError("Singular matrix"), "LinAlgError: Singular matrix"),
+    (ValueError("shapes differ"), "ValueError: shapes differ"),
+    (MemoryError(), "MemoryError: "),
+], ids=lambda value: type(value).__name__)  # fmt: skip
 def test_a_failed_solve_costs_a_trial_and_not_the_study(error: Exception, reason: str, tmp_path: Path) -> None:
     calls: list[Scene] = []
 

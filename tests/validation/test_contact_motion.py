@@ -27,15 +27,12 @@ def sloped(angle: float, friction: float = FRICTION, size: Sequence[float] = SIZ
     return build(moving_scene(block(size), {"gravity": pull, "ground": {"point": [0, 0, 0], "friction": friction}, **more}, cells=cells))
 
 
-@pytest.mark.parametrize(
-    ("size", "friction", "duration", "cells", "share"),
-    [
-        ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 2, 0.95),
-        pytest.param((6e-3, 6e-3, 3e-3), 0.3, 0.2, 3, 0.95, marks=pytest.mark.slow),
-        pytest.param((8e-3, 5e-3, 4e-3), 0.45, 0.3, 3, 0.95, marks=pytest.mark.slow),
-        pytest.param((6e-3, 6e-3, 3e-3), 0.8, 0.2, 3, 0.8, marks=pytest.mark.slow),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("size", "friction", "duration", "cells", "share"), [
+    ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 2, 0.95),
+    pytest.param((6e-3, 6e-3, 3e-3), 0.3, 0.2, 3, 0.95, marks=pytest.mark.slow),
+    pytest.param((8e-3, 5e-3, 4e-3), 0.45, 0.3, 3, 0.95, marks=pytest.mark.slow),
+    pytest.param((6e-3, 6e-3, 3e-3), 0.8, 0.2, 3, 0.8, marks=pytest.mark.slow),
+])  # fmt: skip
 def test_an_undamped_block_sticks_on_a_slope(size, friction, duration, cells, share) -> None:
     """Weight that acts at once, tan at 0.8 or 0.95 of friction: within 0.02 cell. On a spring as stiff as a cell it slides by millimeters.
     """
@@ -92,8 +89,7 @@ def test_a_block_slides_down_a_slope() -> None:
 def test_a_block_sticks_on_a_gentle_slope() -> None:
     """Inside the friction cone, tan = 0.25 < mu, it settles within 2 um, and then does not creep.
 
-    Friction that at most stops a particle within a step creeps by (M / m) g sin dt, 10 um in these 0.03 s.
-    """
+    Friction that at most stops a particle within a step creeps by (M / m) g sin dt, 10 um in these 0.03 s."""
     model = sloped(np.arctan(0.25))
     early, late = (mean(model, moment.x - model.particles.position)[0] for moment in follow(model, [0.03, 0.06]))
     assert 0 < early < 3e-6
@@ -104,8 +100,7 @@ def test_a_stuck_block_does_not_depend_on_the_time_step() -> None:
     """A thousand times heavier, with damping, it moves by 0.56 mm, more than it leans with friction 10: it slips while the weight acts at
     once. Half the step changes that by less than 2 %; two and three cells are within 10 % of five.
 
-    Friction that at most stops a particle within a step lets it creep by 3.7 mm, and by 2.1 mm at half the step.
-    """
+    Friction that at most stops a particle within a step lets it creep by 3.7 mm, and by 2.1 mm at half the step."""
 
     def moved(friction: float, halves: int, cells: int = 2) -> float:
         model = sloped(np.arctan(0.25), friction, g=1000 * EARTH, cells=cells, damping={"rate": 1000.0})
@@ -211,8 +206,7 @@ def test_feed_pushes_by_speed_times_time_and_keeps_the_guide_straight() -> None:
 def test_the_guide_ends_within_half_a_cell_of_its_exit() -> None:
     """A catheter that hangs from a guide at rest bends under its weight like a cantilever of the free length: w L^4 / 8 E I.
 
-    Averaged over three positions of the exit in a cell, the length is correct to a fifth of a cell (it was half a cell too long).
-    """
+    Averaged over three positions of the exit in a cell, the length is correct to a fifth of a cell (it was half a cell too long)."""
     whole_length, cell, off = CATHETER["catheter"]["length"], 1e-3, []
     clamped = moving_scene(CATHETER, {"gravity": {}}, solver={"static": {}})
     places = build(clamped).particles.position

@@ -106,8 +106,7 @@ def test_error_falls(problem: Problem) -> None:
 @every_problem
 def test_order(problem: Problem) -> None:
     """From 4 to 8 cells at order 1.5 (required), down to 0.03 % of L at 8. The order can only be measured if the error at 4 cells
-    is at least twice the stated error of the finite elements.
-    """
+    is at least twice the stated error of the finite elements."""
     cells = [4, 5, 6, 8]
     found = errors(problem, cells)
     assert found[-1] < 0.03e-2 + problem.error
@@ -128,8 +127,7 @@ def test_order_is_measured_somewhere() -> None:
 def test_extrapolates_to_the_finite_elements(problem: Problem) -> None:
     """Richardson extrapolation u + c h^p from 4, 6 and 8 cells gives the finite-element solution, to 0.02 % of L.
 
-    This is self-convergence with a fitted order p of at least 1.3: the result is tuned neither to a grid nor to the reference.
-    """
+    This is self-convergence with a fitted order p of at least 1.3: the result is tuned neither to a grid nor to the reference."""
     cells = np.array([4.0, 6.0, 8.0])
     s = problem.centreline[:, 0]
     axis = [centreline_at(run(problem.scene(int(n))), s) for n in cells]
@@ -147,8 +145,7 @@ def test_extrapolates_to_the_finite_elements(problem: Problem) -> None:
 def test_f_bar_wins_when_nearly_incompressible(ratio: float, load: float) -> None:
     """Against the elastica at L/D = 40: F-bar within 0.25 %, the same at K = 20 G and 500 G; without it locking grows with K.
 
-    The body itself is 0.1 to 0.2 % stiffer than the elastica (its clamp). Locking adds to that: it is never closer.
-    """
+    The body itself is 0.1 to 0.2 % stiffer than the elastica (its clamp). Locking adds to that: it is never closer."""
     length, diameter = 40e-3, 1e-3
     exact = elastica(load, np.pi / 2)
     field = field_for_load(load, np.pi / 2, length=length, diameter=diameter, bulk_to_shear=ratio)

@@ -28,8 +28,7 @@ def in_field(scene: Scene, field: dict[str, Any], named: dict[str, Any]) -> Scen
 def test_a_gradient_pulls_and_turns_a_free_body() -> None:
     """Momentum grows by the integral of f = (1/mu0) (grad B)^T F Br, angular momentum by that of x cross f plus (1/mu0) F Br cross B,
     summed step by step: to 1e-6 of their magnitude. The first step gives the center the acceleration (1/mu0) mean of (grad B)^T Br over
-    rho.
-    """
+    rho."""
     scene = in_field(free_rod(**BODY), {"uniform": (0, 2e-3, 0), "dipole": SPHERE}, BOTH)
     motion, dt = set_off(scene, np.zeros_like)
     model, source = motion.model, scene.outside_field()
@@ -53,8 +52,7 @@ def test_a_gradient_pulls_and_turns_a_free_body() -> None:
 
 def test_segments_that_pull_each_other_move_no_centre() -> None:
     """Loads computed every 64 steps: momentum stays 0 to rounding of what the segments exchange; the angular momentum from the lag of the
-    loads is below a thousandth of that.
-    """
+    loads is below a thousandth of that."""
     scene = free_rod({"magnetic_interaction": {}}, **BODY)
     motion, dt = set_off(scene, np.zeros_like)
     model = motion.model

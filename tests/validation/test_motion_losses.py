@@ -80,8 +80,7 @@ def test_a_falling_body_tells_the_velocity_that_it_has() -> None:
 
 def test_damped_motion_is_of_second_order() -> None:
     """A short rod under a field that is switched on, damped strongly: half the step, a quarter of the error, and little of it at
-    0.75 of the usual step. Forces that push before the decay, or after it, make it first order: half the error, 2 % of the way.
-    """
+    0.75 of the usual step. Forces that push before the decay, or after it, make it first order: half the error, 2 % of the way."""
     scene = moving(rod_scene(length=4e-3, diameter=2e-3, field=(0.0, 0.0, 20e-3)), {"damping": {"rate": 3000.0}})
     model = build(scene)
     far = model.particles.cell[:, 0] == model.particles.cell[:, 0].max()
@@ -99,8 +98,7 @@ def test_damped_motion_is_of_second_order() -> None:
 
 def test_where_the_step_changes_velocities_are_damped_for_the_time_they_are_shifted() -> None:
     """A free rod falls under its weight, strongly damped, by steps that grow fourfold and shrink again: as told and as theory says. Shifted
-    by forces alone, its velocities would be off by rate times the shift, 4.5 %, after each change.
-    """
+    by forces alone, its velocities would be off by rate times the shift, 4.5 %, after each change."""
     rate, fine, coarse = 3000.0, 1e-5, 4e-5
     scene = moving(free_rod(length=8e-3), {"gravity": {}, "damping": {"rate": rate}})
     model = build(scene)
@@ -115,8 +113,7 @@ def test_where_the_step_changes_velocities_are_damped_for_the_time_they_are_shif
 
 def decay(effects: dict[str, Any]) -> tuple[float, float]:
     """Decay rate and angular frequency (1/s) of the oscillation of a cantilever by 1 % of its length: least-squares fit of
-    e^(-a t) (A cos w t + B sin w t) to the height of the tip over two periods.
-    """
+    e^(-a t) (A cos w t + B sin w t) to the height of the tip over two periods."""
     model = filled(build(moving(rod_scene(length=LENGTH), effects)))
     motion = begin(model).motion
     height, frequency = tip_height(model), timoshenko(LENGTH, 2e-3, E, G, DENSITY)
@@ -135,8 +132,7 @@ def decay(effects: dict[str, Any]) -> tuple[float, float]:
 
 def test_a_swing_dies_away_as_theory_has_it() -> None:
     """With damping a = rate / 2. With viscosity a fiber of strain e, and -nu e across, has the stress 2 eta (1 + 2 nu^2) de/dt in addition
-    to E e, so a = w^2 2 eta (1 + 2 nu^2) / (2 E), up to the share of shear in the bending of such a short rod.
-    """
+    to E e, so a = w^2 2 eta (1 + 2 nu^2) / (2 E), up to the share of shear in the bending of such a short rod."""
     none, w = decay({})
     assert abs(none) < 1e-3 * w
     rate, eta = 0.1 * w, 0.1 * E / (3 * w)  # each a twentieth of critical damping

@@ -43,8 +43,7 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_rod_and_solve_agree(name: str) -> None:
     """Two models with two methods for the field: the tips agree within 0.7 % of the length at 2 cells across (0.2 to 1 % in uniform
-    fields). The solve starts near enough to end in a few Newton steps, the last of which converge quadratically.
-    """
+    fields). The solve starts near enough to end in a few Newton steps, the last of which converge quadratically."""
     scene, decrements = pulled(CASES[name]), []
     found = run(scene, on_progress=lambda step, decrement: decrements.append(decrement))
     rod = solve_rod(scene)
@@ -68,8 +67,7 @@ def test_a_measured_map_gives_the_magnets_answer() -> None:
 
 def test_a_magnet_as_table_cloud_and_dipole() -> None:
     """The same magnet as a table; as a cloud of dipoles, which is used if it rotates (here by a full turn); and, from twice the distance,
-    as one dipole.
-    """
+    as one dipole."""
     table = run(pulled({"magnet": MAGNET}))
     field = {"magnet": MAGNET}
     once = {"rotation": {"axis": (0, 0, 1), "frequency": 1.0, "turns": 1.0, "center": MAGNET["position"]}}

@@ -27,10 +27,9 @@ def tip_over_length(scene: Scene, field: float) -> tuple[float, float]:
     return float(tip[2]), float(tip[0] - 1)
 
 
-@pytest.mark.parametrize(
-    ("name", "key"),
-    [("zhao_plane_strain", "plane_strain"), pytest.param("zhao_width_5mm", "width_5mm", marks=pytest.mark.slow)],
-)
+@pytest.mark.parametrize(("name", "key"), [
+    ("zhao_plane_strain", "plane_strain"), pytest.param("zhao_width_5mm", "width_5mm", marks=pytest.mark.slow),
+])  # fmt: skip
 def test_the_tip_is_where_finite_elements_have_it(name: str, key: str) -> None:
     """From 7 to 40 mT, on the branch toward +z, for the scene as it is: within 0.3 % of L across the beam, 0.8 % along it."""
     scene = load_scene(DATA / f"scenes/{name}.yaml")
