@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from effect_cost import measured
+from motion_rates import measured
 
 from magmpm.errors import MagmpmError
 from magmpm.fields.dipole import MU0

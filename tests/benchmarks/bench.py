@@ -19,10 +19,10 @@ import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import effect_cost
 import machine
 import motion_rates
 import numpy as np
@@ -91,7 +91,8 @@ def estimate_percent() -> dict[str, float]:
     """Time of the error's proof over that of the plain solve on the chosen cells."""
     found = {}
     for error in ERRORS:
-        plain = timed(asked(cells_across=run(asked(error=error)).resolution["cells_across"]))
+        resolution: Any = run(asked(error=error)).resolution
+        plain = timed(asked(cells_across=resolution["cells_across"]))
         found[f"{100 * error:g} %"] = 100.0 * (timed(asked(error=error)) - plain) / plain
     return found
 
@@ -114,7 +115,8 @@ def kept_seconds() -> dict[str, float]:
     for kind, scene_of in kinds.items():
         for limit in SECONDS:
             scene = scene_of(limit)
-            found[f"{kind}, {scene.resolution.seconds:g} s"] = median_seconds(lambda scene=scene: run(scene), 1) / scene.resolution.seconds
+            seconds: Any = scene.resolution.seconds
+            found[f"{kind}, {seconds:g} s"] = median_seconds(partial(run, scene), 1) / seconds
     return found
 
 
@@ -164,7 +166,7 @@ def stability_over_solve_percent() -> float:
         found = solve_static(static_model(build(scene)))
         whole = time.perf_counter() - begun
         with one_blas_thread():
-            alone = machine.seconds(lambda found=found: stability(found.energy, found.point))
+            alone = machine.seconds(partial(stability, found.energy, found.point))
         times.append([alone, whole - alone])
     alone, rest = np.median(times, axis=0)
     return float(100 * alone / rest)
@@ -219,7 +221,7 @@ def shorten() -> None:
     global TRIALS, REPEATS
     TRIALS, REPEATS = 2, 1
     motion_rates.SECONDS, motion_rates.REPEATS, motion_rates.PAIRS, motion_rates.SETTLING = 0.02, 1, 1, 20
-    effect_cost.REPEATS = 2
+    motion_rates.PAIRED = 2
 
 
 def main(names: list[str], out: Path = ROOT / "runs/bench") -> int:

@@ -173,7 +173,7 @@ def asked() -> Figures:
     """The five-segment catheter, asked for errors in % of L: cells across, and what it is told to be right to, % of L."""
     scene, found = load_scene(ROOT / ACCURACY_SCENE), {}
     for percent in (1.0, 0.1, 0.02):
-        result = run(Scene.from_si({**scene.to_si(), "resolution": {"error": percent / 100}}))
+        result: Any = run(Scene.from_si({**scene.to_si(), "resolution": {"error": percent / 100}}))
         found[f"cells {percent:g}"] = float(result.resolution["cells_across"])
         found[f"told {percent:g}"] = 100 * result.error_estimate / scene.length
     return found
@@ -238,7 +238,7 @@ def mapped() -> Figures:
 
 def begins() -> Figures:
     """Seconds until the slowest command could begin its work."""
-    startup = importlib.import_module("startup")
+    startup: Any = importlib.import_module("startup")
     startup.REPEATS = 2  # a minute in place of two and a half
     startup.main()
     rows = json.loads((ROOT / "runs/bench/startup.json").read_text(encoding="utf-8"))

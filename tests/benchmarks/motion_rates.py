@@ -9,13 +9,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from effect_cost import measured
+import numba
+import numpy as np
 
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.kernels.watch import unlimited
 from magmpm.model import Model, build
 from magmpm.scene import Scene, load_scene
+from magmpm.studies.explore.effects_costs import _records, counted
 
 SCENE = Path(__file__).resolve().parents[2] / "data/scenes/five_segments.yaml"
 SECONDS, REPEATS, PAIRS = 0.25, 9, 5  # steps of one measurement; number of measurements, and of pairs of them
@@ -107,8 +109,6 @@ def effect_costs() -> dict[str, float]:
 
     Contact is also measured for a body that touches: with the ground through the body, so that a quarter of its particles is in contact,
     and in a tube narrower than the body, so that its whole surface is in contact."""
-    from magmpm.studies.explore.effects_costs import counted
-
     lying = scene()
     found = {key: measured(lying, key) for key in counted(lying)}
     radius = lying.thickness / 2
@@ -133,3 +133,27 @@ def touching_share(touches: Scene, effect: str) -> float:
     named, model = touches.effects.named()[effect].records(touches), build(touches.with_effects(**{effect: None}))
     x = touches.body.shape.surface(model.grid, base=not model.clamped_face).position
     return float(contact_of(named, at_rest(x), 1e-6)["count"]) / len(x)
+
+
+# Time that an effect adds to a step, by short runs in pairs on one thread: a busy machine disturbs them little.
+PAIRED, PART, STILL = 60, 0.004, 1e-12  # pairs of short runs; s, each; s, a step in which nothing moves
+
+
+def measured(scene: Scene, key: str, model: Model | None = None) -> float:
+    """Percent of a bare step, at the scene's settings of the effect or else at its key's example. Raises MagmpmError where it can't act.
+
+    model: of the scene, or of one with the same body."""
+    model, records = model or build(scene), _records(scene, key)
+    motion, bare = TotalMotion(replace(model, effects=records)), TotalMotion(replace(model, effects=()))
+    numba.set_num_threads(1)
+    motion.advance(1, STILL, records)
+    bare.advance(1, STILL, ())
+    steps = int(np.clip(PART / _short(bare, 1, ()), 2, 1000))
+    pairs = [_short(motion, steps, records) / _short(bare, steps, ()) for _ in range(PAIRED)]
+    return 100 * (float(np.median(pairs)) - 1)
+
+
+def _short(motion: TotalMotion, steps: int, records: Any) -> float:
+    begun = time.thread_time()
+    motion.advance(steps, STILL, records)
+    return time.thread_time() - begun

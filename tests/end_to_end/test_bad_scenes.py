@@ -1,8 +1,6 @@
 """Every broken scene file is refused with one message: file and line, key, value received, rule, remedy."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import bad_studies
 import pytest
@@ -28,7 +26,7 @@ def test_the_good_scene_is_good(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name.replace(" ", "-"))
-def test_what_is_wrong_is_said_by_loader_and_command(case: BadScene, tmp_path: Path, told: Callable[..., Any]) -> None:
+def test_what_is_wrong_is_said_by_loader_and_command(case: BadScene, tmp_path: Path, told) -> None:
     path = write(case, tmp_path)
     with pytest.raises(InputError) as caught:
         load_scene(path)
@@ -83,7 +81,7 @@ def test_the_good_study_is_good(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("case", bad_studies.CASES, ids=lambda case: case.name.replace(" ", "-"))
-def test_what_is_wrong_in_a_study_is_said_by_loader_and_command(case: BadStudy, tmp_path: Path, told: Callable[..., Any]) -> None:
+def test_what_is_wrong_in_a_study_is_said_by_loader_and_command(case: BadStudy, tmp_path: Path, told) -> None:
     path, out = bad_studies.write(case, tmp_path), tmp_path / "out"
     with pytest.raises(InputError) as caught:
         load_study(path)
@@ -98,7 +96,7 @@ def test_what_is_wrong_in_a_study_is_said_by_loader_and_command(case: BadStudy, 
 
 
 @pytest.mark.parametrize("name", ["..yaml", "...yaml", "a\tb.yaml"])
-def test_a_study_is_named_as_a_folder_can_be(name: str, tmp_path: Path, told: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_study_is_named_as_a_folder_can_be(name: str, tmp_path: Path, told, monkeypatch: pytest.MonkeyPatch) -> None:
     """`..yaml` would write its results into runs/ itself, `...yaml` beside it."""
     monkeypatch.chdir(tmp_path)
     write_good(tmp_path).rename(tmp_path / name)
@@ -116,6 +114,6 @@ def test_a_study_is_named_as_a_folder_can_be(name: str, tmp_path: Path, told: Ca
     (["--storage", "study.db"], ("--storage", "study.db", "sqlite:///study.db")),
     (["--storage", "nodatabase://here"], ("--storage", "nodatabase", "usable URL")),
 ], ids=lambda value: "-".join(value) if isinstance(value, list) else None)  # fmt: skip
-def test_bad_options_end_with_status_2(arguments: list[str], says: tuple[str, ...], tmp_path: Path, told: Callable[..., Any]) -> None:
+def test_bad_options_end_with_status_2(arguments: list[str], says: tuple[str, ...], tmp_path: Path, told) -> None:
     out = ["--out", tmp_path / "out", "--no-pictures"]
     assert told("design", write_good(tmp_path), *out, *arguments, status=2, says=says).out == ""

@@ -4,9 +4,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +14,6 @@ from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import load_scene
 
-Told = Callable[..., Any]
 SCENE = scene_text(segments="{magnetization: [1, 0, 0]}, {magnetization: [0, 1, 0]}")
 STUDY = """\
 scene: scene.yaml
@@ -42,7 +39,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_run_prints_one_json_object_as_the_contract_says(folder: Path, told: Told) -> None:
+def test_run_prints_one_json_object_as_the_contract_says(folder: Path, told) -> None:
     """`run --json`: every key of the contract, SI, and no other standard output."""
     out = json.loads(told("run", "scene.yaml", "--json").out)
     assert set(out) >= CONTRACT
@@ -56,7 +53,7 @@ def test_run_prints_one_json_object_as_the_contract_says(folder: Path, told: Tol
     assert Result.load("runs/small").tip.tolist() == out["tip"]
 
 
-def test_run_for_people_names_the_folder_and_the_section_error(folder: Path, told: Told) -> None:
+def test_run_for_people_names_the_folder_and_the_section_error(folder: Path, told) -> None:
     """The printed report gives the folder of the result and the errors of the section."""
     text = told("run", "scene.yaml", "--out", "here", "--render").out
     assert "saved in        here" in text
@@ -64,7 +61,7 @@ def test_run_for_people_names_the_folder_and_the_section_error(folder: Path, tol
     assert (folder / "here/picture.png").stat().st_size > 5_000  # a blank page is smaller
 
 
-def test_design_resumes_and_draws(folder: Path, told: Told) -> None:
+def test_design_resumes_and_draws(folder: Path, told) -> None:
     """The first command runs the trials; the second finds them finished; further trials continue from there. Pictures name the study."""
     first = json.loads(told("design", "study.yaml", "--json").out)
     assert set(first) >= {"trials", "best", "first_trial_below_stop", "seconds_per_trial", "storage"}
@@ -81,7 +78,7 @@ def test_design_resumes_and_draws(folder: Path, told: Told) -> None:
     assert more["trials"] == 4
 
 
-def test_design_says_the_field_it_found_and_its_best_scene_runs(folder: Path, told: Told) -> None:
+def test_design_says_the_field_it_found_and_its_best_scene_runs(folder: Path, told) -> None:
     """Text and JSON contain the field; `best/scene.yaml` reproduces the result; at `stop` the message says so, and how to continue."""
     study = STUDY.replace("{magnetization: {}}", "{magnetization: {}, field: {max: 10 mT}}").replace("0.001 mm", "1 m")
     (folder / "study.yaml").write_text(study)
@@ -97,7 +94,7 @@ def test_design_says_the_field_it_found_and_its_best_scene_runs(folder: Path, to
     assert tip == pytest.approx(kept.tolist(), abs=1e-9)  # a solve ends at 1e-11 of the energy
 
 
-def test_render_draws_a_saved_study_and_a_saved_run(folder: Path, told: Told) -> None:
+def test_render_draws_a_saved_study_and_a_saved_run(folder: Path, told) -> None:
     """`render` needs only the folder."""
     told("run", "scene.yaml")
     assert [Path(file).name for file in json.loads(told("render", "runs/small", "--json").out)["files"]] == ["picture.png"]
@@ -111,7 +108,7 @@ def test_render_draws_a_saved_study_and_a_saved_run(folder: Path, told: Told) ->
     assert {path.name for path in (folder / "paper").glob("*.pdf")} == {"best.pdf", "convergence.pdf"}
 
 
-def test_accuracy_leaves_table_and_picture(folder: Path, told: Told) -> None:
+def test_accuracy_leaves_table_and_picture(folder: Path, told) -> None:
     """Table, CSV, JSON, picture; errors fall with the cell size."""
     out = json.loads(told("accuracy", "scene.yaml", "--cells", "2,3,4", "--json").out)
     errors = [rung["error_finest"] for rung in out["rungs"]]
@@ -133,12 +130,12 @@ def test_accuracy_leaves_table_and_picture(folder: Path, told: Told) -> None:
     (["run", "scene.yaml", "--out", "target.csv"], ["--out", "target.csv"]),
     (["accuracy", "scene.yaml", "--out", "target.csv/x"], ["--out", "target.csv/x"]),
 ])  # fmt: skip
-def test_wrong_arguments_end_with_status_2(folder: Path, told: Told, arguments: list[str], words: list[str]) -> None:
+def test_wrong_arguments_end_with_status_2(folder: Path, told, arguments: list[str], words: list[str]) -> None:
     """Errors of a command line are reported in terms of that command line."""
     assert "Traceback" not in told(*arguments, status=2, says=tuple(words)).err
 
 
-def test_a_run_that_bears_no_load_keeps_the_unloaded_body(folder: Path, told: Told) -> None:
+def test_a_run_that_bears_no_load_keeps_the_unloaded_body(folder: Path, told) -> None:
     """A ramp whose first step fails: the last good state is the undeformed body, marked as not converged."""
     (folder / "scene.yaml").write_text(SCENE + "solver: {static: {max_steps: 1}}\n")
     remedy = "; to try: solver.static: {field_steps: 40, max_steps: 150}"
@@ -156,7 +153,7 @@ def test_a_process_of_its_own(folder: Path) -> None:
         assert word in done.stdout
 
 
-def test_style_chooses_how_a_body_at_rest_is_drawn(folder: Path, told: Told) -> None:
+def test_style_chooses_how_a_body_at_rest_is_drawn(folder: Path, told) -> None:
     """A surface by default, or particles; for a motion the option is refused before the run."""
     from PIL import Image
 

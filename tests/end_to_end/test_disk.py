@@ -4,7 +4,6 @@ import errno
 import json
 import os
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,8 +19,6 @@ from magmpm.results import measures
 from magmpm.results.result import Result
 from magmpm.scene import load_scene
 from magmpm.simulate import run
-
-Told = Callable[..., Any]
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +49,7 @@ def test_a_damaged_result_is_refused_by_its_file(name, damage, result, tmp_path,
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
-def test_a_full_disk_names_file_and_remedy(number: int, result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
+def test_a_full_disk_names_file_and_remedy(number: int, result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told) -> None:
     """Status 1, because the input is not wrong; earlier files are kept, and no partial file remains."""
     folder = tmp_path / "out"
     shutil.copytree(result, folder)
@@ -90,7 +87,7 @@ def test_a_read_only_folder_is_refused(command, result, tmp_path, monkeypatch, t
         told(*command, "--out", "out", status=2, says="out\n  rule: the folder must be writable")
 
 
-def test_an_unknown_renderer_is_refused_before_the_run(result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
+def test_an_unknown_renderer_is_refused_before_the_run(result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told) -> None:
     monkeypatch.setenv("MAGMPM_RENDER", "crayons")
     says = "MAGMPM_RENDER: received crayons\n  rule: must be one of pyvista, matplotlib\n  remedy: "
     for command in (["run", result.parent / "scene.yaml", "--render", "--out", tmp_path / "new"], ["render", result]):

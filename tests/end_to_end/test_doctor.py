@@ -7,7 +7,6 @@ import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from reference.commands import started
@@ -108,7 +107,7 @@ def scene(tmp_path: Path) -> Path:
     return tmp_path / "scene.yaml"
 
 
-def test_a_damaged_cache_is_compiled_anew(scene: Path, tmp_path: Path, told: Callable[..., Any]) -> None:
+def test_a_damaged_cache_is_compiled_anew(scene: Path, tmp_path: Path, told) -> None:
     """Index (.nbi) and data (.nbc) of several kernels, with several kinds of damage, in a copy of the cache."""
     good = json.loads(told("run", scene, "--json", "--out", tmp_path / "good").out)
     cache = tmp_path / "cache"

@@ -4,9 +4,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from reference.commands import started, wait_for
@@ -25,7 +23,7 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lock, "PATIENCE", 0.1)
 
 
-def test_two_motions_into_one_folder(tmp_path: Path, told: Callable[..., Any]) -> None:
+def test_two_motions_into_one_folder(tmp_path: Path, told) -> None:
     """The second ends at once with status 2 and the number of the first process; the first continues, and all files are its own."""
     path, out = scene(tmp_path, "duration: 100 s, output_every: 1 ms"), tmp_path / "out"
     with started("run", path, "--out", out) as first:

@@ -3,7 +3,6 @@
 import errno
 import json
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from magmpm.model import build
 from magmpm.scene import load_scene
 from magmpm.scene.magnetic_mpm_import import import_robot
 
-Told = Callable[..., Any]
 REAL = Path(__file__).parents[2].parent / "shared" / "robots"
 MESHES = {"base.STL": box((0, 0, 10), (2, 2, 12)), "robot - arm.STL": box((0, 0, 5), (2, 2, 10)), "tip.STL": box((0, 0, 0), (2, 2, 5))}
 
@@ -40,7 +38,7 @@ def robot_file(folder: Path, meshes: dict[str, Mesh] | None = None, **changes: A
     return path
 
 
-def test_a_robot_becomes_a_scene_that_runs(tmp_path: Path, told: Told) -> None:
+def test_a_robot_becomes_a_scene_that_runs(tmp_path: Path, told) -> None:
     scene_file = tmp_path / "scenes" / "tiny.yaml"
     found = json.loads(told("import", robot_file(tmp_path / "robot"), "-o", scene_file, "--json").out)
     assert (found["name"], found["parts"], found["held"], found["warnings"]) == ("Tiny", 3, 1, [])
@@ -59,7 +57,7 @@ def test_a_robot_becomes_a_scene_that_runs(tmp_path: Path, told: Told) -> None:
     assert 2e-6 < 2.5e-3 - result["tip"][2] < 12e-6
 
 
-def test_an_edited_scene_is_not_imported_over(tmp_path: Path, told: Told) -> None:
+def test_an_edited_scene_is_not_imported_over(tmp_path: Path, told) -> None:
     """A second import with the same file is accepted; one that would change it needs --overwrite."""
     scene_file = tmp_path / "tiny.yaml"
     command = ["import", robot_file(tmp_path / "robot"), "-o", scene_file]
@@ -76,7 +74,7 @@ def test_an_edited_scene_is_not_imported_over(tmp_path: Path, told: Told) -> Non
     assert scene_file.read_text() == made
 
 
-def test_import_into_what_cant_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
+def test_import_into_what_cant_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told) -> None:
     """A read-only disk, where even deleting a missing file fails; a folder instead of the file."""
     robot = robot_file(tmp_path / "robot")
 
@@ -159,7 +157,7 @@ BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_what_would_make_a_wrong_robot_is_refused(name: str, tmp_path: Path, told: Told) -> None:
+def test_what_would_make_a_wrong_robot_is_refused(name: str, tmp_path: Path, told) -> None:
     """Exit 2, a message with file, key, value, rule and remedy, and no scene written."""
     changes, says = BAD[name]
     path = robot_file(tmp_path, **changes)

@@ -6,7 +6,6 @@ import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,10 +23,8 @@ from magmpm.results.trajectory import Motion
 from magmpm.scene import load_scene
 from magmpm.scene.memory import within
 
-Told = Callable[..., Any]
 
-
-def test_killed_and_resumed_is_the_same_motion(tmp_path: Path, told: Told) -> None:
+def test_killed_and_resumed_is_the_same_motion(tmp_path: Path, told) -> None:
     """SIGKILL at some frame, then --resume: result and checkpoint equal those of an uninterrupted run bit for bit, and no frame is missing.
     """
     path = scene(tmp_path, "duration: 40 ms, output_every: 1 ms")
@@ -82,7 +79,7 @@ def test_a_checkpoint_that_the_disk_does_not_take_is_warned_of(tmp_path: Path) -
     assert len(Motion.load(tmp_path)) == 3
 
 
-def test_resuming_another_scene_is_refused(tmp_path: Path, told: Told) -> None:
+def test_resuming_another_scene_is_refused(tmp_path: Path, told) -> None:
     out, path = tmp_path / "out", scene(tmp_path, "duration: 1 ms, output_every: 1 ms")
     told("run", path, "--out", out)
     path.write_text(path.read_text(encoding="utf-8").replace("20 mT", "19 mT"), encoding="utf-8")
@@ -91,7 +88,7 @@ def test_resuming_another_scene_is_refused(tmp_path: Path, told: Told) -> None:
 
 
 @pytest.mark.parametrize(("short", "long"), [("2 ms, output_every: 1 ms", "4 ms, output_every: 1 ms"), ("0.5 ms", "0.6 ms")])
-def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path, told: Told) -> None:
+def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path, told) -> None:
     """It continues from its end, with the same frame interval, and equals a motion of that length."""
     out, whole = tmp_path / "out", tmp_path / "whole"
     frames = long if "every" in long else f"{long}, output_every: 5 us"  # a hundredth of the short one
@@ -112,7 +109,7 @@ def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path, told: Tol
     ("2.5 ms, output_every: 1 ms", "4 ms, output_every: 1 ms", "it ended between two"),
     ("2 ms, output_every: 1 ms", "4 ms, output_every: 2 ms", "its duration alone may be longer, and its budgets"),
 ])  # fmt: skip
-def test_what_can_t_be_lengthened_is_refused(short: str, long: str, rule: str, tmp_path: Path, told: Told) -> None:
+def test_what_can_t_be_lengthened_is_refused(short: str, long: str, rule: str, tmp_path: Path, told) -> None:
     out = tmp_path / "out"
     told("run", scene(tmp_path, f"duration: {short}"), "--out", out)
     before = Result.load(out)
@@ -120,7 +117,7 @@ def test_what_can_t_be_lengthened_is_refused(short: str, long: str, rule: str, t
     assert Result.load(out).time == before.time
 
 
-def test_a_motion_goes_on_with_a_larger_budget(tmp_path: Path, told: Told) -> None:
+def test_a_motion_goes_on_with_a_larger_budget(tmp_path: Path, told) -> None:
     out, length = tmp_path / "out", "duration: 4 ms, output_every: 0.1 ms"
     told("run", scene(tmp_path, f"{length}, max_disk: 600 kB"), "--out", out, status=3, says="raise max_disk")
     kept, frames = Result.load(out), Motion.load(out)
@@ -136,7 +133,7 @@ def test_a_motion_goes_on_with_a_larger_budget(tmp_path: Path, told: Told) -> No
     (lambda out, _: (out / ENERGIES).write_bytes((out / ENERGIES).read_bytes()[:150]), ENERGIES),
     (lambda out, _: (out / ENERGIES).unlink(), ENERGIES), (lambda out, _: (out / ENERGIES).write_text("null\nnull\n"), ENERGIES),
 ], ids=["frames", "rows cut", "no rows", "garbage"])  # fmt: skip
-def test_a_motion_with_holes_is_not_resumed(damage: Callable[[Path, Path], None], name: str, tmp_path: Path, told: Told) -> None:
+def test_a_motion_with_holes_is_not_resumed(damage: Callable[[Path, Path], None], name: str, tmp_path: Path, told) -> None:
     """Frames or rows before the checkpoint are missing, so the continuation would not fit. Tables with missing rows are not drawn either.
     """
     out, earlier = tmp_path / "out", tmp_path / "earlier"
@@ -172,7 +169,7 @@ def _without_state(path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [cut_short, emptied, byte_changed, _of_another_version, _no_archive, _without_state])
-def test_a_damaged_checkpoint_is_refused(damage: Callable[[Path], None], tmp_path: Path, told: Told) -> None:
+def test_a_damaged_checkpoint_is_refused(damage: Callable[[Path], None], tmp_path: Path, told) -> None:
     """With file and remedy; never a traceback."""
     path, out = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms"), tmp_path / "out"
     told("run", path, "--out", out)
@@ -180,7 +177,7 @@ def test_a_damaged_checkpoint_is_refused(damage: Callable[[Path], None], tmp_pat
     told("run", path, "--out", out, "--resume", status=2, says=(str(out / CHECKPOINT), "remedy: remove it"))
 
 
-def test_a_motion_begun_afresh_leaves_no_older_checkpoint(tmp_path: Path, told: Told) -> None:
+def test_a_motion_begun_afresh_leaves_no_older_checkpoint(tmp_path: Path, told) -> None:
     """If it is killed before its first frame, it must not be resumed from the last checkpoint of another run."""
     path, out = scene(tmp_path, "duration: 0.8 ms, output_every: 0.4 ms"), tmp_path / "out"
     told("run", path, "--out", out)
@@ -193,7 +190,7 @@ def test_a_motion_begun_afresh_leaves_no_older_checkpoint(tmp_path: Path, told: 
     assert not (out / CHECKPOINT).exists()
 
 
-def test_resuming_from_nothing_is_said(tmp_path: Path, told: Told) -> None:
+def test_resuming_from_nothing_is_said(tmp_path: Path, told) -> None:
     """The motion starts from the beginning; a second --resume, from its checkpoint, gives no message."""
     path, out = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms"), tmp_path / "out"
     resumed = ["run", path, "--out", out, "--resume"]
@@ -204,7 +201,7 @@ def test_resuming_from_nothing_is_said(tmp_path: Path, told: Told) -> None:
 
 
 @pytest.mark.parametrize("content", ["null", "{", "", '{"name": null, "scene": 3}'])
-def test_damaged_files_beside_a_motion(content: str, tmp_path: Path, told: Told) -> None:
+def test_damaged_files_beside_a_motion(content: str, tmp_path: Path, told) -> None:
     """motion.json is refused by name, and written again by --resume; a damaged result does not affect the motion."""
     path, out = scene(tmp_path, "duration: 0.8 ms, output_every: 0.4 ms"), tmp_path / "out"
     told("run", path, "--out", out)
@@ -225,7 +222,7 @@ def test_damaged_files_beside_a_motion(content: str, tmp_path: Path, told: Told)
 WILD = text("duration: 50 ms, output_every: 0.2 ms, time_step: 1 us").replace("20 mT", "20 T")
 
 
-def test_a_step_above_the_bound_is_refused(tmp_path: Path, told: Told) -> None:
+def test_a_step_above_the_bound_is_refused(tmp_path: Path, told) -> None:
     """With both numbers; a step just below the bound is accepted."""
     path = scene(tmp_path, "duration: 0.4 ms")
     largest = begin(build(load_scene(path))).stable.largest
@@ -235,7 +232,7 @@ def test_a_step_above_the_bound_is_refused(tmp_path: Path, told: Told) -> None:
     told("run", scene(tmp_path, f"duration: 0.4 ms, time_step: {0.99e6 * largest:.6g} us"), "--out", tmp_path / "out")
 
 
-def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(tmp_path: Path, told: Told) -> None:
+def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(tmp_path: Path, told) -> None:
     """Exit 3, with step, time, cause, remedy; frames and result on disk."""
     path, out = tmp_path / "scene.yaml", tmp_path / "out"
     path.write_text(WILD)
@@ -250,13 +247,13 @@ def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(tmp_path: Path, 
     assert frames.times[-1] == pytest.approx(kept.time, abs=1e-12)
 
 
-def test_too_little_memory_is_refused(tmp_path: Path, told: Told) -> None:
+def test_too_little_memory_is_refused(tmp_path: Path, told) -> None:
     path = scene(tmp_path, "duration: 1 ms, max_memory: 80 kB")
     says = f'{path}:7: solver.dynamic.max_memory: received "80 kB"', "\n  remedy: raise it, or use fewer cells_across"
     told("run", path, "--out", tmp_path / "out", status=2, says=says)
 
 
-def test_far_too_little_memory_is_refused_before_anything_is_built(tmp_path: Path, told: Told) -> None:
+def test_far_too_little_memory_is_refused_before_anything_is_built(tmp_path: Path, told) -> None:
     """By an estimate from below, in no time."""
     path = scene(tmp_path, "duration: 1 ms, max_memory: 1 MB")
     path.write_text(path.read_text().replace("length: 16 mm", "length: 0.4 m").replace("cells_across: 2", "cells_across: 16"))
@@ -266,7 +263,7 @@ def test_far_too_little_memory_is_refused_before_anything_is_built(tmp_path: Pat
 
 
 @pytest.mark.parametrize("solver", ["dynamic: {duration: 1 ms}", "static: {}"])
-def test_a_body_that_memory_can_t_hold_is_refused(solver: str, tmp_path: Path, told: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_body_that_memory_can_t_hold_is_refused(solver: str, tmp_path: Path, told, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the memory of the machine: key, value, rule and remedy instead of a traceback."""
     path = scene(tmp_path, "duration: 1 ms")
     path.write_text(path.read_text().replace("dynamic: {duration: 1 ms}", solver))

@@ -1,9 +1,7 @@
 """`magmpm render` of a motion: files, messages, exit status."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -16,8 +14,6 @@ from magmpm.results.file_names import MOTION
 from magmpm.results.folder_lock import LOCK, folder_lock
 from magmpm.results.trajectory import Motion, MotionWriter
 
-Told = Callable[..., Any]
-
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -29,7 +25,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("kind", ["svg", pytest.param("pdf", marks=pytest.mark.slow)])
-def test_pictures_for_papers(folder: Path, kind: str, told: Told) -> None:
+def test_pictures_for_papers(folder: Path, kind: str, told) -> None:
     files = json.loads(told("render", "runs/bending", "--json", "--frames", "0", "--format", kind).out)["files"]
     names = ["movie.mp4", *(f"{name}.{kind}" for name in ("frames/frame_0000", "picture", "moments", "energies"))]
     assert files == [f"runs/bending/{name}" for name in names]
@@ -40,7 +36,7 @@ def test_pictures_for_papers(folder: Path, kind: str, told: Told) -> None:
         assert "energy since the start" in (folder / "energies.svg").read_text(encoding="utf-8"), "text as text"
 
 
-def test_a_motion_gets_a_movie_moments_a_picture_and_its_energies(folder: Path, told: Told) -> None:
+def test_a_motion_gets_a_movie_moments_a_picture_and_its_energies(folder: Path, told) -> None:
     """In the motion's folder, or where --out says."""
     files = json.loads(told("render", "runs/bending", "--json", "--frames", "0,-1", "--fps", "10", "--out", "elsewhere").out)["files"]
     names = ["movie.mp4", "frames/frame_0000.png", "frames/frame_0006.png", "picture.png", "moments.png", "energies.png"]
@@ -58,19 +54,19 @@ def test_a_motion_gets_a_movie_moments_a_picture_and_its_energies(folder: Path, 
 @pytest.mark.parametrize(("options", "says"), [
     (["--frames", "7"], ("--frames", "'7'", "0 to 6")), (["--frames", "first"], ("--frames", "'first'", "all")),
 ])  # fmt: skip
-def test_bad_options_end_with_status_2(options: list[str], says: tuple[str, ...], folder: Path, told: Told) -> None:
+def test_bad_options_end_with_status_2(options: list[str], says: tuple[str, ...], folder: Path, told) -> None:
     told("render", "runs/bending", *options, status=2, says=says)
     assert not (folder / "movie.mp4").exists()
 
 
-def test_a_frame_rate_that_is_none_ends_with_status_2(folder: Path, told: Told, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_frame_rate_that_is_none_ends_with_status_2(folder: Path, told, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         told("render", "runs/bending", "--fps", "0")
     assert ended.value.code == 2
     assert "1 to 100" in capsys.readouterr().err
 
 
-def test_a_motion_without_frames_is_said_to_be_one(folder: Path, told: Told) -> None:
+def test_a_motion_without_frames_is_said_to_be_one(folder: Path, told) -> None:
     MotionWriter("runs/bending", motions.body())
     told("render", "runs/bending", status=2, says="no frames yet")
 
@@ -79,7 +75,7 @@ def test_a_motion_without_frames_is_said_to_be_one(folder: Path, told: Told) -> 
 
 
 @pytest.mark.parametrize("name", [LOCK, ".picture.png", "energies.csv", "best/result.json", "study.db", "frames"])
-def test_a_link_out_of_the_folder_is_refused(name: str, folder: Path, told: Callable[..., Any]) -> None:
+def test_a_link_out_of_the_folder_is_refused(name: str, folder: Path, told) -> None:
     """The lock alone would empty the file it leads to."""
     precious, link = folder.parent / "precious.txt", folder / name
     precious.write_text("precious")

@@ -39,7 +39,7 @@ def _inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def run(told: Callable[..., Any]) -> Callable[..., Any]:
+def run(told) -> Callable[..., Any]:
     """run(text, *options, file="scene.yaml", **expected): `magmpm run` of this scene."""
 
     def command(text: str, *options: str, file: str = "scene.yaml", **expected: Any) -> Any:
@@ -261,7 +261,7 @@ HURRIED, TIMED = ramped(50, "seconds: 0.02 s"), ramped(400, "seconds: 500 s")
 WAITING = swing.text("duration: 5 s, output_every: 0.1 ms")
 
 
-def waiting(run: Callable[..., Any]) -> dict[str, bytes]:
+def waiting(run) -> dict[str, bytes]:
     """Leave a motion that its time limit has ended; what is in its folder then."""
     run(WAITING, "--time-limit", "200", status=3)
     assert (OUT / CHECKPOINT).exists()

@@ -6,10 +6,9 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -185,7 +184,7 @@ def test_messages_hold_their_arrays() -> None:
     (["--port", "70000"], "--port"), (["--cells", "1"], "--cells"), (["--target", "nothing.csv"], "nothing.csv"),
     (["--out", "/proc/nope"], "the folder must be writable"),
 ])  # fmt: skip
-def test_wrong_options_are_refused(arguments: list[str], words: str, told: Callable[..., Any]) -> None:
+def test_wrong_options_are_refused(arguments: list[str], words: str, told) -> None:
     """With exit status 2, before anything is served."""
     told("view", FIVE, *arguments, status=2, says=words)
 

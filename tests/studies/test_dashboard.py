@@ -3,9 +3,8 @@
 import json
 import re
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from dashboard_client import Dashboard, dashboard
@@ -76,7 +75,7 @@ def test_the_page_tells_what_was_refused(served: Dashboard) -> None:
     assert told == READ_ONLY + script
 
 
-def test_a_port_in_use_is_refused(out: Path, told: Callable[..., Any]) -> None:
+def test_a_port_in_use_is_refused(out: Path, told) -> None:
     """No address is announced."""
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -86,7 +85,7 @@ def test_a_port_in_use_is_refused(out: Path, told: Callable[..., Any]) -> None:
         assert "shows" not in told("dashboard", out, "--port", port, status=2, says=says).err
 
 
-def test_a_study_without_its_database_is_refused(out: Path, tmp_path: Path, told: Callable[..., Any]) -> None:
+def test_a_study_without_its_database_is_refused(out: Path, tmp_path: Path, told) -> None:
     """Otherwise an empty study would be shown, and an empty database created."""
     report = json.loads((out / "study.json").read_text())
     report["storage"] = f"sqlite:///{tmp_path}/gone.db"

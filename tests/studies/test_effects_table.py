@@ -1,7 +1,6 @@
 """`magmpm effects`: the estimated influence of each effect on a scene, and its cost per step."""
 
 import json
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -98,7 +97,7 @@ def test_costs_are_counted_and_always_the_same() -> None:
     assert still["magnetic_interaction"] > 50.0
 
 
-def test_the_command(tmp_path: Path, told: Callable[..., Any]) -> None:
+def test_the_command(tmp_path: Path, told) -> None:
     """One JSON object, or a table for people; a broken scene ends with status 2."""
     scene = tmp_path / "scene.yaml"
     scene.write_text(scene_text())
@@ -114,7 +113,7 @@ BODY = {"catheter": {"length": 40e-3, "diameter": 4e-3, "material": "m", "segmen
 
 
 @pytest.mark.slow
-def test_walls_of_a_vessel_are_not_without_effect(told: Callable[..., Any]) -> None:
+def test_walls_of_a_vessel_are_not_without_effect(told) -> None:
     """They move the fed catheter's axis by 5.729 and 5.718 mm at the end of runs on 3 and 4 cells, where it moves farthest; gravity by
     0.25 mm there and a millimeter before it meets the wall, and damping hardly matters."""
     path = str(Path(__file__).parents[2] / "data/scenes/fed_into_vessel.yaml")
@@ -148,7 +147,7 @@ def test_advice_for_a_body_that_nothing_holds() -> None:
     assert {key: row(scene, key).advice for key in ("ground", "magnetic_torque")} == {"ground": "keep", "magnetic_torque": "add"}
 
 
-def test_a_body_that_can_not_begin_has_no_table(tmp_path: Path, told: Callable[..., Any]) -> None:
+def test_a_body_that_can_not_begin_has_no_table(tmp_path: Path, told) -> None:
     """A tube that does not contain the body and is out of its reach: `run` and the table refuse it, with file and line."""
     path = tmp_path / "scene.yaml"
     far = "walls: {tube: {radius: 5 mm, path: [[480 mm, 0 mm, 0 mm], [560 mm, 0 mm, 0 mm]]}}"

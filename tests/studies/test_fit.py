@@ -2,7 +2,6 @@
 
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -359,7 +358,7 @@ def test_geometry_is_told_to_be_exact(tmp_path: Path) -> None:
     assert "1 % more diameter in the scene: shear_modulus_magnetic_silicone -2 %" in text(found)
 
 
-def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Callable[..., Any]) -> None:
+def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told) -> None:
     """Files that are whole; the fitted scene gives the constant that was found; --json is one object."""
     monkeypatch.chdir(tmp_path)
     scene = tmp_path / "scene.yaml"
