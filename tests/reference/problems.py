@@ -1,4 +1,4 @@
-"""Validation problems: each a scene at any cell size, an independent answer, and its source.
+"""Validation problems: each a scene at any cell size, and an independent answer.
 
 for name, problem in finite_element_problems(Path("data/references/fem.json")).items():
     result = run(problem.scene(cells_across=4))
@@ -22,13 +22,12 @@ SHEAR, RATIO, REMANENCE = 120e3, 20.0, 0.1  # Pa, K/G, T: of the problems that a
 
 @dataclass(frozen=True)
 class Problem:
-    """One problem. centreline: rows [s, x, y, z] (m, 4) m; error: of the answer itself, over the length; source: where it is from."""
+    """One problem. centreline: rows [s, x, y, z] (m, 4) m; error: of the answer itself, over the length."""
 
     name: str
     content: dict[str, Any]  # Scene.to_si() but for the resolution
     centreline: Array
     error: float
-    source: str
 
     @property
     def length(self) -> float:
@@ -71,4 +70,4 @@ def _finite_element_problem(name: str, case: dict[str, Any], folder: Path) -> Pr
     error = 1e-3 * case["centreline_error_mm"] / case["length"]
     rows = case["centreline"]  # a table's name, or the rows themselves in mm
     centreline = read_centreline(folder / rows) if isinstance(rows, str) else 1e-3 * np.array(rows)
-    return Problem(name, content, centreline, error, "data/references/SOURCES.md")
+    return Problem(name, content, centreline, error)
