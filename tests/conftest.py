@@ -1,11 +1,10 @@
 """Rules for every test: NumPy floating-point errors raise, random numbers are reproducible, BLAS uses one thread."""
 
-from __future__ import annotations
-
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 # Set before NumPy is imported: one BLAS thread, because Numba's threads and xdist's workers share the same few cores.
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -58,3 +57,19 @@ def _seeded() -> None:
 def rng() -> np.random.Generator:
     """A random generator with the same seed in every test."""
     return np.random.default_rng(20240229)
+
+
+@pytest.fixture
+def told(capsys: pytest.CaptureFixture[str]) -> Callable[..., Any]:
+    """told(*words, status=0, says=()): what the command with these words prints; its message has these phrases."""
+    from magmpm.cli import main
+
+    def command(*words: object, status: int = 0, says: str | tuple[str, ...] = ()) -> Any:
+        capsys.readouterr()
+        assert main([str(word) for word in words]) == status
+        printed = capsys.readouterr()
+        missing = [phrase for phrase in ((says,) if isinstance(says, str) else says) if phrase not in printed.err]
+        assert not missing, f"not said: {missing}\nin:\n{printed.err}"
+        return printed
+
+    return command

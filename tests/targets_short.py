@@ -4,8 +4,6 @@ python tests/targets_short.py [TARGET ...]. Programs that are not here are named
 target says goes to runs/targets/TARGET.log.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess
@@ -20,7 +18,7 @@ SHORT = {  # what `make TARGET` is given
     "test-workers": "", "test-browser": "", "test-gp": "", "validate": "", "bench-startup": "", "bench-view": "", "bench-workers": "",
     "bench": "QUICK=1", "bench-robust": "SAMPLES=2", "bench-sampler": "SAMPLER=gauss-newton SEEDS=1", "bench-fit": "FITS=2",
     "bench-design": "QUICK=1 SAMPLERS=gauss-newton", "bench-insertion": "QUICK=1 EACH=1", "bench-advice": "SCENES='0 1'",
-    "measured": "CASES=zhao", "bench-accuracy": "SCENES=1", "bench-convergence": "SCENES=1", "claims": "QUICK=1 CLAIMS=rod",
+    "measured": "CASES=zhao", "bench-accuracy": "SCENES=1", "bench-convergence": "SCENES=1", "claims": "QUICK=1 CLAIMS=asked",
     "gallery": "SCENES=folding_strip", "stability": "QUICK=1", "faults": "KILLS=3", "fuzz": "INPUTS=100", "fuzz-coverage": "RUNS=200",
     "tour": "PAGES=first_scene.md", "optunahub": "", "release": "", "bench-least-squares": "SEEDS=1 SAMPLERS=gauss-newton",
 }  # fmt: skip

@@ -10,8 +10,6 @@ calls. self_contact is not tried: it acts in motion alone, and on bodies that fo
     python tests/benchmarks/advice.py costs            # counted costs against measured ones, on an idle machine
 """
 
-from __future__ import annotations
-
 import json
 import math
 import sys
@@ -20,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from effect_cost import measured
+from motion_rates import measured
 
 from magmpm.errors import MagmpmError
 from magmpm.fields.dipole import MU0

@@ -1,4 +1,4 @@
-"""`make bench`: times and memory of the main tasks, each beside its bound and goal.
+"""`make bench`: figures of the pages, times of the main tasks, each beside its bound and goal.
 
     python tests/benchmarks/bench.py [--quick] [NAME ...]
 
@@ -11,11 +11,7 @@ and of a copy on the same cores. Rates of motion come with `per_gflop`: particle
 which differ less between machines than seconds. Nothing here asserts, because the machine may be busy with other things.
 """
 
-from __future__ import annotations
-
 import json
-import os
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -23,23 +19,32 @@ import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-import asked
-import critical_loads
-import derivatives
-import effect_cost
-import frames
 import machine
 import motion_rates
 import numpy as np
+from machine import ROOT, median_seconds
 
-ROOT = Path(__file__).resolve().parents[2]
+from magmpm import Scene, load_scene, run, sensitivities
+from magmpm.model import build
+from magmpm.solving.precompile import prepare_kernels
+from magmpm.statics.equilibrium import one_blas_thread, solve_static
+from magmpm.statics.layout import static_model
+from magmpm.statics.stability import stability
+
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests/unit/statics")]
+from reference.buckling import column  # noqa: E402
+from reference.differences import differences  # noqa: E402
+
 SCENE = ROOT / "data/scenes/five_segments.yaml"
-STUDY = ROOT / "data/studies/s_shape.yaml"
-OUT = ROOT / "runs/bench"
-TRIALS, REPEATS = 60, 15  # of the longest study; of a solve
-NEIGHBOR = 0.05  # rotation of each magnetization for the warm start: 3 degrees
+TRIALS, REPEATS = 35, 15  # of a study; of a solve
+ERRORS = (0.01, 0.001, 0.0002)  # of the length
+SECONDS = (0.5, 1.0, 2.0, 5.0)  # s
+KINDS = ["magnetization", "field", "remanence", "shear_modulus", "density"]  # 16 variables of this scene
+NOTHING = 1e-15  # m per unit: a derivative below it is rounding
 
 
 @dataclass(frozen=True)
@@ -53,143 +58,154 @@ class Figure:
     least: bool = False
 
 
-def median_seconds(work: Callable[[], object], repeats: int) -> float:
-    """Median time of `work`, after one run that is not counted."""
-    work()
-    times = []
-    for _ in range(repeats):
-        begun = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - begun)
-    return statistics.median(times)
-
-
 def static_cold() -> float:
     """From the scene alone: particles, grid, rod, Newton, measures."""
-    from magmpm.scene import load_scene
-    from magmpm.simulate import run
-
     scene = load_scene(SCENE)
     return median_seconds(lambda: run(scene), REPEATS)
 
 
-def static_warm() -> float:
-    """The same, started from the result of a design whose magnetizations differ by 3 degrees."""
-    from magmpm.scene import load_scene
-    from magmpm.simulate import run
-
-    scene = load_scene(SCENE)
-    directions = np.array([segment.magnetization for segment in scene.body.catheter.segments])
-    rng = np.random.default_rng(0)
-    before = run(scene.with_magnetizations(directions + NEIGHBOR * rng.standard_normal(directions.shape)))
-    return median_seconds(lambda: run(scene, start=before), REPEATS)
-
-
-def static_8_cells() -> float:
-    """The five-segment scene at 8 cells across, cold."""
-    from magmpm.scene import load_scene
-    from magmpm.simulate import run
-
-    scene = load_scene(SCENE).with_cells(8)
-    return median_seconds(lambda: run(scene), min(3, REPEATS))
-
-
-def command(*arguments: str, **environment: str) -> tuple[str, float]:
-    """Output and seconds of a magmpm command in a separate process. Raises CalledProcessError."""
-    begun = time.perf_counter()
-    done = subprocess.run(
-        [sys.executable, "-m", "magmpm.cli", *arguments],
-        cwd=ROOT, env={**os.environ, **environment}, check=True, capture_output=True, text=True,
-    )  # fmt: skip
-    return done.stdout, time.perf_counter() - begun
-
-
-def first_compile() -> float:
-    """Compilation with an empty cache, in a separate process."""
-    with tempfile.TemporaryDirectory() as folder:
-        out, _ = command("run", str(SCENE), "--json", "--out", folder, NUMBA_CACHE_DIR=f"{folder}/cache")
-    return float(json.loads(out)["seconds"]["compile"])
-
-
-def start_to_solve() -> float:
-    """From the start of the command to the start of the first solve, with the kernels in the disk cache."""
-    with tempfile.TemporaryDirectory() as folder:
-        command("run", str(SCENE), "--json", "--out", folder)
-        times = []
-        for _ in range(min(5, REPEATS)):
-            out, whole = command("run", str(SCENE), "--json", "--out", folder)
-            times.append(whole - json.loads(out)["seconds"]["solve"])
-    return statistics.median(times)
-
-
-def study(trials: int) -> tuple[dict[str, object], float]:
-    """JSON and peak memory (MB), including the render worker, of the S-shape study with this number of trials."""
-    import psutil
-    import yaml
-
-    definition = yaml.safe_load(STUDY.read_text())
-    definition.pop("stop", None)  # all the trials, for a steady median
-    definition["sampler"] = "tpe"  # as the published study
-    definition["scene"] = str((STUDY.parent / definition["scene"]).resolve())
-    definition["match"]["centreline"] = str((STUDY.parent / definition["match"]["centreline"]).resolve())
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "study.yaml"
-        path.write_text(yaml.safe_dump(definition))
-        process = subprocess.Popen(
-            [sys.executable, "-m", "magmpm.cli", "design", str(path), "--trials", str(trials), "--json", "--out", folder],
-            cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-        )  # fmt: skip
-        peak, watched = 0.0, psutil.Process(process.pid)
-        while process.poll() is None:
-            try:
-                family = [watched, *watched.children(recursive=True)]
-                peak = max(peak, sum(p.memory_info().rss for p in family) / 1e6)
-            except psutil.Error:
-                pass  # a child process ended during the reading
-            time.sleep(0.05)
-        assert process.stdout is not None
-        out = process.stdout.read()
-    if process.returncode:
-        raise RuntimeError(f"magmpm design ended with status {process.returncode}")
-    return json.loads(out), peak
-
-
 def trial() -> float:
-    """A trial of the S-shape study, from the request for a design to its value on disk, with its picture: median over 35."""
-    summary, _ = study(min(35, TRIALS))
-    return float(summary["seconds_per_trial"])  # type: ignore[arg-type]
+    """A trial of the S-shape study by tpe, from the request for a design to its value on disk, with its picture: median."""
+    design = ["design", "data/studies/s_shape.yaml", "--sampler", "tpe", "--trials", str(TRIALS), "--json"]
+    with tempfile.TemporaryDirectory() as folder:
+        out = subprocess.check_output([sys.executable, "-m", "magmpm.cli", *design, "--out", folder], cwd=ROOT)
+    return float(json.loads(out)["seconds_per_trial"])
 
 
-def study_memory() -> float:
-    """Peak memory of a study of 60 trials, summed over its processes."""
-    return study(TRIALS)[1]
+def asked(**resolution: object) -> Scene:
+    """The five-segment scene with this resolution."""
+    return Scene.from_si({**load_scene(SCENE).to_si(), "resolution": resolution})
+
+
+def timed(scene: Scene) -> float:
+    """The median seconds of warm runs, without compiling."""
+    return median_seconds(lambda: run(scene), 5)
+
+
+def error_seconds() -> dict[str, float]:
+    """Seconds in all, proof included, for each asked error."""
+    return {f"{100 * error:g} %": timed(asked(error=error)) for error in ERRORS}
+
+
+def estimate_percent() -> dict[str, float]:
+    """Time of the error's proof over that of the plain solve on the chosen cells."""
+    found = {}
+    for error in ERRORS:
+        resolution: Any = run(asked(error=error)).resolution
+        plain = timed(asked(cells_across=resolution["cells_across"]))
+        found[f"{100 * error:g} %"] = 100.0 * (timed(asked(error=error)) - plain) / plain
+    return found
+
+
+def kept_seconds() -> dict[str, float]:
+    """Seconds taken over seconds asked for: at rest, along a ramp, and in motion until it settles."""
+    data: dict[str, Any] = load_scene(SCENE).to_si()
+    ramp = {**data["field"], "over_time": {"ramp": {"duration": 1.0}}}
+    damped = {**data["effects"], "damping": {"rate": 60.0}}
+    kinds: dict[str, Callable[[float], Scene]] = {
+        "rest": lambda limit: asked(seconds=limit),
+        "ramp": lambda limit: Scene.from_si(
+            {**data, "field": ramp, "solver": {"quasi_static": {"steps": 5}}, "resolution": {"seconds": 2 * limit}}
+        ),
+        "motion": lambda limit: Scene.from_si(
+            {**data, "effects": damped, "solver": {"dynamic": {"duration": 0.3}}, "resolution": {"seconds": 4 * limit}}
+        ),
+    }
+    found = {}
+    for kind, scene_of in kinds.items():
+        for limit in SECONDS:
+            scene = scene_of(limit)
+            seconds: Any = scene.resolution.seconds
+            found[f"{kind}, {seconds:g} s"] = median_seconds(partial(run, scene), 1) / seconds
+    return found
+
+
+sys.path.insert(0, str(ROOT / "tests"))
+
+
+def _errors_percent(data: dict, field: float, times: list[float]) -> float:
+    """Error (%) of the load at which a scene's straight branch ends, in a field that grows from zero to `field` (T) along x."""
+    data["field"] = {"uniform": [field, 0.0, 0.0], "over_time": {"ramp": {"duration": 1.0}}}
+    data["solver"] = {"quasi_static": {"at": times}}
+    scene = Scene.from_si(data)
+    found, theory = run(scene).jumps[0], column(scene).critical_field
+    return 100 * abs(found["field"] / theory - 1)
+
+
+def critical_loads() -> dict[str, float]:
+    """Critical loads of Zhao's beam in plane strain, and of a catheter of twenty diameters magnetized against the field."""
+    beam = load_scene(ROOT / "data/scenes/zhao_plane_strain.yaml").to_si()
+    catheter = load_scene(ROOT / "data/scenes/buckling_catheter.yaml").to_si()
+    return {
+        "Zhao's beam": _errors_percent(beam, -15e-3, [0.0, 0.2, 0.3, 0.35]),
+        "antiparallel catheter": _errors_percent(catheter, 4e-3, [0.0, 0.2, 0.3, 0.32]),
+    }
+
+
+def jacobian_over_solve_percent() -> float:
+    """Derivatives of axis and tip by 16 variables, over the run that they follow; medians of both taken in turn."""
+    scene = load_scene(SCENE)
+
+    def derivatives() -> None:
+        found = sensitivities(scene, KINDS)
+        found.tip, found.centreline  # noqa: B018  (made when they are read)
+
+    derivatives()
+    times = np.array([[machine.seconds(lambda: run(scene)), machine.seconds(derivatives)] for _ in range(REPEATS)])
+    solve, both = np.median(times, axis=0)
+    return float(100 * (both / solve - 1))
+
+
+def stability_over_solve_percent() -> float:
+    """The smallest eigenvalue over the solve without it; the unloaded body's is kept from the solve before, as in a study."""
+    scene = load_scene(SCENE)
+    prepare_kernels(scene)
+    times = []
+    for _ in range(REPEATS):
+        begun = time.perf_counter()
+        found = solve_static(static_model(build(scene)))
+        whole = time.perf_counter() - begun
+        with one_blas_thread():
+            alone = machine.seconds(partial(stability, found.energy, found.point))
+        times.append([alone, whole - alone])
+    alone, rest = np.median(times, axis=0)
+    return float(100 * alone / rest)
+
+
+def derivative_error() -> dict[str, float]:
+    """Largest difference to extrapolated central differences of refined solves, over a variable's largest entry, by scene and kind.
+
+    The scenes of the tests, solved to the tolerance that users have unless they name one."""
+    from test_sensitivities import CASES, scene_of
+
+    worst: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name in CASES:
+            data = scene_of(name, Path(folder)).to_si()
+            data["solver"] = {"static": {}}
+            scene = Scene.from_si(data)
+            found = sensitivities(scene)
+            for k, variable in enumerate(found.variables):
+                rows, tip = differences(scene, variable)
+                made = found.centreline[..., k] if len(rows) else found.tip[:, k]
+                expected = rows if len(rows) else tip
+                size = np.abs(expected).max()
+                if size > NOTHING:
+                    worst[name] = max(worst.get(name, 0.0), float(np.abs(made - expected).max() / size))
+    return worst
 
 
 FIGURES = {
     "static_cold_s": Figure(static_cold, "s", 0.35, 0.12),
-    "static_warm_s": Figure(static_warm, "s", 0.15, 0.06),
-    "static_8_cells_s": Figure(static_8_cells, "s", 3.0, 1.0),
-    "critical_load_error_percent": Figure(critical_loads.critical_loads, "%", 3.0, 1.0),
-    "quasi_static_step_s": Figure(critical_loads.step_seconds, "s", 0.15, 0.05),
-    "jacobian_over_solve_percent": Figure(derivatives.jacobian_over_solve_percent, "%", 25.0, 10.0),
-    "derivative_error": Figure(derivatives.derivative_error, "", 1e-5, 1e-7),
-    "stability_over_solve_percent": Figure(derivatives.stability_over_solve_percent, "%", None, 10.0),
-    "asked_error_s": Figure(asked.error_seconds, "s", None),
-    "estimate_over_solve_percent": Figure(asked.estimate_percent, "%", 30.0, 15.0),
-    "kept_seconds": Figure(asked.kept_seconds, "", 1.2),
+    "critical_load_error_percent": Figure(critical_loads, "%", 3.0, 1.0),
+    "jacobian_over_solve_percent": Figure(jacobian_over_solve_percent, "%", 25.0, 10.0),
+    "derivative_error": Figure(derivative_error, "", 1e-5, 1e-7),
+    "stability_over_solve_percent": Figure(stability_over_solve_percent, "%", None, 10.0),
+    "asked_error_s": Figure(error_seconds, "s", None),
+    "estimate_over_solve_percent": Figure(estimate_percent, "%", 30.0, 15.0),
+    "kept_seconds": Figure(kept_seconds, "", 1.2),
     "trial_s": Figure(trial, "s", 1.0, 0.5),
-    "first_compile_s": Figure(first_compile, "s", 30.0),
-    "start_to_solve_s": Figure(start_to_solve, "s", 2.0),
-    "study_memory_mb": Figure(study_memory, "MB", 600.0),
     "particle_steps_per_s": Figure(motion_rates.all_threads, "1/s", 24e6, 45e6, least=True),
-    "rates_by_threads": Figure(motion_rates.rates_by_threads, "1/s", None),
-    "parallel_efficiency_2": Figure(motion_rates.efficiency, "", 0.85, least=True),
-    "million_particles_rate": Figure(motion_rates.million, "", 0.8, least=True),
-    "motion_run_over_steps": Figure(frames.run_over_steps, "", 1.3),
-    "motion_1_ms_100_frames_s": Figure(frames.short_run, "s", 0.5),
-    "frame_ms": Figure(frames.frame_ms, "ms", 5.0),
-    "bytes_per_particle": Figure(motion_rates.bytes_per_particle, "B", 1100.0),
-    "memory": Figure(motion_rates.memory, "B", None),
     "no_effect_cost_percent": Figure(motion_rates.mechanism_percent, "%", 2.0),
     "effect_cost_percent": Figure(motion_rates.effect_costs, "%", None),
 }
@@ -205,10 +221,10 @@ def shorten() -> None:
     global TRIALS, REPEATS
     TRIALS, REPEATS = 2, 1
     motion_rates.SECONDS, motion_rates.REPEATS, motion_rates.PAIRS, motion_rates.SETTLING = 0.02, 1, 1, 20
-    effect_cost.REPEATS = 2
+    motion_rates.PAIRED = 2
 
 
-def main(names: list[str], out: Path = OUT) -> int:
+def main(names: list[str], out: Path = ROOT / "runs/bench") -> int:
     """Measure the named figures, or all; out: folder of what is found."""
     if "--quick" in names:
         names.remove("--quick")

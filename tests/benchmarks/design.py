@@ -11,8 +11,6 @@ storing. The best design of each study is solved again at 6 cells across. A samp
 the sources, so the command can be interrupted and continued. Writes runs/bench/design.json.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json
@@ -32,7 +30,7 @@ from magmpm.studies.engine.loop import run_study
 from magmpm.studies.search.definition import Study, load_study
 from magmpm.studies.search.search_space import SearchSpace
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = machine.ROOT
 TARGETS = ROOT / "data/targets/bench"
 OUT = ROOT / "runs/bench"
 SAMPLERS = ("tpe", "gp", "cmaes", "gauss-newton")
@@ -151,9 +149,7 @@ def main() -> int:
             results[name][kind] = summary(studies)
     print("solves: median, 90th percentile; s: median seconds; - where fewer came that near")
     print(table(results))
-    OUT.mkdir(parents=True, exist_ok=True)
-    found = {"machine": machine.described(), "quick": options.quick, "results": results, "studies": details}
-    (OUT / "design.json").write_text(json.dumps(found, indent=1) + "\n")
+    machine.save("design", {"machine": machine.described(), "quick": options.quick, "results": results, "studies": details})
     return 0
 
 

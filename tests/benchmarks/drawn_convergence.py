@@ -9,8 +9,6 @@ against the finest, over the length, and the median order at which the errors of
 and the 90th percentile of all.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

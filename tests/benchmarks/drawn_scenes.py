@@ -3,8 +3,6 @@
 Also the command line of the benchmarks over their seeds, and the rows that these keep.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Callable, Iterable
@@ -102,8 +100,7 @@ def drawn(seed: int) -> Scene:
 def jointed(seed: int) -> Scene:
     """The scene of a seed: two to five segments of any length, by turns soft and 2 to 200 times as stiff, in a uniform field.
 
-    Even seeds are strips in plane strain (L/D 4 to 25), odd ones catheters (4 to 14); K/G 5 to 100; the field bends the soft segments.
-    """
+    Even seeds are strips in plane strain (L/D 4 to 25), odd ones catheters (4 to 14); K/G 5 to 100; the field bends the soft segments."""
     draw, flat = np.random.default_rng([77, seed]), seed % 2 == 0
 
     def between(low: float, high: float) -> float:
@@ -139,8 +136,7 @@ def jointed(seed: int) -> Scene:
 
 def along_path(seed: int) -> Scene:
     """The body of the drawn scene with that seed, cut to L/D 4 to 12, along a path: by turns in uniform fields, the scene's own turned and
-    1 to 1/10 as strong, and near a dipole that moves at a distance of 2 to 4 lengths around the tip, as strong as that at 2.5.
-    """
+    1 to 1/10 as strong, and near a dipole that moves at a distance of 2 to 4 lengths around the tip, as strong as that at 2.5."""
     draw, plain = np.random.default_rng([78, seed]), drawn(seed)
     data, thickness = plain.to_si(), plain.thickness
     length = float(np.clip(plain.length, 4 * thickness, 12 * thickness))

@@ -8,9 +8,6 @@ alone, or both shear modulus and remanence, of a body with weight; the noise giv
 true values; of n the share itself scatters by sqrt(0.95 * 0.05 / n): 0.7 % of 1 000.
 """
 
-from __future__ import annotations
-
-import json
 import math
 import multiprocessing
 import os
@@ -21,9 +18,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import machine
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
 FIELDS = (0.0, 1.5, 3.0, 4.5, 6.0)  # mT along z
 DISTANCES = (140.0, 110.0, 90.0, 80.0, 72.0, 65.0)  # mm, of a magnet's center above the base
 NOISE, ANGLE_NOISE = 0.2e-3, 0.5  # m, degrees
@@ -34,7 +31,7 @@ def scene(poses: bool) -> Any:
     """The scene that the fits begin with: 40 x 4 mm, magnetized along its axis, with its weight; beside a magnet."""
     from magmpm import load_scene
 
-    found = load_scene(ROOT / "data/scenes/axial_transverse.yaml").with_cells(2)
+    found = load_scene(machine.ROOT / "data/scenes/axial_transverse.yaml").with_cells(2)
     data = found.to_si()
     data["materials"]["magnetic silicone"]["density"] = 1882.0
     if not poses:
@@ -80,12 +77,6 @@ def one(number: int, poses: str = "") -> dict[str, Any]:
     return {**about, "constants": held, "seconds": found.seconds, "solves": found.solves}
 
 
-def _share(done: list[dict[str, Any]]) -> float:
-    """Share of all intervals that hold the true value."""
-    held = [each["low"] <= each["true"] <= each["high"] for one_fit in done for each in one_fit["constants"].values()]
-    return float(np.mean(held))
-
-
 def main(fits: str = "1000", first: str = "0", poses: str = "") -> int:
     """Print the table, and write runs/bench/fit.json."""
     os.environ.setdefault("NUMBA_NUM_THREADS", "1")
@@ -93,12 +84,7 @@ def main(fits: str = "1000", first: str = "0", poses: str = "") -> int:
     begun = time.perf_counter()
     one(1, poses)  # kernels
     with multiprocessing.get_context("spawn").Pool(2) as pool:
-        done = []
-        for each in pool.imap_unordered(partial(one, poses=poses), range(int(first), int(fits)), chunksize=4):
-            done.append(each)
-            if len(done) % 50 == 0:
-                spent = time.perf_counter() - begun
-                print(f"{len(done)} of {fits} fits, {spent:.0f} s: {100 * _share(done):.1f} %", file=sys.stderr, flush=True)
+        done = list(pool.imap_unordered(partial(one, poses=poses), range(int(first), int(fits)), chunksize=4))
     groups: dict[tuple[str, str], list[bool]] = {}
     for each in done:
         for name, interval in each["constants"].items():
@@ -113,9 +99,7 @@ def main(fits: str = "1000", first: str = "0", poses: str = "") -> int:
     print(f"{len(done)} fits, {len(every)} intervals: {100 * share:.1f} % hold the truth (95 % +- {100 * scatter:.1f} % expected)")
     solves = np.median([each["solves"] for each in done])
     print(f"median {seconds:.2f} s and {solves:.0f} solves a fit; {time.perf_counter() - begun:.0f} s in all")
-    out = ROOT / f"runs/bench/fit{'_' * bool(poses)}{poses}.json"
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(json.dumps({"share": share, "intervals": len(every), "seconds_per_fit": seconds, "fits": done}, indent=1) + "\n")
+    machine.save(f"fit{'_' * bool(poses)}{poses}", {"share": share, "intervals": len(every), "seconds_per_fit": seconds, "fits": done})
     return 0
 
 

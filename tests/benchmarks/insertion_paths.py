@@ -1,6 +1,6 @@
 """How many paths an insertion can follow: 120 generated ones, in three classes (`make bench-insertion`).
 
-    python tests/benchmarks/insertion_paths.py OUT [--each 40] [--cells 2] [--rods] [--trials 4]
+    python tests/benchmarks/insertion_paths.py OUT [--each 40] [--rods]
 
 Classes, 40 paths each, 56 mm long, from the exit of a guide on along +x; the catheter, and the field of at most 10 mT, are those of
 data/scenes/insertion.yaml, with gravity along -z:
@@ -20,13 +20,10 @@ Why a path is not solved: *field*: the field is at its bound at half of the dept
 rods fell to another branch; *other*.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path as File
 
 import numpy as np
@@ -67,21 +64,21 @@ def path(kind: str, number: int) -> np.ndarray:
     return np.asarray(rows[:: STEPS // (ROWS - 1)])
 
 
-def study_of(kind: str, number: int, cells: int, trials: int) -> Study:
+def study_of(kind: str, number: int) -> Study:
     """The study of a path."""
-    scene = load_scene(HERE.parents[1] / "data" / "scenes" / "insertion.yaml").with_cells(cells)
+    scene = load_scene(HERE.parents[1] / "data" / "scenes" / "insertion.yaml").with_cells(2)
     depths = tuple((LENGTH * np.arange(1, DEPTHS + 1) / DEPTHS).tolist())
     vary = Vary(magnetization=VaryMagnetization(), field=VaryField(max=MAX_FIELD, at="each depth"))
     name = f"{kind.replace(' ', '_')}_{number:02d}"
-    return Study(File(f"{name}.yaml"), name, scene, path(kind, number), vary, trials, "gauss-newton", 1, None, depths=depths)
+    return Study(File(f"{name}.yaml"), name, scene, path(kind, number), vary, 4, "gauss-newton", 1, None, depths=depths)
 
 
-def by_rods(study: Study, starts: int) -> dict[str, object]:
+def by_rods(study: Study) -> dict[str, object]:
     """Error that the rod's best design reaches."""
     insertion = Insertion.of(study, SearchSpace.of(study))
     assert insertion is not None
     way = insertion.rods
-    found = search(way, Path(study.target), seed=1, starts=starts, enough=NEAR * LENGTH)
+    found = search(way, Path(study.target), seed=1, starts=12, enough=NEAR * LENGTH)
     if not found:
         return {"mean_m": None, "exit_m": None, "bound": 0, "designs": 0}
     best = found[0]
@@ -138,8 +135,8 @@ def rows_of(options: argparse.Namespace) -> Iterator[dict[str, object]]:
     for number in range(options.each):
         for kind in CLASSES:
             if (kind, number) not in done:
-                study, begun = study_of(kind, number, options.cells, options.trials), time.perf_counter()
-                found = by_rods(study, options.starts) if options.rods else by_bodies(replace(study), options.out)
+                study, begun = study_of(kind, number), time.perf_counter()
+                found = by_rods(study) if options.rods else by_bodies(study, options.out)
                 row = {"class": kind, "number": number, "rods": options.rods, "seconds": time.perf_counter() - begun, **found}
                 with file.open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps(row) + "\n")
@@ -171,9 +168,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=File)
     parser.add_argument("--each", type=int, default=40, help="paths of each class")
-    parser.add_argument("--cells", type=int, default=2, help="cells across the catheter")
-    parser.add_argument("--trials", type=int, default=4, help="trajectories of each study")
-    parser.add_argument("--starts", type=int, default=12, help="random starts of the rod, with --rods")
     parser.add_argument("--rods", action="store_true", help="the rod's designs alone")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)

@@ -1,10 +1,9 @@
-"""The machine of a measurement and its speed, to compare figures of two machines or of two times.
+"""The machine of a measurement and its speed, to compare figures of two machines or of two times; timing, and files of figures.
 
 Two rates limit all code here: matrix products, which dominate static solves, and memory copies.
 """
 
-from __future__ import annotations
-
+import json
 import os
 import platform
 import statistics
@@ -49,24 +48,34 @@ def dgemm() -> float:
     rng = np.random.default_rng(0)
     a, b = rng.standard_normal((SIDE, SIDE)), rng.standard_normal((SIDE, SIDE))
     out = np.empty((SIDE, SIDE))
-    return 2.0 * SIDE**3 / _median(lambda: np.matmul(a, b, out=out))
+    return 2.0 * SIDE**3 / median_seconds(lambda: np.matmul(a, b, out=out))
 
 
 def copy() -> float:
     """Bytes per second that one thread copies, each counted once; median."""
     source = np.ones(COPIED // 8)
     target = np.empty_like(source)
-    return COPIED / _median(lambda: np.copyto(target, source))
+    return COPIED / median_seconds(lambda: np.copyto(target, source))
 
 
-def _median(work: Callable[[], object]) -> float:
+def seconds(work: Callable[[], object]) -> float:
+    """Time of `work`."""
+    begun = time.perf_counter()
     work()
-    times = []
-    for _ in range(REPEATS):
-        begun = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - begun)
-    return statistics.median(times)
+    return time.perf_counter() - begun
+
+
+def median_seconds(work: Callable[[], object], repeats: int = REPEATS) -> float:
+    """Median time of `work`, after one run that is not counted."""
+    work()
+    return statistics.median(seconds(work) for _ in range(repeats))
+
+
+def save(name: str, found: object) -> None:
+    """Write runs/bench/NAME.json."""
+    path = ROOT / f"runs/bench/{name}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
 def _cpu() -> str:

@@ -1,39 +1,33 @@
-"""Speed of motion: particle-steps per second, threads, memory, and the cost of the mechanism of effects.
+"""Speed of motion: particle-steps per second, and the cost of the mechanism of effects.
 
 The body is the five-segment catheter at 8 cells across (38 400 particles), in its field; frames and checks of the motion are not counted.
 """
 
-from __future__ import annotations
-
-import functools
 import statistics
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numba
-import resident
-from effect_cost import measured
+import numpy as np
 
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.kernels.watch import unlimited
 from magmpm.model import Model, build
 from magmpm.scene import Scene, load_scene
+from magmpm.studies.explore.effects_costs import _records, counted
 
 SCENE = Path(__file__).resolve().parents[2] / "data/scenes/five_segments.yaml"
 SECONDS, REPEATS, PAIRS = 0.25, 9, 5  # steps of one measurement; number of measurements, and of pairs of them
 SETTLING = 2000  # steps until the body is bent and moves
 
 
-def scene(cells: int = 8, length: float | None = None) -> Scene:
+def scene(cells: int = 8) -> Scene:
     """The catheter in motion."""
     data = load_scene(SCENE).with_cells(cells).to_si()
     data["solver"]["dynamic"] = {"duration": 1.0}
-    if length is not None:
-        data["body"]["catheter"]["length"] = length
     return Scene.from_si(data)
 
 
@@ -70,51 +64,6 @@ def started(**options: Any) -> tuple[Model, TotalMotion, float]:
 def all_threads() -> float:
     """Particle-steps per second, all threads."""
     return rate(*started())
-
-
-def paired(first: Callable[[], float], second: Callable[[], float]) -> float:
-    """Median of the ratio of first to second, measured alternately, so that other load affects both."""
-    return statistics.median(first() / second() for _ in range(PAIRS))
-
-
-@functools.cache
-def rates_by_threads() -> dict[str, float]:
-    """Particle-steps per second with one thread and with two, measured alternately."""
-    work = started()
-    rates: dict[int, list[float]] = {1: [], 2: []}
-    try:
-        for _ in range(PAIRS):
-            for count in rates:
-                numba.set_num_threads(count)
-                rates[count].append(rate(*work))
-    finally:
-        numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
-    found = {f"{count} thread{'s' * (count > 1)}": statistics.median(each) for count, each in rates.items()}
-    found["two over twice one"] = statistics.median(two / (2 * one) for one, two in zip(rates[1], rates[2], strict=True))
-    return found
-
-
-def efficiency() -> float:
-    """Rate of two threads over twice the rate of one."""
-    return rates_by_threads()["two over twice one"]
-
-
-@functools.cache
-def memory() -> dict[str, float]:
-    """Growth of a process during a motion, in bytes per particle: peak, in motion, and the sum of the arrays of the motion."""
-    measured = resident.grown()
-    return {key: measured[key] for key in ("peak", "now", "counted")}
-
-
-def bytes_per_particle() -> float:
-    """Peak growth of a process, bytes per particle."""
-    return memory()["peak"]
-
-
-def million() -> dict[str, float]:
-    """Rate with a million particles over that with 38 400."""
-    large, small = started(cells=16, length=0.135), started()
-    return {"rate": paired(lambda: rate(*large), lambda: rate(*small)), "particles": float(len(large[0].density))}
 
 
 def mechanism_percent() -> float:
@@ -159,10 +108,7 @@ def effect_costs() -> dict[str, float]:
     """Time that each effect alone adds to a step, in percent, measured.
 
     Contact is also measured for a body that touches: with the ground through the body, so that a quarter of its particles is in contact,
-    and in a tube narrower than the body, so that its whole surface is in contact.
-    """
-    from magmpm.studies.explore.effects_costs import counted
-
+    and in a tube narrower than the body, so that its whole surface is in contact."""
     lying = scene()
     found = {key: measured(lying, key) for key in counted(lying)}
     radius = lying.thickness / 2
@@ -187,3 +133,27 @@ def touching_share(touches: Scene, effect: str) -> float:
     named, model = touches.effects.named()[effect].records(touches), build(touches.with_effects(**{effect: None}))
     x = touches.body.shape.surface(model.grid, base=not model.clamped_face).position
     return float(contact_of(named, at_rest(x), 1e-6)["count"]) / len(x)
+
+
+# Time that an effect adds to a step, by short runs in pairs on one thread: a busy machine disturbs them little.
+PAIRED, PART, STILL = 60, 0.004, 1e-12  # pairs of short runs; s, each; s, a step in which nothing moves
+
+
+def measured(scene: Scene, key: str, model: Model | None = None) -> float:
+    """Percent of a bare step, at the scene's settings of the effect or else at its key's example. Raises MagmpmError where it can't act.
+
+    model: of the scene, or of one with the same body."""
+    model, records = model or build(scene), _records(scene, key)
+    motion, bare = TotalMotion(replace(model, effects=records)), TotalMotion(replace(model, effects=()))
+    numba.set_num_threads(1)
+    motion.advance(1, STILL, records)
+    bare.advance(1, STILL, ())
+    steps = int(np.clip(PART / _short(bare, 1, ()), 2, 1000))
+    pairs = [_short(motion, steps, records) / _short(bare, steps, ()) for _ in range(PAIRED)]
+    return 100 * (float(np.median(pairs)) - 1)
+
+
+def _short(motion: TotalMotion, steps: int, records: Any) -> float:
+    begun = time.thread_time()
+    motion.advance(steps, STILL, records)
+    return time.thread_time() - begun

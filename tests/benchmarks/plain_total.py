@@ -4,8 +4,6 @@ The functions of kernels.total_lagrangian_step line by line, without everything 
 stiffness and det F is part of every step. tests/unit/project/test_benchmarks.py compares the two line by line, and their results.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from magmpm.compiled.jit import compiled, inlined, inner_kernel, prange

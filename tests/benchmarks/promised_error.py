@@ -9,8 +9,6 @@ asked. Printed: the ratio of the difference to the error_estimate, where the ans
 and seconds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from time import perf_counter
 from typing import Any

@@ -10,8 +10,6 @@ well the finite elements know them: where it is more than ten promised errors, a
 0.1 %).
 """
 
-from __future__ import annotations
-
 import sys
 from itertools import count, islice
 from pathlib import Path

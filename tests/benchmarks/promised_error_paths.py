@@ -6,8 +6,6 @@ Each path (drawn_scenes.along_path) is asked for an error of 0.05 to 20 % of the
 them. Printed: the largest ratio of the difference to the error_estimate, and when.
 """
 
-from __future__ import annotations
-
 from time import process_time
 from typing import Any
 

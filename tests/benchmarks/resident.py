@@ -5,8 +5,6 @@
 Measured in a separate process, because freed memory may stay with the process that had it.
 """
 
-from __future__ import annotations
-
 import gc
 import json
 import resource

@@ -6,14 +6,11 @@ Five designs, from 3 mm off their target to exactly on it, where the rms is leas
 seed. A sampled standard deviation of N solves is itself known to 1/sqrt(2 N) of its value: 4 % at 300.
 """
 
-from __future__ import annotations
-
-import json
 import math
 import sys
 import time
-from pathlib import Path
 
+import machine
 import numpy as np
 
 from magmpm import run, sensitivities
@@ -23,13 +20,12 @@ from magmpm.studies.evaluate.trial import Scatter, deviations, kinds
 from magmpm.studies.problem.shape_distance import gap_derivatives, gaps, root_mean_square
 from magmpm.studies.problem.study_file import Robust
 
-ROOT = Path(__file__).resolve().parents[2]
 ERRORS = Robust(direction=math.radians(5), remanence=0.05, shear_modulus=0.05)
 
 
 def designs() -> list[tuple[str, Scene, np.ndarray]]:
     """Name, scene and target rows [s, x, y, z], m."""
-    scene = load_scene(ROOT / "data/scenes/five_segments.yaml")
+    scene = load_scene(machine.ROOT / "data/scenes/five_segments.yaml")
     rng = np.random.default_rng(4)
     found = []
     for k, name in enumerate(("random", "near", "on target", "all alike", "gravity")):
@@ -82,9 +78,7 @@ def main(samples: str = "300") -> int:
         print(f"{'':<20}{'apart':>12}" + _row(100 * off, "+", 1) + " %", flush=True)
         row = {"design": name, "rms_m": nominal / 1e3, "first_order_m": first_order.tolist(), "sampled_m": sampled.tolist()}
         rows.append({**row, "apart": off.tolist()})
-    out = ROOT / "runs/bench/robust.json"
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(json.dumps(rows, indent=1) + "\n")
+    machine.save("robust", rows)
     return 0
 
 

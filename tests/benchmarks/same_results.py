@@ -6,8 +6,6 @@
 Numbers are compared bit for bit, or within `--tolerance` (relative to the largest number of the array). Times are ignored.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import sqlite3

@@ -6,26 +6,23 @@ SAMPLER+rod begins with the rod's designs (`start: rod`).
 Every trial is a full solve at the resolution of the study, without pictures; each study starts in a new folder.
 """
 
-from __future__ import annotations
-
-import json
 import sys
 import tempfile
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
+
+import machine
 
 from magmpm.simulate import run, sensitivities
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.search.definition import load_study
 
-ROOT = Path(__file__).resolve().parents[2]
 STUDIES = ("c_shape", "s_shape")
 
 
 def rows_of(sampler: str, name: str, seeds: int) -> list[dict[str, Any]]:
     """The trials (from 1) that first come within 2 mm of a study's target, and the best of at most 35; printed as they come."""
-    rows, study = [], load_study(ROOT / f"data/studies/{name}.yaml")
+    rows, study = [], load_study(machine.ROOT / f"data/studies/{name}.yaml")
     chosen, _, start = sampler.partition("+")
     for seed in range(1, seeds + 1):
         with tempfile.TemporaryDirectory() as folder:
@@ -46,9 +43,7 @@ def main(sampler: str = "tpe", seeds: str = "5") -> int:
     for name in STUDIES:
         rows += (own := rows_of(sampler, name, int(seeds)))
         print(f"{name:<10} {sum(row['reached_in'] is not None for row in own)} of {seeds}")
-    out = ROOT / "runs/bench" / f"sampler_{sampler}.json"
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(json.dumps(rows, indent=1) + "\n")
+    machine.save(f"sampler_{sampler}", rows)
     return 0
 
 

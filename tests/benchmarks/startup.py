@@ -9,9 +9,6 @@ and some to the second. Python keeps the bytecode of what it imports, as it does
 not (PYTHONDONTWRITEBYTECODE), and compiles all sources again with every command.
 """
 
-from __future__ import annotations
-
-import json
 import os
 import resource
 import subprocess
@@ -21,25 +18,19 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+import machine
+
+ROOT = machine.ROOT
 STUDY, SCENE = str(ROOT / "data/studies/s_shape.yaml"), str(ROOT / "data/scenes/axial_transverse.yaml")
 REPEATS = 5
 BOUND = 1.0  # s, for all but --help
 NOTHING = {  # what makes each command begin, with a file that is not there
     "--help": [],
-    "run": ["no.yaml"],
-    "design": ["no.yaml"],
-    "accuracy": ["no.yaml"],
-    "effects": ["no.yaml"],
-    "render": ["no"],
-    "dashboard": ["no"],
-    "view": ["no.yaml"],
-    "report": ["no"],
-    "map": ["no.yaml"],
+    **{key: ["no.yaml"] for key in ("run", "design", "accuracy", "effects", "view", "map", "prepare")},
+    **{key: ["no"] for key in ("render", "dashboard", "report")},
     "fit": ["no.csv", "no.yaml"],
     "doctor": ["--help"],
     "import": ["no.yaml", "-o", "no-scene.yaml"],
-    "prepare": ["no.yaml"],
     "stability": ["--case", "no such case"],
 }
 READ = {  # with a file that is there
@@ -79,9 +70,7 @@ def main() -> int:
             bound = 0.3 if name == "--help" else BOUND
             rows.append({"command": name, "wall_s": wall, "processor_s": used, "bound_s": bound, "no_bytecode_s": without})
             print(f"{name:<24}{wall:>10.2f}{used:>15.2f}{bound:>11.1f}{without:>17.2f}", flush=True)
-    out = ROOT / "runs/bench/startup.json"
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    machine.save("startup", rows)
     return 0
 
 

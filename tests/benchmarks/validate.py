@@ -1,17 +1,11 @@
 """`make validate`: statics against every finite-element reference, for several cell sizes, with and without F-bar.
 
-    python tests/benchmarks/validate.py [fem_catheters.json]
-    python tests/benchmarks/validate.py --jointed [NAME ...]
+    python tests/benchmarks/validate.py [--jointed [NAME ...]]
 
-With a path, the two cases of that file (uniform meshes: see docs/design.md) as well. With --jointed, instead, the
-jointed catheters and tubes of jointed_catheters.json, or those named, with F-bar.
+With --jointed, instead, the jointed catheters and tubes of jointed_catheters.json, or those named, with F-bar.
 """
 
-from __future__ import annotations
-
-import json
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,19 +16,10 @@ from magmpm.simulate import run
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
-from reference.problems import Problem, finite_element_problems  # noqa: E402
+from reference.problems import finite_element_problems  # noqa: E402
 
 CELLS = (2, 3, 4, 6, 8)
 REFERENCES = ROOT / "data/references"
-
-
-def uniform_mesh_problems(path: Path, like: dict[str, Problem]) -> dict[str, Problem]:
-    """The same scenes against the centerlines of an older file."""
-    found = {}
-    for name, case in json.loads(path.read_text())["cases"].items():
-        rows = 1e-3 * np.column_stack([case["s_mm"], case["centreline_mm"]])
-        found[f"{name} (uniform mesh)"] = replace(like[name], centreline=rows, error=1e-3)
-    return found
 
 
 def main(paths: list[str]) -> int:
@@ -44,8 +29,6 @@ def main(paths: list[str]) -> int:
     problems = finite_element_problems(REFERENCES / ("jointed_catheters.json" if jointed else "fem.json"))
     if jointed:
         problems = {name: problem for name, problem in problems.items() if name in paths or len(paths) == 1}
-    for path in [] if jointed else paths:
-        problems |= uniform_mesh_problems(Path(path), problems)
     print("largest distance of the axis, % of length (Newton steps), by cells across; order fitted from 4 to 8")
     print(f"{'case':<38}{'F-bar':>6}{'of reference':>14}" + "".join(f"{n:>14}" for n in CELLS) + f"{'order':>8}")
     for name, problem in problems.items():

@@ -7,8 +7,6 @@ a move every 16 ms, and the shapes that appear are counted. Times are from the i
 shape.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import shutil

@@ -7,15 +7,12 @@ other, weighs little. One worker is the default: this process solves, with all t
 one is what a user gains.
 """
 
-from __future__ import annotations
-
-import json
 import os
 import subprocess
 import sys
 import tempfile
-from pathlib import Path
 
+import machine
 import optuna
 
 from magmpm.cli.design import TrialPicture
@@ -25,13 +22,12 @@ from magmpm.studies.engine.loop import kernel_uses, run_study
 from magmpm.studies.search.definition import load_study
 from magmpm.viz.worker import Renderer
 
-ROOT = Path(__file__).parents[2]
 TRIALS, WARM = 200, 10
 
 
 def rate(workers: int | None, pictures: bool) -> float:
     """Trials a second."""
-    study = load_study(ROOT / "data/studies/s_shape.yaml").changed(sampler="tpe")
+    study = load_study(machine.ROOT / "data/studies/s_shape.yaml").changed(sampler="tpe")
     fill_cache(study.scene, uses=kernel_uses(study))
     with tempfile.TemporaryDirectory() as folder, Renderer() as renderer:
         picture = TrialPicture(study, False, renderer) if pictures else None
@@ -61,8 +57,7 @@ def main() -> int:
         found[what] = {"one": one, "two": two, "ratio": two / one, "one_thread": single, "ratio_to_one_thread": two / single}
         print(f"{what}: one {one:.2f}, two {two:.2f} trials a second; {two / one:.2f} times", flush=True)
         print(f"    one on one thread {single:.2f}; two {two / single:.2f} times that", flush=True)
-    Path("runs/bench").mkdir(parents=True, exist_ok=True)
-    Path("runs/bench/workers.json").write_text(json.dumps(found, indent=1) + "\n")
+    machine.save("workers", found)
     return 0
 
 

@@ -3,8 +3,6 @@
 `make test-browser` installs Playwright and runs them; Chromium comes from the system (apt-get install chromium).
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
@@ -47,7 +45,6 @@ def view(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Any]]:
         command = [sys.executable, "-m", "magmpm.cli", "view", str(scene), *usual, *options]
         server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT)
         servers.append(server)
-        assert server.stdout is not None
         line = server.stdout.readline()
         assert line, server.stderr.read() if server.stderr else ""
         page = browser.new_page(viewport={"width": 1280, "height": 800})

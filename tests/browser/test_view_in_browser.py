@@ -1,7 +1,5 @@
 """The page of `magmpm view` in a real browser: sliders move the body, states are told as they are, saved scenes run, motions play."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Callable
@@ -11,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from reference.commands import scene_text
 
 from magmpm import load_scene, run
 
@@ -160,21 +159,10 @@ def test_a_magnet_can_be_moved(view: View) -> None:
     assert page.locator("#words").inner_text()
 
 
-SWING = """
-name: swing
-materials: {silicone: {shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 138 mT}}
-body: {catheter: {length: 20 mm, diameter: 4 mm, material: silicone, clamp: base, segments: [{magnetization: [1, 0, 0]}]}}
-field: {uniform: [0 mT, 0 mT, 20 mT]}
-effects: {magnetic_torque: {}}
-solver: {dynamic: {duration: 10 ms, output_every: 0.2 ms}}
-resolution: {cells_across: 2}
-advice: off
-"""
-
-
 def test_a_motion_plays_pauses_and_scrubs(view: View, tmp_path: Path) -> None:
     """It is run first; frames appear while it runs."""
-    (tmp_path / "swing.yaml").write_text(SWING, encoding="utf-8")
+    solver, field = "{dynamic: {duration: 10 ms, output_every: 0.2 ms}}", "{uniform: [0 mT, 0 mT, 27 mT]}"
+    (tmp_path / "swing.yaml").write_text(scene_text("swing", field=field, solver=solver, advice="off"), encoding="utf-8")
     page = view(tmp_path / "swing.yaml")
     settled(page)
     assert "51 frames" in page.locator("#state").inner_text()

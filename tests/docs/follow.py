@@ -6,8 +6,6 @@ STEPS.json: a list of [kind, text, line, name], as tests/docs/page_steps.py make
 Python with magmpm installed can run it. --quick: studies make two trials. Ends at the first step that fails, with its line and status 1.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

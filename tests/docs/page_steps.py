@@ -8,8 +8,7 @@ Fenced blocks are steps: `python`, `sh` and `yaml`. A comment in the line before
 Lines of `sh` that set up a machine (SETUP) are not run: `make`, the tests of the wheel and continuous integration do that.
 """
 
-from __future__ import annotations
-
+import json
 import re
 import shlex
 from dataclasses import dataclass
@@ -54,6 +53,13 @@ def steps(page: Path) -> list[Step]:
         elif kind in ("python", "yaml"):
             found.append(Step(kind, block, line))
     return [step for step in found if step.kind != "sh" or step.words[0] not in SETUP]
+
+
+def plan(page: Path, folder: Path) -> Path:
+    """The file of steps that follow.py takes."""
+    file = folder / "steps.json"
+    file.write_text(json.dumps([[s.kind, s.text, s.line, s.name] for s in steps(page) if s.kind != "yaml"]), encoding="utf-8")
+    return file
 
 
 def blocks(page: Path, kind: str) -> list[Step]:

@@ -3,18 +3,20 @@
 `make test-docs` runs these alone, with the slow ones.
 """
 
-from __future__ import annotations
-
+import ast
 import json
 import os
 import re
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from page_steps import PAGES, ROOT, Step, blocks, steps
+from page_steps import PAGES, ROOT, Step, blocks, plan, steps
+from reference.commands import environment
 
 from magmpm.cli.arguments import parser
 from magmpm.effects.acting import Effects
@@ -133,11 +135,8 @@ def follow(page: Path, folder: Path, python: str = sys.executable, *options: str
     """Do what a page says, in a folder that has the repository's data."""
     for inside in ("data", "docs"):
         (folder / inside).symlink_to(ROOT / inside)
-    plan = folder / "steps.json"
-    plan.write_text(json.dumps([[s.kind, s.text, s.line, s.name] for s in steps(page) if s.kind != "yaml"]), encoding="utf-8")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    driver = str(ROOT / "tests/docs/follow.py")
-    return subprocess.run([python, driver, str(plan), *options], cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    command = [python, ROOT / "tests/docs/follow.py", plan(page, folder), *options]
+    return subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True, check=False)
 
 
 @pytest.mark.slow
@@ -162,3 +161,73 @@ def test_what_does_not_work_is_found(tmp_path: Path) -> None:
     page.write_text("<!-- test: maybe -->\n```sh\nmagmpm run x\n```\n")
     with pytest.raises(ValueError, match="maybe"):
         steps(page)
+
+
+# docs/fitting.md and docs/sensitivities.md: their code runs, and finds what they say
+
+
+def names_of(page: str, count: int) -> dict[str, Any]:
+    """Names that all blocks of a page, one after the other as a reader would type them, have made."""
+    code = blocks(ROOT / "docs" / page, "python")
+    assert len(code) == count
+    names: dict[str, Any] = {}
+    for block in code:
+        exec(compile(block.text, page, "exec"), names)
+    return names
+
+
+@pytest.mark.slow
+def test_fitting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The interval holds the modulus that was hidden, and the refusal names what would tell."""
+    monkeypatch.chdir(ROOT)
+    constant = names_of("fitting.md", 2)["found"].constants[0]
+    assert constant.low < 105e3 < constant.high
+    assert constant.high - constant.low < 0.1 * 105e3
+
+
+def test_sensitivities(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The two tips are each other's mirror."""
+    monkeypatch.chdir(ROOT)
+    names = names_of("sensitivities.md", 3)
+    up, down = names["up"], names["down"]
+    assert abs(up.tip[2]) > 5e-3
+    np.testing.assert_allclose(down.tip, up.tip * [1, 1, -1], atol=1e-6 * 40e-3)
+    assert np.linalg.norm(names["scatter"]) > 1e-4
+
+
+# docs/first_hour.ipynb: it is stored without outputs, its code is that of Python, and (slow) all of it runs
+
+
+NOTEBOOK = ROOT / "docs/first_hour.ipynb"
+CELLS = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
+CODE = ["".join(cell["source"]) for cell in CELLS if cell["cell_type"] == "code"]
+
+
+def test_it_is_stored_without_outputs() -> None:
+    assert len(CODE) >= 8
+    for cell in CELLS:
+        assert cell.get("outputs", []) == []
+        assert cell.get("execution_count") is None
+    assert NOTEBOOK.stat().st_size < 20_000
+    for text in CODE:
+        ast.parse(text)
+
+
+@pytest.mark.slow
+def test_all_of_it_runs(tmp_path: Path) -> None:
+    (tmp_path / "data").symlink_to(ROOT / "data")
+    if find_spec("nbclient") and find_spec("ipykernel"):
+        import nbclient
+        import nbformat
+
+        os.environ["PYTHONPATH"] = str(ROOT)  # of the kernel
+        notebook = nbformat.read(NOTEBOOK, as_version=4)  # type: ignore[no-untyped-call]
+        done = nbclient.NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
+        shown = [output for cell in done.cells if cell.cell_type == "code" for output in cell.outputs]
+        pictures = [output for output in shown if "<svg" in str(output.get("data", {}).get("text/html", ""))]
+        assert len(pictures) == 3  # the scene, the result, the best design
+    else:
+        script = tmp_path / "cells.py"
+        script.write_text("\n".join(CODE), encoding="utf-8")
+        ran = subprocess.run([sys.executable, script], cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
+        assert ran.returncode == 0, ran.stderr[-3000:]

@@ -6,10 +6,7 @@ The wheel is built of this checkout and installed with the extras that the pages
 (`magmpm examples .`). A table says which pages pass and what each took; exit status 1 if one does not.
 """
 
-from __future__ import annotations
-
 import argparse
-import json
 import os
 import subprocess
 import sys
@@ -17,7 +14,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from page_steps import PAGES, ROOT, steps
+from page_steps import PAGES, ROOT, plan, steps
 
 EXTRAS = "render,magnets,cmaes,dashboard"
 
@@ -40,11 +37,9 @@ def follow(page: Path, folder: Path, python: Path) -> tuple[bool, float, str]:
     clean = {name: value for name, value in os.environ.items() if name not in names} | {"XDG_CACHE_HOME": str(folder.parent / "cache")}
     clean["PATH"] = f"{python.parent}{os.pathsep}{clean['PATH']}"
     subprocess.run([python, "-m", "magmpm.cli", "examples", "."], cwd=folder, env=clean, check=True, capture_output=True)
-    plan = folder / "steps.json"
-    plan.write_text(json.dumps([[s.kind, s.text, s.line, s.name] for s in steps(page) if s.kind != "yaml"]), encoding="utf-8")
     begun = time.monotonic()
     driver = str(ROOT / "tests/docs/follow.py")
-    done = subprocess.run([python, driver, plan], cwd=folder, env=clean, capture_output=True, text=True, check=False)
+    done = subprocess.run([python, driver, plan(page, folder)], cwd=folder, env=clean, capture_output=True, text=True, check=False)
     return done.returncode == 0, time.monotonic() - begun, done.stderr
 
 

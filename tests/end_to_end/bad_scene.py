@@ -3,8 +3,6 @@
 `write(case, folder)` writes the file; `expected(case, path)` lists the phrases that its message must contain.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,7 +45,7 @@ class BadScene:
 
     name: identifies the case; edits: (old, new) replacements in GOOD, each of which must apply exactly once; content:
     the whole file instead, None for no file, "folder" for a folder; key: the key path in the message; received: the
-    value in the message; says: phrases of rule and remedy; later: the error is NotThereYet; line: the reported line, by
+    value in the message; says: phrases of rule and remedy; line: the reported line, by
     default that of the first edit; table: content of shape.csv beside the scene.
     """
 
@@ -58,7 +56,6 @@ class BadScene:
     says: tuple[str, ...] = ()
     content: bytes | None = b""
     folder: bool = False
-    later: bool = False
     line: int | None = None
     table: str | None = None
 

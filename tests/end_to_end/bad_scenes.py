@@ -3,14 +3,11 @@
 `CASES` is data, so that `load_scene` and the command are tested with the same files (bad_scene.write, bad_scene.expected).
 """
 
-from __future__ import annotations
-
 from bad_scene import BadScene, edit, effect, field, motion, whole
 
 # ruff: noqa: E501  (a case a line reads best)
 # fmt: off
 
-DAMAGE = ("", " ", "\t", "\n", ":", "-", "[", "]", "{", "}", "'", '"', "#", "&a", "*a")  # what a file is damaged with, to see what is said
 TABLE = "s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n20,20,0,0\n40,38,0,9\n"
 CATHETER = "body.catheter"
 MAGNETIC = 'materials."magnetic silicone"'

@@ -4,8 +4,6 @@
 files and returns the path of the study.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,15 +46,14 @@ FILES = {"study.yaml": GOOD, "scene.yaml": SCENE, "target.csv": TARGET}
 class BadStudy:
     """One error in a study.
 
-    edit: (old, new) in `file`, once; new None: the file is missing. says: phrases of the message; later: the error is
-    NotThereYet; study: the study file before the edit.
+    edit: (old, new) in `file`, once; new None: the file is missing. says: phrases of the message; study: the study file before
+    the edit.
     """
 
     name: str
     edit: tuple[str, str | None]
     says: tuple[str, ...]
     file: str = "study.yaml"
-    later: bool = False
     study: str = GOOD
 
 

@@ -1,17 +1,22 @@
 """Broken strips and STL parts: each refused before the run with file, line, key, value received, rule and remedy."""
 
-from __future__ import annotations
-
+import os
+import signal
+from collections.abc import Iterator
 from pathlib import Path
 
+import bad_studies
 import numpy as np
 import pytest
 from bad_scene import BadScene
+from reference.commands import scene_text
 from reference.solids import box
+from test_commands import SCENE
+from test_import import robot_file
 
 from magmpm.bodies.surface_mesh import Mesh, write_stl
 from magmpm.cli import main
-from magmpm.errors import InputError
+from magmpm.errors import InputError, dotted, undotted
 from magmpm.scene import load_scene
 
 # ruff: noqa: E501  (a case a line reads best)
@@ -157,14 +162,6 @@ def test_what_is_wrong_is_said(good: str, case: BadScene, tmp_path: Path) -> Non
     assert "problems in" not in message, f"one mistake, one problem:\n{message}"
 
 
-def test_the_command_says_it_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    meshes(tmp_path)
-    path = tmp_path / "probe.yaml"
-    path.write_text(PARTS.replace("arm.stl", "open.stl"))
-    assert main(["run", str(path)]) == 2
-    assert "watertight" in capsys.readouterr().err
-
-
 def test_a_part_far_from_the_others_is_refused_before_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A part in another unit is far away: the box around all parts has too many cells."""
     meshes(tmp_path)
@@ -175,3 +172,97 @@ def test_a_part_far_from_the_others_is_refused_before_the_run(tmp_path: Path, ca
     message = capsys.readouterr().err
     assert "the box around all parts" in message
     assert "check units and places of the parts" in message
+
+
+# Errors found only when the body is built are refused like those found during loading: file, line, key, value, rule, remedy
+
+
+FIELD, EFFECT = "uniform: [0 mT, 2 mT, 20 mT]", "gravity: {}"
+TUBE = "walls: {tube: {radius: 3 mm, path: [[0 mm, 9 mm, 0 mm], [40 mm, 9 mm, 0 mm]]}}"
+MOMENT = "moment: [0 A*m^2, 0 A*m^2, 0.5 A*m^2]"
+NEAR = f"dipole:\n    - {{position: [60 mm, 0 mm, 0 mm], {MOMENT}}}\n    - {{position: [8 mm, 0 mm, 0 mm], {MOMENT}}}"
+TURNING = (
+    "magnet: {cylinder: {diameter: 20 mm, length: 20 mm}, position: [40 mm, 0 mm, 0 mm], remanence: 1.3 T}\n"
+    "  over_time: {rotation: {frequency: 1 Hz, center: [20 mm, 0 mm, 0 mm], axis: [0, 1, 0]}}"
+)
+
+
+@pytest.mark.parametrize(("field", "effect", "where", "says"), [
+    (FIELD, "ground: {point: [0 mm, 0 mm, 1 mm]}", '9: effects.ground: received {"point": ["0 mm", "0 mm", "1 mm"]}; ',
+     ("the body begins 3 mm inside", "just touching", "away from the body")),
+    (FIELD, TUBE, '9: effects.walls: received {"tube": {"radius": "3 mm"',
+     ("outside the lumen, farthest with segment 1 (body.catheter.segments[0]), at (", "make the lumen wider")),
+    (NEAR, EFFECT, '7: field.dipole[1]: received {"position": ["8 mm", "0 mm", "0 mm"]', ("nearer than a cell", "move the dipole")),
+    (TURNING, EFFECT, '5: field.magnet: received {"cylinder": {',
+     ("the magnet, center (", " s, is in the box around the body", "move the magnet")),
+], ids=["ground", "walls", "dipole", "magnet"])  # fmt: skip
+def test_file_line_and_value_are_named(field, effect, where, says, tmp_path, told) -> None:
+    if "magnet:" in field:
+        pytest.importorskip("magpylib")
+    path = tmp_path / "scene.yaml"
+    effects = f"\n  magnetic_torque: {{}}\n  magnetic_force: {{}}\n  {effect}"
+    path.write_text(scene_text("late", length="16 mm", field=f"\n  {field}", effects=effects, solver="{dynamic: {duration: 1 ms}}"))
+    told("run", path, "--out", tmp_path / "out", status=2, says=(f"{path}:{where}", "\n  rule: ", "\n  remedy: ", *says))
+
+
+def test_keys_are_read_as_they_are_written() -> None:
+    for key in [("field", "dipole", 1, "position"), ("materials", "magnetic silicone", "density"), ("solver", "dynamic", "time_step"), ()]:
+        assert undotted(dotted(key)) == key
+
+
+# A pipe, a device, a folder or a huge file instead of a scene, mesh, table or study is refused at once
+
+
+PATIENCE = 30  # s for a command that takes one; without the check it waits forever, or fills the memory
+
+
+@pytest.fixture
+def _impatient() -> Iterator[None]:
+    """Ends a test that hangs."""
+
+    def end(number: int, frame: object) -> None:
+        raise TimeoutError(f"no answer in {PATIENCE} s")
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.alarm(PATIENCE)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def odd(kind: str, path: Path) -> str:
+    """Put something odd in place of a file; returns its name in the message."""
+    path.unlink(missing_ok=True)
+    if kind == "pipe":
+        os.mkfifo(path)
+        return "a named pipe (FIFO)"
+    if kind == "device":
+        path.symlink_to("/dev/zero")
+        return "a device"
+    if kind == "folder":
+        path.mkdir()
+        return "a folder"
+    with path.open("wb") as stream:
+        stream.truncate(10**9)  # a sparse file, which would fill the memory
+    return f"received {10**9} bytes"
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "folder", "huge"])
+@pytest.mark.parametrize("place", ["scene", "mesh", "reference", "study", "target", "robot", "segment"])
+@pytest.mark.usefixtures("_impatient")
+def test_what_is_no_usable_file_is_refused_at_once(place, kind, tmp_path, monkeypatch, told) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = {"scene": "scene.yaml", "mesh": "base.stl", "reference": "reference.csv", "study": "study.yaml", "target": "target.csv"}
+    path = tmp_path / names.get(place, "tiny.yaml" if place == "robot" else "meshes/tip.STL")
+    command: list[object] = ["run", "scene.yaml"]
+    Path("scene.yaml").write_text(PARTS if place == "mesh" else SCENE + "reference: {centreline: reference.csv}\n")
+    if place in ("study", "target"):
+        for name, text in bad_studies.FILES.items():
+            (tmp_path / name).write_text(text)
+        command = ["design", "study.yaml"]
+    elif place in ("robot", "segment"):
+        command = ["import", robot_file(tmp_path), "-o", "imported.yaml"]
+    what = odd(kind, path)
+    said = told(*command, status=2, says=(path.name, "rule: ")).err
+    assert what in said or (place == "segment" and "the file must be in" in said)
+    assert not (tmp_path / "runs").exists()

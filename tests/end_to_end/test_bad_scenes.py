@@ -1,16 +1,22 @@
 """Every broken scene file is refused with one message: file and line, key, value received, rule, remedy."""
 
-from __future__ import annotations
-
-import random
 from pathlib import Path
 
+import bad_studies
 import pytest
 from bad_scene import GOOD, BadScene, expected, write
-from bad_scenes import CASES, DAMAGE
+from bad_scenes import CASES
+from bad_studies import FILES, BadStudy
 
 from magmpm.errors import InputError, NotThereYet
 from magmpm.scene import load_scene
+from magmpm.studies.search.definition import load_study
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        load_scene(path)
+    return str(caught.value)
 
 
 def test_the_good_scene_is_good(tmp_path: Path) -> None:
@@ -19,13 +25,8 @@ def test_the_good_scene_is_good(tmp_path: Path) -> None:
     assert load_scene(path).warnings() == []
 
 
-def test_there_are_enough_cases_and_each_is_its_own() -> None:
-    assert len(CASES) >= 40
-    assert len({case.name for case in CASES}) == len(CASES)
-
-
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name.replace(" ", "-"))
-def test_load_scene_says_what_is_wrong(case: BadScene, tmp_path: Path) -> None:
+def test_what_is_wrong_is_said_by_loader_and_command(case: BadScene, tmp_path: Path, told) -> None:
     path = write(case, tmp_path)
     with pytest.raises(InputError) as caught:
         load_scene(path)
@@ -35,38 +36,16 @@ def test_load_scene_says_what_is_wrong(case: BadScene, tmp_path: Path) -> None:
     assert "\n  rule: " in message
     assert "\n  remedy: " in message
     assert "problems in" not in message, f"one mistake, one problem:\n{message}"
-    assert isinstance(caught.value, NotThereYet) == case.later
-    assert caught.value.exit_status == 2
-
-
-def test_damaged_files_never_crash(tmp_path: Path) -> None:
-    """A good file with random damage gives a scene or an InputError, nothing else."""
-    rng = random.Random(1)
-    path = tmp_path / "probe.yaml"
-    pieces = [*DAMAGE, "!", "|", "%", "~", "é", "\0", "null", "true", ".nan", "1e999", "-1", "0", "9" * 400, "[]", "{}"]
-    pieces += ["<<: *a", "mm", "T", "---\n", "? "]
-    messages = []
-    for _ in range(400):
-        text = GOOD
-        for _ in range(rng.randint(1, 3)):
-            start = rng.randrange(len(text))
-            text = text[:start] + rng.choice(pieces) + text[start + rng.choice([0, 1, 1, 3, 10]) :]
-        path.write_text(text)
-        try:
-            load_scene(path)
-        except InputError as error:
-            messages.append(str(error))
-    assert all(str(path) in message for message in messages)
-    assert len(messages) > 200  # of 400: most damages matter
+    assert not isinstance(caught.value, NotThereYet)
+    assert told("run", path, "--json", "--out", tmp_path / "out", status=2, says=tuple(expected(case, path))).out == ""
+    assert not (tmp_path / "out").exists()
 
 
 def test_thousands_of_problems_are_counted_and_the_first_put_into_words(tmp_path: Path) -> None:
     """Each would take a millisecond."""
     path = tmp_path / "probe.yaml"
     path.write_text(GOOD + "".join(f"k{number}: 1\n" for number in range(3000)))
-    with pytest.raises(InputError) as caught:
-        load_scene(path)
-    lines = str(caught.value).splitlines()
+    lines = refusal(path).splitlines()
     assert lines[0] == f"3000 problems in {path}"
     assert lines[-1] == "... and 2980 more"
 
@@ -75,17 +54,66 @@ def test_thousands_of_problems_are_counted_and_the_first_put_into_words(tmp_path
 def test_a_text_without_end_is_not_told_in_full(text: str, tmp_path: Path) -> None:
     path = tmp_path / "probe.yaml"
     path.write_text(GOOD.replace("40 mm", f"'{text}'"))
-    with pytest.raises(InputError) as caught:
-        load_scene(path)
-    assert len(str(caught.value)) < 1000
+    assert len(refusal(path)) < 1000
 
 
 def test_all_problems_are_listed_in_the_order_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / "probe.yaml"
     path.write_text(GOOD.replace("40 mm", "40").replace("6 mT", "6 mm").replace("cells_across: 4", "seconds: -2 s"))
-    with pytest.raises(InputError) as caught:
-        load_scene(path)
-    lines = str(caught.value).splitlines()
+    lines = refusal(path).splitlines()
     assert lines[0] == f"3 problems in {path}"
     places = [line.split(": received")[0] for line in lines[1::3]]
     assert places == [f"{path}:12: body.catheter.length", f"{path}:22: field.uniform[1]", f"{path}:28: resolution.seconds"]
+
+
+# Every broken study is refused with a message that names file, line, key, value, rule and remedy, before anything runs
+
+
+def write_good(folder: Path) -> Path:
+    for name, text in FILES.items():
+        (folder / name).write_text(text)
+    return folder / "study.yaml"
+
+
+def test_the_good_study_is_good(tmp_path: Path) -> None:
+    study = load_study(write_good(tmp_path))
+    assert (study.name, study.trials, study.stop_rms, study.field_max) == ("study", 35, 2e-3, 10e-3)
+
+
+@pytest.mark.parametrize("case", bad_studies.CASES, ids=lambda case: case.name.replace(" ", "-"))
+def test_what_is_wrong_in_a_study_is_said_by_loader_and_command(case: BadStudy, tmp_path: Path, told) -> None:
+    path, out = bad_studies.write(case, tmp_path), tmp_path / "out"
+    with pytest.raises(InputError) as caught:
+        load_study(path)
+    message = str(caught.value)
+    assert str(tmp_path) in message, "the file is named"
+    assert "\n  rule: " in message or "no such file" in message or "this is a folder" in message
+    assert "problems in" not in message, f"one mistake, one problem:\n{message}"
+    assert not isinstance(caught.value, NotThereYet)
+    assert all(phrase in message for phrase in case.says), message
+    assert told("design", path, "--out", out, "--no-pictures", status=2, says=case.says).out == ""
+    assert not out.exists(), "nothing is left behind"
+
+
+@pytest.mark.parametrize("name", ["..yaml", "...yaml", "a\tb.yaml"])
+def test_a_study_is_named_as_a_folder_can_be(name: str, tmp_path: Path, told, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`..yaml` would write its results into runs/ itself, `...yaml` beside it."""
+    monkeypatch.chdir(tmp_path)
+    write_good(tmp_path).rename(tmp_path / name)
+    before = sorted(tmp_path.rglob("*"))
+    says = name, "names the folder of results", "\n  rule: ", "\n  remedy: rename the file"
+    told("design", name, "--no-pictures", status=2, says=says)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(("arguments", "says"), [
+    (["--sampler", "annealing"], ("--sampler", "annealing", "tpe, gp, cmaes, nsga2, random, gauss-newton, or optuna:NAME")),
+    (["--sampler", "optuna:CMAES"], ("--sampler", 'did you mean "optuna:CmaEsSampler"?')),
+    (["--trials", "0"], ("--trials", "received 0", "at least 1")),
+    (["--trials", "99999999999"], ("--trials", "received 99999999999", "rule: must be at most 1000000", "remedy: --trials")),
+    (["--storage", "study.db"], ("--storage", "study.db", "sqlite:///study.db")),
+    (["--storage", "nodatabase://here"], ("--storage", "nodatabase", "usable URL")),
+], ids=lambda value: "-".join(value) if isinstance(value, list) else None)  # fmt: skip
+def test_bad_options_end_with_status_2(arguments: list[str], says: tuple[str, ...], tmp_path: Path, told) -> None:
+    out = ["--out", tmp_path / "out", "--no-pictures"]
+    assert told("design", write_good(tmp_path), *out, *arguments, status=2, says=says).out == ""

@@ -1,21 +1,17 @@
 """One process at a time writes to a results folder; a second one names the first and changes nothing."""
 
-from __future__ import annotations
-
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
 
 import pytest
+from reference.commands import started, wait_for
 from reference.folders import holding
-from swing import environment, scene
+from swing import scene
 from test_commands import SCENE, STUDY
 
-from magmpm.cli import main
 from magmpm.results import folder_lock as lock
 from magmpm.results.file_names import CHECKPOINT, ENERGIES
 from magmpm.results.folder_lock import LOCK, FolderInUse, folder_lock
@@ -27,40 +23,30 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lock, "PATIENCE", 0.1)
 
 
-def test_two_motions_into_one_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_motions_into_one_folder(tmp_path: Path, told) -> None:
     """The second ends at once with status 2 and the number of the first process; the first continues, and all files are its own."""
     path, out = scene(tmp_path, "duration: 100 s, output_every: 1 ms"), tmp_path / "out"
-    command = [sys.executable, "-m", "magmpm.cli", "run", str(path), "--out", str(out)]
-    with subprocess.Popen(command, env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as first:
+    with started("run", path, "--out", out) as first:
         try:
-            patience = time.monotonic() + 120
-            while not (out / CHECKPOINT).exists() and first.poll() is None and time.monotonic() < patience:
-                time.sleep(0.01)
-            for second in (["run", str(path)], ["run", str(path), "--resume"]):
-                assert main([*second, "--out", str(out)]) == 2
-                said = capsys.readouterr().err
-                assert f"{out}: in use by process {first.pid} on " in said
-                assert "\n  rule: " in said
-                assert "\n  remedy: wait for it, end it, or use another --out" in said
+            wait_for((out / CHECKPOINT).exists, first)
+            says = f"{out}: in use by process {first.pid} on ", "\n  rule: ", "\n  remedy: wait for it, end it, or use another --out"
+            for more in ((), ("--resume",)):
+                told("run", path, "--out", out, *more, status=2, says=says)
             seen = len(Motion.load(out))
-            while len(Motion.load(out)) == seen and first.poll() is None and time.monotonic() < patience:
-                time.sleep(0.01)
+            wait_for(lambda: len(Motion.load(out)) > seen, first)
             assert first.poll() is None, "the first went on"
         finally:
-            first.send_signal(signal.SIGKILL)
+            first.kill()
     rows = (out / ENERGIES).read_text().splitlines()
     times = [float(row.split(",")[0]) for row in rows[1:-1]]  # the last may be truncated
     assert times == sorted(set(times)), "rows of one motion"
     assert times[0] == 0.0
 
 
-@pytest.mark.parametrize(
-    "command",
-    [["run", "scene.yaml"], ["accuracy", "scene.yaml", "--cells", "2,3"], ["design", "study.yaml", "--no-pictures"], ["render", "out"]],
-)
-def test_every_command_that_writes_a_folder_waits_its_turn(
-    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.parametrize("command", [
+    ["run", "scene.yaml"], ["accuracy", "scene.yaml", "--cells", "2,3"], ["design", "study.yaml", "--no-pictures"], ["render", "out"],
+])  # fmt: skip
+def test_every_command_that_writes_a_folder_waits_its_turn(command, tmp_path, monkeypatch, told) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MAGMPM_RENDER", "matplotlib")
     Path("scene.yaml").write_text(SCENE)
@@ -68,15 +54,10 @@ def test_every_command_that_writes_a_folder_waits_its_turn(
     Path("target.csv").write_text("s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n10,10,0,0\n20,20,0,0\n")
     Path("out").mkdir()
     if command[0] == "render":
-        assert main(["run", "scene.yaml", "--out", "out"]) == 0
-    capsys.readouterr()
+        told("run", "scene.yaml", "--out", "out")
     before = sorted(Path("out").iterdir())
     with holding(tmp_path / "out") as pid:
-        assert main([*command, "--out", "out"]) == 2
-        said = capsys.readouterr()
-        assert f"in use by process {pid} on " in said.err
-        assert " since 20" in said.err
-        assert said.out == ""
+        assert told(*command, "--out", "out", status=2, says=(f"in use by process {pid} on ", " since 20")).out == ""
     assert [path for path in sorted(Path("out").iterdir()) if path.name != LOCK] == [path for path in before if path.name != LOCK]
 
 

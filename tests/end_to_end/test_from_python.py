@@ -1,7 +1,5 @@
 """Scenes made, changed and saved in Python, and the commands' answers as functions."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

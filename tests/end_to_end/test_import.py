@@ -1,7 +1,5 @@
 """Robots in the magneticMPM format: small valid and invalid ones made here, and the real ones if they lie beside the project."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -14,7 +12,6 @@ import yaml
 from reference.solids import box
 
 from magmpm.bodies.surface_mesh import Mesh, write_stl
-from magmpm.cli import main
 from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.scene import load_scene
@@ -33,27 +30,18 @@ def robot_file(folder: Path, meshes: dict[str, Mesh] | None = None, **changes: A
     (folder / "meshes").mkdir(parents=True, exist_ok=True)
     for name, mesh in {**MESHES, **(meshes or {})}.items():
         write_stl(mesh, folder / "meshes" / name)
-    content = {
-        "name": "Tiny",
-        "n_segments": 3,
-        "remenance": 0.138,
-        "segments": [
-            segment("base.STL", [0, 0, 0], density=927, fixed=True),
-            segment("robot - arm.STL", [0, 0, 1]),
-            segment("tip.STL", [0.8, 0, 0.6]),
-        ],
-        **changes,
-    }
+    hub = segment("base.STL", [0, 0, 0], density=927, fixed=True)
+    arm, tip = segment("robot - arm.STL", [0, 0, 1]), segment("tip.STL", [0.8, 0, 0.6])
+    content = {"name": "Tiny", "n_segments": 3, "remenance": 0.138, "segments": [hub, arm, tip], **changes}
     path = folder / "tiny.yaml"
     path.write_text(yaml.safe_dump({k: v for k, v in content.items() if v is not None}))
     return path
 
 
-def test_a_robot_becomes_a_scene_that_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot_becomes_a_scene_that_runs(tmp_path: Path, told) -> None:
     scene_file = tmp_path / "scenes" / "tiny.yaml"
-    assert main(["import", str(robot_file(tmp_path / "robot")), "-o", str(scene_file), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["name"], told["parts"], told["held"], told["warnings"]) == ("Tiny", 3, 1, [])
+    found = json.loads(told("import", robot_file(tmp_path / "robot"), "-o", scene_file, "--json").out)
+    assert (found["name"], found["parts"], found["held"], found["warnings"]) == ("Tiny", 3, 1, [])
     text = scene_file.read_text()
     assert "../robot/meshes/robot - arm.STL" in text  # meshes are found from the folder of the scene
     scene = load_scene(scene_file)
@@ -63,35 +51,30 @@ def test_a_robot_becomes_a_scene_that_runs(tmp_path: Path, capsys: pytest.Captur
     assert {m.bulk_to_shear for m in scene.materials.values()} == {20.0}
     model = build(scene)
     assert model.particles.volume.sum() == pytest.approx(48e-9, rel=1e-6)  # STL is single precision
-    assert main(["run", str(scene_file), "--json", "--out", str(tmp_path / "out")]) == 0
-    result = json.loads(capsys.readouterr().out)
+    result = json.loads(told("run", scene_file, "--json", "--out", tmp_path / "out").out)
     assert result["converged"]
     # It hangs: its weight lowers the centroid of the tip by rho g L^2/(2 E) = 7 um, within the effects of clamp and ends.
     assert 2e-6 < 2.5e-3 - result["tip"][2] < 12e-6
 
 
-def test_an_edited_scene_is_not_imported_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_edited_scene_is_not_imported_over(tmp_path: Path, told) -> None:
     """A second import with the same file is accepted; one that would change it needs --overwrite."""
     scene_file = tmp_path / "tiny.yaml"
-    command = ["import", str(robot_file(tmp_path / "robot")), "-o", str(scene_file)]
-    assert main(command) == 0
+    command = ["import", robot_file(tmp_path / "robot"), "-o", scene_file]
+    told(*command)
     made = scene_file.read_text()
-    assert main(command) == 0
+    told(*command)
     edited = made.replace("0 mT, 0 mT, 0 mT", "0 mT, 0 mT, 8 mT")
     edited = edited if edited != made else made + "# mine\n"
     scene_file.write_text(edited)
-    capsys.readouterr()
-    assert main(command) == 2
-    said = capsys.readouterr().err
-    assert f"-o: received {scene_file}\n  rule: " in said
-    assert "--overwrite" in said
+    told(*command, status=2, says=(f"-o: received {scene_file}\n  rule: ", "--overwrite"))
     assert scene_file.read_text() == edited
     assert sorted(path.name for path in tmp_path.iterdir()) == ["robot", "tiny.yaml"]
-    assert main([*command, "--overwrite"]) == 0
+    told(*command, "--overwrite")
     assert scene_file.read_text() == made
 
 
-def test_import_into_what_cant_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_import_into_what_cant_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told) -> None:
     """A read-only disk, where even deleting a missing file fails; a folder instead of the file."""
     robot = robot_file(tmp_path / "robot")
 
@@ -101,18 +84,15 @@ def test_import_into_what_cant_be_written(tmp_path: Path, monkeypatch: pytest.Mo
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_text", read_only)
         patch.setattr(Path, "unlink", read_only)
-        assert main(["import", str(robot), "-o", str(tmp_path / "tiny.yaml")]) == 2
-    said = capsys.readouterr().err
-    assert "tiny.yaml: can't be written (Read-only file system)" in said
-    assert main(["import", str(robot), "-o", str(tmp_path / "robot")]) == 2
-    assert "can't be written (this is a folder)" in capsys.readouterr().err
+        says = "tiny.yaml: can't be written (Read-only file system)"
+        told("import", robot, "-o", tmp_path / "tiny.yaml", status=2, says=says)
+    told("import", robot, "-o", tmp_path / "robot", status=2, says="can't be written (this is a folder)")
 
 
 def test_a_robot_that_nothing_holds_stands_on_the_ground(tmp_path: Path) -> None:
     loose = [segment("robot - arm.STL", [0, 0, 1]), segment("tip.STL", [0, 0, 1])]
     scene, _ = import_robot(robot_file(tmp_path, n_segments=2, segments=loose), tmp_path / "s.yaml")
     assert scene.solver.dynamic is not None
-    assert scene.effects.ground is not None
     assert scene.effects.ground.point[2] == 0.0
     assert build(scene).free
 
@@ -177,14 +157,11 @@ BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_what_would_make_a_wrong_robot_is_refused(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_would_make_a_wrong_robot_is_refused(name: str, tmp_path: Path, told) -> None:
     """Exit 2, a message with file, key, value, rule and remedy, and no scene written."""
     changes, says = BAD[name]
     path = robot_file(tmp_path, **changes)
-    assert main(["import", str(path), "-o", str(tmp_path / "s.yaml")]) == 2
-    message = capsys.readouterr().err
-    missing = [phrase for phrase in [str(path), "\n  rule: ", "\n  remedy: ", *says] if phrase not in message]
-    assert not missing, f"not said: {missing}\nin:\n{message}"
+    told("import", path, "-o", tmp_path / "s.yaml", status=2, says=(str(path), "\n  rule: ", "\n  remedy: ", *says))
     assert not (tmp_path / "s.yaml").exists()
 
 
@@ -196,10 +173,9 @@ def test_a_folder_without_meshes_is_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real robots are not beside the project")
-@pytest.mark.parametrize(
-    ("robot", "volume", "held", "odd"),
-    [("Tentacle/tentacleA", 1182.75, 1, 4), ("Tentacle/tentacleF", 1182.75, 1, 4), ("SmallScaleBot/SmallScaleBot", 1.02675, 0, 0)],
-)
+@pytest.mark.parametrize(("robot", "volume", "held", "odd"), [
+    ("Tentacle/tentacleA", 1182.75, 1, 4), ("Tentacle/tentacleF", 1182.75, 1, 4), ("SmallScaleBot/SmallScaleBot", 1.02675, 0, 0),
+])  # fmt: skip
 def test_real_robots(robot: str, volume: float, held: int, odd: int, tmp_path: Path) -> None:
     """Volume (mm^3, sum over the meshes, computed by trimesh), the held part, and vectors that are not of unit length."""
     scene, warnings = import_robot(REAL / f"{robot}.yaml", tmp_path / "s.yaml")

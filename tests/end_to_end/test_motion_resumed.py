@@ -1,51 +1,45 @@
 """`magmpm run` of motions that are killed, resumed or lengthened, and of damaged checkpoints."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from swing import environment, scene
+from reference.commands import started, wait_for
+from reference.damage import byte_changed, cut_short, emptied
+from swing import scene, text
 
-from magmpm.cli import main
 from magmpm.cli.render import motion_of
 from magmpm.dynamics.time_loop import begin, integrate
-from magmpm.errors import InputError
+from magmpm.errors import InputError, SceneError
 from magmpm.model import build
 from magmpm.results.file_names import ABOUT, CHECKPOINT, ENERGIES, MOTION, NUMBERS
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.scene import load_scene
+from magmpm.scene.memory import within
 
 
-def test_killed_and_resumed_is_the_same_motion(tmp_path: Path) -> None:
+def test_killed_and_resumed_is_the_same_motion(tmp_path: Path, told) -> None:
     """SIGKILL at some frame, then --resume: result and checkpoint equal those of an uninterrupted run bit for bit, and no frame is missing.
     """
     path = scene(tmp_path, "duration: 40 ms, output_every: 1 ms")
-    command = [sys.executable, "-m", "magmpm.cli", "run", str(path), "--json", "--out"]
     whole, broken = tmp_path / "whole", tmp_path / "broken"
-    assert main(["run", str(path), "--json", "--out", str(whole)]) == 0
-
-    process = subprocess.Popen([*command, str(broken)], env=environment(), stdout=subprocess.DEVNULL)
-    patience = time.monotonic() + 120
-    while not (broken / CHECKPOINT).exists() and process.poll() is None and time.monotonic() < patience:
-        time.sleep(0.005)
+    told("run", path, "--out", whole)
+    process = started("run", path, "--out", broken)
+    wait_for((broken / CHECKPOINT).exists, process)
     time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
+    process.kill()
     assert process.wait() == -signal.SIGKILL, "the run was over before it could be killed"
     with np.load(broken / CHECKPOINT) as saved:
         frame = json.loads(str(saved["about"]))["frame"]
     assert 1 <= frame < 40
 
-    assert main(["run", str(path), "--json", "--out", str(broken), "--resume"]) == 0
+    told("run", path, "--out", broken, "--resume")
     one, two = Result.load(whole), Result.load(broken)
     assert one.iterations == two.iterations
     assert one.particle_position.tobytes() == two.particle_position.tobytes()
@@ -85,26 +79,22 @@ def test_a_checkpoint_that_the_disk_does_not_take_is_warned_of(tmp_path: Path) -
     assert len(Motion.load(tmp_path)) == 3
 
 
-def test_resuming_another_scene_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "out"
-    assert main(["run", str(scene(tmp_path, "duration: 1 ms, output_every: 1 ms")), "--out", str(out)]) == 0
-    path = scene(tmp_path, "duration: 1 ms, output_every: 1 ms")
+def test_resuming_another_scene_is_refused(tmp_path: Path, told) -> None:
+    out, path = tmp_path / "out", scene(tmp_path, "duration: 1 ms, output_every: 1 ms")
+    told("run", path, "--out", out)
     path.write_text(path.read_text(encoding="utf-8").replace("20 mT", "19 mT"), encoding="utf-8")
-    assert main(["run", str(path), "--out", str(out), "--resume"]) == 2
-    said = capsys.readouterr().err
-    assert f"{out / CHECKPOINT}: received the checkpoint of another scene" in said
-    assert "\n  rule: " in said
-    assert "\n  remedy: " in said
+    says = f"{out / CHECKPOINT}: received the checkpoint of another scene", "\n  rule: ", "\n  remedy: "
+    told("run", path, "--out", out, "--resume", status=2, says=says)
 
 
 @pytest.mark.parametrize(("short", "long"), [("2 ms, output_every: 1 ms", "4 ms, output_every: 1 ms"), ("0.5 ms", "0.6 ms")])
-def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path) -> None:
+def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path, told) -> None:
     """It continues from its end, with the same frame interval, and equals a motion of that length."""
     out, whole = tmp_path / "out", tmp_path / "whole"
     frames = long if "every" in long else f"{long}, output_every: 5 us"  # a hundredth of the short one
-    assert main(["run", str(scene(tmp_path, f"duration: {short}")), "--out", str(out), "--json"]) == 0
-    assert main(["run", str(scene(tmp_path, f"duration: {long}")), "--out", str(out), "--json", "--resume"]) == 0
-    assert main(["run", str(scene(tmp_path, f"duration: {frames}")), "--out", str(whole), "--json"]) == 0
+    told("run", scene(tmp_path, f"duration: {short}"), "--out", out)
+    told("run", scene(tmp_path, f"duration: {long}"), "--out", out, "--resume")
+    told("run", scene(tmp_path, f"duration: {frames}"), "--out", whole)
     one, two = Motion.load(out), Motion.load(whole)
     np.testing.assert_array_equal(one.times, two.times)
     np.testing.assert_array_equal(one.energies["total"], two.energies["total"])
@@ -114,80 +104,50 @@ def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path) -> None:
     assert one.scene["solver"]["dynamic"]["duration"] == Result.load(out).scene["solver"]["dynamic"]["duration"] > 5e-4
 
 
-@pytest.mark.parametrize(
-    ("short", "long", "rule"),
-    [
-        ("2 ms, output_every: 1 ms", "1 ms, output_every: 1 ms", "must be no shorter than what the motion has done, 0.002 s"),
-        ("2.5 ms, output_every: 1 ms", "4 ms, output_every: 1 ms", "it ended between two"),
-        ("2 ms, output_every: 1 ms", "4 ms, output_every: 2 ms", "its duration alone may be longer, and its budgets"),
-    ],
-)
-def test_what_can_t_be_lengthened_is_refused(short: str, long: str, rule: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(("short", "long", "rule"), [
+    ("2 ms, output_every: 1 ms", "1 ms, output_every: 1 ms", "must be no shorter than what the motion has done, 0.002 s"),
+    ("2.5 ms, output_every: 1 ms", "4 ms, output_every: 1 ms", "it ended between two"),
+    ("2 ms, output_every: 1 ms", "4 ms, output_every: 2 ms", "its duration alone may be longer, and its budgets"),
+])  # fmt: skip
+def test_what_can_t_be_lengthened_is_refused(short: str, long: str, rule: str, tmp_path: Path, told) -> None:
     out = tmp_path / "out"
-    assert main(["run", str(scene(tmp_path, f"duration: {short}")), "--out", str(out)]) == 0
+    told("run", scene(tmp_path, f"duration: {short}"), "--out", out)
     before = Result.load(out)
-    assert main(["run", str(scene(tmp_path, f"duration: {long}")), "--out", str(out), "--resume"]) == 2
-    assert rule in capsys.readouterr().err
+    told("run", scene(tmp_path, f"duration: {long}"), "--out", out, "--resume", status=2, says=rule)
     assert Result.load(out).time == before.time
 
 
-def test_a_motion_goes_on_with_a_larger_budget(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_motion_goes_on_with_a_larger_budget(tmp_path: Path, told) -> None:
     out, length = tmp_path / "out", "duration: 4 ms, output_every: 0.1 ms"
-    assert main(["run", str(scene(tmp_path, f"{length}, max_disk: 600 kB")), "--out", str(out)]) == 3
-    assert "raise max_disk" in capsys.readouterr().err
+    told("run", scene(tmp_path, f"{length}, max_disk: 600 kB"), "--out", out, status=3, says="raise max_disk")
     kept, frames = Result.load(out), Motion.load(out)
     assert 2 < len(frames) < 41, "whole frames before the limit"
     assert kept.time == pytest.approx(frames.times[-1], abs=1e-12)
     assert sum(file.stat().st_size for file in out.glob("motion.*")) < 600e3
-    assert main(["run", str(scene(tmp_path, length)), "--out", str(out), "--resume"]) == 0
+    told("run", scene(tmp_path, length), "--out", out, "--resume")
     assert len(Motion.load(out)) == 41
 
 
-def _frames_of_before(out: Path, earlier: Path) -> None:
-    shutil.copy(earlier / MOTION, out / MOTION)
-
-
-def _rows_cut(out: Path, earlier: Path) -> None:
-    (out / ENERGIES).write_bytes((out / ENERGIES).read_bytes()[:150])
-
-
-def _no_rows(out: Path, earlier: Path) -> None:
-    (out / ENERGIES).unlink()
-
-
-def _garbage(out: Path, earlier: Path) -> None:
-    (out / ENERGIES).write_text("null\nnull\n")
-
-
-@pytest.mark.parametrize(
-    ("damage", "name"), [(_frames_of_before, MOTION), (_rows_cut, ENERGIES), (_no_rows, ENERGIES), (_garbage, ENERGIES)]
-)
-def test_a_motion_with_holes_is_not_resumed(
-    damage: Callable[[Path, Path], None], name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.parametrize(("damage", "name"), [
+    (lambda out, earlier: shutil.copy(earlier / MOTION, out / MOTION), MOTION),
+    (lambda out, _: (out / ENERGIES).write_bytes((out / ENERGIES).read_bytes()[:150]), ENERGIES),
+    (lambda out, _: (out / ENERGIES).unlink(), ENERGIES), (lambda out, _: (out / ENERGIES).write_text("null\nnull\n"), ENERGIES),
+], ids=["frames", "rows cut", "no rows", "garbage"])  # fmt: skip
+def test_a_motion_with_holes_is_not_resumed(damage: Callable[[Path, Path], None], name: str, tmp_path: Path, told) -> None:
     """Frames or rows before the checkpoint are missing, so the continuation would not fit. Tables with missing rows are not drawn either.
     """
     out, earlier = tmp_path / "out", tmp_path / "earlier"
-    assert main(["run", str(scene(tmp_path, "duration: 2 ms, output_every: 1 ms")), "--out", str(out)]) == 0
+    told("run", scene(tmp_path, "duration: 2 ms, output_every: 1 ms"), "--out", out)
     shutil.copytree(out, earlier)
-    assert main(["run", str(scene(tmp_path, "duration: 4 ms, output_every: 1 ms")), "--out", str(out), "--resume"]) == 0
+    told("run", scene(tmp_path, "duration: 4 ms, output_every: 1 ms"), "--out", out, "--resume")
     damage(out, earlier)
     left = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()}
-    capsys.readouterr()
-    assert main(["run", str(scene(tmp_path, "duration: 5 ms, output_every: 1 ms")), "--out", str(out), "--resume"]) == 2
-    assert f"{out / name}: received " in capsys.readouterr().err
+    longer = scene(tmp_path, "duration: 5 ms, output_every: 1 ms")
+    told("run", longer, "--out", out, "--resume", status=2, says=f"{out / name}: received ")
     assert {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()} == left
     if name == ENERGIES:
         with pytest.raises(InputError, match=ENERGIES):
             Motion.load(out)
-
-
-def cut_short(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:-100])
-
-
-def emptied(path: Path) -> None:
-    path.write_bytes(b"")
 
 
 def _of_another_version(path: Path) -> None:
@@ -202,35 +162,25 @@ def _no_archive(path: Path) -> None:
     path.with_suffix(".npy").replace(path)
 
 
-def _a_byte_changed(path: Path) -> None:
-    whole = bytearray(path.read_bytes())
-    whole[len(whole) // 2] ^= 0xFF
-    path.write_bytes(whole)
-
-
 def _without_state(path: Path) -> None:
     with np.load(path) as stored:
         about = stored["about"]
     np.savez(path, about=about)
 
 
-@pytest.mark.parametrize("damage", [cut_short, emptied, _of_another_version, _no_archive, _a_byte_changed, _without_state])
-def test_a_damaged_checkpoint_is_refused(damage: Callable[[Path], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("damage", [cut_short, emptied, byte_changed, _of_another_version, _no_archive, _without_state])
+def test_a_damaged_checkpoint_is_refused(damage: Callable[[Path], None], tmp_path: Path, told) -> None:
     """With file and remedy; never a traceback."""
     path, out = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms"), tmp_path / "out"
-    assert main(["run", str(path), "--out", str(out)]) == 0
+    told("run", path, "--out", out)
     damage(out / CHECKPOINT)
-    capsys.readouterr()
-    assert main(["run", str(path), "--out", str(out), "--resume"]) == 2
-    said = capsys.readouterr().err
-    assert str(out / CHECKPOINT) in said
-    assert "remedy: remove it" in said
+    told("run", path, "--out", out, "--resume", status=2, says=(str(out / CHECKPOINT), "remedy: remove it"))
 
 
-def test_a_motion_begun_afresh_leaves_no_older_checkpoint(tmp_path: Path) -> None:
+def test_a_motion_begun_afresh_leaves_no_older_checkpoint(tmp_path: Path, told) -> None:
     """If it is killed before its first frame, it must not be resumed from the last checkpoint of another run."""
     path, out = scene(tmp_path, "duration: 0.8 ms, output_every: 0.4 ms"), tmp_path / "out"
-    assert main(["run", str(path), "--out", str(out)]) == 0
+    told("run", path, "--out", out)
 
     def interrupt(at: float, steps: int) -> None:
         raise Interrupted
@@ -240,35 +190,107 @@ def test_a_motion_begun_afresh_leaves_no_older_checkpoint(tmp_path: Path) -> Non
     assert not (out / CHECKPOINT).exists()
 
 
-def test_resuming_from_nothing_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_resuming_from_nothing_is_said(tmp_path: Path, told) -> None:
     """The motion starts from the beginning; a second --resume, from its checkpoint, gives no message."""
     path, out = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms"), tmp_path / "out"
-    assert main(["run", str(path), "--out", str(out), "--resume"]) == 0
-    assert f"{out} holds no checkpoint.npz; the motion begins at the start" in capsys.readouterr().err
-    assert main(["run", str(path), "--out", str(out), "--resume"]) == 0
-    assert "--resume" not in capsys.readouterr().err
+    resumed = ["run", path, "--out", out, "--resume"]
+    told(*resumed, says=f"{out} holds no checkpoint.npz; the motion begins at the start")
+    assert "--resume" not in told(*resumed).err
     path.write_text(path.read_text(encoding="utf-8").replace("dynamic: {duration: 0.4 ms, output_every: 0.4 ms}", "static: {}"))
-    assert main(["run", str(path), "--out", str(out), "--resume"]) == 0
-    assert "a static scene has no checkpoints" in capsys.readouterr().err
+    told(*resumed, says="a static scene has no checkpoints")
 
 
 @pytest.mark.parametrize("content", ["null", "{", "", '{"name": null, "scene": 3}'])
-def test_damaged_files_beside_a_motion(content: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_damaged_files_beside_a_motion(content: str, tmp_path: Path, told) -> None:
     """motion.json is refused by name, and written again by --resume; a damaged result does not affect the motion."""
     path, out = scene(tmp_path, "duration: 0.8 ms, output_every: 0.4 ms"), tmp_path / "out"
-    assert main(["run", str(path), "--out", str(out)]) == 0
+    told("run", path, "--out", out)
     (out / NUMBERS).write_text(content)
-    motion = motion_of(out)
-    assert motion is not None
-    assert len(motion) == 3
+    assert len(motion_of(out)) == 3
     (out / ABOUT).write_text(content)
-    capsys.readouterr()
-    assert main(["render", str(out)]) == 2
-    said = capsys.readouterr().err
-    assert f"{out / ABOUT}: can't be read (" in said
-    assert "\n  remedy: " in said
-    assert main(["run", str(path), "--out", str(out), "--resume"]) == 0
+    told("render", out, status=2, says=(f"{out / ABOUT}: can't be read (", "\n  remedy: "))
+    told("run", path, "--out", out, "--resume")
     assert len(Motion.load(out)) == 3
     (out / ENERGIES).write_text("t,kinetic\nnever,0\n")
-    assert main(["run", str(path), "--out", str(out), "--resume"]) == 2
-    assert f"{out / ENERGIES}: received what can't be read as one (" in capsys.readouterr().err
+    told("run", path, "--out", out, "--resume", status=2, says=f"{out / ENERGIES}: received what can't be read as one (")
+
+
+# `magmpm run` of motions that are refused, or fail: message, exit status, and files on disk
+
+
+# A field of 20 T lets a body fly apart within a millisecond.
+WILD = text("duration: 50 ms, output_every: 0.2 ms, time_step: 1 us").replace("20 mT", "20 T")
+
+
+def test_a_step_above_the_bound_is_refused(tmp_path: Path, told) -> None:
+    """With both numbers; a step just below the bound is accepted."""
+    path = scene(tmp_path, "duration: 0.4 ms")
+    largest = begin(build(load_scene(path))).stable.largest
+    too_long = scene(tmp_path, f"duration: 0.4 ms, time_step: {1.01e6 * largest:.6g} us")
+    received = f'{too_long}:7: solver.dynamic.time_step: received "{1.01e6 * largest:.6g} us"\n  rule: '
+    told("run", too_long, "--out", tmp_path / "out", status=2, says=(f"{largest:.4g} s", received, "\n  remedy: "))
+    told("run", scene(tmp_path, f"duration: 0.4 ms, time_step: {0.99e6 * largest:.6g} us"), "--out", tmp_path / "out")
+
+
+def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(tmp_path: Path, told) -> None:
+    """Exit 3, with step, time, cause, remedy; frames and result on disk."""
+    path, out = tmp_path / "scene.yaml", tmp_path / "out"
+    path.write_text(WILD)
+    says = "step ", "t = ", "time step is", "stable bound", "remedy", str(out)
+    assert not json.loads(told("run", path, "--json", "--out", out, status=3, says=says).out)["converged"]
+    kept = Result.load(out)
+    assert not kept.converged
+    assert np.isfinite(kept.particle_position).all()
+    assert kept.min_det_F > 0
+    frames = Motion.load(out)
+    assert len(frames) >= 1
+    assert frames.times[-1] == pytest.approx(kept.time, abs=1e-12)
+
+
+def test_too_little_memory_is_refused(tmp_path: Path, told) -> None:
+    path = scene(tmp_path, "duration: 1 ms, max_memory: 80 kB")
+    says = f'{path}:7: solver.dynamic.max_memory: received "80 kB"', "\n  remedy: raise it, or use fewer cells_across"
+    told("run", path, "--out", tmp_path / "out", status=2, says=says)
+
+
+def test_far_too_little_memory_is_refused_before_anything_is_built(tmp_path: Path, told) -> None:
+    """By an estimate from below, in no time."""
+    path = scene(tmp_path, "duration: 1 ms, max_memory: 1 MB")
+    path.write_text(path.read_text().replace("length: 16 mm", "length: 0.4 m").replace("cells_across: 2", "cells_across: 16"))
+    received = f'{path}:7: solver.dynamic.max_memory: received "1 MB"\n  rule: must be at least'
+    needed = "at least 2.29 GB for 2.87e+06 particles"  # 224 cells of 16^2, 1600 along the length, 2^3 particles in each
+    told("run", path, "--out", tmp_path / "out", status=2, says=(received, needed))
+
+
+@pytest.mark.parametrize("solver", ["dynamic: {duration: 1 ms}", "static: {}"])
+def test_a_body_that_memory_can_t_hold_is_refused(solver: str, tmp_path: Path, told, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the memory of the machine: key, value, rule and remedy instead of a traceback."""
+    path = scene(tmp_path, "duration: 1 ms")
+    path.write_text(path.read_text().replace("dynamic: {duration: 1 ms}", solver))
+    monkeypatch.setattr("magmpm.scene.memory.machine", lambda: 5e4)
+    received = f"{path}:6: resolution.cells_across: received 2; particles and grid take at least 0.205 MB for 256 particles"
+    says = received, "this machine has", "\n  rule: ", "\n  remedy: use fewer cells_across"
+    told("run", path, "--out", tmp_path / "out", status=2, says=says)
+
+
+def test_an_allocation_that_fails_is_refused_as_well(tmp_path: Path) -> None:
+    refused = pytest.raises(SceneError, match=r"take at least 0\.205 MB for 256 particles, which could not be had")
+    with refused, within(load_scene(scene(tmp_path, "duration: 1 ms"))):
+        np.empty(2**55)  # numpy's own MemoryError
+
+
+@pytest.mark.parametrize("over", ["oscillation: {frequency: 26 kHz}", "rotation: {axis: [0, 1, 0], frequency: -26 kHz}"])
+def test_the_step_resolves_a_field_that_changes_fast(over: str, tmp_path: Path) -> None:
+    """With steps of 1/26 ms a field of 26 kHz would look constant: the largest step is 1/20 of the period, and is named."""
+    path = scene(tmp_path, "duration: 1 ms")
+    slow = path.read_text(encoding="utf-8").replace("20 mT]", "20 mT], over_time: {" + over + "}")
+    path.write_text(slow, encoding="utf-8")
+    moved = begin(build(load_scene(path)))
+    assert moved.stable.named["schedule"] == pytest.approx(1 / (20 * 26e3))
+    assert moved.stable.largest == moved.stable.named["schedule"]
+    assert moved.dt <= moved.stable.largest
+    path.write_text(slow.replace("26 kHz", "5 Hz"), encoding="utf-8")
+    assert begin(build(load_scene(path))).stable.largest > moved.stable.largest
+    path.write_text(slow.replace("duration: 1 ms", "duration: 1 ms, time_step: 3 us"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"time_step: received 3e-06 s.*\n?.*schedule 1.923e-06 s"):
+        begin(build(load_scene(path)))

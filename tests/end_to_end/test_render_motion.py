@@ -1,21 +1,18 @@
 """`magmpm render` of a motion: files, messages, exit status."""
 
-from __future__ import annotations
-
 import json
-import os
 from pathlib import Path
-from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 from PIL import Image
 from reference import drawn, motions
 
-from magmpm.cli import main
-from magmpm.results.trajectory import MotionWriter
-
-SCENE = drawn.scene()
+from magmpm.errors import InputError
+from magmpm.results.file_names import MOTION
+from magmpm.results.folder_lock import LOCK, folder_lock
+from magmpm.results.trajectory import Motion, MotionWriter
 
 
 @pytest.fixture
@@ -23,16 +20,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with a motion of seven frames, runs/bending; pictures by matplotlib, which needs no OpenGL."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MAGMPM_RENDER", "matplotlib")
-    model = motions.body()
-    model.scene = SimpleNamespace(to_si=lambda: SCENE, name="bending")
-    motions.write(MotionWriter("runs/bending", model), motions.bending(model, np.linspace(0.0, 0.4, 7)))
+    drawn.written("runs/bending", motions.body(), np.linspace(0.0, 0.4, 7), drawn.scene())
     return tmp_path / "runs" / "bending"
 
 
 @pytest.mark.parametrize("kind", ["svg", pytest.param("pdf", marks=pytest.mark.slow)])
-def test_pictures_for_papers(folder: Path, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["render", "runs/bending", "--json", "--frames", "0", "--format", kind]) == 0
-    files = json.loads(capsys.readouterr().out)["files"]
+def test_pictures_for_papers(folder: Path, kind: str, told) -> None:
+    files = json.loads(told("render", "runs/bending", "--json", "--frames", "0", "--format", kind).out)["files"]
     names = ["movie.mp4", *(f"{name}.{kind}" for name in ("frames/frame_0000", "picture", "moments", "energies"))]
     assert files == [f"runs/bending/{name}" for name in names]
     begins = {"svg": b"<?xml", "pdf": b"%PDF-"}[kind]
@@ -42,10 +36,9 @@ def test_pictures_for_papers(folder: Path, kind: str, capsys: pytest.CaptureFixt
         assert "energy since the start" in (folder / "energies.svg").read_text(encoding="utf-8"), "text as text"
 
 
-def test_a_motion_gets_a_movie_moments_a_picture_and_its_energies(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_motion_gets_a_movie_moments_a_picture_and_its_energies(folder: Path, told) -> None:
     """In the motion's folder, or where --out says."""
-    assert main(["render", "runs/bending", "--json", "--frames", "0,-1", "--fps", "10", "--out", "elsewhere"]) == 0
-    files = json.loads(capsys.readouterr().out)["files"]
+    files = json.loads(told("render", "runs/bending", "--json", "--frames", "0,-1", "--fps", "10", "--out", "elsewhere").out)["files"]
     names = ["movie.mp4", "frames/frame_0000.png", "frames/frame_0006.png", "picture.png", "moments.png", "energies.png"]
     assert files == [f"elsewhere/{name}" for name in names]
     for file in files:
@@ -58,42 +51,64 @@ def test_a_motion_gets_a_movie_moments_a_picture_and_its_energies(folder: Path, 
     assert not (folder / "movie.mp4").exists()
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [(["--frames", "7"], ("--frames", "'7'", "0 to 6")), (["--frames", "first"], ("--frames", "'first'", "all"))],
-)
-def test_bad_options_end_with_status_2(options: list[str], says: tuple[str, ...], folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["render", "runs/bending", *options]) == 2
-    printed = capsys.readouterr()
-    assert all(phrase in printed.err for phrase in says), printed.err
+@pytest.mark.parametrize(("options", "says"), [
+    (["--frames", "7"], ("--frames", "'7'", "0 to 6")), (["--frames", "first"], ("--frames", "'first'", "all")),
+])  # fmt: skip
+def test_bad_options_end_with_status_2(options: list[str], says: tuple[str, ...], folder: Path, told) -> None:
+    told("render", "runs/bending", *options, status=2, says=says)
     assert not (folder / "movie.mp4").exists()
 
 
-def test_a_frame_rate_that_is_none_ends_with_status_2(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_frame_rate_that_is_none_ends_with_status_2(folder: Path, told, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
-        main(["render", "runs/bending", "--fps", "0"])
+        told("render", "runs/bending", "--fps", "0")
     assert ended.value.code == 2
     assert "1 to 100" in capsys.readouterr().err
 
 
-def test_a_motion_without_frames_is_said_to_be_one(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_motion_without_frames_is_said_to_be_one(folder: Path, told) -> None:
     MotionWriter("runs/bending", motions.body())
-    assert main(["render", "runs/bending"]) == 2
-    assert "no frames yet" in capsys.readouterr().err
+    told("render", "runs/bending", status=2, says="no frames yet")
 
 
-def test_an_equilibrium_saved_later_takes_the_motions_place(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (folder / "scene.yaml").write_text(
-        "name: bending\n"
-        "materials: {m: {shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 100 mT}}\n"
-        "body: {catheter: {length: 20 mm, diameter: 4 mm, material: m, segments: [{magnetization: [1, 0, 0]}]}}\n"
-        "field: {uniform: [0 mT, 0 mT, 5 mT]}\neffects: {magnetic_torque: {}}\nresolution: {cells_across: 2}\n"
-    )
-    before = (folder / "motion.json").stat().st_mtime
-    os.utime(folder / "motion.json", (before - 10, before - 10))
-    assert main(["run", str(folder / "scene.yaml"), "--out", str(folder), "--overwrite"]) == 0
-    capsys.readouterr()
-    assert main(["render", str(folder), "--json"]) == 0
-    assert [Path(file).name for file in json.loads(capsys.readouterr().out)["files"]] == ["picture.png"]
-    assert main(["render", str(folder), "--frames", "all"]) == 2
-    assert "dynamic" in capsys.readouterr().err
+# Folders of results from others: links and HDF5 files that would make a command read or write files outside the folder
+
+
+@pytest.mark.parametrize("name", [LOCK, ".picture.png", "energies.csv", "best/result.json", "study.db", "frames"])
+def test_a_link_out_of_the_folder_is_refused(name: str, folder: Path, told) -> None:
+    """The lock alone would empty the file it leads to."""
+    precious, link = folder.parent / "precious.txt", folder / name
+    precious.write_text("precious")
+    link.parent.mkdir(exist_ok=True)
+    link.unlink(missing_ok=True)
+    link.symlink_to(folder.parent if name == "frames" else precious)
+    told("render", folder, status=2, says=(f"{link}: received a link to", "  remedy: remove the link"))
+    assert precious.read_text() == "precious"
+
+
+def test_links_that_lead_nowhere_else_are_followed(folder: Path) -> None:
+    """Within the folder; to folders of the user's own, which no command writes; the folder itself."""
+    (folder / "first.csv").symlink_to("energies.csv")
+    (folder / "data").symlink_to(folder.parent)
+    (folder.parent / "link").symlink_to(folder)
+    with folder_lock(folder.parent / "link"):
+        pass
+
+
+@pytest.mark.parametrize("kind", ["external link", "external storage", "virtual"])
+def test_a_motion_whose_data_are_in_another_file_is_refused(kind: str, folder: Path) -> None:
+    """HDF5 would read that file, and resuming would write into it."""
+    with h5py.File(folder.parent / "other.h5", "w") as other:
+        other["secret"] = np.zeros(3)
+    with h5py.File(folder / MOTION, "r+", locking=False) as file:
+        of = file["VTKHDF/PointData"]
+        if kind == "external link":
+            of["x"] = h5py.ExternalLink(str(folder.parent / "other.h5"), "secret")
+        elif kind == "external storage":
+            of.create_dataset("x", (8,), "u1", external=[(str(folder.parent / "precious.txt"), 0, 8)])
+        else:
+            layout = h5py.VirtualLayout((3,), "f8")
+            layout[:] = h5py.VirtualSource(str(folder.parent / "other.h5"), "secret", (3,))
+            of.create_virtual_dataset("x", layout)
+    with pytest.raises(InputError, match="data of another file"):
+        Motion.load(folder)

@@ -1,7 +1,5 @@
 """`magmpm report`: the page of a study tells what is in its folder, holds all it shows, and can't be broken by names."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib.util
 import json

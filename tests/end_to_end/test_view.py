@@ -1,7 +1,5 @@
 """`magmpm view` without a browser: its server answers who has the secret, and nobody else; wrong commands are refused."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import socket
@@ -9,13 +7,12 @@ import struct
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from magmpm.cli import main
 from magmpm.cli.page_server import PageServer
 from magmpm.errors import InputError
 from magmpm.results.folder_lock import refuse_unwritable
@@ -25,16 +22,22 @@ ROOT = Path(__file__).resolve().parents[2]
 FIVE = str(ROOT / "data" / "scenes" / "five_segments.yaml")
 
 
-@pytest.fixture
-def server() -> Iterator[PageServer]:
+@contextmanager
+def serving(*host: str) -> Iterator[PageServer]:
     def refuse(asked: object) -> bytes:
         raise InputError("not so")
 
-    with PageServer({"echo": lambda asked: {"asked": asked}, "refuse": refuse}, port=0) as running:
+    with PageServer({"echo": lambda asked: {"asked": asked}, "refuse": refuse}, *host, port=0) as running:
         thread = running.begin()
         yield running
         running.shutdown()
         thread.join()
+
+
+@pytest.fixture
+def server() -> Iterator[PageServer]:
+    with serving() as running:
+        yield running
 
 
 def ask(server: PageServer, method: str, path: str, body: str = "", **headers: str) -> tuple[int, bytes]:
@@ -44,12 +47,9 @@ def ask(server: PageServer, method: str, path: str, body: str = "", **headers: s
     return answer.status, answer.read()
 
 
-def test_only_this_machine_is_listened_to(server: PageServer) -> None:
-    assert server.server_address[0] == "127.0.0.1"
-
-
 def test_the_page_asks_with_its_secret(server: PageServer) -> None:
-    """Its address ends with the secret, which the browser does not send on its own."""
+    """Only this machine is listened to. The address ends with the secret, which the browser does not send on its own."""
+    assert server.server_address[0] == "127.0.0.1"
     assert server.url.endswith(f"/#{server.secret}")
     assert len(server.secret) >= 24
     known = {"X-Magmpm-Secret": server.secret}
@@ -75,15 +75,12 @@ def test_other_names_are_not_answered(server: PageServer, headers: dict[str, str
 ])  # fmt: skip
 def test_with_a_host_the_names_given_are_checked(host: str, names: list[str], others: list[str]) -> None:
     """Everywhere: addresses at which the request arrived, this machine's name, and names given."""
-    with PageServer({"echo": lambda asked: {"asked": asked}}, host, port=0) as running:
-        thread = running.begin()
+    with serving(host) as running:
         asked = running.server_address[0] if host == "127.0.0.2" else "127.0.0.1"
         for name, status in [(name, 200) for name in names] + [(name, 403) for name in others]:
             connection = http.client.HTTPConnection(asked, running.server_port, timeout=10)
             connection.request("POST", "/echo", "1", {"X-Magmpm-Secret": running.secret, "Host": name})
             assert connection.getresponse().status == status, name
-        running.shutdown()
-        thread.join()
 
 
 @pytest.mark.parametrize("begin", [b"", b"GET / HT", b"POST /echo HTTP/1.1\r\nHost: localhost\r\nContent-Le", "body"])
@@ -185,17 +182,14 @@ def test_messages_hold_their_arrays() -> None:
 
 @pytest.mark.parametrize(("arguments", "words"), [
     (["--port", "70000"], "--port"), (["--cells", "1"], "--cells"), (["--target", "nothing.csv"], "nothing.csv"),
+    (["--out", "/proc/nope"], "the folder must be writable"),
 ])  # fmt: skip
-def test_wrong_options_are_refused(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_options_are_refused(arguments: list[str], words: str, told) -> None:
     """With exit status 2, before anything is served."""
-    assert main(["view", FIVE, *arguments]) == 2
-    assert words in capsys.readouterr().err
+    told("view", FIVE, *arguments, status=2, says=words)
 
 
-def test_a_folder_that_cant_be_written_is_refused_before_the_page_is_served(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A trial leaves nothing behind."""
-    assert main(["view", FIVE, "--out", "/proc/nope"]) == 2
-    assert "the folder must be writable" in capsys.readouterr().err
+def test_a_folder_that_cant_be_written_leaves_nothing_behind(tmp_path: Path) -> None:
     refuse_unwritable(tmp_path / "new")
     assert list(tmp_path.iterdir()) == []
 

@@ -1,7 +1,5 @@
 """The wheel: installed with its extra `render` in an empty environment, and used there without the checkout. Also: examples, citation."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Kills of commands that write over complete results: accuracy, map, fit, report, render, and a study of an insertion."""
 
-from __future__ import annotations
-
 import json
 import random
 import re
@@ -13,21 +11,19 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from kinds import Row, _note, environment, finished
-from swing import SCENE
 from swing import scene as motion_scene
+from swing import text
 
 ROOT = Path(__file__).parents[2]
-STATIC = SCENE.replace("solver: {{dynamic: {{{dynamic}}}}}\n", "").replace("{{", "{").replace("}}", "}")
 ENDS = {".png": b"IEND\xaeB`\x82", ".html": b"</html>\n", ".csv": b"\n", ".json": b"}\n", ".yaml": b"\n"}  # of whole files
 
 
 def kills_of_commands(base: Path, count: int, drawn: random.Random) -> list[Row]:
     """SIGKILL of each command over results that are complete: `count` kills at random moments each.
 
-    After each, every file is whole: as it was, or as it becomes. Run again, the command ends well and leaves the same files.
-    """
+    After each, every file is whole: as it was, or as it becomes. Run again, the command ends well and leaves the same files."""
     static, table = base / "rest.yaml", base / "tips.csv"
-    static.write_text(STATIC, encoding="utf-8")
+    static.write_text(text(), encoding="utf-8")
     table.write_text("field_z_mT,tip_x_mm,tip_z_mm\n10,14.92,4.64\n15,13.7,6.5\n20,12.5,8.1\n", encoding="utf-8")
     study = base / "insertion.yaml"
     shutil.copy(ROOT / "data" / "targets" / "vessel_s.csv", base / "vessel.csv")

@@ -5,8 +5,6 @@ status 1 where something was lost, or was not as it has to be. "met" counts the 
 N is of kills that did.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import random
@@ -24,21 +22,16 @@ import commands
 import kinds
 from kinds import Row
 
-PARTS = ("single", "server", "checkpoint", "motions", "commands", "studies", "workers")
+PARTS = ("single", "motions", "commands", "studies", "workers")
 Fault = Callable[[], Row | list[Row]]
 
 
 def faults(base: Path, kills: int, drawn: random.Random, parts: tuple[str, ...] = PARTS) -> dict[str, Fault]:
     """The faults by name: a third of the kills for motions, the rest for studies."""
-    single = [
-        kinds.disk_full, kinds.read_only, kinds.quota, kinds.two_at_once, kinds.corrupted_artifact, kinds.clock_set_back,
-        kinds.dying_in_a_solve,
-    ]  # fmt: skip
+    single = [kinds.disk_full, kinds.read_only, kinds.quota, kinds.clock_set_back]
     third = max(kills // 3, 1)
     known: dict[str, dict[str, Fault]] = {
         "single": {fault.__name__: partial(fault, base) for fault in single},
-        "server": {"server_faults": partial(kinds.server_faults, base)},
-        "checkpoint": {"corrupted_checkpoint": partial(kinds.corrupted_checkpoint, base, drawn)},
         "motions": {"kills_of_motions": partial(kinds.kills_of_motions, base, third, drawn)},
         "commands": {"kills_of_commands": partial(commands.kills_of_commands, base, max(kills // 60, 2), drawn)},
         "studies": {"kills_of_studies": partial(kinds.kills_of_studies, base, third, drawn, 0)},

@@ -1,8 +1,5 @@
 """Faults that are injected into studies and motions, each with what was complete before it and what is there afterwards."""
 
-from __future__ import annotations
-
-import json
 import os
 import random
 import resource
@@ -25,12 +22,12 @@ TESTS = Path(__file__).resolve().parents[1]
 for folder in ("", "studies", "workers", "end_to_end"):
     sys.path.insert(0, str(TESTS / folder))
 
+from reference.commands import started, wait_for  # noqa: E402
 from rod_solve import STUDY, write_study  # noqa: E402
 from swing import scene as motion_scene  # noqa: E402
 
 from magmpm.results.file_names import CHECKPOINT  # noqa: E402
 from magmpm.results.trajectory import Motion  # noqa: E402
-from magmpm.studies.engine.records import ARTIFACTS  # noqa: E402
 
 SESSION = TESTS / "workers" / "session.py"
 Trials = dict[int, tuple[Any, ...]]
@@ -124,8 +121,7 @@ def ended(row: Row, study: Path, out: Path, workers: int, trials: int, **more: s
 def until_met(row: Row, count: int) -> Iterator[int]:
     """Numbers of attempts, until so many kills have met something complete, or hopelessly many have been tried (the row then says so).
 
-    One in five of the kills of studies is meant for a start, and some attempts end before their kill, so three for each are enough.
-    """
+    One in five of the kills of studies is meant for a start, and some attempts end before their kill, so three for each are enough."""
     for attempt in range(3 * count + 20):
         if row.met >= count:
             return
@@ -173,8 +169,7 @@ def kills_of_studies(base: Path, count: int, drawn: random.Random, workers: int)
 def kills_of_motions(base: Path, count: int, drawn: random.Random) -> Row:
     """SIGKILL of motions at random moments, until `count` of them have met frames, each resumed.
 
-    At the end all frames are there, and the last state is bit for bit the same.
-    """
+    At the end all frames are there, and the last state is bit for bit the same."""
     row = Row("SIGKILL, motions (frames)")
     attempts = until_met(row, count)
     dynamic = "duration: 200 ms, output_every: 1 ms"
@@ -186,9 +181,7 @@ def kills_of_motions(base: Path, count: int, drawn: random.Random) -> Row:
         scene, more = motion_scene(base, dynamic), []
         for _ in attempts:
             child = _motion(scene, out, *more)
-            begun = time.monotonic()
-            while not (out / CHECKPOINT).exists() and child.poll() is None and time.monotonic() < begun + 120:
-                time.sleep(0.005)
+            wait_for((out / CHECKPOINT).exists, child)
             time.sleep(drawn.uniform(0.0, 1.0))
             if child.poll() is not None:
                 break
@@ -207,8 +200,7 @@ def kills_of_motions(base: Path, count: int, drawn: random.Random) -> Row:
 
 
 def _motion(scene: Path, out: Path, *more: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "magmpm.cli", "run", str(scene), "--out", str(out), *more]
-    return subprocess.Popen(command, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return started("run", scene, "--out", out, *more, output=subprocess.PIPE)
 
 
 def _frames(out: Path) -> int:
@@ -216,42 +208,6 @@ def _frames(out: Path) -> int:
         return len(Motion.load(out))
     except Exception:  # nothing is whole yet
         return 0
-
-
-def corrupted_checkpoint(base: Path, drawn: random.Random) -> Row:
-    """A checkpoint that is cut or overwritten is refused, with a remedy, and the frames stay."""
-    row = Row("checkpoint damaged (frames)")
-    for k in range(3):
-        out, scene = base / f"checkpoint-{k}", motion_scene(base, "duration: 100 s, output_every: 1 ms")
-        child = _motion(scene, out)
-        begun = time.monotonic()
-        while (not (out / CHECKPOINT).exists() or _frames(out) < 3) and time.monotonic() < begun + 120:
-            time.sleep(0.02)
-        child.kill()
-        child.communicate()
-        content, frames = (out / CHECKPOINT).read_bytes(), _frames(out)
-        at = drawn.randrange(len(content) // 2)
-        damaged = (content[:at], content[:at] + bytes(64) + content[at + 64 :], b"")[k]
-        (out / CHECKPOINT).write_bytes(damaged)
-        child = _motion(scene, out, "--resume")
-        said = awaited(row, child) if k != 1 else _brief(child)[1]
-        row.injected += 1
-        row.met += frames > 0
-        row.completed += frames
-        row.lost += max(0, frames - _frames(out))
-        _note(row, said)
-        if "Traceback" in said or (k != 1 and (child.returncode != 2 or "remedy" not in said)):
-            row.wrong.append(f"checkpoint {k}: {said[-300:]}")
-    return row
-
-
-def _brief(child: subprocess.Popen[str]) -> tuple[str, str]:
-    """Go on for a few seconds with a motion of whose checkpoint a few bytes do not matter or are mended."""
-    try:
-        return child.communicate(timeout=15)
-    except subprocess.TimeoutExpired:
-        child.kill()
-        return child.communicate()
 
 
 def _note(row: Row, said: str) -> None:
@@ -334,46 +290,6 @@ def quota(base: Path) -> Row:
     return row
 
 
-def two_at_once(base: Path) -> Row:
-    """Two commands on one folder: the second says who holds it, and changes nothing."""
-    row = Row("two commands at once")
-    study, out = study_of(base / "two", 30), base / "two" / "out"
-    first = begin(study, out, 0, TEST_SECONDS="0.3")
-    while len(complete(out)) < 3:
-        time.sleep(0.05)
-    before = complete(out)
-    second = begin(study, out, 2)
-    said = awaited(row, second)
-    row.injected += 1
-    _note(row, said)
-    if second.returncode != 2 or f"process {first.pid}" not in said:
-        row.wrong.append(said[-300:])
-    awaited(row, first)
-    compare(row, before, complete(out))
-    ended(row, study, out, 0, 30)
-    return row
-
-
-def corrupted_artifact(base: Path) -> Row:
-    """Pictures of trials that are cut, overwritten or gone: the trials stay, and the pictures are put back from the study's folder."""
-    row = Row("artifacts damaged")
-    study, out = study_of(base / "artifact", 10), base / "artifact" / "out"
-    begin(study, out, 0).communicate()
-    before = complete(out)
-    files = sorted((out / ARTIFACTS).iterdir())
-    contents = [path.read_bytes() for path in files]
-    files[0].write_bytes(contents[0][:3])
-    files[1].write_bytes(bytes(len(contents[1])))
-    files[2].unlink()
-    row.injected = 3
-    ended(row, study, out, 0, 10)
-    compare(row, before, complete(out))
-    if [path.read_bytes() if path.exists() else b"" for path in files] != contents:
-        row.wrong.append("artifacts are not as they were")
-    row.said.append(next(iter(json.loads((out / "study.json").read_text())["warnings"]), "")[:160])
-    return row
-
-
 def clock_set_back(base: Path) -> Row:
     """A study is killed, and continued with a clock that shows the day before."""
     row = Row("clock set back a day")
@@ -381,8 +297,7 @@ def clock_set_back(base: Path) -> Row:
         folder = base / f"clock-{workers}"
         study, out = study_of(folder, 20), folder / "out"
         child = begin(study, out, workers, TEST_SECONDS="0.1")
-        while len(complete(out)) < 5 and child.poll() is None:
-            time.sleep(0.05)
+        wait_for(lambda out=out: len(complete(out)) >= 5, child)
         child.kill()
         child.communicate()
         before = complete(out)
@@ -390,61 +305,3 @@ def clock_set_back(base: Path) -> Row:
         ended(row, study, out, workers, 20, TEST_CLOCK="-86400")
         compare(row, before, complete(out))
     return row
-
-
-def dying_in_a_solve(base: Path) -> Row:
-    """A worker that dies of SIGSEGV inside a solve: its design is solved again by another."""
-    row = Row("worker dies inside a solve")
-    study, out = study_of(base / "deadly", 20), base / "deadly" / "out"
-    poison = base / "deadly" / "poison"
-    child = begin(study, out, 2, TEST_SECONDS="0.1", TEST_DEADLY=str(poison))
-    before: Trials = {}
-    for _ in range(3):
-        known = len(complete(out))
-        while len(complete(out)) < known + 3 and child.poll() is None:
-            time.sleep(0.05)
-        before = complete(out)
-        poison.touch()
-        while poison.exists() and child.poll() is None:
-            time.sleep(0.02)
-        row.injected += not poison.exists()
-    awaited(row, child)
-    compare(row, before, complete(out))
-    row.said += json.loads((out / "study.json").read_text())["warnings"]
-    ended(row, study, out, 2, 20)
-    return row
-
-
-def server_faults(base: Path) -> list[Row]:
-    """PostgreSQL is stopped and started, and connections are cut, under a session with two workers."""
-    from servers import postgres, program
-
-    rows = [Row("database server stopped and started"), Row("database connections cut")]
-    if program("initdb") is None:
-        for row in rows:
-            row.said.append("not injected: PostgreSQL is not installed (apt-get install postgresql)")
-        return rows
-    with postgres() as server:
-        url = server.url().replace("postgresql://", "postgresql+psycopg://")
-        folder = base / "server"
-        study = study_of(folder, 40)
-        child = begin(study, folder / "out", 2, TEST_SECONDS="0.2", MAGMPM_STORAGE=server.url())
-        for k in range(6):
-            known = len(complete(folder, url))
-            while len(complete(folder, url)) < known + 4 and child.poll() is None:
-                time.sleep(0.1)
-            before, row = complete(folder, url), rows[k % 2]
-            if k % 2:
-                server.cut()
-            else:
-                server.stop()
-                time.sleep(1.5)
-                server.start()
-            row.injected += 1
-            compare(row, before, complete(folder, url))
-        said = awaited(rows[0], child)
-        for row in rows:
-            _note(row, "\n".join(line for line in said.splitlines() if "answer" in line))
-            if child.returncode or len(complete(folder, url)) != 40:
-                row.wrong.append(f"status {child.returncode}, {len(complete(folder, url))} trials: {said[-300:]}")
-    return rows

@@ -6,8 +6,6 @@ It begins at files that are sound, and knows the words of headers: from nothing 
 is left in runs/fuzz.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Hostile inputs: shipped files with parts replaced, removed, repeated and garbled, drawn by Hypothesis."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Iterable
 from pathlib import Path

@@ -5,8 +5,6 @@ adds what an effect needs to act: a field, or an obstacle that touches the body.
 contract, so a new effect that does not act in the usual scene gets an entry here.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Bodies bent by hand, to draw without solving anything."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -29,8 +27,7 @@ def s_shape(s: float) -> tuple[float, float]:
 def bent_axis(curvature: Curvature, length: float, count: int = 81) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Axis of a rod with given curvature, clamped at the origin along +x, without twist.
 
-    Returns s (count,) m, positions (count, 3) m, frames (count, 3, 3) whose columns are the section's axes.
-    """
+    Returns s (count,) m, positions (count, 3) m, frames (count, 3, 3) whose columns are the section's axes."""
     s = np.linspace(0.0, length, count)
     position, frame = np.zeros((count, 3)), np.empty((count, 3, 3))
     frame[0] = np.eye(3)
@@ -72,23 +69,14 @@ def catheter(
     deformed = np.einsum("kij,kj->ki", frame[middle], remanence)
     depth = style.CLAMP_THICKNESS * diameter
     plate = tube([depth], style.CLAMP_RADIUS * diameter, 0.0, depth, 48)
+    arrows = segment_arrows(position, position[middle], deformed, length, diameter)
     return Snapshot(
         body=Particles(particles.astype(np.float32), np.repeat((along * segments / length).astype(np.int32), len(y)), spacing),
-        magnetized=np.linalg.norm(remanence, axis=1) > 0,
-        length=length,
-        thickness=diameter,
-        axis=position,
-        target=None if target is None else bent_axis(target, length)[1][4::4],
-        arrows=segment_arrows(position, position[middle], deformed, length, diameter),
-        arrow_width=style.ARROW_WIDTH * diameter,
+        magnetized=np.linalg.norm(remanence, axis=1) > 0, length=length, thickness=diameter, axis=position,
+        target=None if target is None else bent_axis(target, length)[1][4::4], arrows=arrows, arrow_width=style.ARROW_WIDTH * diameter,
         obstacles=(Obstacle("clamp", plate.points - [depth, 0.0, 0.0], plate.triangles, style.CLAMP),),
-        field=np.array([0.0, 6e-3, 8e-3]),
-        gravity=np.array([0.0, 0.0, -9.81]),
-        title=title,
-        trial=trial,
-        rms=rms,
-        insets=True,
-    )
+        field=np.array([0.0, 6e-3, 8e-3]), gravity=np.array([0.0, 0.0, -9.81]), title=title, trial=trial, rms=rms, insets=True,
+    )  # fmt: skip
 
 
 def plain(snapshot: Snapshot) -> Snapshot:

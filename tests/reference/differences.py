@@ -4,8 +4,6 @@ The solver's last step leaves an error of some 1e-7 of the displacement, and a d
 refined to rounding first, by Newton's steps of `Linearized`, and differences are those of three steps, whose leading errors cancel.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from magmpm.scene import Scene

@@ -1,7 +1,5 @@
 """Scenes and motions to draw, and what to look for in the pictures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any

@@ -13,8 +13,6 @@ P is the neo-Hookean stress with its volume part projected on model.modes (F-bar
 CMAME 360 (2020).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import Any
@@ -74,8 +72,7 @@ def elastic_stress(model: Model, F: np.ndarray) -> np.ndarray:
 def held(x: np.ndarray, anchor: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The force (3,) N of contact on a point at x (3,) m with friction, and its next anchor; f (7,): see effects.contact_force.
 
-    The spring is as long as x is from the anchor along the obstacle, but no longer than what the grip can hold.
-    """
+    The spring is as long as x is from the anchor along the obstacle, but no longer than what the grip can hold."""
     grip, rigidity = f[3:6], f[6]
     most = np.linalg.norm(grip)
     if most == 0:
@@ -106,8 +103,7 @@ class Total:
 
     N (n, nodes): every spline at every particle; dN (3, n, nodes) 1/m; X (nodes, 3) m; mass (nodes,) kg; fixed (nodes,) bool;
     on (points, nodes): splines at the points of the surface; anchor (points, 4): where friction holds them, m, and 1 where they stick, 2
-    where they slide, 0 where they do not touch.
-    """
+    where they slide, 0 where they do not touch."""
 
     model: Model
     N: np.ndarray
@@ -119,7 +115,7 @@ class Total:
     anchor: np.ndarray
 
     @classmethod
-    def of(cls, model: Model) -> Total:
+    def of(cls, model: Model) -> "Total":
         shape, surface = model.grid.nodes, model.surface
         first = model.first_nodes(model.particles.cell)
         n = len(first)

@@ -3,8 +3,6 @@
 Lengths over L, angles in radians, s = 0 clamped.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,8 +37,7 @@ def elastica(load: float, field_angle: float) -> Elastica:
     Multiplied by theta' it integrates once: theta'^2 = 2 load (cos(phi - theta_1) - cos(phi - theta)), theta_1 the
     tip's angle. So length and positions are integrals over theta, and theta_1 follows from length 1. The
     substitution theta = theta_1 - t^2 removes the singularity.
-    Source: the pendulum; Wang et al., JMPS 142 (2020) 104045, section 3. At phi = pi there is a solution for loads above pi^2/4.
-    """
+    Source: the pendulum; Wang et al., JMPS 142 (2020) 104045, section 3. At phi = pi there is a solution for loads above pi^2/4."""
 
     def integral(weight: str, tip: float) -> float:
         def integrand(t: float) -> float:
@@ -69,9 +66,7 @@ def heavy_elastica(weight: float, s: np.ndarray) -> np.ndarray:
 
     mesh = np.linspace(0, 1, 41)
     guess = np.zeros((4, len(mesh)))
-    for part in (
-        np.linspace(0.2, 1, 5) * weight
-    ):  # continuation in the load, to stay on the branch that starts from zero
+    for part in np.linspace(0.2, 1, 5) * weight:  # continuation in the load, to stay on the branch that starts from zero
 
         def slope(s: np.ndarray, y: np.ndarray, part: float = part) -> np.ndarray:
             return np.stack([y[1], -part * (1 - s) * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])])

@@ -1,7 +1,5 @@
 """Results folders that another process is writing."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -22,7 +20,6 @@ def holding(path: Path, script: str = _HOLDER) -> Iterator[int]:
     """Another process holds the folder, or what another script holds, until the context ends or it is killed. Yields its process number."""
     command = [sys.executable, "-c", script, str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
-        assert child.stdout is not None
         assert child.stdout.readline() == "held\n"
         try:
             yield child.pid

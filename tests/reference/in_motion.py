@@ -1,7 +1,5 @@
 """Bodies in motion for tests: started by the test, moved by the kernels of the solver, measured independently."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -88,8 +86,7 @@ def timoshenko(length: float, radius: float, young: float, shear: float, density
     of a disc (Cowper, J. Appl. Mech. 33 (1966)).
 
     Frequency equation of Huang, J. Appl. Mech. 28 (1961) 579, clamped-free: with b^2 = rho A L^4 w^2/(E I), r^2 = I/(A L^2),
-    s^2 = E I/(k A G L^2), 2 + (b^2 (r^2 - s^2)^2 + 2) cosh(b p) cos(b q) - b (r^2 + s^2)/sqrt(1 - b^2 r^2 s^2) sinh(b p) sin(b q) = 0.
-    """
+    s^2 = E I/(k A G L^2), 2 + (b^2 (r^2 - s^2)^2 + 2) cosh(b p) cos(b q) - b (r^2 + s^2)/sqrt(1 - b^2 r^2 s^2) sinh(b p) sin(b q) = 0."""
     nu = young / (2 * shear) - 1
     k = 6 * (1 + nu) / (7 + 6 * nu)
     r2 = radius**2 / 4 / length**2

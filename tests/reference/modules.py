@@ -1,7 +1,5 @@
 """Python files outside the packages as modules: scripts of the gallery, and files that a test writes."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from pathlib import Path
@@ -11,8 +9,6 @@ from types import ModuleType
 def module_of(path: Path, name: str | None = None, *, kept: bool = True) -> ModuleType:
     """A file, run anew as the module of this name [that of the file]; kept: where imports and dataclasses find it."""
     spec = importlib.util.spec_from_file_location(name or path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     if kept:
         sys.modules[spec.name] = module

@@ -1,7 +1,5 @@
 """Motions in closed form, written like those of a run, for tests of the files and pictures of a motion."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,8 +31,7 @@ class Moment:
 
 def body(spacing: float = 1e-3, segments: int = 3) -> SimpleNamespace:
     """A stand-in for the model of a catheter of LENGTH and DIAMETER along +x: particles with this spacing (m), magnetized along x, y, x,
-    ...
-    """
+    ..."""
     along = (np.arange(round(LENGTH / spacing)) + 0.5) * spacing
     across = (np.arange(round(DIAMETER / spacing)) + 0.5) * spacing - DIAMETER / 2
     X = np.stack([grid.ravel() for grid in np.meshgrid(along, across, across, indexing="ij")], axis=1)
@@ -59,20 +56,10 @@ def bending(model: SimpleNamespace, times: Array, most: float = 60.0, period: fl
         field = 8e-3 * np.array([np.cos(phase), 0.0, np.sin(phase)])
         elastic = 0.5 * SHEAR * np.sum(V * (np.einsum("nij,nij->n", F, F) - 3 - 2 * np.log(np.linalg.det(F))))
         down = max(float(-(x[:, 2] + 0.006).min()), 0.0)
-        yield Moment(
-            time=float(time),
-            x=x,
-            v=v,
-            F=F,
-            P=P,
-            energies={
-                "kinetic": 0.5 * DENSITY * float(V @ (v**2).sum(axis=1)),
-                "elastic": float(elastic),
-                "magnetic_torque": -1e-6 * float(np.sin(phase)),
-            },
-            contacts={"ground": { "force": np.array([0.0, 0.0, 1e3 * down]), "count": int(1e6 * down), "depth": down, }},
-            field=field,
-        )
+        kinetic = 0.5 * DENSITY * float(V @ (v**2).sum(axis=1))
+        energies = {"kinetic": kinetic, "elastic": float(elastic), "magnetic_torque": -1e-6 * float(np.sin(phase))}
+        contacts = {"ground": {"force": np.array([0.0, 0.0, 1e3 * down]), "count": int(1e6 * down), "depth": down}}
+        yield Moment(float(time), x, v, F, P, energies, contacts, field)
 
 
 def bent(X: Array, curvature: float) -> tuple[Array, Array]:

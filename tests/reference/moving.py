@@ -1,7 +1,5 @@
 """Dynamic scenes for tests, and motions recorded at given times."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,44 +18,19 @@ DENSITY = 1882.0
 
 
 def moving_scene(
-    body: dict[str, Any],
-    effects: dict[str, Any],
-    *,
-    cells: int = 2,
-    shear: float = G,
-    duration: float = 1.0,
-    **more: Any,
+    body: dict[str, Any], effects: dict[str, Any], *, cells: int = 2, shear: float = G, duration: float = 1.0, **more: Any
 ) -> Scene:
     """A scene with a body of the material `m`, or `stiff`, ten times as stiff, in SI. more: other keys of the scene."""
     material = {"shear_modulus": shear, "bulk_to_shear": 20.0, "density": DENSITY, "remanence": BR}
-    return Scene.from_si(
-        {
-            "name": "test",
-            "materials": {"m": material, **({"stiff": {**material, "shear_modulus": 10 * shear}} if "stiff" in str(body) else {})},
-            "body": body,
-            "effects": effects,
-            "solver": {"dynamic": {"duration": duration}},
-            "resolution": {"cells_across": cells},
-            **more,
-        }
-    )
+    materials = {"m": material, **({"stiff": {**material, "shear_modulus": 10 * shear}} if "stiff" in str(body) else {})}
+    about = {"name": "test", "solver": {"dynamic": {"duration": duration}}, "resolution": {"cells_across": cells}}
+    return Scene.from_si({**about, "materials": materials, "body": body, "effects": effects, **more})
 
 
 def block(size: Sequence[float], **strip: Any) -> dict[str, Any]:
     """A free block of this size (m); by default it stands on z = 0."""
-    length, width, thickness = size
-    return {
-        "strip": {
-            "length": length,
-            "width": width,
-            "thickness": thickness,
-            "material": "m",
-            "clamp": "none",
-            "position": [0.0, 0.0, thickness / 2],
-            "segments": [{"magnetization": [0.0, 0.0, 0.0]}],
-            **strip,
-        }
-    }
+    usual = {**dict(zip(("length", "width", "thickness"), size)), "material": "m", "clamp": "none", "position": [0.0, 0.0, size[2] / 2]}
+    return {"strip": {**usual, "segments": [{"magnetization": [0.0, 0.0, 0.0]}], **strip}}
 
 
 FAR = Table(np.full(3, 1.0), 1e-3, np.zeros((3, 3, 3)))  # m

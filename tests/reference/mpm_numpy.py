@@ -7,8 +7,6 @@ u = 0 on the face), and F-bar is a weighted least-squares fit in each cell. Arou
 and sin that are as smooth. All vectors and F are along x, y and z. Everything is dense: for small models only.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,8 +43,7 @@ def around_matrix(angle: np.ndarray, origin: float, w: float, cells: int, deriva
     """Values or derivatives at angles (n,) rad of the splines around: (n, cells). Node k is nonzero in the three cells from k - 2 to k.
 
     In each of the three it is a + b cos t + c sin t. It begins and ends with value and slope 0, has no jump of either, and is 1/2 on the
-    two faces between: there two nodes are nonzero, and sum to 1.
-    """
+    two faces between: there two nodes are nonzero, and sum to 1."""
 
     def row(t: float, slope: bool) -> np.ndarray:
         return np.array([0.0, -np.sin(t), np.cos(t)]) if slope else np.array([1.0, np.cos(t), np.sin(t)])
@@ -75,8 +72,7 @@ def around_matrix(angle: np.ndarray, origin: float, w: float, cells: int, deriva
 @dataclass
 class Reference:
     """N (n, nodes): value of every free spline at every particle; dN (3, n, nodes): its gradient, 1/m, along x, y and z. Nodes
-    plane by plane. axes (n, 3, 3): columns are the directions of the grid's axes; places (n, 3): coordinates along these.
-    """
+    plane by plane. axes (n, 3, 3): columns are the directions of the grid's axes; places (n, 3): coordinates along these."""
 
     model: StaticModel
     N: np.ndarray
@@ -85,7 +81,7 @@ class Reference:
     places: np.ndarray
 
     @classmethod
-    def of(cls, model: StaticModel) -> Reference:
+    def of(cls, model: StaticModel) -> "Reference":
         grid, layout = model.grid, model.layout
         values, slopes, places = [], [], model.particles.position.copy()
         axes = np.tile(np.eye(3), (len(places), 1, 1))
@@ -217,8 +213,7 @@ class Reference:
 
 
 def loads(model: StaticModel) -> tuple[np.ndarray, np.ndarray]:
-    """Field (3,) T and acceleration (3,) m/s^2 of the effects that the scene names; zero for the others.
-    """
+    """Field (3,) T and acceleration (3,) m/s^2 of the effects that the scene names; zero for the others."""
     named = model.scene.effects
     B = np.zeros(3) if named.magnetic_torque is None else np.array(model.scene.field.uniform)
     g = np.zeros(3) if named.gravity is None else np.array(named.gravity.acceleration)

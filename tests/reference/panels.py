@@ -1,7 +1,5 @@
 """The product with a matrix in panels, entry by entry: what factors and solutions of statics.block_cholesky are compared with."""
 
-from __future__ import annotations
-
 from magmpm.compiled.jit import compiled
 
 

@@ -1,7 +1,5 @@
 """Scenes of several STL parts, for tests of bodies that touch."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The compiled code's formulas in plain NumPy: neo-Hookean energy and stress, and a banded matrix written out."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

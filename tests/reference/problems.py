@@ -1,11 +1,9 @@
-"""Validation problems: each a scene at any cell size, an independent answer, and its source.
+"""Validation problems: each a scene at any cell size, and an independent answer.
 
 for name, problem in finite_element_problems(Path("data/references/fem.json")).items():
     result = run(problem.scene(cells_across=4))
     print(name, largest_distance(result, problem.centreline) / problem.length)
 """
-
-from __future__ import annotations
 
 import json
 from dataclasses import dataclass
@@ -24,13 +22,12 @@ SHEAR, RATIO, REMANENCE = 120e3, 20.0, 0.1  # Pa, K/G, T: of the problems that a
 
 @dataclass(frozen=True)
 class Problem:
-    """One problem. centreline: rows [s, x, y, z] (m, 4) m; error: of the answer itself, over the length; source: where it is from."""
+    """One problem. centreline: rows [s, x, y, z] (m, 4) m; error: of the answer itself, over the length."""
 
     name: str
     content: dict[str, Any]  # Scene.to_si() but for the resolution
     centreline: Array
     error: float
-    source: str
 
     @property
     def length(self) -> float:
@@ -46,8 +43,7 @@ class Problem:
 def finite_element_problems(path: Path) -> dict[str, Problem]:
     """The problems of data/references/fem.json or jointed_catheters.json (their SOURCES.md says what the keys mean).
 
-    Raises InputError when the file or a table it names can't be read.
-    """
+    Raises InputError when the file or a table it names can't be read."""
     try:
         cases = json.loads(path.read_text(encoding="utf-8"))["cases"]
     except (OSError, ValueError, KeyError) as error:
@@ -59,12 +55,8 @@ def _finite_element_problem(name: str, case: dict[str, Any], folder: Path) -> Pr
     materials, segments = {}, []
     for segment in case["segments"]:
         material = f"G {segment['shear_modulus']:g} Pa, Br {segment['remanence']:g} T"
-        materials[material] = {
-            "shear_modulus": segment["shear_modulus"],
-            "bulk_to_shear": case["bulk_to_shear"],
-            "density": case["density"],
-            "remanence": segment["remanence"],
-        }
+        own = {key: segment[key] for key in ("shear_modulus", "remanence")}
+        materials[material] = own | {key: case[key] for key in ("bulk_to_shear", "density")}
         direction = segment["direction"] if segment["remanence"] else [0.0, 0.0, 0.0]
         segments.append({"magnetization": direction, "material": material, "length": segment["length"]})
     effects: dict[str, Any] = {}
@@ -72,21 +64,10 @@ def _finite_element_problem(name: str, case: dict[str, Any], folder: Path) -> Pr
         effects["magnetic_torque"] = {}
     if any(case["gravity"]):
         effects["gravity"] = {"acceleration": case["gravity"]}
-    catheter = {
-        "length": case["length"],
-        "diameter": case["diameter"],
-        "inner_diameter": case["inner_diameter"],
-        "material": next(iter(materials)),
-        "segments": segments,
-    }
-    content = {
-        "name": name,
-        "materials": materials,
-        "body": {"catheter": catheter},
-        "field": {"uniform": case["field"]},
-        "effects": effects,
-    }
+    sizes = {key: case[key] for key in ("length", "diameter", "inner_diameter")}
+    body = {"catheter": {**sizes, "material": next(iter(materials)), "segments": segments}}
+    content = {"name": name, "materials": materials, "body": body, "field": {"uniform": case["field"]}, "effects": effects}
     error = 1e-3 * case["centreline_error_mm"] / case["length"]
     rows = case["centreline"]  # a table's name, or the rows themselves in mm
     centreline = read_centreline(folder / rows) if isinstance(rows, str) else 1e-3 * np.array(rows)
-    return Problem(name, content, centreline, error, "data/references/SOURCES.md")
+    return Problem(name, content, centreline, error)

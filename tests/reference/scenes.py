@@ -1,7 +1,5 @@
 """Scenes for tests, built from a few SI values."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -35,23 +33,16 @@ def rod_scene(
     **static: Any,
 ) -> Scene:
     """A clamped catheter. shear: one value, or one per segment; field (3,) T, gravity (3,) m/s^2: None
-    omits the effect.
-    """
+    omits the effect."""
     moduli = np.broadcast_to(np.asarray(shear, dtype=float), (len(directions),)).tolist()
     segments: list[dict[str, Any]] = [{"magnetization": list(map(float, d)), "material": f"m{k}"} for k, d in enumerate(directions)]
     for segment, part in zip(segments, [None] * len(segments) if lengths is None else lengths, strict=True):
         if part is not None:
             segment["length"] = float(part)
-    materials = {
-        f"m{k}": {
-            "shear_modulus": g,
-            "bulk_to_shear": bulk_to_shear,
-            "density": density,
-            "remanence": remanence,
-            "magnetization_law": law if isinstance(law, str) else law[k],
-        }
-        for k, g in enumerate(moduli)
-    }
+    usual = {"bulk_to_shear": bulk_to_shear, "density": density, "remanence": remanence}
+    laws = [law] * len(moduli) if isinstance(law, str) else law
+    materials = {f"m{k}": {"shear_modulus": g, "magnetization_law": laws[k], **usual} for k, g in enumerate(moduli)}
+    sizes = {"length": length, "diameter": diameter, "inner_diameter": inner_diameter}
     effects: dict[str, Any] = {}
     if field is not None:
         effects["magnetic_torque"] = {}
@@ -59,18 +50,8 @@ def rod_scene(
         effects["gravity"] = {"acceleration": list(map(float, gravity))}
     return Scene.from_si(
         {
-            "name": "test",
-            "materials": materials,
-            "body": {
-                "catheter": {
-                    "length": length,
-                    "diameter": diameter,
-                    "inner_diameter": inner_diameter,
-                    "material": "m0",
-                    "clamp": "base",
-                    "segments": segments,
-                }
-            },
+            "name": "test", "materials": materials,
+            "body": {"catheter": {**sizes, "material": "m0", "clamp": "base", "segments": segments}},
             "field": {"uniform": [0.0, 0.0, 0.0] if field is None else list(map(float, field))},
             "effects": effects,
             "solver": {"anti_locking": anti_locking, "static": static},
@@ -83,8 +64,7 @@ def field_for_load(load: float, angle: float, *, length: float, diameter: float,
     """Field (3,) T at `angle` to +x, in the x-z plane, that gives an axially magnetized solid rod this
     elastica load.
 
-    load = (Br/mu0) B A L^2 / (E I), A / I = 16 / D^2.
-    """
+    load = (Br/mu0) B A L^2 / (E I), A / I = 16 / D^2."""
     E = young_modulus(G, bulk_to_shear * G)
     size = load * E * MU0 * diameter**2 / (16 * BR * length**2)
     return size * np.array([np.cos(angle), 0.0, np.sin(angle)])

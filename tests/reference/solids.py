@@ -1,7 +1,5 @@
 """Closed meshes from formulas, for tests of STL parts."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

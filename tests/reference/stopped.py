@@ -1,7 +1,5 @@
 """Paths that end on their way."""
 
-from __future__ import annotations
-
 import pytest
 
 from magmpm.errors import SolveError

@@ -1,7 +1,5 @@
 """Taylor tests: a derivative is correct if the remainder falls with the order of the first missing term."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`magmpm dashboard` as a process at a free port, and requests to it with its secret or without."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import re
@@ -58,7 +56,6 @@ def dashboard(out: Path, *options: str) -> Iterator[Dashboard]:
     command = [sys.executable, "-c", SERVE, "dashboard", str(out), "--port", str(port), *options]
     child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
-        assert child.stderr is not None
         line = child.stderr.readline()
         address = rf"(http://127\.0\.0\.1:{port}/dashboard/studies/\d+\?secret=([\w-]+))"
         found = re.fullmatch(rf"{address} shows {re.escape(str(out))}; Ctrl-C ends it\n", line)

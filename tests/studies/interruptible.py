@@ -4,8 +4,6 @@ python interruptible.py STUDY OUT SAMPLER [N WHERE]: stops in the N-th trial of 
 solve ("solve"), or after its picture and attributes, when only its value is missing ("tell"). Then OUT/waiting exists.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Sequence

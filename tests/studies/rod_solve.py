@@ -1,7 +1,5 @@
 """A solve in milliseconds for tests of studies: the rod model instead of the solver, with a result that can be stored."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field

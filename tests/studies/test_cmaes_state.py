@@ -1,7 +1,5 @@
 """The state of cmaes in a database is data: what Optuna wrote is read, and code is refused before it runs."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """optuna-dashboard shows every trial's numbers and picture."""
 
-from __future__ import annotations
-
 import json
 import re
 import socket
@@ -13,7 +11,6 @@ from dashboard_client import Dashboard, dashboard
 from interruptible import draw
 from rod_solve import solve, write_study
 
-from magmpm.cli import main
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.search.definition import load_study
 
@@ -78,30 +75,25 @@ def test_the_page_tells_what_was_refused(served: Dashboard) -> None:
     assert told == READ_ONLY + script
 
 
-def test_a_port_in_use_is_refused(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_in_use_is_refused(out: Path, told) -> None:
     """No address is announced."""
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        assert main(["dashboard", str(out), "--port", str(port)]) == 2
-    said = capsys.readouterr().err
-    assert f"--port: received {port}\n  rule: the port must be free" in said
-    assert "\n  remedy: " in said
-    assert "shows" not in said
+        says = f"--port: received {port}\n  rule: the port must be free", "\n  remedy: "
+        assert "shows" not in told("dashboard", out, "--port", port, status=2, says=says).err
 
 
-def test_a_study_without_its_database_is_refused(out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_study_without_its_database_is_refused(out: Path, tmp_path: Path, told) -> None:
     """Otherwise an empty study would be shown, and an empty database created."""
     report = json.loads((out / "study.json").read_text())
     report["storage"] = f"sqlite:///{tmp_path}/gone.db"
     (tmp_path / "study.json").write_text(json.dumps(report))
-    assert main(["dashboard", str(tmp_path)]) == 2
-    assert "gone.db is missing" in capsys.readouterr().err
+    told("dashboard", tmp_path, status=2, says="gone.db is missing")
     assert not (tmp_path / "gone.db").exists()
     (tmp_path / "study.json").write_text("null")
-    assert main(["dashboard", str(tmp_path)]) == 2
-    assert f"{tmp_path}/study.json: can't be read" in capsys.readouterr().err
+    told("dashboard", tmp_path, status=2, says=f"{tmp_path}/study.json: can't be read")
 
 
 STUDIES = "/api/studies"

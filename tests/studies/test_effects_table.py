@@ -1,7 +1,5 @@
 """`magmpm effects`: the estimated influence of each effect on a scene, and its cost per step."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict
 from pathlib import Path
@@ -9,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reference.commands import scene_text
 from reference.moving import moving_scene
 from reference.scenes import G, rod_scene
 
-from magmpm.cli import main
 from magmpm.compare import distance
 from magmpm.effects import acting as effects
 from magmpm.effects.acting import Effects
@@ -99,44 +97,36 @@ def test_costs_are_counted_and_always_the_same() -> None:
     assert still["magnetic_interaction"] > 50.0
 
 
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(tmp_path: Path, told) -> None:
     """One JSON object, or a table for people; a broken scene ends with status 2."""
     scene = tmp_path / "scene.yaml"
-    scene.write_text(
-        "name: small\nmaterials:\n  m: {shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 100 mT}\n"
-        "body: {catheter: {length: 20 mm, diameter: 4 mm, material: m, segments: [{magnetization: [1, 0, 0]}]}}\n"
-        "field: {uniform: [0 mT, 0 mT, 5 mT]}\neffects: {magnetic_torque: {}}\n"
-    )
-    assert main(["effects", str(scene), "--json", "--quick"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert {"effect", "named", "shift_m", "uncertainty_m", "cost_percent", "advice", "why"} <= set(told["effects"][0])
-    assert told["length_m"] == 0.02
-    assert main(["effects", str(scene), "--quick"]) == 0
-    assert "magnetic_torque" in capsys.readouterr().out
+    scene.write_text(scene_text())
+    found = json.loads(told("effects", scene, "--json", "--quick").out)
+    assert {"effect", "named", "shift_m", "uncertainty_m", "cost_percent", "advice", "why"} <= set(found["effects"][0])
+    assert found["length_m"] == 0.02
+    assert "magnetic_torque" in told("effects", scene, "--quick").out
     scene.write_text("name: small\n")
-    assert main(["effects", str(scene)]) == 2
-    assert "body: received nothing" in capsys.readouterr().err
+    told("effects", scene, status=2, says="body: received nothing")
 
 
 BODY = {"catheter": {"length": 40e-3, "diameter": 4e-3, "material": "m", "segments": [{"magnetization": [1, 0, 0]}]}}
 
 
 @pytest.mark.slow
-def test_walls_of_a_vessel_are_not_without_effect(capsys: pytest.CaptureFixture[str]) -> None:
+def test_walls_of_a_vessel_are_not_without_effect(told) -> None:
     """They move the fed catheter's axis by 5.729 and 5.718 mm at the end of runs on 3 and 4 cells, where it moves farthest; gravity by
     0.25 mm there and a millimeter before it meets the wall, and damping hardly matters."""
     path = str(Path(__file__).parents[2] / "data/scenes/fed_into_vessel.yaml")
-    assert main(["effects", path, "--quick", "--json"]) == 0
-    told = {row["effect"]: row for row in json.loads(capsys.readouterr().out)["effects"]}
-    assert {key: told[key]["advice"] for key in ("walls", "feed", "gravity", "damping")} == {
+    found = {row["effect"]: row for row in json.loads(told("effects", path, "--quick", "--json").out)["effects"]}
+    assert {key: found[key]["advice"] for key in ("walls", "feed", "gravity", "damping")} == {
         "walls": "keep", "feed": "keep", "gravity": "add", "damping": "drop",
     }  # fmt: skip
-    walls = told["walls"]
+    walls = found["walls"]
     assert abs(walls["shift_m"] - 5.72e-3) < walls["uncertainty_m"] < 0.2e-3  # looked at with one cell more, as all contact is
-    assert told["feed"]["shift_m"] == pytest.approx(60e-3 * 0.25, rel=0.05)  # speed times duration
+    assert found["feed"]["shift_m"] == pytest.approx(60e-3 * 0.25, rel=0.05)  # speed times duration
     for key in ("magnetic_torque", "magnetic_interaction", "ground", "viscosity"):
-        assert told[key]["advice"] == "irrelevant", key
-    assert "does not say its viscosity" in told["viscosity"]["why"]
+        assert found[key]["advice"] == "irrelevant", key
+    assert "does not say its viscosity" in found["viscosity"]["why"]
 
 
 def test_motions_tell_whether_a_body_touches_the_ground() -> None:
@@ -157,30 +147,15 @@ def test_advice_for_a_body_that_nothing_holds() -> None:
     assert {key: row(scene, key).advice for key in ("ground", "magnetic_torque")} == {"ground": "keep", "magnetic_torque": "add"}
 
 
-def test_a_body_that_can_not_begin_has_no_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_body_that_can_not_begin_has_no_table(tmp_path: Path, told) -> None:
     """A tube that does not contain the body and is out of its reach: `run` and the table refuse it, with file and line."""
     path = tmp_path / "scene.yaml"
-    path.write_text(FAR_TUBE)
-    for command in (["effects", str(path), "--quick"], ["run", str(path), "--out", str(tmp_path / "out")]):
-        assert main(command) == 2
-        printed = capsys.readouterr()
-        assert printed.out == ""
-        assert f"{path}:10: effects.walls: " in printed.err
-        assert "the body begins outside the lumen, before an open end of its tube" in printed.err
-
-
-FAR_TUBE = """\
-name: far tube
-materials: {m: {shear_modulus: 300 kPa, bulk_to_shear: 20, density: 1100 kg/m^3, remanence: 50 mT}}
-body: {catheter: {length: 40 mm, diameter: 4 mm, material: m, segments: [{magnetization: [1, 0, 0]}]}}
-field: {uniform: [0 mT, 0 mT, 3 mT]}
-resolution: {cells_across: 2}
-solver: {dynamic: {duration: 0.1 s}}
-effects:
-  magnetic_torque: {}
-  damping: {rate: 60 1/s}
-  walls: {tube: {radius: 5 mm, path: [[480 mm, 0 mm, 0 mm], [560 mm, 0 mm, 0 mm]]}}
-"""
+    far = "walls: {tube: {radius: 5 mm, path: [[480 mm, 0 mm, 0 mm], [560 mm, 0 mm, 0 mm]]}}"
+    effects = f"\n  magnetic_torque: {{}}\n  damping: {{rate: 60 1/s}}\n  {far}"
+    path.write_text(scene_text("far tube", length="40 mm", effects=effects, solver="{dynamic: {duration: 0.1 s}}"))
+    says = f"{path}:8: effects.walls: ", "the body begins outside the lumen, before an open end of its tube"
+    for command in (["effects", path, "--quick"], ["run", path, "--out", tmp_path / "out"]):
+        assert told(*command, status=2, says=says).out == ""
 
 
 def test_contact_that_touches_is_counted_with_its_friction() -> None:
@@ -195,16 +170,9 @@ def strip(width: float, clamp: str = "base", shear: float = 7e6, length: float =
     body = {"length": length, "width": width, "thickness": 1e-3, "material": "m", "clamp": clamp}
     half = {"magnetization": [1.0, 0.0, 0.0], "length": length / 2}
     segments = [half, {"magnetization": [-1.0 if clamp == "both" else 1.0, 0.0, 0.0], "length": length / 2}]
-    return Scene.from_si(
-        {
-            "name": "strip",
-            "materials": {"m": {"shear_modulus": shear, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.1}},
-            "body": {"strip": {**body, "segments": segments}},
-            "effects": {"magnetic_torque": {}},
-            "field": {"uniform": [0.0, 0.0, 1e-3]},
-            "resolution": {"cells_across": 2},
-        }
-    )
+    materials = {"m": {"shear_modulus": shear, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.1}}
+    about = {"name": "strip", "effects": {"magnetic_torque": {}}, "field": {"uniform": [0.0, 0.0, 1e-3]}, "resolution": {"cells_across": 2}}
+    return Scene.from_si({**about, "materials": materials, "body": {"strip": {**body, "segments": segments}}})
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """magmpm fit: tables as people have them, slopes of residuals, intervals of known problems, and what the data can't tell."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path
@@ -11,7 +9,6 @@ import numpy as np
 import pytest
 
 from magmpm import load_scene, run, sensitivities
-from magmpm.cli import main
 from magmpm.errors import InputError
 from magmpm.scene import Scene
 from magmpm.studies.fitting import (
@@ -128,8 +125,7 @@ TABLES = [PLACES, CURVE, POSE, pytest.param(IN_SPACE, marks=pytest.mark.slow)]
 def test_slopes_are_those_of_the_residuals(tmp_path: Path, text: str) -> None:
     """Central differences of the residuals, away from the start; 2e-5 of the largest: their own error at a step of 1e-3.
 
-    Across a curve in space there are two directions, whose turn about the curve is left out: their sum of squares has the slope it has.
-    """
+    Across a curve in space there are two directions, whose turn about the curve is left out: their sum of squares has the slope it has."""
     measured = read_measured(table(tmp_path, text), SCENE)
     constants = constants_of(SCENE, ["shear_modulus", "remanence", "magnetization", "field"])
     prediction = Prediction(SCENE, measured, constants)
@@ -339,7 +335,6 @@ def missing(folder: Path, stray: tuple[float, float, float] = (0.0, 0.0, 0.0), t
 def test_what_the_scene_lacks_is_named_and_the_interval_holds_the_truth(lacks: dict[str, Any], name: str, tmp_path: Path) -> None:
     found = fit(read_measured(missing(tmp_path, **lacks), SCENE), SCENE, vary=["shear_modulus"])
     (one,) = found.constants
-    assert found.suspects is not None
     assert found.suspects[0].name == name
     assert found.suspects[0].probability < 0.01
     assert any(name in warning and "explains the residuals better" in warning for warning in found.warnings)
@@ -363,28 +358,23 @@ def test_geometry_is_told_to_be_exact(tmp_path: Path) -> None:
     assert "1 % more diameter in the scene: shear_modulus_magnetic_silicone -2 %" in text(found)
 
 
-def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told) -> None:
     """Files that are whole; the fitted scene gives the constant that was found; --json is one object."""
     monkeypatch.chdir(tmp_path)
     scene = tmp_path / "scene.yaml"
     text = (ROOT / "data/scenes/axial_transverse.yaml").read_text(encoding="utf-8")
     scene.write_text(text.split("reference:")[0].replace("cells_across: 4", "cells_across: 2"), encoding="utf-8")
     measured = tips(tmp_path, noise=1e-4)
-    assert main(["fit", str(measured), str(scene), "--vary", "shear_modulus", "--quick", "--json", "--out", "found"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    constant = told["constants"][0]
+    found = json.loads(told("fit", measured, scene, "--vary", "shear_modulus", "--quick", "--json", "--out", "found").out)
+    constant = found["constants"][0]
     assert constant["low"] < 100e3 < constant["high"]
-    assert all(Path(name).stat().st_size > 0 for name in told["files"])
+    assert all(Path(name).stat().st_size > 0 for name in found["files"])
     fitted = load_scene("found/fitted_scene.yaml")
     assert fitted.materials[MATERIAL].shear_modulus == pytest.approx(constant["value"], rel=1e-9)
-    several = [*map(str, three_tables(tmp_path, 100e3, (0.1, 0.2, 0.2))), str(scene), "--out", "all"]
-    assert main(["fit", *several, "--vary", "shear_modulus", "--quick", "--noise", "0.1 mm, 0.2 mm, 0.2 mm"]) == 0
-    assert "tips.csv, " in capsys.readouterr().out
-    assert main(["fit", str(measured), str(scene), "--quick", "--json", "--out", "found"]) == 2
-    refused = json.loads(capsys.readouterr().out)
-    assert refused["measure"]
-    assert main(["fit", str(measured), str(scene), "--noise", "0.2"]) == 2
-    assert "needs a unit" in capsys.readouterr().err
+    several = [*three_tables(tmp_path, 100e3, (0.1, 0.2, 0.2)), scene, "--out", "all"]
+    assert "tips.csv, " in told("fit", *several, "--vary", "shear_modulus", "--quick", "--noise", "0.1 mm, 0.2 mm, 0.2 mm").out
+    assert json.loads(told("fit", measured, scene, "--quick", "--json", "--out", "found", status=2).out)["measure"]
+    told("fit", measured, scene, "--noise", "0.2", status=2, says="needs a unit")
 
 
 @pytest.mark.slow

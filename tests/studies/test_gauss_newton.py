@@ -1,7 +1,5 @@
 """The Gauss-Newton sampler on plain least-squares problems, with Optuna alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any

@@ -1,19 +1,23 @@
 """Insertion: the path, the rods' trajectory, measures of a trajectory, and what a study keeps."""
 
-from __future__ import annotations
-
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from reference.commands import ROOT
 
+import magmpm
 from magmpm import Scene
+from magmpm.errors import SolveError
 from magmpm.studies.evaluate.insertion import EXIT_WEIGHT, STATIONS, Insertion
 from magmpm.studies.problem.path import Path
 from magmpm.studies.problem.study import Study
 from magmpm.studies.problem.variables import Vary, VaryField, VaryMagnetization
+from magmpm.studies.rods.rod_path import BRINK, RodPath, search
 from magmpm.studies.rods.rod_trajectory import RodDesign, RodTrajectory
+from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.search_space import SearchSpace
 
 RADIUS = 0.04
@@ -27,17 +31,10 @@ def arc(length=30e-3, rows=31):
 
 
 def catheter():
-    return Scene.from_si(
-        {
-            "name": "three",
-            "materials": {"silicone": {"shear_modulus": 120e3, "bulk_to_shear": 20, "density": 1882.0, "remanence": 0.138}},
-            "body": {
-                "catheter": {"length": 30e-3, "diameter": 3e-3, "material": "silicone", "segments": 3 * [{"magnetization": [1, 0, 0]}]}
-            },
-            "effects": {"magnetic_torque": {}, "gravity": {}},
-            "resolution": {"cells_across": 2},
-        }
-    )
+    body = {"length": 30e-3, "diameter": 3e-3, "material": "silicone", "segments": 3 * [{"magnetization": [1, 0, 0]}]}
+    materials = {"silicone": {"shear_modulus": 120e3, "bulk_to_shear": 20, "density": 1882.0, "remanence": 0.138}}
+    about = {"name": "three", "effects": {"magnetic_torque": {}, "gravity": {}}, "resolution": {"cells_across": 2}}
+    return Scene.from_si({**about, "materials": materials, "body": {"catheter": body}})
 
 
 def insertion(depths=(10e-3, 20e-3, 30e-3)):
@@ -75,7 +72,6 @@ def test_slopes_of_the_trajectory_are_its_differences():
     d /= np.linalg.norm(d, axis=1)[:, None]
     fields = 4e-3 * np.array([[1, 0, 0.5], [0.8, 0.3, 0.5], [0.6, -0.2, 0.7]])
     state = rods.settled(d, fields, None)
-    assert state is not None
     step = 1e-7
     for k in range(3):
         shift = np.zeros((3, 3))
@@ -94,7 +90,6 @@ def test_least_squares_recovers_a_design_that_made_the_path():
     d = np.array([[1.0, 0, 0], [0.8, 0, 0.6], [0.8, 0.6, 0]])
     fields = 5e-3 * np.array([[1, 0, 0.6], [1, 0, 0.5], [1, 0.1, 0.4]])
     made = rods.settled(d, fields, None)
-    assert made is not None
     depths = tuple(
         type(depth)(depth.rod, depth.segments, depth.place, position, depth.roots)
         for depth, position in zip(rods.depths, made.positions, strict=True)
@@ -103,7 +98,6 @@ def test_least_squares_recovers_a_design_that_made_the_path():
     near = d + np.array([0.1, -0.1, 0.1])
     near /= np.linalg.norm(near, axis=1)[:, None]
     state = known.settled(near, 0.9 * fields, None)
-    assert state is not None
     assert np.sqrt(state.squares) > 1e-4
     design = known.least_squares(RodDesign(near, 0.9 * fields, 1.0, state), 60)
     assert design.value < 1e-6
@@ -113,16 +107,8 @@ def fake(found, depth, shift):
     """A result whose axis is the path, shifted along y."""
     s = np.linspace(0.0, depth, 61)
     axis = found.path.at(s) + np.array([0.0, shift, 0.0])
-    return SimpleNamespace(
-        centreline=np.column_stack([s, axis]),
-        tip=axis[-1],
-        iterations=3,
-        converged=True,
-        stability=0.5,
-        particle_segment=np.array([0]),
-        segment_center=axis[:1],
-        segment_remanence=np.ones((1, 3)),
-    )
+    segment = {"particle_segment": np.array([0]), "segment_center": axis[:1], "segment_remanence": np.ones((1, 3))}
+    return SimpleNamespace(centreline=np.column_stack([s, axis]), tip=axis[-1], iterations=3, converged=True, stability=0.5, **segment)
 
 
 def test_measures_are_what_they_say():
@@ -206,3 +192,107 @@ def test_a_depth_that_fails_costs_the_penalty_and_is_named():
     assert outcome.result is None
     assert outcome.rms == found.space.scene.length
     assert outcome.reason == "at 20 mm: no equilibrium"
+
+
+# Rods that follow one another: on the branch that a push comes to, and designs that are mended where they leave it
+
+
+def turning_back():
+    """Directions and fields of three depths: held along the field while it is short, then turned against it step by step."""
+    d = np.tile([1.0, 0.0, 0.0], (3, 1))
+    return d, MAX * np.array([[0.6, 0.0, 0.1], [0.0, 0.0, 0.6], [-0.5, 0.0, 0.3]])
+
+
+def test_the_end_does_not_depend_on_the_steps():
+    """With twice the steps on the way, a push that meets no limit point ends in the same equilibria."""
+    found = insertion()
+    d, fields = turning_back()
+    coarse = found.rods
+    fine = RodPath(coarse.rods, tuple(tuple(each for depth in way for each in (depth, depth)) for way in coarse.ways))
+    ends = [[stops[-1].position for stops in way.stops(d, fields)] for way in (coarse, fine)]
+    for one, other in zip(*ends, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
+
+
+def test_what_stays_in_the_guide_is_straight_and_what_is_out_keeps_its_shape():
+    """Between two stops of one field, material moves on by the length that came out: the first step from a depth changes little."""
+    found = insertion()
+    d, fields = turning_back()
+    ways = found.rods.stops(d, fields)
+    for stops in ways:
+        for stop in stops:
+            np.testing.assert_allclose(np.linalg.norm(stop.q, axis=1), 1.0, atol=1e-12)
+            np.testing.assert_allclose(stop.position[0], 0.0, atol=1e-15)
+            np.testing.assert_allclose(stop.q[0], [1.0, 0.0, 0.0, 0.0], atol=1e-9)
+    lengths = [stop.depth.place[-1] for stops in ways for stop in stops]
+    assert np.all(np.diff(lengths) > 0)
+    assert [stops[-1].depth.place[-1] for stops in ways] == pytest.approx(found.study.depths)
+    np.testing.assert_allclose([stops[-1].field for stops in ways], fields)
+
+
+def test_shapes_for_the_body_are_the_stops():
+    found = insertion()
+    d, fields = turning_back()
+    for stops in found.rods.stops(d, fields):
+        shape = stops[-1].shape(d)
+        np.testing.assert_allclose(shape.position, stops[-1].position, atol=1e-8)
+        assert shape.stable
+
+
+def test_a_design_whose_rods_are_elsewhere_is_mended():
+    """Given shapes that the push does not come to: the answer's value is what the push gives, and better than before."""
+    found = insertion()
+    way = found.rods
+    d, fields = turning_back()
+    elsewhere = way.rods.settled(d, -0.5 * fields, None)
+    assert elsewhere is not None
+    pushed = np.sqrt(sum(stops[-1].squares for stops in way.stops(d, fields)))
+    design = way.mended(RodDesign(d, fields, 0.0, elsewhere))
+    squares = [stops[-1].squares for stops in way.stops(design.directions, design.fields)]
+    assert np.sqrt(sum(squares)) == pytest.approx(design.value, rel=1e-6)
+    assert design.value < 0.5 * pushed
+    by_fields = way.mended(RodDesign(d, fields, 0.0, elsewhere), turning=False)
+    np.testing.assert_array_equal(by_fields.directions, d)
+    assert np.abs(by_fields.fields - fields).max() > 0.01 * np.abs(fields).max()
+
+
+def test_search_judges_on_the_way():
+    """The best design's value is that of its rods on the way, and the arc is followed within a hundredth of the length."""
+    found = insertion()
+    best = search(found.rods, found.path, seed=1, starts=20, wanted=1, enough=0.01 * 30e-3)[0]
+    assert found.rods.least_stability(best) > BRINK
+    squares = [stops[-1].squares for stops in found.rods.stops(best.directions, best.fields)]
+    assert np.sqrt(sum(squares)) == pytest.approx(best.value, rel=1e-6)
+    assert best.value < 0.01 * 30e-3
+
+
+def test_no_equilibrium_on_the_way_is_an_error():
+    found = insertion()
+    d, fields = turning_back()
+    with pytest.raises(SolveError, match="no equilibrium"):
+        found.rods.stops(d, 1e30 * fields)
+
+
+def test_a_design_near_the_end_of_a_branch_comes_after_a_safe_one() -> None:
+    risky, safe = (SimpleNamespace(value=value, stability=stability) for value, stability in ((1.0, 0.0), (2.0, 1.0)))
+    grown = iter([risky, safe])
+    way = SimpleNamespace(
+        rods=SimpleNamespace(grown=lambda path, rng: next(grown)), mended=lambda one: one, least_stability=lambda one: one.stability
+    )
+    assert search(way, None, seed=1, starts=2) == [safe, risky]
+    grown = iter([risky] * 3)
+    assert search(way, None, seed=1, starts=3, enough=1.5) == [risky] * 2, "one more of its kind ends the search"
+
+
+@pytest.mark.slow
+def test_an_insertion_ends_when_only_other_branches_are_left(tmp_path):
+    """No descent from the rod's designs gets better: the study ends by itself, says so, and does nothing when it is begun again."""
+    shipped = load_study(ROOT / "data/studies/insertion_s.yaml")
+    study = replace(shipped, scene=shipped.scene.with_cells(2), depths=(15e-3, 30e-3, 45e-3), trials=20)
+    report = magmpm.design(study, folder=tmp_path)
+    assert report.ended == "exhausted"
+    assert 2 <= report.trials < 20
+    assert "nothing more is to be had" in report.why
+    assert report.best["rms_m"] < 0.01 * study.scene.length
+    again = magmpm.design(study, folder=tmp_path)
+    assert (again.ended, again.trials) == ("exhausted", report.trials)

@@ -1,7 +1,5 @@
 """`stability: {margin: ...}`: designs on the brink are known, refused, and told to samplers as Optuna's constraints."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path
@@ -9,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rod_solve import STUDY, RodResult, RodSensitivities, differentiate, solve, write_study
+from rod_solve import SCENE, STUDY, RodResult, RodSensitivities, differentiate, solve, write_study
 from test_resume import same, trials_of
 
 from magmpm.errors import SolveError
@@ -49,7 +47,6 @@ def test_a_refused_design_is_never_the_best(sampler: str, tmp_path: Path) -> Non
     assert [t.number for t in trials if t.user_attrs["feasible"] is False] == below == report.failed_trials
     assert all(t.constraints["stability"] == 0.1 - t.user_attrs["stability"] for t in trials)
     assert (report.refused, report.failed) == (len(below), 0)
-    assert report.best is not None
     assert report.best["rms_m"] == min(t.value for t in trials if t.number not in below)
     assert report.best["stability"] >= 0.1
     saved = json.loads((tmp_path / "out" / "best" / "design.json").read_text())
@@ -112,3 +109,79 @@ def test_a_study_with_a_margin_resumes_bit_for_bit(tmp_path: Path) -> None:
     for trials in (12, 5, 12):
         run(tmp_path / ("whole" if trials == 12 and not (tmp_path / "parts").exists() else "parts"), sampler="tpe", trials=trials)
     same(trials_of(tmp_path / "whole" / "out"), trials_of(tmp_path / "parts" / "out"))
+
+
+# Studies that ask for an error: trials on the coarsest grid, the best designs again on finer ones, each with its error
+
+
+ASKED = SCENE.replace("{cells_across: 4}", "{error: 0.1 %}")
+COARSE = 2e-4  # m: error of the stand-in's coarse grid, 0.5 % of the length
+
+
+class Grid:
+    """The rod, bent too little by COARSE at the tip on two cells, and exact where an error is asked for; solved: those scenes."""
+
+    def __init__(self, fails: bool = False) -> None:
+        self.fails, self.solved = fails, list[Scene]()
+
+    def __call__(self, scene: Scene, **options: Any) -> RodResult:
+        if scene.resolution.asked:
+            self.solved.append(scene)
+            if self.fails:
+                raise SolveError("no equilibrium was found")
+            result = solve(scene.with_cells(4))
+            result.scene = scene.to_si()
+            result.error_estimate = 2e-5  # type: ignore[attr-defined]
+            tried = [{"cells_across": 2, "error": COARSE}, {"cells_across": 4, "error": 2e-5}]
+            result.resolution = {"cells_across": 4, "tried": tried}  # type: ignore[attr-defined]
+            return result
+        assert scene.resolution.cells_across == 2, "trials run on the coarsest grid"
+        result = solve(scene)
+        result.centreline[:, 3] -= COARSE * (result.centreline[:, 0] / result.centreline[-1, 0]) ** 2
+        return result
+
+
+def studied(folder: Path, grid: Grid) -> StudyReport:
+    return run_study(load_study(write_study(folder, STUDY, ASKED)), solve=grid, out=folder / "out")
+
+
+def test_the_best_designs_are_judged_with_their_errors(tmp_path: Path) -> None:
+    grid = Grid()
+    report = studied(tmp_path, grid)
+    first = min(report.judged, key=lambda one: one["rms_m"])
+    assert first["number"] == report.best["number"]
+    assert [one["judged_rms_m"] for one in report.judged] == sorted(one["judged_rms_m"] for one in report.judged)
+    for one in report.judged:
+        assert (one["error_estimate_m"], one["cells_across"], one["coarse_error_m"]) == (2e-5, 4, COARSE)
+        assert abs(one["judged_rms_m"] - one["rms_m"]) < COARSE
+    near = sorted(rms for rms in report.rms_m if rms <= report.best["rms_m"] + 2 * COARSE)
+    assert sorted(one["rms_m"] for one in report.judged) == near[:5], "those that the coarse grid can't tell from the best, and no others"
+    assert all(scene.resolution.error == 0.001 for scene in grid.solved)
+
+    before = len(grid.solved)
+    again = studied(tmp_path, grid)
+    assert again.judged == report.judged
+    assert len(grid.solved) == before, "what was judged is kept with the study"
+
+
+def test_a_design_that_fails_on_finer_grids_keeps_the_reason(tmp_path: Path) -> None:
+    report = studied(tmp_path, Grid(fails=True))
+    assert report.judged[0]["number"] == report.best["number"]
+    assert "no equilibrium was found" in report.judged[0]["reason"]
+
+
+def test_another_error_is_another_study(tmp_path: Path) -> None:
+    study = load_study(write_study(tmp_path, STUDY, ASKED))
+    other = load_study(write_study(tmp_path / "other", STUDY, ASKED.replace("0.1 %", "1 %")))
+    plain = load_study(write_study(tmp_path / "plain", STUDY, SCENE.replace("cells_across: 4", "cells_across: 2")))
+    assert study.asked is not None
+    assert plain.asked is None
+    assert study.scene.resolution == plain.scene.resolution
+    assert len({str(one.definition()) for one in (study, other, plain)}) == 3
+    assert np.isclose(study.definition()["scene"]["resolution"]["error"], 0.001)
+
+
+def test_designs_are_judged_by_their_whole_shape(tmp_path: Path) -> None:
+    """The bound of a tip says nothing of a shape, nor of the distance from it."""
+    study = load_study(write_study(tmp_path, STUDY, SCENE.replace("{cells_across: 4}", "{error: 0.1 mm, of: tip}")))
+    assert (study.asked.of, study.asked.allowed(study.scene.length)) == ("centreline", pytest.approx(1e-4))

@@ -1,7 +1,5 @@
 """Two objectives: their values, the Pareto front, and studies that have them."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path
@@ -9,15 +7,20 @@ from pathlib import Path
 import numpy as np
 import optuna
 import pytest
-from rod_solve import SCENE, STUDY, RodResult, solve, write_study
-from test_resume import same, trials_of
+from rod_solve import SCENE, STUDY, RodResult, RodSensitivities, differentiate, solve, write_study
+from test_resume import trials_of
 
 from magmpm.errors import InputError, SolveError
-from magmpm.scene import Scene
+from magmpm.inputs.csv_tables import write_centreline
+from magmpm.rod.cosserat import RodShape
+from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine.loop import run_study
+from magmpm.studies.engine.records import read_design
+from magmpm.studies.evaluate.trajectory import Schedule
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.objectives import compromise, front, ranked, second, worst
 from magmpm.studies.search.search_space import SearchSpace
+from magmpm.studies.sheet.verified_best import in_motion, in_time
 
 FIELD = STUDY.replace("  magnetization: {}\n", "  magnetization: {}\n  field: {max: 10 mT}\n") + "minimize: [rms, largest_field]\n"
 THICKNESS = "  magnetization: {}\n  diameter: {min: 3 mm, max: 5 mm}\n"
@@ -122,8 +125,116 @@ def test_a_sampler_of_one_objective_is_refused_before_any_trial(sampler: str, tm
     assert not (tmp_path / "out").exists()
 
 
-def test_one_objective_stays_as_it_was(tmp_path: Path) -> None:
-    report = run_study(load_study(write_study(tmp_path)), solve=solve, out=tmp_path / "a")  # type: ignore[arg-type]
-    assert not {"pareto", "front", "objectives"} & set(report.summary())
-    run_study(load_study(write_study(tmp_path)), solve=solve, out=tmp_path / "b")  # type: ignore[arg-type]
-    same(trials_of(tmp_path / "a"), trials_of(tmp_path / "b"))
+# A schedule finds one magnetization and a field at each time for several shapes; its scene has the keyframes; the check runs them
+
+
+TEXT = STUDY.replace("{}", "{}\n  field: {max: 15 mT, at: each time}").replace(
+    "match: {centreline: target.csv}",
+    "match: [{time: 0.5 s, centreline: a.csv}, {time: 2 s, centreline: b.csv}]\nschedule: {hold: 0.25 s}",
+)
+FIELDS = np.array([[5e-3, 2e-3, 6e-3], [-2e-3, 7e-3, -3e-3]])
+
+
+def reachable(folder: Path, sampler: str = "gauss-newton", trials: int = 8) -> Path:
+    """A study of two shapes that the rod takes with one magnetization in two fields."""
+    path = write_study(folder, TEXT.replace("random", sampler).replace("trials: 8", f"trials: {trials}"))
+    scene = load_scene(folder / "scene.yaml")
+    for name, field in zip("ab", FIELDS, strict=True):
+        write_centreline(folder / f"{name}.csv", solve(scene.with_field(field)).centreline[::2])
+    return path
+
+
+def test_gauss_newton_finds_what_can_be_reached(tmp_path: Path) -> None:
+    """Both shapes to 0.1 mm within 8 trials; each trial's rms is that of its shapes, and the study resumes to the same."""
+    study = load_study(reachable(tmp_path))
+    assert (study.fields, len(study.keyframes), study.hold) == (2, 2, 0.25)
+    run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out", trials=2)
+    report = run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out")
+    assert report.best["rms_m"] < 1e-4
+    assert run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "once").rms_m == report.rms_m
+    rows = report.best["schedule"]
+    assert [row["time_s"] for row in rows] == [0.5, 2.0]
+    assert report.best["rms_m"] == pytest.approx(np.sqrt(np.mean([row["rms_m"] ** 2 for row in rows])), rel=1e-12)
+    assert report.best["worst_m"] == max(row["rms_m"] for row in rows)
+
+
+def test_the_best_scene_has_the_fields_as_keyframes(tmp_path: Path) -> None:
+    """From no field; equilibria at each of the times; as a motion it has frames at them."""
+    study = load_study(reachable(tmp_path, "tpe", 3))
+    report = run_study(study, solve=solve, out=tmp_path / "out")
+    scene = load_scene(tmp_path / "out/best/scene.yaml")
+    frames = scene.field.over_time.keyframes
+    assert [frame.time for frame in frames] == [0.0, 0.5, 2.0, 2.25]
+    assert frames[0].uniform == (0.0, 0.0, 0.0)
+    fields = [row["field_T"] for row in report.best["schedule"]]
+    np.testing.assert_allclose([frame.uniform for frame in frames[1:]], [*fields, fields[-1]], atol=1e-12)
+    assert {0.0, 0.5, 2.0, 2.25} <= set(scene.solver.quasi_static.at)
+    np.testing.assert_allclose([region.magnetization for region in scene.regions()], report.best["magnetization"], atol=1e-8)
+    dynamic = in_motion(scene, study).solver.dynamic
+    assert dynamic.duration == 2.25
+    assert all((time / dynamic.output_every) % 1 == pytest.approx(0, abs=1e-9) for time in (0.5, 2.0, 2.25))
+
+
+def test_each_field_moves_its_own_shape_alone(tmp_path: Path) -> None:
+    """The Jacobian that Gauss-Newton reads: differences along every coordinate, zero where a field is that of another time."""
+    study = load_study(reachable(tmp_path))
+    space = SearchSpace.of(study)
+    schedule = Schedule.of(study, space)
+    x = space.drawn(np.random.default_rng(6))
+
+    def residuals(at: np.ndarray) -> np.ndarray:
+        params = space.parameters_at(at)
+        return np.array(schedule.evaluate(solve, differentiate, params, tmp_path / "log").model["residuals"])
+
+    params = space.parameters_at(x)
+    model = schedule.evaluate(solve, differentiate, params, tmp_path / "log").model
+    jacobian = np.array(model["jacobian"])
+    half = (len(jacobian) - 3) // 2  # and the end's, which counts nothing
+    assert not jacobian[:half, 18:21].any()
+    assert not jacobian[half : 2 * half, 15:18].any()
+    for j in (0, 4, 15, 16, 19, 20):
+        h = 1e-5 if j >= 15 else 1e-3  # residuals are stored with nine digits
+        step = h * np.eye(space.size)[j]
+        difference = (residuals(x + step) - residuals(x - step)) / (2 * h)
+        across = jacobian[:, j]
+        if j < 15:  # a difference is normalized: its part along the direction is none
+            at = slice(3 * (j // 3), 3 * (j // 3) + 3)
+            across = jacobian[:, at] @ (np.eye(3) - np.outer(x[at], x[at]))[:, j % 3]
+        np.testing.assert_allclose(across, difference, atol=1e-3 * np.abs(jacobian[:, j]).max())
+
+
+def test_a_time_that_is_not_solved_is_named(tmp_path: Path) -> None:
+    study = load_study(reachable(tmp_path))
+    schedule = Schedule.of(study, SearchSpace.of(study))
+
+    def fails(scene: Scene, *, start: RodShape | None = None) -> RodSensitivities:
+        raise RuntimeError("broken")
+
+    params = schedule.space.parameters_at(schedule.space.drawn(np.random.default_rng(0)))
+    outcome = schedule.evaluate(fails, None, params, tmp_path / "log")
+    assert outcome.result is None
+    assert outcome.reason == "at 0.5 s: RuntimeError: broken"
+    assert outcome.rms == schedule.space.scene.length
+
+
+def test_scenes_of_a_schedule_are_static(tmp_path: Path) -> None:
+    from magmpm.errors import InputError
+
+    path = reachable(tmp_path)
+    (tmp_path / "scene.yaml").write_text(SCENE + "solver: {dynamic: {duration: 1 s}}\n")
+    with pytest.raises(InputError, match="each of its shapes is an equilibrium"):
+        load_study(path)
+
+
+def test_the_best_design_runs_in_time(tmp_path: Path) -> None:
+    """Equilibria along time are near the rod's design; a motion too quick for the body is far from it. A second report reads the runs."""
+    path = reachable(tmp_path, "tpe", 2)
+    path.write_text(path.read_text().replace("0.5 s", "2 ms").replace("time: 2 s", "time: 4 ms").replace("0.25 s", "0 s"), encoding="utf-8")
+    study = load_study(path)
+    run_study(study, solve=solve, out=tmp_path / "out")
+    rows = in_time(tmp_path / "out", read_design(tmp_path / "out/best"), study)
+    assert [row["time_s"] for row in rows] == [0.002, 0.004]
+    for row in rows:  # 1 mm: a rod and two cells across, whose stiffness is off by some percent
+        assert row["quasi_static_m"] == pytest.approx(row["design_m"], abs=1e-3)
+        assert row["motion_m"] != pytest.approx(row["design_m"], rel=0.1)
+    assert in_time(tmp_path / "out", read_design(tmp_path / "out/best"), study) == rows

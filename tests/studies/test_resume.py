@@ -1,7 +1,5 @@
 """A study that is killed and continued is the same study: numbers, parameters, values, pictures."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import signal
@@ -166,25 +164,6 @@ def test_a_surface_is_stored_once_and_a_picture_twice(tmp_path: Path) -> None:
     assert not kept.samefile(out / "pictures/trial_003.stl"), "a store that others share has files of its own"
 
 
-def test_ctrl_c_keeps_what_is_finished_and_repeats_the_trial(tmp_path: Path) -> None:
-    path = write_study(tmp_path)
-    run_study(load_study(path), solve=solve, differentiate=differentiate, out=tmp_path / "whole")
-    calls = []
-
-    def interrupted(scene: Scene) -> RodResult:
-        calls.append(scene)
-        if len(calls) == 4:
-            raise KeyboardInterrupt
-        return solve(scene)
-
-    report = run_study(load_study(path), solve=interrupted, out=tmp_path / "parts")
-    assert (report.ended, report.trials) == ("interrupted", 3)
-    report = run_study(load_study(path), solve=interrupted, out=tmp_path / "parts")
-    assert (report.ended, report.trials) == ("trials", 8)
-    assert calls[3].hash() == calls[4].hash(), "the interrupted trial is tried again"
-    same(trials_of(tmp_path / "whole"), trials_of(tmp_path / "parts"))
-
-
 def test_what_is_done_does_nothing(tmp_path: Path) -> None:
     study = load_study(write_study(tmp_path))
     first = run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out")
@@ -219,13 +198,10 @@ def test_stop_reached_is_done_and_says_why(tmp_path: Path) -> None:
     assert (more.trials, more.ended, more.first_trial_below_stop) == (8, "trials", None)
 
 
-@pytest.mark.parametrize(
-    ("sampler", "module", "extra"),
-    [("cmaes", "cmaes", "cmaes"), ("optuna:GPSampler", "torch", "gp"), ("optuna:CmaEsSampler", "cmaes", "cmaes")],
-)
-def test_missing_extra_is_said_before_any_trial(
-    sampler: str, module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize(("sampler", "module", "extra"), [
+    ("cmaes", "cmaes", "cmaes"), ("optuna:GPSampler", "torch", "gp"), ("optuna:CmaEsSampler", "cmaes", "cmaes"),
+])  # fmt: skip
+def test_missing_extra_is_said_before_any_trial(sampler, module, extra, tmp_path, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(InputError, match=rf"pip install 'magmpm\[{extra}\]'"):
         check_available(sampler)

@@ -1,7 +1,5 @@
 """Scatter of a design: the linear model's moments are those of samples, the standard deviations those of the errors, studies use them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,7 +28,7 @@ def differentiate(scene: Scene, of: Sequence[str]) -> RodSensitivities:
     return RodSensitivities(solve(scene), found, np.stack(columns, axis=2))
 
 
-@pytest.mark.parametrize("away", [0.0, 0.1, 1.0, 10.0])
+@pytest.mark.parametrize("away", [0.0, 0.1, 1.0, 10.0, 1e4])
 def test_moments_are_those_of_samples(away: float) -> None:
     """200 000 samples: their mean is known to 0.2 % of sigma, their sigma to 0.2 %; four of these."""
     rng = np.random.default_rng(1)
@@ -55,13 +53,6 @@ def test_moments_in_closed_form() -> None:
     sure = Scatter(np.ones((2, 3)), np.zeros((2, 3, 1)))
     assert sure.moments() == (math.sqrt(3), 0.0)
     assert Scatter(np.zeros((2, 3)), np.zeros((2, 3, 1))).moments() == (0.0, 0.0)
-
-
-def test_a_narrow_spread_keeps_the_mean_square() -> None:
-    """Far from the target the moments are expanded: mean^2 + sigma^2 is E[rms^2] to the square of the relative variance."""
-    narrow = Scatter(np.ones((2, 3)), 1e-4 * np.ones((2, 3, 1)))
-    mean, sigma = narrow.moments()
-    assert mean**2 + sigma**2 == pytest.approx(3.0 + narrow.scatter**2, rel=1e-12)
 
 
 def test_far_from_the_target_sigma_is_that_of_the_gradient() -> None:

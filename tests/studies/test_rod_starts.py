@@ -1,8 +1,7 @@
 """Designs that the rod finds, and studies that begin with them."""
 
-from __future__ import annotations
-
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,12 +9,17 @@ from rod_solve import SCENE, STUDY, differentiate, solve, write_study
 from test_resume import kill_in_trial, same, trials_of
 
 from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError
+from magmpm.inputs.csv_tables import write_centreline
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
+from magmpm.studies.engine.explain_miss import reachable_curvature, target_bends
 from magmpm.studies.engine.loop import run_study
+from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.rods.rod_designs import RodDesign, rod_designs
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.search_space import SearchSpace
+from magmpm.studies.search.well_posed import check_search, judge
 
 FIELD = STUDY.replace("magnetization: {}", "magnetization: {}\n  field: {max: 10 mT}")
 START = STUDY + "start: rod\n"
@@ -121,3 +125,216 @@ def test_killed_among_its_starts_it_resumes_as_the_same_study(sampler: str, tmp_
     kill_in_trial(path, parts, sampler, 1, "tell")
     run_study(load_study(path), solve=solve, differentiate=differentiate, out=parts, sampler=sampler)
     same(trials_of(whole), trials_of(parts))
+
+
+# Reasons that a study gives for a target that it can't reach: curvature, the field's bound, directions without effect, other starts
+
+
+S = np.linspace(0.0, 0.04, 21)
+NEWTON = STUDY.replace("sampler: random", "sampler: gauss-newton") + "stop: {rms: 0.1 mm}\n"
+WEAK = NEWTON.replace("magnetization: {}", "magnetization: {}\n  field: {max: 1 mT}")
+
+
+def study_of(folder: Path, target: Array, text: str = NEWTON, scene: str = SCENE, **options: Any) -> StudyReport:
+    path = write_study(folder, text, scene)
+    write_centreline(folder / "target.csv", target)
+    return run_study(load_study(path), solve=solve, differentiate=differentiate, out=folder / "out", **options)
+
+
+def shape(scene: Scene) -> Array:
+    return np.column_stack([S, solve_rod(scene, 20).at(S)])
+
+
+def arc(angle: float) -> Array:
+    """A circular arc that turns by an angle, rad."""
+    k = angle / 0.04
+    return np.column_stack([S, np.sin(k * S) / k, (1 - np.cos(k * S)) / k, 0 * S])
+
+
+def said(report: StudyReport) -> dict[str, Any]:
+    return {one["what"]: one for one in report.limits}
+
+
+def test_a_target_that_is_reached_needs_no_explanation(tmp_path: Path) -> None:
+    target = shape(scene_of(tmp_path).with_magnetizations(np.random.default_rng(1).normal(size=(5, 3))))
+    report = study_of(tmp_path, target)
+    assert report.ended == "stop"
+    assert report.limits == []
+
+
+def test_a_field_at_its_bound_is_said_with_what_more_would_bring(tmp_path: Path) -> None:
+    """A shape made in 8 mT, searched in 1: the multiplier foretells what a bound 0.05 mT higher brings."""
+    scene = scene_of(tmp_path).with_magnetizations(np.eye(3)[[1, 1, 1, 1, 1]]).with_field([-3e-3, 0, 7.4e-3])
+    report = study_of(tmp_path / "a", shape(scene), WEAK)
+    found = said(report)
+    assert found["field"]["bound_T"] == 1e-3
+    assert found["field"]["rms_per_T"] < 0
+    assert "field_mT is at its bound, 1 mT" in found["field"]["says"]
+    stronger = found["stronger field"]
+    assert stronger["field_T"][0] == 1e-3
+    assert stronger["rms_m"][-1] <= 1e-4, "in some stronger field the rod reaches it"
+    more = study_of(tmp_path / "b", shape(scene), WEAK.replace("max: 1 mT", "max: 1.05 mT"))
+    gained = report.best["rms_m"] - more.best["rms_m"]
+    assert gained == pytest.approx(-0.05e-3 * found["field"]["rms_per_T"], rel=0.3)  # second order, and where descents stop
+
+
+def test_curvature_beyond_the_segments_is_said_with_its_place(tmp_path: Path) -> None:
+    """An arc of 270 degrees: the tip can't bend, because nothing is beyond it."""
+    found = said(study_of(tmp_path, arc(1.5 * np.pi)))["curvature"]
+    assert found["target_per_m"] == pytest.approx(1.5 * np.pi / 0.04, rel=1e-2)
+    assert found["reachable_per_m"] < found["target_per_m"]
+    assert 0 <= found["s_m"][0] < found["s_m"][1] <= 0.04
+    assert "bends with a radius of 8.49 mm" in found["says"]
+
+
+def test_no_rod_bends_more_than_is_said_to_be_reachable(tmp_path: Path, rng: np.random.Generator) -> None:
+    scene = scene_of(tmp_path)
+    for gravity in (None, {}):
+        s, most = reachable_curvature(scene.with_effects(gravity=gravity), None)
+        for _ in range(20):
+            rod = solve_rod(scene.with_effects(gravity=gravity).with_magnetizations(rng.normal(size=(5, 3))))
+            bends = np.linalg.norm(rod.curvature[:, 1:], axis=1)
+            # frames average the elements beside them; the bound falls toward the tip
+            assert (bends[1:-1] <= np.interp(rod.s[1:-1], s, most) * (1 + 1e-6) + most[-1]).all()
+    across = scene.with_magnetizations(np.tile([0, 0.8, -0.6], (5, 1))).with_field([1e-3, 0, 0])
+    s, most = reachable_curvature(across, None)  # across the axis and the field, and hardly bent: the torque is all that it can be
+    assert np.linalg.norm(solve_rod(across).curvature[0, 1:]) > 0.95 * most[0]
+
+
+def test_bends_of_a_circle_are_one_over_its_radius() -> None:
+    ends, bends = target_bends(arc(1.0), 0.002)
+    np.testing.assert_allclose(bends, 1.0 / 0.04, rtol=1e-3)
+    assert ends[0, 0] == 0
+    coarse = target_bends(arc(1.0), 0.004)
+    assert len(coarse[1]) == 10
+
+
+def test_a_direction_that_moves_nothing_is_named(tmp_path: Path) -> None:
+    """The last segment is all but free of remanence."""
+    material = "{shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 0.01 mT}"
+    weak = SCENE.replace("remanence: 138 mT}", f"remanence: 138 mT}}\n  weak: {material}")
+    weak = weak.replace("- magnetization: [0, 0, -1]", "- {magnetization: [0, 0, -1], material: weak}")
+    found = said(study_of(tmp_path, arc(0.5 * np.pi), scene=weak))
+    assert "segment_5" in found
+    assert found["segment_5"]["m_per_rad"] < 1e-5
+    assert "segment_4" not in found
+
+
+def test_where_other_starts_ended_is_told(tmp_path: Path) -> None:
+    report = study_of(tmp_path, arc(1.2 * np.pi), trials=16)
+    others = said(report)["other starts"]["rms_m"]
+    assert others == sorted(others)
+    assert len(others) >= 1
+    assert others[0] >= report.best["rms_m"]
+
+
+def test_a_search_that_was_cut_short_says_so(tmp_path: Path) -> None:
+    found = said(study_of(tmp_path, shape(scene_of(tmp_path)), NEWTON.replace("0.1 mm", "1e-6 mm"), trials=1))
+    assert "still getting better" in found["trials"]["says"]
+
+
+def test_directions_of_a_set_are_not_called_without_effect(tmp_path: Path) -> None:
+    """They have no derivative; the derivative of what is made is zero, but another direction of the set moves the shape."""
+    limits = "limits: {directions: [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]}\ntrials: 2\n"
+    report = study_of(tmp_path, arc(1.0), WEAK.replace("trials: 8\n", limits))
+    assert report.limits, "it misses its stop"
+    assert not [one for one in report.limits if one["what"].startswith("segment")]
+
+
+# Warnings of a study before its first trial: that nothing moves the shape, or that the target can't tell its variables apart
+
+
+STRAIGHT = SCENE.replace("[0 mT, 6 mT, 8 mT]", "[9 mT, 0 mT, 0 mT]")
+ALONG = "\n".join("      - magnetization: [1, 0, 0]" if "- magnetization" in line else line for line in STRAIGHT.split("\n"))
+
+
+def varied_study(folder: Path, vary: str, scene: str = SCENE, points: int = 20):
+    path = write_study(folder, STUDY.replace("\n  magnetization: {}", f" {vary}"), scene)
+    s = np.linspace(0.0, 0.04, points + 1)
+    write_centreline(folder / "target.csv", np.column_stack([s, 0.99 * s, 0.1 * s, 0 * s]))
+    return load_study(path)
+
+
+def test_a_good_study_has_nothing_to_say(tmp_path: Path) -> None:
+    study = varied_study(tmp_path, "{magnetization: {}}")
+    assert check_search(study, SearchSpace.of(study)) == []
+    found = judge(study, SearchSpace.of(study))
+    assert found.freedom == found.seen == 10
+    assert (found.moves > 1e-4).all(), "each turns the catheter by a radian's worth of some segment"
+
+
+def test_nothing_that_varies_moves_the_shape(tmp_path: Path, told) -> None:
+    """A field along a catheter that is magnetized along its axis bends nothing, whatever its remanence; it stretches less than counts."""
+    study, out = varied_study(tmp_path, "{remanence: {min: 10 mT, max: 10.1 mT}}", ALONG), tmp_path / "out"
+    parts = ("probe.yaml: vary: received 1 variable that moves", "at most", "something must move the shape", "remedy")
+    assert told("design", study.path, "--out", out, "--no-pictures", status=2, says=parts).out == ""
+    assert not out.exists()
+
+
+def test_more_variables_than_the_target_can_tell_apart(tmp_path: Path) -> None:
+    """Two points beyond the base are six numbers, and ten angles vary: said with both numbers, and the study runs."""
+    study, said = varied_study(tmp_path, "{magnetization: {}}", points=2), []
+    report = run_study(study, solve=solve, out=tmp_path / "out", trials=1, on_advice=said.extend)
+    assert said == report.warnings
+    assert len(said) == 1
+    assert "10 numbers vary" in said[0]
+    assert "2 points beyond the base tell 6 combinations of them apart" in said[0]
+
+
+def test_a_field_and_directions_share_a_turn_only_if_all_turn(tmp_path: Path) -> None:
+    """Field and magnetization may turn together about the axis, and the shape with them: the target tells all 13 numbers apart."""
+    study = varied_study(tmp_path, "{magnetization: {}, field: {max: 10 mT}}")
+    found = judge(study, SearchSpace.of(study))
+    assert found.freedom == 13
+    assert 11 <= found.seen <= 13
+
+
+@pytest.mark.parametrize(("sampler", "extra", "said"), [
+    ("gauss-newton", "", "gauss-newton differentiates equilibria, and the scene is a motion"),
+    ("tpe", "minimize: [rms, largest_field]\nrobust: {direction: 5 deg}\n", "`robust` judges a design by one objective"),
+    ("cmaes", "stability: {margin: 0.1}\n", "cmaes would learn from designs that `stability` refuses"),
+])  # fmt: skip
+def test_the_command_leaves_nothing_of_what_its_sampler_cannot_search(sampler: str, extra: str, said: str, tmp_path: Path, told) -> None:
+    """With the sampler of the command line, too; the message names the study file."""
+    study = varied_study(tmp_path, "{magnetization: {}, field: {max: 10 mT}}").path
+    study.write_text(study.read_text() + extra)
+    if not extra:
+        scene = tmp_path / "scene.yaml"
+        scene.write_text(scene.read_text() + "\nsolver: {dynamic: {duration: 1 ms}}\n")
+    out = tmp_path / "out"
+    told("design", study, "--sampler", sampler, "--out", out, "--no-pictures", status=2, says=(said, "probe.yaml: "))
+    assert not out.exists()
+
+
+def test_orders_alone_have_no_derivatives_and_are_not_judged(tmp_path: Path) -> None:
+    plain = "      - {}\n"
+    last = [line for line in SCENE.split("\n") if "- magnetization" in line][-1] + "\n"
+    study = varied_study(tmp_path, "{order: {}}", SCENE.replace(last, plain))
+    assert check_search(study, SearchSpace.of(study)) == []
+
+
+def test_an_insertion_is_judged_at_its_depths() -> None:
+    """Fields of their own at three depths: a variable moves the shapes that have it, and all numbers but few can be told apart."""
+    from test_insertion import insertion
+
+    found = insertion()
+    seen = judge(found.study, found.space)
+    assert seen.freedom == 15
+    assert len(seen.moves) == 15
+    assert (seen.moves > 1e-5).all()
+    assert 12 <= seen.seen <= 15
+
+
+def test_an_insertion_that_nothing_moves_is_refused() -> None:
+    """Segments whose remanence alone varies, without a field: said before the first trial."""
+    from dataclasses import replace
+
+    from test_insertion import insertion
+
+    from magmpm.studies.problem.variables import Vary, VaryRemanence
+
+    found = insertion()
+    assert found.study.scene.field.uniform == (0.0, 0.0, 0.0), "a remanence that varies needs a field to move anything"
+    study = replace(found.study, vary=Vary(remanence=VaryRemanence(min=0.1, max=0.1001)), sampler="tpe")
+    with pytest.raises(InputError, match="something must move the shape"):
+        check_search(study, SearchSpace.of(study))

@@ -1,7 +1,5 @@
 """Parameters and their designs, and the choices of TPE."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -81,16 +79,6 @@ def test_names_sort_from_base_to_tip(tmp_path: Path) -> None:
     assert space.segment_names() == sorted(space.segment_names())
 
 
-@pytest.mark.parametrize("text", [STUDY, FIELD], ids=["magnetisation", "and field"])
-def test_designs_and_parameters_are_inverse(text: str, tmp_path: Path, rng: np.random.Generator) -> None:
-    space = space_of(tmp_path, text)
-    parameters = {name: rng.uniform(low, high) for name, (low, high) in space.bounds.items()}
-    directions, numbers = space.design(parameters)
-    assert directions.shape == (space.count, 3)
-    assert numbers.shape == (space.numbers,)
-    assert space.parameters(directions, numbers) == pytest.approx(parameters, abs=1e-9)
-
-
 # TPE
 
 
@@ -161,8 +149,7 @@ def test_tpe_kernels_are_normalised_and_drawn_from(tmp_path: Path) -> None:
 
 def test_another_seed_makes_tpe_choose_otherwise_in_each_of_its_stages(tmp_path: Path) -> None:
     """The first four trials are the corners of a tetrahedron whose rotation depends only on the seed of the study; later draws depend on
-    the seed and the number of finished trials.
-    """
+    the seed and the number of finished trials."""
     space = space_of(tmp_path, FIELD)
     of = Designs(np.tile([1.0, 0.0, 0.0], (3, 6, 1)), np.full((3, 1), 0.5))
     corners, chosen = {}, {}

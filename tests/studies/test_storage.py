@@ -1,7 +1,5 @@
 """The database of trials: its settings, and the messages if it cannot be used."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -13,6 +11,7 @@ import threading
 import time
 from datetime import datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import optuna
@@ -22,14 +21,13 @@ from rod_solve import STUDY, RodResult, solve, write_study
 from test_resume import trials_of
 
 from magmpm.errors import InputError
-from magmpm.results.folder_lock import FolderInUse
 from magmpm.scene import Scene
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.records import artifact_store
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.engine.storage import StorageError
-from magmpm.studies.engine.storage_url import known_url, shown_url
-from magmpm.studies.engine.workers.sessions import STALE
+from magmpm.studies.engine.storage_url import known_url
+from magmpm.studies.engine.workers.sessions import BEAT, LEASE, RECORD, STALE, Session
 from magmpm.studies.search.definition import load_study
 
 LOCKER = """\
@@ -104,26 +102,23 @@ def test_locked_in_mid_study_keeps_what_is_finished(tmp_path: Path) -> None:
     assert [t.params for t in trials_of(tmp_path / "out")] == [t.params for t in trials_of(whole)]
 
 
-@pytest.mark.parametrize(
-    ("url", "kind", "says"),
-    [
-        ("study.db", InputError, ("--storage", "must be the URL", "sqlite:///study.db")),
-        ("nodatabase://x", InputError, ("usable URL", "nodatabase")),
-        ("postgresql+nodriver://x/y", InputError, ("usable URL", "nodriver")),
-        ("sqlite:////proc/no/study.db", InputError, ("/proc/no", "writable")),
-        ("sqlite:///:memory:", InputError, ("--storage: received sqlite:///:memory:", "gone with its process", "sqlite:///study.db")),
-        ("sqlite://", InputError, ("--storage: received sqlite://", "gone with its process")),
-        ("sqlite:///file:x?mode=memory&uri=true", InputError, ("--storage: received sqlite:///file:x?", "gone with its process")),
-        ("sqlite:///file::memory:?cache=shared&uri=true", InputError, ("--storage: received sqlite:///file:", "gone with its process")),
-        ("sqlite:///file:/x?vfs=memdb&uri=true", InputError, ("--storage: received sqlite:///file:", "gone with its process")),
-        ("", InputError, ("--storage: received nothing", "must be the URL", "sqlite:///study.db")),
-        (":memory:", InputError, ("--storage: received :memory:", "must be the URL", "sqlite:///study.db")),
-        ("postgresql://me:se@cret@host/db", InputError, ("--storage: received postgresql://me:***@host/db", "write %40 for @")),
-        ("postgresql://me:se/c@host/db?x=1", InputError, ("received postgresql://me:***@host/db", "%2F for /")),
-        ("host=here user=me password=cret", InputError, ("a text without ://", "postgresql://USER@HOST/DATABASE")),
-        ("sqlite:////tmp", InputError, ("/tmp: a folder", "must be a file", "remedy: ")),
-    ],
-)
+@pytest.mark.parametrize(("url", "kind", "says"), [
+    ("study.db", InputError, ("--storage", "must be the URL", "sqlite:///study.db")),
+    ("nodatabase://x", InputError, ("usable URL", "nodatabase")),
+    ("postgresql+nodriver://x/y", InputError, ("usable URL", "nodriver")),
+    ("sqlite:////proc/no/study.db", InputError, ("/proc/no", "writable")),
+    ("sqlite:///:memory:", InputError, ("--storage: received sqlite:///:memory:", "gone with its process", "sqlite:///study.db")),
+    ("sqlite://", InputError, ("--storage: received sqlite://", "gone with its process")),
+    ("sqlite:///file:x?mode=memory&uri=true", InputError, ("--storage: received sqlite:///file:x?", "gone with its process")),
+    ("sqlite:///file::memory:?cache=shared&uri=true", InputError, ("--storage: received sqlite:///file:", "gone with its process")),
+    ("sqlite:///file:/x?vfs=memdb&uri=true", InputError, ("--storage: received sqlite:///file:", "gone with its process")),
+    ("", InputError, ("--storage: received nothing", "must be the URL", "sqlite:///study.db")),
+    (":memory:", InputError, ("--storage: received :memory:", "must be the URL", "sqlite:///study.db")),
+    ("postgresql://me:se@cret@host/db", InputError, ("--storage: received postgresql://me:***@host/db", "write %40 for @")),
+    ("postgresql://me:se/c@host/db?x=1", InputError, ("received postgresql://me:***@host/db", "%2F for /")),
+    ("host=here user=me password=cret", InputError, ("a text without ://", "postgresql://USER@HOST/DATABASE")),
+    ("sqlite:////tmp", InputError, ("/tmp: a folder", "must be a file", "remedy: ")),
+])  # fmt: skip
 def test_unusable_storage_is_said_before_any_trial(url: str, kind: type[Exception], says: tuple[str, ...], tmp_path: Path) -> None:
     with pytest.raises(kind) as caught:
         run(tmp_path, storage=url)
@@ -249,11 +244,6 @@ def test_a_database_without_room_keeps_the_trials(tmp_path: Path, monkeypatch: p
     assert run(tmp_path).trials == 8
 
 
-def test_passwords_are_not_shown() -> None:
-    assert shown_url("postgresql://me:secret@host/db") == "postgresql://me:***@host/db"
-    assert shown_url("sqlite:////a/study.db") == "sqlite:////a/study.db"
-
-
 def test_the_storage_of_a_saved_study() -> None:
     """As saved; with its password hidden, the variable's; never a password from the command line."""
     hidden, whole = "postgresql://me:***@host/db", "postgresql+psycopg://me:secret@host/db"
@@ -296,12 +286,6 @@ def test_a_study_someone_else_made_is_left_alone(tmp_path: Path) -> None:
 
 
 # the user who runs a study
-
-
-def test_one_process_a_folder(tmp_path: Path) -> None:
-    with holding(tmp_path / "out") as pid, pytest.raises(FolderInUse, match=f"in use by process {pid} on "):
-        run(tmp_path)
-    assert run(tmp_path).trials == 8, "the lock goes with its process"
 
 
 def test_a_folder_that_cant_be_written_is_said(tmp_path: Path) -> None:
@@ -348,3 +332,31 @@ def test_a_trial_left_behind_elsewhere_is_taken_up(tmp_path: Path, monkeypatch: 
     report = run(tmp_path / "b", storage=url)
     assert report.trials == 8
     assert json.loads((tmp_path / "b/out/study.json").read_text())["trials"] == 8
+
+
+# Which sessions of workers count as dead, without processes
+
+
+def session(looked: float = 0.0) -> Session:
+    """One that looked so many seconds ago, and has seen the beat 7 of another."""
+    found: Any = Session.__new__(Session)
+    found.name, found.out, found.store = "mine", None, lambda call: call()
+    found.kept = SimpleNamespace(user_attrs={}, get_trials=lambda **_: [])
+    found._looked, found._seen = time.monotonic() - looked, {"other": (7, time.monotonic() - LEASE - 1)}
+    return found
+
+
+def test_a_session_elsewhere_is_dead_once_its_lease_is_over() -> None:
+    trial: Any = SimpleNamespace(number=3, datetime_start=None)
+    records = {RECORD + "other": {"host": "elsewhere", "beat": 7}}
+    assert session()._is_dead("other", trial, records)
+    fresh = session()
+    fresh._seen["other"] = (7, time.monotonic())
+    assert not fresh._is_dead("other", trial, records)
+
+
+def test_beats_that_could_not_be_seen_count_for_nothing() -> None:
+    for looked, known in ((0.0, 1), (2 * BEAT + 1, 0)):
+        one = session(looked)
+        one.sweep(set())
+        assert len(one._seen) == known

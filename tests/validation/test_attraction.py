@@ -1,7 +1,5 @@
 """Free magnetized parts attract each other: against the charges on the faces of two cubes, and until they touch."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,8 +1,8 @@
 """Contact in motion against rigid-body mechanics: sliding, sticking, stopping, resting; a catheter in a tube and in a guide."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,41 +12,32 @@ from reference.solids import ball
 
 from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.curves import curve
-from magmpm.bodies.surface_mesh import write_stl
+from magmpm.bodies.surface_mesh import Mesh, write_stl
 from magmpm.dynamics.time_loop import begin
-from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.model import Model, build
-from magmpm.scene import Scene, load_scene
+from magmpm.scene import load_scene
 from magmpm.simulate import run
 
 EARTH, FRICTION = 9.81, 0.3
 SIZE = (6e-3, 6e-3, 3e-3)  # m, a block of 4 x 4 x 2 cells
 
 
-def sloped(angle: float) -> Scene:
-    """The block on a slope: gravity rotated by the angle (rad)."""
-    pull = [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]
-    ground = {"point": [0.0, 0.0, 0.0], "friction": FRICTION}
-    return moving_scene(block(SIZE), {"gravity": {"acceleration": pull}, "ground": ground})
+def sloped(angle: float, friction: float = FRICTION, size: Sequence[float] = SIZE, g: float = EARTH, cells: int = 2, **more: Any) -> Model:
+    """The block on a slope: gravity g (m/s^2) rotated by the angle (rad); more: other effects."""
+    pull = {"acceleration": [g * np.sin(angle), 0.0, -g * np.cos(angle)]}
+    return build(moving_scene(block(size), {"gravity": pull, "ground": {"point": [0, 0, 0], "friction": friction}, **more}, cells=cells))
 
 
-@pytest.mark.parametrize(
-    ("size", "friction", "duration", "cells", "share"),
-    [
-        ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 2, 0.95),
-        pytest.param((6e-3, 6e-3, 3e-3), 0.3, 0.2, 3, 0.95, marks=pytest.mark.slow),
-        pytest.param((8e-3, 5e-3, 4e-3), 0.45, 0.3, 3, 0.95, marks=pytest.mark.slow),
-        pytest.param((6e-3, 6e-3, 3e-3), 0.8, 0.2, 3, 0.8, marks=pytest.mark.slow),
-    ],
-)  # fmt: skip
-def test_an_undamped_block_sticks_on_a_slope(
-    size: tuple[float, float, float], friction: float, duration: float, cells: int, share: float
-) -> None:
+@pytest.mark.parametrize(("size", "friction", "duration", "cells", "share"), [
+    ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 2, 0.95),
+    pytest.param((6e-3, 6e-3, 3e-3), 0.3, 0.2, 3, 0.95, marks=pytest.mark.slow),
+    pytest.param((8e-3, 5e-3, 4e-3), 0.45, 0.3, 3, 0.95, marks=pytest.mark.slow),
+    pytest.param((6e-3, 6e-3, 3e-3), 0.8, 0.2, 3, 0.8, marks=pytest.mark.slow),
+])  # fmt: skip
+def test_an_undamped_block_sticks_on_a_slope(size, friction, duration, cells, share) -> None:
     """Weight that acts at once, tan at 0.8 or 0.95 of friction: within 0.02 cell. On a spring as stiff as a cell it slides by millimeters.
     """
-    angle = np.arctan(share * friction)
-    pull = {"acceleration": [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]}
-    model = build(moving_scene(block(size), {"gravity": pull, "ground": {"point": [0.0, 0.0, 0.0], "friction": friction}}, cells=cells))
+    model = sloped(np.arctan(share * friction), friction, size=size, cells=cells)
     ways = [mean(model, m.x - model.particles.position)[0] for m in follow(model, [duration / 2, duration])]
     assert max(np.abs(ways)) < 0.02 * model.scene.cell
 
@@ -80,9 +71,7 @@ def test_weight_at_once_near_the_cone(share: float, cells: int, rigid: float) ->
     waves do not scatter: at most 5 % more, and within 10 % of it above the cone."""
     angle = np.arctan(0.45 * share)
     column = way_of_a_column(angle, 0.45, 4e-3, 0.3)
-    pull = {"acceleration": [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]}
-    ground = {"point": [0.0, 0.0, 0.0], "friction": 0.45}
-    model = build(moving_scene(block((8e-3, 5e-3, 4e-3)), {"gravity": pull, "ground": ground}, cells=cells))
+    model = sloped(angle, 0.45, size=(8e-3, 5e-3, 4e-3), cells=cells)
     (found,) = (mean(model, m.x - model.particles.position)[0] for m in follow(model, [0.3]))
     assert max(rigid, 0.9 * column if rigid else 0.0) < found < 1.05 * column
 
@@ -93,10 +82,7 @@ def test_a_block_slides_once_its_slope_has_grown_beyond_the_cone(share: float, w
     rigid one, by integrals of g cos(a) mu (s - 1) over time, to 5 %. A tilt at once makes it slip: docs/effects.md."""
 
     def tilted(share: float, damping: float = 1e-6) -> Model:
-        angle = np.arctan(0.45 * share)
-        pull = {"acceleration": [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]}
-        ground = {"point": [0.0, 0.0, 0.0], "friction": 0.45}
-        return build(moving_scene(block((8e-3, 5e-3, 4e-3)), {"gravity": pull, "ground": ground, "damping": {"rate": damping}}, cells=2))
+        return sloped(np.arctan(0.45 * share), 0.45, size=(8e-3, 5e-3, 4e-3), damping={"rate": damping})
 
     level = tilted(0.0, 400.0)
     motion, dt = begin(level).motion, begin(level).dt
@@ -116,7 +102,7 @@ def mean(model: Model, values: np.ndarray) -> np.ndarray:
 
 def test_a_block_slides_down_a_slope() -> None:
     """At 45 degrees it accelerates by g (sin - mu cos), to 0.3 %, including the first moments, in which it settles on the ground."""
-    model = build(sloped(np.pi / 4))
+    model = sloped(np.pi / 4)
     (then,) = follow(model, [0.04])
     way = mean(model, then.x - model.particles.position)
     a = EARTH * np.sqrt(0.5) * (1 - FRICTION)
@@ -126,9 +112,8 @@ def test_a_block_slides_down_a_slope() -> None:
 def test_a_block_sticks_on_a_gentle_slope() -> None:
     """Inside the friction cone, tan = 0.25 < mu, it settles within 2 um, and then does not creep.
 
-    Friction that at most stops a particle within a step creeps by (M / m) g sin dt, 10 um in these 0.03 s.
-    """
-    model = build(sloped(np.arctan(0.25)))
+    Friction that at most stops a particle within a step creeps by (M / m) g sin dt, 10 um in these 0.03 s."""
+    model = sloped(np.arctan(0.25))
     early, late = (mean(model, moment.x - model.particles.position)[0] for moment in follow(model, [0.03, 0.06]))
     assert 0 < early < 3e-6
     assert abs(late - early) < 2e-7
@@ -138,14 +123,10 @@ def test_a_stuck_block_does_not_depend_on_the_time_step() -> None:
     """A thousand times heavier, with damping, it moves by 0.56 mm, more than it leans with friction 10: it slips while the weight acts at
     once. Half the step changes that by less than 2 %; two and three cells are within 10 % of five.
 
-    Friction that at most stops a particle within a step lets it creep by 3.7 mm, and by 2.1 mm at half the step.
-    """
+    Friction that at most stops a particle within a step lets it creep by 3.7 mm, and by 2.1 mm at half the step."""
 
     def moved(friction: float, halves: int, cells: int = 2) -> float:
-        pull = [1000 * EARTH * np.sin(np.arctan(0.25)), 0.0, -1000 * EARTH * np.cos(np.arctan(0.25))]
-        ground = {"point": [0.0, 0.0, 0.0], "friction": friction}
-        effects = {"gravity": {"acceleration": pull}, "damping": {"rate": 1000.0}, "ground": ground}
-        model = build(moving_scene(block(SIZE), effects, cells=cells))
+        model = sloped(np.arctan(0.25), friction, g=1000 * EARTH, cells=cells, damping={"rate": 1000.0})
         motion, dt = begin(model).motion, begin(model).dt / halves
         motion.advance(round(0.02 / dt), dt, model.effects)
         return float(mean(model, motion.particles()[0] - model.particles.position)[0])
@@ -158,9 +139,8 @@ def test_a_stuck_block_does_not_depend_on_the_time_step() -> None:
 
 def test_a_sliding_block_stops_where_friction_has_taken_its_energy() -> None:
     """With initial speed v on level ground it stops after v^2 / (2 mu g), to 1 %, and does not move back."""
-    model = build(sloped(0.0))
+    model = sloped(0.0)
     motion = begin(model).motion
-    assert isinstance(motion, TotalMotion)
     motion.v.reshape(-1, 3)[:, 0] = 0.1 * (motion.packed.nodes.inverse_mass.reshape(-1, 3)[:, 0] > 0)
     stopped, later = (mean(model, m.x - model.particles.position)[0] for m in follow(model, [0.036, 0.045], motion))
     assert stopped == pytest.approx(0.1**2 / (2 * FRICTION * EARTH), rel=0.01)
@@ -186,13 +166,17 @@ def test_a_dropped_block_comes_to_rest_with_its_weight_on_the_ground() -> None:
     assert mean(model, rest.x)[2] == pytest.approx(SIZE[2] / 2, abs=1e-6)
 
 
+def with_ball(folder: Path, mesh: Mesh, effects: dict[str, Any], **more: Any) -> Model:
+    write_stl(mesh, folder / "ball.stl")
+    parts = {"unit": "mm", "meshes": [{"mesh": str(folder / "ball.stl"), "material": "m"}]}
+    return build(moving_scene({"parts": parts}, effects, **more))
+
+
 def test_a_ball_rests_with_its_centre_at_its_radius(tmp_path: Path) -> None:
     """From an STL mesh, where no particle lies on the surface: height to the depth from which contact is stiff, 2 % of a cell, and
     the weight on the ground."""
-    write_stl(ball((0.0, 0.0, 1.0), 1.0), tmp_path / "ball.stl")
-    parts = {"unit": "mm", "meshes": [{"mesh": str(tmp_path / "ball.stl"), "material": "m"}]}
     effects = {"gravity": {}, "damping": {"rate": 300.0}, "ground": {"point": [0.0, 0.0, 0.0], "friction": FRICTION}}
-    model = build(moving_scene({"parts": parts}, effects))
+    model = with_ball(tmp_path, ball((0.0, 0.0, 1.0), 1.0), effects)
     (rest,) = follow(model, [0.03])
     weight = EARTH * float((model.density * model.particles.volume).sum())
     np.testing.assert_allclose(rest.contacts["ground"]["force"], [0, 0, weight], rtol=0, atol=0.02 * weight)
@@ -201,12 +185,10 @@ def test_a_ball_rests_with_its_centre_at_its_radius(tmp_path: Path) -> None:
 
 def test_a_ball_rolls_down_a_slope(tmp_path: Path) -> None:
     """A soft ball on 11.5 degrees with friction 0.5 covers 5/7 g sin t^2 / 2 on 3 cells, within 3 %; by its particles, 0.2 %."""
-    write_stl(ball((0.0, 0.0, 0.0), 1.5, 40), tmp_path / "ball.stl")
     angle, time = np.deg2rad(11.5), 0.05
     pull = [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]
     effects = {"gravity": {"acceleration": pull}, "ground": {"point": [0.0, 0.0, -1.5e-3], "friction": 0.5}}
-    parts = {"unit": "mm", "meshes": [{"mesh": str(tmp_path / "ball.stl"), "material": "m"}]}
-    model = build(moving_scene({"parts": parts}, effects, cells=3))
+    model = with_ball(tmp_path, ball((0.0, 0.0, 0.0), 1.5, 40), effects, cells=3)
     (then,) = follow(model, [time])
     way = mean(model, then.x - model.particles.position)[0]
     assert way == pytest.approx(5 / 7 * EARTH * np.sin(angle) * time**2 / 2, rel=0.03)
@@ -247,8 +229,7 @@ def test_feed_pushes_by_speed_times_time_and_keeps_the_guide_straight() -> None:
 def test_the_guide_ends_within_half_a_cell_of_its_exit() -> None:
     """A catheter that hangs from a guide at rest bends under its weight like a cantilever of the free length: w L^4 / 8 E I.
 
-    Averaged over three positions of the exit in a cell, the length is correct to a fifth of a cell (it was half a cell too long).
-    """
+    Averaged over three positions of the exit in a cell, the length is correct to a fifth of a cell (it was half a cell too long)."""
     whole_length, cell, off = CATHETER["catheter"]["length"], 1e-3, []
     clamped = moving_scene(CATHETER, {"gravity": {}}, solver={"static": {}})
     places = build(clamped).particles.position
@@ -284,8 +265,6 @@ def test_the_shipped_vessel_turns_the_catheter_that_is_fed_into_it() -> None:
     """
     scene = load_scene(Path(__file__).parents[2] / "data/scenes/fed_into_vessel.yaml")
     model = build(scene)
-    assert scene.effects.walls is not None
-    assert scene.effects.walls.tube is not None
     axis = curve(np.array(scene.effects.walls.tube.path), 1e-4)
     for moment in follow(model, [0.1, 0.2]):
         assert distance.to_path(moment.x, axis).max() < 2.5e-3

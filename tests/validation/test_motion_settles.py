@@ -1,7 +1,5 @@
 """A damped motion comes to rest at the equilibrium that statics finds by Newton's method."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +22,7 @@ LENGTH, DIAMETER = 40e-3, 4e-3
 def test_settled_motion_is_statics() -> None:
     """The tip rises by half of L: every particle within 0.2 % of L, and the same elastic energy to 1e-3.
 
-    Damping of twice the first frequency leaves exp(-30 t) of the motion: 1e-4 after 0.3 s.
-    """
+    Damping of twice the first frequency leaves exp(-30 t) of the motion: 1e-4 after 0.3 s."""
     field = field_for_load(2.0, np.pi / 2, length=LENGTH, diameter=DIAMETER)
     still = run(rod_scene(field=field))
     scene = moving(rod_scene(field=field), {"damping": {"rate": 60.0}}, duration=0.3)

@@ -1,7 +1,5 @@
 """A cantilever oscillates as beam theory says, and conserves its energy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference.in_motion import (
@@ -27,8 +25,7 @@ E = young_modulus(G, RATIO * G)
 
 def swing(length: float, cells: int) -> tuple[TotalMotion, float, float]:
     """A straight rod, 4 mm thick, with the velocity of its first mode, which oscillates by 1 % of L; also the step (s) and the frequency of
-    beam theory (1/s).
-    """
+    beam theory (1/s)."""
     expected = timoshenko(length, 2e-3, E, G, DENSITY)
     peak = 0.01 * length * expected
     scene = moving(rod_scene(length=length, cells=cells, density=DENSITY))
@@ -55,8 +52,7 @@ def measured(motion: TotalMotion, dt: float, expected: float, periods: float, lo
 def test_first_bending_frequency(slenderness: int, cells: int, bound: float) -> None:
     """Within 1 % of Timoshenko's beam, 0.4 % where the clamp matters less: it restrains the section, which beam theory ignores.
 
-    The bounds are twice the measured values: 0.6 % at 2 cells, 1.0 % at 4.
-    """
+    The bounds are twice the measured values: 0.6 % at 2 cells, 1.0 % at 4."""
     motion, dt, expected = swing(slenderness * 4e-3, cells)
     times, heights, _ = measured(motion, dt, expected, 1.1, 60)
     assert angular_frequency(times, heights) == pytest.approx(expected, rel=bound)
@@ -65,8 +61,7 @@ def test_first_bending_frequency(slenderness: int, cells: int, bound: float) -> 
 
 def test_free_vibration_keeps_its_energy() -> None:
     """10 periods, nearly 60 000 steps: the sum of kinetic and elastic energy oscillates by about 7e-5, as in a symplectic scheme, by (w
-    dt)^2 of each mode, and does not drift: 2e-7 from the first period to the last. The bounds are three and five times these values.
-    """
+    dt)^2 of each mode, and does not drift: 2e-7 from the first period to the last. The bounds are three and five times these values."""
     motion, dt, expected = swing(40e-3, 2)
     begun = motion.kinetic_energy()
     _, _, total = measured(motion, dt, expected, 10, 23)

@@ -1,7 +1,5 @@
 """Bodies whose held ends move, against theory: uniaxial tension, Euler's buckling and the elastica beyond it, and a base that shakes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

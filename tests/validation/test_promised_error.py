@@ -1,7 +1,5 @@
 """The error that statics promises (`resolution: {error: ...}`) holds against finite elements that were not used for it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

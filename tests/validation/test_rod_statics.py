@@ -4,8 +4,6 @@ They differ by what a rod ignores, mainly the clamp, whose held face shortens th
 L/D = 18, and in proportion to D/L beyond. The 3D grid adds 0.1 % at 3 cells.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference.scenes import G, rod_scene

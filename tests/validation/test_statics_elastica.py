@@ -4,8 +4,6 @@ A real rod differs from the elastica by its clamp: the held face cannot contract
 a coarse grid adds as much. At L/D = 40 that is 0.1 to 0.3 % of the deflection.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference.elastica import elastica, heavy_elastica
@@ -77,8 +75,7 @@ def test_critical_load(slenderness: float, bound: float) -> None:
     """The straight body loses stability at pi^2/4, within 3 % (required): where its lowest eigenvalue reaches zero.
 
     The eigenvalue falls linearly with the load, so a line through two stable loads gives the critical one. The shortening of 0.04 D by the
-    clamp raises the load by 2 x 0.04 D/L, the stiffness of the grid by as much again: 0.7 % at L/D = 20 and 0.3 % at 40.
-    """
+    clamp raises the load by 2 x 0.04 D/L, the stiffness of the grid by as much again: 0.7 % at L/D = 20 and 0.3 % at 40."""
     loads = np.array([2.0, 2.3])
     low, high = (lowest_curvature(load, slenderness, 3) for load in loads)
     critical = loads[1] + high * (loads[1] - loads[0]) / (low - high)
@@ -90,8 +87,7 @@ def test_critical_load(slenderness: float, bound: float) -> None:
 def test_twist(load: float) -> None:
     """Magnetized along +y, field along +z: G J theta'' = -m B cos(theta). The twist of the last cells within 0.5 %, and no bending.
 
-    A round shaft does not warp, so the clamp only holds the rotation; what remains is the error of the grid, 0.05 to 0.2 % at 3 cells.
-    """
+    A round shaft does not warp, so the clamp only holds the rotation; what remains is the error of the grid, 0.05 to 0.2 % at 3 cells."""
     L = 10 * D
     area, inertia = np.pi / 4 * D**2, np.pi / 64 * D**4
     B = load * 2 * G * inertia / (BR * area / MU0 * L**2)
@@ -122,8 +118,7 @@ def test_own_weight(weight: float) -> None:
 def test_stretch(B: float) -> None:
     """A strong field along the magnetization stretches the rod: away from the ends F = diag(a, b, b) solves P_xx = Br B/mu0, P_yy = 0.
 
-    At 1 T that is 28 %. Uniform stress is in equilibrium only if the cut cells at the surface integrate it: 2e-4 of the strain.
-    """
+    At 1 T that is 28 %. Uniform stress is in equilibrium only if the cut cells at the surface integrate it: 2e-4 of the strain."""
     tension = B * BR / MU0
 
     def balance(stretch: np.ndarray) -> list[float]:

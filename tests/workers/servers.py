@@ -3,8 +3,6 @@
 PostgreSQL does not run as root: then it runs as the user nobody.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import shutil
@@ -93,7 +91,6 @@ class Postgres:
 
     def stop(self) -> None:
         """Stop it at once, as in a crash: connections are cut."""
-        assert self.process is not None
         self.process.send_signal(3)  # SIGQUIT: "immediate shutdown"
         self.process.wait()
 
@@ -129,7 +126,6 @@ def grpc_proxy(url: str) -> Iterator[str]:
     command = [sys.executable, "-m", "magmpm.studies.engine.workers.grpc_proxy", "--port", str(port)]
     with subprocess.Popen(command, env={**os.environ, "MAGMPM_STORAGE": url}, stderr=subprocess.PIPE, text=True) as child:
         try:
-            assert child.stderr is not None
             said = child.stderr.readline()
             assert said.startswith(f"grpc://localhost:{port} serves "), said
             assert PASSWORD not in said

@@ -3,8 +3,6 @@
 The rod solves, and takes SECONDS more for it, so that kills meet solves. LEASE and BEAT of sessions are shorter than in use.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

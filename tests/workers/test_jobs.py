@@ -1,7 +1,5 @@
 """The job files of docs/jobs pass their own linters, and name what is there."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Several workers on one machine: the same study with one, reproducible trials with more, and what happens when one dies."""
 
-from __future__ import annotations
-
 import json
 import signal
 from contextlib import suppress
@@ -119,17 +117,14 @@ def test_a_design_may_take_long_unless_it_is_told() -> None:
     assert allowed_time([60.0, 10.0, 20.0]) == 2000.0
 
 
-@pytest.mark.parametrize(("workers", "limit"), [(None, 60.0), (2, 0.0), (2, -1.0), (2, float("nan")), (2, float("inf"))])
-def test_a_time_limit_that_cant_be_is_refused(workers: int | None, limit: float, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"--time-limit: received .*\n  rule: .*\n  remedy: "):
+LIMITS = [(None, 60.0), (2, 0.0), (2, -1.0), (2, float("nan")), (2, float("inf"))]
+
+
+@pytest.mark.parametrize(("workers", "limit"), [*LIMITS, (0, None), (-1, None), (257, None)])
+def test_a_time_limit_or_a_number_of_workers_that_cant_be_is_refused(workers: int | None, limit: float | None, tmp_path: Path) -> None:
+    option, rule = ("--workers", "must be from 1 to 256") if limit is None else ("--time-limit", ".*")
+    with pytest.raises(InputError, match=rf"{option}: received .*\n  rule: {rule}\n  remedy: "):
         run(tmp_path, workers=workers, time_limit=limit)
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize("workers", [0, -1, 257])
-def test_a_number_of_workers_that_cant_be_is_refused(workers: int, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"--workers: received .*\n  rule: must be from 1 to 256\n  remedy: "):
-        run(tmp_path, workers=workers)
     assert not (tmp_path / "out").exists()
 
 
@@ -176,13 +171,6 @@ def test_passwords_are_hidden_and_refused_on_the_command_line(url: str, shown: s
 
 def test_a_password_with_a_percent_sign_is_hidden_in_either_form() -> None:
     assert without_passwords("no: p%40ss, p@ss", "postgresql://me:p%40ss@host/db") == "no: ***, ***"
-
-
-def test_artifacts_in_a_shared_folder(tmp_path: Path) -> None:
-    report = run(tmp_path, "random", workers=2, artifacts=str(tmp_path / "shared"))
-    assert report.artifacts == str(tmp_path / "shared")
-    assert len(list((tmp_path / "shared").iterdir())) == TRIALS
-    assert not (tmp_path / "out/artifacts").exists()
 
 
 def test_artifacts_in_an_s3_compatible_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

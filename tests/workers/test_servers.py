@@ -1,7 +1,5 @@
 """Four workers on PostgreSQL, and on Optuna's gRPC proxy, while workers and sessions are killed: nothing lost, nothing doubled."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal
@@ -70,8 +68,7 @@ def seen_now(url: str, name: str) -> dict[int, tuple[float, ...]]:
 def killed_now_and_then(study: Path, folder: Path, url: str, look: str, kills: int, sampler_seed: int) -> list[str]:
     """Two sessions of two workers each on one storage; workers and sessions are killed at random moments, sessions begun again.
 
-    look: a URL by which the test itself sees the database. Returns what sessions said.
-    """
+    look: a URL by which the test itself sees the database. Returns what sessions said."""
     drawn, said = random.Random(sampler_seed), []
     sessions = {k: session(study, folder / f"out{k}", 2, url) for k in range(2)}
     seen: dict[int, tuple[float, ...]] = {}
