@@ -1,8 +1,7 @@
 """Quadratic B-splines: rigid motion, uniform stretch and the clamp are exact.
 
-Source: de Boor, A Practical Guide to Splines, chapters 9 to 11. Tolerances of 1e-15 to 1e-14 are a few
-rounding errors of numbers near 1.
-"""
+Source: de Boor, A Practical Guide to Splines, chapters 9 to 11. Tolerances of 1e-15 to 1e-14 are a few rounding errors of numbers near
+1."""
 
 from __future__ import annotations
 
@@ -29,9 +28,7 @@ def test_partition_of_unity(xi: float) -> None:
 
 @given(inside)
 def test_reproduces_polynomials_to_degree_two(xi: float) -> None:
-    """With coefficients g_a, and g_a^2 - 1/4, at the Greville points g_a, the splines are x and x^2; their
-    slopes 1 and 2 x.
-    """
+    """With coefficients g_a, and g_a^2 - 1/4, at the Greville points g_a, the splines are x and x^2; their slopes 1 and 2 x."""
     N, D = spline_weights(np.array(xi)), spline_slopes(np.array(xi))
     assert N @ greville == pytest.approx(xi, abs=1e-15)
     assert D @ greville == pytest.approx(1.0, abs=1e-15)
@@ -55,9 +52,7 @@ def test_same_splines_as_scipy() -> None:
 
 
 def test_once_differentiable_across_faces() -> None:
-    """At the end of one cell and the start of the next, shared splines agree in value and slope, and the
-    others vanish.
-    """
+    """At the end of one cell and the start of the next, shared splines agree in value and slope, and the others vanish."""
     for f in (spline_weights, spline_slopes):
         end, start = f(np.array(1.0)), f(np.array(0.0))
         assert np.array_equal(end[1:], start[:2])
@@ -66,18 +61,14 @@ def test_once_differentiable_across_faces() -> None:
 
 
 def test_clamp_holds_the_face_exactly() -> None:
-    """On the face every spline of the clamped cell is exactly 0, for any coefficients: no motion, bit for
-    bit.
-    """
+    """On the face every spline of the clamped cell is exactly 0, for any coefficients: no motion, bit for bit."""
     N, _ = clamp_first_node(spline_weights(np.array(0.0)), spline_slopes(np.array(0.0)))
     assert np.array_equal(N, np.zeros(3))
 
 
 @given(st.tuples(*[st.floats(-1, 1)] * 2), inside)
 def test_clamp_holds_nothing_but_the_face(c: tuple[float, float], xi: float) -> None:
-    """Every spline function with value 0 on the face (c_0 = -c_1) is still representable, with the same
-    values and slopes.
-    """
+    """Every spline function with value 0 on the face (c_0 = -c_1) is still representable, with the same values and slopes."""
     free = np.array([-c[0], c[0], c[1]])
     N, D = spline_weights(np.array(xi)), spline_slopes(np.array(xi))
     clamped, clamped_slope = clamp_first_node(N, D)
@@ -86,9 +77,7 @@ def test_clamp_holds_nothing_but_the_face(c: tuple[float, float], xi: float) -> 
 
 
 def test_clamp_leaves_slope_and_curvature_free() -> None:
-    """One condition removes one function of three: slope and curvature at the face remain free to take any
-    value.
-    """
+    """One condition removes one function of three: slope and curvature at the face remain free to take any value."""
     xi = np.array([0.2, 0.5, 0.9])
     N, D = clamp_first_node(spline_weights(xi), spline_slopes(xi))
     assert np.linalg.matrix_rank(N) == 2

@@ -66,7 +66,6 @@ def test_section_is_exact(inner: float, cells: int) -> None:
         v, (y, z) = p.volume[p.segment == segment] / length, p.position[p.segment == segment, 1:].T
         assert v.sum() == pytest.approx(area, rel=1e-12)  # sums of hundreds of terms
         np.testing.assert_allclose([v @ y**2, v @ z**2, v @ (y * z)], [moment, moment, 0.0], rtol=0, atol=1e-12 * moment)
-    assert p.box is not None
     assert p.box[:, 1:].min() == 0
     assert p.box[:, 1:].max() == cells - 1
 

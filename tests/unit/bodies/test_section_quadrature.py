@@ -1,8 +1,7 @@
 """Particles: exact volume and exact section moments, for any cell size, wall and segments.
 
-Exact: area pi (R^2 - r^2), second moments pi/4 (R^4 - r^4), first and mixed moments 0. With the particle
-lattice of common MPM codes, the second moments of a 4 mm disc at 0.5 mm have errors of 2 to 5 %, and so has bending.
-"""
+Exact: area pi (R^2 - r^2), second moments pi/4 (R^4 - r^4), first and mixed moments 0. With the particle lattice of common MPM codes, the
+second moments of a 4 mm disc at 0.5 mm have errors of 2 to 5 %, and so has bending."""
 
 from __future__ import annotations
 
@@ -66,8 +65,7 @@ def test_section_is_exact(cells: int, ratio: float, count: int) -> None:
 def test_section_is_exact_on_any_rectangles(cuts_y: list[float], cuts_z: list[float], ratio: float) -> None:
     """Unequal rectangles, off the center of the disc: the result does not depend on symmetry.
 
-    A cut less than 1e-9 of the largest rectangle is left out. On a scene's grid, whose cells are alike, there is none: the test above.
-    """
+    A cut less than 1e-9 of the largest rectangle is left out. On a scene's grid, whose cells are alike, there is none: the test above."""
     edges = [np.unique(np.round([-1.3, *cuts, 1.3], 3)) for cuts in (cuts_y, cuts_z)]
     low, high = rectangles(*edges)
     check_section(low, high, 1.0, ratio, 2, dropped=len(low) * 1e-9 * float(np.prod(high - low, axis=1).max()))
@@ -102,9 +100,7 @@ def test_a_radius_whose_square_rounds_two_ways(radius: float) -> None:
 )  # fmt: skip
 @settings(max_examples=30)
 def test_volumes_and_centres_of_segments(shares: list[float], cells: int, count: int, ratio: float) -> None:
-    """Segments of any length, whose ends cut cells: volume, centroid and axial second moment of each are
-    exact.
-    """
+    """Segments of any length, whose ends cut cells: volume, centroid and axial second moment of each are exact."""
     lengths = np.array(shares) / np.sum(shares) * 20e-3
     ends = np.cumsum(lengths)
     outer, inner = 2e-3, 2e-3 * ratio
@@ -123,9 +119,8 @@ def test_volumes_and_centres_of_segments(shares: list[float], cells: int, count:
 
 
 def test_a_segment_end_within_rounding_of_a_face_is_that_face() -> None:
-    """0.1 + 0.2 is not 0.3: no cell may be cut into a full part and one of the size of a rounding error, which
-    would be a cell without stiffness.
-    """
+    """0.1 + 0.2 is not 0.3: no cell may be cut into a full part and one of the size of a rounding error, which would be a cell without
+    stiffness."""
     grid = bodies.rod_grid(np.array([3e-3]), 1e-3, 4)  # faces every 0.25 mm
     ends = np.array([1e-3 * (1 + 4e-16), 2e-3 * (1 - 4e-16), 3e-3])
     p = bodies.rod_particles(grid, outer=0.5e-3, inner=0.0, segment_ends=ends, particles_per_cell=2)
@@ -144,9 +139,7 @@ def test_section_printed_in_results(cells: int, inner: float) -> None:
 
 
 def test_section_errors_see_a_wrong_section() -> None:
-    """The printed value is measured on the particles: points moved inward by 1 % give moments that are 2 %
-    too small.
-    """
+    """The printed value is measured on the particles: points moved inward by 1 % give moments that are 2 % too small."""
     grid = bodies.rod_grid(np.array([8e-3]), 4e-3, 4)
     p = bodies.rod_particles(grid, outer=2e-3, inner=0.0, segment_ends=np.array([8e-3]), particles_per_cell=2)
     wrong = bodies.Particles(p.position * [1, 0.99, 0.99], p.volume * 1.003, p.segment, p.cell)

@@ -27,9 +27,8 @@ def ramped(duration: float) -> Scene:
 
 
 def test_a_schedule_goes_on_within_a_chunk_of_steps() -> None:
-    """A dozen steps, far fewer than a chunk, while the field rises. At zero field the undeformed body is at rest, so the velocities
-    are also zero half a step earlier.
-    """
+    """A dozen steps, far fewer than a chunk, while the field rises. At zero field the undeformed body is at rest, so the velocities are
+    also zero half a step earlier."""
     model = build(ramped(1e-3))
     moved = begin(model)
     interval(moved, 12 * moved.control.step)

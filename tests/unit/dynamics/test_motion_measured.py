@@ -28,8 +28,7 @@ def scene() -> Scene:
 
 def energies(model: Model, moved: SimulationState) -> dict[str, float]:
     """Elastic and magnetic energy, J, from the formulas: sum V (G/2 (J^(-2/3) I1 - 3) + K/2 (J - 1)^2), with (J - 1)^2 projected by F-bar,
-    and -sum V B . F Br / mu0.
-    """
+    and -sum V B . F Br / mu0."""
     F, V = moved.F, model.particles.volume
     J, I1 = np.linalg.det(F), np.einsum("nij,nij->n", F, F)
     first = model.particles.cell_first

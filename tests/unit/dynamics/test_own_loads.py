@@ -58,8 +58,7 @@ def test_the_change_while_held_is_the_one_that_is_allowed(monkeypatch: pytest.Mo
 def test_a_motion_with_interaction_does_not_depend_on_the_time_step() -> None:
     """Two segments that turn in a field, without frames in between: half the step changes the tip by 0.2 % of what it moves.
 
-    Loads that are held for 256 steps, as computed, change it by 21 %.
-    """
+    Loads that are held for 256 steps, as computed, change it by 21 %."""
 
     def scene(safety: float) -> Scene:
         segments = [{"magnetization": [0.0, 0.3, 1.0], "length": 6e-3}, {"magnetization": [0.0, -1.0, 0.3]}]

@@ -122,8 +122,7 @@ def test_the_kernel_of_motion_holds_no_effect_that_is_not_named(monkeypatch: pyt
 def test_contact_that_does_not_touch_counts_no_references(monkeypatch: pytest.MonkeyPatch) -> None:
     """Numba counts references in 32 places of the kernel of forces, with a ground in 77: once a slab or a point.
 
-    With 114 more, a step took half as long again.
-    """
+    With 114 more, a step took half as long again."""
     models = [build(moving_scene(BODY, effects)) for effects in ({}, {"ground": {"point": [0.0, 0.0, -1.0]}})]
     seen = given_to_steps(monkeypatch, [(model, model.effects) for model in models])
     bare, ground = (compiled_code(steps._sum_forces, forces_of(given)).count("@NRT_incref(") for given in seen)

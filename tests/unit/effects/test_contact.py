@@ -27,9 +27,6 @@ from magmpm.scene import Scene
 STIFFNESS, MASS = 1e9, 2e-9  # 1/s^2, kg
 
 
-# distances
-
-
 def test_a_straight_tube(rng: np.random.Generator) -> None:
     """Along x the distance is radius - r, near the wall within the accuracy that the module states; its gradient points to the axis."""
     radius = 5e-3
@@ -84,9 +81,6 @@ def test_outside_the_table_nothing_touches() -> None:
         f = np.zeros(PARTS)
         walls.contact(named[0][0], named[1], np.array(far), np.ones(3), MASS, 1e-6, f)
         assert not f.any()
-
-
-# forces
 
 
 def test_push_and_grip_have_the_numbers_of_their_formulas() -> None:
@@ -204,9 +198,6 @@ def test_stiffness_is_that_of_the_stiffest_material() -> None:
     assert contact.law(Scene.from_si(data), 2.0, 0.0) == contact.law(scene, 2.0, 0.0), "of what the body is made of"
 
 
-# bodies that start inside an obstacle
-
-
 def scene(**effects: dict[str, Any]) -> Scene:
     named = validate(Effects, effects, "example.yaml")
     return rod_scene(length=12e-3, cells=4).model_copy(update={"effects": named})
@@ -235,8 +226,7 @@ def test_a_body_in_the_ground_is_refused() -> None:
 )  # fmt: skip
 def test_where_a_body_begins_inside_is_said(obstacle: dict[str, Any], inside: str, at: Any) -> None:
     """The message names the obstacle, the segment by its key, and the place: the lower side of the tip, for a plane or tube that rises
-    along x.
-    """
+    along x."""
     named = validate(Effects, obstacle, "example.yaml")
     with pytest.raises(InputError) as caught:
         build(rod_scene(length=12e-3, cells=4, directions=[(1, 0, 0)] * 3).model_copy(update={"effects": named}))
@@ -276,9 +266,6 @@ def test_a_lumen_from_a_mesh(tmp_path: Path) -> None:
     np.testing.assert_allclose(told[2]["force"], [0, pushes, 0], rtol=0, atol=0.02 * pushes)
     with pytest.raises(InputError, match=r"the body begins .*outside the lumen"):
         build(scene(walls=lumen("um")))
-
-
-# gaps
 
 
 def test_gap_of_two_folds(rng: np.random.Generator) -> None:

@@ -1,7 +1,6 @@
 """A new effect as a user would write it: one dtype, four hooks, one call of `register`.
 
-W = k/4 (F:F - 3)^2 - rho a . x: nonlinear in F, with stress k (F:F - 3) F, tangent k (2 F (x) F + (F:F - 3) 1) and force rho a.
-"""
+W = k/4 (F:F - 3)^2 - rho a . x: nonlinear in F, with stress k (F:F - 3) F, tangent k (2 F (x) F + (F:F - 3) 1) and force rho a."""
 
 from __future__ import annotations
 
@@ -81,9 +80,7 @@ def model() -> StaticModel:
 
 
 def test_gradient_and_tangent_belong_to_its_energy(model: StaticModel, rng: np.random.Generator) -> None:
-    """Taylor test of the whole model, with only the new effect, as stiff as the material: orders 2 and
-    3.
-    """
+    """Taylor test of the whole model, with only the new effect, as stiff as the material: orders 2 and 3."""
     named = Energy(replace(model, effects=parameters(G, (3.0, 2.0, -9.81))))
     c, d = 2e-5 * rng.standard_normal((2, *named.shape))
     point = named.at(c)

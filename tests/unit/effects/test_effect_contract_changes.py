@@ -1,8 +1,7 @@
 """Every effect of statics says how its loads change with the numbers of a scene: remanence, density, the field, and the body's shape.
 
 What `sensitivities` takes for derivatives, in the scene in which each effect acts (reference.acting), by Taylor slopes: the remainder after
-the derivative falls with order 2, or is rounding where the load is linear.
-"""
+the derivative falls with order 2, or is rounding where the load is linear."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """The laws of effects in motion, each in a scene in which it acts: see test_effect_contract.py.
 
 Viscous stress is objective, exerts no torque and dissipates; contact is conservative except for friction, which only brakes, and `near`
-finds where it acts; damping only brakes; zero resistance is no effect; and a motion is stable at the step that the effect allows.
-"""
+finds where it acts; damping only brakes; zero resistance is no effect; and a motion is stable at the step that the effect allows."""
 
 from __future__ import annotations
 
@@ -31,15 +30,11 @@ def turn(rng: np.random.Generator) -> np.ndarray:
     return Q * np.linalg.det(Q)
 
 
-# viscous stress
-
-
 @pytest.mark.parametrize("key", having("rate_stress"))
 def test_viscous_stress(key: str, rng: np.random.Generator) -> None:
     """Objective: P(Q F, Q dF + W Q F) = Q P(F, dF) for any rotation Q and spin W; without torque; and dissipative."""
     one = acting(key)
     function = hook(one.own, "rate_stress")
-    assert function is not None
 
     def stress(F: np.ndarray, dF: np.ndarray) -> np.ndarray:
         P = np.zeros((3, 3))
@@ -57,8 +52,6 @@ def test_viscous_stress(key: str, rng: np.random.Generator) -> None:
         assert np.sum(P * dF) > 0
 
 
-# forces on a moving particle
-
 CONTACT = [key for key in having("contact") if effects.every()[key].PHASE == "contact"]
 
 
@@ -66,7 +59,6 @@ CONTACT = [key for key in having("contact") if effects.every()[key].PHASE == "co
 def test_drag_only_brakes(key: str, rng: np.random.Generator) -> None:
     """It removes energy at every place, and exerts no force on a particle at rest."""
     function = hook(acting(key).own, "contact")
-    assert function is not None
     for _ in range(5):
         x, v, moving, rest = Point(acting(key), rng).x, rng.standard_normal(3), np.zeros(PARTS), np.zeros(PARTS)
         function(x, v, MASS, DT, moving)
@@ -95,7 +87,6 @@ def test_contact_is_conservative_without_friction(key: str, rng: np.random.Gener
     """On a particle at rest the force has a potential: its Jacobian is symmetric. It grows with the depth: the Jacobian is negative."""
     found = acting(key).own
     function = hook(found, "contact")
-    assert function is not None
 
     def force(x: np.ndarray) -> np.ndarray:
         f = np.zeros(PARTS)
@@ -117,8 +108,6 @@ def test_at_rest_contact_has_the_energy_of_its_push(key: str, rng: np.random.Gen
     slippery = scene(key, {"friction": 0.0})
     found = slippery.effects.named()[key].records(slippery)
     push, touch = hook(found, "contact"), hook(found, "touch")
-    assert push is not None
-    assert touch is not None
 
     def at(x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         f, H = np.zeros(3), np.zeros((3, 3))
@@ -139,12 +128,10 @@ def test_at_rest_contact_has_the_energy_of_its_push(key: str, rng: np.random.Gen
 def test_friction_pulls_toward_the_anchor_by_at_most_the_grip(key: str, rng: np.random.Generator) -> None:
     """Friction is perpendicular to the normal, opposes the way from the anchor, and is at most friction times the push, which it reaches.
 
-    The next anchor is where the same spring would pull with the same force: a second look at the same place changes nothing.
-    """
+    The next anchor is where the same spring would pull with the same force: a second look at the same place changes nothing."""
     for friction in (0.0, 0.2, 10.0):
         rough = scene(key, {"friction": friction})
         function = hook(rough.effects.named()[key].records(rough), "contact")
-        assert function is not None
         largest = 0.0
         for x in touching(key, np.random.default_rng(3)):
             f, anchor = np.zeros(PARTS), x + 1e-4 * rng.standard_normal(3)
@@ -166,7 +153,6 @@ def test_friction_pulls_toward_the_anchor_by_at_most_the_grip(key: str, rng: np.
 def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> None:
     found = acting(key).own
     function = hook(found, "contact")
-    assert function is not None
     x = np.concatenate([touching(key, rng), np.full((5, 3), 4.0)])  # and five that are far away
     v, mass = SPEED * rng.standard_normal(x.shape), MASS * (1 + rng.random(len(x)))
     anchor, forces = x + 1e-5 * rng.standard_normal(x.shape), np.zeros_like(x)
@@ -212,14 +198,10 @@ def test_nothing_touches_within_the_distance_that_near_tells(key: str, rng: np.r
     assert checked > 200
 
 
-# nodes
-
-
 @pytest.mark.parametrize("key", [k for k in having("node") if effects.every()[k].PHASE == "damping"])
 def test_damping_only_brakes(key: str, rng: np.random.Generator) -> None:
     """It removes energy, along the velocity, and none in zero time."""
     function = hook(acting(key).own, "node")
-    assert function is not None
     X, v = np.zeros(3), rng.standard_normal(3)
     slower = v.copy()
     function(X, np.zeros(3), slower, 1e-3)
@@ -238,8 +220,6 @@ def test_no_resistance_is_no_effect(key: str) -> None:
     assert effects.collect(scene(key, ZERO[key])) == ()
 
 
-# steps
-
 STIFF = [key for key in KEYS if effects.every()[key].stable_step is not Effect.stable_step]
 
 
@@ -247,7 +227,6 @@ STIFF = [key for key in KEYS if effects.every()[key].stable_step is not Effect.s
 def test_what_is_stiff_tells_its_step(key: str) -> None:
     assert key in STIFF
     step = acting(key).effect.stable_step(acting(key).model)
-    assert step is not None
     assert 0 < step < math.inf
 
 
@@ -309,8 +288,7 @@ def test_a_body_with_it_bears_the_step_it_allows(key: str) -> None:
 @pytest.mark.parametrize("key", having("rate_stress"))
 def test_the_step_of_viscous_stress_is_that_of_its_fastest_decay(key: str) -> None:
     """A single particle on its nodes, anywhere in its cell, decays at rates up to r: r dt stays far below 2, together with the elastic
-    stress below 0.9 (its file says why), and is not less than a quarter of that.
-    """
+    stress below 0.9 (its file says why), and is not less than a quarter of that."""
     one = acting(key)
     function, rho, h = hook(one.own, "rate_stress"), one.model.density[0], one.model.grid.spacing
     viscous = np.zeros((9, 9))

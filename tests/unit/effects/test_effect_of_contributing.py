@@ -48,8 +48,6 @@ def joined(file: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     """A file as the module of the effect `drag`, named by a line of Effects."""
     (tmp_path / "drag.py").write_text(file)
     spec = importlib.util.spec_from_file_location("magmpm.effects.drag", tmp_path / "drag.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, "magmpm.effects.drag", module)
     spec.loader.exec_module(module)
@@ -93,8 +91,7 @@ def test_the_file_brakes(drag: ModuleType) -> None:
 def test_the_file_brakes_in_a_compiled_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three steps of the solver's kernel, compiled with the example, equal those of the plain reference.
 
-    Compiled kernels are cached on disk by the field names of their effects: a name that changes with the text avoids outdated ones.
-    """
+    Compiled kernels are cached on disk by the field names of their effects: a name that changes with the text avoids outdated ones."""
     file, line = example()
     stamp = hashlib.sha256(file.encode()).hexdigest()[:8]
     joined(file.replace("drag_rate", f"drag_rate_{stamp}"), line, tmp_path, monkeypatch)

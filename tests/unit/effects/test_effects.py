@@ -43,13 +43,8 @@ def derivatives(named: tuple, u: np.ndarray = U, F: np.ndarray = F0) -> tuple[np
     return P, A, f
 
 
-# magnetic_torque
-
-
 def test_magnet_energy_and_stress() -> None:
-    """W = -(1/mu0) B . (F Br), and P = dW/dF = -(1/mu0) B (x) Br: W is linear in F, so differences of
-    any size are exact.
-    """
+    """W = -(1/mu0) B . (F Br), and P = dW/dF = -(1/mu0) B (x) Br: W is linear in F, so differences of any size are exact."""
     named = magnetic_torque.parameters(B)
     P, A, f = derivatives(named)
     W = total_energy(named, BR, RHO, U, F0)
@@ -68,9 +63,7 @@ def test_magnet_energy_and_stress() -> None:
 def test_skew_part_of_the_stress_is_the_torque() -> None:
     """Kirchhoff stress tau = P F^T is not symmetric: eps_ijk tau_jk is the torque density (1/mu0) F Br x B.
 
-    So the balance of angular momentum, eps_ijk tau_kj + torque_i = 0, holds with a symmetric elastic stress
-    beside it.
-    """
+    So the balance of angular momentum, eps_ijk tau_kj + torque_i = 0, holds with a symmetric elastic stress beside it."""
     P, _, _ = derivatives(magnetic_torque.parameters(B))
     tau = P @ F0.T
     torque = np.einsum("ijk,jk->i", PERMUTATION, tau)
@@ -89,9 +82,6 @@ def test_torque_turns_the_magnet_into_the_field() -> None:
         field = W
 
 
-# gravity
-
-
 def test_gravity_energy_and_force() -> None:
     """W = -rho g . x, f = rho g: 0 at the origin, linear in x, independent of F."""
     named = gravity.parameters(G_EARTH)
@@ -101,9 +91,6 @@ def test_gravity_energy_and_force() -> None:
     np.testing.assert_allclose(f, RHO * G_EARTH, rtol=1e-15)
     assert not P.any()
     assert not A.any()
-
-
-# the mechanism
 
 
 def test_empty_tuple_adds_nothing() -> None:
@@ -181,9 +168,7 @@ def test_zero_strength_is_bitwise_the_effect_absent(absent: str) -> None:
 
 @pytest.mark.parametrize("zeros", [magnetic_torque.parameters(np.zeros(3)), gravity.parameters(np.zeros(3))])
 def test_kernels_with_an_effect_of_zeros(rng: np.random.Generator, zeros: tuple[np.ndarray, ...]) -> None:
-    """A record of zeros in the kernels changes only the last bits, where sums are
-    reassociated.
-    """
+    """A record of zeros in the kernels changes only the last bits, where sums are reassociated."""
     bare = static_model(build(rod_scene(length=8e-3)))
     without, with_zero = Energy(bare), Energy(replace(bare, effects=zeros))
     c = 1e-5 * rng.standard_normal(without.shape)

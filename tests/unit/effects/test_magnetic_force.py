@@ -100,8 +100,7 @@ def test_gradient_and_tangent_of_a_model(kind: str, rng: np.random.Generator) ->
 
 def test_a_body_is_pulled_as_a_whole_and_turned_as_a_whole(rng: np.random.Generator) -> None:
     """Momentum and angular momentum, by virtual work: for a displacement a and a rotation w, the energy of the body changes by the
-    integrals of f . a and of (x cross f + (1/mu0) F Br cross B) . w over it.
-    """
+    integrals of f . a and of (x cross f + (1/mu0) F Br cross B) . w over it."""
     model = static_model(build(SCENE))
     loaded, bare = Energy(model), Energy(replace(model, effects=()))
     c = 2e-5 * rng.standard_normal(loaded.shape)

@@ -60,8 +60,7 @@ def bent(model: Model, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray
 @pytest.mark.parametrize(("direction", "axis", "want"), [(X, 0, 8.34e-3), (Z, 2, -4.17e-3)], ids=["axial", "transverse"])
 def test_a_neighbours_mean_field(direction: tuple[float, float, float], axis: int, want: float) -> None:
     """Mean over a cylinder of the field of its neighbor: 8.34 mT axially, 4.17 mT transversely, from magpylib with a fine quadrature. The
-    error of blocks of 1 mm is 0.7 %, of 2 mm 3 %.
-    """
+    error of blocks of 1 mm is 0.7 %, of 2 mm 3 %."""
     for cells, bound in ((4, 0.01), (2, 0.035)):
         model = build(scene([direction, direction], cells=cells))
         _, _, V, of, B, _ = acting(model, *at_rest(model))
@@ -72,8 +71,7 @@ def test_a_neighbours_mean_field(direction: tuple[float, float, float], axis: in
 
 def test_far_away_a_segment_is_a_dipole(rng: np.random.Generator) -> None:
     """First and last of five segments, four lengths apart: the formula of dipoles, to about (length/distance)^2 = 6 %, and twice that for
-    the force (one more derivative).
-    """
+    the force (one more derivative)."""
     model = build(scene([X, (0, 0, 0), (0, 0, 0), (0, 0, 0), Z]))
     _, M, _, of, B, f = acting(model, *at_rest(model))
     m = 0.1 / MU0 * np.pi * 4e-6 * 8e-3
@@ -129,9 +127,8 @@ def test_loads_are_the_derivatives_of_the_energy(rng: np.random.Generator, share
 
 @pytest.mark.slow  # it compiles for most of its 40 s
 def test_equilibrium_is_a_stationary_point_below_where_it_began() -> None:
-    """For the total energy: the residual is negligible compared with the forces between segments, and the energy is lower than at the
-    shape without the effect, which is different.
-    """
+    """For the total energy: the residual is negligible compared with the forces between segments, and the energy is lower than at the shape
+    without the effect, which is different."""
     alone = rod_scene(length=40e-3, directions=MIXED, field=(0, 1e-3, 8e-3))
     named = alone.with_effects(magnetic_interaction={})
     found, without = (solve_static(static_model(build(one))) for one in (named, alone))

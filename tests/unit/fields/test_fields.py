@@ -73,9 +73,6 @@ def spline_data() -> np.ndarray:
     return tabulated(spline.packed(BOX.lower, spacing, B.reshape(*shape, 3)))
 
 
-# closed form
-
-
 def test_dipole_is_magpylibs(rng: np.random.Generator) -> None:
     """To 2e-10: mu0 has been a measured number since 2019, and magpylib uses it; ours is 4 pi 1e-7."""
     x = some_points(rng)
@@ -133,9 +130,6 @@ def test_inside_a_dipoles_sphere_all_is_finite() -> None:
     assert np.isfinite(at(place(), ONE, POSITION[None])[0]).all()
 
 
-# splines
-
-
 def cubic(x: np.ndarray) -> np.ndarray:
     """A cubic polynomial in each coordinate, three components."""
     a, b, c = (x / 10e-3).T
@@ -185,9 +179,6 @@ def test_beyond_the_box_the_value_stays(spline_data: np.ndarray) -> None:
 def test_a_spline_needs_four_nodes() -> None:
     with pytest.raises(ValueError, match="needs 4 nodes along each axis, got 3"):
         spline.coefficients(np.zeros((5, 5, 3, 3)))
-
-
-# magnets and coils
 
 
 def source(**given: object) -> FieldSource:
@@ -248,10 +239,8 @@ def test_a_table_too_near_to_a_magnet_is_refused(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize("given", [CYLINDER, {**BLOCK, **TILTED}, {**CYLINDER, **TILTED}], ids=["cylinder", "block", "tilted"])
 def test_cloud_of_dipoles(given: dict[str, object], rng: np.random.Generator) -> None:
     """Meets the requested accuracy from the requested distance on, at points that its own check did not use; its moment is that of the
-    magnet.
-    """
+    magnet."""
     field = source(magnet=given)
-    assert field.magnet is not None
     exact, solid = solids.exact(field), solids.taken(field)[0]
     rows = table.cloud(solid, solids.polarization(field.magnet[0]), exact, 8e-3, 2e-3)
     x = solid.position + rng.uniform(-50e-3, 50e-3, (3000, 3))
@@ -265,7 +254,6 @@ def test_cloud_of_dipoles(given: dict[str, object], rng: np.random.Generator) ->
 def test_a_cloud_too_near_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(table, "MAX_DIPOLES", 50)
     field = source(magnet=CYLINDER)
-    assert field.magnet is not None
     with pytest.raises(InputError, match=r"field.magnet: within 0.5 mm .* can't be as exact"):
         table.cloud(solids.taken(field)[0], solids.polarization(field.magnet[0]), solids.exact(field), 0.5e-3, 2e-3)
 
@@ -275,9 +263,6 @@ def test_without_magpylib_the_message_says_how_to_get_it(monkeypatch: pytest.Mon
     with pytest.raises(InputError, match=r"magpylib, which is not installed\n.*\n.*pip install 'magmpm\[magnets\]'") as caught:
         solids.exact(source(magnet=CYLINDER))
     assert caught.value.exit_status == 2
-
-
-# where a body may be
 
 
 BODY = Box(np.array([0, -2e-3, -2e-3]), np.array([40e-3, 2e-3, 2e-3]))
@@ -294,7 +279,6 @@ def test_box_is_cut_between_body_and_magnet() -> None:
     """A quarter of the gap remains to the magnet; the body is in the box, the magnet is not."""
     magnet = solids.taken(source(magnet={**CYLINDER, "position": (52e-3, 5e-3, 8e-3)}))
     box = solids.cut_for(solids.reach(BODY, True), BODY, magnet)
-    assert box is not None
     assert box.cut == ("field.magnet",)
     assert box.upper[0] == pytest.approx(42e-3 - 0.25 * 2e-3)
     assert np.all(box.lower <= BODY.lower)
@@ -303,18 +287,14 @@ def test_box_is_cut_between_body_and_magnet() -> None:
     beside = solids.taken(source(magnet={**CYLINDER, "position": (reach.upper[0] + 10.1e-3, 5e-3, 8e-3)}))
     assert solids.cut_for(reach, BODY, beside) is reach
     near = solids.cut_for(reach, BODY, beside, keeps_off=0.0)
-    assert near is not None
     assert near.upper[0] < reach.upper[0], "no table is exact a tenth of a millimeter beside a magnet's edge"
     assert near.volume > 0.5 * reach.volume
     aside = solids.taken(source(magnet={**CYLINDER, "position": (reach.upper[0] + 10.1e-3, 30e-3, 8e-3)}))
     kept = [solids.cut_for(reach, BODY, aside, keeps_off=off) for off in (0.0, 3e-3)]
-    assert kept[0] is not None
-    assert kept[1] is not None
     low = aside[0].box()[0]
     assert low[0] - kept[0].upper[0] == pytest.approx(0.25 * (low[0] - BODY.upper[0]))  # the least that a cut loses
     assert low[1] - kept[1].upper[1] == pytest.approx(0.25 * (low[1] - BODY.upper[1]))  # where more than 3 mm are kept
     far = solids.cut_for(solids.reach(BODY, True), BODY, solids.taken(source(magnet=CYLINDER)))
-    assert far is not None
     assert not far.cut, "out of reach: nothing to cut"
     inside = solids.taken(source(magnet={**CYLINDER, "position": (20e-3, 0, 0)}))
     assert solids.cut_for(solids.reach(BODY, True), BODY, inside) is None
@@ -326,9 +306,6 @@ def test_sources_that_turn_see_the_body_all_round() -> None:
     assert seen.upper[0] >= 119e-3
     assert seen.lower[1] <= -59e-3
     assert seen.upper[2] == pytest.approx(2e-3)
-
-
-# places over time
 
 
 def at_times(over: dict[str, object], times: object, **more: object) -> np.ndarray:

@@ -144,8 +144,7 @@ def test_percent_is_no_angle() -> None:
 def test_plain_units_need_no_pint() -> None:
     """A scene with plain units does not import pint, which takes half a second, nor the heavy parts of SciPy.
 
-    Numba it does import, 0.2 s: an effect's settings and its hooks are one file.
-    """
+    Numba it does import, 0.2 s: an effect's settings and its hooks are one file."""
     code = (
         "import sys; from magmpm.scene import load_scene; load_scene('data/scenes/hollow.yaml'); "
         "scipy = {'scipy.' + part for part in ('linalg', 'spatial', 'interpolate', 'sparse')}; "

@@ -1,9 +1,7 @@
 """Neo-Hookean silicone: W = G/2 (J^(-2/3) I1 - 3) + K/2 (J - 1)^2 and its consequences.
 
-Source: Simo and Hughes, Computational Inelasticity, section 9.2; Holzapfel, Nonlinear Solid Mechanics,
-sections 5.4 and 6.4. Relative tolerances of 1e-12: a few dozen rounding errors, times K/G where the volume part
-cancels.
-"""
+Source: Simo and Hughes, Computational Inelasticity, section 9.2; Holzapfel, Nonlinear Solid Mechanics, sections 5.4 and 6.4. Relative
+tolerances of 1e-12: a few dozen rounding errors, times K/G where the volume part cancels."""
 
 from __future__ import annotations
 
@@ -136,9 +134,8 @@ def test_kirchhoff_stress_is_symmetric(seed: int) -> None:
 
 @given(seeds)
 def test_shape_and_volume_are_apart(seed: int) -> None:
-    """Without pressure the Kirchhoff stress has no trace, and a pure change of volume has shape energy 0: F-bar
-    may average the volume part alone.
-    """
+    """Without pressure the Kirchhoff stress has no trace, and a pure change of volume has shape energy 0: F-bar may average the volume part
+    alone."""
     F = random_F(seed)
     J, cof, P = np.linalg.det(F), np.empty((3, 3)), np.empty((3, 3))
     materials.cofactor(F, cof)
@@ -157,9 +154,7 @@ def test_tangent_is_symmetric(seed: int, ratio: float) -> None:
 
 @pytest.mark.parametrize("ratio", RATIOS)
 def test_small_strain_constants(ratio: float) -> None:
-    """At F = I the tangent is 2 G dev + K tr. Uniaxial tension along x: E = 9 K G / (3 K + G) and nu =
-    (3K - 2G) / (2 (3K + G)).
-    """
+    """At F = I the tangent is 2 G dev + K tr. Uniaxial tension along x: E = 9 K G / (3 K + G) and nu = (3K - 2G) / (2 (3K + G))."""
     K = ratio * G
     A = tangent(np.eye(3), K).reshape(3, 3, 3, 3)
     d = np.eye(3)

@@ -51,8 +51,7 @@ def public() -> dict[str, Any]:
 def raised(function: Callable[..., Any]) -> set[str]:
     """Errors that a function raises itself, or by magmpm's functions that it calls by name and whose docstrings say so.
 
-    What is raised within a `try` that has handlers is not among them.
-    """
+    What is raised within a `try` that has handlers is not among them."""
     found = set()
     for node in unhandled(ast.parse(textwrap.dedent(inspect.getsource(function)))):
         if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):

@@ -2,8 +2,7 @@
 
 A room is a file at the root of magmpm, a folder there, studies, or viz. An arrow goes from a file or room to another that it imports, also
 for its types alone. A package's face, an `__init__.py` of at most 40 lines that defines nothing of its own, is not drawn. Which rooms stand
-above which, import-linter checks (setup.cfg).
-"""
+above which, import-linter checks (setup.cfg)."""
 
 from __future__ import annotations
 

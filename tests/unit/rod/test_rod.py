@@ -35,9 +35,6 @@ def spatial() -> Scene:
     )
 
 
-# derivatives
-
-
 class Chain:
     """The energy of a rod as a function of the rotations of its frames, at a bent and twisted state."""
 
@@ -77,8 +74,7 @@ class Chain:
 def test_gradient_and_hessian(rng: np.random.Generator, extensible: bool) -> None:
     """Taylor: the remainder after the gradient falls as t^2, after half the Hessian as t^3; at a bent, twisted state, with every load.
 
-    Compliances are a thousand times larger, so that a wrong term of stretch or shear would be visible.
-    """
+    Compliances are a thousand times larger, so that a wrong term of stretch or shear would be visible."""
     rod = rod_model(spatial(), elements=9, extensible=extensible)
     soft = RodModel(**{**vars(rod), "compliance": 1e3 * rod.compliance, "weight": 30 * rod.weight})
     chain = Chain(soft, rng)
@@ -117,9 +113,6 @@ def test_every_entry_of_gradient_and_hessian(rng: np.random.Generator) -> None:
             assert second == pytest.approx(H[a, b], abs=1e-6 * scale)  # rounding error 1e-16/h^2, and h^2
 
 
-# closed-form solutions
-
-
 def test_unloaded_rod_is_straight() -> None:
     shape = solve_rod(slender())
     np.testing.assert_allclose(shape.position, np.outer(shape.s, [1, 0, 0]), rtol=1e-15)
@@ -131,8 +124,7 @@ def test_unloaded_rod_is_straight() -> None:
 def test_small_transverse_field() -> None:
     """E I theta' = m B (L - s) and shear m B/(k G A): tip z = m B (L^3/(3 E I) + L/(k G A)), k of Cowper.
 
-    A short thick rod, where shear matters. Nonlinear terms are the square of the tip angle, 1e-8.
-    """
+    A short thick rod, where shear matters. Nonlinear terms are the square of the tip angle, 1e-8."""
     B, length, diameter = 1e-7, 8e-3, 4e-3
     area, inertia = np.pi / 4 * diameter**2, np.pi / 64 * diameter**4
     nu = poisson_ratio(G, 20 * G)
@@ -215,9 +207,6 @@ def test_second_order_in_the_elements() -> None:
         errors.append(np.hypot(x - exact.axial, z - exact.deflection))
     assert convergence_order(1 / np.array(counts), errors) == pytest.approx(2.0, abs=0.05)
     assert errors[-1] < 1e-4
-
-
-# symmetry and structure
 
 
 @pytest.mark.parametrize("angle", [37.0, 90.0, 200.0])

@@ -48,9 +48,6 @@ def scene_of(folder: Path, text: str) -> Scene:
     return load_scene(path)
 
 
-# what files say
-
-
 def test_five_segments_is_the_contracts(five: Scene) -> None:
     catheter, material = five.body.catheter, five.materials["magnetic silicone"]
     assert (catheter.length, catheter.diameter, catheter.inner_diameter) == (0.04, 0.004, 0.0)
@@ -130,9 +127,6 @@ def test_warnings(tmp_path: Path) -> None:
     assert scene_of(tmp_path, text).warnings() == ["materials: spare is not used"]
 
 
-# values
-
-
 def test_the_layout_of_the_file_is_not_in_the_hash(five: Scene, tmp_path: Path) -> None:
     text = FIVE.read_text().replace("40 mm", "0.04 m").replace("8 mT]", "80 G]").replace("120 kPa", "0.12 MPa")
     text = text.replace("30 deg", "0.52359877559829887 rad").replace("name: five-segment catheter", "name: other")
@@ -198,7 +192,6 @@ def test_scenes_are_made_in_python_in_si() -> None:
     )
     assert scene.materials["silicone"].remanence == 0.138
     assert scene.body.catheter.segments[0].magnetization == pytest.approx((0.6, 0, 0.8), rel=1e-15)
-    assert scene.effects.gravity is not None
     assert scene.effects.gravity.acceleration == (0.0, 0.0, -9.81)
     with pytest.raises(ValidationError, match="finite"):
         Material(shear_modulus=float("nan"), bulk_to_shear=20)
@@ -206,9 +199,6 @@ def test_scenes_are_made_in_python_in_si() -> None:
     data["body"]["catheter"]["length"] = -1.0
     with pytest.raises(InputError, match=r"input: body\.catheter\.length: received -1\.0\n  rule: must be greater"):
         Scene.from_si(data)
-
-
-# scenes made of scenes
 
 
 def test_with_magnetizations(five: Scene) -> None:
@@ -251,9 +241,6 @@ def test_with_field_cells_and_effects(five: Scene) -> None:
         five.with_effects(damping={"rate": 60.0})
     with pytest.raises(InputError, match='did you mean "gravity"'):
         five.with_effects(gravitiy={})
-
-
-# the schema for editors
 
 
 def essence(part: Any, at: str = "") -> set[tuple[str, str]]:
@@ -306,9 +293,6 @@ def test_the_schema_wants_units_and_knows_no_other_keys() -> None:
     data["body"]["catheter"]["length"] = 0.04
     data["body"]["catheter"]["lenght"] = "40 mm"
     assert {error.json_path for error in validator.iter_errors(data)} == {"$.body.catheter", "$.body.catheter.length"}
-
-
-# tables
 
 
 def test_centreline_tables(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """The two-sided block Cholesky against numpy.linalg, for every small number of planes and several block sizes.
 
-Random symmetric matrices with two blocks beside each diagonal block, made positive definite by their diagonal.
-"""
+Random symmetric matrices with two blocks beside each diagonal block, made positive definite by their diagonal."""
 
 from __future__ import annotations
 

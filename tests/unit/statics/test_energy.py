@@ -54,9 +54,6 @@ def random_coefficients(model: StaticModel, rng: np.random.Generator, size: floa
     return size * rng.standard_normal((model.layout.planes, model.layout.m))
 
 
-# derivatives
-
-
 @LOCKING
 def test_gradient_and_tangent_are_derivatives(rng: np.random.Generator, locking: str) -> None:
     """Taylor test of the whole energy, with both effects: remainders of order 2 without the tangent, 3 with it; and dr = K d, order 2."""
@@ -95,9 +92,6 @@ def test_undeformed_body(rng: np.random.Generator, locking: str) -> None:
     assert values[0] > 1e-7 * values[-1]
 
 
-# conservation
-
-
 @LOCKING
 def test_internal_and_magnetic_forces_balance(rng: np.random.Generator, locking: str) -> None:
     """Newton's third law in P2G: in a free body the grid forces of elasticity and of a uniform field sum to zero."""
@@ -111,8 +105,7 @@ def test_internal_and_magnetic_forces_balance(rng: np.random.Generator, locking:
 def test_torque_is_the_magnets(rng: np.random.Generator, locking: str) -> None:
     """Angular momentum in P2G: moments of the grid forces about the origin sum to minus the integral of (1/mu0) F Br x B.
 
-    The coefficients of the deformed position, Greville points plus displacement, are the lever arms.
-    """
+    The coefficients of the deformed position, Greville points plus displacement, are the lever arms."""
     model = unclamped(model_of(field=FIELD, anti_locking=locking))
     energy = Energy(model)
     c = random_coefficients(model, rng)
@@ -149,9 +142,6 @@ def test_reaction_at_the_clamp_carries_the_weight(rng: np.random.Generator) -> N
     assert not only[3:].any(), "the clamped cells reach three planes and no further"
 
 
-# rigid motion and the patch test
-
-
 @LOCKING
 @pytest.mark.parametrize("angle", [30, 90, 180, 270, 360])
 def test_rigid_motion_is_free_of_stress(locking: str, angle: float) -> None:
@@ -173,8 +163,7 @@ def test_rigid_motion_is_free_of_stress(locking: str, angle: float) -> None:
 def test_patch(locking: str, particles: int) -> None:
     """Patch test: an affine deformation gives the same F everywhere, and no residual at nodes inside the material.
 
-    Inside: all cells of a node are full and of one material. There the Gauss points integrate the gradients exactly.
-    """
+    Inside: all cells of a node are full and of one material. There the Gauss points integrate the gradients exactly."""
     model = model_of(cells=5, particles=particles, directions=[(1, 0, 0)], shear=G, anti_locking=locking)
     energy = Energy(model)
     A = np.eye(3) + np.array([[0.1, 0.2, -0.1], [0.05, -0.2, 0.3], [0.1, -0.05, 0.15]])
@@ -203,16 +192,12 @@ def test_clamped_face_does_not_move(rng: np.random.Generator) -> None:
     assert np.abs(energy.at(c).displacement[first]).max() > 0
 
 
-# F-bar
-
-
 @pytest.mark.parametrize(("cells", "inner"), [(2, 0.0), (3, 0.0), (6, 0.0), (3, 3.2e-3), (3, 3.8e-3)])
 @pytest.mark.parametrize("ratio", [2.0, 20.0, 500.0])
 def test_volume_modes_are_orthogonal(cells: int, inner: float, ratio: float) -> None:
     """In each cell sum V m_j m_k = 0 for j != k; 1 for the mean, and for linear modes their stiffness relative to K.
 
-    A mode that the few particles of a cell cannot distinguish from the others is left out, as 0.
-    """
+    A mode that the few particles of a cell cannot distinguish from the others is left out, as 0."""
     model = model_of(cells=cells, inner_diameter=inner, bulk_to_shear=ratio)
     V, modes = model.particles.volume, model.modes
     share = min(1.0, LINEAR_STIFFNESS / ratio)

@@ -99,9 +99,8 @@ TURNS = {
 def test_turned_scene_turned_answer(spatial: Result, turn: str) -> None:
     """The grid has the symmetry of a square: if the scene is mirrored or rotated by quarter turns about x, so is the result.
 
-    Only the order of sums differs, so the shapes agree to rounding, 1e-16 of the length, times the ratio of the stiffest mode
-    to bending, about 1e6.
-    """
+    Only the order of sums differs, so the shapes agree to rounding, 1e-16 of the length, times the ratio of the stiffest mode to bending,
+    about 1e6."""
     T = TURNS[turn]
     result = run(spatial_scene(T))
     # the particle at the transformed position of a particle of the other scene
@@ -115,8 +114,7 @@ def test_turned_scene_turned_answer(spatial: Result, turn: str) -> None:
 def test_answer_does_not_depend_on_the_start(spatial: Result) -> None:
     """From the rod, from the straight body in 1 or 6 load steps, from two neighboring designs: the same shape.
 
-    The solve stops when a step lowers the energy by 1e-11, so shapes differ by at most about the square root of that, 3e-6.
-    """
+    The solve stops when a step lowers the energy by 1e-11, so shapes differ by at most about the square root of that, 3e-6."""
     near = run(spatial_scene().with_field(1.1 * FIELD))
     far = run(spatial_scene().with_magnetizations(DIRECTIONS[::-1]))
     others = {
@@ -142,8 +140,7 @@ def test_a_near_neighbour_saves_steps(spatial: Result) -> None:
 
 def test_start_is_the_rod_dressed_as_a_body() -> None:
     """The shape of the rod on the grid: its axis agrees with the rod to second order in the cell size; sections contract correctly, so that
-    volume changes little except at the clamp; without load there is no displacement at all.
-    """
+    volume changes little except at the clamp; without load there is no displacement at all."""
     model = static_model(build(spatial_scene(cells=4)))
     rod = solve_rod(model.scene)
     begin = from_rod(model, rod)
@@ -174,8 +171,7 @@ def test_perturbed_start_comes_back(rng: np.random.Generator) -> None:
 
 def test_it_is_a_stable_equilibrium() -> None:
     """At the solution the tangent is positive definite. A further Newton step would lower the energy by less than the tolerance, 1e-11, and
-    move nothing by more than the square root of that, 3e-6, of the length.
-    """
+    move nothing by more than the square root of that, 3e-6, of the length."""
     model = static_model(build(spatial_scene()))
     energy = Energy(model)
     found = solve_static(model)
@@ -184,9 +180,6 @@ def test_it_is_a_stable_equilibrium() -> None:
     step = -solve(panels, model.layout.split, residual)
     assert -np.sum(residual * step) / 2 < 1e-11 * abs(found.point.energy - energy.rest_energy())
     assert np.abs(step).max() < 3e-6 * L
-
-
-# symmetric loads: straight below the critical load, buckled above
 
 
 def antiparallel(load: float, **changes: object) -> Scene:
@@ -214,9 +207,8 @@ def test_buckles_towards_z_above_it(load: float) -> None:
 
 
 def test_newton_leaves_an_unstable_equilibrium() -> None:
-    """From the straight body, where all forces balance above the critical load, Newton's method follows the direction of negative
-    curvature to the buckled shape that is also found from the rod. (Slowly: hence the rod.)
-    """
+    """From the straight body, where all forces balance above the critical load, Newton's method follows the direction of negative curvature
+    to the buckled shape that is also found from the rod. (Slowly: hence the rod.)"""
     scene = antiparallel(5.0)
     model = static_model(build(scene))
     found = minimize(Energy(model), straight(model), tolerance=1e-11, max_steps=300)
@@ -238,16 +230,12 @@ def test_ramp_follows_the_buckled_branch(load: float) -> None:
 def test_standing_column_falls_over() -> None:
     """Gravity along -x on 56 x 3 mm, rho g A L^3/(E I) = 16.3: above Greenhill's 7.84, it must leave the straight shape.
 
-    Source of 7.837: Greenhill, Proc. Camb. Phil. Soc. 4 (1881) 65-73.
-    """
+    Source of 7.837: Greenhill, Proc. Camb. Phil. Soc. 4 (1881) 65-73."""
     result = run(rod_scene(length=56e-3, diameter=3e-3, gravity=(-9.81, 0, 0)))
     assert result.tip[0] < 0
     assert result.tip[2] > 0.5 * 56e-3
     below = run(rod_scene(length=56e-3, diameter=3e-3, gravity=(-9.81 * 7.0 / 16.3, 0, 0)))
     assert np.hypot(*below.tip[1:]) < 1e-9 * 56e-3
-
-
-# unloading, small loads
 
 
 def test_unloaded_body_is_exactly_undeformed(spatial: Result) -> None:
@@ -270,9 +258,6 @@ def test_small_loads_are_linear(kind: str) -> None:
         ratios.append(run(rod_scene(length=L, **{kind: load})).tip[2] / load[2])
     np.testing.assert_allclose(ratios, ratios[0], rtol=1e-4)
     assert abs(ratios[0]) > 0
-
-
-# failure
 
 
 def test_unconverged_run_says_so() -> None:

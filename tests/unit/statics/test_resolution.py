@@ -35,8 +35,6 @@ def test_an_asked_error_is_kept_and_proven(tmp_path: Path) -> None:
     """0.5 % of the length: the bar is within it and holds against 6 cells; the answer is bit for bit that of the chosen cells."""
     scene = asked(error=0.005)
     result = run(scene, folder=tmp_path)
-    assert result.error_estimate is not None
-    assert result.resolution is not None
     cells = result.resolution["cells_across"]
     plain, fine = run(PLAIN.with_cells(cells)), run(PLAIN.with_cells(6))
     np.testing.assert_allclose(result.centreline, plain.centreline, atol=1e-6 * LENGTH)  # as well as equilibria are known
@@ -52,8 +50,6 @@ def test_an_asked_error_is_kept_and_proven(tmp_path: Path) -> None:
 def test_an_error_in_mm_at_the_tip() -> None:
     """0.1 mm at the tip of 24 mm."""
     result = run(asked(error="0.1 mm", of="tip"))
-    assert result.error_estimate is not None
-    assert result.resolution is not None
     assert result.error_estimate < 0.1e-3
     assert np.linalg.norm(result.tip - run(PLAIN.with_cells(6)).tip) < result.error_estimate
     assert result.resolution["asked"] == {"error": "0.0001 m", "of": "tip"}
@@ -123,7 +119,6 @@ def tube(length: float, bore: float, **cells: object) -> Scene:
 def test_bounds_hold_for_walls_far_below_a_cell() -> None:
     """A wall of a tenth of a cell at 2 cells: in rows of cells the plain bound was 1.2 times too small here."""
     result = run(tube(18e-3, 2.7e-3, error=0.02))
-    assert result.resolution is not None
     assert result.resolution["cells_across"] == 2
     fine = run(tube(18e-3, 2.7e-3, cells_across=6))
     assert 0.2 < largest_distance(result, fine.centreline) / result.error_estimate < 1.0
