@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from magmpm.bodies.segments import torsion_constant
-from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.results import measures
 from magmpm.scene import Scene
@@ -101,16 +100,6 @@ def test_a_profile_turns_at_every_particle() -> None:
     mean = measures.region_means(model, model.remanence)
     # Mean over an eighth of a turn: sin(pi/8)/(pi/8) = 0.974 of the region's own direction.
     np.testing.assert_allclose(mean, 0.974 * scene.region_remanence(), atol=0.002)
-
-
-def test_a_profile_finer_than_the_grid_is_refused() -> None:
-    with pytest.raises(InputError, match=r"at least 8 cells long, and is 4[^\d]"):
-        strip_scene(magnetization_profile={"harmonic": {"periods": 4.0}}, cells=2)
-
-
-def test_a_free_body_has_no_equilibrium() -> None:
-    with pytest.raises(InputError, match="equilibrium needs a body that is held"):
-        run(strip_scene(clamp="none"))
 
 
 def test_axis_from_particles_is_the_axis() -> None:

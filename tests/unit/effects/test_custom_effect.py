@@ -15,7 +15,6 @@ from reference.scenes import G, rod_scene
 from reference.taylor import slopes
 
 from magmpm.compiled.jit import compiled
-from magmpm.effects import gravity
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.model import build
 from magmpm.statics.energy import Energy
@@ -95,21 +94,3 @@ def test_gradient_and_tangent_belong_to_its_energy(model: StaticModel, rng: np.r
     # step.
     np.testing.assert_allclose(first[-1], 2.0, atol=0.1)
     assert second[-1] == pytest.approx(3.0, abs=0.2)
-
-
-def test_its_pull_is_gravity(model: StaticModel, rng: np.random.Generator) -> None:
-    """Without stiffness it equals the weight of gravity.py: the same residual, bit for bit, through other hooks."""
-    a = (3.0, 2.0, -9.81)
-    ours, theirs = (Energy(replace(model, effects=named)) for named in (parameters(0.0, a), gravity.parameters(np.array(a))))
-    c = 1e-5 * rng.standard_normal(ours.shape)
-    assert np.array_equal(ours.residual(ours.at(c)), theirs.residual(theirs.at(c)))
-    assert ours.at(c).energy == pytest.approx(theirs.at(c).energy, rel=1e-13)
-
-
-def test_its_strength_is_a_value_not_a_program(model: StaticModel, rng: np.random.Generator) -> None:
-    """Other parameters act without a new compilation: the stress doubles with the stiffness."""
-    c = 1e-5 * rng.standard_normal((model.layout.planes, model.layout.m))
-    bare, one, two = (Energy(replace(model, effects=parameters(k, (0.0, 0.0, 0.0)))) for k in (0.0, G, 2 * G))
-    r0, r1, r2 = (e.residual(e.at(c)) for e in (bare, one, two))
-    np.testing.assert_allclose(r2 - r0, 2 * (r1 - r0), rtol=0, atol=1e-12 * np.abs(r2).max())
-    assert np.abs(r1 - r0).max() > 0.01 * np.abs(r0).max(), "it acts"

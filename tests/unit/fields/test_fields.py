@@ -105,13 +105,6 @@ def test_derivatives_are_those_of_the_field(source: str, spline_data: np.ndarray
         assert second[-1] == pytest.approx(3.0, abs=0.1 if source == "dipole" else 0.5)
 
 
-def test_dipole_has_no_curl_and_no_divergence(turned: np.void, rng: np.random.Generator) -> None:
-    _, G = at(turned, ONE, some_points(rng))
-    size = np.abs(G).max()
-    np.testing.assert_allclose(G, G.transpose(0, 2, 1), rtol=0, atol=1e-14 * size)
-    np.testing.assert_allclose(np.trace(G, axis1=1, axis2=2), 0.0, atol=1e-14 * size)
-
-
 def test_a_turned_frame_turns_the_field(turned: np.void, rng: np.random.Generator) -> None:
     """B(x) = uniform + s R B0(R^T (x - o)), written explicitly."""
     x, R = some_points(rng), turned["frame"].reshape(3, 3)
@@ -151,20 +144,6 @@ def test_spline_meets_cubics_exactly(rng: np.random.Generator) -> None:
         step = h * np.eye(3)[k]
         differences = (cubic(x + step) - cubic(x - step)) / (2 * h)
         np.testing.assert_allclose(G[:, :, k], differences, rtol=0, atol=1e-7 * np.abs(differences).max())
-
-
-def test_spline_converges_at_fourth_order(rng: np.random.Generator) -> None:
-    x, errors = some_points(rng, 500), []
-    exact, slope = at(place(), ONE, x)
-    for cells in (8, 16, 32):
-        spacing, shape = np.full(3, 40e-3 / cells), (cells + 1,) * 3
-        B, _ = at(place(), ONE, table.grid_points(BOX.lower, spacing, shape))
-        found = table.evaluate(spline.packed(BOX.lower, spacing, B.reshape(*shape, 3)), x)
-        errors.append([np.abs(found[0] - exact).max(), np.abs(found[1] - slope).max()])
-    orders = np.log2(np.array(errors)[:-1] / np.array(errors)[1:])
-    # The higher derivatives of a dipole grow so fast that on these grids the orders still decrease toward 4 and 3.
-    assert 3.9 < orders[-1, 0] < 5.5
-    assert 2.9 < orders[-1, 1] < 4.5
 
 
 def test_beyond_the_box_the_value_stays(spline_data: np.ndarray) -> None:
@@ -316,6 +295,7 @@ def test_ramp() -> None:
     found = at_times({"ramp": {"start": 1.0, "duration": 2.0, "begin": 0.5, "end": 2.0}}, [0, 1, 2, 3, 9])
     np.testing.assert_allclose(found["strength"], [0.5, 0.5, 1.25, 2, 2])
     np.testing.assert_allclose(found["uniform"][:, 2], 1e-2 * found["strength"])
+    assert len(places(source(uniform=(0, 0, 1e-2)), np.arange(5.0))) == 1, "a field that does not change has one record"
 
 
 def test_rotation_is_right_handed_and_stops() -> None:
@@ -358,14 +338,6 @@ def test_keyframes_move_and_multiply() -> None:
     np.testing.assert_allclose(found["uniform"][-1], [1e-3, 0, 0])
     spun = {**over, "rotation": {"axis": (0, 0, 1), "frequency": 1 / 16}}
     np.testing.assert_allclose(at_times(spun, [4.0])["origin"][0], [0, 2e-3, 0], atol=1e-15)
-
-
-def test_statics_takes_the_end_of_the_schedule() -> None:
-    over = {"ramp": {"duration": 2.0, "end": 0.5}, "rotation": {"axis": (0, 1, 0), "frequency": 1.0, "turns": 0.25}}
-    found = places(source(uniform=(0, 0, 1e-2), over_time=over))
-    assert len(found) == 1
-    np.testing.assert_allclose(found["uniform"][0], [0.5e-2, 0, 0], atol=1e-16)
-    assert len(places(source(uniform=(0, 0, 1e-2)), np.arange(5.0))) == 1, "a field that does not change has one record"
 
 
 @pytest.mark.parametrize("strength", [0.0, 0.25, 1.0])

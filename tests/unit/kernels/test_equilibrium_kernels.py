@@ -41,6 +41,8 @@ CASES = {
     "thick tube": {"inner_diameter": 0.6e-3, "cells": 3, "bulk_to_shear": 500},
     "three particles": {"particles": 3, "cells": 2},
     "nearly incompressible": {"bulk_to_shear": 500, "cells": 2},
+    "compressible": {"bulk_to_shear": 4.5, "cells": 2},  # below 5 G: F-bar leaves linear variations of J as they are
+    "thin wall": {"inner_diameter": 3.8e-3, "cells": 3},  # cells with few particles, in rows
 }
 
 
@@ -98,14 +100,6 @@ def test_scatter_tangent(case: tuple[Energy, Reference, np.ndarray]) -> None:
     _, panels = energy.tangent(energy.at(c))
     found, expected = to_dense(panels, energy.model.layout.split), reference.tangent(c)
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
-
-
-def test_cells_of_the_layout(case: tuple[Energy, Reference, np.ndarray]) -> None:
-    """The cells of the kernels are those of the reference: particles that share a grid cell and a segment. No particle is missing."""
-    energy, reference, _ = case
-    first = energy.model.particles.cell_first
-    assert first[-1] == len(energy.model.shear)
-    assert [list(range(a, b)) for a, b in pairwise(first)] == sorted(cell.tolist() for cell in reference.cells())
 
 
 def test_slabs_of_one_colour_share_no_node(case: tuple[Energy, Reference, np.ndarray]) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from reference.elastica import elastica, heavy_elastica
 from reference.scenes import BR, G, field_for_load, rod_scene
-from reference.taylor import convergence_order, slopes
+from reference.taylor import convergence_order
 from scipy.spatial.transform import Rotation
 
 from magmpm.fields.dipole import MU0
@@ -71,34 +73,13 @@ class Chain:
 
 
 @pytest.mark.parametrize("extensible", [True, False])
-def test_gradient_and_hessian(rng: np.random.Generator, extensible: bool) -> None:
-    """Taylor: the remainder after the gradient falls as t^2, after half the Hessian as t^3; at a bent, twisted state, with every load.
-
-    Compliances are a thousand times larger, so that a wrong term of stretch or shear would be visible."""
-    rod = rod_model(spatial(), elements=9, extensible=extensible)
-    soft = RodModel(**{**vars(rod), "compliance": 1e3 * rod.compliance, "weight": 30 * rod.weight})
-    chain = Chain(soft, rng)
+def test_every_entry_of_gradient_and_hessian(rng: np.random.Generator, extensible: bool) -> None:
+    """Central differences along each unknown, and each pair of neighbors, at a bent, twisted state with every load: no error can be missed
+    by a random direction. Compliances are a thousand times larger, so that a wrong term of stretch or shear would be visible."""
+    rod = rod_model(spatial(), elements=6, extensible=extensible)
+    chain = Chain(replace(rod, compliance=1e3 * rod.compliance, weight=30 * rod.weight), rng)
     g, H = chain.derivatives()
-    d = 0.3 * rng.standard_normal(g.shape)
-    linear, quadratic = float(np.sum(g * d)), float(d.ravel() @ H @ d.ravel()) / 2
-    base = chain.energy(0 * d)
-    steps = [0.02, 0.01, 0.005]  # rotations from 6 mrad down
-
-    def first(t: float) -> float:
-        return chain.energy(t * d) - base - t * linear
-
-    assert slopes(first, steps)[-1] == pytest.approx(
-        2.0, abs=0.1
-    )  # the next term changes the slope by about the rotation
-    assert slopes(lambda t: first(t) - t**2 * quadratic, steps)[-1] == pytest.approx(3.0, abs=0.15)
-    scale = np.abs(H).max()
-    np.testing.assert_allclose(H, H.T, rtol=0, atol=1e-14 * scale)
-
-
-def test_every_entry_of_gradient_and_hessian(rng: np.random.Generator) -> None:
-    """Central differences along each unknown, and each pair of neighbors: no error can be missed by a random direction."""
-    chain = Chain(rod_model(spatial(), elements=6), rng)
-    g, H = chain.derivatives()
+    np.testing.assert_allclose(H, H.T, rtol=0, atol=1e-14 * np.abs(H).max())
     n, h = g.size, 1e-4
     unit = np.eye(n).reshape(n, *g.shape)
     plus, minus = ([chain.energy(sign * h * e) for e in unit] for sign in (1, -1))
@@ -169,13 +150,6 @@ def test_piecewise_stiffness_and_magnetisation() -> None:
     assert shape.position[-1, 2] == pytest.approx(angle.sum() * ds, rel=1e-4)
 
 
-def test_small_weight() -> None:
-    """Tip deflection rho g A L^4/(8 E I) of a horizontal beam under a small load."""
-    g = 1e-4
-    found = solve_rod(slender(gravity=(0, 0, -g)), extensible=False).position[-1, 2]
-    assert found == pytest.approx(-1882 * g * AREA * L**4 / (8 * E * INERTIA), rel=1e-4)
-
-
 @pytest.mark.parametrize("weight", [1.0, 5.0, 15.0])
 def test_heavy_rod(weight: float) -> None:
     """The heavy elastica, to 1e-4 of L along the whole rod; a load of 15 is a long thin catheter under gravity."""
@@ -214,7 +188,7 @@ def test_turned_about_its_axis(angle: float) -> None:
     """If magnetization, field and gravity rotate about x by any angle, the shape rotates with them, because the section is round."""
     R = Rotation.from_euler("x", angle, degrees=True).as_matrix()
     model = rod_model(spatial())
-    turned = RodModel(**{**vars(model), "moment": model.moment @ R.T, "field": model.field @ R.T, "weight": model.weight @ R.T})
+    turned = replace(model, moment=model.moment @ R.T, field=model.field @ R.T, weight=model.weight @ R.T)
     one, two = solve_rod_model(model), solve_rod_model(turned)
     np.testing.assert_allclose(two.position, one.position @ R.T, rtol=0, atol=1e-9 * L)
     assert np.linalg.norm(one.position[-1] - [L, 0, 0]) > 0.3 * L

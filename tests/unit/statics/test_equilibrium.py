@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,12 +15,12 @@ from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
-from magmpm.statics import axis, equilibrium
+from magmpm.statics import axis
 from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
-from magmpm.statics.newton import Minimum, minimize
+from magmpm.statics.newton import minimize
 from magmpm.statics.rod_start import from_rod, straight
 
 L = 32e-3
@@ -159,16 +158,6 @@ def test_start_is_the_rod_dressed_as_a_body() -> None:
     assert not from_rod(rest, solve_rod(rest.scene)).any()
 
 
-def test_perturbed_start_comes_back(rng: np.random.Generator) -> None:
-    """From the shape of the rod plus noise that strains every cell by some percent, Newton's method finds the same minimum."""
-    model = static_model(build(spatial_scene()))
-    begin = from_rod(model, solve_rod(model.scene))
-    found = minimize(Energy(model), begin, tolerance=1e-11, max_steps=60)
-    noise = 0.02 * model.grid.spacing[1] * rng.standard_normal(begin.shape)
-    other = minimize(Energy(model), begin + noise, tolerance=1e-11, max_steps=60)
-    assert np.abs(other.point.displacement - found.point.displacement).max() < 3e-6 * L
-
-
 def test_it_is_a_stable_equilibrium() -> None:
     """At the solution the tangent is positive definite. A further Newton step would lower the energy by less than the tolerance, 1e-11, and
     move nothing by more than the square root of that, 3e-6, of the length."""
@@ -188,24 +177,6 @@ def antiparallel(load: float, **changes: object) -> Scene:
     return rod_scene(field=field_for_load(load, np.pi, **given) * [1, 0, 1], **given, **changes)
 
 
-@pytest.mark.parametrize("load", [0.5, 2.3])
-def test_straight_below_the_critical_load(load: float) -> None:
-    """Compressed, but not bent: the tip deflection is a rounding error."""
-    result = run(antiparallel(load))
-    assert np.hypot(*result.tip[1:]) < 1e-9 * 40e-3
-    assert 39.9e-3 < result.tip[0] < 40e-3 * (1 - 1e-4)
-
-
-@pytest.mark.parametrize("load", [2.6, 2.8, 5.0, 25.0])
-def test_buckles_towards_z_above_it(load: float) -> None:
-    """Every azimuth has the same energy; the solver always goes toward +z. (The elastica's tip is at 0.40, 0.55, 0.79, 0.40 of L.)"""
-    result = run(antiparallel(load))
-    assert result.tip[2] > 0.3 * 40e-3
-    assert abs(result.tip[1]) < 1e-3 * 40e-3
-    again = run(antiparallel(load))
-    assert np.array_equal(result.particle_position, again.particle_position)
-
-
 def test_newton_leaves_an_unstable_equilibrium() -> None:
     """From the straight body, where all forces balance above the critical load, Newton's method follows the direction of negative curvature
     to the buckled shape that is also found from the rod. (Slowly: hence the rod.)"""
@@ -221,8 +192,10 @@ def test_newton_leaves_an_unstable_equilibrium() -> None:
 
 @pytest.mark.parametrize("load", [2.6, 5.0])
 def test_ramp_follows_the_buckled_branch(load: float) -> None:
-    """Load steps from the straight body end on the branch that is found from the rod."""
+    """Load steps from the straight body end on the branch that is found from the rod: of all azimuths, which cost the same, toward +z."""
     given = run(antiparallel(load))
+    assert given.tip[2] > 0.3 * 40e-3
+    assert abs(given.tip[1]) < 1e-3 * 40e-3
     ramped = run(antiparallel(load, field_steps=5))
     np.testing.assert_allclose(ramped.particle_position, given.particle_position, rtol=0, atol=1e-5 * 40e-3)
 
@@ -270,29 +243,6 @@ def test_unconverged_run_says_so() -> None:
     assert "% of the load" in caught.value.reason
     state = caught.value.state
     assert state is None or (isinstance(state, Result) and not state.converged)
-
-
-def test_unconverged_ramp_returns_its_last_good_state(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A ramp that fails half-way returns the equilibrium at the load it reached, marked as not converged."""
-    scene = rod_scene(length=L, field=(0, 0, 5e-3), field_steps=4)
-    run(scene)  # compiles with its own solve, which must not be counted
-    solved = []
-
-    def minimize_twice(*given: Any, **options: Any) -> Minimum:
-        if len(solved) == 2:
-            raise SolveError("stuck")
-        solved.append(minimize(*given, **options))
-        return solved[-1]
-
-    with monkeypatch.context() as patched:
-        patched.setattr(equilibrium, "minimize", minimize_twice)
-        with pytest.raises(SolveError, match=r"at 5\d\.\d % of the load: stuck") as caught:
-            run(scene)
-    state = caught.value.state
-    assert isinstance(state, Result)
-    assert not state.converged
-    half = run(rod_scene(length=L, field=(0, 0, 2.5e-3)))
-    np.testing.assert_allclose(state.tip, half.tip, rtol=0, atol=3e-6 * L)
 
 
 def test_numbers_that_are_not_finite_end_in_an_error() -> None:
