@@ -1,4 +1,4 @@
-"""The worked example of docs/adding_an_effect.md, one file and one line, taken from its text and run."""
+"""New effects as users write them: the worked example of docs/adding_an_effect.md, from its text, and one that is nonlinear in F."""
 
 from __future__ import annotations
 
@@ -14,13 +14,19 @@ from typing import Any
 import numpy as np
 import pytest
 from reference.dynamics import Total
-from reference.scenes import rod_scene
+from reference.plain_forms import to_dense
+from reference.scenes import G, rod_scene
+from reference.taylor import slopes
 
+from magmpm.compiled.jit import compiled
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting as effects
+from magmpm.effects.hooks import NO_DATA, register
 from magmpm.errors import InputError
 from magmpm.inputs.settings import validate
 from magmpm.model import build
+from magmpm.statics.energy import Energy
+from magmpm.statics.layout import StaticModel, static_model
 
 ROOT = Path(__file__).resolve().parents[3]
 RATE, DT = 5.0, 1e-3  # 1/s, s: so slow that only the drag acts on a body without stiffness
@@ -110,3 +116,79 @@ def test_the_file_brakes_in_a_compiled_kernel(tmp_path: Path, monkeypatch: pytes
         np.testing.assert_allclose(motion.v.reshape(-1, 3), v, rtol=0, atol=1e-12 * np.abs(v).max())  # sums over some hundred particles
         found[bool(loads)] = v
     assert np.abs(found[True] - found[False]).max() > 1e-4 * np.abs(v).max(), "the drag is felt"
+
+
+# Kernels are cached on disk by the field names of their effects: a name that changes with this file avoids
+# outdated ones.
+_STAMP = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:8]
+DTYPE = np.dtype([("stiffness", np.float64), ("pull", np.float64, (3,)), (f"test_{_STAMP}", np.int8)])
+
+
+def parameters(stiffness: float, pull: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
+    record = np.zeros(1, DTYPE)
+    record["stiffness"], record["pull"] = stiffness, pull
+    return record, NO_DATA
+
+
+@compiled
+def squares(F):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for i in range(3):
+        for j in range(3):
+            total += F[i, j] * F[i, j]
+    return total
+
+
+@compiled
+def energy(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
+    a = effect.pull
+    return 0.25 * effect.stiffness * (squares(F) - 3.0) ** 2 - rho * (a[0] * x[0] + a[1] * x[1] + a[2] * x[2])
+
+
+@compiled
+def stress(effect, data, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
+    s = effect.stiffness * (squares(F) - 3.0)
+    for i in range(3):
+        for j in range(3):
+            P[i, j] += s * F[i, j]
+
+
+@compiled
+def tangent(effect, data, magnet, rho, x, F, A):  # type: ignore[no-untyped-def]
+    s = effect.stiffness * (squares(F) - 3.0)
+    for i in range(9):
+        for j in range(9):
+            A[i, j] += 2.0 * effect.stiffness * F[i // 3, i % 3] * F[j // 3, j % 3]
+        A[i, i] += s
+
+
+@compiled
+def force(effect, data, magnet, rho, x, F, f):  # type: ignore[no-untyped-def]
+    for i in range(3):
+        f[i] += rho * effect.pull[i]
+
+
+register(DTYPE, energy=energy, stress=stress, tangent=tangent, force=force)
+
+
+@pytest.fixture(scope="module")
+def model() -> StaticModel:
+    return static_model(build(rod_scene(length=6e-3)))
+
+
+def test_gradient_and_tangent_belong_to_its_energy(model: StaticModel, rng: np.random.Generator) -> None:
+    """Taylor test of the whole model, with only the new effect, as stiff as the material: orders 2 and 3."""
+    named = Energy(replace(model, effects=parameters(G, (3.0, 2.0, -9.81))))
+    c, d = 2e-5 * rng.standard_normal((2, *named.shape))
+    point = named.at(c)
+    gradient, panels = named.tangent(point)
+    np.testing.assert_allclose(gradient, named.residual(point), rtol=0, atol=1e-12 * np.abs(gradient).max())
+    linear = float(np.sum(gradient * d))
+    quadratic = float(d.ravel() @ to_dense(panels, model.layout.split) @ d.ravel()) / 2
+    steps = [0.4, 0.2, 0.1, 0.05]
+    first = slopes(lambda t: named.at(c + t * d).energy - point.energy - t * linear, steps)
+    second = slopes(lambda t: named.at(c + t * d).energy - point.energy - t * linear - t**2 * quadratic, steps)
+    # Strains here reach 0.1, and the next term of the series changes the slope by about as much at the first
+    # step.
+    np.testing.assert_allclose(first[-1], 2.0, atol=0.1)
+    assert second[-1] == pytest.approx(3.0, abs=0.2)

@@ -17,7 +17,17 @@ from magmpm.model import build
 from magmpm.results.measures import largest_distance
 from magmpm.statics import resolution
 from magmpm.statics.axis import carried
-from magmpm.statics.error_estimate import PROOF, WITNESS, bound, caution
+from magmpm.statics.error_estimate import (
+    ORDER,
+    PROOF,
+    SAFETY,
+    WARY,
+    WITNESS,
+    bound,
+    caution,
+    foretold,
+    observed_order,
+)
 from magmpm.statics.grids import Equilibria
 from magmpm.statics.layout import StaticModel, static_model
 
@@ -190,3 +200,23 @@ def test_bounds_of_soft_and_stiff_segments_hold_by_the_general_rule() -> None:
         apart = {k: largest_distance(solved[k], solved[proof].centreline) for k in (n, *WITNESS.get(n, ()))}
         assert largest_distance(solved[n], finest) < bound(n, proof, apart.pop(n), apart)
     assert largest_distance(solved[4], finest) < 1e-3 * scene.length  # 0.1 %, the bound that users were given
+
+
+def test_the_order_of_errors_that_fall_as_h_squared_is_two() -> None:
+    assert observed_order({2: 1.0, 4: 0.25}) == pytest.approx(2.0)
+    assert observed_order({2: 1.0}) is None
+
+
+def test_a_finer_grids_error_is_foretold_by_the_last_order_shown_four_at_most_else_two() -> None:
+    assert foretold({2: 1.0, 4: 0.25}, 8) == pytest.approx(1 / 16)
+    assert foretold({2: 1.0, 3: 0.9, 4: 0.225}, 8) == pytest.approx(0.225 / 16)
+    assert foretold({2: 1.0}, 4) == pytest.approx(1 / 4)
+
+
+def test_a_bound_counts_what_a_grid_in_between_tells() -> None:
+    """At order 1.5, 2^-1.5 of an error is left on twice the cells, and grid 3 leaves (3/4)^1.5 of its own on grid 4."""
+    left = 0.5**ORDER
+    assert bound(2, 4, 1.0, {}) == pytest.approx(SAFETY[2] / (1 - left))
+    own = 10.0 * 0.75**ORDER / (1 - 0.75**ORDER)
+    assert bound(2, 4, 1.0, {3: 10.0}) == pytest.approx(1.0 + WARY * own)
+    assert bound(4, 6, 1.0, {}) == pytest.approx(1 / (1 - (4 / 6) ** ORDER))

@@ -1,8 +1,9 @@
-"""A result's snapshot is small and holds what is seen."""
+"""A result's snapshot is small and holds what is seen; what cannot be drawn is refused."""
 
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -159,3 +160,32 @@ def test_a_magnet_stands_where_the_equilibrium_met_it() -> None:
     fieldless = drawn.scene(body={"strip": shape}, solver={"static": {}})
     none = SimpleNamespace(**{**vars(result), "field": np.zeros(3), "scene": fieldless})
     assert annotations.field_text(Still(none).snapshot()) == ""
+
+
+SHOWN = bent_bodies.catheter(spacing=1e-3).body
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"body": replace(SHOWN, points=np.zeros((4, 2)))}, "Snapshot.body.points has shape"),
+        ({"body": replace(SHOWN, points=np.zeros((0, 3)))}, "nothing to draw"),
+        ({"target": np.zeros(3)}, "Snapshot.target has shape"),
+        ({"body": replace(SHOWN, part=np.zeros(3, dtype=int))}, "one a particle"),
+    ],
+)
+def test_wrong_shapes_are_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        replace(bent_bodies.catheter(spacing=1e-3), **change)
+
+
+def test_segments_get_different_colors_and_plain_ones_grey() -> None:
+    colors = style.segment_colors(np.array([True, False, True, True, False]))
+    assert np.array_equal(colors[1], style.rgb(style.UNMAGNETIZED))
+    assert np.array_equal(colors[4], style.rgb(style.UNMAGNETIZED))
+    assert len({tuple(c) for c in colors[[0, 2, 3]]}) == 3
+
+
+@pytest.mark.parametrize(("length", "nice"), [(0.012, 0.01), (0.02, 0.02), (0.0199, 0.01), (0.0168, 0.01), (5.0, 5.0)])
+def test_scale_bars_have_round_lengths(length: float, nice: float) -> None:
+    assert style.nice_length(length) == pytest.approx(nice)
