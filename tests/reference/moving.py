@@ -43,6 +43,11 @@ def moving_scene(
     )
 
 
+def resting_scene(body: dict[str, Any], effects: dict[str, Any], **more: Any) -> Scene:
+    """The same at equilibrium."""
+    return moving_scene(body, effects, **{"solver": {"static": {}}, **more})
+
+
 def block(size: Sequence[float], **strip: Any) -> dict[str, Any]:
     """A free block of this size (m); by default it stands on z = 0."""
     length, width, thickness = size

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from reference.moving import resting_scene
 from reference.solids import ball, box, turned
 
 from magmpm.bodies.grid import Grid
@@ -36,22 +37,11 @@ from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
 from magmpm.statics.layout import static_model
 
-MATERIAL = {"shear_modulus": 100e3, "bulk_to_shear": 20.0, "density": 1500.0, "remanence": 0.1}
-
 
 def parts_scene(*parts: dict[str, Any], field: tuple[float, ...] = (0.0, 0.0, 3e-3), **body: Any) -> Scene:
     """A scene of meshes in mm."""
     meshes = [{"material": "m", **part, "mesh": pack_mesh(part["mesh"])} for part in parts]
-    return Scene.from_si(
-        {
-            "name": "parts",
-            "materials": {"m": MATERIAL},
-            "body": {"parts": {"unit": "mm", "meshes": meshes, **body}},
-            "field": {"uniform": list(field)},
-            "effects": {"magnetic_torque": {}},
-            "resolution": {"cells_across": 2},
-        }
-    )
+    return resting_scene({"parts": {"unit": "mm", "meshes": meshes, **body}}, {"magnetic_torque": {}}, field={"uniform": list(field)})
 
 
 SOLIDS = {
@@ -226,21 +216,9 @@ def test_volumes_are_exact_whatever_order_the_triangles_have(seed: int) -> None:
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_box_of_parts_is_the_strip(axis: int) -> None:
     """Two boxes, one held, equal a strip clamped at its base, along any axis: same grid, same result to 1e-9 m."""
-    strip = Scene.from_si(
-        {
-            "name": "strip",
-            "materials": {"m": MATERIAL},
-            "body": {
-                "strip": {
-                    "length": 6e-3, "width": 1e-3, "thickness": 1e-3, "material": "m",
-                    "segments": [{"magnetization": [1, 0, 0]}, {"magnetization": [0, 1, 1]}],
-                }
-            },
-            "field": {"uniform": [0.0, 2e-3, 4e-3]},
-            "effects": {"magnetic_torque": {}},
-            "resolution": {"cells_across": 2},
-        }
-    )  # fmt: skip
+    segments = [{"magnetization": [1, 0, 0]}, {"magnetization": [0, 1, 1]}]
+    shape = {"length": 6e-3, "width": 1e-3, "thickness": 1e-3, "material": "m", "segments": segments}
+    strip = resting_scene({"strip": shape}, {"magnetic_torque": {}}, field={"uniform": [0.0, 2e-3, 4e-3]})
 
     def along(vector: tuple[float, float, float]) -> Any:
         return tuple(np.roll(vector, axis).tolist())
@@ -274,13 +252,8 @@ def test_a_result_of_parts_survives_being_saved(tmp_path: Path) -> None:
 
 def test_held_inside_its_neighbours_the_nodes_around_it_are_held() -> None:
     """A held core in the middle of a bar: there is no clamping plane, so every node that the core touches is held."""
-    model = static_model(build(
-        parts_scene(
-            {"mesh": box((2, 0, 0), (3, 1, 1)), "clamp": True},
-            {"mesh": box((0, 0, 0), (2, 1, 1))},
-            {"mesh": box((3, 0, 0), (5, 1, 1))},
-        )
-    ))
+    core = {"mesh": box((2, 0, 0), (3, 1, 1)), "clamp": True}
+    model = static_model(build(parts_scene(core, {"mesh": box((0, 0, 0), (2, 1, 1))}, {"mesh": box((3, 0, 0), (5, 1, 1))})))
     assert model.held.sum() == model.held.size // 5
     assert model.dof == 3 * 4 * 4 * (12 - 4)  # 10 cells of 0.5 mm along x; the two cells of the core touch 4 planes of nodes
     assert not model.free

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import re
 import sys
 from dataclasses import replace
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from reference.dynamics import Total
+from reference.modules import module_of
 from reference.plain_forms import to_dense
 from reference.scenes import G, rod_scene
 from reference.taylor import slopes
@@ -25,6 +25,7 @@ from magmpm.effects.hooks import NO_DATA, register
 from magmpm.errors import InputError
 from magmpm.inputs.settings import validate
 from magmpm.model import build
+from magmpm.scene import Scene
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import StaticModel, static_model
 
@@ -38,8 +39,7 @@ pytestmark = pytest.mark.usefixtures("own_registry")
 @pytest.fixture
 def drag(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """The example's file as a module among the effects, and its line among their keys, for one test."""
-    file, line = example()
-    return joined(file, line, tmp_path, monkeypatch)
+    return joined(*example(), tmp_path, monkeypatch)
 
 
 def example() -> tuple[str, str]:
@@ -53,10 +53,8 @@ def example() -> tuple[str, str]:
 def joined(file: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """A file as the module of the effect `drag`, named by a line of Effects."""
     (tmp_path / "drag.py").write_text(file)
-    spec = importlib.util.spec_from_file_location("magmpm.effects.drag", tmp_path / "drag.py")
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "magmpm.effects.drag", module)
-    spec.loader.exec_module(module)
+    monkeypatch.setitem(sys.modules, "magmpm.effects.drag", None)  # which goes with the test
+    module = module_of(tmp_path / "drag.py", "magmpm.effects.drag")
     body = "".join(f"    {part}" for part in line.splitlines(keepends=True))
     monkeypatch.setattr(effects, "Drag", module.Drag, raising=False)  # imported
     space: dict[str, Any] = {**vars(effects), "Base": effects.Effects}
@@ -68,6 +66,11 @@ def joined(file: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def named(settings: dict[str, Any]) -> tuple[np.ndarray, ...]:
     found = validate(effects.Effects, settings, "example.yaml")
     return effects.collect(rod_scene(length=12e-3).model_copy(update={"effects": found}))
+
+
+def dragged(rate: str) -> Scene:
+    settings = validate(effects.Effects, {"drag": {"rate": rate}}, "example.yaml")
+    return rod_scene(length=6e-3).model_copy(update={"effects": settings})
 
 
 def test_the_line_names_it(drag: ModuleType) -> None:
@@ -83,13 +86,10 @@ def test_the_line_names_it(drag: ModuleType) -> None:
 
 def test_the_file_brakes(drag: ModuleType) -> None:
     """A free body without stiffness slows by 1 - rate dt per step; and its step is stable."""
-    scene = rod_scene(length=12e-3).model_copy(update={"effects": validate(effects.Effects, {"drag": {"rate": "5 1/s"}}, "example.yaml")})
-    model = build(scene)
-    model = replace(model, shear=0 * model.shear, bulk=0 * model.bulk, clamped_face=False)
-    assert effects.stable_steps(model) == {"drag": 1 / RATE}
-    start = np.array([0.1, 0.0, -0.2])  # m/s
-    total = Total.of(build(scene))
-    v = np.where(total.mass[:, None] > 0, start, 0.0)
+    model = build(dragged("5 1/s"))
+    assert effects.stable_steps(replace(model, shear=0 * model.shear, bulk=0 * model.bulk, clamped_face=False)) == {"drag": 1 / RATE}
+    total = Total.of(model)
+    v = np.where(total.mass[:, None] > 0, np.array([0.1, 0.0, -0.2]), 0.0)  # m/s
     _, after = total.step(np.zeros_like(v), v, DT)  # no strain and no stress; the clamp is left out
     np.testing.assert_allclose(after, (1 - RATE * DT) * v, rtol=0, atol=1e-15)
 
@@ -101,8 +101,7 @@ def test_the_file_brakes_in_a_compiled_kernel(tmp_path: Path, monkeypatch: pytes
     file, line = example()
     stamp = hashlib.sha256(file.encode()).hexdigest()[:8]
     joined(file.replace("drag_rate", f"drag_rate_{stamp}"), line, tmp_path, monkeypatch)
-    settings = validate(effects.Effects, {"drag": {"rate": "500 1/s"}}, "example.yaml")
-    model = build(rod_scene(length=6e-3).model_copy(update={"effects": settings}))
+    model = build(dragged("500 1/s"))
     found = {}
     for loads in (model.effects, ()):
         total, motion = Total.of(replace(model, effects=loads)), TotalMotion(model)

@@ -292,9 +292,18 @@ def at_times(over: dict[str, object], times: object, **more: object) -> np.ndarr
     return places(source(uniform=(0, 0, 1e-2), over_time=over, **more), np.asarray(times, dtype=float))
 
 
-def test_ramp() -> None:
-    found = at_times({"ramp": {"start": 1.0, "duration": 2.0, "begin": 0.5, "end": 2.0}}, [0, 1, 2, 3, 9])
-    np.testing.assert_allclose(found["strength"], [0.5, 0.5, 1.25, 2, 2])
+@pytest.mark.parametrize(
+    ("over", "times", "strength"),
+    [
+        ({"ramp": {"start": 1.0, "duration": 2.0, "begin": 0.5, "end": 2.0}}, [0, 1, 2, 3, 9], [0.5, 0.5, 1.25, 2, 2]),
+        ({"oscillation": {"frequency": 5.0, "amplitude": 2.0, "mean": 1.0, "phase": np.pi / 2, "start": 0.1, "cycles": 1.5}},
+         [0, 0.1, 0.2, 0.3, 0.4, 7], [3, 3, -1, 3, -1, -1]),
+    ],
+    ids=["ramp", "oscillation"],
+)  # fmt: skip
+def test_strength_over_time(over: dict[str, object], times: list[float], strength: list[float]) -> None:
+    found = at_times(over, times)
+    np.testing.assert_allclose(found["strength"], strength, atol=1e-12)
     np.testing.assert_allclose(found["uniform"][:, 2], 1e-2 * found["strength"])
     assert len(places(source(uniform=(0, 0, 1e-2)), np.arange(5.0))) == 1, "a field that does not change has one record"
 
@@ -317,12 +326,6 @@ def test_rotation_turns_sources_about_its_centre() -> None:
     turned = dipoles(np.array([60e-3, 10e-3, 0, 0, 1, 0, POINT]))
     x = np.array([[0.01, 0.02, 0.005]])
     np.testing.assert_allclose(at(where, data, x)[0], at(place(), turned, x)[0], rtol=1e-12)
-
-
-def test_oscillation() -> None:
-    over = {"oscillation": {"frequency": 5.0, "amplitude": 2.0, "mean": 1.0, "phase": np.pi / 2, "start": 0.1, "cycles": 1.5}}
-    found = at_times(over, [0, 0.1, 0.2, 0.3, 0.4, 7])["strength"]
-    np.testing.assert_allclose(found, [3, 3, -1, 3, -1, -1], atol=1e-12)
 
 
 def test_keyframes_move_and_multiply() -> None:

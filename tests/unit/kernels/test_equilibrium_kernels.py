@@ -15,23 +15,13 @@ from magmpm.model import build
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import StaticModel, static_model
 
-ROUNDING = (
-    1e-12  # relative to the largest entry: sums of a few thousand terms of either sign, in another order
-)
+ROUNDING = 1e-12  # relative to the largest entry: sums of a few thousand terms of either sign, in another order
 
 
 def small_scene(**changes: object) -> StaticModel:
     """3 cells across, 4 along; the segments meet inside a cell."""
-    given = {
-        "length": 5.3e-3,
-        "directions": [(1, 0, 0), (0.3, -0.5, 0.8)],
-        "lengths": [2.3e-3, 3e-3],
-        "shear": [120e3, 40e3],
-        "field": (4e-3, -3e-3, 6e-3),
-        "gravity": (1.0, -2.0, -9.81),
-        "cells": 3,
-    }
-    return static_model(build(rod_scene(**{**given, **changes})))
+    given = {"length": 5.3e-3, "directions": [(1, 0, 0), (0.3, -0.5, 0.8)], "lengths": [2.3e-3, 3e-3], "shear": [120e3, 40e3], "cells": 3}
+    return static_model(build(rod_scene(**{**given, "field": (4e-3, -3e-3, 6e-3), "gravity": (1.0, -2.0, -9.81), **changes})))
 
 
 CASES = {

@@ -33,18 +33,10 @@ def test_significant(value: float, text: str) -> None:
 @pytest.mark.parametrize(
     ("value", "unit", "text"),
     [
-        (1e-12, "s", "1.00 ps"),
-        (3.91e-5, "s", "39.1 µs"),
-        (0.3, "s", "300 ms"),
-        (2.0, "s", "2.00 s"),
-        (0.006, "T", "6.00 mT"),
-        (0.9999, "T", "1.00 T"),
-        (999.9e-6, "T", "1.00 mT"),
-        (0.0, "J", "0 J"),
-        (-4.2e-8, "J", "-42.0 nJ"),
-        (1e-30, "J", "1.00e-12 aJ"),
+        (1e-12, "s", "1.00 ps"), (3.91e-5, "s", "39.1 µs"), (0.3, "s", "300 ms"), (2.0, "s", "2.00 s"), (0.006, "T", "6.00 mT"),
+        (0.9999, "T", "1.00 T"), (999.9e-6, "T", "1.00 mT"), (0.0, "J", "0 J"), (-4.2e-8, "J", "-42.0 nJ"), (1e-30, "J", "1.00e-12 aJ"),
     ],
-)
+)  # fmt: skip
 def test_quantity(value: float, unit: str, text: str) -> None:
     assert quantity(value, unit) == text
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from reference.scenes import rod_scene
 
 from magmpm.compiled.arrays import Array
 from magmpm.rod.cosserat import RodModel, rod_model, solve_rod
@@ -19,18 +20,9 @@ GRAVITY = 9.81
 @pytest.fixture
 def scene() -> Scene:
     """A catheter with a plain segment, in a field and under its weight, bent and twisted by more than a radian."""
-    segments = [{"magnetization": m} for m in ([1, 0, 0], [0, 1, 0.3], [0, 0, 0], [0.2, -0.7, 1], [0, 0.4, -1])]
-    body = {"catheter": {"length": "60 mm", "diameter": "3 mm", "material": "m", "segments": segments}}
-    material = {"shear_modulus": "120 kPa", "bulk_to_shear": 20, "density": "1882 kg/m^3", "remanence": "138 mT"}
-    return Scene.from_si(
-        {
-            "name": "rod",
-            "materials": {"m": material},
-            "body": body,
-            "field": {"uniform": ["2 mT", "6 mT", "8 mT"]},
-            "effects": {"magnetic_torque": {}, "gravity": {}},
-        }
-    )
+    directions = [[1, 0, 0], [0, 1, 0.3], [0, 0, 0], [0.2, -0.7, 1], [0, 0.4, -1]]
+    loads = {"field": (2e-3, 6e-3, 8e-3), "gravity": (0, 0, -GRAVITY), "remanence": 0.138}
+    return rod_scene(length=60e-3, diameter=3e-3, directions=directions, **loads)
 
 
 def regions(scene: Scene) -> list[int]:

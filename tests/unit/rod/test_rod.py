@@ -28,13 +28,9 @@ def slender(**changes: object) -> Scene:
 
 
 def spatial() -> Scene:
-    return slender(
-        directions=[(1, 0, 0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6)],
-        shear=[G, G / 3, 2 * G],
-        lengths=[9e-3, 18e-3, 13e-3],
-        field=(2e-4, 1e-3, -1.4e-3),
-        gravity=(1.0, -0.2, -0.5),
-    )
+    loads = {"field": (2e-4, 1e-3, -1.4e-3), "gravity": (1.0, -0.2, -0.5)}
+    directions = [(1, 0, 0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6)]
+    return slender(directions=directions, shear=[G, G / 3, 2 * G], lengths=[9e-3, 18e-3, 13e-3], **loads)
 
 
 class Chain:

@@ -107,14 +107,10 @@ print(*sorted({d.py_func.__qualname__ for d in found if d.stats.cache_misses}))
 """
 
 
-@pytest.mark.parametrize(
-    ("solver", "more"),
-    [
-        ("static: {}", []),
-        pytest.param("static: {}", ["derivatives"], marks=pytest.mark.slow),
-        ("dynamic: {duration: 0.1 ms}", []),
-    ],
-)
+DERIVED = pytest.param("static: {}", ["derivatives"], marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize(("solver", "more"), [("static: {}", []), DERIVED, ("dynamic: {duration: 0.1 ms}", [])])
 def test_a_run_compiles_nothing_itself(solver: str, more: list[str], tmp_path: Path) -> None:
     """Every kernel of a run or of sensitivities, also those for frames, is compiled before the clock starts, and then loaded."""
     scene = tmp_path / "scene.yaml"

@@ -6,8 +6,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from reference.panels import multiply
-from reference.plain_forms import to_dense
 
 from magmpm.statics.block_cholesky import factor, new_panels, rounded, solve, solve_columns, split_plane
 
@@ -45,17 +43,6 @@ def to_panels(A: np.ndarray, planes: int, m: int) -> np.ndarray:
                     block[np.triu_indices(m, 1)] = 7e7  # only the lower triangle counts
                 panels[column, :, k * m : (k + 1) * m] = block.T  # row index fastest
     return panels
-
-
-@SIZES
-def test_layout(rng: np.random.Generator, planes: int, m: int) -> None:
-    """to_dense and multiply read the panels as their docstring says."""
-    A = random_banded(rng, planes, m)
-    panels, split = to_panels(A, planes, m), split_plane(planes)
-    np.testing.assert_array_equal(to_dense(panels, split), A)
-    x, out = rng.standard_normal((planes, m)), np.empty((planes, m))
-    multiply(panels, split, x, out)
-    np.testing.assert_allclose(out.ravel(), A @ x.ravel(), rtol=0, atol=1e-14 * np.abs(A).sum(axis=1).max())
 
 
 @SIZES

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reference.moving import resting_scene
 from reference.panels import multiply
 from reference.solids import box
 
@@ -26,9 +27,7 @@ WALLS = {"tube": {"radius": 1.005e-3, "path": [[-4e-3, 0.0, 0.0], [4e-3, 0.0, 1e
 
 
 def scene(body: dict[str, Any], **effects: Any) -> Scene:
-    material = {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.1}
-    grid = {"cells_across": 2}
-    return Scene.from_si({"name": "touching", "materials": {"m": material}, "body": body, "effects": effects, "resolution": grid})
+    return resting_scene(body, effects)
 
 
 def catheter(**more: Any) -> dict[str, Any]:
