@@ -27,6 +27,11 @@ def moving_scene(
     return Scene.from_si({**about, "materials": materials, "body": body, "effects": effects, **more})
 
 
+def resting_scene(body: dict[str, Any], effects: dict[str, Any], **more: Any) -> Scene:
+    """The same at equilibrium."""
+    return moving_scene(body, effects, **{"solver": {"static": {}}, **more})
+
+
 def block(size: Sequence[float], **strip: Any) -> dict[str, Any]:
     """A free block of this size (m); by default it stands on z = 0."""
     usual = {**dict(zip(("length", "width", "thickness"), size)), "material": "m", "clamp": "none", "position": [0.0, 0.0, size[2] / 2]}

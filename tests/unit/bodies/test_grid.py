@@ -1,8 +1,4 @@
-"""Quadratic B-splines: rigid motion, uniform stretch and the clamp are exact.
-
-Source: de Boor, A Practical Guide to Splines, chapters 9 to 11. Tolerances of 1e-15 to 1e-14 are a few
-rounding errors of numbers near 1.
-"""
+"""Grids: splines of cells and of runs between repeated knots are those of SciPy, with an exact clamp."""
 
 from __future__ import annotations
 
@@ -11,32 +7,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from reference.mpm_numpy import spline_matrix
+from scipy.interpolate import BSpline
 
-from magmpm.bodies.grid import Grid, clamp_first_node, spline_slopes, spline_weights
+from magmpm.bodies.grid import (
+    EVEN,
+    THIN,
+    Grid,
+    Knots,
+    clamp_first_node,
+    runs_along,
+    spline_slopes,
+    spline_weights,
+)
 
 inside = st.floats(0.0, 1.0)
-greville = np.array([-0.5, 0.5, 1.5])  # centers of a cell's three splines, in cells from its lower face
-
-
-@given(inside)
-def test_partition_of_unity(xi: float) -> None:
-    """sum N_a = 1 and sum N_a' = 0: a translation causes no strain. All N_a >= 0."""
-    N = spline_weights(np.array(xi))
-    assert N.sum() == pytest.approx(1.0, abs=1e-15)
-    assert spline_slopes(np.array(xi)).sum() == pytest.approx(0.0, abs=1e-15)
-    assert N.min() >= 0
-
-
-@given(inside)
-def test_reproduces_polynomials_to_degree_two(xi: float) -> None:
-    """With coefficients g_a, and g_a^2 - 1/4, at the Greville points g_a, the splines are x and x^2; their
-    slopes 1 and 2 x.
-    """
-    N, D = spline_weights(np.array(xi)), spline_slopes(np.array(xi))
-    assert N @ greville == pytest.approx(xi, abs=1e-15)
-    assert D @ greville == pytest.approx(1.0, abs=1e-15)
-    assert N @ (greville**2 - 0.25) == pytest.approx(xi**2, abs=2e-15)
-    assert D @ (greville**2 - 0.25) == pytest.approx(2 * xi, abs=2e-15)
 
 
 def test_same_splines_as_scipy() -> None:
@@ -54,47 +38,20 @@ def test_same_splines_as_scipy() -> None:
     assert np.all(peak.argmax(axis=1) == np.arange(1, cells + 1)), ("a spline is largest at its node's coordinate")
 
 
-def test_once_differentiable_across_faces() -> None:
-    """At the end of one cell and the start of the next, shared splines agree in value and slope, and the
-    others vanish.
-    """
-    for f in (spline_weights, spline_slopes):
-        end, start = f(np.array(1.0)), f(np.array(0.0))
-        assert np.array_equal(end[1:], start[:2])
-        assert end[0] == 0
-        assert start[2] == 0
-
-
 def test_clamp_holds_the_face_exactly() -> None:
-    """On the face every spline of the clamped cell is exactly 0, for any coefficients: no motion, bit for
-    bit.
-    """
+    """On the face every spline of the clamped cell is exactly 0, for any coefficients: no motion, bit for bit."""
     N, _ = clamp_first_node(spline_weights(np.array(0.0)), spline_slopes(np.array(0.0)))
     assert np.array_equal(N, np.zeros(3))
 
 
 @given(st.tuples(*[st.floats(-1, 1)] * 2), inside)
 def test_clamp_holds_nothing_but_the_face(c: tuple[float, float], xi: float) -> None:
-    """Every spline function with value 0 on the face (c_0 = -c_1) is still representable, with the same
-    values and slopes.
-    """
+    """Every spline function with value 0 on the face (c_0 = -c_1) is still representable, with the same values and slopes."""
     free = np.array([-c[0], c[0], c[1]])
     N, D = spline_weights(np.array(xi)), spline_slopes(np.array(xi))
     clamped, clamped_slope = clamp_first_node(N, D)
     assert clamped @ [c[0], c[1], 7.0] == pytest.approx(N @ free, abs=1e-15)
     assert clamped_slope @ [c[0], c[1], 7.0] == pytest.approx(D @ free, abs=4e-15)
-
-
-def test_clamp_leaves_slope_and_curvature_free() -> None:
-    """One condition removes one function of three: slope and curvature at the face remain free to take any
-    value.
-    """
-    xi = np.array([0.2, 0.5, 0.9])
-    N, D = clamp_first_node(spline_weights(xi), spline_slopes(xi))
-    assert np.linalg.matrix_rank(N) == 2
-    at_face = clamp_first_node(spline_weights(np.array(0.0)), spline_slopes(np.array(0.0)))[1]
-    curvature = D[2] - D[0]
-    assert np.linalg.matrix_rank(np.stack([at_face, curvature])) == 2
 
 
 def test_grid_refuses_a_point_outside_its_cell() -> None:
@@ -106,3 +63,85 @@ def test_grid_refuses_a_point_outside_its_cell() -> None:
         grid.locate(inside_cell, np.array([[0, 0, 2]]))
     with pytest.raises(ValueError, match="outside the cell"):
         grid.locate(np.array([[3.5, 0.5, 0.5]]), np.array([[3, 0, 0]]))
+
+
+H = 1e-3
+
+
+def grid(ends: list[float], knots: Knots = EVEN, across: int = 4) -> Grid:
+    """The grid of a body 4 H thick."""
+    h = 4 * H / across
+    cells, width, runs = runs_along(np.array(ends), h, across, knots)
+    return Grid(np.zeros(3), np.array([width, h, h]), (cells, across, across), runs)
+
+
+def by_scipy(made: Grid, repeated: list[float]) -> list[BSpline]:
+    """The same splines from a knot vector: cells' faces, one more cell at each end, joints twice."""
+    faces = made.faces
+    first, last = faces[1] - faces[0], faces[-1] - faces[-2]
+    knots = [-2 * first, -first, *faces, faces[-1] + last, faces[-1] + 2 * last, *repeated]
+    t = np.sort(knots)
+    return [BSpline(t, np.eye(len(t) - 3)[k], 2) for k in range(len(t) - 3)]
+
+
+@pytest.mark.parametrize(
+    ("ends", "knots", "repeated"),
+    [
+        ([8.2e-3], EVEN, []),
+        ([8.2e-3], Knots(from_tip=True), []),
+        ([3.3e-3, 5.1e-3, 9e-3], Knots((0, 1)), [3.3e-3, 5.1e-3]),
+        ([3.3e-3, 5.1e-3, 9e-3], Knots((0, 1), from_tip=True), [3.3e-3, 5.1e-3]),
+        ([3.3e-3, 4.1e-3, 9e-3], Knots((0, 1)), [3.3e-3, 4.1e-3]),  # a segment of less than a cell
+    ],
+)
+def test_splines_are_those_of_the_knot_vector(ends: list[float], knots: Knots, repeated: list[float]) -> None:
+    made = grid(ends, knots)
+    x = np.random.default_rng(0).uniform(0.0, ends[-1], 200)
+    node, values, slopes = made.splines_along(x)
+    dense, steep = np.zeros((2, len(x), made.nodes[0]))
+    for a in range(3):
+        dense[np.arange(len(x)), node + a] = values[:, a]
+        steep[np.arange(len(x)), node + a] = slopes[:, a]
+    splines = by_scipy(made, repeated)
+    assert len(splines) == made.nodes[0]
+    np.testing.assert_allclose(dense, np.stack([one(x) for one in splines], 1), atol=1e-13)  # rounding of values up to 1
+    np.testing.assert_allclose(steep, np.stack([one.derivative()(x) for one in splines], 1), atol=1e-13 * 4 / H)  # of slopes up to 4/h
+    # A straight line is the sum of its values at the splines' centers (Greville).
+    np.testing.assert_allclose(dense @ made.node_coordinates(0), x, atol=1e-13 * ends[-1])
+
+
+def test_joints_too_near_to_another_or_to_an_end_get_no_knot() -> None:
+    """Chosen from the tip on, so that what is in the guide changes nothing beyond it."""
+    starts = [run.start for run in grid([0.4e-3, 3e-3, 3.3e-3, 6e-3, 6.4e-3], Knots((0, 1, 2, 3))).runs]
+    assert starts == pytest.approx([0.0, 3.3e-3])
+
+
+def test_twice_as_many_cells_across_are_twice_as_many_in_each_run(rng: np.random.Generator) -> None:
+    """And no cell is wider than requested, by more than THIN of it."""
+    for _ in range(50):
+        ends = np.cumsum(rng.uniform(0.5e-3, 9e-3, 3)).tolist()
+        for cells in (2, 3, 5):
+            one, two = (grid(ends, Knots((0, 1), at_rest=True), across) for across in (cells, 2 * cells))
+            assert [2 * run.cells for run in one.runs] == [run.cells for run in two.runs]
+            for made, across in ((one, cells), (two, 2 * cells)):
+                assert max(run.width for run in made.runs) <= (1 + THIN) * 4 * H / across
+
+
+@pytest.mark.parametrize("joints", [(), (0,)])
+def test_cells_counted_from_the_tip_stay_in_the_material(joints: tuple[int, ...]) -> None:
+    """As a catheter with a joint 3.7 mm from its tip is pushed out, new faces appear at the base; all others keep their places."""
+    known = np.zeros(0)
+    for outside in np.arange(4.2, 9.0, 0.37) * 1e-3:
+        faces = grid([outside - 3.7e-3, outside], Knots(joints, from_tip=True)).faces
+        from_tip = (faces[-1] - faces[1:])[::-1]  # m, of all faces but the base
+        assert np.abs(from_tip[: len(known)] - known).max(initial=0.0) < 1e-12 * outside  # rounding
+        assert THIN * H * (1 - 1e-9) <= faces[1] - faces[0] <= (1 + THIN) * H * (1 + 1e-9)
+        known = from_tip
+
+
+def test_a_grid_like_another_has_as_many_cells_in_each_run() -> None:
+    for knots in (EVEN, Knots((0, 1)), Knots((0, 1), from_tip=True)):
+        made = grid([3.3e-3, 5.1e-3, 9e-3], knots)
+        again = grid([3.3e-3, 5.1e-3, 9.9e-3], Knots(knots.joints, knots.from_tip, like=made))
+        assert again.cells == made.cells
+        assert [run.cells for run in again.runs] == [run.cells for run in made.runs]

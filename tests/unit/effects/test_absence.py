@@ -1,10 +1,9 @@
-"""An effect that a scene does not name is not there: not in the machine code of its kernels, not in what they are given, not in memory."""
+"""An effect that a scene does not name, or names at zero strength, is not there: not in its kernels' machine code, arguments or memory."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -16,19 +15,10 @@ from reference.scenes import rod_scene
 
 from magmpm.compiled.jit import FASTMATH
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.effects import gravity
+from magmpm.effects import gravity, hooks
 from magmpm.effects.acting import Effects
-from magmpm.effects.hooks import (
-    add_energy,
-    add_force,
-    add_stress,
-    add_tangent,
-    change_node,
-    has_node,
-)
 from magmpm.kernels import total_lagrangian_step as steps
 from magmpm.model import Model, build
-from magmpm.scene import Scene
 from magmpm.simulate import run
 
 BODY = {"catheter": {"length": 12e-3, "diameter": 4e-3, "material": "m", "segments": [{"magnetization": [1, 0, 0]}]}}
@@ -50,12 +40,12 @@ def with_hooks(effects, magnet, rho, x, F, P, f, A):
     """A loop that asks effects for all that kernels ask of them."""
     total = 0.0
     for _ in range(100):
-        total += P[0, 0] * F[0, 0] + add_energy(effects, 0, magnet, rho, x, F)
-        add_stress(effects, 0, magnet, rho, x, F, P)
-        add_force(effects, 0, magnet, rho, x, F, f)
-        add_tangent(effects, 0, magnet, rho, x, F, A)
-        if has_node(effects):
-            change_node(effects, 0, x, x, f, 1e-5)
+        total += P[0, 0] * F[0, 0] + hooks.add_energy(effects, 0, magnet, rho, x, F)
+        hooks.add_stress(effects, 0, magnet, rho, x, F, P)
+        hooks.add_force(effects, 0, magnet, rho, x, F, f)
+        hooks.add_tangent(effects, 0, magnet, rho, x, F, A)
+        if hooks.has_node(effects):
+            hooks.change_node(effects, 0, x, x, f, 1e-5)
     return total
 
 
@@ -122,8 +112,7 @@ def test_the_kernel_of_motion_holds_no_effect_that_is_not_named(monkeypatch: pyt
 def test_contact_that_does_not_touch_counts_no_references(monkeypatch: pytest.MonkeyPatch) -> None:
     """Numba counts references in 32 places of the kernel of forces, with a ground in 77: once a slab or a point.
 
-    With 114 more, a step took half as long again.
-    """
+    With 114 more, a step took half as long again."""
     models = [build(moving_scene(BODY, effects)) for effects in ({}, {"ground": {"point": [0.0, 0.0, -1.0]}})]
     seen = given_to_steps(monkeypatch, [(model, model.effects) for model in models])
     bare, ground = (compiled_code(steps._sum_forces, forces_of(given)).count("@NRT_incref(") for given in seen)
@@ -144,10 +133,49 @@ def compiled_code(function: Any, given: tuple[Any, ...]) -> str:
     return str(next(iter(found.inspect_llvm().values())))
 
 
-def test_the_order_in_the_file_never_matters() -> None:
-    """An equilibrium is the same to the last bit (test_effect_contract.py: records come in the order of the phases)."""
-    data = rod_scene(length=12e-3, field=(0.0, 0.0, 3e-3), gravity=(0.0, 0.0, -9.81)).to_si()
-    effects = {key: value for key, value in data["effects"].items() if value is not None}
-    shapes = [run(Scene.from_si({**data, "effects": dict(turn)})).particle_position.tobytes() for turn in permutations(effects.items())]
-    assert len(shapes) == 2
-    assert shapes[0] == shapes[1]
+B, BR, G_EARTH = np.array([2e-3, -3e-3, 5e-3]), np.array([0.1, 0.05, -0.08]), np.array([0.3, 0.2, -9.81])
+RHO, U = 1882.0, np.array([1e-3, 2e-3, -3e-3])
+
+
+@numba.njit
+def _nothing(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
+    return 0.0
+
+
+@pytest.mark.usefixtures("own_registry")
+def test_unknown_hook_is_refused_and_leaves_no_trace() -> None:
+    dtype = np.dtype([("test_unknown", np.float64)])
+    with pytest.raises(ValueError, match=r"unknown hook 'friction'; hooks are energy, stress, force, tangent"):
+        hooks.register(dtype, energy=_nothing, friction=_nothing)
+    hooks.register(dtype, energy=_nothing)  # a refused registration has no effect
+
+
+@pytest.mark.usefixtures("own_registry")
+def test_field_names_tell_effects_apart() -> None:
+    """Otherwise a second effect with the same names would be called instead of the first."""
+    with pytest.raises(ValueError, match="field names of its own"):
+        hooks.register(gravity.DTYPE, energy=_nothing)
+    with pytest.raises(ValueError, match="field names of its own"):
+        hooks.register(np.dtype([("gravity", np.float32)]), stress=_nothing)
+    with pytest.raises(ValueError, match="field names of its own"):
+        hooks.register(np.dtype(np.float64), energy=_nothing)
+
+
+def test_python_is_told_that_only_compiled_code_calls_hooks() -> None:
+    with pytest.raises(TypeError, match="only compiled code can call this"):
+        hooks.add_energy((), 0, np.zeros(3), 1.0, np.zeros(3), np.eye(3))
+
+
+STRENGTHLESS = {"field": {"field": (0, 0, 0), "gravity": (0, 0, -9.81)}, "gravity": {"field": (1e-3, 0, 3e-3), "gravity": (0, 0, 0)}}
+
+
+@pytest.mark.parametrize("absent", STRENGTHLESS)
+def test_zero_strength_is_bitwise_the_effect_absent(absent: str) -> None:
+    """An effect at zero strength beside another at full: the whole run gives the same bits as without it."""
+    zero = rod_scene(length=12e-3, **STRENGTHLESS[absent])
+    key = {"field": "magnetic_torque", "gravity": "gravity"}[absent]
+    a, b = run(zero), run(zero.with_effects(**{key: None}))
+    assert np.abs(a.particle_position - a.particle_reference).max() > 1e-5, "the other effect moves the body"
+    assert np.array_equal(a.particle_position, b.particle_position)
+    assert np.array_equal(a.particle_det_F, b.particle_det_F)
+    assert (a.energy, a.iterations) == (b.energy, b.iterations)

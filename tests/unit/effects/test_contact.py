@@ -1,4 +1,4 @@
-"""Contact with ground and walls: distances, values of the force laws, and bodies that start inside an obstacle."""
+"""Contact with ground and walls: distances, force laws, bodies that start inside an obstacle, obstacles out of reach."""
 
 from __future__ import annotations
 
@@ -8,26 +8,25 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference.dynamics import held
+from reference.moving import moving_scene
 from reference.scenes import G, rod_scene
 from reference.solids import box
 
 from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.curves import curve, tightest_radius
-from magmpm.bodies.surface_mesh import write_stl
-from magmpm.effects import contact_force, ground, self_contact, walls
+from magmpm.bodies.surface_mesh import pack_mesh, write_stl
+from magmpm.effects import acting as effects
 from magmpm.effects import contact_law as contact
+from magmpm.effects import ground, self_contact
 from magmpm.effects.acting import Effects
+from magmpm.effects.body_reach import FAR, STRETCHED, body_reach
 from magmpm.effects.contact_force import PARTS
 from magmpm.errors import InputError
 from magmpm.inputs.settings import validate
 from magmpm.model import build
-from magmpm.scene import Scene
+from magmpm.scene import Scene, load_scene
 
 STIFFNESS, MASS = 1e9, 2e-9  # 1/s^2, kg
-
-
-# distances
 
 
 def test_a_straight_tube(rng: np.random.Generator) -> None:
@@ -76,19 +75,6 @@ def test_inside_of_a_closed_surface(rng: np.random.Generator) -> None:
     assert np.array_equal(d[away] > 0, exact[away] > 0)
 
 
-def test_outside_the_table_nothing_touches() -> None:
-    solid = box((0, 0, 0), (8e-3, 8e-3, 8e-3))
-    table = distance.surface(solid.vertices, solid.faces, 0.5e-3)
-    named = walls.parameters(table, friction=0.3, stiffness=STIFFNESS)
-    for far in ([1.0, 0, 0], [-1.0, 0, 0], [4e-3, 4e-3, 1.0], [4e-3, -1.0, 4e-3]):
-        f = np.zeros(PARTS)
-        walls.contact(named[0][0], named[1], np.array(far), np.ones(3), MASS, 1e-6, f)
-        assert not f.any()
-
-
-# forces
-
-
 def test_push_and_grip_have_the_numbers_of_their_formulas() -> None:
     """m w^2 depth - m r v upward, not below 0, mu times that as grip, m w^2 as stiffness; nothing above the plane. Without a dashpot no
     difference by the speed."""
@@ -122,76 +108,6 @@ def test_the_spring_of_friction_begins_soft(rng: np.random.Generator) -> None:
         assert (push(depth * (1 + 1e-6)) - push(depth * (1 - 1e-6))) / (2e-6 * depth) == pytest.approx(slope, rel=1e-5)
 
 
-def test_friction_is_a_spring_with_a_slider() -> None:
-    """3 um to the side: the spring's force. 50 um: the grip, 0.4 of the push, and the anchor follows at the distance it can hold. Back by
-    3 um: less by the spring's 3 um, toward the same side. Lifted: no force, and the anchor is where the particle is."""
-    depth = 3e-5
-    push, rigidity = MASS * STIFFNESS * depth, MASS * STIFFNESS
-    anchor = np.zeros(3)
-
-    def at(x: list[float], pressed: bool = True) -> np.ndarray:
-        f = np.array([0, 0, push, 0, 0, 0.4 * push, rigidity]) if pressed else np.zeros(PARTS)
-        told = held(np.array(x), anchor, f)
-        contact_force.hold(np.array(x), anchor, f)
-        np.testing.assert_allclose(f[:3], told[0], rtol=0, atol=1e-12 * push)
-        np.testing.assert_allclose(anchor, told[1], rtol=0, atol=1e-18)
-        return f[:3]
-
-    np.testing.assert_allclose(at([3e-6, 0, -depth]), [-3e-6 * rigidity, 0, push], rtol=1e-12)
-    np.testing.assert_allclose(at([3e-5, 4e-5, -depth]), push * np.array([-0.24, -0.32, 1]), rtol=0, atol=1e-2 * push)
-    np.testing.assert_allclose(np.linalg.norm(at([3e-5, 4e-5, -depth])[:2]), 0.4 * push, rtol=1e-9)
-    np.testing.assert_allclose(anchor[2], -depth, rtol=1e-12)
-    before = at([3e-5, 4e-5, -depth])
-    np.testing.assert_allclose(at([2.7e-5, 4e-5, -depth]) - before, [3e-6 * rigidity, 0, 0], rtol=0, atol=1e-9 * push)
-    assert not at([0.1, 0.2, 0.3], pressed=False).any()
-    np.testing.assert_array_equal(anchor, [0.1, 0.2, 0.3])
-
-
-def test_friction_gives_back_no_more_than_it_took(rng: np.random.Generator) -> None:
-    """Along any closed way under constant push its work is negative, but for the energy that its spring holds at the end."""
-    depth = 3e-5
-    push, rigidity = MASS * STIFFNESS * depth, MASS * STIFFNESS
-    for _ in range(10):
-        way = np.cumsum(2e-6 * rng.standard_normal((400, 3)), axis=0)  # the spring holds 12 um: it sticks and slides
-        way -= np.linspace(0, 1, 400)[:, None] * (way[-1] - way[0]) + way[0]
-        anchor, work, last = way[0].copy(), 0.0, np.zeros(3)
-        for k in range(1, 400):
-            f = np.array([0, 0, push, 0, 0, 0.4 * push, rigidity])
-            contact_force.hold(way[k], anchor, f)
-            f[2] -= push
-            work += 0.5 * (f[:3] + last) @ (way[k] - way[k - 1])
-            last = f[:3].copy()
-        assert work < -(0.4 * push) * 1e-5, "it slid: energy is lost"
-
-
-def test_penalty_is_stable_at_its_step_and_not_far_beyond() -> None:
-    """A particle that falls on the ground by itself: its energy stays at 1.4 / w, and grows without bound above 2 / w; with a dashpot of
-    critical damping, at 0.58 / w."""
-    critical = 2 * np.sqrt(STIFFNESS)
-    slippery, rough = (
-        ground.parameters(point=[0, 0, 0], normal=[0, 0, 1], friction=0.3, stiffness=STIFFNESS, damping=rate) for rate in (0.0, critical)
-    )
-    step = contact.stable_step(STIFFNESS)
-    assert step == pytest.approx(1.4 / np.sqrt(STIFFNESS))
-    assert contact.stable_step(STIFFNESS, critical) == pytest.approx(0.58 / np.sqrt(STIFFNESS), rel=1e-3)
-
-    def fastest(dt: float, named: tuple[np.ndarray, np.ndarray] = slippery) -> float:
-        x, v, most = np.zeros(3), np.zeros(3), 0.0
-        for _ in range(2000):
-            f = np.zeros(PARTS)
-            f[2] = -MASS * 1e3  # pressed on, so that it stays in touch
-            ground.contact(named[0][0], named[1], x, v, MASS, dt, f)
-            v = v + dt * f[:3] / MASS
-            x = x + dt * v
-            most = max(most, abs(v[2]))
-        return most
-
-    gentle = fastest(0.1 * step)
-    assert fastest(step) < 3 * gentle
-    assert fastest(1.1 * 2 / np.sqrt(STIFFNESS)) > 10 * gentle
-    assert fastest(contact.stable_step(STIFFNESS, critical), rough) < gentle
-
-
 def test_stiffness_is_that_of_the_stiffest_material() -> None:
     """(K + 4/3 G) / rho / h^2: a wave through a cell. With friction it begins with h over three diameters of that, beside a dashpot."""
     scene = rod_scene(shear=[G, 3 * G], directions=[(1, 0, 0), (0, 1, 0)], cells=4)
@@ -202,9 +118,6 @@ def test_stiffness_is_that_of_the_stiffest_material() -> None:
     data = scene.to_si()
     data["materials"]["steel"] = {"shear_modulus": 8e9, "bulk_to_shear": 2.0, "density": 7850.0}
     assert contact.law(Scene.from_si(data), 2.0, 0.0) == contact.law(scene, 2.0, 0.0), "of what the body is made of"
-
-
-# bodies that start inside an obstacle
 
 
 def scene(**effects: dict[str, Any]) -> Scene:
@@ -219,11 +132,6 @@ def test_a_catheter_may_begin_on_the_ground(normal: list[float]) -> None:
     build(scene(ground={"point": point, "normal": normal}))
 
 
-def test_a_body_in_the_ground_is_refused() -> None:
-    with pytest.raises(InputError, match=r"effects.ground: the body begins 0\.\d+ mm inside.*\n.*rule.*\n.*remedy.*point"):
-        build(scene(ground={"point": ["0 mm", "0 mm", "-1.5 mm"]}))
-
-
 @pytest.mark.parametrize(
     ("obstacle", "inside", "at"),
     [
@@ -235,8 +143,7 @@ def test_a_body_in_the_ground_is_refused() -> None:
 )  # fmt: skip
 def test_where_a_body_begins_inside_is_said(obstacle: dict[str, Any], inside: str, at: Any) -> None:
     """The message names the obstacle, the segment by its key, and the place: the lower side of the tip, for a plane or tube that rises
-    along x.
-    """
+    along x."""
     named = validate(Effects, obstacle, "example.yaml")
     with pytest.raises(InputError) as caught:
         build(rod_scene(length=12e-3, cells=4, directions=[(1, 0, 0)] * 3).model_copy(update={"effects": named}))
@@ -245,19 +152,14 @@ def test_where_a_body_begins_inside_is_said(obstacle: dict[str, Any], inside: st
     assert at([float(c) for c in found[1].split(", ")])
 
 
-def test_a_body_outside_its_tube_is_refused() -> None:
-    def tube(radius: str, height: str) -> dict[str, Any]:
-        ends = [["-10 mm", "0 mm", height], ["30 mm", "0 mm", height]]
-        return {"tube": {"radius": radius, "path": ends}}
+def test_a_body_may_begin_just_touching_its_tube() -> None:
+    def tube(height: str) -> dict[str, Any]:
+        return {"tube": {"radius": "3 mm", "path": [["-10 mm", "0 mm", height], ["30 mm", "0 mm", height]]}}
 
-    build(scene(walls=tube("3 mm", "0 mm")))
-    build(scene(walls=tube("3 mm", "-1 mm")))  # just touching
-    with pytest.raises(
-        InputError, match=r"effects.walls: the body begins .* mm outside the lumen, farthest with segment 1 \(.*\), at \(.*\n.*\n.*remedy"
-    ):
-        build(scene(walls=tube("3 mm", "60 mm")))
+    build(scene(walls=tube("0 mm")))
+    build(scene(walls=tube("-1 mm")))
     with pytest.raises(InputError, match=r"effects.walls: the body begins 0\.\d+ mm inside.*\n.*\n.*remedy: make the lumen wider"):
-        build(scene(walls=tube("3 mm", "1.4 mm")))
+        build(scene(walls=tube("1.4 mm")))
 
 
 def test_a_lumen_from_a_mesh(tmp_path: Path) -> None:
@@ -278,9 +180,6 @@ def test_a_lumen_from_a_mesh(tmp_path: Path) -> None:
         build(scene(walls=lumen("um")))
 
 
-# gaps
-
-
 def test_gap_of_two_folds(rng: np.random.Generator) -> None:
     """Two layers of a folded strip: their distance minus the size of a particle; neighbors in the body do not count."""
     x = np.arange(100) * 0.5e-3
@@ -289,3 +188,94 @@ def test_gap_of_two_folds(rng: np.random.Generator) -> None:
     gap = self_contact.gap(folded, flat, size=0.5e-3, apart=5e-3, within=4e-3)
     assert gap == pytest.approx(1.5e-3)
     assert self_contact.gap(flat, flat, size=0.5e-3, apart=5e-3, within=4e-3) == np.inf
+
+
+ROOT = Path(__file__).parents[3]
+L, D = 40e-3, 4e-3
+CATHETER = {"catheter": {"length": L, "diameter": D, "material": "m", "segments": [{}]}}
+REACH = STRETCHED * float(np.sqrt(L**2 + 2 * D**2))  # of the diagonal of the box
+
+
+def placed(named: dict[str, Any], *, clamp: str = "base", duration: float = 0.1) -> Scene:
+    body = {"catheter": {**CATHETER["catheter"], "clamp": clamp}}
+    return moving_scene(body, named, solver={"dynamic": {"duration": duration}})
+
+
+def pipe(start: float, end: float, radius: float = 5e-3) -> dict[str, Any]:
+    return {"tube": {"radius": radius, "path": [[start, 0, 0], [end, 0, 0]]}}
+
+
+def vessel(half: float) -> dict[str, Any]:
+    solid = box((-half, -half, -half), (half, half, half))
+    return {"surface": {"mesh": pack_mesh(solid), "unit": "m"}}
+
+
+def plane(below: float) -> dict[str, Any]:
+    return {"point": [0, 0, -below], "normal": [0, 0, 1]}
+
+
+@pytest.mark.parametrize(
+    ("named", "far"),
+    [
+        ({"ground": plane(REACH - 1e-3)}, None),
+        ({"ground": plane(REACH + 0.42)}, "the ground does nothing: it is 420 mm beyond"),
+        ({"walls": pipe(-10e-3, 60e-3)}, None),
+        ({"walls": pipe(-10e-3, 60e-3, 0.5)}, "the lumen's wall does nothing: it is 439 mm beyond"),
+        ({"walls": vessel(REACH - 1e-3)}, None),
+        ({"walls": vessel(REACH + 0.42)}, "the lumen's wall does nothing: it is 420 mm beyond"),
+    ],
+    ids=["ground", "far ground", "tube", "wide tube", "vessel", "wide vessel"],
+)
+def test_what_a_held_body_can_not_reach_is_warned_of(named: dict[str, Any], far: str | None) -> None:
+    """A body inside the lumen and above the ground: the run is the same without them, and says so."""
+    found = effects.warnings(placed(named))
+    assert len(found) == (far is not None)
+    if far is not None:
+        assert far in found[0]
+        assert found[0].startswith(f"effects.{next(iter(named))}: ")
+        assert "1.5 times its length from its base" in found[0]
+
+
+def test_a_tube_that_begins_far_before_the_body_is_refused_as_a_far_vessel_is() -> None:
+    """480 mm before the tip; within reach, or with a feed that brings the body there, it is accepted."""
+    says = r"before an open end of its tube; the lumen's wall does nothing: it is 4\d\d mm beyond.*\n.*rule.*\n.*remedy"
+    with pytest.raises(InputError, match=says):
+        build(placed({"walls": pipe(0.52, 0.6)}))
+    build(placed({"walls": pipe(50e-3, 80e-3)}))
+    assert effects.warnings(placed({"walls": pipe(50e-3, 80e-3)})) == []
+    fed = {"walls": pipe(0.52, 0.6), "feed": {"speed": 0.5, "exit": 0.51}}
+    build(placed(fed, duration=1.0))
+    assert effects.warnings(placed(fed, duration=1.0)) == []
+    with pytest.raises(InputError, match="from all places its base is pushed to"):
+        build(placed(fed, duration=0.5))
+
+
+def test_a_free_body_may_go_as_far_as_a_motion_lets_it() -> None:
+    """Ten times its size: beyond that, the watchdog ends the motion before it reaches the ground."""
+    size = float(np.sqrt(L**2 + 2 * D**2))
+    near, far = FAR * size, (FAR + 1) * size
+    assert effects.warnings(placed({"ground": plane(near), "gravity": {}}, clamp="none")) == []
+    (said,) = effects.warnings(placed({"ground": plane(far), "gravity": {}}, clamp="none"))
+    assert "10 times its size, where a motion is stopped" in said
+    assert body_reach(placed({}, clamp="none")).radius == pytest.approx((FAR + 0.5) * size)
+
+
+def test_distance_from_a_tube() -> None:
+    """Inside, beside and before a straight tube of 5 mm that continues 2 mm beyond its ends; exact up to the curve's steps of 0.1 mm."""
+    path = curve(np.array([[0, 0, 0], [60e-3, 0, 0]]), 1e-4)
+    points = np.array([[30e-3, 1e-3, 0], [30e-3, 0, 9e-3], [-5e-3, 5e-3, 0], [-5e-3, 0, 1e-3]])
+    found = distance.to_tube(points, path, 5e-3, 2e-3)
+    np.testing.assert_allclose(found, [4e-3, 4e-3, 3e-3, 5e-3], atol=1e-6)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "data/scenes").rglob("*.yaml")), ids=lambda path: path.stem)
+def test_the_scenes_that_come_along_reach_what_they_name(path: Path) -> None:
+    assert effects.warnings(load_scene(path)) == []
+
+
+def test_a_lumen_in_another_unit_is_refused() -> None:
+    """A vessel in millimeters read as meters reaches to kilometers."""
+    solid = box((-5e3, -5e3, -5e3), (5e3, 5e3, 5e3))
+    says = r"walls.surface.mesh.*\n  rule: coordinates must be at most 10 m, .* 5e\+03 m\n.*check the unit \(m\)"
+    with pytest.raises(InputError, match=says):
+        placed({"walls": {"surface": {"mesh": pack_mesh(solid), "unit": "m"}}})

@@ -1,8 +1,7 @@
 """Every effect must satisfy the same laws, in a scene in which it acts (reference.acting). A new one joins by its key in `Effects`.
 
 Here what every effect is, and its conservative hooks (energy, stress, force, tangent, softening), which belong together by Taylor tests;
-those of motion in test_effect_contract_motion.py.
-"""
+those of motion in test_effect_contract_motion.py."""
 
 from __future__ import annotations
 
@@ -29,9 +28,6 @@ STATIC = ("energy", "stress", "force", "tangent", "softening")
 OUTPUTS: dict[str, tuple[tuple[int, ...], ...]] = {
     "stress": ((3, 3),), "force": ((3,),), "tangent": ((9, 9),), "softening": ((3, 3), (3, 9)),
 }  # fmt: skip
-
-
-# properties of every effect
 
 
 @pytest.mark.parametrize("key", KEYS)
@@ -108,9 +104,6 @@ def test_order_is_by_phase_not_by_file() -> None:
     assert phases == sorted(phases)
 
 
-# conservative hooks
-
-
 def derivatives(named: tuple[np.ndarray, ...], at: Point, x: np.ndarray, F: np.ndarray) -> tuple[Any, ...]:
     """W, P = dW/dF (9,), f = -dW/dx (3,), A = d2W/dF2 (9, 9), H = d2W/dx2 (3, 3), M = d2W/dxdF (3, 9), summed over effects."""
     sums = {name: tuple(np.zeros(s) for s in shapes) for name, shapes in OUTPUTS.items()}
@@ -160,8 +153,7 @@ def test_it_has_an_energy_and_its_law_is_not_zero(key: str, rng: np.random.Gener
 @pytest.mark.parametrize("key", having(*STATIC))
 def test_derivatives_belong_to_the_energy(key: str, rng: np.random.Generator) -> None:
     """Taylor: the remainder of W after slope and curvature has order 3, after the slope alone order 2. The remainders of stress and force
-    after their slopes (tangent, softening) have order 2; without the slopes only order 1.
-    """
+    after their slopes (tangent, softening) have order 2; without the slopes only order 1."""
     one = acting(key)
     curved = hook(one.own, "tangent") is not None or hook(one.own, "softening") is not None
     for _ in range(4):

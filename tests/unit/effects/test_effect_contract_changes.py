@@ -1,8 +1,7 @@
 """Every effect of statics says how its loads change with the numbers of a scene: remanence, density, the field, and the body's shape.
 
 What `sensitivities` takes for derivatives, in the scene in which each effect acts (reference.acting), by Taylor slopes: the remainder after
-the derivative falls with order 2, or is rounding where the load is linear.
-"""
+the derivative falls with order 2, or is rounding where the load is linear."""
 
 from __future__ import annotations
 
@@ -133,6 +132,7 @@ def stress_change(effect, data, magnet, rho, dmagnet, drho, x, F, P):  # type: i
         P[0, i] -= effect.test_saturates * (size * dmagnet[i] + 2.0 * along * magnet[i])
 
 
+@pytest.mark.usefixtures("own_registry")
 def test_an_effect_that_is_not_linear_supplies_its_change(rng: np.random.Generator) -> None:
     """Stress with the cube of the remanence: the contract refuses it without `stress_change`, and takes it with that hook."""
     named, at = (np.array([(2e3,)], DTYPE), hooks.NO_DATA), Point(acting("gravity"), rng)
@@ -142,22 +142,17 @@ def test_an_effect_that_is_not_linear_supplies_its_change(rng: np.random.Generat
         moved = [load(own, at, at.magnet + t * dmagnet, at.rho) for t in STEPS]
         assert_derivative(moved, load(own, at, at.magnet, at.rho), change(own, at, dmagnet, 0.0))
 
+    register(DTYPE, stress=stress, stress_change=stress_change)
+    judge(named)
+    assert hook(named, "stress_change")
     bare = np.dtype([("test_saturates_bare", np.float64)])
-    try:
-        register(DTYPE, stress=stress, stress_change=stress_change)
-        judge(named)
-        assert hook(named, "stress_change")
 
-        @compiled
-        def plain(effect, data, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
-            size = magnet[0] ** 2 + magnet[1] ** 2 + magnet[2] ** 2
-            for i in range(3):
-                P[0, i] -= effect.test_saturates_bare * size * magnet[i]
+    @compiled
+    def plain(effect, data, magnet, rho, x, F, P):  # type: ignore[no-untyped-def]
+        size = magnet[0] ** 2 + magnet[1] ** 2 + magnet[2] ** 2
+        for i in range(3):
+            P[0, i] -= effect.test_saturates_bare * size * magnet[i]
 
-        register(bare, stress=plain)
-        with pytest.raises(AssertionError):
-            judge((np.array([(2e3,)], bare), hooks.NO_DATA))
-    finally:
-        for table in hooks._registry.values():
-            table.pop(DTYPE.names, None)
-            table.pop(bare.names, None)
+    register(bare, stress=plain)
+    with pytest.raises(AssertionError):
+        judge((np.array([(2e3,)], bare), hooks.NO_DATA))

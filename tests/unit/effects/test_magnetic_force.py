@@ -98,37 +98,6 @@ def test_gradient_and_tangent_of_a_model(kind: str, rng: np.random.Generator) ->
     np.testing.assert_allclose((change[0] - change[1]).ravel(), share, rtol=0, atol=1e-5 * np.abs(share).max())
 
 
-def test_a_body_is_pulled_as_a_whole_and_turned_as_a_whole(rng: np.random.Generator) -> None:
-    """Momentum and angular momentum, by virtual work: for a displacement a and a rotation w, the energy of the body changes by the
-    integrals of f . a and of (x cross f + (1/mu0) F Br cross B) . w over it.
-    """
-    model = static_model(build(SCENE))
-    loaded, bare = Energy(model), Energy(replace(model, effects=()))
-    c = 2e-5 * rng.standard_normal(loaded.shape)
-    x, F, V = loaded.at(c).position, loaded.at(c).F, model.particles.volume
-    source = SCENE.outside_field()
-    B, G, m = source.at(x), source.gradient(x), np.einsum("nij,nj->ni", F, model.remanence) / MU0
-    f = np.einsum("nji,nj->ni", G, m)
-    per_particle = [parts(model.effects, x[p], F[p])[2] * (np.linalg.norm(model.remanence[p]) > 0) for p in range(3)]
-    assert np.isfinite(per_particle).all()
-    W = -V @ np.einsum("ni,ni->n", B, m)
-    assert loaded.at(c).energy - bare.at(c).energy == pytest.approx(W, rel=1e-9)
-    a, w = rng.standard_normal(3), rng.standard_normal(3)
-    work = V @ (f @ a + (np.cross(x, f) + np.cross(m, B)) @ w)
-
-    def energy(t: float) -> float:
-        """Magnetic energy of the body displaced by t a and rotated by t w."""
-        angle = t * np.linalg.norm(w)
-        k = w / np.linalg.norm(w)
-        K = np.array([[0, -k[2], k[1]], [k[2], 0, -k[0]], [-k[1], k[0], 0]])
-        R = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
-        return -float(V @ np.einsum("ni,ni->n", source.at(x @ R.T + t * a), m @ R.T))
-
-    h = 1e-6
-    # central differences over a micrometer of a field that varies over millimeters: 1e-7 of the work; rounding 1e-8
-    assert -(energy(h) - energy(-h)) / (2 * h) == pytest.approx(work, rel=1e-6)
-
-
 def test_a_uniform_field_does_not_pull() -> None:
     scene = rod_scene(length=8e-3, field=(1e-3, 0, 2e-3)).with_effects(magnetic_force={})
     assert [record.dtype for record in effects.collect(scene)[::2]] == [magnetic_torque.DTYPE]

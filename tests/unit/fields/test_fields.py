@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from magmpm.fields import magnets as solids
 from magmpm.fields import spline, table
 from magmpm.fields.dipole import POINT
 from magmpm.fields.magnets import Box
-from magmpm.fields.schedule import places
+from magmpm.fields.schedule import end_time, places
 from magmpm.fields.sources import FieldSource
 
 magpylib = pytest.importorskip("magpylib")
@@ -73,9 +74,6 @@ def spline_data() -> np.ndarray:
     return tabulated(spline.packed(BOX.lower, spacing, B.reshape(*shape, 3)))
 
 
-# closed form
-
-
 def test_dipole_is_magpylibs(rng: np.random.Generator) -> None:
     """To 2e-10: mu0 has been a measured number since 2019, and magpylib uses it; ours is 4 pi 1e-7."""
     x = some_points(rng)
@@ -108,13 +106,6 @@ def test_derivatives_are_those_of_the_field(source: str, spline_data: np.ndarray
         assert second[-1] == pytest.approx(3.0, abs=0.1 if source == "dipole" else 0.5)
 
 
-def test_dipole_has_no_curl_and_no_divergence(turned: np.void, rng: np.random.Generator) -> None:
-    _, G = at(turned, ONE, some_points(rng))
-    size = np.abs(G).max()
-    np.testing.assert_allclose(G, G.transpose(0, 2, 1), rtol=0, atol=1e-14 * size)
-    np.testing.assert_allclose(np.trace(G, axis1=1, axis2=2), 0.0, atol=1e-14 * size)
-
-
 def test_a_turned_frame_turns_the_field(turned: np.void, rng: np.random.Generator) -> None:
     """B(x) = uniform + s R B0(R^T (x - o)), written explicitly."""
     x, R = some_points(rng), turned["frame"].reshape(3, 3)
@@ -131,9 +122,6 @@ def test_inside_a_dipoles_sphere_all_is_finite() -> None:
     np.testing.assert_allclose(B, np.tile(2e-7 * MOMENT / radius**3, (2, 1)), rtol=1e-14)
     assert not G.any()
     assert np.isfinite(at(place(), ONE, POSITION[None])[0]).all()
-
-
-# splines
 
 
 def cubic(x: np.ndarray) -> np.ndarray:
@@ -159,20 +147,6 @@ def test_spline_meets_cubics_exactly(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(G[:, :, k], differences, rtol=0, atol=1e-7 * np.abs(differences).max())
 
 
-def test_spline_converges_at_fourth_order(rng: np.random.Generator) -> None:
-    x, errors = some_points(rng, 500), []
-    exact, slope = at(place(), ONE, x)
-    for cells in (8, 16, 32):
-        spacing, shape = np.full(3, 40e-3 / cells), (cells + 1,) * 3
-        B, _ = at(place(), ONE, table.grid_points(BOX.lower, spacing, shape))
-        found = table.evaluate(spline.packed(BOX.lower, spacing, B.reshape(*shape, 3)), x)
-        errors.append([np.abs(found[0] - exact).max(), np.abs(found[1] - slope).max()])
-    orders = np.log2(np.array(errors)[:-1] / np.array(errors)[1:])
-    # The higher derivatives of a dipole grow so fast that on these grids the orders still decrease toward 4 and 3.
-    assert 3.9 < orders[-1, 0] < 5.5
-    assert 2.9 < orders[-1, 1] < 4.5
-
-
 def test_beyond_the_box_the_value_stays(spline_data: np.ndarray) -> None:
     """Beyond the box the value of its nearest point, with zero slope: finite, so that a check can report it."""
     x = np.array([[30e-3, 1e-3, 2e-3], [20e-3, 1e-3, 2e-3], [-50e-3, 90e-3, 2e-3], [-20e-3, 20e-3, 2e-3]])
@@ -185,9 +159,6 @@ def test_beyond_the_box_the_value_stays(spline_data: np.ndarray) -> None:
 def test_a_spline_needs_four_nodes() -> None:
     with pytest.raises(ValueError, match="needs 4 nodes along each axis, got 3"):
         spline.coefficients(np.zeros((5, 5, 3, 3)))
-
-
-# magnets and coils
 
 
 def source(**given: object) -> FieldSource:
@@ -248,10 +219,8 @@ def test_a_table_too_near_to_a_magnet_is_refused(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize("given", [CYLINDER, {**BLOCK, **TILTED}, {**CYLINDER, **TILTED}], ids=["cylinder", "block", "tilted"])
 def test_cloud_of_dipoles(given: dict[str, object], rng: np.random.Generator) -> None:
     """Meets the requested accuracy from the requested distance on, at points that its own check did not use; its moment is that of the
-    magnet.
-    """
+    magnet."""
     field = source(magnet=given)
-    assert field.magnet is not None
     exact, solid = solids.exact(field), solids.taken(field)[0]
     rows = table.cloud(solid, solids.polarization(field.magnet[0]), exact, 8e-3, 2e-3)
     x = solid.position + rng.uniform(-50e-3, 50e-3, (3000, 3))
@@ -265,7 +234,6 @@ def test_cloud_of_dipoles(given: dict[str, object], rng: np.random.Generator) ->
 def test_a_cloud_too_near_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(table, "MAX_DIPOLES", 50)
     field = source(magnet=CYLINDER)
-    assert field.magnet is not None
     with pytest.raises(InputError, match=r"field.magnet: within 0.5 mm .* can't be as exact"):
         table.cloud(solids.taken(field)[0], solids.polarization(field.magnet[0]), solids.exact(field), 0.5e-3, 2e-3)
 
@@ -275,9 +243,6 @@ def test_without_magpylib_the_message_says_how_to_get_it(monkeypatch: pytest.Mon
     with pytest.raises(InputError, match=r"magpylib, which is not installed\n.*\n.*pip install 'magmpm\[magnets\]'") as caught:
         solids.exact(source(magnet=CYLINDER))
     assert caught.value.exit_status == 2
-
-
-# where a body may be
 
 
 BODY = Box(np.array([0, -2e-3, -2e-3]), np.array([40e-3, 2e-3, 2e-3]))
@@ -294,7 +259,6 @@ def test_box_is_cut_between_body_and_magnet() -> None:
     """A quarter of the gap remains to the magnet; the body is in the box, the magnet is not."""
     magnet = solids.taken(source(magnet={**CYLINDER, "position": (52e-3, 5e-3, 8e-3)}))
     box = solids.cut_for(solids.reach(BODY, True), BODY, magnet)
-    assert box is not None
     assert box.cut == ("field.magnet",)
     assert box.upper[0] == pytest.approx(42e-3 - 0.25 * 2e-3)
     assert np.all(box.lower <= BODY.lower)
@@ -303,18 +267,14 @@ def test_box_is_cut_between_body_and_magnet() -> None:
     beside = solids.taken(source(magnet={**CYLINDER, "position": (reach.upper[0] + 10.1e-3, 5e-3, 8e-3)}))
     assert solids.cut_for(reach, BODY, beside) is reach
     near = solids.cut_for(reach, BODY, beside, keeps_off=0.0)
-    assert near is not None
     assert near.upper[0] < reach.upper[0], "no table is exact a tenth of a millimeter beside a magnet's edge"
     assert near.volume > 0.5 * reach.volume
     aside = solids.taken(source(magnet={**CYLINDER, "position": (reach.upper[0] + 10.1e-3, 30e-3, 8e-3)}))
     kept = [solids.cut_for(reach, BODY, aside, keeps_off=off) for off in (0.0, 3e-3)]
-    assert kept[0] is not None
-    assert kept[1] is not None
     low = aside[0].box()[0]
     assert low[0] - kept[0].upper[0] == pytest.approx(0.25 * (low[0] - BODY.upper[0]))  # the least that a cut loses
     assert low[1] - kept[1].upper[1] == pytest.approx(0.25 * (low[1] - BODY.upper[1]))  # where more than 3 mm are kept
     far = solids.cut_for(solids.reach(BODY, True), BODY, solids.taken(source(magnet=CYLINDER)))
-    assert far is not None
     assert not far.cut, "out of reach: nothing to cut"
     inside = solids.taken(source(magnet={**CYLINDER, "position": (20e-3, 0, 0)}))
     assert solids.cut_for(solids.reach(BODY, True), BODY, inside) is None
@@ -328,17 +288,24 @@ def test_sources_that_turn_see_the_body_all_round() -> None:
     assert seen.upper[2] == pytest.approx(2e-3)
 
 
-# places over time
-
-
 def at_times(over: dict[str, object], times: object, **more: object) -> np.ndarray:
     return places(source(uniform=(0, 0, 1e-2), over_time=over, **more), np.asarray(times, dtype=float))
 
 
-def test_ramp() -> None:
-    found = at_times({"ramp": {"start": 1.0, "duration": 2.0, "begin": 0.5, "end": 2.0}}, [0, 1, 2, 3, 9])
-    np.testing.assert_allclose(found["strength"], [0.5, 0.5, 1.25, 2, 2])
+@pytest.mark.parametrize(
+    ("over", "times", "strength"),
+    [
+        ({"ramp": {"start": 1.0, "duration": 2.0, "begin": 0.5, "end": 2.0}}, [0, 1, 2, 3, 9], [0.5, 0.5, 1.25, 2, 2]),
+        ({"oscillation": {"frequency": 5.0, "amplitude": 2.0, "mean": 1.0, "phase": np.pi / 2, "start": 0.1, "cycles": 1.5}},
+         [0, 0.1, 0.2, 0.3, 0.4, 7], [3, 3, -1, 3, -1, -1]),
+    ],
+    ids=["ramp", "oscillation"],
+)  # fmt: skip
+def test_strength_over_time(over: dict[str, object], times: list[float], strength: list[float]) -> None:
+    found = at_times(over, times)
+    np.testing.assert_allclose(found["strength"], strength, atol=1e-12)
     np.testing.assert_allclose(found["uniform"][:, 2], 1e-2 * found["strength"])
+    assert len(places(source(uniform=(0, 0, 1e-2)), np.arange(5.0))) == 1, "a field that does not change has one record"
 
 
 def test_rotation_is_right_handed_and_stops() -> None:
@@ -361,12 +328,6 @@ def test_rotation_turns_sources_about_its_centre() -> None:
     np.testing.assert_allclose(at(where, data, x)[0], at(place(), turned, x)[0], rtol=1e-12)
 
 
-def test_oscillation() -> None:
-    over = {"oscillation": {"frequency": 5.0, "amplitude": 2.0, "mean": 1.0, "phase": np.pi / 2, "start": 0.1, "cycles": 1.5}}
-    found = at_times(over, [0, 0.1, 0.2, 0.3, 0.4, 7])["strength"]
-    np.testing.assert_allclose(found, [3, 3, -1, 3, -1, -1], atol=1e-12)
-
-
 def test_keyframes_move_and_multiply() -> None:
     """Each quantity is interpolated between the keyframes that give it; strengths multiply; the move comes before the rotation."""
     frames = [
@@ -383,17 +344,40 @@ def test_keyframes_move_and_multiply() -> None:
     np.testing.assert_allclose(at_times(spun, [4.0])["origin"][0], [0, 2e-3, 0], atol=1e-15)
 
 
-def test_statics_takes_the_end_of_the_schedule() -> None:
-    over = {"ramp": {"duration": 2.0, "end": 0.5}, "rotation": {"axis": (0, 1, 0), "frequency": 1.0, "turns": 0.25}}
-    found = places(source(uniform=(0, 0, 1e-2), over_time=over))
-    assert len(found) == 1
-    np.testing.assert_allclose(found["uniform"][0], [0.5e-2, 0, 0], atol=1e-16)
-    assert len(places(source(uniform=(0, 0, 1e-2)), np.arange(5.0))) == 1, "a field that does not change has one record"
-
-
 @pytest.mark.parametrize("strength", [0.0, 0.25, 1.0])
 def test_strength_scales_all(strength: float) -> None:
     field = source(uniform=(1e-3, 0, 0), dipole={"position": (60e-3, 0, 0), "moment": (1, 0, 0)})
     found = places(field, None, strength)[0]
     np.testing.assert_array_equal(found["uniform"], [strength * 1e-3, 0, 0])
     assert found["strength"] == strength
+
+
+STARTED_LATE: dict[str, tuple[dict[str, Any], float]] = {
+    "ramp": ({"ramp": {"start": 0.3, "duration": 0.2, "end": 0.5}}, 0.5),
+    "rotation": ({"rotation": {"axis": (0, 1, 0), "frequency": 2.0, "start": 1.0, "turns": 0.75}}, 1.375),
+    "rotation the other way": ({"rotation": {"axis": (0, 1, 0), "frequency": -2.0, "start": 1.0, "turns": 0.75}}, 1.375),
+    "oscillation": ({"oscillation": {"frequency": 5.0, "amplitude": 2.0, "mean": 1.0, "start": 0.1, "cycles": 1.25}}, 0.35),
+    "keyframes": ({"keyframes": [{"time": 0, "strength": 0}, {"time": 0.7, "strength": 1}]}, 0.7),
+}
+
+
+def field(over: dict[str, Any]) -> FieldSource:
+    return FieldSource.model_validate({"uniform": (1e-3, 0, 1e-2), "over_time": over})
+
+
+@pytest.mark.parametrize("part", STARTED_LATE)
+def test_the_end_counts_from_the_start_of_each_part(part: str) -> None:
+    """Just before the end the field still changes, after it no more."""
+    over, end = STARTED_LATE[part]
+    given = field(over)
+    assert end_time(given) == pytest.approx(end, rel=1e-12)
+    before, at, after, long_after = places(given, np.array([end - 0.01, end, end + 0.01, 1e5]))["uniform"]
+    assert np.abs(before - at).max() > 1e-5  # T
+    np.testing.assert_allclose([after, long_after], [at, at], rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(places(given)["uniform"][0], places(given, np.array([end_time(given)]))["uniform"][0])
+
+
+def test_the_last_part_to_end_counts() -> None:
+    parts = [over for over, _ in STARTED_LATE.values()]
+    assert end_time(field({**parts[0], **parts[1], **parts[3]})) == pytest.approx(1.375)
+    assert end_time(FieldSource.model_validate({"uniform": (0, 0, 1e-2)})) == 0.0

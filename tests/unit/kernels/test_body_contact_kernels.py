@@ -40,7 +40,6 @@ def bent(motion: TotalMotion) -> tuple[np.ndarray, np.ndarray]:
 
 def touched(motion: TotalMotion, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The memory (pairs, MEMORY) of the pairs at displacements u, and the forces (3 nodes,) N of them."""
-    assert motion.contact is not None
     meeting, p = motion.contact.copy(), motion.packed
     force = np.zeros_like(u)
     state = State(u, np.zeros_like(u), force, motion.stiffness, motion.anchor, motion.memory)
@@ -53,7 +52,6 @@ def test_places_and_depths_in_a_deformed_solid(motion: TotalMotion) -> None:
     """Points of a lie at F^-1 (x - t) of b, as deep as that is below the faces of the undeformed b."""
     u, shift = bent(motion)
     contact = motion.contact
-    assert contact is not None
     contact.list(u)
     memory, _ = touched(motion, u)
     on = np.flatnonzero((memory[:, DEPTH] > 0) & (contact.meeting.solid == 1))
@@ -73,7 +71,6 @@ def test_forces_are_the_slope_of_the_energy_and_cancel(motion: TotalMotion) -> N
     """-f . du = dW for W = sum of SHARE m w^2 d^2 / 2, by central differences; their sum, and their moment about the origin, are zero."""
     u, _ = bent(motion)
     contact = motion.contact
-    assert contact is not None
     contact.list(u)
     meeting = contact.meeting
     rigidity = SHARE * motion.packed.surface.mass[meeting.point] * meeting.law[0]

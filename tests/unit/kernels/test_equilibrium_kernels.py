@@ -1,6 +1,5 @@
-"""The compiled P2G and G2P kernels against plain NumPy (tests/reference/mpm_numpy.py), on a small body with all features:
-two materials, two magnetizations, a cut cell, both effects, with and without F-bar.
-"""
+"""The compiled P2G and G2P kernels against plain NumPy (tests/reference/mpm_numpy.py), on a small body with all features: two materials,
+two magnetizations, a cut cell, both effects, with and without F-bar."""
 
 from __future__ import annotations
 
@@ -16,23 +15,13 @@ from magmpm.model import build
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import StaticModel, static_model
 
-ROUNDING = (
-    1e-12  # relative to the largest entry: sums of a few thousand terms of either sign, in another order
-)
+ROUNDING = 1e-12  # relative to the largest entry: sums of a few thousand terms of either sign, in another order
 
 
 def small_scene(**changes: object) -> StaticModel:
     """3 cells across, 4 along; the segments meet inside a cell."""
-    given = {
-        "length": 5.3e-3,
-        "directions": [(1, 0, 0), (0.3, -0.5, 0.8)],
-        "lengths": [2.3e-3, 3e-3],
-        "shear": [120e3, 40e3],
-        "field": (4e-3, -3e-3, 6e-3),
-        "gravity": (1.0, -2.0, -9.81),
-        "cells": 3,
-    }
-    return static_model(build(rod_scene(**{**given, **changes})))
+    given = {"length": 5.3e-3, "directions": [(1, 0, 0), (0.3, -0.5, 0.8)], "lengths": [2.3e-3, 3e-3], "shear": [120e3, 40e3], "cells": 3}
+    return static_model(build(rod_scene(**{**given, "field": (4e-3, -3e-3, 6e-3), "gravity": (1.0, -2.0, -9.81), **changes})))
 
 
 CASES = {
@@ -42,6 +31,8 @@ CASES = {
     "thick tube": {"inner_diameter": 0.6e-3, "cells": 3, "bulk_to_shear": 500},
     "three particles": {"particles": 3, "cells": 2},
     "nearly incompressible": {"bulk_to_shear": 500, "cells": 2},
+    "compressible": {"bulk_to_shear": 4.5, "cells": 2},  # below 5 G: F-bar leaves linear variations of J as they are
+    "thin wall": {"inner_diameter": 3.8e-3, "cells": 3},  # cells with few particles, in rows
 }
 
 
@@ -99,14 +90,6 @@ def test_scatter_tangent(case: tuple[Energy, Reference, np.ndarray]) -> None:
     _, panels = energy.tangent(energy.at(c))
     found, expected = to_dense(panels, energy.model.layout.split), reference.tangent(c)
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
-
-
-def test_cells_of_the_layout(case: tuple[Energy, Reference, np.ndarray]) -> None:
-    """The cells of the kernels are those of the reference: particles that share a grid cell and a segment. No particle is missing."""
-    energy, reference, _ = case
-    first = energy.model.particles.cell_first
-    assert first[-1] == len(energy.model.shear)
-    assert [list(range(a, b)) for a, b in pairwise(first)] == sorted(cell.tolist() for cell in reference.cells())
 
 
 def test_slabs_of_one_colour_share_no_node(case: tuple[Energy, Reference, np.ndarray]) -> None:

@@ -1,4 +1,4 @@
-"""The kernels of motion against the plain reference of one step, to rounding."""
+"""The kernels of motion against the plain reference of one step, to rounding, and that against the static reference."""
 
 from __future__ import annotations
 
@@ -8,44 +8,96 @@ import numba
 import numpy as np
 import pytest
 from reference.dynamics import Total
-from reference.scenes import rod_scene
+from reference.mpm_numpy import Reference
+from reference.scenes import X, rod_scene
 
+from magmpm.bodies import signed_distance as distance
+from magmpm.bodies.curves import curve
 from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.effects import damping, magnetic_torque
+from magmpm.effects import damping, feed, gravity, ground, magnetic_torque, viscosity, walls
+from magmpm.effects.contact_law import at_rest, contact_of
 from magmpm.model import Model, build
 from magmpm.statics.layout import static_model
 
 B = np.array([2e-3, -3e-3, 5e-3])
-ROUNDING = 1e-13  # of the largest value: sums over some hundred particles
 DT, STEPS = 1e-6, 3
-# Weight, viscosity, contact and a guide: test_motion_effects.py, with one set of kernels.
 LOADS = {"bare": (), "field and damping": magnetic_torque.parameters(B) + damping.parameters(300.0)}
+TABLE = distance.tube(curve(np.array([[-5e-3, 0, 0], [15e-3, 0, 1e-3]]), 1e-4), 2.2e-3, 0.5e-3)
+# One set, that of test_interrupted_results.py, so that one kernel is compiled: all kinds of hooks, and contact with many particles.
+EFFECTS = (
+    magnetic_torque.parameters(np.array([0.2, 0.3, -0.5]), turns=True)
+    + gravity.parameters(np.array([0.3, 0.2, -9.81]))
+    + viscosity.parameters(3.0)
+    + damping.parameters(300.0)
+    + ground.parameters(point=[0, 0, -1.2e-3], normal=[0.1, 0.2, 1], friction=0.3, stiffness=1e9, damping=3e4)
+    + walls.parameters(TABLE, friction=0.2, stiffness=2e9, damping=5e4)
+    + feed.parameters(speed=0.02, exit=2e-3, radius=3e-3)
+)
 
 
 def model_of(effects: tuple[np.ndarray, ...] = (), **scene: object) -> Model:
     return replace(static_model(build(rod_scene(length=8e-3, **scene))), effects=effects)  # type: ignore[arg-type]
 
 
+def shaken(reference: Total, motion: TotalMotion, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Random displacements and velocities of all free nodes."""
+    c, v = np.zeros((2, *reference.X.shape))
+    on = motion.packed.nodes.inverse_mass.reshape(-1, 3).all(axis=1)
+    c[on], v[on] = 3e-5 * rng.standard_normal((on.sum(), 3)), rng.standard_normal((on.sum(), 3))
+    return c, v
+
+
+def compare(reference: Total, motion: TotalMotion, c: np.ndarray, v: np.ndarray, rounding: float) -> np.ndarray:
+    """Take steps by both; rounding: of the largest value. Returns c of the reference."""
+    for _ in range(STEPS):
+        c, v = reference.step(c, v, DT)
+    assert motion.advance(STEPS, DT, motion.model.effects) == (STEPS, False)
+    np.testing.assert_allclose(motion.u.reshape(-1, 3), c, rtol=0, atol=rounding * np.abs(c).max())
+    np.testing.assert_allclose(motion.v.reshape(-1, 3), v, rtol=0, atol=rounding * np.abs(v).max())
+    return c
+
+
 @pytest.mark.parametrize("loads", LOADS)
 @pytest.mark.parametrize("averaged", [True, False], ids=["f-bar", "plain"])
 def test_total(loads: str, averaged: bool, rng: np.random.Generator) -> None:
+    """To rounding of sums over some hundred particles."""
     model = model_of(LOADS[loads])
     if not averaged:
         model = replace(model, modes=np.zeros((len(model.density), 0)))
     reference, motion = Total.of(model), TotalMotion(model)
-    c, v = np.zeros((2, *reference.X.shape))
-    on = motion.packed.nodes.inverse_mass.reshape(-1, 3).all(axis=1)
-    c[on], v[on] = 3e-5 * rng.standard_normal((on.sum(), 3)), rng.standard_normal((on.sum(), 3))
+    c, v = shaken(reference, motion, rng)
     motion.restore({"u": c.ravel(), "v": v.ravel()})
-    for _ in range(STEPS):
-        c, v = reference.step(c, v, DT)
-    assert motion.advance(STEPS, DT, model.effects) == (STEPS, False)
-    np.testing.assert_allclose(motion.u.reshape(-1, 3), c, rtol=0, atol=ROUNDING * np.abs(c).max())
-    np.testing.assert_allclose(motion.v.reshape(-1, 3), v, rtol=0, atol=ROUNDING * np.abs(v).max())
+    c = compare(reference, motion, c, v, 1e-13)
     x, _, F = motion.particles()
-    np.testing.assert_allclose(x, model.particles.position + reference.N @ c, rtol=0, atol=ROUNDING)
-    np.testing.assert_allclose(F, np.eye(3) + reference.gradient(c), rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(x, model.particles.position + reference.N @ c, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(F, np.eye(3) + reference.gradient(c), rtol=0, atol=1e-13)
+
+
+def test_effects_of_motion(rng: np.random.Generator) -> None:
+    """All kinds, on magnetization that stretches in the first half and rotates in the second. Stiff contact and viscosity amplify rounding
+    errors of positions and rates. Some points touch each obstacle, and some do not; some are held and some slide."""
+    made = build(rod_scene(length=8e-3, directions=[X, X], law=["stretches", "rotates"]))
+    model = replace(made, effects=EFFECTS, clamped_face=True)
+    reference, motion = Total.of(model), TotalMotion(model)
+    c, v = shaken(reference, motion, rng)
+    x = model.surface.place + reference.on @ c
+    reference.anchor[:, :3] = x + 3e-6 * rng.standard_normal(x.shape)
+    reference.anchor[:, 3] = rng.integers(0, 3, len(x))
+    mine = np.lexsort((*model.surface.place.T, model.surface.mass))
+    theirs = np.lexsort((*motion.packed.surface.place.reshape(-1, 3).T, motion.packed.surface.mass))
+    begun = np.ones_like(motion.anchor)  # the last numbers, of patches: some may be held
+    begun[: 4 * len(x)].reshape(-1, 4)[theirs] = reference.anchor[mine]
+    motion.restore({"u": c.ravel(), "v": v.ravel(), "anchor": begun})
+    for at in (8, 10):  # ground, walls
+        told = contact_of(EFFECTS[at : at + 2], at_rest(motion.touching_points().x), DT)
+        assert 0.02 * len(x) < told["count"] < 0.9 * len(x)
+    compare(reference, motion, c, v, 1e-12)
+    found, held = motion.anchor[: 4 * len(x)].reshape(-1, 4)[theirs], reference.anchor[mine]
+    np.testing.assert_array_equal(found[:, 3], held[:, 3])
+    on = held[:, 3] > 0
+    assert 20 < on.sum() < 0.9 * len(on)
+    np.testing.assert_allclose(found[on], held[on], rtol=0, atol=1e-12)
 
 
 def test_same_bits_at_any_number_of_threads() -> None:
@@ -85,3 +137,18 @@ def test_slabs_are_thick_enough_and_balanced(cells: int, least: int) -> None:
     assert (edges[0], edges[-1]) == (0, cells)
     assert len(edges) == 2 or np.diff(edges).min() >= least
     assert len(edges) - 1 <= 4 or (len(edges) - 1) % 4 == 0
+
+
+def test_the_plain_force_is_the_energys_slope(rng: np.random.Generator) -> None:
+    """At rest and without effects: minus the residual of the static reference, whose splines are SciPy's."""
+    model = static_model(build(rod_scene(length=6e-3)))
+    total, statics = Total.of(model), Reference.of(model)
+    c = np.zeros((len(total.X), 3))
+    free = np.flatnonzero(total.mass > 0)
+    c[free] = 2e-5 * rng.standard_normal((len(free), 3))
+    planes = c.reshape(*model.grid.nodes, 3)[1:]  # node 0 along x belongs to the clamp
+    y, z = model.layout.node_yz.T
+    ours = total.force(c, 0 * c, 1e-6).reshape(*model.grid.nodes, 3)[1:][:, y, z]
+    theirs = -statics.residual(planes[:, y, z].reshape(model.layout.planes, -1)).reshape(ours.shape)
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * np.abs(theirs).max())
+    assert np.abs(theirs).max() > 1e-3

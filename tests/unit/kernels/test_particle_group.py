@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from magmpm.compiled import simd
-from magmpm.materials import cofactor, determinant, group_determinant, inverse_cube_root, neo_hookean, stress
+from magmpm.materials import inverse_cube_root
 
 ROUNDING = 4e-16  # a few units in the last place
 
@@ -75,24 +75,3 @@ def test_loads_need_no_alignment(start: int) -> None:
 @numba.njit
 def copy(a, start, out):  # type: ignore[no-untyped-def]
     simd.store(out, 0, simd.load(a, start))
-
-
-@numba.njit
-def stress_of_eight(F, shear, pressure, J, P):  # type: ignore[no-untyped-def]
-    det = group_determinant(F, 0)
-    simd.store(J, 0, det)
-    neo_hookean(F, 0, det, shear, simd.load(pressure, 0), P)
-
-
-def test_stress_of_eight_particles_is_that_of_one(rng: np.random.Generator) -> None:
-    """materials.neo_hookean is materials.stress lane by lane: to the rounding of J^(-2/3) and some ten products."""
-    F, pressure, shear = np.eye(3) + 0.3 * rng.standard_normal((8, 3, 3)), 1e5 * rng.standard_normal(8), 3e5
-    F[:, 0] *= np.sign(np.linalg.det(F))[:, None]
-    J, P = np.zeros(8), np.zeros(72)
-    stress_of_eight(F.transpose(1, 2, 0).ravel(), shear, pressure, J, P)
-    for p in range(8):
-        cof, one = np.zeros((3, 3)), np.zeros((3, 3))
-        cofactor(F[p], cof)
-        assert J[p] == pytest.approx(determinant(F[p]), rel=0, abs=8 * ROUNDING)
-        stress(F[p], cof, J[p], shear, pressure[p], one)
-        np.testing.assert_allclose(P.reshape(3, 3, 8)[:, :, p], one, rtol=0, atol=1e-13 * np.abs(one).max())

@@ -75,16 +75,11 @@ def test_the_picture_of_accuracy_shows_the_figures_of_the_page(claims: ModuleTyp
 @pytest.mark.parametrize(
     ("text", "measured", "agrees", "written"),
     [
-        ("0.089", 0.08912, True, "0.089"),
-        ("0.26", 0.08912, False, "0.09"),
-        ("23 328", 23328.0, True, "23 328"),
-        ("0.009", 0.0094246, True, "0.009"),
-        ("7e-6", 6.73e-6, True, "7e-6"),
-        ("7e-6", 9.1e-6, False, "9e-6"),
-        ("0.02", 0.0021, False, "0.002"),
-        ("11", 12.0, True, "12"),
+        ("0.089", 0.08912, True, "0.089"), ("0.26", 0.08912, False, "0.09"), ("23 328", 23328.0, True, "23 328"),
+        ("0.009", 0.0094246, True, "0.009"), ("7e-6", 6.73e-6, True, "7e-6"), ("7e-6", 9.1e-6, False, "9e-6"),
+        ("0.02", 0.0021, False, "0.002"), ("11", 12.0, True, "12"),
     ],
-)
+)  # fmt: skip
 def test_what_agrees_and_what_is_written(claims: ModuleType, text: str, measured: float, agrees: bool, written: str) -> None:
     claim = claims.Claim("g", "p", "n", text, 0.1)
     assert claim.agrees(measured) == agrees

@@ -1,13 +1,21 @@
-"""Numbers for readers: significant digits, prefixes, one unit per vector, never -0."""
+"""What readers see: numbers by significant digits and prefixes, never -0; scenes and results as notebooks draw them."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import magmpm
 from magmpm.errors import count, fixed, length, lengths, quantity, significant, stability_in_words
 
 
@@ -25,18 +33,10 @@ def test_significant(value: float, text: str) -> None:
 @pytest.mark.parametrize(
     ("value", "unit", "text"),
     [
-        (1e-12, "s", "1.00 ps"),
-        (3.91e-5, "s", "39.1 µs"),
-        (0.3, "s", "300 ms"),
-        (2.0, "s", "2.00 s"),
-        (0.006, "T", "6.00 mT"),
-        (0.9999, "T", "1.00 T"),
-        (999.9e-6, "T", "1.00 mT"),
-        (0.0, "J", "0 J"),
-        (-4.2e-8, "J", "-42.0 nJ"),
-        (1e-30, "J", "1.00e-12 aJ"),
+        (1e-12, "s", "1.00 ps"), (3.91e-5, "s", "39.1 µs"), (0.3, "s", "300 ms"), (2.0, "s", "2.00 s"), (0.006, "T", "6.00 mT"),
+        (0.9999, "T", "1.00 T"), (999.9e-6, "T", "1.00 mT"), (0.0, "J", "0 J"), (-4.2e-8, "J", "-42.0 nJ"), (1e-30, "J", "1.00e-12 aJ"),
     ],
-)
+)  # fmt: skip
 def test_quantity(value: float, unit: str, text: str) -> None:
     assert quantity(value, unit) == text
 
@@ -72,3 +72,45 @@ def test_things_are_counted_in_words() -> None:
 def test_more_than_1_of_stability_is_explained() -> None:
     assert stability_in_words(1.41).startswith("1.410 (")
     assert "more than 1: the load stiffens it" in stability_in_words(1.41)
+
+
+ROOT = Path(__file__).resolve().parents[3]
+SCENE = ROOT / "data/scenes/axial_transverse.yaml"
+
+
+def picture(thing: object) -> ElementTree.Element:
+    """The picture that it shows, which must be whole XML."""
+    return ElementTree.fromstring(f"<div>{thing._repr_html_()}</div>")  # type: ignore[attr-defined]
+
+
+def test_a_result_shows_its_axis_and_figures() -> None:
+    """The end of the picture axis lies where the tip is, to scale; a failed one says so; names can't break it."""
+    scene = magmpm.load_scene(SCENE).with_cells(2)
+    result = dataclasses.replace(magmpm.run(scene), name="a <b> & c")
+    found = picture(result)
+    text = " ".join(found.itertext())
+    assert "a <b> & c" in text
+    assert f"({1e3 * result.tip[0]:.3f}, " in text
+    lines = [each for each in found.iter() if each.tag.endswith("polyline") and "dasharray" not in str(each.attrib)]
+    side = np.array([[float(x) for x in pair.split(",")] for pair in lines[0].get("points", "").split()])
+    moved, axis = side[-1] - side[0], result.centreline[-1, 1:] - result.centreline[0, 1:]
+    assert abs(moved[0] / -moved[1] - axis[0] / axis[2]) < 0.02 * abs(axis[0] / axis[2])  # pixels are rounded to a tenth
+    failed = dataclasses.replace(result, converged=False, failure="no equilibrium")
+    assert "no equilibrium" in " ".join(picture(failed).itertext())
+
+
+def test_scenes_of_all_kinds_draw_themselves() -> None:
+    for path in sorted((ROOT / "data/scenes").rglob("*.yaml")):
+        scene = magmpm.load_scene(path)
+        text = " ".join(picture(scene).itertext())
+        assert scene.name in text
+        assert "side: x right, z up" in text
+
+
+def test_no_picture_library_is_loaded() -> None:
+    code = (
+        f"import sys, magmpm; magmpm.load_scene({str(SCENE)!r})._repr_html_(); "
+        "print(sorted({'matplotlib', 'pyvista', 'vtk', 'viz', 'IPython', 'PIL'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert re.fullmatch(r"\[\]\s*", done.stdout)

@@ -134,8 +134,7 @@ def test_usual_scenes_are_not(name: str) -> None:
 
 def test_a_motion_keeps_the_worst_of_its_frames(tmp_path: Path) -> None:
     """Stretched by 60 times its weight, then swinging: the maximum is during the motion, and is reported with its time, also after a
-    resume.
-    """
+    resume."""
     scene = swinging(duration=30e-3)
     whole = run(scene)
     (said,) = (text for text in whole.warnings if "is stretched to more than" in text)
@@ -144,7 +143,6 @@ def test_a_motion_keeps_the_worst_of_its_frames(tmp_path: Path) -> None:
     part = swinging(duration=20e-3)
     run(part, folder=tmp_path)
     saved = Checkpoint.load(tmp_path, part)
-    assert saved is not None
     assert Strain.restored(saved.control).stretch > 1.2
     assert run(scene, folder=tmp_path, resume=True).largest_stretch == whole.largest_stretch
 

@@ -14,7 +14,6 @@ import pytest
 from reference import motions
 
 from magmpm.errors import BudgetError, InputError, SolveError
-from magmpm.results import hdf5_mark
 from magmpm.results import trajectory as motion
 from magmpm.results.frame_arrays import QUANTITIES, von_mises
 from magmpm.results.trajectory import Motion, MotionWriter
@@ -261,12 +260,6 @@ def test_particles_that_are_not_as_they_were_written(tmp_path: Path) -> None:
         file["VTKHDF/PointData/volume"][3] = 0.0
     with pytest.raises(InputError, match="particles"):
         Motion.load(tmp_path)
-
-
-def test_hash_of_hdf5s_metadata() -> None:
-    """Values of Jenkins's own test driver (lookup3.c, driver5)."""
-    assert hdf5_mark.lookup3(b"") == 0xDEADBEEF
-    assert hdf5_mark.lookup3(b"Four score and seven years ago") == 0x17770551
 
 
 WRITE_WITHIN_A_LIMIT = """

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from reference.scenes import rod_scene
 
 from magmpm.compiled.arrays import Array
 from magmpm.rod.cosserat import RodModel, rod_model, solve_rod
@@ -19,18 +20,9 @@ GRAVITY = 9.81
 @pytest.fixture
 def scene() -> Scene:
     """A catheter with a plain segment, in a field and under its weight, bent and twisted by more than a radian."""
-    segments = [{"magnetization": m} for m in ([1, 0, 0], [0, 1, 0.3], [0, 0, 0], [0.2, -0.7, 1], [0, 0.4, -1])]
-    body = {"catheter": {"length": "60 mm", "diameter": "3 mm", "material": "m", "segments": segments}}
-    material = {"shear_modulus": "120 kPa", "bulk_to_shear": 20, "density": "1882 kg/m^3", "remanence": "138 mT"}
-    return Scene.from_si(
-        {
-            "name": "rod",
-            "materials": {"m": material},
-            "body": body,
-            "field": {"uniform": ["2 mT", "6 mT", "8 mT"]},
-            "effects": {"magnetic_torque": {}, "gravity": {}},
-        }
-    )
+    directions = [[1, 0, 0], [0, 1, 0.3], [0, 0, 0], [0.2, -0.7, 1], [0, 0.4, -1]]
+    loads = {"field": (2e-3, 6e-3, 8e-3), "gravity": (0, 0, -GRAVITY), "remanence": 0.138}
+    return rod_scene(length=60e-3, diameter=3e-3, directions=directions, **loads)
 
 
 def regions(scene: Scene) -> list[int]:
@@ -67,22 +59,6 @@ class Rod:
             )
         assert found.all()
         return position[0], slopes[0]
-
-
-def test_slopes_leave_a_remainder_of_second_order(scene: Scene) -> None:
-    """Along a random change of all moments, the field and the weight at once, the remainder shrinks 100 times for a tenth of the change."""
-    rod, rng = Rod(scene), np.random.default_rng(1)
-    given, field, acceleration = directions(scene), np.array(scene.field.uniform), np.array([0.0, 0.0, -GRAVITY])
-    change = rng.normal(size=given.shape), 5e-3 * rng.normal(size=3), GRAVITY * rng.normal(size=3)
-    at, slopes = rod(given, field, acceleration)
-    along = np.einsum("c,cni->ni", np.concatenate([change[0].ravel(), change[1], change[2]]), slopes[:, 1])
-    remainder = []
-    for h in (1e-2, 1e-3, 1e-4):
-        there, _ = rod(given + h * change[0], field + h * change[1], acceleration + h * change[2])
-        remainder.append(np.abs(there - at - h * along).max())
-    assert np.log10(remainder[0] / remainder[1]) == pytest.approx(2, abs=0.1)  # third-order terms are 1 % of second-order ones at h = 1e-2
-    assert np.log10(remainder[1] / remainder[2]) == pytest.approx(2, abs=0.1)
-    assert np.abs(along).max() > 0.01, "the rod answers to the change"
 
 
 @pytest.mark.parametrize("column", range(18))
@@ -147,9 +123,8 @@ def test_a_rod_past_its_critical_load_is_not_found_stable(scene: Scene) -> None:
 def test_stability_of_a_rod_is_that_of_its_small_vibrations(scene: Scene) -> None:
     """Unloaded: 1, and the eigenvalue is (1.8751 / L)^4 E I for 1 kg/m (the clamped beam). It falls to 0 at the critical load.
 
-    A rod magnetized toward its tip in a field B against it: torque per length -m B theta, so that E I theta'' + m B theta = 0 with
-    theta(0) = 0, theta'(L) = 0, and m B = E I (pi / 2L)^2 at the critical load.
-    """
+    A rod magnetized toward its tip in a field B against it: torque per length -m B theta, so that E I theta'' + m B theta = 0 with theta(0)
+    = 0, theta'(L) = 0, and m B = E I (pi / 2L)^2 at the critical load."""
     bare = scene.with_effects(gravity=None).with_magnetizations(np.tile([1.0, 0, 0], (5, 1))).with_field([0.0, 0, 0])
     rod = replace(rod_model(bare, 120), compliance=np.zeros((120, 3)))
     family = RodFamily.of(rod, bare.body.shape.segment_lengths(), range(5))

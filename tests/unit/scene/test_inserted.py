@@ -4,36 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from reference.moving import resting_scene
 
-from magmpm import InputError, Scene
+from magmpm import InputError
 from magmpm.rod.cosserat import solve_rod
 
 
 def scene(**changes):
     """A catheter of 3 mm with three segments of 10, 12 and 8 mm; the middle one is plain."""
-    data = {
-        "name": "cut",
-        "materials": {
-            "magnetic": {"shear_modulus": 120e3, "bulk_to_shear": 20, "density": 1882.0, "remanence": 0.138},
-            "plain": {"shear_modulus": 80e3, "bulk_to_shear": 20, "density": 1100.0},
-        },
-        "body": {
-            "catheter": {
-                "length": 30e-3,
-                "diameter": 3e-3,
-                "material": "magnetic",
-                "segments": [
-                    {"magnetization": [1, 0, 0], "length": 10e-3},
-                    {"material": "plain", "length": 12e-3},
-                    {"magnetization": [0, 0, 1]},
-                ],
-            }
-        },
+    magnetic = {"shear_modulus": 120e3, "bulk_to_shear": 20, "density": 1882.0, "remanence": 0.138}
+    segments = [{"magnetization": [1, 0, 0], "length": 10e-3}, {"material": "plain", "length": 12e-3}, {"magnetization": [0, 0, 1]}]
+    given = {
+        "materials": {"m": magnetic, "plain": {"shear_modulus": 80e3, "bulk_to_shear": 20, "density": 1100.0}},
+        "body": {"catheter": {"length": 30e-3, "diameter": 3e-3, "material": "m", "segments": segments}},
         "field": {"uniform": [0, 2e-3, 8e-3]},
         "effects": {"magnetic_torque": {}, "gravity": {}},
-        **changes,
     }
-    return Scene.from_si(data)
+    return resting_scene(**given | changes)
 
 
 def pieces(found):
@@ -81,12 +68,8 @@ def test_cells_stay_near_cubes(cells):
 
 def test_what_acts_in_motion_only_stays_out():
     """A scene of a push through a guide gives equilibria without feed, damping and walls."""
-    moving = scene(
-        effects={"magnetic_torque": {}, "feed": {"speed": 0.01, "exit": 20e-3}, "damping": {"rate": 50.0}},
-        solver={"dynamic": {"duration": 0.1}},
-        field={"uniform": [0, 2e-3, 8e-3]},
-    )
-    found = moving.inserted(15e-3)
+    effects = {"magnetic_torque": {}, "feed": {"speed": 0.01, "exit": 20e-3}, "damping": {"rate": 50.0}}
+    found = scene(effects=effects, solver={"dynamic": {"duration": 0.1}}).inserted(15e-3)
     assert set(found.effects.named()) == {"magnetic_torque"}
     assert found.static
 
@@ -104,6 +87,6 @@ def test_strips_and_moving_magnets_are_refused():
             solver={"dynamic": {"duration": 0.1}},
             field={"dipole": {"position": [0.2, 0, 0], "moment": [0, 0, 1]}},
         ).inserted(15e-3)
-    strip = {"length": 20e-3, "width": 4e-3, "thickness": 1e-3, "material": "magnetic", "segments": [{"magnetization": [1, 0, 0]}]}
+    strip = {"length": 20e-3, "width": 4e-3, "thickness": 1e-3, "material": "m", "segments": [{}]}
     with pytest.raises(InputError, match="only a catheter"):
         scene(body={"strip": strip}).inserted(15e-3)

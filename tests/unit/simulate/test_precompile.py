@@ -1,4 +1,4 @@
-"""Kernels count as ready only if Numba will actually load them."""
+"""Kernels count as ready only if Numba will actually load them; the scene that compiles them is coarse and faint."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from types import SimpleNamespace
 import pytest
 from reference.scenes import rod_scene
 
+from magmpm.scene import Scene
+from magmpm.scene.coarsest import FAINT, coarsest, coarsest_cells
+from magmpm.simulate import run
 from magmpm.solving import precompile as warmup
 
 
@@ -104,14 +107,10 @@ print(*sorted({d.py_func.__qualname__ for d in found if d.stats.cache_misses}))
 """
 
 
-@pytest.mark.parametrize(
-    ("solver", "more"),
-    [
-        ("static: {}", []),
-        pytest.param("static: {}", ["derivatives"], marks=pytest.mark.slow),
-        ("dynamic: {duration: 0.1 ms}", []),
-    ],
-)
+DERIVED = pytest.param("static: {}", ["derivatives"], marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize(("solver", "more"), [("static: {}", []), DERIVED, ("dynamic: {duration: 0.1 ms}", [])])
 def test_a_run_compiles_nothing_itself(solver: str, more: list[str], tmp_path: Path) -> None:
     """Every kernel of a run or of sensitivities, also those for frames, is compiled before the clock starts, and then loaded."""
     scene = tmp_path / "scene.yaml"
@@ -135,3 +134,27 @@ def test_a_field_that_is_needed_before_the_run_is_compiled_elsewhere(tmp_path: P
     done = subprocess.run([sys.executable, "-c", FIELD], capture_output=True, text=True, check=True,
                           env={**os.environ, "XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": ""})  # fmt: skip
     assert done.stdout.split() == ["1", "0", "0"], done.stderr
+
+
+def test_it_is_coarse_and_faint_and_has_every_effect() -> None:
+    scene = rod_scene().with_cells(6).with_effects(gravity={"acceleration": [0.0, 0.0, -9.81]})
+    small = coarsest(scene)
+    assert small.resolution.cells_across == 2
+    assert list(small.effects.named()) == list(scene.effects.named())
+    assert small.effects.gravity.acceleration == (0.0, 0.0, -9.81 * FAINT)
+    for name, material in scene.materials.items():
+        assert small.materials[name].remanence == (material.remanence or 0.0) * FAINT
+
+
+def test_it_has_the_cells_that_the_scene_needs() -> None:
+    """A strip whose magnetization turns once needs 3 cells across: it was refused on 2, by a message about a number nobody wrote."""
+    profile = {"harmonic": {"periods": 1.0, "phase": 0.0, "plane": "xz", "turn": "ccw"}}
+    strip = {"length": 6e-3, "width": 2e-3, "thickness": 2e-3, "material": "m", "clamp": "base", "magnetization_profile": profile}
+    materials = {"m": {"shear_modulus": 3e5, "bulk_to_shear": 20.0, "remanence": 0.1}}
+    data = {"name": "turning", "materials": materials, "body": {"strip": strip}, "resolution": {"cells_across": 3}}
+    scene = Scene.from_si({**data, "field": {"uniform": [0.0, 0.0, 0.01]}, "effects": {"magnetic_torque": {}}, "solver": {"static": {}}})
+    assert coarsest(scene).resolution.cells_across == 3
+    asked = Scene.from_si({**scene.to_si(), "resolution": {"error": 0.01}})
+    assert coarsest_cells(asked) == 3
+    result = run(asked)
+    assert next(one["cells_across"] for one in result.resolution["tried"]) == 3

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reference.moving import resting_scene
 from reference.panels import multiply
 from reference.solids import box
 
@@ -26,9 +27,7 @@ WALLS = {"tube": {"radius": 1.005e-3, "path": [[-4e-3, 0.0, 0.0], [4e-3, 0.0, 1e
 
 
 def scene(body: dict[str, Any], **effects: Any) -> Scene:
-    material = {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.1}
-    grid = {"cells_across": 2}
-    return Scene.from_si({"name": "touching", "materials": {"m": material}, "body": body, "effects": effects, "resolution": grid})
+    return resting_scene(body, effects)
 
 
 def catheter(**more: Any) -> dict[str, Any]:
@@ -72,7 +71,6 @@ def test_points_move_with_the_splines_of_their_cells(kind: str, tmp_path: Path, 
     """Each by the sum of splines times coefficients, written out; a field that is linear in the clamp's distance is exact."""
     _, model = models(kind, tmp_path, ground=GROUND)
     on = model.touching
-    assert on is not None
     grid = 1e-5 * rng.standard_normal((model.layout.planes, model.layout.m))
     nodes, moved = on_nodes(model, grid), on.positions(grid) - on.place
     for p in range(0, len(on.mass), 7):
@@ -98,10 +96,8 @@ def test_the_energy_is_that_of_the_push(kind: str, tmp_path: Path) -> None:
     shear, bulk = 120e3, 20 * 120e3
     stiffness = 2.0 * (bulk + 4 / 3 * shear) / 1882.0 / model.scene.cell**2
     surface = model.surface
-    assert surface is not None
     depth = np.maximum((np.array(GROUND["point"]) - surface.place) @ normal, 0.0)
     for one in (model, turned):
-        assert one.touching is not None
         touched = one.touching.touched(one.effects, np.zeros((one.layout.planes, one.layout.m)))
         assert touched.energy == pytest.approx(0.5 * stiffness * (surface.mass * depth**2).sum(), rel=1e-12)
         assert touched.energy > 0
@@ -115,7 +111,6 @@ def test_force_and_tangent_are_derivatives_of_the_energy(kind: str, tmp_path: Pa
     effects = {"walls": WALLS} if kind == "walls" else {"ground": GROUND}
     _, model = models("rod" if kind == "walls" else kind, tmp_path, **effects)
     on, shape = model.touching, (model.layout.planes, model.layout.m)
-    assert on is not None
 
     def energy(grid: np.ndarray) -> float:
         return on.touched(model.effects, grid).energy

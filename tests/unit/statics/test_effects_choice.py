@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from reference.moving import resting_scene
 from reference.scenes import rod_scene
 
 from magmpm.effects.acting import Effects
@@ -54,8 +54,7 @@ def test_auto_takes_what_moves_the_answer_and_leaves_the_rest(tmp_path: Path) ->
 def test_the_asked_error_decides(tmp_path: Path) -> None:
     """The same field, for a tenth of a micrometer."""
     scene = written(tmp_path, "auto", field="0.001 mT")
-    data = scene.to_si()
-    fine = Scene.from_si({**data, "resolution": {"error": "0.1 um"}})
+    fine = Scene.from_si({**scene.to_si(), "resolution": {"error": "0.1 um"}})
     assert set(choose_effects(fine).scene.effects.named()) == {"magnetic_torque", "gravity"}
 
 
@@ -112,16 +111,10 @@ def by_weight(energy: Energy, g: float) -> np.ndarray:
 def test_a_weight_that_is_not_named_is_told_of_bodies_that_are_no_rods() -> None:
     """A strip that is held at both ends: by the factors of its solve, to first order as two solves say; not where it is silenced."""
     halves = [{"magnetization": [sign, 0.0, 0.0], "length": 15e-3} for sign in (1.0, -1.0)]
-    data: dict[str, Any] = {
-        "name": "bridge",
-        "materials": {"m": {"shear_modulus": 1e6, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.1}},
-        "body": {"strip": {"length": 30e-3, "width": 3e-3, "thickness": 1e-3, "material": "m", "clamp": "both", "segments": halves}},
-        "effects": {"magnetic_torque": {}},
-        "field": {"uniform": [0.0, 0.0, 1e-3]},
-        "solver": {"static": {"field_steps": 2}},  # small loads, which a few steps reach as well as many
-        "resolution": {"cells_across": 2},
-    }
-    scene = Scene.from_si(data)
+    strip = {"length": 30e-3, "width": 3e-3, "thickness": 1e-3, "material": "m", "clamp": "both", "segments": halves}
+    few = {"static": {"field_steps": 2}}  # small loads, which a few steps reach as well as many
+    scene = resting_scene({"strip": strip}, {"magnetic_torque": {}}, shear=1e6, field={"uniform": [0.0, 0.0, 1e-3]}, solver=few)
+    data = scene.to_si()
     model, of = static_model(build(scene)), lambda one: solve_static(static_model(build(one))).point
     found = solve_static(model)
     assert isinstance(found.energy, Energy)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from reference.moving import resting_scene
 from reference.scenes import rod_scene
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -17,7 +18,17 @@ from magmpm.model import build
 from magmpm.results.measures import largest_distance
 from magmpm.statics import resolution
 from magmpm.statics.axis import carried
-from magmpm.statics.error_estimate import PROOF, WITNESS, bound, caution
+from magmpm.statics.error_estimate import (
+    ORDER,
+    PROOF,
+    SAFETY,
+    WARY,
+    WITNESS,
+    bound,
+    caution,
+    foretold,
+    observed_order,
+)
 from magmpm.statics.grids import Equilibria
 from magmpm.statics.layout import StaticModel, static_model
 
@@ -35,8 +46,6 @@ def test_an_asked_error_is_kept_and_proven(tmp_path: Path) -> None:
     """0.5 % of the length: the bar is within it and holds against 6 cells; the answer is bit for bit that of the chosen cells."""
     scene = asked(error=0.005)
     result = run(scene, folder=tmp_path)
-    assert result.error_estimate is not None
-    assert result.resolution is not None
     cells = result.resolution["cells_across"]
     plain, fine = run(PLAIN.with_cells(cells)), run(PLAIN.with_cells(6))
     np.testing.assert_allclose(result.centreline, plain.centreline, atol=1e-6 * LENGTH)  # as well as equilibria are known
@@ -52,8 +61,6 @@ def test_an_asked_error_is_kept_and_proven(tmp_path: Path) -> None:
 def test_an_error_in_mm_at_the_tip() -> None:
     """0.1 mm at the tip of 24 mm."""
     result = run(asked(error="0.1 mm", of="tip"))
-    assert result.error_estimate is not None
-    assert result.resolution is not None
     assert result.error_estimate < 0.1e-3
     assert np.linalg.norm(result.tip - run(PLAIN.with_cells(6)).tip) < result.error_estimate
     assert result.resolution["asked"] == {"error": "0.0001 m", "of": "tip"}
@@ -70,15 +77,11 @@ def test_what_is_asked_is_plain_data_and_read_back() -> None:
     assert asked(error=0.01).with_cells(2).hash() == PLAIN.with_cells(2).hash()
 
 
-@pytest.mark.parametrize(
-    ("error", "says"),
-    [
-        ("1 m", "half of the length, 12 mm"),
-        ("1 nm", "known to 0.0001 %"),
-        (2e-6, r"(?s)12 cells across, the most whose error can be proven, are off by.*"
-         r"ask for .* % or more, which \d+ cells give, or try .* %, which \d+ cells give only if"),
-    ],
-)
+PROVABLE = r"(?s)12 cells across, the most whose error can be proven, are off by.*"
+ASK = PROVABLE + r"ask for .* % or more, which \d+ cells give, or try .* %, which \d+ cells give only if"
+
+
+@pytest.mark.parametrize(("error", "says"), [("1 m", "half of the length, 12 mm"), ("1 nm", "known to 0.0001 %"), (2e-6, ASK)])
 def test_what_no_grid_can_reach_is_refused_with_the_number(error: object, says: str) -> None:
     """With what the coarsest grid gives, and what finer ones should."""
     with pytest.raises(SceneError, match=says):
@@ -113,17 +116,13 @@ def test_a_time_is_kept_and_one_too_short_is_refused() -> None:
 
 def tube(length: float, bore: float, **cells: object) -> Scene:
     """A tube of 3 mm with segments of three directions, across a field."""
-    data = rod_scene(length=length, directions=[(1, 0, 0), (0, 0.7, 0.7), (-0.9, 0, 0.45)], field=(0.0, 10e-3, 10e-3)).to_si()
-    data["body"]["catheter"] |= {"diameter": 3e-3, "inner_diameter": bore}
-    for material in data["materials"].values():
-        material |= {"shear_modulus": 100e3, "bulk_to_shear": 20.0, "remanence": 0.12}
-    return Scene.from_si({**data, "resolution": cells})
+    shape = {"length": length, "diameter": 3e-3, "inner_diameter": bore, "directions": [(1, 0, 0), (0, 0.7, 0.7), (-0.9, 0, 0.45)]}
+    return Scene.from_si({**rod_scene(**shape, shear=100e3, remanence=0.12, field=(0.0, 10e-3, 10e-3)).to_si(), "resolution": cells})
 
 
 def test_bounds_hold_for_walls_far_below_a_cell() -> None:
     """A wall of a tenth of a cell at 2 cells: in rows of cells the plain bound was 1.2 times too small here."""
     result = run(tube(18e-3, 2.7e-3, error=0.02))
-    assert result.resolution is not None
     assert result.resolution["cells_across"] == 2
     fine = run(tube(18e-3, 2.7e-3, cells_across=6))
     assert 0.2 < largest_distance(result, fine.centreline) / result.error_estimate < 1.0
@@ -173,16 +172,13 @@ def test_a_solve_that_fails_keeps_its_last_good_state() -> None:
 
 def hinged(**cells: object) -> Scene:
     """A plane strip of two stiff and two soft segments, whose moduli differ 167 times, across a field."""
-    lengths, stiff = (7.2e-3, 2.1e-3, 5.37e-3, 5.33e-3), (True, False, True, False)
-    soft = {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.138}
-    segments = [
-        {"magnetization": [1.0, 0.0, 0.0], "length": length, "material": "rigid" if rigid else "soft"}
-        for length, rigid in zip(lengths, stiff, strict=True)
-    ]
+    lengths = {"rigid": (7.2e-3, 5.37e-3), "soft": (2.1e-3, 5.33e-3)}
+    segments = [{"magnetization": [1.0, 0.0, 0.0], "length": lengths[name][k], "material": name} for k in range(2) for name in lengths]
     strip = {"length": 20e-3, "width": 4e-3, "thickness": 1e-3, "plane_strain": True, "material": "soft", "segments": segments}
+    soft = {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.138}
     materials = {"soft": soft, "rigid": {**soft, "shear_modulus": 20e6, "remanence": 0.0}}
-    content = {"name": "hinged", "materials": materials, "body": {"strip": strip}, "field": {"uniform": [0.0, 0.0, 8e-3]}}
-    return Scene.from_si({**content, "effects": {"magnetic_torque": {}}, "resolution": cells})
+    field = {"uniform": [0.0, 0.0, 8e-3]}
+    return resting_scene({"strip": strip}, {"magnetic_torque": {}}, materials=materials, field=field, resolution=cells)
 
 
 def test_bounds_of_soft_and_stiff_segments_hold_by_the_general_rule() -> None:
@@ -195,3 +191,23 @@ def test_bounds_of_soft_and_stiff_segments_hold_by_the_general_rule() -> None:
         apart = {k: largest_distance(solved[k], solved[proof].centreline) for k in (n, *WITNESS.get(n, ()))}
         assert largest_distance(solved[n], finest) < bound(n, proof, apart.pop(n), apart)
     assert largest_distance(solved[4], finest) < 1e-3 * scene.length  # 0.1 %, the bound that users were given
+
+
+def test_the_order_of_errors_that_fall_as_h_squared_is_two() -> None:
+    assert observed_order({2: 1.0, 4: 0.25}) == pytest.approx(2.0)
+    assert observed_order({2: 1.0}) is None
+
+
+def test_a_finer_grids_error_is_foretold_by_the_last_order_shown_four_at_most_else_two() -> None:
+    assert foretold({2: 1.0, 4: 0.25}, 8) == pytest.approx(1 / 16)
+    assert foretold({2: 1.0, 3: 0.9, 4: 0.225}, 8) == pytest.approx(0.225 / 16)
+    assert foretold({2: 1.0}, 4) == pytest.approx(1 / 4)
+
+
+def test_a_bound_counts_what_a_grid_in_between_tells() -> None:
+    """At order 1.5, 2^-1.5 of an error is left on twice the cells, and grid 3 leaves (3/4)^1.5 of its own on grid 4."""
+    left = 0.5**ORDER
+    assert bound(2, 4, 1.0, {}) == pytest.approx(SAFETY[2] / (1 - left))
+    own = 10.0 * 0.75**ORDER / (1 - 0.75**ORDER)
+    assert bound(2, 4, 1.0, {3: 10.0}) == pytest.approx(1.0 + WARY * own)
+    assert bound(4, 6, 1.0, {}) == pytest.approx(1 / (1 - (4 / 6) ** ORDER))

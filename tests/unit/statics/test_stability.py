@@ -60,11 +60,6 @@ def test_it_does_not_depend_on_the_direction_of_a_section() -> None:
     assert values[0] == pytest.approx(values[1], rel=2e-3)  # ENOUGH, of either
 
 
-def test_it_is_saved_and_unknown_for_older_results(tmp_path: Path) -> None:
-    result = magmpm.run(magmpm.load_scene(SCENE).with_cells(2), folder=tmp_path)
-    assert magmpm.Result.load(tmp_path).stability == result.stability == result.summary()["stability"]
-
-
 NEEDLE = {"length": 200e-3, "diameter": 1e-3}
 BENT = {"directions": [(1, 0, 0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6)], "field": (2e-3, 10e-3, -14e-3), "cells": 3}
 

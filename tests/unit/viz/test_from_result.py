@@ -1,8 +1,9 @@
-"""A result's snapshot is small and holds what is seen."""
+"""A result's snapshot is small and holds what is seen; what cannot be drawn is refused."""
 
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -48,9 +49,7 @@ def test_from_result_takes_what_the_result_says() -> None:
     assert snapshot.caption() == "trial 7   rms 1.23 mm"
     assert snapshot.length == 0.04
     assert snapshot.thickness == 0.004
-    assert snapshot.target is not None
     assert snapshot.target.shape == (9, 3)
-    assert snapshot.gravity is not None
     assert snapshot.gravity[2] == -9.81
     assert snapshot.magnetized.tolist() == [True, False, True, True, True]
     assert isinstance(snapshot.body, Particles)
@@ -108,21 +107,23 @@ def test_particles_that_are_not_finite_are_left_out() -> None:
         trial_snapshot(result)
 
 
+def strip_result(across: int, thick: int, strip: dict[str, Any], **scene: Any) -> SimpleNamespace:
+    """A strip of 20 mm with so many particles across and through it, 0.5 mm apart, of two parts unless it has one segment."""
+    X = np.stack(np.meshgrid(np.arange(40), np.arange(across), np.arange(thick), indexing="ij"), axis=-1).reshape(-1, 3)
+    X = (X + np.array([0.5, (1 - across) / 2, (1 - thick) / 2])) * 0.5e-3
+    shape = {"length": 0.02, "width": across * 0.5e-3, "thickness": thick * 0.5e-3, "material": "silicone", **strip}
+    return SimpleNamespace(
+        name="strip", scene=drawn.scene(body={"strip": shape}, solver={"static": {}}, **scene), particle_reference=X, particle_position=X,
+        particle_volume=np.full(len(X), 0.125e-9), particle_segment=((X[:, 0] > 0.01) & (len(strip["segments"]) > 1)).astype(np.int32),
+        segment_remanence=np.array([[0.1, 0, 0]]), field=np.array([0, 0, 8e-3]),
+    )  # fmt: skip
+
+
 def test_a_result_of_a_strip_is_drawn(flat: Renderer) -> None:
     """Without a catheter's centerline: sharp edges from the scene, colors by segment, magnetization arrows."""
-    X = np.stack(np.meshgrid(np.arange(40), np.arange(10), np.arange(4), indexing="ij"), axis=-1).reshape(-1, 3)
-    X = (X + np.array([0.5, -4.5, -1.5])) * 0.5e-3
-    shape = {"length": 0.02, "width": 0.005, "thickness": 0.002, "clamp": "base", "material": "silicone", "segments": [{}, {}]}
-    result = SimpleNamespace(
-        name="strip",
-        scene=drawn.scene(body={"strip": shape}, solver={"static": {}}),
-        particle_reference=X,
-        particle_position=motions.bent(X, 40.0)[0],
-        particle_volume=np.full(len(X), 0.125e-9),
-        particle_segment=(X[:, 0] > 0.01).astype(np.int32),
-        segment_remanence=0.1 * np.array([[np.sin(0.4) / 0.4, 0, (1 - np.cos(0.4)) / 0.4], [0, 0, 0]]),
-        field=np.array([0, 0, 8e-3]),
-    )
+    result = strip_result(10, 4, {"clamp": "base", "segments": [{}, {}]})
+    result.particle_position = motions.bent(result.particle_reference, 40.0)[0]
+    result.segment_remanence = 0.1 * np.array([[np.sin(0.4) / 0.4, 0, (1 - np.cos(0.4)) / 0.4], [0, 0, 0]])
     still = Still(result)
     snapshot = still.snapshot()
     assert snapshot.caption() == ""
@@ -130,8 +131,7 @@ def test_a_result_of_a_strip_is_drawn(flat: Renderer) -> None:
     # Bent by 40/m: the magnetization at 5 mm has turned by 0.2 rad with the strip.
     vector = snapshot.arrows[0, 1] / np.linalg.norm(snapshot.arrows[0, 1])
     np.testing.assert_allclose(vector, [np.cos(0.2), 0.0, np.sin(0.2)], atol=0.02)
-    low, high = snapshot.body.points.min(axis=0), snapshot.body.points.max(axis=0)
-    assert high[1] - low[1] == pytest.approx(0.005, rel=1e-2)
+    assert np.ptp(snapshot.body.points[:, 1]) == pytest.approx(0.005, rel=1e-2)
     image = flat.image(snapshot, framing=still.framing, size=(800, 450))
     assert drawn.count(image, style.SEGMENTS[0]) > 300
     assert drawn.count(image, style.UNMAGNETIZED) > 300
@@ -139,25 +139,42 @@ def test_a_result_of_a_strip_is_drawn(flat: Renderer) -> None:
 
 def test_a_magnet_stands_where_the_equilibrium_met_it() -> None:
     """At the end of its schedule. Where there is no field at all, none is spoken of."""
-    X = np.stack(np.meshgrid(np.arange(40), np.arange(4), np.arange(4), indexing="ij"), axis=-1).reshape(-1, 3)
-    X = (X + np.array([0.5, -1.5, -1.5])) * 0.5e-3
-    dipole = {"moment": [0.0, 0.0, 1.0], "position": [0.03, 0.0, 0.0]}
     moves = [{"time": 0.0, "move": [0.0, 0.0, 0.0]}, {"time": 2.0, "move": [0.0, 0.01, 0.0]}]
-    shape = {"length": 0.02, "width": 0.002, "thickness": 0.002, "material": "silicone", "segments": [{}]}
-    result = SimpleNamespace(
-        name="strip",
-        scene=drawn.scene(body={"strip": shape}, solver={"static": {}}, field={"dipole": [dipole], "over_time": {"keyframes": moves}}),
-        particle_reference=X,
-        particle_position=X,
-        particle_volume=np.full(len(X), 0.125e-9),
-        particle_segment=np.zeros(len(X), dtype=np.int32),
-        segment_remanence=np.array([[0.1, 0, 0]]),
-        field=np.array([0, 0, 8e-3]),
-    )
+    dipole = {"moment": [0.0, 0.0, 1.0], "position": [0.03, 0.0, 0.0]}
+    result = strip_result(4, 4, {"segments": [{}]}, field={"dipole": [dipole], "over_time": {"keyframes": moves}})
     snapshot = Still(result).snapshot()
     poles = np.vstack([o.points for o in snapshot.obstacles if o.name.startswith("point dipole")])
     np.testing.assert_allclose(poles.mean(axis=0), [0.03, 0.01, 0.0], atol=1e-6)
     assert annotations.field_text(snapshot) == "|B| = 8.0 mT"
-    fieldless = drawn.scene(body={"strip": shape}, solver={"static": {}})
-    none = SimpleNamespace(**{**vars(result), "field": np.zeros(3), "scene": fieldless})
+    none = strip_result(4, 4, {"segments": [{}]})
+    none.field = np.zeros(3)
     assert annotations.field_text(Still(none).snapshot()) == ""
+
+
+SHOWN = bent_bodies.catheter(spacing=1e-3).body
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"body": replace(SHOWN, points=np.zeros((4, 2)))}, "Snapshot.body.points has shape"),
+        ({"body": replace(SHOWN, points=np.zeros((0, 3)))}, "nothing to draw"),
+        ({"target": np.zeros(3)}, "Snapshot.target has shape"),
+        ({"body": replace(SHOWN, part=np.zeros(3, dtype=int))}, "one a particle"),
+    ],
+)
+def test_wrong_shapes_are_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        replace(bent_bodies.catheter(spacing=1e-3), **change)
+
+
+def test_segments_get_different_colors_and_plain_ones_grey() -> None:
+    colors = style.segment_colors(np.array([True, False, True, True, False]))
+    assert np.array_equal(colors[1], style.rgb(style.UNMAGNETIZED))
+    assert np.array_equal(colors[4], style.rgb(style.UNMAGNETIZED))
+    assert len({tuple(c) for c in colors[[0, 2, 3]]}) == 3
+
+
+@pytest.mark.parametrize(("length", "nice"), [(0.012, 0.01), (0.02, 0.02), (0.0199, 0.01), (0.0168, 0.01), (5.0, 5.0)])
+def test_scale_bars_have_round_lengths(length: float, nice: float) -> None:
+    assert style.nice_length(length) == pytest.approx(nice)

@@ -1,12 +1,15 @@
-"""Known shapes are closed and of the right volume, and finer copies keep their shape."""
+"""Surfaces: known shapes and those around particles are closed, of the right volume, and move as a body does."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from reference import motions
 from scipy.spatial.transform import Rotation
 
+from magmpm.viz.binding import Binding, gradients
 from magmpm.viz.meshes import Surface, ball, bar, creased, normals, refined, tube
+from magmpm.viz.particle_surface import around_particles, connected_components, spacing, surface_nets
 
 
 def volume(surface: Surface) -> float:
@@ -71,3 +74,80 @@ def test_normals_of_a_ball_lie_along_its_radii() -> None:
     found = normals(sphere.points.astype(np.float32), sphere.triangles)
     radii = sphere.points / np.linalg.norm(sphere.points, axis=1, keepdims=True)
     assert np.einsum("ij,ij->i", found, radii).min() > np.cos(np.radians(3.8))
+
+
+def test_surface_nets_find_a_ball() -> None:
+    grid = np.stack(np.meshgrid(*[np.arange(24.0)] * 3, indexing="ij"), axis=-1)
+    distance = 8.3 - np.linalg.norm(grid - 11.4, axis=-1)
+    points, triangles = surface_nets(distance, 0.0)
+    # Closed: every edge belongs to two triangles, once in each direction.
+    directed = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+    assert {tuple(e) for e in directed} == {tuple(e[::-1]) for e in directed}
+    # Points at the mean of a cell's crossings lie a little inside of the ball: by less than 1/8 R of the cell's diagonal squared.
+    away = np.linalg.norm(points - 11.4, axis=1)
+    assert np.abs(away - 8.3).max() < 3 / (8 * 8.3) + 0.02
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    normal, middle = np.cross(b - a, c - a), (a + b + c) / 3 - 11.4
+    outward = np.einsum("ij,ij->i", normal, middle) / np.linalg.norm(normal, axis=1) / np.linalg.norm(middle, axis=1)
+    assert outward.min() > 0.9
+
+
+def test_the_surface_around_particles_holds_nearly_their_volume() -> None:
+    model = motions.body(0.25e-3)
+    p = model.particles
+    surface = around_particles(p.position, p.volume, p.segment)
+    # Edges come out rounded by about a particle: 16 across a diameter.
+    assert volume(surface) == pytest.approx(p.volume.sum(), rel=0.04)
+    assert set(surface.part) == {0, 1, 2}
+    for part in range(3):
+        x = surface.points[surface.triangles[surface.part == part], 0].mean()
+        assert x == pytest.approx((part + 0.5) * motions.LENGTH / 3, abs=1e-3)
+
+
+def test_spacing_is_that_of_whole_particles() -> None:
+    volumes = np.concatenate([np.full(80, 8e-9), np.full(20, 1e-9)])
+    assert spacing(volumes) == pytest.approx(2e-3)
+
+
+def test_a_bound_surface_moves_as_the_body_does() -> None:
+    """Affine motion exactly; bending to second order in the particles' distance."""
+    model = motions.body(0.5e-3)
+    X = model.particles.position
+    surface = tube([motions.LENGTH], motions.DIAMETER / 2, 0.0, 0.5e-3)
+    binding = Binding(surface.points, X)
+    A, b = np.array([[1.1, 0.3, 0.0], [-0.2, 0.9, 0.1], [0.0, 0.4, 1.2]]), np.array([0.1, -0.2, 0.3])
+    # The regularization of 1e-9 keeps it from being exact to rounding.
+    np.testing.assert_allclose(binding.at(X @ A.T + b), surface.points @ A.T + b, atol=1e-6 * motions.DIAMETER)
+    for curvature in (20.0, 60.0):
+        # Half the curvature times the square of the neighbors' reach, about three particles.
+        bound = 0.5 * curvature * (3 * 0.5e-3) ** 2
+        moved = binding.at(motions.bent(X, curvature)[0])
+        assert np.abs(moved - motions.bent(surface.points, curvature)[0]).max() < bound
+
+
+def test_particles_that_are_wider_apart_one_way_are_enough() -> None:
+    """Twice as far apart along y: the nearest ones of a point on a side lie in one plane, and more must be asked."""
+    X = np.stack(np.meshgrid(np.arange(20.0), np.arange(6) * 2.5, np.arange(4.0), indexing="ij"), axis=-1).reshape(-1, 3)
+    surface = bar([20.0], 15.0, 4.0, 1.0, (-0.5, 6.25, 1.5))
+    np.testing.assert_allclose(Binding(surface.points, X).at(X), surface.points, atol=1e-5)
+
+
+def test_gradients_are_those_of_the_motion() -> None:
+    """A bent rod's surface is right to second order in the neighbors' reach of about two particles."""
+    X = motions.body(0.5e-3).particles.position
+    x, F = motions.bent(X, 40.0)
+    found = gradients(X, x)
+    inside = (X[:, 0] > 2e-3) & (X[:, 0] < motions.LENGTH - 2e-3)
+    assert np.abs(found - F)[inside].max() < 40.0 * 2 * 0.5e-3
+    np.testing.assert_allclose(gradients(X, X), np.broadcast_to(np.eye(3), F.shape), atol=1e-7)
+
+
+def test_separate_bodies_are_told_apart_and_do_not_pull_each_other() -> None:
+    cube = np.stack(np.meshgrid(*[np.arange(6.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    both = np.vstack([cube, cube + np.array([9.0, 0.0, 0.0])])
+    of = connected_components(both, 1.0)
+    np.testing.assert_array_equal(of, np.repeat([0, 1], len(cube)))
+    points = np.array([[5.5, 2.0, 2.0], [8.5, 2.0, 2.0]])
+    binding = Binding(points, both, np.array([0, 1]), of)
+    moved = np.where(of[:, None] == 0, both, both + np.array([0.0, 0.0, 7.0]))
+    np.testing.assert_allclose(binding.at(moved), points + np.array([[0, 0, 0], [0, 0, 7.0]]), atol=1e-6)

@@ -1,7 +1,10 @@
-"""Plots say what the numbers say, and the same numbers give the same file."""
+"""Plots and picture files say what the numbers say, and the same numbers give the same file."""
 
 from __future__ import annotations
 
+import base64
+import io
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +13,9 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from magmpm.viz import plots
+from magmpm.viz import plots, tip_map
 from magmpm.viz.from_motion import MotionRenderer
+from magmpm.viz.picture_file import save_image
 
 RMS = [8e-3, None, 5e-3, 6e-3, float("nan"), 3e-3, 4e-3]
 
@@ -67,16 +71,9 @@ def test_convergence_without_trials_is_a_plot_that_says_so(tmp_path: Path) -> No
 
 
 def table(order: float = 2.0) -> list[dict[str, Any]]:
-    return [
-        {
-            "cells_across": n,
-            "cell_size": 4e-3 / n,
-            "seconds": 0.01 * n**3,
-            "error_finest": None if n == 10 else 0.02 * (2 / n) ** order,
-            "error_reference": 0.025 * (2 / n) ** order,
-        }
-        for n in (4, 2, 6, 10)
-    ]
+    sizes = [(n, (2 / n) ** order) for n in (4, 2, 6, 10)]
+    errors = [{"error_finest": None if n == 10 else 0.02 * fall, "error_reference": 0.025 * fall} for n, fall in sizes]
+    return [{"cells_across": n, "cell_size": 4e-3 / n, "seconds": 0.01 * n**3, **error} for (n, _), error in zip(sizes, errors)]
 
 
 def test_accuracy_shows_both_series_in_per_cent(figures: list[Figure]) -> None:
@@ -157,3 +154,37 @@ def test_the_front_is_drawn_with_its_units_and_its_compromise(figures: list[Figu
     assert [drawn.get_label() for drawn in axes.collections][2] == "best compromise: trial 1 (2 mm, 3 mT)"
     one = {"values": [[1e-3, 9e-3]], "pareto": report["pareto"][:1], "objectives": ["rms_m", "magnetized_volume_m3"]}
     plots.pareto({**report, **one}, tmp_path / "b.png")
+
+
+def test_the_color_bar_has_the_strengths_of_the_fields(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the weakest to the strongest, no color for what is not there."""
+    bars: list[Any] = []
+    whole = Figure.colorbar
+    monkeypatch.setattr(Figure, "colorbar", lambda self, shown, **kind: bars.append(shown) or whole(self, shown, **kind))
+    strengths = np.linspace(3e-3, 20e-3, 4)
+    fields = np.kron(np.array([[0, 0, 1.0], [0, 0.6, 0.8], [0, 1.0, 0]]), strengths[:, None])
+    tips = np.array([0.04, 0.0, 0.0]) + fields
+    path = tip_map.draw(
+        tmp_path / "map.svg", fields=fields, tips=tips, marks=np.full(12, "sure"), kind="rays", axes=(1, 2), shape=(3, 4), length=0.04,
+        name="", words={},
+    )  # fmt: skip
+    assert bars[0].get_clim() == pytest.approx((3.0, 20.0))
+    assert "strength of the field, mT" in path.read_text(encoding="utf-8"), "text as text"
+
+
+@pytest.mark.parametrize("kind", ["png", "svg"])
+def test_a_picture_is_in_its_file_without_loss(kind: str, tmp_path: Path) -> None:
+    image = np.random.default_rng(1).integers(0, 256, (120, 200, 3), dtype=np.uint8)
+    written = save_image(image, tmp_path / f"a/picture.{kind}").read_bytes()
+    if kind == "svg":
+        (coded,) = re.findall(rb"data:image/png;base64,\s*([^\"]+)", written)
+        written = base64.b64decode(coded)
+    assert (np.asarray(Image.open(io.BytesIO(written)).convert("RGB")) == image).all()
+
+
+def test_the_same_picture_gives_the_same_page(tmp_path: Path) -> None:
+    image = np.zeros((120, 200, 3), dtype=np.uint8)
+    first, again = (save_image(image, tmp_path / f"{name}.pdf").read_bytes() for name in "ab")
+    assert first == again
+    assert first.startswith(b"%PDF-")
+    assert b"/MediaBox [ 0 0 72 43.2 ]" in first  # 200 pixels to the inch of 72 points

@@ -219,25 +219,6 @@ def test_resting_ends_the_process_until_the_next_picture() -> None:
         assert renderer.run(abs, -3) == 3
 
 
-def test_the_process_ends_with_its_parent() -> None:
-    script = (
-        "import os, signal\nfrom viz.worker import Renderer\nrenderer = Renderer('matplotlib')\n"
-        "print(renderer.run(os.getpid), flush=True)\n"
-        "os.kill(os.getpid(), signal.SIGKILL)\n"
-    )
-    child = int(printed_by(script))
-    for _ in range(100):
-        try:
-            os.kill(child, 0)
-        except ProcessLookupError:
-            return
-        # Where nothing reaps orphans, a process that ended stays as a zombie.
-        if Path(f"/proc/{child}/stat").read_text().rsplit(")", 1)[1].split()[0] == "Z":
-            return
-        time.sleep(0.1)
-    pytest.fail("the drawing process outlived its parent by 10 s")
-
-
 def modules_there(renderer: Renderer) -> set[str]:
     names: str = renderer.run(eval, "' '.join(n.partition('.')[0] for n, m in __import__('sys').modules.items() if m)")
     return set(names.split())
