@@ -116,7 +116,7 @@ def make_layout(model: Model, weights: Array) -> Layout:
     ix = model.grid.along.node[cell_x]
 
     # Each row of nodes is numbered without gaps, so the three nodes of a cell along z have consecutive numbers. Only nodes of cells that can
-    # move are: a wide base does not widen the planes. Cells of parts at rest beyond them share three nodes, the first, which stay at zero.
+    # move have numbers: a wide base does not widen the planes. Cells at rest beyond them share the first three nodes, at zero.
     _, rows, columns = nodes_along
     still = model.held[cell_first[:-1]] & (not model.driven)
     low, high = np.full(rows, columns), np.full(rows, -1)

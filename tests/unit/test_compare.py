@@ -1,7 +1,5 @@
 """Comparisons of runs: distances of frames, and the error of a grid for scenes of every kind."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The contract of bodies: what scenes, models, effects and solvers may expect of every kind (bodies.body_shape); strips."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

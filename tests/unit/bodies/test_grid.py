@@ -1,7 +1,5 @@
 """Grids: splines of cells and of runs between repeated knots are those of SciPy, with an exact clamp."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

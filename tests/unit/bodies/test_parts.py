@@ -1,7 +1,5 @@
 """Bodies of STL parts: exact quadrature of any closed mesh, clamps, statics along any axis, and refusals."""
 
-from __future__ import annotations
-
 import base64
 import zlib
 from pathlib import Path

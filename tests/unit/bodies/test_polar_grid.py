@@ -1,7 +1,5 @@
 """The grid of a tube: its splines hold rigid motion and uniform strain of a section, its particles the section's area and moments."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

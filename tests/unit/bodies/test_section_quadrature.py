@@ -3,8 +3,6 @@
 Exact: area pi (R^2 - r^2), second moments pi/4 (R^4 - r^4), first and mixed moments 0. With the particle lattice of common MPM codes, the
 second moments of a 4 mm disc at 0.5 mm have errors of 2 to 5 %, and so has bending."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings

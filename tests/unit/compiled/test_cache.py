@@ -1,7 +1,5 @@
 """Compiled functions are cached if possible; otherwise they are compiled, with one message."""
 
-from __future__ import annotations
-
 import errno
 import os
 from pathlib import Path

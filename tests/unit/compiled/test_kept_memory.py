@@ -1,7 +1,5 @@
 """Large arrays get memory that another has left, and never memory that something still sees."""
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """Processes: answers to jobs, and what becomes of jobs that end them, take too long or raise; how many threads each takes."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """A result is the same, bit for bit, however often its run was interrupted: three times, and once more when it was finished."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable

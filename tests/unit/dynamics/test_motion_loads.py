@@ -1,7 +1,5 @@
 """Loads that change have the value of their step; those by which a body acts on itself are held while they change little."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

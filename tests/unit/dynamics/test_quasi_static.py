@@ -1,7 +1,5 @@
 """Equilibria along time: the same answers as single equilibria, branches that end where theory says, files that can be resumed."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The time step follows the body, and is long again afterward; the limits of the watchdog, each tested on both sides."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

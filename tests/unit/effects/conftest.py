@@ -1,7 +1,5 @@
 """Effects that a test registers, and that no other test sees."""
 
-from __future__ import annotations
-
 import pytest
 
 from magmpm.effects import hooks

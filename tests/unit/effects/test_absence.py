@@ -1,7 +1,5 @@
 """An effect that a scene does not name, or names at zero strength, is not there: not in its kernels' machine code, arguments or memory."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from pathlib import Path

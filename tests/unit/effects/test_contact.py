@@ -1,7 +1,5 @@
 """Contact with ground and walls: distances, force laws, bodies that start inside an obstacle, obstacles out of reach."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

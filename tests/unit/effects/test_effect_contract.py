@@ -3,8 +3,6 @@
 Here what every effect is, and its conservative hooks (energy, stress, force, tangent, softening), which belong together by Taylor tests;
 those of motion in test_effect_contract_motion.py."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from typing import Any

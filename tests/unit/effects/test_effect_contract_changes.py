@@ -3,8 +3,6 @@
 What `sensitivities` takes for derivatives, in the scene in which each effect acts (reference.acting), by Taylor slopes: the remainder after
 the derivative falls with order 2, or is rounding where the load is linear."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numba

@@ -3,8 +3,6 @@
 Viscous stress is objective, exerts no torque and dissipates; contact is conservative except for friction, which only brakes, and `near`
 finds where it acts; damping only brakes; zero resistance is no effect; and a motion is stable at the step that the effect allows."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

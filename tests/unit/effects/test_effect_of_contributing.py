@@ -1,7 +1,5 @@
 """New effects as users write them: the worked example of docs/adding_an_effect.md, from its text, and one that is nonlinear in F."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import sys

@@ -1,7 +1,5 @@
 """Torque and force of a nonuniform field: derivatives of one energy, in hooks and in a model; balances; valid scenes."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Segments that act on each other: strength, laws, and equilibrium."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Magnetization that rotates and does not stretch. Its derivatives are tested in the contract suite, its kernels against NumPy."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Branches of viscosity that relax (Maxwell): the local step against NumPy and linear theory, and motions with them."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Fields in space: closed forms against magpylib, derivatives against differences, tables against their exact fields."""
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Paths in files: near ones and allowed ones may be read, others are refused before anything is read."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path

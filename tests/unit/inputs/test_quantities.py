@@ -1,7 +1,5 @@
 """Quantities: the exact decimal times the exact factor, rounded once, for both sources of the factor."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

@@ -1,7 +1,5 @@
 """Pairs of surface points and solids: places, depths and forces against plain NumPy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference.parts import parts_scene

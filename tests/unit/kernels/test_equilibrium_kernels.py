@@ -1,8 +1,6 @@
 """The compiled P2G and G2P kernels against plain NumPy (tests/reference/mpm_numpy.py), on a small body with all features: two materials,
 two magnetizations, a cut cell, both effects, with and without F-bar."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

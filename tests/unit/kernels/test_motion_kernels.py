@@ -1,7 +1,5 @@
 """The kernels of motion against the plain reference of one step, to rounding, and that against the static reference."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numba

@@ -1,7 +1,5 @@
 """Eight floats at a time: every operation against NumPy."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 import pytest

@@ -3,8 +3,6 @@
 Source: Simo and Hughes, Computational Inelasticity, section 9.2; Holzapfel, Nonlinear Solid Mechanics, sections 5.4 and 6.4. Relative
 tolerances of 1e-12: a few dozen rounding errors, times K/G where the volume part cancels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

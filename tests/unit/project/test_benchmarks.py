@@ -1,7 +1,5 @@
 """The benchmarks measure what they state: a fair baseline kernel, a body that moves and touches, growth of the process."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import re

@@ -1,7 +1,5 @@
 """docs/claims.yaml: its figures are on their pages, its tests exist, and `make claims` reports a figure that differs."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pages: what they name exists, they list every key of studies, every effect and source of fields, and their examples are valid."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The sampler's package for OptunaHub: it stands alone, and has what the registry asks for."""
 
-from __future__ import annotations
-
 import runpy
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`import magmpm`: what it offers, how it answers, and that its docstrings say what a stranger needs: shapes, units, errors."""
 
-from __future__ import annotations
-
 import ast
 import builtins
 import configparser

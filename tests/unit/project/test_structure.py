@@ -4,8 +4,6 @@ A room is a file at the root of magmpm, a folder there, studies, or viz. An arro
 for its types alone. A package's face, an `__init__.py` of at most 40 lines that defines nothing of its own, is not drawn. Which rooms stand
 above which, import-linter checks (setup.cfg)."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import inspect
@@ -28,7 +26,7 @@ LONGEST_FILE, LONGEST_FUNCTION = 400, 60  # lines
 MOST_FLOORS, MOST_ARROWS, MOST_AT_THE_ROOT = 12, 110, 8
 FACE = 40  # lines
 # Ceilings: they fall, and do not rise. What is new pays for its lines by what it replaces.
-MOST_LINES = {"magmpm": 28_167, "studies": 15_025, "viz": 5_074, "tests": 30_451}
+MOST_LINES = {"magmpm": 28_167, "studies": 15_025, "viz": 5_074, "tests": 30_303}
 MOST_IN_README = 82  # lines
 NO_OPENING = {"Of", "What", "Whether", "Where", "Who", "Why", "How", "When", "As", "By"}  # of a docstring: it begins with a verb or a noun
 

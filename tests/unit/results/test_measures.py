@@ -1,7 +1,5 @@
 """Measures of a deformed body, and results that are saved and loaded."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A motion is read while a process writes it, or after that process was killed: frames are whole, and no reader harms the file."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal

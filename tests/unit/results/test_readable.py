@@ -1,7 +1,5 @@
 """What readers see: numbers by significant digits and prefixes, never -0; scenes and results as notebooks draw them."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

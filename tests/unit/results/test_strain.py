@@ -1,7 +1,5 @@
 """Strain beyond the limits of the material law or the grid gives a warning, in equilibrium and in motion; usual strain does not."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

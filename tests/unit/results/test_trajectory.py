@@ -1,7 +1,5 @@
 """A motion on disk: it is read back by magmpm and by VTK; kills, resuming and budgets leave whole frames."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

@@ -1,7 +1,5 @@
 """Derivatives of the rod: Taylor's remainder, and agreement with the rod that is solved alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The Cosserat rod: derivatives, closed-form solutions, symmetry."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scene.inserted: the part of a catheter that has left a guide."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference.moving import resting_scene

@@ -1,7 +1,5 @@
 """Rules for scenes of equilibria along time: keys that they need, and keys that they must not have."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

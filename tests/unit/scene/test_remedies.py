@@ -1,7 +1,5 @@
 """Remedies that a failed run names: typed, valid changes of the scene, and they work."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference.scenes import rod_scene

@@ -1,7 +1,5 @@
 """Scenes as values: SI inside, immutable, hashed by content, rebuilt from their data; the example files."""
 
-from __future__ import annotations
-
 import copy
 import json
 import pickle

@@ -1,7 +1,5 @@
 """Kernels count as ready only if Numba will actually load them; the scene that compiles them is coarse and faint."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Runs that end by themselves when their time is over: typed, with what they have, and whole when they go on."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import count
 from pathlib import Path

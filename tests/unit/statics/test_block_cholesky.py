@@ -2,8 +2,6 @@
 
 Random symmetric matrices with two blocks beside each diagonal block, made positive definite by their diagonal."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Contact at equilibrium, against plain NumPy: where the surface's points are, their energy, force and tangent, on every kind of cells."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`effects: auto`, and the warnings of `magmpm run` about effects that are not named."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The energy of a whole model: derivatives, conservation, the patch test."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws of the static solve: symmetry, independence of the start, stability, reported failure."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numba

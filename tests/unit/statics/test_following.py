@@ -1,7 +1,5 @@
 """Equilibria found from what others left: those that are found alone, near enough, and never a wrong place called near."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

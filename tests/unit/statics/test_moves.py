@@ -1,7 +1,5 @@
 """Held ends that move: splines that carry it, equilibria, paths and motions, refusals."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

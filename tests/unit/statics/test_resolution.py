@@ -1,7 +1,5 @@
 """A grid chosen for an error or a time: the choice is told with its error, and the answer is that of the grid."""
 
-from __future__ import annotations
-
 import gc
 import weakref
 from pathlib import Path

@@ -1,7 +1,5 @@
 """magmpm.sensitivities against central differences of equilibria, for every kind of variable, effect of statics and body."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Result.stability: the smallest eigenvalue of the tangent over the unloaded body's."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

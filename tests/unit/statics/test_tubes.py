@@ -1,7 +1,5 @@
 """Tubes at rest, on cells around their axis: nothing changes as the grid turns, and what will kink is said to."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

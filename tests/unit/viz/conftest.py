@@ -1,7 +1,5 @@
 """Renderers and a motion that several files draw."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

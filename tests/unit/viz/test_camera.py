@@ -1,7 +1,5 @@
 """Projections: lengths and places in a picture are what they are on the body."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference.bent_bodies import c_shape, catheter, s_shape

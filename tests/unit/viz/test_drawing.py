@@ -1,7 +1,5 @@
 """Both renderers draw a motion; moments of it side by side, and what their legend holds; movies play, and fall back to GIF."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Snapshots of a motion: their contents, their view, and the text beside them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

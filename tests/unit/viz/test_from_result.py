@@ -1,7 +1,5 @@
 """A result's snapshot is small and holds what is seen; what cannot be drawn is refused."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Pictures of an insertion: one body a depth, each beside its own field, over evenly spaced dots, in the colors of the movie."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

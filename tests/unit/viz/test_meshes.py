@@ -1,7 +1,5 @@
 """Surfaces: known shapes and those around particles are closed, of the right volume, and move as a body does."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference import motions

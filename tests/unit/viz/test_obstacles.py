@@ -1,7 +1,5 @@
 """Obstacles are drawn where the solver has them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Plots and picture files say what the numbers say, and the same numbers give the same file."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re

@@ -1,7 +1,5 @@
 """Laws of pictures, whichever backend draws them, checked over pixels at places the view gives."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

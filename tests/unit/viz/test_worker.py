@@ -1,7 +1,5 @@
 """The drawing process may be missing OpenGL, die or hang: the pictures still come, and the caller lives."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
