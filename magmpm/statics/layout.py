@@ -115,8 +115,8 @@ def make_layout(model: Model, weights: Array) -> Layout:
     cell_x, iy, iz = model.particles.cell[cell_first[:-1]].T
     ix = model.grid.along.node[cell_x]
 
-    # Each row of nodes is numbered without gaps, so the three nodes of a cell along z have consecutive numbers. Only nodes of cells that can
-    # move have numbers: a wide base does not widen the planes. Cells at rest beyond them share the first three nodes, at zero.
+    # Each row of nodes is numbered without gaps, so the three nodes of a cell along z have consecutive numbers. Nodes of cells that can
+    # move have numbers alone: a wide base does not widen the planes. Cells at rest beyond them share the first three nodes, at zero.
     _, rows, columns = nodes_along
     still = model.held[cell_first[:-1]] & (not model.driven)
     low, high = np.full(rows, columns), np.full(rows, -1)
