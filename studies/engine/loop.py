@@ -177,7 +177,7 @@ class _Run(OpenStudy):
 
     def sampler(self) -> BaseSampler:
         """Sampler that chooses the trials."""
-        study, insertion = self.study, self.judge.trajectory
+        study, insertion = self.study, self.judge.evaluation
 
         def of(number: int) -> BaseSampler:
             if isinstance(insertion, Insertion) and insertion.projects and study.sampler != "gauss-newton":
@@ -201,7 +201,7 @@ class _Run(OpenStudy):
 
     def exhausted(self) -> bool:
         """True if only starts elsewhere are left to an insertion whose best design is good: they are on other branches, and win nothing."""
-        sampler, found = self.newton, isinstance(self.judge.trajectory, Insertion) and self.best is not None
+        sampler, found = self.newton, isinstance(self.judge.evaluation, Insertion) and self.best is not None
         if sampler is None or not found or self.best > choice.POOR * self.space.scene.length:  # type: ignore[operator]
             return False
         trials = self.store(lambda: self.kept.get_trials(deepcopy=False))
@@ -211,7 +211,7 @@ class _Run(OpenStudy):
 
     def exchange(self) -> bool:
         """Queues the best design of a set of directions with the rest a step on, or one direction exchanged. Returns whether one waits."""
-        several = self.judge.trajectory is not None or len(self.study.minimize) > 1
+        several = bool(self.study.depths or self.study.keyframes) or len(self.study.minimize) > 1
         if self.shared or several or self.space.limits is None or self.space.limits.allowed is None:
             return False
         trials = self.store(lambda: self.kept.get_trials(deepcopy=False))

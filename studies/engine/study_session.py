@@ -20,7 +20,6 @@ from magmpm.studies.engine.workers.sessions import EXCHANGED
 from magmpm.studies.evaluate.insertion import MOVIE, Insertion
 from magmpm.studies.evaluate.judge import Judge
 from magmpm.studies.problem.study import Study
-from magmpm.studies.rods.rod_designs import improved, rod_starts
 from magmpm.studies.search.best_scene import write_best_scene
 from magmpm.studies.search.objectives import pareto_report
 from magmpm.studies.search.samplers.choice import settings
@@ -68,11 +67,7 @@ class OpenStudy:
             return []
         known = self.store(lambda: self.kept.user_attrs)
         if STARTS not in known:
-            if self.judge.trajectory is not None:
-                starts = self.judge.trajectory.rod_starts()
-            else:
-                starts = rod_starts(self.space, self.study.target, self.study.seed)
-                starts = improved(self.space, self.study.target, starts)
+            starts = self.judge.evaluation.rod_starts()
             self.store(lambda: self.kept.set_user_attr(STARTS, starts))
         return list(self.store(lambda: self.kept.user_attrs)[STARTS])
 
@@ -86,8 +81,8 @@ class OpenStudy:
             self.replace_best(best)
         self.judge_finer()
         if records.holds(self.out / records.BEST, best):
-            if isinstance(self.judge.trajectory, Insertion) and not (self.out / records.BEST / MOVIE).exists():
-                self.judge.trajectory.write_moments(self.out / records.BEST, self.judge.solve, best.params)
+            if isinstance(self.judge.evaluation, Insertion) and not (self.out / records.BEST / MOVIE).exists():
+                self.judge.evaluation.write_moments(self.out / records.BEST, self.judge.solve, best.params)
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
 
     def judge_finer(self) -> None:
@@ -107,7 +102,7 @@ class OpenStudy:
             if trial is None or records.holds(folder, trial):
                 continue
             try:
-                records.save_design(folder, self.judge.result_of(trial.params), report.whole_design(trial))
+                records.save_design(folder, self.judge.evaluation.last_result(self.judge.solve, trial.params), report.whole_design(trial))
             except SolveError:
                 shutil.rmtree(folder)  # a picture less, where it would stop all of them
 
@@ -116,7 +111,7 @@ class OpenStudy:
         source = self.out / records.IMPROVEMENTS / f"{best.number:03d}"
         if not records.holds(source, best):
             try:
-                result = self.judge.result_of(best.params)
+                result = self.judge.evaluation.last_result(self.judge.solve, best.params)
             except SolveError:
                 return  # it has been solved elsewhere; parameters and numbers stay in the report
             records.save_design(source, result, report.whole_design(best))

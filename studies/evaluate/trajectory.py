@@ -6,26 +6,21 @@ the residuals that Gauss-Newton reads; the fields of two of them do not touch ea
 
 from __future__ import annotations
 
-import dataclasses
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
-from magmpm.errors import SolveError
 from magmpm.rod.cosserat import rod_model
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
-from magmpm.studies.evaluate.trial import Differentiate, Outcome, Solve, attempted, penalty, stored
+from magmpm.studies.evaluate.trial import Evaluation, penalty, stored
 from magmpm.studies.problem.path import Path as Curve
-from magmpm.studies.problem.shape_distance import gap_derivatives, gaps
 from magmpm.studies.problem.study import Study
 from magmpm.studies.rods.rod_path import FEWEST, RodPath, directions_of, search
 from magmpm.studies.rods.rod_trajectory import ELEMENTS, Depth, RodDesign, RodTrajectory
@@ -40,27 +35,19 @@ NEAR = 0.01  # of the length: a rod's design that is near enough
 
 
 @dataclass(frozen=True)
-class Trajectory(ABC):
-    """The equilibria that a study requires of each design."""
+class Trajectory(Evaluation, ABC):
+    """Several equilibria of each design."""
 
-    study: Study
-    space: SearchSpace
-
-    @property
-    @abstractmethod
-    def places(self) -> tuple[str, ...]:
-        """Names of the equilibria in messages: at 12 mm, at 0.5 s."""
+    sought = 24, 3  # of the rod: most random starts, and how many designs are enough
+    end_weight = 0.0  # what the last gap of the last equilibrium counts besides, in what Gauss-Newton reads
 
     @abstractmethod
-    def scenes(self, params: Mapping[str, Any]) -> list[Scene]:
-        """The scene of each equilibrium of a design."""
+    def weights(self, number: int) -> Array:
+        """Weights of the squared lengths of the gaps (m,); they sum to 1."""
 
-    def starts(self, params: Mapping[str, Any]) -> Sequence[RodShape | None]:
-        """The rod near which each equilibrium is, or None where it is on the branch that grows from no load. Raises SolveError."""
-        way, directions = self.way(params), directions_of(self.space.scene_of(params))
-        if way is None:
-            return [None] * len(self.places)
-        return [stops[-1].shape(directions) for stops in way.stops(directions, self.fields(params))]
+    @abstractmethod
+    def way(self, params: Mapping[str, Any]) -> RodPath | None:
+        """The rods of a design on the way from each equilibrium to the next; None where the body is no rod in a uniform field."""
 
     @abstractmethod
     def _way(self, scene: Scene) -> RodPath:
@@ -71,13 +58,19 @@ class Trajectory(ABC):
     def followed(self) -> Any:
         """The curve that the rods follow, or one for each of them: rod_trajectory.RodTrajectory.grown."""
 
+    def starts(self, params: Mapping[str, Any]) -> Sequence[RodShape | None]:
+        way, directions = self.way(params), directions_of(self.space.scene_of(params))
+        if way is None:
+            return super().starts(params)
+        return [stops[-1].shape(directions) for stops in way.stops(directions, self.fields(params))]
+
     @cached_property
     def rods(self) -> RodPath:
         """The rods among which designs are sought: numbers within bounds are in the middle."""
         return self._way(self.space.scene)
 
     def rod_starts(self) -> list[dict[str, float]]:
-        """Parameters of the rod's best designs, best first; none where directions or the fields of each equilibrium are not varied."""
+        """None where directions or the fields of each equilibrium are not varied."""
         space, (starts, wanted) = self.space, self.sought
         if space.field_max is None or space.fields != len(self.places) or not space.segments:
             return []
@@ -93,40 +86,12 @@ class Trajectory(ABC):
         x[directions.size : directions.size + design.fields.size] = design.fields.ravel()
         return self.space.parameters_at(x)
 
-    @abstractmethod
-    def way(self, params: Mapping[str, Any]) -> RodPath | None:
-        """The rods of a design on the way from each equilibrium to the next; None where the body is no rod in a uniform field."""
-
-    @abstractmethod
-    def gaps(self, result: Result, number: int) -> Array:
-        """Vectors (m, 3) m from the target to the shape of an equilibrium."""
-
-    @abstractmethod
-    def slopes(self, found: Sensitivities, number: int) -> Array:
-        """Their derivatives (m, 3, k), m per unit of each variable of `found`."""
-
-    @abstractmethod
-    def weights(self, number: int) -> Array:
-        """Weights of the squared lengths of the gaps (m,); they sum to 1."""
-
-    @abstractmethod
-    def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
-        """Measures reported of a design: rms_m, which is its value, and more."""
-
-    sought = 24, 3  # of the rod: most random starts, and how many designs are enough
-    end_weight = 0.0  # what the last gap of the last equilibrium counts besides, in what Gauss-Newton reads
-
-    def field_number(self, number: int) -> int:
-        """Which of the design's fields an equilibrium has."""
-        return number if self.space.fields > 1 else -1
-
     def fields(self, params: Mapping[str, Any]) -> Array:
         """The field of each equilibrium (n, 3), T."""
         return np.array([self.space.field(params, self.field_number(k)) for k in range(len(self.places))])
 
-    def last_result(self, solve: Solve, params: Mapping[str, Any]) -> Result:
-        """The last equilibrium of a design. Raises SolveError."""
-        return solve(self.scenes(params)[-1], start=self.starts(params)[-1])
+    def penalty(self, params: Mapping[str, Any]) -> float:
+        return penalty(self.space.scene)
 
     def mean_squares(self, results: Sequence[Result]) -> Array:
         """The mean squared gap of each equilibrium, m^2."""
@@ -137,76 +102,27 @@ class Trajectory(ABC):
         changes = np.linalg.norm(np.diff(self.fields(params), axis=0), axis=1)
         return {"field_largest_change_T": float(changes.max(initial=0.0)), "field_total_variation_T": float(changes.sum())}
 
-    def evaluate(self, solve: Solve, differentiate: Differentiate | None, params: Mapping[str, Any], log: Path) -> Outcome:
-        """Solves all equilibria of a design. Whatever goes wrong gives the penalty with a reason; interrupts pass through."""
-        begun = time.perf_counter()
-
-        def failed(reason: str) -> Outcome:
-            return Outcome(None, penalty(self.space.scene), None, reason, time.perf_counter() - begun)
-
-        try:
-            starts = self.starts(params)
-        except SolveError as error:
-            return failed(error.reason)
-        results: list[Result] = []
-        slopes: list[Array] = []
-        for k, (scene, start) in enumerate(zip(self.scenes(params), starts, strict=True)):
-            place = f"{self.places[k]}: "
-
-            def solved(scene: Scene = scene, start: RodShape | None = start, k: int = k) -> tuple[Result, Array | None]:
-                if differentiate is None:
-                    return solve(scene, start=start), None
-                near = differentiate(scene, self.space.sensitivities, start=start)
-                return near.result, self._by_coordinates(near, params, k)
-
-            found = attempted(solved, scene, log)
-            if isinstance(found, str):
-                return failed(place + found)
-            results.append(found[0])
-            slopes += [] if found[1] is None else [found[1]]
-            if not results[-1].converged:
-                return failed(place + "the solve did not converge")
-        measures = self.measures(results, params)
-        if not np.isfinite(measures["rms_m"]):
-            return failed("the results hold numbers that are not finite")
-        model = {**measures, **self._model(results, slopes)}
-        tip = float(np.linalg.norm(self.gaps(results[-1], len(results) - 1)[-1]))
-        return self._outcome(results, measures["rms_m"], tip, model, time.perf_counter() - begun)
-
-    def _outcome(self, results: list[Result], rms: float, tip: float, model: dict[str, Any], seconds: float) -> Outcome:
-        """The outcome of equilibria that were found: refused where the least stable of them is below the study's margin."""
-        known = [getattr(result, "stability", None) for result in results]
-        stability = None if None in known else min(float(value) for value in known)  # type: ignore[arg-type]
-        margin, reason = self.study.margin, None
-        if margin is not None and stability is None:
-            reason = "the stability of the results is not known, and the study has a margin"
-            return Outcome(None, penalty(self.space.scene), None, reason, seconds)
-        if margin is not None and stability is not None and stability < margin:
-            place = self.places[int(np.argmin([float(value or 0.0) for value in known]))]
-            reason = f"the stability {place}, {stability:.3g}, is below the margin, {margin:g}"
-        return Outcome(results[-1], rms, tip, reason, seconds, model, stability, reason is not None)
-
     def hidden(self, found: Sensitivities) -> int:
         """Number of segments of the whole body, from its base, that this equilibrium does not have."""
         return 0
 
-    def _by_coordinates(self, found: Sensitivities, params: Mapping[str, Any], number: int) -> Array:
+    def _derived(self, found: Sensitivities, scene: Scene, params: Mapping[str, Any], number: int) -> Array:
         """Derivatives (3 m, size) of an equilibrium's gaps by the design's embedded coordinates."""
         hidden = self.hidden(found)
-        variables = [v if v.region is None else dataclasses.replace(v, region=v.region + hidden) for v in found.variables]  # type: ignore
+        variables = [v if v.region is None else replace(v, region=v.region + hidden) for v in found.variables]  # type: ignore
         chain = self.space.chain(variables, self.space.embedded(params), field=self.field_number(number))
         slopes = self.slopes(found, number)
         return np.asarray(slopes.reshape(-1, slopes.shape[-1]) @ chain)
 
-    def _model(self, results: Sequence[Result], slopes: list[Array]) -> dict[str, Any]:
+    def _model(self, results: Sequence[Result], derived: list[Any]) -> dict[str, Any]:
         """The attributes that Gauss-Newton reads; none without derivatives."""
-        if not slopes:
+        if not derived:
             return {}
         roots = [np.repeat(np.sqrt(self.weights(k) / len(results)), 3) for k in range(len(results))]
         gaps = [self.gaps(result, k).reshape(-1) for k, result in enumerate(results)]
         end = np.sqrt(self.end_weight)
         rows = [*(root * gap for root, gap in zip(roots, gaps, strict=True)), end * gaps[-1][-3:]]
-        columns = [*(root[:, None] * slope for root, slope in zip(roots, slopes, strict=True)), end * slopes[-1][-3:]]
+        columns = [*(root[:, None] * slope for root, slope in zip(roots, derived, strict=True)), end * derived[-1][-3:]]
         return stored(np.concatenate(rows), np.concatenate(columns))
 
 
@@ -231,17 +147,11 @@ class Schedule(Trajectory):
     def places(self) -> tuple[str, ...]:
         return tuple(f"at {frame.time:g} s" for frame in self.study.keyframes)
 
-    def scenes(self, params: Mapping[str, Any]) -> list[Scene]:
-        return [self.space.scene_of(params, self.field_number(k)) for k in range(len(self.study.keyframes))]
-
-    def gaps(self, result: Result, number: int) -> Array:
-        return gaps(result, self.study.keyframes[number].target)
-
-    def slopes(self, found: Sensitivities, number: int) -> Array:
-        return gap_derivatives(found, self.study.keyframes[number].target)
+    def target(self, number: int) -> Array:
+        return self.study.keyframes[number].target
 
     def weights(self, number: int) -> Array:
-        count = len(self.study.keyframes[number].target)
+        count = len(self.target(number))
         return np.full(count, 1.0 / count)
 
     def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:

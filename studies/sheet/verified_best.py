@@ -25,9 +25,8 @@ from magmpm.simulate import run
 from magmpm.statics.error_estimate import PROOF, factor
 from magmpm.statics.grids import operations
 from magmpm.studies.engine.records import BEST
-from magmpm.studies.evaluate.insertion import Insertion
-from magmpm.studies.evaluate.trajectory import Schedule
-from magmpm.studies.problem.shape_distance import gaps, root_mean_square
+from magmpm.studies.evaluate.judge import evaluation_of
+from magmpm.studies.problem.shape_distance import root_mean_square
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.best_scene import SCENE, times
 from magmpm.studies.search.search_space import SearchSpace
@@ -123,13 +122,9 @@ def last_equilibrium(result: Result, design: Mapping[str, Any], study: Study | N
     hidden = max(len(design.get("magnetization") or ()) - len(scene.regions()), 0)
     if study is None:
         return Again(scene, None, hidden, None)
-    space = SearchSpace.of(study)
-    trajectory = Insertion.of(study, space) or Schedule.of(study, space)
-    if trajectory is None:
-        return Again(scene, None, 0, lambda found: gaps(found, study.target))
-    last = len(trajectory.places) - 1
-    start = trajectory.starts(design["params"])[-1]
-    return Again(scene, start, hidden, lambda found: trajectory.gaps(found, last))
+    evaluation = evaluation_of(study, SearchSpace.of(study))
+    last, start = len(evaluation.places) - 1, evaluation.starts(design["params"])[-1]
+    return Again(scene, start, hidden, lambda found: evaluation.gaps(found, last))
 
 
 def judged(result: Result, again: Again, run: Callable[..., Result], differentiate: Callable[..., Any]) -> dict[str, Any]:
