@@ -44,8 +44,8 @@ from magmpm.studies.engine.workers.sessions import (
     remembered,
     uninterrupted,
 )
-from magmpm.studies.evaluate.insertion import Insertion
 from magmpm.studies.evaluate.judge import FAILURES, Judge, Picture, trial_of
+from magmpm.studies.evaluate.trajectory import Insertion
 from magmpm.studies.evaluate.trial import Differentiate, Outcome, Solve, Trial, constraints, needs_derivatives
 from magmpm.studies.rods.rod_designs import next_exchange
 from magmpm.studies.search.definition import Study
@@ -113,7 +113,8 @@ def run_study(
         ended = run.to_the_end(on_trial, stop) if ended == "trials" else ended  # workers leave exchanges, which need one another
         if ended != "interrupted":
             run.keep_best()
-            run.mend_artifacts()
+            if not shared:  # where other sessions share the study, each sees to its own pictures
+                run.mended = store(lambda: run.gallery.mend(run.finished()))
         summary = dataclasses.replace(found := run.report(ended), artifacts=artifacts, warnings=[*advice, *run.notes, *found.warnings])
         summary.save()
     return summary
@@ -169,11 +170,6 @@ class _Run(OpenStudy):
         finished = self.finished()
         best = report.nearest_first(finished)
         self.count, self.best = len(finished), best[0].values[0] if best else None
-
-    def mend_artifacts(self) -> None:
-        """Puts back what is damaged of the trials' pictures; where other sessions share the study, each sees to its own."""
-        if not self.shared:
-            self.mended = self.store(lambda: self.gallery.mend(self.finished()))
 
     def sampler(self) -> BaseSampler:
         """Sampler that chooses the trials."""
@@ -296,11 +292,7 @@ class _Run(OpenStudy):
 
     def ask(self) -> optuna.Trial:
         """The next trial, with its design."""
-        def asked_for() -> optuna.Trial:
-            with uninterrupted():  # a trial that is begun must say whose it is
-                return self.kept.ask(self.distributions)
-
-        asked = self.store(asked_for)
+        asked = self.store(uninterrupted()(lambda: self.kept.ask(self.distributions)))  # a trial that is begun must say whose it is
         if self.shared:
             self.store(lambda: self.storage.set_trial_user_attr(trial_id(asked), READY, True))
         return asked

@@ -8,8 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from magmpm.studies.evaluate.insertion import Insertion, shapes_of
-from magmpm.studies.evaluate.trajectory import Schedule
+from magmpm.studies.evaluate.trajectory import Insertion, Schedule, shapes_of
 from magmpm.studies.evaluate.trial import (
     Differentiate,
     Evaluation,

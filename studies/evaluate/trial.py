@@ -290,8 +290,8 @@ class Evaluation:
         seconds, measures = time.perf_counter() - begun, self.measures(results, params)
         if not np.isfinite(measures["rms_m"]):
             return failed(f"the {'results hold' if several else 'result holds'} numbers that are not finite")
-        known, margin, reason = [getattr(result, "stability", None) for result in results], self.study.margin, None
-        stability = None if None in known else min(map(float, known))
+        known: list[Any] = [getattr(result, "stability", None) for result in results]
+        stability, margin, reason = None if None in known else float(min(known)), self.study.margin, None
         if margin is not None and stability is None:
             return failed(f"the stability of the result{'s' * several} is not known, and the study has a margin")
         if margin is not None and stability is not None and stability < margin:
@@ -339,26 +339,17 @@ def attributes(outcome: Outcome, scene: Scene, directions: NDArray[np.float64], 
     """
     result = outcome.result
     kept: dict[str, Any] = {
-        "feasible": outcome.accepted,
-        "scene_hash": scene.hash(),
-        "magnetization": np.round(directions, 9).tolist(),
-        "field_T": np.round(uniform, 12).tolist(),
-        "versions": dict(versions() if result is None else {**versions(), **result.versions}),
-    }
+        "feasible": outcome.accepted, "scene_hash": scene.hash(), "magnetization": np.round(directions, 9).tolist(),
+        "field_T": np.round(uniform, 12).tolist(), "versions": {**versions(), **({} if result is None else result.versions)},
+    }  # fmt: skip
     if result is None:
         return {**kept, "reason": outcome.reason}
     if outcome.refused:
         kept |= {"refused": True, "reason": outcome.reason}
     return {
-        **kept,
-        "stability": outcome.stability,
-        "rms_m": outcome.rms,
-        "tip_error_m": outcome.tip_error,
-        "min_det_F": float(result.min_det_F),
-        "max_det_F": float(result.max_det_F),
-        "newton_steps": int(result.iterations),
-        **outcome.model,
-    }
+        **kept, "stability": outcome.stability, "rms_m": outcome.rms, "tip_error_m": outcome.tip_error,
+        "min_det_F": float(result.min_det_F), "max_det_F": float(result.max_det_F), "newton_steps": int(result.iterations), **outcome.model,
+    }  # fmt: skip
 
 
 def versions() -> Mapping[str, str]:

@@ -13,8 +13,7 @@ from magmpm.cli import main
 from magmpm.errors import SolveError
 from magmpm.inputs.csv_tables import write_centreline
 from magmpm.scene import Scene, load_scene
-from magmpm.studies.explore.accuracy import climb
-from magmpm.studies.explore.accuracy_beside import Solve
+from magmpm.studies.explore.accuracy import Solve, climb
 
 
 def off(scene: Scene) -> RodResult:

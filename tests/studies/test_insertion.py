@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from magmpm import Scene
-from magmpm.studies.evaluate.insertion import EXIT_WEIGHT, STATIONS, Insertion
+from magmpm.studies.evaluate.trajectory import EXIT_WEIGHT, STATIONS, Insertion
 from magmpm.studies.problem.path import Path
 from magmpm.studies.problem.study import Study
 from magmpm.studies.problem.variables import Vary, VaryField, VaryMagnetization

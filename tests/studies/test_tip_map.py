@@ -17,8 +17,7 @@ from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.statics.layout import static_model
 from magmpm.studies.explore.live import ready
-from magmpm.studies.explore.rod_tips import rod_tips
-from magmpm.studies.explore.tip_map import MARKS, _along, in_plane, map_tips, on_rays, solved
+from magmpm.studies.explore.tip_map import MARKS, _along, in_plane, map_tips, on_rays, rod_tips, solved
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = ROOT / "data" / "scenes" / "axial_transverse.yaml"
