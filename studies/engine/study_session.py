@@ -104,7 +104,7 @@ class OpenStudy:
                 shutil.rmtree(folder)  # a picture less, where it would stop all of them
 
     def saved(self, trial: FrozenTrial, folder: Path) -> bool:
-        """Whether a folder holds the result of a trial, which is solved again if it does not."""
+        """Return whether a folder holds the result of a trial, which is solved again if it does not."""
         if not records.holds(folder, trial):
             try:
                 result = self.judge.evaluation.last_result(self.judge.solve, trial.params)

@@ -74,10 +74,8 @@ class Model:
     @property
     def line(self) -> str:
         """The model in a line of the table."""
-        errors = (self.error_finest, "from the finest"), (self.error_reference, "from the reference")
-        told = [f"{percent(error)} {of}" for error, of in errors if error is not None]
-        if self.error_same_cells is not None:
-            told.append(f"{percent(self.error_same_cells)} from the ladder's answer on the same cells")
+        errors = {"finest": self.error_finest, "reference": self.error_reference, "ladder's answer on these cells": self.error_same_cells}
+        told = [f"{percent(error)} from the {of}" for of, error in errors.items() if error is not None]
         return f"{self.name}: {self.seconds:.3f} s, {', '.join(told)}"
 
 
@@ -121,8 +119,7 @@ class Ladder:
         bars = [rung.bar for rung in self.rungs[:-1] if rung.bar is not None]
         if bars != sorted(bars, reverse=True):
             lines.append("at most: what the finest cells prove; of cells nearly as fine they prove less, so it may rise as errors fall")
-        for model in self.beside:
-            lines.append(model.line)
+        lines += [model.line for model in self.beside]
         if self.algebraic_error is not None:
             lines.append(f"the solve's tolerance leaves {100 * self.algebraic_error:.1e} % of L")
         for name, order in (("finest", self.order_finest), ("reference", self.order_reference)):
@@ -166,8 +163,7 @@ def climb(scene: Scene, solve: Solve, cells: Sequence[int] = LADDER, on_progress
     falling = [rung.error_finest for rung in rungs[:-1] if rung.error_finest]
     moved = float(np.abs(finest[:, 1:] - np.array([1.0, 0.0, 0.0]) * finest[:, :1] - finest[0, 1:]).max())
     return Ladder(
-        scene=scene.name, length=length, rungs=rungs, order_finest=order,
-        order_reference=_order(rungs, "error_reference"), beside=others,
+        scene=scene.name, length=length, rungs=rungs, order_finest=order, order_reference=_order(rungs, "error_reference"), beside=others,
         algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length if scene.static and scene.body.shape.line else None,
         asymptotic=False if steady(order) is False else None if len(falling) < 3 else falling == sorted(falling, reverse=True),
         conclusions=[*_conclusions(rungs, others), *_where(scene)], failed={name: error.reason for name, error in failed.items()},
@@ -224,7 +220,7 @@ def _conclusions(rungs: Sequence[Rung], others: Sequence[Model]) -> list[str]:
         else:
             said.append(f"{100 * wanted:g} % of the length is not reached by these cells.")
     for rod in (model for model in others if model.name == "rod"):
-        error = rod.error_reference if rod.error_reference is not None else rod.error_finest
+        error = rod.error_finest if rod.error_reference is None else rod.error_reference
         if error is None:
             continue
         good = [f"{100 * wanted:g} %" for wanted in ASKED if error <= wanted]
