@@ -275,9 +275,12 @@ class Evaluation:
 
         def solved(scene: Scene, start: RodShape | None, number: int) -> tuple[Result, Any]:
             if differentiate is None:
-                return solve(scene, **_near(start)), None
-            found = differentiate(scene, self.differentiated, **_near(start))
-            return found.result, self._derived(found, scene, params, number)
+                result, derived = solve(scene, **_near(start)), None
+            else:
+                found = differentiate(scene, self.differentiated, **_near(start))
+                result, derived = found.result, self._derived(found, scene, params, number)
+            self.gaps(result, number)  # what can't be compared fails here
+            return result, derived
 
         for k, (scene, start) in enumerate(zip(self.scenes(params), starts, strict=True)):
             found = attempted(partial(solved, scene, start, k), scene, log)

@@ -74,8 +74,8 @@ class Model:
     @property
     def line(self) -> str:
         """The model in a line of the table."""
-        errors = {"finest": self.error_finest, "reference": self.error_reference, "ladder's answer on these cells": self.error_same_cells}
-        told = [f"{percent(error)} from the {of}" for of, error in errors.items() if error is not None]
+        known = {"finest": self.error_finest, "reference": self.error_reference, "ladder's answer on the same cells": self.error_same_cells}
+        told = [f"{percent(error)} from the {of}" for of, error in known.items() if error is not None]
         return f"{self.name}: {self.seconds:.3f} s, {', '.join(told)}"
 
 
