@@ -297,7 +297,7 @@ def draw_study(
 
 def _design_snapshot(name: str, scene: Mapping[str, Any], path: np.ndarray | None, known: Mapping[str, Any]) -> Snapshot | None:
     """The picture of a design's insertion, from what is stored of it; None where it is none. path: rows [s, x, y, z], (m, 4) m."""
-    from magmpm.studies.evaluate.insertion import shapes_of
+    from magmpm.studies.evaluate.trajectory import shapes_of
 
     shapes = shapes_of(known)
     if not shapes or path is None:
@@ -318,7 +318,7 @@ def insertion_snapshot(
 
 def _draw_movie(folder: Path, out: Path, name: str, renderer: Renderer) -> list[Path]:
     """The movie of the best design in `folder`, into `out`; nothing where its frames are not there."""
-    from magmpm.studies.evaluate.insertion import MOVIE
+    from magmpm.studies.evaluate.trajectory import MOVIE
     from magmpm.viz.camera import Framing
     from magmpm.viz.insertion import Insertion
     from magmpm.viz.movies import frames_movie

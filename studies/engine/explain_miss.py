@@ -46,15 +46,12 @@ def findings(study: Study, space: SearchSpace, trials: Sequence[FrozenTrial]) ->
     residuals, jacobian = model_of(best)
     coordinates, x = gauss_newton_blocks(space), space.embedded(best.params)
     rms = float(np.linalg.norm(residuals))
-    step = coordinates.step(x, residuals, jacobian, RADIUS / 4)
+    step, kept = coordinates.step(x, residuals, jacobian, RADIUS / 4), list[Finding]()
     if step.promised > LEAST_GAIN * rms**2:
         foreseen = float(np.sqrt(max(rms**2 - step.promised, 0.0)))
         says = f"the search was still getting better when its trials were used up: the next step promises {_mm(foreseen)}"
-        found: list[Finding | None] = [{"what": "trials", "says": says, "rms_m": rms, "promised_rms_m": foreseen}]
-    else:
-        found = []
-    found += [_bound(block, x[at], residuals @ jacobian[:, at] / rms) for block, at in space.parts]
-    kept = [one for one in found if one is not None]
+        kept.append({"what": "trials", "says": says, "rms_m": rms, "promised_rms_m": foreseen})
+    kept += filter(None, (_bound(block, x[at], residuals @ jacobian[:, at] / rms) for block, at in space.parts))
     if any(one["what"] == "field" for one in kept):
         kept += _stronger_field(study, space, good)
     kept += _curvature(study, space, best)

@@ -44,8 +44,8 @@ from magmpm.studies.engine.workers.sessions import (
     remembered,
     uninterrupted,
 )
-from magmpm.studies.evaluate.insertion import Insertion
 from magmpm.studies.evaluate.judge import FAILURES, Judge, Picture, trial_of
+from magmpm.studies.evaluate.trajectory import Insertion
 from magmpm.studies.evaluate.trial import Differentiate, Outcome, Solve, Trial, constraints, needs_derivatives
 from magmpm.studies.rods.rod_designs import next_exchange
 from magmpm.studies.search.definition import Study
@@ -113,7 +113,8 @@ def run_study(
         ended = run.to_the_end(on_trial, stop) if ended == "trials" else ended  # workers leave exchanges, which need one another
         if ended != "interrupted":
             run.keep_best()
-            run.mend_artifacts()
+            if not shared:  # where other sessions share the study, each sees to its own pictures
+                run.mended = store(lambda: run.gallery.mend(run.finished()))
         summary = dataclasses.replace(found := run.report(ended), artifacts=artifacts, warnings=[*advice, *run.notes, *found.warnings])
         summary.save()
     return summary
@@ -170,14 +171,9 @@ class _Run(OpenStudy):
         best = report.nearest_first(finished)
         self.count, self.best = len(finished), best[0].values[0] if best else None
 
-    def mend_artifacts(self) -> None:
-        """Puts back what is damaged of the trials' pictures; where other sessions share the study, each sees to its own."""
-        if not self.shared:
-            self.mended = self.store(lambda: self.gallery.mend(self.finished()))
-
     def sampler(self) -> BaseSampler:
         """Sampler that chooses the trials."""
-        study, insertion = self.study, self.judge.trajectory
+        study, insertion = self.study, self.judge.evaluation
 
         def of(number: int) -> BaseSampler:
             if isinstance(insertion, Insertion) and insertion.projects and study.sampler != "gauss-newton":
@@ -201,7 +197,7 @@ class _Run(OpenStudy):
 
     def exhausted(self) -> bool:
         """True if only starts elsewhere are left to an insertion whose best design is good: they are on other branches, and win nothing."""
-        sampler, found = self.newton, isinstance(self.judge.trajectory, Insertion) and self.best is not None
+        sampler, found = self.newton, isinstance(self.judge.evaluation, Insertion) and self.best is not None
         if sampler is None or not found or self.best > choice.POOR * self.space.scene.length:  # type: ignore[operator]
             return False
         trials = self.store(lambda: self.kept.get_trials(deepcopy=False))
@@ -211,7 +207,7 @@ class _Run(OpenStudy):
 
     def exchange(self) -> bool:
         """Queues the best design of a set of directions with the rest a step on, or one direction exchanged. Returns whether one waits."""
-        several = self.judge.trajectory is not None or len(self.study.minimize) > 1
+        several = bool(self.study.depths or self.study.keyframes) or len(self.study.minimize) > 1
         if self.shared or several or self.space.limits is None or self.space.limits.allowed is None:
             return False
         trials = self.store(lambda: self.kept.get_trials(deepcopy=False))
@@ -296,11 +292,7 @@ class _Run(OpenStudy):
 
     def ask(self) -> optuna.Trial:
         """The next trial, with its design."""
-        def asked_for() -> optuna.Trial:
-            with uninterrupted():  # a trial that is begun must say whose it is
-                return self.kept.ask(self.distributions)
-
-        asked = self.store(asked_for)
+        asked = self.store(uninterrupted()(lambda: self.kept.ask(self.distributions)))  # a trial that is begun must say whose it is
         if self.shared:
             self.store(lambda: self.storage.set_trial_user_attr(trial_id(asked), READY, True))
         return asked

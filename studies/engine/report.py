@@ -143,11 +143,6 @@ def refused(trial: FrozenTrial) -> bool:
     return bool(trial.user_attrs.get("refused"))
 
 
-def whole_design(trial: FrozenTrial) -> dict[str, Any]:
-    """`describe`, and what pictures of an insertion need."""
-    return describe(trial) | {key: trial.user_attrs[key] for key in ("shapes", "catheter") if key in trial.user_attrs}
-
-
 def describe(trial: FrozenTrial) -> dict[str, Any]:
     """Describe a trial for a report."""
     kept = {key: trial.user_attrs.get(key) for key in ("tip_error_m", "stability", "magnetization", "field_T")}

@@ -40,19 +40,14 @@ def storage_url(out: Path | None, url: str | None) -> str:
             raise InputError("--storage", received="a text without ://, not shown for what it may hold", rule=rule, remedy=remedy)
         remedy = f"write, say, {f'sqlite:///{DATABASE}' if in_memory(make_url(file)) else file}"
         raise InputError("--storage", received=url or "nothing", rule=rule, remedy=remedy)
-    _refuse_plain_signs(url)
+    password = _IN_FRONT.match(url.partition("?")[0])
+    if not url.startswith("sqlite") and password is not None and re.search(r"[@/#]", password["password"]):  # a driver would report it
+        rule, remedy = "the signs @ / ? # end a password, so it is written without them", "write %40 for @, %2F for /, %3F for ?, %23 for #"
+        raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy)
     for plain in ("postgresql://", "postgres://"):
         if url.startswith(plain) and importlib.util.find_spec("psycopg2") is None:
             return "postgresql+psycopg://" + url.removeprefix(plain)
     return url
-
-
-def _refuse_plain_signs(url: str) -> None:
-    """Raises InputError for a password with signs that end it: a driver would take what follows for the host, and report it."""
-    password = _IN_FRONT.match(url.partition("?")[0])
-    if not url.startswith("sqlite") and password is not None and re.search(r"[@/#]", password["password"]):
-        rule, remedy = "the signs @ / ? # end a password, so it is written without them", "write %40 for @, %2F for /, %3F for ?, %23 for #"
-        raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy)
 
 
 def known_url(saved: str, option: str | None, environment: Mapping[str, str]) -> str | None:

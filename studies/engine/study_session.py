@@ -17,10 +17,9 @@ from magmpm.studies.engine.explain_miss import findings
 from magmpm.studies.engine.report import StudyReport, judged
 from magmpm.studies.engine.storage import Store, must_exist, must_hold, open_study, shown_url, storage_faults
 from magmpm.studies.engine.workers.sessions import EXCHANGED
-from magmpm.studies.evaluate.insertion import MOVIE, Insertion
 from magmpm.studies.evaluate.judge import Judge
+from magmpm.studies.evaluate.trajectory import MOVIE, Insertion
 from magmpm.studies.problem.study import Study
-from magmpm.studies.rods.rod_designs import improved, rod_starts
 from magmpm.studies.search.best_scene import write_best_scene
 from magmpm.studies.search.objectives import pareto_report
 from magmpm.studies.search.samplers.choice import settings
@@ -68,11 +67,7 @@ class OpenStudy:
             return []
         known = self.store(lambda: self.kept.user_attrs)
         if STARTS not in known:
-            if self.judge.trajectory is not None:
-                starts = self.judge.trajectory.rod_starts()
-            else:
-                starts = rod_starts(self.space, self.study.target, self.study.seed)
-                starts = improved(self.space, self.study.target, starts)
+            starts = self.judge.evaluation.rod_starts()
             self.store(lambda: self.kept.set_user_attr(STARTS, starts))
         return list(self.store(lambda: self.kept.user_attrs)[STARTS])
 
@@ -82,12 +77,13 @@ class OpenStudy:
         if best is None:
             return
         self.mend_improvements()
-        if not records.holds(self.out / records.BEST, best):
-            self.replace_best(best)
+        source = self.out / records.IMPROVEMENTS / f"{best.number:03d}"
+        if not records.holds(self.out / records.BEST, best) and self.saved(best, source):
+            records.replace_folder(source, self.out / records.BEST)
         self.judge_finer()
         if records.holds(self.out / records.BEST, best):
-            if isinstance(self.judge.trajectory, Insertion) and not (self.out / records.BEST / MOVIE).exists():
-                self.judge.trajectory.write_moments(self.out / records.BEST, self.judge.solve, best.params)
+            if isinstance(self.judge.evaluation, Insertion) and not (self.out / records.BEST / MOVIE).exists():
+                self.judge.evaluation.write_moments(self.out / records.BEST, self.judge.solve, best.params)
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
 
     def judge_finer(self) -> None:
@@ -104,23 +100,19 @@ class OpenStudy:
         trials = {trial.number: trial for trial in self.finished()}
         for folder in sorted((self.out / records.IMPROVEMENTS).glob("[0-9]*")):
             trial = trials.get(int(folder.name)) if folder.name.isdigit() else None
-            if trial is None or records.holds(folder, trial):
-                continue
-            try:
-                records.save_design(folder, self.judge.result_of(trial.params), report.whole_design(trial))
-            except SolveError:
+            if trial is not None and not self.saved(trial, folder):
                 shutil.rmtree(folder)  # a picture less, where it would stop all of them
 
-    def replace_best(self, best: FrozenTrial) -> None:
-        """Puts the best trial's result into OUT/best."""
-        source = self.out / records.IMPROVEMENTS / f"{best.number:03d}"
-        if not records.holds(source, best):
+    def saved(self, trial: FrozenTrial, folder: Path) -> bool:
+        """Return whether a folder holds the result of a trial, which is solved again if it does not."""
+        if not records.holds(folder, trial):
             try:
-                result = self.judge.result_of(best.params)
+                result = self.judge.evaluation.last_result(self.judge.solve, trial.params)
             except SolveError:
-                return  # it has been solved elsewhere; parameters and numbers stay in the report
-            records.save_design(source, result, report.whole_design(best))
-        records.replace_folder(source, self.out / records.BEST)
+                return False  # it has been solved elsewhere; parameters and numbers stay in the report
+            drawn = {key: trial.user_attrs[key] for key in ("shapes", "catheter") if key in trial.user_attrs}
+            records.save_design(folder, result, report.describe(trial) | drawn)
+        return True
 
     def report(self, ended: report.Ended) -> StudyReport:
         """The study as it stands."""
@@ -167,13 +159,8 @@ def solved_again(judge: Judge, store: Store, number: int) -> dict[str, Any]:
     outcome = judge.judged(number, trial.params)
     stored, now = trial.user_attrs.get("rms_m", trial.values[0]), outcome.rms
     return {
-        "number": number,
-        "params": dict(trial.params),
-        "rms_m": now,
-        "stored_rms_m": stored,
-        "same": bool(stored == now and trial.values[0] == outcome.value),
-        "reason": outcome.reason,
-        "versions": trial.user_attrs.get("versions", {}),
-        "versions_now": outcome.known["versions"],
+        "number": number, "params": dict(trial.params), "rms_m": now, "stored_rms_m": stored,
+        "same": bool(stored == now and trial.values[0] == outcome.value), "reason": outcome.reason,
+        "versions": trial.user_attrs.get("versions", {}), "versions_now": outcome.known["versions"],
         "files": [str(path) for path in outcome.files],
-    }
+    }  # fmt: skip

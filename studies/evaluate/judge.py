@@ -8,18 +8,16 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from magmpm.studies.evaluate.insertion import Insertion, shapes_of
-from magmpm.studies.evaluate.trajectory import Schedule
+from magmpm.studies.evaluate.trajectory import Insertion, Schedule, shapes_of
 from magmpm.studies.evaluate.trial import (
     Differentiate,
+    Evaluation,
     Outcome,
     Solve,
     Trial,
     attributes,
-    evaluate,
     needs_derivatives,
     penalty,
-    solve_with_derivatives,
 )
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.search_space import SearchSpace
@@ -36,13 +34,18 @@ PICTURES = "pictures"
 Picture = Callable[["Result", Path, Trial], Path | Sequence[Path]]
 
 
+def evaluation_of(study: Study, space: SearchSpace) -> Evaluation:
+    """The equilibria that a study requires."""
+    return Insertion.of(study, space) or Schedule.of(study, space) or Evaluation(study, space)
+
+
 class Judge:
     """Solves and evaluates the designs of a study, and draws them."""
 
     def __init__(self, study: Study, solve: Solve, differentiate: Differentiate | None, picture: Picture | None, out: Path) -> None:
         self.study, self.solve, self.differentiate, self.picture, self.out = study, solve, differentiate, picture, out
         self.space = SearchSpace.of(study)
-        self.trajectory = Insertion.of(study, self.space) or Schedule.of(study, self.space)
+        self.evaluation = evaluation_of(study, self.space)
 
     def judged(self, number: int, params: Mapping[str, Any]) -> Outcome:
         """The outcome of the design of a trial, with what to save.
@@ -50,7 +53,8 @@ class Judge:
         Only interrupts, and disks that take no log, end this with an exception.
         """
         scene = self.scene_of(params)
-        outcome = self.outcome(params, scene)
+        differentiate = self.differentiate if needs_derivatives(self.study) else None
+        outcome = self.evaluation.evaluate(self.solve, differentiate, params, self.out / FAILURES)
         known = self._known(outcome, scene, params)
         begun = time.perf_counter()
         files = self._drawn(number, outcome, known)
@@ -67,25 +71,7 @@ class Judge:
 
     def scene_of(self, params: Mapping[str, Any]) -> Scene:
         """The scene of a trial; of an insertion that of its last depth, of a schedule that of its last time."""
-        return self.space.scene_of(params) if self.trajectory is None else self.trajectory.scenes(params)[-1]
-
-    def outcome(self, params: Mapping[str, Any], scene: Scene) -> Outcome:
-        """A trial's outcome, with what its sampler reads."""
-        if self.trajectory is not None:
-            differentiate = self.differentiate if self.study.sampler == "gauss-newton" else None
-            return self.trajectory.evaluate(self.solve, differentiate, params, self.out / FAILURES)
-        return evaluate(self._solved(params), scene, self.study.target, self.out / FAILURES, self.study.margin)
-
-    def result_of(self, params: Mapping[str, Any]) -> Result:
-        """The result of a design; of an insertion or a schedule that of its end. Raises SolveError."""
-        return self.solve(self.scene_of(params)) if self.trajectory is None else self.trajectory.last_result(self.solve, params)
-
-    def _solved(self, params: Mapping[str, Any]) -> Callable[[Scene], Any]:
-        """Solver of the trial with these parameters: with derivatives where they are read."""
-        differentiate = self.differentiate
-        if differentiate is None or not needs_derivatives(self.study):
-            return self.solve
-        return lambda scene: solve_with_derivatives(differentiate, scene, self.study, self.space, params)
+        return self.evaluation.scenes(params)[-1]
 
     def _drawn(self, number: int, outcome: Outcome, known: dict[str, Any]) -> list[Path]:
         """A trial's pictures; where there is none, `known` says why: a missing picture never fails a trial."""

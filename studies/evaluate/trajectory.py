@@ -6,10 +6,9 @@ the residuals that Gauss-Newton reads; the fields of two of them do not touch ea
 
 from __future__ import annotations
 
-import dataclasses
-import time
+import json
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,12 +19,13 @@ import numpy as np
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
+from magmpm.results.measures import centreline_at
+from magmpm.results.whole_file import whole_file
 from magmpm.rod.cosserat import rod_model
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
-from magmpm.studies.evaluate.trial import Differentiate, Outcome, Solve, attempted, penalty, stored
+from magmpm.studies.evaluate.trial import Evaluation, Solve, penalty, stored
 from magmpm.studies.problem.path import Path as Curve
-from magmpm.studies.problem.shape_distance import gap_derivatives, gaps
 from magmpm.studies.problem.study import Study
 from magmpm.studies.rods.rod_path import FEWEST, RodPath, directions_of, search
 from magmpm.studies.rods.rod_trajectory import ELEMENTS, Depth, RodDesign, RodTrajectory
@@ -36,31 +36,29 @@ if TYPE_CHECKING:
     from magmpm.rod.cosserat import RodShape
     from magmpm.statics.linearized import Sensitivities
 
+STATIONS = 25
+EXIT_WEIGHT = 0.25
+DEPTHS = "insertion"  # user attribute: what is kept of each depth
+CATHETER = "catheter"  # ... the whole catheter, of which the last depth may leave a part in the guide
+SHAPES = "shapes"  # ... and how it is drawn: axis, and each segment's center and remanence
+MOVIE = "insertion.json"
 NEAR = 0.01  # of the length: a rod's design that is near enough
 
 
 @dataclass(frozen=True)
-class Trajectory(ABC):
-    """The equilibria that a study requires of each design."""
+class Trajectory(Evaluation, ABC):
+    """Several equilibria of each design."""
 
-    study: Study
-    space: SearchSpace
-
-    @property
-    @abstractmethod
-    def places(self) -> tuple[str, ...]:
-        """Names of the equilibria in messages: at 12 mm, at 0.5 s."""
+    sought = 24, 3  # of the rod: most random starts, and how many designs are enough
+    end_weight = 0.0  # what the last gap of the last equilibrium counts besides, in what Gauss-Newton reads
 
     @abstractmethod
-    def scenes(self, params: Mapping[str, Any]) -> list[Scene]:
-        """The scene of each equilibrium of a design."""
+    def weights(self, number: int) -> Array:
+        """Weights of the squared lengths of the gaps (m,); they sum to 1."""
 
-    def starts(self, params: Mapping[str, Any]) -> Sequence[RodShape | None]:
-        """The rod near which each equilibrium is, or None where it is on the branch that grows from no load. Raises SolveError."""
-        way, directions = self.way(params), directions_of(self.space.scene_of(params))
-        if way is None:
-            return [None] * len(self.places)
-        return [stops[-1].shape(directions) for stops in way.stops(directions, self.fields(params))]
+    @abstractmethod
+    def way(self, params: Mapping[str, Any]) -> RodPath | None:
+        """The rods of a design on the way from each equilibrium to the next; None where the body is no rod in a uniform field."""
 
     @abstractmethod
     def _way(self, scene: Scene) -> RodPath:
@@ -71,13 +69,19 @@ class Trajectory(ABC):
     def followed(self) -> Any:
         """The curve that the rods follow, or one for each of them: rod_trajectory.RodTrajectory.grown."""
 
+    def starts(self, params: Mapping[str, Any]) -> Sequence[RodShape | None]:
+        way, directions = self.way(params), directions_of(self.space.scene_of(params))
+        if way is None:
+            return super().starts(params)
+        return [stops[-1].shape(directions) for stops in way.stops(directions, self.fields(params))]
+
     @cached_property
     def rods(self) -> RodPath:
         """The rods among which designs are sought: numbers within bounds are in the middle."""
         return self._way(self.space.scene)
 
     def rod_starts(self) -> list[dict[str, float]]:
-        """Parameters of the rod's best designs, best first; none where directions or the fields of each equilibrium are not varied."""
+        """None where directions or the fields of each equilibrium are not varied."""
         space, (starts, wanted) = self.space, self.sought
         if space.field_max is None or space.fields != len(self.places) or not space.segments:
             return []
@@ -93,120 +97,52 @@ class Trajectory(ABC):
         x[directions.size : directions.size + design.fields.size] = design.fields.ravel()
         return self.space.parameters_at(x)
 
-    @abstractmethod
-    def way(self, params: Mapping[str, Any]) -> RodPath | None:
-        """The rods of a design on the way from each equilibrium to the next; None where the body is no rod in a uniform field."""
-
-    @abstractmethod
-    def gaps(self, result: Result, number: int) -> Array:
-        """Vectors (m, 3) m from the target to the shape of an equilibrium."""
-
-    @abstractmethod
-    def slopes(self, found: Sensitivities, number: int) -> Array:
-        """Their derivatives (m, 3, k), m per unit of each variable of `found`."""
-
-    @abstractmethod
-    def weights(self, number: int) -> Array:
-        """Weights of the squared lengths of the gaps (m,); they sum to 1."""
-
-    @abstractmethod
-    def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
-        """Measures reported of a design: rms_m, which is its value, and more."""
-
-    sought = 24, 3  # of the rod: most random starts, and how many designs are enough
-    end_weight = 0.0  # what the last gap of the last equilibrium counts besides, in what Gauss-Newton reads
-
-    def field_number(self, number: int) -> int:
-        """Which of the design's fields an equilibrium has."""
-        return number if self.space.fields > 1 else -1
-
     def fields(self, params: Mapping[str, Any]) -> Array:
         """The field of each equilibrium (n, 3), T."""
         return np.array([self.space.field(params, self.field_number(k)) for k in range(len(self.places))])
 
-    def last_result(self, solve: Solve, params: Mapping[str, Any]) -> Result:
-        """The last equilibrium of a design. Raises SolveError."""
-        return solve(self.scenes(params)[-1], start=self.starts(params)[-1])
+    def penalty(self, params: Mapping[str, Any]) -> float:
+        return penalty(self.space.scene)
 
     def mean_squares(self, results: Sequence[Result]) -> Array:
         """The mean squared gap of each equilibrium, m^2."""
         return np.array([self.weights(k) @ np.sum(self.gaps(result, k) ** 2, axis=1) for k, result in enumerate(results)])
+
+    def rows(self, results: Sequence[Result], params: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """The field and the distances of each equilibrium, T and m."""
+        each = zip(self.fields(params), self.mean_squares(results), results, strict=True)
+        return [
+            {"field_T": np.round(field, 12).tolist(), "rms_m": float(np.sqrt(square)),
+             "tip_error_m": float(np.linalg.norm(self.gaps(result, k)[-1]))}
+            for k, (field, square, result) in enumerate(each)
+        ]  # fmt: skip
 
     def field_changes(self, params: Mapping[str, Any]) -> dict[str, float]:
         """Changes of the field from one equilibrium to the next: the largest change, and their sum, T."""
         changes = np.linalg.norm(np.diff(self.fields(params), axis=0), axis=1)
         return {"field_largest_change_T": float(changes.max(initial=0.0)), "field_total_variation_T": float(changes.sum())}
 
-    def evaluate(self, solve: Solve, differentiate: Differentiate | None, params: Mapping[str, Any], log: Path) -> Outcome:
-        """Solves all equilibria of a design. Whatever goes wrong gives the penalty with a reason; interrupts pass through."""
-        begun = time.perf_counter()
-
-        def failed(reason: str) -> Outcome:
-            return Outcome(None, penalty(self.space.scene), None, reason, time.perf_counter() - begun)
-
-        try:
-            starts = self.starts(params)
-        except SolveError as error:
-            return failed(error.reason)
-        results: list[Result] = []
-        slopes: list[Array] = []
-        for k, (scene, start) in enumerate(zip(self.scenes(params), starts, strict=True)):
-            place = f"{self.places[k]}: "
-
-            def solved(scene: Scene = scene, start: RodShape | None = start, k: int = k) -> tuple[Result, Array | None]:
-                if differentiate is None:
-                    return solve(scene, start=start), None
-                near = differentiate(scene, self.space.sensitivities, start=start)
-                return near.result, self._by_coordinates(near, params, k)
-
-            found = attempted(solved, scene, log)
-            if isinstance(found, str):
-                return failed(place + found)
-            results.append(found[0])
-            slopes += [] if found[1] is None else [found[1]]
-            if not results[-1].converged:
-                return failed(place + "the solve did not converge")
-        measures = self.measures(results, params)
-        if not np.isfinite(measures["rms_m"]):
-            return failed("the results hold numbers that are not finite")
-        model = {**measures, **self._model(results, slopes)}
-        tip = float(np.linalg.norm(self.gaps(results[-1], len(results) - 1)[-1]))
-        return self._outcome(results, measures["rms_m"], tip, model, time.perf_counter() - begun)
-
-    def _outcome(self, results: list[Result], rms: float, tip: float, model: dict[str, Any], seconds: float) -> Outcome:
-        """The outcome of equilibria that were found: refused where the least stable of them is below the study's margin."""
-        known = [getattr(result, "stability", None) for result in results]
-        stability = None if None in known else min(float(value) for value in known)  # type: ignore[arg-type]
-        margin, reason = self.study.margin, None
-        if margin is not None and stability is None:
-            reason = "the stability of the results is not known, and the study has a margin"
-            return Outcome(None, penalty(self.space.scene), None, reason, seconds)
-        if margin is not None and stability is not None and stability < margin:
-            place = self.places[int(np.argmin([float(value or 0.0) for value in known]))]
-            reason = f"the stability {place}, {stability:.3g}, is below the margin, {margin:g}"
-        return Outcome(results[-1], rms, tip, reason, seconds, model, stability, reason is not None)
-
     def hidden(self, found: Sensitivities) -> int:
         """Number of segments of the whole body, from its base, that this equilibrium does not have."""
         return 0
 
-    def _by_coordinates(self, found: Sensitivities, params: Mapping[str, Any], number: int) -> Array:
+    def _derived(self, found: Sensitivities, scene: Scene, params: Mapping[str, Any], number: int) -> Array:
         """Derivatives (3 m, size) of an equilibrium's gaps by the design's embedded coordinates."""
         hidden = self.hidden(found)
-        variables = [v if v.region is None else dataclasses.replace(v, region=v.region + hidden) for v in found.variables]  # type: ignore
+        variables = [v if v.region is None else replace(v, region=v.region + hidden) for v in found.variables]  # type: ignore
         chain = self.space.chain(variables, self.space.embedded(params), field=self.field_number(number))
         slopes = self.slopes(found, number)
         return np.asarray(slopes.reshape(-1, slopes.shape[-1]) @ chain)
 
-    def _model(self, results: Sequence[Result], slopes: list[Array]) -> dict[str, Any]:
+    def _model(self, results: Sequence[Result], derived: list[Any]) -> dict[str, Any]:
         """The attributes that Gauss-Newton reads; none without derivatives."""
-        if not slopes:
+        if not derived:
             return {}
         roots = [np.repeat(np.sqrt(self.weights(k) / len(results)), 3) for k in range(len(results))]
         gaps = [self.gaps(result, k).reshape(-1) for k, result in enumerate(results)]
         end = np.sqrt(self.end_weight)
         rows = [*(root * gap for root, gap in zip(roots, gaps, strict=True)), end * gaps[-1][-3:]]
-        columns = [*(root[:, None] * slope for root, slope in zip(roots, slopes, strict=True)), end * slopes[-1][-3:]]
+        columns = [*(root[:, None] * slope for root, slope in zip(roots, derived, strict=True)), end * derived[-1][-3:]]
         return stored(np.concatenate(rows), np.concatenate(columns))
 
 
@@ -231,37 +167,21 @@ class Schedule(Trajectory):
     def places(self) -> tuple[str, ...]:
         return tuple(f"at {frame.time:g} s" for frame in self.study.keyframes)
 
-    def scenes(self, params: Mapping[str, Any]) -> list[Scene]:
-        return [self.space.scene_of(params, self.field_number(k)) for k in range(len(self.study.keyframes))]
-
-    def gaps(self, result: Result, number: int) -> Array:
-        return gaps(result, self.study.keyframes[number].target)
-
-    def slopes(self, found: Sensitivities, number: int) -> Array:
-        return gap_derivatives(found, self.study.keyframes[number].target)
+    def target(self, number: int) -> Array:
+        return self.study.keyframes[number].target
 
     def weights(self, number: int) -> Array:
-        count = len(self.study.keyframes[number].target)
+        count = len(self.target(number))
         return np.full(count, 1.0 / count)
 
     def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
         squares = self.mean_squares(results)
-        worst = int(np.argmax(squares))
+        worst, rows = int(np.argmax(squares)), zip(self.study.keyframes, self.rows(results, params), strict=True)
         return {
-            "rms_m": float(np.sqrt(squares.mean())),
-            "worst_m": float(np.sqrt(squares[worst])),
-            "worst_time_s": self.study.keyframes[worst].time,
-            **self.field_changes(params),
-            "schedule": [
-                {
-                    "time_s": frame.time,
-                    "field_T": np.round(self.space.field(params, self.field_number(k)), 12).tolist(),
-                    "rms_m": float(np.sqrt(squares[k])),
-                    "tip_error_m": float(np.linalg.norm(self.gaps(results[k], k)[-1])),
-                }
-                for k, frame in enumerate(self.study.keyframes)
-            ],
-        }
+            "rms_m": float(np.sqrt(squares.mean())), "worst_m": float(np.sqrt(squares[worst])),
+            "worst_time_s": self.study.keyframes[worst].time, **self.field_changes(params),
+            "schedule": [{"time_s": frame.time, **row} for frame, row in rows],
+        }  # fmt: skip
 
     def way(self, params: Mapping[str, Any]) -> RodPath | None:
         scene = self.space.scene_of(params)
@@ -309,3 +229,144 @@ def _rod(scene: Scene, path: Curve, count: int) -> Depth:
     family = RodFamily.of(rod, scene.body.shape.segment_lengths(), scene.magnetized_regions())  # type: ignore[attr-defined]
     segments = np.array(scene.magnetized_regions(), dtype=int)
     return Depth(rod=family, segments=segments, place=place, path=path.at(np.minimum(place, path.length)), roots=roots)
+
+
+@dataclass(frozen=True)
+class Insertion(Trajectory):
+    """A catheter is pushed out of a guide, and the field at each depth lets its whole body follow the path of its tip.
+
+    One equilibrium at each depth, each an ordinary static scene (Scene.inserted), in that depth's field. What is outside the guide at depth
+    l is compared with the path's first l, at equal arc length from the exit on.
+
+    * body rms: root of the mean, over all depths, of the mean squared distance along the inserted length (STATIONS stations).
+    * exit error: distance of the tip from the path's end, at full insertion (at the last depth from the path's point there).
+    * worst depth: the largest rms of a single depth.
+    * smoothness of the field: its largest change between neighboring depths, and the sum of the changes, T.
+
+    The value of a trial is its body rms. Samplers that read residuals get the exit's as well, which counts EXIT_WEIGHT as much as all of
+    the body: the body's rms alone would leave the tip 2 to 4 times as far away as the rest.
+
+    A body that is pushed has at each depth the equilibrium that it comes to from the depth before. So a rod is pushed along (rod_path.py),
+    and each depth's equilibrium is the one near it; in a field that varies in space, the one on the branch that grows from no load. Where a
+    depth has none, the trial gets the penalty, and the reason names the depth.
+    """
+
+    path: Curve
+    sought = 40, 2
+    end_weight = EXIT_WEIGHT
+
+    @classmethod
+    def of(cls, study: Study, space: SearchSpace) -> Insertion | None:
+        """None where the study has no depths."""
+        return cls(study, space, Curve(study.target)) if study.depths else None
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        return tuple(f"at {1e3 * depth:.4g} mm" for depth in self.study.depths)
+
+    def scenes(self, params: Mapping[str, Any]) -> list[Scene]:
+        """The scene of each depth of a design."""
+        return [self.space.scene_of(params, self.field_number(k)).inserted(length) for k, length in enumerate(self.study.depths)]
+
+    def gaps(self, result: Result, number: int = -1) -> Array:
+        """Vectors (STATIONS, 3) m from the path to one depth's axis."""
+        s = _stations(result)
+        return np.asarray(centreline_at(result, s) - self.path.at(s))
+
+    def slopes(self, found: Sensitivities, number: int) -> Array:
+        return found.at(_stations(found.result))
+
+    def weights(self, number: int) -> Array:
+        """Trapezoidal rule."""
+        weights = np.full(STATIONS, 1.0 / (STATIONS - 1))
+        weights[[0, -1]] /= 2
+        return weights
+
+    def hidden(self, found: Sensitivities) -> int:
+        return len(self.space.scene.regions()) - int(np.max(found.result.particle_segment)) - 1
+
+    def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
+        """Measures reported of a trajectory, as the class has them."""
+        squares, each = self.mean_squares(results), zip(self.study.depths, self.rows(results, params), results, strict=True)
+        rows = [{"depth_m": depth, **row, "newton_steps": int(one.iterations), "stability": one.stability} for depth, row, one in each]
+        return {
+            "rms_m": float(np.sqrt(squares.mean())), "exit_error_m": rows[-1]["tip_error_m"], "worst_m": float(np.sqrt(squares.max())),
+            "worst_depth_m": float(self.study.depths[int(np.argmax(squares))]), **self.field_changes(params), DEPTHS: rows,
+            SHAPES: [self._shape(result) for result in results], CATHETER: self.space.scene_of(params).to_si()["body"]["catheter"],
+        }  # fmt: skip
+
+    def _shape(self, result: Result) -> dict[str, Any]:
+        """Data that pictures need of one depth, m and T."""
+        axis = centreline_at(result, _stations(result))
+        rows = {"axis_m": axis, "centers_m": result.segment_center, "remanence_T": result.segment_remanence}
+        return {name: np.round(np.asarray(values), 7).tolist() for name, values in rows.items()}
+
+    def write_moments(self, folder: Path, solve: Solve, params: Mapping[str, Any]) -> None:
+        """Writes the frames of the movie of a design into a folder: all depths on the way, each in a field between those of its neighbors.
+        A depth that finds no equilibrium is left out.
+        """
+        whole, frames = self.space.scene_of(params), []
+        for length, field, start in self._moments(params):
+            try:
+                result = solve(whole.with_field(field).inserted(length), start=start)
+            except SolveError:
+                continue
+            rms = float(np.sqrt(self.mean_squares([result])[0]))
+            frames.append({"depth_m": length, "field_T": field.tolist(), "rms_m": rms, **self._shape(result)})
+        content = {"scene": whole.to_si(), "path_m": self.path.rows.tolist(), "frames": frames}
+        with whole_file(folder / MOVIE) as part:
+            part.write_text(json.dumps(content) + "\n", encoding="utf-8")
+
+    def _moments(self, params: Mapping[str, Any]) -> Iterator[tuple[float, Array, RodShape | None]]:
+        """Depths (m), fields (3,) T and rods of the movie, from the first depth that is evaluated on."""
+        fields, way = self.fields(params), self.way(params)
+        if way is None:
+            depths = np.array(self.study.depths)
+            for length in np.unique(np.concatenate([depths, np.linspace(depths[0], depths[-1], 48)])).tolist():
+                yield length, np.array([np.interp(length, depths, column) for column in fields.T]), None
+            return
+        directions = directions_of(self.space.scene_of(params))
+        for k, stops in enumerate(way.stops(directions, fields)):
+            for stop in stops if k else stops[-1:]:
+                yield float(stop.depth.place[-1]), stop.field, stop.shape(directions)
+
+    # designs by the rod
+
+    def way(self, params: Mapping[str, Any]) -> RodPath | None:
+        return None if self.space.scene.field.varies else self._way(self.space.scene_of(params))
+
+    @property
+    def followed(self) -> Curve:
+        return self.path
+
+    def _way(self, scene: Scene) -> RodPath:
+        most = self.space.field_max or 0.0
+        return RodPath.of(scene, self.path, self.study.depths, max_field=most, exit_weight=EXIT_WEIGHT)
+
+    @property
+    def projects(self) -> bool:
+        """True if samplers choose directions alone, and the rod each depth's field: where nothing else is varied."""
+        space, depths = self.space, len(self.study.depths)
+        return bool(space.segments) and space.field_max is not None and space.fields == depths > 1 and len(space.blocks) == space.count
+
+    def directions_alone(self) -> SearchSpace:
+        """The search space without the fields."""
+        return replace(self.space, field_max=None, fields=1)
+
+    def with_fields(self, chosen: Mapping[str, Any]) -> dict[str, Any]:
+        """Parameters of directions, with those of the field that the rod finds for each depth."""
+        directions = self.directions_alone().directions(chosen)
+        fitted = self.rods.rods.fitted(self.path, directions)
+        mended = None if fitted.state is None else self.rods.mended(fitted, turning=False)
+        return {**self.parameters(mended or fitted), **chosen}
+
+
+def shapes_of(kept: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
+    """Data that pictures need of each depth, from a trial's attributes or a design; () where it is no insertion."""
+    whole = {key: kept[key] for key in (CATHETER,) if key in kept}
+    return tuple({**depth, **shape, **whole} for depth, shape in zip(kept.get(DEPTHS, ()), kept.get(SHAPES, ()), strict=False))
+
+
+def _stations(result: Result) -> Array:
+    """Arc lengths (STATIONS,) m, exit to tip."""
+    return np.linspace(0.0, float(result.centreline[-1, 0]), STATIONS)

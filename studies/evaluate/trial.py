@@ -9,6 +9,7 @@ import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -23,9 +24,11 @@ from magmpm.scene import Scene
 from magmpm.statics.linearized import Sensitivities
 from magmpm.studies.problem.shape_distance import gap_derivatives, gaps, root_mean_square
 from magmpm.studies.problem.study import Study
+from magmpm.studies.rods.rod_designs import improved, rod_starts
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
+    from magmpm.rod.cosserat import RodShape
     from magmpm.scene.variables import Variable
     from magmpm.studies.problem.study_file import Robust
 
@@ -194,44 +197,135 @@ def attempted(work: Callable[[], Found], scene: Scene, log: Path) -> Found | str
         return f"{type(error).__name__}: {error}"
 
 
-def evaluate(
-    solve: Callable[[Scene], Result | tuple[Result, Mapping[str, Any]]], scene: Scene, target: NDArray[np.float64], log: Path,
-    margin: float | None = None,
-) -> Outcome:  # fmt: skip
-    """Solves a scene and compares it with target rows [s, x, y, z], (m, 4) m.
+@dataclass(frozen=True)
+class Evaluation:
+    """The equilibria that a study requires of each design, and how far they are from its target: here one."""
 
-    solve: gives the Result, and what else is to be stored of the trial, if anything. margin: least stability; one that is less
-    is refused.
+    study: Study
+    space: SearchSpace
 
-    A solve that fails in any way, or ends in numbers that are not finite, gives the penalty with a reason.
-    """
-    begun = time.perf_counter()
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Names of the equilibria in messages: at 12 mm, at 0.5 s; none where there is one."""
+        return ("",)
 
-    def failed(reason: str) -> Outcome:
-        return Outcome(None, penalty(scene), None, reason, time.perf_counter() - begun)
+    def target(self, number: int) -> Array:
+        """Rows [s, x, y, z] (m, 4) m that an equilibrium is compared with."""
+        return self.study.target
 
-    def solved() -> tuple[Result, Mapping[str, Any], float, Array]:
-        found = solve(scene)
-        result, model = found if isinstance(found, tuple) else (found, {})
-        return result, model, time.perf_counter() - begun, gaps(result, target)
+    def field_number(self, number: int) -> int:
+        """Which of the design's fields an equilibrium has."""
+        return number if self.space.fields > 1 else -1
 
-    found = attempted(solved, scene, log)
-    if isinstance(found, str):
-        return failed(found)
-    result, model, seconds, apart = found
-    rms, tip = root_mean_square(apart), float(np.linalg.norm(apart[-1]))
-    if not (np.isfinite(rms) and np.isfinite(tip)):
-        return failed("the result holds numbers that are not finite")
-    if not result.converged:
-        return failed("the solve did not converge")
-    model = {"residuals": _rounded((apart / np.sqrt(len(apart))).reshape(-1)), **model}
-    stability = getattr(result, "stability", None)
-    if margin is not None and stability is None:
-        return failed("the stability of the result is not known, and the study has a margin")
-    if margin is not None and stability is not None and stability < margin:
-        reason = f"stability {stability:.3g} is below the margin, {margin:g}"
-        return Outcome(result, rms, tip, reason, seconds, model, stability, refused=True)
-    return Outcome(result, rms, tip, None, seconds, model, stability)
+    def scenes(self, params: Mapping[str, Any]) -> list[Scene]:
+        """The scene of each equilibrium of a design."""
+        return [self.space.scene_of(params, self.field_number(k)) for k in range(len(self.places))]
+
+    def starts(self, params: Mapping[str, Any]) -> Sequence[RodShape | None]:
+        """The rod near which each equilibrium is, or None where it is on the branch that grows from no load. Raises SolveError."""
+        return [None] * len(self.places)
+
+    def rod_starts(self) -> list[dict[str, float]]:
+        """Parameters of the rod's best designs, best first."""
+        return improved(self.space, self.study.target, rod_starts(self.space, self.study.target, self.study.seed))
+
+    def gaps(self, result: Result, number: int) -> Array:
+        """Vectors (m, 3) m from the target to the shape of an equilibrium."""
+        return gaps(result, self.target(number))
+
+    def slopes(self, found: Sensitivities, number: int) -> Array:
+        """Their derivatives (m, 3, k), m per unit of each variable of `found`."""
+        return gap_derivatives(found, self.target(number))
+
+    def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
+        """Measures reported of a design: rms_m, which is its value, and more."""
+        return {"rms_m": root_mean_square(self.gaps(results[0], 0))}
+
+    def penalty(self, params: Mapping[str, Any]) -> float:
+        """Value of a design that is not solved, m."""
+        return penalty(self.scenes(params)[-1])
+
+    def last_result(self, solve: Solve, params: Mapping[str, Any]) -> Result:
+        """The last equilibrium of a design. Raises SolveError."""
+        return solve(self.scenes(params)[-1], **_near(self.starts(params)[-1]))
+
+    @property
+    def differentiated(self) -> list[str]:
+        """Kinds of variables by which solves are differentiated: for what gauss-newton reads, and for errors of manufacture."""
+        errors = self.study.robust
+        of = self.space.sensitivities if self.study.sampler == "gauss-newton" else []
+        return list(dict.fromkeys([*of, *(kinds(errors) if errors is not None else ())]))
+
+    def evaluate(self, solve: Solve, differentiate: Differentiate | None, params: Mapping[str, Any], log: Path) -> Outcome:
+        """Solves all equilibria of a design. differentiate: where derivatives are read.
+
+        A solve that fails in any way, or ends in numbers that are not finite, gives the penalty with a reason; interrupts pass through. A
+        design that is less stable than the study's margin is refused.
+        """
+        begun = time.perf_counter()
+
+        def failed(reason: str) -> Outcome:
+            return Outcome(None, self.penalty(params), None, reason, time.perf_counter() - begun)
+
+        try:
+            starts = self.starts(params)
+        except SolveError as error:
+            return failed(error.reason)
+        several, results, derived = self.places != ("",), list[Result](), list[Any]()
+
+        def solved(scene: Scene, start: RodShape | None, number: int) -> tuple[Result, Any]:
+            if differentiate is None:
+                result, derived = solve(scene, **_near(start)), None
+            else:
+                found = differentiate(scene, self.differentiated, **_near(start))
+                result, derived = found.result, self._derived(found, scene, params, number)
+            self.gaps(result, number)  # what can't be compared fails here
+            return result, derived
+
+        for k, (scene, start) in enumerate(zip(self.scenes(params), starts, strict=True)):
+            found = attempted(partial(solved, scene, start, k), scene, log)
+            if not isinstance(found, str) and not found[0].converged:
+                found = "the solve did not converge"
+            if isinstance(found, str):
+                return failed(f"{self.places[k]}: {found}" if several else found)
+            results.append(found[0])
+            derived.append(found[1])
+        seconds, measures = time.perf_counter() - begun, self.measures(results, params)
+        if not np.isfinite(measures["rms_m"]):
+            return failed(f"the {'results hold' if several else 'result holds'} numbers that are not finite")
+        known: list[Any] = [getattr(result, "stability", None) for result in results]
+        stability, margin, reason = None if None in known else float(min(known)), self.study.margin, None
+        if margin is not None and stability is None:
+            return failed(f"the stability of the result{'s' * several} is not known, and the study has a margin")
+        if margin is not None and stability is not None and stability < margin:
+            least = f"the stability {self.places[int(np.argmin(known))]}, {stability:.3g}," if several else f"stability {stability:.3g}"
+            reason = f"{least} is below the margin, {margin:g}"
+        tip = float(np.linalg.norm(self.gaps(results[-1], len(results) - 1)[-1]))
+        model = {**measures, **self._model(results, [one for one in derived if one is not None])}
+        return Outcome(results[-1], measures["rms_m"], tip, reason, seconds, model, stability, reason is not None)
+
+    def _derived(self, found: Sensitivities, scene: Scene, params: Mapping[str, Any], number: int) -> Any:
+        """Attributes that gauss-newton reads, and those of the scatter by errors of manufacture.
+
+        residuals: the gaps at the target's rows, component by component, over the root of m: their sum of squares is rms^2. jacobian: their
+        derivatives by the embedded coordinates of the design (parameters.py).
+        """
+        gap, slopes, model, errors = self.gaps(found.result, number), self.slopes(found, number), dict[str, Any](), self.study.robust
+        if self.study.sampler == "gauss-newton":
+            share = 1.0 / np.sqrt(len(gap))
+            chain = self.space.chain(found.variables, self.space.embedded(params), params.get("order"))
+            model = stored(share * gap.reshape(-1), share * slopes.reshape(gap.size, -1) @ chain)
+        return model if errors is None else model | Scatter(gap, slopes * deviations(scene, found.variables, errors)).attributes()
+
+    def _model(self, results: Sequence[Result], derived: list[Any]) -> dict[str, Any]:
+        """The attributes that samplers read."""
+        gap = self.gaps(results[0], 0)
+        return {"residuals": _rounded((gap / np.sqrt(len(gap))).reshape(-1)), **(derived[0] if derived else {})}
+
+
+def _near(start: RodShape | None) -> dict[str, RodShape]:
+    """The option of a solve that begins near a rod's shape."""
+    return {} if start is None else {"start": start}
 
 
 def constraints(outcome: Outcome, margin: float | None) -> dict[str, float]:
@@ -248,26 +342,17 @@ def attributes(outcome: Outcome, scene: Scene, directions: NDArray[np.float64], 
     """
     result = outcome.result
     kept: dict[str, Any] = {
-        "feasible": outcome.accepted,
-        "scene_hash": scene.hash(),
-        "magnetization": np.round(directions, 9).tolist(),
-        "field_T": np.round(uniform, 12).tolist(),
-        "versions": dict(versions() if result is None else {**versions(), **result.versions}),
-    }
+        "feasible": outcome.accepted, "scene_hash": scene.hash(), "magnetization": np.round(directions, 9).tolist(),
+        "field_T": np.round(uniform, 12).tolist(), "versions": {**versions(), **({} if result is None else result.versions)},
+    }  # fmt: skip
     if result is None:
         return {**kept, "reason": outcome.reason}
     if outcome.refused:
         kept |= {"refused": True, "reason": outcome.reason}
     return {
-        **kept,
-        "stability": outcome.stability,
-        "rms_m": outcome.rms,
-        "tip_error_m": outcome.tip_error,
-        "min_det_F": float(result.min_det_F),
-        "max_det_F": float(result.max_det_F),
-        "newton_steps": int(result.iterations),
-        **outcome.model,
-    }
+        **kept, "stability": outcome.stability, "rms_m": outcome.rms, "tip_error_m": outcome.tip_error,
+        "min_det_F": float(result.min_det_F), "max_det_F": float(result.max_det_F), "newton_steps": int(result.iterations), **outcome.model,
+    }  # fmt: skip
 
 
 def versions() -> Mapping[str, str]:
@@ -280,33 +365,6 @@ def versions() -> Mapping[str, str]:
 def needs_derivatives(study: Study) -> bool:
     """True if the trials of a study are solved with derivatives."""
     return study.sampler == "gauss-newton" or study.robust is not None
-
-
-def linear_model(found: Sensitivities, target: Array, space: SearchSpace, params: Mapping[str, Any]) -> dict[str, Any]:
-    """The user attributes of a solved trial that Gauss-Newton reads; target rows [s, x, y, z], (m, 4) m.
-
-    residuals: the gaps at the target's rows, component by component, over the root of m: their sum of squares is rms^2. jacobian: their
-    derivatives by the embedded coordinates of the design (parameters.py).
-    """
-    share = 1.0 / np.sqrt(len(target))
-    gap = gaps(found.result, target)
-    slopes = gap_derivatives(found, target).reshape(gap.size, -1)
-    chain = space.chain(found.variables, space.embedded(params), params.get("order"))
-    return stored(share * gap.reshape(-1), share * slopes @ chain)
-
-
-def solve_with_derivatives(
-    differentiate: Differentiate, scene: Scene, study: Study, space: SearchSpace, params: Mapping[str, Any]
-) -> tuple[Result, dict[str, Any]]:
-    """The equilibrium of a trial, and what is stored of its derivatives: the linear model for gauss-newton, the scatter for `robust`."""
-    follows, errors = study.sampler == "gauss-newton", study.robust
-    of = [*(space.sensitivities if follows else ()), *(kinds(errors) if errors is not None else ())]
-    found = differentiate(scene, list(dict.fromkeys(of)))
-    model = linear_model(found, study.target, space, params) if follows else {}
-    if errors is not None:
-        spread = gap_derivatives(found, study.target) * deviations(scene, found.variables, errors)
-        model |= Scatter(gaps(found.result, study.target), spread).attributes()
-    return found.result, model
 
 
 def stored(residuals: Array, jacobian: Array) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -176,25 +176,25 @@ def directions(scene: Scene, constants: Sequence[Constant], x: Array) -> Array |
 
     With d the scene's direction and t, u its tangents (scene.variables): cos e (cos a d + sin a t) + sin e u for the two numbers a, e.
     """
-    turns = _turns(constants)
-    if not turns:
+    turned = list(_turned(scene, constants, x))
+    if not turned:
         return None
     found: Array = np.array([region.magnetization for region in scene.regions()])
-    for region, pair in turns.items():
-        a, e = (0.0 if k is None else float(x[k]) for k in pair)
-        d, (t, u) = found[region], np.array(tangents(found[region]))
+    for region, _, a, e, d, t, u in turned:
         found[region] = np.cos(e) * (np.cos(a) * d + np.sin(a) * t) + np.sin(e) * u
     return found
 
 
-def _turns(constants: Sequence[Constant]) -> dict[int, list[int | None]]:
-    """Numbers of the two turns of each region that turns."""
+def _turned(scene: Scene, constants: Sequence[Constant], x: Array) -> Iterator[tuple[Any, ...]]:
+    """Each region that turns: the numbers of its two turns, the turns a and e (rad), its direction d and the tangents t and u."""
+    start: Array = np.array([region.magnetization for region in scene.regions()])
     turns: dict[int, list[int | None]] = {}
     for k, constant in enumerate(constants):
         if constant.kind == "magnetization" and constant.variable is not None and constant.variable.region is not None:
             pair = turns.setdefault(constant.variable.region, [None, None])
             pair[0 if constant.name.endswith("_azimuth") else 1] = k
-    return turns
+    for region, pair in turns.items():
+        yield region, pair, *(0.0 if k is None else float(x[k]) for k in pair), start[region], *np.array(tangents(start[region]))
 
 
 def chain(scene: Scene, constants: Sequence[Constant], x: Array, there: Sequence[Variable]) -> Array:
@@ -207,10 +207,7 @@ def chain(scene: Scene, constants: Sequence[Constant], x: Array, there: Sequence
     for k, constant in enumerate(constants):
         if constant.kind != "magnetization":
             out[place[constant.name], k] = constant.slope(float(x[k]))
-    start: Array = np.array([region.magnetization for region in scene.regions()])
-    for region, pair in _turns(constants).items():
-        a, e = (0.0 if k is None else float(x[k]) for k in pair)
-        d, (t, u) = start[region], np.array(tangents(start[region]))
+    for region, pair, a, e, d, t, u in _turned(scene, constants, x):
         slopes = (np.cos(e) * (np.cos(a) * t - np.sin(a) * d), np.cos(e) * u - np.sin(e) * (np.cos(a) * d + np.sin(a) * t))
         for variable, i in ((v, place[v.name]) for v in there if v.kind == "magnetization" and v.region == region):
             for number, slope in zip(pair, slopes, strict=True):

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -94,15 +95,11 @@ def suspects_of(
         spread = 1.0 if known_noise else max((best.cost - explained) / remaining, 1e-300)
         about = np.append(best.x, np.zeros(len(at))), np.full(k, np.nan), remaining, spread
         found.append(Suspect(name, (*constants, *group), _chance(count, remaining, explained, spread), *about))
-    found = sorted((replace(one, probability=min(1.0, len(found) * one.probability)) for one in found), key=_probability)
+    found = sorted((replace(one, probability=min(1.0, len(found) * one.probability)) for one in found), key=attrgetter("probability"))
     for _ in found:  # one that explains less than it seemed to leaves others in doubt
         chosen = [_settled(one, prediction, best, weights, len(found)) if np.isnan(one.errors).all() else one for one in doubted(found)]
-        found = sorted((*chosen, *found[len(chosen) :]), key=_probability)
+        found = sorted((*chosen, *found[len(chosen) :]), key=attrgetter("probability"))
     return tuple(found), moves
-
-
-def _probability(one: Suspect) -> float:
-    return one.probability
 
 
 def _chance(count: int, degrees: float, explained: float, spread: float) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -38,6 +39,10 @@ class Label:
     simulated: tuple[float, ...] = ()
     table: int = 0
 
+    @property
+    def unit(self) -> str:
+        return "rad" if self.angle else "m"
+
 
 @dataclass(frozen=True)
 class Axis:
@@ -61,21 +66,15 @@ class Axis:
         return places, moved.reshape(len(places), 3, k), slopes, turned.reshape(len(places), 3, k)
 
 
-Found = tuple[list[float], list[Array], list[Label]]
-
-
 def compare(shape: Axis, readings: Readings) -> tuple[Array, Array, list[Label]]:
     """Residuals (r,) m or rad of one state, their derivatives (r, k), and where each comes from."""
-    found: Found = ([], [], [])
-    if readings.kind == "curve":
-        _along_curve(shape, readings, list(readings.axes), found)
-    else:
-        _at_points(shape, readings, readings.kind, found)
-    residuals, slopes, labels = found
-    return np.array(residuals), np.array(slopes).reshape(len(residuals), shape.tip_change.shape[1]), labels
+    found = list((_along_curve if readings.kind == "curve" else _at_points)(shape, readings))
+    residuals, slopes = np.array([each for each, _, _ in found]), np.array([each for _, each, _ in found])
+    return residuals, slopes.reshape(len(found), shape.tip_change.shape[1]), [label for _, _, label in found]
 
 
-def _at_points(shape: Axis, readings: Readings, kind: str, found: Found) -> None:
+def _at_points(shape: Axis, readings: Readings) -> Iterator[tuple[float, Array, Label]]:
+    kind = readings.kind
     if kind == "places":
         places, moved, _, _ = shape.at(np.minimum(readings.s, shape.rows[-1, 0]))
     for m, line in enumerate(readings.lines):
@@ -83,18 +82,13 @@ def _at_points(shape: Axis, readings: Readings, kind: str, found: Found) -> None
         for i in np.flatnonzero(np.isfinite(readings.points[m])):
             prefix = "tip_" if kind == "tips" else ""
             both = (float(readings.points[m, i]),), (float(place[i]),)
-            _add(found, place[i] - readings.points[m, i], change[i], Label(int(line), f"{prefix}{'xyz'[i]}", False, *both, readings.table))
+            label = Label(int(line), f"{prefix}{'xyz'[i]}", False, *both, readings.table)
+            yield float(place[i] - readings.points[m, i]), change[i], label
         if np.isfinite(readings.angles[m]):
             angle, turned = tip_angle(shape, readings.plane)
             both = (float(readings.angles[m]),), (angle,)
             apart = math.remainder(angle - readings.angles[m], math.tau)
-            _add(found, apart, turned, Label(int(line), "tip_angle", True, *both, readings.table))
-
-
-def _add(found: Found, residual: float, slope: Array, label: Label) -> None:
-    found[0].append(float(residual))
-    found[1].append(np.asarray(slope))
-    found[2].append(label)
+            yield apart, turned, Label(int(line), "tip_angle", True, *both, readings.table)
 
 
 def tip_angle(shape: Axis, plane: int | None) -> tuple[float, Array]:
@@ -111,12 +105,12 @@ def tip_angle(shape: Axis, plane: int | None) -> tuple[float, Array]:
     return float(np.arctan2(across, t[0])), (t[0] * dacross - across * dt[0]) / (across**2 + t[0] ** 2)
 
 
-def _along_curve(shape: Axis, readings: Readings, axes: list[int], found: Found) -> None:
+def _along_curve(shape: Axis, readings: Readings) -> Iterator[tuple[float, Array, Label]]:
     """Distances of points from the curve, across it: its projection where a coordinate is missing; beyond its ends, from its tangents.
 
     The distance is a least one, so a shift of its foot along the curve does not change it to first order.
     """
-    length = shape.rows[-1, 0]
+    length, axes = shape.rows[-1, 0], list(readings.axes)
     fine = np.linspace(0.0, length, 20 * (len(shape.rows) - 1) + 1)
     curve = shape.at(fine)[0][:, axes]
     for m, line in enumerate(readings.lines):
@@ -129,7 +123,7 @@ def _along_curve(shape: Axis, readings: Readings, axes: list[int], found: Found)
             gap, ahead = float(normal @ away), float(tangent @ away) / size  # ahead: not 0 beyond an end alone, where the tangent turns
             what = f"across the curve{f' ({k + 1})' if len(axes) == 3 else ''}"
             both = tuple(point.tolist()), tuple(places[0, axes].tolist())
-            _add(found, gap, normal @ (moved[0, axes] - ahead * turned[0, axes]), Label(int(line), what, False, *both, readings.table))
+            yield gap, normal @ (moved[0, axes] - ahead * turned[0, axes]), Label(int(line), what, False, *both, readings.table)
 
 
 def _foot(shape: Axis, axes: list[int], point: Array, fine: Array, curve: Array) -> float:

@@ -41,7 +41,7 @@ class HeldOut:
         return {
             "rms_m": self.found.rms_m, "rms_rad": self.found.rms_rad, "inside": self.inside, "numbers": len(self.found.residuals),
             "readings": [
-                {"table": label.table, "line": label.line, "what": label.what, "unit": "rad" if label.angle else "m",
+                {"table": label.table, "line": label.line, "what": label.what, "unit": label.unit,
                  "measured": label.measured, "predicted": label.simulated, "residual": residual, "half_interval": half}
                 for label, residual, half in rows
             ],
@@ -76,32 +76,22 @@ def predict_held_out(found: Fit, measured: Measured) -> HeldOut:
 
 def summary(found: Fit) -> dict[str, Any]:
     """Everything as plain data, SI."""
+    both = zip(found.residuals.tolist(), found.labels, strict=True)
     return {
-        "name": found.scene.name,
-        "measured": found.measured.named,
+        "name": found.scene.name, "measured": found.measured.named,
         "tables": [
             {"path": str(one.path), "kind": one.kind, "numbers": one.numbers, "sigma_m": found.sigma_m * ratio}
             for one, ratio in zip(found.measured.each, found.ratios, strict=True)
         ],
-        "constants": [_entry(one) for one in found.constants],
-        "level": found.level,
+        "constants": [_entry(one) for one in found.constants], "level": found.level,
         "noise": {"sigma_m": found.sigma_m, "sigma_rad": found.sigma_rad, "from": found.noise},
-        "rms_m": found.rms_m,
-        "rms_rad": found.rms_rad,
-        "numbers": len(found.residuals),
-        "states": len(found.measured.states),
-        "degrees_of_freedom": found.degrees,
-        "correlation": found.correlation.tolist(),
-        "residuals": [
-            {"table": label.table, "line": label.line, "what": label.what, "value": float(value), "unit": "rad" if label.angle else "m"}
-            for value, label in zip(found.residuals, found.labels, strict=True)
-        ],
+        "rms_m": found.rms_m, "rms_rad": found.rms_rad, "numbers": len(found.residuals), "states": len(found.measured.states),
+        "degrees_of_freedom": found.degrees, "correlation": found.correlation.tolist(),
+        "residuals": [{"table": of.table, "line": of.line, "what": of.what, "value": value, "unit": of.unit} for value, of in both],
         "suspects": None if found.suspects is None else [{"name": one.name, "probability": one.probability} for one in found.suspects],
         "moves": {kind: dict(by) for kind, by in found.moves.items()},
-        "warnings": list(found.warnings),
-        "solves": found.solves,
-        "seconds": found.seconds,
-    }
+        "warnings": list(found.warnings), "solves": found.solves, "seconds": found.seconds,
+    }  # fmt: skip
 
 
 def _entry(one: Fitted) -> dict[str, Any]:
@@ -120,8 +110,7 @@ def text(found: Fit) -> str:
     share = f"{100 * found.level:g} % interval"
     lines = [head, f"  {'':{width}}  {'fitted':>12}  {share:^27}  {'standard error':>15}  {'finer grid':>11}"]
     for one in found.constants:
-        factor, unit = SHOWN[one.constant.kind]
-        low, high = ("open" if end is None else f"{factor * end:.4g}" for end in (one.low, one.high))
+        (factor, unit), (low, high) = SHOWN[one.constant.kind], _ends(one)
         finer = "" if one.grid_shift is None else f"{factor * one.grid_shift:+.2g}"
         value = f"{factor * one.value:.5g}"
         interval = f"{low:>12} to {high:<11}"
@@ -247,9 +236,13 @@ def _panel(found: Fit, table: Measured, number: int, half: Array | None) -> dict
     return {"series": kept, "x_label": label_of + some, "y_label": y_label}
 
 
+def _ends(one: Fitted) -> tuple[str, ...]:
+    """Ends of an interval, as shown."""
+    return tuple("open" if end is None else f"{SHOWN[one.constant.kind][0] * end:.4g}" for end in (one.low, one.high))
+
+
 def _in_words(one: Fitted) -> str:
-    factor, unit = SHOWN[one.constant.kind]
-    low, high = ("open" if end is None else f"{factor * end:.4g}" for end in (one.low, one.high))
+    (factor, unit), (low, high) = SHOWN[one.constant.kind], _ends(one)
     return f"{one.constant.name.replace('_', ' ')} {factor * one.value:.4g} ({low} to {high}) {unit}"
 
 

@@ -7,11 +7,10 @@ What they find is repaired in the solver, not in the case.
         print(case.run().summary())
 """
 
-from magmpm.studies.hard_cases import bodies, equilibria, shapes, stepping, upkeep
+from magmpm.studies.hard_cases import equilibria, shapes, stepping
 from magmpm.studies.hard_cases.case import Case, Outcome, run_cases, table
 from magmpm.studies.hard_cases.random_suite import BROKEN, random_table, run_random
 
-_FAMILIES = (equilibria, bodies, stepping, shapes, upkeep)
-CASES: tuple[Case, ...] = tuple(case for family in _FAMILIES for case in family.CASES)
+CASES: tuple[Case, ...] = (*equilibria.CASES, *stepping.CASES, *shapes.CASES, *stepping.LONG)
 
 __all__ = ["BROKEN", "CASES", "Case", "Outcome", "random_table", "run_cases", "run_random", "table"]

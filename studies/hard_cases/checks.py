@@ -121,16 +121,12 @@ def _apart(scene: Scene, one: Result, other: Result, R: np.ndarray = SAME) -> fl
 
     Ways, because whole cells make the regions of a magnetization profile: their middles are elsewhere on another grid.
     """
-    first, second = (np.vstack([_ways(result), result.tip]) for result in (one, other))
-    return float(np.linalg.norm(first @ R.T - second, axis=1).max()) / scene.length
-
-
-def _ways(result: Result) -> np.ndarray:
-    """Displacement of the middle of each region, (k, 3) m."""
-    of, volume = result.particle_segment, result.particle_volume
-    whole = np.bincount(of, volume)
-    begun = [np.bincount(of, volume * x) / whole for x in result.particle_reference.T]
-    return result.segment_center - np.stack(begun, axis=1)
+    ways = []
+    for result in (one, other):
+        of, volume = result.particle_segment, result.particle_volume
+        begun = [np.bincount(of, volume * x) / np.bincount(of, volume) for x in result.particle_reference.T]
+        ways.append(np.vstack([result.segment_center - np.stack(begun, axis=1), result.tip]))
+    return float(np.linalg.norm(ways[0] @ R.T - ways[1], axis=1).max()) / scene.length
 
 
 def _soft(result: Result) -> bool:

@@ -218,14 +218,10 @@ def summary_of(outcomes: list[Outcome], seconds: float, folder: Path) -> dict[st
     ]
     stopped = [outcome for outcome in outcomes if outcome["ended"] == STOPPED]
     return {
-        "scenes": len(outcomes),
-        **counts,
-        "answered": sum(bool(outcome["answered"]) for outcome in stopped),
+        "scenes": len(outcomes), **counts, "answered": sum(bool(outcome["answered"]) for outcome in stopped),
         "state_saved": sum(outcome["saved"] for outcome in stopped),
         "checks": dict(Counter(name for outcome in outcomes for name in outcome.get("checks", ()))),
-        "other_branch": sum(bool(outcome.get("branches")) for outcome in outcomes),
-        "seconds": seconds,
-        "folder": str(folder),
+        "other_branch": sum(bool(outcome.get("branches")) for outcome in outcomes), "seconds": seconds, "folder": str(folder),
         "not_converged": others,
     }
 

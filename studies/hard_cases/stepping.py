@@ -1,19 +1,25 @@
-"""Hard cases of the time step and of fields that change: sudden loads, steps at the edge, stiff materials, magnets that approach."""
+"""Hard cases of motions: sudden loads, steps at the edge, stiff materials, a near magnet; a million steps, restarts, lost frames."""
 
 from __future__ import annotations
 
+import contextlib
+import csv
 import math
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.dynamics.time_loop import begin, integrate, interval, move
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.errors import SolveError
+from magmpm.errors import InputError, SolveError
 from magmpm.fields.dipole import MU0
 from magmpm.materials import young_modulus
 from magmpm.model import build
+from magmpm.results.file_names import CHECKPOINT, ENERGIES
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.studies.hard_cases.case import Case
@@ -40,6 +46,9 @@ SHORT = 20e-3  # m
 FREQUENCY = FIRST**2 * math.sqrt(young_modulus(G, RATIO * G) / DENSITY) * DIAMETER / 4 / SHORT**2 / (2 * math.pi)  # Hz, of bending
 LOADED, SETTLED = 0.05, 0.25  # s: of a rod whose first bending takes 0.03 s, and is damped critically
 SHORTER = 16e-3  # m
+STUB = 8e-3  # m, of long and broken runs
+FRAMES = 6
+REVERSED = 0.02  # s
 
 
 def energy_kept(motion: TotalMotion, dt: float, steps: int, looks: int, start: float = 0.0) -> float:
@@ -114,17 +123,6 @@ def _settled(scene: Scene, least: float = 0.0) -> float:
     return float(np.linalg.norm(share @ (moved.x - still.particle_position))) / scene.length
 
 
-def _settling(load: float, **body: object) -> Scene:
-    return rod(
-        field=bending_field(load), effects={"damping": {"rate": 60.0}}, dynamic={"duration": 0.35}, **body  # type: ignore[arg-type]
-    )
-
-
-def _too_long() -> Scene:
-    moving = {"duration": 2.0, "output_every": 0.01, "time_step": 1e-6}
-    return rod(length=SHAKEN, field=bending_field(2.0, length=SHAKEN), dynamic=moving)
-
-
 def _rotating() -> Scene:
     turning = {"rotation": {"axis": [0.0, 1.0, 0.0], "frequency": FREQUENCY}}
     field = bending_field(1.0, 0.0, SHORT)
@@ -183,6 +181,70 @@ def _approaching() -> Scene:
     return changed(scene, field={"dipole": [source], "over_time": {"keyframes": frames}})
 
 
+class _Interrupted(Exception):
+    """A run that is ended from outside."""
+
+
+def _reversed(scene: Scene) -> float:
+    """Change of all energies after the reversal, over the largest kinetic energy."""
+    motion, dt, _ = at_rest(scene)
+    steps = int(np.ceil(REVERSED / dt))
+    advance(motion, steps, dt)
+    return energy_kept(motion, dt, 2 * steps, 40, steps * dt)
+
+
+def _moving() -> Scene:
+    moving = {"duration": 0.012, "output_every": 0.012 / FRAMES}
+    return rod(length=STUB, field=bending_field(1.0, length=STUB), effects={"damping": {"rate": 100.0}}, dynamic=moving)
+
+
+def _table(folder: Path) -> list[dict[str, Any]]:
+    with (folder / ENERGIES).open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def _pieces(scene: Scene, folder: Path, broken: bool = False) -> Any:
+    """The motion, ended after every frame and begun again from its checkpoint; broken: half a row was written after it."""
+    every = scene.duration / FRAMES
+    for k in range(1, FRAMES + 1):
+
+        def stop(_: int, time: float, until: float = k * every) -> None:
+            if time > until * (1 + 1e-9) and until < scene.duration:
+                raise _Interrupted
+
+        with contextlib.suppress(_Interrupted):
+            result = run(scene, folder=folder, resume=(folder / CHECKPOINT).exists(), on_progress=stop)
+        if broken and k < FRAMES:
+            with (folder / ENERGIES).open("a", encoding="utf-8") as stream:
+                stream.write(f"{(k + 0.5) * every!r},1.0")  # a row that the end of the process cut off
+    return result
+
+
+def _restarted(scene: Scene) -> float:
+    """Largest difference of positions, over L, of a motion that is begun again at every checkpoint, from one that is not interrupted."""
+    with tempfile.TemporaryDirectory() as folder:
+        whole, parts = run(scene), _pieces(scene, Path(folder))
+    return float(np.abs(whole.particle_position - parts.particle_position).max()) / scene.length
+
+
+def _frames_lost(scene: Scene) -> float:
+    """Frames of energies.csv that are missing, too many, or other than those of a run that nothing has broken."""
+    with tempfile.TemporaryDirectory() as one, tempfile.TemporaryDirectory() as other:
+        run(scene, folder=one)
+        try:
+            _pieces(scene, Path(other), broken=True)
+        except InputError:  # the run can't go on
+            return np.inf
+        whole, parts = _table(Path(one)), _table(Path(other))
+    return float(abs(len(whole) - len(parts)) + sum(a != b for a, b in zip(whole, parts, strict=False)))
+
+
+def _field_reversed() -> Scene:
+    scene = rod(field=bending_field(2.0), dynamic={})
+    frames = [{"time": t, "strength": s} for t, s in ((0.0, 1.0), (REVERSED - 1e-9, 1.0), (REVERSED, -1.0))]
+    return changed(scene, field={"uniform": list(scene.field.uniform), "over_time": {"keyframes": frames}})
+
+
 CASES = (
     Case(
         "field switched on at once", lambda: rod(field=bending_field(10.0), dynamic={}), "blows up on the first swing, or loses it",
@@ -195,12 +257,16 @@ CASES = (
         "symplectic Euler below 2/omega: the energy of a mode swings, and does not grow",
     ),
     Case(
-        "time step 1.2 of the bound", _too_long, "ends with values that are not finite, or with wrong ones",
+        "time step 1.2 of the bound", lambda: rod(
+            length=SHAKEN, field=bending_field(2.0, length=SHAKEN), dynamic={"duration": 2.0, "output_every": 0.01, "time_step": 1e-6},
+        ), "ends with values that are not finite, or with wrong ones",
         "steps until it is stopped, with its reason and last good state", _detected(1.2), 40.0,
         "the fastest mode grows 3.5-fold a step, by x + sqrt(x^2 - 1), x = 2 1.2^2 - 1: from rounding to 1 in 30",
     ),
     Case(
-        "K/G = 500 in motion", lambda: _settling(2.0, ratio=500.0), "locks, or needs a step for which it was not asked",
+        "K/G = 500 in motion", lambda: rod(
+            field=bending_field(2.0), effects={"damping": {"rate": 60.0}}, dynamic={"duration": 0.35}, ratio=500.0
+        ), "locks, or needs a step for which it was not asked",
         "settled tip from statics, over L", _settled, 0.002, "statics by Newton's method on the same particles",
     ),
     Case(
@@ -224,5 +290,25 @@ CASES = (
         "is pulled off by a gradient that its torque knows nothing of, or loses balance as the field grows tenfold",
         "settled tip from statics, over L", lambda scene: _settled(scene, 0.05), 0.005,
         f"statics by Newton's method in the magnet's last place; remanence {REMANENCE:g} T", slow=True,
+    ),
+)
+LONG = (
+    Case(
+        "field reversed at once", _field_reversed, "blows up, or gains energy as the load changes its sign within a step",
+        "change of all energies after it, over the largest kinetic", _reversed, 0.01,
+        "nothing does work after the reversal: a constant field has a potential",
+    ),
+    Case(
+        "drift in 10^6 steps", lambda: rod(length=STUB, clamp="none", dynamic={}), "gains or loses energy or spin, a little in each step",
+        "change of energy or spin, over those at first", stays(0.8, 1_000_000, 20), 0.1,
+        "symplectic Euler: the energy of a mode swings within dt w / 2, and does not grow", slow=True,
+    ),
+    Case(
+        "restart at every checkpoint", _moving, "goes on from another state than it saved",
+        "difference from a run that is not interrupted, over L", _restarted, 0.0, "checkpoints hold all bits",
+    ),
+    Case(
+        "frames lost", _moving, "writes frames twice, or goes on after half a row", "frames missing, too many or other", _frames_lost, 0.0,
+        "tables are cut back to the checkpoint",
     ),
 )

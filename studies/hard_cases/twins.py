@@ -18,7 +18,8 @@ from magmpm.scene import Scene
 
 MIRROR = np.diag([1.0, -1.0, 1.0])  # y to -y: the side to which a body buckles if nothing else decides, +z, stays
 QUARTER = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # y to z, z to -y
-Data = dict[str, Any]
+VECTORS = ("position", "axis", "acceleration", "point", "normal", "center", "move")
+AXIAL, TURNING = ("magnetization", "uniform", "moment"), ("coils", "rotation")  # the axes of these are axial, too
 
 
 def can_turn(scene: Scene) -> bool:
@@ -29,45 +30,35 @@ def can_turn(scene: Scene) -> bool:
 def twin(scene: Scene, R: np.ndarray) -> Scene:
     """The scene as R maps it: MIRROR, or QUARTER of a scene that `can_turn`."""
     data = copy.deepcopy(scene.to_si())
-    _body(data["body"], R)
-    _field(data["field"], R)
-    effects = data["effects"]
-    if effects.get("gravity"):
-        _vector(effects["gravity"], "acceleration", R)
-    if effects.get("ground"):
-        _vector(effects["ground"], "point", R)
-        _vector(effects["ground"], "normal", R)
-    if effects.get("walls"):
-        effects["walls"]["tube"]["path"] = [(R @ point).tolist() for point in effects["walls"]["tube"]["path"]]
+    for magnet in data["field"].get("magnet") or ():
+        magnet["magnetization"] = magnet["magnetization"] or magnet["axis"]
+    for part in ("body", "field", "effects"):
+        _map(data[part], R)
     return Scene.from_si(data)
 
 
-def _vector(data: Data, key: str, R: np.ndarray) -> None:
-    if data.get(key) is not None:
-        data[key] = (R @ data[key]).tolist()
+def _map(data: Any, R: np.ndarray, whose: str = "") -> None:
+    """Map all that has a direction in a scene's data, which stand under the key `whose`."""
+    for each in data if isinstance(data, list) else ():
+        _map(each, R, whose)
+    for key, value in data.items() if isinstance(data, dict) else ():
+        if key == "harmonic":
+            _mirror_profile(value, R)
+        elif key == "mesh":
+            mesh = unpack_mesh(value)
+            faces = mesh.faces if np.linalg.det(R) > 0 else mesh.faces[:, ::-1]
+            data[key] = pack_mesh(Mesh(mesh.vertices @ R.T, np.ascontiguousarray(faces)))
+        elif key == "path":
+            data[key] = [(R @ point).tolist() for point in value]
+        elif isinstance(value, list) and (key in AXIAL or (key == "axis" and whose in TURNING)):
+            data[key] = (np.linalg.det(R) * R @ value).tolist()
+        elif isinstance(value, list) and key in VECTORS:
+            data[key] = (R @ value).tolist()
+        else:
+            _map(value, R, key)
 
 
-def _axial(data: Data, key: str, R: np.ndarray) -> None:
-    if data.get(key) is not None:
-        data[key] = (np.linalg.det(R) * R @ data[key]).tolist()
-
-
-def _body(body: Data, R: np.ndarray) -> None:
-    for shape in (body.get("catheter"), body.get("strip")):
-        for segment in (shape or {}).get("segments") or ():
-            _axial(segment, "magnetization", R)
-        if shape and shape.get("magnetization_profile"):
-            _mirrored_profile(shape["magnetization_profile"]["harmonic"], R)
-    if body.get("strip"):
-        _vector(body["strip"], "position", R)
-    for part in (body.get("parts") or {}).get("meshes", ()):
-        _axial(part, "magnetization", R)
-        mesh = unpack_mesh(part["mesh"])
-        faces = mesh.faces if np.linalg.det(R) > 0 else mesh.faces[:, ::-1]
-        part["mesh"] = pack_mesh(Mesh(mesh.vertices @ R.T, np.ascontiguousarray(faces)))
-
-
-def _mirrored_profile(harmonic: Data, R: np.ndarray) -> None:
+def _mirror_profile(harmonic: dict[str, Any], R: np.ndarray) -> None:
     """(cos a, sin a) in the plane xz becomes -(cos a, sin a); in xy it becomes (-cos a, sin a), an angle that turns the other way."""
     assert np.array_equal(R, MIRROR)  # only strips have profiles, and they do not turn
     if harmonic["plane"] == "xz":
@@ -76,25 +67,3 @@ def _mirrored_profile(harmonic: Data, R: np.ndarray) -> None:
         phase = math.pi - harmonic["phase"]
         harmonic["turn"] = {"ccw": "cw", "cw": "ccw"}[harmonic["turn"]]
     harmonic["phase"] = math.remainder(phase, 2 * math.pi)
-
-
-def _field(field: Data, R: np.ndarray) -> None:
-    _axial(field, "uniform", R)
-    for dipole in field.get("dipole") or ():
-        _vector(dipole, "position", R)
-        _axial(dipole, "moment", R)
-    for magnet in field.get("magnet") or ():
-        magnet["magnetization"] = magnet["magnetization"] or magnet["axis"]
-        _vector(magnet, "position", R)
-        _vector(magnet, "axis", R)
-        _axial(magnet, "magnetization", R)
-    for coil in field.get("coils") or ():
-        _vector(coil, "position", R)
-        _axial(coil, "axis", R)
-    over = field.get("over_time") or {}
-    if over.get("rotation"):
-        _axial(over["rotation"], "axis", R)
-        _vector(over["rotation"], "center", R)
-    for frame in over.get("keyframes") or ():
-        _axial(frame, "uniform", R)
-        _vector(frame, "move", R)

@@ -50,7 +50,8 @@ class Path:
         begin, axis = 1.0 + tangent[0, 0], np.cross([1.0, 0.0, 0.0], tangent[0])
         quaternions[0] = np.array([begin, *axis]) / np.linalg.norm([begin, *axis])
         for k in range(FINE):
-            q = _product(np.array([1.0 + cosines[k], *axes[k]]), quaternions[k])
+            a, u, (b, *v) = 1.0 + cosines[k], axes[k], quaternions[k]
+            q = np.array([a * b - u @ v, *(a * np.array(v) + b * u + np.cross(u, v))])  # the product
             quaternions[k + 1] = q / np.linalg.norm(q)
         return s, quaternions
 
@@ -81,8 +82,3 @@ class Path:
         first, second = self._spline(s, 1), self._spline(s, 2)
         curvature = np.linalg.norm(np.cross(first, second), axis=1) / np.linalg.norm(first, axis=1) ** 3
         return float(1.0 / max(curvature.max(), 1e-300))
-
-
-def _product(a: Array, b: Array) -> Array:
-    """Product of quaternions, scalar first."""
-    return np.array([a[0] * b[0] - a[1:] @ b[1:], *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])

@@ -96,14 +96,10 @@ class Study:
         if self.vary.field is not None:
             vary["field"] = {"max": self.field_max} | ({} if self.vary.field.at == "once" else {"at": self.vary.field.at})
         vary |= self.vary.model_dump(mode="json", exclude={"magnetization", "field"}, exclude_none=True)
-        return {
-            "scene": self._fixed_scene(),
-            "vary": vary,
-            "match": self._match(),
-            "sampler": self.sampler,
-            "seed": self.seed,
-            **self._more(),
-        }
+        match: Any = {"path" if self.depths else "centreline": _rows(self.target)}
+        if self.keyframes:
+            match = [{"time": frame.time, "centreline": _rows(frame.target)} for frame in self.keyframes]
+        return {"scene": self._fixed_scene(), "vary": vary, "match": match, "sampler": self.sampler, "seed": self.seed, **self._more()}
 
     def _fixed_scene(self) -> dict[str, Any]:
         """The scene's data without what varies."""
@@ -125,11 +121,6 @@ class Study:
             if self.vary.length.total == "free":
                 body["length"] = "varied"
         return content
-
-    def _match(self) -> Any:
-        if self.keyframes:
-            return [{"time": frame.time, "centreline": _rows(frame.target)} for frame in self.keyframes]
-        return {"path" if self.depths else "centreline": _rows(self.target)}
 
     def _more(self) -> dict[str, Any]:
         """The keys that most studies do not have: they count only where they are given, so that older studies stay what they are."""

@@ -11,15 +11,12 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-
-if TYPE_CHECKING:
-    from optuna.distributions import BaseDistribution
 
 Parameters = Mapping[str, Any]
 TETRAHEDRON = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
@@ -133,7 +130,7 @@ class Number:
     """
 
     name: str
-    what: Literal["length", "diameter", "remanence", "shear_modulus"]
+    what: str
     low: float
     high: float
     unit: float
@@ -186,18 +183,6 @@ class Choice:
 
 
 Block = Direction | FieldVector | Number | Choice
-
-
-def distributions(blocks: tuple[Block, ...]) -> dict[str, BaseDistribution]:
-    """The parameters of blocks as Optuna asks for them."""
-    from optuna.distributions import CategoricalDistribution, FloatDistribution
-
-    found: dict[str, BaseDistribution] = {}
-    for block in blocks:
-        if isinstance(block, Choice):
-            found[block.name] = CategoricalDistribution(block.choices)
-        found |= {name: FloatDistribution(low, high) for name, (low, high) in block.bounds().items()}
-    return found
 
 
 @dataclass(frozen=True)

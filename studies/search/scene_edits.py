@@ -16,8 +16,6 @@ from magmpm.studies.problem.variables import Vary
 from magmpm.studies.search.parameters import Number
 
 MOST_ORDERS = 1000
-
-
 UNITS = {"length": (1e3, "mm"), "diameter": (1e3, "mm"), "remanence": (1e3, "mT"), "field": (1e3, "mT"), "shear_modulus": (1e-3, "kPa")}
 
 
@@ -45,7 +43,7 @@ class Edits:
         if isinstance(number.of, str):
             return number.of
         assert number.of is not None
-        return own_material(scene.regions()[number.of].material_name, number.of)
+        return scene.regions()[number.of].material_name + _ending(number.of)
 
     def number(self, number: Number, value: float) -> None:
         """A diameter, or a quantity of a material, SI. A segment gets a material of its own where it needs one."""
@@ -56,7 +54,7 @@ class Edits:
         if isinstance(name, int):
             segment = self.segment(name)
             old = segment.get("material") or self._body["material"]
-            name = old if old.endswith(_ending(name)) else own_material(old, name)
+            name = old if old.endswith(_ending(name)) else old + _ending(name)
             self.data["materials"].setdefault(name, dict(self.data["materials"][old]))
             segment["material"] = name
         self.data["materials"][name][number.what] = self._written(number.what, value)
@@ -84,38 +82,31 @@ class Edits:
 
 
 def _ending(segment: int) -> str:
+    """Ending of the name of a segment's own material."""
     return f" of segment {segment + 1}"
 
 
-def own_material(name: str, segment: int) -> str:
-    """Name of a segment's own material."""
-    return name + _ending(segment)
+def segment_names(scene: Scene) -> list[str]:
+    """segment_1, at the base, and so on; numbers have as many digits as the last one, so that they sort."""
+    count = len(scene.regions())
+    return [f"segment_{i + 1:0{len(str(count))}d}" for i in range(count)]
 
 
 def numbers_of(vary: Vary, scene: Scene) -> tuple[Number, ...]:
     """The numbers within bounds that a study varies: lengths, diameter, remanence, stiffness."""
     found: list[Number] = []
-    regions, magnetized = scene.regions(), scene.magnetized_regions()
-    names = [f"segment_{i + 1:0{len(str(len(regions)))}d}" for i in range(len(regions))]
+    regions, magnetized, names = scene.regions(), scene.magnetized_regions(), segment_names(scene)
     if vary.length is not None:
         low, high = vary.length.min, vary.length.max
         found += [Number(f"{name}_length_mm", "length", low, high, 1e3, i) for i, name in enumerate(names)]
     if vary.diameter is not None:
         found.append(Number("diameter_mm", "diameter", vary.diameter.min, vary.diameter.max, 1e3))
-    if vary.remanence is not None:
-        low, high = vary.remanence.min, vary.remanence.max
-        if vary.remanence.per == "segment":
-            found += [Number(f"{names[i]}_remanence_mT", "remanence", low, high, 1e3, i) for i in magnetized]
-        else:
-            used = dict.fromkeys(regions[i].material_name for i in magnetized)
-            found += [Number(f"remanence_of_{name}_mT", "remanence", low, high, 1e3, name) for name in used]
-    if vary.shear_modulus is not None:
-        low, high = vary.shear_modulus.min, vary.shear_modulus.max
-        if vary.shear_modulus.per == "segment":
-            found += [Number(f"{name}_shear_modulus_kPa", "shear_modulus", low, high, 1e-3, i) for i, name in enumerate(names)]
-        else:
-            used = dict.fromkeys(region.material_name for region in regions)
-            found += [Number(f"shear_modulus_of_{name}_kPa", "shear_modulus", low, high, 1e-3, name) for name in used]
+    for what, given, of in (("remanence", vary.remanence, magnetized), ("shear_modulus", vary.shear_modulus, range(len(regions)))):
+        if given is not None:
+            factor, unit = UNITS[what]
+            used = dict.fromkeys(regions[i].material_name for i in of)
+            called = {f"{names[i]}_{what}": i for i in of} if given.per == "segment" else {f"{what}_of_{name}": name for name in used}
+            found += [Number(f"{name}_{unit}", what, given.min, given.max, factor, whose) for name, whose in called.items()]
     return tuple(found)
 
 
@@ -137,12 +128,6 @@ def kept_total(asked: Array, low: float, high: float, total: float) -> tuple[Arr
     return lengths, derivative
 
 
-def magnetized_places(scene: Scene) -> list[bool]:
-    """Which segments are magnetized, base to tip."""
-    found = scene.magnetized_regions()
-    return [i in found for i in range(len(scene.regions()))]
-
-
 @lru_cache(maxsize=8)
 def _orders(pattern: str) -> tuple[str, ...]:
     places = range(len(pattern))
@@ -151,12 +136,13 @@ def _orders(pattern: str) -> tuple[str, ...]:
 
 def orders(scene: Scene, *, own: bool = False) -> tuple[str, ...]:
     """All orders of the scene's magnetized (M) and plain (P) segments, base to tip; own: only the scene's."""
-    pattern = "".join("M" if magnetized else "P" for magnetized in magnetized_places(scene))
+    magnetized = scene.magnetized_regions()
+    pattern = "".join("M" if i in magnetized else "P" for i in range(len(scene.regions())))
     return (pattern,) if own else _orders(pattern)
 
 
 def arrangement(scene: Scene, order: str) -> NDArray[np.int64]:
     """The numbers (k,) of the scene's segments in this order: magnetized ones stay in sequence among themselves, and plain ones too."""
-    magnetized = magnetized_places(scene)
-    pieces = {"M": iter([i for i, m in enumerate(magnetized) if m]), "P": iter([i for i, m in enumerate(magnetized) if not m])}
+    magnetized = scene.magnetized_regions()
+    pieces = {"M": iter(magnetized), "P": (i for i in range(len(scene.regions())) if i not in magnetized)}
     return np.array([next(pieces[kind]) for kind in order])

@@ -13,7 +13,7 @@ A varied field has its strength and the two angles of scene files: azimuth from 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -35,17 +35,22 @@ from magmpm.studies.search.parameters import (
     Parameters,
     angles,
     direction,
-    distributions,
     from_azimuth,
 )
-from magmpm.studies.search.scene_edits import Edits, arrangement, kept_total, numbers_of, orders
+from magmpm.studies.search.scene_edits import (
+    Edits,
+    arrangement,
+    kept_total,
+    numbers_of,
+    orders,
+    segment_names,
+)
 
 if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
 
     from magmpm.scene.variables import Variable
     from magmpm.studies.problem.study import Study
-    from magmpm.studies.problem.study_file import Limits
 
 __all__ = ["FIELD", "SearchSpace", "angles", "direction"]
 
@@ -71,11 +76,12 @@ class SearchSpace:
     @classmethod
     def of(cls, study: Study) -> SearchSpace:
         """The space a study requests."""
-        vary, scene = study.vary, study.scene
+        vary, scene, limits = study.vary, study.scene, study.limits
         return cls(
             scene=scene, segments=tuple(scene.magnetized_regions()) if vary.magnetization is not None else (), field_max=study.field_max,
             fields=study.fields, numbers_within=numbers_of(vary, scene), keeps_length=vary.length is None or vary.length.total == "keep",
-            order=vary.order is not None, limits=makeable(study.limits),
+            order=vary.order is not None,
+            limits=None if limits is None else Makeable(None if limits.directions is None else np.array(limits.directions), limits.at_most),
         )  # fmt: skip
 
     # the blocks, and where their embedded coordinates stand
@@ -128,27 +134,26 @@ class SearchSpace:
         return tuple(block for block in self.blocks if isinstance(block, Choice))
 
     def segment_names(self) -> list[str]:
-        """segment_1 is the segment at the base; numbers have as many digits as the last one, so that they sort."""
-        return [self.scene_names[i] for i in self.segments]
-
-    @cached_property
-    def scene_names(self) -> list[str]:
-        """segment_1 ... of every segment of the scene."""
-        count = len(self.scene.regions())
-        return [f"segment_{i + 1:0{len(str(count))}d}" for i in range(count)]
+        """Names of the segments whose directions vary."""
+        return [segment_names(self.scene)[i] for i in self.segments]
 
     def _field_names(self) -> list[tuple[str, str, str]]:
         """Parameters of each field; of several, field_01 is the first."""
         if self.fields == 1:
-            return [(FIELD[0], FIELD[1], FIELD[2])]
-        digits = len(str(self.fields))
-        a, b, c = (name.removeprefix("field") for name in FIELD)
-        stems = [f"field_{k:0{digits}d}" for k in range(1, self.fields + 1)]
-        return [(stem + a, stem + b, stem + c) for stem in stems]
+            return [FIELD]
+        stems = [f"field_{k:0{len(str(self.fields))}d}" for k in range(1, self.fields + 1)]
+        return [(FIELD[0].replace("field", stem), FIELD[1].replace("field", stem), FIELD[2].replace("field", stem)) for stem in stems]
 
     def distributions(self) -> dict[str, BaseDistribution]:
         """The parameters as Optuna requests them."""
-        return distributions(self.blocks)
+        from optuna.distributions import CategoricalDistribution, FloatDistribution
+
+        found: dict[str, BaseDistribution] = {}
+        for block in self.blocks:
+            if isinstance(block, Choice):
+                found[block.name] = CategoricalDistribution(block.choices)
+            found |= {name: FloatDistribution(low, high) for name, (low, high) in block.bounds().items()}
+        return found
 
     # parameters <-> embedded coordinates
 
@@ -250,18 +255,18 @@ class SearchSpace:
             elif isinstance(block, Number):
                 edits.number(block, block.value(x[at]))
         if lengths:
-            edits.lengths(self._lengths(np.array(list(lengths.values()))), keep=self.keeps_length)
+            edits.lengths(self._lengths(np.array(list(lengths.values())))[0], keep=self.keeps_length)
         if fields:
             edits.field(x[fields[field]])
         if order is not None:
             edits.order(arrangement(self.scene, order))
 
-    def _lengths(self, asked: Array) -> Array:
-        """Lengths (k,) m of the segments, of those requested; shifted alike to sum to the body's length if that is kept."""
+    def _lengths(self, asked: Array) -> tuple[Array, Array]:
+        """Lengths (k,) m of the segments for those requested, and their derivatives (k, k); of the body's length in all if that is kept."""
         if not self.keeps_length:
-            return asked
-        numbers = [number for number in self.numbers_within if number.what == "length"]
-        return kept_total(asked, numbers[0].low, numbers[0].high, self.scene.length)[0]
+            return asked, np.eye(len(asked))
+        number = next(number for number in self.numbers_within if number.what == "length")
+        return kept_total(asked, number.low, number.high, self.scene.length)
 
     def directions(self, parameters: Parameters) -> Array:
         """Magnetization of every segment of the trial's scene, (k, 3) unit vectors or zeros, in the undeformed body."""
@@ -310,12 +315,15 @@ class SearchSpace:
         the gradient on the sphere: they have no part along the direction.
         """
         found = np.zeros((len(variables), self.size))
-        rows = _rows(variables)
+        rows: dict[tuple[str, int | str | None], list[int]] = {}  # of the Jacobian: by kind, and by segment or material
+        for row, variable in enumerate(variables):
+            where = {"magnetization": "region", "length": "region", "remanence": "material", "shear_modulus": "material"}.get(variable.kind)
+            rows.setdefault((variable.kind, None if where is None else getattr(variable, where)), []).append(row)
         count = len(self.scene.regions())
         places: NDArray[np.int64] = np.arange(count) if order is None else np.argsort(arrangement(self.scene, order))
         fields = [at for block, at in self.parts if isinstance(block, FieldVector)]
         numbers = [(block, at) for block, at in self.parts if isinstance(block, Number)]
-        lengths = [(number.of, at) for number, at in numbers if number.what == "length"]
+        lengths = [(number, at) for number, at in numbers if number.what == "length"]
         for block, at in self.parts:
             if isinstance(block, Direction):
                 for row in rows.get(("magnetization", int(places[block.segment])), ()):  # none where the remanence is zero
@@ -327,38 +335,12 @@ class SearchSpace:
         if fields:
             for row, column in zip(rows["field", None], range(fields[field].start, fields[field].stop), strict=True):
                 found[row, column] = 1.0
-        if lengths:
-            self._chain_of_lengths(found, rows, x, lengths, places)
+        moved = self._lengths(np.array([number.value(x[at]) for number, at in lengths]))[1] if lengths else np.zeros((0, 0))
+        for i, (number, _) in enumerate(lengths):
+            for row in rows["length", int(places[number.of])]:  # type: ignore[index]
+                for j, (other, at) in enumerate(lengths):
+                    found[row, at] = (other.high - other.low) * moved[i, j]
         if self.limits is not None:
             count = 3 * len(self.segments)
             found[:, :count] = found[:, :count] @ self.limits.derivative(x[:count].reshape(-1, 3)).reshape(count, count)
         return found
-
-    def _chain_of_lengths(
-        self, found: Array, rows: Mapping[Any, list[int]], x: Array, lengths: list[Any], places: NDArray[np.int64]
-    ) -> None:
-        numbers = [number for number in self.numbers_within if number.what == "length"]
-        low, high = numbers[0].low, numbers[0].high
-        moved = np.eye(len(lengths))
-        if self.keeps_length:
-            moved = kept_total(np.array([low + (high - low) * float(x[at][0]) for _, at in lengths]), low, high, self.scene.length)[1]
-        for i, (segment, _) in enumerate(lengths):
-            for row in rows["length", int(places[segment])]:
-                for j, (_, at) in enumerate(lengths):
-                    found[row, at] = (high - low) * moved[i, j]
-
-
-def _rows(variables: Sequence[Variable]) -> dict[tuple[str, int | str | None], list[int]]:
-    """Which rows of a Jacobian belong to what: by kind, and by segment or material."""
-    found: dict[tuple[str, int | str | None], list[int]] = {}
-    for row, variable in enumerate(variables):
-        where = {"magnetization": "region", "length": "region", "remanence": "material", "shear_modulus": "material"}.get(variable.kind)
-        found.setdefault((variable.kind, None if where is None else getattr(variable, where)), []).append(row)
-    return found
-
-
-def makeable(limits: Limits | None) -> Makeable | None:
-    """The limits of a study."""
-    if limits is None:
-        return None
-    return Makeable(None if limits.directions is None else np.array(limits.directions), limits.at_most)

@@ -34,30 +34,14 @@ if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
 
-
-def kept_trials(url: str, name: str) -> tuple[optuna.Study, list[FrozenTrial]]:
-    """A study in its storage, and its finished trials in order. Raises as `open_storage` and `trials_of` do."""
-    import optuna
-    from optuna.trial import TrialState
-
-    kept = optuna.load_study(study_name=name, storage=open_storage(url))
-    return kept, [trial for trial in trials_of(kept, url) if trial.state == TrialState.COMPLETE]
-
-
 def best_rows(trials: Sequence[FrozenTrial]) -> list[dict[str, Any]]:
     """The feasible trials nearest to the target: number, value_m, rms_m, tip_error_m, stability, values."""
     good = sorted((t for t in trials if feasible(t)), key=lambda t: (t.values[0], t.number))[:10]
     return [
-        {
-            "number": t.number,
-            "value_m": float(t.values[0]),
-            "rms_m": float(t.user_attrs.get("rms_m", t.values[0])),
-            "tip_error_m": t.user_attrs.get("tip_error_m"),
-            "stability": t.user_attrs.get("stability"),
-            "values": [float(v) for v in t.values],
-        }
+        {"number": t.number, "value_m": float(t.values[0]), "rms_m": float(t.user_attrs.get("rms_m", t.values[0])),
+         **{key: t.user_attrs.get(key) for key in ("tip_error_m", "stability")}, "values": [float(v) for v in t.values]}
         for t in good
-    ]
+    ]  # fmt: skip
 
 
 def reasons(trials: Sequence[FrozenTrial]) -> list[tuple[str, str, int]]:
@@ -93,12 +77,9 @@ def importances(kept: optuna.Study, trials: Sequence[FrozenTrial]) -> dict[str, 
 
 def when(trials: Sequence[FrozenTrial]) -> dict[str, Any]:
     """`began` and `ended` (ISO dates), of the trials that say so."""
-    begun = [t.datetime_start for t in trials if t.datetime_start is not None]
-    done = [t.datetime_complete for t in trials if t.datetime_complete is not None]
-    return {
-        "began": min(begun).isoformat(" ", "seconds") if begun else None,
-        "ended_at": max(done).isoformat(" ", "seconds") if done else None,
-    }
+    began = min((t.datetime_start for t in trials if t.datetime_start is not None), default=None)
+    ended = max((t.datetime_complete for t in trials if t.datetime_complete is not None), default=None)
+    return {name: at and at.isoformat(" ", "seconds") for name, at in (("began", began), ("ended_at", ended))}
 
 
 def gather(
@@ -125,7 +106,11 @@ def gather(
     if "number" not in best:
         return facts
     result = Result.load(folder / records.BEST)
-    body = without_guide(describe_body(_best_scene(folder / records.BEST, result)), len(best.get("magnetization") or ()))
+    try:  # the whole body: of an insertion, the result's has only what is out of the guide
+        scene = load_scene(folder / records.BEST / SCENE)
+    except MagmpmError:
+        scene = Scene.from_si(result.scene)
+    body = without_guide(describe_body(scene), len(best.get("magnetization") or ()))
     names = ("converged", "iterations", "particles", "dof", "min_det_F", "max_det_F", "largest_stretch", "warnings", "versions")
     numbers = {name: getattr(result, name) for name in names} | {"tip_m": [float(x) for x in result.tip]}
     facts |= {"body": body, "best_scene": _text(folder / records.BEST / SCENE), "result": numbers}
@@ -151,11 +136,14 @@ def _limits_of_errors(facts: Mapping[str, Any], length: float) -> dict[str, Any]
 
 def _of_trials(folder: Path, report: Mapping[str, Any], storage: str | None, notes: list[str]) -> dict[str, Any]:
     """Facts in the storage; a note where it can't be read."""
+    import optuna
+
     url = storage or report["storage"]
     try:
         must_exist(url, folder)
         with storage_faults(url):
-            kept, trials = kept_trials(url, report["name"])
+            kept = optuna.load_study(study_name=report["name"], storage=open_storage(url))
+            trials = [trial for trial in trials_of(kept, url) if trial.state == optuna.trial.TrialState.COMPLETE]
             found: dict[str, Any] = {"definition": kept.user_attrs.get("definition"), "hash": kept.user_attrs.get("definition_hash")}
             shares = importances(kept, trials)
     except (MagmpmError, KeyError) as error:
@@ -216,14 +204,6 @@ def _text(path: Path) -> str:
         return ""
 
 
-def _best_scene(folder: Path, result: Result) -> Scene:
-    """The scene with the whole body of the best design: of an insertion, the result's has only what is out of the guide."""
-    try:
-        return load_scene(folder / SCENE)
-    except MagmpmError:
-        return Scene.from_si(result.scene)
-
-
 def describe_body(scene: Scene) -> dict[str, Any]:
     """The body of a design as a drawing needs it, SI: kind, length, section, clamp, and of each segment `from_m`, length_m, material,
     direction (unit vector or zeros), remanence_T, shear_modulus_Pa."""
@@ -233,19 +213,12 @@ def describe_body(scene: Scene) -> dict[str, Any]:
     begins = np.concatenate([[0.0], np.cumsum(lengths)])
     segments = []
     for k, (region, length) in enumerate(zip(scene.regions(), lengths, strict=True)):
-        material = scene.region_material(k)
-        magnetized = any(region.magnetization)
-        segments.append(
-            {
-                "number": k + 1,
-                "from_m": float(begins[k]),
-                "length_m": float(length),
-                "material": region.material_name,
-                "direction": [float(x) for x in region.magnetization],
-                "remanence_T": float(material.remanence) if magnetized else 0.0,
-                "shear_modulus_Pa": float(material.shear_modulus),
-            }
-        )
+        material, magnetized = scene.region_material(k), any(region.magnetization)
+        segments.append({
+            "number": k + 1, "from_m": float(begins[k]), "length_m": float(length), "material": region.material_name,
+            "direction": [float(x) for x in region.magnetization], "remanence_T": float(material.remanence) if magnetized else 0.0,
+            "shear_modulus_Pa": float(material.shear_modulus),
+        })  # fmt: skip
     section = {name: float(getattr(shape, name)) for name in ("diameter", "inner_diameter", "width", "thickness") if hasattr(shape, name)}
     return {"kind": shape.kind, "length_m": float(shape.length), "section_m": section, "clamp": shape.clamp, "segments": segments}
 

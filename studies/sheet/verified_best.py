@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, MagmpmError, SolveError
+from magmpm.errors import InputError, MagmpmError
 from magmpm.model import build
 from magmpm.results.measures import axis_of_particles, frames_of
 from magmpm.results.trajectory import Motion
@@ -25,9 +25,8 @@ from magmpm.simulate import run
 from magmpm.statics.error_estimate import PROOF, factor
 from magmpm.statics.grids import operations
 from magmpm.studies.engine.records import BEST
-from magmpm.studies.evaluate.insertion import Insertion
-from magmpm.studies.evaluate.trajectory import Schedule
-from magmpm.studies.problem.shape_distance import gaps, root_mean_square
+from magmpm.studies.evaluate.judge import evaluation_of
+from magmpm.studies.problem.shape_distance import root_mean_square
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.best_scene import SCENE, times
 from magmpm.studies.search.search_space import SearchSpace
@@ -123,13 +122,9 @@ def last_equilibrium(result: Result, design: Mapping[str, Any], study: Study | N
     hidden = max(len(design.get("magnetization") or ()) - len(scene.regions()), 0)
     if study is None:
         return Again(scene, None, hidden, None)
-    space = SearchSpace.of(study)
-    trajectory = Insertion.of(study, space) or Schedule.of(study, space)
-    if trajectory is None:
-        return Again(scene, None, 0, lambda found: gaps(found, study.target))
-    last = len(trajectory.places) - 1
-    start = trajectory.starts(design["params"])[-1]
-    return Again(scene, start, hidden, lambda found: trajectory.gaps(found, last))
+    evaluation = evaluation_of(study, SearchSpace.of(study))
+    last, start = len(evaluation.places) - 1, evaluation.starts(design["params"])[-1]
+    return Again(scene, start, hidden, lambda found: evaluation.gaps(found, last))
 
 
 def judged(result: Result, again: Again, run: Callable[..., Result], differentiate: Callable[..., Any]) -> dict[str, Any]:
@@ -138,10 +133,8 @@ def judged(result: Result, again: Again, run: Callable[..., Result], differentia
     for name, ask in (("tolerances", lambda: _tolerances(result, again, differentiate)), ("finer", lambda: finer(result, again, run))):
         try:
             found[name] = ask()
-        except SolveError as error:
-            found[name] = f"not known: {error.reason}"
         except MagmpmError as error:
-            found[name] = f"not known: {error}"
+            found[name] = f"not known: {getattr(error, 'reason', error)}"
     return found
 
 
@@ -170,15 +163,9 @@ def finer(result: Result, again: Again, run: Callable[..., Result]) -> dict[str,
     if moved > SAME * again.scene.length:
         return f"not known: on {proof} cells across the design has another equilibrium, {1e3 * moved:.3g} mm away"
     rms = [None if again.gaps is None else float(root_mean_square(again.gaps(one))) for one in (result, found)]
-    return {
-        "cells": cells,
-        "finer_cells": proof,
-        "moved_m": moved,
-        "tip_moved_m": float(np.linalg.norm(np.asarray(result.tip) - found.tip)),
-        "error_estimate_m": factor(cells, proof) * moved,
-        "rms_m": rms[0],
-        "finer_rms_m": rms[1],
-    }
+    tip = float(np.linalg.norm(np.asarray(result.tip) - found.tip))
+    known = {"cells": cells, "finer_cells": proof, "moved_m": moved, "tip_moved_m": tip, "error_estimate_m": factor(cells, proof) * moved}
+    return {**known, "rms_m": rms[0], "finer_rms_m": rms[1]}
 
 
 def in_time(folder: Path, design: Mapping[str, Any], study: Study | None) -> list[dict[str, float]]:
@@ -207,8 +194,7 @@ def _distances(study: Study, scene: Scene, motion: Motion) -> list[float]:
     model, found = build(scene), []
     for frame in study.keyframes:
         axis = axis_of_particles(model, np.asarray(motion.position(motion.nearest(frame.time)), dtype=float))
-        gaps = _at(frame.target[:, 0], axis[:, 0], axis[:, 1:]) - frame.target[:, 1:]
-        found.append(float(np.sqrt(np.mean(np.sum(gaps**2, axis=1)))))
+        found.append(root_mean_square(_at(frame.target[:, 0], axis[:, 0], axis[:, 1:]) - frame.target[:, 1:]))
     return found
 
 

@@ -30,8 +30,7 @@ import numpy as np
 
 from magmpm import load_scene, run, sensitivities
 from magmpm.studies.engine.loop import run_study
-from magmpm.studies.evaluate.insertion import EXIT_WEIGHT, Insertion
-from magmpm.studies.evaluate.trajectory import NEAR
+from magmpm.studies.evaluate.trajectory import EXIT_WEIGHT, NEAR, Insertion
 from magmpm.studies.problem.path import Path
 from magmpm.studies.problem.study import Study
 from magmpm.studies.problem.variables import Vary, VaryField, VaryMagnetization

@@ -21,7 +21,7 @@ from magmpm.scene import Scene
 from magmpm.statics import branch, equilibrium, newton
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.rod_start import straight
-from magmpm.studies.hard_cases import CASES, Case, bodies, motions
+from magmpm.studies.hard_cases import CASES, Case, equilibria, motions
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ CONTROLS = {  # by the beginning of a case's name
     "drift in 10^6 steps": TWICE,
     "restart at every checkpoint": Control("velocities in checkpoints", lambda: put(motions.TotalMotion, "restore", _without_velocity)),
     "frames lost": Control("tables cut back to the checkpoint", off(GrowingTable, "cut", lambda self, last: None)),
-    "permuted particles": Control("particles in double precision: here in single", off(bodies, "PRECISION", np.float32)),
+    "permuted particles": Control("particles in double precision: here in single", off(equilibria, "PRECISION", np.float32)),
     "ramp past a bifurcation": Control("leaving equilibria that are not minima", _stays_where_it_is),
 }
 

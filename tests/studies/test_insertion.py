@@ -11,7 +11,7 @@ from reference.commands import ROOT
 import magmpm
 from magmpm import Scene
 from magmpm.errors import SolveError
-from magmpm.studies.evaluate.insertion import EXIT_WEIGHT, STATIONS, Insertion
+from magmpm.studies.evaluate.trajectory import EXIT_WEIGHT, STATIONS, Insertion
 from magmpm.studies.problem.path import Path
 from magmpm.studies.problem.study import Study
 from magmpm.studies.problem.variables import Vary, VaryField, VaryMagnetization

@@ -18,8 +18,7 @@ from magmpm.scene import Scene
 from magmpm.statics.layout import static_model
 from magmpm.studies.explore.live import Preview, Solver, changed, checked, controls, ready, saved
 from magmpm.studies.explore.neighbors import Neighbors
-from magmpm.studies.explore.rod_tips import rod_tips
-from magmpm.studies.explore.tip_map import MARKS, _along, in_plane, map_tips, on_rays, solved
+from magmpm.studies.explore.tip_map import MARKS, _along, in_plane, map_tips, on_rays, rod_tips, solved
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT / "data" / "scenes"

@@ -20,8 +20,7 @@ from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.evaluate.trial import Trial
-from magmpm.studies.explore.accuracy import climb
-from magmpm.studies.explore.accuracy_beside import Solve
+from magmpm.studies.explore.accuracy import Solve, climb
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.search_space import SearchSpace
 

@@ -173,8 +173,8 @@ def _refused(scene: Scene, new: Values) -> bool:
 
 def _changed(scene: Scene, new: Values) -> Scene:
     data = scene.to_si()
-    _put_field(data.setdefault("field", {}), scene, new, _in_si)
-    _put_directions(data["body"], scene, new, _unit_vector)
+    _put_field(data.setdefault("field", {}), scene, new, False)
+    _put_directions(data["body"], scene, new, False)
     out = Scene.from_si(data)
     return out.inserted(1e-3 * new["inserted"]) if "inserted" in new else out
 
@@ -194,8 +194,8 @@ def saved(scene: Scene, source: Path, shown: Scene, known: Mapping[str, Control]
     content["resolution"] = {**known_resolution, "cells_across": scene.resolution.cells_across}
     if any(name.startswith(("field.", *SOURCES)) for name in new):
         content["field"] = dict(content.get("field") or {})
-        _put_field(content["field"], scene, new, _with_unit)
-    _put_directions(content["body"], scene, new, _two_angles)
+        _put_field(content["field"], scene, new, True)
+    _put_directions(content["body"], scene, new, True)
     if "inserted" in new:
         _put_inserted(content, shown)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -205,18 +205,13 @@ def saved(scene: Scene, source: Path, shown: Scene, known: Mapping[str, Control]
     return load_scene(path)
 
 
-def _in_si(value: float, unit: str) -> Any:
-    return {"mT": 1e-3, "mm": 1e-3}[unit] * value
+def _put_field(field: Data, scene: Scene, new: Values, as_text: bool) -> None:
+    """The uniform part and the places of sources, into the data of a field: in SI, or as text with units."""
+    def write(value: float, unit: str) -> Any:
+        return f"{value:.15g} {unit}" if as_text else 1e-3 * value
 
-
-def _with_unit(value: float, unit: str) -> Any:
-    return f"{value:.15g} {unit}"
-
-
-def _put_field(field: Data, scene: Scene, new: Values, write: Any) -> None:
-    """The uniform part and the places of sources, into the data of a field."""
     if any(f"field.{axis}" in new for axis in AXES):
-        own = field.get("uniform", scene.field.uniform if write is _in_si else ["0 mT"] * 3)
+        own = field.get("uniform", ["0 mT"] * 3 if as_text else scene.field.uniform)
         field["uniform"] = [write(new[f"field.{a}"], "mT") if f"field.{a}" in new else old for a, old in zip(AXES, own, strict=True)]
     for kind in SOURCES:
         for k in range(len(getattr(scene.field, kind) or ())):
@@ -227,16 +222,7 @@ def _put_field(field: Data, scene: Scene, new: Values, write: Any) -> None:
                 own["position"] = place
 
 
-def _unit_vector(azimuth: float, elevation: float) -> Any:
-    a, e = math.radians(azimuth), math.radians(elevation)
-    return [math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)]
-
-
-def _two_angles(azimuth: float, elevation: float) -> Any:
-    return {"azimuth": f"{azimuth:.15g} deg", "elevation": f"{elevation:.15g} deg"}
-
-
-def _put_directions(body: Data, scene: Scene, new: Values, write: Any) -> None:
+def _put_directions(body: Data, scene: Scene, new: Values, as_text: bool) -> None:
     """The directions of regions, of which one angle or both were turned, into the data of a body."""
     for k, region in enumerate(scene.regions()):
         names = f"direction.{k}.azimuth", f"direction.{k}.elevation"
@@ -245,8 +231,10 @@ def _put_directions(body: Data, scene: Scene, new: Values, write: Any) -> None:
         found: Any = body
         for key in region.at:
             found = found[key]
-        azimuth, elevation = angles(region.magnetization)
-        found["magnetization"] = write(new.get(names[0], round(azimuth, 9)), new.get(names[1], round(elevation, 9)))
+        azimuth, elevation = (new.get(name, round(angle, 9)) for name, angle in zip(names, angles(region.magnetization), strict=True))
+        a, e = math.radians(azimuth), math.radians(elevation)
+        unit = [math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)]
+        found["magnetization"] = {"azimuth": f"{azimuth:.15g} deg", "elevation": f"{elevation:.15g} deg"} if as_text else unit
 
 
 def _put_inserted(content: Data, shown: Scene) -> None:

@@ -16,18 +16,12 @@ from magmpm.studies.search.parameters import Direction
 from magmpm.studies.search.search_space import SearchSpace
 
 _ALLOWED = {  # module -> names
-    "cmaes": {"CMA", "SepCMA", "CMAwM"},
-    "cmaes._cma": {"CMA"},
-    "cmaes._sepcma": {"SepCMA"},
-    "cmaes._cmawm": {"CMAwM"},
-    "numpy": {"ndarray", "dtype", "float64", "int64", "bool"},
-    "numpy._core.multiarray": {"_reconstruct", "scalar"},
-    "numpy.core.multiarray": {"_reconstruct", "scalar"},
-    "numpy._core.numeric": {"_frombuffer"},
-    "numpy.core.numeric": {"_frombuffer"},
+    "cmaes": {"CMA", "SepCMA", "CMAwM"}, "cmaes._cma": {"CMA"}, "cmaes._sepcma": {"SepCMA"}, "cmaes._cmawm": {"CMAwM"},
+    "numpy": {"ndarray", "dtype", "float64", "int64", "bool"}, "numpy.random._mt19937": {"MT19937"},
+    "numpy._core.multiarray": {"_reconstruct", "scalar"}, "numpy.core.multiarray": {"_reconstruct", "scalar"},
+    "numpy._core.numeric": {"_frombuffer"}, "numpy.core.numeric": {"_frombuffer"},
     "numpy.random._pickle": {"__randomstate_ctor", "__bit_generator_ctor", "__generator_ctor"},
-    "numpy.random._mt19937": {"MT19937"},
-}
+}  # fmt: skip
 
 
 class _Unpickler(pickle.Unpickler):

@@ -7,7 +7,7 @@ import pytest
 
 from magmpm.cli.design import insertion_snapshot as trial_snapshot
 from magmpm.scene import Scene
-from magmpm.studies.evaluate.insertion import CATHETER, SHAPES, shapes_of
+from magmpm.studies.evaluate.trajectory import CATHETER, SHAPES, shapes_of
 from magmpm.viz.camera import Framing
 from magmpm.viz.insertion import Insertion
 from magmpm.viz.layout import PAGE, Views
