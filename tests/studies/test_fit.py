@@ -25,6 +25,7 @@ from magmpm.studies.fitting import (
 )
 from magmpm.studies.fitting.constants import Constant, applied, constants_of
 from magmpm.studies.fitting.identify import _fewer
+from magmpm.studies.fitting.misfit import doubted
 from magmpm.studies.fitting.prediction import Prediction
 from magmpm.studies.fitting.solve import least_squares
 
@@ -337,6 +338,7 @@ def test_what_the_scene_lacks_is_named_and_the_interval_holds_the_truth(lacks: d
     (one,) = found.constants
     assert found.suspects[0].name == name
     assert found.suspects[0].probability < 0.01
+    assert not any(np.isnan(suspect.errors).any() for suspect in doubted(found.suspects)), "each was fitted, not only to first order"
     assert any(name in warning and "explains the residuals better" in warning for warning in found.warnings)
     assert one.method in ("widened", "withheld")
     assert one.low is None or one.low < 118e3
