@@ -15,7 +15,7 @@ from magmpm.dynamics.particle_groups import Packed
 from magmpm.effects.base import Contact
 from magmpm.effects.contact_force import stored
 from magmpm.effects.contact_law import law, most_friction, own_friction
-from magmpm.kernels.body_contact import CELL, DEPTH, FORCE, MEMORY, NORMAL, PLACE, ROOM, Meeting, SolidCells
+from magmpm.kernels.body_contact import BEGUN, CELL, DEPTH, FORCE, MEMORY, NORMAL, PLACE, ROOM, Meeting, SolidCells, begun
 from magmpm.model import Model
 
 MOVE = 0.5  # cells that any point may be away from its place when pairs were listed: they may then be twice as much nearer
@@ -92,6 +92,8 @@ class BodyContact:
         new = np.flatnonzero(~np.isin(key, known[kept]))
         memory = np.zeros((len(new), MEMORY))
         memory[:, PLACE : PLACE + 3], memory[:, CELL] = self._place[q[new]], self._at[q[new]]
+        other = self._solid[p[new]] != self._solid[q[new]]
+        memory[other, BEGUN] = begun(self.solids, self._solid[q[new]][other], self._place[p[new]][other])
         memory[:, ROOM] = way + 0.5 * np.sqrt(np.maximum(distance[new] ** 2 - (BETWEEN * self._cell) ** 2, 0.0))
         order = np.argsort(np.concatenate([known[kept], key[new]]))
         memory = np.concatenate([held[kept], memory])[order]
@@ -103,7 +105,9 @@ class BodyContact:
         there, and its distance (n,) m."""
         first, order, cell = self._patches
         center, radius = _balls(x[order], first)
-        a, b = cKDTree(center).query_pairs(REACH * self._cell + 2 * radius, output_type="ndarray").T
+        a, b = cKDTree(center).query_pairs(REACH * self._cell + 2 * radius.max(), output_type="ndarray").T
+        near = np.linalg.norm(center[a] - center[b], axis=1) <= REACH * self._cell + radius[a] + radius[b]
+        a, b = a[near], b[near]
         apart = (np.abs(cell[a, 1:] - cell[b, 1:]) > 2).any(axis=1) | (cell[a, 0] != cell[b, 0])
         pairs = np.concatenate([np.stack([a, b], axis=1)[apart], np.stack([b, a], axis=1)[apart]])
         found = _nearest(pairs, first, order, x, self._free, REACH * self._cell)
@@ -201,11 +205,11 @@ def _patches(at: Index, cells: Index) -> tuple[Index, Index, Index]:
     return np.append(first, len(at)), order, cells[at[order[first]]]
 
 
-def _balls(x: Array, first: Index) -> tuple[Array, float]:
-    """Centers (k, 3) of patches of points x (n, 3) m in their order, and the radius (m) around them that holds every point."""
+def _balls(x: Array, first: Index) -> tuple[Array, Array]:
+    """Balls around patches of points x (n, 3) m in their order: centers (k, 3) and radii (k,) m."""
     count = np.diff(first)
     center = np.add.reduceat(x, first[:-1], axis=0) / count[:, None]
-    return center, float(np.sqrt(((x - np.repeat(center, count, axis=0)) ** 2).sum(axis=1).max()))
+    return center, np.sqrt(np.maximum.reduceat(((x - np.repeat(center, count, axis=0)) ** 2).sum(axis=1), first[:-1]))
 
 
 @compiled

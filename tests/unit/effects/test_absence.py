@@ -55,7 +55,7 @@ def with_hooks(effects, magnet, rho, x, F, P, f, A):
         add_force(effects, 0, magnet, rho, x, F, f)
         add_tangent(effects, 0, magnet, rho, x, F, A)
         if has_node(effects):
-            change_node(effects, 0, x, x, f, 1e-5)
+            change_node(effects, 0, x, x, f, True, 1e-5)
     return total
 
 
