@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
+from magmpm.bodies.contact_solid import solid_distance
 from magmpm.bodies.grid import each_node
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
@@ -15,7 +16,7 @@ from magmpm.dynamics.particle_groups import Packed
 from magmpm.effects.base import Contact
 from magmpm.effects.contact_force import stored
 from magmpm.effects.contact_law import law, most_friction, own_friction
-from magmpm.kernels.body_contact import BEGUN, CELL, DEPTH, FORCE, MEMORY, NORMAL, PLACE, ROOM, Meeting, SolidCells, begun
+from magmpm.kernels.body_contact import CELL, DEPTH, FORCE, MEMORY, NORMAL, PLACE, ROOM, Meeting, SolidCells
 from magmpm.model import Model
 
 MOVE = 0.5  # cells that any point may be away from its place when pairs were listed: they may then be twice as much nearer
@@ -93,7 +94,7 @@ class BodyContact:
         memory = np.zeros((len(new), MEMORY))
         memory[:, PLACE : PLACE + 3], memory[:, CELL] = self._place[q[new]], self._at[q[new]]
         other = self._solid[p[new]] != self._solid[q[new]]
-        memory[other, BEGUN] = begun(self.solids, self._solid[q[new]][other], self._place[p[new]][other])
+        memory[other, -1] = _begun(self.solids, self._solid[q[new]][other], self._place[p[new]][other])  # BEGUN
         memory[:, ROOM] = way + 0.5 * np.sqrt(np.maximum(distance[new] ** 2 - (BETWEEN * self._cell) ** 2, 0.0))
         order = np.argsort(np.concatenate([known[kept], key[new]]))
         memory = np.concatenate([held[kept], memory])[order]
@@ -105,12 +106,8 @@ class BodyContact:
         there, and its distance (n,) m."""
         first, order, cell = self._patches
         center, radius = _balls(x[order], first)
-        a, b = cKDTree(center).query_pairs(REACH * self._cell + 2 * radius.max(), output_type="ndarray").T
-        near = np.linalg.norm(center[a] - center[b], axis=1) <= REACH * self._cell + radius[a] + radius[b]
-        a, b = a[near], b[near]
-        apart = (np.abs(cell[a, 1:] - cell[b, 1:]) > 2).any(axis=1) | (cell[a, 0] != cell[b, 0])
-        pairs = np.concatenate([np.stack([a, b], axis=1)[apart], np.stack([b, a], axis=1)[apart]])
-        found = _nearest(pairs, first, order, x, self._free, REACH * self._cell)
+        pairs = cKDTree(center).query_pairs(REACH * self._cell + 2 * radius.max(), output_type="ndarray")
+        found = _nearest(pairs, cell, center, radius, first, order, x, self._free, REACH * self._cell)
         p, q, distance = found[:, 0].astype(np.int64), found[:, 1].astype(np.int64), found[:, 2]
         best = np.lexsort((q, distance, self._solid[q], p))
         one = best[np.flatnonzero(np.diff((p * len(self.solids.kind) + self._solid[q])[best], prepend=-1))]
@@ -213,16 +210,36 @@ def _balls(x: Array, first: Index) -> tuple[Array, Array]:
 
 
 @compiled
-def _nearest(pairs, first, order, x, free, reach):  # type: ignore[no-untyped-def]
-    """Rows (p, q, distance m): of each free point p of a patch the nearest point q of the other patch, for each of the pairs (k, 2)."""
+def _begun(solids, solid, place):  # type: ignore[no-untyped-def]
+    """Distance (n,) m of places (n, 3) m of undeformed points in undeformed solids (n,), 0 outside. As bodies begin clear of each other,
+    that is the error of a table near an edge, up to 0.05 cells: taken off, what touches at the start is not pushed."""
+    found, normal = np.empty(len(solid)), np.empty(3)
+    for k in range(len(solid)):
+        found[k] = min(solid_distance(solids, solid[k], place[k], normal), 0.0)
+    return found
+
+
+@compiled
+def _nearest(pairs, cell, center, radius, first, order, x, free, reach):  # type: ignore[no-untyped-def]
+    """Rows (p, q, distance m): of each free point p of a patch the nearest point q of the other, for each of the pairs (k, 2) both ways.
+
+    Patches of one component that share a node are left out, and those whose balls are too far from each other.
+    """
     found = np.empty((1024, 3))
     count = 0
-    for k in range(len(pairs)):
-        for i in range(first[pairs[k, 0]], first[pairs[k, 0] + 1]):
+    for k in range(2 * len(pairs)):
+        a, b = pairs[k // 2, k % 2], pairs[k // 2, 1 - k % 2]
+        beside, apart = cell[a, 0] == cell[b, 0], 0.0
+        for i in range(3):
+            beside = beside and abs(cell[a, 1 + i] - cell[b, 1 + i]) <= 2
+            apart += (center[a, i] - center[b, i]) ** 2
+        if beside or apart > (reach + radius[a] + radius[b]) ** 2:
+            continue
+        for i in range(first[a], first[a + 1]):
             p, best, nearest = order[i], reach**2, -1
             if p >= free:
                 continue
-            for j in range(first[pairs[k, 1]], first[pairs[k, 1] + 1]):
+            for j in range(first[b], first[b + 1]):
                 q = order[j]
                 now = (x[p, 0] - x[q, 0]) ** 2 + (x[p, 1] - x[q, 1]) ** 2 + (x[p, 2] - x[q, 2]) ** 2
                 if now < best:

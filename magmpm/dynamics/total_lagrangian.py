@@ -34,8 +34,8 @@ DTYPE = np.dtype([("rate", np.float64, 3), ("low", np.float64, 3), ("high", np.f
 
 
 class MovedEnds:
-    """Records for kernels of what holds a model's body and moves; place (nodes, 3) m and mass (nodes,) kg of all nodes; free (nodes,): those
-    that forces move.
+    """Records for kernels of what holds a model's body and moves; place (nodes, 3) m and mass (nodes,) kg of all nodes; free (nodes,):
+    those that forces move.
 
     Raises SceneError where nodes that something else holds stand among those that follow.
     """

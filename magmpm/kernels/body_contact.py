@@ -48,10 +48,10 @@ class Meeting(NamedTuple):
 
     point: index in kernels.surface_contact.Surface; node: its first node; solid; memory (MEMORY n + 1,), changed by steps: a pair's place
     X (3,) m, anchor (3,) m and whether it holds, the value of `memory[-1]` until which it cannot touch, cell, force (3,) N on the point,
-    depth m, normal (3,) out of the solid, and distance m at which the undeformed point begins to touch (`begun`); at last the length (m) of the way that any point may have moved; most (1,): m, of it, until
-    pairs may be missing; law (5,): stiffness 1/s^2, soft, knee m and damping 1/s (effects.contact_law), and friction where neither
-    material names one; pace (active nodes,): no point is faster than the largest pace times speed of a node; then the fields of
-    SolidCells and Solids, flat, as parallel loops take them.
+    depth m, normal (3,) out of the solid, and the distance m at which it begins to touch, 0 or less; at last the length (m) of the way
+    that any point may have moved; most (1,): m, of it, until pairs may be missing; law (5,): stiffness 1/s^2, soft, knee m and damping 1/s
+    (effects.contact_law), and friction where neither material names one; pace (active nodes,): no point is faster than the largest pace
+    times speed of a node; then the fields of SolidCells and Solids, flat, as parallel loops take them.
     """
 
     point: Index
@@ -177,16 +177,6 @@ def _at(field, node, along_x, along_y, value, out):
                 k = 3 * (node + a * along_x + b * along_y + c)
                 for i in range(3):
                     out[i] += n * value[6 + c] * field[k + i]
-
-
-@compiled
-def begun(solids, solid, place):
-    """Distance (n,) m of places (n, 3) m of undeformed points in undeformed solids (n,), 0 outside. As bodies begin clear of each other, that
-    is the error of a table near an edge, up to 0.05 cells: taken off, what touches at the start is not pushed."""
-    found, normal = np.empty(len(solid)), np.empty(3)
-    for k in range(len(solid)):
-        found[k] = min(solid_distance(solids, solid[k], place[k], normal), 0.0)
-    return found
 
 
 @compiled

@@ -88,8 +88,8 @@ def test_a_compressed_strip_buckles_as_euler_says() -> None:
 
 
 def test_a_moved_plate_presses_on_a_free_cube(tmp_path: Path) -> None:
-    """It begins a thirtieth of a cell above it. What moves it does the work of contact and of its own weight; the cube gains what pushes it;
-    and a motion that is stopped in its midst goes on with the same bits."""
+    """From a thirtieth of a cell above it. What moves it does the work of contact and of its own weight; the cube gains what pushes it; and
+    a motion that is stopped in its midst goes on with the same bits."""
     edge, speed, mass = 3e-3, 0.05, 1882 * 50e-9
     meshes = {"plate": box((-1e-3, -1e-3, edge + 0.05e-3), (4e-3, 4e-3, edge + 2.05e-3)), "cube": box((0.0, 0.0, 0.0), (edge, edge, edge))}
     way = {"plate": {"along": [0, 0, -1], "distance": 4e-3 * speed, "over_time": {"ramp": {"duration": 4e-3}}}}
@@ -100,8 +100,8 @@ def test_a_moved_plate_presses_on_a_free_cube(tmp_path: Path) -> None:
 
     def see(state: SimulationState) -> None:
         push, model = state.contacts.get("self_contact: plate, cube", {"force": np.zeros(3)})["force"][2], state.motion.model
-        cube = model.density * model.particles.volume * ~model.held
-        seen.append((state.time, sum(state.energies.values()), push, state.contacts["ground"]["force"][2], cube @ state.v[:, 2], cube.sum()))
+        cube, ground = model.density * model.particles.volume * ~model.held, state.contacts["ground"]["force"][2]
+        seen.append((state.time, sum(state.energies.values()), push, ground, cube @ state.v[:, 2], cube.sum()))
         if state.frame == stop:
             raise KeyboardInterrupt
 
