@@ -153,13 +153,13 @@ class BodyContact:
     def state(self) -> dict[str, Any]:
         """State that `restore` needs."""
         now = self.meeting
-        changed = {"pair_memory": now.memory.copy(), "pair_most": now.most.copy(), "pair_then": self._then}
+        changed = {"pair_state": now.memory.copy(), "pair_most": now.most.copy(), "pair_then": self._then}
         return {"pair_point": now.point, "pair_solid": now.solid, **changed}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a `state`."""
         self._then = state["pair_then"]
-        self.meeting = self._of(state["pair_point"], state["pair_solid"], np.array(state["pair_memory"]), np.array(state["pair_most"]))
+        self.meeting = self._of(state["pair_point"], state["pair_solid"], np.array(state["pair_state"]), np.array(state["pair_most"]))
 
 
 def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:
