@@ -11,6 +11,7 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
@@ -33,20 +34,21 @@ DTYPE = np.dtype([("rate", np.float64, 3), ("low", np.float64, 3), ("high", np.f
 
 
 class MovedEnds:
-    """Records for kernels of what holds a model's body and moves; place (nodes, 3) m and mass (nodes,) kg of all nodes.
+    """Records for kernels of what holds a model's body and moves; place (nodes, 3) m and mass (nodes,) kg of all nodes; free (nodes,):
+    those that forces move.
 
-    Raises SceneError where other nodes stand among those that follow.
+    Raises SceneError where nodes that something else holds stand among those that follow.
     """
 
-    def __init__(self, model: Model, place: Array, mass: Array) -> None:
+    def __init__(self, model: Model, place: Array, mass: Array, free: NDArray[np.bool_]) -> None:
         self._moves, self._boxes, half = model.scene.move or {}, {}, 0.25 * model.grid.spacing
         for name, nodes in model.driven_in_motion:
             follows = nodes & (mass > 0)
             low, high = place[follows].min(axis=0) - half, place[follows].max(axis=0) + half
-            if ((mass > 0) & ((place > low) & (place < high)).all(axis=1) & ~follows).any():
+            if ((mass > 0) & ~free & ((place > low) & (place < high)).all(axis=1) & ~follows).any():
                 raise SceneError(
                     f"move.{name}",
-                    found="other parts stand within the box around what is moved",
+                    found="other held parts stand within the box around what is moved",
                     rule="in motion that box must be free of them",
                     remedy="divide the part into several, or move it in statics or along equilibria (solver.quasi_static)",
                 )
@@ -64,9 +66,9 @@ class MovedEnds:
 
 
 @compiled
-def node(effect, data, X, u, v, dt):  # type: ignore[no-untyped-def]
-    """v = rate of the nodes in the box."""
-    inside = True
+def node(effect, data, X, u, v, free, dt):  # type: ignore[no-untyped-def]
+    """v = rate of the nodes in the box that are not free."""
+    inside = not free
     for i in range(3):
         inside = inside and effect.low[i] < X[i] and X[i] < effect.high[i]
     if inside:
@@ -113,7 +115,7 @@ class TotalMotion:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.packed = pack(model)
-        self.ends = MovedEnds(model, self.packed.node_place, self.packed.mass.lumped)
+        self.ends = MovedEnds(model, self.packed.node_place, self.packed.mass.lumped, self.packed.nodes.inverse_mass[::3] > 0)
         nodes = len(self.packed.mass.lumped)
         self.u, self.v, self.force = np.zeros(3 * nodes), np.zeros(3 * nodes), np.zeros(3 * nodes)
         self.slabs = new_slabs(len(self.packed.cells.slab_first) - 1)

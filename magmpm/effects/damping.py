@@ -49,7 +49,7 @@ class Damping(Effect):
 
 
 @compiled
-def node(effect, data, X, u, v, dt):
+def node(effect, data, X, u, v, free, dt):
     """v *= exp(-rate dt)."""
     left = math.exp(-min(effect.damping_rate * dt, MOST))
     for i in range(3):

@@ -34,8 +34,8 @@ In motion only:
 ``near(effect, data, x) -> float``                              above 0 where `contact` can push what is at x; else minus a distance (m)
                                                                 within which nothing is pushed, -inf if that is unknown: contact is left
                                                                 out until a point may have moved that far
-``node(effect, data, X, u, v, dt)``                             changes a grid node's velocity v (3,) m/s; X its place, u displacement
-                                                                (only indexed)
+``node(effect, data, X, u, v, free, dt)``                       changes a grid node's velocity v (3,) m/s; X its place, u displacement
+                                                                (only indexed); free: whether forces move it
 ``push(effect, data, dt) -> float``                             seconds for which forces push in a step of dt, over dt: more than 1 where
                                                                 `node` takes from their push what is lost while they act
 """
@@ -175,7 +175,7 @@ add_narrow_rate_stress = _walk("step, rho, F, dF, P", _hook("rate_stress", wide=
 # At a point of the surface, at a node, of a step.
 add_contact = _walk("step, x, v, mass, dt, f", _hook("contact"))
 add_touch = _walk("x, mass, f, H", _hook("touch"), "{} + ({})", "0.0")  # J
-change_node = _walk("step, X, u, v, dt", _hook("node"))
+change_node = _walk("step, X, u, v, free, dt", _hook("node"))
 push_time = _walk("step, dt", _hook("push"), "{} * ({})", "dt")  # s
 
 

@@ -22,7 +22,7 @@ from magmpm.compiled.jit import compiled, inlined, only_where
 from magmpm.effects.contact_force import PARTS, hold, push
 from magmpm.kernels.surface_contact import SLIDES, STICKS
 
-PLACE, ANCHOR, HELD, ROOM, CELL, FORCE, DEPTH, NORMAL, MEMORY = 0, 3, 6, 7, 8, 9, 12, 13, 16
+PLACE, ANCHOR, HELD, ROOM, CELL, FORCE, DEPTH, NORMAL, BEGUN, MEMORY = 0, 3, 6, 7, 8, 9, 12, 13, 16, 17
 CLOSE = 1e-12  # of a cell: distance of X + u(X) from the point; momentum is kept to it
 TRIES = 20
 SETTLED = 0.25  # of the distance d of a point from the surface: if the place below it has moved by less, d is good to some percent
@@ -48,10 +48,10 @@ class Meeting(NamedTuple):
 
     point: index in kernels.surface_contact.Surface; node: its first node; solid; memory (MEMORY n + 1,), changed by steps: a pair's place
     X (3,) m, anchor (3,) m and whether it holds, the value of `memory[-1]` until which it cannot touch, cell, force (3,) N on the point,
-    depth m, and normal (3,) out of the solid; at last the length (m) of the way that any point may have moved; most (1,): m, of it, until
-    pairs may be missing; law (5,): stiffness 1/s^2, soft, knee m and damping 1/s (effects.contact_law), and friction where neither
-    material names one; pace (active nodes,): no point is faster than the largest pace times speed of a node; then the fields of
-    SolidCells and Solids, flat, as parallel loops take them.
+    depth m, normal (3,) out of the solid, and the distance m at which it begins to touch, 0 or less; at last the length (m) of the way
+    that any point may have moved; most (1,): m, of it, until pairs may be missing; law (5,): stiffness 1/s^2, soft, knee m and damping 1/s
+    (effects.contact_law), and friction where neither material names one; pace (active nodes,): no point is faster than the largest pace
+    times speed of a node; then the fields of SolidCells and Solids, flat, as parallel loops take them.
     """
 
     point: Index
@@ -195,7 +195,7 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         x[:], X[:] = surface.place[3 * p : 3 * p + 3], memory[at + PLACE : at + PLACE + 3]
         _at(state.u, meeting.node[pair], along_x, along_y, own, x)
         cell, d = _find(cells, cell, along_x, along_y, state.u, x, X, solids, s, work, F, inverse)
-        memory[at + PLACE : at + PLACE + 3], memory[at + CELL] = X, cell
+        memory[at + PLACE : at + PLACE + 3], memory[at + CELL], d = X, cell, d - memory[at + BEGUN]
         if not d < 0.0:
             memory[at + HELD], memory[at + ROOM] = 0.0, memory[-1] + 0.5 * NEAR * d
             continue

@@ -295,7 +295,7 @@ def update_grid(k, step, dt, push, nodes, correction, state, effects):
         v[n + i] += push * (inverse_mass[n + i] * force[n + i] + added_at(correction, plane, node, i))
         force[n + i] = 0.0
     if has_node(effects):
-        change_node(effects, step, row(nodes.place, n), row(u, n), row(v, n), dt)
+        change_node(effects, step, row(nodes.place, n), row(u, n), row(v, n), inverse_mass[n] > 0.0, dt)
     for i in range(3):
         u[n + i] += dt * v[n + i]
 

@@ -60,6 +60,26 @@ def test_a_collision_keeps_momentum_and_energy(tmp_path: Path, friction: float) 
     assert of_part(model, 1, motion.particles()[1])[0] > 1.0
 
 
+def test_what_touches_at_the_start_rests(tmp_path: Path) -> None:
+    """Without loads: a peg in a slot, clear of it by a thousandth of a cell, and a cube on its edge. Nothing is pushed, and nothing moves.
+
+    Tables of the slot's solid are 0.04 cells off in its corners (bodies.signed_distance): the peg jumped out at 0.07 m/s.
+    """
+    clear = 1e-6
+    meshes = {
+        "below": box((0.0, -4e-3, 0.0), (6e-3, 4e-3, 2e-3)), "near": box((0.0, -4e-3, 2e-3), (6e-3, -1.5e-3, 5e-3)),
+        "far": box((0.0, 1.5e-3, 2e-3), (6e-3, 4e-3, 5e-3)), "peg": box((1e-3, clear - 1.5e-3, 2e-3 + clear), (5e-3, 1.5e-3 - clear, 6e-3)),
+        "on edge": box((6e-3, -4e-3, 5e-3), (8e-3, 4e-3, 7e-3)),
+    }  # fmt: skip
+    begun = begin(build(parts_scene(tmp_path, meshes, {"self_contact": {}}, 1e-3)))
+    assert int(begun.motion.model.component.max()) == 2
+    contact = begun.motion.body_contacts()["self_contact"]
+    assert (contact["count"], contact["energy"]) == (0, 0.0)
+    now = interval(begun, 0.5e-3)
+    assert now.kinetic == 0.0
+    np.testing.assert_array_equal(now.F, np.tile(np.eye(3), (len(now.F), 1, 1)))
+
+
 def impact(scene: Scene, time: float) -> tuple[float, float]:
     """Depth in cells, and change of the energy, of a component 1 that falls on 0 at 2 m/s."""
     model = build(scene)
@@ -237,6 +257,19 @@ def test_halves_of_a_folding_sheet_meet_and_part_again() -> None:
     assert max(depth for _, _, depth in seen) < 0.1 * scene.cell
     assert seen[-1][1] == 0
     assert state.x[:, 2].max() - state.x[:, 2].min() < 3e-3
+
+
+def test_legs_of_a_compressed_strip_touch() -> None:
+    """Its clamped ends come within two thicknesses of each other: the legs of the arch meet in the middle, at most 0.15 cells deep."""
+    body = {"length": 12e-3, "width": 3e-3, "thickness": 0.5e-3, "clamp": "both", "plane_strain": True, "material": "m",
+            "segments": [{"magnetization": [0.0, 0.0, 0.0]}]}  # fmt: skip
+    move_tip = {"tip": {"along": [-1, 0, 0], "distance": 11e-3, "over_time": {"ramp": {"duration": 0.025}}}}
+    effects = {"gravity": {}, "damping": {"rate": 300.0}, "self_contact": {}}
+    scene = moving_scene({"strip": body}, effects, shear=100e3, duration=0.035, move=move_tip)
+    depth: list[float] = []
+    state = move(build(scene), on_state=lambda state: depth.append(state.contacts["self_contact"]["depth"]))
+    assert 0 < max(depth) < 0.15 * scene.cell
+    assert state.contacts["self_contact: segment 1, itself"]["point"][0] == pytest.approx(0.5e-3, abs=0.05e-3)
 
 
 @pytest.mark.parametrize("speed", [2.0, 30.0])

@@ -1,12 +1,18 @@
-"""Bodies whose held ends move, against theory: uniaxial tension, Euler's buckling and the elastica beyond it, and a base that shakes."""
+"""Bodies whose held ends move, against theory: uniaxial tension, Euler's buckling and the elastica beyond it, a base that shakes,
+and a plate that presses on another part."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from reference.parts import parts_scene
+from reference.solids import box
+from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq, fsolve
 from scipy.special import ellipe, ellipk
 
+from magmpm.dynamics.time_loop import SimulationState, begin, integrate
 from magmpm.materials import poisson_ratio, young_modulus
 from magmpm.model import build
 from magmpm.scene import Scene
@@ -77,6 +83,39 @@ def test_a_compressed_strip_buckles_as_euler_says() -> None:
     rest = solve(strip(*sizes, {"tip": {"along": [-1, 0, 0], "distance": way}}, **plane))
     assert rest.centreline[:, 3].max() == pytest.approx(risen, rel=1e-6)
     assert any("bifurcation" in warning for warning in rest.warnings)
+
+
+def test_a_moved_plate_presses_on_a_free_cube(tmp_path: Path) -> None:
+    """From a thirtieth of a cell above it. What moves it does the work of contact and of its own weight; the cube gains what pushes it; and
+    a motion that is stopped in its midst goes on with the same bits."""
+    edge, speed, mass = 3e-3, 0.05, 1882 * 50e-9
+    meshes = {"plate": box((-1e-3, -1e-3, edge + 0.05e-3), (4e-3, 4e-3, edge + 2.05e-3)), "cube": box((0.0, 0.0, 0.0), (edge, edge, edge))}
+    way = {"plate": {"along": [0, 0, -1], "distance": 4e-3 * speed, "over_time": {"ramp": {"duration": 4e-3}}}}
+    effects = {"gravity": {}, "ground": {"point": [0.0, 0.0, 0.0]}, "self_contact": {}}
+    data = parts_scene(tmp_path, meshes, effects, 1.5e-3, held=["plate"], duration=4e-3, move=way).to_si()
+    data["solver"]["dynamic"]["output_every"] = 2e-5
+    scene, seen, stop = Scene.from_si(data), [], -1
+
+    def see(state: SimulationState) -> None:
+        push, model = state.contacts.get("self_contact: plate, cube", {"force": np.zeros(3)})["force"][2], state.motion.model
+        cube, ground = model.density * model.particles.volume * ~model.held, state.contacts["ground"]["force"][2]
+        seen.append((state.time, sum(state.energies.values()), push, ground, cube @ state.v[:, 2], cube.sum()))
+        if state.frame == stop:
+            raise KeyboardInterrupt
+
+    whole = integrate(begin(build(scene)), on_state=see)
+    time, energy, push, ground, momentum, cube = np.array(seen).T
+    work = cumulative_trapezoid(push * speed - mass * 9.81 * speed, time, initial=0.0) + 0.5 * mass * speed**2 * (time > 0)
+    np.testing.assert_allclose(energy - energy[0], work, rtol=0, atol=2e-3 * work[-1])
+    gained = cumulative_trapezoid(ground - push - 9.81 * cube, time, initial=0.0)
+    np.testing.assert_allclose(momentum - momentum[0], gained, rtol=0, atol=2e-3 * np.abs(momentum).max())
+    stop = 100
+    with pytest.raises(KeyboardInterrupt):
+        integrate(begin(build(scene)), folder=tmp_path / "run", on_state=see)
+    again = integrate(begin(build(scene)), folder=tmp_path / "run", resume=True)
+    assert whole.contacts["self_contact"]["count"] > 0
+    np.testing.assert_array_equal(again.motion.u, whole.motion.u)
+    np.testing.assert_array_equal(again.motion.v, whole.motion.v)
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def with_hooks(effects, magnet, rho, x, F, P, f, A):
         hooks.add_force(effects, 0, magnet, rho, x, F, f)
         hooks.add_tangent(effects, 0, magnet, rho, x, F, A)
         if hooks.has_node(effects):
-            hooks.change_node(effects, 0, x, x, f, 1e-5)
+            hooks.change_node(effects, 0, x, x, f, True, 1e-5)
     return total
 
 
