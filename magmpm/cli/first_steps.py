@@ -79,7 +79,7 @@ def import_robot(options: argparse.Namespace) -> int:
 
 def prepare(options: argparse.Namespace) -> int:
     """Compile the kernels of scene files, or without any of the usual combinations. Returns the exit status."""
-    from magmpm.cli.progress import Progress
+    from magmpm.cli.answers import Progress
     from magmpm.scene import load_scene
     from magmpm.solving.precompile import PROOFS, SOLVE, describe, fill_cache
 

@@ -21,8 +21,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.dynamics import energies, watchdog
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
-from magmpm.dynamics.stable_step import StableStep, stable_step
-from magmpm.dynamics.step_control import StepControl
+from magmpm.dynamics.step_control import StableStep, StepControl, stable_step
 from magmpm.dynamics.total_lagrangian import Kinematics, TotalMotion
 from magmpm.effects import acting, viscosity
 from magmpm.errors import InputError, SceneError, SolveError

@@ -166,7 +166,6 @@ class Effect(Settings):
         return None
 
 
-
 class BodyEffect(Effect):
     """An effect that depends on the shape of the whole body, by a table that `refresh` keeps up to date.
 

@@ -27,11 +27,6 @@ DTYPE = np.dtype([("damping_rate", np.float64)])
 MOST = 500.0  # of the exponent: more leaves nothing of a velocity either, and would be too large a number for a push
 
 
-def parameters(rate: float) -> Records:
-    """Parameters for the kernels. rate 1/s."""
-    return one_record(DTYPE, damping_rate=rate)
-
-
 class Damping(Effect):
     """The surroundings resist in proportion to mass and velocity."""
 
@@ -44,8 +39,7 @@ class Damping(Effect):
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
         """Parameters for the kernels, or () where the rate is zero."""
-        return parameters(self.rate) if self.rate > 0 else ()
-
+        return one_record(DTYPE, damping_rate=self.rate) if self.rate > 0 else ()
 
 
 @compiled

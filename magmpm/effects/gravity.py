@@ -18,11 +18,6 @@ DTYPE = np.dtype([("gravity", np.float64, (3,))])
 _Component = Annotated[float, Quantity("acceleration", at_least="-1e4 m/s^2", at_most="1e4 m/s^2")]
 
 
-def parameters(acceleration: Array) -> Records:
-    """Parameters for the kernels. acceleration (3,) m/s^2."""
-    return one_record(DTYPE, gravity=acceleration)
-
-
 class Gravity(Effect):
     """Weight."""
 
@@ -36,8 +31,7 @@ class Gravity(Effect):
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
         """Parameters for the kernels, or () where there is no weight."""
         acceleration = strength * np.array(self.acceleration)
-        return parameters(acceleration) if acceleration.any() else ()
-
+        return one_record(DTYPE, gravity=acceleration) if acceleration.any() else ()
 
 
 @compiled

@@ -41,7 +41,6 @@ class MagneticForce(Effect):
         return field_records(scene.field, ROTATING if rotating(scene).any() else DTYPE, times, strength), scene.outside_field().data
 
 
-
 @compiled
 def force(effect, data, magnet, rho, x, F, f):
     """f += (1/mu0) (grad B)^T F Br, N/m^3."""

@@ -62,7 +62,6 @@ class MagneticTorque(Effect):
         return x, y, z
 
 
-
 @compiled
 def energy(effect, data, magnet, rho, x, F):
     """-(1/mu0) B . (F Br), J/m^3."""

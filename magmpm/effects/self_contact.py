@@ -33,7 +33,6 @@ class SelfContact(Effect):
         return stable_step(2 * found["stiffness"], found.get("damping", 0.0))
 
 
-
 def gap(position: Array, reference: Array, size: float, apart: float, within: float) -> float:
     """Smallest gap (m) between surfaces of the body that are not neighbors in it; negative: they overlap; inf: none is near.
 

@@ -51,7 +51,8 @@ class RunFolder:
 
     def claim(self, overwrite: bool = False) -> None:
         """Check that the folder is this scene's: written from this file, or by the same definition. Raises InputError, unless overwrite."""
-        self._recover()
+        if (self.path / EARLIER).is_dir() and not any((self.path / name).exists() for name in (NUMBERS, MOTION)):
+            self.put_back()  # a run was killed before anything was written in its place
         holder = self._holder()
         if overwrite or not holder:
             return
@@ -121,11 +122,6 @@ class RunFolder:
         result.save(target)
         self._sign(target)
         return target
-
-    def _recover(self) -> None:
-        """Put back what is kept if nothing was written in its place: a run was killed early."""
-        if (self.path / EARLIER).is_dir() and not any((self.path / name).exists() for name in (NUMBERS, MOTION)):
-            self.put_back()
 
     def sign_accuracy(self) -> None:
         """Note that what `magmpm accuracy` writes next to a run's results is this scene's; results of another scene are removed."""

@@ -317,16 +317,8 @@ def frames_of(q, length, C, moment, field, weight):
     n = len(length)
     position, frames = np.zeros((n + 1, 3)), np.empty((n + 1, 3, 3))
     curvature, strain, count = np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros(n + 1)
-    R, z, b, w, v, mid, pull, around = (
-        np.empty((3, 3)),
-        np.empty(4),
-        np.empty(3),
-        np.empty(3),
-        np.empty(3),
-        np.empty(4),
-        np.empty(3),
-        np.empty(3),
-    )
+    R, z, mid = np.empty((3, 3)), np.empty(4), np.empty(4)
+    b, w, v, pull, around = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for k in range(n + 1):
         matrix(q[k], frames[k])
     for e in range(n):

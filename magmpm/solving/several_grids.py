@@ -28,8 +28,8 @@ from magmpm.statics.resolution import PATIENCE, ChosenGrid, choose, first_cells,
 class Runs(Grids):
     """Whole runs on several grids: along time, or of bodies that are not straight. results and frames by cells across."""
 
-    def __init__(self, asked: Scene, on_step: OnStep | None = None) -> None:
-        super().__init__(asked, on_step)
+    def __init__(self, asked: Scene) -> None:
+        super().__init__(asked)
         self.results: dict[int, Result] = {}
         self.frames: dict[int, Frames] = {}
 

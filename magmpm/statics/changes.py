@@ -85,13 +85,9 @@ def magnet_changes(model: StaticModel, variables: Sequence[Variable]) -> dict[in
             found[k] = model.along_axes(change)
         elif variable.kind == "remanence":
             directions = model.along_axes(model.scene.body.shape.magnetization(model.particles)) if directions is None else directions
-            found[k] = np.where(_made_of(model, variable)[segment][:, None], directions, 0.0)
+            made_of_it = np.array([region.material_name == variable.material for region in model.scene.regions()])
+            found[k] = np.where(made_of_it[segment][:, None], directions, 0.0)
     return found
-
-
-def _made_of(model: StaticModel, variable: Variable) -> Array:
-    """Which regions (regions,) are made of the variable's material."""
-    return np.array([region.material_name == variable.material for region in model.scene.regions()])
 
 
 def _columns(model: StaticModel, variables: Sequence[Variable], kind: str) -> Index:

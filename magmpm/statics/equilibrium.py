@@ -21,7 +21,6 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.lapack import addresses
 from magmpm.effects import acting
 from magmpm.errors import InputError, LeftField, SolveError, TimeOver
-from magmpm.materials import poisson_ratio
 from magmpm.rod.cosserat import RodShape, solve_rod
 from magmpm.statics import axis
 from magmpm.statics.branch import Branch, GrowingLoads, Lift, Reached, outside_domain, point_of
@@ -139,14 +138,10 @@ def solve_static(
             settled = stability(found.energy, found.point, known) if judged else None
             return replace(found, point=restored(model, found.point, of), stability=settled)
         except SolveError as error:
-            state = error.state if isinstance(error.state, Equilibrium) else _unloaded(model)
+            state, rest = error.state, straight(model)
+            if not isinstance(state, Equilibrium):  # none was found under load
+                state = Equilibrium(Energy(model).at(rest), 0, rest, load_share=0.0)
             raise type(error)(error.reason, replace(state, point=restored(model, state.point, of), model=asked)) from None
-
-
-def _unloaded(model: StaticModel) -> Equilibrium:
-    """The last good state of a solve that found none under load."""
-    rest = straight(model)
-    return Equilibrium(Energy(model).at(rest), 0, rest, load_share=0.0)
 
 
 def one_blas_thread() -> AbstractContextManager[object]:
@@ -188,10 +183,9 @@ def _outside_domain(model: StaticModel, point: object, state: object) -> SolveEr
 
 def _kinked(model: StaticModel, point: object, error: SolveError) -> SolveError | None:
     """The error if a solve failed where a tube is about to kink; else None."""
-    tube = model.scene.body.catheter
-    if tube is None or not isinstance(point, Point) or type(error) is not SolveError:
+    limit = model.kink_radius
+    if limit == 0.0 or not isinstance(point, Point) or type(error) is not SolveError:
         return None
-    limit = tube.kink_radius(float(poisson_ratio(model.shear, model.bulk).max()))
     if not tightest_radius(axis.centreline(model, point.grid)[:, 1:]) < 1.5 * limit:  # then it has most likely met its limit
         return None
     text = f"the tube kinks: bent to a radius of about {1e3 * limit:.3g} mm its section flattens, and it bears no more (Brazier)"
@@ -359,17 +353,15 @@ def _ramped(
     return Equilibrium(last, steps, np.zeros_like(last.grid), warnings, energy=energy)
 
 
-def solve_from(
-    model: StaticModel, start: Array, *, tolerance: float | None = None, on_step: OnStep | None = None
-) -> Equilibrium:
+def solve_from(model: StaticModel, start: Array, *, on_step: OnStep | None = None) -> Equilibrium:
     """Equilibrium of a straight body from coefficients `start` (planes, m) m near it: of the same scene on another grid.
 
-    tolerance: in place of the scene's. Its stability is not evaluated. Raises SolveError.
+    Its stability is not evaluated. Raises SolveError.
     """
     options = model.scene.solver.static
     energy = Energy(model)
     with one_blas_thread():
-        found = minimize(energy, start, tolerance=tolerance or options.tolerance, max_steps=options.max_steps, on_step=on_step)
+        found = minimize(energy, start, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
     reached = Equilibrium(found.point, found.steps, np.zeros_like(start), energy=energy)
     outside = _outside_domain(model, found.point, reached)
     if outside is not None:

@@ -150,7 +150,7 @@ def minimize_with_interaction(
         if on_step is not None:
             on_step(step, decrement / scale)
         if decrement < tolerance * scale:
-            return Minimum(point, step, decrement / scale, 0)
+            return Minimum(point, step, decrement / scale)
         before, fraction = point, 1.0
         noise = max(ROUNDING * scale, ROUNDING_AT_REST * alone.least_scale())
         while True:

@@ -93,7 +93,7 @@ class _Search:
 
 def known_error(grids: Grids, cells: int) -> ChosenGrid:
     """The error of the grid with so many cells across. Raises SceneError where no finer grid tells it, SolveError where one fails."""
-    search = _Search(grids, time.perf_counter(), _nothing)
+    search = _Search(grids, time.perf_counter(), lambda cells: 0.0)
     if cells not in search.proof:
         rule = f"must be at most {max(search.proof)}: the error of finer grids is not known"
         raise SceneError("resolution.cells_across", received=f"{cells}", rule=rule, remedy="use fewer")
@@ -112,11 +112,7 @@ def first_cells(scene: Scene) -> int:
     return max(coarsest_cells(scene), min(JOINTED) if knots_of(scene).joints else 0)
 
 
-def _nothing(cells: int) -> float:
-    return 0.0
-
-
-def choose(grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], float] = _nothing) -> ChosenGrid:
+def choose(grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], float] = lambda cells: 0.0) -> ChosenGrid:
     """The coarsest grid that meets the error, or the best within the time, that a scene requests; solved, with its error known.
 
     extra: seconds of the time requested that a grid with so many cells across will take once it is chosen.

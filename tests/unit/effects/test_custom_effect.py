@@ -17,6 +17,7 @@ from reference.taylor import slopes
 
 from magmpm.compiled.jit import compiled
 from magmpm.effects import gravity
+from magmpm.effects.base import one_record
 from magmpm.effects.hooks import NO_DATA, register
 from magmpm.model import build
 from magmpm.statics.energy import Energy
@@ -103,7 +104,8 @@ def test_gradient_and_tangent_belong_to_its_energy(model: StaticModel, rng: np.r
 def test_its_pull_is_gravity(model: StaticModel, rng: np.random.Generator) -> None:
     """Without stiffness it equals the weight of gravity.py: the same residual, bit for bit, through other hooks."""
     a = (3.0, 2.0, -9.81)
-    ours, theirs = (Energy(replace(model, effects=named)) for named in (parameters(0.0, a), gravity.parameters(np.array(a))))
+    both = parameters(0.0, a), one_record(gravity.DTYPE, gravity=np.array(a))
+    ours, theirs = (Energy(replace(model, effects=named)) for named in both)
     c = 1e-5 * rng.standard_normal(ours.shape)
     assert np.array_equal(ours.residual(ours.at(c)), theirs.residual(theirs.at(c)))
     assert ours.at(c).energy == pytest.approx(theirs.at(c).energy, rel=1e-13)

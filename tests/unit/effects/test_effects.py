@@ -11,6 +11,7 @@ from reference.scenes import rod_scene
 
 from magmpm.effects import acting as effects
 from magmpm.effects import gravity, hooks, magnetic_torque
+from magmpm.effects.base import one_record
 from magmpm.effects.hooks import add_energy, add_force, add_stress, add_tangent
 from magmpm.fields.dipole import MU0
 from magmpm.model import build
@@ -94,7 +95,7 @@ def test_torque_turns_the_magnet_into_the_field() -> None:
 
 def test_gravity_energy_and_force() -> None:
     """W = -rho g . x, f = rho g: 0 at the origin, linear in x, independent of F."""
-    named = gravity.parameters(G_EARTH)
+    named = one_record(gravity.DTYPE, gravity=G_EARTH)
     P, A, f = derivatives(named)
     assert total_energy(named, BR, RHO, U, F0) == pytest.approx(-RHO * G_EARTH @ U, rel=1e-14)
     assert total_energy(named, BR, RHO, np.zeros(3), F0) == 0
@@ -113,7 +114,7 @@ def test_empty_tuple_adds_nothing() -> None:
 
 def test_effects_add_up_in_any_order() -> None:
     """Two effects give the sum of each alone, in any order."""
-    magnet, weight = magnetic_torque.parameters(B), gravity.parameters(G_EARTH)
+    magnet, weight = magnetic_torque.parameters(B), one_record(gravity.DTYPE, gravity=G_EARTH)
     both, swapped = derivatives(magnet + weight), derivatives(weight + magnet)
     alone = [derivatives(magnet), derivatives(weight)]
     for k in range(3):
@@ -179,7 +180,7 @@ def test_zero_strength_is_bitwise_the_effect_absent(absent: str) -> None:
     assert (a.energy, a.iterations) == (b.energy, b.iterations)
 
 
-@pytest.mark.parametrize("zeros", [magnetic_torque.parameters(np.zeros(3)), gravity.parameters(np.zeros(3))])
+@pytest.mark.parametrize("zeros", [magnetic_torque.parameters(np.zeros(3)), one_record(gravity.DTYPE, gravity=np.zeros(3))])
 def test_kernels_with_an_effect_of_zeros(rng: np.random.Generator, zeros: tuple[np.ndarray, ...]) -> None:
     """A record of zeros in the kernels changes only the last bits, where sums are
     reassociated.

@@ -13,6 +13,7 @@ from reference.scenes import rod_scene
 from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import damping, magnetic_torque
+from magmpm.effects.base import one_record
 from magmpm.model import Model, build
 from magmpm.statics.layout import static_model
 
@@ -20,7 +21,7 @@ B = np.array([2e-3, -3e-3, 5e-3])
 ROUNDING = 1e-13  # of the largest value: sums over some hundred particles
 DT, STEPS = 1e-6, 3
 # Weight, viscosity, contact and a guide: test_motion_effects.py, with one set of kernels.
-LOADS = {"bare": (), "field and damping": magnetic_torque.parameters(B) + damping.parameters(300.0)}
+LOADS = {"bare": (), "field and damping": magnetic_torque.parameters(B) + one_record(damping.DTYPE, damping_rate=300.0)}
 
 
 def model_of(effects: tuple[np.ndarray, ...] = (), **scene: object) -> Model:
