@@ -5,8 +5,6 @@ Shape and volume parts are separate (``shape_*`` and ``volume_*``), because the 
 Source: Simo and Hughes, Computational Inelasticity, section 9.2, with the volume term of Zhao et al., JMPS 124 (2019).
 """
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 import numpy as np

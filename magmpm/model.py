@@ -4,8 +4,6 @@ Where what holds the body is moved, the coefficient of nodes that follow it is i
 part, whose nodes all have the same coefficient moves by it, exactly.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property

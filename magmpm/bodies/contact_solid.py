@@ -4,8 +4,6 @@ A point of another surface touches a solid where the place in the undeformed sol
 and boxes have exact distances, components of meshes a table (bodies.signed_distance). Bores are taken as full: nothing enters them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

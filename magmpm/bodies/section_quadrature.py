@@ -6,8 +6,6 @@ are exact to rounding for any cell size. Particles on a regular lattice, as is u
 moments that are wrong by 2 to 5 %, and its bending stiffness with them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache, cached_property
 

@@ -3,8 +3,6 @@
 Their cross-sections are given as a rod feels them; axis 1 runs along the body, 2 and 3 (y, z undeformed) lie in the section.
 """
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """`magmpm fit`: material constants from measurements."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

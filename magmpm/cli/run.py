@@ -1,7 +1,5 @@
 """`magmpm run`: one simulation, its results and pictures."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -4,8 +4,6 @@ Numba itself has only a few of them. Functions that use ctypes objects can't be 
 number can.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 from llvmlite import ir

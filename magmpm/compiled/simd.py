@@ -5,8 +5,6 @@ vector instruction (one AVX-512 instruction, two of AVX2, four of NEON).
 Only for compiled code: Python itself never holds lanes. Sums are made in a fixed order, so results are the same bit for bit each time.
 """
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable
 from inspect import Parameter, Signature

@@ -4,8 +4,6 @@ A hook of an effect that is plain arithmetic works for one particle and for eigh
 of floats, the same source compiles to vector instructions. Only for compiled code; bounds are unchecked.
 """
 
-from __future__ import annotations
-
 import operator
 from typing import Any
 

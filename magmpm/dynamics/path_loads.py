@@ -4,8 +4,6 @@ Of a fed catheter only the part outside the guide bends: a shorter catheter, cla
 each length. Its displacement is carried from one length to the next at the points of the material, so that nothing jumps with the cells.
 """
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from dataclasses import dataclass, replace
 

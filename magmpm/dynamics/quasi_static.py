@@ -5,8 +5,6 @@ moves is so slow that inertia and losses do not matter. statics.branch finds eac
 ends.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -28,8 +28,6 @@ in one step, which the bound for small oscillations does not cover. So kernels c
 A step given in the scene never changes. Where it is too long, the motion ends with a message.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ they are extrapolated from the last two shapes to the middle of the time for whi
 that time is chosen by how much they change.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -14,8 +14,6 @@ body, whatever the cells, beside a dashpot near the impedance of the pressure wa
 loses nothing. From the depth KNEE on the spring is as stiff as without friction, so that bodies that land do not sink in.
 """
 
-from __future__ import annotations
-
 import math
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 

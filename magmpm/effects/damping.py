@@ -9,8 +9,6 @@ decay, a dt exp(-x), would be x / 2 too weak while the body moves: 8 % for a sho
 Source: Hochbruck and Ostermann, Acta Numerica 19 (2010) 209 (exponential integrators).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

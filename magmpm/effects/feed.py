@@ -8,8 +8,6 @@ Nodes are held or free, so the guide effectively ends at the last node that it h
 effective exit differs from the exit by up to half a cell, to either side.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

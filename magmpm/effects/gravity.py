@@ -1,7 +1,5 @@
 """gravity: weight. W = -rho g . x, so the force per undeformed volume is rho g, constant, with no tangent."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np

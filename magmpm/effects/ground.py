@@ -3,8 +3,6 @@
 The body touches by points of its surface. For force, friction and stiffness see effects.contact_law.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, field_validator

@@ -8,8 +8,6 @@ The energy W is counted in magnetic_torque. Either effect alone has no energy, s
 Source: Zhao et al., JMPS 124 (2019) 244-263. The center of mass accelerates by the volume mean of f over rho.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from magmpm.compiled.arrays import Array

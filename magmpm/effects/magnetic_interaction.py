@@ -13,8 +13,6 @@ act as a load of fixed direction, whose energy is `energy`; `shared_energy` is E
 Sources: dipole fields, Jackson, Classical Electrodynamics, 3rd ed., section 5.6; a cube has no quadrupole moment.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

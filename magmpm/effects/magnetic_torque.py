@@ -8,8 +8,6 @@ Where a material's magnetization_law is `rotates`, R Br takes the place of F Br 
 Source: Zhao, Kim, Cheng, Liu, Zhao, JMPS 124 (2019) 244-263, equations 8 to 12.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from magmpm.compiled.arrays import Array

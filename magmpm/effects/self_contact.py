@@ -4,8 +4,6 @@ Points of the surface of each component touch the other components, and folds of
 stiffness see effects.contact_law. Without it, parts and folds pass through each other.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ magpylib evaluates closed forms in double precision (Ortner and Coliado Bandeira
 The extra `magnets` installs it. A body needs the field in a box: what it can reach, without the space of magnets and wires.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -5,8 +5,6 @@ one turns or the body surrounds it; a measured map as the spline through it. Ker
 In the sources' frame nothing changes in time: a schedule changes strength and place of that frame (fields.schedule).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache

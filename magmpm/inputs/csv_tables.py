@@ -1,7 +1,5 @@
 """CSV tables: their lines and errors; tables of centerlines, columns s_mm, x_mm, y_mm, z_mm (targets, references, measured shapes)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -4,8 +4,6 @@ pydantic reports errors with locations and types of its own. Here they become `P
 misplaced key belongs, and an example from the key's own documentation.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Mapping

@@ -14,8 +14,6 @@ Of files that a user names only regular ones of a bounded size are read, so that
 to runs/NAME, so the names of scenes and studies must be usable for folders, on any system.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

@@ -7,8 +7,6 @@ matrix product, done by BLAS: rows are the gradients and values of the splines, 
 Loops around loops over columns run to `len` of an array, which is 3: known to the compiler, they would be unrolled, and take it seconds.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -8,8 +8,6 @@ The grid is cut into slabs of cells along its first axis. Slabs of one color sha
 two colors run one after the other. The order of every sum does not depend on the number of threads: results are the same bit for bit.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

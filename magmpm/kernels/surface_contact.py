@@ -6,8 +6,6 @@ The points of a cell are a patch, left out until it has moved by its distance fr
 At equilibrium points have the energy of their push, and a part in the tangent (statics.contact).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Quantities stored of a frame of a motion, for each particle, in single precision."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tables that grow with a motion, a row at a time: `energies.csv` and `contacts.csv`; of a path `steps.csv` and `jumps.csv`."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

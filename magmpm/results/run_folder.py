@@ -5,8 +5,6 @@ until it has ended. If a run fails, the earlier results stay and its last good s
 was nothing to keep.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Collection

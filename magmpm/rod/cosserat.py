@@ -20,8 +20,6 @@ Sources: Antman, Nonlinear Problems of Elasticity, chapter 8; Lang, Linn, Arnold
 for the hard magnet, Wang et al., JMPS 142 (2020) 104045.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

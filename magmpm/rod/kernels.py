@@ -4,8 +4,6 @@ Unknowns are rotations d_k (3) of frames 1 .. n about their own axes, q_k -> q_k
 first; length (n,); D, C, moment (n, 3); field, weight (n + 1, 3), at the frames.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from magmpm.compiled.jit import compiled

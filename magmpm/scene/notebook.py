@@ -4,8 +4,6 @@ A body from the side and from above, to one scale, with an arrow for each magnet
 equilibrium its axis, undeformed and deformed, and what counts; of a motion the path of its middle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any

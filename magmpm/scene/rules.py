@@ -1,7 +1,5 @@
 """Rules that concern several parts of a scene together, and warnings of settings that its author may not have meant."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Set
 from typing import Any, Protocol

@@ -10,8 +10,6 @@ others are the same for every combination. What few runs need, derivatives and f
 (`uses`). Only one process fills a cache; others that need the same kernels wait for it.
 """
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import json

@@ -1,8 +1,6 @@
 """One scene on several grids, for the error of each or the coarsest that will do: equilibria of straight bodies from each other
 (statics.grids), all else by whole runs."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

@@ -4,8 +4,6 @@ A displacement is carried from one grid of a body to another by least squares, a
 products of one along the axis and one across, so two small fits do, u_fine = A u_coarse S^T.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

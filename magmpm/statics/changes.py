@@ -11,8 +11,6 @@ all powers of the step, D(h) = D + a h + b h^2 + ..., and D is extrapolated from
 At a kink D is the mean of both one-sided derivatives, as central differences of solutions have it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

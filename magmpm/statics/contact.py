@@ -12,8 +12,6 @@ its depth now. Sources: return mapping: Wriggers, Computational Contact Mechanic
 an energy: Li et al., Incremental Potential Contact, ACM Trans. Graph. 39 (2020) 49, section 5.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple

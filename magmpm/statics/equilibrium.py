@@ -5,8 +5,6 @@ fails, or if its result is far from the rod, the load is ramped in the 3D solve 
 it is found instead, on whatever branch it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace

@@ -3,8 +3,6 @@
 Each equilibrium begins at a coarser one's, and is exact or just good enough to tell the error of another grid: one factorization, mostly.
 """
 
-from __future__ import annotations
-
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable

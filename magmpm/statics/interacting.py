@@ -5,8 +5,6 @@ whole energy and the factored tangent of the other parts; changes of the gradien
 step lowers the whole energy, so the result is a minimum. Source: Nocedal and Wright, Numerical Optimization, 2nd ed., algorithm 7.4.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

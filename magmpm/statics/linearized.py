@@ -6,8 +6,6 @@ p at fixed c: one substitution for any number of variables.
 Source: implicit function theorem; Tortorelli and Michaleris, Inverse Problems in Engineering 1 (1994) 71, for both forms.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property

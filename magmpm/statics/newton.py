@@ -19,8 +19,6 @@ turned with them and added up again from the first plane. To first order in the 
 goes down. Source: retractions, Absil, Mahony, Sepulchre, Optimization Algorithms on Matrix Manifolds, ch. 4.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ the tip. The search needs of the grids only what statics.grids.Grids offers: equ
 else (compare) by whole runs.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field

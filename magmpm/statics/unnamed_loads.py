@@ -4,8 +4,6 @@ One load vector and one substitution each with the factors that the solve leaves
 shift may be less, so no number is reported.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
