@@ -251,7 +251,5 @@ def section_errors(particles: Particles, *, outer: float, inner: float, length: 
     v = particles.volume / length
     return {
         "area_error": float(abs(v.sum() / area - 1)),
-        "second_moment_error": float(
-            max(abs((v * y * y).sum() / moment - 1), abs((v * z * z).sum() / moment - 1))
-        ),
+        "second_moment_error": float(max(abs((v * y * y).sum() / moment - 1), abs((v * z * z).sum() / moment - 1))),
     }

@@ -239,10 +239,7 @@ def _checkpoint(state: SimulationState, scene_hash: str) -> Checkpoint:
     return Checkpoint(
         scene_hash=scene_hash, every=state.every, time=state.time, formulation="total",
         frame=state.frame, steps=state.steps, state=motion.state(),
-        control={
-            **state.control.state(), **state.strain.state(), **state.balance.state(),
-            "dt": state.dt, "energies": state.energies,
-        },
+        control={**state.control.state(), **state.strain.state(), **state.balance.state(), "dt": state.dt, "energies": state.energies},
     )  # fmt: skip
 
 

@@ -21,14 +21,7 @@ from pydantic import Field
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
-from magmpm.effects.base import (
-    BodyChange,
-    BodyEffect,
-    MarkedParticles,
-    Records,
-    SceneLike,
-    one_record,
-)
+from magmpm.effects.base import BodyChange, BodyEffect, MarkedParticles, Records, SceneLike, one_record
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
 from magmpm.fields.dipole import MU0, K
