@@ -224,10 +224,7 @@ def _stored_solid(text: str) -> Manifold:
 
 @lru_cache(maxsize=256)
 def thickness_of(text: str) -> float:
-    """Thickness of a stored mesh in its unit: a tenth of its surface has the opposite surface this near or nearer.
-
-    Measured from points spread over the surface, along the normal inward.
-    """
+    """Thickness of a stored mesh in its unit: along the normal inward, a tenth of its surface has the opposite one this near."""
     triangles = unpack_mesh(text).triangles
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     double = np.linalg.norm(normal, axis=1)

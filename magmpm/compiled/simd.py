@@ -55,10 +55,7 @@ def _constant(value: float) -> ir.Constant:
 
 
 def instruction(returns: Any, *takes: Any) -> Callable[..., Any]:
-    """Decorator: a function for compiled code, from the function that makes its LLVM instructions.
-
-    takes: types of its arguments; None: as given.
-    """
+    """Decorator: a function for compiled code, from the one that makes its LLVM instructions; takes: types of arguments; None: as given."""
 
     def made(generate: Callable[..., Any]) -> Any:
         def typed(typing_context, *given):

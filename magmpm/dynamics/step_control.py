@@ -201,10 +201,7 @@ class StepControl:
         return [f"steps were shortened from {self._longest:.3g} s to as little as {self.shortest:.3g} s: {self.why}"]
 
     def take(self, named: Records, steps: int, dt: float) -> tuple[int, Kinematics, Trouble | None]:
-        """Take up to `steps` steps of dt (s), fewer if the next ones must be shorter.
-
-        Returns the number taken, the kinematics after them, and what is wrong if the motion can't go on.
-        """
+        """Take up to `steps` steps of dt (s), fewer if the next must be shorter: their number, kinematics then, what is wrong."""
         motion, watch = self._motion, self._motion.watch
         watch[QUICKEST] = 0.0
         kept = motion.kept()

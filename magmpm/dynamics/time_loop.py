@@ -107,10 +107,7 @@ def _options(scene: Scene) -> DynamicOptions:
 
 
 def begin(model: Model) -> SimulationState:
-    """A motion that starts from the model at rest, with its time step.
-
-    Raises InputError if the scene's time_step exceeds the stable step, or the particles need more than max_memory.
-    """
+    """A motion at rest, with its time step. Raises InputError if the scene's time_step is not stable, or its max_memory is less."""
     options = _options(model.scene)
     motion = TotalMotion(model)
     stable = stable_step(motion)

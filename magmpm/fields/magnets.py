@@ -117,10 +117,7 @@ def polarization(magnet: Magnet) -> Array:
 
 
 def exact(field: FieldSource) -> Any:
-    """The field of all magnets and coils as a function: points (n, 3) m in the sources' frame -> B (n, 3) T.
-
-    Raises SceneError where magpylib is not installed.
-    """
+    """The exact field: points (n, 3) m in the sources' frame -> B (n, 3) T. Raises SceneError where magpylib is not installed."""
     magpylib = _library()
     from scipy.spatial.transform import Rotation
 

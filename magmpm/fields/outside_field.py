@@ -129,10 +129,7 @@ class Field:
             raise LeftField(f"{found[0]}; {found[2]}")
 
     def check_at_rest(self, points: Array, moving: bool, time: float | None = None) -> None:
-        """Raises SceneError where the undeformed body is in a magnet, or not where the field is known.
-
-        time: s; unless given, 0 if moving, else the end of the schedule, where statics takes the field.
-        """
+        """Raises SceneError where the body is in a magnet or the field not known. time: s; else 0 if moving, the schedule's end at rest."""
         if time is None:
             time = 0.0 if moving else end_time(self.source)
         found = self.outside_domain(points, time)

@@ -242,10 +242,7 @@ def _room(rows, modes):
 
 @compiled
 def _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r):
-    """Tangent K [node, i, k, other node] (27, 3, 3, 27) and residual r (27, 3) of one cell.
-
-    K = sum over particles and J of dN/dX_J(node) T(J, i, k, other): one matrix product, done by BLAS.
-    """
+    """Tangent K [node, i, k, other] (27, 3, 3, 27) and residual r (27, 3): sum over particles and J of dN/dX_J(node) T(J, i, k, other)."""
     weights, slopes, volume, shear, bulk, modes, remanence, density = particles
     G, T, A, P, H, M, cof, f, b, c, _, _, _ = room
     first, last = cells.first[cell], cells.first[cell + 1]

@@ -78,10 +78,7 @@ def prepare_kernels(scene: Scene, uses: Sequence[str] = (SOLVE,)) -> float:
 
 
 def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLVE,)) -> bool:
-    """See that the disk cache holds this scene's kernels for these uses. Returns whether any had to be compiled.
-
-    tell: gets lines where they have to be compiled, once on a machine, with the time that it takes.
-    """
+    """Fill the disk cache with a scene's kernels for these uses. Returns whether any had to be compiled, of which `tell` gets lines."""
     marker = {use: _cache() / f"ready-{_stamp(_kinds(scene, use))}" for use in uses}
     if all(path.exists() for path in marker.values()):
         return False

@@ -56,10 +56,7 @@ class Runs(Grids):
         return 1.0 + sum(work(self.on(n)) for n in needed_for(self.asked, cells)) / work(self.on(cells))
 
     def _check_hopeful(self, cells: int, gone: float, at: float) -> None:
-        """Raise SceneError while the first grid is still run, at a time (s) of the motion, if the error requested will take too long.
-
-        gone: seconds since the run began.
-        """
+        """Raise SceneError at a time (s) of the first grid's motion, `gone` s after it began, if the error requested will take too long."""
         asked, allowed = self.asked, self.asked.resolution.allowed(self.asked.length)
         if self.solved or not asked.in_time or allowed is None or at <= 0.0 or gone < 0.01 * PATIENCE:  # then the pace is known
             return

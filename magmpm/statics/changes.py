@@ -55,10 +55,7 @@ class _Slots:
 
 
 def right_sides(energy: Energy, point: Point, variables: Sequence[Variable]) -> Array:
-    """dr/dp (planes, k, m) of each variable but lengths and diameters, whose columns are zero; N per unit.
-
-    point: the equilibrium, as energy.at gave it last.
-    """
+    """dr/dp (planes, k, m), N per unit, of each variable, at an equilibrium as energy.at gave it; of lengths and diameters zero."""
     slots = _Slots(energy, point)
     _of_loads(slots, variables)
     _of_field(slots, variables)

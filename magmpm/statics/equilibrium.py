@@ -352,10 +352,7 @@ def _ramped(
 
 
 def solve_from(model: StaticModel, start: Array, *, on_step: OnStep | None = None) -> Equilibrium:
-    """Equilibrium of a straight body from coefficients `start` (planes, m) m near it: of the same scene on another grid.
-
-    Its stability is not evaluated. Raises SolveError.
-    """
+    """Equilibrium of a straight body from coefficients `start` (planes, m) m of another grid, unjudged. Raises SolveError."""
     options = model.scene.solver.static
     energy = Energy(model)
     with one_blas_thread():

@@ -159,10 +159,7 @@ def _searched(grids: Grids, on_step: OnStep | None, extra: Callable[[int], float
 
 
 def _check_met(search: _Search, failed: int, failure: SolveError | None) -> None:
-    """Raises SceneError where the search ended without what was requested: as a finer grid failed, or on grids that tell nothing.
-
-    failed: cells across of the last grid that was tried.
-    """
+    """Raises SceneError where the search ended without what was requested, as `failed` cells across failed or the grids tell nothing."""
     wanted, best = search.scene.resolution.allowed(search.scene.length), min(search.errors.values())
     if wanted is not None and search.errors[max(search.errors)] > wanted:
         found = "" if failure is None else f"{failed} cells across found no equilibrium ({failure.reason.split('; ')[0]})"
@@ -271,10 +268,7 @@ def _up(number: float) -> float:
 
 
 def _on_branches(search: _Search, received: str, failed: str = "") -> SceneError:
-    """Error for two grids so far from each other that their difference gives no error.
-
-    received: what was requested; failed: what a finer grid failed of.
-    """
+    """Error for two grids too far from each other to tell it. received: what was requested; failed: what a finer grid failed of."""
     tried, length = max(search.errors), search.scene.length
     key, proof = "seconds" if search.scene.resolution.error is None else "error", search.proof[tried]
     return SceneError(
