@@ -23,7 +23,6 @@ from magmpm.effects.contact_law import own_friction
 from magmpm.effects.hooks import has_hook
 from magmpm.effects.magnetization import rotating
 from magmpm.errors import SceneError
-from magmpm.materials import poisson_ratio
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import knots_of
 
@@ -122,12 +121,6 @@ class Model:
     def free(self) -> bool:
         """True if nothing holds the body."""
         return not (self.clamped_face or self.held.any() or self.driven)
-
-    @property
-    def kink_radius(self) -> float:
-        """Radius (m) of its axis at which a tube kinks (Catheter.kink_radius); 0 for other bodies."""
-        tube = self.scene.body.catheter
-        return 0.0 if tube is None else tube.kink_radius(float(poisson_ratio(self.shear, self.bulk).max()))
 
     def field_at(self, position: Array, time: float | None) -> Array:
         """The outside field (3,) T at the center of particles at positions (n, 3) m, at a time (s; None: the end of the schedule)."""

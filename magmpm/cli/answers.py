@@ -1,4 +1,4 @@
-"""What several commands share: where results go, how answers are printed, and the progress of long work on standard error."""
+"""Things that several commands share: where results go, how answers are printed, and the progress of long work on standard error."""
 
 from __future__ import annotations
 

@@ -11,12 +11,18 @@ import numpy as np
 
 from magmpm.bodies.curves import STATIONS, on_rows
 from magmpm.compiled.arrays import Array
+from magmpm.materials import magnetization
 from magmpm.model import Model, build
 from magmpm.results.result import Result
 from magmpm.scene import Scene
 
 if TYPE_CHECKING:
     from magmpm.results.trajectory import Motion
+
+
+def region_magnetization(model: Model, F: Array) -> Array:
+    """Mean magnetization (k, 3) T of each region, F Br or R Br, for F (n, 3, 3)."""
+    return region_means(model, magnetization(model.rotating, model.remanence[:, :3], F))
 
 
 def region_means(model: Model, values: Array) -> Array:

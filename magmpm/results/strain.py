@@ -25,7 +25,7 @@ from magmpm.bodies.curves import tightest_radius
 from magmpm.bodies.polar_grid import PolarGrid
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.materials import determinant
+from magmpm.materials import determinant, poisson_ratio
 from magmpm.model import Model
 
 STRETCH = 1.5
@@ -78,7 +78,7 @@ class Strain:
                 f"strain: the axis is bent to a radius of {1e3 * self.radius:.3g} mm, less than the body is thick, {1e3 * thickness:.3g} "
                 f"mm: its inner side is crushed; {REMEDY}"
             )
-        elif model.line is not None and (kinks := model.kink_radius) > self.radius:
+        elif model.line is not None and (kinks := _kink_radius(model)) > self.radius:
             hidden = "" if isinstance(model.grid, PolarGrid) else ", which cells larger than the wall do not show"
             found.append(
                 f"strain: the tube is bent to a radius of {1e3 * self.radius:.3g} mm; from {1e3 * kinks:.3g} mm on its section flattens "
@@ -113,6 +113,12 @@ def strain_of(model: Model, position: Array, F: Array, time: float | None = None
         swollen=float(volume[np.abs(J - 1.0) > VOLUME].sum()) / whole, min_det_F=float(J.min()), max_det_F=float(J.max()),
         radius=np.inf if model.line is None else tightest_radius(_slices(model, position)), time=time,
     )  # fmt: skip
+
+
+def _kink_radius(model: Model) -> float:
+    """Radius (m) of its axis at which a tube kinks (Catheter.kink_radius); 0 for other bodies."""
+    tube = model.scene.body.catheter
+    return 0.0 if tube is None else tube.kink_radius(float(poisson_ratio(model.shear, model.bulk).max()))
 
 
 @compiled

@@ -334,7 +334,7 @@ class Scene(Settings):
         return Scene.from_si({**data, "materials": {**data["materials"], key: {**data["materials"].get(key, {}), **properties}}})
 
     def with_cells(self, cells_across: int) -> Scene:
-        """The scene with so many cells through its thickness, in place of an error, a time or a spacing. Raises InputError."""
+        """The scene with cells_across its thickness in place of an error, a time or a spacing. Raises InputError."""
         data = self.to_si()
         kept = {key: value for key, value in data["resolution"].items() if key in ("particles_per_cell", "from_tip")}
         if data["body"]["parts"] is not None:

@@ -15,7 +15,6 @@ from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.effects.base import Contact
 from magmpm.errors import SolveError
-from magmpm.materials import magnetization
 from magmpm.model import Model, build
 from magmpm.results import measures
 from magmpm.results.folder_lock import written_folder
@@ -250,7 +249,7 @@ def _of_any(
         "particle_segment": particles.segment,
         "particle_det_F": np.linalg.det(F),
         "segment_center": measures.region_means(model, position),
-        "segment_remanence": measures.region_means(model, magnetization(model.rotating, model.remanence[:, :3], F)),
+        "segment_remanence": measures.region_magnetization(model, F),
         "field": model.field_at(position, time),
         "particles": len(position),
         "section": model.section,

@@ -19,6 +19,7 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.lapack import addresses
 from magmpm.effects import acting
 from magmpm.errors import InputError, LeftField, SolveError, TimeOver
+from magmpm.materials import poisson_ratio
 from magmpm.rod.cosserat import RodShape, solve_rod
 from magmpm.statics import axis
 from magmpm.statics.branch import Branch, GrowingLoads, Lift, Reached, outside_domain, point_of
@@ -181,9 +182,10 @@ def _outside_domain(model: StaticModel, point: object, state: object) -> SolveEr
 
 def _kinked(model: StaticModel, point: object, error: SolveError) -> SolveError | None:
     """The error if a solve failed where a tube is about to kink; else None."""
-    limit = model.kink_radius
-    if limit == 0.0 or not isinstance(point, Point) or type(error) is not SolveError:
+    tube = model.scene.body.catheter
+    if tube is None or not isinstance(point, Point) or type(error) is not SolveError:
         return None
+    limit = tube.kink_radius(float(poisson_ratio(model.shear, model.bulk).max()))
     if not tightest_radius(axis.centreline(model, point.grid)[:, 1:]) < 1.5 * limit:  # then it has most likely met its limit
         return None
     text = f"the tube kinks: bent to a radius of about {1e3 * limit:.3g} mm its section flattens, and it bears no more (Brazier)"
