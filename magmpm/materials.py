@@ -5,8 +5,6 @@ Shape and volume parts are separate (``shape_*`` and ``volume_*``), because the 
 Source: Simo and Hughes, Computational Inelasticity, section 9.2, with the volume term of Zhao et al., JMPS 124 (2019).
 """
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 import numpy as np
@@ -81,10 +79,7 @@ def volume_pressure(J, K):
 
 @compiled
 def stress(F, cof, J, G, p, P):
-    """Write the first Piola-Kirchhoff stress to P (3, 3), Pa: shape part for shear modulus G, volume part for pressure p = dU/dJ.
-
-    P = G J^(-2/3) (F - I1/3 F^-T) + p J F^-T
-    """
+    """Write P (3, 3) = G J^(-2/3) (F - I1/3 F^-T) + p J F^-T, first Piola-Kirchhoff, Pa: shape part by G, volume part by p = dU/dJ."""
     g = G * J ** (-2.0 / 3.0)
     I1 = 0.0
     for i in range(3):
@@ -138,10 +133,7 @@ def group_determinant(F, at):
 
 @compiled
 def neo_hookean(F, at, J, shear, pressure, P):
-    """First Piola-Kirchhoff stress P (9 8,) of a group: G J^(-2/3) (F - I1/3 F^-T) + p J F^-T (`stress`).
-
-    Returns G J^(-2/3), I1 = |F|^2 and I2 = |cof F|^2, which `stiffest` needs.
-    """
+    """`stress` P (9 8,) of a group. Returns what `stiffest` needs: G J^(-2/3), I1 = |F|^2 and I2 = |cof F|^2."""
     a, b, c = load(F, at), load(F, at + 8), load(F, at + 16)
     d, e, f = load(F, at + 24), load(F, at + 32), load(F, at + 40)
     g, h, i = load(F, at + 48), load(F, at + 56), load(F, at + 64)

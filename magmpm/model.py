@@ -4,8 +4,6 @@ Where what holds the body is moved, the coefficient of nodes that follow it is i
 part, whose nodes all have the same coefficient moves by it, exactly.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -132,10 +130,7 @@ class Model:
         return np.asarray(self.scene.outside_field().at(center, time)[0])
 
     def splines(self) -> tuple[Array, Array]:
-        """Values and slopes (1/m) of the three splines that each particle sees along each axis, (n, 3, 3): axis, node.
-
-        They are not kept: each solver stores them in its own order.
-        """
+        """Values and slopes (1/m) of each particle's three splines along each axis, (n, 3, 3): axis, node. Not kept: solvers sort them."""
         return self.splines_at(self.particles.position, self.particles.cell, self.held)
 
     def splines_at(self, points: Array, cell: NDArray[np.int64], held: NDArray[np.bool_]) -> tuple[Array, Array]:

@@ -61,7 +61,7 @@ def influence(scene: SceneLike, effect: str | None = None) -> Table | Row:
     their uncertainties are in m; costs, which take longest, are counted for all effects together.
     Raises InputError for a wrong scene, or a name that is no effect.
     """
-    known = effects.every()
+    known = effects.Effects.every()
     if effect is not None and effect not in known:
         raise InputError("effect", received=repr(effect), rule=f"must be one of {', '.join(known)}", remedy="leave it out for all")
     with _placed(scene):

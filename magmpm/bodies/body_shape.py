@@ -3,8 +3,6 @@
 A new kind of body is one file with a class like those in catheter.py, strip.py and assembly.py, and one key of `Body` (body.py).
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar

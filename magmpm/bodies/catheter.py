@@ -1,7 +1,5 @@
 """A catheter: a straight round rod or tube."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal

@@ -4,8 +4,6 @@ A point of another surface touches a solid where the place in the undeformed sol
 and boxes have exact distances, components of meshes a table (bodies.signed_distance). Bores are taken as full: nothing enters them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -43,10 +41,7 @@ def rod_solid(start: float, end: float, radius: float) -> Solids:
 
 
 def mesh_solids(components: Sequence[Sequence[Array]], cell: float) -> Solids:
-    """One solid for each component: parts (f, 3, 3) m that hold together; cell: width of the grid's cells, m.
-
-    Faces on which parts of a component touch are inside of it and do not count.
-    """
+    """One solid for each component: parts (f, 3, 3) m that hold together, without the faces on which they touch; cell: of the grid, m."""
     tables = [_table(parts, cell) for parts in components]
     return Solids(
         kind=np.full(len(tables), TABLE),

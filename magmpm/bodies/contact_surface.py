@@ -5,8 +5,6 @@ of four points in every cell, which is exact for forces on quadratic splines; ar
 cell. Source of the rule: Abramowitz and Stegun, 25.4.32.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

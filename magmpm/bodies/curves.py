@@ -1,7 +1,5 @@
 """Smooth curves through points."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from magmpm.compiled.arrays import Array

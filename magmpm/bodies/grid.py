@@ -10,8 +10,6 @@ Splines follow it if a cell face lies there and the knot is repeated: then the d
 of jointed bodies fall with the square of the cell size in this way, and only with the cell size without it (docs/accuracy.md).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -11,8 +11,6 @@ farther right in the same column. No test whether a point is inside is needed. S
 mass properties, J. Graphics Tools 1 (1996), applied to each cell.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -7,8 +7,6 @@ A thin wall that flattens is bent, not stretched. Splines across the section can
 Source: Schoenberg, J. Math. Mech. 13 (1964) 795; Lyche and Winther, J. Approx. Theory 25 (1979) 266 (trigonometric B-splines).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -6,8 +6,6 @@ are exact to rounding for any cell size. Particles on a regular lattice, as is u
 moments that are wrong by 2 to 5 %, and its bending stiffness with them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -253,7 +251,5 @@ def section_errors(particles: Particles, *, outer: float, inner: float, length: 
     v = particles.volume / length
     return {
         "area_error": float(abs(v.sum() / area - 1)),
-        "second_moment_error": float(
-            max(abs((v * y * y).sum() / moment - 1), abs((v * z * z).sum() / moment - 1))
-        ),
+        "second_moment_error": float(max(abs((v * y * y).sum() / moment - 1), abs((v * z * z).sum() / moment - 1))),
     }

@@ -3,8 +3,6 @@
 Their cross-sections are given as a rod feels them; axis 1 runs along the body, 2 and 3 (y, z undeformed) lie in the section.
 """
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -117,10 +115,7 @@ class StraightBody(BodyShape):
 
     @classmethod
     def _check_lengths(cls, length: float, thickness: float | None, segments: tuple[Segment, ...]) -> None:
-        """Segments must fill their body's length (m), each at least SHORTEST of its thickness (m; None: not known) long.
-
-        Raises PydanticCustomError (see `fault`).
-        """
+        """Raise `fault` unless segments fill their body's length (m), each at least SHORTEST of its thickness (m; None: not known) long."""
         given = [s.length for s in segments if s.length is not None]
         total, free = math.fsum(given), len(segments) - len(given)
         text = f"{1e3 * total:g} mm, the {cls.kind} {1e3 * length:g} mm"

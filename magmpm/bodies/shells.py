@@ -121,10 +121,7 @@ def _matched(vertices: Array, faces: Index, edges: Index, size: float) -> tuple[
 
 
 def trouble(vertices: Array, faces: Index, size: float) -> tuple[str, str] | None:
-    """Rule and remedy where a closed mesh with consistent normals covers a point twice, or less than not at all; else None.
-
-    size: volume of the mesh's box, in its unit cubed.
-    """
+    """Rule and remedy where a closed mesh covers a point twice, or less than not at all; else None. size: of its box, cubed."""
     least = faces[np.arange(len(faces))[:, None], (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3]
     twice = len(faces) - len(np.unique(least, axis=0))
     if twice:

@@ -71,7 +71,6 @@ class Profile(Settings):
         return (out[0], out[1], out[2])
 
 
-
 _Coordinate = Annotated[float, Quantity("length", at_least="-10 m", at_most="10 m")]
 
 

@@ -59,7 +59,7 @@ def read_stl(path: Path) -> Mesh:
         ) from None
     except OSError as error:
         raise MeshError(f"the file can't be read ({error.strerror})", "correct the path, which is relative to the scene file") from None
-    corners = _binary(content) if _is_binary(content) else _text(content)
+    corners = _corners(content)
     if corners is None or len(corners) == 0:
         raise MeshError("the file must be an STL mesh, text or binary", "export the part as STL")
     if len(corners) > MOST_FACES:
@@ -87,21 +87,14 @@ def write_stl(mesh: Mesh, path: Path) -> None:
     path.write_bytes(bytes(80) + len(record).to_bytes(4, "little") + record.tobytes())
 
 
-def _is_binary(content: bytes) -> bool:
-    return len(content) >= 84 and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little")
-
-
-def _binary(content: bytes) -> Array:
-    return np.frombuffer(content, _RECORD, offset=84)["corners"].astype(float)
-
-
-def _text(content: bytes) -> Array | None:
-    """Corners (f, 3, 3) of a text STL, or None where the content is something else."""
+def _corners(content: bytes) -> Array | None:
+    """Corners (f, 3, 3) of an STL, binary or text, or None where the content is something else."""
+    if len(content) >= 84 and len(content) == 84 + 50 * int.from_bytes(content[80:84], "little"):
+        return np.frombuffer(content, _RECORD, offset=84)["corners"].astype(float)
     if content.lstrip()[:5].lower() != b"solid":
         return None
-    found = re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content)
     try:
-        values = np.array(found, dtype=float)
+        values = np.array(re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content), dtype=float)
     except ValueError:
         return None
     return values.reshape(-1, 3, 3) if len(values) % 3 == 0 and len(values) else None
@@ -231,10 +224,7 @@ def _stored_solid(text: str) -> Manifold:
 
 @lru_cache(maxsize=256)
 def thickness_of(text: str) -> float:
-    """Thickness of a stored mesh in its unit: a tenth of its surface has the opposite surface this near or nearer.
-
-    Measured from points spread over the surface, along the normal inward.
-    """
+    """Thickness of a stored mesh in its unit: along the normal inward, a tenth of its surface has the opposite one this near."""
     triangles = unpack_mesh(text).triangles
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     double = np.linalg.norm(normal, axis=1)

@@ -3,8 +3,6 @@
 Nothing heavy is imported here, so that `magmpm --help` answers at once.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any, NamedTuple

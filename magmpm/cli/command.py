@@ -5,8 +5,6 @@ Exit status: 0 done; 2 the input is wrong; 3 the run ended unstable or unconverg
 so that `magmpm --help` answers at once.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """`magmpm dashboard`: optuna-dashboard on a study."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm.cli.answers import SURFACE
-from magmpm.cli.progress import Progress
+from magmpm.cli.answers import SURFACE, Progress
 from magmpm.errors import InputError, count
 from magmpm.results.folder_lock import folder_lock
 
@@ -117,11 +116,7 @@ def _tell(trial: Trial, progress: Progress) -> None:
 def _end_as_by_ctrl_c() -> None:
     """SIGTERM, by which job schedulers end a command, puts the trials at work back into the queue as Ctrl-C does."""
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, _interrupt)
-
-
-def _interrupt(*_: object) -> None:
-    signal.raise_signal(signal.SIGINT)
+        signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
 
 
 class TrialPicture:

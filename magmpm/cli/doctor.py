@@ -4,8 +4,6 @@ Only the standard library is imported here, so that it can say which other libra
 the self-test) is tried in processes of their own.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -20,10 +20,7 @@ INSTALLED = "share/magmpm/data/"  # where a wheel puts the examples, below the e
 
 
 def examples(options: argparse.Namespace) -> int:
-    """Copy the scenes, studies and tables that come with magmpm to where they can be changed. Returns the exit status.
-
-    Raises InputError where a file there is another one.
-    """
+    """Copy what comes with magmpm to where it can be changed. Returns the exit status. Raises InputError where another file is there."""
     source, target = examples_folder(), options.folder / "data"
     files = sorted(path.relative_to(source) for path in source.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
     if target.exists() and target.resolve() == source.resolve():
@@ -79,7 +76,7 @@ def import_robot(options: argparse.Namespace) -> int:
 
 def prepare(options: argparse.Namespace) -> int:
     """Compile the kernels of scene files, or without any of the usual combinations. Returns the exit status."""
-    from magmpm.cli.progress import Progress
+    from magmpm.cli.answers import Progress
     from magmpm.scene import load_scene
     from magmpm.solving.precompile import PROOFS, SOLVE, describe, fill_cache
 

@@ -1,7 +1,5 @@
 """`magmpm fit`: material constants from measurements."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math
@@ -17,7 +15,7 @@ REPORT, TABLE, HELD_OUT, SCENE = "fit.json", "residuals.csv", "held_out.csv", "f
 
 def command(options: argparse.Namespace) -> int:
     """Fit constants of a scene to tables of measurements; table, files and picture. Returns the exit status."""
-    from magmpm.cli.progress import Progress
+    from magmpm.cli.answers import Progress
     from magmpm.inputs.yaml_document import of_file
     from magmpm.scene import load_scene
 

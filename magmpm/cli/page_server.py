@@ -4,8 +4,6 @@ It listens on this machine alone unless requested otherwise. The page is open to
 that the printed address ends with, and only under the name of this machine, so that no other page and no other user can ask.
 """
 
-from __future__ import annotations
-
 import json
 import threading
 from collections.abc import Callable, Mapping

@@ -21,44 +21,31 @@ if TYPE_CHECKING:
 
 
 def command(options: argparse.Namespace) -> int:
-    """Draw, and say what was made. Returns the exit status. Raises InputError, RenderError."""
-    files = render(Path(options.result), options.out, frames=options.frames, fps=options.fps, style=options.style, kind=options.format)
-    print_summary(options, {"files": files}, "\n".join(f"saved {path}" for path in files))
-    return 0
+    """Draw what a run or a study left in a folder, into --out or the folder itself, and say what was made. Returns the exit status.
 
-
-def render(
-    folder: Path,
-    out: Path | None,
-    *,
-    frames: str | None = None,
-    fps: float | None = None,
-    style: str | None = None,
-    kind: str = "png",
-) -> list[str]:
-    """Draw what a run or a study left in a folder, into `out` or the folder itself; the files. A note of the renderer goes to stderr.
-
-    style: SURFACE or PARTICLES; unless given, a surface for a run and particles for a study. kind: of picture files, one of FORMATS.
-
-    Raises InputError where there is nothing to draw or `out` can't be written, RenderError where nothing can be drawn.
+    Raises InputError where there is nothing to draw or --out can't be written, RenderError where nothing can be drawn.
     """
-    from magmpm.cli.design import render_study
-
-    if out is not None and out.resolve() != folder.resolve() and (is_study(out) or holds_run(out)):
+    folder = Path(options.result)
+    out: Path = options.out or folder
+    if out.resolve() != folder.resolve() and (is_study(out) or holds_run(out)):
         raise InputError(
             str(out), received="a folder that holds other results",
             rule="pictures lie beside the results they show, or in a folder without any",
             remedy="give another --out, or leave it out: pictures then go into the folder that is drawn",
         )  # fmt: skip
-    if is_study(folder):
-        with folder_lock(out or folder):
-            return _told(*render_study(folder, out or folder, smooth=style == SURFACE, kind=kind))
-    if not any((folder / name).exists() for name in (MOTION, NUMBERS)):
+    if not is_study(folder) and not any((folder / name).exists() for name in (MOTION, NUMBERS)):
         raise InputError(
             f"{folder}: holds no saved result ({NUMBERS} is missing); give the folder that `magmpm run` named, such as runs/NAME"
         )
-    with folder_lock(out or folder):
-        return draw_run(folder, out or folder, frames=frames, fps=fps, style=style, kind=kind)
+    with folder_lock(out):
+        if is_study(folder):
+            from magmpm.cli.design import render_study
+
+            files = _told(*render_study(folder, out, smooth=options.style == SURFACE, kind=options.format))
+        else:
+            files = draw_run(folder, out, frames=options.frames, fps=options.fps, style=options.style, kind=options.format)
+    print_summary(options, {"files": files}, "\n".join(f"saved {path}" for path in files))
+    return 0
 
 
 def _told(files: list[Path], note: str) -> list[str]:
@@ -75,7 +62,7 @@ def draw_run(
     A motion gets its movie, its moments (the first, the last, and that between which is most unlike both), its last moment as a picture
     and its energies; an equilibrium gets its picture. frames: "all" or numbers with commas: these frames as pictures of their own; fps:
     frames of the movie a second; style: how an equilibrium is drawn, by its surface unless given. Motions are always drawn by it.
-    kind: of picture files. Raises InputError where the folder holds neither, RenderError where nothing can be drawn.
+    kind: of picture files, one of FORMATS. Raises InputError where the folder holds neither, RenderError where nothing can be drawn.
     """
     from magmpm.viz.worker import Renderer
 

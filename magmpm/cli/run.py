@@ -1,7 +1,5 @@
 """`magmpm run`: one simulation, its results and pictures."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys
@@ -9,8 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
-from magmpm.cli.answers import PARTICLES, folder_of_results, print_summary
-from magmpm.cli.progress import Progress
+from magmpm.cli.answers import PARTICLES, Progress, folder_of_results, print_summary
 from magmpm.cli.render import draw_run
 from magmpm.errors import (
     InputError,
@@ -160,7 +157,7 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
         f"  det F           {result.min_det_F:.4f} to {result.max_det_F:.4f}; largest stretch {result.largest_stretch:.3f}",
         *_resolution(result),
         *_chosen(result),
-        *_stability(result),
+        *([] if result.stability is None else [f"  stability       {stability_in_words(result.stability)}"]),
         f"  particles, dof  {result.particles}, {result.dof}; section area and second moment exact to "
         f"{max(result.section.values()):.0e}",
         f"  seconds         {seconds['setup'] + seconds['solve']:.3f} (and {seconds['compile']:.2f} to load or compile the kernels)",
@@ -168,11 +165,6 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
         f"  saved in        {folder}",
     ]
     return "\n".join(lines)
-
-
-def _along_time(result: Result) -> str:
-    total = sum(step["iterations"] for step in result.steps)
-    return f"{len(result.steps)} equilibria until {quantity(result.time, 's')} in {total} Newton steps, {count(len(result.jumps), 'jump')}"
 
 
 def _resolution(result: Result) -> list[str]:
@@ -193,18 +185,13 @@ def _chosen(result: Result) -> list[str]:
     return [f"  {words[one['chosen']]:15} {one['effect']}: {one['why']}" for one in result.effects_chosen or []]
 
 
-def _stability(result: Result) -> list[str]:
-    """The line of an equilibrium's stability."""
-    if result.stability is None:
-        return []
-    return [f"  stability       {stability_in_words(result.stability)}"]
-
-
 def _done(result: Result) -> str:
     if result.formulation == "static":
         return f"equilibrium in {result.iterations} Newton steps"
     if result.formulation == "quasi_static":
-        return "\n".join([_along_time(result), *(f"  jump            {jump_in_words(jump)}" for jump in result.jumps)])
+        total, until = sum(step["iterations"] for step in result.steps), quantity(result.time, "s")
+        path = f"{len(result.steps)} equilibria until {until} in {total} Newton steps, {count(len(result.jumps), 'jump')}"
+        return "\n".join([path, *(f"  jump            {jump_in_words(jump)}" for jump in result.jumps)])
     bounds = ", ".join(f"{name} {quantity(step, 's')}" for name, step in result.stable_steps.items())
     rate = result.iterations * result.particles / max(result.seconds["solve"], 1e-9) / 1e6
     return (

@@ -7,8 +7,6 @@ finite-element solution, data/references/axial_transverse_5mT.csv: it tells whet
 that, they are compiled.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from typing import Any

@@ -7,8 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from magmpm.cli.answers import folder_of_results, print_summary
-from magmpm.cli.progress import Progress
+from magmpm.cli.answers import Progress, folder_of_results, print_summary
 from magmpm.errors import InputError, SolveError, count
 from magmpm.inputs.quantities import in_si
 from magmpm.inputs.yaml_document import of_file

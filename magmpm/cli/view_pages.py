@@ -1,7 +1,5 @@
 """The pages of `magmpm view`: of a scene at rest, with what the page requests of it, and of a motion, as it is saved or runs."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

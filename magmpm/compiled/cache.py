@@ -6,8 +6,6 @@ process compiles the function again.
 This relies on private names (with an underscore) of numba.core.caching, versions 0.61 to 0.68.
 """
 
-from __future__ import annotations
-
 import gc
 import hashlib
 import pickle

@@ -3,8 +3,6 @@
 Settings of the user take precedence.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

@@ -5,8 +5,6 @@ has 165 MB, which take 0.02 to 0.4 s to touch first (most on virtual machines) a
 viewer makes dozens of them.
 """
 
-from __future__ import annotations
-
 import math
 import mmap
 import weakref

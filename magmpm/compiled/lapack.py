@@ -4,8 +4,6 @@ Numba itself has only a few of them. Functions that use ctypes objects can't be 
 number can.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 from llvmlite import ir
@@ -18,10 +16,7 @@ BLAS, LAPACK = "scipy.linalg.cython_blas", "scipy.linalg.cython_lapack"
 
 @cache
 def addresses(precision: str = "d") -> tuple[int, int, int, int, int, int]:
-    """Addresses of potrf, trsm, syrk, gemm, trsv and gemv, in this order. SciPy takes 0.1 s to import: not before.
-
-    precision: "d" double, "s" single.
-    """
+    """Addresses of potrf, trsm, syrk, gemm, trsv, gemv, in "d" double or "s" single precision. SciPy takes 0.1 s to import: not before."""
     found = [get_cython_function_address(LAPACK, f"{precision}potrf")]
     found += [get_cython_function_address(BLAS, precision + name) for name in ("trsm", "syrk", "gemm", "trsv", "gemv")]
     return tuple(found)  # type: ignore[return-value]

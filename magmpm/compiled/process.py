@@ -4,8 +4,6 @@ They are no forks, since a fork hangs once OpenMP has started; nor multiprocessi
 loky's, which outlives a caller that is killed. Ctrl-C is for the caller to act on; a process ends with its caller, however that ends.
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 import signal

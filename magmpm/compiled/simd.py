@@ -5,9 +5,9 @@ vector instruction (one AVX-512 instruction, two of AVX2, four of NEON).
 Only for compiled code: Python itself never holds lanes. Sums are made in a fixed order, so results are the same bit for bit each time.
 """
 
-from __future__ import annotations
-
 import operator
+from collections.abc import Callable
+from inspect import Parameter, Signature
 from typing import Any
 
 from llvmlite import ir
@@ -54,53 +54,41 @@ def _constant(value: float) -> ir.Constant:
     return ir.Constant(_VECTOR, [value] * WIDTH)
 
 
-def _operator(function: Any, instruction: str) -> None:
+def instruction(returns: Any, *takes: Any) -> Callable[..., Any]:
+    """Decorator: a function for compiled code, from the one that makes its LLVM instructions; takes: types of arguments; None: as given."""
+
+    def made(generate: Callable[..., Any]) -> Any:
+        def typed(typing_context, *given):
+            return returns(*(of if wanted is None else wanted for wanted, of in zip(takes, given, strict=True))), generate
+
+        names = ["typing_context", *(f"value{k}" for k in range(len(takes)))]  # Numba asks for the arguments that a function declares
+        typed.__signature__ = Signature([Parameter(name, Parameter.POSITIONAL_OR_KEYWORD) for name in names])  # type: ignore[attr-defined]
+        return intrinsic(typed)
+
+    return made
+
+
+def _operator(function: Any, name: str) -> None:
     """Define an operator between lanes, and between lanes and a float."""
-
-    def typer(context):
-        def of(a, b):
-            if lanes in (a, b) and all(t in (lanes, types.float64) for t in (a, b)):
-                return lanes
-            return None
-
-        return of
-
-    type_callable(function)(typer)
+    type_callable(function)(
+        lambda context: lambda a, b: lanes if lanes in (a, b) and all(t in (lanes, types.float64) for t in (a, b)) else None
+    )
 
     def lower(left: Any, right: Any) -> None:
         @lower_builtin(function, left, right)  # type: ignore[untyped-decorator]
         def _lowered(context, builder, signature, values):
             wide = [value if of == lanes else _everywhere(builder, value) for value, of in zip(values, (left, right), strict=True)]
-            return getattr(builder, instruction)(*wide, flags=_FLAGS)
+            return getattr(builder, name)(*wide, flags=_FLAGS)
 
     for pair in ((lanes, lanes), (lanes, types.float64), (types.float64, lanes)):
         lower(*pair)
 
 
-for _function, _instruction in (
-    (operator.add, "fadd"),
-    (operator.sub, "fsub"),
-    (operator.mul, "fmul"),
-    (operator.truediv, "fdiv"),
-    (operator.iadd, "fadd"),
-    (operator.isub, "fsub"),
-    (operator.imul, "fmul"),
-    (operator.itruediv, "fdiv"),
-):
-    _operator(_function, _instruction)
-
-
-@type_callable(operator.neg)
-def _type_negative(context):
-    def of(a):
-        return lanes if a == lanes else None
-
-    return of
-
-
-@lower_builtin(operator.neg, lanes)  # type: ignore[untyped-decorator]
-def _negative(context, builder, signature, values):
-    return builder.fneg(values[0])
+for _name, _instruction in (("add", "fadd"), ("sub", "fsub"), ("mul", "fmul"), ("truediv", "fdiv")):
+    _operator(getattr(operator, _name), _instruction)
+    _operator(getattr(operator, f"i{_name}"), _instruction)
+type_callable(operator.neg)(lambda context: lambda a: lanes if a == lanes else None)
+lower_builtin(operator.neg, lanes)(lambda context, builder, signature, values: builder.fneg(values[0]))
 
 
 def _address(context: Any, builder: Any, signature: Any, array: Any, index: Any) -> Any:
@@ -109,92 +97,47 @@ def _address(context: Any, builder: Any, signature: Any, array: Any, index: Any)
     return builder.bitcast(builder.gep(data, [index]), _VECTOR.as_pointer())
 
 
-@intrinsic
-def load(typing_context, array, index):
-    """Lanes from array[index : index + 8] of a flat contiguous array. Bounds are unchecked."""
-
-    def generate(context, builder, signature, values):
-        loaded = builder.load(_address(context, builder, signature, *values))
-        loaded.align = 8
-        return loaded
-
-    return lanes(array, types.intp), generate
+@instruction(lanes, None, types.intp)
+def load(context, builder, signature, values):
+    """(array, index) -> lanes from array[index : index + 8] of a flat contiguous array. Bounds are unchecked."""
+    loaded = builder.load(_address(context, builder, signature, *values))
+    loaded.align = 8
+    return loaded
 
 
-@intrinsic
-def store(typing_context, array, index, value):
-    """array[index : index + 8] = lanes, in a flat contiguous array. Bounds are unchecked."""
-
-    def generate(context, builder, signature, values):
-        stored = builder.store(values[2], _address(context, builder, signature, *values[:2]))
-        stored.align = 8
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, lanes), generate
+@instruction(types.void, None, types.intp, lanes)
+def store(context, builder, signature, values):
+    """(array, index, lanes): array[index : index + 8] = lanes, in a flat contiguous array. Bounds are unchecked."""
+    stored = builder.store(values[2], _address(context, builder, signature, *values[:2]))
+    stored.align = 8
+    return context.get_dummy_value()
 
 
-@intrinsic
-def splat(typing_context, value):
+@instruction(lanes, types.float64)
+def splat(context, builder, signature, values):
     """A float in all lanes."""
-
-    def generate(context, builder, signature, values):
-        return _everywhere(builder, values[0])
-
-    return lanes(types.float64), generate
+    return _everywhere(builder, values[0])
 
 
-@intrinsic
-def halves(typing_context, low, high):
+@instruction(lanes, types.float64, types.float64)
+def halves(context, builder, signature, values):
     """One float in lanes 0 to 3, another in lanes 4 to 7."""
-
-    def generate(context, builder, signature, values):
-        return builder.shuffle_vector(*(_everywhere(builder, v) for v in values), _mask([0, 1, 2, 3, 12, 13, 14, 15]))
-
-    return lanes(types.float64, types.float64), generate
+    return builder.shuffle_vector(*(_everywhere(builder, v) for v in values), _mask([0, 1, 2, 3, 12, 13, 14, 15]))
 
 
-@intrinsic
-def four(typing_context, array, index):
-    """array[index : index + 4] of a flat contiguous array, in lanes 0 to 3 and again in 4 to 7. Bounds are unchecked."""
-
-    def generate(context, builder, signature, values):
-        narrow = ir.VectorType(_DOUBLE, 4)
-        data = context.make_array(signature.args[0])(context, builder, values[0]).data
-        loaded = builder.load(builder.bitcast(builder.gep(data, [values[1]]), narrow.as_pointer()))
-        loaded.align = 8
-        return builder.shuffle_vector(loaded, ir.Constant(narrow, ir.Undefined), _mask([0, 1, 2, 3] * 2))
-
-    return lanes(array, types.intp), generate
-
-
-@intrinsic
-def folded(typing_context, value):
+@instruction(types.UniTuple(types.float64, 3), lanes)
+def folded(context, builder, signature, values):
     """Lanes 0 to 2 plus lanes 4 to 6: three floats."""
-
-    def generate(context, builder, signature, values):
-        number = ir.IntType(32)
-        out = [
-            builder.fadd(
-                builder.extract_element(values[0], ir.Constant(number, i)),
-                builder.extract_element(values[0], ir.Constant(number, i + 4)),
-                flags=_FLAGS,
-            )
-            for i in range(3)
-        ]
-        return context.make_tuple(builder, signature.return_type, out)
-
-    return types.UniTuple(types.float64, 3)(lanes), generate
+    parts = [builder.extract_element(values[0], ir.Constant(ir.IntType(32), i)) for i in (0, 4, 1, 5, 2, 6)]
+    out = [builder.fadd(*parts[i : i + 2], flags=_FLAGS) for i in (0, 2, 4)]
+    return context.make_tuple(builder, signature.return_type, out)
 
 
-@intrinsic
-def magnitude(typing_context, value):
+@instruction(lanes, lanes)
+def magnitude(context, builder, signature, values):
     """|value|, lane by lane."""
-
-    def generate(context, builder, signature, values):
-        kind = ir.FunctionType(_VECTOR, [_VECTOR])
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.fabs.v8f64"), values)
-
-    return lanes(lanes), generate
+    kind = ir.FunctionType(_VECTOR, [_VECTOR])
+    return builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.fabs.v8f64"), values)
 
 
 def _join(builder: Any, pair: Any, low: list[int], high: list[int]) -> Any:
@@ -202,85 +145,62 @@ def _join(builder: Any, pair: Any, low: list[int], high: list[int]) -> Any:
     return builder.fadd(left, right)
 
 
-@intrinsic
-def sums(typing_context, a, b, c, d, e, f, g, h):
+@instruction(lanes, *[lanes] * WIDTH)
+def sums(context, builder, signature, values):
     """Lanes of the eight arguments' sums over their lanes, by a tree: 21 instructions, where eight single sums take 56."""
-
-    def generate(context, builder, signature, values):
-        for low, high in (
-            ([0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]),
-            ([0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]),
-            ([0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]),
-        ):
-            values = [_join(builder, values[i : i + 2], low, high) for i in range(0, len(values), 2)]
-        return values[0]
-
-    return lanes(*[lanes] * WIDTH), generate
+    for low, high in (
+        ([0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]),
+        ([0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]),
+        ([0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]),
+    ):
+        values = [_join(builder, values[i : i + 2], low, high) for i in range(0, len(values), 2)]
+    return values[0]
 
 
 def _reduction(name: str) -> Any:
-    def typed(typing_context, value):
-        def generate(context, builder, signature, values):
-            kind = ir.FunctionType(_DOUBLE, [_DOUBLE, _VECTOR] if name == "fadd" else [_VECTOR])
-            function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.vector.reduce.{name}.v8f64")
-            start = [ir.Constant(_DOUBLE, 0.0)] if name == "fadd" else []
-            return builder.call(function, [*start, values[0]], fastmath=("reassoc",) if name == "fadd" else ())
-
-        return types.float64(lanes), generate
-
-    return typed
-
-
-total = intrinsic(_reduction("fadd"))  # sum over the lanes
-lowest = intrinsic(_reduction("fmin"))  # smallest lane
-highest = intrinsic(_reduction("fmax"))  # largest lane
-
-
-@intrinsic
-def flag_unless_positive(typing_context, a, flags):
-    """Lane by lane, 1 where a is 0, negative or NaN; flags elsewhere. (The compiler would replace a - a by 0.)"""
-
     def generate(context, builder, signature, values):
-        above = builder.fcmp_ordered(">", values[0], _constant(0.0))
-        return builder.select(above, values[1], _constant(1.0))
+        kind = ir.FunctionType(_DOUBLE, [_DOUBLE, _VECTOR] if name == "fadd" else [_VECTOR])
+        function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.vector.reduce.{name}.v8f64")
+        start = [ir.Constant(_DOUBLE, 0.0)] if name == "fadd" else []
+        return builder.call(function, [*start, values[0]], fastmath=("reassoc",) if name == "fadd" else ())
 
-    return lanes(lanes, lanes), generate
-
-
-@intrinsic
-def smaller(typing_context, a, b):
-    """Lane by lane, the smaller one; b where a is NaN."""
-
-    def generate(context, builder, signature, values):
-        return builder.select(builder.fcmp_ordered("<", *values), *values)
-
-    return lanes(lanes, lanes), generate
+    return instruction(types.float64, lanes)(generate)
 
 
-@intrinsic
-def larger(typing_context, a, b):
-    """Lane by lane, the larger one; b where a is NaN."""
+total = _reduction("fadd")  # sum over the lanes
+lowest = _reduction("fmin")  # smallest lane
+highest = _reduction("fmax")  # largest lane
 
-    def generate(context, builder, signature, values):
-        return builder.select(builder.fcmp_ordered(">", *values), *values)
 
-    return lanes(lanes, lanes), generate
+@instruction(lanes, lanes, lanes)
+def flag_unless_positive(context, builder, signature, values):
+    """Lane by lane, 1 where the first is 0, negative or NaN; the second elsewhere. (The compiler would replace a - a by 0.)"""
+    above = builder.fcmp_ordered(">", values[0], _constant(0.0))
+    return builder.select(above, values[1], _constant(1.0))
+
+
+@instruction(lanes, lanes, lanes)
+def smaller(context, builder, signature, values):
+    """Lane by lane, the smaller of two; the second where the first is NaN."""
+    return builder.select(builder.fcmp_ordered("<", *values), *values)
+
+
+@instruction(lanes, lanes, lanes)
+def larger(context, builder, signature, values):
+    """Lane by lane, the larger of two; the second where the first is NaN."""
+    return builder.select(builder.fcmp_ordered(">", *values), *values)
 
 
 # 4/3 of the bits of 1.0, minus a shift that makes the error of the guess equally large above and below.
 _MAGIC = 4.0 / 3.0 * 0x3FF0000000000000 - 0.0434 * 2.0**52
 
 
-@intrinsic
-def cube_root_guess(typing_context, x):
-    """x^(-1/3) to 4 %: the exponent's bits, divided by -3."""
-
-    def generate(context, builder, signature, values):
-        bits = builder.sitofp(builder.bitcast(values[0], _INTEGERS), _VECTOR)
-        guess = builder.fadd(builder.fmul(bits, _constant(-1.0 / 3.0)), _constant(_MAGIC))
-        return builder.bitcast(builder.fptosi(guess, _INTEGERS), _VECTOR)
-
-    return lanes(lanes), generate
+@instruction(lanes, lanes)
+def cube_root_guess(context, builder, signature, values):
+    """x^(-1/3) of lanes x to 4 %: the exponent's bits, divided by -3."""
+    bits = builder.sitofp(builder.bitcast(values[0], _INTEGERS), _VECTOR)
+    guess = builder.fadd(builder.fmul(bits, _constant(-1.0 / 3.0)), _constant(_MAGIC))
+    return builder.bitcast(builder.fptosi(guess, _INTEGERS), _VECTOR)
 
 
 @compiled

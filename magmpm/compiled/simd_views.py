@@ -4,16 +4,14 @@ A hook of an effect that is plain arithmetic works for one particle and for eigh
 of floats, the same source compiles to vector instructions. Only for compiled code; bounds are unchecked.
 """
 
-from __future__ import annotations
-
 import operator
 from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
+from numba.extending import lower_builtin, models, register_model, type_callable
 
-from magmpm.compiled.simd import WIDTH, lanes
+from magmpm.compiled.simd import WIDTH, instruction, lanes
 
 _POINTER = ir.DoubleType().as_pointer()
 
@@ -26,28 +24,22 @@ class View(types.Type):  # type: ignore[misc]
         super().__init__(name=f"LaneView{indices}")
 
 
-_vector, _matrix = View(1), View(2)
-
-
 @register_model(View)
 class _Model(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, manager: Any, fe_type: Any) -> None:
         super().__init__(manager, fe_type, _POINTER)
 
 
-def _view(kind: View) -> Any:
-    def typed(typing_context, array, index):
-        def generate(context, builder, signature, values):
-            data = context.make_array(signature.args[0])(context, builder, values[0]).data
-            return builder.gep(data, [values[1]])
+def _view(kind: types.Type) -> Any:
+    def generate(context, builder, signature, values):
+        data = context.make_array(signature.args[0])(context, builder, values[0]).data
+        return builder.gep(data, [values[1]])
 
-        return kind(array, types.intp), generate
-
-    return typed
+    return instruction(kind, None, types.intp)(generate)
 
 
-vector = intrinsic(_view(_vector))  # vector(array, index): the three lanes from array[index] on, of a flat array
-matrix = intrinsic(_view(_matrix))  # matrix(array, index): the nine lanes from array[index] on, row by row
+vector = _view(View(1))  # vector(array, index): the three lanes from array[index] on, of a flat array
+matrix = _view(View(2))  # matrix(array, index): the nine lanes from array[index] on, row by row
 
 
 def _address(builder: Any, view: Any, at: Any) -> Any:
@@ -72,12 +64,7 @@ def _indexes(kind: Any, index: Any) -> bool:
     return isinstance(index, (types.Tuple, types.UniTuple)) and [isinstance(t, types.Integer) for t in index] == [True, True]
 
 
-@type_callable(operator.getitem)
-def _type_getitem(context):
-    def of(view, index):
-        return lanes if _indexes(view, index) else None
-
-    return of
+type_callable(operator.getitem)(lambda context: lambda view, index: lanes if _indexes(view, index) else None)
 
 
 @lower_builtin(operator.getitem, View, types.Any)
@@ -89,12 +76,9 @@ def _getitem(context, builder, signature, values):
     return loaded
 
 
-@type_callable(operator.setitem)
-def _type_setitem(context):
-    def of(view, index, value):
-        return types.void if _indexes(view, index) and value == lanes else None
-
-    return of
+type_callable(operator.setitem)(
+    lambda context: lambda view, index, value: types.void if _indexes(view, index) and value == lanes else None
+)
 
 
 @lower_builtin(operator.setitem, View, types.Any, lanes)
@@ -120,41 +104,26 @@ class Row(types.Type):  # type: ignore[misc]
 register_model(Row)(_Model)
 
 
-@intrinsic
-def row(typing_context, array, index):
-    """array[index], array[index + 1], ..."""
-
-    def generate(context, builder, signature, values):
-        data = context.make_array(signature.args[0])(context, builder, values[0]).data
-        return builder.gep(data, [values[1]])
-
-    return Row()(array, types.intp), generate
+row = _view(Row())  # row(array, index): the floats array[index], array[index + 1], ...
 
 
 def _place(context: Any, builder: Any, view: Any, index_type: Any, index: Any) -> Any:
     return builder.gep(view, [context.cast(builder, index, index_type, types.intp)])
 
 
-@type_callable(operator.getitem)
-def _type_get_row(context):
-    def of(view, index):
-        return types.float64 if isinstance(view, Row) and isinstance(index, types.Integer) else None
+def _of_row(view: Any, index: Any) -> bool:
+    return isinstance(view, Row) and isinstance(index, types.Integer)
 
-    return of
+
+type_callable(operator.getitem)(lambda context: lambda view, index: types.float64 if _of_row(view, index) else None)
+type_callable(operator.setitem)(
+    lambda context: lambda view, index, value: types.void if _of_row(view, index) and isinstance(value, types.Float) else None
+)
 
 
 @lower_builtin(operator.getitem, Row, types.Integer)
 def _get_row(context, builder, signature, values):
     return builder.load(_place(context, builder, values[0], signature.args[1], values[1]))
-
-
-@type_callable(operator.setitem)
-def _type_set_row(context):
-    def of(view, index, value):
-        fits = isinstance(view, Row) and isinstance(index, types.Integer) and isinstance(value, types.Float)
-        return types.void if fits else None
-
-    return of
 
 
 @lower_builtin(operator.setitem, Row, types.Integer, types.Float)

@@ -5,8 +5,6 @@ cores, two threads can be much slower than one (0.2 instead of 9 million particl
 bits with any number of threads. So the speed is measured during the steps, and measured again from time to time.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -57,10 +57,7 @@ class Checkpoint:
 
     @classmethod
     def load(cls, folder: Path | str, scene: Scene) -> Checkpoint | None:
-        """The checkpoint in a folder, or None if there is none.
-
-        Raises InputError if it belongs to another scene, if its time exceeds the scene's duration, or if it can't be read.
-        """
+        """The checkpoint in a folder, or None. Raises InputError if it is another scene's, exceeds its duration, or can't be read."""
         path = Path(folder) / CHECKPOINT
         if not path.exists():
             return None

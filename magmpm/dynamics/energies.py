@@ -1,7 +1,5 @@
 """Stress and energies of a motion's particles, for its frames."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

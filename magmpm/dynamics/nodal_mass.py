@@ -17,8 +17,6 @@ which no mass lies are left out.
 Fed bodies keep the lumped mass: their guide holds nodes that change in time.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

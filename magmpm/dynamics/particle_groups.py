@@ -1,7 +1,5 @@
 """Particles of a model in groups of eight lanes, for the kernel of a motion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Of a fed catheter only the part outside the guide bends: a shorter catheter, cla
 each length. Its displacement is carried from one length to the next at the points of the material, so that nothing jumps with the cells.
 """
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from dataclasses import dataclass, replace
 
@@ -28,7 +26,6 @@ from magmpm.statics.contact import SETTLED, Held, Touched, change, followed, hel
 from magmpm.statics.energy import Point
 from magmpm.statics.equilibrium import Equilibrium, restored, solve_static
 from magmpm.statics.layout import StaticModel, arranged, static_model
-from magmpm.statics.newton import OnStep
 
 
 @dataclass(frozen=True)
@@ -72,9 +69,9 @@ class FieldLoads:
         """Length (m) outside of the guide; None where there is none."""
         return None
 
-    def first(self, time: float, on_step: OnStep | None = None) -> Equilibrium:
+    def first(self, time: float) -> Equilibrium:
         """The equilibrium at a time, s, found as statics finds one."""
-        return solve_static(replace(self.model, effects=self._named(time), time=time), on_step=on_step)
+        return solve_static(replace(self.model, effects=self._named(time), time=time))
 
     def at(self, time: float) -> StaticModel:
         """The model, with its axes as the solve needs them, under the load of a time, s."""
@@ -162,7 +159,7 @@ class FeedLoads:
                 self._models.popitem(last=False)
         return self._models[time]
 
-    def first(self, time: float, on_step: OnStep | None = None) -> Equilibrium:
+    def first(self, time: float) -> Equilibrium:
         """The equilibrium at a time, s, found as statics finds one: from the rod, or in a field that varies by a ramp of the load."""
         model = self.at(time)
         if self.scene.field.varies or model.touching is not None:  # the rod would need what is around a body that begins at the exit
@@ -170,7 +167,7 @@ class FeedLoads:
             scene = self._free.model_copy(update={"solver": self._free.solver.model_copy(update={"static": slow})})
         else:
             scene = self._bare.inserted(self.inserted(time)).model_copy(update={"field": self.scene.field})
-        return solve_static(replace(model, scene=scene), on_step=on_step)
+        return solve_static(replace(model, scene=scene))
 
     def carried(self, grid: Array, before: float, after: float) -> Array:
         """The same displacement of the material on the grid of another length; what was in the guide has none."""

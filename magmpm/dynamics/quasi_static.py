@@ -5,8 +5,6 @@ moves is so slow that inertia and losses do not matter. statics.branch finds eac
 ends.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -27,7 +25,6 @@ from magmpm.scene import Scene
 from magmpm.statics.branch import Branch, Jump, Reached, point_of
 from magmpm.statics.contact import Held, contacts_at_rest
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
-from magmpm.statics.newton import OnStep
 
 MOST_TRIES = 50  # solves of an equilibrium with friction, which settles by a factor of two or more each
 Progress = Callable[[float, int], None]
@@ -69,13 +66,13 @@ def loads_of(scene: Scene, time: float) -> FieldLoads | FeedLoads:
     return FieldLoads(scene, time) if scene.effects.feed is None else FeedLoads(scene, time)
 
 
-def begin(scene: Scene, saved: Checkpoint | None = None, on_step: OnStep | None = None) -> PathState:
+def begin(scene: Scene, saved: Checkpoint | None = None) -> PathState:
     """The first equilibrium, found as statics finds one; or the one of a checkpoint. Raises SolveError, InputError."""
     if saved is None:
         first = scene.path_times()[0]
         state = PathState(loads_of(scene, first), first)
         try:
-            _note(state, _go_on(state, first, on_step))
+            _note(state, _go_on(state, first))
         except SolveError as error:
             raise type(error)(f"equilibrium at t = {first:.6g} s: {error.reason}", _unbegun(state, error.state)) from None
         return state
@@ -85,7 +82,7 @@ def begin(scene: Scene, saved: Checkpoint | None = None, on_step: OnStep | None 
     branch = None
     if more["branch"]:
         with one_blas_thread():
-            branch = Branch.restored(loads, saved.state, more["branch"], **_options(scene, on_step))
+            branch = Branch.restored(loads, saved.state, more["branch"], **_options(scene))
     known = PathState(loads, saved.time, branch, saved.frame, saved.steps, more["rows"], more["jumps"], more["warnings"])
     return replace(known, strain=Strain.restored(more["strain"]))
 
@@ -96,7 +93,7 @@ def _unbegun(state: PathState, last: object) -> PathState | None:
         return None
     loads = state.loads
     point = replace(point_of(loads.at(state.time), last.point.grid), energy=last.point.energy)
-    state.branch = Branch(loads, Reached(state.time, point, None, last.steps, np.inf), **_options(loads.whole.scene, None))
+    state.branch = Branch(loads, Reached(state.time, point, None, last.steps, np.inf), **_options(loads.whole.scene))
     state.iterations, state.load_share = last.steps, last.load_share
     state.warnings += last.warnings
     shape = state.shape
@@ -104,19 +101,19 @@ def _unbegun(state: PathState, last: object) -> PathState | None:
     return state
 
 
-def _options(scene: Scene, on_step: OnStep | None) -> dict[str, Any]:
-    return {"tolerance": scene.solver.static.tolerance, "max_steps": scene.solver.static.max_steps, "on_step": on_step}
+def _options(scene: Scene) -> dict[str, Any]:
+    return {"tolerance": scene.solver.static.tolerance, "max_steps": scene.solver.static.max_steps}
 
 
-def _go_on(state: PathState, time: float, on_step: OnStep | None) -> list[Jump]:
+def _go_on(state: PathState, time: float) -> list[Jump]:
     """Go on to a time, s. Returns the jumps on the way. Raises SolveError."""
     loads, jumps = state.loads, []
     scene = loads.whole.scene
     if not loads.bends(time):
         state.branch = None
     elif state.branch is None:
-        found = loads.first(time, on_step)
-        state.branch = Branch(loads, Reached(time, found.point, None, found.steps, np.inf), **_options(scene, on_step))
+        found = loads.first(time)
+        state.branch = Branch(loads, Reached(time, found.point, None, found.steps, np.inf), **_options(scene))
         with one_blas_thread():
             state.branch.settle_in(found.point.grid)
         state.warnings += found.warnings
@@ -142,7 +139,7 @@ def _advance(branch: Branch, loads: FieldLoads | FeedLoads, time: float) -> list
 
 def follow(
     scene: Scene, *, folder: Path | str | None = None, resume: bool = False, on_progress: Progress | None = None,
-    on_step: OnStep | None = None, on_state: Callable[[PathState], None] | None = None,
+    on_state: Callable[[PathState], None] | None = None,
 ) -> PathState:  # fmt: skip
     """All equilibria of a scene's path.
 
@@ -153,7 +150,7 @@ def follow(
     """
     saved = Checkpoint.load(folder, scene) if folder is not None and resume else None
     times = scene.path_times()
-    state = begin(scene, saved, on_step)
+    state = begin(scene, saved)
     files = None if folder is None else _Files(state, folder, saved)
     see = on_state or (lambda _: None)
     see(state)
@@ -162,7 +159,7 @@ def follow(
     for time in times[state.frame + 1 :]:
         last = state.time, state.branch, None if state.branch is None else state.branch.now
         try:
-            jumps = _go_on(state, time, on_step)
+            jumps = _go_on(state, time)
             state.frame += 1
             found = _note(state, jumps)
             see(state)

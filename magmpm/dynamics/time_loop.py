@@ -6,8 +6,6 @@ they are extrapolated from the last two shapes to the middle of the time for whi
 that time is chosen by how much they change.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -21,8 +19,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.dynamics import energies, watchdog
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
-from magmpm.dynamics.stable_step import StableStep, stable_step
-from magmpm.dynamics.step_control import StepControl
+from magmpm.dynamics.step_control import StableStep, StepControl, stable_step
 from magmpm.dynamics.total_lagrangian import Kinematics, TotalMotion
 from magmpm.effects import acting, viscosity
 from magmpm.errors import InputError, SceneError, SolveError
@@ -110,10 +107,7 @@ def _options(scene: Scene) -> DynamicOptions:
 
 
 def begin(model: Model) -> SimulationState:
-    """A motion that starts from the model at rest, with its time step.
-
-    Raises InputError if the scene's time_step exceeds the stable step, or the particles need more than max_memory.
-    """
+    """A motion at rest, with its time step. Raises InputError if the scene's time_step is not stable, or its max_memory is less."""
     options = _options(model.scene)
     motion = TotalMotion(model)
     stable = stable_step(motion)
@@ -242,10 +236,7 @@ def _checkpoint(state: SimulationState, scene_hash: str) -> Checkpoint:
     return Checkpoint(
         scene_hash=scene_hash, every=state.every, time=state.time, formulation="total",
         frame=state.frame, steps=state.steps, state=motion.state(),
-        control={
-            **state.control.state(), **state.strain.state(), **state.balance.state(),
-            "dt": state.dt, "energies": state.energies,
-        },
+        control={**state.control.state(), **state.strain.state(), **state.balance.state(), "dt": state.dt, "energies": state.energies},
     )  # fmt: skip
 
 

@@ -69,7 +69,7 @@ def check(model: Model, x: Array, v: Array, time: float = 0.0) -> Trouble | None
 
 @compiled
 def _extremes(x, v, reference, shear, bulk, density):  # type: ignore[no-untyped-def]
-    """Return whether all values are finite; the fastest particle, and its speed over that of pressure waves (stable_step.speed_of_sound);
+    """Return whether all values are finite; the fastest particle, and its speed over that of pressure waves (step_control.speed_of_sound);
     the particle farthest from its reference position, and its distance (m); size of the undeformed body (m), corner to corner."""
     finite, fastest, furthest, most, way = True, 0, 0, 0.0, 0.0
     low, high = np.full(3, np.inf), np.full(3, -np.inf)

@@ -84,13 +84,7 @@ class Effects(Settings):
         return any(effect.IN_FIELD for effect in self.named().values())
 
 
-ONLY_IN_MOTION = tuple(key for key, kind in Effects.every().items() if kind.ONLY_IN_MOTION)
 NO_LOADS = tuple(key for key, kind in Effects.every().items() if kind.ONLY_IN_MOTION or kind.PHASE == "contact")  # rods at rest lack these
-
-
-def every() -> dict[str, type[Effect]]:
-    """All effects there are, by key (Effects.every)."""
-    return Effects.every()
 
 
 def collect(scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
@@ -162,20 +156,19 @@ def marked(scene: SceneLike, particles: Any, remanence: Array) -> Array:
 
 def refresh(named: Records, body: Any, x: Array, F: Array) -> None:
     """Bring tables that depend on the body's shape up to date, in place. body: a Model; x (n, 3) m, F (n, 3, 3) of its particles."""
-    for kind, data in _refreshed(named):
+    for kind, _, data in _refreshed(named):
         kind.refresh(data, _particles(body), x, F)
 
 
 def own_tables(named: Records) -> list[Array]:
     """The tables that `refresh` brings up to date."""
-    return [data for _, data in _refreshed(named)]
+    return [data for _, _, data in _refreshed(named)]
 
 
 def refresh_change(named: Records, body: Any, x: Array, F: Array, by: BodyChange) -> Records:
     """Records of the effects whose tables depend on the body's shape, with the change of their tables in place of these."""
     out: list[Any] = []
-    for kind, data in _refreshed(named):
-        record = next(record for record, _ in pairs(named) if record.dtype == kind.REFRESHED)
+    for kind, record, data in _refreshed(named):
         change = np.zeros_like(data)
         kind.refresh_change(change, _particles(body), x, F, by)
         out += [record, change]
@@ -184,17 +177,13 @@ def refresh_change(named: Records, body: Any, x: Array, F: Array, by: BodyChange
 
 def shared_energy(named: Records, body: Any, x: Array, F: Array) -> float:
     """Energy (J) of effects in which every particle feels all others; their energy hooks count loads that do not follow the shape."""
-    kinds = [(kind, record) for kind in _body_effects() for record, _ in pairs(named) if record.dtype == kind.REFRESHED]
-    return sum(float(record["share"][0]) * kind.shared_energy(_particles(body), x, F) for kind, record in kinds)
+    return sum(float(record["share"][0]) * kind.shared_energy(_particles(body), x, F) for kind, record, _ in _refreshed(named))
 
 
-def _body_effects() -> list[type[BodyEffect]]:
-    return [kind for kind in every().values() if issubclass(kind, BodyEffect)]
-
-
-def _refreshed(named: Records) -> list[tuple[type[BodyEffect], NDArray[Any]]]:
-    """Effects whose table depends on the body's shape, and the table."""
-    return [(kind, data) for record, data in pairs(named) for kind in _body_effects() if record.dtype == kind.REFRESHED]
+def _refreshed(named: Records) -> list[tuple[type[BodyEffect], NDArray[Any], NDArray[Any]]]:
+    """Effects whose table depends on the body's shape, with their record and table."""
+    kinds = [kind for kind in Effects.every().values() if issubclass(kind, BodyEffect)]
+    return [(kind, record, data) for record, data in pairs(named) for kind in kinds if record.dtype == kind.REFRESHED]
 
 
 def _particles(body: Any) -> MarkedParticles:

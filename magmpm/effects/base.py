@@ -4,8 +4,6 @@ An effect is one file: its settings (a subclass of `Effect`, which scene files n
 (effects.hooks) and what it says of a scene. Every method of `Effect` but `records` has a default, so an effect writes only what it has.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, NotRequired, Protocol, TypedDict
@@ -164,7 +162,6 @@ class Effect(Settings):
     def marks(self, particles: Any, remanence: Array) -> Array | None:
         """A number (n,) by which hooks distinguish particles (bodies.Particles); remanence (n, 3) T."""
         return None
-
 
 
 class BodyEffect(Effect):

@@ -5,8 +5,6 @@ length of all places to which its base is pushed. STL parts, some of which may b
 stopped once a particle is FAR times the body's size from its start (dynamics.watchdog).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -12,8 +12,6 @@ ground.
 Source: Cundall and Strack, Geotechnique 29 (1979) 47, the tangential spring with a slider, and the contact dashpot.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -14,8 +14,6 @@ body, whatever the cells, beside a dashpot near the impedance of the pressure wa
 loses nothing. From the depth KNEE on the spring is as stiff as without friction, so that bodies that land do not sink in.
 """
 
-from __future__ import annotations
-
 import math
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -24,9 +22,9 @@ from pydantic import Field
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, compiled_elsewhere
-from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching
+from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching, one_record
 from magmpm.effects.contact_force import PARTS, hold, own_grip, stored
-from magmpm.effects.hooks import add_contact, deepest
+from magmpm.effects.hooks import NO_DATA, add_contact, deepest
 from magmpm.errors import SceneError, dotted
 
 THROWN = 0.1  # m/s
@@ -59,10 +57,25 @@ Stiffness = Annotated[
 def law(scene: SceneLike, factor: float, friction: float) -> dict[str, float]:
     """The arguments of `push` for a scene's body: `stiffness` w^2 in 1/s^2, times `factor`, and with friction `soft`, `knee` (m) and
     `damping` (1/s)."""
-    rate = _wave(scene) / scene.cell
+    used = [scene.materials[region.material_name] for region in scene.regions() if not region.held]
+    squares = [m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density for m in used if m.density is not None]
+    rate = math.sqrt(max(squares, default=0.0)) / scene.cell  # of the fastest pressure wave
     if not friction > 0:
         return {"stiffness": factor * rate**2}
     return {"stiffness": factor * rate**2, "soft": scene.cell / (SOFT * scene.thickness), "knee": KNEE * scene.cell, "damping": rate}
+
+
+def obstacle_dtype(key: str, *own: tuple[Any, ...]) -> np.dtype[Any]:
+    """The dtype of an obstacle's records: its own fields, and those of `push`. Names begin with its key: they distinguish effects."""
+    pushing = [(name, np.float64) for name in ("friction", "stiffness", "soft", "knee", "damping")]
+    return np.dtype([(f"{key}_{name}", *kind) for name, *kind in (*own, *pushing)])
+
+
+def obstacle_record(dtype: np.dtype[Any], data: Array = NO_DATA, /, **values: Any) -> Records:
+    """A record of an obstacle_dtype, by the names of its fields without the key, and its table; unless given soft and knee 1, damping 0."""
+    names = dtype.names or ()
+    usual = {"soft": 1.0, "knee": 1.0, **values}
+    return one_record(dtype, data, **{f"{names[0].partition('_')[0]}_{name}": value for name, value in usual.items()})
 
 
 def own_friction(scene: SceneLike) -> Array:
@@ -75,13 +88,6 @@ def most_friction(scene: SceneLike, friction: float) -> float:
     """Largest coefficient of any region where a contact names this one."""
     own = own_friction(scene)
     return float(np.where(np.isnan(own), friction, own).max())
-
-
-def _wave(scene: SceneLike) -> float:
-    """Fastest pressure wave of the body's free regions, m/s."""
-    used = [scene.materials[region.material_name] for region in scene.regions() if not region.held]
-    squares = [m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density for m in used if m.density is not None]
-    return math.sqrt(max(squares, default=0.0))
 
 
 def stable_step(stiffness: float, damping: float = 0.0) -> float:

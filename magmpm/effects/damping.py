@@ -9,8 +9,6 @@ decay, a dt exp(-x), would be x / 2 too weak while the body moves: 8 % for a sho
 Source: Hochbruck and Ostermann, Acta Numerica 19 (2010) 209 (exponential integrators).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 
@@ -27,11 +25,6 @@ DTYPE = np.dtype([("damping_rate", np.float64)])
 MOST = 500.0  # of the exponent: more leaves nothing of a velocity either, and would be too large a number for a push
 
 
-def parameters(rate: float) -> Records:
-    """Parameters for the kernels. rate 1/s."""
-    return one_record(DTYPE, damping_rate=rate)
-
-
 class Damping(Effect):
     """The surroundings resist in proportion to mass and velocity."""
 
@@ -44,8 +37,7 @@ class Damping(Effect):
 
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
         """Parameters for the kernels, or () where the rate is zero."""
-        return parameters(self.rate) if self.rate > 0 else ()
-
+        return one_record(DTYPE, damping_rate=self.rate) if self.rate > 0 else ()
 
 
 @compiled

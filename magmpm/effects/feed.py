@@ -8,8 +8,6 @@ Nodes are held or free, so the guide effectively ends at the last node that it h
 effective exit differs from the exit by up to half a cell, to either side.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 
@@ -23,11 +21,6 @@ from magmpm.effects.hooks import register
 from magmpm.inputs.settings import Quantity
 
 DTYPE = np.dtype([("feed_speed", np.float64), ("feed_exit", np.float64), ("feed_radius", np.float64)])
-
-
-def parameters(*, speed: float, exit: float, radius: float) -> Records:
-    """Parameters for the kernels. speed m/s along +x; exit: nodes before it on the x axis are held, m; radius of the guide, m."""
-    return one_record(DTYPE, feed_speed=speed, feed_exit=exit, feed_radius=radius)
 
 
 class Feed(Effect):
@@ -45,8 +38,8 @@ class Feed(Effect):
         """Parameters for the kernels."""
         half = 0.5 * scene.cell
         corner = math.sqrt(2.0) * (0.5 * scene.thickness + half)  # of a straight body's nodes: with two cells across, beyond its diameter
-        return parameters(speed=self.speed, exit=self.exit + half, radius=max(scene.thickness, 1.01 * corner))
-
+        radius = max(scene.thickness, 1.01 * corner)  # m, of the guide; nodes before the exit are held
+        return one_record(DTYPE, feed_speed=self.speed, feed_exit=self.exit + half, feed_radius=radius)
 
 
 @compiled

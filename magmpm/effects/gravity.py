@@ -1,7 +1,5 @@
 """gravity: weight. W = -rho g . x, so the force per undeformed volume is rho g, constant, with no tangent."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np
@@ -18,11 +16,6 @@ DTYPE = np.dtype([("gravity", np.float64, (3,))])
 _Component = Annotated[float, Quantity("acceleration", at_least="-1e4 m/s^2", at_most="1e4 m/s^2")]
 
 
-def parameters(acceleration: Array) -> Records:
-    """Parameters for the kernels. acceleration (3,) m/s^2."""
-    return one_record(DTYPE, gravity=acceleration)
-
-
 class Gravity(Effect):
     """Weight."""
 
@@ -36,8 +29,7 @@ class Gravity(Effect):
     def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
         """Parameters for the kernels, or () where there is no weight."""
         acceleration = strength * np.array(self.acceleration)
-        return parameters(acceleration) if acceleration.any() else ()
-
+        return one_record(DTYPE, gravity=acceleration) if acceleration.any() else ()
 
 
 @compiled

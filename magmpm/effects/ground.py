@@ -3,50 +3,27 @@
 The body touches by points of its surface. For force, friction and stiffness see effects.contact_law.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, field_validator
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.base import Point, Records, SceneLike, one_record
+from magmpm.effects.base import Point, Records, SceneLike
 from magmpm.effects.body_reach import body_reach, unreached
 from magmpm.effects.contact_force import push, spring
-from magmpm.effects.contact_law import Friction, Obstacle, Stiffness
+from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, obstacle_dtype, obstacle_record
 from magmpm.effects.hooks import register
 from magmpm.inputs.settings import fault
 from magmpm.inputs.vectors import Direction
 
-DTYPE = np.dtype(
-    [
-        ("ground_point", np.float64, (3,)),
-        ("ground_normal", np.float64, (3,)),
-        ("ground_friction", np.float64),
-        ("ground_stiffness", np.float64),
-        ("ground_soft", np.float64),
-        ("ground_knee", np.float64),
-        ("ground_damping", np.float64),
-    ]
-)
+DTYPE = obstacle_dtype("ground", ("point", np.float64, (3,)), ("normal", np.float64, (3,)))
 
 
-def parameters(
-    *, point: ArrayLike, normal: ArrayLike, friction: float, stiffness: float, soft: float = 1.0, knee: float = 1.0, damping: float = 0.0
-) -> Records:
+def parameters(*, point: ArrayLike, normal: ArrayLike, **pushing: float) -> Records:
     """Parameters for the kernels. point (3,) m on the plane; normal (3,) into the free side, any length; others: as in `push`."""
     n = np.asarray(normal, dtype=float)
-    return one_record(
-        DTYPE,
-        ground_point=point,
-        ground_normal=n / np.linalg.norm(n),
-        ground_friction=friction,
-        ground_stiffness=stiffness,
-        ground_soft=soft,
-        ground_knee=knee,
-        ground_damping=damping,
-    )
+    return obstacle_record(DTYPE, point=point, normal=n / np.linalg.norm(n), **pushing)
 
 
 class Ground(Obstacle):
@@ -82,7 +59,6 @@ class Ground(Obstacle):
         """Warn of a plane that is too far away to be touched."""
         limits = body_reach(scene)
         return unreached("ground", self.WORDS, limits, self.height(limits.base))
-
 
 
 @compiled

@@ -40,8 +40,6 @@ In motion only:
                                                                 `node` takes from their push what is lost while they act
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

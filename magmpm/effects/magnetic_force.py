@@ -8,8 +8,6 @@ The energy W is counted in magnetic_torque. Either effect alone has no energy, s
 Source: Zhao et al., JMPS 124 (2019) 244-263. The center of mass accelerates by the volume mean of f over rho.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from magmpm.compiled.arrays import Array
@@ -39,7 +37,6 @@ class MagneticForce(Effect):
         if strength == 0.0 or not scene.field.varies:
             return ()
         return field_records(scene.field, ROTATING if rotating(scene).any() else DTYPE, times, strength), scene.outside_field().data
-
 
 
 @compiled

@@ -8,12 +8,10 @@ block's volume. These are the exact derivatives of E: the forces of each pair ca
 moments. The field of a segment in itself (its demagnetizing field) is left out.
 
 B_a and the forces are kept in `data` and computed again (`refresh`) for the deformed body: in statics at every step
-(statics.interacting); in motion as often as they change by a fiftieth, for the middle of that time (dynamics.own_loads). In between they
+(statics.interacting); in motion as often as they change by a fiftieth, for the middle of that time (dynamics.time_loop). In between they
 act as a load of fixed direction, whose energy is `energy`; `shared_energy` is E itself.
 Sources: dipole fields, Jackson, Classical Electrodynamics, 3rd ed., section 5.6; a cube has no quadrupole moment.
 """
-
-from __future__ import annotations
 
 from typing import Any
 
@@ -23,14 +21,7 @@ from pydantic import Field
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
-from magmpm.effects.base import (
-    BodyChange,
-    BodyEffect,
-    MarkedParticles,
-    Records,
-    SceneLike,
-    one_record,
-)
+from magmpm.effects.base import BodyChange, BodyEffect, MarkedParticles, Records, SceneLike, one_record
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
 from magmpm.fields.dipole import MU0, K
@@ -59,7 +50,6 @@ class MagneticInteraction(BodyEffect):
         if strength == 0.0 or len(scene.magnetized_regions()) < 2:
             return ()
         return one_record(DTYPE, np.zeros(SIZE * MOST), share=strength)
-
 
     def marks(self, particles: Any, remanence: Array) -> Array:
         """Block of each particle (n,), -1 for none. Raises SceneError where there are more than MOST blocks."""

@@ -8,8 +8,6 @@ Where a material's magnetization_law is `rotates`, R Br takes the place of F Br 
 Source: Zhao, Kim, Cheng, Liu, Zhao, JMPS 124 (2019) 244-263, equations 8 to 12.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from magmpm.compiled.arrays import Array
@@ -60,7 +58,6 @@ class MagneticTorque(Effect):
         ]
         x, y, z = (parameters(other - first, bool(turning.rotating(scene).any())) if (other != first).any() else () for other in others)
         return x, y, z
-
 
 
 @compiled

@@ -12,8 +12,6 @@ Sources: Danas and Reis, arXiv 2403.03096; tr U and its derivative: Franca, Comp
 Elasticity 32 (1993) 175.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ Points of the surface of each component touch the other components, and folds of
 stiffness see effects.contact_law. Without it, parts and folds pass through each other.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -31,7 +29,6 @@ class SelfContact(Effect):
         """Largest stable step, s."""
         found = law(model.scene, self.stiffness, most_friction(model.scene, self.friction))
         return stable_step(2 * found["stiffness"], found.get("damping", 0.0))
-
 
 
 def gap(position: Array, reference: Array, size: float, apart: float, within: float) -> float:

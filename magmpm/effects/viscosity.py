@@ -38,11 +38,6 @@ AT_REST = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # xx, yy, zz, xy, xz, yz of 
 STEEPEST = 6.0  # largest sum of N'^2 / N over the three splines of a cell, times h^2
 
 
-def parameters(viscosity: float) -> Records:
-    """Parameters for the kernels. viscosity eta, Pa s."""
-    return one_record(DTYPE, viscosity=viscosity)
-
-
 class Branch(Settings):
     """A spring in series with a dashpot (Maxwell)."""
 
@@ -81,7 +76,7 @@ class Viscosity(Effect):
         """Parameters for the kernels, or () where the viscosity is zero and there is no branch."""
         table = np.array([(branch.shear_modulus, branch.time) for branch in self.branches or ()]).ravel()
         branches = one_record(BRANCHES, table, branches=len(table) // 2) if len(table) else ()
-        return (parameters(self.viscosity) if self.viscosity > 0 else ()) + branches
+        return (one_record(DTYPE, viscosity=self.viscosity) if self.viscosity > 0 else ()) + branches
 
     def stable_step(self, model: Any) -> float | None:
         """Largest stable step (s), with elastic stress at 0.8 of its own limit.
@@ -98,7 +93,6 @@ class Viscosity(Effect):
         if model.grid.runs:  # at repeated knots splines are steeper than between equal cells
             steep = max(steep, float(model.steepness().sum(axis=1).max()))
         return 0.9 / (2.0 * self.viscosity / float(model.density.min()) * steep)
-
 
 
 @compiled

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.assembly import UNITS
@@ -22,64 +21,31 @@ from magmpm.bodies.signed_distance import Table, curvature, value
 from magmpm.bodies.surface_mesh import read_mesh, size_fault, unpack_mesh
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
-from magmpm.effects.base import Point, Records, SceneLike, one_record
+from magmpm.effects.base import Point, Records, SceneLike
 from magmpm.effects.body_reach import body_reach, unreached
 from magmpm.effects.contact_force import push, spring
-from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, place
+from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, obstacle_dtype, obstacle_record, place
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
-from magmpm.inputs.csv_tables import read_centreline, table_faults
-from magmpm.inputs.settings import Quantity, Settings, fault, named_file
+from magmpm.inputs.csv_tables import named_table, read_centreline
+from magmpm.inputs.settings import Quantity, Settings, fault
 
 POINTS = 6  # of the table in a tube's radius
-DTYPE = np.dtype(
-    [
-        ("walls_origin", np.float64, (3,)),
-        ("walls_spacing", np.float64),
-        ("walls_shape", np.int64, (3,)),
-        ("walls_friction", np.float64),
-        ("walls_stiffness", np.float64),
-        ("walls_soft", np.float64),
-        ("walls_knee", np.float64),
-        ("walls_damping", np.float64),
-    ]
-)
+DTYPE = obstacle_dtype("walls", ("origin", np.float64, (3,)), ("spacing", np.float64), ("shape", np.int64, (3,)))
+_PATH = WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "minItems": 2}]})
 
 
-_PATH = {"anyOf": [{"type": "string"}, {"type": "array", "minItems": 2}]}
-
-
-def parameters(
-    table: Table, *, friction: float, stiffness: float, soft: float = 1.0, knee: float = 1.0, damping: float = 0.0
-) -> Records:
+def parameters(table: Table, **pushing: float) -> Records:
     """Parameters for the kernels: see contact_force.push."""
-    return one_record(
-        DTYPE,
-        np.ascontiguousarray(table.coefficients).ravel(),
-        walls_origin=table.origin,
-        walls_spacing=table.spacing,
-        walls_shape=table.coefficients.shape,
-        walls_friction=friction,
-        walls_stiffness=stiffness,
-        walls_soft=soft,
-        walls_knee=knee,
-        walls_damping=damping,
-    )
-
-
-def _read_path(value: Any, info: ValidationInfo) -> Any:
-    """The points of the table that a path names, in SI; a list is taken as it is."""
-    if not isinstance(value, (str, Path)):
-        return value
-    with table_faults():
-        return read_centreline(named_file(info, value))[:, 1:].tolist()
+    flat = np.ascontiguousarray(table.coefficients).ravel()
+    return obstacle_record(DTYPE, flat, origin=table.origin, spacing=table.spacing, shape=table.coefficients.shape, **pushing)
 
 
 class Tube(Settings):
     """A tube around a path."""
 
     radius: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(description="Inner radius.", examples=["5 mm"])
-    path: Annotated[tuple[Point, ...], BeforeValidator(_read_path), WithJsonSchema(_PATH)] = Field(
+    path: Annotated[tuple[Point, ...], named_table(lambda path: read_centreline(path)[:, 1:].tolist(), None), _PATH] = Field(
         description="Points of its axis, joined by a smooth curve: a list of [x, y, z], or the path, relative to this file, of "
         "a CSV table with columns s_mm,x_mm,y_mm,z_mm. Both ends are open and go on straight.",
         examples=[[["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]],
@@ -212,7 +178,6 @@ class Walls(Obstacle):
                     remedy="move the tube to the body, or feed the body into it",
                 )
         super().check(model)
-
 
 
 @lru_cache(maxsize=4)

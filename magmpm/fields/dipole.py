@@ -8,8 +8,6 @@ they stay finite. Source: Jackson, Classical Electrodynamics, 3rd ed., sections 
 A dipole stands in `data` as position (3) m, moment (3) A m^2, radius m.
 """
 
-from __future__ import annotations
-
 import math
 
 from magmpm.compiled.jit import compiled

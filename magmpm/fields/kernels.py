@@ -8,8 +8,6 @@
 It changes from step to step if the field changes in time; `data` does not. Results are tuples: no array is made.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ magpylib evaluates closed forms in double precision (Ortner and Coliado Bandeira
 The extra `magnets` installs it. A body needs the field in a box: what it can reach, without the space of magnets and wires.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -119,10 +117,7 @@ def polarization(magnet: Magnet) -> Array:
 
 
 def exact(field: FieldSource) -> Any:
-    """The field of all magnets and coils as a function: points (n, 3) m in the sources' frame -> B (n, 3) T.
-
-    Raises SceneError where magpylib is not installed.
-    """
+    """The exact field: points (n, 3) m in the sources' frame -> B (n, 3) T. Raises SceneError where magpylib is not installed."""
     magpylib = _library()
     from scipy.spatial.transform import Rotation
 

@@ -3,8 +3,6 @@
 Units stand in the header: x_mm, Bz_mT, time_ms.
 """
 
-from __future__ import annotations
-
 import base64
 import math
 from collections.abc import Mapping

@@ -5,8 +5,6 @@ one turns or the body surrounds it; a measured map as the spline through it. Ker
 In the sources' frame nothing changes in time: a schedule changes strength and place of that frame (fields.schedule).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -131,10 +129,7 @@ class Field:
             raise LeftField(f"{found[0]}; {found[2]}")
 
     def check_at_rest(self, points: Array, moving: bool, time: float | None = None) -> None:
-        """Raises SceneError where the undeformed body is in a magnet, or not where the field is known.
-
-        time: s; unless given, 0 if moving, else the end of the schedule, where statics takes the field.
-        """
+        """Raises SceneError where the body is in a magnet or the field not known. time: s; else 0 if moving, the schedule's end at rest."""
         if time is None:
             time = 0.0 if moving else end_time(self.source)
         found = self.outside_domain(points, time)

@@ -5,14 +5,13 @@ The descriptions and examples are what editors show (scene.schema.json) and what
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
+from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
 from magmpm.fields.measured_map import read_schedule
-from magmpm.inputs.csv_tables import table_faults
-from magmpm.inputs.settings import Angle, Duration, Quantity, Settings, fault, from_file, named_file
+from magmpm.inputs.csv_tables import named_table
+from magmpm.inputs.settings import Angle, Duration, Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis, FluxVector, Point
 
 _Time = Annotated[float, Quantity("time", at_least="0 s", at_most="1e6 s")]
@@ -80,14 +79,7 @@ class Keyframe(Settings):
     )
 
 
-def _read_schedule(value: Any, info: ValidationInfo) -> Any:
-    if not isinstance(value, (str, Path)):
-        if from_file(info):
-            raise fault("must be the path of a CSV table", "write, say, `table: ../measured/current.csv`")
-        return value
-    with table_faults():
-        return tuple(Keyframe.model_validate(row) for row in read_schedule(named_file(info, value)))
-
+_TABLE = named_table(lambda path: tuple(Keyframe.model_validate(row) for row in read_schedule(path)), "table: ../measured/current.csv")
 
 
 class OverTime(Settings):
@@ -102,7 +94,7 @@ class OverTime(Settings):
         default=None, min_length=2, max_length=100_000, description="Values at times, in rising order; even change between them.",
         examples=[[{"time": "0 s", "strength": 0}, {"time": "50 ms", "strength": 1}]],
     )  # fmt: skip
-    table: Annotated[tuple[Keyframe, ...] | None, BeforeValidator(_read_schedule), WithJsonSchema({"type": "string"})] = Field(
+    table: Annotated[tuple[Keyframe, ...] | None, _TABLE, WithJsonSchema({"type": "string"})] = Field(
         default=None, description="Keyframes from a CSV table; path relative to this file, columns time and any of strength; Bx, By, Bz; "
         "x, y, z (the sources' move), with units in the header: time_s,Bx_mT,By_mT,Bz_mT.", examples=["../measured/current.csv"],
     )  # fmt: skip

@@ -4,8 +4,6 @@ The strengths of ramp, oscillation and keyframes are multiplied. Sources are fir
 part and sources, turns about the axis of the rotation. Before it begins, each part has its initial value; after its end, its final value.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -10,8 +10,6 @@ component is empty, so that the 4 x 3 numbers of a row of a cell along z are two
 Beyond the box the functions return the value at the nearest point of its surface: finite, and refused by `Field.check`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from magmpm.compiled.arrays import Array

@@ -10,8 +10,6 @@ its face: 0.11 % with 3 per edge, 0.008 % with 4). That number grows until the f
 tolerance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,18 +1,18 @@
 """CSV tables: their lines and errors; tables of centerlines, columns s_mm, x_mm, y_mm, z_mm (targets, references, measured shapes)."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator, ValidationInfo
 
 from magmpm.errors import InputError, report, show
-from magmpm.inputs.settings import fault
+from magmpm.inputs.settings import fault, from_file, named_file
 from magmpm.inputs.user_files import UnfitFile, read_regular
 
 COLUMNS = ("s_mm", "x_mm", "y_mm", "z_mm")
@@ -38,6 +38,21 @@ def table_faults() -> Iterator[None]:
         yield
     except TableError as error:
         raise fault(f"{error.rule} ({error.place})", error.remedy) from None
+
+
+def named_table(read: Callable[[Path], Any], example: str | None) -> BeforeValidator:
+    """Validator of a key that names a table: what `read` makes of it. What is given in Python is taken as it is, and in a file
+    as well where there is no example of what to write there."""
+
+    def table_of(value: Any, info: ValidationInfo) -> Any:
+        if not isinstance(value, (str, Path)):
+            if example is not None and from_file(info):
+                raise fault("must be the path of a CSV table", f"write, say, `{example}`")
+            return value
+        with table_faults():
+            return read(named_file(info, value))
+
+    return BeforeValidator(table_of)
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,6 @@ pydantic reports errors with locations and types of its own. Here they become `P
 misplaced key belongs, and an example from the key's own documentation.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Mapping
@@ -107,10 +105,7 @@ _RULES = {
 
 
 def _locate(data: Any, location: tuple[Any, ...], *, absent: bool) -> tuple[Key, Any, bool]:
-    """Key path, value, and whether the value exists; without the union tags that pydantic adds to locations.
-
-    absent: the last part of the location may be a missing key rather than a tag.
-    """
+    """Key path without pydantic's union tags, value, whether it exists. absent: the last part may be a missing key rather than a tag."""
     at: Key = ()
     for n, part in enumerate(location):
         inside = isinstance(data, Mapping) and part in data

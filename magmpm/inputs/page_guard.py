@@ -4,8 +4,6 @@ Another page whose name leads to this machine (DNS rebinding) sends its own name
 of this machine do not know the secret. Connections that ask nothing are closed.
 """
 
-from __future__ import annotations
-
 import secrets
 import socket
 import threading

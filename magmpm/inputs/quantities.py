@@ -5,8 +5,6 @@ The number is read as an exact decimal and multiplied by the unit's exact factor
 (every unit that pint knows; half a second, once, when first needed).
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 import re

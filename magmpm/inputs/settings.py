@@ -4,8 +4,6 @@ Quantity types are pydantic annotations. In a file a quantity is text with a uni
 Python (no file in the validation context) also take bare floats, in SI. Either way the model holds SI floats.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass

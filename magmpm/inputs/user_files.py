@@ -14,8 +14,6 @@ Of files that a user names only regular ones of a bounded size are read, so that
 to runs/NAME, so the names of scenes and studies must be usable for folders, on any system.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import stat
@@ -94,10 +92,7 @@ class UnfitFile(OSError):
 
 
 def read_regular(path: Path, most: int) -> bytes:
-    """Content of a regular file of at most `most` bytes.
-
-    Raises UnfitFile where it is not a regular file or is larger, and OSError for what else the system reports.
-    """
+    """Content of a regular file of at most `most` bytes. Raises UnfitFile where it is another or larger, OSError for all else."""
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # otherwise opening a FIFO would wait for a writer
     try:
         about = os.fstat(handle)

@@ -1,7 +1,5 @@
 """Vectors in scene files: three numbers, three quantities, or a direction by two angles."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any

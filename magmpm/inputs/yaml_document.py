@@ -4,8 +4,6 @@ Read by the rules of YAML 1.2, not PyYAML's 1.1: `1e-9` is a number, `yes`, `no`
 key that appears twice is an error, where PyYAML would take the last one.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Iterator

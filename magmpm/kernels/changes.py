@@ -7,8 +7,6 @@ matrix product, done by BLAS: rows are the gradients and values of the splines, 
 Loops around loops over columns run to `len` of an array, which is 3: known to the compiler, they would be unrolled, and take it seconds.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +14,6 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
-from magmpm.compiled.lapack import call
 from magmpm.effects.hooks import (
     add_force,
     add_force_change,
@@ -26,7 +23,14 @@ from magmpm.effects.hooks import (
     add_tangent,
     any_softening,
 )
-from magmpm.kernels.equilibrium import STENCIL, _particle_gradients, _volume_change, _volume_moments
+from magmpm.kernels.equilibrium import (
+    STENCIL,
+    _particle_gradients,
+    _volume_change,
+    _volume_moments,
+    multiply,
+    particle_splines,
+)
 from magmpm.materials import cofactor, determinant, stress, tangent, volume_pressure
 
 ROWS = 4  # of each particle: three of gradients, one of values
@@ -108,39 +112,13 @@ def _rows(first, last, particles, room):
     for p in range(first, last):
         q = ROWS * (p - first)
         _particle_gradients(particles.weights[p], particles.slopes[p], room.G[q : q + 3])
-        _particle_splines(particles.weights[p], room.G[q + 3])
-
-
-@compiled
-def _to_particles(count, fortran, room):
-    """D = G C: gradients and values at a cell's particles."""
-    room.sizes[2] = ROWS * count
-    wide, nodes, rows = room.sizes[0:].ctypes.data, room.sizes[1:].ctypes.data, room.sizes[2:].ctypes.data
-    plain, one, zero = room.letters[0:].ctypes.data, room.factors[0:].ctypes.data, room.factors[1:].ctypes.data
-    C, G = room.C.ctypes.data, room.G.ctypes.data
-    call(fortran[3], (plain, plain, wide, rows, nodes, one, C, wide, G, nodes, zero, room.D.ctypes.data, wide))
+        particle_splines(particles.weights[p], room.G[q + 3])
 
 
 @compiled
 def _to_nodes(count, fortran, room):
     """C = G^T T: forces at a cell's nodes."""
-    room.sizes[2] = ROWS * count
-    wide, nodes, rows = room.sizes[0:].ctypes.data, room.sizes[1:].ctypes.data, room.sizes[2:].ctypes.data
-    plain, trans = room.letters[0:].ctypes.data, room.letters[1:].ctypes.data
-    one, zero, T = room.factors[0:].ctypes.data, room.factors[1:].ctypes.data, room.T.ctypes.data
-    call(fortran[3], (plain, trans, wide, nodes, rows, one, T, wide, room.G.ctypes.data, nodes, zero, room.C.ctypes.data, wide))
-
-
-@compiled
-def _values_to_nodes(count, fortran, room):
-    """Multiply as `_to_nodes` does, from the rows of values in D alone."""
-    room.sizes[2] = count
-    wide, nodes, rows = room.sizes[0:].ctypes.data, room.sizes[1:].ctypes.data, room.sizes[2:].ctypes.data
-    step, far = room.sizes[3:].ctypes.data, room.sizes[4:].ctypes.data
-    plain, trans = room.letters[0:].ctypes.data, room.letters[1:].ctypes.data
-    one, zero = room.factors[0:].ctypes.data, room.factors[1:].ctypes.data
-    D, G = room.D[ROWS - 1 :].ctypes.data, room.G[ROWS - 1 :].ctypes.data
-    call(fortran[3], (plain, trans, wide, nodes, rows, one, D, step, G, far, zero, room.C.ctypes.data, wide))
+    multiply(ROWS * count, fortran, room, 1, 1, 2, room.T, 0, room.G, 1, room.C)
 
 
 @kernel
@@ -177,15 +155,6 @@ def _slots_of_cell(first, last, volume, P, f, T):
 
 
 @compiled
-def _particle_splines(weights, N):
-    """Write a particle's 27 splines to N (27,)."""
-    for a in range(3):
-        for b in range(3):
-            for c in range(3):
-                N[9 * a + 3 * b + c] = weights[0, a] * weights[1, b] * weights[2, c]
-
-
-@compiled
 def _scatter_column(plane, rows, r, slot, column, out):
     """Add a slot of a cell's forces r (9, 9 slots) to one column of out (planes, columns, 3 nodes)."""
     slots = r.shape[1] // 9
@@ -213,12 +182,12 @@ def tangent_products(cells, particles, effects, x, F, fortran, count, columns, s
                 first, last = cells.first[cell], cells.first[cell + 1]
                 _rows(first, last, particles, room)
                 _gather(cells.plane[cell], cells.row[cell], columns, room.C)
-                _to_particles(last - first, fortran, room)
+                multiply(ROWS * (last - first), fortran, room, 0, 2, 1, room.C, 0, room.G, 1, room.D)  # gradients, values at particles
                 _stress_changes(first, last, particles, effects, x, F, room)
                 _to_nodes(last - first, fortran, room)
                 _scatter_all(cells.plane[cell], cells.row[cell], room.C, stiff)
                 _weigh(first, last, particles.volume, room.D)
-                _values_to_nodes(last - first, fortran, room)
+                multiply(last - first, fortran, room, 1, 1, 2, room.D[ROWS - 1 :], 3, room.G[ROWS - 1 :], 4, room.C)  # of values alone
                 _scatter_all(cells.plane[cell], cells.row[cell], room.C, heavy)
 
 

@@ -8,8 +8,6 @@ The grid is cut into slabs of cells along its first axis. Slabs of one color sha
 two colors run one after the other. The order of every sum does not depend on the number of threads: results are the same bit for bit.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -124,6 +122,15 @@ def _particle_gradients(weights, slopes, G):
 
 
 @compiled
+def particle_splines(weights, N):
+    """Write a particle's 27 splines to N (27,)."""
+    for a in range(3):
+        for b in range(3):
+            for c in range(3):
+                N[9 * a + 3 * b + c] = weights[0, a] * weights[1, b] * weights[2, c]
+
+
+@compiled
 def _add_residual(weights, G, P, f, volume, r):
     """r (27, 3) += volume (P grad N_a - f N_a), N: the share of one particle in the cell's residual."""
     for a in range(3):
@@ -192,10 +199,7 @@ def _particle_softening(q, volume, weights, H, M, G, T):
 
     d2W/dc_a dc_b = N_a H N_b + N_a M grad N_b + (N_b M grad N_a)^T: row q + 3 of T, and additions to rows q .. q + 2.
     """
-    for a in range(3):
-        for b in range(3):
-            for c in range(3):
-                G[q + 3, 9 * a + 3 * b + c] = weights[0, a] * weights[1, b] * weights[2, c]
+    particle_splines(weights, G[q + 3])
     for i in range(3):
         for k in range(3):
             h, m0, m1, m2 = volume * H[i, k], volume * M[i, 3 * k], volume * M[i, 3 * k + 1], volume * M[i, 3 * k + 2]
@@ -238,10 +242,7 @@ def _room(rows, modes):
 
 @compiled
 def _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r):
-    """Tangent K [node, i, k, other node] (27, 3, 3, 27) and residual r (27, 3) of one cell.
-
-    K = sum over particles and J of dN/dX_J(node) T(J, i, k, other): one matrix product, done by BLAS.
-    """
+    """Tangent K [node, i, k, other] (27, 3, 3, 27) and residual r (27, 3): sum over particles and J of dN/dX_J(node) T(J, i, k, other)."""
     weights, slopes, volume, shear, bulk, modes, remanence, density = particles
     G, T, A, P, H, M, cof, f, b, c, _, _, _ = room
     first, last = cells.first[cell], cells.first[cell + 1]
@@ -272,7 +273,7 @@ def _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r):
                 change = volume[p] * (cof[k, 0] * G[q, node] + cof[k, 1] * G[q + 1, node] + cof[k, 2] * G[q + 2, node])
                 for mode in range(len(c)):
                     b[mode, k, node] += modes[p, mode] * change
-    _multiply(rows_each * (last - first), fortran, room, K)
+    multiply(rows_each * (last - first), fortran, room, 1, 1, 2, T, 0, G, 1, K)
     for mode in range(len(c)):  # second derivative of the projected volume part: one outer product for each mode
         for node in range(STENCIL):
             for i in range(3):
@@ -283,15 +284,15 @@ def _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r):
 
 
 @compiled
-def _multiply(count, fortran, room, K):
-    """K = G^T T with the first `count` rows, by dgemm."""
+def multiply(count, fortran, room, turned, rows, inner, A, a, B, b, C):
+    """C = B A, or B^T A where `turned` is 1, row by row, by dgemm. The third of room.sizes is set to `count`, the first is the length of
+    C's rows; rows, inner, a, b: places there of C's number of rows, of the sum's length, and of how far rows of A and of B are apart."""
     letters, sizes, factors = room.letters, room.sizes, room.factors
     sizes[2] = count
-    plain, trans = letters[0:].ctypes.data, letters[1:].ctypes.data
-    rows, nodes, inner = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[2:].ctypes.data
-    one, zero = factors[0:].ctypes.data, factors[1:].ctypes.data
-    products, gradients = room.T.ctypes.data, room.G.ctypes.data
-    call(fortran[3], (plain, trans, rows, nodes, inner, one, products, rows, gradients, nodes, zero, K.ctypes.data, rows))
+    plain, way, wide = letters[0:].ctypes.data, letters[turned:].ctypes.data, sizes[0:].ctypes.data
+    one, zero, outs, sums = factors[0:].ctypes.data, factors[1:].ctypes.data, sizes[rows:].ctypes.data, sizes[inner:].ctypes.data
+    first, second = (A.ctypes.data, sizes[a:].ctypes.data), (B.ctypes.data, sizes[b:].ctypes.data)
+    call(fortran[3], (plain, way, wide, outs, sums, one, first[0], first[1], second[0], second[1], zero, C.ctypes.data, wide))
 
 
 @compiled

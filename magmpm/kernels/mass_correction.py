@@ -4,8 +4,6 @@ Inverse mass = 1/m + A (C^-1 - L^-1) A', with the fields A = hat(x) (1, y, z), C
 a knot with REACH others on each side, so a step takes two solves with factors that never change.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from magmpm.compiled.arrays import Array, Index

@@ -3,8 +3,6 @@
 A matrix of a group is a flat array (9 8,), row by row, each entry eight lanes.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -3,9 +3,8 @@
 The surface is a set of points (bodies.contact_surface) which move with the nodes of the cell they are in. Effects push each one as a
 particle of the mass of the layer it stands for, and the force goes to the nodes by the same splines, so momentum is kept to rounding.
 The points of a cell are a patch, left out until it has moved by its distance from the obstacles.
+At equilibrium points have the energy of their push, and a part in the tangent (statics.contact).
 """
-
-from __future__ import annotations
 
 import math
 from typing import NamedTuple
@@ -13,10 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled, inlined, only_where
+from magmpm.compiled.jit import compiled, inlined, kernel, only_where, prange
 from magmpm.compiled.simd_views import row
 from magmpm.effects.contact_force import PARTS, hold, own_grip
-from magmpm.effects.hooks import add_contact, any_has, deepest
+from magmpm.effects.hooks import add_contact, add_touch, any_has, deepest
+from magmpm.kernels.equilibrium import STENCIL, _scatter_matrix, particle_splines
 
 ANCHOR = 4  # numbers a point in State.anchor: where friction holds it (3,) m, and whether it does: 0 if it does not touch
 STICKS, SLIDES = 1.0, 2.0
@@ -113,3 +113,37 @@ def _touch(slab, step, dt, surface, cells, state, effects):
 
 
 touch = only_where("effects", any_has("contact"), _touch)  # a scene without obstacles compiles none of it
+
+
+@kernel
+def touch_at_rest(effects, x, mass, energy, f, H):
+    """Write the energy (n,) J, force f (n, 3) N and tangent H (n, 3, 3) N/m of those points at x (n, 3) m that touch; mass (n,) kg."""
+    for p in prange(len(x)):
+        if deepest(effects, 0, x[p]) > 0.0:
+            energy[p] = add_touch(effects, x[p], mass[p], f[p], H[p])
+
+
+@kernel
+def contact_to_panels(cells, weights, H, split, panels):
+    """P2G: add the sum of N_a H N_b over points to panels (planes, m, 3 m), N/m. weights (n, 3, 3): of splines N; H (n, 3, 3): often 0."""
+    slabs = len(cells.slab_first) - 1
+    for color in range(2):
+        for half in prange((slabs + 1 - color) // 2):
+            slab = 2 * half + color
+            K, N = np.empty((STENCIL, 3, 3, STENCIL)), np.empty(STENCIL)
+            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+                touched = False
+                for p in range(cells.first[cell], cells.first[cell + 1]):
+                    if H[p, 0, 0] + H[p, 1, 1] + H[p, 2, 2] == 0.0:
+                        continue
+                    if not touched:
+                        K[:], touched = 0.0, True
+                    particle_splines(weights[p], N)
+                    for node in range(STENCIL):
+                        for i in range(3):
+                            for k in range(3):
+                                h = N[node] * H[p, i, k]
+                                for other in range(STENCIL if h != 0.0 else 0):
+                                    K[node, i, k, other] += h * N[other]
+                if touched:
+                    _scatter_matrix(cells.plane[cell], cells.row[cell], split, K, panels)

@@ -9,8 +9,6 @@ Flat arrays, as `simd.load` takes them: field (3 nodes,) a value per node and co
 each axis by node; per_particle (groups 8,), remanence (groups 3 8,).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

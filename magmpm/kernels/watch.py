@@ -9,8 +9,6 @@
 4  out: why the steps ended: GOING, BROKEN, STIFF or QUICK
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

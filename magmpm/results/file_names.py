@@ -1,7 +1,5 @@
 """Names of the files that a folder of results holds. Apart from what reads and writes them, which imports HDF5."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 NUMBERS, ARRAYS = "result.json", "state.npz"

@@ -1,7 +1,5 @@
 """One process at a time writes a folder of results. The lock ends with its process, however that ends."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import json

@@ -1,7 +1,5 @@
 """Quantities stored of a frame of a motion, for each particle, in single precision."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
@@ -36,10 +34,7 @@ class FrameArrays:
         self.arrays: dict[str, Numbers] = {name: np.empty((n, size) if size > 1 else n, dtype=np.float32) for name, size in sizes.items()}
 
     def of(self, x: Array, v: Array, F: Array, P: Array) -> Mapping[str, Numbers]:
-        """Positions (m) as `Points`, and every quantity by name.
-
-        x, v: (n, 3), m and m/s; F: (n, 3, 3); P: (n, 3, 3) Pa, first Piola-Kirchhoff stress.
-        """
+        """Positions (m) as `Points`, and all quantities by name. x, v (n, 3): m, m/s; F, P (n, 3, 3): P Pa, first Piola-Kirchhoff."""
         points, *others = self.arrays.values()
         points[:] = x
         _fill(*map(np.ascontiguousarray, (x, v, F, P)), self.reference, self.remanence, *others)

@@ -7,8 +7,6 @@ Format: https://docs.hdfgroup.org/documentation/hdf5/latest/_f_m_t3.html, "Super
 Checksum: Bob Jenkins, lookup3.c, hashlittle (public domain), https://burtleburtle.net/bob/c/lookup3.c
 """
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

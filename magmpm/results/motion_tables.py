@@ -1,7 +1,5 @@
 """Tables that grow with a motion, a row at a time: `energies.csv` and `contacts.csv`; of a path `steps.csv` and `jumps.csv`."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -38,8 +36,12 @@ def read_rows(path: Path) -> list[dict[str, str]]:
 
 def read_steps(path: Path) -> dict[str, Array]:
     """Column of steps.csv -> (rows,), SI; NaN where a value is not known. Raises ValueError where it holds something else."""
-    rows = read_rows(path)
-    return {name: np.array([float(row[name] or "nan") for row in rows]) for name in (rows[0] if rows else {})}
+    return _columns(read_rows(path))
+
+
+def _columns(rows: list[dict[str, str]]) -> dict[str, Array]:
+    """Column -> (rows,), but for names of effects; NaN where a value is not given. Raises ValueError."""
+    return {name: np.array([float(row[name] or "nan") for row in rows]) for name in (rows[0] if rows else {}) if name != "effect"}
 
 
 def read_jumps(path: Path) -> list[dict[str, Any]]:
@@ -131,8 +133,7 @@ def read_contacts(path: Path) -> dict[str, dict[str, Array]]:
     with _as_written(path):
         rows = read_rows(path)
         for effect in dict.fromkeys(row["effect"] for row in rows):
-            of = [row for row in rows if row["effect"] == effect]
-            found[effect] = {name: np.array([float(row[name] or "nan") for row in of]) for name in of[0] if name != "effect"}
+            found[effect] = _columns([row for row in rows if row["effect"] == effect])
     return found
 
 

@@ -5,8 +5,6 @@ until it has ended. If a run fails, the earlier results stay and its last good s
 was nothing to keep.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Collection
@@ -51,7 +49,8 @@ class RunFolder:
 
     def claim(self, overwrite: bool = False) -> None:
         """Check that the folder is this scene's: written from this file, or by the same definition. Raises InputError, unless overwrite."""
-        self._recover()
+        if (self.path / EARLIER).is_dir() and not any((self.path / name).exists() for name in (NUMBERS, MOTION)):
+            self.put_back()  # a run was killed before anything was written in its place
         holder = self._holder()
         if overwrite or not holder:
             return
@@ -121,11 +120,6 @@ class RunFolder:
         result.save(target)
         self._sign(target)
         return target
-
-    def _recover(self) -> None:
-        """Put back what is kept if nothing was written in its place: a run was killed early."""
-        if (self.path / EARLIER).is_dir() and not any((self.path / name).exists() for name in (NUMBERS, MOTION)):
-            self.put_back()
 
     def sign_accuracy(self) -> None:
         """Note that what `magmpm accuracy` writes next to a run's results is this scene's; results of another scene are removed."""

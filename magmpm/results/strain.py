@@ -118,9 +118,7 @@ def strain_of(model: Model, position: Array, F: Array, time: float | None = None
 def _kink_radius(model: Model) -> float:
     """Radius (m) of its axis at which a tube kinks (Catheter.kink_radius); 0 for other bodies."""
     tube = model.scene.body.catheter
-    if tube is None:
-        return 0.0
-    return tube.kink_radius(float(poisson_ratio(model.shear, model.bulk).max()))
+    return 0.0 if tube is None else tube.kink_radius(float(poisson_ratio(model.shear, model.bulk).max()))
 
 
 @compiled

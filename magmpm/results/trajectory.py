@@ -68,7 +68,9 @@ class MotionWriter:
         self._arrays = FrameArrays(reference, remanence, getattr(model, "rotating", None))
         self._energies, self._contacts = GrowingTable(self.folder / ENERGIES), GrowingTable(self.folder / CONTACTS)
         if resume_at is not None:
-            self._must_exist()
+            if not self.path.exists():
+                place = f"{self.path}: is missing, while the folder holds a checkpoint of this motion"
+                raise InputError(place, rule="a motion goes on from the frames it has", remedy="run again without --resume")
             if resume_frames is not None:
                 self._must_hold(resume_frames, resume_at, resume_contacts)
             self._file = vtkhdf.FrameFile.resume(self.path, len(reference), resume_at)
@@ -192,11 +194,6 @@ class MotionWriter:
         for effect in contacts:
             if PAIR not in effect:
                 must_have(self._contacts.path, found.get(effect, {}), times)
-
-    def _must_exist(self) -> None:
-        if not self.path.exists():
-            place = f"{self.path}: is missing, while the folder holds a checkpoint of this motion"
-            raise InputError(place, rule="a motion goes on from the frames it has", remedy="run again without --resume")
 
 
 def _bytes(size: float) -> str:

@@ -40,10 +40,7 @@ _SUMS = "magmpm/checksum"
 
 
 class FrameFile:
-    """A file of frames that grows; it is open only while a frame is written.
-
-    n: particles; frames: written so far; places: frames whose room on the disk is taken.
-    """
+    """A file of frames, open only while one is written. n: particles; frames: written so far; places: frames with room on the disk."""
 
     def __init__(self, path: Path, n: int, frames: int = 0, places: int = 0) -> None:
         self.path, self.n = path, n

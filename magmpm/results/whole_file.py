@@ -1,7 +1,5 @@
 """Files that appear whole or not at all, and messages for where the disk does not take them."""
 
-from __future__ import annotations
-
 import errno
 import json
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Estimates of a straight body that is held at its base alone, from its rod at rest: kinks of a tube, its first frequency, its weight."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody

@@ -20,13 +20,10 @@ Sources: Antman, Nonlinear Problems of Elasticity, chapter 8; Lang, Linn, Arnold
 for the hard magnet, Wang et al., JMPS 142 (2020) 104045.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
@@ -84,6 +81,22 @@ class RodModel:
     weight: Array
     field: Array
 
+    def straight(self) -> Array:
+        """Quaternions (n + 1, 4) of the straight rod."""
+        return np.tile([1.0, 0.0, 0.0, 0.0], (len(self.length) + 1, 1))
+
+    def relax(self, quaternions: Array) -> tuple[int, int, float, bool]:
+        """Status, steps, energy and stability of the equilibrium near quaternions (n + 1, 4), changed in place (rod.kernels.relax)."""
+        loads = self.moment, self.field, self.weight
+        status, steps, energy, stable = relax(quaternions, self.length, self.twist_bend, self.compliance, *loads)
+        return status, steps, energy, bool(stable)
+
+    def shape(self, quaternions: Array, iterations: int, energy: float, stable: bool) -> RodShape:
+        """The shape of an equilibrium."""
+        position, frames, curvature, strain = frames_of(quaternions, self.length, self.compliance, self.moment, self.field, self.weight)
+        s = np.concatenate([[0.0], np.cumsum(self.length)])
+        return RodShape(s, position, frames, curvature, strain, iterations, stable, energy, quaternions, self.field, self.weight)
+
 
 def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None) -> RodModel:
     """The rod of a scene. Elements end where segments end. extensible False: no stretch or shear (the pure elastica).
@@ -93,7 +106,8 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
     body = scene.body.shape
     if not isinstance(body, StraightBody):
         raise SolveError("a body made of parts is not a rod")
-    lengths, counts = np.array(body.segment_lengths()), segment_counts(body, elements)
+    lengths = np.array(body.segment_lengths())
+    counts = np.maximum(np.round(elements * lengths / lengths.sum()).astype(np.int64), 2)  # of each segment, about so many in all
     of = np.repeat(np.arange(len(lengths)), counts)
     materials = [scene.materials[region.material_name] for region in body.regions()]
     G = np.array([material.shear_modulus for material in materials])
@@ -118,25 +132,16 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
     )
 
 
-def segment_counts(body: StraightBody, elements: int) -> NDArray[np.int64]:
-    """Number of elements in each segment of a body that has about so many: two or more."""
-    lengths = np.array(body.segment_lengths())
-    return np.maximum(np.round(elements * lengths / lengths.sum()).astype(np.int64), 2)
-
-
-def solve_rod(
-    scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None, close: float = FOLLOWED
-) -> RodShape:
+def solve_rod(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None) -> RodShape:
     """Equilibrium of the scene's rod on the branch that grows from zero load; time: as of `rod_model`.
 
     Field and weight grow together from zero. At every step, Newton's method with an energy line search finds a minimum. Where the
-    continuation has become unstable, it goes down the direction of negative curvature. close: of the length, to which the shape is followed
-    in a field that varies in space.
+    continuation has become unstable, it goes down the direction of negative curvature.
     Raises SolveError if a step does not converge.
     """
     rod = rod_model(scene, elements, extensible=extensible, time=time)
     surroundings = along_rod(scene, rod, time) if scene.field.varies and scene.effects.in_a_field else None
-    return solve_rod_model(rod, surroundings=surroundings, close=close)
+    return solve_rod_model(rod, surroundings=surroundings)
 
 
 def along_rod(scene: Scene, rod: RodModel, time: float | None) -> Surroundings:
@@ -159,75 +164,53 @@ def along_rod(scene: Scene, rod: RodModel, time: float | None) -> Surroundings:
     return along
 
 
-def solve_rod_model(
-    rod: RodModel, loads: Array | None = None, *, surroundings: Surroundings | None = None, close: float = FOLLOWED
-) -> RodShape:
+def solve_rod_model(rod: RodModel, loads: Array | None = None, *, surroundings: Surroundings | None = None) -> RodShape:
     """Equilibrium at the last of the load factors `loads` (default: equal steps, more for a larger load).
 
     surroundings: positions (n + 1, 3) m and frames (n + 1, 3, 3) -> field at the frames (n + 1, 3) T and pull on the elements (n, 3) N,
-    if these depend on the shape. They are kept constant while the rod relaxes, then found again, until the shape converges (`close`, of its
-    length).
+    if these depend on the shape. They are kept constant while the rod relaxes, then found again, until the shape converges (FOLLOWED).
     """
     if surroundings is not None:
-        return _follow(rod, surroundings, close)
-    n = len(rod.length)
-    quaternions = np.zeros((n + 1, 4))
-    quaternions[:, 0] = 1.0
+        return _follow(rod, surroundings)
+    quaternions, total = rod.straight(), 0
     if loads is None:
         loads = np.linspace(0.0, 1.0, _steps(rod) + 1)[1:]
-    total = 0
     for factor in loads:
-        status, steps, energy, stable = relax(
-            quaternions,
-            rod.length,
-            rod.twist_bend,
-            rod.compliance,
-            rod.moment,
-            factor * rod.field,
-            factor * rod.weight,
-        )
+        loaded = replace(rod, field=factor * rod.field, weight=factor * rod.weight)
+        status, steps, energy, stable = loaded.relax(quaternions)
         total += steps
         if status != 0:
             raise SolveError(f"the rod found no equilibrium at {100 * factor:.0f} % of the load within {steps} steps")
-    position, frames, curvature, strain = frames_of(
-        quaternions, rod.length, rod.compliance, rod.moment, loads[-1] * rod.field, loads[-1] * rod.weight
-    )
-    s = np.concatenate([[0.0], np.cumsum(rod.length)])
-    loaded = quaternions, loads[-1] * rod.field, loads[-1] * rod.weight
-    return RodShape(s, position, frames, curvature, strain, total, bool(stable), energy, *loaded)
+    return loaded.shape(quaternions, total, energy, stable)
 
 
-def _follow(rod: RodModel, surroundings: Surroundings, close: float) -> RodShape:
+def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
     """Equilibrium with field and pull that depend on the shape: a fixed-point iteration at each load step."""
-    n = len(rod.length)
     s = np.concatenate([[0.0], np.cumsum(rod.length)])
-    position, frames = s[:, None] * np.array([1.0, 0.0, 0.0]), np.tile(np.eye(3), (n + 1, 1, 1))
-    field, force = surroundings(position, frames)
+    position = s[:, None] * np.array([1.0, 0.0, 0.0])
+    field, force = surroundings(position, np.tile(np.eye(3), (len(s), 1, 1)))
     first = replace(rod, field=field, weight=rod.weight + _beyond(force))
-    quaternions = np.zeros((n + 1, 4))
-    quaternions[:, 0] = 1.0
-    loads, total = np.linspace(0.0, 1.0, max(_steps(first), 6) + 1)[1:], 0  # load steps in a field that depends on the shape
+    quaternions, total = rod.straight(), 0
+    loads = np.linspace(0.0, 1.0, max(_steps(first), 6) + 1)[1:]  # load steps in a field that depends on the shape
     for factor in loads:
         for turn in range(MOST_TURNS):
             here = replace(rod, field=factor * field, weight=factor * (rod.weight + _beyond(force)))
-            status, steps, energy, stable = relax(
-                quaternions, rod.length, rod.twist_bend, rod.compliance, rod.moment, here.field, here.weight
-            )
+            status, steps, energy, stable = here.relax(quaternions)
             total += steps
-            before = position
-            position, frames, curvature, strain = frames_of(quaternions, rod.length, rod.compliance, rod.moment, here.field, here.weight)
-            if status != 0 or not np.isfinite(position).all():
+            found = here.shape(quaternions, total, energy, stable)
+            if status != 0 or not np.isfinite(found.position).all():
                 break
-            new_field, new_force = surroundings(position, frames)
+            new_field, new_force = surroundings(found.position, found.frames)
             share = 1.0 if turn < MOST_TURNS // 2 else 0.5  # damp a rod that alternates between two sides
             field, force = field + share * (new_field - field), force + share * (new_force - force)
-            if np.abs(position - before).max() < (close if factor == 1.0 else 20 * close) * s[-1]:
+            moved, position = np.abs(found.position - position).max(), found.position
+            if moved < (FOLLOWED if factor == 1.0 else 20 * FOLLOWED) * s[-1]:
                 break
         else:
             status = 1
         if status != 0:
             raise SolveError(f"the rod found no equilibrium at {100 * factor:.0f} % of the load in a field that varies")
-    return RodShape(s, position, frames, curvature, strain, total, bool(stable), energy, quaternions, here.field, here.weight)
+    return found
 
 
 def _beyond(force: Array) -> Array:

@@ -8,8 +8,6 @@ Columns come in threes, one for each component: first the moments, dm_e = sizes[
 dW_k = shares[g, 1, k] e_j (a uniform field has the shares 1 and 0, gravity 0 and the mass beyond each frame).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from magmpm.compiled.jit import compiled, kernel, prange

@@ -7,14 +7,13 @@ All start from a straight rod or from each other's shapes, and each column of th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.rod.cosserat import RodModel, RodShape
 from magmpm.rod.derivative_kernels import relax_all, softest
-from magmpm.rod.kernels import frames_of, relax
 
 
 @dataclass(frozen=True)
@@ -43,26 +42,20 @@ class RodFamily:
 
     def straight(self, rods: int) -> Array:
         """Quaternions (rods, n + 1, 4) of straight rods."""
-        q = np.zeros((rods, len(self.rod.length) + 1, 4))
-        q[:, :, 0] = 1.0
-        return q
+        return np.tile(self.rod.straight(), (rods, 1, 1))
 
     def stability(self, quaternions: Array, directions: Array, field: Array) -> float:
         """Smallest eigenvalue of one rod (n + 1, 4) over the unloaded rod's: 1 at rest, 0 at a critical load. field (3,) T: added."""
         rod, none = self.rod, np.zeros_like(self.rod.field)
-        at_rest = softest(self.straight(1)[0], rod.length, rod.twist_bend, rod.compliance, 0.0 * rod.moment, none, none)
+        at_rest = softest(rod.straight(), rod.length, rod.twist_bend, rod.compliance, 0.0 * rod.moment, none, none)
         moment = self.moments(directions[None])[0]
         return float(softest(quaternions, rod.length, rod.twist_bend, rod.compliance, moment, rod.field + field, rod.weight) / at_rest)
 
     def shape(self, quaternions: Array, directions: Array, field: Array) -> RodShape:
         """One rod (n + 1, 4) in equilibrium with directions (k, 3) and an added field (3,) T: what the body's solve begins from."""
-        rod, q = self.rod, quaternions.copy()
-        moment = np.ascontiguousarray(self.moments(directions[None])[0])
-        around = rod.field + field
-        _, steps, energy, stable = relax(q, rod.length, rod.twist_bend, rod.compliance, moment, around, rod.weight)
-        position, frames, curvature, strain = frames_of(q, rod.length, rod.compliance, moment, around, rod.weight)
-        s = np.concatenate([[0.0], np.cumsum(rod.length)])
-        return RodShape(s, position, frames, curvature, strain, steps, bool(stable), energy, q, around, rod.weight)
+        q, moment = quaternions.copy(), np.ascontiguousarray(self.moments(directions[None])[0])
+        rod = replace(self.rod, moment=moment, field=self.rod.field + field)
+        return rod.shape(q, *rod.relax(q)[1:])
 
     def pull(self, quaternions: Array, directions: Array, gradient: Array) -> Array:
         """Pull (rods, n, 3) N on the elements of rods in these shapes, with gradients dB_i/dx_j (n + 1, 3, 3) T/m at the frames."""

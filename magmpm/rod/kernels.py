@@ -4,8 +4,6 @@ Unknowns are rotations d_k (3) of frames 1 .. n about their own axes, q_k -> q_k
 first; length (n,); D, C, moment (n, 3); field, weight (n + 1, 3), at the frames.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from magmpm.compiled.jit import compiled
@@ -317,16 +315,8 @@ def frames_of(q, length, C, moment, field, weight):
     n = len(length)
     position, frames = np.zeros((n + 1, 3)), np.empty((n + 1, 3, 3))
     curvature, strain, count = np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros(n + 1)
-    R, z, b, w, v, mid, pull, around = (
-        np.empty((3, 3)),
-        np.empty(4),
-        np.empty(3),
-        np.empty(3),
-        np.empty(3),
-        np.empty(4),
-        np.empty(3),
-        np.empty(3),
-    )
+    R, z, mid = np.empty((3, 3)), np.empty(4), np.empty(4)
+    b, w, v, pull, around = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for k in range(n + 1):
         matrix(q[k], frames[k])
     for e in range(n):

@@ -1,7 +1,5 @@
 """Columns that say how the apparatus stood when a row was read: a magnet's place and direction, coil currents, the inserted length."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Layout of a scene's cells; and the scene that is solved to compile its kernels: it calls all of them, in as little time as possible."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 from magmpm.bodies.grid import EVEN, Knots

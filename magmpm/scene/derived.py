@@ -5,8 +5,6 @@ guide's exit, and each depth of an insertion is an ordinary scene of statics. It
 from the tip.
 """
 
-from __future__ import annotations
-
 import math
 import tempfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The memory that a scene needs, known before any of it is allocated: a scene far too large is refused at once."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

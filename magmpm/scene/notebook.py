@@ -4,8 +4,6 @@ A body from the side and from above, to one scale, with an arrow for each magnet
 equilibrium its axis, undeformed and deformed, and what counts; of a motion the path of its middle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
@@ -99,7 +97,8 @@ def panels(curves: Sequence[Array], width: float = 4.0) -> str:
             x = left + WIDTH / 2 + scale * (curve[:, i] - middle[i])
             y = HEIGHT / 2 - scale * (curve[:, j] - middle[j])
             look = f'stroke="{BODY}" stroke-width="{width:g}"' if last else f'stroke="{UNDEFORMED}" stroke-width="2" stroke-dasharray="5 4"'
-            path = " ".join(f"{a:.1f},{b:.1f}" for a, b in _thinned(np.column_stack([x, y])))
+            some = np.linspace(0, len(x) - 1, min(len(x), MOST)).astype(int)
+            path = " ".join(f"{x[n]:.1f},{y[n]:.1f}" for n in some)
             parts.append(f'<polyline points="{path}" fill="none" {look}/>')
             if last:
                 parts.append(f'<circle cx="{x[-1]:.1f}" cy="{y[-1]:.1f}" r="4" fill="{INK}"/>')
@@ -115,10 +114,6 @@ def _whole(parts: list[str], scale: float, extent: Array) -> str:
     size = f'width="{2 * WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {2 * WIDTH:g} {HEIGHT:g}"'
     look = 'style="background:#fff" font-family="sans-serif" font-size="11"'
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size} {look}>{"".join(parts)}</svg>'
-
-
-def _thinned(points: Array) -> Array:
-    return points if len(points) <= MOST else points[np.linspace(0, len(points) - 1, MOST).astype(int)]
 
 
 def _text(x: float, y: float, words: str) -> str:

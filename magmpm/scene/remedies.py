@@ -1,7 +1,5 @@
 """Changes to a scene whose run failed: named in the error, and tried on thousands of scenes by `magmpm stability --random`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass

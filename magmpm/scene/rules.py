@@ -1,7 +1,5 @@
 """Rules that concern several parts of a scene together, and warnings of settings that its author may not have meant."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Set
 from typing import Any, Protocol
@@ -97,11 +95,7 @@ def _densities_are_given(scene: WholeScene) -> None:
         return
     for name in dict.fromkeys(region.material_name for region in scene.regions()):
         if scene.materials[name].density is None:
-            raise fault(
-                f"{what} needs the density of each material",
-                "add, say, `density: 1100 kg/m^3`",
-                ("materials", name, "density"),
-            )
+            raise fault(f"{what} needs the density of each material", "add, say, `density: 1100 kg/m^3`", ("materials", name, "density"))
 
 
 def _reference_fits(scene: WholeScene) -> None:

@@ -33,9 +33,9 @@ from magmpm.fields.outside_field import Field as OutsideField
 from magmpm.fields.outside_field import outside_field
 from magmpm.fields.schedule import end_time
 from magmpm.fields.sources import FieldSource
-from magmpm.inputs.csv_tables import read_centreline, table_faults
+from magmpm.inputs.csv_tables import named_table, read_centreline
 from magmpm.inputs.quantities import in_si
-from magmpm.inputs.settings import Settings, fault, from_file, named_file, validate
+from magmpm.inputs.settings import Settings, fault, from_file, validate
 from magmpm.inputs.user_files import folder_fault
 from magmpm.inputs.yaml_document import read_yaml
 from magmpm.scene import moves, rules
@@ -71,21 +71,12 @@ def load_scene(path: Path | str | Mapping[str, Any]) -> Scene:
     return validate(Scene, path if isinstance(path, Mapping) else read_yaml(path))
 
 
-def _read_points(value: Any, info: ValidationInfo) -> Any:
-    """The rows of the table a path names, in SI; in Python, rows in SI are taken as they are."""
-    if not isinstance(value, (str, Path)):
-        if from_file(info):
-            raise fault("must be the path of a CSV table", "write, say, `centreline: ../references/shape.csv`")
-        return value
-    with table_faults():
-        return read_centreline(named_file(info, value)).tolist()
-
-
 class Reference(Settings):
     """A known answer to compare with."""
 
     centreline: Annotated[
-        tuple[tuple[float, float, float, float], ...], BeforeValidator(_read_points), WithJsonSchema({"type": "string"}),
+        tuple[tuple[float, float, float, float], ...],
+        named_table(lambda path: read_centreline(path).tolist(), "centreline: ../references/shape.csv"), WithJsonSchema({"type": "string"}),
     ] = Field(
         description="Path, relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm.", examples=["../references/shape.csv"]
     )
@@ -343,10 +334,7 @@ class Scene(Settings):
         return Scene.from_si({**data, "materials": {**data["materials"], key: {**data["materials"].get(key, {}), **properties}}})
 
     def with_cells(self, cells_across: int) -> Scene:
-        """The scene with the resolution cells_across, in place of an error, a time or a spacing: so many through its thickness.
-
-        Raises InputError.
-        """
+        """The scene with cells_across its thickness in place of an error, a time or a spacing. Raises InputError."""
         data = self.to_si()
         kept = {key: value for key, value in data["resolution"].items() if key in ("particles_per_cell", "from_tip")}
         if data["body"]["parts"] is not None:

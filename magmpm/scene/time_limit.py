@@ -4,8 +4,6 @@
         run(scene, folder="runs/long")
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

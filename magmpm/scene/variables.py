@@ -4,8 +4,6 @@
 central difference uses, and what `sensitivities` gives the derivative with respect to.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

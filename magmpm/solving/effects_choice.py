@@ -1,7 +1,5 @@
 """Effects that a scene calls for: chosen for `effects: auto` by pairs of runs (solving.influence), and missed ones of motions reported."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -5,8 +5,6 @@ settings, where it has them. Runs with one cell more tell what the grid adds to 
 take hundredths of a second, and elsewhere where the advice depends on it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Any, Literal

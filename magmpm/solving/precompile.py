@@ -10,8 +10,6 @@ others are the same for every combination. What few runs need, derivatives and f
 (`uses`). Only one process fills a cache; others that need the same kernels wait for it.
 """
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import json
@@ -65,17 +63,14 @@ def on_stderr(line: str) -> None:
     print(f"magmpm: {line}", file=sys.stderr, flush=True)
 
 
-def prepare_kernels(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLVE,)) -> float:
-    """Seconds it takes to compile, or load, the kernels for this scene's combination of effects; 0 once done in this process.
-
-    tell: gets lines where they have to be compiled, once on a machine, with the time that it takes. uses: what they are for.
-    """
+def prepare_kernels(scene: Scene, uses: Sequence[str] = (SOLVE,)) -> float:
+    """Seconds it takes to compile, or load, the kernels for these uses of a scene's combination of effects; 0 once done in this process."""
     missing = [use for use in uses if _kinds(scene, use) not in _ready]
     if not missing:
         return 0.0
     begun = time.perf_counter()
     small = coarsest(scene)
-    fill_cache(scene, tell, missing)
+    fill_cache(scene, uses=missing)
     for use in missing:
         _WHOLE[use](small)
         _ready.add(_kinds(scene, use))
@@ -83,7 +78,7 @@ def prepare_kernels(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = 
 
 
 def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLVE,)) -> bool:
-    """See that the disk cache holds this scene's kernels for these uses. Returns whether any had to be compiled."""
+    """Fill the disk cache with a scene's kernels for these uses. Returns whether any had to be compiled, of which `tell` gets lines."""
     marker = {use: _cache() / f"ready-{_stamp(_kinds(scene, use))}" for use in uses}
     if all(path.exists() for path in marker.values()):
         return False
@@ -264,15 +259,15 @@ def _rod(small: Scene) -> None:
 
 
 def _factorization(small: Scene) -> None:
-    panels = new_panels(4, 3)
-    panels[:4] = np.eye(3, 9)
-    factor(panels, 2)
-    solve(panels, 2, np.ones((4, 3)))
+    _factored(new_panels(4, 3), 9)
 
 
 def _single(small: Scene) -> None:
-    panels = rounded(new_panels(4, 3))
-    panels[:4] = np.eye(3, 18)
+    _factored(rounded(new_panels(4, 3)), 18)
+
+
+def _factored(panels: NDArray[Any], width: int) -> None:
+    panels[:4] = np.eye(3, width)
     factor(panels, 2)
     solve(panels, 2, np.ones((4, 3)))
 
@@ -303,7 +298,7 @@ def _steps(small: Scene) -> None:
 
 
 def _rest(small: Scene) -> None:
-    from magmpm.dynamics.stable_step import body_step
+    from magmpm.dynamics.step_control import body_step
     from magmpm.dynamics.total_lagrangian import TotalMotion
 
     body_step(TotalMotion(build(small)))

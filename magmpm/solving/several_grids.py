@@ -1,8 +1,6 @@
 """One scene on several grids, for the error of each or the coarsest that will do: equilibria of straight bodies from each other
 (statics.grids), all else by whole runs."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable
@@ -28,8 +26,8 @@ from magmpm.statics.resolution import PATIENCE, ChosenGrid, choose, first_cells,
 class Runs(Grids):
     """Whole runs on several grids: along time, or of bodies that are not straight. results and frames by cells across."""
 
-    def __init__(self, asked: Scene, on_step: OnStep | None = None) -> None:
-        super().__init__(asked, on_step)
+    def __init__(self, asked: Scene) -> None:
+        super().__init__(asked)
         self.results: dict[int, Result] = {}
         self.frames: dict[int, Frames] = {}
 
@@ -58,10 +56,7 @@ class Runs(Grids):
         return 1.0 + sum(work(self.on(n)) for n in needed_for(self.asked, cells)) / work(self.on(cells))
 
     def _check_hopeful(self, cells: int, gone: float, at: float) -> None:
-        """Raise SceneError while the first grid is still run, at a time (s) of the motion, if the error requested will take too long.
-
-        gone: seconds since the run began.
-        """
+        """Raise SceneError at a time (s) of the first grid's motion, `gone` s after it began, if the error requested will take too long."""
         asked, allowed = self.asked, self.asked.resolution.allowed(self.asked.length)
         if self.solved or not asked.in_time or allowed is None or at <= 0.0 or gone < 0.01 * PATIENCE:  # then the pace is known
             return

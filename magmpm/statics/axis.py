@@ -4,8 +4,6 @@ A displacement is carried from one grid of a body to another by least squares, a
 products of one along the axis and one across, so two small fits do, u_fine = A u_coarse S^T.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -57,10 +55,7 @@ def _each_across(model: StaticModel, points: Array) -> Iterator[tuple[Index, Ind
 
 
 def along_axis(model: StaticModel, grid: Array, weights: Array, s: Array) -> Array:
-    """Deformed positions (m, 3) m at arc lengths s (m,) m, with plane weights from the functions above.
-
-    grid (planes, m): coefficients of the displacement.
-    """
+    """Deformed positions (m, 3) m at arc lengths s (m,) m; weights: of the functions above; grid (planes, m): of the displacement."""
     planes = grid.reshape(model.layout.planes, -1, 3).transpose(0, 2, 1) @ weights
     if model.clamped_face:
         planes = np.concatenate([-planes[:1], planes])  # node 0, eliminated by the clamp
@@ -96,10 +91,7 @@ def centreline(model: StaticModel, grid: Array) -> Array:
 
 
 def tip(model: StaticModel, grid: Array) -> Array:
-    """Position (3,) m of the far end of a straight body: the mean over its end face.
-
-    grid (planes, m): coefficients of the displacement.
-    """
+    """Position (3,) m of the far end of a straight body, the mean over its face; grid (planes, m): of the displacement."""
     return along_axis(model, grid, end_face_weights(model), np.array([_line(model).length]))[0]
 
 

@@ -13,8 +13,6 @@ This takes 19/3 m^3 operations for each plane, nearly all in dtrsm, dsyrk and dg
 half-width 3 m would work in strips of 32. Source: Golub and Van Loan, Matrix Computations, 4th ed., sections 4.3 and 4.5.1.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

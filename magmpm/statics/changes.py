@@ -11,8 +11,6 @@ all powers of the step, D(h) = D + a h + b h^2 + ..., and D is extrapolated from
 At a kink D is the mean of both one-sided derivatives, as central differences of solutions have it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -57,10 +55,7 @@ class _Slots:
 
 
 def right_sides(energy: Energy, point: Point, variables: Sequence[Variable]) -> Array:
-    """dr/dp (planes, k, m) of each variable but lengths and diameters, whose columns are zero; N per unit.
-
-    point: the equilibrium, as energy.at gave it last.
-    """
+    """dr/dp (planes, k, m), N per unit, of each variable, at an equilibrium as energy.at gave it; of lengths and diameters zero."""
     slots = _Slots(energy, point)
     _of_loads(slots, variables)
     _of_field(slots, variables)
@@ -85,13 +80,9 @@ def magnet_changes(model: StaticModel, variables: Sequence[Variable]) -> dict[in
             found[k] = model.along_axes(change)
         elif variable.kind == "remanence":
             directions = model.along_axes(model.scene.body.shape.magnetization(model.particles)) if directions is None else directions
-            found[k] = np.where(_made_of(model, variable)[segment][:, None], directions, 0.0)
+            made_of_it = np.array([region.material_name == variable.material for region in model.scene.regions()])
+            found[k] = np.where(made_of_it[segment][:, None], directions, 0.0)
     return found
-
-
-def _made_of(model: StaticModel, variable: Variable) -> Array:
-    """Which regions (regions,) are made of the variable's material."""
-    return np.array([region.material_name == variable.material for region in model.scene.regions()])
 
 
 def _columns(model: StaticModel, variables: Sequence[Variable], kind: str) -> Index:

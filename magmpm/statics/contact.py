@@ -12,8 +12,6 @@ its depth now. Sources: return mapping: Wriggers, Computational Contact Mechanic
 an energy: Li et al., Incremental Potential Contact, ACM Trans. Graph. 39 (2020) 49, section 5.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
@@ -27,7 +25,7 @@ from magmpm.effects.base import Contact, Records, Touching
 from magmpm.effects.contact_force import PARTS, own_grip
 from magmpm.effects.hooks import add_contact, deepest
 from magmpm.kernels.equilibrium import STENCIL, Cells
-from magmpm.kernels.resting_contact import contact_to_panels, touch
+from magmpm.kernels.surface_contact import contact_to_panels, touch_at_rest
 from magmpm.model import Model
 
 SETTLED = 1e-3  # of the grip of all points: how much it may still change, and so the force of friction
@@ -138,7 +136,7 @@ class RestingSurface(ContactSurface):
         """The points that touch for grid coefficients (planes, m) m."""
         x, n = self.positions(grid), len(self.mass)
         energy, f, H = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
-        touch(effects, x, self.mass, energy, f, H)
+        touch_at_rest(effects, x, self.mass, energy, f, H)
         held, anchor, slides = energy != 0.0, x, np.zeros(n, bool)
         if self.held is not None:
             slides = add_springs(self.held, x, energy, f, H)

@@ -5,8 +5,6 @@ fails, or if its result is far from the rod, the load is ramped in the 3D solve 
 it is found instead, on whatever branch it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
@@ -139,14 +137,10 @@ def solve_static(
             settled = stability(found.energy, found.point, known) if judged else None
             return replace(found, point=restored(model, found.point, of), stability=settled)
         except SolveError as error:
-            state = error.state if isinstance(error.state, Equilibrium) else _unloaded(model)
+            state, rest = error.state, straight(model)
+            if not isinstance(state, Equilibrium):  # none was found under load
+                state = Equilibrium(Energy(model).at(rest), 0, rest, load_share=0.0)
             raise type(error)(error.reason, replace(state, point=restored(model, state.point, of), model=asked)) from None
-
-
-def _unloaded(model: StaticModel) -> Equilibrium:
-    """The last good state of a solve that found none under load."""
-    rest = straight(model)
-    return Equilibrium(Energy(model).at(rest), 0, rest, load_share=0.0)
 
 
 def one_blas_thread() -> AbstractContextManager[object]:
@@ -359,17 +353,12 @@ def _ramped(
     return Equilibrium(last, steps, np.zeros_like(last.grid), warnings, energy=energy)
 
 
-def solve_from(
-    model: StaticModel, start: Array, *, tolerance: float | None = None, on_step: OnStep | None = None
-) -> Equilibrium:
-    """Equilibrium of a straight body from coefficients `start` (planes, m) m near it: of the same scene on another grid.
-
-    tolerance: in place of the scene's. Its stability is not evaluated. Raises SolveError.
-    """
+def solve_from(model: StaticModel, start: Array, *, on_step: OnStep | None = None) -> Equilibrium:
+    """Equilibrium of a straight body from coefficients `start` (planes, m) m of another grid, unjudged. Raises SolveError."""
     options = model.scene.solver.static
     energy = Energy(model)
     with one_blas_thread():
-        found = minimize(energy, start, tolerance=tolerance or options.tolerance, max_steps=options.max_steps, on_step=on_step)
+        found = minimize(energy, start, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
     reached = Equilibrium(found.point, found.steps, np.zeros_like(start), energy=energy)
     outside = _outside_domain(model, found.point, reached)
     if outside is not None:

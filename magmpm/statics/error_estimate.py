@@ -10,8 +10,6 @@ round section or a thin wall, and their difference says little: docs/accuracy.md
 Source of the idea: Richardson, Phil. Trans. A 210 (1911) 307; Roache, J. Fluids Eng. 116 (1994) 405 (grid convergence index).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

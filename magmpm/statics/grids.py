@@ -3,8 +3,6 @@
 Each equilibrium begins at a coarser one's, and is exact or just good enough to tell the error of another grid: one factorization, mostly.
 """
 
-from __future__ import annotations
-
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -53,8 +51,10 @@ class Solved:
 class Grids(ABC):
     """A scene that requests an error or a time, on grids that are solved one by one. on_step: as of solves."""
 
-    def __init__(self, asked: Scene, on_step: OnStep | None = None) -> None:
-        self.asked, self.on_step = asked, on_step
+    on_step: OnStep | None = None
+
+    def __init__(self, asked: Scene) -> None:
+        self.asked = asked
         self.solved: dict[int, Solved] = {}
         self._scenes: dict[int, Scene] = {}
 
@@ -93,8 +93,8 @@ class Grids(ABC):
 class Equilibria(Grids):
     """Equilibria of a straight body."""
 
-    def __init__(self, asked: Scene, on_step: OnStep | None = None) -> None:
-        super().__init__(asked, on_step)
+    def __init__(self, asked: Scene) -> None:
+        super().__init__(asked)
         self.models: dict[int, StaticModel] = {}
         self.found: dict[int, Equilibrium] = {}
         self._grids: dict[int, Array] = {}  # coefficients (planes, m) m

@@ -5,8 +5,6 @@ whole energy and the factored tangent of the other parts; changes of the gradien
 step lowers the whole energy, so the result is a minimum. Source: Nocedal and Wright, Numerical Optimization, 2nd ed., algorithm 7.4.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -150,7 +148,7 @@ def minimize_with_interaction(
         if on_step is not None:
             on_step(step, decrement / scale)
         if decrement < tolerance * scale:
-            return Minimum(point, step, decrement / scale, 0)
+            return Minimum(point, step, decrement / scale)
         before, fraction = point, 1.0
         noise = max(ROUNDING * scale, ROUNDING_AT_REST * alone.least_scale())
         while True:

@@ -6,8 +6,6 @@ x) or (z, x, y). The columns of F and the reference remanence follow; deformed p
 F^T F, det F and F Br, so they do not change.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

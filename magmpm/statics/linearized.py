@@ -6,8 +6,6 @@ p at fixed c: one substitution for any number of variables.
 Source: implicit function theorem; Tortorelli and Michaleris, Inverse Problems in Engineering 1 (1994) 71, for both forms.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -21,12 +19,7 @@ from magmpm.errors import SolveError
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
 from magmpm.statics.block_cholesky import factor
-from magmpm.statics.changes import (
-    contact_changes,
-    geometry_changes,
-    magnet_changes,
-    right_sides,
-)
+from magmpm.statics.changes import contact_changes, geometry_changes, magnet_changes, right_sides
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 from magmpm.statics.newton import refined

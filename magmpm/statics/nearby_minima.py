@@ -6,8 +6,6 @@ eigenvalue of the undeformed body, so that a neutral direction, such as a turn o
 A fall is overdamped motion, M du/dt = -dE/du, by implicit Euler steps of limited length.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

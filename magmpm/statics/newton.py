@@ -19,8 +19,6 @@ turned with them and added up again from the first plane. To first order in the 
 goes down. Source: retractions, Absil, Mahony, Sepulchre, Optimization Algorithms on Matrix Manifolds, ch. 4.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -73,7 +71,6 @@ class Minimum:
     point: Point
     steps: int
     decrement: float
-    left_unstable: int  # stationary points left along negative curvature
 
 
 def minimize(
@@ -101,7 +98,7 @@ def minimize(
         if decrement < chord.near * scale and shift == 0.0:
             near, reached = _chord_steps(energy, point, residual, direction, decrement, tolerance * scale, chord)
             if reached < tolerance * scale:
-                return Minimum(near, step, reached / scale, left)
+                return Minimum(near, step, reached / scale)
             # A soft direction (just past buckling) may be too nonlinear for chord steps. Then the line search continues from here.
             point = near if reached < decrement else _search(energy, point, direction, decrement, scale)
         elif decrement < tolerance * scale:
@@ -196,15 +193,15 @@ def corrected(residual: Array, pairs: list[tuple[Array, Array]], newton: Callabl
     return direction
 
 
-def refined(energy: Energy, point: Point, enough: float = 1e-18, most: int = 6) -> Point:
+def refined(energy: Energy, point: Point, enough: float = 1e-18) -> Point:
     """The minimum near a point that `minimize` found with these factors, more closely: what is differentiated needs more digits.
 
-    Chord steps until the decrement is below `enough` of the energy scale, or falls no further; `most` of them. The step after such a
+    Chord steps until the decrement is below `enough` of the energy scale, or falls no further; six of them at most. The step after such a
     decrement is still taken: it leaves an error of less than the root of `enough` in the energy's norm, usually a thirtieth of that.
     """
     scale = max(abs(point.energy - energy.rest_energy()), energy.least_scale())
     last = np.inf
-    for _ in range(most):
+    for _ in range(6):
         residual = energy.residual(point)
         direction = -solve(energy.panels, energy.model.layout.split, residual)
         decrement = -float(np.sum(residual * direction)) / 2

@@ -5,8 +5,6 @@ the tip. The search needs of the grids only what statics.grids.Grids offers: equ
 else (compare) by whole runs.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -93,7 +91,7 @@ class _Search:
 
 def known_error(grids: Grids, cells: int) -> ChosenGrid:
     """The error of the grid with so many cells across. Raises SceneError where no finer grid tells it, SolveError where one fails."""
-    search = _Search(grids, time.perf_counter(), _nothing)
+    search = _Search(grids, time.perf_counter(), lambda cells: 0.0)
     if cells not in search.proof:
         rule = f"must be at most {max(search.proof)}: the error of finer grids is not known"
         raise SceneError("resolution.cells_across", received=f"{cells}", rule=rule, remedy="use fewer")
@@ -112,11 +110,7 @@ def first_cells(scene: Scene) -> int:
     return max(coarsest_cells(scene), min(JOINTED) if knots_of(scene).joints else 0)
 
 
-def _nothing(cells: int) -> float:
-    return 0.0
-
-
-def choose(grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], float] = _nothing) -> ChosenGrid:
+def choose(grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], float] = lambda cells: 0.0) -> ChosenGrid:
     """The coarsest grid that meets the error, or the best within the time, that a scene requests; solved, with its error known.
 
     extra: seconds of the time requested that a grid with so many cells across will take once it is chosen.
@@ -165,10 +159,7 @@ def _searched(grids: Grids, on_step: OnStep | None, extra: Callable[[int], float
 
 
 def _check_met(search: _Search, failed: int, failure: SolveError | None) -> None:
-    """Raises SceneError where the search ended without what was requested: as a finer grid failed, or on grids that tell nothing.
-
-    failed: cells across of the last grid that was tried.
-    """
+    """Raises SceneError where the search ended without what was requested, as `failed` cells across failed or the grids tell nothing."""
     wanted, best = search.scene.resolution.allowed(search.scene.length), min(search.errors.values())
     if wanted is not None and search.errors[max(search.errors)] > wanted:
         found = "" if failure is None else f"{failed} cells across found no equilibrium ({failure.reason.split('; ')[0]})"
@@ -277,10 +268,7 @@ def _up(number: float) -> float:
 
 
 def _on_branches(search: _Search, received: str, failed: str = "") -> SceneError:
-    """Error for two grids so far from each other that their difference gives no error.
-
-    received: what was requested; failed: what a finer grid failed of.
-    """
+    """Error for two grids too far from each other to tell it. received: what was requested; failed: what a finer grid failed of."""
     tried, length = max(search.errors), search.scene.length
     key, proof = "seconds" if search.scene.resolution.error is None else "error", search.proof[tried]
     return SceneError(

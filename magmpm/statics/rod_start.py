@@ -8,8 +8,6 @@ Without this the start would have a volume change that costs one or two Newton s
 Source: Love, A Treatise on the Mathematical Theory of Elasticity, 4th ed., chapter 15.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from magmpm.bodies.segments import StraightBody

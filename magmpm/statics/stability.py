@@ -8,8 +8,6 @@ tangent decides, by products without its matrix (Rayleigh-Ritz: the error of the
 preconditioned residual is added until it would change little. Source: Knyazev, SIAM J. Sci. Comput. 23 (2001) 517 (LOBPCG).
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections import OrderedDict
 from collections.abc import Callable

@@ -4,8 +4,6 @@ One load vector and one substitution each with the factors that the solve leaves
 shift may be less, so no number is reported.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -26,10 +24,7 @@ WORDS = {"gravity": "the body's weight", "magnetic_interaction": "the segments' 
 
 
 def missed_loads(scene: Scene, energy: Energy | InteractingEnergy | None, point: Point) -> list[str]:
-    """Warnings of loads that a scene does not name and that would move its equilibrium by more than the error it requests.
-
-    energy: of its solve, with the factors at the point.
-    """
+    """Warnings of loads that a scene does not name, which would move its equilibrium by more than its error; energy: with the factors."""
     if scene.advice == "off" or energy is None:
         return []
     alone = energy.alone

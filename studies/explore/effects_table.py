@@ -230,7 +230,7 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on
         effects.check(replace(bare, scene=scene))
     spent, runs, rows = counted(scene) if measure else {}, Variants(scene, error), []
     still, held = Variants(without_motion(scene), error), scene.body.shape.clamp != "none" and scene.effects.feed is None
-    for key in effects.every():
+    for key in effects.Effects.every():
         if only in (None, key):
             found = judge(scene, key, runs)
             if held and not scene.static and found.shift is None and found.advice == "irrelevant":

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from magmpm.bodies.surface_mesh import Mesh, pack_mesh
-from magmpm.dynamics.stable_step import speed_of_sound
+from magmpm.dynamics.step_control import speed_of_sound
 from magmpm.dynamics.time_loop import begin, integrate, interval, move
 from magmpm.model import build
 from magmpm.scene import Scene

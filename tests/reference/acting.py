@@ -26,7 +26,7 @@ from magmpm.inputs.settings import validate
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 
-KEYS = list(effects.every())
+KEYS = list(effects.Effects.every())
 ROTATING = ["magnetic_torque rotates", "magnetic_force rotates"]  # the same effects on magnetization that does not stretch
 USUAL = """
 name: acting

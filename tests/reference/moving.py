@@ -11,6 +11,7 @@ from magmpm.bodies.signed_distance import Table
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import damping, feed, gravity, ground, viscosity, walls
+from magmpm.effects.base import one_record
 from magmpm.model import Model, build
 from magmpm.scene import Scene
 
@@ -40,12 +41,12 @@ def block(size: Sequence[float], **strip: Any) -> dict[str, Any]:
 
 FAR = Table(np.full(3, 1.0), 1e-3, np.zeros((3, 3, 3)))  # m
 NEUTRAL = (
-    gravity.parameters(np.zeros(3)),
-    viscosity.parameters(0.0),
-    damping.parameters(0.0),
+    one_record(gravity.DTYPE, gravity=np.zeros(3)),
+    one_record(viscosity.DTYPE, viscosity=0.0),
+    one_record(damping.DTYPE, damping_rate=0.0),
     ground.parameters(point=[0, 0, -1], normal=[0, 0, 1], friction=0.0, stiffness=0.0),
     walls.parameters(FAR, friction=0.0, stiffness=0.0),
-    feed.parameters(speed=0.0, exit=-1.0, radius=0.0),
+    one_record(feed.DTYPE, feed_speed=0.0, feed_exit=-1.0, feed_radius=0.0),
 )
 
 

@@ -41,7 +41,7 @@ def having(scene: Scene, **settings: dict[str, Any]) -> Scene:
 def test_every_effect_has_its_row() -> None:
     """Rows in the order of the phases, marked if the scene names the effect; every effect has its own text."""
     table = survey(rod_scene(field=FIELD), measure=False)
-    assert [row.effect for row in table.effects] == list(effects.every())
+    assert [row.effect for row in table.effects] == list(effects.Effects.every())
     assert [row.effect for row in table.effects if row.named] == ["magnetic_torque"]
     assert all(row.effect in table.text() for row in table.effects)
     rows = [row for row in table.effects if f" {row.effect:21} " in table.text()]

@@ -9,9 +9,8 @@ from reference.in_motion import free_rod, moving
 from reference.scenes import rod_scene
 
 from magmpm import materials
-from magmpm.dynamics import stable_step, step_control, watchdog
-from magmpm.dynamics.stable_step import stiffness
-from magmpm.dynamics.step_control import StepControl
+from magmpm.dynamics import step_control, watchdog
+from magmpm.dynamics.step_control import StepControl, stiffness
 from magmpm.dynamics.time_loop import SimulationState, begin, integrate, interval
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects.acting import WHIP
@@ -35,7 +34,7 @@ def strained(motion: TotalMotion, rng: np.random.Generator) -> None:
 
 
 def test_kernels_and_formula_agree_on_the_stiffness(rng: np.random.Generator) -> None:
-    """The kernels compare stable_step.stiffness of the stiffest particle with the limit."""
+    """The kernels compare step_control.stiffness of the stiffest particle with the limit."""
     motion = TotalMotion(build(rod_scene(length=8e-3, shear=[120e3, 60e3], directions=[(1, 0, 0)] * 2)))
     strained(motion, rng)
     wanted = stiffness(motion.model, motion.particles()[2]).max()
@@ -104,7 +103,7 @@ def test_a_stiffer_body_takes_shorter_steps_before_they_are_too_long() -> None:
     first = pulled.control.step
     interval(pulled, 6e-3)
     assert pulled.control.step < first
-    assert pulled.control.step <= stable_step.body_step(pulled.motion)
+    assert pulled.control.step <= step_control.body_step(pulled.motion)
 
 
 def test_a_step_of_the_scene_is_kept_or_refused() -> None:

@@ -15,12 +15,13 @@ from magmpm.compiled.jit import FASTMATH
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import gravity, hooks
 from magmpm.effects.acting import Effects
+from magmpm.effects.base import one_record
 from magmpm.kernels import total_lagrangian_step as steps
 from magmpm.model import Model, build
 from magmpm.simulate import run
 
 BODY = {"catheter": {"length": 12e-3, "diameter": 4e-3, "material": "m", "segments": [{"magnetization": [1, 0, 0]}]}}
-WEIGHT = gravity.parameters(acceleration=np.array([0.0, 0.0, -9.81]))
+WEIGHT = one_record(gravity.DTYPE, gravity=np.array([0.0, 0.0, -9.81]))
 
 
 def test_a_bare_scene_gives_its_kernels_nothing() -> None:

@@ -31,7 +31,7 @@ OUTPUTS: dict[str, tuple[tuple[int, ...], ...]] = {
 @pytest.mark.parametrize("key", KEYS)
 def test_it_is_described_and_has_records(key: str) -> None:
     """In its scene and with its first example; only self_contact, an effect without hooks, has none."""
-    kind = effects.every()[key]
+    kind = effects.Effects.every()[key]
     assert kind.key() == key, "the file's name"
     assert (sys.modules[kind.__module__].__doc__ or "").startswith(f"{key}: "), "the first words of the file are its key"
     assert kind.PHASE in PHASES
@@ -98,7 +98,7 @@ def test_order_is_by_phase_not_by_file() -> None:
         orders.append([record.dtype.names for record in effects.collect(given)[::2]])
     assert orders[0] == orders[1]
     assert len(orders[0]) == len(KEYS) - 1, "all but self_contact, which has none, have records"
-    phases = [PHASES.index(effects.every()[key].PHASE) for key in KEYS]
+    phases = [PHASES.index(effects.Effects.every()[key].PHASE) for key in KEYS]
     assert phases == sorted(phases)
 
 
@@ -175,7 +175,7 @@ def test_derivatives_belong_to_the_energy(key: str, rng: np.random.Generator) ->
         np.testing.assert_allclose(H, H.T, rtol=0, atol=1e-12 * np.abs(H).max())
 
 
-@pytest.mark.parametrize("key", [key for key, kind in effects.every().items() if issubclass(kind, BodyEffect)])
+@pytest.mark.parametrize("key", [key for key, kind in effects.Effects.every().items() if issubclass(kind, BodyEffect)])
 def test_what_depends_on_the_whole_body_belongs_to_its_shared_energy(key: str, rng: np.random.Generator) -> None:
     """With tables computed for every shape: dE = sum V (P : dF - f . dx), at order 2; the energy of the hooks uses the current loads."""
     model = acting(key).model

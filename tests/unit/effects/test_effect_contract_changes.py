@@ -88,7 +88,7 @@ def test_change_with_the_field(key: str, rng: np.random.Generator) -> None:
     assert moves == (3 if "magnetic_torque" in key else 0)
 
 
-@pytest.mark.parametrize("key", [key for key in KEYS if issubclass(effects.every()[key], BodyEffect)])
+@pytest.mark.parametrize("key", [key for key in KEYS if issubclass(effects.Effects.every()[key], BodyEffect)])
 def test_tables_change_with_the_body(key: str, rng: np.random.Generator) -> None:
     """The table's change with remanence, place and deformation; and the loads are linear in the table."""
     one = acting(key)

@@ -13,7 +13,7 @@ from reference.acting import KEYS, Acting, Point, acting, having, hook, scene
 from reference.dynamics import Total, held
 
 from magmpm.bodies.grid import spline_slopes, spline_weights
-from magmpm.dynamics.stable_step import body_step
+from magmpm.dynamics.step_control import body_step
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import acting as effects
 from magmpm.effects.base import Effect, Touching
@@ -51,7 +51,7 @@ def test_viscous_stress(key: str, rng: np.random.Generator) -> None:
         assert np.sum(P * dF) > 0
 
 
-CONTACT = [key for key in having("contact") if effects.every()[key].PHASE == "contact"]
+CONTACT = [key for key in having("contact") if effects.Effects.every()[key].PHASE == "contact"]
 
 
 def pushed(function: Any, x: np.ndarray, v: np.ndarray = REST, mass: float = MASS) -> np.ndarray:
@@ -93,7 +93,7 @@ def test_contact_is_conservative_without_friction(key: str, rng: np.random.Gener
         assert np.linalg.eigvalsh((J + J.T) / 2)[0] < 0
 
 
-@pytest.mark.parametrize("key", [key for key in CONTACT if not effects.every()[key].ONLY_IN_MOTION])
+@pytest.mark.parametrize("key", [key for key in CONTACT if not effects.Effects.every()[key].ONLY_IN_MOTION])
 def test_at_rest_contact_has_the_energy_of_its_push(key: str, rng: np.random.Generator) -> None:
     """Without friction: the force of `touch` is that of `contact` on what stays in place, minus the slope of its energy; H is its own."""
     slippery = scene(key, {"friction": 0.0})
@@ -181,7 +181,7 @@ def test_nothing_touches_within_the_distance_that_near_tells(key: str, rng: np.r
     assert checked > 200
 
 
-@pytest.mark.parametrize("key", [k for k in having("node") if effects.every()[k].PHASE == "damping"])
+@pytest.mark.parametrize("key", [k for k in having("node") if effects.Effects.every()[k].PHASE == "damping"])
 def test_damping_only_brakes(key: str, rng: np.random.Generator) -> None:
     """It removes energy, along the velocity, and none in zero time."""
     function = hook(acting(key).own, "node")
@@ -203,7 +203,7 @@ def test_no_resistance_is_no_effect(key: str) -> None:
     assert effects.collect(scene(key, ZERO[key])) == ()
 
 
-STIFF = [key for key in KEYS if effects.every()[key].stable_step is not Effect.stable_step]
+STIFF = [key for key in KEYS if effects.Effects.every()[key].stable_step is not Effect.stable_step]
 
 
 @pytest.mark.parametrize("key", having("contact", "rate_stress"))

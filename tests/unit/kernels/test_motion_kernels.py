@@ -14,23 +14,24 @@ from magmpm.bodies.curves import curve
 from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import damping, feed, gravity, ground, magnetic_torque, viscosity, walls
+from magmpm.effects.base import one_record
 from magmpm.effects.contact_law import at_rest, contact_of
 from magmpm.model import Model, build
 from magmpm.statics.layout import static_model
 
 B = np.array([2e-3, -3e-3, 5e-3])
 DT, STEPS = 1e-6, 3
-LOADS = {"bare": (), "field and damping": magnetic_torque.parameters(B) + damping.parameters(300.0)}
+LOADS = {"bare": (), "field and damping": magnetic_torque.parameters(B) + one_record(damping.DTYPE, damping_rate=300.0)}
 TABLE = distance.tube(curve(np.array([[-5e-3, 0, 0], [15e-3, 0, 1e-3]]), 1e-4), 2.2e-3, 0.5e-3)
 # One set, that of test_interrupted_results.py, so that one kernel is compiled: all kinds of hooks, and contact with many particles.
 EFFECTS = (
     magnetic_torque.parameters(np.array([0.2, 0.3, -0.5]), turns=True)
-    + gravity.parameters(np.array([0.3, 0.2, -9.81]))
-    + viscosity.parameters(3.0)
-    + damping.parameters(300.0)
+    + one_record(gravity.DTYPE, gravity=np.array([0.3, 0.2, -9.81]))
+    + one_record(viscosity.DTYPE, viscosity=3.0)
+    + one_record(damping.DTYPE, damping_rate=300.0)
     + ground.parameters(point=[0, 0, -1.2e-3], normal=[0.1, 0.2, 1], friction=0.3, stiffness=1e9, damping=3e4)
     + walls.parameters(TABLE, friction=0.2, stiffness=2e9, damping=5e4)
-    + feed.parameters(speed=0.02, exit=2e-3, radius=3e-3)
+    + one_record(feed.DTYPE, feed_speed=0.02, feed_exit=2e-3, feed_radius=3e-3)
 )
 
 

@@ -98,7 +98,7 @@ def test_its_example_names_all_effects_but_loads() -> None:
 
 
 def test_its_table_has_every_effect() -> None:
-    for key in effects.every():
+    for key in effects.Effects.every():
         assert f"| `{key}` |" in EFFECTS_PAGE
 
 

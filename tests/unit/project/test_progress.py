@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from magmpm.cli import progress
+from magmpm.cli import answers as progress
 
 
 def test_without_a_terminal_lines_come_though_the_work_reports_nothing(
