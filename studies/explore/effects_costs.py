@@ -228,7 +228,7 @@ def _given(model: Model, p: int, hook: str) -> tuple[Any, ...]:
     if hook == "near":
         return (x,)
     if hook == "node":
-        return x, _numbers(np.zeros(3)), _numbers(np.zeros(3)), 1e-5
+        return x, _numbers(np.zeros(3)), _numbers(np.zeros(3)), True, 1e-5
     if hook == "contact":
         return x, _numbers(np.full(3, 1e-3)), Counted(1e-9), 1e-5, _numbers(np.zeros(PARTS))
     if hook == "energy":

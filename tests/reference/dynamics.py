@@ -203,6 +203,6 @@ class Total:
         push = push_time(self.model, dt, step)
         after[on] = v[on] + push * (self.inverse_mass() @ self.force(c, v, push, step))[on]
         for node in np.flatnonzero(on):
-            call(self.model, "node", self.X[node], c[node], after[node], dt, step=step)
+            call(self.model, "node", self.X[node], c[node], after[node], not self.fixed[node], dt, step=step)
         after[self.fixed] = 0.0
         return c + dt * after, after

@@ -49,7 +49,7 @@ def test_damping_is_its_formula() -> None:
     """v falls by exp(-rate dt), for any step: 60 1/s in its example."""
     v = np.array([1.0, -2.0, 0.5])
     slower = v.copy()
-    hook(acting("damping").own, "node")(np.zeros(3), np.zeros(3), slower, 5e-3)
+    hook(acting("damping").own, "node")(np.zeros(3), np.zeros(3), slower, True, 5e-3)
     np.testing.assert_allclose(slower, np.exp(-0.3) * v, rtol=1e-14)
 
 
@@ -61,7 +61,7 @@ def test_a_damped_body_falls_at_its_terminal_velocity(dt: float) -> None:
     share = hook(own, "push")(dt)
     v = np.array([g / rate, 0.0, 0.0])
     after = v + np.array([share * dt * g, 0.0, 0.0])
-    hook(own, "node")(np.zeros(3), np.zeros(3), after, dt)
+    hook(own, "node")(np.zeros(3), np.zeros(3), after, True, dt)
     np.testing.assert_allclose(after, v, rtol=1e-12)
     assert hook(own, "push")(0.0) == 1.0
 

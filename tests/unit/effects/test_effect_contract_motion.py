@@ -187,11 +187,11 @@ def test_damping_only_brakes(key: str, rng: np.random.Generator) -> None:
     function = hook(acting(key).own, "node")
     X, v = np.zeros(3), rng.standard_normal(3)
     slower = v.copy()
-    function(X, np.zeros(3), slower, 1e-3)
+    function(X, np.zeros(3), slower, True, 1e-3)
     assert 0 < np.linalg.norm(slower) < np.linalg.norm(v)
     np.testing.assert_allclose(np.cross(slower, v), 0.0, rtol=0, atol=1e-14)
     same = v.copy()
-    function(X, np.zeros(3), same, 0.0)
+    function(X, np.zeros(3), same, True, 0.0)
     assert np.array_equal(same, v)
 
 
