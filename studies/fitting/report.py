@@ -182,7 +182,7 @@ def fitted_scene(found: Fit, source: Path, folder: Path) -> str:
     turned = directions(found.scene, constants, found.x)
     if turned is not None:
         for region, direction in zip(found.scene.regions(), turned.tolist(), strict=True):
-            place: Any = content
+            place: Any = content["body"]
             for key in region.at:
                 place = place[key]
             place["magnetization"] = [round(part, 9) for part in direction]

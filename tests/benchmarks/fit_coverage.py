@@ -84,7 +84,7 @@ def main(fits: str = "1000", first: str = "0", poses: str = "") -> int:
     begun = time.perf_counter()
     one(1, poses)  # kernels
     with multiprocessing.get_context("spawn").Pool(2) as pool:
-        done = list(pool.imap_unordered(partial(one, poses=poses), range(int(first), int(fits)), chunksize=4))
+        done = list(pool.imap_unordered(partial(one, poses=poses), range(int(first), int(first) + int(fits)), chunksize=4))
     groups: dict[tuple[str, str], list[bool]] = {}
     for each in done:
         for name, interval in each["constants"].items():
