@@ -65,7 +65,7 @@ def _saved(folder: Path, found: Any, held: Any, numbers: dict[str, Any], source:
     write_json(folder / REPORT, numbers, indent=1)
     contents = {TABLE: residuals_table(found), SCENE: fitted_scene(found, source, folder)}
     if held is not None:
-        contents[HELD_OUT] = residuals_table(held.found)
+        contents[HELD_OUT] = residuals_table(held.found, held.half)
     for name, content in contents.items():
         with whole_file(folder / name) as part:
             part.write_text(content, encoding="utf-8")

@@ -157,13 +157,16 @@ def _method(found: Fit) -> str:
     return f"profile likelihood where the sum of squares is no parabola, {quantile}"
 
 
-def residuals_table(found: Fit) -> str:
-    """The residuals as CSV: line of the measured file, what, simulated minus measured, in standard errors; of several tables, which."""
+def residuals_table(found: Fit, half: Array | None = None) -> str:
+    """The residuals as CSV: line of the measured file, what, simulated minus measured, in standard errors; of several tables, which; of
+    readings held out, the prediction and half its interval (n,)."""
     several = bool(found.measured.tables)
-    rows = ["line,what,residual,unit,standard_errors" + ",table" * several]
-    for value, label in zip(found.residuals, found.labels, strict=True):
-        shown, unit = (math.degrees(value), "deg") if label.angle else (1e3 * value, "mm")
-        row = f"{label.line},{label.what},{shown:.6g},{unit},{value / found.sigma_of(label):.4g}"
+    rows = ["line,what,residual,unit,standard_errors" + ",predicted,half_interval" * (half is not None) + ",table" * several]
+    for k, (value, label) in enumerate(zip(found.residuals, found.labels, strict=True)):
+        scale, unit = (math.degrees(1.0), "deg") if label.angle else (1e3, "mm")
+        row = f"{label.line},{label.what},{scale * value:.6g},{unit},{value / found.sigma_of(label):.4g}"
+        if half is not None:
+            row += f",{'' if np.ndim(label.simulated) else format(scale * float(label.simulated), '.6g')},{scale * half[k]:.4g}"
         rows.append(row + f",{label.table + 1}" * several)
     return "\n".join(rows) + "\n"
 

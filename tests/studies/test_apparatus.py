@@ -108,7 +108,10 @@ def test_the_command_predicts_what_is_held_out(tmp_path: Path) -> None:
     (reading,) = found["held_out"]["readings"]
     assert abs(reading["residual"]) < math.radians(1e-3)
     assert reading["half_interval"] > math.radians(1.95)
-    assert (out / "held_out.csv").read_text().splitlines()[1].startswith("4,tip_angle,")
+    names, row = (line.split(",") for line in (out / "held_out.csv").read_text().splitlines()[:2])
+    assert row[:2] == ["4", "tip_angle"]
+    assert float(row[names.index("half_interval")]) > 0.0
+    assert 0.0 < float(row[names.index("predicted")]) < 180.0
 
 
 # Minima and intervals of fits on problems whose answer is known, without a simulation

@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[3]
 SCENE = ROOT / "data" / "scenes" / "axial_transverse.yaml"
 UNIT = re.compile(r"(?<![\w.'])(m|mm|s|T|N|J|Pa|kg|bytes|SI|no unit)(/m\^3|\^3|\^2|/s)?\b")
 SHAPE = re.compile(r"\((\w[\w +]*)?,[\w, +]*\)")
-NUMBERS, ARRAYS = re.compile(r"\bfloat\b|Array|Numbers"), re.compile(r"Array|Numbers")
+NUMBERS, ARRAYS = re.compile(r"\bfloat\b|Array|ndarray|Numbers"), re.compile(r"Array|ndarray|Numbers")
 
 
 def functions(of: type) -> Iterator[tuple[str, Callable[..., Any]]]:
