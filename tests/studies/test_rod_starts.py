@@ -199,6 +199,7 @@ def test_no_rod_bends_more_than_is_said_to_be_reachable(tmp_path: Path, rng: np.
     across = scene.with_magnetizations(np.tile([0, 0.8, -0.6], (5, 1))).with_field([1e-3, 0, 0])
     s, most = reachable_curvature(across, None)  # across the axis and the field, and hardly bent: the torque is all that it can be
     assert np.linalg.norm(solve_rod(across).curvature[0, 1:]) > 0.95 * most[0]
+    np.testing.assert_allclose(most / most[0], (scene.length - s) / (scene.length - s[0]), rtol=1e-9)  # torques of what is beyond alone
 
 
 def test_bends_of_a_circle_are_one_over_its_radius() -> None:
