@@ -166,7 +166,7 @@ def residuals_table(found: Fit, half: Array | None = None) -> str:
         scale, unit = (math.degrees(1.0), "deg") if label.angle else (1e3, "mm")
         row = f"{label.line},{label.what},{scale * value:.6g},{unit},{value / found.sigma_of(label):.4g}"
         if half is not None:
-            row += f",{'' if np.ndim(label.simulated) else format(scale * float(label.simulated), '.6g')},{scale * half[k]:.4g}"
+            row += f",{' '.join(format(scale * one, '.6g') for one in np.ravel(label.simulated).tolist())},{scale * half[k]:.4g}"
         rows.append(row + f",{label.table + 1}" * several)
     return "\n".join(rows) + "\n"
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,6 +19,7 @@ from magmpm.scene.apparatus import Apparatus
 from magmpm.studies.fitting import Refused, fit, read_measured, read_split, search
 from magmpm.studies.fitting.constants import constants_of
 from magmpm.studies.fitting.identify import refuse_twins
+from magmpm.studies.fitting.misfit import doubted
 from magmpm.studies.fitting.prediction import Axis, Label, Prediction, tip_angle
 from magmpm.studies.fitting.solve import Minimum, interval_of, least_squares
 from magmpm.studies.fitting.table import Measured
@@ -187,9 +189,18 @@ def test_noise_from_residuals_counts_what_the_constants_took_of_the_lengths() ->
     assert one._estimated(best, search._Noise(1e-3, 1.0, False))[0].length == pytest.approx(1e-3 * (6 / 3.5) ** 0.5)
 
 
-def test_two_answers_are_refused() -> None:
+@pytest.mark.parametrize(("worse", "refused"), [(0.0, True), (3.8, True), (3.9, False)])
+def test_two_answers_are_refused_where_both_are_in_the_confidence_region(worse: float, refused: bool) -> None:
+    """Within 1.96^2 = 3.84 of the least sum of squares."""
     constants = constants_of(PLAIN, ["shear_modulus"])
-    one, other = (Minimum(np.array([x]), np.full(3, 0.1), np.full((3, 1), 30.0), 5, True) for x in (0.0, 0.9))
-    with pytest.raises(Refused, match="two sets of constants"):
+    sums = ((0.0, 0.1), (0.9, 0.1 + worse))
+    one, other = (Minimum(np.array([x]), np.array([cost**0.5]), np.full((1, 1), 30.0), 5, True) for x, cost in sums)
+    with pytest.raises(Refused, match="two sets of constants") if refused else nullcontext():
         refuse_twins(constants, one, [other], 1.96)
     refuse_twins(constants, one, [one], 1.96)
+
+
+@pytest.mark.parametrize(("probabilities", "count"), [((0.01, 0.02, 0.2), 2), ((1e-4, 1e-3, 0.01), 2), ((0.06, 0.5), 0)])
+def test_suspects_are_doubted_below_one_in_twenty_unless_the_likeliest_is_preferred_by_as_much(probabilities: Any, count: int) -> None:
+    suspects: Any = [SimpleNamespace(probability=one) for one in probabilities]
+    assert doubted(suspects) == suspects[:count]

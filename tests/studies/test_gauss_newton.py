@@ -226,6 +226,14 @@ def test_optimize_with_an_objective_works_as_with_any_sampler() -> None:
     assert study.best_value < 1e-8
 
 
+@pytest.mark.parametrize(("curvature", "step"), [(0.0, -0.3), (5.0, -0.2)])
+def test_a_step_is_weighed_against_what_the_linear_model_does_not_know(curvature: float, step: float) -> None:
+    """The least of (0.6 + 2 p)^2 + (curvature p^2)^2, at 0.6 + 2 p + curvature^2 p^3 = 0."""
+    found = Coordinates([Number("length", 4.0, 12.0)]).step(np.array([0.5]), np.array([0.6]), np.array([[2.0]]), 1.0, curvature)
+    assert found.p[0] == pytest.approx(step, rel=0.02)
+    assert found.promised == pytest.approx(0.6**2 - (0.6 + 2 * found.p[0]) ** 2)
+
+
 def test_directions_without_effect_stay_as_they_are() -> None:
     """Residuals know nothing of the second direction: it stays at its start while the first finds its place."""
     blocks: list[Block] = DIRECTIONS[:2]

@@ -194,6 +194,20 @@ def test_a_depth_that_fails_costs_the_penalty_and_is_named():
     assert outcome.reason == "at 20 mm: no equilibrium"
 
 
+def test_the_least_stable_depth_counts_and_is_named():
+    found = insertion()
+    found = replace(found, study=replace(found.study, margin=0.3))
+
+    def solve(scene, *, start):
+        result = fake(found, scene.length, 0.0)
+        result.stability = {10: 0.5, 20: 0.1, 30: 0.4}[round(1e3 * scene.length)]
+        return result
+
+    outcome = found.evaluate(solve, None, found.parameters(RodDesign(np.tile([1.0, 0, 0], (3, 1)), np.zeros((3, 3)), 0.0)), None)
+    assert (outcome.refused, outcome.stability) == (True, 0.1)
+    assert outcome.reason == "the stability at 20 mm, 0.1, is below the margin, 0.3"
+
+
 # Rods that follow one another: on the branch that a push comes to, and designs that are mended where they leave it
 
 
@@ -230,6 +244,19 @@ def test_what_stays_in_the_guide_is_straight_and_what_is_out_keeps_its_shape():
     np.testing.assert_allclose([stops[-1].field for stops in ways], fields)
 
 
+def test_a_movie_begins_at_the_first_depth_and_passes_through_all_with_their_fields():
+    found = insertion()
+    d, fields = turning_back()
+    shown = list(found._moments(found.parameters(RodDesign(d, fields, 0.0))))
+    depths = np.array([depth for depth, _, _ in shown])
+    assert depths[0] == pytest.approx(found.study.depths[0])
+    assert (np.diff(depths) > 0).all()
+    for depth, field in zip(found.study.depths, fields, strict=True):
+        at = int(np.argmin(np.abs(depths - depth)))
+        assert depths[at] == pytest.approx(depth)
+        np.testing.assert_allclose(shown[at][1], field, atol=1e-9)
+
+
 def test_shapes_for_the_body_are_the_stops():
     found = insertion()
     d, fields = turning_back()
@@ -254,6 +281,22 @@ def test_a_design_whose_rods_are_elsewhere_is_mended():
     by_fields = way.mended(RodDesign(d, fields, 0.0, elsewhere), turning=False)
     np.testing.assert_array_equal(by_fields.directions, d)
     assert np.abs(by_fields.fields - fields).max() > 0.01 * np.abs(fields).max()
+
+
+@pytest.mark.parametrize(("squares", "taken"), [(1.0, 5.0), (3.0, 0.0)])
+def test_a_fitted_field_is_taken_where_it_is_nearer(squares, taken, monkeypatch):
+    """A rod that has left the design's shape is off by 2 (squared) in the design's field, no field, and by `squares` in the fitted one."""
+
+    def go(self, way, directions, last, field):
+        here = {"squares": 2.0, "field": field} if field is not None else {"squares": squares, "field": np.full(3, 5.0)}
+        return [SimpleNamespace(position=np.ones((2, 3)), q=None, **here)]
+
+    monkeypatch.setattr(RodPath, "_go", go)
+    rods = SimpleNamespace(depths=[SimpleNamespace(place=np.array([0.0, 1.0]))], settled=lambda *_: "state")
+    design = SimpleNamespace(directions=None, fields=np.zeros((1, 3)), state=SimpleNamespace(positions=[np.zeros((2, 3))]))
+    fields, _, strayed = RodPath(rods, ((),))._followed(design)
+    assert strayed
+    assert fields[0, 0] == taken
 
 
 def test_search_judges_on_the_way():

@@ -13,11 +13,12 @@ from magmpm.errors import InputError
 from magmpm.inputs.csv_tables import write_centreline
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
-from magmpm.studies.engine.explain_miss import reachable_curvature, target_bends
+from magmpm.studies.engine.explain_miss import _bound, reachable_curvature, target_bends
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.rods.rod_designs import RodDesign, rod_designs
 from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.parameters import Number
 from magmpm.studies.search.search_space import SearchSpace
 from magmpm.studies.search.well_posed import check_search, judge
 
@@ -178,6 +179,20 @@ def test_a_field_at_its_bound_is_said_with_what_more_would_bring(tmp_path: Path)
     assert gained == pytest.approx(-0.05e-3 * found["field"]["rms_per_T"], rel=0.3)  # second order, and where descents stop
 
 
+@pytest.mark.parametrize(
+    ("at", "slope", "says"),
+    [(1.0, -2e-3, "upper bound, 20:"), (0.0, 2e-3, "lower bound, 10:"), (1.0, 2e-3, None), (0.0, -2e-3, None), (0.5, -2e-3, None)],
+)
+def test_a_number_is_said_to_be_at_its_bound_where_beyond_it_would_be_better(at: float, slope: float, says: str | None) -> None:
+    """By 2 mm of rms a whole range, 10 mm: by 0.2 mm of rms a millimeter."""
+    found = _bound(Number("length_mm", "length", 10e-3, 20e-3, 1e3), np.array([at]), np.array([slope]))
+    assert (found is None) is (says is None)
+    if found is not None:
+        assert f"length_mm is at its {says}" in found["says"]
+        assert "lower the rms by 0.2 mm" in found["says"]
+        assert found["rms_per_unit"] == pytest.approx(-0.2)
+
+
 def test_curvature_beyond_the_segments_is_said_with_its_place(tmp_path: Path) -> None:
     """An arc of 270 degrees: the tip can't bend, because nothing is beyond it."""
     found = said(study_of(tmp_path, arc(1.5 * np.pi)))["curvature"]
@@ -199,6 +214,7 @@ def test_no_rod_bends_more_than_is_said_to_be_reachable(tmp_path: Path, rng: np.
     across = scene.with_magnetizations(np.tile([0, 0.8, -0.6], (5, 1))).with_field([1e-3, 0, 0])
     s, most = reachable_curvature(across, None)  # across the axis and the field, and hardly bent: the torque is all that it can be
     assert np.linalg.norm(solve_rod(across).curvature[0, 1:]) > 0.95 * most[0]
+    np.testing.assert_allclose(most / most[0], (scene.length - s) / (scene.length - s[0]), rtol=1e-9)  # torques of what is beyond alone
 
 
 def test_bends_of_a_circle_are_one_over_its_radius() -> None:

@@ -1,5 +1,6 @@
 """Comparisons of runs: distances of frames, and the error of a grid for scenes of every kind."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +126,14 @@ def test_an_error_that_would_take_longer_than_an_hour_is_refused_while_its_first
     assert "resolution.error" in str(refused.value)
     assert "give cells_across: 2" in str(refused.value)
     assert max(seen, default=0.0) < scene.duration
+
+
+@pytest.mark.parametrize(("share", "refused"), [(0.1, True), (0.9, False)])
+def test_the_pace_of_a_first_run_tells_how_long_all_take(share: float, refused: bool) -> None:
+    """A tenth of it in 40 s: 400 s for all of it, over two hours with two finer grids; nine tenths in 40 s: a quarter of an hour."""
+    scene = moving(error=0.01)
+    with pytest.raises(SceneError, match=r"a run on 2 cells across takes 4e\+02 s") if refused else nullcontext():
+        Runs(scene)._check_hopeful(2, 40.0, share * scene.duration)
 
 
 def test_runs_choose_the_grid_that_is_asked_for(tmp_path: Path) -> None:

@@ -22,10 +22,14 @@ EARTH, FRICTION = 9.81, 0.3
 SIZE = (6e-3, 6e-3, 3e-3)  # m, a block of 4 x 4 x 2 cells
 
 
-def sloped(angle: float, friction: float = FRICTION, size: Sequence[float] = SIZE, g: float = EARTH, cells: int = 2, **more: Any) -> Model:
-    """The block on a slope: gravity g (m/s^2) rotated by the angle (rad); more: other effects."""
+def sloped(
+    angle: float, friction: float = FRICTION, size: Sequence[float] = SIZE, g: float = EARTH, cells: int = 2, stiffness: float = 1.0,
+    shear: float = G, **more: Any,
+) -> Model:  # fmt: skip
+    """The block on a slope: gravity g (m/s^2) rotated by the angle (rad); stiffness of its contact; more: other effects."""
     pull = {"acceleration": [g * np.sin(angle), 0.0, -g * np.cos(angle)]}
-    return build(moving_scene(block(size), {"gravity": pull, "ground": {"point": [0, 0, 0], "friction": friction}, **more}, cells=cells))
+    ground = {"point": [0, 0, 0], "friction": friction, "stiffness": stiffness}
+    return build(moving_scene(block(size), {"gravity": pull, "ground": ground, **more}, cells=cells, shear=shear))
 
 
 @pytest.mark.parametrize(("size", "friction", "duration", "cells", "share"), [
@@ -42,38 +46,17 @@ def test_an_undamped_block_sticks_on_a_slope(size, friction, duration, cells, sh
     assert max(np.abs(ways)) < 0.02 * model.scene.cell
 
 
-def way_of_a_column(angle: float, friction: float, height: float, duration: float) -> float:
-    """Way (m) of the middle of an undamped elastic column on a rigid slope, under its weight at once: waves along it in 100 pieces, and its
-    lowest node neither enters the slope nor bears more than Coulomb's friction. 800 pieces go 0.4 % farther."""
-    pieces, density = 100, 1882.0
-    h = height / pieces
-    moduli = np.array([G, (20.0 + 4.0 / 3.0) * G])  # of shear, and of pressure across the slope
-    dt = 0.9 * h / np.sqrt(moduli[1] / density)
-    mass = np.full((pieces + 1, 1), density * h)
-    mass[[0, -1]] /= 2
-    u, v, force = (np.zeros((pieces + 1, 2)) for _ in range(3))
-    pull = EARTH * np.array([np.sin(angle), -np.cos(angle)])
-    for _ in range(round(duration / dt)):
-        stress = np.diff(u, axis=0) * (moduli / h)
-        force[:-1], force[-1] = stress, 0.0
-        force[1:] -= stress
-        v += dt * (force / mass + pull)
-        push = max(-(u[0, 1] / dt + v[0, 1]), 0.0)  # impulses over mass
-        v[0] += -np.clip(v[0, 0], -friction * push, friction * push), push
-        u += dt * v
-    return float((mass * u)[:, 0].sum() / mass.sum())
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("share", "cells", "rigid"), [(0.95, 5, 0.0), (0.99, 2, 0.0), (1.01, 2, 1.81e-3), (1.02, 2, 3.61e-3)])
-def test_weight_at_once_near_the_cone(share: float, cells: int, rigid: float) -> None:
-    """An elastic block slips while its weight arrives in waves. It goes farther than a rigid one, but no farther than a column, in which
-    waves do not scatter: at most 5 % more, and within 10 % of it above the cone."""
-    angle = np.arctan(0.45 * share)
-    column = way_of_a_column(angle, 0.45, 4e-3, 0.3)
-    model = sloped(angle, 0.45, size=(8e-3, 5e-3, 4e-3), cells=cells)
+@pytest.mark.xfail(strict=True, reason="without any loss hard contact with friction flutters: docs/effects.md")
+@pytest.mark.parametrize(("share", "way", "bound", "more"), [
+    (0.95, 0.0, 0.0, {"cells": 5}), (0.99, 0.0, 0.0, {}), (1.01, 1.81e-3, 0.02, {}), (1.02, 3.61e-3, 0.1, {}),
+    (0.95, 0.0, 0.0, {"stiffness": 4.0}), (0.95, 0.0, 0.0, {"shear": 15e3, "size": (16e-3, 10e-3, 8e-3)}),
+])  # fmt: skip
+def test_weight_at_once_near_the_cone(share: float, way: float, bound: float, more: dict[str, Any]) -> None:
+    """The bounds asked of an undamped block: 0.02 cell below the cone, 2 % above it, 10 % at 1.02; `way` of a rigid one."""
+    model = sloped(np.arctan(0.45 * share), 0.45, **{"size": (8e-3, 5e-3, 4e-3), **more})
     (found,) = (mean(model, m.x - model.particles.position)[0] for m in follow(model, [0.3]))
-    assert max(rigid, 0.9 * column if rigid else 0.0) < found < 1.05 * column
+    assert found == pytest.approx(way, rel=bound, abs=0.0 if bound else 0.02 * model.scene.cell)
 
 
 @pytest.mark.parametrize(("share", "way"), [(0.99, 0.0), (1.02, 3.63e-3)])

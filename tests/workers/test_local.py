@@ -4,6 +4,7 @@ import json
 import signal
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,6 @@ from magmpm.studies.evaluate.trial import Trial
 from magmpm.studies.problem.sampler_names import SAMPLERS
 from magmpm.studies.search.definition import load_study
 
-pytestmark = pytest.mark.slow
 TRIALS = 16
 
 
@@ -39,6 +39,7 @@ def trials_of(folder: Path) -> list[optuna.trial.FrozenTrial]:
     return optuna.load_study(study_name="probe", storage=f"sqlite:///{folder}/out/study.db").trials
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_every_sampler_with_three_workers(sampler: str, tmp_path: Path) -> None:
     """As many trials as were asked for, all different, each with its picture; each gives the same bits when it is solved by itself."""
@@ -56,6 +57,7 @@ def test_every_sampler_with_three_workers(sampler: str, tmp_path: Path) -> None:
         assert (tmp_path / f"out/pictures/trial_{trial.number:03d}.png").exists()
 
 
+@pytest.mark.slow
 def test_one_worker_process_gives_the_study_that_none_gives(tmp_path: Path) -> None:
     """By the process that solves itself, and by one worker process on a shared storage."""
     run(tmp_path / "a")
@@ -67,6 +69,7 @@ def test_one_worker_process_gives_the_study_that_none_gives(tmp_path: Path) -> N
         assert [t.value for t in one] == [t.value for t in other]
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_costs_nothing_and_a_deadly_design_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(session.DEADLY, str(tmp_path / "poison"))
     (tmp_path / "poison").touch()
@@ -81,6 +84,20 @@ def test_a_worker_that_dies_costs_nothing_and_a_deadly_design_fails(tmp_path: Pa
     assert "ended by SIGSEGV" in report.reasons[0]
 
 
+def test_a_design_that_ended_two_processes_is_given_up_and_the_next_one_begins_anew() -> None:
+    worker: Any = SimpleNamespace(ready=True, tries=0, given=[], start=lambda: None)
+    worker.give = worker.given.append
+    many: Any = pool.Pool.__new__(pool.Pool)
+    many._failed_starts = many.deaths = 0
+    for number in (5, 6):
+        worker.job = (number, {})
+        assert many._replaced(worker, "ended by SIGKILL") is None
+        assert many._replaced(worker, "ended by SIGKILL") == "the process that solved it ended by SIGKILL, 2 times"
+        assert worker.job is None
+    assert (worker.given, many.deaths) == ([(5, {}), (6, {})], 4)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_worker_that_hangs_is_ended_and_its_design_taken_up(workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And a design that hangs as often as it may counts as failed, with the reason."""
@@ -97,6 +114,7 @@ def test_a_worker_that_hangs_is_ended_and_its_design_taken_up(workers: int, tmp_
     assert report.reasons == ["the process that solved it ended after 3 s without an answer, 1 times"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [None, 2])
 def test_ctrl_c_that_a_library_swallows_ends_the_study(workers: int | None, tmp_path: Path) -> None:
     def swallowed(trial: Trial) -> None:
@@ -128,6 +146,7 @@ def test_a_time_limit_or_a_number_of_workers_that_cant_be_is_refused(workers: in
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_the_command_solves_with_workers_and_a_trial_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The real solver: a trial that a worker with one thread has solved gives the same bits in this process."""
     path = write_study(tmp_path, STUDY, rod_solve.SCENE.replace("cells_across: 4", "cells_across: 2"))
@@ -173,6 +192,7 @@ def test_a_password_with_a_percent_sign_is_hidden_in_either_form() -> None:
     assert without_passwords("no: p%40ss, p@ss", "postgresql://me:p%40ss@host/db") == "no: ***, ***"
 
 
+@pytest.mark.slow
 def test_artifacts_in_an_s3_compatible_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     boto3 = pytest.importorskip("boto3")
     server = pytest.importorskip("moto.server").ThreadedMotoServer(ip_address="127.0.0.1", port=0)
@@ -203,6 +223,7 @@ def test_a_place_that_is_no_bucket_is_refused(place: str, tmp_path: Path) -> Non
         run(tmp_path, artifacts=place)
 
 
+@pytest.mark.slow
 def test_pictures_are_put_back(tmp_path: Path) -> None:
     run(tmp_path, "random")
     files = sorted((tmp_path / "out/artifacts").iterdir())

@@ -6,7 +6,7 @@ from reference import motions
 from scipy.spatial.transform import Rotation
 
 from magmpm.viz.binding import Binding, gradients
-from magmpm.viz.meshes import Surface, ball, bar, creased, normals, refined, tube
+from magmpm.viz.meshes import Surface, ball, bar, creased, normals, refined, swept, tube
 from magmpm.viz.particle_surface import around_particles, connected_components, spacing, surface_nets
 
 
@@ -72,6 +72,18 @@ def test_normals_of_a_ball_lie_along_its_radii() -> None:
     found = normals(sphere.points.astype(np.float32), sphere.triangles)
     radii = sphere.points / np.linalg.norm(sphere.points, axis=1, keepdims=True)
     assert np.einsum("ij,ij->i", found, radii).min() > np.cos(np.radians(3.8))
+
+
+def test_a_tube_around_a_path_is_nowhere_narrower() -> None:
+    """Its area is the circumference times the path's length, as Pappus has it: rings that turned about the path would make a waist."""
+    t = np.linspace(0.0, 4 * np.pi, 400)
+    path = np.stack([np.cos(t), np.sin(t), 0.2 * t], axis=1)
+    surface = swept(path, 0.1)
+    a, b, c = (surface.points[surface.triangles[:, i]] for i in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    assert area == pytest.approx(2 * np.pi * 0.1 * np.hypot(1.0, 0.2) * t[-1], rel=0.01)
+    outward = np.einsum("ij,ij->i", np.cross(b - a, c - a), (a + b + c) / 3 - np.repeat(path[:-1], 2 * 32, axis=0))
+    assert outward.min() > 0.0
 
 
 def test_surface_nets_find_a_ball() -> None:
