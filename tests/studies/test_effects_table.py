@@ -140,6 +140,7 @@ def test_motions_tell_whether_a_body_touches_the_ground() -> None:
     assert far.shift_m == 0.0
 
 
+@pytest.mark.slow
 def test_advice_for_a_body_that_nothing_holds() -> None:
     body = {"catheter": {**BODY["catheter"], "clamp": "none"}}
     effects = {"gravity": {}, "damping": {"rate": 1e-6}, "ground": {"point": [0, 0, -5e-3]}}
@@ -229,6 +230,7 @@ def test_a_rod_would_do_where_it_was_found_to() -> None:
     assert need.needed is (need.error_added_m > 0.01 * scene.length)
 
 
+@pytest.mark.slow
 def test_a_slow_feed_needs_no_dynamics() -> None:
     """A catheter that is pushed slowly goes through equilibria, which solver.quasi_static gives."""
     data = rod_scene(field=(0.0, 0.0, 0.5e-3)).to_si()

@@ -152,6 +152,7 @@ def test_runs_choose_the_grid_that_is_asked_for(tmp_path: Path) -> None:
         assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
+@pytest.mark.slow
 def test_a_time_for_what_runs_along_time() -> None:
     """Long enough on any machine for the coarsest grid; a microsecond ends its run at once."""
     for scene in (along_a_ramp(2, seconds=20.0), moving(seconds=20.0)):

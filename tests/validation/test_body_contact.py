@@ -259,6 +259,7 @@ def test_halves_of_a_folding_sheet_meet_and_part_again() -> None:
     assert state.x[:, 2].max() - state.x[:, 2].min() < 3e-3
 
 
+@pytest.mark.slow
 def test_legs_of_a_compressed_strip_touch() -> None:
     """Its clamped ends come within two thicknesses of each other: the legs of the arch meet in the middle, at most 0.15 cells deep."""
     body = {"length": 12e-3, "width": 3e-3, "thickness": 0.5e-3, "clamp": "both", "plane_strain": True, "material": "m",
