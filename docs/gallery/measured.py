@@ -150,9 +150,9 @@ def tan() -> tuple[str, Figure]:
         for name, color in zip(names_, (BLUE, RED), strict=False):
             axes.plot(*made[name], color=color, label="computed" if name == "ramp_mT" else f"{name[5]} mT turned on")
             dots = {"linestyle": "none", "marker": "o", "color": style.INK, "markersize": 4}
-            axes.plot(*seen[name], **dots, label="measured" if name == "ramp_mT" else None)
+            axes.plot(*seen[name], **dots, label=None if name == "step_7mT_ms" else "measured")
         axes.set(ylabel="middle comes down by (mm)")
-        axes.legend()
+        axes.legend(loc="upper left" if "ramp_mT" in names_ else "center right")
     panels_[0].set(xlabel="time (ms)")
     panels_[1].set(xlabel=f"field (mT), growing by {RATE:g} mT/s from 5 mT on", xlim=(0.0, 7.0))
     return "\n".join(rows), figure
