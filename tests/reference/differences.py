@@ -38,9 +38,9 @@ def solution(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros((0, 3)), volume @ found.point.position[last] / volume.sum()
 
 
-def differences(scene: Scene, variable: Variable) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of axis (rows, 3) and tip (3,) by 3 D(h) - 3 D(2 h) + D(3 h): errors of h and h^2 cancel, also at a kink (lengths)."""
-    h = STEPS[variable.kind]
+def differences(scene: Scene, variable: Variable, share: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of axis (rows, 3) and tip (3,) by 3 D(h) - 3 D(2 h) + D(3 h), without errors of h, h^2; share: h over its usual size."""
+    h = share * STEPS[variable.kind]
     sides = [[solution(variable.changed(scene, sign * k * h)) for sign in (1, -1)] for k in (1, 2, 3)]
     slopes = [[(ahead[i] - behind[i]) / (2 * k * h) for k, (ahead, behind) in enumerate(sides, start=1)] for i in range(2)]
     rows, tip = (3 * one - 3 * two + three for one, two, three in slopes)
