@@ -107,28 +107,24 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
 
 
 class _SealedFiles(IndexDataCacheFile):  # type: ignore[misc]
-    """A function's index and its data files, each behind a checksum."""
+    """A function's files: one for each signature, behind a checksum, named by what it was compiled for.
 
-    def _load_index(self) -> dict[Any, str]:
-        content = _unsealed(Path(self._index_path))
-        if content is None:
-            return {}
-        version, stamp, overloads = content
-        return dict(overloads) if version == self._version and stamp == self._source_stamp else {}
+    Numba's own files are numbered by an index. Two processes that save at once both take the next number, and then the index can name the
+    other's code for a signature: a run ends with a segmentation fault, or computes with it.
+    """
 
-    def _save_index(self, overloads: dict[Any, str]) -> None:
-        self._write(self._index_path, (self._version, self._source_stamp, overloads))
-
-    def _load_data(self, name: str) -> Any:
-        return _unsealed(Path(self._data_path(name)))
-
-    def _save_data(self, name: str, data: Any) -> None:
-        self._write(self._data_path(name), data)
-
-    def _write(self, path: str, content: Any) -> None:
-        data = self._dump(content)
-        with self._open_for_write(path) as stream:
+    def save(self, key: Any, data: Any) -> None:
+        data = self._dump((self._version, self._source_stamp, key, data))
+        with self._open_for_write(self._path(key)) as stream:
             stream.write(hashlib.sha256(data).digest() + data)
+
+    def load(self, key: Any) -> Any:
+        *about, data = _unsealed(self._path(key)) or [None]
+        return data if about == [self._version, self._source_stamp, key] else None
+
+    def _path(self, key: Any) -> Path:
+        number = int(hashlib.sha256(repr(key).encode()).hexdigest()[:12], 16)
+        return Path(self._data_path(self._data_name(number)))
 
 
 def _unsealed(path: Path) -> Any:

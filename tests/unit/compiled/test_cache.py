@@ -38,11 +38,26 @@ def test_a_function_is_kept_and_loaded(module: ModuleType, tmp_path: Path, capsy
     assert kept_all()
 
 
-@pytest.mark.parametrize("ending", [".nbi", ".nbc"])
-def test_one_bit_is_noticed(ending: str, module: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_processes_that_save_at_once_keep_both(module: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another signature is saved while the first is being written: each is found, and is the right one."""
+    other, dump = loaded(tmp_path), kernel_cache._SealedFiles._dump
+
+    def meanwhile(files: Any, content: Any) -> Any:
+        monkeypatch.setattr(kernel_cache._SealedFiles, "_dump", dump)
+        assert other.twice(3) == 6
+        return dump(files, content)
+
+    monkeypatch.setattr(kernel_cache._SealedFiles, "_dump", meanwhile)
+    assert module.twice(2.5) == 5.0
+    again = loaded(tmp_path)
+    assert (again.twice(2.5), again.twice(3)) == (5.0, 6)
+    assert sum(again.twice.stats.cache_hits.values()) == 2
+
+
+def test_one_bit_is_noticed(module: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """At any place: otherwise content that unpickles, but differs from what was compiled, would be run."""
     assert module.twice(2.0) == 4.0
-    (path,) = (tmp_path / "cache").rglob(f"*twice*{ending}")
+    (path,) = (tmp_path / "cache").rglob("*twice*.nbc")
     content = bytearray(path.read_bytes())
     content[-20] ^= 1
     path.write_bytes(content)
