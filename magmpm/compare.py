@@ -24,10 +24,10 @@ def distance(one: Result | Motion, other: Result | Motion, *, of: str = "centrel
     first, second = frames_of(one), frames_of(other)
     if isinstance(one, Result) or isinstance(other, Result):
         first, second = (Frames([0.0], frames.points[-1:], frames.tips[-1:]) for frames in (first, second))
-    apart = first.distances(second, of)
-    if not apart:
+    distances = first.distances(second, of)
+    if not distances:
         raise ValueError("the two runs have no frame of the same time: give them the same duration and output_every, or steps")
-    return max(apart.values())
+    return max(distances.values())
 
 
 @dataclass(frozen=True)
@@ -52,5 +52,5 @@ def error(scene: Scene | Path | str) -> GridError:
     """
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
     grids = grids_of(scene)
-    choice = choose_grid(grids)[0] if scene.resolution.asked else error_of_grid(grids, scene.resolution.cells_across)
+    choice = choose_grid(grids)[0] if scene.resolution.requested else error_of_grid(grids, scene.resolution.cells_across)
     return GridError(choice.error, choice.report)

@@ -94,7 +94,7 @@ class Model:
     particles: Particles
     shear: Array  # (n,) Pa
     bulk: Array  # (n,) Pa
-    remanence: Array  # (n, 3) T, in the undeformed body; a fourth column where an effect marks particles (effects.marked)
+    remanence: Array  # (n, 3) T, in the undeformed body; a fourth column where an effect marks particles (acting.marked)
     density: Array  # (n,) kg/m^3
     effects: tuple[NDArray[Any], ...]  # records and data of each effect, in turn
     modes: Array  # (n, 0) or (n, 4): what the volume part of the energy is projected on, see volume_modes
@@ -162,7 +162,7 @@ class Model:
 
     @cached_property
     def component(self) -> NDArray[np.int64]:
-        """Which component of the body each particle (n,) is in: in motion, each has a grid of its own. At rest one grid has all: 0."""
+        """Component of the body that each particle (n,) is in: in motion, each has a grid of its own. At rest one grid has all: 0."""
         if self.scene.solver.dynamic is None:
             return np.zeros(len(self.density), np.int64)
         return self.scene.body.shape.components(self.particles)
@@ -181,7 +181,7 @@ class Model:
 
     @property
     def driven_in_motion(self) -> Driven:
-        """Which of the nodes in motion (nodes,) follow what is moved, by its name."""
+        """The nodes in motion (nodes,) that follow what is moved, by its name."""
         names = np.array([region.name if region.held else "" for region in self.scene.regions()])[self.particles.segment]
         found = []
         for name, nodes in self.driven:
@@ -228,7 +228,7 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
     (None: the end of its schedule).
     """
     shape, resolution = scene.body.shape, scene.resolution
-    if resolution.asked:
+    if resolution.requested:
         raise SceneError(
             f"resolution.{'error' if resolution.error is not None else 'seconds'}",
             rule="here the cells must be given: they are chosen for an error or a time by `magmpm run` (statics.resolution) alone",

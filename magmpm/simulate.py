@@ -97,8 +97,8 @@ def _save_last(error: SolveError, folder: Path | str, begun: bool) -> None:
         forget_motion(folder)
     try:
         error.state.save(folder)
-    except OSError as trouble:  # a full disk, say: why the motion failed matters more
-        raise error from trouble
+    except OSError as failure:  # a full disk, say: why the motion failed matters more
+        raise error from failure
 
 
 def simulated(
@@ -116,8 +116,8 @@ def simulated(
     if scene.effects.auto:
         choice = choose_effects(scene)
         found = simulated(choice.scene, start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
-        return replace(found, effects_chosen=choice.told)
-    if scene.resolution.asked:
+        return replace(found, effects_chosen=choice.reasons)
+    if scene.resolution.requested:
         return _resolved(scene, start, on_progress, on_grid if folder is not None and scene.in_time else None, advise)[0]
     return on_grid(scene, start=start)
 
@@ -149,7 +149,7 @@ def sensitivities(
         rule, remedy = "sensitivities are those of an equilibrium", "leave out solver.dynamic, or differentiate runs by differences"
         raise InputError("solver.dynamic", received="a motion", rule=rule, remedy=remedy)
     wanted = variables(scene, of)
-    if scene.resolution.asked:
+    if scene.resolution.requested:
         prepare_kernels(scene.with_cells(coarsest_cells(scene)), uses=(DERIVATIVES,))
         result, found = _resolved(scene, start, None)
         assert found is not None  # an equilibrium of a straight body; variables() refuses others
@@ -168,12 +168,12 @@ def _resolved(
         raise ValueError("start: received one for a scene that asks for an error, whose grids are chosen in turn; give it cells_across")
     begun, grids = time.perf_counter(), grids_of(scene)
 
-    def again(cells: int) -> float:
+    def second_run(cells: int) -> float:
         return 0.0 if into_folder is None else grids.solved[cells].seconds if cells in grids.solved else grids.takes(cells, proof=False)
 
     try:
         with remedies.named(scene):
-            choice, compiled = choose_grid(grids, on_progress, again)
+            choice, compiled = choose_grid(grids, on_progress, second_run)
     except SolveError as error:
         if isinstance(grids, Equilibria):
             raise with_state(error, {"setup": 0.0, "compile": 0.0, "solve": time.perf_counter() - begun}) from None
@@ -193,6 +193,6 @@ def _resolved(
         result = grids.results[choice.cells] if into_folder is None else into_folder(grids.on(choice.cells))
         judging = seconds["solve"] - (grids.solved[choice.cells].seconds if into_folder is None else 0.0)
         seconds = {**result.seconds, "setup": result.seconds["setup"] + judging, "compile": result.seconds["compile"] + compiled}
-    told: dict[str, Any] = {"scene_hash": scene.hash(), "error_estimate": choice.error, "resolution": choice.report, "seconds": seconds}
+    answer: dict[str, Any] = {"scene_hash": scene.hash(), "error_estimate": choice.error, "resolution": choice.report, "seconds": seconds}
     warnings = [*of_known_error(result.warnings), *choice.report.get("warnings", [])]
-    return replace(result, warnings=warnings, **told), found
+    return replace(result, warnings=warnings, **answer), found

@@ -26,7 +26,7 @@ def design(
 
     study: the path of a study file, or the Study that load_study makes of one. folder: of the results, runs/NAME unless given; best/ in it
     holds the best design as a Result and as a scene. trials, sampler: in place of the file's. more: workers, storage, on_trial and the
-    other options of studies.engine.run_study. Lengths of the report are in m.
+    other options of studies.engine.loop.run_study. Lengths of the report are in m.
     Raises InputError for wrong files, names and numbers; MagmpmError where the trials can't be kept.
     """
     from magmpm.simulate import run, sensitivities

@@ -89,7 +89,7 @@ class Body:
 
     @cached_property
     def _clusters(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """For each arrow: the particles whose magnetization it shows, and those at its middle.
+        """Two groups for each arrow: the particles whose magnetization it shows, and those at its middle.
 
         A part magnetized evenly has one arrow, or a few if it is most of the body. Where the magnetization turns, each stretch has one.
         """

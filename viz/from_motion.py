@@ -189,6 +189,6 @@ def _usual(forces: list[np.ndarray]) -> float:
 
 
 def _spread(points: np.ndarray, apart: float) -> np.ndarray:
-    """At most one point in every cube of that edge (m)."""
+    """The points, at most one in every cube of that edge (m)."""
     _, first = np.unique(np.floor(points / apart).astype(int), axis=0, return_index=True)
     return points[np.sort(first)]

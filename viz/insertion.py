@@ -54,7 +54,7 @@ class Insertion:
         return Surface.joined([whole, Surface(np.vstack([last, line[-1:]]), cap, np.full(around, part[-1]))])
 
     def _segments(self, depth: float) -> Any:
-        """From arc length outside (m) to the number of the segment."""
+        """The number of the segment by the arc length outside (m)."""
         lengths = [segment["length"] for segment in self.catheter["segments"]]
         given = sum(length for length in lengths if length is not None)
         free = sum(length is None for length in lengths)

@@ -24,7 +24,7 @@ def draw(
 ) -> Path:  # fmt: skip
     """Draw a map into a PNG, SVG or PDF.
 
-    fields (m, 3) T, tips (m, 3) m or NaN, marks (m,); kind, axes and shape: as of studies.tip_map.Fields;
+    fields (m, 3) T, tips (m, 3) m or NaN, marks (m,); kind, axes and shape: as of studies.explore.tip_map.Fields;
     length: m, of the body; words: what each mark means.
     """
     from matplotlib.figure import Figure

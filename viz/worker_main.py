@@ -34,7 +34,7 @@ def begin(pipe: object, backend: str) -> Callable[[tuple[Callable[..., Any], tup
         _canvas = _opened(backend)
         _probe()
     except Exception as error:
-        raise RenderError(_told(error)) from None
+        raise RenderError(_text_of(error)) from None
     return _drawn
 
 
@@ -43,10 +43,10 @@ def _drawn(request: tuple[Callable[..., Any], tuple[Any, ...]]) -> Any:
     try:
         return function(*args)
     except Exception as error:
-        raise RenderError(_told(error)) from None
+        raise RenderError(_text_of(error)) from None
 
 
-def _told(error: Exception) -> str:
+def _text_of(error: Exception) -> str:
     """Describe an exception: of a file that can't be written, its name and the remedy."""
     if isinstance(error, OSError) and error.filename is not None and error.errno in (*FULL, *REFUSED):
         return explained(error)

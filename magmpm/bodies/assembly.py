@@ -212,7 +212,7 @@ class Parts(BodyShape):
         return particles.segment
 
     def components(self, particles: Particles) -> NDArray[np.int64]:
-        """Which connected component each particle (n,) is in, from 0: parts that touch are of one."""
+        """Connected component that each particle (n,) is in, from 0: parts that touch are of one."""
         near = TOUCHING * self.length
         return connected_components(self._gaps(2 * near) <= near, particles.cell, particles.segment)
 
@@ -229,7 +229,7 @@ class Parts(BodyShape):
 
 
 def connected_components(touching: NDArray[np.bool_], cell: NDArray[np.integer], part: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Which connected component each particle (n,) is in, from 0.
+    """Connected component that each particle (n,) is in, from 0.
 
     touching (parts, parts): which touch; cell (n, 3), part (n,): of each particle of the undeformed body. Two parts are connected
     where they touch and share a cell, or have cells that share a face.

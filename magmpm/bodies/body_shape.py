@@ -130,11 +130,11 @@ class BodyShape(Settings):
         """The solids of its components, in the order of `components`; cell: width of the grid's cells, m."""
 
     def part_of(self, particles: Particles) -> NDArray[np.integer]:
-        """Which part of the body each particle (n,) is in; a body that is not made of parts is one."""
+        """Part of the body that each particle (n,) is in; a body that is not made of parts is one."""
         return np.zeros(len(particles.volume), np.int64)
 
     def components(self, particles: Particles) -> NDArray[np.int64]:
-        """Which connected component each particle (n,) is in, from 0: components can move away from each other."""
+        """Connected component that each particle (n,) is in, from 0: components can move away from each other."""
         return np.zeros(len(particles.volume), np.int64)
 
     def check_resolution(self, cells_across: int) -> None:

@@ -1,4 +1,4 @@
-"""From meshes to a grid and particles: quadrature points with the exact volume, centroid and second moments of every cut cell.
+"""Meshes to a grid and particles: quadrature points with the exact volume, centroid and second moments of every cut cell.
 
 The points of a cell are tensor Gauss points, moved and stretched to the moments of what the mesh fills of the cell; in a full cell they are
 the Gauss points themselves. Where a piece is so skew that its points would leave the cell they are pulled toward its centroid:
@@ -145,7 +145,7 @@ def _stands(free: Array, held: Array, step: Array) -> bool:
 
 
 def _shadow(triangles: Array, low: Array, step: Array, shape: Index) -> NDArray[np.bool_]:
-    """Which points low + step (i, j) of a lattice of this shape lie in triangles (f, 3, 2) m."""
+    """True for points low + step (i, j) of a lattice of this shape that lie in triangles (f, 3, 2) m."""
     out = np.zeros(tuple(shape), bool)
     scaled = (triangles - low) / step
     first = np.maximum(np.ceil(scaled.min(1) - ON_PLANE), 0).astype(int)

@@ -1,4 +1,4 @@
-"""From shapes to particles: quadrature points of the undeformed body whose volume and section moments are exact.
+"""Shapes to particles: quadrature points of the undeformed body whose volume and section moments are exact.
 
 What a grid cell holds of the body gets its own quadrature rule: tensor-product Gauss points, shifted and scaled so that volume, centroid
 and second moments are exact. In a cell that the body fills, this is the Gauss rule itself. So the section's area and second moments

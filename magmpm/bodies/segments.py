@@ -103,7 +103,7 @@ class StraightBody(BodyShape):
 
         @property
         def segments(self) -> tuple[Segment, ...] | None:
-            """From base to tip."""
+            """The segments, base to tip."""
 
     @field_validator("segments", check_fields=False)
     @classmethod

@@ -120,7 +120,7 @@ def _matched(vertices: Array, faces: Index, edges: Index, size: float) -> tuple[
     return np.array(pairs), bool(np.ptp(covers) <= 1)
 
 
-def trouble(vertices: Array, faces: Index, size: float) -> tuple[str, str] | None:
+def shell_fault(vertices: Array, faces: Index, size: float) -> tuple[str, str] | None:
     """Rule and remedy where a closed mesh covers a point twice, or less than not at all; else None. size: of its box, cubed."""
     least = faces[np.arange(len(faces))[:, None], (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3]
     twice = len(faces) - len(np.unique(least, axis=0))
@@ -160,7 +160,7 @@ def _outward(shell: Manifold) -> Manifold:
 
 
 def _misplaced(shells: list[Manifold]) -> tuple[str, str] | None:
-    """Rule and remedy where a shell is misplaced, as of `trouble`; else None."""
+    """Rule and remedy where a shell is misplaced, as of `shell_fault`; else None."""
     volume, solids = np.array([shell.volume() for shell in shells]), [_outward(shell) for shell in shells]
     around = np.zeros(len(shells))  # how often a point just outside of each shell is inside of others
     crossed: list[str] = []

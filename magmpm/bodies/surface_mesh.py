@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationInfo
 
-from magmpm.bodies.shells import SAME, MeshError, overlapping_boxes, solid_of, trouble
+from magmpm.bodies.shells import SAME, MeshError, overlapping_boxes, shell_fault, solid_of
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.settings import fault, from_file, named_file
 from magmpm.inputs.user_files import UnfitFile, read_regular
@@ -151,7 +151,7 @@ def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
             "a mesh must enclose a volume, and this one encloses none: a part without volume has no mass",
             "export the solid part, not a surface",
         )
-    if (found := trouble(vertices, faces, size)) is not None:
+    if (found := shell_fault(vertices, faces, size)) is not None:
         raise MeshError(*found)
     return mesh
 

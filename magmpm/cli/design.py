@@ -44,7 +44,7 @@ def command(options: argparse.Namespace) -> int:
     from magmpm.viz.worker import Renderer
 
     if options.trial is not None:
-        return _again(options, study)
+        return _rerun(options, study)
     changed = study.changed(trials=options.trials, sampler=options.sampler)
     check_study(changed, options.workers, options.time_limit)  # before there is a folder
     out, storage = options.out or Path("runs") / study.name, given_url(options.storage, os.environ)
@@ -81,18 +81,18 @@ def command(options: argparse.Namespace) -> int:
     return 1 if report.ended == "interrupted" else 0
 
 
-def _again(options: argparse.Namespace, study: Study) -> int:
+def _rerun(options: argparse.Namespace, study: Study) -> int:
     """Solve one trial again, and compare it with what is stored."""
     from magmpm.simulate import run, sensitivities
     from magmpm.studies.engine.storage import OUTAGE, TIMEOUT, Store, storage_url
     from magmpm.studies.engine.storage_url import given_url
-    from magmpm.studies.engine.study_session import solved_again
-    from magmpm.studies.evaluate.judge import Judge
+    from magmpm.studies.engine.study_session import rerun
+    from magmpm.studies.evaluate.evaluator import Evaluator
 
     out = options.out or Path("runs") / study.name
     store = Store(storage_url(out, given_url(options.storage, os.environ)), TIMEOUT, OUTAGE, lambda line: _advise([line]))
     study = study.changed(sampler=options.sampler)
-    found = solved_again(Judge(study, run, sensitivities, None, out), store, options.trial)
+    found = rerun(Evaluator(study, run, sensitivities, None, out), store, options.trial)
     if options.json:
         print(json.dumps(found))
     elif found["reason"] is not None:
@@ -157,7 +157,7 @@ class TrialPicture:
 def _text(report: StudyReport, files: list[Path]) -> str:
     """The report for people."""
     from magmpm.studies.engine.records import BEST
-    from magmpm.studies.engine.report import on_the_brink, said
+    from magmpm.studies.engine.report import on_the_brink, verified_lines
     from magmpm.studies.search.best_scene import SCENE
     from magmpm.studies.search.search_space import FIELD
 
@@ -189,7 +189,7 @@ def _text(report: StudyReport, files: list[Path]) -> str:
         first = report.first_trial_below_stop
         lines.append(f"  rms {1e3 * report.stop_rms_m:g} mm         {'not reached' if first is None else f'reached in trial {first}'}")
     lines += [f"  warning          {line}" for line in on_the_brink(report.best)]
-    lines += [f"  judged finer     {line}" for line in said(report.judged)]
+    lines += [f"  judged finer     {line}" for line in verified_lines(report.judged)]
     lines += [f"  held back        {one['says']}" for one in report.limits]
     if report.seconds_per_trial is not None:
         lines.append(f"  seconds a trial  {report.seconds_per_trial:.2f} (median, with storage and picture)")

@@ -160,9 +160,9 @@ def _libraries() -> Iterator[Check]:
         elif _older(version, needed):
             yield Check(name, FAIL, f"{version}; {needed.least} or newer is needed", _install("") + " --upgrade")
         else:
-            trouble = _tried([sys.executable, "-c", f"import {IMPORTS.get(needed.name, needed.name)}"], PATIENCE["import"])[1]
+            failure = _tried([sys.executable, "-c", f"import {IMPORTS.get(needed.name, needed.name)}"], PATIENCE["import"])[1]
             remedy = f"{Path(sys.executable).name} -m pip install --force-reinstall {needed.name}"
-            yield Check(name, FAIL, f"{version} can't be imported: {trouble}", remedy) if trouble else Check(name, OK, version)
+            yield Check(name, FAIL, f"{version} can't be imported: {failure}", remedy) if failure else Check(name, OK, version)
 
 
 def _extras() -> Iterator[Check]:
@@ -202,14 +202,14 @@ def _tried(arguments: list[str], patience: float) -> tuple[str, str]:
 def _threads() -> Iterator[Check]:
     """Cores that this process may use, and what the environment says about threads."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    asked = os.environ.get("NUMBA_NUM_THREADS")
-    found = f"{cores} of {os.cpu_count()} processors may be used" + (f"; NUMBA_NUM_THREADS={asked}" if asked else "")
+    requested = os.environ.get("NUMBA_NUM_THREADS")
+    found = f"{cores} of {os.cpu_count()} processors may be used" + (f"; NUMBA_NUM_THREADS={requested}" if requested else "")
     allowed = _allowed_by_cgroup()
     if allowed is not None and allowed < cores:
         found += f"; the container's limit is {allowed:.3g}"
-    if asked and asked.strip().isdigit() and int(asked) > cores:
+    if requested and requested.strip().isdigit() and int(requested) > cores:
         yield Check("threads", WARN, found, "more threads than processors are slower: unset NUMBA_NUM_THREADS")
-    elif allowed is not None and allowed < cores and not asked:
+    elif allowed is not None and allowed < cores and not requested:
         yield Check("threads", WARN, found, f"set NUMBA_NUM_THREADS={max(1, int(allowed))}: threads beyond the limit are slower than none")
     else:
         yield Check("threads", OK, found)
@@ -268,10 +268,10 @@ with Renderer() as renderer:
 
 def _opengl() -> Check:
     """Find out which renderer draws: tried in a process, since a missing OpenGL library is a segmentation fault."""
-    printed, trouble = _tried([sys.executable, "-c", _OPENGL], PATIENCE["opengl"])
-    if trouble:
+    printed, failure = _tried([sys.executable, "-c", _OPENGL], PATIENCE["opengl"])
+    if failure:
         remedy = "apt-get install libegl1 libgl1-mesa-dri; or set MAGMPM_RENDER=matplotlib"
-        return Check("OpenGL", FAIL, f"no picture can be drawn: {trouble}", remedy)
+        return Check("OpenGL", FAIL, f"no picture can be drawn: {failure}", remedy)
     backend, note = json.loads(printed.strip().splitlines()[-1])
     if backend == "pyvista":
         return Check("OpenGL", OK, "PyVista draws")
@@ -283,7 +283,7 @@ def _opengl() -> Check:
 
 def _self_test() -> Iterator[Check]:
     """Numbers against stored answers, in a process of their own."""
-    printed, trouble = _tried([sys.executable, "-m", "magmpm.cli.self_test"], PATIENCE["self-test"])
+    printed, failure = _tried([sys.executable, "-m", "magmpm.cli.self_test"], PATIENCE["self-test"])
     try:
         rows: list[dict[str, Any]] = json.loads(printed.strip().splitlines()[-1])
     except (ValueError, IndexError):
@@ -292,5 +292,5 @@ def _self_test() -> Iterator[Check]:
         found = f"{row['found']} ({row['rule']})"
         remedy = "" if row["passed"] else "report it, with the output of magmpm doctor --json; trust no result until then"
         yield Check(f"self-test: {row['name']}", OK if row["passed"] else FAIL, found, remedy)
-    if trouble or not rows:
-        yield Check("self-test", FAIL, trouble or "it said nothing", "reinstall numba and llvmlite; then: magmpm doctor")
+    if failure or not rows:
+        yield Check("self-test", FAIL, failure or "it said nothing", "reinstall numba and llvmlite; then: magmpm doctor")

@@ -85,7 +85,7 @@ def prepare(options: argparse.Namespace) -> int:
     with Progress("kernels") as progress:
         for k, scene in enumerate(scenes):
             progress.at(k, len(scenes), describe(scene))
-            uses = (SOLVE, PROOFS) if scene.resolution.asked else (SOLVE,)
+            uses = (SOLVE, PROOFS) if scene.resolution.requested else (SOLVE,)
             done.append({"kernels": describe(scene), "compiled": fill_cache(scene, progress.note, uses)})
     lines = [f"{'compiled' if each['compiled'] else 'ready':<9} {each['kernels']}" for each in done]
     print_summary(options, {"kernels": done}, "\n".join(lines))

@@ -19,7 +19,7 @@ def command(options: argparse.Namespace) -> int:
     from magmpm.inputs.yaml_document import of_file
     from magmpm.scene import load_scene
 
-    asked = _numbers(options)
+    sizes = _numbers(options)
     scene = load_scene(options.scene)
     from magmpm.studies.fitting import (
         Refused,
@@ -38,12 +38,12 @@ def command(options: argparse.Namespace) -> int:
     with folder_of_results(options, f"{scene.name} fit") as folder:
         try:
             with Progress(f"fit of {scene.name}") as progress, of_file(options.scene):
-                found = fit(measured, scene, vary=_list(options.vary), **asked, thorough=not options.quick, on_progress=progress.note)
+                found = fit(measured, scene, vary=_list(options.vary), **sizes, thorough=not options.quick, on_progress=progress.note)
                 held = None if left is None else predict_held_out(found, left)
         except Refused as refusal:
             if options.json:
-                told = {"refused": str(refusal), "together": refusal.together, "known": refusal.known, "measure": refusal.advice}
-                print(json.dumps(told))
+                answer = {"refused": str(refusal), "together": refusal.together, "known": refusal.known, "measure": refusal.advice}
+                print(json.dumps(answer))
             raise
         for warning in found.warnings:
             print(f"magmpm: warning: {warning}", file=sys.stderr)

@@ -54,9 +54,9 @@ class PageServer(GuardedServer):
                 super().__init__((host, candidate), _Handler)
                 break
             except (OSError, OverflowError) as error:
-                trouble = getattr(error, "strerror", None) or str(error)
+                failure = getattr(error, "strerror", None) or str(error)
         else:
-            rule = f"the address must be this machine's, and the port free and allowed to this user ({trouble})"
+            rule = f"the address must be this machine's, and the port free and allowed to this user ({failure})"
             remedy = "end what uses it, or name another, say, --port 0 for any that is free"
             raise InputError("--port", received=f"{port or FIRST_PORT} on {host}", rule=rule, remedy=remedy)
         name = (*names[1:], self.server_name if host in ALL else host)[0]
@@ -89,12 +89,12 @@ class _Handler(GuardedHandler):
 
     def do_POST(self) -> None:
         """Answer a request of the page."""
-        self._answer(self._asked)
+        self._answer(self._posted)
 
-    def _asked(self) -> tuple[bytes, str]:
-        asked = self._read()
+    def _posted(self) -> tuple[bytes, str]:
+        request = self._read()
         self.server.waits_for(self.connection, False)
-        answer = self.server.routes[self.path.removeprefix("/")](asked)
+        answer = self.server.routes[self.path.removeprefix("/")](request)
         if isinstance(answer, bytes):
             return answer, "application/octet-stream"
         return json.dumps(answer).encode(), "application/json"

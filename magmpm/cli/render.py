@@ -41,14 +41,14 @@ def command(options: argparse.Namespace) -> int:
         if is_study(folder):
             from magmpm.cli.design import render_study
 
-            files = _told(*render_study(folder, out, smooth=options.style == SURFACE, kind=options.format))
+            files = _listed(*render_study(folder, out, smooth=options.style == SURFACE, kind=options.format))
         else:
             files = draw_run(folder, out, frames=options.frames, fps=options.fps, style=options.style, kind=options.format)
     print_summary(options, {"files": files}, "\n".join(f"saved {path}" for path in files))
     return 0
 
 
-def _told(files: list[Path], note: str) -> list[str]:
+def _listed(files: list[Path], note: str) -> list[str]:
     if note:
         print(note, file=sys.stderr)
     return [str(path) for path in files]
@@ -81,7 +81,7 @@ def draw_run(
             from magmpm.results.result import Result
 
             files, note = [draw_result(Result.load(folder), _named(out / PICTURE, kind), renderer, style)], ""
-        return _told(files, " ".join(filter(None, (note, renderer.note))))
+        return _listed(files, " ".join(filter(None, (note, renderer.note))))
 
 
 def draw_result(result: Result, path: Path, renderer: Renderer, style: str | None = None) -> Path:
@@ -139,7 +139,7 @@ def _named(path: Path, kind: str) -> Path:
 
 
 def _numbers(text: str | None, count: int) -> Sequence[int]:
-    """Which frames get pictures of their own. Raises InputError."""
+    """Numbers of the frames that get pictures of their own. Raises InputError."""
     if text is None:
         return []
     if text == "all":

@@ -133,8 +133,8 @@ def _tell_failure(error: SolveError, saved: Path, options: argparse.Namespace) -
     if options.render:
         try:
             summary["files"] = draw_run(saved, saved, style=options.style)
-        except MagmpmError as trouble:  # what went wrong with the run matters more
-            print(f"magmpm: the last good state can't be drawn: {trouble}", file=sys.stderr)
+        except MagmpmError as failure:  # what went wrong with the run matters more
+            print(f"magmpm: the last good state can't be drawn: {failure}", file=sys.stderr)
     if options.json:
         print(json.dumps(summary))
 

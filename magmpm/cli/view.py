@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def command(options: argparse.Namespace) -> int:
     """Serve the page until it is stopped. Returns the exit status. Raises InputError."""
     path = Path(options.scene)
-    scene, path, target, target_name = _asked(path, options)
+    scene, path, target, target_name = _requested(path, options)
     if options.port is not None and not 0 <= options.port < 65536:
         raise InputError("--port", received=str(options.port), rule="must be 0 to 65535", remedy="--port 0 takes a free one")
     folder = options.out or results_folder(scene.name)
@@ -46,7 +46,7 @@ def command(options: argparse.Namespace) -> int:
         view.close()
 
 
-def _asked(path: Path, options: argparse.Namespace) -> tuple[Scene, Path, Any, str]:
+def _requested(path: Path, options: argparse.Namespace) -> tuple[Scene, Path, Any, str]:
     """The scene to view, its file, the target (m, 4) m or None, and what it is called. A study is viewed as its scene and target."""
     if "scene" in read_yaml(path):
         from magmpm.studies.search.definition import load_study

@@ -46,9 +46,9 @@ class ShapeView:
             **about_scene(self.scene, self.target, self.target_name),
         }
 
-    def preview(self, asked: Any) -> bytes:
+    def preview(self, request: Any) -> bytes:
         """The rod's shape, dressed by the last solve; without one, words that say so."""
-        scene = self._scene(asked)
+        scene = self._scene(request)
         try:
             with self._previewing:
                 shape = self._preview.shape(scene)
@@ -56,11 +56,11 @@ class ShapeView:
             return self._words("none", str(error))
         if shape is None or not np.isfinite(shape.position).all():
             return self._words("none", "")
-        return self._drawn(scene, shape, asked, {"state": "preview"})
+        return self._drawn(scene, shape, request, {"state": "preview"})
 
-    def solve(self, asked: Any) -> bytes:
+    def solve(self, request: Any) -> bytes:
         """The shape that `magmpm run` finds, and its numbers; or why there is none."""
-        scene = self._scene(asked)
+        scene = self._scene(request)
         try:
             solved = self._solver.solved(scene)
         except Overtaken:
@@ -70,11 +70,11 @@ class ShapeView:
         with self._previewing:
             self._preview.learn(solved.result)
         about = {"state": "solved", "seconds": solved.seconds, "numbers": _numbers(solved.result, solved.rms)}
-        return self._drawn(scene, Shape.of(solved.result), asked, {**about, "warnings": solved.result.warnings})
+        return self._drawn(scene, Shape.of(solved.result), request, {**about, "warnings": solved.result.warnings})
 
-    def save(self, asked: Any) -> Mapping[str, Any]:
+    def save(self, request: Any) -> Mapping[str, Any]:
         """Write the scene as it is shown. Raises InputError."""
-        values = self._values(asked)
+        values = self._values(request)
         shown = changed(self.scene, self.controls, values)
         with self._saving:
             taken = {path.name for path in self.folder.glob("view-*.yaml")}
@@ -88,18 +88,18 @@ class ShapeView:
         """End the solver."""
         self._solver.close()
 
-    def _values(self, asked: Any) -> dict[str, float]:
-        return checked(self.controls, asked.get("values", {}) if isinstance(asked, Mapping) else None)
+    def _values(self, request: Any) -> dict[str, float]:
+        return checked(self.controls, request.get("values", {}) if isinstance(request, Mapping) else None)
 
-    def _scene(self, asked: Any) -> Scene:
-        return changed(self.scene, self.controls, self._values(asked))
+    def _scene(self, request: Any) -> Scene:
+        return changed(self.scene, self.controls, self._values(request))
 
     def _words(self, state: str, words: str) -> bytes:
         return packed({"state": state, "words": words}, {})
 
-    def _drawn(self, scene: Scene, shape: Shape, asked: Any, about: dict[str, Any]) -> bytes:
+    def _drawn(self, scene: Scene, shape: Shape, request: Any, about: dict[str, Any]) -> bytes:
         with self._drawing:
-            return self._stage.message(scene, shape, str(asked.get("surface", "")), about)
+            return self._stage.message(scene, shape, str(request.get("surface", "")), about)
 
 
 def _numbers(result: Result, rms: float | None) -> list[dict[str, Any]]:
@@ -148,18 +148,18 @@ class MotionView:
             if motion is None or len(motion) == 0:
                 return {"times": [], "running": running, "failure": failure}
             stage = self._staged(motion)
-            told = stage.told()
-        return {**told, "running": running, "failure": failure}
+            state = stage.state()
+        return {**state, "running": running, "failure": failure}
 
-    def frame(self, asked: Any) -> bytes:
+    def frame(self, request: Any) -> bytes:
         """A frame by its number. Raises InputError."""
-        number = asked.get("number") if isinstance(asked, Mapping) else None
+        number = request.get("number") if isinstance(request, Mapping) else None
         with self._reading:
             motion = self._loaded() if self._stage is None else self._stage.motion
             if motion is None or isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < len(motion):
                 raise InputError(f"frame: received {number!r:.40}; the motion has frames 0 to {0 if motion is None else len(motion) - 1}")
             stage = self._staged(motion)
-            header, arrays = stage.frame(number, str(asked.get("surface", "")))
+            header, arrays = stage.frame(number, str(request.get("surface", "")))
         return packed(header, arrays)
 
     def close(self) -> None:

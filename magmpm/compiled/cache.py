@@ -22,7 +22,7 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from magmpm.compiled.process import started
 
 _DIGEST = 32  # bytes
-_told: set[str] = set()
+_noted: set[str] = set()
 _compiles_here = False
 
 
@@ -79,7 +79,7 @@ def _begin(_: object) -> Callable[[tuple[list[str], str, str, Any]], None]:
 
 def kept_all() -> bool:
     """True if the disk has saved everything that this process compiled."""
-    return not any("not kept" in line for line in _told)
+    return not any("not kept" in line for line in _noted)
 
 
 class KernelCache(FunctionCache):  # type: ignore[misc]
@@ -147,6 +147,6 @@ def _tell(what: str, then: str) -> None:
         line += ", so that every run waits up to a minute for it; free room, or set NUMBA_CACHE_DIR to another folder"
         if not kept_all():
             return
-    if line not in _told:
-        _told.add(line)
+    if line not in _noted:
+        _noted.add(line)
         print(line, file=sys.stderr, flush=True)

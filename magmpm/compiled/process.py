@@ -19,7 +19,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, TypeVar
 
-READY, TOLD, DONE, RAISED, DIED = "ready", "told", "done", "raised", "died"  # kinds of messages
+READY, PARTIAL, DONE, RAISED, DIED = "ready", "partial", "done", "raised", "died"  # kinds of messages
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 CLOSING = 5.0  # s that a process may take to end once its pipe is closed
 Job = TypeVar("Job")
@@ -47,7 +47,7 @@ def with_threads(threads: int) -> dict[str, str]:
 class Process:
     """One process. `begin(pipe, *given)`, of a module's top level, is called in it, and returns the function that answers a job.
 
-    That function may send (TOLD, something) through the pipe before it returns its answer.
+    That function may send (PARTIAL, something) through the pipe before it returns its answer.
     """
 
     def __init__(self, begin: Callable[..., Any], *given: Any, env: Mapping[str, str] | None = None, quiet: bool = True) -> None:
@@ -168,7 +168,7 @@ def answers(jobs: Iterator[Job] | deque[Job], processes: Sequence[Process], limi
             except Died as death:
                 kind, found = DIED, death
                 process.start()
-            if kind not in (READY, TOLD):
+            if kind not in (READY, PARTIAL):
                 del busy[process]
             if kind != READY:
                 yield job, kind, found

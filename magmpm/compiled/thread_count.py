@@ -14,7 +14,7 @@ import numba
 
 MANY = 20_000  # particles: from this number on, always use all threads
 TRIES = 3  # calls with each number at the start: the first may load or compile a kernel
-AGAIN = 100  # calls between two trials of the other number
+RETRIED = 100  # calls between two trials of the other number
 
 Taken = TypeVar("Taken", bound=tuple[int, bool])
 
@@ -60,4 +60,4 @@ class Threads:
         if self.calls < 2 * TRIES:
             return (1, most)[self.calls % 2]
         best = 1 if self.seconds.get(1, 0.0) <= self.seconds.get(most, 0.0) else most
-        return best if self.calls % AGAIN else 1 + most - best
+        return best if self.calls % RETRIED else 1 + most - best

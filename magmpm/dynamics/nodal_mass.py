@@ -131,7 +131,7 @@ def _correction(
 
 
 def _components(base: Index, strides: tuple[int, int], free: NDArray[np.bool_]) -> Index:
-    """Which connected component each free node is in (nodes,): cells connect the free nodes of their particles."""
+    """Connected component that each free node is in (nodes,): cells connect the free nodes of their particles."""
     from scipy.sparse import coo_matrix, csgraph  # 0.1 s to import
 
     cells = np.unique(base)

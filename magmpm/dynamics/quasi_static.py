@@ -179,9 +179,9 @@ def follow(
 def _note(state: PathState, jumps: list[Jump]) -> list[dict[str, Any]]:
     """Add the last equilibrium, and the jumps on the way to it, to what is known. Returns the jumps as results report them."""
     shape, branch = state.shape, state.branch
-    told = [_told(state, shape, jump) for jump in jumps]
-    state.jumps += told
-    state.warnings += [jump_in_words(jump) for jump in told]
+    described = [_description(state, shape, jump) for jump in jumps]
+    state.jumps += described
+    state.warnings += [jump_in_words(jump) for jump in described]
     state.strain = state.strain.worst(strain_of(shape.model, shape.position, shape.F, state.time))
     inserted = state.loads.inserted(state.time)
     state.rows.append(
@@ -197,7 +197,7 @@ def _note(state: PathState, jumps: list[Jump]) -> list[dict[str, Any]]:
             "iterations": 0 if branch is None else branch.now.iterations,
         }
     )
-    return told
+    return described
 
 
 def _stability(branch: Branch | None) -> float | None:
@@ -207,7 +207,7 @@ def _stability(branch: Branch | None) -> float | None:
         return branch.stability()
 
 
-def _told(state: PathState, shape: Shape, jump: Jump) -> dict[str, Any]:
+def _description(state: PathState, shape: Shape, jump: Jump) -> dict[str, Any]:
     """A jump as results report it: with the field's strength, and the length outside of the guide, when the branch ended."""
     strength = float(np.linalg.norm(shape.model.field_at(shape.position, jump.time)))
     inserted = state.loads.inserted(jump.time)

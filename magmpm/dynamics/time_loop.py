@@ -59,7 +59,7 @@ class OwnLoads:
         self._last, self._elapsed, self._taken = now, 0.0, 0
 
     def passed(self, steps: int, dt: float) -> None:
-        """So many steps of dt (s) were taken under these loads."""
+        """Note that so many steps of dt (s) were taken under these loads."""
         self._elapsed, self._taken = self._elapsed + steps * dt, self._taken + steps
 
 

@@ -160,7 +160,7 @@ class Effect(Settings):
         return None
 
     def marks(self, particles: Any, remanence: Array) -> Array | None:
-        """A number (n,) by which hooks distinguish particles (bodies.Particles); remanence (n, 3) T."""
+        """A number (n,) by which hooks distinguish particles (bodies.section_quadrature.Particles); remanence (n, 3) T."""
         return None
 
 

@@ -186,7 +186,7 @@ class Box:
     cut: tuple[str, ...] = ()
 
     def holds(self, points: Array) -> NDArray[np.bool_]:
-        """Which points (n, 3) are in it."""
+        """True for points (n, 3) that are in it."""
         return np.all((points >= self.lower) & (points <= self.upper), axis=1)
 
     def meets(self, lower: Array, upper: Array) -> bool:
@@ -198,7 +198,7 @@ class Box:
         return float(np.prod(self.upper - self.lower))
 
     def text(self) -> str:
-        """For messages: "-40 to 44, -44 to 44, -44 to 44 mm"."""
+        """Text for messages: "-40 to 44, -44 to 44, -44 to 44 mm"."""
         return ", ".join(f"{1e3 * a:.3g} to {1e3 * b:.3g}" for a, b in zip(self.lower, self.upper)) + " mm"
 
 

@@ -79,7 +79,7 @@ class Field:
         return out
 
     def outside_domain(self, points: Array, time: float | None = None) -> tuple[str, str, str] | None:
-        """If some points (n, 3) m of a body are where the field is not known: what happened, the source, the remedy; else None."""
+        """Describe points (n, 3) m of a body where the field is not known: what happened, the source, the remedy; None without any."""
         bare = bare_dipoles(self.source)
         if not (self.solids or self.limits or bare) or len(points) == 0:
             return None

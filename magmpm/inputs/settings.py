@@ -29,7 +29,7 @@ from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
 from magmpm.inputs.yaml_document import Document, Key
 
 M = TypeVar("M", bound=BaseModel)
-MOST_TOLD = 20  # problems of a file: more would hide the first
+MOST_SHOWN = 20  # problems of a file: more would hide the first
 MOST_WORDED = 500  # problems that are put into words, a millisecond each, of which the first in the file are reported
 
 
@@ -154,11 +154,11 @@ def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = 
         meant = {(*p.at[:-1], near) for p in found if (near := nearest_key(model, p.at)) is not None}
         problems += [p for p in found if p.at not in empty and not (p.received == NOTHING and p.at in meant)]
     lines = data.lines if isinstance(data, Document) else {}
-    told = sorted(problems, key=lambda p: p.line(lines))[:MOST_TOLD]
-    text = "\n".join(problem.text(file, lines) for problem in told)
+    shown = sorted(problems, key=lambda p: p.line(lines))[:MOST_SHOWN]
+    text = "\n".join(problem.text(file, lines) for problem in shown)
     count = len(problems) + left
-    if count > MOST_TOLD:
-        text += f"\n... and {count - MOST_TOLD} more"
+    if count > MOST_SHOWN:
+        text += f"\n... and {count - MOST_SHOWN} more"
     if count > 1:
         text = f"{count} problems in {file if file is not None else 'the input'}\n{text}"
     raise (NotThereYet if all(p.later for p in problems) and not left else InputError)(text)

@@ -1,4 +1,4 @@
-"""Which files a scene or study may name: those near it, those where the command runs, and those that the user has allowed.
+"""Files that a scene or study may name: those near it, those where the command runs, and those that the user has allowed.
 
 A file that someone sent is data, and must not make a command read, and quote in its messages, whatever this user can read. A path in a
 file, with all links followed, must lie in one of these folders:

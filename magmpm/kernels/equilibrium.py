@@ -48,8 +48,8 @@ class Particles(NamedTuple):
     """Particles (n) sorted by cell.
 
     weights, slopes (n, 3, 3): values and slopes (1/m) of the splines, axis by node; volume m^3, shear, bulk Pa, density kg/m^3 (n,); modes
-    (n, 0), (n, 1) or (n, 4): the modes on which the volume part is projected (bodies.volume_modes); remanence (n, 3) T, or (n, 4) where
-    an effect marks particles (effects.marked).
+    (n, 0), (n, 1) or (n, 4): the modes on which the volume part is projected (model.volume_modes); remanence (n, 3) T, or (n, 4) where
+    an effect marks particles (acting.marked).
     """
 
     weights: Array
@@ -297,7 +297,7 @@ def multiply(count, fortran, room, turned, rows, inner, A, a, B, b, C):
 
 @compiled
 def _kept_rows(column, a, split):
-    """Which of a cell's three planes are rows of its a-th plane, column `column` of the panels: the first, and one past the last."""
+    """Planes of a cell, of its three, that are rows of its a-th plane, column `column` of the panels: the first, and one past the last."""
     if column >= split + 2:
         return 0, a + 1
     if column >= split:  # where the halves meet, each of the two planes keeps only rows of these two

@@ -80,7 +80,7 @@ def _solve(pivot, link, first, last, load, answer):
 
 @inner_kernel
 def correct(correction, force):
-    """From the nodes' forces, what the correction adds to the accelerations in each plane: `added`, constant and slopes along y and z."""
+    """Compute the correction of the accelerations in each plane from the nodes' forces: `added`, constant and slopes along y and z."""
     for plane in prange(len(correction.left)):
         _sum_plane(plane, correction, force)
     _spread(correction)

@@ -78,7 +78,7 @@ _add_narrow = only_where("effects", any_has("stress", "force", "rate_stress", wi
 def add_effects(effects, step, group, at, particles, work):
     """Add the effects to the stress P (Pa) and load f (N/m^3) of a group in work (GroupRoom), with F from index `at`.
 
-    particles: a record with remanence (groups 3 8,), or (groups 4 8,) where an effect marks particles (effects.marked), and density and
+    particles: a record with remanence (groups 3 8,), or (groups 4 8,) where an effect marks particles (acting.marked), and density and
     volume (groups 8,).
     Flat arrays and views, no slices: counting references would cost as much as an effect, and did where an array met a branch.
     """

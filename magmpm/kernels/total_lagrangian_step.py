@@ -140,7 +140,7 @@ def scatter(force, node, along_x, along_y, splines, first, stress, load_, work):
 
 @compiled
 def _project(modes, at, group, first, count, volume, J, c):
-    """c (modes,) += moments of J - 1 over a group (bodies.volume_modes), whose modes are from index `at` on."""
+    """c (modes,) += moments of J - 1 over a group (model.volume_modes), whose modes are from index `at` on."""
     change = load(volume, 8 * group) * (load(J, first) - 1.0)
     for k in range(count):
         c[k] += total(load(modes, at + 8 * k) * change)
@@ -176,7 +176,7 @@ class Particles(NamedTuple):
 
     pattern, moments (groups,): where the splines and modes of a group begin, shared by groups that are alike; splines (patterns 18 8,);
     modes (patterns modes 8,) of the volume part (model.volume_modes), mode_count 0 or 4; volume m^3, density kg/m^3 (groups 8,); remanence
-    (groups 3 8,) T, or (groups 4 8,) where an effect marks particles (effects.marked); reference (groups 3 8,) m: positions in
+    (groups 3 8,) T, or (groups 4 8,) where an effect marks particles (acting.marked); reference (groups 3 8,) m: positions in
     the undeformed body.
     """
 

@@ -83,8 +83,8 @@ def _unreadable(folder: Path, error: Exception) -> str:
         if isinstance(numbers := json.loads(read_regular(folder / NUMBERS, MOST)), dict) and not readable(folder):
             damaged = ARRAYS
         what = str(error) if isinstance(numbers, dict) else f"it holds {json.dumps(numbers)[:40]}"
-    except (OSError, ValueError) as trouble:
-        what = str(trouble)
+    except (OSError, ValueError) as failure:
+        what = str(failure)
     return report(
         f"{folder / damaged}: the saved result can't be read ({what})",
         rule="must be whole, as `magmpm run` or `magmpm design` wrote it",

@@ -304,7 +304,7 @@ class Resolution(Settings):
                 f"remove {' or '.join(f'`{key}`' for key in given)}",
                 (given[-1],),
             )
-        if "of" in self.model_fields_set and self.of != "centreline" and not self.asked:
+        if "of" in self.model_fields_set and self.of != "centreline" and not self.requested:
             raise fault("`of` says where an error is meant, and none is asked for", "add, say, `error: 0.1 mm`, or remove it", ("of",))
         return self
 
@@ -312,11 +312,11 @@ class Resolution(Settings):
     def _as_said(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Plain data without what is not said: chosen cells are none yet, and requested errors are reported only where there are any."""
         data: dict[str, Any] = handler(self)
-        left_out = ("cells_across",) if self.asked else ("error", "of", "seconds")
+        left_out = ("cells_across",) if self.requested else ("error", "of", "seconds")
         return {key: value for key, value in data.items() if key not in left_out and value is not None}
 
     @property
-    def asked(self) -> bool:
+    def requested(self) -> bool:
         """True if an error or a time is requested, so that the cells must be chosen before anything can be built (statics.resolution)."""
         return self.error is not None or self.seconds is not None
 

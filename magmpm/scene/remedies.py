@@ -41,9 +41,9 @@ def named(scene: Scene) -> Iterator[None]:
         found = remedies(scene, error)
         if not found:
             raise
-        told = type(error)(f"{error.reason}; to try: {'; or '.join(remedy.words for remedy in found)}", error.state)
-        told.remedies = found
-        raise told from None
+        failed = type(error)(f"{error.reason}; to try: {'; or '.join(remedy.words for remedy in found)}", error.state)
+        failed.remedies = found
+        raise failed from None
 
 
 def remedies(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
@@ -81,7 +81,7 @@ def _begun(error: SolveError) -> bool:
 
 
 def _until(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
-    """To end what happens along time before the moment at which it went wrong."""
+    """Remedy that ends what happens along time before the moment at which it went wrong."""
     reached = getattr(error.state, "time", 0.0) if _begun(error) else 0.0
     until = float(f"{SHARE * reached:.3g}")
     if not until > 0.0:
@@ -98,7 +98,7 @@ def _until(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
 
 
 def _shorter_or_weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
-    """To end before it went wrong, where that was not at the first step; else a weaker load."""
+    """Remedy that ends before it went wrong, where that was not at the first step; else a weaker load."""
     return (_until(scene, error) if scene.in_time else ()) or _weaker(scene, error)
 
 
@@ -131,8 +131,8 @@ def _weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     for part in parts:
         scaled = {**ramp.model_dump(), "begin": part * ramp.begin, "end": part * ramp.end}
         changes: dict[str, Any] = {"field.over_time.ramp": scaled}
-        told = ", ".join(f"{key}: {scaled[key]:g}{' s' if key == 'duration' else ''}" for key in ("duration", "begin", "end"))
-        words = f"a weaker field, field.over_time: {{ramp: {{{told}}}}}"
+        text = ", ".join(f"{key}: {scaled[key]:g}{' s' if key == 'duration' else ''}" for key in ("duration", "begin", "end"))
+        words = f"a weaker field, field.over_time: {{ramp: {{{text}}}}}"
         if weight is not None:
             changes["effects.gravity.acceleration"] = [part * component for component in weight.acceleration]
             words += f", and effects.gravity.acceleration times {part:g}"

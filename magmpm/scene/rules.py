@@ -195,7 +195,7 @@ def _path_has_an_end(scene: WholeScene) -> None:
 
 
 def _something_changes(scene: WholeScene) -> None:
-    """Along a path of equilibria the load must change. Only required of files."""
+    """Require that the load changes along a path of equilibria. Of files alone."""
     feed = scene.effects.feed
     if scene.solver.quasi_static is None or (feed is not None and feed.speed != 0.0):
         return
@@ -218,7 +218,7 @@ def _nothing_changes(why: str) -> tuple[str, str]:
 
 
 def without_energy(scene: WholeScene) -> str | None:
-    """In a field that varies in space, which of torque and force is missing from an equilibrium; None where all is well."""
+    """Torque or force, whichever an equilibrium in a field that varies in space lacks; None where all is well."""
     torque, force = scene.effects.magnetic_torque, scene.effects.magnetic_force
     if not scene.static or not scene.field.varies or (torque is None) == (force is None):
         return None

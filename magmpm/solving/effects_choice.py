@@ -6,7 +6,7 @@ from typing import Any
 from magmpm.errors import MagmpmError, SolveError
 from magmpm.rod.cantilever import is_cantilever, weight_in_motion
 from magmpm.scene import Scene
-from magmpm.solving.influence import Judgment, Variants, judge, variants
+from magmpm.solving.influence import Advice, Variants, advise, variants
 from magmpm.statics.unnamed_loads import SURE, missed
 
 TRIED_LAST = ("self_contact",)  # not among the effects in whose presence the others are tried: it acts in motion alone
@@ -14,10 +14,10 @@ TRIED_LAST = ("self_contact",)  # not among the effects in whose presence the ot
 
 @dataclass(frozen=True)
 class Choice:
-    """The scene with the chosen effects named; told: of each effect `effect`, `chosen`, `shift_m`, `uncertainty_m`, `why`."""
+    """The scene with the chosen effects named; reasons: of each effect `effect`, `chosen`, `shift_m`, `uncertainty_m`, `why`."""
 
     scene: Scene
-    told: list[dict[str, Any]]
+    reasons: list[dict[str, Any]]
 
 
 def choose_effects(scene: Scene) -> Choice:
@@ -32,12 +32,12 @@ def choose_effects(scene: Scene) -> Choice:
     for key in bare.effects.every():
         both = variants(bare, key)
         if isinstance(both, str):
-            found[key] = Judgment(key, False, 0.0, 0.0, "irrelevant", both)
+            found[key] = Advice(key, False, 0.0, 0.0, "irrelevant", both)
         else:
             possible.append(key)
     every: dict[str, Any] = {key: {} for key in possible if key not in TRIED_LAST}
-    full, judged = _judged(bare, every, possible)
-    found.update(judged)
+    full, advised = _advised(bare, every, possible)
+    found.update(advised)
     chosen = [key for key in possible if found[key].advice in ("keep", "add")]
     chosen += _together(full, [key for key in possible if key not in chosen], found)
     if "magnetic_force" in chosen and "magnetic_torque" not in chosen and "magnetic_torque" in possible:
@@ -45,14 +45,14 @@ def choose_effects(scene: Scene) -> Choice:
     one_energy = scene.static and full.field.varies and "magnetic_torque" in chosen and "magnetic_force" in possible
     if one_energy and "magnetic_force" not in chosen:
         chosen.append("magnetic_force")
-    told = [
+    reasons = [
         {"effect": key, "chosen": key in chosen, "shift_m": one.shift, "uncertainty_m": one.uncertainty, "why": one.why}
         for key, one in sorted(found.items(), key=lambda item: list(bare.effects.every()).index(item[0]))
     ]
-    return Choice(bare.with_effects(**{key: {} for key in chosen}), told)
+    return Choice(bare.with_effects(**{key: {} for key in chosen}), reasons)
 
 
-def _together(full: Scene, left: list[str], found: dict[str, Judgment]) -> list[str]:
+def _together(full: Scene, left: list[str], found: dict[str, Advice]) -> list[str]:
     """Effects to choose after all, of those left out one by one, where all of them together move the answer by more than it may.
 
     From the one with the largest shift on, until the rest moves it by less. What is found of them is noted.
@@ -75,8 +75,8 @@ def _together(full: Scene, left: list[str], found: dict[str, Judgment]) -> list[
     return chosen
 
 
-def _judged(bare: Scene, every: dict[str, Any], possible: list[str]) -> tuple[Scene, dict[str, Judgment]]:
-    """The scene with every possible effect, and the judgments of them in it."""
+def _advised(bare: Scene, every: dict[str, Any], possible: list[str]) -> tuple[Scene, dict[str, Advice]]:
+    """The scene with every possible effect, and the advice on them in it."""
     full = bare.with_effects(**every)
     runs = Variants(full)
     try:
@@ -84,9 +84,9 @@ def _judged(bare: Scene, every: dict[str, Any], possible: list[str]) -> tuple[Sc
     except SolveError:  # of what can be left out of the others' trial, the segments on each other are the hardest to find a rest with
         if "magnetic_interaction" in every:
             fewer = {key: value for key, value in every.items() if key != "magnetic_interaction"}
-            rest, judged = _judged(bare, fewer, [key for key in possible if key != "magnetic_interaction"])
-            return rest, {**judged, "magnetic_interaction": judge(rest, "magnetic_interaction", Variants(rest))}
-    return full, {key: judge(full, key, runs) for key in possible}
+            rest, advised = _advised(bare, fewer, [key for key in possible if key != "magnetic_interaction"])
+            return rest, {**advised, "magnetic_interaction": advise(rest, "magnetic_interaction", Variants(rest))}
+    return full, {key: advise(full, key, runs) for key in possible}
 
 
 def missed_effects(scene: Scene) -> list[str]:

@@ -45,7 +45,7 @@ class Shift:
 
 
 @dataclass(frozen=True)
-class Judgment:
+class Advice:
     """Advice on one effect: shift of the scene's answer, m, with its uncertainty, m (None: not known), what to do, and why, as text."""
 
     effect: str
@@ -88,8 +88,8 @@ class Variants:
         if key not in self._found:
             try:
                 self._found[key] = self._run(scene, self.cells + finer)
-            except MagmpmError as trouble:
-                self._found[key] = trouble
+            except MagmpmError as failure:
+                self._found[key] = failure
         found = self._found[key]
         if isinstance(found, MagmpmError):
             raise found
@@ -188,18 +188,18 @@ def has_densities(scene: Scene) -> bool:
     return all(scene.materials[region.material_name].density is not None for region in scene.regions())
 
 
-def judge(scene: Scene, key: str, runs: Variants) -> Judgment:
+def advise(scene: Scene, key: str, runs: Variants) -> Advice:
     """Evaluate one effect, whether the scene names it or not, and say what to do."""
     named, both = getattr(scene.effects, key) is not None, variants(scene, key)
     if isinstance(both, str):
-        return Judgment(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
+        return Advice(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
     try:
         overlap = key == "self_contact" and scene.body.shape.line is not None
         found = verdict(scene, key, _overlap(runs.frames(both[1]), scene.thickness) if overlap else runs.shift(*both), runs.error)
-    except SolveError as trouble:
-        return unknown(key, named, trouble.reason)
-    except MagmpmError as trouble:
-        return unknown(key, named, reason(trouble))
+    except SolveError as failure:
+        return unknown(key, named, failure.reason)
+    except MagmpmError as failure:
+        return unknown(key, named, reason(failure))
     if runs.duration == scene.duration:
         return found
     within = f"{found.why}, within its first {runs.duration:.2g} s"  # more than that is not run: the whole may be moved farther
@@ -208,13 +208,13 @@ def judge(scene: Scene, key: str, runs: Variants) -> Judgment:
     return unknown(key, named, f"a whole run takes too long, and {within}")
 
 
-def verdict(scene: Scene, key: str, moved: Shift, error: float) -> Judgment:
-    """The judgment of a shift."""
+def verdict(scene: Scene, key: str, moved: Shift, error: float) -> Advice:
+    """The advice that follows from a shift."""
     named, matters = getattr(scene.effects, key) is not None, moved.value > error
     word: Word = ("keep" if matters else "drop") if named else ("add" if matters else "irrelevant")
     near = " (close: within what the estimate is uncertain by)" if abs(moved.value - error) < moved.uncertainty else ""
     why = f"it moves the answer by {in_lengths(moved.value, scene)}, {'more' if matters else 'less'} than {in_lengths(error, scene)}{near}"
-    return Judgment(key, named, moved.value, moved.uncertainty, word, why)
+    return Advice(key, named, moved.value, moved.uncertainty, word, why)
 
 
 def in_lengths(way: float, scene: Scene) -> str:
@@ -223,9 +223,9 @@ def in_lengths(way: float, scene: Scene) -> str:
     return f"{percent:.0f} % of its length" if percent >= 99.5 else f"{percent:.2g} % of its length"
 
 
-def unknown(key: str, named: bool, why: str) -> Judgment:
+def unknown(key: str, named: bool, why: str) -> Advice:
     """Advice where no estimate can be had: a named effect stays."""
-    return Judgment(key, named, None, None, "keep" if named else "irrelevant", f"not estimated: {why}")
+    return Advice(key, named, None, None, "keep" if named else "irrelevant", f"not estimated: {why}")
 
 
 def _overlap(frames: Frames, thickness: float) -> Shift:

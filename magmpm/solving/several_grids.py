@@ -17,7 +17,7 @@ from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.solving.precompile import PROOFS, SOLVE, prepare_kernels
 from magmpm.solving.solve import solve
-from magmpm.statics.error_estimate import WITNESS
+from magmpm.statics.error_estimate import INTERMEDIATE
 from magmpm.statics.grids import PARTICLE, Equilibria, Grids, Solved, operations
 from magmpm.statics.newton import OnStep
 from magmpm.statics.resolution import PATIENCE, ChosenGrid, choose, first_cells, known_error, proofs
@@ -26,8 +26,8 @@ from magmpm.statics.resolution import PATIENCE, ChosenGrid, choose, first_cells,
 class Runs(Grids):
     """Whole runs on several grids: along time, or of bodies that are not straight. results and frames by cells across."""
 
-    def __init__(self, asked: Scene) -> None:
-        super().__init__(asked)
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
         self.results: dict[int, Result] = {}
         self.frames: dict[int, Frames] = {}
 
@@ -53,19 +53,19 @@ class Runs(Grids):
 
     def times(self, cells: int) -> float:
         """Cost of a run on a grid together with its error, over that of the run alone."""
-        return 1.0 + sum(work(self.on(n)) for n in needed_for(self.asked, cells)) / work(self.on(cells))
+        return 1.0 + sum(work(self.on(n)) for n in needed_for(self.scene, cells)) / work(self.on(cells))
 
     def _check_hopeful(self, cells: int, gone: float, at: float) -> None:
         """Raise SceneError at a time (s) of the first grid's motion, `gone` s after it began, if the error requested will take too long."""
-        asked, allowed = self.asked, self.asked.resolution.allowed(self.asked.length)
-        if self.solved or not asked.in_time or allowed is None or at <= 0.0 or gone < 0.01 * PATIENCE:  # then the pace is known
+        scene, allowed = self.scene, self.scene.resolution.allowed(self.scene.length)
+        if self.solved or not scene.in_time or allowed is None or at <= 0.0 or gone < 0.01 * PATIENCE:  # then the pace is known
             return
-        end = asked.solver.dynamic.duration if asked.solver.dynamic is not None else asked.path_times()[-1]
+        end = scene.solver.dynamic.duration if scene.solver.dynamic is not None else scene.path_times()[-1]
         alone, times = gone * end / at, self.times(cells)
         if alone * times > PATIENCE:
             raise SceneError(
                 "resolution.error",
-                received=f"{100 * allowed / asked.length:.3g} % of the length",
+                received=f"{100 * allowed / scene.length:.3g} % of the length",
                 rule=f"must be within reach of {PATIENCE:g} s: a run on {cells} cells across takes {alone:.2g} s, and to know its error "
                 f"{times:.2g} times as long",
                 remedy=f"give cells_across: {cells} without an error, shorten it, or allow resolution.seconds: {1.2 * alone * times:.2g}",
@@ -75,14 +75,14 @@ class Runs(Grids):
         """Run the scene."""
         self.solve(cells)
 
-    def apart(self, coarse: int, fine: int) -> float:
+    def distance_between(self, coarse: int, fine: int) -> float:
         """The largest distance (m) in any frame that is not near a jump of the path."""
         return max(self.distances(coarse, fine).values(), default=math.inf)
 
     def distances(self, coarse: int, fine: int) -> dict[float, float]:
         """The largest distance (m) in each frame but those near a jump, by its time (s)."""
         one, other = self.frames[coarse], self.frames[fine]
-        return one.distances(other, self.asked.resolution.of, near_jumps(one, other))
+        return one.distances(other, self.scene.resolution.of, near_jumps(one, other))
 
     def takes(self, cells: int, proof: bool) -> float:
         """Seconds, from those of the finest grid that was run."""
@@ -97,7 +97,7 @@ class Runs(Grids):
     @property
     def algebraic(self) -> float:
         """Error that the solves of equilibria leave, m."""
-        return super().algebraic if self.asked.static else 0.0
+        return super().algebraic if self.scene.static else 0.0
 
 
 def work(scene: Scene) -> float:
@@ -127,31 +127,31 @@ def error_of_grid(grids: Grids, cells: int) -> ChosenGrid:
 
 
 def _prepare(grids: Grids) -> float:
-    return prepare_kernels(grids.on(coarsest_cells(grids.asked)), uses=(SOLVE, PROOFS) if isinstance(grids, Equilibria) else (SOLVE,))
+    return prepare_kernels(grids.on(coarsest_cells(grids.scene)), uses=(SOLVE, PROOFS) if isinstance(grids, Equilibria) else (SOLVE,))
 
 
 def _on_the_way(grids: Grids, choice: ChosenGrid) -> dict[str, Any]:
     """Time (s) when the two grids differ the most, and the spans (s) around jumps in which no error is known, of runs along time."""
-    if not isinstance(grids, Runs) or not grids.asked.in_time:
+    if not isinstance(grids, Runs) or not grids.scene.in_time:
         return {}
     coarse, fine = choice.cells, choice.report["finer"]["cells_across"]
-    apart, spans = grids.distances(coarse, fine), near_jumps(grids.frames[coarse], grids.frames[fine])
+    distances, spans = grids.distances(coarse, fine), near_jumps(grids.frames[coarse], grids.frames[fine])
     words = [
         f"resolution: the error is not known from t = {first:.6g} to {last:.6g} s, around a jump of the path, which comes sooner or later "
         "on other grids; the error reported is that of the equilibria before and after"
         for first, last in spans
     ]
-    return {"largest_at": max(apart, key=lambda t: apart[t]), "unknown": spans, "warnings": words}
+    return {"largest_at": max(distances, key=lambda t: distances[t]), "unknown": spans, "warnings": words}
 
 
 def needed_for(scene: Scene, cells: int) -> list[int]:
     """The finer grids, by their cells across, from which a grid's error is known."""
-    return sorted({*WITNESS.get(cells, ()), proofs(scene)[cells]})
+    return sorted({*INTERMEDIATE.get(cells, ()), proofs(scene)[cells]})
 
 
 def notes_before(scene: Scene) -> list[str]:
     """Lines for the user before a run starts: that a tube will kink, and the cost of a requested error."""
-    kink, cost = kink_warning(scene), cost_in_words(scene) if scene.resolution.asked else ""
+    kink, cost = kink_warning(scene), cost_in_words(scene) if scene.resolution.requested else ""
     return [*([f"warning: {kink}"] if kink else []), *([cost] if cost else [])]
 
 

@@ -67,8 +67,8 @@ def solve(
         if scene.solver.dynamic is not None:
             return _motion(scene, folder, resume, on_progress, on_begin, on_frame)
         result, found = at_rest(scene, start, on_progress)
-        told = start is None and (advise or not is_cantilever(scene))
-        result.warnings.extend(missed_loads(scene, found.energy, found.point) if told else [])
+        advised = start is None and (advise or not is_cantilever(scene))
+        result.warnings.extend(missed_loads(scene, found.energy, found.point) if advised else [])
         return result
 
 

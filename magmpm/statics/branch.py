@@ -309,7 +309,7 @@ class Lift:
             self._whole[name] = given - solve(bare.panels, model.layout.split, np.ascontiguousarray(pulled))
 
     def at(self, time: float | None) -> Array:
-        """At a time, s; None: at the end of its schedules."""
+        """Displacement of the moved parts at a time, s; None: at the end of its schedules."""
         return np.asarray(sum(move.share(time)[0] * self._whole[name] for name, move in self._moves.items()))
 
     def on(self, grid: Array, before: float, after: float) -> Array:

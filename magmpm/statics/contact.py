@@ -116,7 +116,7 @@ class Touched(NamedTuple):
 
     @property
     def pattern(self) -> Index:
-        """Which points touch and slide: the tangent is another where it changes."""
+        """Points that touch and slide: the tangent is another where it changes."""
         return np.asarray(2 * self.on + self.slides)
 
 

@@ -48,7 +48,7 @@ class Following:
     """
 
     expected: Callable[[RodShape], Array | None]
-    judged: bool = True
+    with_stability: bool = True
     energy: Energy | None = None
     body: Unloaded = field(default_factory=Unloaded)
 
@@ -104,7 +104,7 @@ def solve_static(
     correction: Array | None = None,
     rod: RodShape | None = None,
     on_step: OnStep | None = None,
-    judged: bool = True,
+    with_stability: bool = True,
     following: Following | None = None,
 ) -> Equilibrium:
     """Equilibrium of a model. correction (planes, m) m: that of a neighboring design, to start from; rod: a shape to find it near;
@@ -126,21 +126,21 @@ def solve_static(
     if rod is not None and abs(rod.s[-1] - model.scene.length) > 1e-6 * model.scene.length:
         lengths = f"the rod is {1e3 * rod.s[-1]:.6g} mm long, and the body {1e3 * model.scene.length:.6g} mm"
         raise ValueError(f"start: {lengths}; give a rod of its length")
-    asked = model
+    given = model
     model, of = arranged(model)
     with one_blas_thread():
         try:
             found = _solve(model, _Start(correction, rod, following), on_step)
             assert found.energy is not None
             known = None if following is None else following.body
-            judged = judged and (following is None or following.judged)
-            settled = stability(found.energy, found.point, known) if judged else None
+            with_stability = with_stability and (following is None or following.with_stability)
+            settled = stability(found.energy, found.point, known) if with_stability else None
             return replace(found, point=restored(model, found.point, of), stability=settled)
         except SolveError as error:
             state, rest = error.state, straight(model)
             if not isinstance(state, Equilibrium):  # none was found under load
                 state = Equilibrium(Energy(model).at(rest), 0, rest, load_share=0.0)
-            raise type(error)(error.reason, replace(state, point=restored(model, state.point, of), model=asked)) from None
+            raise type(error)(error.reason, replace(state, point=restored(model, state.point, of), model=given)) from None
 
 
 def one_blas_thread() -> AbstractContextManager[object]:
@@ -255,10 +255,10 @@ def _starts(energy: Energy, rod: RodShape, start: _Start) -> list[Array]:
     Where neighbors are followed, what they tell is an extrapolation, which may be worse than the rod: the lower energy is the first.
     """
     model, known = energy.model, start.correction
-    alone, told = from_rod(model, rod), known if start.following is None else start.following.expected(rod)
-    if told is None or told.shape != alone.shape:
+    alone, correction = from_rod(model, rod), known if start.following is None else start.following.expected(rod)
+    if correction is None or correction.shape != alone.shape:
         return [alone]
-    starts = [with_correction(model, rod, told), alone]
+    starts = [with_correction(model, rod, correction), alone]
     return starts if start.following is None else sorted(starts, key=lambda grid: energy.at(grid).energy)
 
 
@@ -268,8 +268,8 @@ def _near_rod(energy: Energy, rod: RodShape, on_step: OnStep | None) -> Equilibr
     body = model.scene.body.shape
     assert isinstance(body, StraightBody)  # solve_static has looked
     found = minimize(energy, from_rod(model, rod), tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
-    if (apart := _distance(model, found.point, rod)) >= body.branch_distance:
-        away = f"it went to one {100 * apart:.2g} % of the length away"
+    if (distance := _distance(model, found.point, rod)) >= body.branch_distance:
+        away = f"it went to one {100 * distance:.2g} % of the length away"
         raise SolveError(f"the body found no equilibrium near the rod that it began from: {away}")
     return Equilibrium(found.point, found.steps, local_correction(model, rod, found.point.grid), [], energy=energy)
 

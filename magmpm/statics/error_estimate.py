@@ -25,18 +25,18 @@ ALGEBRAIC = 0.3  # of the root of the solve's tolerance: error of the solve, ove
 # to 1.31 at 2 cells and 1.99 at 3, against the finest grid solved; never at 4. With these factors of safety the worst are 1.05 and 1.47.
 ORDER, LEAST, FASTEST = 1.5, 1.0, 4.0  # the slowest order; that of errors that fall steadily; the fastest
 PROOF = {2: 4, 3: 5, 4: 6, 5: 7, 6: 8, 7: 10, 8: 11, 9: 12, 10: 14, 11: 15, 12: 16}  # cells across: of the grid that tells another's error
-WITNESS = {2: (3,)}  # grids between the two that tell whether errors fall steadily: neighbors' differences say little and count for less
+INTERMEDIATE = {2: (3,)}  # grids between that tell whether errors fall steadily: neighbors' differences say little and count for less
 SAFETY = {2: 1.25, 3: 1.35}
 
 
-def bound(coarse: int, fine: int, apart: float, others: Mapping[int, float]) -> float:
-    """Bound (m) of the error of a grid that is `apart` (m) from a finer one; grids by their cells across.
+def bound(coarse: int, fine: int, difference: float, others: Mapping[int, float]) -> float:
+    """Bound (m) of the error of a grid that has this `difference` (m) from a finer one; grids by their cells across.
 
     others: distances (m) of grids in between from the finer one. Where one of these is farther from the finer grid than the coarse one is
     (bodies of large K/G), the two are close by chance, and the finer grid's own error, as the one in between tells it, counts.
     """
     own = [distance * left(n, fine) / (1.0 - left(n, fine)) for n, distance in others.items() if n > coarse]
-    return max(factor(coarse, fine) * apart, apart + WARY * max(own, default=0.0))
+    return max(factor(coarse, fine) * difference, difference + WARY * max(own, default=0.0))
 
 
 def factor(coarse: int, fine: int) -> float:

@@ -28,7 +28,7 @@ from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.newton import PAIRS, OnStep, corrected
 
 PARTICLE = 2.0e4  # multiply-adds, at the pace of the factorization, that a particle costs in a Newton step: measured, docs/accuracy.md
-BESIDE = 2.0  # passes over the particles that building a model costs, in units of a Newton step's
+BUILDING = 2.0  # passes over the particles that building a model costs, in units of a Newton step's
 SETTLED = 0.03  # of the difference from the coarser grid: a proof may still move by so much
 SLENDER = 15.0  # length over thickness: above, factors are of double precision. Steps settled as they do with those up to 20, not at 24
 
@@ -53,15 +53,15 @@ class Grids(ABC):
 
     on_step: OnStep | None = None
 
-    def __init__(self, asked: Scene) -> None:
-        self.asked = asked
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
         self.solved: dict[int, Solved] = {}
         self._scenes: dict[int, Scene] = {}
 
     def on(self, cells: int) -> Scene:
         """The scene with so many cells across."""
         if cells not in self._scenes:
-            self._scenes[cells] = self.asked.with_cells(cells)
+            self._scenes[cells] = self.scene.with_cells(cells)
         return self._scenes[cells]
 
     @abstractmethod
@@ -73,7 +73,7 @@ class Grids(ABC):
         """Solve with so many cells across, well enough to tell the error of the grid `against`."""
 
     @abstractmethod
-    def apart(self, coarse: int, fine: int) -> float:
+    def distance_between(self, coarse: int, fine: int) -> float:
         """The largest distance (m) between the answers of two grids, where errors are meant."""
 
     @abstractmethod
@@ -87,14 +87,14 @@ class Grids(ABC):
     @property
     def algebraic(self) -> float:
         """Error that the solves themselves leave, m: they end at a fraction of the energy."""
-        return ALGEBRAIC * float(np.sqrt(self.asked.solver.static.tolerance)) * next(iter(self.solved.values())).moved
+        return ALGEBRAIC * float(np.sqrt(self.scene.solver.static.tolerance)) * next(iter(self.solved.values())).moved
 
 
 class Equilibria(Grids):
     """Equilibria of a straight body."""
 
-    def __init__(self, asked: Scene) -> None:
-        super().__init__(asked)
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
         self.models: dict[int, StaticModel] = {}
         self.found: dict[int, Equilibrium] = {}
         self._grids: dict[int, Array] = {}  # coefficients (planes, m) m
@@ -112,14 +112,14 @@ class Equilibria(Grids):
         """Come so near to an equilibrium that its distance from the grid `against` is known: mostly by one factorization."""
         if cells in self.solved:
             return
-        if acting.feels_itself(self.asked) or self._model(cells).touching is not None:  # one tangent will not do
+        if acting.feels_itself(self.scene) or self._model(cells).touching is not None:  # one tangent will not do
             self.solve(cells)
             return
         begun, model, coarse = time.perf_counter(), self._model(cells), self._nearest(cells)
         assert coarse is not None  # `against` is solved
         start = carried(self.models[coarse], self._grids[coarse], model)
         tell = self.on_step or (lambda step, number: None)
-        slenderness = self.asked.length / self.asked.thickness
+        slenderness = self.scene.length / self.scene.thickness
         near = approached(Energy(model), start, lambda grid: self._where(model, grid), self._points[against], slenderness, tell)
         if near is None:
             found = self._solved(model, coarse)
@@ -127,7 +127,7 @@ class Equilibria(Grids):
         else:
             self._note(cells, near, begun, 1.0)
 
-    def apart(self, coarse: int, fine: int) -> float:
+    def distance_between(self, coarse: int, fine: int) -> float:
         """The largest distance (m) between the axes, or the tips, of two grids."""
         return distance(self._points[coarse], self._points[fine])
 
@@ -135,7 +135,7 @@ class Equilibria(Grids):
         """Seconds, from counted operations and particles, at the pace of the last grids solved."""
         multiplied, weight = operations(self.on(cells))[0], PARTICLE * memory.fewest_particles(self.on(cells))
         factorizations = 1.3 if proof else 3.0  # a proof takes one, and now and then a solve; a solve three, with its stability
-        return min(map(self._pace, list(self.solved.values())[-2:])) * (factorizations * (multiplied + weight) + BESIDE * weight)
+        return min(map(self._pace, list(self.solved.values())[-2:])) * (factorizations * (multiplied + weight) + BUILDING * weight)
 
     def size(self, cells: int) -> float:
         """Bytes of the matrix."""
@@ -144,7 +144,7 @@ class Equilibria(Grids):
     def _pace(self, one: Solved) -> float:
         """Seconds of a solved grid per multiply-add."""
         weight = PARTICLE * memory.fewest_particles(self.on(one.cells))
-        return one.seconds / (one.steps * (operations(self.on(one.cells))[0] + weight) + BESIDE * weight)
+        return one.seconds / (one.steps * (operations(self.on(one.cells))[0] + weight) + BUILDING * weight)
 
     def _nearest(self, cells: int) -> int | None:
         """The finest grid that is solved and not finer."""
@@ -164,13 +164,13 @@ class Equilibria(Grids):
 
     def _where(self, model: StaticModel, grid: Array) -> Array:
         """Points where errors are meant, (k, 3) m: along the centreline, or at the tip."""
-        if self.asked.resolution.of == "tip":
+        if self.scene.resolution.of == "tip":
             return axis.tip(model, grid)[None]
         s = np.linspace(0.0, model.grid.faces[-1], STATIONS)
         return axis.along_axis(model, grid, axis.section_weights(model), s)
 
     def _solved(self, model: StaticModel, begin_at: int | None) -> Equilibrium:
-        if begin_at is not None and not acting.feels_itself(self.asked):
+        if begin_at is not None and not acting.feels_itself(self.scene):
             grid, same = self._grids[begin_at], self.models[begin_at] is model
             try:
                 return solve_from(model, grid if same else carried(self.models[begin_at], grid, model), on_step=self.on_step)
@@ -178,7 +178,7 @@ class Equilibria(Grids):
                 raise
             except SolveError:  # from no load, then
                 pass
-        return solve_static(model, on_step=self.on_step, judged=False)
+        return solve_static(model, on_step=self.on_step, with_stability=False)
 
 
 def operations(scene: Scene) -> tuple[float, float]:

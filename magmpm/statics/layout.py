@@ -22,7 +22,7 @@ from magmpm.statics.contact import RestingSurface, resting
 
 @dataclass(frozen=True)
 class Layout:
-    """Which unknowns each cell touches.
+    """Unknowns that each cell touches.
 
     Unknowns are numbered plane by plane along x: `planes` planes of m = 3 nodes_per_plane, dof = 3 node + component. A cell touches
     planes cell_plane .. + 2, and in each, three rows of three neighboring nodes, the first of each in cell_row.
@@ -152,7 +152,7 @@ def make_layout(model: Model, weights: Array) -> Layout:
 
 
 def on_planes(model: Model, nodes: NDArray[np.bool_], node_yz: Index) -> NDArray[np.bool_]:
-    """Which of the unknowns' nodes (planes, nodes_per_plane) are among nodes of the grid."""
+    """True for the unknowns' nodes (planes, nodes_per_plane) that are among nodes of the grid."""
     return nodes[int(model.clamped_face) :, node_yz[:, 0], node_yz[:, 1]]
 
 

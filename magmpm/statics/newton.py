@@ -46,7 +46,7 @@ OnStep = Callable[[int, float], None]  # of a solve: called after each step with
 
 @dataclass(frozen=True)
 class Chord:
-    """Which steps reuse the last factors.
+    """Rule by which steps reuse the last factors.
 
     near: those with a decrement below this part of the energy scale; gain: while each leaves less than this part of the decrement;
     corrected: by L-BFGS, which makes up for the change of the tangent since it was factored by what the gradient did in the last steps
@@ -182,13 +182,13 @@ def corrected(residual: Array, pairs: list[tuple[Array, Array]], newton: Callabl
 
     Steps along which the energy does not curve upward, steps of length zero among them, tell nothing and are left out.
     """
-    told = [(step, change, curved) for step, change in pairs if (curved := float(np.sum(step * change))) > 0.0]
+    usable = [(step, change, curved) for step, change in pairs if (curved := float(np.sum(step * change))) > 0.0]
     q, parts = residual, []
-    for step, change, curved in reversed(told):
+    for step, change, curved in reversed(usable):
         parts.append(float(np.sum(step * q)) / curved)
         q = q - parts[-1] * change
     direction = newton(q)
-    for (step, change, curved), part in zip(told, reversed(parts), strict=True):
+    for (step, change, curved), part in zip(usable, reversed(parts), strict=True):
         direction -= step * (part + float(np.sum(change * direction)) / curved)
     return direction
 

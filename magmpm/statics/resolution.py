@@ -57,17 +57,17 @@ class _Search:
 
     @property
     def scene(self) -> Scene:
-        return self.grids.asked
+        return self.grids.scene
 
     def prove(self, cells: int) -> None:
         """Solve a grid, and the finer one from which its error is known."""
         finer, grids = self.proof[cells], self.grids
         grids.solve(cells)
         grids.prove(finer, cells)
-        for witness in law.WITNESS.get(cells, ()):
-            grids.prove(witness, cells)
-        others = {n: grids.apart(n, finer) for n in grids.solved if n < finer and n != cells}
-        known = law.bound(cells, finer, grids.apart(cells, finer), others)
+        for intermediate in law.INTERMEDIATE.get(cells, ()):
+            grids.prove(intermediate, cells)
+        others = {n: grids.distance_between(n, finer) for n in grids.solved if n < finer and n != cells}
+        known = law.bound(cells, finer, grids.distance_between(cells, finer), others)
         self.errors[cells] = caution(self.scene.length / self.scene.thickness, self.wall(cells)) * known + grids.algebraic
 
     def wall(self, cells: int) -> float:
@@ -116,7 +116,7 @@ def choose(grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], f
     extra: seconds of the time requested that a grid with so many cells across will take once it is chosen.
     Raises SceneError where no grid can: with what it would take. Raises as the solves do.
     """
-    check_possible(grids.asked)
+    check_possible(grids.scene)
     with one_blas_thread():  # all along: threads that BLAS started go on spinning for a while, and slow the next kernel to half its pace
         search = _searched(grids, on_step, extra)
         return _chosen(search, max(search.errors) if search.scene.resolution.error is not None else _best_in_time(search))
@@ -124,9 +124,9 @@ def choose(grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], f
 
 def _searched(grids: Grids, on_step: OnStep | None, extra: Callable[[int], float]) -> _Search:
     """Grids solved, their errors known, the last of them good enough. Raises as `choose` does."""
-    limit, begun = grids.asked.resolution.seconds, time.perf_counter()
+    limit, begun = grids.scene.resolution.seconds, time.perf_counter()
     proven: dict[int, float] = {}
-    stops = grids.asked.in_time  # even the coarsest grid, which may take hours
+    stops = grids.scene.in_time  # even the coarsest grid, which may take hours
 
     # It holds nothing of the search: a circle would keep its matrices until Python collects it, and the next one would touch fresh memory.
     def tell(step: int, number: float) -> None:
@@ -137,7 +137,7 @@ def _searched(grids: Grids, on_step: OnStep | None, extra: Callable[[int], float
 
     grids.on_step = tell
     search = _Search(grids, begun, extra, proven)
-    cells: int | None = first_cells(grids.asked)
+    cells: int | None = first_cells(grids.scene)
     failure: SolveError | None = None
     failed = 0
     while cells is not None:
@@ -275,7 +275,7 @@ def _on_branches(search: _Search, received: str, failed: str = "") -> SceneError
         f"resolution.{key}",
         received=received,
         rule=f"the grids must find the same equilibrium: those of {tried} and {proof} cells across are "
-        f"{100 * search.grids.apart(tried, proof) / length:.2g} % of the length apart, on other branches perhaps"
+        f"{100 * search.grids.distance_between(tried, proof) / length:.2g} % of the length apart, on other branches perhaps"
         + (f"; {failed}" if failed else ""),
         remedy="give `cells_across`, and compare runs; along a path, leave out times near a jump or another critical load",
     )
@@ -290,12 +290,12 @@ def _best_in_time(search: _Search) -> int:
 
 
 def _chosen(search: _Search, cells: int) -> ChosenGrid:
-    solved, asked, error = search.grids.solved, search.scene.resolution, search.errors[cells]
+    solved, resolution, error = search.grids.solved, search.scene.resolution, search.errors[cells]
     order, last, finer = observed_order(search.errors), solved[cells], solved[search.proof[cells]]
     report = {
         "cells_across": cells,
-        "particles_per_cell": asked.particles_per_cell,
-        "asked": {key: value for key, value in asked.model_dump().items() if key in ("error", "of", "seconds")},
+        "particles_per_cell": resolution.particles_per_cell,
+        "asked": {key: value for key, value in resolution.model_dump().items() if key in ("error", "of", "seconds")},
         "error_of_length": error / search.scene.length,
         "algebraic_error": search.grids.algebraic,
         "order": order,

@@ -28,7 +28,7 @@ NEW_COLUMN = rf'("state",{{header:"State",cell:e=>{OF_ROW},'
 Application = Callable[[dict[str, Any], Callable[..., Any]], Iterable[bytes]]
 
 
-def telling_states(script: str) -> str:
+def with_refused_states(script: str) -> str:
     """The dashboard's script, with the states of refused trials."""
     return COLUMN.sub(NEW_COLUMN, CHIP.sub(NEW_CHIP, script))
 
@@ -49,7 +49,7 @@ def page(app: Application, write: bool) -> Application:
             body = _whole(app, environ)
             if body is None:
                 return app(environ, start)
-            made.append((("" if write else READ_ONLY) + telling_states(body)).encode())
+            made.append((("" if write else READ_ONLY) + with_refused_states(body)).encode())
         headers = [("Content-Type", "text/javascript; charset=utf-8"), ("Content-Length", str(len(made[0])))]
         start("200 OK", [*headers, ("Cache-Control", "no-store")])  # another dashboard at this address has another script
         return made
@@ -69,7 +69,7 @@ def guarded(app: Application, guard: Guard, start_page: str, write: bool) -> App
 
     def serve(environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
         cookie = f"magmpm-{environ.get('SERVER_PORT')}"
-        asked, method = parse_qs(environ.get("QUERY_STRING", "")).get("secret", [None])[-1], environ.get("REQUEST_METHOD")
+        secret, method = parse_qs(environ.get("QUERY_STRING", "")).get("secret", [None])[-1], environ.get("REQUEST_METHOD")
 
         def refuse(words: str) -> Iterable[bytes]:
             headers = [("Content-Type", "text/plain; charset=utf-8"), ("Content-Security-Policy", SANDBOX), *HEADERS.items()]
@@ -84,7 +84,7 @@ def guarded(app: Application, guard: Guard, start_page: str, write: bool) -> App
 
         if not guard.admits(environ.get("HTTP_HOST"), environ.get("HTTP_ORIGIN")):
             return refuse("This name, or this page, is not the dashboard's own.")
-        if method == "GET" and guard.knows(asked):
+        if method == "GET" and guard.knows(secret):
             kept = [("Set-Cookie", f"{cookie}={guard.secret}; HttpOnly; SameSite=Strict; Path={path}") for path in SECRET]
             start("303 See Other", [("Location", start_page), *kept, ("Cache-Control", "no-store"), *HEADERS.items()])
             return []
@@ -115,15 +115,15 @@ def _cookie(header: str, name: str) -> str | None:
 
 def _whole(app: Application, environ: dict[str, Any]) -> str | None:
     """Text that the application serves for a request, or None where the answer isn't a text."""
-    told: list[Any] = []
+    begun: list[Any] = []
     conditions = ("HTTP_IF_MODIFIED_SINCE", "HTTP_IF_NONE_MATCH", "HTTP_RANGE")
-    asked = {name: value for name, value in environ.items() if name not in conditions}
-    chunks = app({**asked, "HTTP_ACCEPT_ENCODING": "identity"}, lambda status, headers, *_: told.append((status, dict(headers))))
+    whole = {name: value for name, value in environ.items() if name not in conditions}
+    chunks = app({**whole, "HTTP_ACCEPT_ENCODING": "identity"}, lambda status, headers, *_: begun.append((status, dict(headers))))
     try:
         body = b"".join(chunks)
     finally:
         getattr(chunks, "close", lambda: None)()
-    status, headers = told[-1]
+    status, headers = begun[-1]
     try:
         return (gzip.decompress(body) if headers.get("Content-Encoding") == "gzip" else body).decode() if status.startswith("200") else None
     except ValueError:

@@ -20,6 +20,7 @@ from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.studies.engine.report import feasible, refused
+from magmpm.studies.problem import REPORT
 from magmpm.studies.search.objectives import NAMES
 from magmpm.studies.search.samplers.optuna_ids import storage_of, study_id, trial_id
 
@@ -86,8 +87,8 @@ class DashboardView(_Passing):  # type: ignore[misc]
     def set_trial_state_values(self, trial_id: int, state: TrialState, values: Sequence[float] | None = None) -> bool:
         """Store the state and values that the dashboard sends, back in SI."""
         factors = self._of_trial.get(trial_id)
-        told = None if values is None else [value / factor for value, factor in zip(values, factors or [1.0] * len(values), strict=True)]
-        return bool(self.storage.set_trial_state_values(trial_id, state, told))
+        in_si = None if values is None else [value / factor for value, factor in zip(values, factors or [1.0] * len(values), strict=True)]
+        return bool(self.storage.set_trial_state_values(trial_id, state, in_si))
 
     def get_study_system_attrs(self, study_id: int) -> dict[str, Any]:
         """Attributes of a study, with the names of its values as they are shown."""
@@ -168,8 +169,6 @@ class Notes:
             pause.wait(PERIOD)
 
     def _report(self) -> dict[str, Any]:
-        from magmpm.studies.engine.report import REPORT
-
         try:
             found = json.loads((self.folder / REPORT).read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -216,8 +215,8 @@ class Notes:
             what = f"{'Refused' if refused(trial) else 'Not solved'}: {attributes.get('reason', 'for a reason that was not told')}."
         else:
             rms, tip = (attributes.get(key) for key in ("rms_m", "tip_error_m"))
-            told = [f"{name} {1e3 * value:.3f} mm" for name, value in (("rms", rms), ("tip error", tip)) if value is not None]
-            what = f"Solved: {', '.join(told)}."
+            measures = [f"{name} {1e3 * value:.3f} mm" for name, value in (("rms", rms), ("tip error", tip)) if value is not None]
+            what = f"Solved: {', '.join(measures)}."
         scene = str(attributes.get("scene_hash", "?"))[:12]
         lines = [
             f"{MARK}{_plain(self.study.study_name)}, trial {trial.number}",

@@ -103,8 +103,8 @@ def _stronger_field(study: Study, space: SearchSpace, good: float) -> list[Findi
             break
     if not reached:
         return []
-    told = ", ".join(f"{_mm(rms)} in {1e3 * field:g} mT" for field, rms in reached)
-    return [{"what": "stronger field", "says": f"by the rod: {told}", "field_T": [f for f, _ in reached], "rms_m": [r for _, r in reached]}]
+    text = ", ".join(f"{_mm(rms)} in {1e3 * field:g} mT" for field, rms in reached)
+    return [{"what": "stronger field", "says": f"by the rod: {text}", "field_T": [f for f, _ in reached], "rms_m": [r for _, r in reached]}]
 
 
 def _curvature(study: Study, space: SearchSpace, best: FrozenTrial) -> list[Finding]:
@@ -195,6 +195,6 @@ def _other_starts(trials: Sequence[FrozenTrial], best: FrozenTrial) -> list[Find
         says = "no other start was tried: more trials would begin elsewhere"
         return [{"what": "other starts", "says": says, "rms_m": []}]
     values = sorted(ends.values())
-    told = ", ".join(f"{1e3 * value:.3g}" for value in values[:6]) + (" ..." if len(values) > 6 else "")
-    says = f"{len(values)} other start{'s' if len(values) > 1 else ''} ended at rms {told} mm"
+    text = ", ".join(f"{1e3 * value:.3g}" for value in values[:6]) + (" ..." if len(values) > 6 else "")
+    says = f"{len(values)} other start{'s' if len(values) > 1 else ''} ended at rms {text} mm"
     return [{"what": "other starts", "says": says, "rms_m": values}]

@@ -34,7 +34,7 @@ from magmpm.studies.engine.storage import (
     shown_url,
     storage_url,
 )
-from magmpm.studies.engine.study_session import STARTS, OpenStudy
+from magmpm.studies.engine.study_session import STARTS, StudySession
 from magmpm.studies.engine.workers.pool import Pool
 from magmpm.studies.engine.workers.sessions import (
     EXCHANGED,
@@ -44,7 +44,7 @@ from magmpm.studies.engine.workers.sessions import (
     remembered,
     uninterrupted,
 )
-from magmpm.studies.evaluate.judge import FAILURES, Judge, Picture, trial_of
+from magmpm.studies.evaluate.evaluator import FAILURES, Evaluator, Picture, trial_of
 from magmpm.studies.evaluate.trajectory import Insertion
 from magmpm.studies.evaluate.trial import Differentiate, Outcome, Solve, Trial, constraints, needs_derivatives
 from magmpm.studies.rods.rod_designs import next_exchange
@@ -103,7 +103,7 @@ def run_study(
     store = Store(url, storage_timeout, outage, lambda line: None if on_advice is None else on_advice([line]))
     with folder_lock(folder), _trials_kept(url):
         claim_folder(folder, study.name)
-        run = _Run(Judge(study, solve, differentiate, picture, folder), folder, store, shared, artifacts)
+        run = _Run(Evaluator(study, solve, differentiate, picture, folder), folder, store, shared, artifacts)
         run.time_limit = time_limit
         stop = study.stop_rms if trials is None else None
         if workers is None or (workers == 1 and not shared and time_limit is None):
@@ -142,11 +142,11 @@ def _trials_kept(url: str) -> Iterator[None]:
         raise kind(explained(error, kept)) from None
 
 
-class _Run(OpenStudy):
+class _Run(StudySession):
     """A study that this process works on."""
 
-    def __init__(self, judge: Judge, out: Path, store: Store, shared: bool, artifacts: str | None) -> None:
-        super().__init__(judge, out, store)
+    def __init__(self, evaluator: Evaluator, out: Path, store: Store, shared: bool, artifacts: str | None) -> None:
+        super().__init__(evaluator, out, store)
         self.shared, self.session = shared, Session(self.kept, store, out, shared)
         self.session.begin()
         self.starts = self.rod_starts()
@@ -173,7 +173,7 @@ class _Run(OpenStudy):
 
     def sampler(self) -> BaseSampler:
         """Sampler that chooses the trials."""
-        study, insertion = self.study, self.judge.evaluation
+        study, insertion = self.study, self.evaluator.evaluation
 
         def of(number: int) -> BaseSampler:
             if isinstance(insertion, Insertion) and insertion.projects and study.sampler != "gauss-newton":
@@ -197,7 +197,7 @@ class _Run(OpenStudy):
 
     def exhausted(self) -> bool:
         """True if only starts elsewhere are left to an insertion whose best design is good: they are on other branches, and win nothing."""
-        sampler, found = self.newton, isinstance(self.judge.evaluation, Insertion) and self.best is not None
+        sampler, found = self.newton, isinstance(self.evaluator.evaluation, Insertion) and self.best is not None
         if sampler is None or not found or self.best > choice.POOR * self.space.scene.length:  # type: ignore[operator]
             return False
         trials = self.store(lambda: self.kept.get_trials(deepcopy=False))
@@ -237,17 +237,17 @@ class _Run(OpenStudy):
     def one_trial(self) -> Trial | None:
         """Requests a design, solves it and reports its distance. An interrupt puts the trial back into the queue."""
         begun = time.perf_counter()
-        asked = self.ask()
+        pending = self.ask()
         try:
-            return self.keep(asked, self.judge.judged(asked.number, asked.params), begun)
+            return self.keep(pending, self.evaluator.outcome(pending.number, pending.params), begun)
         except KeyboardInterrupt:
-            self.session.put_back(trial_id(asked))
+            self.session.put_back(trial_id(pending))
             raise
 
     def with_workers(self, workers: int, on_trial: Callable[[Trial], None] | None, stop: float | None) -> report.Ended:
         """Run as `to_the_end` does, with processes that solve. Trials being solved when one comes within `stop` are finished and saved."""
         at_work: dict[int, tuple[optuna.Trial, float]] = {}
-        with remembered() as check_for_ctrl_c, Pool(self.judge, workers) if self.ended(stop) is None else nullcontext() as pool:
+        with remembered() as check_for_ctrl_c, Pool(self.evaluator, workers) if self.ended(stop) is None else nullcontext() as pool:
             try:
                 while True:
                     check_for_ctrl_c()
@@ -256,15 +256,15 @@ class _Run(OpenStudy):
                     if pool is None or (ended is not None and not at_work):
                         return ended or "trials"
                     while self.ended(stop) is None and pool.idle and self.wanted(len(at_work)):
-                        begun, asked = time.perf_counter(), self.ask()
-                        if not self.shared or self.in_time(asked):
-                            at_work[asked.number] = asked, begun
-                            pool.begin(asked.number, asked.params)
+                        begun, pending = time.perf_counter(), self.ask()
+                        if not self.shared or self.in_time(pending):
+                            at_work[pending.number] = pending, begun
+                            pool.begin(pending.number, pending.params)
                     pool.limit = self.time_limit or allowed_time(self.durations)
                     for number, answer in pool.answers(LOOK):
-                        asked, begun = at_work[number]
-                        outcome = self.judge.failed(asked.params, answer) if isinstance(answer, str) else answer
-                        trial = self.keep(asked, outcome, begun)
+                        pending, begun = at_work[number]
+                        outcome = self.evaluator.failed(pending.params, answer) if isinstance(answer, str) else answer
+                        trial = self.keep(pending, outcome, begun)
                         del at_work[number]
                         if trial is not None and on_trial is not None:
                             on_trial(trial)
@@ -292,35 +292,35 @@ class _Run(OpenStudy):
 
     def ask(self) -> optuna.Trial:
         """The next trial, with its design."""
-        asked = self.store(uninterrupted()(lambda: self.kept.ask(self.distributions)))  # a trial that is begun must say whose it is
+        pending = self.store(uninterrupted()(lambda: self.kept.ask(self.distributions)))  # a trial that is begun must say whose it is
         if self.shared:
-            self.store(lambda: self.storage.set_trial_user_attr(trial_id(asked), READY, True))
-        return asked
+            self.store(lambda: self.storage.set_trial_user_attr(trial_id(pending), READY, True))
+        return pending
 
-    def in_time(self, asked: optuna.Trial) -> bool:
+    def in_time(self, pending: optuna.Trial) -> bool:
         """True if a trial is one of those that are wanted; one with which another session was faster is withdrawn."""
         known = self.store(lambda: self.kept.get_trials(deepcopy=False))
-        before = sum(t.number < asked.number and t.state != TrialState.FAIL for t in known)
+        before = sum(t.number < pending.number and t.state != TrialState.FAIL for t in known)
         if before < self.study.trials:
             return True
-        self.session.withdraw(trial_id(asked))
+        self.session.withdraw(trial_id(pending))
         return False
 
-    def keep(self, asked: optuna.Trial, outcome: Outcome, begun: float) -> Trial | None:
+    def keep(self, pending: optuna.Trial, outcome: Outcome, begun: float) -> Trial | None:
         """Keeps a trial's result, picture and attributes, and tells its value last: only then does it count.
 
         None where another session has taken up the trial meanwhile, because this one could not reach the storage for long.
         """
         known = outcome.known
-        trial = trial_of(self.study, asked.number, outcome, self.best)
+        trial = trial_of(self.study, pending.number, outcome, self.best)
         if outcome.files:
-            note = self.store(lambda: self.gallery.attach(asked, outcome.files))
+            note = self.store(lambda: self.gallery.attach(pending, outcome.files))
             known |= {} if note is None else {"picture_note": note}
         if outcome.result is not None and trial.improved:
-            design = {"number": asked.number, "rms_m": outcome.rms, "params": asked.params, **known}
-            records.save_design(self.out / records.IMPROVEMENTS / f"{asked.number:03d}", outcome.result, design)
-        if not self.store(lambda: self.told(asked, outcome, begun)):
-            self.session.lost.append(f"trial {asked.number}: taken up by another session while this one could not reach the storage")
+            design = {"number": pending.number, "rms_m": outcome.rms, "params": pending.params, **known}
+            records.save_design(self.out / records.IMPROVEMENTS / f"{pending.number:03d}", outcome.result, design)
+        if not self.store(lambda: self.record(pending, outcome, begun)):
+            self.session.lost.append(f"trial {pending.number}: taken up by another session while this one could not reach the storage")
             return None
         self.count, self.best = self.count + 1, trial.best_rms_m
         self.durations.append(time.perf_counter() - begun)
@@ -330,22 +330,22 @@ class _Run(OpenStudy):
             trial, finished=self.count, wanted=max(self.study.trials, self.count), seconds=self.durations[-1], seconds_left=left,
         )  # fmt: skip
 
-    def told(self, asked: optuna.Trial, outcome: Outcome, begun: float) -> bool:
+    def record(self, pending: optuna.Trial, outcome: Outcome, begun: float) -> bool:
         """Writes a trial's attributes and value. Returns whether it counts. May be called again where it is not known what was written."""
         try:
             for key, value in outcome.known.items():
-                asked.set_user_attr(key, value)
+                pending.set_user_attr(key, value)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # "already set": by the process that was killed in this trial
                 for key, value in constraints(outcome, self.study.margin).items():
-                    asked.set_constraint(key, value)
+                    pending.set_constraint(key, value)
             # `total` lacks itself and the value; report.seconds_per_trial has all of a trial
             total = time.perf_counter() - begun
-            asked.set_user_attr("seconds", {"solve": outcome.seconds, "render": outcome.drawing, "total": total})
-            values = trial_values(self.study.minimize, self.space, asked.params, outcome.value, not outcome.accepted)
-            self.kept.tell(asked, values)
+            pending.set_user_attr("seconds", {"solve": outcome.seconds, "render": outcome.drawing, "total": total})
+            values = trial_values(self.study.minimize, self.space, pending.params, outcome.value, not outcome.accepted)
+            self.kept.tell(pending, values)
         except (UpdateFinishedTrialError, ValueError):
-            state = self.storage.get_trial(trial_id(asked)).state
+            state = self.storage.get_trial(trial_id(pending)).state
             if not state.is_finished():
                 raise
             return state == TrialState.COMPLETE

@@ -22,7 +22,7 @@ from magmpm.results.result import readable
 from magmpm.results.whole_file import whole_file
 from magmpm.studies.engine.storage import StorageError, storage_faults
 from magmpm.studies.engine.storage_url import shown_url
-from magmpm.studies.evaluate.judge import PICTURES
+from magmpm.studies.evaluate.evaluator import PICTURES
 
 if TYPE_CHECKING:
     import optuna

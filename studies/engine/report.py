@@ -162,7 +162,7 @@ def _rms(trial: FrozenTrial) -> float:
     return float(trial.values[0])  # of two objectives the first
 
 
-def judged(
+def verified(
     study: Study, designs: Sequence[FrozenTrial], scene_of: Callable[[FrozenTrial], Scene], solve: Callable[[Scene], Result],
     known: Sequence[dict[str, Any]],
 ) -> list[dict[str, Any]]:  # fmt: skip
@@ -183,22 +183,22 @@ def judged(
         bars = [one["coarse_error_m"] for one in found if one.get("coarse_error_m") is not None]
         if found and trial.user_attrs["rms_m"] > found[0]["rms_m"] + 2.0 * max(bars, default=0.0):
             break
-        found.append(before.get(trial.number) or _judge(study, trial, scene_of(trial), solve))
+        found.append(before.get(trial.number) or _verified_one(study, trial, scene_of(trial), solve))
     return sorted(found, key=lambda one: (one.get("judged_rms_m") is None, one.get("judged_rms_m", 0.0), one["number"]))
 
 
-def _judge(study: Study, trial: FrozenTrial, coarse: Scene, solve: Callable[[Scene], Result]) -> dict[str, Any]:
-    assert study.asked is not None
+def _verified_one(study: Study, trial: FrozenTrial, coarse: Scene, solve: Callable[[Scene], Result]) -> dict[str, Any]:
+    assert study.requested is not None
     first = coarse.resolution.cells_across
-    told: dict[str, Any] = {"number": trial.number, "rms_m": trial.user_attrs["rms_m"], "trial_cells": first}
+    about: dict[str, Any] = {"number": trial.number, "rms_m": trial.user_attrs["rms_m"], "trial_cells": first}
     try:
-        fine = {**study.asked.model_dump(mode="json"), "from_tip": coarse.resolution.from_tip}
+        fine = {**study.requested.model_dump(mode="json"), "from_tip": coarse.resolution.from_tip}
         result = solve(Scene.from_si({**coarse.to_si(), "resolution": fine}))
     except MagmpmError as error:
-        return {**told, "reason": str(error)}
+        return {**about, "reason": str(error)}
     assert result.resolution is not None
     return {
-        **told,
+        **about,
         "judged_rms_m": root_mean_square(gaps(result, study.target)),
         "error_estimate_m": result.error_estimate,
         "cells_across": result.resolution["cells_across"],
@@ -206,7 +206,7 @@ def _judge(study: Study, trial: FrozenTrial, coarse: Scene, solve: Callable[[Sce
     }
 
 
-def said(found: Sequence[dict[str, Any]]) -> list[str]:
+def verified_lines(found: Sequence[dict[str, Any]]) -> list[str]:
     """Messages on the designs that were verified, a line each."""
     lines = []
     for one in found:

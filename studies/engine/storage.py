@@ -100,8 +100,8 @@ def _explained(error: BaseException, url: str, timeout: float) -> MagmpmError:
         if cause.__cause__ is None:
             break
         cause = cause.__cause__
-    told = cause.details() if isinstance(cause, _of_grpc()) and hasattr(cause, "details") else getattr(cause, "orig", cause)
-    reason = without_passwords((str(told).strip() or type(cause).__name__).splitlines()[0], url)
+    message = cause.details() if isinstance(cause, _of_grpc()) and hasattr(cause, "details") else getattr(cause, "orig", cause)
+    reason = without_passwords((str(message).strip() or type(cause).__name__).splitlines()[0], url)
     if any(word in reason for word in _CORRUPT) and not is_server(url):
         return _corrupt(url, reason)
     if re.search(r"\b(full|No space left)\b", reason):
@@ -131,7 +131,7 @@ class Store:
         self.url, self.timeout, self.outage, self._tell = url, timeout, outage, tell
         self.storage: optuna.storages.BaseStorage | None = None
 
-    def opened(self) -> optuna.storages.BaseStorage:
+    def open(self) -> optuna.storages.BaseStorage:
         """The storage. Raises InputError, StorageError."""
         self.storage = open_storage(self.url, self.timeout)
         return self.storage

@@ -14,17 +14,17 @@ from optuna.trial import FrozenTrial, TrialState
 from magmpm.errors import InputError, SolveError
 from magmpm.studies.engine import records, report
 from magmpm.studies.engine.explain_miss import findings
-from magmpm.studies.engine.report import StudyReport, judged
+from magmpm.studies.engine.report import StudyReport, verified
 from magmpm.studies.engine.storage import Store, must_exist, must_hold, open_study, shown_url, storage_faults
 from magmpm.studies.engine.workers.sessions import EXCHANGED
-from magmpm.studies.evaluate.judge import Judge
+from magmpm.studies.evaluate.evaluator import Evaluator
 from magmpm.studies.evaluate.trajectory import MOVIE, Insertion
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.best_scene import write_best_scene
 from magmpm.studies.search.objectives import pareto_report
 from magmpm.studies.search.samplers.choice import settings
 
-JUDGED = "judged"  # attribute of a study: its best designs on finer grids
+VERIFIED = "judged"  # attribute of a study: its best designs on finer grids
 STARTS = "starts"  # attribute of a study: the rod's designs
 
 
@@ -39,19 +39,19 @@ def as_begun(study: Study, storage: BaseStorage) -> Study:
     return dataclasses.replace(study, sampler=begun, why_sampler="the study was begun with it")
 
 
-class OpenStudy:
+class StudySession:
     """A study and what is known of it."""
 
-    def __init__(self, judge: Judge, out: Path, store: Store) -> None:
+    def __init__(self, evaluator: Evaluator, out: Path, store: Store) -> None:
         optuna.logging.set_verbosity(optuna.logging.ERROR)
-        self.judge, self.study, self.space, self.out, self.store = judge, judge.study, judge.space, out, store
+        self.evaluator, self.study, self.space, self.out, self.store = evaluator, evaluator.study, evaluator.space, out, store
         self.distributions = self.space.distributions()
         held = records.designs(out)
         if held:
             must_exist(store.url, out)
-        self.storage = store.opened()
+        self.storage = store.open()
         with storage_faults(store.url, store.timeout):
-            self.study = judge.study = as_begun(self.study, self.storage)
+            self.study = evaluator.study = as_begun(self.study, self.storage)
         search = {"parameters": list(self.distributions), **settings(self.study.sampler)}
         must_hold(self.storage, self.study.name, held, out, store.url, store.timeout)
         definition = {**self.study.definition(), "search": search}
@@ -67,7 +67,7 @@ class OpenStudy:
             return []
         known = self.store(lambda: self.kept.user_attrs)
         if STARTS not in known:
-            starts = self.judge.evaluation.rod_starts()
+            starts = self.evaluator.evaluation.rod_starts()
             self.store(lambda: self.kept.set_user_attr(STARTS, starts))
         return list(self.store(lambda: self.kept.user_attrs)[STARTS])
 
@@ -80,20 +80,20 @@ class OpenStudy:
         source = self.out / records.IMPROVEMENTS / f"{best.number:03d}"
         if not records.holds(self.out / records.BEST, best) and self.saved(best, source):
             records.replace_folder(source, self.out / records.BEST)
-        self.judge_finer()
+        self.verify_best()
         if records.holds(self.out / records.BEST, best):
-            if isinstance(self.judge.evaluation, Insertion) and not (self.out / records.BEST / MOVIE).exists():
-                self.judge.evaluation.write_moments(self.out / records.BEST, self.judge.solve, best.params)
+            if isinstance(self.evaluator.evaluation, Insertion) and not (self.out / records.BEST / MOVIE).exists():
+                self.evaluator.evaluation.write_moments(self.out / records.BEST, self.evaluator.solve, best.params)
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
 
-    def judge_finer(self) -> None:
+    def verify_best(self) -> None:
         """Runs the best designs with the error that the study's scene requests, if it does. What is found is kept with the study."""
-        if self.study.asked is None:
+        if self.study.requested is None:
             return
-        known = self.store(lambda: self.kept.user_attrs.get(JUDGED, []))
+        known = self.store(lambda: self.kept.user_attrs.get(VERIFIED, []))
         best = report.nearest_first(self.finished())
-        found = judged(self.study, best, lambda trial: self.judge.scene_of(trial.params), self.judge.solve, known)
-        self.store(lambda: self.kept.set_user_attr(JUDGED, found))
+        found = verified(self.study, best, lambda trial: self.evaluator.scene_of(trial.params), self.evaluator.solve, known)
+        self.store(lambda: self.kept.set_user_attr(VERIFIED, found))
 
     def mend_improvements(self) -> None:
         """Solves again those designs among the best so far that can't be read."""
@@ -107,7 +107,7 @@ class OpenStudy:
         """Return whether a folder holds the result of a trial, which is solved again if it does not."""
         if not records.holds(folder, trial):
             try:
-                result = self.judge.evaluation.last_result(self.judge.solve, trial.params)
+                result = self.evaluator.evaluation.last_result(self.evaluator.solve, trial.params)
             except SolveError:
                 return False  # it has been solved elsewhere; parameters and numbers stay in the report
             drawn = {key: trial.user_attrs[key] for key in ("shapes", "catheter") if key in trial.user_attrs}
@@ -130,25 +130,25 @@ class OpenStudy:
             measure_m=[t.values[0] for t in trials] if self.study.robust is not None else None,
             failed_trials=[k for k, t in enumerate(trials) if not report.feasible(t)],
             reasons=[t.user_attrs.get("reason") or "not told" for t in trials if not report.feasible(t)],
-            judged=self.store(lambda: self.kept.user_attrs.get(JUDGED, [])), study_file=str(self.study.path.resolve()),
+            judged=self.store(lambda: self.kept.user_attrs.get(VERIFIED, [])), study_file=str(self.study.path.resolve()),
             limits=findings(self.study, self.space, trials) if self.study.sampler == "gauss-newton" else [],
             front=pareto_report(self.study.minimize, trials, report.feasible) if len(self.study.minimize) > 1 else None,
         )  # fmt: skip
 
 
-def solved_again(judge: Judge, store: Store, number: int) -> dict[str, Any]:
+def rerun(evaluator: Evaluator, store: Store, number: int) -> dict[str, Any]:
     """Solve a trial again and compare: number, params, rms_m stored and again, and whether the bits agree.
 
     Raises InputError where the storage has no such trial, or none that is finished.
     """
-    must_exist(store.url, judge.out)
-    storage = store.opened()
+    must_exist(store.url, evaluator.out)
+    storage = store.open()
     with storage_faults(store.url, store.timeout):
-        judge.study = as_begun(judge.study, storage)
+        evaluator.study = as_begun(evaluator.study, storage)
         try:
-            kept = optuna.load_study(study_name=judge.study.name, storage=storage)
+            kept = optuna.load_study(study_name=evaluator.study.name, storage=storage)
         except KeyError:
-            rule, remedy = f"holds no study named {judge.study.name}", "name the --out or the --storage that it was run with"
+            rule, remedy = f"holds no study named {evaluator.study.name}", "name the --out or the --storage that it was run with"
             raise InputError(shown_url(store.url), rule=rule, remedy=remedy) from None
         trials = {t.number: t for t in kept.get_trials(deepcopy=False)}
     trial = trials.get(number)
@@ -156,7 +156,7 @@ def solved_again(judge: Judge, store: Store, number: int) -> dict[str, Any]:
         what = "is not finished" if trial is not None else f"is not there; the study has {len(trials)}, numbered from 0"
         remedy = "--trial 0, say" if trials else "run the study first"
         raise InputError("--trial", received=str(number), rule=f"trial {number} {what}", remedy=remedy)
-    outcome = judge.judged(number, trial.params)
+    outcome = evaluator.outcome(number, trial.params)
     stored, now = trial.user_attrs.get("rms_m", trial.values[0]), outcome.rms
     return {
         "number": number, "params": dict(trial.params), "rms_m": now, "stored_rms_m": stored,

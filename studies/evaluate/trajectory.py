@@ -206,7 +206,7 @@ class Shapes:
     paths: tuple[Curve, ...]
 
     def flattened(self, share: float) -> Shapes:
-        """With this share of their curvature."""
+        """The shapes with this share of their curvature."""
         return Shapes(tuple(path.flattened(share) for path in self.paths))
 
 
@@ -214,7 +214,7 @@ class RodSchedule(RodTrajectory):
     """Rods of one length, each with a shape of its own."""
 
     def bent(self, path: Any, share: float) -> RodTrajectory:
-        """With other shapes, and this share of the weight."""
+        """The rods with other shapes, and this share of the weight."""
         bent = [replace(rod.weighing(share), path=curve.at(rod.place)) for rod, curve in zip(self.depths, path.paths, strict=True)]
         return replace(self, depths=tuple(bent))
 

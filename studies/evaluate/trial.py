@@ -214,7 +214,7 @@ class Evaluation:
         return self.study.target
 
     def field_number(self, number: int) -> int:
-        """Which of the design's fields an equilibrium has."""
+        """Number of the design's field that an equilibrium has."""
         return number if self.space.fields > 1 else -1
 
     def scenes(self, params: Mapping[str, Any]) -> list[Scene]:

@@ -30,7 +30,7 @@ from magmpm.statics.grids import operations
 from magmpm.statics.layout import static_model
 
 LADDER = (2, 3, 4, 5, 6, 8)
-ASKED = (1e-2, 1e-3)  # of the length: what the conclusions name the cost of
+GOALS = (1e-2, 1e-3)  # of the length: what the conclusions name the cost of
 CLOSEST = 1.3  # ratio of two cell sizes whose difference tells the coarser one's error (statics.error_estimate)
 
 USUAL_CELLS, MORE_PARTICLES = 4, 3
@@ -75,8 +75,8 @@ class Model:
     def line(self) -> str:
         """The model in a line of the table."""
         known = {"finest": self.error_finest, "reference": self.error_reference, "ladder's answer on the same cells": self.error_same_cells}
-        told = [f"{percent(error)} from the {of}" for of, error in known.items() if error is not None]
-        return f"{self.name}: {self.seconds:.3f} s, {', '.join(told)}"
+        distances = [f"{percent(error)} from the {of}" for of, error in known.items() if error is not None]
+        return f"{self.name}: {self.seconds:.3f} s, {', '.join(distances)}"
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def climb(scene: Scene, solve: Solve, cells: Sequence[int] = LADDER, on_progress
         raise next(iter(failed.values()))
     cells, runs = list(solved), list(solved.values())
     finest, length = answer(runs[-1][0]), scene.length
-    rungs, others = _rungs(scene, cells, runs), beside(scene, solve, finest, failed)
+    rungs, others = _rungs(scene, cells, runs), other_models(scene, solve, finest, failed)
     if motion:
         if on_progress is not None:
             on_progress(len(scenes), len(scenes), "motions that settle")
@@ -173,7 +173,7 @@ def climb(scene: Scene, solve: Solve, cells: Sequence[int] = LADDER, on_progress
 def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, float]]) -> list[Rung]:
     finest, reference, length = answer(runs[-1][0]), scene.reference_centreline(), scene.length
     bars = _bars([result for result, _ in runs], cells)
-    errors = [apart(result, finest if reference is None else reference) for result, _ in runs]
+    errors = [distance(result, finest if reference is None else reference) for result, _ in runs]
     rungs = []
     for k, (n, (result, seconds)) in enumerate(zip(cells, runs, strict=True)):
         bar = bars[k]
@@ -181,7 +181,7 @@ def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, floa
         rungs.append(
             Rung(
                 cells_across=n, cell_size=scene.thickness / n, particles=result.particles, dof=result.dof, iterations=result.iterations,
-                seconds=seconds, error_finest=None if n == cells[-1] else apart(result, finest) / length,
+                seconds=seconds, error_finest=None if n == cells[-1] else distance(result, finest) / length,
                 error_reference=None if reference is None else errors[k] / length,
                 split={key: float(result.seconds.get(key, 0.0)) for key in ("setup", "compile", "solve")},
                 matrix_bytes=operations(scene.with_cells(n))[1] if scene.static and scene.body.shape.line is not None else 0.0,
@@ -201,8 +201,8 @@ def _bars(results: Sequence[Result], cells: Sequence[int]) -> list[float | None]
             continue
         low, high = min(k, other), max(k, other)
         coarse, fine, finest = cells[low], cells[high], answer(results[high])
-        others = {cells[j]: apart(results[j], finest) for j in range(high) if j != low}
-        most = bound(coarse, fine, apart(results[low], finest), others)
+        others = {cells[j]: distance(results[j], finest) for j in range(high) if j != low}
+        most = bound(coarse, fine, distance(results[low], finest), others)
         bars.append(most if n == coarse else most * left(coarse, fine))
     return bars
 
@@ -212,7 +212,7 @@ def _conclusions(rungs: Sequence[Rung], others: Sequence[Model]) -> list[str]:
     if len(rungs) == 1 and _error(rungs[0]) is None:
         return [f"Nothing can be told of the error: {rungs[0].cells_across} cells across alone were solved."]
     said = []
-    for wanted in ASKED:
+    for wanted in GOALS:
         will_do = [rung for rung in rungs if _error(rung) is not None and (_error(rung) or 0.0) <= wanted]
         if will_do:
             cheapest = min(will_do, key=lambda rung: rung.seconds)
@@ -223,8 +223,8 @@ def _conclusions(rungs: Sequence[Rung], others: Sequence[Model]) -> list[str]:
         error = rod.error_finest if rod.error_reference is None else rod.error_reference
         if error is None:
             continue
-        good = [f"{100 * wanted:g} %" for wanted in ASKED if error <= wanted]
-        verdict = f"would do for {' and for '.join(good)}" if good else f"would not do for {100 * ASKED[0]:g} %"
+        good = [f"{100 * wanted:g} %" for wanted in GOALS if error <= wanted]
+        verdict = f"would do for {' and for '.join(good)}" if good else f"would not do for {100 * GOALS[0]:g} %"
         said.append(f"The rod {verdict}: it takes {rod.seconds:.2g} s and is off by {percent(error)}.")
     return said
 
@@ -262,7 +262,7 @@ def answer(result: Result) -> Array:
     return np.column_stack([np.arange(len(result.segment_center)), result.segment_center])
 
 
-def apart(result: Result, rows: Array) -> float:
+def distance(result: Result, rows: Array) -> float:
     """Largest distance (m) between a result and rows [s, x, y, z] m, of another one or of a reference."""
     if len(result.centreline):
         return measures.largest_distance(result, rows)
@@ -279,7 +279,7 @@ def timed(scene: Scene, solve: Solve) -> tuple[Result, float]:
     return result, median(times)
 
 
-def beside(scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]) -> list[Model]:
+def other_models(scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]) -> list[Model]:
     """The rod, and what more particles and another place of the grid change at the usual cells; of equilibria only.
 
     finest: rows [s, x, y, z] m of the ladder's last rung; failed: takes the errors of what found no answer, by name.
@@ -311,8 +311,8 @@ def beside(scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveErr
 
 
 def _compared(name: str, result: Result, seconds: float, finest: Array, reference: Array | None, length: float) -> Model:
-    to_reference = None if reference is None else apart(result, reference) / length
-    return Model(name, seconds, apart(result, finest) / length, to_reference)
+    to_reference = None if reference is None else distance(result, reference) / length
+    return Model(name, seconds, distance(result, finest) / length, to_reference)
 
 
 def _shifted(scene: Scene, finest: Array, reference: Array | None, failed: dict[str, SolveError]) -> list[Model]:
@@ -327,7 +327,7 @@ def _shifted(scene: Scene, finest: Array, reference: Array | None, failed: dict[
         begun = perf_counter()
         model = static_model(build(scene, body.discretize(at.cells_across, at.particles_per_cell, knots_of(scene), shift)))
         try:
-            found = solve_static(model, judged=False)
+            found = solve_static(model, with_stability=False)
         except SolveError as error:
             failed[name] = error
             return []
@@ -365,8 +365,8 @@ def settled(scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveEr
             continue
         step = result.time_step if part == 1.0 else step
         name = f"motion, step {1e6 * (result.time_step or 0.0):.3g} us, at {COARSE} cells"
-        told = _compared(name, result, seconds, finest, reference, scene.length)
-        found.append(replace(told, error_same_cells=apart(result, answer(same)) / scene.length))
+        compared = _compared(name, result, seconds, finest, reference, scene.length)
+        found.append(replace(compared, error_same_cells=distance(result, answer(same)) / scene.length))
     return found
 
 

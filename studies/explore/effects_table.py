@@ -19,7 +19,7 @@ from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.simulate import choose_effects
-from magmpm.solving.influence import Variants, has_densities, judge, motion_seconds
+from magmpm.solving.influence import Variants, advise, has_densities, motion_seconds
 from magmpm.studies.explore.effects_costs import counted
 
 
@@ -63,8 +63,8 @@ def _need(
         return Need(question, None, None, None, "not estimated: a whole run takes too long")
     try:
         far, why = off(scene, runs)
-    except MagmpmError as trouble:
-        return Need(question, None, None, None, f"not estimated: {trouble}")
+    except MagmpmError as failure:
+        return Need(question, None, None, None, f"not estimated: {failure}")
     return Need(question, not far < runs.error, max(saved, 0.0) if far < runs.error else 0.0, far, why)
 
 
@@ -94,7 +94,7 @@ def _off(scene: Scene, runs: Variants, axis: Array) -> float:
 
 
 def _guessed(scene: Scene, shapes: Array) -> float:
-    """Guess of the rod's error, m, from its deflection: the clamp's share of the length counts (docs/effects.md, "How sure")."""
+    """Guess of the rod's error, m, from its deflection: the clamp's share of the length counts (docs/effects.md)."""
     strip = scene.body.strip
     across = scene.thickness if strip is None else max(strip.width, strip.thickness)
     return (0.005 + 0.3 * across / scene.length) * _moved(shapes)
@@ -223,7 +223,7 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on
     error = error or scene.allowed_error
     if scene.effects.auto:
         scene = choose_effects(scene).scene
-    if scene.resolution.asked:  # costs are those on the grid that such a run tries first
+    if scene.resolution.requested:  # costs are those on the grid that such a run tries first
         scene = scene.with_cells(coarsest_cells(scene))
     if any(type(effect).check is not Effect.check for effect in scene.effects.named().values()):  # that can't begin, as by model.build
         bare = build(scene.model_copy(update={"effects": Effects()}))
@@ -232,9 +232,9 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on
     still, held = Variants(without_motion(scene), error), scene.body.shape.clamp != "none" and scene.effects.feed is None
     for key in effects.Effects.every():
         if only in (None, key):
-            found = judge(scene, key, runs)
+            found = advise(scene, key, runs)
             if held and not scene.static and found.shift is None and found.advice == "irrelevant":
-                rest = judge(still.scene, key, still)
+                rest = advise(still.scene, key, still)
                 if rest.advice == "add":  # the shift in motion is not known, but at rest it is more than the error
                     found = replace(found, advice="add", why=f"at rest {rest.why}; in motion {found.why}")
             settles = key in ("damping", "viscosity") and is_cantilever(scene) and has_densities(scene)

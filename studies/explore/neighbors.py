@@ -29,26 +29,26 @@ class Neighbors:
         self._most = most
         self._rods: list[Array] = []
         self._added: list[Array] = []
-        self._asked = np.zeros(0)
+        self._requested = np.zeros(0)
 
     def expected(self, rod: RodShape) -> Array | None:
         """Correction that a solve will add to its rod: coefficients (planes, m), m, in the rod's frames; None where nothing is known."""
-        self._asked = _curvature(rod)
+        self._requested = _curvature(rod)
         if not self._rods:
             return None
         known = np.array(self._rods)
-        near = np.argsort(np.linalg.norm(known - self._asked, axis=1), kind="stable")[:64]
+        near = np.argsort(np.linalg.norm(known - self._requested, axis=1), kind="stable")[:64]
         among = _covariance(known[near], known[near])
-        share = np.linalg.solve(among + 1e-8 * np.diag(np.diag(among)), _covariance(known[near], self._asked[None])[:, 0])
+        share = np.linalg.solve(among + 1e-8 * np.diag(np.diag(among)), _covariance(known[near], self._requested[None])[:, 0])
         return np.asarray(np.einsum("k,kpm->pm", share, np.array([self._added[k] for k in near])))
 
     def learn(self, added: Array) -> None:
         """Store what the last requested rod's solve has added to it: nothing where it did not begin there. Another grid begins anew."""
-        if not added.any() or not len(self._asked):
+        if not added.any() or not len(self._requested):
             return
         if self._added and self._added[-1].shape != added.shape:
             self._rods, self._added = [], []
-        self._rods, self._added = [*self._rods, self._asked], [*self._added, added]
+        self._rods, self._added = [*self._rods, self._requested], [*self._added, added]
         if self._most is not None:
             self._rods, self._added = self._rods[-self._most :], self._added[-self._most :]
 
@@ -61,5 +61,5 @@ def _curvature(rod: RodShape) -> Array:
 
 def _covariance(one: Array, other: Array) -> Array:
     """(n, m) of curvatures (n, k) and (m, k)."""
-    apart = np.linalg.norm(one[:, None] - other[None], axis=2) * math.sqrt(5.0) / REACH
-    return (1.0 + apart + apart**2 / 3.0) * np.exp(-apart) + 0.1 * (one @ other.T)
+    distance = np.linalg.norm(one[:, None] - other[None], axis=2) * math.sqrt(5.0) / REACH
+    return (1.0 + distance + distance**2 / 3.0) * np.exp(-distance) + 0.1 * (one @ other.T)

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.process import DIED, RAISED, TOLD, answers, started, with_threads
+from magmpm.compiled.process import DIED, PARTIAL, RAISED, answers, started, with_threads
 from magmpm.effects import acting
 from magmpm.errors import InputError, MagmpmError
 from magmpm.model import build
@@ -140,7 +140,7 @@ def solved(scene: Scene, paths: Sequence[Path_], processes: int) -> Iterator[Tip
         for path, kind, found in answers(left, pool):
             if kind == RAISED:
                 raise found
-            if kind == TOLD:
+            if kind == PARTIAL:
                 yield found
                 path.pop(0)
             elif kind == DIED and path:
@@ -156,7 +156,7 @@ def _begin(pipe: Any, scene: Scene) -> Callable[[Path_], None]:
 
     def follow(path: Path_) -> None:
         for found in _along(scene, model, path):
-            pipe.send((TOLD, found))
+            pipe.send((PARTIAL, found))
 
     return follow
 
@@ -191,7 +191,7 @@ def rod_tips(scene: Scene, fields: Array, rays: int) -> RodTips:
     """Follow the scene's rods in fields (m, 3) T; `rays` of them: each m / rays in a row, of one direction and growing strength, in equal
     steps from the first. A rod that finds no equilibrium has a tip of NaN."""
     rod = rod_model(scene.with_field([0.0, 0.0, 0.0]), 60)  # deflections to 1e-3
-    apart, jump = 0.03 * float(rod.length.sum()), 0.02 * float(rod.length.sum())
+    distance, jump = 0.03 * float(rod.length.sum()), 0.02 * float(rod.length.sum())
     ends = fields.reshape(rays, -1, 3)
     shapes, tip, longest = _grown(rod, ends, 1)
     snaps = np.zeros(longest.shape, dtype=bool)
@@ -201,7 +201,7 @@ def rod_tips(scene: Scene, fields: Array, rays: int) -> RodTips:
         snaps[doubtful] = (finer > LASTING * longest[doubtful]) & (finer > jump)
     snapped = np.logical_or.accumulate(snaps, axis=1).ravel()
     shapes, tip = shapes.reshape(len(fields), *shapes.shape[2:]), tip.reshape(-1, 3)
-    return RodTips(tip, snapped, _others(rod, fields, shapes, tip, apart))
+    return RodTips(tip, snapped, _others(rod, fields, shapes, tip, distance))
 
 
 def _relaxed(rod: RodModel, q: Array, fields: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -232,16 +232,16 @@ def _grown(rod: RodModel, ends: Array, finer: int) -> tuple[Array, Array, Array]
             tip, found = _relaxed(rod, q, here)
             for _ in range(3):
                 if (left := np.flatnonzero(~found)).size:  # at a critical load: it goes on from where it has got to
-                    again = q[left].copy()
-                    tip[left], found[left] = _relaxed(rod, again, here[left])
-                    q[left] = again
+                    retried = q[left].copy()
+                    tip[left], found[left] = _relaxed(rod, retried, here[left])
+                    q[left] = retried
             longest[:, number] = np.fmax(longest[:, number], np.linalg.norm(tip - before, axis=1))
             before = tip
         shapes[:, number], tips[:, number] = q, np.where(found[:, None], before, np.nan)
     return shapes, tips, longest
 
 
-def _others(rod: RodModel, fields: Array, shapes: Array, tip: Array, apart: float) -> Array:
+def _others(rod: RodModel, fields: Array, shapes: Array, tip: Array, distance: float) -> Array:
     """Tips (m, 3) m of a stable shape that a rod settles in from a neighbor's shape, where it is not the rod's own; else NaN.
 
     What is found is passed on from neighbor to neighbor, so that a branch is followed as far as it is stable.
@@ -259,12 +259,12 @@ def _others(rod: RodModel, fields: Array, shapes: Array, tip: Array, apart: floa
         now = np.zeros(m, dtype=bool)
         for of in near.T:
             # Near shapes that go over into each other smoothly lead to the same rest: only those at a larger distance are tried.
-            tried = np.flatnonzero(fresh[of] & np.isnan(other[:, 0]) & (np.linalg.norm(place[of] - tip, axis=1) > apart))
+            tried = np.flatnonzero(fresh[of] & np.isnan(other[:, 0]) & (np.linalg.norm(place[of] - tip, axis=1) > distance))
             if not len(tried):
                 continue
             q = passed[of[tried]].copy()
             there, found = _relaxed(rod, q, fields[tried])
-            new = found & (np.linalg.norm(there - tip[tried], axis=1) > apart)
+            new = found & (np.linalg.norm(there - tip[tried], axis=1) > distance)
             other[tried[new]], now[tried[new]] = there[new], True
             passed[tried[new]] = q[new]
         fresh, place = now, np.where(now[:, None], other, np.nan)

@@ -33,7 +33,7 @@ class Refused(InputError):
         self.together, self.known, self.advice = tuple(together), tuple(known), tuple(advice)
 
 
-def check_apart(
+def check_identifiable(
     scene: Scene, measured: Measured, constants: Sequence[Constant], slopes: Array, quantile: float, noise: float, rms: float, *,
     differences: bool,
 ) -> None:  # fmt: skip
@@ -102,9 +102,9 @@ def _fewer(constants: Sequence[Constant], slopes: Array, quantile: float, count:
     for left in (own, [k for k in range(len(constants)) if k not in own]):
         while left and len(kept) < count:
             basis = np.linalg.qr(slopes[:, kept])[0]
-            told = np.linalg.norm(slopes - basis @ (basis.T @ slopes), axis=0)  # by what the kept ones do not explain
-            best = max(left, key=lambda k: told[k])
-            if told[best] * WIDEST < quantile:
+            unexplained = np.linalg.norm(slopes - basis @ (basis.T @ slopes), axis=0)  # by what the kept ones do not explain
+            best = max(left, key=lambda k: unexplained[k])
+            if unexplained[best] * WIDEST < quantile:
                 break
             kept.append(best)
             left.remove(best)

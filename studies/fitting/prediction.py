@@ -59,7 +59,7 @@ class Axis:
         return cls(rows, tip, np.zeros((len(rows), 3, 0)), np.zeros((3, 0)))
 
     def at(self, s: Array) -> tuple[Array, Array, Array, Array]:
-        """At arc lengths s (m,): places (m, 3), their changes (m, 3, k), slopes (m, 3) and their changes (m, 3, k)."""
+        """The body at arc lengths s (m,): places (m, 3), their changes (m, 3, k), slopes (m, 3) and their changes (m, 3, k)."""
         n, _, k = self.rows_change.shape
         places, slopes = on_rows(self.rows[:, 0], self.rows[:, 1:], s)
         moved, turned = on_rows(self.rows[:, 0], self.rows_change.reshape(n, 3 * k), s)
@@ -87,8 +87,8 @@ def _at_points(shape: Axis, readings: Readings) -> Iterator[tuple[float, Array, 
         if np.isfinite(readings.angles[m]):
             angle, turned = tip_angle(shape, readings.plane)
             both = (float(readings.angles[m]),), (angle,)
-            apart = math.remainder(angle - readings.angles[m], math.tau)
-            yield apart, turned, Label(int(line), "tip_angle", True, *both, readings.table)
+            difference = math.remainder(angle - readings.angles[m], math.tau)
+            yield difference, turned, Label(int(line), "tip_angle", True, *both, readings.table)
 
 
 def tip_angle(shape: Axis, plane: int | None) -> tuple[float, Array]:
@@ -161,7 +161,7 @@ class Prediction:
     labels: list[Label] = field(default_factory=list)
     _found: dict[tuple[bytes, bool], tuple[Array, Array, list[Label]]] = field(default_factory=dict)
     _last: dict[int, Array] = field(default_factory=dict)
-    _following: Following = field(default_factory=lambda: Following(lambda rod: None, judged=False))
+    _following: Following = field(default_factory=lambda: Following(lambda rod: None, with_stability=False))
 
     def __post_init__(self) -> None:
         """Raises InputError where the rows give the length that is to be found."""

@@ -21,8 +21,9 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, MagmpmError, SolveError
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest_cells
+from magmpm.simulate import run
 from magmpm.studies.fitting.constants import Constant, constants_of, with_known
-from magmpm.studies.fitting.identify import Refused, check_apart, refuse_twins
+from magmpm.studies.fitting.identify import Refused, check_identifiable, refuse_twins
 from magmpm.studies.fitting.misfit import Suspect, doubted, odd_readings, suspects_of, unequal_tables
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.solve import Interval, Minimum, Model, interval_of, least_squares, quantile_of
@@ -146,7 +147,7 @@ def fit(
     model = search.whitened(sigmas)
     best = search.weighed(best, sigmas)
     raw = best.residuals[: len(labels)] * sigmas.of(labels)
-    check_apart(scene, measured, constants, best.slopes, quantile, sigmas.length, _rms(raw, labels), differences=scene.in_time)
+    check_identifiable(scene, measured, constants, best.slopes, quantile, sigmas.length, _rms(raw, labels), differences=scene.in_time)
     refuse_twins(constants, best, [replace(m, residuals=model(m.x, False)[0]) for m in others], quantile)
     covariance: Array = np.linalg.inv(best.slopes.T @ best.slopes).astype(np.float64)
     intervals = [interval_of(model, best, covariance, k, quantile, search.say) for k in range(len(constants))]
@@ -186,13 +187,11 @@ def _on_one_grid(scene: Scene) -> Scene:
     if scene.effects.auto:
         rule, remedy = "a fit compares runs with the same effects", "name those that `magmpm run` tells it has chosen"
         raise InputError("effects", received="auto", rule=rule, remedy=remedy)
-    if not scene.resolution.asked:
+    if not scene.resolution.requested:
         return scene
-    from magmpm.simulate import run
-
-    told = run(scene).resolution
-    assert told is not None
-    return scene.with_cells(int(told["cells_across"]))
+    resolution = run(scene).resolution
+    assert resolution is not None
+    return scene.with_cells(int(resolution["cells_across"]))
 
 
 def _check_counts(measured: Measured, constants: Sequence[Constant], noise: float | None, angle_noise: float | None) -> None:
@@ -220,7 +219,7 @@ class _Search:
     ) -> None:  # fmt: skip
         self.prediction, self.constants, self.length, self.noise, self.angle = prediction, constants, length, noise, angle or 1.0
         self.given = (angle if prediction.measured.angles_alone else noise) is not None
-        self._say, self._told = say, 0
+        self._say = say
         self.ratios: tuple[float, ...] = (1.0,) * len(prediction.measured.each)
 
     def say(self) -> None:
@@ -285,7 +284,7 @@ class _Search:
 
     def _minima(self, model: Model, starts: Sequence[Array], sigmas: _Noise) -> list[Minimum]:
         """Minima that descents from the starts reach. Raises an InputError at the first start, and where none is found its first error."""
-        found, trouble = list[Minimum](), None
+        found, failure = list[Minimum](), None
 
         def known(x: Array) -> bool:
             return any(one.converged and not self._differ(x, one) for one in found)
@@ -294,11 +293,11 @@ class _Search:
             try:
                 found.append(least_squares(model, start, scale=1.0 if sigmas.given else None, known=known))
             except MagmpmError as error:
-                trouble = trouble or error
+                failure = failure or error
                 if k == 0 and isinstance(error, InputError):
                     raise
-        if trouble is not None and not found:
-            raise trouble
+        if failure is not None and not found:
+            raise failure
         found.sort(key=lambda minimum: minimum.cost)
         return [m for k, m in enumerate(found) if all(self._differ(m.x, other) for other in found[:k])]
 

@@ -80,7 +80,7 @@ def _as_solved(scene: Scene, result: Result, found: Checked) -> Scene:
     """The scene with the effects and the cells that were chosen; an error that was reported is compared with finer cells."""
     if scene.effects.auto:
         scene = choose_effects(scene).scene
-    if not scene.resolution.asked:
+    if not scene.resolution.requested:
         return scene
     assert result.resolution is not None
     cells = int(result.resolution["cells_across"])
@@ -90,20 +90,20 @@ def _as_solved(scene: Scene, result: Result, found: Checked) -> Scene:
 
 def _promised(scene: Scene, result: Result, cells: int, found: Checked) -> None:
     """The reported error, against finer cells; where these are as far, only if the next finer ones are as well: one may be elsewhere."""
-    told, tip = result.error_estimate, scene.resolution.of == "tip"
-    assert told is not None
-    apart = []
+    promised, tip = result.error_estimate, scene.resolution.of == "tip"
+    assert promised is not None
+    distances = []
     for more in (2, 3):
         finer = _try(scene.with_cells(cells + more))
         if finer is None or finer.jumps or result.jumps:
             return
         off = np.linalg.norm(finer.tip - result.tip) if tip else largest_distance(result, finer.centreline)
-        apart.append(float(off))
-        if apart[-1] <= 1.5 * told:
+        distances.append(float(off))
+        if distances[-1] <= 1.5 * promised:
             found.done.append("promised error")
             return
     found.done.append("promised error")
-    found.wrong.append(f"promised error: {told:.3g} m told, {apart[0]:.3g} and {apart[1]:.3g} m from 2 and 3 more cells across")
+    found.wrong.append(f"promised error: {promised:.3g} m told, {distances[0]:.3g} and {distances[1]:.3g} m from 2 and 3 more cells across")
 
 
 def _sane(result: Result, found: Checked) -> None:
@@ -116,7 +116,7 @@ def _sane(result: Result, found: Checked) -> None:
         found.wrong.append(f"unstable equilibrium: stability {result.stability:.3g}")
 
 
-def _apart(scene: Scene, one: Result, other: Result, R: np.ndarray = SAME) -> float:
+def _distance(scene: Scene, one: Result, other: Result, R: np.ndarray = SAME) -> float:
     """Largest distance, over L, of the ways that the middles of the regions have gone, and of the tips: `one` as R maps it, from `other`.
 
     Ways, because whole cells make the regions of a magnetization profile: their middles are elsewhere on another grid.
@@ -148,28 +148,28 @@ def _try(scene: Scene) -> Result | None:
         return None
 
 
-def _compare(scene: Scene, name: str, one: Result, again: Scene, found: Checked, R: np.ndarray = SAME) -> bool:
-    """Two solves of one discrete problem, the other that of the scene `again`; whether it finds an answer. They may end at two equilibria,
-    near each other or far away: then each stays where it is as it is sought more closely."""
-    other = _try(again)
+def _compare(scene: Scene, name: str, one: Result, variant: Scene, found: Checked, R: np.ndarray = SAME) -> bool:
+    """Two solves of one discrete problem, the other that of the scene `variant`; whether it finds an answer. They may end at two
+    equilibria, near each other or far away: then each stays where it is as it is sought more closely."""
+    other = _try(variant)
     if other is None:
         return False
     found.done.append(name)
-    apart, bound = _apart(scene, one, other, R), _tolerance(scene, one)
-    if apart <= bound or (_soft(one) and _soft(other)):
+    off, bound = _distance(scene, one, other, R), _tolerance(scene, one)
+    if off <= bound or (_soft(one) and _soft(other)):
         return True
-    told = f"{name}: {apart:.3g} L apart, bound {bound:.3g}; energies {one.energy:.9g}, {other.energy:.9g} J"
-    if _stays(scene, one, bound) and _stays(again, other, bound):
-        found.branches.append(f"{told}; come to in another way, or more closely, each is where it was: two equilibria")
+    text = f"{name}: {off:.3g} L apart, bound {bound:.3g}; energies {one.energy:.9g}, {other.energy:.9g} J"
+    if _stays(scene, one, bound) and _stays(variant, other, bound):
+        found.branches.append(f"{text}; come to in another way, or more closely, each is where it was: two equilibria")
     else:
-        found.wrong.append(told)
+        found.wrong.append(text)
     return True
 
 
 def _stays(scene: Scene, result: Result, bound: float) -> bool:
     """True if the scene, solved more closely, gives the result again, in shape and energy."""
     closer = _try(_closer(scene))
-    if closer is None or _apart(scene, result, closer) > bound:
+    if closer is None or _distance(scene, result, closer) > bound:
         return False
     return abs(closer.energy - result.energy) <= max(1e-6, bound) * abs(closer.energy)
 
@@ -206,8 +206,8 @@ def _stopped(scene: Scene, name: str, found: Checked) -> None:
     """A twin that finds no answer: a fault of symmetry, unless the scene itself finds none at changes of its last bits."""
     found.done.append(name)
     lost = sum(_try(noisy) is None for noisy in _noisy(scene))
-    told = f"{name}: stopped; so do {lost} of 3 scenes with moduli changed by {NOISE:g}"
-    (found.branches if lost else found.wrong).append(told)
+    text = f"{name}: stopped; so do {lost} of 3 scenes with moduli changed by {NOISE:g}"
+    (found.branches if lost else found.wrong).append(text)
 
 
 def _at_rest(scene: Scene, result: Result, number: int, found: Checked) -> None:
@@ -229,15 +229,15 @@ def _finer(scene: Scene, result: Result, found: Checked) -> None:
     if other is None or _soft(result) or _soft(other) or result.warnings or other.warnings:
         return
     found.done.append("finer grid")
-    apart = _apart(scene, result, other)
-    if apart <= FINER:
+    off = _distance(scene, result, other)
+    if off <= FINER:
         return
     for steps in (8, 30):
-        again = _try(_solved_as(scene, field_steps=steps, max_steps=200))
-        if again is not None and _apart(scene, again, other) <= FINER and _stays(scene, result, _tolerance(scene, result)):
-            found.branches.append(f"finer grid: {apart:.3g} L apart; a ramp of {steps} steps finds its branch on this grid")
+        ramped = _try(_solved_as(scene, field_steps=steps, max_steps=200))
+        if ramped is not None and _distance(scene, ramped, other) <= FINER and _stays(scene, result, _tolerance(scene, result)):
+            found.branches.append(f"finer grid: {off:.3g} L apart; a ramp of {steps} steps finds its branch on this grid")
             return
-    found.wrong.append(f"finer grid: {apart:.3g} L apart, bound {FINER}")
+    found.wrong.append(f"finer grid: {off:.3g} L apart, bound {FINER}")
 
 
 def _rod(scene: Scene, result: Result, found: Checked) -> None:
@@ -257,18 +257,18 @@ def _rod(scene: Scene, result: Result, found: Checked) -> None:
         return
     found.done.append("rod")
     tip = rod.position[-1] + np.array(scene.body.shape.line.base)
-    apart = float(np.linalg.norm(tip - result.tip)) / scene.length
+    off = float(np.linalg.norm(tip - result.tip)) / scene.length
     # two cells across 2 %, rod and solid 0.05 D/L, stiff neighbors 2 %; without anti-locking 4.1 % for 1.4 % (docs/stability, controls)
     known = 0.06 + (0.03 if scene.solver.anti_locking == "none" else 0.0)
     # the cells' stiffness is off by 2 % at two, and in proportion to their area: it moves a soft body by that fraction over its stability
     cells = 0.02 * (2 / scene.resolution.cells_across) ** 2 * _displaced(scene, result) / max(result.stability or 0.0, BRINK)
-    if apart <= (bound := known + cells):
+    if off <= (bound := known + cells):
         return
-    far = f"rod: tips {apart:.3g} L apart, bound {bound:.3g}"
+    far = f"rod: tips {off:.3g} L apart, bound {bound:.3g}"
     finer = _try(scene.with_cells(scene.resolution.cells_across + 2))
     left = np.inf if finer is None else float(np.linalg.norm(tip - finer.tip)) / scene.length
     broad = 0.0 if strip is None or strip.plane_strain else max(strip.width / scene.length - 1 / SLENDER, 0.0)
-    if finer is not None and left <= known + BROAD * broad and _apart(scene, result, finer) <= FINER / 2:
+    if finer is not None and left <= known + BROAD * broad and _distance(scene, result, finer) <= FINER / 2:
         found.branches.append(f"{far}; two more cells are {left:.3g} L from it")
     else:
         found.wrong.append(far)
@@ -290,11 +290,11 @@ def _moved(scene: Scene, result: Result, folder: Path, found: Checked) -> None:
         _stopped(scene, "mirror image", found)
     else:
         found.done.append("mirror image")
-        apart, table = _apart(scene, result, other, MIRROR), TABLE if scene.field.magnet or scene.field.coils else 0.0
-        if apart > (bound := 1e-6 + table):  # rounding grows as a motion goes on
-            grown = max((_apart(scene, result, noisy) for noisy in map(_try, _noisy(scene)) if noisy is not None), default=math.inf)
-            where = found.wrong if apart > max(bound, 5.0 * grown) else found.branches
-            where.append(f"mirror image: {apart:.3g} L apart, bound {bound:.3g}; changes of {NOISE:g} of the moduli grow to {grown:.3g} L")
+        off, table = _distance(scene, result, other, MIRROR), TABLE if scene.field.magnet or scene.field.coils else 0.0
+        if off > (bound := 1e-6 + table):  # rounding grows as a motion goes on
+            grown = max((_distance(scene, result, noisy) for noisy in map(_try, _noisy(scene)) if noisy is not None), default=math.inf)
+            where = found.wrong if off > max(bound, 5.0 * grown) else found.branches
+            where.append(f"mirror image: {off:.3g} L apart, bound {bound:.3g}; changes of {NOISE:g} of the moduli grow to {grown:.3g} L")
     options = scene.to_si()["solver"]["dynamic"]
     bound = HALF_STEP * largest + 1e-5
     if scene.effects.ground or scene.effects.walls or scene.effects.self_contact:
@@ -304,11 +304,11 @@ def _moved(scene: Scene, result: Result, folder: Path, found: Checked) -> None:
     other = _try(changed(scene, solver={**scene.to_si()["solver"], "dynamic": {**options, "safety": 0.4}}))
     if other is not None:
         found.done.append("half the step")
-        if (apart := _apart(scene, result, other)) > bound:
+        if (off := _distance(scene, result, other)) > bound:
             finer = _try(scene.with_cells(scene.resolution.cells_across + 1))
-            coarse = 0.0 if finer is None else _apart(scene, result, finer)  # a step that moves it less is as good as its grid
-            told = f"half the step: {apart:.3g} L apart, bound {bound:.3g}; largest displacement {largest:.3g} L; grid: {coarse:.3g} L"
-            (found.branches if apart < coarse else found.wrong).append(told)
+            coarse = 0.0 if finer is None else _distance(scene, result, finer)  # a step that moves it less is as good as its grid
+            text = f"half the step: {off:.3g} L apart, bound {bound:.3g}; largest displacement {largest:.3g} L; grid: {coarse:.3g} L"
+            (found.branches if off < coarse else found.wrong).append(text)
 
 
 def _noisy(scene: Scene) -> list[Scene]:

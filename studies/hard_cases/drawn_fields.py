@@ -169,10 +169,10 @@ def _equilibria(rng: np.random.Generator, content: Content, sizes: Any, kind: st
         times = [0.0, *sorted(rng.uniform(0.02, 0.98, steps - 1)), 1.0]
         solver[QUASI_STATIC]["at"] = [f"{1e3 * end * t:.9g} ms" for t in times]
     if straight and sizes.length < 20 * sizes.across and rng.random() < 0.12:
-        asked: Content = {"error": f"{10 ** rng.uniform(-0.3, 0.5):.3g} %"}
+        requested: Content = {"error": f"{10 ** rng.uniform(-0.3, 0.5):.3g} %"}
         if rng.random() < 0.3:
-            asked["of"] = "tip"
-        content["resolution"] = {"seconds": "5 s"} if rng.random() < 0.15 else asked
+            requested["of"] = "tip"
+        content["resolution"] = {"seconds": "5 s"} if rng.random() < 0.15 else requested
 
 
 def _motion(rng: np.random.Generator, content: Content, sizes: Any, end: float) -> None:

@@ -19,7 +19,7 @@ from typing import Any
 
 import yaml
 
-from magmpm.compiled.process import DIED, RAISED, TOLD, Died, answers, started
+from magmpm.compiled.process import DIED, PARTIAL, RAISED, Died, answers, started
 from magmpm.errors import InputError, SolveError
 from magmpm.results.result import Result
 from magmpm.scene import Scene, load_scene
@@ -56,7 +56,7 @@ def attempt(path: Path, folder: Path, limit: float, tell: Tell) -> Outcome:
     begun = process_time()
     try:
         scene = load_scene(path)
-        if not (scene.resolution.asked or scene.effects.auto):  # which choose what they need
+        if not (scene.resolution.requested or scene.effects.auto):  # which choose what they need
             prepare_kernels(scene)
         begun = process_time()
         out_of_time(limit)
@@ -82,7 +82,7 @@ def _solved(scene: Scene, folder: Path, number: int, limit: float, tell: Tell) -
         with limited(OWN_SHARE * limit, process_time):
             result = run(scene, folder=folder)
     except InputError as error:
-        if not (scene.resolution.asked and "resolution." in str(error).splitlines()[0]):
+        if not (scene.resolution.requested and "resolution." in str(error).splitlines()[0]):
             raise
         return _out_of_reach(scene, error, limit)
     except SolveError as error:
@@ -189,14 +189,14 @@ def solved(jobs: Iterable[Job], processes: int, limit: float) -> Iterator[tuple[
         for (number, path, _), kind, found in answers(iter(jobs), pool, 20 * limit + 1200):  # it compiles before its limit begins
             if kind == RAISED:
                 raise found
-            if kind == TOLD:
+            if kind == PARTIAL:
                 known[number] = found
             else:
                 yield number, _without(found, path, known.get(number), limit) if kind == DIED else found
 
 
 def _begin(pipe: Any, limit: float) -> Callable[[Job], Outcome]:
-    return lambda job: attempt(job[1], job[2], limit, lambda known: pipe.send((TOLD, known)))
+    return lambda job: attempt(job[1], job[2], limit, lambda known: pipe.send((PARTIAL, known)))
 
 
 def _without(death: Died, path: Path, known: Outcome | None, limit: float) -> Outcome:

@@ -181,8 +181,8 @@ def _hit(scene: Scene) -> float:
     interval(moved, 2e-3)  # until the bodies have parted
     x, v, _ = motion.particles()
     mass, high = model.density * model.particles.volume, model.component == last
-    up, apart = (np.subtract(*(mass[on] @ z[on, 2] / (mass[on].sum() or 1.0) for on in (high, ~high))) for z in (v, x))
-    return abs(energy(motion) / begun - 1) if up > 0.1 * FAST and apart > 0.0 else math.inf
+    up, distance = (np.subtract(*(mass[on] @ z[on, 2] / (mass[on].sum() or 1.0) for on in (high, ~high))) for z in (v, x))
+    return abs(energy(motion) / begun - 1) if up > 0.1 * FAST and distance > 0.0 else math.inf
 
 
 def _stacked(scene: Scene) -> float:

@@ -70,7 +70,7 @@ class Path:
 
     @cached_property
     def _turns(self) -> Array:
-        """From each frame to the next, rotation vectors as the first sees them (FINE, 3)."""
+        """Rotation vectors (FINE, 3) from each frame to the next, as the first sees them."""
         from scipy.spatial.transform import Rotation
 
         frames = Rotation.from_quat(self._fine[1][:, [1, 2, 3, 0]])

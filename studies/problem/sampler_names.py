@@ -44,9 +44,9 @@ def wrong_name(name: Any) -> tuple[str, str] | None:
     return rule, f'did you mean "{near[0]}"?' if near else "write, say, `sampler: tpe`"
 
 
-def _wrong_optuna(asked: str) -> tuple[str, str]:
+def _wrong_optuna(requested: str) -> tuple[str, str]:
     """Rule and remedy for a NAME of `optuna:NAME` that is not on the list."""
-    small = asked.strip().lower().replace("-", "").replace("_", "")
+    small = requested.strip().lower().replace("-", "").replace("_", "")
     for name, why in SENSELESS.items():
         if small in (name.lower(), name.lower().removesuffix("sampler")) and small:
             return f"Optuna's {name} {why}", f"write, say, `sampler: {PREFIX}QMCSampler`"

@@ -34,8 +34,8 @@ class Study:
     [s, x, y, z], of an insertion its path, of a schedule the last shape; stop_rms m or None; scene_file: the file of the
     scene, None for a study made in Python; depths: inserted lengths, m, increasing, () without an insertion; keyframes: the
     shapes of a schedule, () without one; hold: how long its field stays at the end, s; minimize: what a trial's values are;
-    margin: least stability, or None; start: "rod" or None; asked: the error that the scene's file requests, or None: `scene` then has
-    the coarsest grid, on which trials are compared (studies.judged); why_sampler: the reason for the sampler where the file names none.
+    margin: least stability, or None; start: "rod" or None; requested: the error that the scene's file requests, or None: `scene` then has
+    the coarsest grid, on which trials are compared; why_sampler: the reason for the sampler where the file names none.
     """
 
     path: Path
@@ -56,7 +56,7 @@ class Study:
     margin: float | None = None
     limits: Limits | None = None
     start: str | None = None
-    asked: Resolution | None = None
+    requested: Resolution | None = None
     why_sampler: str | None = None
 
     @property
@@ -108,8 +108,8 @@ class Study:
             magnetized = np.isin(np.arange(len(scene.regions())), scene.magnetized_regions())
             scene = scene.with_magnetizations(np.outer(magnetized, [1.0, 0.0, 0.0]))
         content: dict[str, Any] = scene.model_dump(mode="json", exclude={"name", "reference"}, exclude_none=True)
-        if self.asked is not None:
-            content["resolution"] = self.asked.model_dump(mode="json")
+        if self.requested is not None:
+            content["resolution"] = self.requested.model_dump(mode="json")
         if self.vary.field is not None:
             content["field"] = "varied"
         body = content["body"][scene.body.kind]

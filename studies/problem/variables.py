@@ -103,7 +103,7 @@ class VaryShearModulus(Range):
 
 
 class VaryOrder(Settings):
-    """Which of the segments are the magnetized ones. No settings."""
+    """The order of magnetized and plain segments. No settings."""
 
 
 class Vary(Settings):

@@ -26,8 +26,8 @@ from magmpm.studies.search.parameters import Direction, FieldVector, Parameters,
 from magmpm.studies.search.search_space import SearchSpace
 
 ELEMENTS = 8  # in each segment: the rod is a thousandth of its length from its limit, less than from the body
-KEPT = 6
-APART = 0.3  # rad: root mean square angle between designs that count as different
+DESIGNS = 6
+DIFFERENT = 0.3  # rad: root mean square angle between designs that count as different
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class _Problem:
 
 
 def rod_designs(
-    scene: Scene, target: Array, regions: Sequence[int], field_max: float | None, *, seed: int = 1, starts: int = 64, keep: int = KEPT
+    scene: Scene, target: Array, regions: Sequence[int], field_max: float | None, *, seed: int = 1, starts: int = 64, keep: int = DESIGNS
 ) -> list[RodDesign]:
     """The rod's best designs for target rows [s, x, y, z] (m, 4) m, best first; different from each other. None where the scene has no rod.
 
@@ -152,7 +152,7 @@ def rod_designs(
     at = problem.state(directions, field, q, np.full(starts, 0.1))
     for steps, left in ((10, 24), (10, 12), (12, 12)):  # and how many of the descents go on after them
         for _ in range(steps):
-            if np.sort(at.cost)[min(KEPT, len(at.cost)) - 1] < (3e-4 * scene.length) ** 2:
+            if np.sort(at.cost)[min(DESIGNS, len(at.cost)) - 1] < (3e-4 * scene.length) ** 2:
                 break
             at = problem.step(at)
         at = at.best(left)
@@ -203,12 +203,12 @@ def _verified(scene: Scene, problem: _Problem, regions: Sequence[int], at: _Desc
     found.sort(key=lambda design: design.rms + max(1.0 - design.stability / 0.15, 0.0) * 0.05 * scene.length)
     kept: list[RodDesign] = []
     for design in found:
-        if all(_apart(design, other) > APART for other in kept):
+        if all(_angle_between(design, other) > DIFFERENT for other in kept):
             kept.append(design)
     return kept
 
 
-def _apart(one: RodDesign, other: RodDesign) -> float:
+def _angle_between(one: RodDesign, other: RodDesign) -> float:
     """Root mean square angle between two designs' directions, and the field's."""
     a, b = (np.vstack([d.directions, unit(d.field[None])]) for d in (one, other))
     return float(np.sqrt(np.mean(np.arccos(np.clip(np.sum(a * b, axis=1), -1.0, 1.0)) ** 2)))
@@ -289,9 +289,9 @@ def _exchanges(space: SearchSpace, x: Array) -> list[Array]:
     limits, places = space.limits, [at for block, at in space.parts if isinstance(block, Direction)]
     assert limits is not None
     assert limits.allowed is not None
-    alike = [[at for at in places if np.array_equal(x[at], x[first])] for first in places] if limits.at_most is not None else []
+    sharing = [[at for at in places if np.array_equal(x[at], x[first])] for first in places] if limits.at_most is not None else []
     found = {}
-    for group in [*([at] for at in places), *alike]:
+    for group in [*([at] for at in places), *sharing]:
         for vector in limits.allowed:
             y = x.copy()
             for at in group:

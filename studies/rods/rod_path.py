@@ -1,7 +1,7 @@
 """Rods that follow one another: each begins from the one before, as a body does that is pushed out of a guide, or whose field changes.
 
 A design has several equilibria at most of its depths. Which one a body takes is decided by where it comes from, so designs are evaluated
-on the way: from each depth to the next the length grows and the field passes evenly, in small steps (as in studies.push). A design of
+on the way: from each depth to the next the length grows and the field passes evenly, in small steps. A design of
 rods that only hold their shapes (RodTrajectory.grown) may not be reached on it. Where a rod leaves the design's shape, that depth's
 field is fitted anew in every step of the way, and then the whole design from there.
 """
@@ -124,7 +124,7 @@ class RodPath:
         return None if state is None else (fields, state, strayed)
 
     def _go(self, way: Sequence[Depth], directions: Array, last: Stop | None, field: Array | None) -> list[Stop] | None:
-        """From the last stop along a way to a field (3,) T; without one the field is fitted in each step. None: no equilibrium."""
+        """Stops from the last one along a way to a field (3,) T; without one the field is fitted in each step. None: no equilibrium."""
         begin = np.zeros(3) if last is None else last.field
         found: list[Stop] = []
         for j, depth in enumerate(way):

@@ -44,7 +44,7 @@ class Depth:
     roots: Array
 
     def weighing(self, share: float) -> Depth:
-        """With this share of its weight."""
+        """The depth with this share of its weight."""
         return replace(self, rod=replace(self.rod, rod=replace(self.rod.rod, weight=share * self.rod.rod.weight)))
 
     def settled(self, q: Array, directions: Array, uniform: Array) -> tuple[Array, Array, Array] | None:
@@ -92,7 +92,7 @@ class RodTrajectory:
 
     @classmethod
     def of(cls, scene: Scene, path: Path, lengths: Sequence[float], *, max_field: float, exit_weight: float) -> RodTrajectory:
-        """The rods of a scene's catheter at these inserted lengths (m). exit_weight: see studies.insertion."""
+        """The rods of a scene's catheter at these inserted lengths (m). exit_weight: as of evaluate.trajectory.Insertion."""
         depths = [depth_of(scene, path, float(length), len(lengths)) for length in lengths]
         roots = depths[-1].roots.copy()
         roots[-1] = np.sqrt(roots[-1] ** 2 + exit_weight)
@@ -190,7 +190,6 @@ class RodTrajectory:
             else:
                 design, share, step = found, now, min(1.5 * step, FIRST)
         return design
-
 
     def fitted(self, path: Path, directions: Array) -> RodDesign:
         """The fields that bring rods with these directions nearest to their path, depth by depth: the best of several first fields.

@@ -49,9 +49,9 @@ def load_study(path: Path | str) -> Study:
     except InputError as error:
         raise study_checks.named_in(error, study_checks.place(document, "scene")) from None
     study_checks.check_scene(scene, file, document)
-    asked = None
-    if scene.resolution.asked:  # of the whole shape, which designs are evaluated by: a bound for the tip as well
-        asked = scene.resolution.model_copy(update={"of": "centreline"})
+    requested = None
+    if scene.resolution.requested:  # of the whole shape, which designs are evaluated by: a bound for the tip as well
+        requested = scene.resolution.model_copy(update={"of": "centreline"})
         scene = scene.with_cells(coarsest_cells(scene))
     study_checks.check_numbers(scene, file, document)
     target, keyframes = _targets(file, document, scene)
@@ -60,7 +60,7 @@ def load_study(path: Path | str) -> Study:
         sampler=file.sampler or "gauss-newton", seed=file.seed, stop_rms=None if file.stop is None else file.stop.rms,
         scene_file=folder / file.scene, depths=_depths(file, target, scene.thickness), keyframes=keyframes,
         hold=0.0 if file.schedule is None else file.schedule.hold, minimize=file.minimize, robust=file.robust,
-        margin=None if file.stability is None else file.stability.margin, limits=file.limits, start=file.start, asked=asked,
+        margin=None if file.stability is None else file.stability.margin, limits=file.limits, start=file.start, requested=requested,
     )  # fmt: skip
     return study if file.sampler is not None else best_suited(study)
 

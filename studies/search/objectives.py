@@ -62,7 +62,7 @@ def front(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
 
 
 def compromise(values: Sequence[Sequence[float]]) -> int:
-    """Which point (a, b) of a front is nearest to the ideal one, both objectives scaled to the front's extent."""
+    """Number of the point (a, b) of a front that is nearest to the ideal one, both objectives scaled to the front's extent."""
     points = np.array(values, dtype=float)
     low, extent = points.min(axis=0), np.ptp(points, axis=0)
     return int(np.argmin(np.linalg.norm((points - low) / np.where(extent > 0, extent, 1.0), axis=1)))
@@ -100,7 +100,7 @@ def _spread(points: np.ndarray, places: list[int]) -> list[int]:
     scaled = (points - points.min(axis=0)) / np.maximum(np.ptp(points, axis=0), 1e-300)
     chosen = [compromise(points.tolist())]
     while len(chosen) < len(places):
-        apart = np.min(np.linalg.norm(scaled[:, None] - scaled[chosen], axis=2), axis=1)
-        apart[chosen] = -1.0
-        chosen.append(int(np.argmax(apart)))
+        distance = np.min(np.linalg.norm(scaled[:, None] - scaled[chosen], axis=2), axis=1)
+        distance[chosen] = -1.0
+        chosen.append(int(np.argmax(distance)))
     return [places[k] for k in chosen]

@@ -203,74 +203,74 @@ class Makeable:
     allowed: Array | None
     at_most: int | None
 
-    def made(self, asked: Array) -> Array:
+    def made(self, requested: Array) -> Array:
         """The directions (n, 3) that are made where these unit vectors (n, 3) are requested."""
-        if len(asked) == 0:
-            return asked
+        if len(requested) == 0:
+            return requested
         if self.allowed is not None:
-            return np.asarray(self._subset(asked)[np.argmax(asked @ self._subset(asked).T, axis=1)])
-        return self._shared(asked)[0]
+            return np.asarray(self._subset(requested)[np.argmax(requested @ self._subset(requested).T, axis=1)])
+        return self._shared(requested)[0]
 
-    def derivative(self, asked: Array) -> Array:
+    def derivative(self, requested: Array) -> Array:
         """The derivatives (n, 3, n, 3) of the directions made by those requested: zero of a set, and within each group of shared ones."""
-        n = len(asked)
+        n = len(requested)
         found = np.zeros((n, 3, n, 3))
         if self.allowed is not None or n == 0:
             return found
-        made, group = self._shared(asked)
+        made, group = self._shared(requested)
         for g in np.unique(group):
             members = np.flatnonzero(group == g)
-            size = float(np.linalg.norm(asked[members].sum(axis=0)))
+            size = float(np.linalg.norm(requested[members].sum(axis=0)))
             across = (np.eye(3) - np.outer(made[members[0]], made[members[0]])) / size
             for i, j in itertools.product(members, members):
                 found[i, :, j] = across
         return found
 
-    def _subset(self, asked: Array) -> Array:
+    def _subset(self, requested: Array) -> Array:
         """The directions of the set that are used, (k, 3)."""
         allowed = self.allowed
         assert allowed is not None
         k = self.at_most
         if k is None or k >= len(allowed):
             return allowed
-        cosines = asked @ allowed.T
+        cosines = requested @ allowed.T
         if math.comb(len(allowed), k) <= 20_000:  # all are tried
             subsets = np.array(list(itertools.combinations(range(len(allowed)), k)))
             return np.asarray(allowed[subsets[int(np.argmax(cosines[:, subsets].max(axis=2).sum(axis=0)))]])
         chosen: list[int] = []
         for _ in range(k):
-            reached = cosines[:, chosen].max(axis=1) if chosen else np.full(len(asked), -1.0)
+            reached = cosines[:, chosen].max(axis=1) if chosen else np.full(len(requested), -1.0)
             gains = np.maximum(cosines, reached[:, None]).sum(axis=0)
             gains[chosen] = -np.inf
             chosen.append(int(np.argmax(gains)))
         return np.asarray(allowed[sorted(chosen)])
 
-    def _shared(self, asked: Array) -> tuple[Array, NDArray[np.int64]]:
+    def _shared(self, requested: Array) -> tuple[Array, NDArray[np.int64]]:
         """Shared directions (n, 3) and the group (n,) that each segment is in."""
-        group = _merged(asked, self.at_most or len(asked))
+        group = _merged(requested, self.at_most or len(requested))
         for _ in range(50):
-            sums = np.array([asked[group == g].sum(axis=0) for g in range(group.max() + 1)])
+            sums = np.array([requested[group == g].sum(axis=0) for g in range(group.max() + 1)])
             centers = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)
-            new = np.argmax(asked @ centers.T, axis=1)
+            new = np.argmax(requested @ centers.T, axis=1)
             if (new == group).all() or len(np.unique(new)) < len(centers):
                 break
             group = new
-        if group.max() + 1 == len(asked):
-            return asked, group
+        if group.max() + 1 == len(requested):
+            return requested, group
         return centers[group], group
 
 
-def _merged(asked: Array, k: int) -> NDArray[np.int64]:
+def _merged(requested: Array, k: int) -> NDArray[np.int64]:
     """Groups (n,) of unit vectors (n, 3), at most k, by merging the two whose sum loses least of their lengths."""
-    group = np.arange(len(asked))
-    sums, alive = asked.astype(float).copy(), np.ones(len(asked), bool)
+    group = np.arange(len(requested))
+    sums, alive = requested.astype(float).copy(), np.ones(len(requested), bool)
     while alive.sum() > k:
         lengths = np.linalg.norm(sums, axis=1)
         loss = lengths[:, None] + lengths - np.linalg.norm(sums[:, None] + sums, axis=2)
         loss[~alive] = np.inf
         loss[:, ~alive] = np.inf
         np.fill_diagonal(loss, np.inf)
-        a, b = divmod(int(np.argmin(loss)), len(asked))
+        a, b = divmod(int(np.argmin(loss)), len(requested))
         group[group == b] = a
         sums[a] += sums[b]
         alive[b] = False

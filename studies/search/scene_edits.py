@@ -110,18 +110,18 @@ def numbers_of(vary: Vary, scene: Scene) -> tuple[Number, ...]:
     return tuple(found)
 
 
-def kept_total(asked: Array, low: float, high: float, total: float) -> tuple[Array, Array]:
+def kept_total(requested: Array, low: float, high: float, total: float) -> tuple[Array, Array]:
     """The lengths (k,) within low and high that sum to `total` and are nearest to those requested, and their derivatives (k, k).
 
     The projection on the sum and the bounds: all are shifted by one amount, and stop at their bounds. That amount is found exactly: the
     sum is piecewise linear in it, with corners where a length meets a bound. low k <= total <= high k.
     """
-    k = len(asked)
-    corners = np.unique(np.concatenate([low - asked, high - asked]))
-    sums = np.array([np.clip(asked + shift, low, high).sum() for shift in corners])
+    k = len(requested)
+    corners = np.unique(np.concatenate([low - requested, high - requested]))
+    sums = np.array([np.clip(requested + shift, low, high).sum() for shift in corners])
     shift = float(np.interp(total, sums, corners))
-    lengths = np.clip(asked + shift, low, high)
-    free = (asked + shift > low) & (asked + shift < high)
+    lengths = np.clip(requested + shift, low, high)
+    free = (requested + shift > low) & (requested + shift < high)
     derivative = np.zeros((k, k))
     if free.any():
         derivative[np.ix_(free, free)] = np.eye(int(free.sum())) - 1.0 / free.sum()

@@ -261,12 +261,12 @@ class SearchSpace:
         if order is not None:
             edits.order(arrangement(self.scene, order))
 
-    def _lengths(self, asked: Array) -> tuple[Array, Array]:
+    def _lengths(self, requested: Array) -> tuple[Array, Array]:
         """Lengths (k,) m of the segments for those requested, and their derivatives (k, k); of the body's length in all if that is kept."""
         if not self.keeps_length:
-            return asked, np.eye(len(asked))
+            return requested, np.eye(len(requested))
         number = next(number for number in self.numbers_within if number.what == "length")
-        return kept_total(asked, number.low, number.high, self.scene.length)
+        return kept_total(requested, number.low, number.high, self.scene.length)
 
     def directions(self, parameters: Parameters) -> Array:
         """Magnetization of every segment of the trial's scene, (k, 3) unit vectors or zeros, in the undeformed body."""

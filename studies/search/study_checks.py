@@ -48,7 +48,7 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
     if scene.resolution.seconds is not None:
         rule = "the scene of a study gives its cells or an error, not a time: trials are compared on one grid"
         remedy = "write `resolution: {cells_across: 4}` or `resolution: {error: 0.1 %}` in the scene"
-    elif scene.resolution.asked and (file.insertion is not None or file.schedule is not None or scene.solver.dynamic is not None):
+    elif scene.resolution.requested and (file.insertion is not None or file.schedule is not None or scene.solver.dynamic is not None):
         rule = "an error can be asked for where a trial is an equilibrium, or equilibria along time; the best are judged on finer grids"
         remedy = "write `resolution: {cells_across: 4}` in the scene, and run the best design with `resolution: {error: 0.1 %}`"
     elif scene.body.shape.line is None:
@@ -119,17 +119,17 @@ def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named:
         received = f"{1e3 * rows[0, 1:]} mm at s = 0"
         rule = "the target must start at the catheter's base, the origin"
         raise InputError(where, received=received, rule=rule, remedy="move the target")
-    apart = np.linalg.norm(np.diff(rows[:, 1:], axis=0), axis=1)
+    distance = np.linalg.norm(np.diff(rows[:, 1:], axis=0), axis=1)
     along = np.diff(rows[:, 0])
-    worst = int(np.argmax(apart - STRETCH * along))
-    if apart[worst] > STRETCH * along[worst] + 0.001 * length:
+    worst = int(np.argmax(distance - STRETCH * along))
+    if distance[worst] > STRETCH * along[worst] + 0.001 * length:
         a, b = 1e3 * rows[worst, 0], 1e3 * rows[worst + 1, 0]
-        received = f"points {1e3 * apart[worst]:.4g} mm apart at s_mm = {a:g} and {b:g}"
+        received = f"points {1e3 * distance[worst]:.4g} mm apart at s_mm = {a:g} and {b:g}"
         rule = "points must not be further apart than the catheter between them is long (it bends, but hardly stretches)"
         remedy = "check units, columns, and that the catheter leaves the base along +x"
         raise InputError(where, received=received, rule=rule, remedy=remedy)
-    if apart.sum() < 0.2 * along.sum():
-        received = f"points that span {1e3 * apart.sum():.4g} mm along {1e3 * along.sum():.4g} mm of catheter"
+    if distance.sum() < 0.2 * along.sum():
+        received = f"points that span {1e3 * distance.sum():.4g} mm along {1e3 * along.sum():.4g} mm of catheter"
         rule = "the target's points must follow the catheter"
         raise InputError(where, received=received, rule=rule, remedy="check units: columns are in mm")
     if file.insertion is not None:

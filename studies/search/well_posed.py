@@ -24,7 +24,7 @@ SEEN = 1e-5  # of the length: what a whole step must move the shape by (rms), to
 
 
 @dataclass(frozen=True)
-class Judgement:
+class Identifiability:
     """Result of the check of a study by the rod.
 
     moves (n,) m: by how much (rms over the target's points) a whole step of each of the n variables moves the shape, at the design where
@@ -38,7 +38,7 @@ class Judgement:
 
 def check_search(study: Study, space: SearchSpace) -> list[str]:
     """Warnings about a search before its first trial, one sentence each. Raises InputError where no variable moves the shape."""
-    found = judge(study, space)
+    found = identifiability(study, space)
     if found is None:
         return []
     length = space.scene.length
@@ -51,14 +51,14 @@ def check_search(study: Study, space: SearchSpace) -> list[str]:
         raise InputError(f"{study.path}: vary", received=received, rule=rule, remedy=remedy)
     if found.seen < found.freedom:
         return [
-            f"vary: {found.freedom} numbers vary, and {_told(study)} tell {found.seen} combinations of them "
+            f"vary: {found.freedom} numbers vary, and {_compared_with(study)} tell {found.seen} combinations of them "
             f"apart (by the rod: the others move the shape by less than {1e6 * SEEN * length:.2g} um). So many designs fit alike, and "
             "which one is found is left to chance; give the target more points, or vary less"
         ]
     return []
 
 
-def _told(study: Study) -> str:
+def _compared_with(study: Study) -> str:
     """Describe what a study compares shapes with."""
     if study.depths:
         return f"the path at {len(study.depths)} depths"
@@ -96,7 +96,7 @@ def _shapes(study: Study, space: SearchSpace) -> list[_Shape]:
     return [_Shape(space, study.target[:, 0])]
 
 
-def judge(study: Study, space: SearchSpace) -> Judgement | None:
+def identifiability(study: Study, space: SearchSpace) -> Identifiability | None:
     """Evaluate a study by the rod at random designs; None where it finds no equilibrium, or there are only choices."""
     rng, space = np.random.default_rng(2024), replace(space, limits=None)  # directions of a set have no derivatives
     moves, seen, shapes = [], [], _shapes(study, space)
@@ -112,7 +112,7 @@ def judge(study: Study, space: SearchSpace) -> Judgement | None:
         seen.append(int(np.sum(np.linalg.svd(J, compute_uv=False) / np.sqrt(points) > SEEN * space.scene.length)))
         if len(seen) * len(shapes) >= DESIGNS or seen[-1] == space.freedom:
             break
-    return Judgement(np.max(moves, axis=0), space.freedom, max(seen)) if seen else None
+    return Identifiability(np.max(moves, axis=0), space.freedom, max(seen)) if seen else None
 
 
 def _jacobian(space: SearchSpace, x: Array, shapes: list[_Shape]) -> Array:

@@ -27,7 +27,7 @@ from magmpm.studies.search.best_scene import SCENE
 from magmpm.studies.search.definition import definition_hash, load_study
 from magmpm.studies.search.samplers.choice import settings
 from magmpm.studies.search.search_space import SearchSpace
-from magmpm.studies.sheet.verified_best import SHARE, allowed, in_time, judged, last_equilibrium, together
+from magmpm.studies.sheet.verified_best import SHARE, allowed, in_time, last_equilibrium, together, verified
 
 if TYPE_CHECKING:
     import optuna
@@ -55,7 +55,7 @@ def reasons(trials: Sequence[FrozenTrial]) -> list[tuple[str, str, int]]:
 
 
 def importances(kept: optuna.Study, trials: Sequence[FrozenTrial]) -> dict[str, Any]:
-    """Which parameters the best trials differ in from all: PED-ANOVA (Watanabe et al., IJCAI 2023), shares that sum to 1.
+    """Parameters in which the best trials differ from all: PED-ANOVA (Watanabe et al., IJCAI 2023), shares that sum to 1.
 
     `values`: parameter -> share, largest first; `trials`: of how many. Or `why` there are none.
     """
@@ -117,7 +117,7 @@ def gather(
     if motion:
         facts["motion"] = in_time(folder, best, study)
     if not quick:
-        facts |= _judged(result, best, study, run, differentiate)
+        facts |= _verified(result, best, study, run, differentiate)
         facts |= _limits_of_errors(facts, body["length_m"])
     return facts
 
@@ -149,8 +149,8 @@ def _of_trials(folder: Path, report: Mapping[str, Any], storage: str | None, not
     except (MagmpmError, KeyError) as error:
         notes.append(f"The trials could not be read, so their table and the parameters' importances are missing: {error}")
         return {}
-    told = {"best_trials": best_rows(trials), "why_not": reasons(trials), **when(trials)}
-    return found | told | {"importances": shares}
+    of_trials = {"best_trials": best_rows(trials), "why_not": reasons(trials), **when(trials)}
+    return found | of_trials | {"importances": shares}
 
 
 def _study(facts: dict[str, Any], notes: list[str]) -> Study | None:
@@ -232,11 +232,11 @@ def without_guide(body: dict[str, Any], segments: int) -> dict[str, Any]:
     return {**body, "length_m": body["length_m"] - begin, "segments": moved}
 
 
-def _judged(
+def _verified(
     result: Result, best: Mapping[str, Any], study: Study | None, run: Callable[..., Result], differentiate: Callable[..., Any]
 ) -> dict[str, Any]:
     try:
-        again = last_equilibrium(result, best, study)
+        last = last_equilibrium(result, best, study)
     except SolveError as error:
         return dict.fromkeys(("tolerances", "finer"), f"not known: {error.reason}")
-    return judged(result, again, run, differentiate)
+    return verified(result, last, run, differentiate)

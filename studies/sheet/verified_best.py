@@ -1,7 +1,7 @@
 """The best design again: solved with its derivatives, which give tolerances, and on a finer grid, near the study's equilibrium.
 
 An insertion's or a schedule's equilibrium need not be on the branch that grows from no load, so each is sought where the study found it:
-near the shape of its rod (studies.trajectory). If the answer is another equilibrium all the same, that is said in place of its numbers.
+near the shape of its rod (evaluate.trajectory). If the answer is another equilibrium all the same, that is said in place of its numbers.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from magmpm.simulate import run
 from magmpm.statics.error_estimate import PROOF, factor
 from magmpm.statics.grids import operations
 from magmpm.studies.engine.records import BEST
-from magmpm.studies.evaluate.judge import evaluation_of
+from magmpm.studies.evaluate.evaluator import evaluation_of
 from magmpm.studies.problem.shape_distance import root_mean_square
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.best_scene import SCENE, times
@@ -103,7 +103,7 @@ def together(rows: Sequence[dict[str, Any]], direction: float = 5.0, materials: 
 
 
 @dataclass(frozen=True)
-class Again:
+class LastEquilibrium:
     """The last equilibrium of a best design: its scene, the rod near which it is (None: on the branch that grows from no load), and
     how many segments of the whole body, from its base, it does not have."""
 
@@ -113,7 +113,7 @@ class Again:
     gaps: Callable[[Result], Array] | None  # from the target, (m, 3) m; None where the study is not at hand
 
 
-def last_equilibrium(result: Result, design: Mapping[str, Any], study: Study | None) -> Again:
+def last_equilibrium(result: Result, design: Mapping[str, Any], study: Study | None) -> LastEquilibrium:
     """Find out how to solve for the equilibrium of a saved result again. Raises SolveError where the rod does not get there.
 
     design: what is stored of it (params, magnetization of each segment of the whole body).
@@ -121,16 +121,16 @@ def last_equilibrium(result: Result, design: Mapping[str, Any], study: Study | N
     scene = Scene.from_si(result.scene)
     hidden = max(len(design.get("magnetization") or ()) - len(scene.regions()), 0)
     if study is None:
-        return Again(scene, None, hidden, None)
+        return LastEquilibrium(scene, None, hidden, None)
     evaluation = evaluation_of(study, SearchSpace.of(study))
     last, start = len(evaluation.places) - 1, evaluation.starts(design["params"])[-1]
-    return Again(scene, start, hidden, lambda found: evaluation.gaps(found, last))
+    return LastEquilibrium(scene, start, hidden, lambda found: evaluation.gaps(found, last))
 
 
-def judged(result: Result, again: Again, run: Callable[..., Result], differentiate: Callable[..., Any]) -> dict[str, Any]:
+def verified(result: Result, last: LastEquilibrium, run: Callable[..., Result], differentiate: Callable[..., Any]) -> dict[str, Any]:
     """Verify a best design by solving it again: `tolerances` (rows) and `finer`, or in their place why not (texts)."""
     found: dict[str, Any] = {}
-    for name, ask in (("tolerances", lambda: _tolerances(result, again, differentiate)), ("finer", lambda: finer(result, again, run))):
+    for name, ask in (("tolerances", lambda: _tolerances(result, last, differentiate)), ("finer", lambda: finer(result, last, run))):
         try:
             found[name] = ask()
         except MagmpmError as error:
@@ -138,31 +138,31 @@ def judged(result: Result, again: Again, run: Callable[..., Result], differentia
     return found
 
 
-def _tolerances(result: Result, again: Again, differentiate: Callable[..., Any]) -> list[dict[str, Any]] | str:
-    found = differentiate(again.scene, start=again.start)
-    if max(frames_of(result).distances(frames_of(found.result)).values()) > SAME * again.scene.length:
+def _tolerances(result: Result, last: LastEquilibrium, differentiate: Callable[..., Any]) -> list[dict[str, Any]] | str:
+    found = differentiate(last.scene, start=last.start)
+    if max(frames_of(result).distances(frames_of(found.result)).values()) > SAME * last.scene.length:
         return "not known: solved again, the design has another equilibrium than the one that the study found"
-    return tolerances(again.scene, found, again.hidden)
+    return tolerances(last.scene, found, last.hidden)
 
 
-def finer(result: Result, again: Again, run: Callable[..., Result]) -> dict[str, Any] | str:
+def finer(result: Result, last: LastEquilibrium, run: Callable[..., Result]) -> dict[str, Any] | str:
     """The best design on the grid that tells its error (magmpm.statics.error_estimate), SI; a text where that is not known.
 
     cells, finer_cells; moved_m and tip_moved_m: the largest distance of the axes and of the tips; error_estimate_m: the bound that follows
     for the study's grid; rms_m, finer_rms_m: of this equilibrium from the target on either grid, None where the target is not at hand.
     """
-    cells = again.scene.resolution.cells_across
+    cells = last.scene.resolution.cells_across
     proof = PROOF.get(cells)
     if proof is None:
         return f"not known: no finer grid tells the error of {cells} cells across"
-    fine = again.scene.with_cells(proof)
+    fine = last.scene.with_cells(proof)
     if operations(fine)[1] > 0.25 * memory.machine():
         return f"not known: {proof} cells across take more than a quarter of this machine's memory"
-    found = run(fine, start=again.start)
+    found = run(fine, start=last.start)
     moved = max(frames_of(result).distances(frames_of(found)).values())
-    if moved > SAME * again.scene.length:
+    if moved > SAME * last.scene.length:
         return f"not known: on {proof} cells across the design has another equilibrium, {1e3 * moved:.3g} mm away"
-    rms = [None if again.gaps is None else float(root_mean_square(again.gaps(one))) for one in (result, found)]
+    rms = [None if last.gaps is None else float(root_mean_square(last.gaps(one))) for one in (result, found)]
     tip = float(np.linalg.norm(np.asarray(result.tip) - found.tip))
     known = {"cells": cells, "finer_cells": proof, "moved_m": moved, "tip_moved_m": tip, "error_estimate_m": factor(cells, proof) * moved}
     return {**known, "rms_m": rms[0], "finer_rms_m": rms[1]}

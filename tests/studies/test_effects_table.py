@@ -19,7 +19,7 @@ from magmpm.materials import young_modulus
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
-from magmpm.solving.influence import Variants, judge
+from magmpm.solving.influence import Variants, advise
 from magmpm.studies.explore.effects_costs import counted
 from magmpm.studies.explore.effects_table import Row, needs, survey
 
@@ -196,7 +196,7 @@ def test_a_motion_that_takes_too_long_is_judged_by_its_first_part_or_its_rest() 
     """Its weight moves it by a tenth of its length soon, and how far in all is not known; a slow one is at rest by more than the error."""
     data = rod_scene(field=FIELD).to_si()
     swinging = Scene.from_si({**data, "solver": {"dynamic": {"duration": 1.0}}})
-    told = judge(swinging, "gravity", Variants(swinging, longest=0.05))
+    told = advise(swinging, "gravity", Variants(swinging, longest=0.05))
     assert (told.shift, told.advice) == (None, "add")
     assert "more than 1 % of its length, within its first" in told.why
     data["effects"]["viscosity"] = {"viscosity": 1500.0}

@@ -125,7 +125,7 @@ class Grid:
         self.fails, self.solved = fails, list[Scene]()
 
     def __call__(self, scene: Scene, **options: Any) -> RodResult:
-        if scene.resolution.asked:
+        if scene.resolution.requested:
             self.solved.append(scene)
             if self.fails:
                 raise SolveError("no equilibrium was found")
@@ -174,8 +174,8 @@ def test_another_error_is_another_study(tmp_path: Path) -> None:
     study = load_study(write_study(tmp_path, STUDY, ASKED))
     other = load_study(write_study(tmp_path / "other", STUDY, ASKED.replace("0.1 %", "1 %")))
     plain = load_study(write_study(tmp_path / "plain", STUDY, SCENE.replace("cells_across: 4", "cells_across: 2")))
-    assert study.asked is not None
-    assert plain.asked is None
+    assert study.requested is not None
+    assert plain.requested is None
     assert study.scene.resolution == plain.scene.resolution
     assert len({str(one.definition()) for one in (study, other, plain)}) == 3
     assert np.isclose(study.definition()["scene"]["resolution"]["error"], 0.001)
@@ -184,4 +184,4 @@ def test_another_error_is_another_study(tmp_path: Path) -> None:
 def test_designs_are_judged_by_their_whole_shape(tmp_path: Path) -> None:
     """The bound of a tip says nothing of a shape, nor of the distance from it."""
     study = load_study(write_study(tmp_path, STUDY, SCENE.replace("{cells_across: 4}", "{error: 0.1 mm, of: tip}")))
-    assert (study.asked.of, study.asked.allowed(study.scene.length)) == ("centreline", pytest.approx(1e-4))
+    assert (study.requested.of, study.requested.allowed(study.scene.length)) == ("centreline", pytest.approx(1e-4))

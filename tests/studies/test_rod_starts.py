@@ -20,7 +20,7 @@ from magmpm.studies.rods.rod_designs import RodDesign, rod_designs
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.parameters import Number
 from magmpm.studies.search.search_space import SearchSpace
-from magmpm.studies.search.well_posed import check_search, judge
+from magmpm.studies.search.well_posed import check_search, identifiability
 
 FIELD = STUDY.replace("magnetization: {}", "magnetization: {}\n  field: {max: 10 mT}")
 START = STUDY + "start: rod\n"
@@ -274,7 +274,7 @@ def varied_study(folder: Path, vary: str, scene: str = SCENE, points: int = 20):
 def test_a_good_study_has_nothing_to_say(tmp_path: Path) -> None:
     study = varied_study(tmp_path, "{magnetization: {}}")
     assert check_search(study, SearchSpace.of(study)) == []
-    found = judge(study, SearchSpace.of(study))
+    found = identifiability(study, SearchSpace.of(study))
     assert found.freedom == found.seen == 10
     assert (found.moves > 1e-4).all(), "each turns the catheter by a radian's worth of some segment"
 
@@ -300,7 +300,7 @@ def test_more_variables_than_the_target_can_tell_apart(tmp_path: Path) -> None:
 def test_a_field_and_directions_share_a_turn_only_if_all_turn(tmp_path: Path) -> None:
     """Field and magnetization may turn together about the axis, and the shape with them: the target tells all 13 numbers apart."""
     study = varied_study(tmp_path, "{magnetization: {}, field: {max: 10 mT}}")
-    found = judge(study, SearchSpace.of(study))
+    found = identifiability(study, SearchSpace.of(study))
     assert found.freedom == 13
     assert 11 <= found.seen <= 13
 
@@ -334,7 +334,7 @@ def test_an_insertion_is_judged_at_its_depths() -> None:
     from test_insertion import insertion
 
     found = insertion()
-    seen = judge(found.study, found.space)
+    seen = identifiability(found.study, found.space)
     assert seen.freedom == 15
     assert len(seen.moves) == 15
     assert (seen.moves > 1e-5).all()

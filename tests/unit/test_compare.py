@@ -112,7 +112,7 @@ def test_an_error_is_known_where_it_was_refused(kind: str, tmp_path: Path) -> No
     assert [one["cells_across"] for one in found.report["tried"]] == [2, 3, 4]
     for cells in (2, 5):
         runs.solve(cells)
-    assert 0.1 * found.error < runs.apart(2, 5) < found.error
+    assert 0.1 * found.error < runs.distance_between(2, 5) < found.error
     assert found.report.get("largest_at", 1.0) > 0.0
 
 

@@ -21,7 +21,7 @@ from magmpm.studies.engine.loop import allowed_time, run_study
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.engine.storage_url import given_url, passwords, shown_url, without_passwords
 from magmpm.studies.engine.workers import pool
-from magmpm.studies.evaluate.judge import Judge
+from magmpm.studies.evaluate.evaluator import Evaluator
 from magmpm.studies.evaluate.trial import Trial
 from magmpm.studies.problem.sampler_names import SAMPLERS
 from magmpm.studies.search.definition import load_study
@@ -51,9 +51,9 @@ def test_every_sampler_with_three_workers(sampler: str, tmp_path: Path) -> None:
     assert [t.number for t in trials] == list(range(TRIALS))
     assert len({tuple(sorted(t.params.items())) for t in trials}) == TRIALS
     study = load_study(tmp_path / "probe.yaml").changed(sampler=sampler)
-    judge = Judge(study, rod_solve.solve, rod_solve.differentiate, None, tmp_path)
+    evaluator = Evaluator(study, rod_solve.solve, rod_solve.differentiate, None, tmp_path)
     for trial in trials:
-        assert judge.judged(trial.number, trial.params).value == trial.value
+        assert evaluator.outcome(trial.number, trial.params).value == trial.value
         assert (tmp_path / f"out/pictures/trial_{trial.number:03d}.png").exists()
 
 

@@ -17,7 +17,7 @@ from servers import PASSWORD, Postgres, grpc_proxy, postgres, program
 
 from magmpm.studies.engine.storage import open_storage
 from magmpm.studies.engine.storage_url import storage_url
-from magmpm.studies.engine.workers.sessions import AGAIN
+from magmpm.studies.engine.workers.sessions import RERUN_OF
 
 HERE = Path(__file__).parent
 WANTED = 40
@@ -51,8 +51,8 @@ def nothing_lost_or_doubled(trials: list[optuna.trial.FrozenTrial], seen: dict[i
     assert {t.number: tuple(t.values) for t in trials if t.number in seen} == seen, "nothing lost"
     states = {t.state for t in trials}
     assert states <= {optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.FAIL}, "nothing is left running or waiting"
-    again = [t.user_attrs[AGAIN] for t in trials if AGAIN in t.user_attrs]
-    assert len(again) == len(set(again)), "no design is queued again twice"
+    rerun = [t.user_attrs[RERUN_OF] for t in trials if RERUN_OF in t.user_attrs]
+    assert len(rerun) == len(set(rerun)), "no design is queued again twice"
     for trial in done:
         assert trial.user_attrs["feasible"]
         assert trial.value == trial.user_attrs["rms_m"]
@@ -153,8 +153,8 @@ def test_ctrl_c_and_sigterm_put_the_trials_at_work_back(how: signal.Signals, ser
         assert "WAITING" in states
     _, left = psutil.wait_procs(family, timeout=10)
     assert not left, "no process is left behind"
-    again = session(study, tmp_path / "out", 2, server.url())
-    assert again.wait(timeout=120) == 0
+    rerun = session(study, tmp_path / "out", 2, server.url())
+    assert rerun.wait(timeout=120) == 0
     nothing_lost_or_doubled(trials_of(server.url(), study.stem), {}, 60)
 
 

@@ -26,7 +26,7 @@ class MotionStage:
         self._trace: list[list[float]] = []
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
 
-    def told(self) -> dict[str, Any]:
+    def state(self) -> dict[str, Any]:
         """Data of all frames so far: times (s), the box they fill (m), the path of the tip or middle (m), energies (J), jumps (s)."""
         for number in range(len(self._trace), len(self.motion)):
             position = self.motion.position(number)

@@ -20,7 +20,7 @@ from magmpm.viz.snapshot import Obstacle, spread
 
 
 class DeformedBody(Protocol):
-    """Interface of a shape to draw: see studies.live.preview.Shape."""
+    """Interface of a shape to draw: as studies.explore.live.solver.Shape has it."""
 
     @property
     def reference(self) -> np.ndarray: ...

@@ -92,7 +92,7 @@ def _mm(value: float | None) -> str:
 
 
 def _tolerances(facts: Mapping[str, Any]) -> Markup:
-    """For each number the error that alone moves the tip by 1 % of the length, and by the study's stop."""
+    """The error of each number that alone moves the tip by 1 % of the length, and by the study's stop."""
     rows = facts.get("tolerances")
     if not isinstance(rows, list):
         return tag("p", rows or "Not asked for (--quick).")

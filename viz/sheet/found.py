@@ -96,19 +96,19 @@ def _why(facts: Mapping[str, Any]) -> str:
 
 def importances(facts: Mapping[str, Any]) -> Markup:
     """Bars of PED-ANOVA's shares."""
-    told = facts.get("importances")
-    if not told:
+    shares = facts.get("importances")
+    if not shares:
         return NOTHING
-    if "values" not in told:
-        return tag("p", told["why"][:1].upper() + told["why"][1:] + ".")
-    shown = list(told["values"].items())[:16]
+    if "values" not in shares:
+        return tag("p", shares["why"][:1].upper() + shares["why"][1:] + ".")
+    shown = list(shares["values"].items())[:16]
     largest = max(share for _, share in shown) or 1.0
     rows = [[name, Markup(f'<i style="width:{100 * share / largest:.1f}%"></i>'), f"{100 * share:.1f} %"] for name, share in shown]
     body = [tag("tr", tag("td", name), tag("td", bar, class_="bar"), tag("td", text)) for name, bar, text in rows]
-    left = len(told["values"]) - len(shown)
+    left = len(shares["values"]) - len(shown)
     words = (
-        f"Shares by PED-ANOVA over {told['trials']} trials: how differently the best tenth lies along each parameter, compared with all. "
-        + ("With so few trials they are a hint, no more. " if told["trials"] < 50 else "")
+        f"Shares by PED-ANOVA over {shares['trials']} trials: how differently the best tenth lies along each parameter, compared with all. "
+        + ("With so few trials they are a hint, no more. " if shares["trials"] < 50 else "")
         + (f"{left} more parameters have less. " if left else "")
         + "What a change of the best design does to the tip stands in its tolerances."
     )
@@ -135,13 +135,13 @@ def accuracy(facts: Mapping[str, Any]) -> Markup:
     result = facts["result"]
     rows.append(("det F", f"{result['min_det_F']:.4f} to {result['max_det_F']:.4f} (1: no change of volume)"))
     rows.append(("largest stretch", f"{result['largest_stretch']:.3f}"))
-    judged = [
+    verified = [
         [one["number"], _mm(one["rms_m"]), _mm(one["judged_rms_m"]), _mm(one.get("error_estimate_m")), one.get("cells_across", "")]
         for one in facts.get("judged") or []
         if one.get("judged_rms_m") is not None
     ]
     head = ["trial", "rms of the trial, mm", "rms on a finer grid, mm", "shape right to, mm", "cells across"]
-    more = tag("h3", "Judged by the error that the study asks for") + table(head, judged, class_="numbers") if judged else NOTHING
+    more = tag("h3", "Judged by the error that the study asks for") + table(head, verified, class_="numbers") if verified else NOTHING
     note = "Not in these errors: the material's law, effects that the scene does not name, and errors of manufacture."
     return pairs(rows) + more + tag("p", note, class_="note")
 

@@ -21,7 +21,7 @@ REMEDY = "pip install 'magmpm[report]' (WeasyPrint), or install Chromium (apt-ge
 
 
 class PrintError(MagmpmError):
-    """No PDF could be made, and why."""
+    """Reason why no PDF could be made."""
 
 
 def printed(html: str, path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Processes that judge designs, and are replaced when one dies.
+"""Processes that evaluate designs, and are replaced when one dies.
 
 They (magmpm.compiled.process) know no storage: what they find comes back, and the session that started them keeps it. A process that dies
 takes nothing with it: its design is given to a new one, once; a design that ends two processes counts as failed. One that hangs, in a solve
@@ -14,7 +14,7 @@ from typing import Any
 
 from magmpm.compiled.process import RAISED, READY, Died, Process, threads_each, with_threads
 from magmpm.errors import MagmpmError, report
-from magmpm.studies.evaluate.judge import Judge
+from magmpm.studies.evaluate.evaluator import Evaluator
 from magmpm.studies.evaluate.trial import Outcome
 
 TRIES = 2  # processes that a design may end before it counts as failed
@@ -29,12 +29,12 @@ class WorkersError(MagmpmError):
 class Pool:
     """Worker processes; a context manager that ends them."""
 
-    def __init__(self, judge: Judge, workers: int) -> None:
+    def __init__(self, evaluator: Evaluator, workers: int) -> None:
         """Starts them, and does not wait for them."""
         self._failed_starts = 0
         self.deaths = self.hangs = 0
         self.limit: float | None = None  # s that a design may take
-        self._workers = [_Worker(judge, threads_each(workers)) for _ in range(workers)]
+        self._workers = [_Worker(evaluator, threads_each(workers)) for _ in range(workers)]
 
     def __enter__(self) -> Pool:
         return self
@@ -60,7 +60,7 @@ class Pool:
         worker.give(worker.job)
 
     def answers(self, patience: float) -> Iterator[tuple[int, Outcome | str]]:
-        """Number and judgment of designs that are done, after at most `patience`, s; or why the design ended its processes.
+        """Number and outcome of designs that are done, after at most `patience`, s; or why the design ended its processes.
 
         Raises WorkersError where processes do not start.
         """
@@ -121,13 +121,13 @@ class Pool:
 class _Worker(Process):
     """One process with its design."""
 
-    def __init__(self, judge: Judge, threads: int) -> None:
+    def __init__(self, evaluator: Evaluator, threads: int) -> None:
         self.job: tuple[int, dict[str, Any]] | None = None
         self.tries = 0
         env = {name: value for name, value in with_threads(threads).items() if name not in SECRETS}
-        super().__init__(_begin, judge.study, judge.solve, judge.differentiate, judge.picture, judge.out, env=env)
+        super().__init__(_begin, evaluator.study, evaluator.solve, evaluator.differentiate, evaluator.picture, evaluator.out, env=env)
 
 
-def _begin(_: object, *judge: Any) -> Callable[[tuple[int, dict[str, Any]]], Outcome]:
-    judges = Judge(*judge)
-    return lambda job: judges.judged(*job)
+def _begin(_: object, *given: Any) -> Callable[[tuple[int, dict[str, Any]]], Outcome]:
+    evaluator = Evaluator(*given)
+    return lambda job: evaluator.outcome(*job)

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
 
 SESSION = "session"  # user attribute of a trial: the session that runs it
-AGAIN = "again"  # ... and the number of the trial, left behind by a session that died, whose design it has
+RERUN_OF = "again"  # ... and the number of the trial, left behind by a session that died, whose design it has
 EXCHANGED = "exchanged"  # ... and the number of the trial whose design it has, but for one direction
 READY = "asked"  # ... and whether its parameters are all there
 PATIENCE = 5.0  # s to wait for the parameters of a trial with a smaller number: its session may have died
@@ -70,7 +70,7 @@ class PerTrial(BaseSampler):
     def before_trial(self, study: Study, trial: FrozenTrial) -> None:
         """Once a trial has its number."""
         self._inner = self._make(trial.number)
-        self._given = AGAIN in trial.user_attrs or EXCHANGED in trial.user_attrs
+        self._given = RERUN_OF in trial.user_attrs or EXCHANGED in trial.user_attrs
         if self._session is not None:
             storage_of(study).set_trial_user_attr(trial_id(trial), SESSION, self._session)
         if self._wait and not self._given:
@@ -213,12 +213,12 @@ class Session:
         if not whole:
             return
         known = {key: value for key, value in trial.system_attrs.items() if not key.startswith("artifacts:")}
-        again = optuna.trial.create_trial(
+        rerun = optuna.trial.create_trial(
             state=TrialState.WAITING,
             system_attrs={**known, "fixed_params": trial.params},
-            user_attrs={AGAIN: trial.number, **{key: trial.user_attrs[key] for key in ("start",) if key in trial.user_attrs}},
+            user_attrs={RERUN_OF: trial.number, **{key: trial.user_attrs[key] for key in ("start",) if key in trial.user_attrs}},
         )
-        self.store(lambda: self.storage.create_new_trial(study_id(self.kept), template_trial=again))
+        self.store(lambda: self.storage.create_new_trial(study_id(self.kept), template_trial=rerun))
 
     def _requeue(self) -> None:
         """Queues trials that a killed process left running: `ask` takes them up with the same number and parameters.

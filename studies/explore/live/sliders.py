@@ -263,6 +263,6 @@ def ready(scene: Scene, cells: int | None = None) -> Scene:
         scene = choose_effects(scene).scene
     if cells is not None and not 2 <= cells <= 16:
         raise InputError("--cells", received=str(cells), rule="must be from 2 to 16", remedy="--cells 4")
-    if cells is not None or scene.resolution.asked:
+    if cells is not None or scene.resolution.requested:
         scene = scene.with_cells(cells or 4)
     return scene

@@ -75,7 +75,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         return params
 
     def sample_independent(self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> Any:
-        """For parameters that no block names: the middle of their range."""
+        """The middle of the range of a parameter that no block names."""
         if not isinstance(param_distribution, FloatDistribution):
             raise ValueError(f"{param_name}: no block of the Gauss-Newton sampler names it, and it is not a plain number")
         return (param_distribution.low + param_distribution.high) / 2

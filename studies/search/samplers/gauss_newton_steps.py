@@ -46,7 +46,7 @@ class Direction:
         return p
 
     def moved(self, x: Array, p: Array) -> Array:
-        """Along a great circle."""
+        """The point to which a step leads, along a great circle."""
         angle = float(np.linalg.norm(p))
         if angle == 0.0:
             return x

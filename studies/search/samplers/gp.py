@@ -36,7 +36,7 @@ OWN = 0.5  # weight of the sample's variance in an amplitude, in designs
 
 @dataclass(frozen=True)
 class Layout:
-    """Which embedded coordinates are directions (k, 3 each, base to tip) and which are not; these are of size 1."""
+    """Places of the embedded coordinates that are directions (k, 3 each, base to tip) and which are not; these are of size 1."""
 
     directions: tuple[int, ...]  # first coordinate of each
     others: tuple[int, ...]
@@ -53,9 +53,9 @@ class Layout:
         if k:
             axes = np.array([[np.exp(p[0]), 0, 0], [p[2], np.exp(p[1]), 0], [p[3], p[4], np.exp(-p[0] - p[1])]])
             place = (np.arange(k) + 0.5) / k
-            apart = np.abs(np.subtract.outer(place, place))
+            distance = np.abs(np.subtract.outer(place, place))
             correlation, power = p[5], p[6]
-            along = np.linalg.cholesky(np.exp(-apart * np.exp(-correlation))) * (place**power)[:, None]
+            along = np.linalg.cholesky(np.exp(-distance * np.exp(-correlation))) * (place**power)[:, None]
             both = np.kron(along, axes)
             both *= np.sqrt(3 * k / np.sum(both**2))
             rows = np.concatenate([np.arange(first, first + 3) for first in self.directions])
@@ -75,7 +75,7 @@ class ShapeModel:
     The first part is linear: a shape is nearly linear in small moments. The second is Matern's kernel with smoothness 5/2. A says how much
     which coordinate matters. Of the directions it is a Kronecker product: axes of a direction count differently (a magnet along the field
     feels no torque), segments that are neighbors act alike (their correlation falls as exp(-distance / c)), and segments matter by a power
-    of their place along the body. Of a field or a number it is a factor (docs/design.md, "Choosing trials", has its errors of prediction).
+    of their place along the body. Of a field or a number it is a factor (docs/design.md has its errors of prediction).
 
     The parameters are those of greatest posterior density: their likelihood, with the amplitudes at their best, and normal priors. Sources:
     Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), sections 2.2, 4.2 and 5.4.1; the composite of a model and a
@@ -118,8 +118,8 @@ class ShapeModel:
 
     def _kernel(self, a: Array, b: Array, p: Array) -> Array:
         product = a @ b.T
-        apart = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2 * product
-        r = np.sqrt(5 * np.maximum(apart, 0.0)) / np.exp(p[9])
+        squares = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2 * product
+        r = np.sqrt(5 * np.maximum(squares, 0.0)) / np.exp(p[9])
         return np.asarray((1 + product) / (1 + self._layout.count) + np.exp(p[8]) * (1 + r + r * r / 3) * np.exp(-r))
 
     def predicted(self, x: Array) -> tuple[Array, Array]:
@@ -143,10 +143,10 @@ class ShapeModel:
         scores, variance, z, white = self._at(x)
         off, total = scores - self._left, caution * float(self._amplitude.sum())
         weight, range_ = np.exp(self._p[8]), float(np.exp(self._p[9]))
-        apart = z - self._z
-        r = np.sqrt(5 * np.sum(apart**2, axis=1)) / range_
+        difference = z - self._z
+        r = np.sqrt(5 * np.sum(difference**2, axis=1)) / range_
         slopes = self._z / (1 + self._layout.count)
-        slopes = slopes - (weight * 5 / (3 * range_**2) * (1 + r) * np.exp(-r))[:, None] * apart
+        slopes = slopes - (weight * 5 / (3 * range_**2) * (1 + r) * np.exp(-r))[:, None] * difference
         back = np.asarray(solve_triangular(self._factor, white, lower=True, trans=1))
         of_variance = 2 * z / (1 + self._layout.count) - 2 * back @ slopes
         gradient = 2 * off @ (self._weights.T @ slopes) + total * of_variance
@@ -202,7 +202,7 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         return self._space.distributions()
 
     def sample_independent(self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> Any:
-        """For parameters that are not of the search space; a study has none. Drawn evenly, as by the other samplers."""
+        """A value of a parameter that is not of the search space, of which a study has none. Drawn evenly, as by the other samplers."""
         drawn = optuna.samplers.RandomSampler(seed=int(self._rng.integers(2**32)))
         return drawn.sample_independent(study, trial, param_name, param_distribution)
 
@@ -215,8 +215,8 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         running = [t for t in running if t.params.get("order") == order]
         known = [t for t in trials if "residuals" in t.user_attrs and t.params.get("order") == order]
         done = [self._embedded(t) for t in trials if t.params.get("order") == order]
-        asked = np.array([self._embedded(t) for t in running]).reshape(-1, self._space.size)
-        tried = np.concatenate([np.array(done).reshape(-1, self._space.size), asked])
+        pending = np.array([self._embedded(t) for t in running]).reshape(-1, self._space.size)
+        tried = np.concatenate([np.array(done).reshape(-1, self._space.size), pending])
         if len(known) < self._settings.alike or not self._space.size:
             return self._space.parameters_at(self._drawn() * self._scale, order)
         known = sorted(known, key=lambda t: (_square(t), t.number))[: self._settings.most]
@@ -226,9 +226,9 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         self._caution = 1.0 if values[-1] <= min(values) else 0.0
         residuals = np.array([t.user_attrs["residuals"] for t in known], dtype=float)
         model = ShapeModel(self._layout, x, residuals)
-        if len(asked):  # what is being solved counts as found where the model expects it (the kriging believer, Ginsbourger et al. 2010)
-            expected = np.array([model.predicted(one)[0] for one in asked])
-            model = ShapeModel(self._layout, np.concatenate([x, asked]), np.concatenate([residuals, expected]))
+        if len(pending):  # what is being solved counts as found where the model expects it (the kriging believer, Ginsbourger et al. 2010)
+            expected = np.array([model.predicted(one)[0] for one in pending])
+            model = ShapeModel(self._layout, np.concatenate([x, pending]), np.concatenate([residuals, expected]))
         if self._stuck(values):
             drawn = [self._drawn() for _ in range(self._settings.drawn)]
             chosen = drawn[int(np.argmax([model.predicted(one)[1] for one in drawn]))]  # that the model knows least of

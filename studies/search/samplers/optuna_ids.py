@@ -37,5 +37,5 @@ def others_running(study: optuna.Study, trial: FrozenTrial, names: Iterable[str]
     With one worker there are none.
     """
     running = [t for t in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)) if t.number != trial.number]
-    asked = set(names)
-    return [t for t in running if asked <= set(t.params)], sum(t.number < trial.number for t in running)
+    requested = set(names)
+    return [t for t in running if requested <= set(t.params)], sum(t.number < trial.number for t in running)

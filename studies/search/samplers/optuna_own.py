@@ -75,7 +75,7 @@ class SobolSampler(QMCSampler):
 
 
 class FieldsByRod(BaseSampler):
-    """`base` samples the directions of an insertion (studies.insertion.Insertion); the rod finds the fields.
+    """`base` samples the directions of an insertion (evaluate.trajectory.Insertion); the rod finds the fields.
 
     Fields at different depths do not touch each other's shapes, so for given directions each depth's best field can be found by itself, in
     milliseconds (rod_trajectory). That leaves two numbers a segment, in place of three more a depth. All are stored as parameters.

@@ -3,8 +3,8 @@
 TPE draws candidates from a density l of the good trials so far and takes the one with the largest l/g, g being the density of the others
 (Bergstra et al., NeurIPS 2011). Optuna's TPESampler builds both of Gaussians in each angle, which know neither that -180 and 180 degrees
 are the same, nor what a pole is, and are wide with few trials. Here a design is a list of unit vectors (and of plain numbers, such as the
-field's strength), and a trial's kernel is a product of von Mises-Fisher densities exp(K d.m) K / (4 pi sinh K). docs/design.md, "Choosing
-trials", has targets, settings and counts.
+field's strength), and a trial's kernel is a product of von Mises-Fisher densities exp(K d.m) K / (4 pi sinh K). docs/design.md has
+targets and counts.
 
 The first four trials magnetize all segments alike, in the directions of a regular tetrahedron in a random orientation. Each gives one
 bend, and together they show where the target lies.
@@ -108,7 +108,7 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         return parameters
 
     def sample_independent(self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> float:
-        """For parameters that are not of the search space; a study has none."""
+        """A value of a parameter that is not of the search space; a study has none."""
         assert isinstance(param_distribution, FloatDistribution)
         return float(self._rng.uniform(param_distribution.low, param_distribution.high))
 
@@ -153,8 +153,8 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         log = K * (cosines - k) + k * math.log(2 * K / -math.expm1(-2 * K))
         if q:
             width = self._settings.width / narrower
-            apart = np.sum((at.numbers[:, None] - of.numbers) ** 2, axis=2)
-            log += -0.5 * apart / width**2 - q * math.log(width * math.sqrt(2 * math.pi))
+            squares = np.sum((at.numbers[:, None] - of.numbers) ** 2, axis=2)
+            log += -0.5 * squares / width**2 - q * math.log(width * math.sqrt(2 * math.pi))
         log = np.column_stack([log, np.full(len(at), math.log(self._settings.prior))])
         largest = log.max(axis=1)
         total = np.exp(np.maximum(log - largest[:, None], -700.0)).sum(axis=1)

@@ -20,7 +20,7 @@ MODULE = "from magmpm.compiled.cache import jit\n@jit()\ndef twice(x):\n    retu
 def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """Two functions in a separate file, with a separate cache."""
     monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(kernel_cache, "_told", set())
+    monkeypatch.setattr(kernel_cache, "_noted", set())
     (tmp_path / "doubled.py").write_text(MODULE)
     return loaded(tmp_path)
 

@@ -14,7 +14,7 @@ import numba
 import pytest
 
 from magmpm.compiled import thread_count as threads
-from magmpm.compiled.process import DIED, DONE, RAISED, TOLD, Died, Process, answers, started, threads_each
+from magmpm.compiled.process import DIED, DONE, PARTIAL, RAISED, Died, Process, answers, started, threads_each
 from magmpm.compiled.thread_count import Threads
 
 STARTS = 120.0  # s, on a busy machine
@@ -35,7 +35,7 @@ def begin(pipe: Any, base: int) -> Callable[[Any], Any]:
             raise Unsendable(1, 2)
         if job == "slow":
             time.sleep(600)
-        pipe.send((TOLD, job))
+        pipe.send((PARTIAL, job))
         return base + job
 
     return work
@@ -50,7 +50,7 @@ def test_jobs_are_answered_and_what_ends_a_process_is_named() -> None:
     with started(2, begin, 10) as processes:
         found = {(job, kind): content for job, kind, content in answers(jobs, processes)}
     assert {job: content for (job, kind), content in found.items() if kind == DONE} == {1: 11, 2: 12, 3: 13}
-    assert {job for job, kind in found if kind == TOLD} == {1, 2, 3}
+    assert {job for job, kind in found if kind == PARTIAL} == {1, 2, 3}
     assert (str(found["killed", DIED]), found["killed", DIED].status) == ("ended by SIGPROF", -signal.SIGPROF)
     assert (str(found["ended", DIED]), found["ended", DIED].status) == ("ended with status 3", 3)
     assert str(found["raises", RAISED]) == "Unsendable: 1 and 2"
@@ -64,7 +64,7 @@ def test_one_that_takes_too_long_is_replaced() -> None:
             process.ask("slow", timeout=1.0)
         process.start()
         assert process.ask(5, timeout=STARTS) == 15
-        [late, done] = [(job, kind) for job, kind, _ in answers(iter(["slow", 6]), [process], limit=1.0) if kind != TOLD]
+        [late, done] = [(job, kind) for job, kind, _ in answers(iter(["slow", 6]), [process], limit=1.0) if kind != PARTIAL]
         assert (late, done) == (("slow", DIED), (6, DONE))
         with pytest.raises(Exception, match=r"[Pp]ickle"):
             process.ask(lambda: None)
@@ -117,7 +117,7 @@ def test_the_quicker_number_is_taken_and_the_other_tried_again(slow: int) -> Non
     numba.set_num_threads(2)
     try:
         chosen = Threads(500)
-        for _ in range(2 * threads.AGAIN):
+        for _ in range(2 * threads.RETRIED):
             assert chosen.run(work) == (10, False)
             assert numba.get_num_threads() == 2
     finally:
@@ -126,7 +126,7 @@ def test_the_quicker_number_is_taken_and_the_other_tried_again(slow: int) -> Non
     assert start.count(1) == start.count(2) == threads.TRIES
     rest = taken[2 * threads.TRIES :]
     assert rest.count(slow) == 1, "once in AGAIN calls"
-    assert taken[threads.AGAIN] == slow
+    assert taken[threads.RETRIED] == slow
 
 
 @several

@@ -38,7 +38,7 @@ def test_auto_takes_what_moves_the_answer_and_leaves_the_rest(tmp_path: Path) ->
     """5 mT and weight bend this catheter by centimeters; 1 uT by 4 um: left out, and gravity alone gives the same answer."""
     choice = choose_effects(written(tmp_path, "auto"))
     assert set(choice.scene.effects.named()) == {"magnetic_torque", "gravity"}
-    assert [one["effect"] for one in choice.told] == list(Effects.every())
+    assert [one["effect"] for one in choice.reasons] == list(Effects.every())
     result = run(written(tmp_path, "auto", field="0.001 mT"))
     assert result.effects_chosen is not None
     assert [one["effect"] for one in result.effects_chosen if one["chosen"]] == ["gravity"]
@@ -144,7 +144,7 @@ def test_small_effects_that_add_up_are_not_left_out_together(tmp_path: Path) -> 
     stiff = TEXT.replace("EFFECTS", "auto").replace("FIELD", "-3.5 mT").replace("120 kPa", "5500 kPa")
     path.write_text(stiff)
     choice = choose_effects(load_scene(path))
-    found = {one["effect"]: one for one in choice.told}
+    found = {one["effect"]: one for one in choice.reasons}
     assert found["magnetic_torque"]["shift_m"] < 0.4e-3
     assert found["gravity"]["shift_m"] < 0.4e-3
     assert set(choice.scene.effects.named()) == {"magnetic_torque"}

@@ -18,11 +18,11 @@ from magmpm.results.measures import largest_distance
 from magmpm.statics import resolution
 from magmpm.statics.axis import carried
 from magmpm.statics.error_estimate import (
+    INTERMEDIATE,
     ORDER,
     PROOF,
     SAFETY,
     WARY,
-    WITNESS,
     bound,
     caution,
     foretold,
@@ -203,7 +203,7 @@ def test_bounds_of_soft_and_stiff_segments_hold_by_the_general_rule() -> None:
     finest = run(scene.with_cells(16)).centreline
     for n in (2, 3, 4):
         proof = PROOF[n]
-        apart = {k: largest_distance(solved[k], solved[proof].centreline) for k in (n, *WITNESS.get(n, ()))}
+        apart = {k: largest_distance(solved[k], solved[proof].centreline) for k in (n, *INTERMEDIATE.get(n, ()))}
         assert largest_distance(solved[n], finest) < bound(n, proof, apart.pop(n), apart)
     assert largest_distance(solved[4], finest) < 1e-3 * scene.length  # 0.1 %, the bound that users were given
 

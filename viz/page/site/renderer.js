@@ -28,7 +28,7 @@ export class Renderer {
     this.canvas = canvas;
     const gl = this.gl = canvas.getContext("webgl2", { antialias: false, alpha: true, preserveDrawingBuffer: true });
     if (!gl) throw new Error("This browser has no WebGL 2, which draws the body. Use a current Firefox, Chrome, Edge or Safari, and allow " +
-      "hardware acceleration; or view the scene with: magmpm view SCENE --window");
+      "hardware acceleration; or draw the scene with: magmpm run SCENE --render");
     this.program = this.linked();
     this.place = Object.fromEntries(["view", "flatten", "level", "back", "up", "right", "lit", "alpha"].map(
       (name) => [name, gl.getUniformLocation(this.program, name)]));

@@ -39,7 +39,7 @@ def evaluation_of(study: Study, space: SearchSpace) -> Evaluation:
     return Insertion.of(study, space) or Schedule.of(study, space) or Evaluation(study, space)
 
 
-class Judge:
+class Evaluator:
     """Solves and evaluates the designs of a study, and draws them."""
 
     def __init__(self, study: Study, solve: Solve, differentiate: Differentiate | None, picture: Picture | None, out: Path) -> None:
@@ -47,7 +47,7 @@ class Judge:
         self.space = SearchSpace.of(study)
         self.evaluation = evaluation_of(study, self.space)
 
-    def judged(self, number: int, params: Mapping[str, Any]) -> Outcome:
+    def outcome(self, number: int, params: Mapping[str, Any]) -> Outcome:
         """The outcome of the design of a trial, with what to save.
 
         Only interrupts, and disks that take no log, end this with an exception.
