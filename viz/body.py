@@ -116,8 +116,8 @@ class Body:
         longest = 0.9 * float(np.median([np.linalg.norm(np.ptp(p, axis=0)) for p in places])) if places else self.length
         if len(places) > 1:
             middles = np.array([p.mean(axis=0) for p in places])
-            apart = np.asarray(cKDTree(middles).query(middles, k=2)[0])[:, 1]
-            longest = min(longest, max(0.95 * float(np.median(apart)), 0.07 * self.length))
+            distances = np.asarray(cKDTree(middles).query(middles, k=2)[0])[:, 1]
+            longest = min(longest, max(0.95 * float(np.median(distances)), 0.07 * self.length))
         return float(np.clip(longest, 0.05 * self.length, 0.3 * self.length))
 
     @property

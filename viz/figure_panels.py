@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from magmpm.viz import style
 from magmpm.viz.annotations import Page, Sign, field_arrow, field_text, signs, varies
 from magmpm.viz.camera import Framing, View
 from magmpm.viz.layout import Views, bare
-from magmpm.viz.movies import MOST_FRAMES, Movie, chosen, frames_movie
+from magmpm.viz.movies import chosen
 from magmpm.viz.picture_file import save_image
 from magmpm.viz.snapshot import Snapshot, seconds
 from magmpm.viz.worker import Renderer
@@ -35,8 +35,8 @@ def moments(motion: MotionRenderer) -> list[int]:
     some = chosen(len(motion.body.reference), _PARTICLES)
     places = (motion.motion.position(int(k))[some].astype(float) for k in looks)
     first, last = (motion.motion.position(int(k))[some].astype(float) for k in looks[[0, -1]])
-    apart = [min(float(np.mean((now - end) ** 2)) for end in (first, last)) for now in places]
-    middle = int(looks[int(np.argmax(np.nan_to_num(apart, nan=-1.0, posinf=-1.0)))])
+    distances = [min(float(np.mean((now - end) ** 2)) for end in (first, last)) for now in places]
+    middle = int(looks[int(np.argmax(np.nan_to_num(distances, nan=-1.0, posinf=-1.0)))])
     if middle in (0, len(motion) - 1):  # nothing moves, or there are only two
         return [int(k) for k in chosen(len(motion), 3)]
     return [0, middle, len(motion) - 1]
@@ -53,24 +53,6 @@ def figure(motion: MotionRenderer, path: str | Path, renderer: Renderer, numbers
     if across == 1:  # a page's width, as the others are three panels wide
         width = 2 * width // 3
     return save_image(composed([(motion, k) for k in numbers], renderer, across, width), path, optimize=True)
-
-
-def beside(
-    motions: Sequence[MotionRenderer], path: str | Path, renderer: Renderer, words: Callable[[MotionRenderer, int], str], *,
-    fps: float | None = None, width: int = style.MOVIE_SIZE[0],
-) -> Movie:  # fmt: skip
-    """A movie of motions side by side, from one place at one scale, frame by frame as far as the shortest goes.
-
-    words: what is written above a frame of a motion. fps, GIF and RenderError: as in viz.movies.movie; width: pixels, about.
-    """
-    numbers = chosen(min(len(motion) for motion in motions), MOST_FRAMES)
-    framing = Framing.of_all([motion.framing for motion in motions])
-
-    def image(k: int) -> np.ndarray:
-        shown = [(motion, k) for motion in motions]
-        return composed(shown, renderer, len(motions), width, [words(motion, k) for motion in motions], framing)
-
-    return frames_movie(path, image, numbers, fps)
 
 
 def composed(

@@ -188,7 +188,7 @@ def _usual(forces: list[np.ndarray]) -> float:
     return float(np.quantile(sizes, 0.75)) if len(sizes) else 0.0
 
 
-def _spread(points: np.ndarray, apart: float) -> np.ndarray:
+def _spread(points: np.ndarray, edge: float) -> np.ndarray:
     """The points, at most one in every cube of that edge (m)."""
-    _, first = np.unique(np.floor(points / apart).astype(int), axis=0, return_index=True)
+    _, first = np.unique(np.floor(points / edge).astype(int), axis=0, return_index=True)
     return points[np.sort(first)]

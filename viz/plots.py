@@ -7,7 +7,6 @@ text, for papers. Functions are of the module's top level, so that viz.worker.Re
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -300,39 +299,6 @@ def _unit(curves: list[np.ndarray], units: tuple[tuple[float, str], ...]) -> tup
     """The largest unit in which the largest value is at least 1; the smallest if none is."""
     largest = max((float(np.abs(c[np.isfinite(c)]).max(initial=0.0)) for c in curves), default=0.0)
     return next((unit for unit in units if largest >= unit[0]), units[-1])
-
-
-@dataclass(frozen=True)
-class Series:
-    """One curve: y (m,) over x (m,), None where it has no value. look: line, dashes, or the marker of separate points."""
-
-    name: str
-    x: Sequence[float]
-    y: Sequence[float | None]
-    look: str = "line"  # line | dashes | any of matplotlib's markers
-    color: str = "#0077BB"
-
-
-def compare(series: Sequence[Series], path: str | Path, *, x_label: str, y_label: str, title: str = "") -> Path:
-    """One quantity over another, computed and known: all series in one plot. Returns the path, whose ending says PNG, PDF or SVG."""
-    with rc_context(LOOK):
-        figure = Figure(figsize=(6.4, 4.2), layout="constrained")
-        axes = figure.subplots()
-        for s in series:
-            y = np.array([np.nan if value is None else float(value) for value in s.y])
-            look: Any = {"linewidth": 1.5, "linestyle": "-" if s.look == "line" else "--"}
-            if s.look not in {"line", "dashes"}:
-                face = s.color if s.look in "x+" else "white"
-                look = {"linestyle": "none", "marker": s.look, "markersize": 6, "markerfacecolor": face}
-            axes.plot(s.x, y, color=s.color, label=s.name, **look)
-        axes.grid(True, color="#EEEEEE", linewidth=0.8, zorder=0)
-        axes.set_axisbelow(True)
-        axes.set_xlabel(x_label)
-        axes.set_ylabel(y_label)
-        axes.legend(loc="best")
-        if title:
-            axes.set_title(title)
-        return saved(figure, path)
 
 
 def saved(figure: Figure, path: str | Path) -> Path:

@@ -48,7 +48,7 @@ DOES_NOT_START = (
 NO_PYVISTA = ("PyVista is not installed, so matplotlib draws the pictures; for PyVista's: pip install 'magmpm[render]'.")
 GAVE_UP = "PyVista's drawing process kept failing ({reason}), so matplotlib draws the pictures from here on."
 
-CLOSING = 1.0  # s that the drawing process gets to end by itself
+STARTING, CLOSING = 60.0, 1.0  # s that the drawing process gets to start, and to end by itself
 
 # After so many pictures in a row that PyVista could not draw even after a restart, it is not tried again.
 MOST_FAILURES = 3
@@ -104,14 +104,14 @@ class Renderer:
     pictures are not drawn by PyVista and what to install.
     """
 
-    def __init__(self, backend: str | None = None, *, start_timeout: float = 60.0, frame_timeout: float = 30.0) -> None:
-        """backend: forces one; else the variable MAGMPM_RENDER does. Timeouts in s."""
+    def __init__(self, backend: str | None = None, *, frame_timeout: float = 30.0) -> None:
+        """backend: forces one; else the variable MAGMPM_RENDER does. frame_timeout: s."""
         forced = backend or forced_backend()
         if forced is not None and forced not in BACKENDS:
             raise UnknownBackend(f"backend {forced!r} is not known; it must be one of {', '.join(BACKENDS)}")
         self.backend = forced or "pyvista"
         self.note = ""
-        self._start_timeout, self._frame_timeout = start_timeout, frame_timeout
+        self._frame_timeout = frame_timeout
         self._failures = 0
         self._worker: Worker | None = None
         self._lock = threading.RLock()
@@ -139,32 +139,27 @@ class Renderer:
         with self._lock:
             self._ready_worker()
 
-    def render(
-        self,
-        snapshot: Snapshot,
-        path: str | Path,
-        *,
-        size: Size | None = None,
-        framing: Framing | None = None,
-        layout: Layout | None = None,
-    ) -> Path:
+    def render(self, snapshot: Snapshot, path: str | Path, *, size: Size | None = None, framing: Framing | None = None) -> Path:
         """Draw a snapshot into a PNG file, or as the image of an SVG or PDF page; its folder is made. Returns the path.
 
         size: width and height in pixels, the layout's own unless given. framing: what is in view, by default the body and its target
-        (share one to compare pictures). layout: as the snapshot and the framing's shape call for, unless given. Raises RenderError.
+        (share one to compare pictures). Raises RenderError.
         """
         path = Path(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise RenderError(f"the folder of {path} cannot be made: {error}") from None
-        self._draw(snapshot, size, framing, layout, str(path.resolve()))
+        self._draw(snapshot, size, framing, None, str(path.resolve()))
         return path
 
     def image(
         self, snapshot: Snapshot, *, size: Size | None = None, framing: Framing | None = None, layout: Layout | None = None
     ) -> np.ndarray:
-        """The snapshot as an array (height, width, 3) uint8; options as of `render`. Raises RenderError."""
+        """The snapshot as an array (height, width, 3) uint8; size and framing: as of `render`; layout: as these call for, unless given.
+
+        Raises RenderError.
+        """
         image: np.ndarray = self._draw(snapshot, size, framing, layout, None)
         return image
 
@@ -224,7 +219,7 @@ class Renderer:
             return self.run(draw, *args)
         spare = Worker("matplotlib")
         try:
-            spare.wait_ready(self._start_timeout)
+            spare.wait_ready(STARTING)
             return spare.request(draw, *args, timeout=self._frame_timeout)
         except Died as death:
             raise RenderError(f"PyVista: {error}; matplotlib: the drawing process {death}") from None
@@ -236,7 +231,7 @@ class Renderer:
         while True:
             worker = self._started()
             try:
-                worker.wait_ready(self._start_timeout)
+                worker.wait_ready(STARTING)
                 return worker
             except (Died, RenderError) as problem:
                 self._drop_worker()

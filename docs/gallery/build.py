@@ -24,14 +24,18 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 from PIL import Image
 
 from magmpm.cli import main as magmpm
 from magmpm.errors import InputError
 from magmpm.results.trajectory import Motion
 from magmpm.scene import load_scene
-from magmpm.viz.figure_panels import beside, composed, figure
+from magmpm.viz import style
+from magmpm.viz.camera import Framing
+from magmpm.viz.figure_panels import composed, figure
 from magmpm.viz.from_motion import MotionRenderer
+from magmpm.viz.movies import MOST_FRAMES, chosen, frames_movie
 from magmpm.viz.picture_file import save_image
 from magmpm.viz.worker import Renderer
 
@@ -112,7 +116,14 @@ def draw_moments(name: str, folders: Sequence[Path]) -> None:
         moments = [(shown, k) for shown, some in zip(motions, numbers) for k in some]
         image = composed(moments, renderer, len(numbers[0]), 1800, [words(shown.motion, k) for shown, k in moments])
         save_image(image, folders[0] / "moments.png", optimize=True)
-        beside(motions, folders[0] / "movie.mp4", renderer, lambda shown, k: words(shown.motion, k))
+        framing = Framing.of_all([motion.framing for motion in motions])
+
+        def side_by_side(k: int) -> np.ndarray:
+            shown, texts = [(motion, k) for motion in motions], [words(motion.motion, k) for motion in motions]
+            return composed(shown, renderer, len(motions), style.MOVIE_SIZE[0], texts, framing)
+
+        frames = chosen(min(len(motion) for motion in motions), MOST_FRAMES)
+        frames_movie(folders[0] / "movie.mp4", side_by_side, frames)
 
 
 def is_result_of(scene: Path, results: Path) -> bool:

@@ -15,9 +15,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
-from magmpm.viz.plots import Series, compare
+from magmpm.viz.plots import LOOK, saved
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/gallery/zhao_beam.md"
@@ -116,21 +120,29 @@ def draw(found: dict[str, Any], known: dict[str, Any]) -> Path:
     """Draw the picture: deflection against field."""
     published, fem, curves = known["published"], known["finite_elements"], found["curves"]
     x = known["field_mT"]
-    return compare(
-        [
-            Series("magmpm, plane strain", CURVE, curves["plane_strain"], "line", "#0077BB"),
-            Series("magmpm, 5 mm wide", CURVE, curves["width_5mm"], "line", "#EE7733"),
-            Series("our finite elements, plane strain", x, fem["plane_strain"]["deflection"], "+", "#0077BB"),
-            Series("our finite elements, 5 mm wide", x, fem["width_5mm"]["deflection"], "x", "#EE7733"),
-            Series("experiment (Zhao et al.)", x, published["experiment"], "o", "#222222"),
-            Series("finite elements (Zhao et al.)", x, published["zhao_finite_elements"], "s", "#777777"),
-            Series("magneticMPM", x, published["magneticMPM"], "^", "#AA3377"),
-        ],
-        PICTURE,
-        x_label="field opposite to the magnetization (mT)",
-        y_label="deflection of the tip over the length",
-        title="Zhao's beam",
-    )
+    points = [
+        ("our finite elements, plane strain", fem["plane_strain"]["deflection"], "+", "#0077BB"),
+        ("our finite elements, 5 mm wide", fem["width_5mm"]["deflection"], "x", "#EE7733"),
+        ("experiment (Zhao et al.)", published["experiment"], "o", "#222222"),
+        ("finite elements (Zhao et al.)", published["zhao_finite_elements"], "s", "#777777"),
+        ("magneticMPM", published["magneticMPM"], "^", "#AA3377"),
+    ]
+    with rc_context(LOOK):
+        figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+        axes = figure.subplots()
+        axes.plot(CURVE, curves["plane_strain"], color="#0077BB", label="magmpm, plane strain", linewidth=1.5)
+        axes.plot(CURVE, curves["width_5mm"], color="#EE7733", label="magmpm, 5 mm wide", linewidth=1.5)
+        for name, values, marker, color in points:
+            y = np.array([np.nan if value is None else float(value) for value in values])
+            face = color if marker in "x+" else "white"
+            axes.plot(x, y, marker, color=color, label=name, markersize=6, markerfacecolor=face)
+        axes.grid(True, color="#EEEEEE", linewidth=0.8, zorder=0)
+        axes.set_axisbelow(True)
+        axes.set_xlabel("field opposite to the magnetization (mT)")
+        axes.set_ylabel("deflection of the tip over the length")
+        axes.legend(loc="best")
+        axes.set_title("Zhao's beam")
+        return saved(figure, PICTURE)
 
 
 def tables(found: dict[str, Any], known: dict[str, Any]) -> list[str]:

@@ -84,8 +84,8 @@ def command(options: argparse.Namespace) -> int:
 def _rerun(options: argparse.Namespace, study: Study) -> int:
     """Solve one trial again, and compare it with what is stored."""
     from magmpm.simulate import run, sensitivities
-    from magmpm.studies.engine.storage import OUTAGE, TIMEOUT, Store, storage_url
-    from magmpm.studies.engine.storage_url import given_url
+    from magmpm.studies.engine.storage import OUTAGE, TIMEOUT, Store
+    from magmpm.studies.engine.storage_url import given_url, storage_url
     from magmpm.studies.engine.study_session import rerun
     from magmpm.studies.evaluate.evaluator import Evaluator
 

@@ -60,17 +60,6 @@ def centreline_at(result: Result, s: Array) -> Array:
     return on_rows(result.centreline[:, 0], result.centreline[:, 1:], s)[0]
 
 
-def rms_distance(result: Result, target: Array) -> float:
-    """Root mean square distance (m) between the axis and target rows [s, x, y, z] (m, 4) m, at the same arc lengths."""
-    gap = centreline_at(result, target[:, 0]) - target[:, 1:]
-    return float(np.sqrt(np.mean(np.sum(gap**2, axis=1))))
-
-
-def tip_error(result: Result, target: Array) -> float:
-    """Distance (m) at the target's last row."""
-    return float(np.linalg.norm(centreline_at(result, target[-1:, 0])[0] - target[-1, 1:]))
-
-
 def largest_distance(result: Result, target: Array) -> float:
     """Largest distance (m) between the axis and target rows [s, x, y, z] (m, 4) m, at the same arc lengths."""
     return float(np.linalg.norm(centreline_at(result, target[:, 0]) - target[:, 1:], axis=1).max())

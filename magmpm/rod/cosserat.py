@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from magmpm.bodies.curves import linear
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
@@ -63,7 +64,7 @@ class RodShape:
 
     def at(self, s: Array) -> Array:
         """Positions (k, 3) m at arc lengths s (k,) m of the undeformed rod."""
-        return np.stack([np.interp(s, self.s, self.position[:, i]) for i in range(3)], axis=1)
+        return linear(s, self.s, self.position)
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,11 @@ class RodModel:
     weight: Array
     field: Array
 
+    @property
+    def places(self) -> Array:
+        """Arc lengths (n + 1,) m of the frames."""
+        return np.concatenate([[0.0], np.cumsum(self.length)])
+
     def straight(self) -> Array:
         """Quaternions (n + 1, 4) of the straight rod."""
         return np.tile([1.0, 0.0, 0.0, 0.0], (len(self.length) + 1, 1))
@@ -94,8 +100,7 @@ class RodModel:
     def shape(self, quaternions: Array, iterations: int, energy: float, stable: bool) -> RodShape:
         """The shape of an equilibrium."""
         position, frames, curvature, strain = frames_of(quaternions, self.length, self.compliance, self.moment, self.field, self.weight)
-        s = np.concatenate([[0.0], np.cumsum(self.length)])
-        return RodShape(s, position, frames, curvature, strain, iterations, stable, energy, quaternions, self.field, self.weight)
+        return RodShape(self.places, position, frames, curvature, strain, iterations, stable, energy, quaternions, self.field, self.weight)
 
 
 def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None) -> RodModel:
@@ -186,7 +191,7 @@ def solve_rod_model(rod: RodModel, loads: Array | None = None, *, surroundings: 
 
 def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
     """Equilibrium with field and pull that depend on the shape: a fixed-point iteration at each load step."""
-    s = np.concatenate([[0.0], np.cumsum(rod.length)])
+    s = rod.places
     position = s[:, None] * np.array([1.0, 0.0, 0.0])
     field, force = surroundings(position, np.tile(np.eye(3), (len(s), 1, 1)))
     first = replace(rod, field=field, weight=rod.weight + _beyond(force))

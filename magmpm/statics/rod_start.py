@@ -10,6 +10,7 @@ Source: Love, A Treatise on the Mathematical Theory of Elasticity, 4th ed., chap
 
 import numpy as np
 
+from magmpm.bodies.curves import linear
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.materials import poisson_ratio
@@ -31,9 +32,9 @@ def from_rod(model: StaticModel, rod: RodShape) -> Array:
     y, z = (grid.section_nodes(layout.node_yz) - model.line.base[1:]).T
 
     inside, frames = np.clip(x, 0.0, length), plane_frames(model, rod)
-    strain, curvature = _interpolate(rod.s, rod.strain, inside), _interpolate(rod.s, rod.curvature, inside)
+    strain, curvature = linear(inside, rod.s, rod.strain), linear(inside, rod.s, rod.curvature)
     overhang = (x - inside)[:, None] * np.einsum("pij,pj->pi", frames, strain)
-    axis = _interpolate(rod.s, rod.position, inside) + overhang
+    axis = linear(inside, rod.s, rod.position) + overhang
 
     nu = poisson_ratio(model.shear.mean(), model.bulk.mean())
     # Right up to the clamp, though it holds the section's shape: letting this grow with the distance from the clamp costs more energy.
@@ -72,7 +73,7 @@ def _second_difference(width: Array) -> tuple[Array, Array, Array]:
 def plane_frames(model: StaticModel, rod: RodShape) -> Array:
     """The rod's frames at the planes of nodes, (planes, 3, 3)."""
     inside = np.clip(model.plane_coordinates(), 0.0, rod.s[-1])
-    return _orthonormal(_interpolate(rod.s, rod.frames.reshape(-1, 9), inside).reshape(-1, 3, 3))
+    return _orthonormal(linear(inside, rod.s, rod.frames.reshape(-1, 9)).reshape(-1, 3, 3))
 
 
 def local_correction(model: StaticModel, rod: RodShape, grid: Array) -> Array:
@@ -85,11 +86,6 @@ def with_correction(model: StaticModel, rod: RodShape, local: Array) -> Array:
     """Coefficients (planes, m) of the rod's shape plus the `local_correction` of a neighboring design, in this rod's frames."""
     extra = np.einsum("pij,pnj->pni", plane_frames(model, rod), local.reshape(model.layout.planes, -1, 3))
     return from_rod(model, rod) + extra.reshape(local.shape)
-
-
-def _interpolate(s: Array, values: Array, at: Array) -> Array:
-    """Linear interpolation of (n, k) values at s (n,) to (m, k)."""
-    return np.stack([np.interp(at, s, column) for column in values.T], axis=1)
 
 
 def _orthonormal(frames: Array) -> Array:

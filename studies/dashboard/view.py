@@ -79,11 +79,6 @@ class DashboardView(_Passing):  # type: ignore[misc]
             raise ValueError("no trial of this study was solved")
         return min([t for t in done if feasible(t)] or done, key=lambda t: t.values[0])
 
-    def get_trial(self, trial_id: int) -> FrozenTrial:
-        """A trial, as it is."""
-        found: FrozenTrial = self.storage.get_trial(trial_id)
-        return found
-
     def set_trial_state_values(self, trial_id: int, state: TrialState, values: Sequence[float] | None = None) -> bool:
         """Store the state and values that the dashboard sends, back in SI."""
         factors = self._of_trial.get(trial_id)

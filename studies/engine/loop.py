@@ -25,16 +25,9 @@ from magmpm.results.whole_file import REFUSED, explained
 from magmpm.studies.engine import records, report
 from magmpm.studies.engine.records import whole_place
 from magmpm.studies.engine.report import StudyReport
-from magmpm.studies.engine.storage import (
-    OUTAGE,
-    TIMEOUT,
-    StorageError,
-    Store,
-    claim_folder,
-    shown_url,
-    storage_url,
-)
-from magmpm.studies.engine.study_session import STARTS, StudySession
+from magmpm.studies.engine.storage import OUTAGE, TIMEOUT, StorageError, Store, claim_folder
+from magmpm.studies.engine.storage_url import shown_url, storage_url
+from magmpm.studies.engine.study_session import StudySession
 from magmpm.studies.engine.workers.pool import Pool
 from magmpm.studies.engine.workers.sessions import (
     EXCHANGED,
@@ -44,7 +37,7 @@ from magmpm.studies.engine.workers.sessions import (
     remembered,
     uninterrupted,
 )
-from magmpm.studies.evaluate.evaluator import FAILURES, Evaluator, Picture, trial_of
+from magmpm.studies.evaluate.evaluator import Evaluator, Picture, trial_of
 from magmpm.studies.evaluate.trajectory import Insertion
 from magmpm.studies.evaluate.trial import Differentiate, Outcome, Solve, Trial, constraints, needs_derivatives
 from magmpm.studies.rods.rod_designs import next_exchange
@@ -55,8 +48,6 @@ from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
 from magmpm.studies.search.samplers.optuna_ids import trial_id
 from magmpm.studies.search.search_space import SearchSpace
 from magmpm.studies.search.well_posed import check_search
-
-__all__ = ["FAILURES", "STARTS", "Picture", "check_study", "kernel_uses", "run_study"]
 
 LOOK = 1.0  # s between two looks at what other sessions do
 

@@ -28,14 +28,11 @@ from magmpm.studies.engine.storage_url import (
     is_server,
     refuse_memory,
     shown_url,
-    storage_url,
     without_passwords,
 )
-from magmpm.studies.problem import DATABASE, OWNER, REPORT
+from magmpm.studies.problem import OWNER, REPORT
 from magmpm.studies.search.definition import Study, definition_hash, differences
 from magmpm.studies.search.objectives import NAMES
-
-__all__ = ["DATABASE", "OWNER", "TIMEOUT", "StorageAway", "StorageError", "Store", "open_storage", "shown_url", "storage_url"]
 
 if TYPE_CHECKING:
     import optuna

@@ -15,14 +15,15 @@ from magmpm.errors import InputError, SolveError
 from magmpm.studies.engine import records, report
 from magmpm.studies.engine.explain_miss import findings
 from magmpm.studies.engine.report import StudyReport, verified
-from magmpm.studies.engine.storage import Store, must_exist, must_hold, open_study, shown_url, storage_faults
+from magmpm.studies.engine.storage import Store, must_exist, must_hold, open_study, storage_faults
+from magmpm.studies.engine.storage_url import shown_url
 from magmpm.studies.engine.workers.sessions import EXCHANGED
 from magmpm.studies.evaluate.evaluator import Evaluator
 from magmpm.studies.evaluate.trajectory import MOVIE, Insertion
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.best_scene import write_best_scene
 from magmpm.studies.search.objectives import pareto_report
-from magmpm.studies.search.samplers.choice import settings
+from magmpm.studies.search.samplers.choice import whole_definition
 
 VERIFIED = "judged"  # attribute of a study: its best designs on finer grids
 STARTS = "starts"  # attribute of a study: the rod's designs
@@ -52,9 +53,8 @@ class StudySession:
         self.storage = store.open()
         with storage_faults(store.url, store.timeout):
             self.study = evaluator.study = as_begun(self.study, self.storage)
-        search = {"parameters": list(self.distributions), **settings(self.study.sampler)}
         must_hold(self.storage, self.study.name, held, out, store.url, store.timeout)
-        definition = {**self.study.definition(), "search": search}
+        definition = whole_definition(self.study, self.distributions)
         self.kept = open_study(self.storage, self.study, definition, out, store.url, store.timeout)
 
     def finished(self) -> list[FrozenTrial]:

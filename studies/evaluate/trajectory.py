@@ -223,7 +223,7 @@ def _rod(scene: Scene, path: Curve, count: int) -> Depth:
     """The rod of one time of `count`, compared with its shape up to the shape's end."""
     scene = scene.with_field([0.0, 0.0, 0.0])
     rod = rod_model(scene, max(ELEMENTS, 4 * len(scene.regions())))
-    place = np.concatenate([[0.0], np.cumsum(rod.length)])
+    place = rod.places
     seen = place <= path.length * (1 + 1e-9)
     roots = np.where(seen, np.sqrt(1.0 / (count * seen.sum())), 0.0)
     family = RodFamily.of(rod, scene.body.shape.segment_lengths(), scene.magnetized_regions())  # type: ignore[attr-defined]

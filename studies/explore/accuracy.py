@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.bodies.curves import linear
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, SolveError
 from magmpm.materials import young_modulus
@@ -335,7 +336,7 @@ def _shifted(scene: Scene, finest: Array, reference: Array | None, failed: dict[
         rows = centreline(model, found.point.grid)
         for against, other in (("finest", finest), ("reference", reference)):
             if other is not None:
-                moved = np.array([np.interp(other[:, 0], rows[:, 0], rows[:, k]) for k in (1, 2, 3)]).T
+                moved = linear(other[:, 0], rows[:, 0], rows[:, 1:])
                 worst[against] = max(worst.get(against, 0.0), float(np.linalg.norm(moved - other[:, 1:], axis=1).max()) / scene.length)
     return [Model(name, median(times), worst["finest"], worst.get("reference"))]
 

@@ -7,10 +7,7 @@ What they find is repaired in the solver, not in the case.
         print(case.run().summary())
 """
 
-from magmpm.studies.hard_cases import equilibria, shapes, stepping
-from magmpm.studies.hard_cases.case import Case, Outcome, run_cases, table
-from magmpm.studies.hard_cases.random_suite import BROKEN, random_table, run_random
-
-CASES: tuple[Case, ...] = (*equilibria.CASES, *stepping.CASES, *shapes.CASES, *stepping.LONG)
+from magmpm.studies.hard_cases.case import Case, Outcome, table
+from magmpm.studies.hard_cases.suites import BROKEN, CASES, random_table, run_cases, run_random
 
 __all__ = ["BROKEN", "CASES", "Case", "Outcome", "random_table", "run_cases", "run_random", "table"]

@@ -164,10 +164,10 @@ def _block(size: Sequence[float] = (SIDE, SIDE, SIDE), turn: Rotation | None = N
     return Mesh((mesh.vertices if turn is None else turn.apply(mesh.vertices)) + np.array([0.0, 0.0, rise]), mesh.faces)
 
 
-def _over(low: Mesh, high: Mesh, aside: tuple[float, float] = (0.11, 0.07)) -> Scene:
+def _over(low: Mesh, high: Mesh) -> Scene:
     """One body just above the other, a little aside."""
     rise = low.vertices[:, 2].max() - high.vertices[:, 2].min() + GAP
-    return _bodies([low, Mesh(high.vertices + np.array([*aside, rise]), high.faces)])
+    return _bodies([low, Mesh(high.vertices + np.array([0.11, 0.07, rise]), high.faces)])
 
 
 def _hit(scene: Scene) -> float:

@@ -17,11 +17,13 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.bodies.curves import linear
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.rod.cosserat import rod_model, solve_rod
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
+from magmpm.studies.problem.shape_distance import root_mean_square
 from magmpm.studies.search.parameters import Direction, FieldVector, Parameters, across, unit
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -65,7 +67,7 @@ class _Problem:
 
     def __init__(self, scene: Scene, target: Array, regions: Sequence[int], field_max: float | None) -> None:
         rod = rod_model(scene, max(5 * ELEMENTS, ELEMENTS * len(scene.regions())))
-        s = np.concatenate([[0.0], np.cumsum(rod.length)])
+        s = rod.places
         if field_max is not None:
             rod = replace(rod, field=np.zeros_like(rod.field))
         self.gradient: Array | None = None  # (n + 1, 3, 3) T/m
@@ -198,7 +200,7 @@ def _verified(scene: Scene, problem: _Problem, regions: Sequence[int], at: _Desc
             continue
         gap = shape.at(target[:, 0]) - target[:, 1:]
         stability = problem.family.stability(at.quaternions[s], at.directions[s], np.zeros(3) if field_max is None else field)
-        found.append(RodDesign(at.directions[s], field, float(np.sqrt(np.mean(np.sum(gap**2, axis=1)))), stability))
+        found.append(RodDesign(at.directions[s], field, root_mean_square(gap), stability))
     # a stability below 0.15 counts as worse, at a critical load by 0.05 of the length
     found.sort(key=lambda design: design.rms + max(1.0 - design.stability / 0.15, 0.0) * 0.05 * scene.length)
     kept: list[RodDesign] = []
@@ -217,7 +219,7 @@ def _angle_between(one: RodDesign, other: RodDesign) -> float:
 def _along_target(scene: Scene, target: Array, s: Array) -> Array:
     """Places (n + 1, 3) m of the rod's frames if it has the target's shape; beyond the target's end it goes on straight."""
     rows = target if target[0, 0] == 0.0 else np.vstack([np.zeros(4), target])
-    places = np.stack([np.interp(s, rows[:, 0], rows[:, i]) for i in (1, 2, 3)], axis=1)
+    places = linear(s, rows[:, 0], rows[:, 1:])
     end = unit(rows[-1:, 1:] - rows[-2:-1, 1:])
     line = scene.body.shape.line
     assert line is not None  # only straight bodies are rods
@@ -309,7 +311,7 @@ def _distance(space: SearchSpace, target: Array, x: Array, order: str | None = N
         gap = solve_rod(scene, 40).at(np.minimum(target[:, 0], scene.length)) - target[:, 1:]
     except SolveError:
         return np.inf
-    return float(np.sqrt(np.mean(np.sum(gap**2, axis=1))))
+    return root_mean_square(gap)
 
 
 def _key(x: Array) -> tuple[float, ...]:

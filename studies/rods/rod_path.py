@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.bodies.curves import linear
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.rod.cosserat import RodShape
@@ -152,7 +153,7 @@ def _longer(last: Stop, depth: Depth) -> Array:
     """The quaternions (n + 1, 4) of a stop's rod with what has left the guide since, straight, at its base."""
     old, new = last.depth.place, depth.place
     at = new - (new[-1] - old[-1])
-    return unit(np.stack([np.interp(at, old, column) for column in last.q.T], axis=1))
+    return unit(linear(at, old, last.q))
 
 
 def search(way: RodPath, path: Any, *, seed: int, starts: int, wanted: int = 1, enough: float = 0.0) -> list[RodDesign]:

@@ -243,7 +243,7 @@ def depth_of(whole: Scene, path: Path, length: float, count: int) -> Depth:
     assert isinstance(catheter, Catheter)
     rod = rod_model(scene, max(10, round(ELEMENTS * length / whole.length)))
     magnetized = scene.magnetized_regions()
-    place = np.concatenate([[0.0], np.cumsum(rod.length)])
+    place = rod.places
     share = np.zeros(len(place))
     share[1:] += rod.length / 2
     share[:-1] += rod.length / 2

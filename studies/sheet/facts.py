@@ -25,7 +25,7 @@ from magmpm.studies.engine.storage import must_exist, open_storage, storage_faul
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.best_scene import SCENE
 from magmpm.studies.search.definition import definition_hash, load_study
-from magmpm.studies.search.samplers.choice import settings
+from magmpm.studies.search.samplers.choice import whole_definition
 from magmpm.studies.search.search_space import SearchSpace
 from magmpm.studies.sheet.verified_best import SHARE, allowed, in_time, last_equilibrium, together, verified
 
@@ -165,8 +165,7 @@ def _study(facts: dict[str, Any], notes: list[str]) -> Study | None:
     except MagmpmError as error:
         notes.append(f"The study's file can't be read any more: {error}")
         return None
-    distributions = SearchSpace.of(study).distributions()
-    definition = {**study.definition(), "search": {"parameters": list(distributions), **settings(study.sampler)}}
+    definition = whole_definition(study, SearchSpace.of(study).distributions())
     if facts.get("hash") not in (None, definition_hash(definition)):
         notes.append(f"{Path(path).name} or a file that it names has changed since the study was begun; its stored definition is below.")
         return None

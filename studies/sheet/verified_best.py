@@ -15,10 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from magmpm.bodies.curves import linear
+from magmpm.compare import distance
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, MagmpmError
 from magmpm.model import build
-from magmpm.results.measures import axis_of_particles, frames_of
+from magmpm.results.measures import axis_of_particles
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene, load_scene, memory
 from magmpm.simulate import run
@@ -140,7 +142,7 @@ def verified(result: Result, last: LastEquilibrium, run: Callable[..., Result], 
 
 def _tolerances(result: Result, last: LastEquilibrium, differentiate: Callable[..., Any]) -> list[dict[str, Any]] | str:
     found = differentiate(last.scene, start=last.start)
-    if max(frames_of(result).distances(frames_of(found.result)).values()) > SAME * last.scene.length:
+    if distance(result, found.result) > SAME * last.scene.length:
         return "not known: solved again, the design has another equilibrium than the one that the study found"
     return tolerances(last.scene, found, last.hidden)
 
@@ -159,7 +161,7 @@ def finer(result: Result, last: LastEquilibrium, run: Callable[..., Result]) -> 
     if operations(fine)[1] > 0.25 * memory.machine():
         return f"not known: {proof} cells across take more than a quarter of this machine's memory"
     found = run(fine, start=last.start)
-    moved = max(frames_of(result).distances(frames_of(found)).values())
+    moved = distance(result, found)
     if moved > SAME * last.scene.length:
         return f"not known: on {proof} cells across the design has another equilibrium, {1e3 * moved:.3g} mm away"
     rms = [None if last.gaps is None else float(root_mean_square(last.gaps(one))) for one in (result, found)]
@@ -194,7 +196,7 @@ def _distances(study: Study, scene: Scene, motion: Motion) -> list[float]:
     model, found = build(scene), []
     for frame in study.keyframes:
         axis = axis_of_particles(model, np.asarray(motion.position(motion.nearest(frame.time)), dtype=float))
-        found.append(root_mean_square(_at(frame.target[:, 0], axis[:, 0], axis[:, 1:]) - frame.target[:, 1:]))
+        found.append(root_mean_square(linear(frame.target[:, 0], axis[:, 0], axis[:, 1:]) - frame.target[:, 1:]))
     return found
 
 
@@ -221,15 +223,10 @@ def _pushed(motion: Motion, design: Mapping[str, Any]) -> list[dict[str, float]]
     for depth, when, shape in zip(depths, times(depths, diameter), design["shapes"], strict=True):
         s, axis = _outside(reference, np.asarray(motion.position(motion.nearest(when)), dtype=float), length - depth)
         known = np.array(shape["axis_m"])
-        away = np.linalg.norm(axis - _at(s, np.linspace(0.0, depth, len(known)), known) - np.array([exit_at, 0.0, 0.0]), axis=1)
+        away = np.linalg.norm(axis - linear(s, np.linspace(0.0, depth, len(known)), known) - np.array([exit_at, 0.0, 0.0]), axis=1)
         size = {"largest_m": float(away.max()), "rms_m": float(np.sqrt(np.mean(away**2))), "tip_m": float(away[-1])}
         rows.append({"depth_m": float(depth), **size, "contact_N": _contact(motion, when)})
     return rows
-
-
-def _at(s: Array, known: Array, points: Array) -> Array:
-    """Points (n, 3) m of a curve at arc lengths s (n,) m."""
-    return np.stack([np.interp(s, known, column) for column in points.T], axis=1)
 
 
 def _outside(reference: Array, position: Array, inside: float) -> tuple[Array, Array]:

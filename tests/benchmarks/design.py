@@ -24,9 +24,9 @@ import machine
 import numpy as np
 
 from magmpm.inputs.csv_tables import read_centreline
-from magmpm.results.measures import rms_distance
 from magmpm.simulate import run, sensitivities
 from magmpm.studies.engine.loop import run_study
+from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 from magmpm.studies.search.definition import Study, load_study
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -72,7 +72,7 @@ def solved(study: Study) -> dict[str, Any]:
     if report.best is not None:
         scene = SearchSpace.of(study).scene_of(report.best["params"]).with_cells(FINER)
         found["best_mm"] = 1e3 * report.best["rms_m"]
-        found["finer_mm"] = 1e3 * rms_distance(run(scene), study.target)
+        found["finer_mm"] = 1e3 * root_mean_square(gaps(run(scene), study.target))
     return found
 
 

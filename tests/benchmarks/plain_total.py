@@ -1,7 +1,8 @@
 """The step of a motion without the mechanism of effects: the baseline for scenes without effects.
 
 The functions of kernels.total_lagrangian_step line by line, without everything about effects and otherwise unchanged: the watch on
-stiffness and det F is part of every step. tests/unit/project/test_benchmarks.py compares the two line by line, and their results.
+stiffness and det F is part of every step. tests/unit/project/test_benchmarks.py compares the results of the two,
+tests/unit/effects/test_absence.py their machine code.
 """
 
 import numpy as np

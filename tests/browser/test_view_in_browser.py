@@ -119,12 +119,12 @@ def test_a_saved_scene_gives_the_same_shape(view: View) -> None:
 def test_the_distance_to_a_target_is_told(view: View) -> None:
     """As measured by the run; the target is drawn."""
     from magmpm.inputs.csv_tables import read_centreline
-    from magmpm.results.measures import rms_distance
+    from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 
     target = ROOT / "data" / "targets" / "s_shape.csv"
     page = view(FIVE, "--cells", "2", "--target", str(target))
     settled(page)
-    rms = rms_distance(run(load_scene(FIVE).with_cells(2)), read_centreline(target))
+    rms = root_mean_square(gaps(run(load_scene(FIVE).with_cells(2)), read_centreline(target)))
     assert float(number(page, "rms to target").split()[0]) == pytest.approx(1e3 * rms, rel=6e-3)
     blue = (pixels(page)[:, :, 2] > 150) & (pixels(page)[:, :, 0] < 80)
     assert blue.sum() > 100

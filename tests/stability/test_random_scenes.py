@@ -17,7 +17,7 @@ from magmpm.scene.time_limit import limited
 from magmpm.simulate import run
 from magmpm.studies.hard_cases.checks import FINER, LATE, checked
 from magmpm.studies.hard_cases.drawn import drawn
-from magmpm.studies.hard_cases.random_suite import BROKEN, remedied, solved
+from magmpm.studies.hard_cases.suites import BROKEN, remedied, solved
 from magmpm.studies.hard_cases.twins import MIRROR, twin
 
 

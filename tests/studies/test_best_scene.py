@@ -13,11 +13,11 @@ from rod_solve import SCENE, STUDY, differentiate, solve, write_study
 from magmpm.bodies.surface_mesh import Mesh, write_stl
 from magmpm.inputs.csv_tables import write_centreline
 from magmpm.inputs.settings import json_schema
-from magmpm.results.measures import rms_distance
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.variables import Variable, variables
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.report import StudyReport, best_trial, describe, on_the_brink
+from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 from magmpm.studies.search.best_scene import PATHS
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.sheet.facts import describe_body, without_guide
@@ -43,7 +43,7 @@ def same_answer(report: StudyReport, file: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.chdir("/")
     scene = load_scene(file.resolve())
     study = load_study(file.parents[2] / "probe.yaml")
-    assert rms_distance(solve(scene), study.target) == pytest.approx(report.best["rms_m"], rel=1e-9)  # 15 digits are written
+    assert root_mean_square(gaps(solve(scene), study.target)) == pytest.approx(report.best["rms_m"], rel=1e-9)  # 15 digits are written
     return scene
 
 

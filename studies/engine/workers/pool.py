@@ -48,11 +48,6 @@ class Pool:
         """Number of processes that have nothing to do."""
         return sum(worker.job is None for worker in self._workers)
 
-    @property
-    def busy(self) -> set[int]:
-        """Numbers of the trials that are being solved."""
-        return {worker.job[0] for worker in self._workers if worker.job is not None}
-
     def begin(self, number: int, params: Mapping[str, Any]) -> None:
         """Give a design to a process that is idle."""
         worker = next(worker for worker in self._workers if worker.job is None)
@@ -64,17 +59,23 @@ class Pool:
 
         Raises WorkersError where processes do not start.
         """
-        if not self.busy:
+        busy = [worker for worker in self._workers if worker.job is not None]
+        if not busy:
             time.sleep(patience)
             return
-        yield from self._of_those_that_hang()
-        ready = set(wait([worker.pipe for worker in self._workers if worker.job is not None], timeout=patience))
-        for worker in self._workers:
-            if worker.pipe not in ready or worker.job is None:
-                continue
-            number = worker.job[0]
+        ready = set(wait([worker.pipe for worker in busy], timeout=patience))
+        for worker in busy:
+            assert worker.job is not None
+            number, limit = worker.job[0], self.limit if worker.ready else 600.0
             try:
-                kind, answer = worker.receive()
+                if worker.pipe in ready:
+                    kind, answer = worker.receive()
+                elif limit is not None and time.monotonic() - worker.since >= limit:
+                    self.hangs += 1
+                    worker.end()
+                    raise Died(f"ended after {limit:.0f} s without an answer")
+                else:
+                    continue
             except Died as death:
                 found = self._replaced(worker, str(death))
                 if found is not None:
@@ -87,19 +88,6 @@ class Pool:
             else:
                 worker.job, worker.tries = None, 0
                 yield number, answer
-
-    def _of_those_that_hang(self) -> Iterator[tuple[int, str]]:
-        """Ends processes that take too long. Number of each design that is given up, and why."""
-        for worker in self._workers:
-            limit = self.limit if worker.ready else 600.0
-            if worker.job is None or limit is None or time.monotonic() - worker.since < limit or worker.pipe.poll():
-                continue
-            number = worker.job[0]
-            self.hangs += 1
-            worker.end()
-            found = self._replaced(worker, f"ended after {limit:.0f} s without an answer")
-            if found is not None:
-                yield number, found
 
     def _replaced(self, worker: _Worker, how: str) -> str | None:
         """Start a process anew that has ended, with the same design; or say why the design is given up."""

@@ -10,7 +10,7 @@ import dataclasses
 import importlib.util
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -117,6 +117,11 @@ def settings(name: str) -> dict[str, Any]:
 
         return dataclasses.asdict(gp.Settings())
     return {}
+
+
+def whole_definition(study: Study, parameters: Iterable[str]) -> dict[str, Any]:
+    """All that decides which trials are made: the study's definition, with its parameters and its sampler's settings."""
+    return {**study.definition(), "search": {"parameters": list(parameters), **settings(study.sampler)}}
 
 
 def make_sampler(

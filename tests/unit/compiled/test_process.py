@@ -125,7 +125,7 @@ def test_the_quicker_number_is_taken_and_the_other_tried_again(slow: int) -> Non
     start = taken[: 2 * threads.TRIES]
     assert start.count(1) == start.count(2) == threads.TRIES
     rest = taken[2 * threads.TRIES :]
-    assert rest.count(slow) == 1, "once in AGAIN calls"
+    assert rest.count(slow) == 1, "once in RETRIED calls"
     assert taken[threads.RETRIED] == slow
 
 

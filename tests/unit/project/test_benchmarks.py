@@ -1,6 +1,5 @@
 """The benchmarks measure what they state: a fair baseline kernel, a body that moves and touches, growth of the process."""
 
-import inspect
 import json
 import re
 from dataclasses import replace
@@ -10,7 +9,6 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from magmpm.kernels import total_lagrangian_step as kernels
 from magmpm.kernels.watch import unlimited
 from magmpm.scene.memory import BYTES, GROWTH
 
@@ -24,42 +22,6 @@ def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def module(name: str) -> ModuleType:
     return __import__(name)
-
-
-def body(function: object) -> list[str]:
-    """The statements of a kernel after its docstring, one per line."""
-    lines = [line.strip() for line in inspect.getsource(function.py_func).splitlines()]  # type: ignore[attr-defined]
-    return [line for line in lines[max(k for k, line in enumerate(lines) if '"""' in line) + 1 :] if line]
-
-
-def test_the_twin_is_the_kernel_without_its_effects() -> None:
-    """All lines that the baseline lacks belong to effects or to a body that touches itself; its own lines are the calls without them."""
-    twin = module("plain_total")
-    assert twin.grid_to_particles is kernels.grid_to_particles
-    own = [
-        "P, f, spare = np.empty(72), np.zeros(24), np.empty(72)",
-        "high, change = particles_to_grid(cell, cells, particles, state, room, P, f, spare, high, change)",
-        "update_grid(np.int64(k), dt, nodes, correction, state)",
-        "_sum_forces(most, cells, particles, state, slabs)",
-        "_update_nodes(dt, nodes, correction, state)",
-        "v[n + i] += dt * (inverse_mass[n + i] * force[n + i] + added_at(correction, plane, node, i))",
-    ]
-    effects = ("effect", "push", "remembered = ", "store(x,", "touch", "meeting", "fastest", "_sum_forces(", "gather(state.v,",
-               "gather_value(")  # fmt: skip
-    of_loads = ("_, P, dF, x, rate, f, spare = work", "work = group_room(room.F)", "store(f, 8 * i, splat(0.0))",
-                "store(f, 8 * i, load(f, 8 * i) * V)")  # fmt: skip
-    strange = []
-    for name in ("particles_to_grid", "update_grid", "_sum_forces", "_update_nodes", "advance"):
-        left = body(getattr(kernels, name))
-        for line in body(getattr(twin, name)):
-            if line in left:
-                left.remove(line)
-            else:
-                own.remove(line)
-        assert left, "the mechanism has lines of its own"
-        strange += [line for line in left if not any(word in line for word in effects) and line not in of_loads]
-    assert own == []
-    assert strange == ["for i in range(3):", "for i in range(3):", "return step"]  # around store(x, ...) and store(f, ...)
 
 
 @pytest.mark.slow

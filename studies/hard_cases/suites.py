@@ -1,9 +1,12 @@
-"""Scenes by the thousand: drawn, solved, checked, counted; with a file of outcomes from which an interrupted run goes on."""
+"""All hard cases, run in processes side by side; and scenes by the thousand: drawn, solved, checked, counted.
+
+Random scenes have a file of outcomes, from which an interrupted run goes on."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import re
 import shutil
@@ -12,14 +15,14 @@ import sys
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from time import process_time
 from typing import Any
 
 import yaml
 
-from magmpm.compiled.process import DIED, PARTIAL, RAISED, Died, answers, started
+from magmpm.compiled.process import DIED, PARTIAL, RAISED, Died, answers, started, threads_each, with_threads
 from magmpm.errors import InputError, SolveError
 from magmpm.results.result import Result
 from magmpm.scene import Scene, load_scene
@@ -27,17 +30,51 @@ from magmpm.scene.remedies import Remedy
 from magmpm.scene.time_limit import limited
 from magmpm.simulate import run
 from magmpm.solving.precompile import prepare_kernels
+from magmpm.studies.hard_cases import equilibria, shapes, stepping
+from magmpm.studies.hard_cases.case import Case
+from magmpm.studies.hard_cases.case import Outcome as CaseOutcome
 from magmpm.studies.hard_cases.checks import checked
 from magmpm.studies.hard_cases.drawn import drawn
 
 CONVERGED, STOPPED, WRONG, REFUSED, TRACEBACK, HUNG = "converged", "stopped", "wrong", "refused", "traceback", "hung"
 OWN_SHARE = 0.8  # of the limit, after which the solver is to end by itself
-Outcome = dict[str, Any]
+CASES: tuple[Case, ...] = (*equilibria.CASES, *stepping.CASES, *shapes.CASES, *stepping.LONG)
+Outcome = dict[str, Any]  # of a random scene
 Tell = Callable[[Outcome], None]
 OUTCOMES, SCENES, STATES, ORDER = "outcomes.jsonl", "scenes", "states", "order.json"
 Job = tuple[int, Path, Path]  # number, scene file, folder for what is saved
 BROKEN = (WRONG, REFUSED, TRACEBACK, HUNG)
 ENDS = (CONVERGED, STOPPED, *BROKEN)
+LIMIT = 120.0  # s of processor time for a random scene
+Done = Callable[[int, int, str], None]
+
+
+def run_cases(cases: Sequence[Case], *, processes: int = 2, on_done: Done = lambda done, count, name: None) -> list[CaseOutcome]:
+    """The outcomes of cases, in their order. The long ones begin first; each process has its share of the cores.
+
+    on_done(done, number of cases, name): called after each.
+    """
+    processes = min(processes, len(cases), threads_each(1))
+    if processes < 2:
+        found = []
+        for k, case in enumerate(cases):
+            on_done(k, len(cases), case.name)
+            found.append(case.run())
+        return found
+    by_name = dict[str, CaseOutcome]()
+    known = {case.name: case for case in sorted(cases, key=lambda case: not case.slow)}
+    with started(processes, _begin_cases, env=with_threads(threads_each(processes))) as pool:
+        for name, kind, found in answers(iter(known), pool):
+            if kind == RAISED:
+                raise found
+            by_name[name] = known[name].outcome(math.inf, f"the process {found}", found.seconds) if kind == DIED else found
+            on_done(len(by_name), len(cases), name)
+    return [by_name[case.name] for case in cases]
+
+
+def _begin_cases(_: object) -> Callable[[str], CaseOutcome]:
+    """Begin a process: cases hold functions without a name, so they go by theirs."""
+    return lambda name: next(case for case in CASES if case.name == name).run()
 
 
 def attempt(path: Path, folder: Path, limit: float, tell: Tell) -> Outcome:
@@ -153,9 +190,7 @@ def _kept(state: Any, folder: Path) -> bool:
     return bool((back.particle_position == state.particle_position).all()) and not back.converged
 
 
-def run_random(
-    count: int, seed: int, folder: Path, *, processes: int = 2, limit: float = 120.0, on_done: Callable[[int, int], None] | None = None
-) -> dict[str, Any]:
+def run_random(count: int, seed: int, folder: Path, *, on_done: Callable[[int, int], None] | None = None) -> dict[str, Any]:
     """Draw and solve scenes 0 to count - 1 of a seed. Scenes that did not converge stay in folder/scenes, their last good states in
     folder/states, outcomes in folder/outcomes.jsonl; those that are there already are not solved again.
 
@@ -167,7 +202,7 @@ def run_random(
     (folder / SCENES).mkdir(parents=True, exist_ok=True)
     with (folder / OUTCOMES).open("a", encoding="utf-8") as log:
         jobs = ((number, _written(folder, seed, number), folder / STATES / str(number)) for number in left)
-        for number, outcome in solved(jobs, min(processes, max(1, len(left))), limit):
+        for number, outcome in solved(jobs, min(2, max(1, len(left))), LIMIT):
             known[number] = {"number": number, **outcome}
             log.write(json.dumps(known[number]) + "\n")
             log.flush()
