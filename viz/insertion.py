@@ -17,8 +17,6 @@ from magmpm.viz.from_result import segment_arrows
 from magmpm.viz.meshes import Surface, swept
 from magmpm.viz.snapshot import Obstacle, Snapshot, spread
 
-LUMEN = 1.6  # of the catheter's diameter: that of the tube drawn around the path, where no walls are named
-APART = 0.33  # of the path's length, along y: bodies of different depths in one picture
 FIELD, GUIDE = 0.15, 3.0  # longest arrow of a depth's field, of the path's length; length of the guide that is shown, in diameters
 FINE = 80  # points of an axis as it is drawn
 
@@ -66,7 +64,7 @@ class Insertion:
         """The bodies of these depths side by side along y, each over its path and, if there are several, next to its field."""
         diameter, several = float(self.catheter["diameter"]), len(frames) > 1
         length = float(self.path[-1, 0])
-        shifts = [np.array([0.0, APART * length * (len(frames) - 1 - k), 0.0]) for k in range(len(frames))]
+        shifts = [np.array([0.0, 0.33 * length * (len(frames) - 1 - k), 0.0]) for k in range(len(frames))]  # depths next to each other
         axes = [np.array(frame["axis_m"]) + shift for frame, shift in zip(frames, shifts)]
         arrows = np.vstack(
             [
@@ -111,7 +109,7 @@ class Insertion:
         return Obstacle("guide", guide.points, guide.triangles, style.CLAMP)
 
     def _lumen(self) -> Obstacle:
-        tube = swept(self.path[:, 1:], LUMEN * self.catheter["diameter"] / 2, 48)
+        tube = swept(self.path[:, 1:], 1.6 * self.catheter["diameter"] / 2, 48)  # no walls are named: a little wider than the body
         return Obstacle("lumen", tube.points, tube.triangles, style.WALL, hollow=True)
 
     def trial(self, frames: Sequence[Mapping[str, Any]], *, trial: int, rms: float) -> Snapshot:

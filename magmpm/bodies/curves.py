@@ -7,11 +7,6 @@ from magmpm.compiled.arrays import Array
 STATIONS = 41  # along a body, where axes are compared
 
 
-def chords(points: Array) -> Array:
-    """Lengths (n,) m along the straight lines through points (n, 3) m, from the first on."""
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-
-
 def linear(at: Array, s: Array, rows: Array) -> Array:
     """Values (m, q) at places (m,), linear between rows (n, q) at s (n,), and those of the ends beyond."""
     return np.stack([np.interp(at, s, column) for column in rows.T], axis=1)
@@ -21,7 +16,7 @@ def curve(points: Array, step: float) -> Array:
     """Points (m, 3) at most `step` (m) apart on the smooth curve (cubic spline over the chords) through points (k, 3)."""
     from scipy.interpolate import CubicSpline  # only where a scene has a curve
 
-    chord = chords(points)
+    chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     fine = np.linspace(0.0, chord[-1], max(2, int(np.ceil(chord[-1] / step)) + 1))
     if len(points) == 2:
         return np.asarray(points[0] + fine[:, None] / chord[-1] * (points[1] - points[0]))

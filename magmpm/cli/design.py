@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 
 def command(options: argparse.Namespace) -> int:
     """Run or resume a study, with a picture of every trial, then the pictures of the whole."""
-    from contextlib import nullcontext
-
     from magmpm.studies.search.definition import load_study
 
     study, smooth = load_study(options.study), options.style == SURFACE
@@ -57,20 +56,10 @@ def command(options: argparse.Namespace) -> int:
     ):
         fill_cache(study.scene, progress.note, kernel_uses(changed))
         report = run_study(
-            study,
-            solve=run,
-            differentiate=sensitivities,
-            out=out,
-            picture=None if renderer is None else TrialPicture(study, smooth, renderer),
-            on_trial=lambda trial: _tell(trial, progress),
-            on_advice=_advise,
-            trials=options.trials,
-            sampler=options.sampler,
-            storage=storage,
-            workers=options.workers,
-            artifacts=options.artifacts,
-            time_limit=options.time_limit,
-        )
+            study, solve=run, differentiate=sensitivities, out=out, on_trial=lambda trial: _tell(trial, progress), on_advice=_advise,
+            picture=None if renderer is None else TrialPicture(study, smooth, renderer), trials=options.trials, sampler=options.sampler,
+            storage=storage, workers=options.workers, artifacts=options.artifacts, time_limit=options.time_limit,
+        )  # fmt: skip
         done = report.ended != "interrupted"
         files = draw_study(out, report.summary(), study.target, renderer, smooth=smooth) if renderer is not None and done else []
         note = "" if renderer is None else renderer.note

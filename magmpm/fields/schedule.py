@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from magmpm.bodies.curves import linear
 from magmpm.compiled.arrays import Array
 from magmpm.fields.kernels import PLACE
 from magmpm.fields.over_time import Keyframe, OverTime
@@ -107,7 +106,7 @@ def _framed(frames: tuple[Keyframe, ...], key: str, times: Array, otherwise: Arr
     at, values = np.array([time for time, _ in given]), np.array([value for _, value in given])
     if values.ndim == 1:
         return np.interp(times, at, values)
-    return linear(times, at, values)
+    return np.stack([np.interp(times, at, values[:, i]) for i in range(3)], axis=1)
 
 
 def _turn(over: OverTime, times: Array) -> Array:

@@ -11,7 +11,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from magmpm.bodies.curves import chords
 from magmpm.effects import acting
 from magmpm.effects.base import Effect
 from magmpm.effects.self_contact import gap
@@ -233,7 +232,7 @@ def _overlap(frames: Frames, thickness: float) -> Shift:
     """Depth (m) to which the body goes through itself without contact; 0 where it does not."""
     depth = 0.0
     for axis in frames.points:
-        s = chords(axis)
+        s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(axis, axis=0), axis=1))])
         depth = max(depth, -gap(axis, np.column_stack([s, 0 * s, 0 * s]), thickness, NEIGHBORS * thickness, thickness))
     return Shift(depth, 0.1 * thickness if depth > 0 else 0.0)
 

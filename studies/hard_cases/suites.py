@@ -45,7 +45,6 @@ OUTCOMES, SCENES, STATES, ORDER = "outcomes.jsonl", "scenes", "states", "order.j
 Job = tuple[int, Path, Path]  # number, scene file, folder for what is saved
 BROKEN = (WRONG, REFUSED, TRACEBACK, HUNG)
 ENDS = (CONVERGED, STOPPED, *BROKEN)
-LIMIT = 120.0  # s of processor time for a random scene
 Done = Callable[[int, int, str], None]
 
 
@@ -191,8 +190,9 @@ def _kept(state: Any, folder: Path) -> bool:
 
 
 def run_random(count: int, seed: int, folder: Path, *, on_done: Callable[[int, int], None] | None = None) -> dict[str, Any]:
-    """Draw and solve scenes 0 to count - 1 of a seed. Scenes that did not converge stay in folder/scenes, their last good states in
-    folder/states, outcomes in folder/outcomes.jsonl; those that are there already are not solved again.
+    """Draw and solve scenes 0 to count - 1 of a seed, each within 120 s of processor time. Scenes that did not converge stay in
+    folder/scenes, their last good states in folder/states, outcomes in folder/outcomes.jsonl; those that are there already are not solved
+    again.
 
     on_done(done, count): called after each. Returns the summary (`summary_of`). Raises InputError where folder holds another seed.
     """
@@ -202,7 +202,7 @@ def run_random(count: int, seed: int, folder: Path, *, on_done: Callable[[int, i
     (folder / SCENES).mkdir(parents=True, exist_ok=True)
     with (folder / OUTCOMES).open("a", encoding="utf-8") as log:
         jobs = ((number, _written(folder, seed, number), folder / STATES / str(number)) for number in left)
-        for number, outcome in solved(jobs, min(2, max(1, len(left))), LIMIT):
+        for number, outcome in solved(jobs, min(2, max(1, len(left))), 120.0):
             known[number] = {"number": number, **outcome}
             log.write(json.dumps(known[number]) + "\n")
             log.flush()

@@ -29,7 +29,6 @@ from magmpm.studies.search.search_space import SearchSpace
 
 ELEMENTS = 8  # in each segment: the rod is a thousandth of its length from its limit, less than from the body
 DESIGNS = 6
-DIFFERENT = 0.3  # rad: root mean square angle between designs that count as different
 
 
 @dataclass(frozen=True)
@@ -205,7 +204,7 @@ def _verified(scene: Scene, problem: _Problem, regions: Sequence[int], at: _Desc
     found.sort(key=lambda design: design.rms + max(1.0 - design.stability / 0.15, 0.0) * 0.05 * scene.length)
     kept: list[RodDesign] = []
     for design in found:
-        if all(_angle_between(design, other) > DIFFERENT for other in kept):
+        if all(_angle_between(design, other) > 0.3 for other in kept):  # rad
             kept.append(design)
     return kept
 

@@ -16,11 +16,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from magmpm.bodies.curves import linear
-from magmpm.compare import distance
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, MagmpmError
 from magmpm.model import build
-from magmpm.results.measures import axis_of_particles
+from magmpm.results.measures import axis_of_particles, frames_of
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene, load_scene, memory
 from magmpm.simulate import run
@@ -142,7 +141,7 @@ def verified(result: Result, last: LastEquilibrium, run: Callable[..., Result], 
 
 def _tolerances(result: Result, last: LastEquilibrium, differentiate: Callable[..., Any]) -> list[dict[str, Any]] | str:
     found = differentiate(last.scene, start=last.start)
-    if distance(result, found.result) > SAME * last.scene.length:
+    if max(frames_of(result).distances(frames_of(found.result)).values()) > SAME * last.scene.length:
         return "not known: solved again, the design has another equilibrium than the one that the study found"
     return tolerances(last.scene, found, last.hidden)
 
@@ -161,7 +160,7 @@ def finer(result: Result, last: LastEquilibrium, run: Callable[..., Result]) -> 
     if operations(fine)[1] > 0.25 * memory.machine():
         return f"not known: {proof} cells across take more than a quarter of this machine's memory"
     found = run(fine, start=last.start)
-    moved = distance(result, found)
+    moved = max(frames_of(result).distances(frames_of(found)).values())
     if moved > SAME * last.scene.length:
         return f"not known: on {proof} cells across the design has another equilibrium, {1e3 * moved:.3g} mm away"
     rms = [None if last.gaps is None else float(root_mean_square(last.gaps(one))) for one in (result, found)]

@@ -208,13 +208,15 @@ def test_a_motion_that_takes_too_long_is_judged_by_its_first_part_or_its_rest() 
 
 
 @pytest.mark.parametrize(("shift", "finer", "value", "uncertainty"), [(0.4, 9.9, 0.4, 0.2), (0.9, 1.2, 1.2, 0.3), (1.6, 1.2, 1.2, 0.4)])
-def test_what_may_matter_is_looked_at_with_one_cell_more(
-    shift: float, finer: float, value: float, uncertainty: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_may_matter_is_looked_at_with_one_cell_more(shift: float, finer: float, value: float, uncertainty: float) -> None:
     """A shift below half of the error is not; of others the grid's part is known, and the uncertainty is no smaller (mm)."""
-    monkeypatch.setattr(Variants, "_distance", lambda self, one, other, more: 1e-3 * (finer if more else shift))
+
+    class Known(Variants):
+        def _distance(self, scene: Scene, other: Scene, more: int) -> float:
+            return 1e-3 * (finer if more else shift)
+
     scene = rod_scene(field=FIELD)
-    found = Variants(scene, error=1e-3).shift(scene, scene)
+    found = Known(scene, error=1e-3).shift(scene, scene)
     assert found.value == pytest.approx(1e-3 * value)
     assert 1e-3 * uncertainty * (1 - 1e-9) <= found.uncertainty < 1.2e-3 * uncertainty
 

@@ -284,17 +284,17 @@ def test_a_design_whose_rods_are_elsewhere_is_mended():
 
 
 @pytest.mark.parametrize(("squares", "taken"), [(1.0, 5.0), (3.0, 0.0)])
-def test_a_fitted_field_is_taken_where_it_is_nearer(squares, taken, monkeypatch):
+def test_a_fitted_field_is_taken_where_it_is_nearer(squares, taken):
     """A rod that has left the design's shape is off by 2 (squared) in the design's field, no field, and by `squares` in the fitted one."""
 
-    def go(self, way, directions, last, field):
-        here = {"squares": 2.0, "field": field} if field is not None else {"squares": squares, "field": np.full(3, 5.0)}
-        return [SimpleNamespace(position=np.ones((2, 3)), q=None, **here)]
+    class Left(RodPath):
+        def _go(self, way, directions, last, field):
+            here = {"squares": 2.0, "field": field} if field is not None else {"squares": squares, "field": np.full(3, 5.0)}
+            return [SimpleNamespace(position=np.ones((2, 3)), q=None, **here)]
 
-    monkeypatch.setattr(RodPath, "_go", go)
     rods = SimpleNamespace(depths=[SimpleNamespace(place=np.array([0.0, 1.0]))], settled=lambda *_: "state")
     design = SimpleNamespace(directions=None, fields=np.zeros((1, 3)), state=SimpleNamespace(positions=[np.zeros((2, 3))]))
-    fields, _, strayed = RodPath(rods, ((),))._followed(design)
+    fields, _, strayed = Left(rods, ((),))._followed(design)
     assert strayed
     assert fields[0, 0] == taken
 

@@ -9,6 +9,7 @@ import importlib
 import inspect
 import pkgutil
 import textwrap
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
@@ -26,8 +27,10 @@ LONGEST_FILE, LONGEST_FUNCTION = 400, 60  # lines
 MOST_FLOORS, MOST_ARROWS, MOST_AT_THE_ROOT = 12, 110, 8
 FACE = 40  # lines
 # Ceilings: they fall, and do not rise. What is new pays for its lines by what it replaces.
-MOST_LINES = {"magmpm": 27_509, "studies": 14_602, "viz": 5_074, "tests": 30_537}
+MOST_LINES = {"magmpm": 27_493, "studies": 14_571, "viz": 5_015, "tests": 30_526}
 MOST_IN_README = 82  # lines
+MOST_MODULES, MOST_PATCHES = 286, 45  # of the packages; monkeypatch.setattr in tests
+ENTRIES = {"magmpm.__main__", "magmpm.cli.__main__", "magmpm.cli.command", "magmpm.studies.engine.workers.grpc_proxy", "magmpm.compare"}
 NO_OPENING = {  # of a docstring: it begins with a verb or a noun
     "Of", "What", "Whether", "Where", "Which", "Who", "Why", "How", "When", "As", "By", "With", "From", "To", "In", "If", "For", "So", "At",
 }  # fmt: skip
@@ -156,6 +159,20 @@ def test_no_function_is_too_long() -> None:
 def test_lines_are_a_cost(package: str) -> None:
     lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in (ROOT / package).rglob("*.py"))
     assert lines <= MOST_LINES[package]
+
+
+def test_no_module_is_a_crumb() -> None:
+    """One under 60 lines has two importers, or is an effect, or is where a command or a process begins."""
+    importers = Counter(other for name, path in files().items() for other in imported(name, path, files()))
+    lines = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in files().items() if path.name != "__init__.py"}
+    crumbs = {name for name, count in lines.items() if count < 60 and importers[name] < 2 and room(name) != "magmpm.effects"}
+    assert crumbs <= ENTRIES
+    assert len(files()) <= MOST_MODULES
+
+
+def test_tests_patch_little() -> None:
+    patches = [path.read_text(encoding="utf-8").count("monkeypatch" + ".setattr(") for path in (ROOT / "tests").rglob("*.py")]
+    assert sum(patches) <= MOST_PATCHES
 
 
 def test_readme_and_pages_are_read_in_one_sitting() -> None:

@@ -132,11 +132,17 @@ def test_caution_is_for_what_was_not_measured(slenderness: float, wall: float, f
     assert caution(slenderness, wall) == factor
 
 
-def test_errors_that_do_not_yet_fall_as_they_will_are_no_ground_for_a_leap(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_errors_that_do_not_yet_fall_as_they_will_are_no_ground_for_a_leap() -> None:
     """0.78 % at 2 cells and 0.56 % at 4 for 0.12 % asked: 6 cells are next, not the 12 that an order of 1.5 asks for."""
-    search = resolution._Search(Equilibria(asked(error=0.0012)), 0.0, lambda cells: 0.0, {2: 0.0078 * LENGTH, 4: 0.0056 * LENGTH})
-    monkeypatch.setattr(resolution._Search, "fits", lambda self, cells: True)
-    monkeypatch.setattr(resolution._Search, "takes", lambda self, cells: 1.0)
+
+    class Roomy(resolution._Search):
+        def fits(self, cells: int) -> bool:
+            return True
+
+        def takes(self, cells: int) -> float:
+            return 1.0
+
+    search = Roomy(Equilibria(asked(error=0.0012)), 0.0, lambda cells: 0.0, {2: 0.0078 * LENGTH, 4: 0.0056 * LENGTH})
     assert resolution._next(search, 4, None) == 6
 
 
