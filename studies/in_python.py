@@ -27,12 +27,14 @@ def design(
     study: the path of a study file, or the Study that load_study makes of one. folder: of the results, runs/NAME unless given; best/ in it
     holds the best design as a Result and as a scene. trials, sampler: in place of the file's. more: workers, storage, on_trial and the
     other options of studies.engine.loop.run_study. Lengths of the report are in m.
-    Raises InputError for wrong files, names and numbers; MagmpmError where the trials can't be kept.
+    Raises InputError for wrong files, names and numbers; MagmpmError where the trials can't be kept; TypeError for an unknown option.
     """
     from magmpm.simulate import run, sensitivities
     from magmpm.studies.engine.loop import run_study
     from magmpm.studies.search.definition import load_study
 
+    if "out" in more:
+        raise TypeError("design() got an unexpected keyword argument 'out'; the folder of the results is `folder`, as of magmpm.run")
     found = study if isinstance(study, Study) else load_study(study)
     out = Path("runs") / found.name if folder is None else folder
     return run_study(found, solve=run, differentiate=sensitivities, out=out, trials=trials, sampler=sampler, **more)

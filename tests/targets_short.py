@@ -15,12 +15,12 @@ ROOT = Path(__file__).resolve().parents[1]
 SECONDS = 1800.0  # that a target may take
 SHORT = {  # what `make TARGET` is given
     "help": "", "setup": "", "schema": "", "lint": "", "lint-benchmarks": "", "design": "", "docs": "", "test-docs": "", "test-wheel": "",
-    "test-workers": "", "test-browser": "", "test-gp": "", "validate": "", "bench-startup": "", "bench-view": "", "bench-workers": "",
+    "test-workers": "", "test-browser": "", "test-gp": "", "validate": "", "bench-startup": "", "bench-view": "", "release": "",
     "bench": "QUICK=1", "bench-robust": "SAMPLES=2", "bench-sampler": "SAMPLER=gauss-newton SEEDS=1", "bench-fit": "FITS=2",
     "bench-design": "QUICK=1 SAMPLERS=gauss-newton", "bench-insertion": "QUICK=1 EACH=1", "bench-advice": "SCENES='0 1'",
     "measured": "CASES=zhao", "bench-accuracy": "SCENES=1", "bench-convergence": "SCENES=1", "claims": "QUICK=1 CLAIMS=asked",
     "gallery": "SCENES=folding_strip", "stability": "QUICK=1", "faults": "KILLS=3", "fuzz": "INPUTS=100", "fuzz-coverage": "RUNS=200",
-    "tour": "PAGES=first_scene.md", "optunahub": "", "release": "", "bench-least-squares": "SEEDS=1 SAMPLERS=gauss-newton",
+    "bench-workers": "TRIALS=30", "tour": "PAGES=first_scene.md", "optunahub": "", "bench-least-squares": "SEEDS=1 SAMPLERS=gauss-newton",
 }  # fmt: skip
 ELSEWHERE = {
     "test": "its tests are among those of test-long",

@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 from collections.abc import Mapping
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,36 +35,41 @@ def command(options: argparse.Namespace) -> int:
 
     study, smooth = load_study(options.study), options.style == SURFACE
     from magmpm.simulate import run, sensitivities
-    from magmpm.solving.precompile import (
-        fill_cache,  # what solves, searches and draws, after the file is read
-    )
+    from magmpm.solving.precompile import fill_cache
     from magmpm.studies.engine.loop import check_study, kernel_uses, run_study
-    from magmpm.studies.engine.storage_url import given_url, storage_url
+    from magmpm.studies.engine.storage import OUTAGE, TIMEOUT, Store
+    from magmpm.studies.engine.storage_url import given_url, is_server, storage_url
     from magmpm.viz.worker import Renderer
 
     if options.trial is not None:
         return _rerun(options, study)
-    changed = study.changed(trials=options.trials, sampler=options.sampler)
-    check_study(changed, options.workers, options.time_limit)  # before there is a folder
     out, storage = options.out or Path("runs") / study.name, given_url(options.storage, os.environ)
-    storage_url(out, storage)  # refused before kernels are compiled
+    if is_server(url := storage_url(out, storage)):
+        server = Store(url, TIMEOUT, OUTAGE, print)
+        server.open()  # one that can't be used is refused before rods are compiled for the check
+        server.forget()
+    check_study(study.changed(trials=options.trials, sampler=options.sampler), options.workers, options.time_limit)  # no folder yet
     _end_as_by_ctrl_c()
     with (
         folder_lock(out),  # until the pictures of the whole are there
-        nullcontext() if options.no_pictures else Renderer() as renderer,
+        nullcontext() if options.no_pictures else closing(Renderer()) as renderer,
         Progress(study.name) as progress,
     ):
-        fill_cache(study.scene, progress.note, kernel_uses(changed))
+
+        def prepare(opened: Study) -> None:
+            if renderer is not None:
+                renderer.start()  # while kernels are compiled, or the first design is solved
+            fill_cache(opened.scene, progress.note, kernel_uses(opened))
+
         report = run_study(
             study, solve=run, differentiate=sensitivities, out=out, on_trial=lambda trial: _tell(trial, progress), on_advice=_advise,
             picture=None if renderer is None else TrialPicture(study, smooth, renderer), trials=options.trials, sampler=options.sampler,
-            storage=storage, workers=options.workers, artifacts=options.artifacts, time_limit=options.time_limit,
+            storage=storage, workers=options.workers, artifacts=options.artifacts, time_limit=options.time_limit, on_open=prepare,
         )  # fmt: skip
         done = report.ended != "interrupted"
         files = draw_study(out, report.summary(), study.target, renderer, smooth=smooth) if renderer is not None and done else []
-        note = "" if renderer is None else renderer.note
-    if note:
-        print(note, file=sys.stderr)
+    if renderer is not None and renderer.note:
+        print(renderer.note, file=sys.stderr)
     summary = {**report.summary(), "files": [str(path) for path in files]}
     print(json.dumps(summary) if options.json else _text(report, files))
     return 1 if report.ended == "interrupted" else 0
@@ -231,15 +236,9 @@ def saved_target(folder: Path) -> np.ndarray | None:
 
 
 def draw_study(
-    folder: Path,
-    report: dict[str, Any],
-    target: np.ndarray | None,
-    renderer: Renderer,
-    out: Path | None = None,
-    *,
-    smooth: bool = False,
-    kind: str = "png",
-) -> list[Path]:
+    folder: Path, report: dict[str, Any], target: np.ndarray | None, renderer: Renderer, out: Path | None = None, *,
+    smooth: bool = False, kind: str = "png",
+) -> list[Path]:  # fmt: skip
     """best.png, convergence.png and best_shapes.mp4 of a study's folder."""
     from magmpm.inputs.csv_tables import write_centreline
     from magmpm.results.result import Result

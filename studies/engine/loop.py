@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from typing import Any
 
 import optuna
 from optuna.exceptions import UpdateFinishedTrialError
@@ -23,7 +24,6 @@ from magmpm.errors import InputError
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.whole_file import REFUSED, explained
 from magmpm.studies.engine import records, report
-from magmpm.studies.engine.records import whole_place
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.engine.storage import OUTAGE, TIMEOUT, StorageError, Store, claim_folder
 from magmpm.studies.engine.storage_url import shown_url, storage_url
@@ -64,7 +64,7 @@ def run_study(
     study: Study, *, solve: Solve, differentiate: Differentiate | None = None, out: Path | str, picture: Picture | None = None,
     on_trial: Callable[[Trial], None] | None = None, on_advice: Callable[[list[str]], None] | None = None, trials: int | None = None,
     sampler: str | None = None, storage: str | None = None, storage_timeout: float = TIMEOUT, workers: int | None = None,
-    outage: float = OUTAGE, artifacts: str | None = None, time_limit: float | None = None,
+    outage: float = OUTAGE, artifacts: str | None = None, time_limit: float | None = None, on_open: Callable[[Study], object] | None = None,
 ) -> StudyReport:  # fmt: skip
     """Runs a study to its end, or resumes it; returns at once when it is done.
 
@@ -76,6 +76,7 @@ def run_study(
     and picture must be importable or picklable, and other sessions may share the storage, if it is not the folder's own. None: this
     process solves, and works on the study alone. artifacts: a folder or s3://BUCKET for the trials' pictures, in place of OUT/artifacts.
     time_limit: s after which a worker that still solves a design is ended; the design is solved again, once (None: allowed_time).
+    on_open(study): called when folder and storage are found usable, before the study is written there or anything needs kernels.
     Raises InputError for a changed definition, an unusable sampler or storage, and if another process writes to the folder;
     StorageError when the database is locked or gone.
     """
@@ -90,11 +91,11 @@ def run_study(
     folder = Path(out)
     url = storage_url(folder, storage)
     shared = workers is not None and storage is not None
-    artifacts = None if artifacts is None else whole_place(artifacts)
+    artifacts = None if artifacts is None else records.whole_place(artifacts)
     store = Store(url, storage_timeout, outage, lambda line: None if on_advice is None else on_advice([line]))
     with folder_lock(folder), _trials_kept(url):
         claim_folder(folder, study.name)
-        run = _Run(Evaluator(study, solve, differentiate, picture, folder), folder, store, shared, artifacts)
+        run = _Run(Evaluator(study, solve, differentiate, picture, folder), folder, store, shared, artifacts, on_open)
         run.time_limit = time_limit
         stop = study.stop_rms if trials is None else None
         if workers is None or (workers == 1 and not shared and time_limit is None):
@@ -136,8 +137,8 @@ def _trials_kept(url: str) -> Iterator[None]:
 class _Run(StudySession):
     """A study that this process works on."""
 
-    def __init__(self, evaluator: Evaluator, out: Path, store: Store, shared: bool, artifacts: str | None) -> None:
-        super().__init__(evaluator, out, store)
+    def __init__(self, evaluator: Evaluator, out: Path, store: Store, shared: bool, artifacts: str | None, on_open: Any) -> None:
+        super().__init__(evaluator, out, store, on_open)
         self.shared, self.session = shared, Session(self.kept, store, out, shared)
         self.session.begin()
         self.starts = self.rod_starts()

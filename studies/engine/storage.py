@@ -198,9 +198,11 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
         parts.get_dialect().import_dbapi()
     except (ArgumentError, NoSuchModuleError, ImportError, ValueError) as error:
         reason = without_passwords(str(error).splitlines()[0], url)
-        if isinstance(error, ImportError) and "psycopg" in reason:
-            remedy = "pip install 'magmpm[postgresql]'"
-        raise InputError("--storage", received=shown_url(url), rule=f"must be a usable URL: {reason}", remedy=remedy) from None
+        rule = f"must be a usable URL: {reason}"
+        if isinstance(error, ImportError):
+            named, driver = {"psycopg": "'magmpm[postgresql]'", "mysqldb": "mysqlclient"}, parts.get_driver_name()
+            rule, remedy = f"the database's driver must be installed: {reason}", f"pip install {named.get(driver, driver)}"
+        raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy) from None
     sqlite = parts.get_backend_name() == "sqlite"
     refuse_memory(parts, url)
     options: dict[str, Any] = {"connect_args": {"timeout": timeout}} if sqlite else {"pool_pre_ping": True}

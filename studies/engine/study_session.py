@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ def as_begun(study: Study, storage: BaseStorage) -> Study:
 class StudySession:
     """A study and what is known of it."""
 
-    def __init__(self, evaluator: Evaluator, out: Path, store: Store) -> None:
+    def __init__(self, evaluator: Evaluator, out: Path, store: Store, on_open: Callable[[Study], object] | None) -> None:
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         self.evaluator, self.study, self.space, self.out, self.store = evaluator, evaluator.study, evaluator.space, out, store
         self.distributions = self.space.distributions()
@@ -54,6 +55,8 @@ class StudySession:
         with storage_faults(store.url, store.timeout):
             self.study = evaluator.study = as_begun(self.study, self.storage)
         must_hold(self.storage, self.study.name, held, out, store.url, store.timeout)
+        if on_open is not None:
+            on_open(self.study)
         definition = whole_definition(self.study, self.distributions)
         self.kept = open_study(self.storage, self.study, definition, out, store.url, store.timeout)
 

@@ -154,9 +154,7 @@ def applied(scene: Scene, constants: Sequence[Constant], x: Array) -> Scene:
     return found if turned is None else found.with_magnetizations(turned)
 
 
-def write(
-    data: dict[str, Any], scene: Scene, constants: Sequence[Constant], x: Array, written: Callable[[str, float], Any]
-) -> None:
+def write(data: dict[str, Any], scene: Scene, constants: Sequence[Constant], x: Array, written: Callable[[str, float], Any]) -> None:
     """Put the constants at x of materials, losses and the field into a scene's data; written: a value of a kind as the data have it."""
     uniform = np.array(scene.field.uniform)
     for constant, number in zip(constants, x.tolist(), strict=True):

@@ -132,8 +132,7 @@ def together(tables: Sequence[Measured]) -> Measured:
     if len(tables) == 1:
         return tables[0]
     own = tuple(replace(one, states=tuple(replace(state, table=k) for state in one.states)) for k, one in enumerate(tables))
-    states = tuple(state for one in own for state in one.states)
-    return Measured(own[0].path, "several", states, (), (), own)
+    return Measured(own[0].path, "several", tuple(state for one in own for state in one.states), (), (), own)
 
 
 def read_split(paths: Sequence[Path | str], scene: Scene, hold_out: str | None) -> tuple[Measured, Measured | None]:

@@ -113,8 +113,7 @@ def _opened(scene: Scene) -> float:
     if min(widest) > 0.3 * scene.length:
         return math.inf
     rest, x = X - X.mean(axis=0), moved.x - moved.x.mean(axis=0)
-    turn = Rotation.align_vectors(x, rest)[0]
-    return float(np.linalg.norm(x - turn.apply(rest), axis=1).max()) / scene.length
+    return float(np.linalg.norm(x - Rotation.align_vectors(x, rest)[0].apply(rest), axis=1).max()) / scene.length
 
 
 def _opening_strip() -> Scene:
@@ -147,9 +146,7 @@ def _free(**more: object) -> Scene:
 
 def _bodies(meshes: Sequence[Mesh], moduli: Sequence[float] = (), **effects: object) -> Scene:
     """Free bodies with these meshes, mm, the lowest one first, and with these shear moduli, Pa."""
-    parts = [
-        {"mesh": pack_mesh(mesh), "name": f"body {k}", "material": f"material {k if moduli else 0}"} for k, mesh in enumerate(meshes)
-    ]
+    parts = [{"mesh": pack_mesh(mesh), "name": f"body {k}", "material": f"material {k if moduli else 0}"} for k, mesh in enumerate(meshes)]
     kinds = {f"material {k}": {**SILICONE, "shear_modulus": g, "remanence": 0.0} for k, g in enumerate(moduli or [G])}
     return made(
         {"parts": {"unit": "mm", "spacing": 1e-3 * CELL, "meshes": parts}}, kinds, cells=None, field={"uniform": [0.0, 0.0, 0.0]},

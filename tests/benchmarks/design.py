@@ -1,10 +1,10 @@
 """`make bench-design`: solves and seconds that each sampler needs to 2, 0.5 and 0.1 mm, on 24 targets that were fixed beforehand.
 
-    python tests/benchmarks/design.py [--quick] [--trials N] [SAMPLER ...]        # tpe, gp, cmaes and gauss-newton unless named
+    python tests/benchmarks/design.py [--quick] [SAMPLER ...]        # tpe, gp, cmaes and gauss-newton unless named
 
 The targets are in data/targets/bench (its SOURCES.md says what they are): twelve reachable ones, which finite elements made, and twelve
-free splines. Each study varies the five directions of data/scenes/five_segments.yaml, from seed 1, without pictures, until 0.1 mm or N
-trials (35; gauss-newton 20). Solves are counted from 1. Seconds are those of the trials so far by the storage's clock: asking, solving,
+free splines. Each study varies the five directions of data/scenes/five_segments.yaml, from seed 1, without pictures, until 0.1 mm or
+35 trials (gauss-newton 20). Solves are counted from 1. Seconds are those of the trials so far by the storage's clock: asking, solving,
 storing. The best design of each study is solved again at 6 cells across. A sampler with `+rod` begins with the rod's designs.
 
 --quick: three targets of each kind and 10 trials. Finished studies are kept in runs/bench/design, by a hash of all that decides them and of
@@ -24,6 +24,7 @@ import machine
 import numpy as np
 
 from magmpm.inputs.csv_tables import read_centreline
+from magmpm.results.whole_file import write_json
 from magmpm.simulate import run, sensitivities
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
@@ -52,11 +53,8 @@ def study_of(target: Path, sampler: str, trials: int) -> Study:
     """The study of one target by one sampler, which may end in +rod."""
     base = load_study(ROOT / "data/studies/s_shape.yaml")
     name, _, start = sampler.partition("+")
-    goal = GOALS[-1] * 1e-3
-    return replace(
-        base.changed(sampler=name), name=target.stem, target=read_centreline(target), start=start or None, trials=trials, seed=1,
-        stop_rms=goal,
-    )
+    shape = {"name": target.stem, "target": read_centreline(target), "stop_rms": GOALS[-1] * 1e-3}
+    return replace(base.changed(sampler=name), **shape, start=start or None, trials=trials, seed=1)
 
 
 def solved(study: Study) -> dict[str, Any]:
@@ -81,11 +79,8 @@ def cached(study: Study, code: str) -> dict[str, Any]:
     key = json.dumps([study.definition(), study.trials, code], sort_keys=True)
     path = OUT / "design" / f"{study.name}_{study.sampler}_{hashlib.sha256(key.encode()).hexdigest()[:16]}.json"
     if not path.exists():
-        found = solved(study)
         path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(".part")
-        part.write_text(json.dumps(found) + "\n")
-        part.replace(path)
+        write_json(path, solved(study))
     return dict(json.loads(path.read_text()))
 
 
@@ -133,11 +128,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("samplers", nargs="*", default=[], metavar="SAMPLER", help=f"of {', '.join(SAMPLERS)}, each also with +rod")
     parser.add_argument("--quick", action="store_true", help="three targets of each kind, 10 trials")
-    parser.add_argument("--trials", type=int, help=f"at most; {TRIALS} unless given, gauss-newton {MOST['gauss-newton']}")
     options = parser.parse_args()
     code, results, details = sources(), {}, {}
     for name in options.samplers or SAMPLERS:
-        trials = options.trials or (QUICK_TRIALS if options.quick else MOST.get(name.partition("+")[0], TRIALS))
+        trials = QUICK_TRIALS if options.quick else MOST.get(name.partition("+")[0], TRIALS)
         results[name] = {}
         for kind in ("reachable", "free"):
             files = sorted(TARGETS.glob(f"{kind}_*.csv"))[:: 12 // QUICK_TARGETS if options.quick else 1]

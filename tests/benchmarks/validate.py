@@ -1,9 +1,4 @@
-"""`make validate`: statics against every finite-element reference, for several cell sizes, with and without F-bar.
-
-    python tests/benchmarks/validate.py [--jointed [NAME ...]]
-
-With --jointed, instead, the jointed catheters and tubes of jointed_catheters.json, or those named, with F-bar.
-"""
+"""`make validate`: statics against every finite-element reference, for several cell sizes, with and without F-bar."""
 
 import sys
 from pathlib import Path
@@ -19,20 +14,14 @@ sys.path.insert(0, str(ROOT / "tests"))
 from reference.problems import finite_element_problems  # noqa: E402
 
 CELLS = (2, 3, 4, 6, 8)
-REFERENCES = ROOT / "data/references"
 
 
-def main(paths: list[str]) -> int:
+def main() -> int:
     """Print the table."""
-    jointed = "--jointed" in paths
-    lockings = ("f-bar",) if jointed else ("f-bar", "none")
-    problems = finite_element_problems(REFERENCES / ("jointed_catheters.json" if jointed else "fem.json"))
-    if jointed:
-        problems = {name: problem for name, problem in problems.items() if name in paths or len(paths) == 1}
     print("largest distance of the axis, % of length (Newton steps), by cells across; order fitted from 4 to 8")
     print(f"{'case':<38}{'F-bar':>6}{'of reference':>14}" + "".join(f"{n:>14}" for n in CELLS) + f"{'order':>8}")
-    for name, problem in problems.items():
-        for locking in lockings:
+    for name, problem in finite_element_problems(ROOT / "data/references/fem.json").items():
+        for locking in ("f-bar", "none"):
             row, errors = [], []
             for n in CELLS:
                 try:
@@ -50,4 +39,4 @@ def main(paths: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

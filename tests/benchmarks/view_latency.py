@@ -7,7 +7,6 @@ a move every 16 ms, and the shapes that appear are counted. Times are from the i
 shape.
 """
 
-import argparse
 import json
 import shutil
 import subprocess
@@ -39,7 +38,7 @@ MOVES = """async (count) => {
 }"""
 
 
-def measured(count: int, shot: Path | None) -> dict[str, Any]:
+def measured(count: int) -> dict[str, Any]:
     """Milliseconds and rates."""
     from conftest import BROWSERS, FLAGS  # type: ignore[attr-defined]  # of tests/browser
     from playwright.sync_api import sync_playwright
@@ -58,8 +57,6 @@ def measured(count: int, shot: Path | None) -> dict[str, Any]:
             page.wait_for_selector("#state.solved", timeout=120_000)
             page.evaluate(MOVES, 5)
             times, rates = page.evaluate(MOVES, count)
-            if shot is not None:
-                page.screenshot(path=shot)
             browser.close()
     finally:
         server.terminate()
@@ -72,8 +69,4 @@ def measured(count: int, shot: Path | None) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--moves", type=int, default=100, help="values that the slider is moved to [100]")
-    parser.add_argument("--shot", type=Path, help="a screenshot")
-    options = parser.parse_args()
-    print(json.dumps(measured(options.moves, options.shot), indent=2))
+    print(json.dumps(measured(100), indent=2))

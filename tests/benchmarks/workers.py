@@ -22,7 +22,7 @@ from magmpm.studies.engine.loop import kernel_uses, run_study
 from magmpm.studies.search.definition import load_study
 from magmpm.viz.worker import Renderer
 
-TRIALS, WARM = 200, 10
+TRIALS, WARM = int(os.environ.get("TRIALS", "200")), 10  # make hands on what it is given
 
 
 def rate(workers: int | None, pictures: bool) -> float:

@@ -111,7 +111,6 @@ def test_a_study_is_named_as_a_folder_can_be(name: str, tmp_path: Path, told, mo
     (["--sampler", "optuna:CMAES"], ("--sampler", 'did you mean "optuna:CmaEsSampler"?')),
     (["--trials", "0"], ("--trials", "received 0", "at least 1")),
     (["--trials", "99999999999"], ("--trials", "received 99999999999", "rule: must be at most 1000000", "remedy: --trials")),
-    (["--storage", "study.db"], ("--storage", "study.db", "sqlite:///study.db")),
     (["--storage", "nodatabase://here"], ("--storage", "nodatabase", "usable URL")),
 ], ids=lambda value: "-".join(value) if isinstance(value, list) else None)  # fmt: skip
 def test_bad_options_end_with_status_2(arguments: list[str], says: tuple[str, ...], tmp_path: Path, told) -> None:

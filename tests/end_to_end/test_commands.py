@@ -53,6 +53,13 @@ def test_run_prints_one_json_object_as_the_contract_says(folder: Path, told) -> 
     assert Result.load("runs/small").tip.tolist() == out["tip"]
 
 
+def test_a_storage_is_looked_at_before_kernels_are_compiled(folder: Path) -> None:
+    env = {**os.environ, "XDG_CACHE_HOME": str(folder / "no kernels"), "MAGMPM_STORAGE": "mysql://me:secret@host/trials"}
+    done = subprocess.run([sys.executable, "-m", "magmpm", "design", "study.yaml"], env=env, capture_output=True, text=True, check=False)
+    assert (done.returncode, list(folder.rglob("*.nbc")), "secret" in done.stderr) == (2, [], False)
+    assert "\n  remedy: pip install mysqlclient" in done.stderr
+
+
 def test_run_for_people_names_the_folder_and_the_section_error(folder: Path, told) -> None:
     """The printed report gives the folder of the result and the errors of the section."""
     text = told("run", "scene.yaml", "--out", "here", "--render").out

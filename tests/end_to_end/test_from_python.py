@@ -90,6 +90,8 @@ def test_a_design_and_the_influence_of_an_effect(tmp_path: Path) -> None:
     report = magmpm.design(study_file(tmp_path), folder=out, trials=2)
     assert repr(report).startswith("StudyReport('short': 2 trials by random; best trial ")
     assert magmpm.Result.load(out / "best").converged
+    with pytest.raises(TypeError, match="the folder of the results is `folder`"):
+        magmpm.design(study_file(tmp_path), out=out)
     row = magmpm.influence(tmp_path / "scene.yaml", "gravity")
     assert repr(row).startswith("Influence of gravity: ")
     assert row.cost_percent is None  # type: ignore[union-attr]
@@ -121,10 +123,7 @@ def test_users_own_studies_and_viz_are_in_nobodys_way(tmp_path: Path) -> None:
     out = finished(tmp_path, trials=1)
     code = f"import magmpm\nprint(magmpm.design({str(study_file(tmp_path))!r}, folder={str(out)!r}, trials=1))\n"
     path = f"{tmp_path}:{tmp_path / 'packages'}"
-    for arguments in (
-        ["-m", "magmpm", "design", str(study_file(tmp_path)), "--out", str(out), "--trials", "1"],
-        ["-c", code],
-    ):
+    for arguments in (["-m", "magmpm", "design", str(study_file(tmp_path)), "--out", str(out), "--trials", "1"], ["-c", code]):
         done = subprocess.run(
             [sys.executable, *arguments], cwd=tmp_path, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False
         )

@@ -83,9 +83,7 @@ def held(x: np.ndarray, anchor: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, 
     return f[:3] - rigidity * stretch, x - stretch
 
 
-def particle_forces(
-    model: Model, x: np.ndarray, F: np.ndarray, dF: np.ndarray, step: int = 0
-) -> tuple[np.ndarray, np.ndarray]:
+def particle_forces(model: Model, x: np.ndarray, F: np.ndarray, dF: np.ndarray, step: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Stress P (n, 3, 3) Pa and force (n, 3) N of every particle, with all effects but contact. dF (n, 3, 3) 1/s: rate of F."""
     P, force = elastic_stress(model, F), np.zeros_like(x)
     for p, volume in enumerate(model.particles.volume):

@@ -8,15 +8,9 @@ import numpy as np
 import optuna
 import pytest
 
-from magmpm.studies.search.samplers.gauss_newton import LEAST_GAIN, PLAN, GaussNewtonSampler, _judged
-from magmpm.studies.search.samplers.gauss_newton_steps import (
-    Array,
-    Ball,
-    Block,
-    Coordinates,
-    Direction,
-    Number,
-)
+from magmpm.studies.search.samplers.gauss_newton import LEAST_GAIN, PLAN, Ball, GaussNewtonSampler, _judged
+from magmpm.studies.search.samplers.gauss_newton_steps import Array, Block, Coordinates, Direction, Number
+from magmpm.studies.search.samplers.optuna_ids import other_trials
 
 Model = Callable[[Array], tuple[Array, Array]]
 
@@ -286,6 +280,20 @@ def test_workers_follow_a_descent_each() -> None:
     for _ in range(2):
         study.ask(parameters(ALL))
     assert [(plan["start"], plan["from"]) for plan in plans(study)] == [(0, None), (1, None), (1, 1), (0, 0)]
+
+
+def test_a_trial_that_ends_while_the_others_are_read_is_one_of_them() -> None:
+    """Another session's: one that was missed would be chosen once more."""
+    study, kind = optuna.create_study(), {"x": optuna.distributions.FloatDistribution(0.0, 1.0)}
+    other, mine = study.ask(kind), study.ask(kind)
+
+    def get_trials(**options: Any) -> list[optuna.trial.FrozenTrial]:
+        found = study.get_trials(**options)
+        study.tell(other, 1.0, skip_if_finished=True)
+        return found
+
+    ended, running, before = other_trials(SimpleNamespace(get_trials=get_trials), mine, kind)  # type: ignore[arg-type]
+    assert ([t.number for t in (*ended, *running)], before) == ([0], 1)
 
 
 def test_given_designs_are_used_up_once_no_descent_from_them_gets_better() -> None:

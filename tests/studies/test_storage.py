@@ -28,7 +28,7 @@ from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.engine.storage import StorageError
 from magmpm.studies.engine.storage_url import known_url
 from magmpm.studies.engine.workers.sessions import BEAT, LEASE, RECORD, STALE, Session
-from magmpm.studies.search.definition import load_study
+from magmpm.studies.search.definition import Study, load_study
 
 LOCKER = """\
 import sqlite3, sys
@@ -118,12 +118,22 @@ def test_locked_in_mid_study_keeps_what_is_finished(tmp_path: Path) -> None:
     ("postgresql://me:se/c@host/db?x=1", InputError, ("received postgresql://me:***@host/db", "%2F for /")),
     ("host=here user=me password=cret", InputError, ("a text without ://", "postgresql://USER@HOST/DATABASE")),
     ("sqlite:////tmp", InputError, ("/tmp: a folder", "must be a file", "remedy: ")),
+    ("mysql://me:secret@host/db", InputError, ("--storage: received mysql://me:***@host/db", "driver must be", "pip install mysqlclient")),
 ])  # fmt: skip
 def test_unusable_storage_is_said_before_any_trial(url: str, kind: type[Exception], says: tuple[str, ...], tmp_path: Path) -> None:
+    opened: list[Study] = []
     with pytest.raises(kind) as caught:
-        run(tmp_path, storage=url)
+        run(tmp_path, storage=url, on_open=opened.append)
     assert all(phrase in str(caught.value) for phrase in says), str(caught.value)
     assert "cret" not in str(caught.value)
+    assert opened == []
+
+
+def test_what_a_study_needs_is_prepared_before_it_is_written(tmp_path: Path) -> None:
+    """Whoever ends the command while kernels are compiled may change the file, and begin it anew."""
+    url, seen = f"sqlite:///{tmp_path}/out/study.db", []
+    run(tmp_path, trials=1, on_open=lambda study: seen.append((study.name, optuna.get_all_study_names(url))))
+    assert seen == [("probe", [])]
 
 
 @pytest.mark.parametrize("url", ["sqlite://", "sqlite:///:memory:", "sqlite:///file:x?mode=memory&uri=true"])

@@ -2,6 +2,7 @@
 
 import json
 import signal
+import time
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +21,7 @@ from magmpm.errors import InputError
 from magmpm.studies.engine.loop import allowed_time, run_study
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.engine.storage_url import given_url, passwords, shown_url, without_passwords
-from magmpm.studies.engine.workers import pool
+from magmpm.studies.engine.workers import pool, sessions
 from magmpm.studies.evaluate.evaluator import Evaluator
 from magmpm.studies.evaluate.trial import Trial
 from magmpm.studies.problem.sampler_names import SAMPLERS
@@ -55,6 +56,19 @@ def test_every_sampler_with_three_workers(sampler: str, tmp_path: Path) -> None:
     for trial in trials:
         assert evaluator.outcome(trial.number, trial.params).value == trial.value
         assert (tmp_path / f"out/pictures/trial_{trial.number:03d}.png").exists()
+
+
+def test_two_that_wait_for_the_same_dead_session_choose_one_after_the_other() -> None:
+    """Trial 0 never gets a design; trial 1 has waited for it and then gets its own, for which trial 2 waits."""
+    begun, silent = time.monotonic(), set[int]()
+
+    def get_trials(**_: Any) -> list[SimpleNamespace]:
+        known = {sessions.READY: True} if time.monotonic() > begun + 0.3 else {}
+        return [SimpleNamespace(number=0, user_attrs={}), SimpleNamespace(number=1, user_attrs=known)]
+
+    study, trial = SimpleNamespace(get_trials=get_trials), SimpleNamespace(number=2)
+    sessions._wait_for_smaller(study, trial, silent, patience=0.2)  # type: ignore[arg-type]
+    assert (time.monotonic() > begun + 0.3, silent) == (True, {0}), "which is not waited for again"
 
 
 @pytest.mark.slow

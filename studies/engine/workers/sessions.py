@@ -66,6 +66,7 @@ class PerTrial(BaseSampler):
         self._make, self._starts, self._session, self._wait = make, starts, session, wait
         self._inner: BaseSampler | None = None
         self._given = False
+        self._silent: set[int] = set()  # numbers of the trials that were waited for in vain
 
     def before_trial(self, study: Study, trial: FrozenTrial) -> None:
         """Once a trial has its number."""
@@ -74,7 +75,7 @@ class PerTrial(BaseSampler):
         if self._session is not None:
             storage_of(study).set_trial_user_attr(trial_id(trial), SESSION, self._session)
         if self._wait and not self._given:
-            _wait_for_smaller(study, trial)
+            _wait_for_smaller(study, trial, self._silent)
         self._inner.before_trial(study, trial)
 
     def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
@@ -105,14 +106,16 @@ class PerTrial(BaseSampler):
         self._make(trial.number).after_trial(study, trial, state, values)
 
 
-def _wait_for_smaller(study: Study, trial: FrozenTrial) -> None:
-    """Wait until the running trials with smaller numbers have all their parameters, or for PATIENCE."""
-    until = time.monotonic() + PATIENCE
-    while time.monotonic() < until:
+def _wait_for_smaller(study: Study, trial: FrozenTrial, silent: set[int], patience: float = PATIENCE) -> None:
+    """Wait until running trials with smaller numbers have all their parameters, `patience` s for each, which is silent if it has not."""
+    def missing() -> set[int]:
         trials = study.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
-        if all(READY in t.user_attrs for t in trials if t.number < trial.number):
-            return
+        return {t.number for t in trials if t.number < trial.number and READY not in t.user_attrs} - silent
+
+    begun = time.monotonic()
+    while time.monotonic() - begun < patience * len(left := missing()):  # two that wait for the same dead session must not choose at once
         time.sleep(0.02)
+    silent |= left
 
 
 class Session:

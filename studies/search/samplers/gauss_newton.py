@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 import optuna
 from optuna.distributions import BaseDistribution, FloatDistribution
-from optuna.trial import FrozenTrial, TrialState
+from optuna.trial import FrozenTrial
 
 from magmpm.studies.search.samplers.gauss_newton_steps import (
     Array,
@@ -39,7 +39,7 @@ from magmpm.studies.search.samplers.gauss_newton_steps import (
     Number,
     Step,
 )
-from magmpm.studies.search.samplers.optuna_ids import others_running, storage_of, trial_id
+from magmpm.studies.search.samplers.optuna_ids import other_trials, storage_of, trial_id
 
 __all__ = ["PLAN", "Ball", "Direction", "GaussNewtonSampler", "Number"]
 
@@ -67,10 +67,8 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         return {name: kind for block in self._space.blocks for name, kind in block.distributions().items()}
 
     def sample_relative(self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
-        ended = (TrialState.COMPLETE, TrialState.FAIL, TrialState.PRUNED)
-        trials = [t for t in study.get_trials(deepcopy=False, states=ended) if set(search_space) <= set(t.params)]
-        running, _ = others_running(study, trial, search_space)
-        params, kept = self._plan(trials, running)
+        ended, running, _ = other_trials(study, trial, search_space)
+        params, kept = self._plan([t for t in ended if set(search_space) <= set(t.params)], running)
         storage_of(study).set_trial_system_attr(trial_id(trial), PLAN, kept)
         return params
 
@@ -125,8 +123,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         last = trials[-1]
         plan = last.system_attrs.get(PLAN)
         if plan is not None and plan["from"] is not None:
-            before = known[plan["from"]]
-            return _judged(before, last, plan)
+            return _judged(known[plan["from"]], last, plan)
         given = [t for t in trials if _counted(t) is not None and t.system_attrs.get(PLAN, {"from": None})["from"] is None]
         if plan is None:  # not ours: enqueued, or of another sampler
             return (min(given, key=_cost), RADIUS) if given else None

@@ -24,7 +24,7 @@ from scipy.optimize import minimize
 
 from magmpm.compiled.arrays import Array
 from magmpm.studies.search.parameters import Direction, FieldVector, corner_of
-from magmpm.studies.search.samplers.optuna_ids import others_running
+from magmpm.studies.search.samplers.optuna_ids import other_trials
 from magmpm.studies.search.search_space import SearchSpace
 
 # of the parameters: five of the axes, correlation and power of the place, factor of the others, weight, range
@@ -207,8 +207,8 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         return drawn.sample_independent(study, trial, param_name, param_distribution)
 
     def sample_relative(self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
-        trials = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
-        running, before = others_running(study, trial, search_space)
+        ended, running, before = other_trials(study, trial, search_space)
+        trials = [t for t in ended if t.state == TrialState.COMPLETE]
         order = self._order(trials)
         if len(trials) + before < self._settings.alike:
             return self._space.parameters_at(self._alike(len(trials) + before) * self._scale, order)

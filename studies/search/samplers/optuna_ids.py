@@ -31,11 +31,9 @@ def trial_id(trial: optuna.Trial | FrozenTrial) -> int:
     return trial._trial_id
 
 
-def others_running(study: optuna.Study, trial: FrozenTrial, names: Iterable[str]) -> tuple[list[FrozenTrial], int]:
-    """The running trials whose designs are known, and how many of all running ones have a smaller number than this one.
-
-    With one worker there are none.
-    """
-    running = [t for t in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)) if t.number != trial.number]
-    requested = set(names)
-    return [t for t in running if requested <= set(t.params)], sum(t.number < trial.number for t in running)
+def other_trials(study: optuna.Study, trial: FrozenTrial, names: Iterable[str]) -> tuple[list[FrozenTrial], list[FrozenTrial], int]:
+    """The trials that have ended, the running ones whose designs are known, and how many running ones have smaller numbers."""
+    trials, requested = study.get_trials(deepcopy=False), set(names)  # at once: one that ends between two readings would be in neither
+    running = [t for t in trials if t.state == TrialState.RUNNING and t.number != trial.number]
+    known = [t for t in running if requested <= set(t.params)]
+    return [t for t in trials if t.state.is_finished()], known, sum(t.number < trial.number for t in running)

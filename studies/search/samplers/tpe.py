@@ -25,7 +25,7 @@ from optuna.trial import FrozenTrial, TrialState
 from magmpm.compiled.arrays import Array
 from magmpm.studies.search.objectives import ranked
 from magmpm.studies.search.parameters import TETRAHEDRON, corner_of, unit
-from magmpm.studies.search.samplers.optuna_ids import others_running
+from magmpm.studies.search.samplers.optuna_ids import other_trials
 from magmpm.studies.search.search_space import SearchSpace
 
 
@@ -74,8 +74,8 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         return self._space.distributions()
 
     def sample_relative(self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
-        trials = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
-        running, before = others_running(study, trial, search_space)
+        ended, running, before = other_trials(study, trial, search_space)
+        trials = [t for t in ended if t.state == TrialState.COMPLETE]
         if len(trials) + before < len(TETRAHEDRON):
             return self._with_choices(self._space.parameters(*self._alike(len(trials) + before)), trials)
         if not trials:

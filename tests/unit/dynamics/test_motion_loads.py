@@ -12,18 +12,8 @@ from reference.moving import moving_scene
 from reference.scenes import rod_scene
 
 from magmpm.dynamics import time_loop
-from magmpm.dynamics.time_loop import (
-    CHANGE,
-    FIRST,
-    MOST,
-    OwnLoads,
-    SimulationState,
-    begin,
-    integrate,
-    interval,
-)
+from magmpm.dynamics.time_loop import OwnLoads, SimulationState, begin, integrate, interval
 from magmpm.effects import acting
-from magmpm.effects import acting as effects
 from magmpm.fields.dipole import MU0
 from magmpm.model import Model, build
 from magmpm.results.trajectory import Motion
@@ -45,7 +35,7 @@ def test_a_schedule_goes_on_within_a_chunk_of_steps() -> None:
     model = build(ramped(1e-3))
     moved = begin(model)
     interval(moved, 12 * moved.control.step)
-    named = effects.collect(model.scene, times=moved.dt * np.arange(moved.steps, dtype=float))
+    named = acting.collect(model.scene, times=moved.dt * np.arange(moved.steps, dtype=float))
     assert moved.steps == 12
     total = Total.of(replace(model, effects=named))
     c, v = np.zeros((2, *total.X.shape))
@@ -72,8 +62,8 @@ def test_what_segments_do_to_each_other_follows_the_shape(monkeypatch: pytest.Mo
         before: list[np.ndarray] = []
         for step in range(12):
             if step % every == 0:
-                effects.refresh(model.effects, model, model.particles.position + total.N @ c, np.eye(3) + total.gradient(c))
-                tables = effects.own_tables(model.effects)
+                acting.refresh(model.effects, model, model.particles.position + total.N @ c, np.eye(3) + total.gradient(c))
+                tables = acting.own_tables(model.effects)
                 now = [table.copy() for table in tables]
                 for table, old in zip(tables, before, strict=bool(before)):
                     table += (table - old) / 2
@@ -114,17 +104,17 @@ def test_loads_that_change_evenly_have_their_value_in_the_middle(monkeypatch: py
         assert value == pytest.approx(1.0 + 3.0 * middle, rel=1e-12)
 
 
-@pytest.mark.parametrize(("rate", "steps"), [(0.0, MOST), (1e5, 1)])
+@pytest.mark.parametrize(("rate", "steps"), [(0.0, time_loop.MOST), (1e5, 1)])
 def test_they_are_held_by_how_much_they_change(monkeypatch: pytest.MonkeyPatch, rate: float, steps: int) -> None:
     seen = driven(monkeypatch, rate)
-    assert seen[0][2] == FIRST
+    assert seen[0][2] == time_loop.FIRST
     assert seen[-1][2] == steps
 
 
 def test_the_change_while_held_is_the_one_that_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The number of steps settles where the value changes by CHANGE."""
     middle, value, steps = driven(monkeypatch, rate=30.0)[-1]
-    assert steps * DT * 30.0 / value == pytest.approx(CHANGE, rel=0.1)
+    assert steps * DT * 30.0 / value == pytest.approx(time_loop.CHANGE, rel=0.1)
     assert middle > 0
 
 

@@ -17,7 +17,8 @@ BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 @pytest.fixture(autouse=True)
 def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    for folder in (BENCHMARKS, BENCHMARKS.parent / "faults", BENCHMARKS.parent):
+        monkeypatch.syspath_prepend(str(folder))
 
 
 def module(name: str) -> ModuleType:
@@ -107,8 +108,7 @@ def test_the_design_benchmark_counts_what_it_says() -> None:
     assert (study.sampler, study.start, study.trials, study.stop_rms) == ("gp", "rod", 7, pytest.approx(1e-4))
 
 
-def test_a_fault_whose_probe_fails_is_a_row_and_the_others_are_injected(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(BENCHMARKS.parent / "faults"))
+def test_a_fault_whose_probe_fails_is_a_row_and_the_others_are_injected() -> None:
     faults = module("faults")
 
     def fails() -> None:
@@ -119,9 +119,8 @@ def test_a_fault_whose_probe_fails_is_a_row_and_the_others_are_injected(monkeypa
     assert "TimeoutError" in one.wrong[0]
 
 
-def test_only_kills_that_met_something_complete_count(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_kills_that_met_something_complete_count() -> None:
     """Attempts go on until so many have, and end where none does; a fault that found nothing to lose is no proof."""
-    monkeypatch.syspath_prepend(str(BENCHMARKS.parent / "faults"))
     faults, kinds = module("faults"), module("kinds")
     row = faults.Row("kills")
     for attempt in kinds.until_met(row, 4):
@@ -134,9 +133,8 @@ def test_only_kills_that_met_something_complete_count(monkeypatch: pytest.Monkey
     assert "shows nothing" in missed.wrong[0]
 
 
-def test_every_target_has_a_short_form(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_target_has_a_short_form() -> None:
     """`make targets-short` goes over all that the Makefile offers, and every rule but those for files is declared there."""
-    monkeypatch.syspath_prepend(str(BENCHMARKS.parent))
     short = module("targets_short")
     assert short.SHORT.keys() | short.ELSEWHERE.keys() == short.targets()
     assert short.SHORT.keys().isdisjoint(short.ELSEWHERE)
