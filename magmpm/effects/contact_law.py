@@ -10,8 +10,9 @@ thousandth of a cell. Source of the lumped bound used by `stable_step`: Hughes, 
 With friction, an elastic body on a hard plane flutters: shear and bounce of the whole body feed on each other while it slides, its weight
 comes off the ground, and it slides where it should stick (Martins, Oden, Simoes, Int. J. Eng. Sci. 28 (1990) 29). A dashpot beside a spring
 as stiff as a cell does not feel these slow modes. So friction has a spring that begins softer, to give as much as SOFT thicknesses of the
-body, whatever the cells, beside a dashpot near the impedance of the pressure wave. The dashpot acts only where the body slides: what rolls
-loses nothing. From the depth KNEE on the spring is as stiff as without friction, so that bodies that land do not sink in.
+body, whatever the cells and the contact's stiffness, beside a dashpot near the impedance of the pressure wave. The dashpot acts only where
+the body slides: what rolls loses nothing. From the depth KNEE on the spring is as stiff as without friction, so that bodies that land do
+not sink in.
 """
 
 import math
@@ -29,7 +30,7 @@ from magmpm.errors import SceneError, dotted
 
 THROWN = 0.1  # m/s
 SOFT = 3.0  # thicknesses of the body: the layer of it that gives as much as contact with friction. From 2 to 4 blocks stick and balls roll
-KNEE = 0.02  # cells: deeper than bodies at rest sink in; beyond it friction's spring is as stiff as that of slippery contact
+KNEE = 0.1  # cells: deeper than the weight of soft bodies presses them; beyond it friction's spring is as stiff as that of slippery contact
 SHARE = 0.7  # of the explicit limit 2 / w: 0.8 of the smaller of the body's and the contact's bounds is then stable for both together
 
 
@@ -62,7 +63,8 @@ def law(scene: SceneLike, factor: float, friction: float) -> dict[str, float]:
     rate = math.sqrt(max(squares, default=0.0)) / scene.cell  # of the fastest pressure wave
     if not friction > 0:
         return {"stiffness": factor * rate**2}
-    return {"stiffness": factor * rate**2, "soft": scene.cell / (SOFT * scene.thickness), "knee": KNEE * scene.cell, "damping": rate}
+    soft = scene.cell / (SOFT * scene.thickness)
+    return {"stiffness": factor * rate**2, "soft": soft / factor, "knee": KNEE * scene.cell, "damping": rate}
 
 
 def obstacle_dtype(key: str, *own: tuple[Any, ...]) -> np.dtype[Any]:

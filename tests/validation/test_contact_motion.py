@@ -32,25 +32,26 @@ def sloped(
     return build(moving_scene(block(size), {"gravity": pull, "ground": ground, **more}, cells=cells, shear=shear))
 
 
-@pytest.mark.parametrize(("size", "friction", "duration", "cells", "share"), [
-    ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 2, 0.95),
-    pytest.param((6e-3, 6e-3, 3e-3), 0.3, 0.2, 3, 0.95, marks=pytest.mark.slow),
-    pytest.param((8e-3, 5e-3, 4e-3), 0.45, 0.3, 3, 0.95, marks=pytest.mark.slow),
-    pytest.param((6e-3, 6e-3, 3e-3), 0.8, 0.2, 3, 0.8, marks=pytest.mark.slow),
+@pytest.mark.parametrize(("size", "friction", "duration", "cells", "share", "stiffness"), [
+    ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 2, 0.95, 1.0),
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in (
+        ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 3, 0.95, 1.0), ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 5, 0.95, 1.0),
+        ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 3, 0.95, 8.0), ((6e-3, 6e-3, 3e-3), 0.8, 0.2, 3, 0.8, 8.0),
+    )),
 ])  # fmt: skip
-def test_an_undamped_block_sticks_on_a_slope(size, friction, duration, cells, share) -> None:
+def test_an_undamped_block_sticks_on_a_slope(size, friction, duration, cells, share, stiffness) -> None:
     """Weight that acts at once, tan at 0.8 or 0.95 of friction: within 0.02 cell. On a spring as stiff as a cell it slides by millimeters.
     """
-    model = sloped(np.arctan(share * friction), friction, size=size, cells=cells)
+    model = sloped(np.arctan(share * friction), friction, size=size, cells=cells, stiffness=stiffness)
     ways = [mean(model, m.x - model.particles.position)[0] for m in follow(model, [duration / 2, duration])]
     assert max(np.abs(ways)) < 0.02 * model.scene.cell
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="without any loss hard contact with friction flutters: docs/effects.md")
+@pytest.mark.xfail(strict=True, reason="it swings by its own elasticity, and slips where it does: docs/effects.md")
 @pytest.mark.parametrize(("share", "way", "bound", "more"), [
-    (0.95, 0.0, 0.0, {"cells": 5}), (0.99, 0.0, 0.0, {}), (1.01, 1.81e-3, 0.02, {}), (1.02, 3.61e-3, 0.1, {}),
-    (0.95, 0.0, 0.0, {"stiffness": 4.0}), (0.95, 0.0, 0.0, {"shear": 15e3, "size": (16e-3, 10e-3, 8e-3)}),
+    (0.95, 0.0, 0.0, {"cells": 5, "stiffness": 8.0}), (0.99, 0.0, 0.0, {}), (1.01, 1.81e-3, 0.02, {}), (1.02, 3.61e-3, 0.1, {}),
+    (0.95, 0.0, 0.0, {"shear": 15e3, "size": (16e-3, 10e-3, 8e-3)}),
 ])  # fmt: skip
 def test_weight_at_once_near_the_cone(share: float, way: float, bound: float, more: dict[str, Any]) -> None:
     """The bounds asked of an undamped block: 0.02 cell below the cone, 2 % above it, 10 % at 1.02; `way` of a rigid one."""
