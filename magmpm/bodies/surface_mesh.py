@@ -33,6 +33,8 @@ MOST_BYTES = 200_000_000  # of a file: text STL takes 200 to 300 a triangle; wit
 LARGEST_NUMBER = 1e8  # in any unit: 100 m in micrometres; larger ones are a damaged file's, and their cubes and squares overflow
 FARTHEST, SMALLEST = 10.0, 1e-6  # m: coordinates, as of all places in a scene, and the longest side of a mesh
 RAYS = 400  # points from which the thickness is measured
+LINES = 100  # through the mesh, along which its surface is tried for crossing itself
+CROSSED = 0.01  # of the mesh's size: more than what the touching pieces of a drawing cross each other by
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("color", "<u2")])  # of binary STL
 
 
@@ -153,6 +155,12 @@ def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
         )
     if (found := shell_fault(vertices, faces, size)) is not None:
         raise MeshError(*found)
+    twice = _covered_twice(solid_of(vertices, faces), mesh)
+    if twice > CROSSED * float(np.ptp(vertices, axis=0).max()):
+        raise MeshError(
+            f"the surface of a mesh must not cross itself, and inside this one a line of {twice:.3g} counts twice, or less than not at all",
+            "unite what overlaps (in Blender: the Boolean modifier, Union, with Self Intersection), and export the part again",
+        )
     return mesh
 
 
@@ -222,23 +230,38 @@ def _stored_solid(text: str) -> Manifold:
     return solid_of(mesh.vertices, mesh.faces)
 
 
-@lru_cache(maxsize=256)
-def thickness_of(text: str) -> float:
-    """Thickness of a stored mesh in its unit: along the normal inward, a tenth of its surface has the opposite one this near."""
-    triangles = unpack_mesh(text).triangles
+def _inward(mesh: Mesh, count: int) -> tuple[Array, Array]:
+    """Points (count, 3) of the surface, drawn by area, and unit normals (count, 3) inward there."""
+    triangles = mesh.triangles
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     double = np.linalg.norm(normal, axis=1)
     rng = np.random.default_rng(0)
     share = np.cumsum(double) / double.sum()
-    face = np.minimum(np.searchsorted(share, (np.arange(RAYS) + rng.random(RAYS)) / RAYS), len(double) - 1)
-    u, v = np.sqrt(rng.random((1, RAYS))), rng.random((1, RAYS))
+    face = np.minimum(np.searchsorted(share, (np.arange(count) + rng.random(count)) / count), len(double) - 1)
+    u, v = np.sqrt(rng.random((1, count))), rng.random((1, count))
     weights = np.concatenate([1 - u, u * (1 - v), u * v]).T
-    start = np.einsum("rk,rki->ri", weights, triangles[face])
-    inward = -normal[face] / double[face, None]
-    size = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    return np.einsum("rk,rki->ri", weights, triangles[face]), -normal[face] / double[face, None]
+
+
+def _covered_twice(solid: Manifold, mesh: Mesh) -> float:
+    """Largest length of a line through the surface that is inside it more than once, or less than not at all."""
+    size, most = float(np.ptp(mesh.vertices, axis=0).max()), 0.0
+    for start, along in zip(*_inward(mesh, LINES), strict=True):
+        hits = solid.ray_cast(start - 2 * size * along, start + 2 * size * along)
+        inside = -np.cumsum([np.sign(np.dot(hit.normal, along)) for hit in hits])[:-1]
+        far = 4 * size * np.diff([hit.distance for hit in hits])
+        most = max(most, float(far[(inside < 0) | (inside > 1)].sum()))
+    return most
+
+
+@lru_cache(maxsize=256)
+def thickness_of(text: str) -> float:
+    """Thickness of a stored mesh in its unit: along the normal inward, a tenth of its surface has the opposite one this near."""
+    mesh = unpack_mesh(text)
+    size = float(np.ptp(mesh.vertices, axis=0).max())
     solid, found = _stored_solid(text), []
-    for begin, end in zip(start, start + 2 * size * inward, strict=True):
-        far = [2 * size * hit.distance for hit in solid.ray_cast(begin, end)]
+    for begin, inward in zip(*_inward(mesh, RAYS), strict=True):
+        far = [2 * size * hit.distance for hit in solid.ray_cast(begin, begin + 2 * size * inward)]
         found += [x for x in far if x >= 1e-6 * size][:1]  # nearer is the surface that the ray starts from
     return float(np.quantile(found, 0.1, method="inverted_cdf"))
 

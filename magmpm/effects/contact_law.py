@@ -4,8 +4,8 @@ A point of mass m at a depth inside the obstacle is pushed back along the normal
 m w^2 depth^2 / 2. Friction holds it by a spring of the same stiffness, up to friction times that force (effects.contact_force).
 
 The frequency w of the penalty is that of a pressure wave through a cell of the stiffest material, w = sqrt((K + 4/3 G) / rho) / h, about
-a quarter of the body's highest frequency. So contact does not require a smaller step. A body at rest sinks in by less than a
-thousandth of a cell. Source of the lumped bound used by `stable_step`: Hughes, The Finite Element Method, section 9.1.
+a quarter of the body's highest frequency. So contact does not require a smaller step. A body at rest sinks in by a thousandth
+of a cell, with friction by some. Source of the lumped bound used by `stable_step`: Hughes, The Finite Element Method, section 9.1.
 
 With friction, an elastic body on a hard plane flutters: shear and bounce of the whole body feed on each other while it slides, its weight
 comes off the ground, and it slides where it should stick (Martins, Oden, Simoes, Int. J. Eng. Sci. 28 (1990) 29). A dashpot beside a spring
@@ -63,8 +63,8 @@ def law(scene: SceneLike, factor: float, friction: float) -> dict[str, float]:
     rate = math.sqrt(max(squares, default=0.0)) / scene.cell  # of the fastest pressure wave
     if not friction > 0:
         return {"stiffness": factor * rate**2}
-    soft = scene.cell / (SOFT * scene.thickness)
-    return {"stiffness": factor * rate**2, "soft": soft / factor, "knee": KNEE * scene.cell, "damping": rate}
+    soft = min(scene.cell / (SOFT * scene.thickness) / factor, 1.0)  # of a contact that is softer than that already, all of it
+    return {"stiffness": factor * rate**2, "soft": soft, "knee": KNEE * scene.cell, "damping": rate}
 
 
 def obstacle_dtype(key: str, *own: tuple[Any, ...]) -> np.dtype[Any]:

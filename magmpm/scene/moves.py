@@ -15,6 +15,7 @@ from magmpm.fields.schedule import ended, strength_of
 from magmpm.inputs.settings import Length, Settings, fault
 from magmpm.inputs.vectors import Axis
 
+TORN = 10.0  # times the length: the softest silicones tear there, filled ones long before
 
 class Move(Settings):
     """A held part, or a held end, is moved along a line."""
@@ -90,12 +91,19 @@ def check(scene: Any) -> None:
         if not scene.static and move.share(0.0)[0] != 0.0:
             rule, say = "a motion begins with the undeformed body: at 0 s nothing has been moved", "`over_time: {ramp: {duration: 50 ms}}`"
             raise fault(rule, f"write, say, {say}", (*at, "over_time") if over is not None else at)
-    if moves and shape.line is not None:
+    if moves and shape.line is not None and shape.clamp == "both":
         times = _moments(list(moves.values()))
         base, tip = (moves[name].displacement(times) if name in moves else np.zeros(3) for name in ("base", "tip"))
-        left = float((shape.length + (tip - base)[..., 0]).min()) if shape.clamp == "both" else shape.length
+        between = np.array([shape.length, 0.0, 0.0]) + (tip - base)
+        left, apart = float(between[..., 0].min()), float(np.linalg.norm(between, axis=-1).max())
+        last = next(name for name in ("tip", "base") if name in moves)
+        if apart > TORN * shape.length:
+            raise fault(
+                f"silicone tears before it is {TORN:g} times as long, and the ends would come to be {1e3 * apart:.4g} mm apart, "
+                f"of {1e3 * shape.length:.4g} mm",
+                "check the unit of the distance, or write a smaller one", ("move", last, "distance"),
+            )  # fmt: skip
         if not left > 0.0:
-            last = next(name for name in ("tip", "base") if name in moves)
             raise fault(
                 f"the ends would pass through each other: they would come within {1e3 * left:.4g} mm of {1e3 * shape.length:.4g} mm",
                 "check the unit of the distance, and the sign of `along`", ("move", last, "distance"),

@@ -390,6 +390,7 @@ MOVED = [
     moved("fed and moved", "base: {along: [1, 0, 0], distance: 1 mm, over_time: {ramp: {duration: 1 s}}}", "base", "{", "feed moves the base already",
           more=(("  static: {tolerance: 1e-9, max_steps: 60}", "  dynamic: {duration: 1 s}"), ("  gravity: {}", "  feed: {speed: 1 mm/s, exit: 10 mm}"))),
     moved("ends pass through each other", SHORTER + "}", "tip.distance", '"41 mm"', "pass through each other", "-1 mm of 40 mm", "unit of the distance", more=STRIP),
+    moved("ends torn apart", "tip: {along: [0, 0, 1], distance: 41 cm}", "tip.distance", '"41 cm"', "tears before it is 10 times as long", "411.9 mm apart, of 40 mm", "unit of the distance", more=STRIP),
     moved("ends meet on the way", SHORTER + ", over_time: {keyframes: [{time: 0 s, strength: 1}, {time: 1 s, strength: 0}]}}", "tip.distance", '"41 mm"', "pass through each other", more=STRIP),
     moved("moved across plane strain", "tip: {along: [0, 1, 0], distance: 1 mm}", "tip.along", "[0, 1, 0]", "nothing moves along y in plane strain",
           more=(*STRIP[:2], ("clamp: base", "clamp: both\n    plane_strain: true")), line=27),

@@ -93,6 +93,7 @@ ASSEMBLIES = [
     edit("an inverted mesh", "mesh: arm.stl", "mesh: inverted.stl", "body.parts.meshes[1].mesh", '"inverted.stl"', "its volume is negative", "flip the normals"),
     edit("a mesh of two minds", "mesh: arm.stl", "mesh: mixed.stl", "body.parts.meshes[1].mesh", '"mixed.stl"', "face opposite ways", "consistent"),
     edit("a piece inverted", "mesh: arm.stl", "mesh: pieces.stl", "body.parts.meshes[1].mesh", '"pieces.stl"', "2 shells: shell 2 of volume 1 faces inward", "flip the normals of what is inverted"),
+    edit("a surface that crosses itself", "mesh: arm.stl", "mesh: crossed.stl", "body.parts.meshes[1].mesh", '"crossed.stl"', "must not cross itself", "counts twice", "unite what overlaps"),
     edit("no mass", "mesh: arm.stl", "mesh: flat.stl", "body.parts.meshes[1].mesh", '"flat.stl"', "no mass", "export the solid part"),
     edit("corners beyond all numbers", "mesh: arm.stl", "mesh: absurd.stl", "body.parts.meshes[1].mesh", '"absurd.stl"', "at most 1e+08 in the file's unit, and this mesh has one of 1e+30", "export the part again"),
     edit("a mesh of kilometres", "mesh: arm.stl", "mesh: town.stl", "body.parts.meshes[1].mesh", '"town.stl"', "at most 10 m, and this mesh reaches to 3e+03 m", "check the unit (mm)"),
@@ -110,6 +111,8 @@ def meshes(folder: Path) -> None:
     """The meshes of the scenes, valid and invalid, in mm."""
     arm = box((0, 0, 0), (3, 1, 1))
     piece = box((4, 0, 0), (5, 1, 1))
+    crossed = arm.vertices.copy()
+    crossed[0] = (5, 0.5, 0.5)  # a corner, pulled through the face at the other end
     mixed = arm.faces.copy()
     mixed[0] = mixed[0, ::-1]
     solids = {
@@ -117,6 +120,7 @@ def meshes(folder: Path) -> None:
         "arm": arm,
         "open": Mesh(arm.vertices, arm.faces[1:]),
         "inverted": Mesh(arm.vertices, arm.faces[:, ::-1]),
+        "crossed": Mesh(crossed, arm.faces),
         "mixed": Mesh(arm.vertices, mixed),
         "pieces": Mesh(np.concatenate([arm.vertices, piece.vertices]), np.concatenate([arm.faces, 8 + piece.faces[:, ::-1]])),
         "shifted": box((-0.5, 0, 0), (3, 1, 1)),
