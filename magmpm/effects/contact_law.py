@@ -30,7 +30,7 @@ from magmpm.errors import SceneError, dotted
 
 THROWN = 0.1  # m/s
 SOFT = 3.0  # thicknesses of the body: the layer of it that gives as much as contact with friction. From 2 to 4 blocks stick and balls roll
-KNEE = 0.1  # cells: deeper than the weight of soft bodies presses them; beyond it friction's spring is as stiff as that of slippery contact
+KNEE = 0.05  # cells: deeper than the weight of soft bodies presses them; beyond it friction's spring is as stiff as that of slippery contact
 SHARE = 0.7  # of the explicit limit 2 / w: 0.8 of the smaller of the body's and the contact's bounds is then stable for both together
 
 

@@ -22,7 +22,7 @@ from magmpm.scene.coarsest import coarsest_cells
 from magmpm.solving.solve import solve
 
 NEIGHBORS = 2.5  # thicknesses along the axis: points nearer than that are neighbors
-FRAMES = 25  # of a motion
+FRAMES = 100  # of a motion, as many as it has without output_every: with 25 the peak of a swing fell between two
 MOMENTS = 9  # of a path, in equal parts, at most
 FAINT = 1e-12  # of an effect's usual strength: as if it were not there, with the kernels of a scene that has it
 GRID = 0.05  # of a shift: its uncertainty on the coarsest grid, 0.4 % in the middle and 2.5 % at most of 40 (tests/benchmarks/advice.py)
