@@ -31,7 +31,8 @@ def body_contact(model: Model, packed: Packed) -> BodyContact | None:
     if effect is None:
         return None
     found = law(model.scene, effect.stiffness, most_friction(model.scene, effect.friction))
-    values = np.array([found["stiffness"], found.get("soft", 1.0), found.get("knee", 1.0), found.get("damping", 0.0), effect.friction])
+    usual = {"soft": 1.0, "knee": 1.0, "damping": 0.0, "slip": 1.0, "delay": 0.0}  # without friction
+    values = np.array([*({**usual, **found}[name] for name in ("stiffness", *usual)), effect.friction])
     return BodyContact(model, packed, values)
 
 

@@ -21,12 +21,12 @@ from magmpm.dynamics.body_contact import body_contact
 from magmpm.dynamics.particle_groups import pack
 from magmpm.effects import acting
 from magmpm.effects.base import Contact, Records, Touching
+from magmpm.effects.contact_force import HELD
 from magmpm.effects.contact_law import at_rest
 from magmpm.effects.hooks import NO_DATA, each_record, register, those_with
 from magmpm.errors import SceneError
 from magmpm.kernels import total_lagrangian_step
 from magmpm.kernels.body_contact import Meeting
-from magmpm.kernels.surface_contact import ANCHOR
 from magmpm.kernels.watch import BROKEN, GOING, WHY, new_slabs, unlimited
 from magmpm.model import Model
 
@@ -121,7 +121,7 @@ class TotalMotion:
         self.slabs = new_slabs(len(self.packed.cells.slab_first) - 1)
         self.stiffness = np.full(self.packed.particle.size, np.nan)
         on = self.packed.surface
-        self.anchor = np.zeros(ANCHOR * len(on.mass) + len(on.first_node))
+        self.anchor = np.zeros(HELD * len(on.mass) + len(on.first_node))
         self.memory = np.repeat(np.tile(acting.remembered(model.scene), len(self.packed.particle)), WIDTH)
         self.contact = body_contact(model, self.packed)
         if self.contact is not None:
@@ -265,8 +265,7 @@ class TotalMotion:
         for a, b, c in product(range(3), repeat=3):
             at, share = node + a * cells.along_x + b * cells.along_y + c, weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
             x, v = x + share[:, None] * moved[at], v + share[:, None] * speed[at]
-        anchor = self.anchor[: ANCHOR * len(x)].reshape(-1, ANCHOR)
-        return Touching(x, v, on.mass, np.where(anchor[:, 3:] > 0, anchor[:, :3], x), on.friction)
+        return Touching(x, v, on.mass, self.anchor[: HELD * len(x)].reshape(-1, HELD), on.friction)
 
     def body_contacts(self) -> dict[str, Contact]:
         """Contact of the body with itself, by pairs of components; empty where the scene does not name it."""

@@ -64,13 +64,13 @@ class SceneLike(Protocol):
 
 
 class Touching(NamedTuple):
-    """Points by which a body touches obstacles: x m, v m/s (n, 3), mass (n,) kg, and anchor (n, 3) m, where friction holds them;
-    friction (n,): of their own material, nan where it names none."""
+    """Points by which a body touches obstacles: x m, v m/s (n, 3), mass (n,) kg, what friction remembers of them (n, HELD;
+    effects.contact_force), and friction (n,): of their own material, nan where it names none."""
 
     x: Array
     v: Array
     mass: Array
-    anchor: Array
+    held: Array
     friction: Array
 
 

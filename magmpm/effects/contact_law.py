@@ -12,7 +12,7 @@ comes off the ground, and it slides where it should stick (Martins, Oden, Simoes
 as stiff as a cell does not feel these slow modes. So friction has a spring that begins softer, to give as much as SOFT thicknesses of the
 body, whatever the cells and the contact's stiffness, beside a dashpot near the impedance of the pressure wave. The dashpot acts only where
 the body slides: what rolls loses nothing. From the depth KNEE on the spring is as stiff as without friction, so that bodies that land do
-not sink in.
+not sink in. And friction follows the push with a delay (effects.contact_force), which parts shear from bounce where a spring can't.
 """
 
 import math
@@ -24,59 +24,53 @@ from pydantic import Field
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, compiled_elsewhere
 from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching, one_record
-from magmpm.effects.contact_force import PARTS, hold, own_grip, stored
+from magmpm.effects.contact_force import HELD, PARTS, hold, own_grip, stored
 from magmpm.effects.hooks import NO_DATA, add_contact, deepest
 from magmpm.errors import SceneError, dotted
 
 THROWN = 0.1  # m/s
 SOFT = 3.0  # thicknesses of the body: the layer of it that gives as much as contact with friction. From 2 to 4 blocks stick and balls roll
-KNEE = 0.05  # cells: deeper than the weight of soft bodies presses them; beyond it friction's spring is as stiff as that of slippery contact
+KNEE = 0.02  # cells: deeper than bodies at rest sink in; beyond it friction's spring is as stiff as that of slippery contact
+SLIP = 0.01  # thicknesses of the body: the way after which friction follows the push. Blocks stick with ways from 0.0125 to 0.05, and
+DELAY = 5.0  # times that a shear wave takes through the thickness, with 5 and 10; longer ways delay friction where a body is thrown
 SHARE = 0.7  # of the explicit limit 2 / w: 0.8 of the smaller of the body's and the contact's bounds is then stable for both together
 
 
-Friction = Annotated[
-    float,
-    Field(
-        strict=True, ge=0, le=10, allow_inf_nan=False, description="Coulomb's coefficient of friction; 0, slippery, unless given.",
-        examples=[0.3],
-    ),
-]
-Stiffness = Annotated[
-    float,
-    Field(
-        strict=True,
-        gt=0,
-        le=100,
-        allow_inf_nan=False,
-        description="Times the usual stiffness of the contact, which lets the body in by micrometers; 1 unless given. "
-        "Above 1 the contact may ask for a smaller time step than the body.",
-        examples=[1.0],
-    ),
-]
+Friction = Annotated[float, Field(
+    strict=True, ge=0, le=10, allow_inf_nan=False, description="Coulomb's coefficient of friction; 0, slippery, unless given.",
+    examples=[0.3],
+)]  # fmt: skip
+Stiffness = Annotated[float, Field(
+    strict=True, gt=0, le=100, allow_inf_nan=False, examples=[1.0],
+    description="Times the usual stiffness of the contact, which lets the body in by micrometers; 1 unless given. "
+    "Above 1 the contact may ask for a smaller time step than the body.",
+)]  # fmt: skip
 
 
 def law(scene: SceneLike, factor: float, friction: float) -> dict[str, float]:
-    """The arguments of `push` for a scene's body: `stiffness` w^2 in 1/s^2, times `factor`, and with friction `soft`, `knee` (m) and
-    `damping` (1/s)."""
+    """The arguments of `push` for a scene's body: `stiffness` w^2 in 1/s^2, times `factor`, and with friction `soft`, `knee` (m),
+    `damping` (1/s), `slip` (m) and `delay` (s)."""
     used = [scene.materials[region.material_name] for region in scene.regions() if not region.held]
     squares = [m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density for m in used if m.density is not None]
     rate = math.sqrt(max(squares, default=0.0)) / scene.cell  # of the fastest pressure wave
     if not friction > 0:
         return {"stiffness": factor * rate**2}
     soft = min(scene.cell / (SOFT * scene.thickness) / factor, 1.0)  # of a contact that is softer than that already, all of it
-    return {"stiffness": factor * rate**2, "soft": soft, "knee": KNEE * scene.cell, "damping": rate}
+    wave = min((math.sqrt(m.shear_modulus / m.density) for m in used if m.density), default=math.inf)  # m/s, of the slowest shear wave
+    after = {"slip": SLIP * scene.thickness, "delay": DELAY * scene.thickness / wave}
+    return {"stiffness": factor * rate**2, "soft": soft, "knee": KNEE * scene.cell, "damping": rate, **after}
 
 
 def obstacle_dtype(key: str, *own: tuple[Any, ...]) -> np.dtype[Any]:
     """The dtype of an obstacle's records: its own fields, and those of `push`. Names begin with its key: they distinguish effects."""
-    pushing = [(name, np.float64) for name in ("friction", "stiffness", "soft", "knee", "damping")]
+    pushing = [(name, np.float64) for name in ("friction", "stiffness", "soft", "knee", "damping", "slip", "delay")]
     return np.dtype([(f"{key}_{name}", *kind) for name, *kind in (*own, *pushing)])
 
 
 def obstacle_record(dtype: np.dtype[Any], data: Array = NO_DATA, /, **values: Any) -> Records:
-    """A record of an obstacle_dtype, by the names of its fields without the key, and its table; unless given soft and knee 1, damping 0."""
+    """A record of an obstacle_dtype, by names of fields without the key, and its table; soft, knee, slip 1 unless given, others 0."""
     names = dtype.names or ()
-    usual = {"soft": 1.0, "knee": 1.0, **values}
+    usual = {"soft": 1.0, "knee": 1.0, "slip": 1.0, **values}
     return one_record(dtype, data, **{f"{names[0].partition('_')[0]}_{name}": value for name, value in usual.items()})
 
 
@@ -113,9 +107,9 @@ _stored = compiled(stored)
 
 
 @compiled_elsewhere
-def _touching(named, x, v, mass, dt, anchor, friction, soft, knee, force):
-    """Number in contact, the deepest one (-1: none) and how deep it is (m), energy (J) of the springs; adds to force (3,) N and moves
-    anchors (n, 3) m."""
+def _touching(named, x, v, mass, dt, held, friction, soft, knee, force):
+    """Number in contact, the deepest one (-1: none) and how deep it is (m), energy (J) of the springs; adds to force (3,) N and changes
+    what is held (n, HELD)."""
     count, worst, most, energy, f = 0, -1, 0.0, 0.0, np.empty(PARTS)
     for p in range(len(mass)):
         depth = deepest(named, 0, x[p])
@@ -123,27 +117,27 @@ def _touching(named, x, v, mass, dt, anchor, friction, soft, knee, force):
             f[:] = 0.0
             add_contact(named, 0, x[p], v[p], mass[p], dt, f)
             own_grip(friction[p], f)
-            hold(x[p], anchor[p], f)
+            hold(x[p], held[p], f, dt)
             force += f[:3]
-            held = x[p] - anchor[p]
+            s = x[p] - held[p, :3]
             count += 1
             if depth > most:
                 worst, most = p, depth
-            energy += _stored(depth, f[6], soft, knee) + 0.5 * f[6] * (held[0] ** 2 + held[1] ** 2 + held[2] ** 2)
+            energy += _stored(depth, f[6], soft, knee) + 0.5 * f[6] * (s[0] ** 2 + s[1] ** 2 + s[2] ** 2)
     return count, worst, most, energy
 
 
 def contact_of(named: Records, touching: Touching, dt: float, soft: float = 1.0, knee: float = 1.0) -> Contact:
     """Contact of points in steps of dt (s); named: of one effect; soft, knee (m): of its `law`."""
     force = np.zeros(3)
-    x, v, mass, anchor, friction = touching
-    count, _, depth, energy = _touching(named, x, v, mass, dt, anchor.copy(), friction, soft, knee, force)
+    x, v, mass, held, friction = touching
+    count, _, depth, energy = _touching(named, x, v, mass, dt, held.copy(), friction, soft, knee, force)
     return Contact(force=force, count=count, depth=depth, energy=energy)
 
 
 def at_rest(x: Array, mass: Array | None = None) -> Touching:
     """Points at rest at x (n, 3) m that nothing holds; of mass (n,) kg, or 1 kg each."""
-    return Touching(x, np.zeros_like(x), np.ones(len(x)) if mass is None else mass, x, np.full(len(x), np.nan))
+    return Touching(x, np.zeros_like(x), np.ones(len(x)) if mass is None else mass, np.zeros((len(x), HELD)), np.full(len(x), np.nan))
 
 
 class Obstacle(Effect):
@@ -182,8 +176,8 @@ class Obstacle(Effect):
 
     def check(self, model: Any) -> None:
         """Raises SceneError where the body begins so deep in the obstacle that it would be thrown out faster than THROWN."""
-        x, v, masses, anchor, friction = at_rest(model.surface.place, model.surface.mass)
-        _, point, depth, energy = _touching(self.records(model.scene), x, v, masses, 1.0, anchor.copy(), friction, 1.0, 1.0, np.zeros(3))
+        x, v, masses, held, friction = at_rest(model.surface.place, model.surface.mass)
+        _, point, depth, energy = _touching(self.records(model.scene), x, v, masses, 1.0, held, friction, 1.0, 1.0, np.zeros(3))
         mass = float(model.density @ model.particles.volume)
         speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0
         if speed > THROWN:

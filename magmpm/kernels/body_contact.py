@@ -19,10 +19,9 @@ from numba import types
 from magmpm.bodies.contact_solid import Solids, solid_distance
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined, only_where
-from magmpm.effects.contact_force import PARTS, hold, push
-from magmpm.kernels.surface_contact import SLIDES, STICKS
+from magmpm.effects.contact_force import HELD, PARTS, SLIDES, STICKS, TOUCHES, hold, push
 
-PLACE, ANCHOR, HELD, ROOM, CELL, FORCE, DEPTH, NORMAL, BEGUN, MEMORY = 0, 3, 6, 7, 8, 9, 12, 13, 16, 17
+PLACE, GRIP, ROOM, CELL, FORCE, DEPTH, NORMAL, BEGUN, MEMORY = 0, 3, 10, 11, 12, 15, 16, 19, 20
 CLOSE = 1e-12  # of a cell: distance of X + u(X) from the point; momentum is kept to it
 TRIES = 20
 SETTLED = 0.25  # of the distance d of a point from the surface: if the place below it has moved by less, d is good to some percent
@@ -47,11 +46,13 @@ class Meeting(NamedTuple):
     """Pairs (n,) of points and solids.
 
     point: index in kernels.surface_contact.Surface; node: its first node; solid; memory (MEMORY n + 1,), changed by steps: a pair's place
-    X (3,) m, anchor (3,) m and whether it holds, the value of `memory[-1]` until which it cannot touch, cell, force (3,) N on the point,
+    X (3,) m, what friction remembers (HELD,; its anchor in the undeformed solid), the value of `memory[-1]` until which it cannot touch,
+    cell, force (3,) N on the point,
     depth m, normal (3,) out of the solid, and the distance m at which it begins to touch, 0 or less; at last the length (m) of the way
-    that any point may have moved; most (1,): m, of it, until pairs may be missing; law (5,): stiffness 1/s^2, soft, knee m and damping 1/s
-    (effects.contact_law), and friction where neither material names one; pace (active nodes,): no point is faster than the largest pace
-    times speed of a node; then the fields of SolidCells and Solids, flat, as parallel loops take them.
+    that any point may have moved; most (1,): m, of it, until pairs may be missing; law (7,): stiffness 1/s^2, soft, knee m,
+    damping 1/s, slip m and delay s (effects.contact_law), and friction where neither material names one; pace (active nodes,): no
+    point is faster than the largest pace times speed of a node; then the fields of SolidCells and Solids, flat, as parallel loops take
+    them.
     """
 
     point: Index
@@ -185,7 +186,7 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
     memory, law, cells, work = meeting.memory, meeting.law, _cells(meeting), np.empty(24)
     solids = Solids(meeting.kind, meeting.size, meeting.points, meeting.first, meeting.coefficients)
     x, X, normal, F, inverse = np.empty(3), np.empty(3), work[21:], np.empty((3, 3)), np.empty((3, 3))
-    f, n, v, there = np.empty(PARTS), np.empty(3), np.empty(3), np.empty(3)
+    f, n, v, there = np.empty(PARTS), np.empty(3), np.empty(3), np.empty(HELD)
     for pair in range(first, len(meeting.point), apart):
         at, p, s = MEMORY * pair, meeting.point[pair], meeting.solid[pair]
         memory[at + DEPTH] = 0.0
@@ -197,14 +198,14 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         cell, d = _find(cells, cell, along_x, along_y, state.u, x, X, solids, s, work, F, inverse)
         memory[at + PLACE : at + PLACE + 3], memory[at + CELL], d = X, cell, d - memory[at + BEGUN]
         if not d < 0.0:
-            memory[at + HELD], memory[at + ROOM] = 0.0, memory[-1] + 0.5 * NEAR * d
+            memory[at + GRIP : at + GRIP + HELD], memory[at + ROOM] = 0.0, memory[-1] + 0.5 * NEAR * d
             continue
-        f[:], v[:], there[:] = 0.0, 0.0, x
+        f[:], v[:], there[:] = 0.0, 0.0, memory[at + GRIP : at + GRIP + HELD]
         named = np.fmin(surface.friction[p], cells.friction[cell])
-        friction = named if named >= 0.0 else law[4]
+        friction = named if named >= 0.0 else law[6]
         for i in range(3):
             n[i] = inverse[0, i] * normal[0] + inverse[1, i] * normal[1] + inverse[2, i] * normal[2]
-        if law[3] > 0.0 and memory[at + HELD] != STICKS:
+        if law[3] > 0.0 and there[TOUCHES] != STICKS:
             _at(state.v, cells.node[cell], along_x, along_y, work, v)
             v *= -1.0
             _at(state.v, meeting.node[pair], along_x, along_y, own, v)
@@ -212,18 +213,20 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         leaving = (v[0] * n[0] + v[1] * n[1] + v[2] * n[2]) / length
         share = cells.share[cell]
         push(-d, n[0], n[1], n[2], leaving, share * surface.mass[p], law[0], law[1], law[2], share * law[3], friction, f)
+        f[7], f[8] = law[4], law[5]
         if friction > 0.0:
-            new = memory[at + HELD] == 0.0
+            new = there[TOUCHES] == 0.0
             for i in range(3):
+                there[i] = x[i]
                 for j in range(3):
-                    there[i] -= 0.0 if new else F[i, j] * (X[j] - memory[at + ANCHOR + j])
-            slides = hold(x, there, f)
-            if slides or new:
+                    there[i] -= F[i, j] * (X[j] - memory[at + GRIP + j])
+            hold(x, there, f, dt)
+            if there[TOUCHES] == SLIDES or new:
                 for i in range(3):
-                    memory[at + ANCHOR + i] = X[i]
+                    memory[at + GRIP + i] = X[i]
                     for j in range(3):
-                        memory[at + ANCHOR + i] -= inverse[i, j] * (x[j] - there[j])
-            memory[at + HELD] = SLIDES if slides else STICKS
+                        memory[at + GRIP + i] -= inverse[i, j] * (x[j] - there[j])
+            memory[at + GRIP + 3 : at + GRIP + HELD] = there[3:]
         memory[at + DEPTH] = -d
         for i in range(3):
             memory[at + FORCE + i], memory[at + NORMAL + i] = f[i], n[i] / length

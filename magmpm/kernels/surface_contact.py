@@ -14,12 +14,9 @@ import numpy as np
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined, kernel, only_where, prange
 from magmpm.compiled.simd_views import row
-from magmpm.effects.contact_force import PARTS, hold, own_grip
+from magmpm.effects.contact_force import HELD, PARTS, STICKS, TIME, TOUCHES, hold, own_grip
 from magmpm.effects.hooks import add_contact, add_touch, any_has, deepest
 from magmpm.kernels.equilibrium import STENCIL, _scatter_matrix, particle_splines
-
-ANCHOR = 4  # numbers a point in State.anchor: where friction holds it (3,) m, and whether it does: 0 if it does not touch
-STICKS, SLIDES = 1.0, 2.0
 
 
 class Surface(NamedTuple):
@@ -78,7 +75,7 @@ def _fastest(v, where):
 def _touch(slab, step, dt, surface, cells, state, effects):
     """Add the contact of a slab's surface to state.force, and move state.anchor; dt s: for which forces push."""
     x, v, f, share, where = np.empty(3), np.empty(3), np.empty(PARTS), np.empty(27), np.empty(27, np.int64)
-    room = ANCHOR * len(surface.mass)  # then a number a patch: how far it can move before a point of it may touch, m
+    room = HELD * len(surface.mass)  # then a number a patch: how far it can move before a point of it may touch, m
     for patch in range(surface.first_patch[slab], surface.first_patch[slab + 1]):
         _around(surface.first_node[patch], cells.along_x, cells.along_y, where)
         if step > 0 and state.anchor[room + patch] > 0.0:  # the last displacement was dt v; before the first step it may have been another
@@ -94,18 +91,15 @@ def _touch(slab, step, dt, surface, cells, state, effects):
             depth = deepest(effects, step, x)
             most, least = max(most, depth), min(least, depth)
             if not depth > 0.0:
-                state.anchor[ANCHOR * p + 3] = 0.0
+                state.anchor[HELD * p + TOUCHES] = 0.0
+                state.anchor[HELD * p + TIME] = max(state.anchor[HELD * p + TIME] - dt, 0.0)  # forgotten as slowly as learned
                 continue
             v[:], f[:] = 0.0, 0.0
-            if state.anchor[ANCHOR * p + 3] != STICKS:
+            if state.anchor[HELD * p + TOUCHES] != STICKS:
                 _add(state.v, where, share, v)
             add_contact(effects, step, x, v, surface.mass[p], dt, f)
             own_grip(surface.friction[p], f)
-            anchor = row(state.anchor, ANCHOR * p)
-            if state.anchor[ANCHOR * p + 3] == 0.0:
-                for i in range(3):
-                    anchor[i] = x[i]
-            state.anchor[ANCHOR * p + 3] = SLIDES if hold(x, anchor, f) else STICKS
+            hold(x, row(state.anchor, HELD * p), f, dt)
             for j in range(27):
                 for i in range(3):
                     state.force[where[j] + i] += share[j] * f[i]

@@ -202,7 +202,7 @@ class Nodes(NamedTuple):
 
 class State(NamedTuple):
     """Arrays changed by a step. u m, v m/s, force N (3 nodes,): force is zero between steps; stiffness (groups 8,) m^2/s^2:
-    materials.stiffest over density in the last step, NaN before the first step; anchor (4 points + patches,): where friction holds the
+    materials.stiffest over density in the last step, NaN before the first step; anchor (HELD points + patches,): where friction holds the
     surface (kernels.surface_contact)."""
 
     u: Array

@@ -22,7 +22,7 @@ from magmpm.bodies.contact_surface import ContactSurface
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact, Records, Touching
-from magmpm.effects.contact_force import PARTS, own_grip
+from magmpm.effects.contact_force import HELD, PARTS, own_grip
 from magmpm.effects.hooks import add_contact, deepest
 from magmpm.kernels.equilibrium import STENCIL, Cells
 from magmpm.kernels.surface_contact import contact_to_panels, touch_at_rest
@@ -166,8 +166,9 @@ class RestingSurface(ContactSurface):
 
 def contacts_at_rest(model: Model, touched: Touched) -> dict[str, Contact]:
     """The contact of each obstacle with a model."""
-    still = Touching(touched.x, np.zeros_like(touched.x), touched.mass, touched.anchor, touched.friction)
-    found = {key: effect.report(model, still, 0.0) for key, effect in model.scene.effects.named().items()}
+    held = np.column_stack([touched.anchor, np.ones((len(touched.x), 1)), np.zeros((len(touched.x), HELD - 4))])
+    still = Touching(touched.x, np.zeros_like(touched.x), touched.mass, held, touched.friction)
+    found = {key: effect.report(model, still, 1.0) for key, effect in model.scene.effects.named().items()}
     return {key: contact for key, contact in found.items() if contact is not None}
 
 

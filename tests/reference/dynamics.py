@@ -22,6 +22,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from magmpm.effects import hooks
+from magmpm.effects.contact_force import PAID
 from magmpm.model import Model
 
 
@@ -69,18 +70,26 @@ def elastic_stress(model: Model, F: np.ndarray) -> np.ndarray:
     return shape + (model.bulk * change * J)[:, None, None] * H
 
 
-def held(x: np.ndarray, anchor: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The force (3,) N of contact on a point at x (3,) m with friction, and its next anchor; f (7,): see effects.contact_force.
+def held(x: np.ndarray, before: np.ndarray, f: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """The force (3,) N of contact on a point at x (3,) m with friction, and what it remembers next; f (9,): of effects.contact_force;
+    before (7,): anchor, 1 where it sticks, 2 where it slides, 0 where it does not touch, lasting grip N, time s, what is owed N s.
 
-    The spring is as long as x is from the anchor along the obstacle, but no longer than what the grip can hold."""
-    grip, rigidity = f[3:6], f[6]
-    most = np.linalg.norm(grip)
-    if most == 0:
-        return f[:3].copy(), x.copy()
-    n = grip / most
+    The spring is as long as x is from the anchor along the obstacle, but no longer than what the lasting grip can hold."""
+    grip, rigidity, slip, delay = f[3:6], *f[6:]
+    anchor, (lasting, time, owed) = (before[:3] if before[3] else x), before[4:]
+    now = np.linalg.norm(grip)
+    if now == 0:
+        return f[:3].copy(), np.array([*x, 2.0, lasting, time, owed])
+    n = grip / now
     stretch = (np.eye(3) - np.outer(n, n)) @ (x - anchor)
-    stretch *= min(1.0, most / (rigidity * np.linalg.norm(stretch))) if stretch.any() else 1.0
-    return f[:3] - rigidity * stretch, x - stretch
+    pull, time = rigidity * np.linalg.norm(stretch), time + dt
+    after = max(min(time, delay), dt)
+    lasting += min(dt / after + max(pull - lasting, 0.0) / rigidity / slip, 1.0) * (now - lasting)
+    most = max(lasting + PAID * owed / after, 0.0)
+    slides = pull > most
+    stretch *= most / pull if slides else 1.0
+    owed = owed + dt * (now - most) if slides else 0.0
+    return f[:3] - rigidity * stretch, np.array([*(x - stretch), 2.0 if slides else 1.0, lasting, time, owed])
 
 
 def particle_forces(model: Model, x: np.ndarray, F: np.ndarray, dF: np.ndarray, step: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -100,8 +109,7 @@ class Total:
     """A motion on a dense box of nodes, cells + 2 along each axis, x slowest.
 
     N (n, nodes): every spline at every particle; dN (3, n, nodes) 1/m; X (nodes, 3) m; mass (nodes,) kg; fixed (nodes,) bool;
-    on (points, nodes): splines at the points of the surface; anchor (points, 4): where friction holds them, m, and 1 where they stick, 2
-    where they slide, 0 where they do not touch."""
+    on (points, nodes): splines at the points of the surface; anchor (points, 7): what friction remembers of them (`held`)."""
 
     model: Model
     N: np.ndarray
@@ -133,7 +141,7 @@ class Total:
             node = np.ravel_multi_index((surface.first + np.array([a, b, c])).T, shape)
             w = surface.weights
             on[np.arange(len(on)), node] += w[:, 0, a] * w[:, 1, b] * w[:, 2, c]
-        return cls(model, N, dN, X, N.T @ (model.density * model.particles.volume), fixed, on, np.zeros((len(on), 4)))
+        return cls(model, N, dN, X, N.T @ (model.density * model.particles.volume), fixed, on, np.zeros((len(on), 7)))
 
     def gradient(self, c: np.ndarray) -> np.ndarray:
         """sum c_a (x) grad N_a (n, 3, 3)."""
@@ -149,18 +157,13 @@ class Total:
         """Contact of the surface's points on every node, (nodes, 3) N. The dashpot acts on those that did not stick before."""
         forces = np.zeros((len(self.on), 3))
         for p, (splines, held_at) in enumerate(zip(self.on, self.anchor, strict=True)):
-            x, f = self.model.surface.place[p] + splines @ c, np.zeros(7)
+            x, f = self.model.surface.place[p] + splines @ c, np.zeros(9)
             speed = splines @ v if held_at[3] != 1 else np.zeros(3)
             call(self.model, "contact", x, speed, self.model.surface.mass[p], dt, f, step=step)
             if not f.any():
-                held_at[3] = 0
+                held_at[3], held_at[5] = 0, max(held_at[5] - dt, 0.0)
                 continue
-            forces[p], there = held(x, held_at[:3] if held_at[3] else x, f)
-            stretch = (held_at[:3] if held_at[3] else x) - x
-            grip = f[3:6] / max(np.linalg.norm(f[3:6]), 1e-300)
-            sticks = f[6] * np.linalg.norm(stretch - grip * (grip @ stretch)) <= np.linalg.norm(f[3:6]) > 0
-            held_at[3] = 1 if sticks else 2
-            held_at[:3] = there
+            forces[p], held_at[:] = held(x, held_at, f, dt)
         return self.on.T @ forces
 
     def fields(self) -> np.ndarray:

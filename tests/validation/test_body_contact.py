@@ -206,10 +206,11 @@ def test_a_block_is_pushed_up_a_wedge(tmp_path: Path) -> None:
     model = build(parts_scene(tmp_path, {"wedge": wedge, "block": block}, effects, 1.3e-3, held=["wedge"]))
     motion, dt, forces = begin(model).motion, begin(model).dt, []
     throw_part(motion, int(model.component[~model.held][0]), (0.1, 0.0, 0.01))
-    for _ in range(60):
-        advance(motion, round(1e-3 / dt), dt)
-        forces.append(np.abs(motion.body_contacts()["self_contact: wedge, block"]["force"]))
-    mean = np.mean(forces[30:], axis=0)
+    for _ in range(600):  # friction follows the push, which trembles, with a delay: their ratio is that of their means
+        advance(motion, round(1e-4 / dt), dt)
+        touching = motion.body_contacts().get("self_contact: wedge, block")
+        forces.append(np.abs(touching["force"]) if touching else np.zeros(3))
+    mean = np.mean(forces[300:], axis=0)
     assert mean[0] / mean[2] == pytest.approx(expected, rel=5e-3)
 
 
@@ -327,7 +328,7 @@ def test_a_material_stands_for_what_the_ground_names() -> None:
     for x, force in moved[1:]:
         np.testing.assert_array_equal(x, moved[0][0])
         np.testing.assert_array_equal(force, moved[0][1])
-    assert moved[0][1][0] == pytest.approx(-0.3 * moved[0][1][2], rel=1e-6)
+    assert moved[0][1][0] == pytest.approx(-0.3 * moved[0][1][2], rel=0.05), "to what a delay of friction leaves at one moment"
 
 
 def test_the_smaller_of_two_materials_counts(tmp_path: Path) -> None:
@@ -360,7 +361,7 @@ def test_a_coated_tip_slides_where_the_rest_grips() -> None:
     x = np.array([[3e-3, 0.0, -3.02e-3], [9e-3, 0.0, -3.02e-3]])
     still = at_rest(x, np.full(2, 1e-9))
     for k, friction in enumerate((0.4, 0.05)):
-        dragged = still._replace(anchor=x - [1e-3, 0, 0], friction=own)
+        dragged = still._replace(held=np.column_stack([x - [1e-3, 0, 0], [[1.0, 0.0, 0.0, 0.0]] * 2]), friction=own)
         told = contact_of(model.effects, type(still)(*(part[k : k + 1] for part in dragged)), 1e-6)
         assert told["force"][0] == pytest.approx(-friction * told["force"][2], rel=1e-3)
     tip = model.particles.segment[model.surface.particle] == 1

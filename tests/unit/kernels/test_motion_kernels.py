@@ -15,6 +15,7 @@ from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import damping, feed, gravity, ground, magnetic_torque, viscosity, walls
 from magmpm.effects.base import one_record
+from magmpm.effects.contact_force import HELD
 from magmpm.effects.contact_law import at_rest, contact_of
 from magmpm.model import Model, build
 from magmpm.statics.layout import static_model
@@ -29,8 +30,8 @@ EFFECTS = (
     + one_record(gravity.DTYPE, gravity=np.array([0.3, 0.2, -9.81]))
     + one_record(viscosity.DTYPE, viscosity=3.0)
     + one_record(damping.DTYPE, damping_rate=300.0)
-    + ground.parameters(point=[0, 0, -1.2e-3], normal=[0.1, 0.2, 1], friction=0.3, stiffness=1e9, damping=3e4)
-    + walls.parameters(TABLE, friction=0.2, stiffness=2e9, damping=5e4)
+    + ground.parameters(point=[0, 0, -1.2e-3], normal=[0.1, 0.2, 1], friction=0.3, stiffness=1e9, damping=3e4, slip=1e-6, delay=5 * DT)
+    + walls.parameters(TABLE, friction=0.2, stiffness=2e9, damping=5e4, slip=1e-6, delay=5 * DT)
     + one_record(feed.DTYPE, feed_speed=0.02, feed_exit=2e-3, feed_radius=3e-3)
 )
 
@@ -82,17 +83,17 @@ def test_effects_of_motion(rng: np.random.Generator) -> None:
     c, v = shaken(reference, motion, rng)
     x = model.surface.place + reference.on @ c
     reference.anchor[:, :3] = x + 3e-6 * rng.standard_normal(x.shape)
-    reference.anchor[:, 3] = rng.integers(0, 3, len(x))
+    reference.anchor[:, 3:] = rng.integers(0, 3, len(x))[:, None] * [1.0, 1e-6, 2 * DT, 1e-13]
     mine = np.lexsort((*model.surface.place.T, model.surface.mass))
     theirs = np.lexsort((*motion.packed.surface.place.reshape(-1, 3).T, motion.packed.surface.mass))
     begun = np.ones_like(motion.anchor)  # the last numbers, of patches: some may be held
-    begun[: 4 * len(x)].reshape(-1, 4)[theirs] = reference.anchor[mine]
+    begun[: HELD * len(x)].reshape(-1, HELD)[theirs] = reference.anchor[mine]
     motion.restore({"u": c.ravel(), "v": v.ravel(), "anchor": begun})
     for at in (8, 10):  # ground, walls
         told = contact_of(EFFECTS[at : at + 2], at_rest(motion.touching_points().x), DT)
         assert 0.02 * len(x) < told["count"] < 0.9 * len(x)
     compare(reference, motion, c, v, 1e-12)
-    found, held = motion.anchor[: 4 * len(x)].reshape(-1, 4)[theirs], reference.anchor[mine]
+    found, held = motion.anchor[: HELD * len(x)].reshape(-1, HELD)[theirs], reference.anchor[mine]
     np.testing.assert_array_equal(found[:, 3], held[:, 3])
     on = held[:, 3] > 0
     assert 20 < on.sum() < 0.9 * len(on)
