@@ -14,8 +14,6 @@ from magmpm.viz.binding import Binding
 from magmpm.viz.meshes import Surface, bar, creased, refined, tube
 from magmpm.viz.particle_surface import around_particles, connected_components, spacing
 
-MOST_ARROWS = 16
-
 
 class Body:
     """The undeformed particles of a body, with the surface and the arrows that they carry along."""
@@ -102,7 +100,7 @@ class Body:
             place = self.reference[members]
             along = place[:, np.argmax(np.ptp(place, axis=0))]
             few = max(1, round(float(np.ptp(along)) / (0.34 * self.length)))
-            count = few if even else max(2, min(8, MOST_ARROWS // max(len(magnetized), 1)))
+            count = few if even else max(2, min(8, 16 // max(len(magnetized), 1)))
             edges = np.linspace(along.min(), along.max() * (1 + 1e-12) + 1e-300, count + 1)
             which = np.clip(np.searchsorted(edges, along, side="right") - 1, 0, count - 1)
             clusters += [members[which == i] for i in range(count) if np.any(which == i)]

@@ -23,9 +23,8 @@ import numpy as np
 from magmpm.compiled.jit import compiled
 
 PARTS = 9  # numbers in f
-HELD, TOUCHES, LASTING, TIME, OWED = 7, 3, 4, 5, 6  # numbers that friction remembers of a point; after the anchor: whether it touches
-STICKS, SLIDES = 1.0, 2.0  # (0: no), the lasting grip (N), for how long it has touched (s), and what the delay has kept back (N s)
-PAID = 0.25  # of what is owed, in the time of the delay
+HELD, TOUCHES = 7, 3  # numbers that friction remembers of a point: anchor (3,) m; whether it touches (0: no);
+STICKS, SLIDES = 1.0, 2.0  # its lasting grip, N; for how long it has touched, s; what the delay has kept back, N s
 
 
 @compiled
@@ -76,6 +75,12 @@ def spring(depth, s0, s1, s2, rigidity, f, H):
 
 
 @compiled
+def let_go(held, dt):
+    """Forget a point that does not touch, as slowly as it was learned: one that hops is the same when it lands."""
+    held[TOUCHES], held[5] = 0.0, max(held[5] - dt, 0.0)
+
+
+@compiled
 def hold(x, held, f, dt):
     """Add the friction of f's grip to f[:3], for a point at x (3,) m and a step of dt (s), and change what is remembered of it, held
     (HELD,): the anchor, whether it slides, or nothing grips it, and the delay's numbers."""
@@ -91,16 +96,16 @@ def hold(x, held, f, dt):
     away = s0 * n0 + s1 * n1 + s2 * n2
     s0, s1, s2 = s0 - away * n0, s1 - away * n1, s2 - away * n2
     pull = rigidity * math.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
-    held[TIME] += dt
-    time = max(min(held[TIME], f[8]), dt)
-    share = min(dt / time + max(pull - held[LASTING], 0.0) / (rigidity * f[7]), 1.0)
-    held[LASTING] += share * (grip - held[LASTING])
-    most = max(held[LASTING] + PAID * held[OWED] / time, 0.0)
+    lasting, time, owed = held[4], held[5] + dt, held[6]
+    delay = max(min(time, f[8]), dt)
+    lasting += min(dt / delay + max(pull - lasting, 0.0) / (rigidity * f[7]), 1.0) * (grip - lasting)
+    most = max(lasting + 0.25 * owed / delay, 0.0)  # a quarter of what is owed is paid in the time of the delay
     if pull > most:
-        held[OWED] += dt * (grip - most)
+        owed += dt * (grip - most)
         s0, s1, s2 = s0 * (most / pull), s1 * (most / pull), s2 * (most / pull)
     else:
-        held[TOUCHES], held[OWED] = STICKS, 0.0
+        held[TOUCHES], owed = STICKS, 0.0
+    held[4], held[5], held[6] = lasting, time, owed
     held[0], held[1], held[2] = x[0] - s0, x[1] - s1, x[2] - s2
     f[0] -= rigidity * s0
     f[1] -= rigidity * s1

@@ -79,7 +79,8 @@ def contact(effect, data, x, v, mass, dt, f):
             below, n[0], n[1], n[2], leaving, mass, effect.ground_stiffness, effect.ground_soft, effect.ground_knee, effect.ground_damping,
             effect.ground_friction, f,
         )  # fmt: skip
-        f[7], f[8] = effect.ground_slip, effect.ground_delay
+        if effect.ground_delay >= f[8]:  # 0 of an obstacle without friction
+            f[7], f[8] = effect.ground_slip, effect.ground_delay
 
 
 @compiled

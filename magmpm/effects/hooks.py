@@ -29,7 +29,7 @@ In motion only:
                                                                 stress to P (3, 3), Pa; for eight particles at a time
 ``contact(effect, data, x, v, mass, dt, f)``                    adds the force on a point of the surface of mass (kg), velocity v (m/s;
                                                                 0 while friction holds it), to f[:3], N; an obstacle with friction, what
-                                                                f[3:7] hold (effects.contact_force; x, v and f only indexed: kernels pass
+                                                                f[3:9] hold (effects.contact_force; x, v and f only indexed: kernels pass
                                                                 views)
 ``near(effect, data, x) -> float``                              above 0 where `contact` can push what is at x; else minus a distance (m)
                                                                 within which nothing is pushed, -inf if that is unknown: contact is left

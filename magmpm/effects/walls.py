@@ -227,7 +227,8 @@ def contact(effect, data, x, v, mass, dt, f):
                 beyond, sx / size, sy / size, sz / size, (v[0] * sx + v[1] * sy + v[2] * sz) / size, mass,
                 effect.walls_stiffness * size, effect.walls_soft, effect.walls_knee, effect.walls_damping, effect.walls_friction, f,
             )  # fmt: skip
-            f[7], f[8] = effect.walls_slip, effect.walls_delay
+            if effect.walls_delay >= f[8]:  # 0 of walls without friction
+                f[7], f[8] = effect.walls_slip, effect.walls_delay
 
 
 @compiled

@@ -14,7 +14,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined, kernel, only_where, prange
 from magmpm.compiled.simd_views import row
-from magmpm.effects.contact_force import HELD, PARTS, STICKS, TIME, TOUCHES, hold, own_grip
+from magmpm.effects.contact_force import HELD, PARTS, STICKS, TOUCHES, hold, let_go, own_grip
 from magmpm.effects.hooks import add_contact, add_touch, any_has, deepest
 from magmpm.kernels.equilibrium import STENCIL, _scatter_matrix, particle_splines
 
@@ -91,8 +91,7 @@ def _touch(slab, step, dt, surface, cells, state, effects):
             depth = deepest(effects, step, x)
             most, least = max(most, depth), min(least, depth)
             if not depth > 0.0:
-                state.anchor[HELD * p + TOUCHES] = 0.0
-                state.anchor[HELD * p + TIME] = max(state.anchor[HELD * p + TIME] - dt, 0.0)  # forgotten as slowly as learned
+                let_go(row(state.anchor, HELD * p), dt)
                 continue
             v[:], f[:] = 0.0, 0.0
             if state.anchor[HELD * p + TOUCHES] != STICKS:

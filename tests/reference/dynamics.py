@@ -22,7 +22,6 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from magmpm.effects import hooks
-from magmpm.effects.contact_force import PAID
 from magmpm.model import Model
 
 
@@ -85,7 +84,7 @@ def held(x: np.ndarray, before: np.ndarray, f: np.ndarray, dt: float) -> tuple[n
     pull, time = rigidity * np.linalg.norm(stretch), time + dt
     after = max(min(time, delay), dt)
     lasting += min(dt / after + max(pull - lasting, 0.0) / rigidity / slip, 1.0) * (now - lasting)
-    most = max(lasting + PAID * owed / after, 0.0)
+    most = max(lasting + owed / after / 4, 0.0)
     slides = pull > most
     stretch *= most / pull if slides else 1.0
     owed = owed + dt * (now - most) if slides else 0.0

@@ -30,7 +30,6 @@ from magmpm.studies.search.search_space import SearchSpace
 # of the parameters: five of the axes, correlation and power of the place, factor of the others, weight, range
 PRIOR = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, -1.0, 1.0])  # their means: logarithms, but for shears and the power
 SPREAD = np.array([1.0, 1.0, 0.5, 0.5, 0.5, 1.0, 0.7, 1.0, 1.5, 1.0])  # and standard deviations
-NOISE = 1e-7  # of the variance of 1: solves are exact but for rounding and their tolerance
 OWN = 0.5  # weight of the sample's variance in an amplitude, in designs
 
 
@@ -102,7 +101,8 @@ class ShapeModel:
         self._beyond = float(self._mean @ self._mean - self._left @ self._left)
 
     def _whitened(self, z: Array, p: Array) -> tuple[Array, Array]:
-        factor = np.asarray(np.linalg.cholesky(self._kernel(z, z, p) + NOISE * np.eye(len(z))))
+        # 1e-7 of the variance of 1: solves are exact but for rounding and their tolerance
+        factor = np.asarray(np.linalg.cholesky(self._kernel(z, z, p) + 1e-7 * np.eye(len(z))))
         return factor, np.asarray(solve_triangular(factor, self._scores, lower=True))
 
     def _amplitudes(self, white: Array) -> Array:

@@ -92,6 +92,17 @@ def test_push_and_grip_have_the_numbers_of_their_formulas() -> None:
         np.testing.assert_allclose(force(0.8e-3, v, 0.0, 0.0), [0, 0, normal, 0, 0, 0, MASS * STIFFNESS, 1, 0], rtol=1e-12)
 
 
+def test_an_obstacle_without_friction_leaves_the_delay_of_another() -> None:
+    """Of a point that touches both, in either order."""
+    rough = {"friction": 0.3, "stiffness": STIFFNESS, "slip": 2e-5, "delay": 3e-3}
+    for laws in ((rough, {"friction": 0.0, "stiffness": STIFFNESS}), ({"friction": 0.0, "stiffness": STIFFNESS}, rough)):
+        f = np.zeros(PARTS)
+        for law in laws:
+            named = ground.parameters(point=[0, 0, 0], normal=[0, 0, 1], **law)
+            ground.contact(named[0][0], named[1], np.array([0.0, 0.0, -1e-6]), np.zeros(3), MASS, 1e-6, f)
+        assert tuple(f[7:]) == (2e-5, 3e-3)
+
+
 def test_the_spring_of_friction_begins_soft(rng: np.random.Generator) -> None:
     """Its push has the slope of `soft` times the full stiffness at the surface, and of all of it from the knee on, without a jump."""
     named = ground.parameters(point=[0, 0, 0], normal=[0, 0, 1], friction=0.0, stiffness=STIFFNESS, soft=0.1, knee=1e-5)
