@@ -25,6 +25,7 @@ NO_FFMPEG = "imageio-ffmpeg is not installed, so the movie is a GIF; for mp4: pi
 
 # A movie lasts about that long (s), within what these frame rates (1/s) allow; longer motions are shown with fewer frames.
 _LASTS, _SLOWEST, _FASTEST = 6.0, 8.0, 25.0
+MOST_FRAMES = 500
 _HOLD = 1.0  # s that the last moment stands
 
 # Seconds that a best shape stands still, that the last one stands, and that one fades into the next.
@@ -73,7 +74,7 @@ def movie(
     GIF of the same name is written. Raises RenderError.
     """
     _even(size)
-    numbers = chosen(len(motion), 500)  # frames at most: each is a picture to draw
+    numbers = chosen(len(motion), MOST_FRAMES)
     fps = fps or rate(len(numbers))
     slower = pace(motion.motion.times[numbers], fps)
 

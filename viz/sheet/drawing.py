@@ -17,7 +17,6 @@ from magmpm.viz import style
 
 WIDTH, LEFT, RIGHT = 860.0, 96.0, 150.0  # of the drawing and its margins, px
 LEAST, MOST = 44.0, 120.0  # height of the body, px
-OUT = 0.35  # share of a direction along the line of sight from which a dot or a cross stands next to its arrow
 NARROW = 30.0  # px: a segment in which its number finds room
 
 VIEWS = (("side", "x", "z", (0, 2), 1), ("top", "x", "y", (0, 1), 2))  # name, axes, their indices, the one along the line of sight
@@ -104,7 +103,7 @@ def _arrow(x: float, y: float, along: float, up: float, toward: float, size: flo
         points = f"{x + dx:.1f},{y + dy:.1f} {bx - wing * uy:.1f},{by + wing * ux:.1f} {bx + wing * uy:.1f},{by - wing * ux:.1f}"
         parts.append(_line(x - dx, y - dy, bx, by, color=style.MAGNETIZATION, width=2.0))
         parts.append(f'<polygon points="{points}" fill="{style.MAGNETIZATION}"/>')
-    if abs(toward) >= OUT:
+    if abs(toward) >= 0.35:  # of the direction is along the line of sight: a dot or a cross stands next to its arrow
         px, py = (x - dx, y - dy) if length > 6.0 else (x, y)
         parts.append(f'<circle cx="{px:.1f}" cy="{py:.1f}" r="5" fill="white" stroke="{style.MAGNETIZATION}" stroke-width="1.4"/>')
         if toward > 0:
