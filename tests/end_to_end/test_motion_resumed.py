@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from reference.commands import started, wait_for
 from reference.damage import byte_changed, cut_short, emptied
+from reference.stopped import interrupted
 from swing import scene, text
 
 from magmpm.cli.render import motion_of
@@ -52,20 +53,10 @@ def test_killed_and_resumed_is_the_same_motion(tmp_path: Path, told) -> None:
         assert first[k].position.tobytes() == second[k].position.tobytes()
 
 
-class Interrupted(Exception):
-    """Represents an interruption between two frames."""
-
-
 def test_a_motion_resumed_at_its_first_frames_goes_on(tmp_path: Path) -> None:
     """At the start of an oscillation, half a step changes the kinetic energy by a fifth: this is not energy from nothing."""
     loaded = load_scene(scene(tmp_path, "duration: 2 ms, output_every: 0.2 ms"))
-
-    def interrupt(at: float, steps: int) -> None:
-        if at > 0.3e-3:
-            raise Interrupted
-
-    with pytest.raises(Interrupted):
-        integrate(begin(build(loaded)), folder=tmp_path, on_progress=interrupt)
+    interrupted(loaded, tmp_path, 0.3e-3)
     again = integrate(begin(build(loaded)), folder=tmp_path, resume=True)
     assert again.x.tobytes() == integrate(begin(build(loaded))).x.tobytes()
 
@@ -181,12 +172,7 @@ def test_a_motion_begun_afresh_leaves_no_older_checkpoint(tmp_path: Path, told) 
     """If it is killed before its first frame, it must not be resumed from the last checkpoint of another run."""
     path, out = scene(tmp_path, "duration: 0.8 ms, output_every: 0.4 ms"), tmp_path / "out"
     told("run", path, "--out", out)
-
-    def interrupt(at: float, steps: int) -> None:
-        raise Interrupted
-
-    with pytest.raises(Interrupted):
-        integrate(begin(build(load_scene(path))), folder=out, on_progress=interrupt)
+    interrupted(load_scene(path), out, 0.0)
     assert not (out / CHECKPOINT).exists()
 
 

@@ -1,8 +1,13 @@
-"""Paths that end on their way."""
+"""Paths and motions that end on their way."""
+
+from pathlib import Path
 
 import pytest
 
+from magmpm.dynamics.time_loop import begin, integrate
 from magmpm.errors import SolveError
+from magmpm.model import build
+from magmpm.scene import Scene
 from magmpm.statics.branch import Branch, Jump
 
 
@@ -17,3 +22,14 @@ def switched_off(monkeypatch: pytest.MonkeyPatch, at: float) -> None:
         return jumps
 
     monkeypatch.setattr(Branch, "advance", stops)
+
+
+def interrupted(scene: Scene, folder: Path, at: float) -> None:
+    """Run a motion in a folder, and interrupt it after this time (s)."""
+
+    def look(time: float, _: int) -> None:
+        if time > at:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        integrate(begin(build(scene)), folder=folder, on_progress=look)

@@ -69,7 +69,7 @@ def test_second_objectives_are_what_they_are_called(tmp_path: Path) -> None:
     assert worst("magnetized_volume", space) == pytest.approx(40e-3 * math.pi / 4 * 5e-3**2, rel=1e-12)
 
 
-@pytest.mark.parametrize("sampler", ["nsga2", "tpe", "random"])
+@pytest.mark.parametrize("sampler", ["nsga2", *(pytest.param(name, marks=pytest.mark.slow) for name in ("tpe", "random"))])
 def test_a_study_with_two_objectives_reports_its_front_and_resumes(sampler: str, tmp_path: Path) -> None:
     """Failed trials, every fifth, are never on the front; interrupted, it has the same trials."""
     study = load_study(write_study(tmp_path, FIELD.replace("trials: 8", "trials: 22")))

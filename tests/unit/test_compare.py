@@ -1,5 +1,6 @@
 """Comparisons of runs: distances of frames, and the error of a grid for scenes of every kind."""
 
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -136,20 +137,20 @@ def test_the_pace_of_a_first_run_tells_how_long_all_take(share: float, refused: 
         Runs(scene)._check_hopeful(2, 40.0, share * scene.duration)
 
 
-def test_runs_choose_the_grid_that_is_asked_for(tmp_path: Path) -> None:
+@pytest.mark.parametrize("made", [along_a_ramp, moving])
+def test_runs_choose_the_grid_that_is_asked_for(made: Callable[..., Scene], tmp_path: Path) -> None:
     """Its frames are all in the folder, and an error out of reach leaves the folder as it was."""
-    for scene in (along_a_ramp(error=0.05), moving(error=0.05)):
-        folder = tmp_path / scene.solver.__class__.__name__ / str(scene.static)
-        result = run(scene, folder=folder)
-        assert result.resolution["cells_across"] == 2
-        assert result.error_estimate < 0.05 * LENGTH
-        assert result.scene_hash == scene.hash()
-        assert len(Motion.load(folder).times) == (4 if scene.static else 3)
-        np.testing.assert_array_equal(result.tip, run(scene.with_cells(2)).tip)
-        before = {path.name: path.read_bytes() for path in folder.iterdir()}
-        with pytest.raises(SceneError, match="within reach"):
-            run(Scene.from_si({**scene.to_si(), "resolution": {"error": 2e-6}}), folder=folder)
-        assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    scene = made(error=0.05)
+    result = run(scene, folder=tmp_path)
+    assert result.resolution["cells_across"] == 2
+    assert result.error_estimate < 0.05 * LENGTH
+    assert result.scene_hash == scene.hash()
+    assert len(Motion.load(tmp_path).times) == (4 if scene.static else 3)
+    np.testing.assert_array_equal(result.tip, run(scene.with_cells(2)).tip)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(SceneError, match="within reach"):
+        run(Scene.from_si({**scene.to_si(), "resolution": {"error": 2e-6}}), folder=tmp_path)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 @pytest.mark.slow

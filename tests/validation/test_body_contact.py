@@ -337,7 +337,7 @@ def test_the_smaller_of_two_materials_counts(tmp_path: Path) -> None:
 
     def run(friction: float, **own: float) -> np.ndarray:
         effects = {"gravity": DOWN, "damping": UNDAMPED, "ground": {"point": [0.0, 0.0, -0.1]}, "self_contact": {"friction": friction}}
-        scene = parts_scene(tmp_path, meshes, effects, 1e-3, held=["slope"], duration=0.02)
+        scene = parts_scene(tmp_path, meshes, effects, 1e-3, held=["slope"], duration=0.01)
         data = scene.to_si()
         data["materials"]["slippery"] = dict(data["materials"]["m"])
         data["body"]["parts"]["meshes"][1]["material"] = "slippery"

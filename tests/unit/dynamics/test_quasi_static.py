@@ -68,7 +68,7 @@ def test_a_straight_catheter_buckles_at_its_load() -> None:
 
     Within 2 % here: with ten diameters of length, the clamp, which holds the section's shape, makes the body 1 % stiffer than a rod."""
     field = {"uniform": [-8e-3, 0.0, 0.0], "over_time": {"ramp": {"duration": 1.0}}}
-    path = scene({"steps": 5}, field=field)
+    path = scene({"steps": 5}, field=field, cells=2)
     result = run(path)
     (jump,) = result.jumps
     assert jump["kind"] == "bifurcation"
@@ -200,7 +200,7 @@ def test_a_path_that_fails_keeps_its_frames(tmp_path: Path) -> None:
     """A dipole that comes too near: the frames up to then stay, and the last good state is the result."""
     moves = [{"time": 0.0, "move": [0.0, 0.0, 0.0]}, {"time": 1.0, "move": [0.0, 0.0, -30e-3]}]
     field = {"dipole": [{"position": [18e-3, 0.0, 30e-3], "moment": [0.0, 0.0, 0.02]}], "over_time": {"keyframes": moves}}
-    path = scene({"steps": 10}, field=field, effects={"magnetic_torque": {}, "magnetic_force": {}})
+    path = scene({"steps": 10}, field=field, effects={"magnetic_torque": {}, "magnetic_force": {}}, cells=2)
     with pytest.raises(SolveError, match=r"equilibrium at t = 0\.\d* s: .*dipole") as caught:
         run(path, folder=tmp_path)
     state = caught.value.state

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from reference.in_motion import free_rod, moving
 from reference.scenes import rod_scene
+from reference.stopped import interrupted
 
 from magmpm import materials
 from magmpm.dynamics import step_control, watchdog
@@ -124,16 +125,7 @@ def test_shortened_steps_are_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyP
     scene = moving(rod, duration=2e-3, output_every=2e-4)
     whole = integrate(begin(build(scene)))
     assert whole.control.shortest < 0.6 * begin(build(scene)).control.step
-
-    class Interrupted(Exception):
-        pass
-
-    def interrupt(at: float, steps: int) -> None:
-        if at > 1.1e-3:
-            raise Interrupted
-
-    with pytest.raises(Interrupted):
-        integrate(begin(build(scene)), folder=tmp_path, on_progress=interrupt)
+    interrupted(scene, tmp_path, 1.1e-3)
     again = integrate(begin(build(scene)), folder=tmp_path, resume=True)
     assert again.steps == whole.steps
     assert again.control.state() == whole.control.state()

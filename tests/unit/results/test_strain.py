@@ -147,5 +147,5 @@ def test_a_motion_keeps_the_worst_of_its_frames(tmp_path: Path) -> None:
 
 def swinging(duration: float) -> Scene:
     body = {"catheter": {"length": 12e-3, "diameter": 4e-3, "material": "m", "segments": [{}]}}
-    gravity = {"gravity": {"acceleration": [600.0, 0.0, 0.0]}}
-    return moving_scene(body, gravity, shear=20e3, solver={"dynamic": {"duration": duration, "output_every": 1e-3}})
+    effects = {"gravity": {"acceleration": [600.0, 0.0, 0.0]}, "damping": {"rate": 1e-6}}
+    return moving_scene(body, effects, shear=20e3, solver={"dynamic": {"duration": duration, "output_every": 1e-3}})

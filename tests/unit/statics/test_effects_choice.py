@@ -106,6 +106,7 @@ def by_weight(energy: Energy, g: float) -> np.ndarray:
     return first_order(energy, np.zeros((len(density), 3, 3)), density[:, None] * [0.0, 0.0, -g])
 
 
+@pytest.mark.slow
 def test_a_weight_that_is_not_named_is_told_of_bodies_that_are_no_rods() -> None:
     """A strip that is held at both ends: by the factors of its solve, to first order as two solves say; not where it is silenced."""
     halves = [{"magnetization": [sign, 0.0, 0.0], "length": 15e-3} for sign in (1.0, -1.0)]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from reference.moving import resting_scene
 from reference.solids import box
+from reference.stopped import interrupted
 
 from magmpm import run
 from magmpm.bodies.surface_mesh import write_stl
@@ -70,16 +71,11 @@ def test_a_motion_resumes_bit_for_bit(tmp_path: Path) -> None:
     scene = strip(move={"base": to([0, 0, 1], over_time={"oscillation": {"frequency": 100.0}})}, effects={"damping": {"rate": 1.0}},
                   solver={"dynamic": {"duration": 4e-3}})  # fmt: skip
     whole = integrate(begin(build(scene)))
-    with pytest.raises(KeyboardInterrupt):
-        integrate(begin(build(scene)), folder=tmp_path, on_state=lambda state: stop() if state.frame == 50 else None)
+    interrupted(scene, tmp_path, 2e-3)
     resumed = integrate(begin(build(scene)), folder=tmp_path, resume=True)
     np.testing.assert_array_equal(resumed.x, whole.x)
     face = whole.motion.u.reshape(*whole.motion.model.grid.nodes, 3)[0]
     np.testing.assert_allclose(face, np.broadcast_to([0, 0, 2e-3 * np.sin(0.8 * np.pi)], face.shape), rtol=0, atol=1e-15)
-
-
-def stop() -> None:
-    raise KeyboardInterrupt
 
 
 def pillar(folder: Path, **more: Any) -> Scene:
