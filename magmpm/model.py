@@ -19,7 +19,7 @@ from magmpm.bodies.polar_grid import PolarGrid
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
-from magmpm.effects.contact_law import own_friction
+from magmpm.effects.contact_law import grips
 from magmpm.effects.hooks import has_hook
 from magmpm.effects.magnetization import rotating
 from magmpm.errors import SceneError
@@ -209,8 +209,8 @@ class Model:
         own = self.density * self.particles.volume
         mass = layer_mass(area, first, weights, spread(own, self.first_in_motion(slice(None)), self.nodes_in_motion, self.splines()[0]),
                           self.nodes_in_motion)
-        friction = own_friction(self.scene)[self.particles.segment[on]]
-        return ContactSurface(place, first, weights, mass, on, (points.position[held], particle[held]), friction)
+        grip = grips(self.scene)[self.particles.segment[on]]
+        return ContactSurface(place, first, weights, mass, on, (points.position[held], particle[held]), grip)
 
     def steepness(self) -> Array:
         """Sums (n, 3) 1/m^2 of slope^2 / weight over the nodes that a particle sees along each axis: how fast it may be strained."""

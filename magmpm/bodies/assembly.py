@@ -168,7 +168,8 @@ class Parts(BodyShape):
     def regions(self) -> tuple[Region, ...]:
         """The parts, in the file's order."""
         return tuple(
-            Region(part.name or f"part {i + 1}", ("parts", "meshes", i), part.material, part.magnetization, part.clamp)
+            Region(part.name or f"part {i + 1}", ("parts", "meshes", i), part.material, part.magnetization,
+                   0.0 if part.clamp else self.part_thickness(i), part.clamp)
             for i, part in enumerate(self.meshes)
         )
 

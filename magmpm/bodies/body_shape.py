@@ -23,13 +23,14 @@ from magmpm.inputs.vectors import Vector
 class Region:
     """A stretch of a body with one material and magnetization: a segment of a catheter or strip, a part of an assembly.
 
-    magnetization: unit vector in the undeformed body, or zeros; held: it can't move.
+    magnetization: unit vector in the undeformed body, or zeros; thickness: m, 0 of one that is held; held: it can't move.
     """
 
     name: str
     at: Key  # where the scene's data describe it, below `body`
     material_name: str
     magnetization: Vector
+    thickness: float
     held: bool = False
 
 

@@ -178,7 +178,7 @@ class StraightBody(BodyShape):
     def regions(self) -> tuple[Region, ...]:
         """Its segments, base to tip."""
         return tuple(
-            Region(f"segment {i + 1}", (self.kind, "segments", i), s.material or self.material, s.magnetization)
+            Region(f"segment {i + 1}", (self.kind, "segments", i), s.material or self.material, s.magnetization, self.thickness)
             for i, s in enumerate(self.segments or ())
         )
 

@@ -164,7 +164,10 @@ class Strip(StraightBody):
             return super().regions()
         count = max(1, math.ceil(REGIONS_A_PERIOD * profile.harmonic.turns(self.length) - 1e-9))
         at: Key = ("strip", "magnetization_profile")
-        return tuple(Region(f"piece {i + 1}", at, self.material, profile.direction((i + 0.5) / count, self.length)) for i in range(count))
+        return tuple(
+            Region(f"piece {i + 1}", at, self.material, profile.direction((i + 0.5) / count, self.length), self.thickness)
+            for i in range(count)
+        )
 
     def grid(self, cells_across: int, knots: Knots = EVEN) -> Grid:
         """The grid in the undeformed body: knots on all its faces and joints."""

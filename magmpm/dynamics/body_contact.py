@@ -15,7 +15,7 @@ from magmpm.compiled.jit import compiled
 from magmpm.dynamics.particle_groups import Packed
 from magmpm.effects.base import Contact
 from magmpm.effects.contact_force import stored
-from magmpm.effects.contact_law import law, most_friction, own_friction
+from magmpm.effects.contact_law import grips, law, most_friction
 from magmpm.kernels.body_contact import CELL, DEPTH, FORCE, MEMORY, NORMAL, PLACE, ROOM, Meeting, SolidCells
 from magmpm.model import Model
 
@@ -31,7 +31,7 @@ def body_contact(model: Model, packed: Packed) -> BodyContact | None:
     if effect is None:
         return None
     found = law(model.scene, effect.stiffness, most_friction(model.scene, effect.friction))
-    usual = {"soft": 1.0, "knee": 1.0, "damping": 0.0, "slip": 1.0, "delay": 0.0}  # without friction
+    usual = {"layer": 1.0, "knee": 1.0, "damping": 0.0}  # without friction
     values = np.array([*({**usual, **found}[name] for name in ("stiffness", *usual)), effect.friction])
     return BodyContact(model, packed, values)
 
@@ -42,7 +42,7 @@ class BodyContact:
     def __init__(self, model: Model, packed: Packed, law: Array) -> None:
         surface = model.surface
         assert surface is not None  # of a scene that names self_contact
-        self.law, self._mass = law, packed.surface.mass
+        self.law, self._mass, self._grip = law, packed.surface.mass, packed.surface.grip.reshape(-1, 3)
         self._cell = float(model.grid.spacing.min())
         self.solids = model.scene.body.shape.solids(self._cell, model.particles)
         self.cells, number, cells = _solid_cells(model)
@@ -124,8 +124,11 @@ class BodyContact:
         sign = np.where(a <= b, 1.0, -1.0)[:, None]
         force, normal = sign * pair[:, FORCE : FORCE + 3], sign * pair[:, NORMAL : NORMAL + 3]
         across = force - np.einsum("ni,ni->n", force, normal)[:, None] * normal
-        rigidity = self.cells.share[pair[:, CELL].astype(np.int64)] * self._mass[point] * self.law[0]
-        energy = stored(pair[:, DEPTH], rigidity, *self.law[1:3]) + (across**2).sum(axis=1) / (2 * rigidity)
+        cell = pair[:, CELL].astype(np.int64)
+        rigidity = self.cells.share[cell] * self._mass[point] * self.law[0]
+        thickness = np.maximum(self._grip[point, 1], self.cells.grip.reshape(-1, 3)[cell, 1])
+        soft = np.minimum(self.law[1] / np.maximum(thickness, 1e-300), 1.0)
+        energy = stored(pair[:, DEPTH], rigidity, soft, self.law[2]) + (across**2).sum(axis=1) / (2 * rigidity)
         slip = self._splines[point] @ v.reshape(-1, 3) - self._there(v, pair)
         slip -= np.einsum("ni,ni->n", slip, normal)[:, None] * normal
         deepest = float(pair[:, DEPTH].max(initial=0.0))
@@ -184,8 +187,8 @@ def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:
     at = np.minimum(np.searchsorted(cells, beside), len(cells) - 1)
     first = model.first_in_motion(one) @ np.array([np.prod(model.nodes_in_motion[1:]), model.nodes_in_motion[2], 1])
     after, share = np.where(cells[at] == beside, at, -1), np.where(model.held[one], 1.0, SHARE)
-    friction = own_friction(model.scene)[model.particles.segment[one]]
-    found = SolidCells(first, low.ravel(), width.ravel(), splines.ravel(), after.ravel(), share, friction)
+    grip = grips(model.scene)[model.particles.segment[one]].ravel()
+    found = SolidCells(first, low.ravel(), width.ravel(), splines.ravel(), after.ravel(), share, grip)
     return found, number, np.column_stack([model.component[one], place])
 
 

@@ -121,7 +121,7 @@ def _surface(model: Model, axis: int, least: int, slabs: Index, strides: tuple[i
         weights=found.weights[order].ravel(),
         place=found.place[order].ravel(),
         mass=found.mass[order],
-        friction=found.friction[order],
+        grip=found.grip[order].ravel(),
     )
     return packed, order
 

@@ -84,7 +84,7 @@ class FieldLoads:
         surface = self._arranged.touching
         if surface is None or not self._rough:
             return False
-        now = held_at(self._named(time), surface.positions(point.grid), surface.mass, surface.friction, self._begun)
+        now = held_at(self._named(time), surface.positions(point.grid), surface.mass, surface.grip, self._begun)
         if self.held is not None and change(self.held, now) < SETTLED:
             return False
         self.held = now

@@ -265,7 +265,7 @@ class TotalMotion:
         for a, b, c in product(range(3), repeat=3):
             at, share = node + a * cells.along_x + b * cells.along_y + c, weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
             x, v = x + share[:, None] * moved[at], v + share[:, None] * speed[at]
-        return Touching(x, v, on.mass, self.anchor[: HELD * len(x)].reshape(-1, HELD), on.friction)
+        return Touching(x, v, on.mass, self.anchor[: HELD * len(x)].reshape(-1, HELD), on.grip.reshape(-1, 3))
 
     def body_contacts(self) -> dict[str, Contact]:
         """Contact of the body with itself, by pairs of components; empty where the scene does not name it."""

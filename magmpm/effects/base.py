@@ -65,13 +65,13 @@ class SceneLike(Protocol):
 
 class Touching(NamedTuple):
     """Points by which a body touches obstacles: x m, v m/s (n, 3), mass (n,) kg, what friction remembers of them (n, HELD;
-    effects.contact_force), and friction (n,): of their own material, nan where it names none."""
+    effects.contact_force), and their grip (n, 3; effects.contact_law.grips)."""
 
     x: Array
     v: Array
     mass: Array
     held: Array
-    friction: Array
+    grip: Array
 
 
 class Contact(TypedDict):

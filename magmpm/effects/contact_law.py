@@ -31,8 +31,6 @@ from magmpm.errors import SceneError, dotted
 THROWN = 0.1  # m/s
 SOFT = 3.0  # thicknesses of the body: the layer of it that gives as much as contact with friction. From 2 to 4 blocks stick and balls roll
 KNEE = 0.02  # cells: deeper than bodies at rest sink in; beyond it friction's spring is as stiff as that of slippery contact
-SLIP = 0.01  # thicknesses of the body: the way after which friction follows the push. Blocks stick with ways from 0.0125 to 0.05, and
-DELAY = 5.0  # times that a shear wave takes through the thickness, with 5 and 10; longer ways delay friction where a body is thrown
 SHARE = 0.7  # of the explicit limit 2 / w: 0.8 of the smaller of the body's and the contact's bounds is then stable for both together
 
 
@@ -48,29 +46,26 @@ Stiffness = Annotated[float, Field(
 
 
 def law(scene: SceneLike, factor: float, friction: float) -> dict[str, float]:
-    """The arguments of `push` for a scene's body: `stiffness` w^2 in 1/s^2, times `factor`, and with friction `soft`, `knee` (m),
-    `damping` (1/s), `slip` (m) and `delay` (s)."""
+    """The arguments of `push` for a scene's body: `stiffness` w^2 in 1/s^2, times `factor`, and with friction `layer` (m), `knee` (m) and
+    `damping` (1/s)."""
     used = [scene.materials[region.material_name] for region in scene.regions() if not region.held]
     squares = [m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density for m in used if m.density is not None]
     rate = math.sqrt(max(squares, default=0.0)) / scene.cell  # of the fastest pressure wave
     if not friction > 0:
         return {"stiffness": factor * rate**2}
-    soft = min(scene.cell / (SOFT * scene.thickness) / factor, 1.0)  # of a contact that is softer than that already, all of it
-    wave = min((math.sqrt(m.shear_modulus / m.density) for m in used if m.density), default=math.inf)  # m/s, of the slowest shear wave
-    after = {"slip": SLIP * scene.thickness, "delay": DELAY * scene.thickness / wave}
-    return {"stiffness": factor * rate**2, "soft": soft, "knee": KNEE * scene.cell, "damping": rate, **after}
+    return {"stiffness": factor * rate**2, "layer": scene.cell / SOFT / factor, "knee": KNEE * scene.cell, "damping": rate}
 
 
 def obstacle_dtype(key: str, *own: tuple[Any, ...]) -> np.dtype[Any]:
     """The dtype of an obstacle's records: its own fields, and those of `push`. Names begin with its key: they distinguish effects."""
-    pushing = [(name, np.float64) for name in ("friction", "stiffness", "soft", "knee", "damping", "slip", "delay")]
+    pushing = [(name, np.float64) for name in ("friction", "stiffness", "layer", "knee", "damping")]
     return np.dtype([(f"{key}_{name}", *kind) for name, *kind in (*own, *pushing)])
 
 
 def obstacle_record(dtype: np.dtype[Any], data: Array = NO_DATA, /, **values: Any) -> Records:
-    """A record of an obstacle_dtype, by names of fields without the key, and its table; soft, knee, slip 1 unless given, others 0."""
+    """A record of an obstacle_dtype, by names of fields without the key, and its table; layer, knee 1 m unless given, others 0."""
     names = dtype.names or ()
-    usual = {"soft": 1.0, "knee": 1.0, "slip": 1.0, **values}
+    usual = {"layer": 1.0, "knee": 1.0, **values}
     return one_record(dtype, data, **{f"{names[0].partition('_')[0]}_{name}": value for name, value in usual.items()})
 
 
@@ -78,6 +73,16 @@ def own_friction(scene: SceneLike) -> Array:
     """Coefficient of friction (regions,) that the material of each region names, nan where it names none."""
     named = (scene.materials[region.material_name].friction for region in scene.regions())
     return np.array([np.nan if friction is None else friction for friction in named])
+
+
+def grips(scene: SceneLike) -> Array:
+    """What friction depends on, for each region (regions, 3): its material's own coefficient, nan where it names none; how thick it is, m;
+    and the time that a shear wave takes through it, s. A region that is held is as rigid as an obstacle: 0 and 0."""
+    regions = scene.regions()
+    materials = [scene.materials[region.material_name] for region in regions]
+    thickness = np.array([region.thickness for region in regions])
+    slowness = np.array([math.sqrt((material.density or 0.0) / material.shear_modulus) for material in materials])  # s/m
+    return np.column_stack([own_friction(scene), thickness, thickness * slowness])
 
 
 def most_friction(scene: SceneLike, friction: float) -> float:
@@ -107,7 +112,7 @@ _stored = compiled(stored)
 
 
 @compiled_elsewhere
-def _touching(named, x, v, mass, dt, held, friction, soft, knee, force):
+def _touching(named, x, v, mass, dt, held, grip, layer, knee, force):
     """Number in contact, the deepest one (-1: none) and how deep it is (m), energy (J) of the springs; adds to force (3,) N and changes
     what is held (n, HELD)."""
     count, worst, most, energy, f = 0, -1, 0.0, 0.0, np.empty(PARTS)
@@ -115,29 +120,31 @@ def _touching(named, x, v, mass, dt, held, friction, soft, knee, force):
         depth = deepest(named, 0, x[p])
         if depth > 0.0:
             f[:] = 0.0
+            f[7], f[8] = grip[p, 1], grip[p, 2]
             add_contact(named, 0, x[p], v[p], mass[p], dt, f)
-            own_grip(friction[p], f)
-            hold(x[p], held[p], f, dt)
+            own_grip(grip[p, 0], f)
+            hold(x[p], v[p], depth, held[p], f, dt)
             force += f[:3]
             s = x[p] - held[p, :3]
             count += 1
             if depth > most:
                 worst, most = p, depth
-            energy += _stored(depth, f[6], soft, knee) + 0.5 * f[6] * (s[0] ** 2 + s[1] ** 2 + s[2] ** 2)
+            energy += _stored(depth, f[6], layer / f[7] if layer < f[7] else 1.0, knee) + 0.5 * f[6] * (s[0] ** 2 + s[1] ** 2 + s[2] ** 2)
     return count, worst, most, energy
 
 
-def contact_of(named: Records, touching: Touching, dt: float, soft: float = 1.0, knee: float = 1.0) -> Contact:
-    """Contact of points in steps of dt (s); named: of one effect; soft, knee (m): of its `law`."""
+def contact_of(named: Records, touching: Touching, dt: float, layer: float = 1.0, knee: float = 1.0) -> Contact:
+    """Contact of points in steps of dt (s); named: of one effect; layer, knee (m): of its `law`."""
     force = np.zeros(3)
-    x, v, mass, held, friction = touching
-    count, _, depth, energy = _touching(named, x, v, mass, dt, held.copy(), friction, soft, knee, force)
+    x, v, mass, held, grip = touching
+    count, _, depth, energy = _touching(named, x, v, mass, dt, held.copy(), grip, layer, knee, force)
     return Contact(force=force, count=count, depth=depth, energy=energy)
 
 
 def at_rest(x: Array, mass: Array | None = None) -> Touching:
     """Points at rest at x (n, 3) m that nothing holds; of mass (n,) kg, or 1 kg each."""
-    return Touching(x, np.zeros_like(x), np.ones(len(x)) if mass is None else mass, np.zeros((len(x), HELD)), np.full(len(x), np.nan))
+    slippery = np.tile([np.nan, 0.0, 0.0], (len(x), 1))
+    return Touching(x, np.zeros_like(x), np.ones(len(x)) if mass is None else mass, np.zeros((len(x), HELD)), slippery)
 
 
 class Obstacle(Effect):
@@ -166,7 +173,7 @@ class Obstacle(Effect):
     def report(self, model: Any, touching: Touching, dt: float) -> Contact:
         """Contact of a model, in steps of dt (s)."""
         found = self.law(model.scene)
-        return contact_of(self.records(model.scene), touching, dt, found.get("soft", 1.0), found.get("knee", 1.0))
+        return contact_of(self.records(model.scene), touching, dt, found.get("layer", 1.0), found.get("knee", 1.0))
 
     def passed(self, scene: SceneLike, x: Array) -> str | None:
         """Reason why points of a surface can't rest at x (n, 3) m: one is more than a cell inside, where the spring is no contact."""
@@ -176,8 +183,8 @@ class Obstacle(Effect):
 
     def check(self, model: Any) -> None:
         """Raises SceneError where the body begins so deep in the obstacle that it would be thrown out faster than THROWN."""
-        x, v, masses, held, friction = at_rest(model.surface.place, model.surface.mass)
-        _, point, depth, energy = _touching(self.records(model.scene), x, v, masses, 1.0, held, friction, 1.0, 1.0, np.zeros(3))
+        x, v, masses, held, grip = at_rest(model.surface.place, model.surface.mass)
+        _, point, depth, energy = _touching(self.records(model.scene), x, v, masses, 1.0, held, grip, 1.0, 1.0, np.zeros(3))
         mass = float(model.density @ model.particles.volume)
         speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0
         if speed > THROWN:

@@ -76,11 +76,9 @@ def contact(effect, data, x, v, mass, dt, f):
         n = effect.ground_normal
         leaving = v[0] * n[0] + v[1] * n[1] + v[2] * n[2]
         push(
-            below, n[0], n[1], n[2], leaving, mass, effect.ground_stiffness, effect.ground_soft, effect.ground_knee, effect.ground_damping,
+            below, n[0], n[1], n[2], leaving, mass, effect.ground_stiffness, effect.ground_layer, effect.ground_knee, effect.ground_damping,
             effect.ground_friction, f,
         )  # fmt: skip
-        if effect.ground_delay >= f[8]:  # 0 of an obstacle without friction
-            f[7], f[8] = effect.ground_slip, effect.ground_delay
 
 
 @compiled

@@ -225,10 +225,8 @@ def contact(effect, data, x, v, mass, dt, f):
         if size > 0.0:  # times the slope's size: the exact slope of the energy
             push(
                 beyond, sx / size, sy / size, sz / size, (v[0] * sx + v[1] * sy + v[2] * sz) / size, mass,
-                effect.walls_stiffness * size, effect.walls_soft, effect.walls_knee, effect.walls_damping, effect.walls_friction, f,
+                effect.walls_stiffness * size, effect.walls_layer, effect.walls_knee, effect.walls_damping, effect.walls_friction, f,
             )  # fmt: skip
-            if effect.walls_delay >= f[8]:  # 0 of walls without friction
-                f[7], f[8] = effect.walls_slip, effect.walls_delay
 
 
 @compiled

@@ -19,7 +19,7 @@ from numba import types
 from magmpm.bodies.contact_solid import Solids, solid_distance
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined, only_where
-from magmpm.effects.contact_force import HELD, PARTS, SLIDES, STICKS, TOUCHES, hold, push
+from magmpm.effects.contact_force import HELD, PARTS, SLIDES, STICKS, TOUCHES, hold, let_go, push
 
 PLACE, GRIP, ROOM, CELL, FORCE, DEPTH, NORMAL, BEGUN, MEMORY = 0, 3, 10, 11, 12, 15, 16, 19, 20
 CLOSE = 1e-12  # of a cell: distance of X + u(X) from the point; momentum is kept to it
@@ -31,7 +31,7 @@ NEAR = 0.5  # of d: the present distance of the surface is at least this, whatev
 class SolidCells(NamedTuple):
     """The cells (c,) of all solids: first node, low corner and width (3 c,) m, splines (27 c,) as coefficients of 1, xi, xi^2 of the three
     splines along x, y, z, the next cells (6 c,) of the same solid, below and above along each axis, -1 for none, the share (c,) of the
-    stiffness that points have there, and the friction (c,) of the material, nan where it names none."""
+    stiffness that points have there, and the grip (3 c,) of their regions (effects.contact_law.grips)."""
 
     node: Index
     low: Array
@@ -39,7 +39,7 @@ class SolidCells(NamedTuple):
     splines: Array
     next: Index
     share: Array
-    friction: Array
+    grip: Array
 
 
 class Meeting(NamedTuple):
@@ -49,8 +49,8 @@ class Meeting(NamedTuple):
     X (3,) m, what friction remembers (HELD,; its anchor in the undeformed solid), the value of `memory[-1]` until which it cannot touch,
     cell, force (3,) N on the point,
     depth m, normal (3,) out of the solid, and the distance m at which it begins to touch, 0 or less; at last the length (m) of the way
-    that any point may have moved; most (1,): m, of it, until pairs may be missing; law (7,): stiffness 1/s^2, soft, knee m,
-    damping 1/s, slip m and delay s (effects.contact_law), and friction where neither material names one; pace (active nodes,): no
+    that any point may have moved; most (1,): m, of it, until pairs may be missing; law (5,): stiffness 1/s^2, layer m, knee m
+    and damping 1/s (effects.contact_law), and friction where neither material names one; pace (active nodes,): no
     point is faster than the largest pace times speed of a node; then the fields of SolidCells and Solids, flat, as parallel loops take
     them.
     """
@@ -68,7 +68,7 @@ class Meeting(NamedTuple):
     cell_splines: Array
     cell_next: Index
     cell_share: Array
-    cell_friction: Array
+    cell_grip: Array
     kind: Index
     size: Array
     points: Index
@@ -80,7 +80,7 @@ class Meeting(NamedTuple):
 def _cells(meeting):
     return SolidCells(
         meeting.cell_node, meeting.cell_low, meeting.cell_width, meeting.cell_splines, meeting.cell_next, meeting.cell_share,
-        meeting.cell_friction,
+        meeting.cell_grip,
     )  # fmt: skip
 
 
@@ -198,11 +198,15 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         cell, d = _find(cells, cell, along_x, along_y, state.u, x, X, solids, s, work, F, inverse)
         memory[at + PLACE : at + PLACE + 3], memory[at + CELL], d = X, cell, d - memory[at + BEGUN]
         if not d < 0.0:
-            memory[at + GRIP : at + GRIP + HELD], memory[at + ROOM] = 0.0, memory[-1] + 0.5 * NEAR * d
+            let_go(memory[at + GRIP : at + GRIP + HELD], dt)
+            if memory[at + GRIP + 5] == 0.0:
+                memory[at + ROOM] = memory[-1] + 0.5 * NEAR * d
             continue
         f[:], v[:], there[:] = 0.0, 0.0, memory[at + GRIP : at + GRIP + HELD]
-        named = np.fmin(surface.friction[p], cells.friction[cell])
-        friction = named if named >= 0.0 else law[6]
+        named = np.fmin(surface.grip[3 * p], cells.grip[3 * cell])
+        friction = named if named >= 0.0 else law[4]
+        for i in range(1, 3):  # the thicker one, and the slower one
+            f[6 + i] = max(surface.grip[3 * p + i], cells.grip[3 * cell + i])
         for i in range(3):
             n[i] = inverse[0, i] * normal[0] + inverse[1, i] * normal[1] + inverse[2, i] * normal[2]
         if law[3] > 0.0 and there[TOUCHES] != STICKS:
@@ -213,14 +217,13 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         leaving = (v[0] * n[0] + v[1] * n[1] + v[2] * n[2]) / length
         share = cells.share[cell]
         push(-d, n[0], n[1], n[2], leaving, share * surface.mass[p], law[0], law[1], law[2], share * law[3], friction, f)
-        f[7], f[8] = law[4], law[5]
         if friction > 0.0:
             new = there[TOUCHES] == 0.0
             for i in range(3):
                 there[i] = x[i]
                 for j in range(3):
                     there[i] -= F[i, j] * (X[j] - memory[at + GRIP + j])
-            hold(x, there, f, dt)
+            hold(x, v, -d, there, f, dt)
             if there[TOUCHES] == SLIDES or new:
                 for i in range(3):
                     memory[at + GRIP + i] = X[i]

@@ -23,8 +23,8 @@ class Surface(NamedTuple):
     """Points of the surface, sorted by patch and slab.
 
     first_patch (slabs + 1,), first_point (patches + 1,): of each slab and patch; first_node (patches,); weights (9 points,): splines along
-    x, y, z; place (3 points,) m in the undeformed body; mass (points,) kg, of a layer (dynamics.particle_groups); friction (points,): of
-    their own material, nan where it names none.
+    x, y, z; place (3 points,) m in the undeformed body; mass (points,) kg, of a layer (dynamics.particle_groups); grip (3 points,): of
+    their regions (effects.contact_law.grips).
     """
 
     first_patch: Index
@@ -33,7 +33,7 @@ class Surface(NamedTuple):
     weights: Array
     place: Array
     mass: Array
-    friction: Array
+    grip: Array
 
 
 @compiled
@@ -82,7 +82,7 @@ def _touch(slab, step, dt, surface, cells, state, effects):
             state.anchor[room + patch] -= dt * _fastest(state.v, where)
             if state.anchor[room + patch] > 0.0:
                 continue
-        most, least = -np.inf, 0.0
+        most, least, remembers = -np.inf, 0.0, 0.0
         for p in range(surface.first_point[patch], surface.first_point[patch + 1]):
             _share(surface.weights, 9 * p, share)
             for i in range(3):
@@ -92,17 +92,20 @@ def _touch(slab, step, dt, surface, cells, state, effects):
             most, least = max(most, depth), min(least, depth)
             if not depth > 0.0:
                 let_go(row(state.anchor, HELD * p), dt)
+                remembers = max(remembers, state.anchor[HELD * p + 5])
                 continue
             v[:], f[:] = 0.0, 0.0
+            f[7], f[8] = surface.grip[3 * p + 1], surface.grip[3 * p + 2]
             if state.anchor[HELD * p + TOUCHES] != STICKS:
                 _add(state.v, where, share, v)
             add_contact(effects, step, x, v, surface.mass[p], dt, f)
-            own_grip(surface.friction[p], f)
-            hold(x, row(state.anchor, HELD * p), f, dt)
+            own_grip(surface.grip[3 * p], f)
+            hold(x, v, depth, row(state.anchor, HELD * p), f, dt)
             for j in range(27):
                 for i in range(3):
                     state.force[where[j] + i] += share[j] * f[i]
-        state.anchor[room + patch] = -most if most < 0.0 and least > -np.inf else 0.0  # -inf: past an obstacle's end, who knows how far
+        clear = most < 0.0 and least > -np.inf and remembers == 0.0  # -inf: past an obstacle's end, who knows how far
+        state.anchor[room + patch] = -most if clear else 0.0
 
 
 touch = only_where("effects", any_has("contact"), _touch)  # a scene without obstacles compiles none of it

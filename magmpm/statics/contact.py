@@ -41,11 +41,11 @@ class Held(NamedTuple):
     stiffness: Array
 
 
-def held_at(effects: Records, x: Array, mass: Array, friction: Array, begun: tuple[Array, Held] | None) -> Held:
+def held_at(effects: Records, x: Array, mass: Array, grips: Array, begun: tuple[Array, Held] | None) -> Held:
     """Find how obstacles hold points at x (n, 3) m; begun: where they were as the increment began, and how they were held; None: where they
     are now, by nothing."""
     f, met = np.zeros((len(x), PARTS)), np.ones(len(x))
-    _grips(effects, x, x if begun is None else begun[0], mass, friction, f, met)
+    _grips(effects, x, x if begun is None else begun[0], mass, grips, f, met)
     grip, anchor = np.linalg.norm(f[:, 3:6], axis=1), x
     if begun is not None:
         was, held = begun
@@ -88,7 +88,7 @@ def _stretch(held: Held, x: Array) -> tuple[Array, Array]:
 
 
 @compiled
-def _grips(effects, x, was, mass, friction, f, met):  # type: ignore[no-untyped-def]
+def _grips(effects, x, was, mass, grips, f, met):  # type: ignore[no-untyped-def]
     """Write the grip of points at x (n, 3) m to f (n, PARTS), and which share of the way from `was` was clear to met (n,)."""
     still = np.zeros(3)
     for p in range(len(x)):
@@ -97,18 +97,18 @@ def _grips(effects, x, was, mass, friction, f, met):  # type: ignore[no-untyped-
             before = deepest(effects, 0, was[p])
             met[p] = 0.0 if before >= 0.0 else 1.0 / (1.0 - depth / before)
             add_contact(effects, 0, x[p], still, mass[p], 0.0, f[p])
-            own_grip(friction[p], f[p])
+            own_grip(grips[p, 0], f[p])
 
 
 class Touched(NamedTuple):
-    """Points that touch or are held: their indices on (t,), place x (t, 3) m, mass (t,) kg, anchor (t, 3) m, friction (t,) of their own
+    """Points that touch or are held: their indices on (t,), place x (t, 3) m, mass (t,) kg, anchor (t, 3) m, grip (t, 3) of their own
     material, force f (t, 3) N, its slope H (t, 3, 3) N/m, and whether they slide (t,); energy of all, J."""
 
     on: Index
     x: Array
     mass: Array
     anchor: Array
-    friction: Array
+    grip: Array
     f: Array
     H: Array
     slides: Array
@@ -143,7 +143,7 @@ class RestingSurface(ContactSurface):
             held |= self.held.grip > 0.0
             anchor = np.where((self.held.grip > 0.0)[:, None], self.held.anchor, x)
         on = np.flatnonzero(held)
-        return Touched(on, x[on], self.mass[on], anchor[on], self.friction[on], f[on], H[on], slides[on], float(energy.sum()))
+        return Touched(on, x[on], self.mass[on], anchor[on], self.grip[on], f[on], H[on], slides[on], float(energy.sum()))
 
     def force(self, touched: Touched) -> Array:
         """Force (nodes, 3) N on the grid."""
@@ -167,7 +167,7 @@ class RestingSurface(ContactSurface):
 def contacts_at_rest(model: Model, touched: Touched) -> dict[str, Contact]:
     """The contact of each obstacle with a model."""
     held = np.column_stack([touched.anchor, np.ones((len(touched.x), 1)), np.zeros((len(touched.x), HELD - 4))])
-    still = Touching(touched.x, np.zeros_like(touched.x), touched.mass, held, touched.friction)
+    still = Touching(touched.x, np.zeros_like(touched.x), touched.mass, held, touched.grip)
     found = {key: effect.report(model, still, 1.0) for key, effect in model.scene.effects.named().items()}
     return {key: contact for key, contact in found.items() if contact is not None}
 
@@ -193,5 +193,5 @@ def resting(surface: ContactSurface, planes: int, node_yz: Index, model: Model) 
     at = [np.minimum(plane + a, planes - 1) * wide + row[:, b] + c for a, b, c in product(range(3), repeat=3)]
     share = [weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c] for a, b, c in product(range(3), repeat=3)]
     splines = csr_matrix((np.stack(share, 1).ravel(), np.stack(at, 1).ravel(), STENCIL * np.arange(n + 1)), (n, planes * wide))
-    mass, particle, friction = surface.mass[order], surface.particle[order], surface.friction[order]
-    return RestingSurface(surface.place[order], first, weights, mass, particle, surface.still, friction, cells, splines)
+    mass, particle, grip = surface.mass[order], surface.particle[order], surface.grip[order]
+    return RestingSurface(surface.place[order], first, weights, mass, particle, surface.still, grip, cells, splines)

@@ -30,12 +30,10 @@ def hook_of(record: np.ndarray, name: str) -> Any:
     return hooks._registry[name].get(record.dtype.names)
 
 
-def call(model: Model, hook: str, *arguments: Any, step: int = 0) -> None:
-    """One hook of every effect that has it, in the order of the model: function(effect, data, *arguments)."""
-    for record, data in hooks.pairs(model.effects):
-        function = hook_of(record, hook)
-        if function is not None:
-            function(record[min(step, len(record) - 1)], data, *arguments)
+def call(model: Model, hook: str, *arguments: Any, step: int = 0) -> list[Any]:
+    """One hook of every effect that has it, in the order of the model: function(effect, data, *arguments). Returns what each returns."""
+    having = [(hook_of(record, hook), record[min(step, len(record) - 1)], data) for record, data in hooks.pairs(model.effects)]
+    return [function(one, data, *arguments) for function, one, data in having if function is not None]
 
 
 def push_time(model: Model, dt: float, step: int = 0) -> float:
@@ -69,26 +67,33 @@ def elastic_stress(model: Model, F: np.ndarray) -> np.ndarray:
     return shape + (model.bulk * change * J)[:, None, None] * H
 
 
-def held(x: np.ndarray, before: np.ndarray, f: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """The force (3,) N of contact on a point at x (3,) m with friction, and what it remembers next; f (9,): of effects.contact_force;
-    before (7,): anchor, 1 where it sticks, 2 where it slides, 0 where it does not touch, lasting grip N, time s, what is owed N s.
+def held(
+    x: np.ndarray, v: np.ndarray, depth: float, before: np.ndarray, f: np.ndarray, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The force (3,) N of contact with friction on a point at x (3,) m with velocity v (3,) m/s, and what it remembers next; f (9,): of
+    effects.contact_force; before (7,): anchor, 1 where it sticks, 2 where it slides, 0 where it does not touch, mean grip N, time s, and
+    the mean of the mean N.
 
-    The spring is as long as x is from the anchor along the obstacle, but no longer than what the lasting grip can hold."""
-    grip, rigidity, slip, delay = f[3:6], *f[6:]
-    anchor, (lasting, time, owed) = (before[:3] if before[3] else x), before[4:]
+    The spring is as long as x is from the anchor along the obstacle, but no longer than what the lasting grip can hold. A new anchor is
+    where the point came in."""
+    grip, rigidity, thickness, wave = f[3:6], *f[6:]
+    anchor, (mean, time, again) = before[:3], before[4:]
     now = np.linalg.norm(grip)
     if now == 0:
-        return f[:3].copy(), np.array([*x, 2.0, lasting, time, owed])
+        return f[:3].copy(), np.array([*x, 2.0, mean, time, again])
     n = grip / now
+    if before[3] == 0:
+        anchor = x - v * min(dt, depth / max(-v @ n, 1e-300)) * (v @ n < 0)
     stretch = (np.eye(3) - np.outer(n, n)) @ (x - anchor)
-    pull, time = rigidity * np.linalg.norm(stretch), time + dt
-    after = max(min(time, delay), dt)
-    lasting += min(dt / after + max(pull - lasting, 0.0) / rigidity / slip, 1.0) * (now - lasting)
-    most = max(lasting + owed / after / 4, 0.0)
+    pull, time = rigidity * np.linalg.norm(stretch), min(time + dt, max(4.0 * wave, dt))
+    slid = max(pull - max(1.5 * mean - 0.5 * again, 0.0), 0.0) / rigidity
+    share = min(dt / time + slid / (0.01 * thickness), 1.0)
+    mean += share * (now - mean)
+    again += share * (mean - again)
+    most = max(1.5 * mean - 0.5 * again, 0.0)
     slides = pull > most
     stretch *= most / pull if slides else 1.0
-    owed = owed + dt * (now - most) if slides else 0.0
-    return f[:3] - rigidity * stretch, np.array([*(x - stretch), 2.0 if slides else 1.0, lasting, time, owed])
+    return f[:3] - rigidity * stretch, np.array([*(x - stretch), 2.0 if slides else 1.0, mean, time, again])
 
 
 def particle_forces(model: Model, x: np.ndarray, F: np.ndarray, dF: np.ndarray, step: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -156,13 +161,13 @@ class Total:
         """Contact of the surface's points on every node, (nodes, 3) N. The dashpot acts on those that did not stick before."""
         forces = np.zeros((len(self.on), 3))
         for p, (splines, held_at) in enumerate(zip(self.on, self.anchor, strict=True)):
-            x, f = self.model.surface.place[p] + splines @ c, np.zeros(9)
+            x, f = self.model.surface.place[p] + splines @ c, np.append(np.zeros(7), self.model.surface.grip[p, 1:])
             speed = splines @ v if held_at[3] != 1 else np.zeros(3)
             call(self.model, "contact", x, speed, self.model.surface.mass[p], dt, f, step=step)
-            if not f.any():
+            if not f[:7].any():
                 held_at[3], held_at[5] = 0, max(held_at[5] - dt, 0.0)
                 continue
-            forces[p], held_at[:] = held(x, held_at, f, dt)
+            forces[p], held_at[:] = held(x, speed, max(call(self.model, "near", x, step=step)), held_at, f, dt)
         return self.on.T @ forces
 
     def fields(self) -> np.ndarray:

@@ -54,9 +54,9 @@ def test_viscous_stress(key: str, rng: np.random.Generator) -> None:
 CONTACT = [key for key in having("contact") if effects.Effects.every()[key].PHASE == "contact"]
 
 
-def pushed(function: Any, x: np.ndarray, v: np.ndarray = REST, mass: float = MASS) -> np.ndarray:
-    """What contact gives a point at x with velocity v."""
-    f = np.zeros(PARTS)
+def pushed(function: Any, x: np.ndarray, v: np.ndarray = REST, mass: float = MASS, grip: np.ndarray = REST) -> np.ndarray:
+    """What contact gives a point at x with velocity v; grip: contact_law.grips."""
+    f = np.append(np.zeros(PARTS - 2), grip[1:])
     function(x, v, mass, DT, f)
     return f
 
@@ -125,16 +125,17 @@ def test_friction_pulls_toward_the_anchor_by_at_most_the_grip(key: str, rng: np.
         largest = 0.0
         for x in touching(key, np.random.default_rng(3)):
             remembered = np.array([*(x + 1e-4 * rng.standard_normal(3)), 1.0, 0.0, 0.0, 0.0])
-            f = pushed(function, x, SPEED * rng.standard_normal(3))
+            v = SPEED * rng.standard_normal(3)
+            f = pushed(function, x, v)
             away, alone = x - remembered[:3], f.copy()
-            hold(x, remembered, f, DT)
+            hold(x, v, 1e-6, remembered, f, DT)
             drag, push = f[:3] - alone[:3], np.linalg.norm(alone[:3])
             assert drag @ away <= 0
             assert abs(drag @ alone[:3]) <= 1e-12 * push**2 * max(1.0, friction)
             assert np.linalg.norm(drag) <= friction * push * (1 + 1e-12)
             largest = max(largest, np.linalg.norm(drag) / push) if push > 0 else largest  # the dashpot lets go of what leaves quickly
             again = alone.copy()
-            hold(x, remembered, again, DT)
+            hold(x, v, 1e-6, remembered, again, DT)
             np.testing.assert_allclose(again, f, rtol=0, atol=1e-9 * push)  # places carry 1e-16 m of a stretch of some 1e-8 m
         assert largest == pytest.approx(friction, rel=1e-12) if friction < 1 else largest > 1.0
 
@@ -146,8 +147,9 @@ def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> 
     x = np.concatenate([touching(key, rng), np.full((5, 3), 4.0)])  # and five that are far away
     v, mass = SPEED * rng.standard_normal(x.shape), MASS * (1 + rng.random(len(x)))
     before = np.column_stack([x + 1e-5 * rng.standard_normal(x.shape), np.ones((len(x), 4)) * [1.0, 1e-3, 3 * DT, 1e-10]])
-    forces = [held(x[p], before[p], pushed(function, x[p], v[p], mass[p]), DT)[0] for p in range(len(x))]
-    told = contact_of(found, Touching(x, v, mass, before, np.full(len(x), np.nan)), DT)
+    grip = np.tile([np.nan, 2e-3, 3 * DT], (len(x), 1))
+    forces = [held(x[p], v[p], 0.0, before[p], pushed(function, x[p], v[p], mass[p], grip[p]), DT)[0] for p in range(len(x))]
+    told = contact_of(found, Touching(x, v, mass, before, grip), DT)
     np.testing.assert_allclose(told["force"], np.sum(forces, axis=0), rtol=1e-12)
     assert told["count"] == 20
     assert 0 < told["depth"] < 60e-3

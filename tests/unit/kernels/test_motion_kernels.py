@@ -30,8 +30,8 @@ EFFECTS = (
     + one_record(gravity.DTYPE, gravity=np.array([0.3, 0.2, -9.81]))
     + one_record(viscosity.DTYPE, viscosity=3.0)
     + one_record(damping.DTYPE, damping_rate=300.0)
-    + ground.parameters(point=[0, 0, -1.2e-3], normal=[0.1, 0.2, 1], friction=0.3, stiffness=1e9, damping=3e4, slip=1e-6, delay=5 * DT)
-    + walls.parameters(TABLE, friction=0.2, stiffness=2e9, damping=5e4, slip=1e-6, delay=5 * DT)
+    + ground.parameters(point=[0, 0, -1.2e-3], normal=[0.1, 0.2, 1], friction=0.3, stiffness=1e9, damping=3e4, layer=1e-3)
+    + walls.parameters(TABLE, friction=0.2, stiffness=2e9, damping=5e4, layer=2e-3)
     + one_record(feed.DTYPE, feed_speed=0.02, feed_exit=2e-3, feed_radius=3e-3)
 )
 
