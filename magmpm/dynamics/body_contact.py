@@ -79,8 +79,8 @@ class BodyContact:
         return bool(self.meeting.memory[-1] > self.meeting.most[0])
 
     def list(self, u: Array) -> None:
-        """List the pairs at displacements u (3 nodes,) m, if points have moved by half of MOVE since. What touches stays listed with
-        its memory, and nothing else acts: forces do not depend on when pairs were listed."""
+        """List the pairs at displacements u (3 nodes,) m, if points have moved by half of MOVE since. What touches, or did a moment
+        ago, stays listed with its memory, and nothing else acts: forces do not depend on when pairs were listed."""
         x, old = self._place + self._splines @ u.reshape(-1, 3), self.meeting
         way, most = old.memory[-1], MOVE * self._cell
         moved = float(np.sqrt(((x - self._then) ** 2).sum(axis=1).max()))
@@ -90,7 +90,7 @@ class BodyContact:
         p, q, distance = self._near(x)
         held, solids = old.memory[:-1].reshape(-1, MEMORY), len(self.solids.kind)
         key, known = p * solids + self._solid[q], old.point * solids + old.solid
-        kept = np.flatnonzero(held[:, DEPTH] > 0)
+        kept = np.flatnonzero((held[:, DEPTH] > 0) | held[:, PLACE + 3 : ROOM].any(axis=1))
         new = np.flatnonzero(~np.isin(key, known[kept]))
         memory = np.zeros((len(new), MEMORY))
         memory[:, PLACE : PLACE + 3], memory[:, CELL] = self._place[q[new]], self._at[q[new]]
@@ -106,7 +106,9 @@ class BodyContact:
         """The free points (n,) that are near another solid, or a place of their own that shares no node with them; the nearest point (n,)
         there, and its distance (n,) m."""
         first, order, cell = self._patches
-        center, radius = _balls(x[order], first)
+        sorted_x, count = x[order], np.diff(first)
+        center = np.add.reduceat(sorted_x, first[:-1], axis=0) / count[:, None]  # of balls around patches
+        radius = np.sqrt(np.maximum.reduceat(((sorted_x - np.repeat(center, count, axis=0)) ** 2).sum(axis=1), first[:-1]))
         pairs = cKDTree(center).query_pairs(REACH * self._cell + 2 * radius.max(), output_type="ndarray")
         found = _nearest(pairs, cell, center, radius, first, order, x, self._free, REACH * self._cell)
         p, q, distance = found[:, 0].astype(np.int64), found[:, 1].astype(np.int64), found[:, 2]
@@ -204,13 +206,6 @@ def _patches(at: Index, cells: Index) -> tuple[Index, Index, Index]:
     order = np.argsort(at, kind="stable")
     first = np.flatnonzero(np.diff(at[order], prepend=-1))
     return np.append(first, len(at)), order, cells[at[order[first]]]
-
-
-def _balls(x: Array, first: Index) -> tuple[Array, Array]:
-    """Balls around patches of points x (n, 3) m in their order: centers (k, 3) and radii (k,) m."""
-    count = np.diff(first)
-    center = np.add.reduceat(x, first[:-1], axis=0) / count[:, None]
-    return center, np.sqrt(np.maximum.reduceat(((x - np.repeat(center, count, axis=0)) ** 2).sum(axis=1), first[:-1]))
 
 
 @compiled

@@ -177,9 +177,12 @@ def follow(
 
 
 def _note(state: PathState, jumps: list[Jump]) -> list[dict[str, Any]]:
-    """Add the last equilibrium, and the jumps on the way to it, to what is known. Returns the jumps as results report them."""
-    shape, branch = state.shape, state.branch
-    described = [_description(state, shape, jump) for jump in jumps]
+    """Add the last equilibrium, and the jumps on the way to it, to what is known. Returns the jumps as results report them: with the
+    field's strength, and the length outside of the guide, when the branch ended."""
+    shape, branch, described = state.shape, state.branch, list[dict[str, Any]]()
+    for jump in jumps:
+        field, out = shape.model.field_at(shape.position, jump.time), state.loads.inserted(jump.time)
+        described.append({**vars(jump), "field": float(np.linalg.norm(field)), **({} if out is None else {"inserted": out})})
     state.jumps += described
     state.warnings += [jump_in_words(jump) for jump in described]
     state.strain = state.strain.worst(strain_of(shape.model, shape.position, shape.F, state.time))
@@ -205,13 +208,6 @@ def _stability(branch: Branch | None) -> float | None:
         return None
     with one_blas_thread():
         return branch.stability()
-
-
-def _description(state: PathState, shape: Shape, jump: Jump) -> dict[str, Any]:
-    """A jump as results report it: with the field's strength, and the length outside of the guide, when the branch ended."""
-    strength = float(np.linalg.norm(shape.model.field_at(shape.position, jump.time)))
-    inserted = state.loads.inserted(jump.time)
-    return {**vars(jump), "field": strength, **({} if inserted is None else {"inserted": inserted})}
 
 
 class _Files:

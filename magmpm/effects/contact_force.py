@@ -9,14 +9,14 @@ toward it, along the obstacle. Where the spring would pull more than the grip, t
 body sticks without creeping, within friction times the depth of contact, micrometers; friction never adds energy; and the answer does not
 depend on the time step, as it does where friction may at most stop a point within a step (in a violent motion by a tenth).
 A dashpot along the normal, while the point slides, keeps undamped bodies from chattering and slipping when their weight is off the
-ground. And what holds a point is its lasting grip, which follows the push with a delay: 2 m - mm, where m is the mean of the push since it
-touched, later over the period of the slowest shear oscillation of a layer as thick as the body, or over the last micrometers of the way if
-it slides on before; and mm is the mean of m. Beside a push that rises or falls steadily it does not lag. Where friction follows at once,
-bounce and shear of an elastic body feed each other without end, and finer cells make it worse; with a delay they do not. A point that has
-left forgets as slowly as it learned.
-Sources: Cundall and Strack, Geotechnique 29 (1979) 47, the tangential spring with a slider, and the contact dashpot; Prakash and Clifton,
-J. Appl. Mech. 60 (1993), and Cochard and Rice, J. Geophys. Res. 105 (2000) 25891, friction that follows the push with a delay; Brown,
-Smoothing, Forecasting and Prediction (1963), chapter 9, the mean of a mean, which does not lag.
+ground. It takes or adds no more than the spring pushes, so it begins at nothing where a point comes in. And what holds a point is its
+lasting grip, which follows the push with a delay: m + (m - mm) / 2, where m is the mean of the push since the point touched, later over the
+period of the slowest shear oscillation of a layer as thick as the body, or over the last micrometers of the way if it slides on before; and
+mm is the mean of m. (All of the trend m - mm would not lag on a ramp, but swing past a step by 14 %, half of it by 2 %.) Where friction
+follows at once, bounce and shear of an elastic body feed each other without end. A point that has left forgets as slowly as it learned.
+Sources: Cundall and Strack, Geotechnique 29 (1979) 47, the tangential spring with a slider; Hunt and Crossley, J. Appl. Mech. 42 (1975)
+440, a dashpot that begins at nothing; Prakash and Clifton, J. Appl. Mech. 60 (1993), and Cochard and Rice, J. Geophys. Res. 105 (2000)
+25891, friction that follows the push with a delay; Brown, Smoothing, Forecasting and Prediction (1963), chapter 9, the mean of a mean.
 """
 
 import math
@@ -27,7 +27,6 @@ from magmpm.compiled.jit import compiled
 
 PARTS = 9  # numbers in f
 SLIP = 0.01  # thicknesses of the body: the way over which the push is averaged. Ways of 0.0125 to 0.05 do as well, longer ones delay throws
-LEAD = 0.5  # of the trend: 1 would not lag at all, but what is set down bounces, and swings past by 14 %, with a half by 2 %
 DELAY = 4.0  # times that a shear wave takes through the thickness: the period of the slowest shear oscillation of a layer held at one face
 HELD, TOUCHES = 7, 3  # numbers that friction remembers of a point: anchor (3,) m; whether it touches (0: no);
 STICKS, SLIDES = 1.0, 2.0  # the mean of its grip, N; over what time, s; the mean of that mean, N
@@ -44,7 +43,7 @@ def push(depth, n0, n1, n2, leaving, mass, stiffness, layer, knee, damping, fric
     soft = layer / f[7] if layer < f[7] else 1.0
     rest = depth * depth / (2.0 * knee) if depth < knee else depth - 0.5 * knee
     elastic = rigidity * (soft * depth + (1.0 - soft) * rest)
-    normal = max(elastic - mass * damping * leaving, 0.0)
+    normal = elastic - min(max(mass * damping * leaving, -elastic), elastic)
     grip = friction * normal
     f[0] += normal * n0
     f[1] += normal * n1
@@ -85,8 +84,11 @@ def spring(depth, s0, s1, s2, rigidity, f, H):
 
 @compiled
 def let_go(held, dt):
-    """Forget a point that does not touch, as slowly as it was learned: one that hops is the same when it lands."""
+    """Forget a point that does not touch, as slowly as it was learned: one that hops is nearly the same as it lands. Returns s left."""
     held[TOUCHES], held[5] = 0.0, max(held[5] - dt, 0.0)
+    if held[5] == 0.0:
+        held[:] = 0.0
+    return held[5]
 
 
 @compiled
@@ -111,11 +113,11 @@ def hold(x, v, depth, held, f, dt):
     s0, s1, s2 = s0 - away * n0, s1 - away * n1, s2 - away * n2
     pull = rigidity * math.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
     mean, again, time = held[4], held[6], min(held[5] + dt, max(DELAY * f[8], dt))
-    slid, way = max(pull - max(mean + LEAD * (mean - again), 0.0), 0.0), rigidity * SLIP * f[7]
+    slid, way = max(pull - max(mean + 0.5 * (mean - again), 0.0), 0.0), rigidity * SLIP * f[7]
     share = min(dt / time + slid / way, 1.0) if slid < way else 1.0
     mean += share * (grip - mean)
     again += share * (mean - again)
-    most = max(mean + LEAD * (mean - again), 0.0)
+    most = max(mean + 0.5 * (mean - again), 0.0)
     if pull > most:
         s0, s1, s2 = s0 * (most / pull), s1 * (most / pull), s2 * (most / pull)
     else:

@@ -7,12 +7,11 @@ The frequency w of the penalty is that of a pressure wave through a cell of the 
 a quarter of the body's highest frequency. So contact does not require a smaller step. A body at rest sinks in by a thousandth
 of a cell, with friction by some. Source of the lumped bound used by `stable_step`: Hughes, The Finite Element Method, section 9.1.
 
-With friction, an elastic body on a hard plane flutters: shear and bounce of the whole body feed on each other while it slides, its weight
-comes off the ground, and it slides where it should stick (Martins, Oden, Simoes, Int. J. Eng. Sci. 28 (1990) 29). A dashpot beside a spring
-as stiff as a cell does not feel these slow modes. So friction has a spring that begins softer, to give as much as SOFT thicknesses of the
-body, whatever the cells and the contact's stiffness, beside a dashpot near the impedance of the pressure wave. The dashpot acts only where
-the body slides: what rolls loses nothing. From the depth KNEE on the spring is as stiff as without friction, so that bodies that land do
-not sink in. And friction follows the push with a delay (effects.contact_force), which parts shear from bounce where a spring can't.
+With friction, an elastic body on a hard plane flutters: shear and bounce of the whole body feed on each other while it slides, and it
+slides where it should stick (Martins, Oden, Simoes, Int. J. Eng. Sci. 28 (1990) 29). A dashpot beside a spring as stiff as a cell does not
+feel these slow modes. So friction's spring begins softer, to give as much as SOFT thicknesses of the body, beside a dashpot near the
+impedance of the pressure wave, which acts only where the body slides: what rolls loses nothing. From the depth KNEE on the spring is as
+stiff as without friction, so that bodies that land do not sink in. And friction follows the push with a delay (effects.contact_force).
 """
 
 import math
@@ -69,25 +68,20 @@ def obstacle_record(dtype: np.dtype[Any], data: Array = NO_DATA, /, **values: An
     return one_record(dtype, data, **{f"{names[0].partition('_')[0]}_{name}": value for name, value in usual.items()})
 
 
-def own_friction(scene: SceneLike) -> Array:
-    """Coefficient of friction (regions,) that the material of each region names, nan where it names none."""
-    named = (scene.materials[region.material_name].friction for region in scene.regions())
-    return np.array([np.nan if friction is None else friction for friction in named])
-
-
 def grips(scene: SceneLike) -> Array:
     """What friction depends on, for each region (regions, 3): its material's own coefficient, nan where it names none; how thick it is, m;
     and the time that a shear wave takes through it, s. A region that is held is as rigid as an obstacle: 0 and 0."""
-    regions = scene.regions()
-    materials = [scene.materials[region.material_name] for region in regions]
-    thickness = np.array([region.thickness for region in regions])
-    slowness = np.array([math.sqrt((material.density or 0.0) / material.shear_modulus) for material in materials])  # s/m
-    return np.column_stack([own_friction(scene), thickness, thickness * slowness])
+    found = []
+    for region in scene.regions():
+        material, thickness = scene.materials[region.material_name], region.thickness
+        through = thickness * math.sqrt((material.density or 0.0) / material.shear_modulus)
+        found.append([np.nan if material.friction is None else material.friction, thickness, through])
+    return np.array(found)
 
 
 def most_friction(scene: SceneLike, friction: float) -> float:
     """Largest coefficient of any region where a contact names this one."""
-    own = own_friction(scene)
+    own = grips(scene)[:, 0]
     return float(np.where(np.isnan(own), friction, own).max())
 
 

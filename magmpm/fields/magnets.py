@@ -65,15 +65,8 @@ def taken(field: FieldSource) -> list[Solid]:
             half = np.full(3, dipole.diameter / 2)
             found.append(Solid(_name("dipole", k, field.dipole), np.array(dipole.position), np.eye(3), half, True, True))
     for k, magnet in enumerate(field.magnet or ()):
-        found.append(
-            Solid(
-                _name("magnet", k, field.magnet),
-                np.array(magnet.position),
-                frame_of(magnet.axis),
-                _half(magnet),
-                magnet.cylinder is not None,
-            )
-        )
+        place, frame = np.array(magnet.position), frame_of(magnet.axis)
+        found.append(Solid(_name("magnet", k, field.magnet), place, frame, _half(magnet), magnet.cylinder is not None))
     return found
 
 

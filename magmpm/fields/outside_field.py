@@ -163,7 +163,9 @@ def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -
         function, named = exact(source), [*taken(source), *wires(source)]
         named = [solid for solid in named if not solid.ball]
         box = _table_box(source, options, body, seen, anchored, named)
-        clouds = None if box is not None and not _sweeps(source, box, body, anchored) else _clouds(source, options, body)
+        # magnets may move so far that a table would be many times as large as the body's reach
+        near = source.tabulation is not None or source.coils or (box is not None and box.volume <= 3.0 * reach(body, anchored).volume)
+        clouds = None if box is not None and near else _clouds(source, options, body)
         if clouds is None:
             assert box is not None
             box, packed, errors = _tabulated(function, box, seen, named, options)
@@ -234,11 +236,6 @@ def _arcs(named: list[Solid]) -> list[Solid]:
             half = np.array([thin + radius * np.sin(np.pi / ARCS)] * 3)
             out.append(Solid(solid.name, center, np.eye(3), half, False))
     return out
-
-
-def _sweeps(source: FieldSource, box: Box, body: Box, anchored: bool) -> bool:
-    """True if magnets move so far that a table would be many times as large as the body's reach."""
-    return source.tabulation is None and not source.coils and box.volume > 3.0 * reach(body, anchored).volume
 
 
 def _clouds(source: FieldSource, options: Tabulation, body: Box) -> tuple[list[Array], list[tuple[Solid, float]]]:

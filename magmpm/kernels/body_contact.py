@@ -198,8 +198,7 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         cell, d = _find(cells, cell, along_x, along_y, state.u, x, X, solids, s, work, F, inverse)
         memory[at + PLACE : at + PLACE + 3], memory[at + CELL], d = X, cell, d - memory[at + BEGUN]
         if not d < 0.0:
-            let_go(memory[at + GRIP : at + GRIP + HELD], dt)
-            if memory[at + GRIP + 5] == 0.0:
+            if let_go(memory[at + GRIP : at + GRIP + HELD], dt) == 0.0:
                 memory[at + ROOM] = memory[-1] + 0.5 * NEAR * d
             continue
         f[:], v[:], there[:] = 0.0, 0.0, memory[at + GRIP : at + GRIP + HELD]

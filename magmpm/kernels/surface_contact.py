@@ -91,8 +91,7 @@ def _touch(slab, step, dt, surface, cells, state, effects):
             depth = deepest(effects, step, x)
             most, least = max(most, depth), min(least, depth)
             if not depth > 0.0:
-                let_go(row(state.anchor, HELD * p), dt)
-                remembers = max(remembers, state.anchor[HELD * p + 5])
+                remembers = max(remembers, let_go(row(state.anchor, HELD * p), dt))
                 continue
             v[:], f[:] = 0.0, 0.0
             f[7], f[8] = surface.grip[3 * p + 1], surface.grip[3 * p + 2]

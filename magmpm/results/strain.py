@@ -72,13 +72,14 @@ class Strain:
                 f"strain: {100 * self.swollen:.3g} % of the volume has a det F below {1 - VOLUME:g} or above {1 + VOLUME:g} (it is "
                 f"{self.min_det_F:.3g} to {self.max_det_F:.3g}), where silicone would keep its volume; raise bulk_to_shear, or {REMEDY}"
             )
-        thickness = model.scene.thickness
+        thickness, tube = model.scene.thickness, model.scene.body.catheter
+        kinks = 0.0 if tube is None else tube.kink_radius(float(poisson_ratio(model.shear, model.bulk).max()))
         if model.line is not None and self.radius < thickness:
             found.append(
                 f"strain: the axis is bent to a radius of {1e3 * self.radius:.3g} mm, less than the body is thick, {1e3 * thickness:.3g} "
                 f"mm: its inner side is crushed; {REMEDY}"
             )
-        elif model.line is not None and (kinks := _kink_radius(model)) > self.radius:
+        elif model.line is not None and kinks > self.radius:
             hidden = "" if isinstance(model.grid, PolarGrid) else ", which cells larger than the wall do not show"
             found.append(
                 f"strain: the tube is bent to a radius of {1e3 * self.radius:.3g} mm; from {1e3 * kinks:.3g} mm on its section flattens "
@@ -113,12 +114,6 @@ def strain_of(model: Model, position: Array, F: Array, time: float | None = None
         swollen=float(volume[np.abs(J - 1.0) > VOLUME].sum()) / whole, min_det_F=float(J.min()), max_det_F=float(J.max()),
         radius=np.inf if model.line is None else tightest_radius(_slices(model, position)), time=time,
     )  # fmt: skip
-
-
-def _kink_radius(model: Model) -> float:
-    """Radius (m) of its axis at which a tube kinks (Catheter.kink_radius); 0 for other bodies."""
-    tube = model.scene.body.catheter
-    return 0.0 if tube is None else tube.kink_radius(float(poisson_ratio(model.shear, model.bulk).max()))
 
 
 @compiled

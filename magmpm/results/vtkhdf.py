@@ -351,11 +351,7 @@ def mend(path: Path) -> None:
                     return
                 except (OSError, KeyError) as error:
                     reason = error
-    cause = f"{path.stat().st_size} bytes that can't be opened as HDF5 ({_first_words(reason)})"
+    text = str(reason)  # with addresses and names of functions around HDF5's message
+    message = text[text.find("(") + 1 : text.rfind(")")] if "(" in text else text
+    cause = f"{path.stat().st_size} bytes that can't be opened as HDF5 ({message})"
     raise _unreadable(path, cause) from reason
-
-
-def _first_words(error: Exception) -> str:
-    """HDF5's message without the addresses and function names around it."""
-    text = str(error)
-    return text[text.find("(") + 1 : text.rfind(")")] if "(" in text else text

@@ -48,32 +48,29 @@ def test_an_undamped_block_sticks_on_a_slope(size, friction, duration, cells, sh
 
 
 @pytest.mark.parametrize(("share", "friction", "cells", "duration"), [
-    (1.02, 0.45, 2, 0.3),
+    (1.01, 0.45, 2, 0.3),
     *(pytest.param(*case, marks=pytest.mark.slow) for case in (
-        (0.99, 0.45, 2, 0.3), (0.99, 0.7, 3, 0.3), (1.02, 0.7, 3, 0.3), (1.2, 0.7, 3, 0.3), (1.7, 0.7, 3, 0.15), (1.02, 0.45, 3, 0.9),
+        (0.99, 0.45, 2, 0.3), (1.02, 0.45, 2, 0.3), (0.99, 0.7, 3, 0.3), (1.02, 0.7, 3, 0.3), (1.2, 0.7, 3, 0.3), (1.7, 0.7, 3, 0.15),
+        (1.02, 0.45, 3, 0.9),
     )),
 ])  # fmt: skip
 def test_an_undamped_block_near_the_cone_moves_as_a_rigid_one(share: float, friction: float, cells: int, duration: float) -> None:
-    """Weight at once: to 0.02 cell below the cone; above it to 4 %, most of which it gains while its weight comes onto the ground. Where
+    """Weight at once: to 0.02 cell below the cone; above it to 2.5 %, which it gains while its weight comes onto the ground. Where
     friction follows the push at once it flutters, and goes 20 mm at 0.99 and friction 0.7."""
     slope = np.arctan(share * friction)
     model = sloped(slope, friction, size=(8e-3, 5e-3, 4e-3), cells=cells)
     (found,) = (mean(model, m.x - model.particles.position)[0] for m in follow(model, [duration]))
     way = max(EARTH * (np.sin(slope) - friction * np.cos(slope)), 0.0) * duration**2 / 2
-    assert found == pytest.approx(way, rel=0.04, abs=0.0 if way else 0.02 * model.scene.cell)
+    assert found == pytest.approx(way, rel=0.025, abs=0.0 if way else 0.02 * model.scene.cell)
 
 
 @pytest.mark.slow
 @pytest.mark.xfail(strict=True, reason="it swings by its own elasticity, and slips where it does: docs/effects.md")
-@pytest.mark.parametrize(("share", "way", "bound", "more"), [
-    (1.01, 1.81e-3, 0.02, {}),
-    (0.95, 0.0, 0.0, {"shear": 15e3, "size": (16e-3, 10e-3, 8e-3)}),
-])  # fmt: skip
-def test_weight_at_once_near_the_cone(share: float, way: float, bound: float, more: dict[str, Any]) -> None:
-    """The bounds asked of an undamped block that are missed; `way` of a rigid one."""
-    model = sloped(np.arctan(0.45 * share), 0.45, **{"size": (8e-3, 5e-3, 4e-3), **more})
+def test_a_large_soft_block_sticks_near_the_cone() -> None:
+    """To 0.02 cell, which is missed."""
+    model = sloped(np.arctan(0.45 * 0.95), 0.45, size=(16e-3, 10e-3, 8e-3), shear=15e3)
     (found,) = (mean(model, m.x - model.particles.position)[0] for m in follow(model, [0.3]))
-    assert found == pytest.approx(way, rel=bound, abs=0.0 if bound else 0.02 * model.scene.cell)
+    assert found < 0.02 * model.scene.cell
 
 
 @pytest.mark.parametrize(("share", "way"), [(0.99, 0.0), (1.02, 3.63e-3)])
@@ -160,7 +157,7 @@ def test_a_dropped_block_comes_to_rest_with_its_weight_on_the_ground() -> None:
     assert told["count"] == low.sum()
     law = model.effects[-2][0]
     even = weight / (law["ground_stiffness"] * model.surface.mass[low].sum())  # of a spring that is stiff at once
-    soft, knee = law["ground_soft"], law["ground_knee"]
+    soft, knee = law["ground_layer"] / SIZE[2], law["ground_knee"]
     depth = (np.sqrt(soft**2 + 2 * (1 - soft) * even / knee) - soft) * knee / (1 - soft)
     assert told["depth"] == pytest.approx(depth, rel=0.2)
     assert mean(model, rest.x)[2] == pytest.approx(SIZE[2] / 2, abs=1e-6)
