@@ -105,7 +105,7 @@ def stability(options: argparse.Namespace) -> int:
         raise InputError(f"--case: received {options.case!r}; must be part of a name: {', '.join(case.name for case in CASES)}")
     with Progress("hard cases") as progress:
         outcomes = run_cases(chosen, on_done=progress.at)
-    failed = [outcome.name for outcome in outcomes if not outcome.passed]
+    failed = [outcome.case.name for outcome in outcomes if not outcome.passed]
     summary = {"cases": [outcome.summary() for outcome in outcomes], "failed": failed}
     print_summary(options, summary, table(outcomes))
     if failed:

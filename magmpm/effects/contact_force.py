@@ -86,8 +86,8 @@ def spring(depth, s0, s1, s2, rigidity, f, H):
 def let_go(held, dt):
     """Forget a point that does not touch, as slowly as it was learned: one that hops is nearly the same as it lands. Returns s left."""
     held[TOUCHES], held[5] = 0.0, max(held[5] - dt, 0.0)
-    if held[5] == 0.0:
-        held[:] = 0.0
+    for i in range(HELD):
+        held[i] = held[i] if held[5] > 0.0 else 0.0
     return held[5]
 
 

@@ -69,8 +69,8 @@ def obstacle_record(dtype: np.dtype[Any], data: Array = NO_DATA, /, **values: An
 
 
 def grips(scene: SceneLike) -> Array:
-    """What friction depends on, for each region (regions, 3): its material's own coefficient, nan where it names none; how thick it is, m;
-    and the time that a shear wave takes through it, s. A region that is held is as rigid as an obstacle: 0 and 0."""
+    """Numbers of each region (regions, 3) that friction depends on: its material's own coefficient, nan where it names none; its
+    thickness, m; the time that a shear wave takes through it, s. A region that is held is as rigid as an obstacle: 0 and 0."""
     found = []
     for region in scene.regions():
         material, thickness = scene.materials[region.material_name], region.thickness

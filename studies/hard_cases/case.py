@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
@@ -29,38 +29,35 @@ class Case:
     source: str
     slow: bool = False
 
-    def run(self) -> Outcome:
-        """Measure it. A failed run counts as infinite, with its reason."""
+    def run(self) -> tuple[float, float, str]:
+        """The measure, the seconds it took, and why the run failed, if it did: then the measure is infinite."""
         begun, reason = perf_counter(), ""
         try:
             value = float(self.measure(self.scene()))
         except SolveError as error:
             value, reason = math.inf, error.reason
-        return self.outcome(value, reason, perf_counter() - begun)
-
-    def outcome(self, value: float, reason: str, seconds: float) -> Outcome:
-        """Outcome of a measure, or of the reason why there is none."""
-        passed = value <= self.bound
-        return Outcome(self.name, self.weak, self.quantity, value, self.bound, passed, seconds, self.source, reason)
+        return value, perf_counter() - begun, reason
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A case that was run. measure and bound in the unit of `quantity`; reason: why the run failed, if it did."""
+    """A case that was run: its measure, the seconds it took, and the reason why the run failed, if it did."""
 
-    name: str
-    weak: str
-    quantity: str
+    case: Case
     measure: float
-    bound: float
-    passed: bool
     seconds: float
-    source: str
     reason: str
+
+    @property
+    def passed(self) -> bool:
+        """True if the measure is within its bound."""
+        return self.measure <= self.case.bound
 
     def summary(self) -> dict[str, Any]:
         """Plain data; a measure that is not finite is None."""
-        return {**asdict(self), "measure": self.measure if math.isfinite(self.measure) else None}
+        about = {key: getattr(self.case, key) for key in ("name", "weak", "quantity", "bound", "source")}
+        measure = self.measure if math.isfinite(self.measure) else None
+        return {**about, "measure": measure, "seconds": self.seconds, "passed": self.passed, "reason": self.reason}
 
 
 def table(outcomes: list[Outcome]) -> str:
@@ -68,7 +65,7 @@ def table(outcomes: list[Outcome]) -> str:
     lines = [f"{'case':<36} {'measure':>9} {'bound':>9}  {'':<6} {'seconds':>7}  what is measured"]
     for o in outcomes:
         word = "ok" if o.passed else "FAILED"
-        lines.append(f"{o.name:<36} {o.measure:9.2e} {o.bound:9.2e}  {word:<6} {o.seconds:7.1f}  {o.quantity}")
+        lines.append(f"{o.case.name:<36} {o.measure:9.2e} {o.case.bound:9.2e}  {word:<6} {o.seconds:7.1f}  {o.case.quantity}")
         if not o.passed:
-            lines.append(f"    a weak code: {o.weak}" + (f"; here: {o.reason}" if o.reason else ""))
+            lines.append(f"    a weak code: {o.case.weak}" + (f"; here: {o.reason}" if o.reason else ""))
     return "\n".join(lines)

@@ -246,6 +246,14 @@ CASES = (
         "weight over the stiffness of a layer: a thousandth of a cell", slow=True,
     ),
     Case(
+        "a block sticks on a steep slope", lambda: _bodies(
+            [_block((SIDE, SIDE, SIDE / 2))], gravity={"acceleration": [0.99 * 0.7 * 8.0, 0.0, -8.0]},
+            ground={"point": [0.0, 0.0, -0.25e-3 * SIDE], "friction": 0.7},
+        ), "flutters as bounce and shear feed each other, and slides", "way, in cells",
+        lambda scene: float((move(build(scene)).x - build(scene).particles.position).mean(axis=0)[0]) / (1e-3 * CELL),
+        0.02, "0.99 of friction's cone",
+    ),
+    Case(
         "folding onto itself, in three times the field", _folding_strip, "passes through itself", "deepest contact, in cells", _folded, 0.2,
         "pressure of the field over the stiffness of a layer",
     ),

@@ -58,7 +58,7 @@ def run_cases(cases: Sequence[Case], *, processes: int = 2, on_done: Done = lamb
         found = []
         for k, case in enumerate(cases):
             on_done(k, len(cases), case.name)
-            found.append(case.run())
+            found.append(CaseOutcome(case, *case.run()))
         return found
     by_name = dict[str, CaseOutcome]()
     known = {case.name: case for case in sorted(cases, key=lambda case: not case.slow)}
@@ -66,12 +66,12 @@ def run_cases(cases: Sequence[Case], *, processes: int = 2, on_done: Done = lamb
         for name, kind, found in answers(iter(known), pool):
             if kind == RAISED:
                 raise found
-            by_name[name] = known[name].outcome(math.inf, f"the process {found}", found.seconds) if kind == DIED else found
+            by_name[name] = CaseOutcome(known[name], *((math.inf, found.seconds, f"the process {found}") if kind == DIED else found))
             on_done(len(by_name), len(cases), name)
     return [by_name[case.name] for case in cases]
 
 
-def _begin_cases(_: object) -> Callable[[str], CaseOutcome]:
+def _begin_cases(_: object) -> Callable[[str], tuple[float, float, str]]:
     """Begin a process: cases hold functions without a name, so they go by theirs."""
     return lambda name: next(case for case in CASES if case.name == name).run()
 

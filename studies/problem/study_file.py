@@ -28,8 +28,7 @@ class Match(Settings):
         examples=["../targets/s_shape.csv"],
     )  # fmt: skip
     path: str | None = Field(
-        default=None,
-        min_length=1,
+        default=None, min_length=1,
         description="Of an insertion: path, relative to this file, of a CSV table of the way from the guide's exit on, columns "
         "s_mm,x_mm,y_mm,z_mm.",
         examples=["../targets/vessel_s.csv"],
@@ -52,8 +51,7 @@ class MatchAt(Settings):
         description="When the body must have this shape.", examples=["1 s"]
     )
     centreline: str = Field(
-        min_length=1,
-        description="Path, relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm.",
+        min_length=1, description="Path, relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm.",
         examples=["../targets/s_shape.csv"],
     )
 
@@ -195,8 +193,7 @@ class StudyFile(Settings):
     limits: Limits | None = Field(default=None, description="What can be made.", examples=["{at_most: 3}"])
     trials: int = Field(default=35, strict=True, ge=1, le=MOST_TRIALS, description="Trials in all; 35 unless given.", examples=[35])
     sampler: Annotated[str | None, BeforeValidator(known_sampler), WithJsonSchema({"type": "string", "enum": list(NAMES)})] = Field(
-        default=None,
-        description="How trials are chosen; unless given, gauss-newton where what varies has derivatives, else tpe.",
+        default=None, description="How trials are chosen; unless given, gauss-newton where what varies has derivatives, else tpe.",
         examples=["gauss-newton"],
     )
     start: Literal["rod"] | None = Field(

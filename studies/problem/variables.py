@@ -21,8 +21,7 @@ class VaryField(Settings):
         description="Greatest strength of the field.", examples=["10 mT"]
     )
     at: Literal["once", "each depth", "each time"] = Field(
-        default="once",
-        description="One field (once, unless given), or one at each depth of an `insertion` or each time of a `schedule`.",
+        default="once", description="One field (once, unless given), or one at each depth of an `insertion` or each time of a `schedule`.",
         examples=["each depth"],
     )
 
@@ -81,8 +80,7 @@ class VaryRemanence(Range):
         description="Greatest remanence.", examples=["150 mT"]
     )
     per: Literal["material", "segment"] = Field(
-        default="material",
-        description="One value for each magnetic material (unless given) or one for each magnetized segment.",
+        default="material", description="One value for each magnetic material (unless given) or one for each magnetized segment.",
         examples=["segment"],
     )
 

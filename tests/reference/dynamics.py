@@ -166,6 +166,7 @@ class Total:
             call(self.model, "contact", x, speed, self.model.surface.mass[p], dt, f, step=step)
             if not f[:7].any():
                 held_at[3], held_at[5] = 0, max(held_at[5] - dt, 0.0)
+                held_at *= held_at[5] > 0
                 continue
             forces[p], held_at[:] = held(x, speed, max(call(self.model, "near", x, step=step)), held_at, f, dt)
         return self.on.T @ forces

@@ -134,8 +134,8 @@ PARAMETERS = [pytest.param(one, id=one.name, marks=[pytest.mark.slow] if one.slo
 
 @pytest.mark.parametrize("case", PARAMETERS)
 def test_hard_case(case: Case) -> None:
-    outcome = case.run()
-    assert outcome.passed, f"{outcome.quantity}: {outcome.measure:.3g}, at most {outcome.bound:.3g}; {outcome.reason}"
+    measure, _, reason = case.run()
+    assert measure <= case.bound, f"{case.quantity}: {measure:.3g}, at most {case.bound:.3g}; {reason}"
 
 
 @pytest.mark.slow
@@ -143,7 +143,7 @@ def test_cases_in_two_processes() -> None:
     """They come back in their order, with the same numbers as in one process."""
     some = [case for case in CASES if case.name.startswith(("thin tube", "no load"))]
     one, two = (run_cases(some, processes=count) for count in (1, 2))
-    assert [(o.name, o.measure, o.passed) for o in one] == [(o.name, o.measure, o.passed) for o in two]
+    assert [(o.case, o.measure, o.passed) for o in one] == [(o.case, o.measure, o.passed) for o in two]
 
 
 def test_names_tell_cases_apart() -> None:
