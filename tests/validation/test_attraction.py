@@ -39,7 +39,8 @@ def pull(apart: float, points: int = 12) -> float:
     return float(total * BR**2 / (4 * np.pi * MU0))
 
 
-@pytest.mark.parametrize(("apart", "share"), [(8e-3, 0.002), pytest.param(4e-3, 0.01, marks=pytest.mark.slow), (3e-3, 0.03)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("apart", "share"), [(8e-3, 0.002), (4e-3, 0.01), (3e-3, 0.03)])
 def test_cubes_attract_as_the_charges_on_their_faces(tmp_path: Path, apart: float, share: float) -> None:
     """Blocks stand for 2 x 2 x 2 parts of a cube: the nearer, the less exact. Momentum is kept to rounding."""
     time = 2e-4

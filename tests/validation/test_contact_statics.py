@@ -154,6 +154,7 @@ def test_a_strip_that_is_dragged_feels_friction_times_its_push() -> None:
     assert abs(told["force"][1]) < 1e-9 * told["force"][2]
 
 
+@pytest.mark.slow
 def test_a_pressed_tip_has_hysteresis() -> None:
     """It slides as the field grows, with Coulomb's friction; as the field falls it sticks, then slides back, later than it came. Half the
     increments change no force by more than 0.1 % of the largest, once it has landed."""

@@ -113,8 +113,7 @@ def test_stiffness_is_that_of_the_stiffest_material() -> None:
     scene = rod_scene(shear=[G, 3 * G], directions=[(1, 0, 0), (0, 1, 0)], cells=4)
     wave = np.sqrt(3 * G * (20 + 4 / 3) / 1882)
     slippery = {"stiffness": 2 * wave**2 / (1e-3) ** 2}
-    own = [[np.nan, 4e-3, 4e-3 / np.sqrt(k * G / 1882)] for k in (1, 3)]
-    np.testing.assert_allclose(contact.grips(scene), own, rtol=1e-12)
+    np.testing.assert_allclose(contact.grips(scene), [[np.nan, 4e-3, 4e-3 / np.sqrt(k * G / 1882)] for k in (1, 3)], rtol=1e-12)
     assert contact.law(scene, 2.0, 0.0) == pytest.approx(slippery)
     assert contact.law(scene, 2.0, 0.1) == pytest.approx(slippery | {"layer": 1e-3 / 6, "knee": 2e-5, "damping": wave / 1e-3})
     data = scene.to_si()

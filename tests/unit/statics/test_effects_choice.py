@@ -84,6 +84,7 @@ def test_a_path_and_a_motion_are_told_of_their_weight() -> None:
     assert missed_effects(moving[0.1].with_effects(ground={"point": [0, 0, -3e-3]})) == []  # which may hold it
 
 
+@pytest.mark.slow
 def test_segments_that_act_on_each_other_are_told() -> None:
     """To first order they bend it by what two solves differ by: strong magnets across each other, in a soft body."""
     halves = [[1, 0, 0], [0, 0, 1]]
