@@ -129,8 +129,7 @@ class BodyContact:
         cell = pair[:, CELL].astype(np.int64)
         rigidity = self.cells.share[cell] * self._mass[point] * self.law[0]
         thickness = np.maximum(self._grip[point, 1], self.cells.grip.reshape(-1, 3)[cell, 1])
-        soft = np.minimum(self.law[1] / np.maximum(thickness, 1e-300), 1.0)
-        energy = stored(pair[:, DEPTH], rigidity, soft, self.law[2]) + (across**2).sum(axis=1) / (2 * rigidity)
+        energy = stored(pair[:, DEPTH], rigidity, self.law[1], thickness, self.law[2]) + (across**2).sum(axis=1) / (2 * rigidity)
         slip = self._splines[point] @ v.reshape(-1, 3) - self._there(v, pair)
         slip -= np.einsum("ni,ni->n", slip, normal)[:, None] * normal
         deepest = float(pair[:, DEPTH].max(initial=0.0))

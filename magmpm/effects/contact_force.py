@@ -11,9 +11,10 @@ depend on the time step, as it does where friction may at most stop a point with
 A dashpot along the normal, while the point slides, keeps undamped bodies from chattering and slipping when their weight is off the
 ground. It takes or adds no more than the spring pushes, so it begins at nothing where a point comes in. And what holds a point is its
 lasting grip, which follows the push with a delay: m + (m - mm) / 2, where m is the mean of the push since the point touched, later over the
-period of the slowest shear oscillation of a layer as thick as the body, or over the last micrometers of the way if it slides on before; and
-mm is the mean of m. (All of the trend m - mm would not lag on a ramp, but swing past a step by 14 %, half of it by 2 %.) Where friction
-follows at once, bounce and shear of an elastic body feed each other without end. A point that has left forgets as slowly as it learned.
+period of the slowest shear oscillation of a layer as thick as the body; and mm is the mean of m. (All of the trend m - mm would not lag on a
+ramp, but swing past a step by 14 %, half of it by 2 %.) Where friction follows at once, bounce and shear of an elastic body feed each other
+without end. But what lags while a body slides feeds its slower vibrations: so over the first micrometers of a slide the delay shrinks to a
+part, until the point sticks again. A point that has left forgets as slowly as it learned.
 Sources: Cundall and Strack, Geotechnique 29 (1979) 47, the tangential spring with a slider; Hunt and Crossley, J. Appl. Mech. 42 (1975)
 440, a dashpot that begins at nothing; Prakash and Clifton, J. Appl. Mech. 60 (1993), and Cochard and Rice, J. Geophys. Res. 105 (2000)
 25891, friction that follows the push with a delay; Brown, Smoothing, Forecasting and Prediction (1963), chapter 9, the mean of a mean.
@@ -26,10 +27,10 @@ import numpy as np
 from magmpm.compiled.jit import compiled
 
 PARTS = 9  # numbers in f
-SLIP = 0.01  # thicknesses of the body: the way over which the push is averaged. Ways of 0.0125 to 0.05 do as well, longer ones delay throws
 DELAY = 4.0  # times that a shear wave takes through the thickness: the period of the slowest shear oscillation of a layer held at one face
-HELD, TOUCHES = 7, 3  # numbers that friction remembers of a point: anchor (3,) m; whether it touches (0: no);
-STICKS, SLIDES = 1.0, 2.0  # the mean of its grip, N; over what time, s; the mean of that mean, N
+FAR, SHORT = 0.01, 1 / 16  # thicknesses of the body: the way after which a slide has but this part of the delay
+HELD, TOUCHES, STICKS = 8, 3, 1.0  # numbers that friction remembers of a point: anchor (3,) m; whether it touches (0: no; -1: it slides); the
+# mean of its grip, N; over what time, s; the mean of that mean, N; how far it has slid since it stuck, m
 
 
 @compiled
@@ -62,8 +63,9 @@ def own_grip(friction, f):
             f[3 + i] = friction * f[i]
 
 
-def stored(depth, rigidity, soft, knee):
+def stored(depth, rigidity, layer, thickness, knee):
     """Energy (J) of the springs of `push`; rigidity: mass times stiffness, N/m. Of one, or of arrays (n,)."""
+    soft = layer / np.maximum(thickness, layer)
     below, above = np.minimum(depth, knee), np.maximum(depth - knee, 0.0)
     return rigidity * (0.5 * soft * depth**2 + (1.0 - soft) * (below**3 / (6.0 * knee) + 0.5 * above * (above + knee)))
 
@@ -97,7 +99,7 @@ def hold(x, v, depth, held, f, dt):
     change what is remembered of it, held (HELD,): the anchor, whether it slides, or nothing grips it, and the delay's numbers."""
     grip, rigidity = math.sqrt(f[3] * f[3] + f[4] * f[4] + f[5] * f[5]), f[6]
     new = held[TOUCHES] == 0.0
-    held[TOUCHES] = SLIDES
+    held[TOUCHES] = -STICKS
     if not grip > 0.0:
         for i in range(3):
             held[i] = x[i]
@@ -112,16 +114,17 @@ def hold(x, v, depth, held, f, dt):
     away = s0 * n0 + s1 * n1 + s2 * n2
     s0, s1, s2 = s0 - away * n0, s1 - away * n1, s2 - away * n2
     pull = rigidity * math.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
-    mean, again, time = held[4], held[6], min(held[5] + dt, max(DELAY * f[8], dt))
-    slid, way = max(pull - max(mean + 0.5 * (mean - again), 0.0), 0.0), rigidity * SLIP * f[7]
-    share = min(dt / time + slid / way, 1.0) if slid < way else 1.0
-    mean += share * (grip - mean)
-    again += share * (mean - again)
+    far = FAR * f[7]
+    delay = DELAY * f[8] * (1.0 - (1.0 - SHORT) * held[7] / far if held[7] < far else SHORT)
+    time = min(held[5] + dt, max(delay, dt))
+    mean = held[4] + dt / time * (grip - held[4])
+    again = held[6] + dt / time * (mean - held[6])
     most = max(mean + 0.5 * (mean - again), 0.0)
     if pull > most:
         s0, s1, s2 = s0 * (most / pull), s1 * (most / pull), s2 * (most / pull)
+        held[7] += (pull - most) / rigidity
     else:
-        held[TOUCHES] = STICKS
+        held[TOUCHES], held[7] = STICKS, 0.0
     held[4], held[5], held[6] = mean, time, again
     held[0], held[1], held[2] = x[0] - s0, x[1] - s1, x[2] - s2
     f[0] -= rigidity * s0

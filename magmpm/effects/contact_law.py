@@ -123,7 +123,7 @@ def _touching(named, x, v, mass, dt, held, grip, layer, knee, force):
             count += 1
             if depth > most:
                 worst, most = p, depth
-            energy += _stored(depth, f[6], layer / f[7] if layer < f[7] else 1.0, knee) + 0.5 * f[6] * (s[0] ** 2 + s[1] ** 2 + s[2] ** 2)
+            energy += _stored(depth, f[6], layer, f[7], knee) + 0.5 * f[6] * (s[0] ** 2 + s[1] ** 2 + s[2] ** 2)
     return count, worst, most, energy
 
 

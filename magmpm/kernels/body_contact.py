@@ -19,9 +19,10 @@ from numba import types
 from magmpm.bodies.contact_solid import Solids, solid_distance
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined, only_where
-from magmpm.effects.contact_force import HELD, PARTS, SLIDES, STICKS, TOUCHES, hold, let_go, push
+from magmpm.effects.contact_force import HELD, PARTS, STICKS, TOUCHES, hold, let_go, push
 
-PLACE, GRIP, ROOM, CELL, FORCE, DEPTH, NORMAL, BEGUN, MEMORY = 0, 3, 10, 11, 12, 15, 16, 19, 20
+PLACE, GRIP, ROOM = 0, 3, 3 + HELD  # where each begins in the memory of a pair (Meeting)
+CELL, FORCE, DEPTH, NORMAL, BEGUN, MEMORY = ROOM + 1, ROOM + 2, ROOM + 5, ROOM + 6, ROOM + 9, ROOM + 10
 CLOSE = 1e-12  # of a cell: distance of X + u(X) from the point; momentum is kept to it
 TRIES = 20
 SETTLED = 0.25  # of the distance d of a point from the surface: if the place below it has moved by less, d is good to some percent
@@ -223,7 +224,7 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
                 for j in range(3):
                     there[i] -= F[i, j] * (X[j] - memory[at + GRIP + j])
             hold(x, v, -d, there, f, dt)
-            if there[TOUCHES] == SLIDES or new:
+            if there[TOUCHES] != STICKS or new:
                 for i in range(3):
                     memory[at + GRIP + i] = X[i]
                     for j in range(3):

@@ -144,7 +144,7 @@ def operations(records: Any, data: Array, hook: str, *arguments: Any) -> int:
     Counted.done = 0
     plain(function)(_record(records), data, *arguments)
     if hook == "contact":  # and the friction that goes with it
-        plain(hold)(*arguments[:3], np.array([*(0.0 * arguments[0]), STICKS, 0.0, 0.0, 0.0]), *arguments[:-3:-1])  # at any depth
+        plain(hold)(*arguments[:3], np.array([*(0.0 * arguments[0]), STICKS, 0.0, 0.0, 0.0, 0.0]), *arguments[:-3:-1])  # at any depth
     return Counted.done
 
 

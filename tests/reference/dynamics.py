@@ -71,29 +71,29 @@ def held(
     x: np.ndarray, v: np.ndarray, depth: float, before: np.ndarray, f: np.ndarray, dt: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The force (3,) N of contact with friction on a point at x (3,) m with velocity v (3,) m/s, and what it remembers next; f (9,): of
-    effects.contact_force; before (7,): anchor, 1 where it sticks, 2 where it slides, 0 where it does not touch, mean grip N, time s, and
-    the mean of the mean N.
+    effects.contact_force; before (8,): anchor, 1 where it sticks, -1 where it slides, 0 where it does not touch, mean grip N, time s, the
+    mean of the mean N, and the way since it stuck m.
 
     The spring is as long as x is from the anchor along the obstacle, but no longer than what the lasting grip can hold. A new anchor is
     where the point came in."""
     grip, rigidity, thickness, wave = f[3:6], *f[6:]
-    anchor, (mean, time, again) = before[:3], before[4:]
+    anchor, (mean, time, again, way) = before[:3], before[4:]
     now = np.linalg.norm(grip)
     if now == 0:
-        return f[:3].copy(), np.array([*x, 2.0, mean, time, again])
+        return f[:3].copy(), np.array([*x, -1.0, mean, time, again, way])
     n = grip / now
     if before[3] == 0:
         anchor = x - v * min(dt, depth / max(-v @ n, 1e-300)) * (v @ n < 0)
     stretch = (np.eye(3) - np.outer(n, n)) @ (x - anchor)
-    pull, time = rigidity * np.linalg.norm(stretch), min(time + dt, max(4.0 * wave, dt))
-    slid = max(pull - max(1.5 * mean - 0.5 * again, 0.0), 0.0) / rigidity
-    share = min(dt / time + slid / (0.01 * thickness), 1.0)
-    mean += share * (now - mean)
-    again += share * (mean - again)
+    pull, old = rigidity * np.linalg.norm(stretch), min(way / (0.01 * thickness), 1.0)
+    time = min(time + dt, max(4.0 * wave * (1.0 - 15.0 / 16.0 * old), dt))
+    mean += dt / time * (now - mean)
+    again += dt / time * (mean - again)
     most = max(1.5 * mean - 0.5 * again, 0.0)
     slides = pull > most
     stretch *= most / pull if slides else 1.0
-    return f[:3] - rigidity * stretch, np.array([*(x - stretch), 2.0 if slides else 1.0, mean, time, again])
+    way = way + (pull - most) / rigidity if slides else 0.0
+    return f[:3] - rigidity * stretch, np.array([*(x - stretch), -1.0 if slides else 1.0, mean, time, again, way])
 
 
 def particle_forces(model: Model, x: np.ndarray, F: np.ndarray, dF: np.ndarray, step: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -113,7 +113,7 @@ class Total:
     """A motion on a dense box of nodes, cells + 2 along each axis, x slowest.
 
     N (n, nodes): every spline at every particle; dN (3, n, nodes) 1/m; X (nodes, 3) m; mass (nodes,) kg; fixed (nodes,) bool;
-    on (points, nodes): splines at the points of the surface; anchor (points, 7): what friction remembers of them (`held`)."""
+    on (points, nodes): splines at the points of the surface; anchor (points, 8): what friction remembers of them (`held`)."""
 
     model: Model
     N: np.ndarray
@@ -145,7 +145,7 @@ class Total:
             node = np.ravel_multi_index((surface.first + np.array([a, b, c])).T, shape)
             w = surface.weights
             on[np.arange(len(on)), node] += w[:, 0, a] * w[:, 1, b] * w[:, 2, c]
-        return cls(model, N, dN, X, N.T @ (model.density * model.particles.volume), fixed, on, np.zeros((len(on), 7)))
+        return cls(model, N, dN, X, N.T @ (model.density * model.particles.volume), fixed, on, np.zeros((len(on), 8)))
 
     def gradient(self, c: np.ndarray) -> np.ndarray:
         """sum c_a (x) grad N_a (n, 3, 3)."""

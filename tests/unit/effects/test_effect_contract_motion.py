@@ -124,7 +124,7 @@ def test_friction_pulls_toward_the_anchor_by_at_most_the_grip(key: str, rng: np.
         function = hook(rough.effects.named()[key].records(rough), "contact")
         largest = 0.0
         for x in touching(key, np.random.default_rng(3)):
-            remembered = np.array([*(x + 1e-4 * rng.standard_normal(3)), 1.0, 0.0, 0.0, 0.0])
+            remembered = np.array([*(x + 1e-4 * rng.standard_normal(3)), 1.0, 0.0, 0.0, 0.0, 0.0])
             v = SPEED * rng.standard_normal(3)
             f = pushed(function, x, v)
             away, alone = x - remembered[:3], f.copy()
@@ -146,7 +146,7 @@ def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> 
     function = hook(found, "contact")
     x = np.concatenate([touching(key, rng), np.full((5, 3), 4.0)])  # and five that are far away
     v, mass = SPEED * rng.standard_normal(x.shape), MASS * (1 + rng.random(len(x)))
-    before = np.column_stack([x + 1e-5 * rng.standard_normal(x.shape), np.ones((len(x), 4)) * [1.0, 1e-3, 3 * DT, 1e-10]])
+    before = np.column_stack([x + 1e-5 * rng.standard_normal(x.shape), np.ones((len(x), 5)) * [1.0, 1e-3, 3 * DT, 1e-10, 1e-5]])
     grip = np.tile([np.nan, 2e-3, 3 * DT], (len(x), 1))
     forces = [held(x[p], v[p], 0.0, before[p], pushed(function, x[p], v[p], mass[p], grip[p]), DT)[0] for p in range(len(x))]
     told = contact_of(found, Touching(x, v, mass, before, grip), DT)
