@@ -6,29 +6,33 @@
   ``np.isfinite(x)`` is always true: Numba computes it from x - x, which reassociation replaces by zero.
 * Kernels take records (NamedTuples of arrays) as arguments. They assign to arrays of a record only in functions that they call. If a
   parallel function itself assigns to a field of a record, Numba treats this as dead code and leaves it out.
+* Numba names a compiled function by its own name, a number that counts functions, and its types; a record's type by a number that counts
+  types. Processes count alike what differs, and the linker takes the first of two functions of one name for both. So records count by a
+  hash of their fields, and functions that are made from a text have a name of their own.
 * Division by zero gives inf, as in NumPy, and checks on the result catch it. Inside a parallel loop an exception would be lost.
 """
 
 from collections.abc import Callable
+from hashlib import sha256
 from inspect import signature
 from typing import Any
 
 import numba
-from numba import prange
+from numba import prange, types
 from numba.extending import overload
 
 from magmpm.compiled.cache import jit
-from magmpm.errors import InputError, report
+from magmpm.errors import InputError
 
 _settings: Any = numba.config
+_record: Any = types.Record
+_record.mangling_args = property(lambda one: ("Record", (sha256(one.name.encode()).hexdigest(),)))
 if _settings.DISABLE_JIT:
     raise InputError(
-        report(
-            "NUMBA_DISABLE_JIT",
-            received=str(_settings.DISABLE_JIT),
-            rule="magmpm's kernels work only when compiled: the compiler decides which effects act in them",
-            remedy="unset it (and disable_jit in .numba_config.yaml)",
-        )
+        "NUMBA_DISABLE_JIT",
+        received=str(_settings.DISABLE_JIT),
+        rule="magmpm's kernels work only when compiled: the compiler decides which effects act in them",
+        remedy="unset it (and disable_jit in .numba_config.yaml)",
     )
 FASTMATH = {"contract", "reassoc", "arcp", "nsz", "afn"}
 _OPTIONS: Any = {"fastmath": FASTMATH, "no_cfunc_wrapper": True}  # wrappers for C would take 5 % of compiling; nobody calls them
@@ -58,11 +62,12 @@ def only_where(argument: str, needed: Callable[[Any], bool], function: Any, othe
 
     needed: of that argument's Numba type; otherwise: Python text of the value elsewhere. The result can be called by compiled code alone.
     """
-    names = ", ".join(signature(function.py_func).parameters)
-    space = {"function": function, "needed": needed}
-    exec(f"def build({names}):\n    if needed({argument}):\n        return lambda {names}: function({names})\n"
+    plain = function.py_func
+    name, names = f"where{plain.__name__}", ", ".join(signature(plain).parameters)
+    space = {"function": function, "needed": needed, "__name__": plain.__module__}
+    exec(f"def {name}({names}):\n    if needed({argument}):\n        return lambda {names}: function({names})\n"
          f"    return lambda {names}: {otherwise}", space)  # fmt: skip
-    return chosen_by_types(space["build"])
+    return chosen_by_types(space[name])
 
 
 __all__ = ["FASTMATH", "chosen_by_types", "compiled", "compiled_elsewhere", "inlined", "inner_kernel", "kernel", "only_where", "prange"]

@@ -52,6 +52,7 @@ HOOKS = ("energy", "stress", "force", "tangent", "softening", "stress_change", "
          "near", "node", "push")  # fmt: skip
 WIDE = ("stress", "force", "rate_stress")
 NO_DATA = np.zeros(0)
+Find = Callable[[Any], Callable[..., Any] | None]  # a hook, by the type of a tuple of effects
 _registry: dict[str, dict[tuple[str, ...], Callable[..., Any]]] = {hook: {} for hook in HOOKS}
 _wide: dict[str, set[tuple[str, ...]]] = {hook: set() for hook in HOOKS}  # hooks that serve eight particles at a time
 
@@ -110,71 +111,63 @@ def any_has(*names: str, wide: bool | None = None) -> Callable[[Any], bool]:
     return lambda effects: any(_find(name, effects[i:], wide) is not None for name in names for i in range(0, len(effects), 2))
 
 
-def _has(*names: str) -> Callable[..., bool]:
-    """Function for compiled code: True if any effect has one of these hooks. Known while compiling: what needs it is left out."""
-    return chosen_by_types(lambda effects: (lambda effects: True) if any_has(*names)(effects) else (lambda effects: False))
-
-
-has_stress = _has("stress")
-has_force = _has("force")
-has_rate_stress = _has("rate_stress")
-has_relaxing = _has("relax")
-has_node = _has("node")
-any_softening = _has("softening")
-
-
-def _walk(
-    arguments: str, find: Callable[[Any], Callable[..., Any] | None], fold: str = "{}; {}", last: str = "None"
-) -> Callable[..., Any]:
+def _walk(name: str, arguments: str, find: Find, fold: str = "{}; {}", last: str = "None") -> Callable[..., Any]:
     """Function for compiled code, of (effects, arguments): calls what `find` finds of each effect, in one piece of code without a loop.
 
-    find: the hook of the first of a tuple's effects, or None. fold: how the value of a call and that of the rest make one; last: of no
-    effect. Numba wants arguments spelled out, so the code is a text.
+    name: of no other (magmpm.compiled.jit). find: the hook of the first of a tuple's effects, or None. fold: how the value of a call and
+    that of the rest make one; last: of no effect. Numba wants arguments spelled out, so the code is a text.
     """
 
     def code(effects):
         names = arguments.removeprefix("step, ")
         record = "[min(step, len(effects[{0}]) - 1)]" if names != arguments else "[0]"
-        space, value = {"np": np}, last
+        space, value = {"np": np, "__name__": __name__}, last
         for i in reversed(range(0, len(effects), 2)):
             hook = find(effects[i:])
             if hook is not None:
                 space[f"hook{i}"] = hook
                 value = fold.format(f"hook{i}(effects[{i}]{record.format(i)}, effects[{i + 1}], {names})", value)
         steps = value.split("; ")
-        exec("\n    ".join([f"def called(effects, {arguments}):", *steps[:-1], f"return {steps[-1]}"]), space)
-        return space["called"]
+        exec("\n    ".join([f"def {name}(effects, {arguments}):", *steps[:-1], f"return {steps[-1]}"]), space)
+        return space[name]
 
     space: dict[str, Any] = {"code": code}
     exec(f"def build(effects, {arguments}):\n    return code(effects)", space)
     return chosen_by_types(space["build"])
 
 
-def _hook(name: str, wide: bool | None = None) -> Callable[[Any], Callable[..., Any] | None]:
+def _hook(name: str, wide: bool | None = None) -> Find:
     return lambda effects: _find(name, effects, wide)
 
 
+has_stress = _walk("has_stress", "", _hook("stress"), "True", "False")  # known while compiling: what needs it is left out
+has_force = _walk("has_force", "", _hook("force"), "True", "False")
+has_rate_stress = _walk("has_rate_stress", "", _hook("rate_stress"), "True", "False")
+has_relaxing = _walk("has_relaxing", "", _hook("relax"), "True", "False")
+has_node = _walk("has_node", "", _hook("node"), "True", "False")
+any_softening = _walk("any_softening", "", _hook("softening"), "True", "False")
+
 # At one particle. step: which of an effect's records counts.
-add_energy = _walk("step, magnet, rho, x, F", _hook("energy"), "{} + ({})", "0.0")  # J/m^3
-add_stress = _walk("step, magnet, rho, x, F, P", _hook("stress"))
-add_force = _walk("step, magnet, rho, x, F, f", _hook("force"))
-add_tangent = _walk("step, magnet, rho, x, F, A", _hook("tangent"))
-add_softening = _walk("step, magnet, rho, x, F, H, M", _hook("softening"))
+add_energy = _walk("add_energy", "step, magnet, rho, x, F", _hook("energy"), "{} + ({})", "0.0")  # J/m^3
+add_stress = _walk("add_stress", "step, magnet, rho, x, F, P", _hook("stress"))
+add_force = _walk("add_force", "step, magnet, rho, x, F, f", _hook("force"))
+add_tangent = _walk("add_tangent", "step, magnet, rho, x, F, A", _hook("tangent"))
+add_softening = _walk("add_softening", "step, magnet, rho, x, F, H, M", _hook("softening"))
 
 # Eight particles at a time (kernels.particle_group): first the effects whose hooks are wide, called once, then the others, lane by lane.
-add_relaxing = _walk("step, dt, F, C, P", _hook("relax"))
-add_wide_stress = _walk("step, magnet, rho, x, F, P", _hook("stress", wide=True))
-add_wide_force = _walk("step, magnet, rho, x, F, f", _hook("force", wide=True))
-add_wide_rate_stress = _walk("step, rho, F, dF, P", _hook("rate_stress", wide=True))
-add_narrow_stress = _walk("step, magnet, rho, x, F, P", _hook("stress", wide=False))
-add_narrow_force = _walk("step, magnet, rho, x, F, f", _hook("force", wide=False))
-add_narrow_rate_stress = _walk("step, rho, F, dF, P", _hook("rate_stress", wide=False))
+add_relaxing = _walk("add_relaxing", "step, dt, F, C, P", _hook("relax"))
+add_wide_stress = _walk("add_wide_stress", "step, magnet, rho, x, F, P", _hook("stress", wide=True))
+add_wide_force = _walk("add_wide_force", "step, magnet, rho, x, F, f", _hook("force", wide=True))
+add_wide_rate_stress = _walk("add_wide_rate_stress", "step, rho, F, dF, P", _hook("rate_stress", wide=True))
+add_narrow_stress = _walk("add_narrow_stress", "step, magnet, rho, x, F, P", _hook("stress", wide=False))
+add_narrow_force = _walk("add_narrow_force", "step, magnet, rho, x, F, f", _hook("force", wide=False))
+add_narrow_rate_stress = _walk("add_narrow_rate_stress", "step, rho, F, dF, P", _hook("rate_stress", wide=False))
 
 # At a point of the surface, at a node, of a step.
-add_contact = _walk("step, x, v, mass, dt, f", _hook("contact"))
-add_touch = _walk("x, mass, f, H", _hook("touch"), "{} + ({})", "0.0")  # J
-change_node = _walk("step, X, u, v, free, dt", _hook("node"))
-push_time = _walk("step, dt", _hook("push"), "{} * ({})", "dt")  # s
+add_contact = _walk("add_contact", "step, x, v, mass, dt, f", _hook("contact"))
+add_touch = _walk("add_touch", "x, mass, f, H", _hook("touch"), "{} + ({})", "0.0")  # J
+change_node = _walk("change_node", "step, X, u, v, free, dt", _hook("node"))
+push_time = _walk("push_time", "step, dt", _hook("push"), "{} * ({})", "dt")  # s
 
 
 def _nearest(effects: Any) -> Callable[..., Any] | None:
@@ -184,10 +177,10 @@ def _nearest(effects: Any) -> Callable[..., Any] | None:
     return _find("near", effects) or register_jitable(lambda effect, data, x: np.inf)
 
 
-deepest = _walk("step, x", _nearest, "max({}, {})", "-np.inf")  # the largest `near`, m
+deepest = _walk("deepest", "step, x", _nearest, "max({}, {})", "-np.inf")  # the largest `near`, m
 
 
-def _change(name: str) -> Callable[[Any], Callable[..., Any] | None]:
+def _change(name: str) -> Find:
     """Find the hook `name`_change, or for an effect without it the difference of the hook `name`, which is exact if it is linear."""
 
     def find(effects: Any) -> Callable[..., Any] | None:
@@ -210,5 +203,5 @@ def _change(name: str) -> Callable[[Any], Callable[..., Any] | None]:
     return find
 
 
-add_stress_change = _walk("step, magnet, rho, dmagnet, drho, x, F, P", _change("stress"))
-add_force_change = _walk("step, magnet, rho, dmagnet, drho, x, F, f", _change("force"))
+add_stress_change = _walk("add_stress_change", "step, magnet, rho, dmagnet, drho, x, F, P", _change("stress"))
+add_force_change = _walk("add_force_change", "step, magnet, rho, dmagnet, drho, x, F, f", _change("force"))

@@ -48,12 +48,10 @@ class Meeting(NamedTuple):
 
     point: index in kernels.surface_contact.Surface; node: its first node; solid; memory (MEMORY n + 1,), changed by steps: a pair's place
     X (3,) m, what friction remembers (HELD,; its anchor in the undeformed solid), the value of `memory[-1]` until which it cannot touch,
-    cell, force (3,) N on the point,
-    depth m, normal (3,) out of the solid, and the distance m at which it begins to touch, 0 or less; at last the length (m) of the way
-    that any point may have moved; most (1,): m, of it, until pairs may be missing; law (5,): stiffness 1/s^2, layer m, knee m
-    and damping 1/s (effects.contact_law), and friction where neither material names one; pace (active nodes,): no
-    point is faster than the largest pace times speed of a node; then the fields of SolidCells and Solids, flat, as parallel loops take
-    them.
+    cell, force (3,) N on the point, depth m, normal (3,) out of the solid, and the distance m at which it begins to touch, 0 or less; at
+    last the length (m) of the way that any point may have moved; most (1,): m, of it, until pairs may be missing; law (5,): stiffness
+    1/s^2, layer m, knee m and damping 1/s (effects.contact_law), and friction where neither material names one; pace (active nodes,): no
+    point is faster than the largest pace times speed of a node; then the fields of SolidCells and Solids, flat, for parallel loops.
     """
 
     point: Index

@@ -7,6 +7,7 @@ import struct
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -196,14 +197,10 @@ def test_a_folder_that_cant_be_written_leaves_nothing_behind(tmp_path: Path) -> 
 
 def test_threads_end_with_the_server(server: PageServer) -> None:
     """Two at once: the page asks for a preview and a solution together."""
-    answers: list[int] = []
 
-    def one() -> None:
-        answers.append(ask(server, "POST", "/echo", "1", **{"X-Magmpm-Secret": server.secret})[0])
+    def one(_: int) -> int:
+        return ask(server, "POST", "/echo", "1", **{"X-Magmpm-Secret": server.secret})[0]
 
-    threads = [threading.Thread(target=one) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(8) as threads:
+        answers = list(threads.map(one, range(8)))
     assert answers == [200] * 8

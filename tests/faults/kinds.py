@@ -218,10 +218,12 @@ def _note(row: Row, said: str) -> None:
 
 
 @contextmanager
-def small_disk(folder: Path, size: str) -> Iterator[bool]:
-    """A file system of its own at a folder; False where this machine does not allow that."""
+def small_disk(folder: Path, size: str, row: Row) -> Iterator[bool]:
+    """A file system of its own at a folder; False where this machine does not allow that, which the row says."""
     folder.mkdir(parents=True)
     mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)], capture_output=True).returncode == 0
+    if not mounted:
+        row.said.append("not injected: this machine lets nobody mount a disk")
     try:
         yield mounted
     finally:
@@ -250,11 +252,9 @@ def refused_then_run(
 def disk_full(base: Path) -> Row:
     """A disk without room in the middle of a study; then there is room again."""
     row = Row("disk full")
-    disk = base / "disk"
-    study = study_of(base / "full", 60)
-    with small_disk(disk, "1m") as mounted:
+    disk, study = base / "disk", study_of(base / "full", 60)
+    with small_disk(disk, "1m", row) as mounted:
         if not mounted:
-            row.said.append("not injected: this machine lets nobody mount a small disk")
             return row
         more = [lambda: subprocess.run(["mount", "-o", "remount,size=64m", str(disk)], check=True)]
         refused_then_run(row, study, disk / "out", 60, lambda: begin(study, disk / "out", 0), more[0])
@@ -264,11 +264,9 @@ def disk_full(base: Path) -> Row:
 def read_only(base: Path) -> Row:
     """A folder that becomes read-only between two runs, and is writable again."""
     row = Row("read-only folder")
-    disk = base / "readonly"
-    study = study_of(base / "ro", 20)
-    with small_disk(disk, "64m") as mounted:
+    disk, study = base / "readonly", study_of(base / "ro", 20)
+    with small_disk(disk, "64m", row) as mounted:
         if not mounted:
-            row.said.append("not injected: this machine lets nobody mount a disk")
             return row
         study_of(base / "ro", 8)
         begin(study, disk / "out", 0).communicate()

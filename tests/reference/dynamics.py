@@ -67,9 +67,7 @@ def elastic_stress(model: Model, F: np.ndarray) -> np.ndarray:
     return shape + (model.bulk * change * J)[:, None, None] * H
 
 
-def held(
-    x: np.ndarray, v: np.ndarray, depth: float, before: np.ndarray, f: np.ndarray, dt: float
-) -> tuple[np.ndarray, np.ndarray]:
+def held(x: np.ndarray, v: np.ndarray, depth: float, before: np.ndarray, f: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """The force (3,) N of contact with friction on a point at x (3,) m with velocity v (3,) m/s, and what it remembers next; f (9,): of
     effects.contact_force; before (8,): anchor, 1 where it sticks, -1 where it slides, 0 where it does not touch, mean grip N, time s, the
     mean of the mean N, and the way since it stuck m.

@@ -170,17 +170,18 @@ class Reference:
         W -= self.magnetization(F, B / MU0)[0] @ B / MU0 + model.density * ((model.particles.position + u) @ g)
         return model.particles.volume * W + (J - 1) * (self.volume_stiffness() @ (J - 1)) / 2, J
 
+    def _terms(self, c: np.ndarray) -> tuple[np.ndarray, ...]:
+        """F, J, F^-T, V, I1, G J^(-2/3), the stiffness of volumes and the pressure."""
+        (_, F), V, Q = self.gather(c), self.model.particles.volume, self.volume_stiffness()
+        J = np.linalg.det(F)
+        scaled = self.model.shear * J ** (-2 / 3)
+        return F, J, np.linalg.inv(F).transpose(0, 2, 1), V, np.einsum("nij,nij->n", F, F), scaled, Q, Q @ (J - 1) / V
+
     def residual(self, c: np.ndarray) -> np.ndarray:
         """dE/dc (planes, m): sum over particles of V (P grad N - f N)."""
         model = self.model
-        _, F = self.gather(c)
-        J = np.linalg.det(F)
-        H = np.linalg.inv(F).transpose(0, 2, 1)
-        V = model.particles.volume
-        I1 = np.einsum("nij,nij->n", F, F)
-        g = model.shear * J ** (-2 / 3)
-        pressure = self.volume_stiffness() @ (J - 1) / V
-        P = g[:, None, None] * (F - I1[:, None, None] / 3 * H) + (pressure * J)[:, None, None] * H
+        F, J, H, V, I1, g, _, p = self._terms(c)
+        P = g[:, None, None] * (F - I1[:, None, None] / 3 * H) + (p * J)[:, None, None] * H
         B, weight = loads(model)
         P += self.magnetization(F, B / MU0)[1]
         f = model.density[:, None] * weight
@@ -189,15 +190,7 @@ class Reference:
 
     def tangent(self, c: np.ndarray) -> np.ndarray:
         """d^2E/dc^2 (unknowns, unknowns), from dP/dF written with H = F^-T."""
-        model = self.model
-        _, F = self.gather(c)
-        J = np.linalg.det(F)
-        H = np.linalg.inv(F).transpose(0, 2, 1)
-        V = model.particles.volume
-        I1 = np.einsum("nij,nij->n", F, F)
-        g = model.shear * J ** (-2 / 3)
-        Q = self.volume_stiffness()
-        p = Q @ (J - 1) / V
+        F, J, H, V, I1, g, Q, p = self._terms(c)
         eye = np.eye(3)
 
         def outer(scale: np.ndarray, left: np.ndarray, right: np.ndarray, indices: str) -> np.ndarray:

@@ -83,19 +83,23 @@ def test_one_worker_process_gives_the_study_that_none_gives(tmp_path: Path) -> N
         assert [t.value for t in one] == [t.value for t in other]
 
 
+def poisoned(variable: str, says: str, folder: Path, monkeypatch: pytest.MonkeyPatch, **options: Any) -> list[str]:
+    """Let one design of a study be bad once, which it says; then again, as often as one may be. Returns why that one failed."""
+    poison = folder / "poison"
+    monkeypatch.setenv(variable, str(poison))
+    for where, tries, failed in (("once", pool.TRIES, 0), ("often", 1, 1)):
+        monkeypatch.setattr(pool, "TRIES", tries)
+        poison.touch()
+        report = run(folder / where, "random", session.slow, **options)
+        assert (report.trials, report.failed, poison.exists()) == (TRIALS, failed, False)
+        assert failed or any(says in line for line in report.warnings)
+    return report.reasons
+
+
 @pytest.mark.slow
 def test_a_worker_that_dies_costs_nothing_and_a_deadly_design_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(session.DEADLY, str(tmp_path / "poison"))
-    (tmp_path / "poison").touch()
-    report = run(tmp_path, "random", session.slow, workers=2)
-    assert (report.trials, report.failed) == (TRIALS, 0)
-    assert not (tmp_path / "poison").exists()
-    assert any("worker processes that ended and were replaced: 1" in line for line in report.warnings)
-    monkeypatch.setattr(pool, "TRIES", 1)
-    (tmp_path / "poison").touch()
-    report = run(tmp_path / "again", "random", session.slow, workers=2)
-    assert (report.trials, report.failed) == (TRIALS, 1)
-    assert "ended by SIGSEGV" in report.reasons[0]
+    (reason,) = poisoned(session.DEADLY, "worker processes that ended and were replaced: 1", tmp_path, monkeypatch, workers=2)
+    assert "ended by SIGSEGV" in reason
 
 
 def test_a_design_that_ended_two_processes_is_given_up_and_the_next_one_begins_anew() -> None:
@@ -115,17 +119,9 @@ def test_a_design_that_ended_two_processes_is_given_up_and_the_next_one_begins_a
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_worker_that_hangs_is_ended_and_its_design_taken_up(workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And a design that hangs as often as it may counts as failed, with the reason."""
-    monkeypatch.setenv(session.HANGING, str(tmp_path / "poison"))
-    (tmp_path / "poison").touch()
-    report = run(tmp_path, "random", session.slow, workers=workers, time_limit=3.0)
-    assert (report.trials, report.failed) == (TRIALS, 0)
-    assert not (tmp_path / "poison").exists()
-    assert any("took too long for a design and were ended (--time-limit): 1" in line for line in report.warnings)
-    monkeypatch.setattr(pool, "TRIES", 1)
-    (tmp_path / "poison").touch()
-    report = run(tmp_path / "again", "random", session.slow, workers=workers, time_limit=3.0)
-    assert (report.trials, report.failed) == (TRIALS, 1)
-    assert report.reasons == ["the process that solved it ended after 3 s without an answer, 1 times"]
+    says = "took too long for a design and were ended (--time-limit): 1"
+    (reason,) = poisoned(session.HANGING, says, tmp_path, monkeypatch, workers=workers, time_limit=3.0)
+    assert reason == "the process that solved it ended after 3 s without an answer, 1 times"
 
 
 @pytest.mark.slow

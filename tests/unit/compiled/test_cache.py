@@ -2,6 +2,8 @@
 
 import errno
 import os
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -14,6 +16,19 @@ from magmpm.compiled import environment
 from magmpm.compiled.cache import kept_all
 
 MODULE = "from magmpm.compiled.cache import jit\n@jit()\ndef twice(x):\n    return 2 * x\n@jit()\ndef thrice(x):\n    return 3 * x\n"
+LINKED = f"""import sys
+import numpy as np
+from magmpm.compiled.jit import compiled
+@compiled
+def one(record):
+    found = 0.0
+    {"found += np.sin(found) + record.x;" * 40}  # too long to become a part of what calls it
+    return found
+@compiled
+def total(records):
+    return one(records[0]) + one(records[-1])
+print(*[total(np.array([(1.0, 2.0)], [(name, "f8") for name in names])) for names in sys.argv[1:]], end=" ")
+"""
 
 
 @pytest.fixture
@@ -93,3 +108,12 @@ def test_neither_cache_nor_temporary_folder(monkeypatch: pytest.MonkeyPatch, cap
     monkeypatch.setattr(Path, "mkdir", no_room)
     environment._cache_folder()
     assert "every run compiles its own" in capsys.readouterr().err
+
+
+def test_code_for_one_record_is_not_taken_for_that_of_another(tmp_path: Path) -> None:
+    """Two kinds of records, each compiled for by a process that knows no other, then loaded by one: Numba counts both as the same."""
+    (tmp_path / "linked.py").write_text(LINKED)
+    space = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONHASHSEED": "0"}
+    one, two, both = (subprocess.check_output([sys.executable, "linked.py", *kinds.split()], cwd=tmp_path, env=space, text=True)
+                      for kinds in ("xy", "yx", "xy yx"))  # fmt: skip
+    assert one + two == both

@@ -27,7 +27,7 @@ LONGEST_FILE, LONGEST_FUNCTION = 400, 60  # lines
 MOST_FLOORS, MOST_ARROWS, MOST_AT_THE_ROOT = 12, 110, 8
 FACE = 40  # lines
 # Ceilings: they fall, and do not rise. What is new pays for its lines by what it replaces.
-MOST_LINES = {"magmpm": 27_539, "studies": 14_571, "viz": 5_012, "tests": 30_557}
+MOST_LINES = {"magmpm": 27_538, "studies": 14_571, "viz": 5_012, "tests": 30_556}
 MOST_IN_README = 82  # lines
 MOST_MODULES, MOST_PATCHES = 286, 45  # of the packages; monkeypatch.setattr in tests
 ENTRIES = {"magmpm.__main__", "magmpm.cli.__main__", "magmpm.cli.command", "magmpm.studies.engine.workers.grpc_proxy", "magmpm.compare"}
