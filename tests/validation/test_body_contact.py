@@ -361,7 +361,7 @@ def test_a_coated_tip_slides_where_the_rest_grips() -> None:
     x = np.array([[3e-3, 0.0, -3.02e-3], [9e-3, 0.0, -3.02e-3]])
     still = at_rest(x, np.full(2, 1e-9))
     for k, friction in enumerate((0.4, 0.05)):
-        dragged = still._replace(held=np.column_stack([x - [1e-3, 0, 0], [[1.0, 0.0, 0.0, 0.0]] * 2]), grip=own)
+        dragged = still._replace(held=np.column_stack([x - [1e-3, 0, 0], [1.0, 1.0], still.held[:, 4:]]), grip=own)
         told = contact_of(model.effects, type(still)(*(part[k : k + 1] for part in dragged)), 1e-6)
         assert told["force"][0] == pytest.approx(-friction * told["force"][2], rel=1e-3)
     tip = model.particles.segment[model.surface.particle] == 1
