@@ -43,7 +43,7 @@ AGAINST = 1.3 * EULER  # load of the part of the field along the strip that snap
 STRIP, THICK = 20e-3, 1e-3  # m, its length and thickness
 FAR, PAST = 80e-3, 10e-3  # m: next to the tip, where the magnet comes from and goes to; where it has just passed
 D = 10e-3  # m: diameter of the magnet that passes, and its distance from the tip
-BASE, ARM, WIDE, THICK = 4.0, 20.0, 4.0, 2.0  # mm, of the robot made of parts
+BASE, ARM, WIDE, HIGH = 4.0, 20.0, 4.0, 2.0  # mm, of the robot made of parts
 PRECISION = np.float64  # in which particles are kept whose order is changed
 
 
@@ -226,7 +226,7 @@ def _tube(ratio: float, wall: float = 0.04e-3, field: float = 2e-3) -> Scene:
 def _parts() -> Scene:
     """A held block, and an arm of 2 mm that it holds."""
     sizes = ((0.0, BASE), (BASE, BASE + ARM))
-    meshes = [pack_mesh(block((a, -WIDE / 2, -THICK / 2), (b, WIDE / 2, THICK / 2))) for a, b in sizes]
+    meshes = [pack_mesh(block((a, -WIDE / 2, -HIGH / 2), (b, WIDE / 2, HIGH / 2))) for a, b in sizes]
     parts = [
         {"mesh": meshes[0], "name": "base", "material": "silicone", "clamp": True},
         {"mesh": meshes[1], "name": "arm", "material": "silicone", "magnetization": [1.0, 0.0, 0.0]},
@@ -241,12 +241,12 @@ def _against_strip(scene: Scene) -> float:
     """Distance of the arm's middle from that of a strip of its size, over its length; infinite unless parts of one cell are refused."""
     parts = scene.to_si()["body"]["parts"]
     try:
-        changed(scene, body={"parts": {**parts, "spacing": 1e-3 * THICK}})
+        changed(scene, body={"parts": {**parts, "spacing": 1e-3 * HIGH}})
         return np.inf
     except InputError as error:
         if "spacing" not in str(error):
             return np.inf
-    strip = {"length": 1e-3 * ARM, "width": 1e-3 * WIDE, "thickness": 1e-3 * THICK, "material": "silicone"}
+    strip = {"length": 1e-3 * ARM, "width": 1e-3 * WIDE, "thickness": 1e-3 * HIGH, "material": "silicone"}
     segments = [{"magnetization": [1.0, 0.0, 0.0]}]
     alone = run(changed(scene, body={"strip": {**strip, "segments": segments}}, solver={"static": {}}))
     middle = run(scene).segment_center[1] - [1e-3 * BASE, 0.0, 0.0]
