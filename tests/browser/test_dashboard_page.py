@@ -55,11 +55,6 @@ def served(out: Path) -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def address(served: Any) -> str:
-    return str(served.address)
-
-
-@pytest.fixture(scope="module")
 def page(served: Any, browser: Any) -> Iterator[Any]:
     """A page of the browser; errors that pages print fail the test at its end."""
     errors: list[str] = []
@@ -97,10 +92,10 @@ def test_what_the_dashboard_is_told(served: Any, out: Path) -> None:
         assert f"--trial {trial['number']}\n" in trial["note"]["body"]
 
 
-def test_the_list_of_trials(page: Any, served: Any, address: str, out: Path) -> None:
+def test_the_list_of_trials(page: Any, served: Any, out: Path) -> None:
     """Value in mm, note, picture, and the files to download, as a reader sees them."""
     number, detail = study_of(served)
-    page.goto(f"{address}/dashboard/studies/{number}/trials?numbers=0")
+    page.goto(f"{served.address}/dashboard/studies/{number}/trials?numbers=0")
     page.get_by_text("Trial 0 (trial_id=").first.wait_for(timeout=60000)
     text = page.inner_text("body")
     value = detail["trials"][0]["values"][0]
@@ -117,36 +112,36 @@ def test_the_list_of_trials(page: Any, served: Any, address: str, out: Path) -> 
     picture.scroll_into_view_if_needed()
 
 
-def test_what_failed_and_what_is_infeasible(page: Any, served: Any, address: str) -> None:
+def test_what_failed_and_what_is_infeasible(page: Any, served: Any) -> None:
     """In the list, in the details and in the table, as in the plots."""
     number, _ = study_of(served)
     for trial, state in ((0, "Complete"), (2, "Fail"), (4, "Infeasible")):
-        page.goto(f"{address}/dashboard/studies/{number}/trials?numbers={trial}")
+        page.goto(f"{served.address}/dashboard/studies/{number}/trials?numbers={trial}")
         page.get_by_text(f"Trial {trial} (trial_id=").first.wait_for(timeout=60000)
         chips = page.locator(".MuiChip-label").all_inner_texts()
         assert [chips.count(name) for name in ("Complete", "Fail", "Infeasible")] == [4 + (trial == 0), 1 + (trial == 2), 1 + (trial == 4)]
         assert state in chips
-    page.goto(f"{address}/dashboard/studies/{number}/smartSelection")
+    page.goto(f"{served.address}/dashboard/studies/{number}/smartSelection")
     page.get_by_role("cell", name="Infeasible").wait_for(timeout=60000)
     assert page.get_by_role("cell", name="Complete").count() == 4
 
 
-def test_the_study(page: Any, served: Any, address: str) -> None:
+def test_the_study(page: Any, served: Any) -> None:
     """The history in mm, and the study's note."""
     number, _ = study_of(served)
-    page.goto(f"{address}/dashboard/studies/{number}")
+    page.goto(f"{served.address}/dashboard/studies/{number}")
     page.locator(".js-plotly-plot").first.wait_for(timeout=60000)
     page.wait_for_timeout(1500)
     assert "rms (mm)" in page.inner_text("body")
-    page.goto(f"{address}/dashboard/studies/{number}/note")
+    page.goto(f"{served.address}/dashboard/studies/{number}/note")
     page.get_by_text("Reproduce:").first.wait_for(timeout=30000)
 
 
-def test_the_list_of_studies_has_no_button_that_would_be_refused(page: Any, browser: Any, out: Path, address: str, tmp_path: Path) -> None:
+def test_the_list_of_studies_has_no_button_that_would_be_refused(page: Any, browser: Any, served: Any, out: Path, tmp_path: Path) -> None:
     """Begun with --write, it has."""
     from dashboard_client import dashboard
 
-    page.goto(f"{address}/dashboard")
+    page.goto(f"{served.address}/dashboard")
     page.get_by_text("probe").first.wait_for(timeout=60000)
     button = page.get_by_label("delete study")
     assert button.count() == 1

@@ -4,6 +4,7 @@ import os
 import signal
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -104,7 +105,7 @@ def test_the_lock_leaves_no_file_and_one_that_waits_for_it_locks_the_next(tmp_pa
     """Five threads, one at a time, although each deletes the file."""
     inside, most = [0], [0]
 
-    def work() -> None:
+    def work(_: int) -> None:
         for _ in range(20):
             with folder_lock(tmp_path):
                 inside[0] += 1
@@ -113,10 +114,7 @@ def test_the_lock_leaves_no_file_and_one_that_waits_for_it_locks_the_next(tmp_pa
                 inside[0] -= 1
 
     lock.PATIENCE = 60.0
-    threads = [threading.Thread(target=work) for _ in range(5)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(5) as threads:
+        assert list(threads.map(work, range(5))) == [None] * 5
     assert most == [1]
     assert list(tmp_path.iterdir()) == []

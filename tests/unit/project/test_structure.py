@@ -170,6 +170,13 @@ def test_no_module_is_a_crumb() -> None:
     assert len(files()) <= MOST_MODULES
 
 
+def test_no_module_binds_a_name_twice() -> None:
+    """The first meaning would be lost without a word: so it went with a length of hard cases when two modules were joined."""
+    targets = [(at, target) for at in files().values() for node in tree(at).body if isinstance(node, ast.Assign) for target in node.targets]
+    bound = [(at, node.id) for at, target in targets for node in ast.walk(target) if isinstance(node, ast.Name)]
+    assert sorted(set(bound)) == sorted(bound)
+
+
 def test_tests_patch_little() -> None:
     patches = [path.read_text(encoding="utf-8").count("monkeypatch" + ".setattr(") for path in (ROOT / "tests").rglob("*.py")]
     assert sum(patches) <= MOST_PATCHES
