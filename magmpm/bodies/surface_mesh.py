@@ -6,6 +6,7 @@ mesh they were made with, and the scene's hash covers every vertex.
 
 from __future__ import annotations
 
+import atexit
 import base64
 import re
 import zlib
@@ -36,6 +37,7 @@ RAYS = 400  # points from which the thickness is measured
 LINES = 100  # through the mesh, along which its surface is tried for crossing itself
 CROSSED = 0.01  # of the mesh's size: more than what the touching pieces of a drawing cross each other by
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("color", "<u2")])  # of binary STL
+atexit.register(lambda: _stored_solid.cache_clear())  # type: ignore[has-type]  # manifold3d complains of solids that outlive it
 
 
 @dataclass(frozen=True)

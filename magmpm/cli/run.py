@@ -111,7 +111,6 @@ def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Re
         for note in notes_before(scene):
             print(f"magmpm: {note}", file=sys.stderr, flush=True)
     with Progress(f"{scene.name}") as progress, of_file(options.scene), limited(options.time_limit):
-
         def tell(step: int, number: float) -> None:
             if not scene.in_time:
                 progress.note(f"Newton step {step}, energy gap {number:.0e}")

@@ -76,9 +76,7 @@ def _getitem(context, builder, signature, values):
     return loaded
 
 
-type_callable(operator.setitem)(
-    lambda context: lambda view, index, value: types.void if _indexes(view, index) and value == lanes else None
-)
+type_callable(operator.setitem)(lambda context: lambda view, index, value: types.void if _indexes(view, index) and value == lanes else None)
 
 
 @lower_builtin(operator.setitem, View, types.Any, lanes)
