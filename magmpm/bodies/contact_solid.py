@@ -1,7 +1,8 @@
 """The solids of an undeformed body, one for each of its components: how deep a place lies in them.
 
 A point of another surface touches a solid where the place in the undeformed solid that is now at the point lies below its surface. Rods
-and boxes have exact distances, components of meshes a table (bodies.signed_distance). Bores are taken as full: nothing enters them.
+and convex bodies of few faces have exact distances, other components of meshes a table (bodies.signed_distance), whose surface bulges by
+0.08 of its spacing beside sharp edges: what slides under such an edge is pushed. Bores are taken as full: nothing enters them.
 """
 
 from collections.abc import Sequence
@@ -11,17 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.contact_surface import cut
-from magmpm.bodies.signed_distance import Table, solid, to_triangles, value
+from magmpm.bodies.signed_distance import solid, to_triangles, value
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
 
-BOX, ROD, TABLE = range(3)
+CONVEX, ROD, TABLE = range(3)
+MOST_PLANES = 100  # of a convex solid: their distances take as long as a table's
+FLAT = 1e-5  # of its hull's volume: what a convex body may lack, as STL files have single precision
 FINE = 4  # points of a table in a cell width
 
 
 class Solids(NamedTuple):
-    """kind (s,): BOX, ROD or TABLE; size (s, 6) m: corners of a box; both ends and radius of a rod along x; a table's first point and
-    spacing; points (s, 3) of a table along x, y, z; first (s + 1,): where its coefficients (k,) begin."""
+    """kind (s,): CONVEX, ROD or TABLE; size (s, 4) m: radius of a rod along x; a table's first point and spacing; points (s, 3) of a table
+    along x, y, z; first (s + 1,): where its coefficients (k,) begin, or the planes (4 each) of a convex solid and of a rod's ends: unit
+    normal outward, and its product with a place of the plane, m."""
 
     kind: Index
     size: Array
@@ -32,31 +36,37 @@ class Solids(NamedTuple):
 
 def box_solid(low: Sequence[float], high: Sequence[float]) -> Solids:
     """A box between two corners (3,) m."""
-    return _one(BOX, [*low, *high])
+    return _one(CONVEX, np.column_stack([np.vstack([-np.eye(3), np.eye(3)]), [*(-c for c in low), *high]]))
 
 
 def rod_solid(start: float, end: float, radius: float) -> Solids:
     """A round rod around the x axis, from start to end (m)."""
-    return _one(ROD, [start, end, radius, 0.0, 0.0, 0.0])
+    return _one(ROD, np.array([[-1.0, 0.0, 0.0, -start], [1.0, 0.0, 0.0, end]]), [radius, 0.0, 0.0, 0.0])
 
 
 def mesh_solids(components: Sequence[Sequence[Array]], cell: float) -> Solids:
     """One solid for each component: parts (f, 3, 3) m that hold together, without the faces on which they touch; cell: of the grid, m."""
-    tables = [_table(parts, cell) for parts in components]
-    return Solids(
-        kind=np.full(len(tables), TABLE),
-        size=np.array([[*table.origin, table.spacing, 0.0, 0.0] for table in tables]),
-        points=np.array([table.coefficients.shape for table in tables]),
-        first=np.cumsum([0, *(table.coefficients.size for table in tables)]),
-        coefficients=np.concatenate([table.coefficients.ravel() for table in tables]),
-    )
+    each = [_convex(parts) or _table(parts, cell) for parts in components]
+    kind, size, points, _, coefficients = (np.concatenate(fields) for fields in zip(*each, strict=True))
+    return Solids(kind, size, points, np.cumsum([0, *(one.coefficients.size for one in each)]), coefficients)
 
 
-def _one(kind: int, size: list[float]) -> Solids:
-    return Solids(np.array([kind]), np.array([size]), np.zeros((1, 3), np.int64), np.zeros(2, np.int64), np.zeros(0))
+def _one(kind: int, coefficients: Array, size: Sequence[float] = (0.0,) * 4, points: Sequence[int] = (0, 0, 0)) -> Solids:
+    return Solids(np.array([kind]), np.array([size]), np.array([points]), np.array([0, coefficients.size]), coefficients.ravel())
 
 
-def _table(parts: Sequence[Array], cell: float) -> Table:
+def _convex(parts: Sequence[Array]) -> Solids | None:
+    """The solid of a component that is convex and has at most MOST_PLANES faces; of another, None."""
+    from scipy.spatial import ConvexHull  # 0.1 s to import, and most scenes have no meshes
+
+    hull, volume = ConvexHull(np.concatenate(parts).reshape(-1, 3)), sum(abs(np.linalg.det(part).sum()) / 6 for part in parts)
+    rounded = np.round(hull.equations / [1.0, 1.0, 1.0, hull.max_bound.max() - hull.min_bound.min()], 5)
+    planes = hull.equations[np.unique(rounded, axis=0, return_index=True)[1]] * [1.0, 1.0, 1.0, -1.0]
+    convex = len(planes) <= MOST_PLANES and volume > (1 - FLAT) * hull.volume
+    return _one(CONVEX, planes) if convex else None
+
+
+def _table(parts: Sequence[Array], cell: float) -> Solids:
     """The table of a component. Triangles with all corners on another part are where the two hold together, not its surface."""
     spacing, outside = cell / FINE, []
     for k, part in enumerate(parts):
@@ -69,7 +79,8 @@ def _table(parts: Sequence[Array], cell: float) -> Table:
                 free = (to_triangles(corners, there) > 0.1 * spacing).reshape(-1, 3).any(axis=1)
                 part, kept = np.concatenate([part, pieces[free]]), np.concatenate([kept & ~near, np.ones(free.sum(), bool)])
         outside.append(part[kept])
-    return solid(parts, np.concatenate(outside), spacing)
+    table = solid(parts, np.concatenate(outside), spacing)
+    return _one(TABLE, table.coefficients, [*table.origin, table.spacing], table.coefficients.shape)
 
 
 def _meets(triangles: Array, other: Array, within: float) -> NDArray[np.bool_]:
@@ -82,31 +93,29 @@ def _meets(triangles: Array, other: Array, within: float) -> NDArray[np.bool_]:
 def solid_distance(solids, s, x, normal):  # type: ignore[no-untyped-def]
     """Signed distance (m) of a place x (3,) m from the surface of solid s, negative inside; normal (3,): its slope, outward.
 
-    Beside edges outside of a box or rod it is that of the nearest face's plane, which is less.
+    Beside edges outside of a convex solid or rod it is that of the nearest face's plane, which is less.
     """
-    kind = solids.kind[s]
-    normal[:] = 0.0
+    kind, begin, end = solids.kind[s], solids.first[s], solids.first[s + 1]
     if kind == TABLE:
         at, spacing = solids.size[s], solids.size[s, 3]
         p, q, r = (x[0] - at[0]) / spacing, (x[1] - at[1]) / spacing, (x[2] - at[2]) / spacing
         nx, ny, nz = solids.points[s, 0], solids.points[s, 1], solids.points[s, 2]
+        normal[:] = 0.0
         if not (0.5 <= p < nx - 1.5 and 0.5 <= q < ny - 1.5 and 0.5 <= r < nz - 1.5):
             return np.inf
-        d, s0, s1, s2 = value(p, q, r, spacing, ny, nz, solids.coefficients[solids.first[s] : solids.first[s + 1]])
+        d, s0, s1, s2 = value(p, q, r, spacing, ny, nz, solids.coefficients[begin:end])
         normal[0], normal[1], normal[2] = -s0, -s1, -s2
         return -d
     most = -np.inf
-    axes = 1 if kind == ROD else 3
-    for i in range(axes):
-        low, high = solids.size[s, i], solids.size[s, i + 3 if kind == BOX else 1]
-        d = max(low - x[i], x[i] - high)
+    for k in range(begin, end, 4):
+        plane = solids.coefficients[k : k + 4]
+        d = plane[0] * x[0] + plane[1] * x[1] + plane[2] * x[2] - plane[3]
         if d > most:
             most = d
-            normal[:] = 0.0
-            normal[i] = 1.0 if x[i] - high > low - x[i] else -1.0
-    if kind == ROD:
+            normal[:] = plane[:3]
+    if kind == ROD:  # its ends are planes
         r = np.sqrt(x[1] ** 2 + x[2] ** 2)
-        if r - solids.size[s, 2] > most:
-            most = r - solids.size[s, 2]
+        if r - solids.size[s, 0] > most:
+            most = r - solids.size[s, 0]
             normal[0], normal[1], normal[2] = 0.0, x[1] / r, x[2] / r
     return most

@@ -65,8 +65,9 @@ def taken(field: FieldSource) -> list[Solid]:
             half = np.full(3, dipole.diameter / 2)
             found.append(Solid(_name("dipole", k, field.dipole), np.array(dipole.position), np.eye(3), half, True, True))
     for k, magnet in enumerate(field.magnet or ()):
-        place, frame = np.array(magnet.position), frame_of(magnet.axis)
-        found.append(Solid(_name("magnet", k, field.magnet), place, frame, _half(magnet), magnet.cylinder is not None))
+        place, frame, round_ = np.array(magnet.position), frame_of(magnet.axis), magnet.cylinder
+        size = magnet.cuboid.size if magnet.cuboid is not None else (round_.diameter, round_.diameter, round_.length)  # type: ignore[union-attr]
+        found.append(Solid(_name("magnet", k, field.magnet), place, frame, np.array(size) / 2, round_ is not None))
     return found
 
 
@@ -95,13 +96,6 @@ def wires(field: FieldSource) -> list[Solid]:
 
 def _name(key: str, k: int, many: tuple[Any, ...] | None) -> str:
     return f"field.{key}" if len(many or ()) == 1 else f"field.{key}[{k}]"
-
-
-def _half(magnet: Magnet) -> Array:
-    if magnet.cuboid is not None:
-        return np.array(magnet.cuboid.size) / 2
-    assert magnet.cylinder is not None
-    return np.array([magnet.cylinder.diameter, magnet.cylinder.diameter, magnet.cylinder.length]) / 2
 
 
 def polarization(magnet: Magnet) -> Array:

@@ -125,7 +125,9 @@ class Branch:
         beyond = np.inf  # the earliest time at which an attempt failed
         while self.now.time < until:
             # Where nothing tells that the branch ends, a step may only have been too long: loads may grow a thousandfold within it.
-            ends = beyond < np.inf and (self._near.unstable or self._ends_before(beyond))
+            ends = beyond < np.inf and (  # the trend of the lowest eigenvalue reaches zero before, as at a limit point
+                self._near.unstable or (self.before is not None and _zero_of("limit point", self.before, self.now, beyond) < beyond)
+            )
             least = finest if ends else FINEST * finest
             gap = min(until, beyond) - self.now.time
             way = min(gap / 2 if ends else gap, self.now.step)
@@ -152,10 +154,6 @@ class Branch:
         if found is None:
             raise SolveError("the body slips: with friction there is no equilibrium near; remedy: take more steps of a shorter time")
         self.now = replace(found, step=self.now.step)
-
-    def _ends_before(self, time: float) -> bool:
-        """True if the trend of the lowest eigenvalue reaches zero before a time, s, as at a limit point."""
-        return self.before is not None and _zero_of("limit point", self.before, self.now, time) < time
 
     def stability(self) -> float:
         """Stability of the last equilibrium: its smallest eigenvalue over that of the unloaded body (statics.stability)."""

@@ -26,8 +26,7 @@ from magmpm.scene.memory import within
 
 
 def test_killed_and_resumed_is_the_same_motion(tmp_path: Path, told) -> None:
-    """SIGKILL at some frame, then --resume: result and checkpoint equal those of an uninterrupted run bit for bit, and no frame is missing.
-    """
+    """SIGKILL at some frame, then --resume: result and checkpoint equal those of an uninterrupted run bit for bit; no frame is missing."""
     path = scene(tmp_path, "duration: 40 ms, output_every: 1 ms")
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     told("run", path, "--out", whole)
@@ -125,8 +124,7 @@ def test_a_motion_goes_on_with_a_larger_budget(tmp_path: Path, told) -> None:
     (lambda out, _: (out / ENERGIES).unlink(), ENERGIES), (lambda out, _: (out / ENERGIES).write_text("null\nnull\n"), ENERGIES),
 ], ids=["frames", "rows cut", "no rows", "garbage"])  # fmt: skip
 def test_a_motion_with_holes_is_not_resumed(damage: Callable[[Path, Path], None], name: str, tmp_path: Path, told) -> None:
-    """Frames or rows before the checkpoint are missing, so the continuation would not fit. Tables with missing rows are not drawn either.
-    """
+    """Frames or rows before the checkpoint are missing: the continuation would not fit. Tables with missing rows are not drawn either."""
     out, earlier = tmp_path / "out", tmp_path / "earlier"
     told("run", scene(tmp_path, "duration: 2 ms, output_every: 1 ms"), "--out", out)
     shutil.copytree(out, earlier)

@@ -32,8 +32,7 @@ def rod_scene(
     anti_locking: str = "f-bar",
     **static: Any,
 ) -> Scene:
-    """A clamped catheter. shear: one value, or one per segment; field (3,) T, gravity (3,) m/s^2: None
-    omits the effect."""
+    """A clamped catheter. shear: one value, or one per segment; field (3,) T, gravity (3,) m/s^2: None omits the effect."""
     moduli = np.broadcast_to(np.asarray(shear, dtype=float), (len(directions),)).tolist()
     segments: list[dict[str, Any]] = [{"magnetization": list(map(float, d)), "material": f"m{k}"} for k, d in enumerate(directions)]
     for segment, part in zip(segments, [None] * len(segments) if lengths is None else lengths, strict=True):

@@ -83,8 +83,7 @@ def test_thin_tube(wall: float, cells: int) -> None:
 
 @pytest.mark.parametrize("B", [0.1, 0.4])
 def test_strong_field(B: float) -> None:
-    """100 to 400 times a field that bends it: a sharp bend at the clamp, magnetic stress up to a quarter of G, strains of tens of percent.
-    """
+    """100 to 400 times a field that bends it: sharply at the clamp, magnetic stress up to a quarter of G, strains of tens of percent."""
     result = run(rod_scene(field=(0, 0, B), cells=3))
     assert result.converged
     assert result.tip[2] > 0.9 * 40e-3

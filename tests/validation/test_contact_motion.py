@@ -40,8 +40,7 @@ def sloped(
     )),
 ])  # fmt: skip
 def test_an_undamped_block_sticks_on_a_slope(size, friction, duration, cells, share, stiffness) -> None:
-    """Weight that acts at once, tan at 0.8 or 0.95 of friction: within 0.02 cell. On a spring as stiff as a cell it slides by millimeters.
-    """
+    """Weight at once, tan at 0.8 or 0.95 of friction: within 0.02 cell. On a spring as stiff as a cell it slides by millimeters."""
     model = sloped(np.arctan(share * friction), friction, size=size, cells=cells, stiffness=stiffness)
     ways = [mean(model, m.x - model.particles.position)[0] for m in follow(model, [duration / 2, duration])]
     assert max(np.abs(ways)) < 0.02 * model.scene.cell
@@ -257,8 +256,7 @@ def test_feed_holds_a_base_that_is_not_clamped_and_says_so() -> None:
 
 @pytest.mark.slow
 def test_the_shipped_vessel_turns_the_catheter_that_is_fed_into_it() -> None:
-    """The base is pushed by speed times time; the wall keeps the whole catheter inside, pushes it back and sideways, and deflects its tip.
-    """
+    """The base is pushed by speed times time; the wall keeps the catheter inside, pushes it back and sideways, and deflects its tip."""
     scene = load_scene(Path(__file__).parents[2] / "data/scenes/fed_into_vessel.yaml")
     model = build(scene)
     axis = curve(np.array(scene.effects.walls.tube.path), 1e-4)

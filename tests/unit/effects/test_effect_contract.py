@@ -132,8 +132,7 @@ def falls(left: np.ndarray, order: int, rounding: float) -> bool:
 
 @pytest.mark.parametrize("key", having(*STATIC))
 def test_it_has_an_energy_and_its_law_is_not_zero(key: str, rng: np.random.Generator) -> None:
-    """Each of its static hooks is nonzero at some particle; the energy of magnetic_force is counted in magnetic_torque; its scene has both.
-    """
+    """Each of its static hooks is nonzero at some particle; magnetic_force's energy is counted in magnetic_torque; its scene has both."""
     one = acting(key)
     assert any(hook(own, "energy") for own in hooks.pairs(one.all)), "a stress or force has an energy"
     at = Point(one, rng)

@@ -81,8 +81,7 @@ def test_dipole_is_magpylibs(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("source", ["dipole", "table"])
 def test_derivatives_are_those_of_the_field(source: str, spline_data: np.ndarray, turned: np.void, rng: np.random.Generator) -> None:
-    """Taylor: the remainder of B after the slope has order 2, that of m . B after slope and curvature order 3, in a rotated, moved frame.
-    """
+    """Taylor: the remainder of B after the slope has order 2, of m . B after slope and curvature order 3, in a rotated, moved frame."""
     data = ONE if source == "dipole" else spline_data
     for x in rng.uniform(-9e-3, 9e-3, (4, 3)):
         d = 1e-3 * rng.standard_normal(3)

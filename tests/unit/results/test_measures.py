@@ -23,8 +23,7 @@ def bent() -> Result:
 
 
 def coefficients(model: StaticModel, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Coefficients of the displacement a x + b x^2, which the clamped splines represent exactly: a g + b (g^2 - h^2/4) at node centers g.
-    """
+    """Coefficients of displacements a x + b x^2, which the clamped splines represent exactly: a g + b (g^2 - h^2/4) at node centers g."""
     g, h = model.grid.node_coordinates(0)[1:], model.grid.node_widths[1:]  # of a cell at each node: they differ in a tube
     planes = np.outer(g, a) + np.outer(g**2 - h**2 / 4, b)
     return np.repeat(planes[:, None, :], model.layout.nodes_per_plane, axis=1).reshape(model.layout.planes, -1)

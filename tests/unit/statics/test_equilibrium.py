@@ -130,8 +130,7 @@ def test_answer_does_not_depend_on_the_start(spatial: Result) -> None:
 
 
 def test_a_near_neighbour_saves_steps(spatial: Result) -> None:
-    """From its own result a run ends at once (a first step may be shifted); from a result 1 % away it takes fewer steps than from the rod.
-    """
+    """From its own result it ends at once (a first step may be shifted); from a result 1 % away it takes fewer steps than from the rod."""
     assert run(spatial_scene(), start=spatial).iterations <= 2
     near = run(spatial_scene().with_field(1.01 * FIELD))
     assert run(spatial_scene(), start=near).iterations < spatial.iterations
