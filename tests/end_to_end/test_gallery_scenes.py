@@ -150,7 +150,7 @@ def test_a_strip_walks_by_friction_and_back_in_the_mirrored_field(measure: Modul
 
 @pytest.mark.slow
 def test_the_walking_strip_of_the_gallery(measure: ModuleType, tmp_path: Path) -> None:
-    walks(measure, tmp_path, 6, 0.02)  # 0.015 measured on 2 cells, where chance decides when a foot lets go; 0.0098 with lumped mass
+    walks(measure, tmp_path, 6, 0.02)  # 0.002 measured on 2 cells
 
 
 def test_the_walking_field_is_what_its_script_writes(tmp_path: Path) -> None:
