@@ -97,7 +97,7 @@ class Parts(BodyShape):
                 raise fault(
                     f"parts must not overlap: {meshes[j].name or f'part {j + 1}'} shares {shared:.3g} {unit or ''}^3 with "
                     f"{meshes[i].name or f'part {i + 1}'}, {100 * shared / smaller:.3g} % of the smaller",
-                    "move or trim one of them; faces may touch",
+                    "move or trim one of them; faces may touch, and then hold together",
                     (j, "mesh"),
                 )
         return meshes

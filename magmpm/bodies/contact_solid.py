@@ -1,8 +1,8 @@
 """The solids of an undeformed body, one for each of its components: how deep a place lies in them.
 
 A point of another surface touches a solid where the place in the undeformed solid that is now at the point lies below its surface. Rods
-and convex bodies of few faces have exact distances, other components of meshes a table (bodies.signed_distance), whose surface bulges by
-0.08 of its spacing beside sharp edges: what slides under such an edge is pushed. Bores are taken as full: nothing enters them.
+and lone convex parts of few faces have exact distances, other components of meshes a table (bodies.signed_distance). Beside sharp edges its
+surface bulges by 0.08 of its spacing, and what slides under such an edge is pushed. Bores of tubes are taken as full.
 """
 
 from collections.abc import Sequence
@@ -17,15 +17,15 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
 
 CONVEX, ROD, TABLE = range(3)
-MOST_PLANES = 100  # of a convex solid: their distances take as long as a table's
-FLAT = 1e-5  # of its hull's volume: what a convex body may lack, as STL files have single precision
+MOST_PLANES = 100  # of a convex solid: 0.5 us a pair, where a table takes 0.06; a tenth of a motion at most
+FLAT = 1e-3  # cells: what is nearer to a plane lies on it. Turned STL files have a millionth
 FINE = 4  # points of a table in a cell width
 
 
 class Solids(NamedTuple):
-    """kind (s,): CONVEX, ROD or TABLE; size (s, 4) m: radius of a rod along x; a table's first point and spacing; points (s, 3) of a table
-    along x, y, z; first (s + 1,): where its coefficients (k,) begin, or the planes (4 each) of a convex solid and of a rod's ends: unit
-    normal outward, and its product with a place of the plane, m."""
+    """kind (s,): CONVEX, ROD or TABLE; size (s, 4) m: first the radius of a rod along x, or a table's first point and spacing, or zeros;
+    points (s, 3) of a table along x, y, z; first (s + 1,): where its coefficients (k,) begin, or the planes (4 each) of a convex solid and
+    of a rod's ends: unit normal outward, and its product with a place of the plane, m."""
 
     kind: Index
     size: Array
@@ -46,7 +46,7 @@ def rod_solid(start: float, end: float, radius: float) -> Solids:
 
 def mesh_solids(components: Sequence[Sequence[Array]], cell: float) -> Solids:
     """One solid for each component: parts (f, 3, 3) m that hold together, without the faces on which they touch; cell: of the grid, m."""
-    each = [_convex(parts) or _table(parts, cell) for parts in components]
+    each = [(_convex(parts[0], cell) if len(parts) == 1 else None) or _table(parts, cell) for parts in components]
     kind, size, points, _, coefficients = (np.concatenate(fields) for fields in zip(*each, strict=True))
     return Solids(kind, size, points, np.cumsum([0, *(one.coefficients.size for one in each)]), coefficients)
 
@@ -55,15 +55,17 @@ def _one(kind: int, coefficients: Array, size: Sequence[float] = (0.0,) * 4, poi
     return Solids(np.array([kind]), np.array([size]), np.array([points]), np.array([0, coefficients.size]), coefficients.ravel())
 
 
-def _convex(parts: Sequence[Array]) -> Solids | None:
-    """The solid of a component that is convex and has at most MOST_PLANES faces; of another, None."""
+def _convex(part: Array, cell: float) -> Solids | None:
+    """The solid of a part (f, 3, 3) m that is its own convex hull and has at most MOST_PLANES faces; of another, None."""
     from scipy.spatial import ConvexHull  # 0.1 s to import, and most scenes have no meshes
 
-    hull, volume = ConvexHull(np.concatenate(parts).reshape(-1, 3)), sum(abs(np.linalg.det(part).sum()) / 6 for part in parts)
-    rounded = np.round(hull.equations / [1.0, 1.0, 1.0, hull.max_bound.max() - hull.min_bound.min()], 5)
-    planes = hull.equations[np.unique(rounded, axis=0, return_index=True)[1]] * [1.0, 1.0, 1.0, -1.0]
-    convex = len(planes) <= MOST_PLANES and volume > (1 - FLAT) * hull.volume
-    return _one(CONVEX, planes) if convex else None
+    hull, planes = ConvexHull(part.reshape(-1, 3)), list[Array]()
+    faces, equations = hull.points[hull.simplices], hull.equations
+    while len(faces) and len(planes) < MOST_PLANES:
+        planes.append(equations[0])
+        far, off = (np.abs(each @ planes[-1][:3] + planes[-1][3]).max(axis=1) > FLAT * cell for each in (faces, part))
+        faces, equations, part = faces[far], equations[far], part[off]
+    return None if len(faces) or len(part) else _one(CONVEX, np.array(planes) * [1.0, 1.0, 1.0, -1.0])
 
 
 def _table(parts: Sequence[Array], cell: float) -> Solids:
@@ -93,7 +95,7 @@ def _meets(triangles: Array, other: Array, within: float) -> NDArray[np.bool_]:
 def solid_distance(solids, s, x, normal):  # type: ignore[no-untyped-def]
     """Signed distance (m) of a place x (3,) m from the surface of solid s, negative inside; normal (3,): its slope, outward.
 
-    Beside edges outside of a convex solid or rod it is that of the nearest face's plane, which is less.
+    Beside edges outside of a convex solid or rod it is that of the farthest face's plane, which is less.
     """
     kind, begin, end = solids.kind[s], solids.first[s], solids.first[s + 1]
     if kind == TABLE:

@@ -6,9 +6,8 @@
   ``np.isfinite(x)`` is always true: Numba computes it from x - x, which reassociation replaces by zero.
 * Kernels take records (NamedTuples of arrays) as arguments. They assign to arrays of a record only in functions that they call. If a
   parallel function itself assigns to a field of a record, Numba treats this as dead code and leaves it out.
-* Numba names a compiled function by its own name, a number that counts functions, and its types; a record's type by a number that counts
-  types. Processes count alike what differs, and the linker takes the first of two functions of one name for both. So records count by a
-  hash of their fields, and functions that are made from a text have a name of their own.
+* Numba's symbols count functions and records. Two processes count alike what differs, and the linker takes the first of two for both. So
+  records count by a hash of their fields here, and functions that are made from a text have names of their own, with their module's.
 * Division by zero gives inf, as in NumPy, and checks on the result catch it. Inside a parallel loop an exception would be lost.
 """
 
@@ -62,9 +61,8 @@ def only_where(argument: str, needed: Callable[[Any], bool], function: Any, othe
 
     needed: of that argument's Numba type; otherwise: Python text of the value elsewhere. The result can be called by compiled code alone.
     """
-    plain = function.py_func
-    name, names = f"where{plain.__name__}", ", ".join(signature(plain).parameters)
-    space = {"function": function, "needed": needed, "__name__": plain.__module__}
+    name, names = f"where{function.py_func.__name__}", ", ".join(signature(function.py_func).parameters)
+    space = {"function": function, "needed": needed, "__name__": function.py_func.__module__}
     exec(f"def {name}({names}):\n    if needed({argument}):\n        return lambda {names}: function({names})\n"
          f"    return lambda {names}: {otherwise}", space)  # fmt: skip
     return chosen_by_types(space[name])

@@ -136,7 +136,7 @@ class BodyContact:
         found = {"self_contact": Contact(force=np.zeros(3), count=len(on), depth=deepest, energy=float(energy.sum()))}
         for i, j in np.unique(np.column_stack([np.minimum(a, b), np.maximum(a, b)]), axis=0):
             here = (np.minimum(a, b) == i) & (np.maximum(a, b) == j)
-            weight = np.linalg.norm(force[here], axis=1) + 1e-300  # a point that leaves may be in, and not be pushed
+            weight = np.einsum("ni,ni->n", force[here], normal[here]) + 1e-300  # a point that leaves may be in, and not be pushed
             weight /= weight.sum()
             mean = weight @ normal[here]
             found[f"self_contact: {self.names[i]}, {'itself' if i == j else self.names[j]}"] = Contact(

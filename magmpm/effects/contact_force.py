@@ -14,7 +14,7 @@ lasting grip, which follows the push with a delay: m + (m - mm) / 2, where m is 
 period of the slowest shear oscillation of a layer as thick as the body; and mm is the mean of m. (All of the trend m - mm would not lag on
 a ramp, but swing past a step by 14 %, half of it by 2 %.) Where friction follows at once, bounce and shear of an elastic body feed each
 other without end. But what lags while a body slides feeds its slower vibrations: so over the first micrometers of a slide the delay
-shrinks to a part, until the point sticks again. A point that has left forgets as slowly as it learned.
+shrinks to a part; a point that sticks again regains it as time goes on. A point that has left forgets in the time of its mean.
 Sources: Cundall and Strack, Geotechnique 29 (1979) 47, the tangential spring with a slider; Hunt and Crossley, J. Appl. Mech. 42 (1975)
 440, a dashpot that begins at nothing; Prakash and Clifton, J. Appl. Mech. 60 (1993), and Cochard and Rice, J. Geophys. Res. 105 (2000)
 25891, friction that follows the push with a delay; Brown, Smoothing, Forecasting and Prediction (1963), chapter 9, the mean of a mean.
@@ -29,8 +29,8 @@ from magmpm.compiled.jit import compiled
 PARTS = 9  # numbers in f
 DELAY = 4.0  # times that a shear wave takes through the thickness: the period of the slowest shear oscillation of a layer held at one face
 FAR, SHORT = 0.01, 1 / 16  # thicknesses of the body: the way after which a slide has but this part of the delay
-HELD, TOUCHES = 8, 3  # numbers that friction remembers of a point: anchor (3,) m; whether it touches (0: no; -1: it slides);
-STICKS = 1.0  # the mean of its grip, N; over what time, s; the mean of that mean, N; how far it has slid since it stuck, m
+HELD = 8  # numbers that friction remembers of a point: anchor (3,) m; how it touches (STICKS; -STICKS: it slides; 0: not at all);
+TOUCHES, STICKS = 3, 1.0  # the mean of its grip, N; over what time, s; the mean of that mean, N; how far it has slid since it stuck, m
 
 
 @compiled
