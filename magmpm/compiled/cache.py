@@ -100,7 +100,9 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The saved function, or None."""
         try:
-            return super().load_overload(sig, target_context)
+            if (found := super().load_overload(sig, target_context)) is not None:
+                found.library._reload_init.update(found.reload_init)  # Numba forgets that what calls a parallel kernel must start threads
+            return found
         except OSError as error:
             _tell(f"{self._cache_path}: {error.strerror or error}", "can't be read")
             return None

@@ -125,9 +125,7 @@ class Branch:
         beyond = np.inf  # the earliest time at which an attempt failed
         while self.now.time < until:
             # Where nothing tells that the branch ends, a step may only have been too long: loads may grow a thousandfold within it.
-            ends = beyond < np.inf and (  # the trend of the lowest eigenvalue reaches zero before, as at a limit point
-                self._near.unstable or (self.before is not None and _zero_of("limit point", self.before, self.now, beyond) < beyond)
-            )
+            ends = beyond < np.inf and (self._near.unstable or _zero_of("limit point", self.before, self.now, beyond) < beyond)
             least = finest if ends else FINEST * finest
             gap = min(until, beyond) - self.now.time
             way = min(gap / 2 if ends else gap, self.now.step)
@@ -284,9 +282,9 @@ def outside_domain(model: StaticModel, point: Point) -> SolveError | None:
     return None if found is None else LeftField(f"{found[0]}; {found[2]}")
 
 
-def _zero_of(kind: Kind, before: Reached, last: Reached, past: float) -> float:
+def _zero_of(kind: Kind, before: Reached | None, last: Reached, past: float) -> float:
     """Time when the lowest eigenvalue reaches zero, s, at most `past`: by its trend between two equilibria."""
-    if before.lowest is None or last.lowest is None or not before.lowest > last.lowest:
+    if before is None or before.lowest is None or last.lowest is None or not before.lowest > last.lowest:
         return past
     power = 2 if kind == "limit point" else 1
     far, near = before.lowest**power, max(last.lowest, 0.0) ** power

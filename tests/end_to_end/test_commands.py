@@ -9,21 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from reference.commands import scene_text
+from small_study import STUDY as SHORT
 
 from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import load_scene
 
 SCENE = scene_text(segments="{magnetization: [1, 0, 0]}, {magnetization: [0, 1, 0]}")
-STUDY = """\
-scene: scene.yaml
-vary: {magnetization: {}}
-match: {centreline: target.csv}
-trials: 3
-sampler: random
-seed: 7
-stop: {rms: 0.001 mm}
-"""
+STUDY = SHORT.replace("trials: 2", "trials: 3").replace("seed: 3", "seed: 7") + "stop: {rms: 0.001 mm}\n"
 CONTRACT = {"tip", "centreline", "converged", "iterations", "particles", "dof", "min_det_F", "max_det_F", "seconds", "warnings"}
 
 

@@ -119,8 +119,7 @@ def walks(measure: ModuleType, tmp_path: Path, cycles: int, steady: float, **cha
     assert np.abs(nowhere).max() < 0.01 * steps.mean()  # no force along x: the center stays
     mirrored = mirror_of(scene("walking_strip", **changes))
     back = measure.steps_along_x(moved(mirrored, tmp_path / "back"), measure.PERIOD)[1:]
-    # The mirrored strip is the strip with its magnetization rotated by 90 degrees. Rotating the field instead is equivalent only for a
-    # thin strip, which rotates without stretching. This strip has a bending strain of half its thickness over the radius, some percent.
+    # The mirrored strip is the strip with its magnetization turned by 90 degrees: as the turned field, but for its strain of some percent.
     assert back == pytest.approx(-steps[:1], rel=0.08)
 
 
@@ -144,7 +143,6 @@ def test_a_strip_that_comes_to_rest_in_each_cycle_takes_equal_steps(measure: Mod
 @pytest.mark.slow
 @pytest.mark.xfail(strict=True, reason="with its own damping a strip still swings as a cycle begins: 1.9, 4.9 % on 3, 4 cells")
 def test_a_strip_walks_by_friction_and_back_in_the_mirrored_field(measure: ModuleType, tmp_path: Path) -> None:
-    # the same with a half and a third of the step; 0.004 was measured with another dashpot
     walks(measure, tmp_path, 4, 0.01, body__strip__plane_strain=True, resolution__cells_across=4)
 
 

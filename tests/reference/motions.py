@@ -30,8 +30,7 @@ class Moment:
 
 
 def body(spacing: float = 1e-3, segments: int = 3) -> SimpleNamespace:
-    """A stand-in for the model of a catheter of LENGTH and DIAMETER along +x: particles with this spacing (m), magnetized along x, y, x,
-    ..."""
+    """A stand-in for a catheter's model of LENGTH and DIAMETER along +x: particles with this spacing (m), magnetized along x, y, x, ..."""
     along = (np.arange(round(LENGTH / spacing)) + 0.5) * spacing
     across = (np.arange(round(DIAMETER / spacing)) + 0.5) * spacing - DIAMETER / 2
     X = np.stack([grid.ravel() for grid in np.meshgrid(along, across, across, indexing="ij")], axis=1)

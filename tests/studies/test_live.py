@@ -172,8 +172,7 @@ def test_wrong_fields_are_refused(make, place: str) -> None:
 
 @pytest.mark.slow
 def test_tips_are_those_of_runs(tmp_path: Path) -> None:
-    """Every tip of a small map is that of `magmpm run` in this field, to what solves from different starts agree to (1e-6 L), and the files
-    say the same."""
+    """Every tip of a small map is that of `magmpm run`, to what solves from different starts agree to (1e-6 L); the files say so."""
     scene = load_scene(SCENE).with_cells(2)
     found = map_tips(scene, on_rays(12, 6e-3, 3))
     for field, tip, stability in zip(found.fields.values, found.tip, found.stability, strict=True):

@@ -27,8 +27,7 @@ def in_field(scene: Scene, field: dict[str, Any], named: dict[str, Any]) -> Scen
 
 def test_a_gradient_pulls_and_turns_a_free_body() -> None:
     """Momentum grows by the integral of f = (1/mu0) (grad B)^T F Br, angular momentum by that of x cross f plus (1/mu0) F Br cross B,
-    summed step by step: to 1e-6 of their magnitude. The first step gives the center the acceleration (1/mu0) mean of (grad B)^T Br over
-    rho."""
+    summed by steps: to 1e-6 of their size. The first step gives the center the acceleration (1/mu0) mean of (grad B)^T Br over rho."""
     scene = in_field(free_rod(**BODY), {"uniform": (0, 2e-3, 0), "dipole": SPHERE}, BOTH)
     motion, dt = set_off(scene, np.zeros_like)
     model, source = motion.model, scene.outside_field()

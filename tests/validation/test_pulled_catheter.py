@@ -66,8 +66,7 @@ def test_a_measured_map_gives_the_magnets_answer() -> None:
 
 
 def test_a_magnet_as_table_cloud_and_dipole() -> None:
-    """The same magnet as a table; as a cloud of dipoles, which is used if it rotates (here by a full turn); and, from twice the distance,
-    as one dipole."""
+    """The same magnet as a table; as a cloud of dipoles, if it rotates (here by a full turn); from twice the distance, as one dipole."""
     table = run(pulled({"magnet": MAGNET}))
     field = {"magnet": MAGNET}
     once = {"rotation": {"axis": (0, 0, 1), "frequency": 1.0, "turns": 1.0, "center": MAGNET["position"]}}

@@ -193,8 +193,7 @@ def voxels(cells: set[tuple[int, int, int]], rng: np.random.Generator) -> tuple[
 
 @pytest.mark.parametrize("seed", range(20))
 def test_volumes_are_exact_whatever_order_the_triangles_have(seed: int) -> None:
-    """Cubes at random places touch along edges and at corners. The overlap of two such bodies is the sum over pairs of cubes, for any
-    shift."""
+    """Cubes at random places touch along edges and at corners. Two such bodies share the sum over pairs of cubes, for any shift."""
     rng = np.random.default_rng(seed)
     one, other = ({tuple(c) for c in np.argwhere(rng.random((4, 4, 4)) < 0.5).tolist()} for _ in range(2))
     solids = []

@@ -113,8 +113,7 @@ def test_volumes_and_centres_of_segments(shares: list[float], cells: int, count:
 
 
 def test_a_segment_end_within_rounding_of_a_face_is_that_face() -> None:
-    """0.1 + 0.2 is not 0.3: no cell may be cut into a full part and one of the size of a rounding error, which would be a cell without
-    stiffness."""
+    """0.1 + 0.2 is not 0.3: no cell may be cut into a full part and one of the size of a rounding error, a cell without stiffness."""
     grid = bodies.rod_grid(np.array([3e-3]), 1e-3, 4)  # faces every 0.25 mm
     ends = np.array([1e-3 * (1 + 4e-16), 2e-3 * (1 - 4e-16), 3e-3])
     p = bodies.rod_particles(grid, outer=0.5e-3, inner=0.0, segment_ends=ends, particles_per_cell=2)

@@ -18,7 +18,7 @@ from magmpm.compiled.cache import kept_all
 MODULE = "from magmpm.compiled.cache import jit\n@jit()\ndef twice(x):\n    return 2 * x\n@jit()\ndef thrice(x):\n    return 3 * x\n"
 LINKED = f"""import sys
 import numpy as np
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, kernel
 @compiled
 def one(record):
     found = 0.0
@@ -27,8 +27,22 @@ def one(record):
 @compiled
 def total(records):
     return one(records[0]) + one(records[-1])
-print(*[total(np.array([(1.0, 2.0)], [(name, "f8") for name in names])) for names in sys.argv[1:]], end=" ")
+@kernel
+def parallel(x):
+    return (2.0 * x).sum()
+@compiled
+def caller(x):
+    return 2.0 * parallel(x)
+for name in sys.argv[1:]:
+    print(globals()[name](np.ones(9)) if name in globals() else total(np.array([(1.0, 2.0)], [(at, "f8") for at in name])), end=" ")
 """
+
+
+def linked(folder: Path, names: str) -> str:
+    """What a process of its own prints of these functions, or kinds of records, with a cache in this folder."""
+    (folder / "linked.py").write_text(LINKED)
+    space = {**os.environ, "NUMBA_CACHE_DIR": str(folder), "PYTHONHASHSEED": "0"}
+    return subprocess.check_output([sys.executable, "linked.py", *names.split()], cwd=folder, env=space, text=True)
 
 
 @pytest.fixture
@@ -112,8 +126,9 @@ def test_neither_cache_nor_temporary_folder(monkeypatch: pytest.MonkeyPatch, cap
 
 def test_code_for_one_record_is_not_taken_for_that_of_another(tmp_path: Path) -> None:
     """Two kinds of records, each compiled for by a process that knows no other, then loaded by one: Numba counts both as the same."""
-    (tmp_path / "linked.py").write_text(LINKED)
-    space = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONHASHSEED": "0"}
-    one, two, both = (subprocess.check_output([sys.executable, "linked.py", *kinds.split()], cwd=tmp_path, env=space, text=True)
-                      for kinds in ("xy", "yx", "xy yx"))  # fmt: skip
-    assert one + two == both
+    assert linked(tmp_path, "xy") + linked(tmp_path, "yx") == linked(tmp_path, "xy yx")
+
+
+def test_what_calls_a_loaded_parallel_kernel_starts_threads(tmp_path: Path) -> None:
+    """A process compiles the kernel, one what calls it, and a third loads that alone: its first call was one to nowhere."""
+    assert [linked(tmp_path, name) for name in ("parallel", "caller", "caller")] == ["18.0 ", "36.0 ", "36.0 "]

@@ -93,8 +93,7 @@ def test_push_and_grip_have_the_numbers_of_their_formulas() -> None:
 
 
 def test_the_spring_of_friction_begins_soft(rng: np.random.Generator) -> None:
-    """Its push has the slope of layer over thickness times the full stiffness at the surface, and of all of it from the knee on, without a
-    jump."""
+    """Its push has the slope of layer over thickness times the stiffness at the surface, of all of it from the knee on; no jump."""
     named = ground.parameters(point=[0, 0, 0], normal=[0, 0, 1], friction=0.0, stiffness=STIFFNESS, layer=2e-4, knee=1e-5)
 
     def push(depth: float) -> float:
@@ -143,8 +142,7 @@ def test_a_catheter_may_begin_on_the_ground(normal: list[float]) -> None:
     ids=["ground", "walls"],
 )  # fmt: skip
 def test_where_a_body_begins_inside_is_said(obstacle: dict[str, Any], inside: str, at: Any) -> None:
-    """The message names the obstacle, the segment by its key, and the place: the lower side of the tip, for a plane or tube that rises
-    along x."""
+    """The message names the obstacle, the segment by its key, and the place: below the tip, for a plane or tube that rises along x."""
     named = validate(Effects, obstacle, "example.yaml")
     with pytest.raises(InputError) as caught:
         build(rod_scene(length=12e-3, cells=4, directions=[(1, 0, 0)] * 3).model_copy(update={"effects": named}))

@@ -215,8 +215,7 @@ def test_a_table_too_near_to_a_magnet_is_refused(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.parametrize("given", [CYLINDER, {**BLOCK, **TILTED}, {**CYLINDER, **TILTED}], ids=["cylinder", "block", "tilted"])
 def test_cloud_of_dipoles(given: dict[str, object], rng: np.random.Generator) -> None:
-    """Meets the requested accuracy from the requested distance on, at points that its own check did not use; its moment is that of the
-    magnet."""
+    """Meets the requested accuracy from the requested distance on, at points its own check did not use; it has the magnet's moment."""
     field = source(magnet=given)
     exact, solid = solids.exact(field), solids.taken(field)[0]
     rows = table.cloud(solid, solids.polarization(field.magnet[0]), exact, 8e-3, 2e-3)

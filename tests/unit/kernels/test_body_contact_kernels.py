@@ -5,11 +5,11 @@ import pytest
 from reference.parts import parts_scene
 from reference.solids import box
 
-from magmpm.bodies.contact_solid import FINE, Solids, box_solid, mesh_solids, rod_solid, solid_distance
+from magmpm.bodies.contact_solid import FINE, TABLE, Solids, box_solid, mesh_solids, rod_solid, solid_distance
 from magmpm.dynamics.body_contact import SHARE
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.kernels.body_contact import DEPTH, MEMORY, PLACE, _add_all, _touch
+from magmpm.kernels.body_contact import DEPTH, FORCE, MEMORY, NORMAL, PLACE, _add_all, _touch
 from magmpm.kernels.total_lagrangian_step import State
 from magmpm.model import build
 
@@ -60,6 +60,10 @@ def test_places_and_depths_in_a_deformed_solid(motion: TotalMotion) -> None:
     low, high = np.array([SIZE + 0.1e-3, 0.2e-3, 0.3e-3]), np.array([2 * SIZE + 0.1e-3, 3.2e-3, 3.3e-3])
     nearest = np.sort(np.minimum(X - low, high - X), axis=1)
     np.testing.assert_allclose(memory[on, DEPTH], nearest[:, 0], rtol=0, atol=1e-7 * SIZE)  # of single precision, as STL has
+    reports = [contact.report(np.append(memory, 0.0), u, 0.0 * u)["self_contact: a, b"]]
+    memory[:, FORCE : FORCE + 3] += 1e3 * memory[:, [DEPTH]] * np.cross(memory[:, NORMAL : NORMAL + 3], [0.3, 1.0, X[0, 0]])
+    reports.append(contact.report(np.append(memory, 0.0), u, 0.0 * u)["self_contact: a, b"])
+    np.testing.assert_allclose(reports[1]["point"], reports[0]["point"], rtol=0, atol=1e-9 * SIZE)  # of the push: friction moves it not
 
 
 def test_forces_are_the_slope_of_the_energy_and_cancel(motion: TotalMotion) -> None:
@@ -89,8 +93,9 @@ def test_distances_of_solids(kind: str) -> None:
     solids: Solids = {
         "box": box_solid(low.tolist(), high.tolist()), "rod": rod_solid(0.0, 4e-3, 1e-3),
         "mesh": mesh_solids([[box(tuple(low), tuple(high)).triangles]], 0.5e-3),
-        "table": mesh_solids([[box(tuple(low), tuple(high)).triangles, box((0.0, -1e-3, -2e-3), (0.1e-3, 1e-3, -1e-3)).triangles]], 0.5e-3),
+        "table": mesh_solids([[np.vstack([box((*low,), (*high,)).triangles, box((0, -1e-3, -2e-3), (1e-4, 0, -1e-3)).triangles])]], 5e-4),
     }[kind]  # fmt: skip
+    assert (solids.kind[0] == TABLE) == (kind == "table")
     rng, normal, off_by = np.random.default_rng(0), np.empty(3), CLOSE * 0.5e-3 / FINE if kind == "table" else 1e-12
     for off in rng.uniform(-0.1e-3, 0.1e-3, 50):
         angle = rng.uniform(0, 2 * np.pi)

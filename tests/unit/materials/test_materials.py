@@ -97,8 +97,7 @@ def test_frame_indifference_and_isotropy(seed: int, turn: int, other: int) -> No
 
 @given(seeds)
 def test_shape_and_volume_are_apart(seed: int) -> None:
-    """Without pressure the Kirchhoff stress has no trace, and a pure change of volume has shape energy 0: F-bar may average the volume part
-    alone."""
+    """Without pressure the Kirchhoff stress has no trace, a pure change of volume no shape energy: F-bar may average volume alone."""
     F = random_F(seed)
     J, cof, P = np.linalg.det(F), np.empty((3, 3)), np.empty((3, 3))
     materials.cofactor(F, cof)
