@@ -1,7 +1,6 @@
 """Errors, their wording (place, value received, rule, remedy), and the exit status with which they end a command; and numbers for people.
 
-Such numbers have significant digits, a fitting prefix, and no "-0". They are for messages, tables, reports and pictures; `--json` is not
-rounded.
+Such numbers have significant digits, a fitting prefix, and no "-0", in messages, tables, reports and pictures; `--json` is not rounded.
 """
 
 from __future__ import annotations

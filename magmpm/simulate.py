@@ -127,8 +127,7 @@ def sensitivities(
 ) -> Sensitivities:
     """Solve a scene for its equilibrium, and find how the shape answers to numbers of the scene: exact first derivatives.
 
-    scene: a Scene, or the path of a scene file. start: as of `run`. of: the kinds of variables, in any order; all that the scene has
-    unless given:
+    scene: a Scene, or the path of a scene file. start: as of `run`. of: the kinds of variables, in any order; unless given, all it has:
 
     * magnetization: the direction of each magnetized region, toward growing azimuth about +z and toward growing elevation, per rad;
     * field: its uniform part, along x, y and z, per T;

@@ -46,8 +46,7 @@ class Line:
 class Discretization:
     """A body as a grid and particles.
 
-    errors: relative errors of the particles' volumes or areas, and moments; planes: faces of the grid, its lower x face aside, on which
-    the body is held.
+    errors: relative errors of the particles' volumes or areas, and moments; planes: faces of the grid that hold the body, not x's lower.
     """
 
     grid: Grid
@@ -59,8 +58,7 @@ class Discretization:
 class BodyShape(Settings):
     """The settings of one kind of body, and what follows from them. Lengths in m.
 
-    `cells_across` and `particles_per_cell` are those of the scene's `resolution`. Where a kind says no more, its methods have these
-    docstrings.
+    `cells_across` and `particles_per_cell` are those of the scene's `resolution`. Methods without a docstring in a kind have these.
     """
 
     clamp_key: ClassVar[str] = "clamp"  # its key that holds it somewhere

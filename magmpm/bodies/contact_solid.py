@@ -1,8 +1,8 @@
 """The solids of an undeformed body, one for each of its components: how deep a place lies in them.
 
-A point of another surface touches a solid where the place in the undeformed solid that is now at the point lies below its surface. Rods
-and lone convex parts of few faces have exact distances, other components of meshes a table (bodies.signed_distance). Beside sharp edges its
-surface bulges by 0.08 of its spacing, and what slides under such an edge is pushed. Bores of tubes are taken as full.
+A point of another surface touches a solid where the place in the undeformed solid that is now at the point lies below its surface. Boxes
+and rods are planes and a cylinder; components of meshes have a table of distances (bodies.signed_distance), and where its splines bend
+around an edge, the faces of the mesh. Bores of tubes are taken as full.
 """
 
 from collections.abc import Sequence
@@ -11,78 +11,107 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.contact_surface import cut
-from magmpm.bodies.signed_distance import solid, to_triangles, value
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
 
-CONVEX, ROD, TABLE = range(3)
-MOST_PLANES = 100  # of a convex solid: 0.5 us a pair, where a table takes 0.06; a tenth of a motion at most
-FLAT = 1e-3  # cells: what is nearer to a plane lies on it. Turned STL files have a millionth
+ROUNDED = 1e-3  # of the distance from which parts are on each other: slivers of what is left between them, due to rounding
 FINE = 4  # points of a table in a cell width
+SHARP = 0.02  # of the spacing: error of a table beside edges of 10 degrees. Beside square ones it is 0.2, and what slides there is pushed
+AROUND = 3  # points around those: from one to the next the error falls to a sixth
 
 
 class Solids(NamedTuple):
-    """kind (s,): CONVEX, ROD or TABLE; size (s, 4) m: first the radius of a rod along x, or a table's first point and spacing, or zeros;
-    points (s, 3) of a table along x, y, z; first (s + 1,): where its coefficients (k,) begin, or the planes (4 each) of a convex solid and
-    of a rod's ends: unit normal outward, and its product with a place of the plane, m."""
+    """points (s, 3) of a table along x, y, z, or zeros; size (s, 4) m: its first point and spacing, or the radius of a rod along x; first
+    (s + 1,): where its coefficients (k,) begin, or planes (4 each): unit normal outward, and its product with a place of the plane, m;
+    near: where in itself the faces around each coefficient's point begin (k + 1,), then these; faces (12 each): corners m, unit normal."""
 
-    kind: Index
     size: Array
     points: Index
     first: Index
     coefficients: Array
+    near: Index
+    faces: Array
 
 
 def box_solid(low: Sequence[float], high: Sequence[float]) -> Solids:
     """A box between two corners (3,) m."""
-    return _one(CONVEX, np.column_stack([np.vstack([-np.eye(3), np.eye(3)]), [*(-c for c in low), *high]]))
+    return _exact(np.inf, np.column_stack([np.vstack([-np.eye(3), np.eye(3)]), [*(-c for c in low), *high]]))
 
 
 def rod_solid(start: float, end: float, radius: float) -> Solids:
     """A round rod around the x axis, from start to end (m)."""
-    return _one(ROD, np.array([[-1.0, 0.0, 0.0, -start], [1.0, 0.0, 0.0, end]]), [radius, 0.0, 0.0, 0.0])
+    return _exact(radius, np.array([[-1.0, 0.0, 0.0, -start], [1.0, 0.0, 0.0, end]]))
+
+
+def _exact(radius: float, planes: Array) -> Solids:
+    none = np.zeros((1, 3), np.int64)
+    return Solids(np.array([[radius, 0.0, 0.0, 0.0]]), none, np.array([0, planes.size]), planes.ravel(), none[0], np.zeros(0))
 
 
 def mesh_solids(components: Sequence[Sequence[Array]], cell: float) -> Solids:
     """One solid for each component: parts (f, 3, 3) m that hold together, without the faces on which they touch; cell: of the grid, m."""
-    each = [(_convex(parts[0], cell) if len(parts) == 1 else None) or _table(parts, cell) for parts in components]
-    kind, size, points, _, coefficients = (np.concatenate(fields) for fields in zip(*each, strict=True))
-    return Solids(kind, size, points, np.cumsum([0, *(one.coefficients.size for one in each)]), coefficients)
+    outside = [_outside(parts, cell) for parts in components]
+    tables, faces = [distance.surface(corners, cell / FINE) for corners in outside], [distance.faces_of(corners) for corners in outside]
+    around = [_around(*each) for each in zip(tables, faces, strict=True)]
+    first, before = (np.cumsum([0, *each]) for each in ([table.coefficients.size for table in tables], map(len, faces)))
+    point, face = (np.concatenate([each[n] + start[k] for k, each in enumerate(around)]) for n, start in enumerate((first, before)))
+    order = np.argsort(point, kind="stable")
+    near = np.concatenate([first[-1] + 1 + np.searchsorted(point[order], np.arange(first[-1] + 1)), face[order]])
+    return Solids(
+        np.array([[*table.origin, table.spacing] for table in tables]), np.array([table.coefficients.shape for table in tables]), first,
+        np.concatenate([table.coefficients.ravel() for table in tables]), near, np.concatenate(faces).ravel(),
+    )  # fmt: skip
 
 
-def _one(kind: int, coefficients: Array, size: Sequence[float] = (0.0,) * 4, points: Sequence[int] = (0, 0, 0)) -> Solids:
-    return Solids(np.array([kind]), np.array([size]), np.array([points]), np.array([0, coefficients.size]), coefficients.ravel())
+def _around(table: distance.Table, faces: Array) -> tuple[Index, Index]:
+    """Points of a table around which it is off, as near edges of its faces (m, 12), and faces that may be nearest there; as pairs."""
+    from scipy.ndimage import binary_dilation, correlate1d, map_coordinates
+
+    place = (cut(faces[:, :9].reshape(-1, 3, 3), table.spacing).reshape(-1, 3) - table.origin) / table.spacing
+    off = np.abs(map_coordinates(table.coefficients, place.T, order=2, mode="mirror", prefilter=False)) > SHARP * table.spacing
+    sharp = np.zeros(table.coefficients.shape, np.bool_)
+    sharp[tuple(np.rint(place[off]).astype(int).T)] = True
+    values, band, across = table.coefficients, distance.BAND * table.spacing, np.sqrt(3) * table.spacing  # of the box around a point:
+    for axis in range(3):
+        values = correlate1d(values, [0.125, 0.75, 0.125], axis, mode="mirror")
+    listed = binary_dilation(sharp, np.ones((3, 3, 3)), AROUND) & (np.abs(values) < band - across)  # its distances differ by so much
+    return distance.near_triangles(faces, table.origin, table.spacing, band, np.abs(values), np.zeros_like(values), listed, across)
 
 
-def _convex(part: Array, cell: float) -> Solids | None:
-    """The solid of a part (f, 3, 3) m that is its own convex hull and has at most MOST_PLANES faces; of another, None."""
-    from scipy.spatial import ConvexHull  # 0.1 s to import, and most scenes have no meshes
-
-    hull, planes = ConvexHull(part.reshape(-1, 3)), list[Array]()
-    faces, equations = hull.points[hull.simplices], hull.equations
-    while len(faces) and len(planes) < MOST_PLANES:
-        planes.append(equations[0])
-        far, off = (np.abs(each @ planes[-1][:3] + planes[-1][3]).max(axis=1) > FLAT * cell for each in (faces, part))
-        faces, equations, part = faces[far], equations[far], part[off]
-    return None if len(faces) or len(part) else _one(CONVEX, np.array(planes) * [1.0, 1.0, 1.0, -1.0])
-
-
-def _table(parts: Sequence[Array], cell: float) -> Solids:
-    """The table of a component. Triangles with all corners on another part are where the two hold together, not its surface."""
-    spacing, outside = cell / FINE, []
+def _outside(parts: Sequence[Array], cell: float) -> Array:
+    """The surface (m, 3, 3) m of a component: that of its parts, without what is on another part, where the two hold together."""
+    within, surface = 0.1 * cell / FINE, []
     for k, part in enumerate(parts):
-        kept = np.ones(len(part), bool)
-        for other in (parts[j] for j in range(len(parts)) if j != k):
-            near = _meets(part, other, spacing)
-            if near.any():
-                pieces = cut(part[near], cell)
-                corners, there = np.ascontiguousarray(pieces.reshape(-1, 3)), np.ascontiguousarray(other[_meets(other, part, spacing)])
-                free = (to_triangles(corners, there) > 0.1 * spacing).reshape(-1, 3).any(axis=1)
-                part, kept = np.concatenate([part, pieces[free]]), np.concatenate([kept & ~near, np.ones(free.sum(), bool)])
-        outside.append(part[kept])
-    table = solid(parts, np.concatenate(outside), spacing)
-    return _one(TABLE, table.coefficients, [*table.origin, table.spacing], table.coefficients.shape)
+        others = np.concatenate([part[:0], *(other for j, other in enumerate(parts) if j != k)])
+        near = _meets(part, others, within) if len(others) else np.zeros(len(part), np.bool_)
+        surface.append(part[~near])
+        for triangle in part[near]:
+            there = others[_meets(others, triangle[None], within)]
+            pieces = cut(_uncovered(triangle, there, within), cell)  # and where round parts with other facets hold together:
+            middle = pieces.mean(axis=1, keepdims=True)
+            off = distance.to_triangles(np.concatenate([pieces, middle], axis=1).reshape(-1, 3), np.ascontiguousarray(there)) > within
+            surface.append(pieces[off.reshape(-1, 4).any(axis=1)])
+    return np.ascontiguousarray(np.concatenate(surface))
+
+
+def _uncovered(triangle: Array, others: Array, within: float) -> Array:
+    """Pieces (k, 3, 3) m of a triangle (3, 3) m that are not on those of the others (n, 3, 3) which face it, and are this near (m)."""
+    from manifold3d import CrossSection, FillRule, JoinType, triangulate
+
+    along, aside = triangle[1:] - triangle[0]
+    frame = np.array([along, np.cross(np.cross(along, aside), along), np.cross(along, aside)])
+    frame /= np.linalg.norm(frame, axis=1)[:, None]
+    own, flat = ((each - triangle[0]) @ frame.T / within for each in (triangle, others))  # in units that Clipper rounds to 1e-8
+    facing = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])[:, 2] < 0
+    on = flat[facing & (np.abs(flat[:, :, 2]).max(axis=1) < 1.0)]
+    if not len(on):
+        return triangle[None]
+    left = CrossSection([own[:, :2]]) - CrossSection(list(on[:, ::-1, :2]), FillRule.NonZero).offset(ROUNDED, JoinType.Miter)
+    outlines = left.to_polygons()
+    corners = np.concatenate(outlines) if outlines else np.zeros((0, 2))
+    return np.asarray((triangle[0] + within * corners @ frame[:2])[triangulate(outlines)])
 
 
 def _meets(triangles: Array, other: Array, within: float) -> NDArray[np.bool_]:
@@ -95,29 +124,29 @@ def _meets(triangles: Array, other: Array, within: float) -> NDArray[np.bool_]:
 def solid_distance(solids, s, x, normal):  # type: ignore[no-untyped-def]
     """Signed distance (m) of a place x (3,) m from the surface of solid s, negative inside; normal (3,): its slope, outward.
 
-    Beside edges outside of a convex solid or rod it is that of the farthest face's plane, which is less.
+    Beside edges outside of a box or rod it is that of the farthest face's plane, which is less.
     """
-    kind, begin, end = solids.kind[s], solids.first[s], solids.first[s + 1]
-    if kind == TABLE:
-        at, spacing = solids.size[s], solids.size[s, 3]
-        p, q, r = (x[0] - at[0]) / spacing, (x[1] - at[1]) / spacing, (x[2] - at[2]) / spacing
-        nx, ny, nz = solids.points[s, 0], solids.points[s, 1], solids.points[s, 2]
+    begin, end, nx, ny, nz = solids.first[s], solids.first[s + 1], solids.points[s, 0], solids.points[s, 1], solids.points[s, 2]
+    size, most = solids.size[s], -np.inf
+    if nx > 0:
+        p, q, r = (x[0] - size[0]) / size[3], (x[1] - size[1]) / size[3], (x[2] - size[2]) / size[3]
         normal[:] = 0.0
         if not (0.5 <= p < nx - 1.5 and 0.5 <= q < ny - 1.5 and 0.5 <= r < nz - 1.5):
             return np.inf
-        d, s0, s1, s2 = value(p, q, r, spacing, ny, nz, solids.coefficients[begin:end])
+        point = begin + (int(p + 0.5) * ny + int(q + 0.5)) * nz + int(r + 0.5)
+        if solids.near[point] < solids.near[point + 1]:
+            return distance.to_faces(solids.near[point], solids.near[point + 1], solids.near, solids.faces, x, normal)
+        d, s0, s1, s2 = distance.value(p, q, r, size[3], ny, nz, solids.coefficients[begin:end])
         normal[0], normal[1], normal[2] = -s0, -s1, -s2
         return -d
-    most = -np.inf
     for k in range(begin, end, 4):
         plane = solids.coefficients[k : k + 4]
         d = plane[0] * x[0] + plane[1] * x[1] + plane[2] * x[2] - plane[3]
         if d > most:
             most = d
             normal[:] = plane[:3]
-    if kind == ROD:  # its ends are planes
-        r = np.sqrt(x[1] ** 2 + x[2] ** 2)
-        if r - solids.size[s, 0] > most:
-            most = r - solids.size[s, 0]
-            normal[0], normal[1], normal[2] = 0.0, x[1] / r, x[2] / r
+    r = np.sqrt(x[1] ** 2 + x[2] ** 2)
+    if r - size[0] > most:
+        most = r - size[0]
+        normal[0], normal[1], normal[2] = 0.0, x[1] / r, x[2] / r
     return most

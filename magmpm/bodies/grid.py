@@ -118,8 +118,7 @@ class Spans:
 class Grid:
     """A box of cells.
 
-    origin (3,) m: lower corner; spacing (3,) m: cell sizes, along x the smallest; cells: number of cells along x, y, z; runs: of equal
-    cells along x, none where all are equal.
+    origin (3,) m: lower corner; spacing (3,) m: of cells, along x the smallest; cells: number along x, y, z; runs: of equal ones along x.
     """
 
     origin: Array
@@ -171,8 +170,7 @@ class Grid:
         return self.origin[0] + np.concatenate([[-first.width / 2], *inside, [last.start + last.width * (last.cells + 0.5)]])
 
     def section_nodes(self, node: NDArray[np.int64]) -> Array:
-        """Coefficients (k, 2) m of the places themselves, along the second and third reference axes: of the nodes of a plane with these
-        indices (k, 2)."""
+        """Coefficients (k, 2) m of the second and third coordinates themselves: of the nodes of a plane with these indices (k, 2)."""
         return np.column_stack([self.node_coordinates(1)[node[:, 0]], self.node_coordinates(2)[node[:, 1]]])
 
     def axes_at(self, points: Array) -> Array:

@@ -20,8 +20,7 @@ from magmpm.compiled.arrays import Array
 
 @dataclass(frozen=True)
 class PolarGrid(Grid):
-    """Cells along x, around and through the wall. origin and spacing: of x and the radius m, of the angle rad; even: its cells before those
-    at the base were cut."""
+    """Cells along x, around and through the wall. origin, spacing: x and radius m, angle rad; even: before those at the base were cut."""
 
     even: Grid | None = None
 

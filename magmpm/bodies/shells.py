@@ -44,8 +44,7 @@ def shells_of(vertices: Array, faces: Index) -> tuple[list[Manifold], Index]:
     """The shells of a closed mesh whose triangles face consistently; and first vertices of edges around which some sector is covered
     twice, or less than once where another is not at all.
 
-    Triangles that share an edge are of one shell. Where four or more meet at an edge, as where two boxes touch, each goes with the next
-    one on the side of the material.
+    Triangles that share an edge are of one shell. Of four or more, as where boxes touch, each goes with the next through the material.
     """
     *mesh, overlaps = _taken_apart(vertices, faces)
     return _solid(*mesh).decompose(), overlaps
@@ -91,8 +90,7 @@ def _taken_apart(vertices: Array, faces: Index) -> tuple[Array, Index, Index]:
 
 
 def _matched(vertices: Array, faces: Index, edges: Index, size: float) -> tuple[Index, bool]:
-    """Pairs (k / 2, 2) of the k triangles at one edge, each with the next around the edge through the material; and whether material
-    begins and ends in turn around it.
+    """Pairs (k / 2, 2) of the k triangles at an edge, each with the next through the material; and whether it begins and ends in turn.
 
     faces (k, 3); edges (k, 2): the edge's ends as each triangle runs through them; size: the mesh's.
     """

@@ -1,24 +1,22 @@
 """Signed distance from the wall of a lumen, tabulated on a grid of points and read between them with quadratic B-splines.
 
 Positive inside the lumen, zero on its wall, negative beyond. The splines go through the table's values, with a slope that is continuous:
-between points of spacing s a wall of radius r is off by less than 0.02 s^2/r, a sharp edge rounded off by 0.2 s. Particles outside the
-table touch nothing.
+between points of spacing s a wall of radius r is off by less than 0.02 s^2/r, a sharp edge by 0.2 s. Outside of a table nothing touches.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, compiled_elsewhere
 
 MOST_POINTS = 4_000_000  # 32 MB
+EDGE, WITHIN = 3, 4
+TIE = 1e-9  # of their distance: faces whose distances differ by no more have the same nearest place
 BAND = 4  # points of the table beyond the wall, on either side, that hold true distances to a surface
-Faces = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -85,8 +83,7 @@ def past_ends(radius: float, spacing: float) -> float:
 
 
 def to_tube(points: Array, path: Array, radius: float, past: float) -> Array:
-    """Distance (n,) m of points (n, 3) from the wall of a tube of this radius around a finely sampled curve (m, 3), which goes on straight
-    past both ends (m)."""
+    """Distance (n,) m of points (n, 3) from the wall of a tube around a finely sampled curve (m, 3), straight past both ends (m)."""
     slope = np.gradient(path, axis=0)
     slope /= np.linalg.norm(slope, axis=1, keepdims=True)
     more = np.linspace(0.0, past, max(2, len(path) // 10))[1:, None]
@@ -113,109 +110,129 @@ def tube(path: Array, radius: float, spacing: float) -> Table:
     return Table.through(origin, spacing, values)
 
 
-def surface(vertices: Array, faces: Faces, spacing: float) -> Table:
-    """The inside of a closed triangle mesh: vertices (k, 3) m, faces (m, 3)."""
-    corners = np.ascontiguousarray(vertices[faces], dtype=float)
-    return solid([corners], corners, spacing)
+def surface(corners: Array, spacing: float) -> Table:
+    """The inside of a closed triangle mesh, corners (m, 3, 3) m, that faces outward. Beyond BAND points from it the distance stays at that,
+    with the sign of the nearest point within."""
+    from scipy.ndimage import distance_transform_edt
 
-
-def solid(parts: Sequence[Array], outside: Array, spacing: float) -> Table:
-    """The inside of closed meshes (each (f, 3, 3) m) whose common surface is `outside` (m, 3, 3). Beyond BAND points from it the distance
-    stays at that.
-
-    The sign is the parity of crossings along z, so meshes must be watertight; which way their triangles face does not matter.
-    """
-    flat = np.concatenate(parts).reshape(-1, 3)
     margin = (BAND + 2) * spacing
-    origin, spacing, shape = points_between(flat.min(axis=0) - margin, flat.max(axis=0) + margin, spacing)
-    values, inside = np.full(shape, BAND * spacing), np.zeros(shape, np.bool_)
-    _near_triangles(np.ascontiguousarray(outside), origin, spacing, BAND * spacing, values)
-    for corners in parts:
-        own = np.zeros(shape, np.bool_)
-        # Columns a hair off the points, by no simple fraction, so that none goes through an edge or a vertex of a mesh with round numbers.
-        _crossings(np.ascontiguousarray(corners), origin + spacing * np.array([1.1e-5, 1.7e-5, 0.0]), spacing, own)
-        inside |= own
-    return Table.through(origin, spacing, np.where(inside, values, -values))
+    origin, spacing, shape = points_between(corners.min(axis=(0, 1)) - margin, corners.max(axis=(0, 1)) + margin, spacing)
+    values, side, none = np.full(shape, BAND * spacing), np.zeros(shape), np.zeros(shape, np.bool_)
+    near_triangles(faces_of(corners), origin, spacing, BAND * spacing, values, side, none, 0.0)
+    nearest = distance_transform_edt(side == 0.0, return_distances=False, return_indices=True)
+    return Table.through(origin, spacing, np.copysign(values, -side[tuple(nearest)]))
+
+
+def faces_of(corners: Array) -> Array:
+    """Corners m and unit normals (m, 12), outward, of triangles (m, 3, 3) m; a normal is 0 where they have no area."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.column_stack([corners.reshape(-1, 9), normal / np.maximum(np.linalg.norm(normal, axis=1)[:, None], 1e-300)])
 
 
 @compiled
 def to_triangles(points, corners):
     """Distance (n,) m of points (n, 3) from the nearest of the triangles (m, 3, 3)."""
-    found = np.full(len(points), np.inf)
+    found, away = np.full(len(points), np.inf), np.empty(3)
     for k in range(len(points)):
         for triangle in corners:
-            found[k] = min(found[k], _to_triangle(points[k], triangle[0], triangle[1], triangle[2]))
+            found[k] = min(found[k], to_triangle(points[k], triangle.ravel(), away)[0])
     return found
 
 
 @compiled
-def _to_triangle(x, a, b, c):
-    """Distance of point x from the triangle a b c. Source: Ericson, Real-Time Collision Detection, section 5.1.5."""
-    ab, ac, ap = b - a, c - a, x - a
-    d1, d2 = np.dot(ab, ap), np.dot(ac, ap)
+def to_triangle(x, corners, away):
+    """Distance (m) of x (3,) m from a triangle, corners (9,) m, and where its nearest place is: 0, 1, 2: at that corner; EDGE; WITHIN. away
+    (3,) m: from there to x. Source: Ericson, Real-Time Collision Detection, section 5.1.5."""
+    d1, d2, d3, d4, d5, d6 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(3):
+        ab, ac, ap = corners[3 + i] - corners[i], corners[6 + i] - corners[i], x[i] - corners[i]
+        bp, cp = x[i] - corners[3 + i], x[i] - corners[6 + i]
+        d1, d2, d3, d4, d5, d6 = d1 + ab * ap, d2 + ac * ap, d3 + ab * bp, d4 + ac * bp, d5 + ab * cp, d6 + ac * cp
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    v, w, at = 0.0, 0.0, EDGE
     if d1 <= 0.0 and d2 <= 0.0:
-        return np.linalg.norm(ap)
-    bp = x - b
-    d3, d4 = np.dot(ab, bp), np.dot(ac, bp)
-    if d3 >= 0.0 and d4 <= d3:
-        return np.linalg.norm(bp)
-    cp = x - c
-    d5, d6 = np.dot(ab, cp), np.dot(ac, cp)
-    if d6 >= 0.0 and d5 <= d6:
-        return np.linalg.norm(cp)
-    vc = d1 * d4 - d3 * d2
-    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        return np.linalg.norm(ap - d1 / (d1 - d3) * ab)
-    vb = d5 * d2 - d1 * d6
-    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        return np.linalg.norm(ap - d2 / (d2 - d6) * ac)
-    va = d3 * d6 - d5 * d4
-    if va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        return np.linalg.norm(bp - (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (c - b))
-    whole = va + vb + vc
-    return np.linalg.norm(ap - vb / whole * ab - vc / whole * ac)
+        at = 0
+    elif d3 >= 0.0 and d4 <= d3:
+        v, at = 1.0, 1
+    elif d6 >= 0.0 and d5 <= d6:
+        w, at = 1.0, 2
+    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        v = d1 / (d1 - d3)
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        w = d2 / (d2 - d6)
+    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        v = 1.0 - w
+    else:
+        v, w, at = vb / (va + vb + vc), vc / (va + vb + vc), WITHIN
+    for i in range(3):
+        away[i] = x[i] - corners[i] - v * (corners[3 + i] - corners[i]) - w * (corners[6 + i] - corners[i])
+    return np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2), at
 
 
 @compiled
-def _near_triangles(corners, origin, spacing, band, values):
-    """values (nx, ny, nz): smallest distance to a triangle of corners (m, 3, 3), where less than what stands there."""
-    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
-    x = np.empty(3)
-    for t in range(len(corners)):
-        a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
+def beside(best, side, d, at, face, away):
+    """The smallest distance (m) from some faces and the side of the nearest, negative inside; best, side: those without the last one, face
+    (12,), which is at the distance d, its nearest place `at`, from there by `away` (3,) m.
+
+    Faces that share the nearest place, at an edge or a corner, count by the angle in which they are seen from there.
+    Source: Baerentzen and Aanaes, IEEE Trans. Vis. Comput. Graph. 11 (2005) 243.
+    """
+    if d > best * (1.0 + TIE):
+        return best, side
+    angle = np.pi * (at - EDGE + 1)
+    if at < EDGE:
+        uv, uu, vv = 0.0, 0.0, 0.0
+        for i in range(3):
+            u, v = face[(3 * at + 3) % 9 + i] - face[3 * at + i], face[(3 * at + 6) % 9 + i] - face[3 * at + i]
+            uv, uu, vv = uv + u * v, uu + u * u, vv + v * v
+        angle = np.arccos(max(-1.0, min(1.0, uv / np.sqrt(uu * vv + 1e-300))))
+    turned = angle * (face[9] * away[0] + face[10] * away[1] + face[11] * away[2])
+    return (d, turned) if d < best * (1.0 - TIE) else (best, side + turned)
+
+
+@compiled
+def to_faces(begin, end, near, faces, x, normal):
+    """Signed distance (m) of x (3,) m from the nearest of the faces near[begin : end]; normal (3,): its slope."""
+    best, side, nearest, flat = np.inf, 0.0, 0, False
+    for k in range(begin, end):
+        f = 12 * near[k]
+        along = abs(faces[f + 9] * (x[0] - faces[f]) + faces[f + 10] * (x[1] - faces[f + 1]) + faces[f + 11] * (x[2] - faces[f + 2]))
+        if along > best * (1.0 + TIE) or (flat and along > best * (1.0 - TIE)):
+            continue  # no place on it is nearer
+        d, at = to_triangle(x, faces[f : f + 9], normal)
+        if d < best * (1.0 - TIE):
+            nearest, flat = f, at == WITHIN
+        best, side = beside(best, side, d, at, faces[f : f + 12], normal)
+    d, _ = np.copysign(best, side), to_triangle(x, faces[nearest : nearest + 9], normal)
+    for i in range(3):
+        normal[i] = faces[nearest + 9 + i] if flat or d == 0.0 else normal[i] / d
+    return d
+
+
+@compiled
+def near_triangles(faces, origin, spacing, band, values, side, listed, beyond):
+    """values (nx, ny, nz): smallest distance to one of the faces (m, 12), where less than what stands there, up to `band` (m); side: as of
+    `beside`.
+
+    Returns flat indices (n,) of points that are to be listed, (nx, ny, nz), and of faces no farther than their value and `beyond` (m).
+    """
+    low, high, x, away = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3), np.empty(3)
+    points, found = [0 for _ in range(0)], [0 for _ in range(0)]
+    for f in range(len(faces)):
         for k in range(3):
-            low[k] = max(0, int(np.ceil((min(a[k], b[k], c[k]) - band - origin[k]) / spacing)))
-            high[k] = min(values.shape[k] - 1, int(np.floor((max(a[k], b[k], c[k]) + band - origin[k]) / spacing)))
+            low[k] = max(0, int(np.ceil((faces[f, k:9:3].min() - band - origin[k]) / spacing)))
+            high[k] = min(values.shape[k] - 1, int(np.floor((faces[f, k:9:3].max() + band - origin[k]) / spacing)))
         for i in range(low[0], high[0] + 1):
             for j in range(low[1], high[1] + 1):
                 for k in range(low[2], high[2] + 1):
                     x[0], x[1], x[2] = origin[0] + spacing * i, origin[1] + spacing * j, origin[2] + spacing * k
-                    values[i, j, k] = min(values[i, j, k], _to_triangle(x, a, b, c))
-
-
-@compiled
-def _crossings(corners, origin, spacing, inside):
-    """inside (nx, ny, nz): whether a line from the point along +z crosses the triangles an odd number of times."""
-    for t in range(len(corners)):
-        a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
-        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        if area == 0.0:
-            continue
-        i0 = max(0, int(np.ceil((min(a[0], b[0], c[0]) - origin[0]) / spacing)))
-        i1 = min(inside.shape[0] - 1, int(np.floor((max(a[0], b[0], c[0]) - origin[0]) / spacing)))
-        j0 = max(0, int(np.ceil((min(a[1], b[1], c[1]) - origin[1]) / spacing)))
-        j1 = min(inside.shape[1] - 1, int(np.floor((max(a[1], b[1], c[1]) - origin[1]) / spacing)))
-        for i in range(i0, i1 + 1):
-            for j in range(j0, j1 + 1):
-                x, y = origin[0] + spacing * i, origin[1] + spacing * j
-                u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area
-                v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area
-                w = 1.0 - u - v
-                if u >= 0.0 and v >= 0.0 and w >= 0.0:
-                    z = u * a[2] + v * b[2] + w * c[2]
-                    top = int(np.ceil((z - origin[2]) / spacing))  # points below it see this crossing
-                    for k in range(min(top, inside.shape[2])):
-                        inside[i, j, k] = not inside[i, j, k]
+                    d, at = to_triangle(x, faces[f, :9], away)
+                    values[i, j, k], side[i, j, k] = beside(values[i, j, k], side[i, j, k], d, at, faces[f], away)
+                    if listed[i, j, k] and d <= values[i, j, k] + beyond:
+                        points.append((i * values.shape[1] + j) * values.shape[2] + k)
+                        found.append(f)
+    return np.array(points), np.array(found)
 
 
 @compiled_elsewhere

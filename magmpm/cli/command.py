@@ -1,8 +1,7 @@
 """The `magmpm` command: the only place that joins physics, studies and pictures.
 
 Exit status: 0 done; 2 the input is wrong; 3 the run ended unstable or unconverged, with the last good state saved if there was one;
-1 anything else. arguments.py says what can be typed; the module of a command is imported only to run it,
-so that `magmpm --help` answers at once.
+1 anything else. arguments.py says what can be typed; a command's module is imported only to run it: `--help` answers at once.
 """
 
 import os

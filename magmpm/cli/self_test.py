@@ -3,8 +3,7 @@
     python -m magmpm.cli.self_test
 
 The stored answers are those of this version's own solvers: they tell whether this machine computes what ours did. The known answer is a
-finite-element solution, data/references/axial_transverse_5mT.csv: it tells whether that is right. Ten seconds with warm kernels; before
-that, they are compiled.
+finite-element solution, data/references/axial_transverse_5mT.csv: it tells whether that is right. Ten seconds, once kernels are compiled.
 """
 
 import json

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 
 
 def accuracy(options: argparse.Namespace) -> int:
-    """Solve a scene over a ladder of cell sizes; table, files and picture. Returns the exit status: 3 where fewer than two sizes had an
-    answer."""
+    """Solve a scene over a ladder of cell sizes; table, files and picture. Returns the exit status: 3 if fewer than two were answered."""
     scene = load_scene(options.scene)
     from magmpm.simulate import run
     from magmpm.studies.explore.accuracy import LADDER, climb, save

@@ -1,7 +1,6 @@
 """BLAS and LAPACK in compiled code: the routines in SciPy, called by address, so that they run without the interpreter's lock.
 
-Numba itself has only a few of them. Functions that use ctypes objects can't be cached on disk; functions that take an address as a
-number can.
+Numba itself has only a few of them. Functions that use ctypes objects can't be cached on disk; those that take an address as a number can.
 """
 
 from functools import cache

@@ -16,6 +16,7 @@ from magmpm.dynamics.particle_groups import Packed
 from magmpm.effects.base import Contact
 from magmpm.effects.contact_force import stored
 from magmpm.effects.contact_law import grips, law, most_friction
+from magmpm.kernels import body_contact as kernel
 from magmpm.kernels.body_contact import CELL, DEPTH, FORCE, MEMORY, NORMAL, PLACE, ROOM, Meeting, SolidCells
 from magmpm.model import Model
 
@@ -88,14 +89,14 @@ class BodyContact:
             old.most[0] = way + most - moved
             return
         p, q, distance = self._near(x)
-        held, solids = old.memory[:-1].reshape(-1, MEMORY), len(self.solids.kind)
+        held, solids = old.memory[:-1].reshape(-1, MEMORY), len(self.solids.size)
         key, known = p * solids + self._solid[q], old.point * solids + old.solid
         kept = np.flatnonzero((held[:, DEPTH] > 0) | held[:, PLACE + 3 : ROOM].any(axis=1))
         new = np.flatnonzero(~np.isin(key, known[kept]))
         memory = np.zeros((len(new), MEMORY))
         memory[:, PLACE : PLACE + 3], memory[:, CELL] = self._place[q[new]], self._at[q[new]]
         other = self._solid[p[new]] != self._solid[q[new]]
-        memory[other, -1] = _begun(self.solids, self._solid[q[new]][other], self._place[p[new]][other])  # BEGUN
+        memory[other, -1] = _begun(self.solids, self._solid[q[new]][other], self._place[p[new]][other]) - kernel.CLOSE * self._cell  # BEGUN
         memory[:, ROOM] = way + 0.5 * np.sqrt(np.maximum(distance[new] ** 2 - (BETWEEN * self._cell) ** 2, 0.0))
         order = np.argsort(np.concatenate([known[kept], key[new]]))
         memory = np.concatenate([held[kept], memory])[order]
@@ -103,8 +104,7 @@ class BodyContact:
         self._then, self.meeting = x, self._of(point, solid, np.append(memory.ravel(), way), np.array([way + most]))
 
     def _near(self, x: Array) -> tuple[Index, Index, Array]:
-        """The free points (n,) that are near another solid, or a place of their own that shares no node with them; the nearest point (n,)
-        there, and its distance (n,) m."""
+        """Free points (n,) near another solid, or a place of their own that shares no node; the nearest point (n,), its distance (n,) m."""
         first, order, cell = self._patches
         sorted_x, count = x[order], np.diff(first)
         center = np.add.reduceat(sorted_x, first[:-1], axis=0) / count[:, None]  # of balls around patches
@@ -113,7 +113,7 @@ class BodyContact:
         found = _nearest(pairs, cell, center, radius, first, order, x, self._free, REACH * self._cell)
         p, q, distance = found[:, 0].astype(np.int64), found[:, 1].astype(np.int64), found[:, 2]
         best = np.lexsort((q, distance, self._solid[q], p))
-        one = best[np.flatnonzero(np.diff((p * len(self.solids.kind) + self._solid[q])[best], prepend=-1))]
+        one = best[np.flatnonzero(np.diff((p * len(self.solids.size) + self._solid[q])[best], prepend=-1))]
         return p[one], q[one], distance[one]
 
     def report(self, memory: Array, u: Array, v: Array) -> dict[str, Contact]:
@@ -168,8 +168,7 @@ class BodyContact:
 
 
 def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:
-    """The well filled cells of a model's solids, the number of the one that each particle (n,) is in, -1 for others; component and index
-    (cells, 4) of each."""
+    """The well filled cells of a model's solids; that of each particle (n,), -1 for others; component and index (cells, 4) of each."""
     grid, on = model.grid, model.particles.cell.astype(np.int64)
     shape = (int(model.component.max()) + 1, *(n + 2 for n in grid.cells))
     key = np.ravel_multi_index((model.component, *(on.T + 1)), shape)
@@ -210,7 +209,7 @@ def _patches(at: Index, cells: Index) -> tuple[Index, Index, Index]:
 @compiled
 def _begun(solids, solid, place):  # type: ignore[no-untyped-def]
     """Distance (n,) m of places (n, 3) m of undeformed points in undeformed solids (n,), 0 outside. As bodies begin clear of each other,
-    that is the error of a table near an edge, up to 0.05 cells: taken off, what touches at the start is not pushed."""
+    that is the error of a table, up to 0.005 cells: taken off, what touches at the start is not pushed."""
     found, normal = np.empty(len(solid)), np.empty(3)
     for k in range(len(solid)):
         found[k] = min(solid_distance(solids, solid[k], place[k], normal), 0.0)

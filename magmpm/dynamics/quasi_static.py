@@ -1,8 +1,7 @@
 """Equilibria along time: `follow` finds one after the other, and writes each as a frame.
 
 The load of each is that of its time: the field by its schedule, weight in full, and the length that feed has pushed out of its guide. What
-moves is so slow that inertia and losses do not matter. statics.branch finds each equilibrium from the one before, and says where a branch
-ends.
+moves so slowly that inertia and losses do not matter. statics.branch finds each equilibrium from the last, and says where a branch ends.
 """
 
 from collections.abc import Callable
@@ -145,8 +144,7 @@ def follow(
 
     folder: where to write frames, tables and checkpoints (default: nowhere); resume: continue from the folder's checkpoint;
     on_progress(time in s, Newton steps so far): called after each equilibrium; on_state before it is written, and of the first.
-    Raises InputError before the first equilibrium. Raises SolveError where the path can't go on: its `state` is the last PathState,
-    which is on disk too.
+    Raises InputError before the first equilibrium; SolveError where the path can't go on: its `state` is the last PathState, also on disk.
     """
     saved = Checkpoint.load(folder, scene) if folder is not None and resume else None
     times = scene.path_times()

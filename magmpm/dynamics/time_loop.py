@@ -164,8 +164,7 @@ def integrate(
 
     folder: where to write frames, energies, contacts and checkpoints (default: nowhere); resume: continue from the folder's checkpoint;
     on_progress(time in s, steps so far): called after every chunk of steps; on_state: at each frame from the start or checkpoint on.
-    Raises InputError before the first step. Raises SolveError where the motion goes wrong: its `state` is the last good SimulationState,
-    which is on disk too.
+    Raises InputError before the first step; SolveError where the motion fails: its `state` is the last good SimulationState, also on disk.
     """
     model = state.motion.model
     options = _options(model.scene)

@@ -34,8 +34,7 @@ DTYPE = np.dtype([("rate", np.float64, 3), ("low", np.float64, 3), ("high", np.f
 
 
 class MovedEnds:
-    """Records for kernels of what holds a model's body and moves; place (nodes, 3) m and mass (nodes,) kg of all nodes; free (nodes,):
-    those that forces move.
+    """Records for kernels of what moves; place (nodes, 3) m and mass (nodes,) kg of all nodes; free (nodes,): those that forces move.
 
     Raises SceneError where nodes that something else holds stand among those that follow.
     """
@@ -161,8 +160,7 @@ class TotalMotion:
     def velocity(self) -> Array:
         """Velocity of the nodes (3 nodes,) m/s, at the time of their displacements.
 
-        The v of symplectic Euler belongs to half a step earlier. Together with u it would give energies that oscillate, by a share
-        omega dt / 2 of the energy of the motion.
+        The v of symplectic Euler is half a step earlier. With u, energies would oscillate by omega dt / 2 of that of the motion.
         """
         return self._caught_up(None, None)
 

@@ -140,8 +140,7 @@ def instant_modulus(scene: SceneLike) -> float:
 
 
 def marked(scene: SceneLike, particles: Any, remanence: Array) -> Array:
-    """Array passed to hooks as `magnet`: remanence (n, 3) T of the particles, with a fourth column where magnetization rotates or an
-    effect marks particles.
+    """Array passed to hooks as `magnet`: remanence (n, 3) T, with a fourth column where it rotates or an effect marks particles.
 
     Kernels pass the row of a particle on unchanged. The column is 1 where the material's magnetization rotates, 0 where it stretches
     (effects.magnetization); or the block of magnetic_interaction, the one effect that marks, which no scene has together with that.

@@ -45,8 +45,7 @@ Stiffness = Annotated[float, Field(
 
 
 def law(scene: SceneLike, factor: float, friction: float) -> dict[str, float]:
-    """The arguments of `push` for a scene's body: `stiffness` w^2 in 1/s^2, times `factor`, and with friction `layer` (m), `knee` (m) and
-    `damping` (1/s)."""
+    """The arguments of `push`: `stiffness` w^2 in 1/s^2, times `factor`, and with friction `layer` (m), `knee` (m) and `damping` (1/s)."""
     used = [scene.materials[region.material_name] for region in scene.regions() if not region.held]
     squares = [m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density for m in used if m.density is not None]
     rate = math.sqrt(max(squares, default=0.0)) / scene.cell  # of the fastest pressure wave
@@ -107,8 +106,7 @@ _stored = compiled(stored)
 
 @compiled_elsewhere
 def _touching(named, x, v, mass, dt, held, grip, layer, knee, force):
-    """Number in contact, the deepest one (-1: none) and how deep it is (m), energy (J) of the springs; adds to force (3,) N and changes
-    what is held (n, HELD)."""
+    """Number in contact, the deepest (-1: none), its depth (m), energy (J); adds to force (3,) N and changes what is held (n, HELD)."""
     count, worst, most, energy, f = 0, -1, 0.0, 0.0, np.empty(PARTS)
     for p in range(len(mass)):
         depth = deepest(named, 0, x[p])

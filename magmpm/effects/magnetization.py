@@ -8,8 +8,7 @@ J > 0 it is a simple root, and Newton's steps from above fall to it. R is its de
 
 R turns by dR = R [w]x with Y w = axial(R^T dF - dF^T R), Y = s 1 - U, whose determinant s i2 - J is positive for J > 0. So W = -h . R b,
 with h = B/mu0, has dW/dF = R [q]x^T with Y q = b x R^T h: its rows are q x (rows of R). A pure stretch leaves W as it is.
-Sources: Danas and Reis, arXiv 2403.03096; tr U and its derivative: Franca, Comput. Math. Appl. 18 (1989) 459; dR: Chen and Wheeler, J.
-Elasticity 32 (1993) 175.
+Sources: Danas and Reis, arXiv 2403.03096; tr U: Franca, Comput. Math. Appl. 18 (1989) 459; dR: Chen, Wheeler, J. Elast. 32 (1993) 175.
 """
 
 from typing import Any

@@ -191,7 +191,7 @@ def _path(tube: Tube) -> Array:
 
 @lru_cache(maxsize=4)
 def _surface_table(surface: Surface, spacing: float) -> Table:
-    return distance.surface(surface.vertices, surface.faces, spacing)
+    return distance.surface(surface.vertices[surface.faces], spacing)
 
 
 @compiled

@@ -6,8 +6,7 @@ spline's curl and divergence, which are zero for the exact field (the same bound
 
 A cloud is for a magnet that turns or that the body surrounds. Each dipole stands for a piece of the magnet, at Gauss points of a block, or
 of a cylinder's height, radius squared and angle. Their error falls exponentially with the number along an edge (a cube, at one edge from
-its face: 0.11 % with 3 per edge, 0.008 % with 4). That number grows until the field at the given distance agrees with magpylib within the
-tolerance.
+its face: 0.11 % with 3 per edge, 0.008 % with 4). That number grows until at the given distance the field is magpylib's to tolerance.
 """
 
 from collections.abc import Callable

@@ -68,11 +68,12 @@ class Meeting(NamedTuple):
     cell_next: Index
     cell_share: Array
     cell_grip: Array
-    kind: Index
     size: Array
     points: Index
     first: Index
     coefficients: Array
+    near: Index
+    faces: Array
 
 
 @inlined
@@ -183,7 +184,7 @@ def _at(field, node, along_x, along_y, value, out):
 def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
     """Write to memory the place, force and depth of each pair from `first` on, `apart` numbers apart; dt s: for which forces push."""
     memory, law, cells, work = meeting.memory, meeting.law, _cells(meeting), np.empty(24)
-    solids = Solids(meeting.kind, meeting.size, meeting.points, meeting.first, meeting.coefficients)
+    solids = Solids(meeting.size, meeting.points, meeting.first, meeting.coefficients, meeting.near, meeting.faces)
     x, X, normal, F, inverse = np.empty(3), np.empty(3), work[21:], np.empty((3, 3)), np.empty((3, 3))
     f, n, v, there = np.empty(PARTS), np.empty(3), np.empty(3), np.empty(HELD)
     for pair in range(first, len(meeting.point), apart):

@@ -34,8 +34,7 @@ def any_effect(effects):
 class GroupRoom(NamedTuple):
     """Flat arrays for a group of eight particles, as effects use them.
 
-    F: (9 8,) from an index that is passed with it; P Pa, dF/dt 1/s (9 8,); x m, v m/s, load per volume f N/m^3 (3 8,).
-    spare: (72,), work space.
+    F (9 8,) from an index passed with it; P Pa, dF/dt 1/s (9 8,); x m, v m/s, load f N/m^3 (3 8,); spare (72,): work space.
     """
 
     F: Array

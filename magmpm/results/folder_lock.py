@@ -30,8 +30,7 @@ class FolderInUse(InputError):
 def folder_lock(folder: Path | str) -> Iterator[None]:
     """Hold a folder of results, made if missing, as its only writer. A thread that holds it already goes on.
 
-    Raises FolderInUse, which says who holds it and since when; InputError where the folder can't be written, or what is written there
-    would land elsewhere.
+    Raises FolderInUse, with who holds it since when; InputError where it can't be written, or what is written would land elsewhere.
     """
     folder = Path(folder)
     key = (folder.resolve(), threading.get_ident())

@@ -1,8 +1,7 @@
 """A folder of results belongs to one scene and holds one result of it: what a run writes there, and what happens to earlier results.
 
 A run replaces earlier results only when it has succeeded. A motion is written while it runs, so earlier results are kept in FOLDER/earlier
-until it has ended. If a run fails, the earlier results stay and its last good state goes to FOLDER/failed, or to FOLDER itself where there
-was nothing to keep.
+until it has ended. If a run fails, the earlier results stay and its last good state goes to FOLDER/failed, or to an empty FOLDER itself.
 """
 
 import json

@@ -10,8 +10,7 @@ Three limits, each with its reason:
   two cells across, the fewest there are, a cell then turns by half a radian, as much as the one curvature that the quadratic splines
   have in a cell should stand for: so the grid needs no limit of its own.
 
-Strain in less than SHARE of the volume is ignored: at the rim of a clamp and where materials meet it is singular, and finer cells only
-show more of it.
+Strain in less than SHARE of the volume is ignored: at the rim of a clamp and where materials meet it is singular; finer cells show more.
 """
 
 from __future__ import annotations

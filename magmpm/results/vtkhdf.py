@@ -62,8 +62,7 @@ class FrameFile:
     def resume(cls, path: Path, n: int, until: float) -> FrameFile:
         """A file that was written before, without its frames after a time (s).
 
-        They are no longer counted, and new frames overwrite them. Raises InputError where the file is another motion's, or where a frame to
-        keep is not whole.
+        New frames overwrite them. Raises InputError where the file is another motion's, or where a frame to keep is not whole.
         """
         mend(path)
         with opened(path) as file:

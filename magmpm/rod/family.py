@@ -1,7 +1,6 @@
 """Many rods at once that differ in the directions of their moments and in the uniform field: shapes and their derivatives.
 
-All start from a straight rod or from each other's shapes, and each column of the derivatives costs one substitution
-(magmpm.rod.derivative_kernels).
+All start from a straight rod or from each other's shapes; a column of derivatives costs one substitution (rod.derivative_kernels).
 """
 
 from __future__ import annotations

@@ -11,8 +11,7 @@ FINEST = 8  # cells across that are tried
 
 
 def coarsest(scene: Scene) -> Scene:
-    """The scene on the coarsest grid that it can have, under a thousandth of its load: a hard one would be ramped for minutes only to
-    compile."""
+    """The scene on the coarsest grid, under a thousandth of its load: a hard one would be ramped for minutes only to compile."""
     data = {**scene.to_si(), "name": "compilation", "reference": None}
     if scene.solver.dynamic is None:
         for material in data["materials"].values():

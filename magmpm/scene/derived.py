@@ -1,8 +1,7 @@
 """Scenes made of a scene, for `Scene.inserted`, and a scene as a file, for `Scene.save`.
 
 A catheter that is pushed out of a guide is straight and held inside it. So what has left the guide is a shorter catheter, clamped at the
-guide's exit, and each depth of an insertion is an ordinary scene of statics. Its grid begins exactly at the exit, and its cells are counted
-from the tip.
+guide's exit, and each depth of an insertion is a scene of statics, with a grid that begins at the exit and cells counted from the tip.
 """
 
 import math
@@ -70,8 +69,7 @@ def _cut(segments: list[dict[str, Any]], lengths: list[float], length: float, sh
 def save(scene: Any, path: Path) -> Path:
     """Write a Scene with units, and its reference as a table beside it. Returns the path.
 
-    Both are read back first. Raises InputError where the scene would be another one, because it holds tables that files name by their
-    paths; nothing is written then.
+    Both are read back first. Raises InputError, and writes nothing, where the scene would be another one: tables that files name by paths.
     """
     content = scene.model_dump(mode="json", exclude_none=True, context={"units": True})
     if scene.in_time:

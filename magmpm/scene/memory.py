@@ -24,8 +24,7 @@ def fewest_particles(scene: Scene) -> float:
 def within(scene: Scene) -> Iterator[None]:
     """A context in which to build a scene's model.
 
-    Raises SceneError at the start if the model needs more than max_memory or than the machine has, by a lower bound, and later if an
-    allocation fails.
+    Raises SceneError if the model needs more than max_memory or the machine has: by a lower bound first, and if an allocation fails.
     """
     particles = fewest_particles(scene)
     needed, dynamic = BYTES * particles, scene.solver.dynamic

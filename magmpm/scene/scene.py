@@ -355,8 +355,7 @@ class Scene(Settings):
     def with_effects(self, **effects: Mapping[str, Any] | Settings | None) -> Scene:
         """The scene with these effects named (by settings, {} for the usual) or, given None, not named.
 
-        Effects not mentioned stay as they are: `scene.with_effects(gravity={}, magnetic_torque=None)`.
-        Raises InputError.
+        Effects not mentioned stay as they are: `scene.with_effects(gravity={}, magnetic_torque=None)`. Raises InputError.
         """
         data = self.to_si()
         changed = {key: value.model_dump() if isinstance(value, Settings) else value for key, value in effects.items()}

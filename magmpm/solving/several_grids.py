@@ -1,5 +1,4 @@
-"""One scene on several grids, for the error of each or the coarsest that will do: equilibria of straight bodies from each other
-(statics.grids), all else by whole runs."""
+"""One scene on several grids, for the error of each or the coarsest that will do: equilibria (statics.grids), all else by whole runs."""
 
 import math
 import time

@@ -135,8 +135,7 @@ STEP = 1e-3  # of a cell's width
 
 @dataclass(frozen=True)
 class GeometryChange:
-    """Changes at fixed coefficients: of the residual (planes, m) N, of the axis's rows [s, x, y, z] (rows, 4) m and of the tip (3,) m, per
-    unit."""
+    """Changes, per unit, at fixed coefficients: of the residual (planes, m) N, axis rows [s, x, y, z] (rows, 4) m and the tip (3,) m."""
 
     residual: Array
     rows: Array

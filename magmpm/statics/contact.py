@@ -32,8 +32,7 @@ SETTLED = 1e-3  # of the grip of all points: how much it may still change, and s
 
 
 class Held(NamedTuple):
-    """State of friction of points (n,) of a surface: anchor (n, 3) m, normal (n, 3) out of the obstacle, grip (n,) N, 0 where nothing holds
-    a point, and stiffness (n,) N/m."""
+    """State of friction of points (n,): anchor (n, 3) m, normal (n, 3) outward, grip N, 0 where nothing holds, and stiffness N/m."""
 
     anchor: Array
     normal: Array
@@ -42,8 +41,7 @@ class Held(NamedTuple):
 
 
 def held_at(effects: Records, x: Array, mass: Array, grips: Array, begun: tuple[Array, Held] | None) -> Held:
-    """Find how obstacles hold points at x (n, 3) m; begun: where they were as the increment began, and how they were held; None: where they
-    are now, by nothing."""
+    """Find how obstacles hold points at x (n, 3) m; begun: where and how as the increment began; None: where they are, by nothing."""
     f, met = np.zeros((len(x), PARTS)), np.ones(len(x))
     _grips(effects, x, x if begun is None else begun[0], mass, grips, f, met)
     grip, anchor = np.linalg.norm(f[:, 3:6], axis=1), x

@@ -111,8 +111,7 @@ def solve_static(
     judged: find its stability as well; following: what solves of neighbors left, which makes this one quick, and which it changes.
 
     Raises SolveError, with the last good Equilibrium as its state, or where none is found near `rod`; InputError if
-    nothing holds the body; ValueError for a rod's shape of another length, or if the body is no straight one that is held at
-    its base alone.
+    nothing holds the body; ValueError for a rod's shape of another length, or a body that is not straight and held at its base alone.
     """
     if model.free:
         raise InputError(
@@ -323,8 +322,7 @@ def _ramped(
 ) -> Equilibrium:  # fmt: skip
     """The equilibrium at the end of a load that grows in `count` equal steps, and with it the way of what is moved.
 
-    A step that fails is halved, down to 1/32 of those; until one has succeeded it is quartered. After some that were solved quickly it is
-    doubled again.
+    A step that fails is halved, down to 1/32; until one has succeeded it is quartered. After some that were quick it is doubled again.
 
     solved(share of the load, coefficients to begin from): the energy, and its minimum.
     """

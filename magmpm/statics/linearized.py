@@ -138,8 +138,7 @@ class Linearized:
 class Sensitivities:
     """Derivatives of an equilibrium's shape with respect to k variables of its scene. SI units, per unit of each variable.
 
-    result: the equilibrium; variables: what is changed, in the order of the last axis. Derivatives are computed when first requested
-    for: `adjoint` needs none of the others.
+    result: the equilibrium; variables: what is changed, in the order of the last axis. Each derivative is computed when first asked for.
     """
 
     result: Any  # results.result.Result, which statics does not know

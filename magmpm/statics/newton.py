@@ -79,8 +79,7 @@ def minimize(
     """A minimum of the energy, from grid coefficients `start` (planes, m) m.
 
     tolerance: energy decrement over the energy scale at which to stop; on_step(step, decrement): called after each step.
-    Raises SolveError, with the last point as its state, if max_steps do not reach a minimum, STALL steps lead nowhere, or no
-    step lowers the energy.
+    Raises SolveError, with the last point as its state, if max_steps or STALL steps lead nowhere, or no step lowers the energy.
     """
     point = energy.at(start)
     rest = energy.rest_energy()
@@ -123,8 +122,7 @@ def _not_found(point: Point, after: str, decrement: float, tolerance: float) -> 
 
 
 def _expected_shift(energy: Energy, point: Point) -> float:
-    """Likely shift for a start. Its section field ignores the clamp, which leaves a spurious pressure there; with more than G the first
-    factorization would fail."""
+    """Likely shift for a start: its section field ignores the clamp, and where the pressure there exceeds G, factors are not definite."""
     ratio = float(np.max(energy.model.bulk / energy.model.shear))
     return FIRST_SHIFT if ratio * max(1 - point.min_det_F, point.max_det_F - 1) > 1.0 else 0.0
 

@@ -2,8 +2,7 @@
 
     python tests/benchmarks/bench.py [--quick] [NAME ...]
 
---quick: as few repetitions as there can be, to see that every figure can still be measured. A figure that fails is a row that says so, and
-the exit status is 1.
+--quick: as few repetitions as there can be, to see that every figure can still be measured. Any that fails: a row, exit status 1.
 
 Medians with warm kernels unless the name says otherwise; compile time is separate. Writes runs/bench/bench.json: a map from name to
 {value, unit, bound, aim, commit, load}, and `machine`: host, processor, threads, commit, load, and the rates of a matrix product

@@ -13,8 +13,7 @@ Every path is drawn from its seed, before anything is solved, and none is thrown
 
 *Solved* is fixed beforehand: mean deviation of the body, over all depths and lengths, of at most 1.5 % of the length, and exit error at
 most 1 mm. Each path gets a study by gauss-newton with few trajectories, until it is solved. `--rods`
-judges the rod's designs alone, without the body. Results go to OUT/insertion_paths.jsonl, a line each; paths that are
-there are not run again.
+judges the rod's designs alone, without the body. Results go to OUT/insertion_paths.jsonl, a line each; paths there are not run again.
 
 Why a path is not solved: *field*: the field is at its bound at half of the depths or more; *branch*: no design grew with the path, since
 rods fell to another branch; *other*.

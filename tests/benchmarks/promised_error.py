@@ -5,8 +5,7 @@
 Each scene (drawn_scenes.py; seeds from 1000, none of which set any constant; with --jointed of soft and stiff segments, those from 3000
 alike) is asked for an error of 0.02 to 2 % of the length, on the centreline or at the tip, and solved again with twice the cells of the
 grid that proved the error (or as many as MOST_OPERATIONS allow, but 1.2 times as many at least), from its rod, as if nothing had been
-asked. Printed: the ratio of the difference to the error_estimate, where the answer is not within the error asked for, what failed and why,
-and seconds.
+asked. Printed: the ratio of the difference to the error_estimate, where the answer is not within the error asked for, failures, seconds.
 """
 
 from collections.abc import Callable

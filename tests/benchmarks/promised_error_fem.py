@@ -6,8 +6,7 @@
 The first N scenes from a seed, 1000 unless given (drawn_scenes.py, asked as promised_error.py asks them) that are catheters or tubes with
 L/D up to 15 and a wall of at least a fifth of the radius; finite elements of order 4, graded at the clamp's rim, by
 data/references/make_fem.py. Errors are compared at 21 places of the axis (or the tip), and the difference between orders 3 and 4 tells how
-well the finite elements know them: where it is more than ten promised errors, a finer mesh is used (of K/G 479 the first one was off by
-0.1 %).
+well the finite elements know them: beyond ten promised errors a finer mesh is used (of K/G 479 the first one was off by 0.1 %).
 """
 
 import sys

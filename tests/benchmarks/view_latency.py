@@ -3,8 +3,7 @@
     make bench-view
 
 The slider of Bz is moved to 100 values, each after the solution for the one before was drawn, as by a hand that waits; then it is dragged,
-a move every 16 ms, and the shapes that appear are counted. Times are from the input event to the end of the animation frame that drew the
-shape.
+a move every 16 ms, and the shapes that appear are counted. Times: from the input event to the end of the animation frame that drew it.
 """
 
 import json

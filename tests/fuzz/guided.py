@@ -2,8 +2,7 @@
 
     python tests/fuzz/guided.py stl|axis|map|schedule|measured [-runs=N]
 
-It begins at files that are sound, and knows the words of headers: from nothing it finds no header in a million tries. What breaks a reader
-is left in runs/fuzz.
+It begins at files that are sound, and knows the words of headers. What breaks a reader is left in runs/fuzz.
 """
 
 import sys

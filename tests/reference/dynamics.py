@@ -9,8 +9,7 @@ The grid lies in the undeformed body (c (nodes, 3) m displacement and v (nodes, 
     f_a = sum_p [ -V P grad N_a + (V f + contact) N_a ]
     v_a += dt f_a / M_a, then the node hooks, then c_a += dt v_a
 
-P is the neo-Hookean stress with its volume part projected on model.modes (F-bar), plus the effects' stress. Source: de Vaucorbeil et al.,
-CMAME 360 (2020).
+P: the neo-Hookean stress with its volume part projected on model.modes, plus the effects'. Source: de Vaucorbeil, CMAME 360 (2020).
 """
 
 from dataclasses import dataclass
@@ -72,8 +71,7 @@ def held(x: np.ndarray, v: np.ndarray, depth: float, before: np.ndarray, f: np.n
     effects.contact_force; before (8,): anchor, 1 where it sticks, -1 where it slides, 0 where it does not touch, mean grip N, time s, the
     mean of the mean N, and the way since it stuck m.
 
-    The spring is as long as x is from the anchor along the obstacle, but no longer than what the lasting grip can hold. A new anchor is
-    where the point came in."""
+    The spring is as long as x is from the anchor along the obstacle, as far as the lasting grip holds. A new anchor is where x came in."""
     grip, rigidity, thickness, wave = f[3:6], *f[6:]
     anchor, (mean, time, again, way) = before[:3], before[4:]
     now = np.linalg.norm(grip)

@@ -1,5 +1,4 @@
-"""The three MPM steps of a static model in plain NumPy, written like the formulas: the reference for the
-compiled kernels.
+"""The three MPM steps of a static model in plain NumPy, written like the formulas: the reference for the compiled kernels.
 
 It shares with the kernels only the particles, the materials and the numbering of unknowns. Splines are SciPy's
 B-splines on the whole grid, the clamp is a condition on their coefficients (node 0 is minus node 1, so that

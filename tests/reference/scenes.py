@@ -60,8 +60,7 @@ def rod_scene(
 
 
 def field_for_load(load: float, angle: float, *, length: float, diameter: float, bulk_to_shear: float = 20.0) -> np.ndarray:
-    """Field (3,) T at `angle` to +x, in the x-z plane, that gives an axially magnetized solid rod this
-    elastica load.
+    """Field (3,) T at `angle` to +x, in the x-z plane, that gives an axially magnetized solid rod this elastica load.
 
     load = (Br/mu0) B A L^2 / (E I), A / I = 16 / D^2."""
     E = young_modulus(G, bulk_to_shear * G)

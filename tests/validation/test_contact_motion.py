@@ -168,8 +168,7 @@ def with_ball(folder: Path, mesh: Mesh, effects: dict[str, Any], **more: Any) ->
 
 
 def test_a_ball_rests_with_its_centre_at_its_radius(tmp_path: Path) -> None:
-    """From an STL mesh, where no particle lies on the surface: height to the depth from which contact is stiff, 2 % of a cell, and
-    the weight on the ground."""
+    """From an STL mesh, with no particle on its surface: height to the depth from which contact is stiff, 2 % of a cell, and the weight."""
     effects = {"gravity": {}, "damping": {"rate": 300.0}, "ground": {"point": [0.0, 0.0, 0.0], "friction": FRICTION}}
     model = with_ball(tmp_path, ball((0.0, 0.0, 1.0), 1.0), effects)
     (rest,) = follow(model, [0.03])

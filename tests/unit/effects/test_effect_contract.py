@@ -64,8 +64,7 @@ def test_it_acts(key: str) -> None:
 
 
 def test_self_contact_acts() -> None:
-    """Two blocks are 0.1 mm apart, and the upper one moves: downward it pushes the lower one, upward it leaves it in place. Without the
-    effect it passes through."""
+    """Two blocks 0.1 mm apart; the upper one moves: down it pushes the lower one, up it leaves it. Without the effect it passes through."""
     moved = {}
     for named in (True, False):
         given = scene("self_contact")

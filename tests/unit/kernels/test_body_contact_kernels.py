@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from reference.parts import parts_scene
-from reference.solids import box
+from reference.solids import ball, box
 
-from magmpm.bodies.contact_solid import FINE, TABLE, Solids, box_solid, mesh_solids, rod_solid, solid_distance
+from magmpm.bodies.contact_solid import FINE, box_solid, mesh_solids, rod_solid, solid_distance
 from magmpm.dynamics.body_contact import SHARE
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
@@ -86,31 +86,44 @@ def test_forces_are_the_slope_of_the_energy_and_cancel(motion: TotalMotion) -> N
     np.testing.assert_allclose(moment, 0.0, atol=1e-12 * SIZE * np.abs(each).sum())
 
 
-@pytest.mark.parametrize("kind", ["box", "rod", "mesh", "table"])
+@pytest.mark.parametrize("kind", ["box", "rod", "ball"])
 def test_distances_of_solids(kind: str) -> None:
-    """Signed distances and slopes within 0.2 cells of a face: of a box, given, as a mesh, and with a bump far away; and of a rod."""
-    low, high = np.array([0.0, -1e-3, -1e-3]), np.array([4e-3, 1e-3, 1e-3])
-    solids: Solids = {
-        "box": box_solid(low.tolist(), high.tolist()), "rod": rod_solid(0.0, 4e-3, 1e-3),
-        "mesh": mesh_solids([[box(tuple(low), tuple(high)).triangles]], 0.5e-3),
-        "table": mesh_solids([[np.vstack([box((*low,), (*high,)).triangles, box((0, -1e-3, -2e-3), (1e-4, 0, -1e-3)).triangles])]], 5e-4),
-    }[kind]  # fmt: skip
-    assert (solids.kind[0] == TABLE) == (kind == "table")
-    rng, normal, off_by = np.random.default_rng(0), np.empty(3), CLOSE * 0.5e-3 / FINE if kind == "table" else 1e-12
+    """Signed distances and slopes within 0.2 cells of a face: of a box and a rod, exact; and of a mesh without edges, by its table."""
+    low, high, fine = np.array([0.0, -1e-3, -1e-3]), np.array([4e-3, 1e-3, 1e-3]), ball((2e-3, 0.0, 0.0), 1e-3, 60).triangles
+    solids = {"box": box_solid(low.tolist(), high.tolist()), "rod": rod_solid(0.0, 4e-3, 1e-3), "ball": mesh_solids([[fine]], 0.5e-3)}[kind]
+    off_by, turned_by = (1e-3 * (np.pi / 60) ** 2, np.pi / 60) if kind == "ball" else (1e-12, 1e-12)  # its triangles, across and along
+    assert solids.near.max(initial=0) <= len(solids.coefficients) + 1
+    rng, normal = np.random.default_rng(0), np.empty(3)
     for off in rng.uniform(-0.1e-3, 0.1e-3, 50):
         angle = rng.uniform(0, 2 * np.pi)
         around, flat = np.array([np.cos(angle), np.sin(angle)]) * (1e-3 + off), np.array([rng.uniform(-0.5e-3, 0.5e-3), 1e-3 + off])
-        aside = around if kind == "rod" else flat
-        x = np.array([rng.uniform(1e-3, 3e-3), *aside])
+        aside = flat if kind == "box" else around
+        x = np.array([2e-3 if kind == "ball" else rng.uniform(1e-3, 3e-3), *aside])
         assert solid_distance(solids, 0, x, normal) == pytest.approx(off, abs=off_by)
-        outward = aside / np.linalg.norm(aside) if kind == "rod" else (0.0, 1.0)
-        np.testing.assert_allclose(normal, [0.0, *outward], atol=5 * CLOSE if kind == "table" else 1e-12)
+        outward = (0.0, 1.0) if kind == "box" else aside / np.linalg.norm(aside)
+        np.testing.assert_allclose(normal, [0.0, *outward], atol=turned_by)
 
 
-def test_parts_that_hold_together_are_one_solid() -> None:
-    """Two boxes have no surface where they meet: the depth in the middle is that below their common sides."""
-    halves = [box((0.0, -1e-3, -1e-3), (2e-3, 1e-3, 1e-3)).triangles, box((2e-3, -1e-3, -1e-3), (4e-3, 1e-3, 1e-3)).triangles]
-    solids, normal = mesh_solids([halves], 0.5e-3), np.empty(3)
-    for x in np.linspace(1.6e-3, 2.4e-3, 9):
-        assert solid_distance(solids, 0, np.array([x, 0.1e-3, 0.9e-3]), normal) == pytest.approx(-0.1e-3, abs=CLOSE * 0.5e-3 / FINE)
-        np.testing.assert_allclose(normal, [0, 0, 1], atol=5 * CLOSE)
+@pytest.mark.parametrize("gap", [0.0, 1e-7])
+@pytest.mark.parametrize(("upper", "left_out"), [((0, 6e-3), []), ((0, 3e-3), [(3e-3, 1)]), ((2e-3, 4e-3), [(-1, 2e-3), (4e-3, 1)])])
+def test_edges_of_solids_are_sharp(upper: tuple[float, float], left_out: list[tuple[float, float]], gap: float) -> None:
+    """A box, an L and a T, of two boxes that hold together; a plane of the table's points is in the gap between: depths beside edges and
+    corners are those of the box around without what is left out, and lead to the surface. By faces exact, by the table to 0.01 spacings."""
+    boxes = [(0.0, 0.0, 0.0), (6e-3, 3e-3, 1.5e-3 - gap / 2)], [(upper[0], 0.0, 1.5e-3 + gap / 2), (upper[1], 3e-3, 3e-3)]
+    solids, normal, spacing = mesh_solids([[box(*each).triangles for each in boxes]], 0.75e-3), np.empty(3), 0.75e-3 / FINE
+    whole, others = ((0, 0, 0), (6e-3, 3e-3, 3e-3)), [((low, -1, 1.5e-3 - gap / 2), (high, 1, 1)) for low, high in left_out]
+
+    def exact(x: np.ndarray) -> float:
+        apart = [np.maximum(np.array(low) - x, x - high) for low, high in (whole, *others)]
+        inner, *outer = (np.linalg.norm(np.maximum(each, 0.0)) + min(each.max(), 0.0) for each in apart)
+        return float(max([inner, *(-each for each in outer)]))
+
+    places, by_faces = np.random.default_rng(0).uniform(-0.1e-3, (6.1e-3, 3.1e-3, 3.1e-3), (20_000, 3)), []
+    for x in (x for x in places if -0.3 * spacing < exact(x) < 0.02 * spacing):
+        point = np.ravel_multi_index(np.rint((x - solids.size[0, :3]) / spacing).astype(int), solids.points[0])
+        by_faces.append(solids.near[point] < solids.near[point + 1])
+        close = pytest.approx(0.0, abs=1e-15 + gap if by_faces[-1] else 0.01 * spacing)
+        d = solid_distance(solids, 0, x, normal)
+        assert d - exact(x) == close
+        assert exact(x - d * normal) == close
+    assert 0.5 < np.mean(by_faces) < 1.0

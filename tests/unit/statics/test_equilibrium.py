@@ -98,8 +98,7 @@ TURNS = {
 def test_turned_scene_turned_answer(spatial: Result, turn: str) -> None:
     """The grid has the symmetry of a square: if the scene is mirrored or rotated by quarter turns about x, so is the result.
 
-    Only the order of sums differs, so the shapes agree to rounding, 1e-16 of the length, times the ratio of the stiffest mode to bending,
-    about 1e6."""
+    Only the order of sums differs: the shapes agree to rounding, 1e-16 of the length, times the stiffest mode over bending, about 1e6."""
     T = TURNS[turn]
     result = run(spatial_scene(T))
     # the particle at the transformed position of a particle of the other scene
