@@ -224,8 +224,7 @@ class Model:
 def build(scene: Scene, made: Discretization | None = None, time: float | None = None) -> Model:
     """The model of a scene. Raises InputError through the scene's own checks; costs milliseconds.
 
-    made: the body's grid and particles, where they are not to be those of the scene's resolution; time: s, of an equilibrium's field
-    (None: the end of its schedule).
+    made: the body's grid and particles, if not those of the scene's resolution; time: s, of an equilibrium's field (None: at the end).
     """
     shape, resolution = scene.body.shape, scene.resolution
     if resolution.requested:

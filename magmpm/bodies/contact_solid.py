@@ -17,6 +17,7 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
 
 ROUNDED = 1e-3  # of the distance from which parts are on each other: slivers of what is left between them, due to rounding
+MOST_CUTS = 6  # of triangles that are partly on another part, by half, until none is longer than a cell
 FINE = 4  # points of a table in a cell width
 SHARP = 0.02  # of the spacing: error of a table beside edges of 10 degrees. Beside square ones it is 0.2, and what slides there is pushed
 AROUND = 3  # points around those: from one to the next the error falls to a sixth
@@ -89,10 +90,13 @@ def _outside(parts: Sequence[Array], cell: float) -> Array:
         surface.append(part[~near])
         for triangle in part[near]:
             there = others[_meets(others, triangle[None], within)]
-            pieces = cut(_uncovered(triangle, there, within), cell)  # and where round parts with other facets hold together:
-            middle = pieces.mean(axis=1, keepdims=True)
-            off = distance.to_triangles(np.concatenate([pieces, middle], axis=1).reshape(-1, 3), np.ascontiguousarray(there)) > within
-            surface.append(pieces[off.reshape(-1, 4).any(axis=1)])
+            pieces = _uncovered(triangle, there, within)
+            for k in range(MOST_CUTS, -1, -1):  # where round parts with other facets hold together
+                pieces = cut(pieces, cell * 2**k)
+                places = np.concatenate([pieces, pieces.mean(axis=1, keepdims=True)], axis=1).reshape(-1, 3)
+                off = (distance.to_triangles(places, np.ascontiguousarray(there)) > within).reshape(-1, 4)
+                surface.append(pieces[off.any(axis=1) if k == 0 else off.all(axis=1)])
+                pieces = pieces[off.any(axis=1) & ~off.all(axis=1)]
     return np.ascontiguousarray(np.concatenate(surface))
 
 

@@ -1,8 +1,7 @@
 """Large work arrays, whose memory the next one uses again.
 
 The system hands out memory a page at a time, as it is first touched, and clears each page: the tangent of a catheter with 8 cells across
-has 165 MB, which take 0.02 to 0.4 s to touch first (most on virtual machines) and 0.006 s from then on. A search for a grid, a study or a
-viewer makes dozens of them.
+has 165 MB, which take 0.02 to 0.4 s to touch first (most on virtual machines) and 0.006 s from then on. Searches and viewers make dozens.
 """
 
 import math

@@ -23,8 +23,7 @@ class Surface(NamedTuple):
     """Points of the surface, sorted by patch and slab.
 
     first_patch (slabs + 1,), first_point (patches + 1,): of each slab and patch; first_node (patches,); weights (9 points,): splines along
-    x, y, z; place (3 points,) m in the undeformed body; mass (points,) kg, of a layer (dynamics.particle_groups); grip (3 points,): of
-    their regions (effects.contact_law.grips).
+    x, y, z; place (3 points,) m in the undeformed body; mass (points,) kg, of a layer; grip (3 points,), of effects.contact_law.grips.
     """
 
     first_patch: Index

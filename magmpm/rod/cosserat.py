@@ -13,8 +13,7 @@ The last term is the work of stretch and shear, which depend on the frames alone
 C = diag(1/EA, 1/(k GA), 1/(k GA)). In a magnet the force in the section includes A/mu0 B Br_1 (the first column of the magnetic
 stress), so a rod magnetized along its axis and pulled by the field stretches and shears.
 
-kappa is the chord form 2/l Im(conj(q_k) q_(k+1)) of unit quaternions, second order in l. With its exact Hessian, Newton's method
-detects buckling and twist.
+kappa is the chord form 2/l Im(conj(q_k) q_(k+1)) of unit quaternions, second order in l. By its Hessian Newton finds buckling and twist.
 
 Sources: Antman, Nonlinear Problems of Elasticity, chapter 8; Lang, Linn, Arnold, Multibody Syst. Dyn. 25 (2011);
 for the hard magnet, Wang et al., JMPS 142 (2020) 104045.
