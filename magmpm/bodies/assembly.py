@@ -217,6 +217,14 @@ class Parts(BodyShape):
         near = TOUCHING * self.length
         return connected_components(self._gaps(2 * near) <= near, particles.cell, particles.segment)
 
+    @property
+    def in_one_piece(self) -> bool:
+        """True if there are several parts, and each is connected to every other one."""
+        from scipy.sparse import csgraph
+
+        near = TOUCHING * self.length
+        return len(self.meshes) > 1 and csgraph.connected_components(self._gaps(2 * near) <= near, directed=False)[0] == 1
+
     def warnings(self, cells_across: int, *, one_grid: bool) -> list[str]:
         """Warnings of parts that are near each other and do not touch, which one grid moves as one."""
         cell, regions = self.cell_size(cells_across), self.regions()

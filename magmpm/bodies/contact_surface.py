@@ -1,8 +1,7 @@
 """The surface of the undeformed body as points with areas: where it touches obstacles.
 
 Points lie on the edges and corners as well, so that a body rests on these as on its faces. On flat faces they are those of Lobatto's rule
-of four points in every cell, which is exact for forces on quadratic splines; around a rod, and on meshes, their distance is a share of a
-cell. Source of the rule: Abramowitz and Stegun, 25.4.32.
+of four points in every cell, exact for quadratic splines (Abramowitz and Stegun, 25.4.32); on rods and meshes a share of a cell apart.
 """
 
 import math

@@ -108,8 +108,7 @@ TOUCHING = 1e-4  # of the body's length: parts this near touch, and faces of hel
 def grid_of_parts(parts: list[Array], held: list[bool], spacing: float) -> tuple[Grid, list[ClampPlane]]:
     """Grid around parts (each (f, 3, 3) m) with cells of about `spacing` m, and the planes on which free parts are clamped.
 
-    Knots lie on the faces of the box around the free parts, and the held parts stand in as many more cells as they need.
-    Raises SceneError where the box has too many cells.
+    Knots lie on the faces of the box around the free parts; held ones take more cells. Raises SceneError where it has too many cells.
     """
     boxes = np.array([[p.reshape(-1, 3).min(0), p.reshape(-1, 3).max(0)] for p in parts])
     still = np.array(held)
@@ -234,8 +233,7 @@ def _points(moments: Array, cube: Array) -> Array:
 
 
 def part_errors(particles: Particles, parts: list[Array]) -> dict[str, float]:
-    """Largest errors over the parts (each (f, 3, 3) m) against the meshes: of volume, relative; of centroid, over the part's size;
-    of second moments about the centroid, over their trace."""
+    """Largest errors over the parts (each (f, 3, 3) m): of volume, relative; centroid, over the size; second moments, over their trace."""
     errors = np.zeros(3)
     for k, triangles in enumerate(parts):
         mine = particles.segment == k

@@ -212,8 +212,7 @@ def to_faces(begin, end, near, faces, x, normal):
 
 @compiled
 def near_triangles(faces, origin, spacing, band, values, side, listed, beyond):
-    """values (nx, ny, nz): smallest distance to one of the faces (m, 12), where less than what stands there, up to `band` (m); side: as of
-    `beside`.
+    """values (nx, ny, nz): smallest distance to the faces (m, 12), where less than what stands there, up to `band` (m); side: of `beside`.
 
     Returns flat indices (n,) of points that are to be listed, (nx, ny, nz), and of faces no farther than their value and `beyond` (m).
     """

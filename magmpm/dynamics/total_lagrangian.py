@@ -194,8 +194,7 @@ class TotalMotion:
     def set_off(self, dt: float, effects: tuple[Any, ...]) -> None:
         """Shift the velocities to half a step of dt (s) before the displacements, as steps of dt expect them.
 
-        Without this shift, loads that act from the first step on, or from a change of step on, would act for too long, and what resists
-        velocities as well: an error proportional to dt, not dt^2.
+        Without this shift, loads that begin or change would act for too long, and what resists velocities: an error of dt, not dt^2.
         """
         back = dt / 2 - self.lag
         if abs(back) <= 1e-9 * dt:

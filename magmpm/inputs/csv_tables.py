@@ -41,8 +41,7 @@ def table_faults() -> Iterator[None]:
 
 
 def named_table(read: Callable[[Path], Any], example: str | None) -> BeforeValidator:
-    """Validator of a key that names a table: what `read` makes of it. What is given in Python is taken as it is, and in a file
-    as well where there is no example of what to write there."""
+    """Validator of a key that names a table: what `read` makes of it. What Python gives is taken, and in a file what has no example."""
 
     def table_of(value: Any, info: ValidationInfo) -> Any:
         if not isinstance(value, (str, Path)):

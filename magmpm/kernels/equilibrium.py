@@ -351,8 +351,7 @@ def grid_to_particles(cells, particles, grid, rest, displacement, F):
     """G2P: displacement and deformation gradient of every particle: u = sum N_a c_a, F = I + sum c_a (x) grad N_a.
 
     grid (planes, 3 nodes): coefficients in m; rest (3, 3), or (n, 3, 3) of each particle: F at rest, the
-    directions of the grid's axes (statics.layout).
-    Writes displacement (n, 3) m and F (n, 3, 3).
+    directions of the grid's axes (statics.layout). Writes displacement (n, 3) m and F (n, 3, 3).
     """
     weights, slopes = particles.weights, particles.slopes
     for cell in prange(len(cells.plane)):

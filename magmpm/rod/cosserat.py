@@ -15,8 +15,7 @@ stress), so a rod magnetized along its axis and pulled by the field stretches an
 
 kappa is the chord form 2/l Im(conj(q_k) q_(k+1)) of unit quaternions, second order in l. By its Hessian Newton finds buckling and twist.
 
-Sources: Antman, Nonlinear Problems of Elasticity, chapter 8; Lang, Linn, Arnold, Multibody Syst. Dyn. 25 (2011);
-for the hard magnet, Wang et al., JMPS 142 (2020) 104045.
+Sources: Antman, Nonlinear Problems of Elasticity, chapter 8; Lang et al., Multibody Syst. Dyn. 25 (2011); Wang et al., JMPS 142 (2020).
 """
 
 from collections.abc import Callable
@@ -140,8 +139,7 @@ def solve_rod(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
     """Equilibrium of the scene's rod on the branch that grows from zero load; time: as of `rod_model`.
 
     Field and weight grow together from zero. At every step, Newton's method with an energy line search finds a minimum. Where the
-    continuation has become unstable, it goes down the direction of negative curvature.
-    Raises SolveError if a step does not converge.
+    continuation has become unstable, it goes down the direction of negative curvature. Raises SolveError if a step does not converge.
     """
     rod = rod_model(scene, elements, extensible=extensible, time=time)
     surroundings = along_rod(scene, rod, time) if scene.field.varies and scene.effects.in_a_field else None

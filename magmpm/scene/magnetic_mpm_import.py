@@ -3,8 +3,7 @@
 For each segment a robot file names an STL mesh (in millimeters, in the folder `meshes` beside it), a magnetization vector, density
 (kg/m^3), shear modulus (Pa) and whether it is fixed, and one `remenance` (T, so spelled) for all. K = 20 G is implied. It says nothing of
 field, ground or damping: the scene that is written has a zero field to fill in, weight, and what the robot needs to run at all.
-Source: Davy, Lloyd, Chandler, Valdastri, A framework for simulation of magnetic soft robots using the material point
-method, IEEE Robotics and Automation Letters 8 (2023).
+Source: Davy, Lloyd, Chandler, Valdastri, A framework for simulation of magnetic soft robots ..., IEEE Rob. Autom. Lett. 8 (2023).
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from magmpm.bodies.catheter import THIN_WALL
+from magmpm.bodies.mesh_quadrature import TOUCHING
 from magmpm.effects.base import SceneLike
 from magmpm.effects.contact_law import most_friction
 from magmpm.effects.magnetization import rotating
@@ -263,6 +264,9 @@ def warnings(scene: SceneLike) -> list[str]:
     own = shape.warnings(scene.resolution.cells_across, one_grid=dynamic is None)
     fitted = dynamic is None and scene.body.catheter is not None and scene.body.catheter.round_cells
     found += of_known_error(own) if fitted else own
+    if scene.body.parts is not None and scene.effects.self_contact is not None and scene.body.parts.in_one_piece:
+        apart = f"{1e3 * TOUCHING * shape.length:.2g} mm"
+        found.append(f"effects.self_contact: all parts touch, and hold together for good; what shall slide or let go begins {apart} apart")
     if shape.clamp == "none" and scene.effects.feed is not None:
         found.append("body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes it, clamped or not")
     if shape.in_plane_strain and scene.field.uniform[1] and torque is not None:

@@ -24,8 +24,7 @@ E = young_modulus(G, RATIO * G)
 
 
 def swing(length: float, cells: int) -> tuple[TotalMotion, float, float]:
-    """A straight rod, 4 mm thick, with the velocity of its first mode, which oscillates by 1 % of L; also the step (s) and the frequency of
-    beam theory (1/s)."""
+    """A straight rod, 4 mm thick, with the velocity of its first mode, by 1 % of L; the step (s); the frequency of beam theory (1/s)."""
     expected = timoshenko(length, 2e-3, E, G, DENSITY)
     peak = 0.01 * length * expected
     scene = moving(rod_scene(length=length, cells=cells, density=DENSITY))

@@ -306,6 +306,11 @@ def test_parts_that_nearly_touch_are_told_of() -> None:
     assert "a and b are 0.5 mm apart, less than two cells of 0.5 mm" in told[0]
     moving = {**scene.to_si(), "solver": {"dynamic": {"duration": 1.0}}}
     assert not [w for w in Scene.from_si(moving).warnings() if w.startswith("body.parts")]
+    moving["effects"] = {"self_contact": {}}
+    assert not [w for w in Scene.from_si(moving).warnings() if w.startswith("effects.self_contact")]
+    one = parts_scene({"mesh": CUBE, "clamp": True}, {"mesh": box((1, 0, 0), (2, 1, 1))}).to_si()
+    one |= {key: moving[key] for key in ("solver", "effects")}
+    assert "all parts touch" in next(w for w in Scene.from_si(one).warnings() if w.startswith("effects.self_contact"))
 
 
 def test_equilibrium_needs_every_part_to_hang_on_something() -> None:

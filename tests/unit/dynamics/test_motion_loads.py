@@ -30,8 +30,7 @@ def ramped(duration: float) -> Scene:
 
 
 def test_a_schedule_goes_on_within_a_chunk_of_steps() -> None:
-    """A dozen steps, far fewer than a chunk, while the field rises. At zero field the undeformed body is at rest, so the velocities are
-    also zero half a step earlier."""
+    """A dozen steps, far fewer than a chunk, while the field rises from zero: the body is at rest then, and half a step earlier."""
     model = build(ramped(1e-3))
     moved = begin(model)
     interval(moved, 12 * moved.control.step)
@@ -148,8 +147,7 @@ def scene() -> Scene:
 
 
 def energies(model: Model, moved: SimulationState) -> dict[str, float]:
-    """Elastic and magnetic energy, J, from the formulas: sum V (G/2 (J^(-2/3) I1 - 3) + K/2 (J - 1)^2), with (J - 1)^2 projected by F-bar,
-    and -sum V B . F Br / mu0."""
+    """Elastic and magnetic energy, J: sum V (G/2 (J^(-2/3) I1 - 3) + K/2 (J - 1)^2), (J - 1)^2 by F-bar, and -sum V B . F Br / mu0."""
     F, V = moved.F, model.particles.volume
     J, I1 = np.linalg.det(F), np.einsum("nij,nij->n", F, F)
     first = model.particles.cell_first

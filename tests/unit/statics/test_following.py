@@ -62,8 +62,7 @@ def test_a_wrong_expectation_does_no_harm() -> None:
 
 
 def test_blas_has_one_thread_in_a_fresh_process() -> None:
-    """SciPy's library too, which is loaded at the first solve: with a thread for each core in each half of a factorization, moves of a
-    slider took twice the time."""
+    """SciPy's library too, loaded at the first solve: with a thread a core in each half of a factorization, moves took twice as long."""
     code = (
         "import sys\nfrom magmpm.statics.equilibrium import one_blas_thread\nfrom threadpoolctl import threadpool_info\n"
         "with one_blas_thread():\n    assert 'scipy.linalg.cython_lapack' in sys.modules\n"
