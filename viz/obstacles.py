@@ -83,7 +83,7 @@ def _sources(field: FieldSource) -> Iterator[Obstacle]:
     for dipole in field.dipole or ():
         moment = np.array(dipole.moment)
         strength = float(np.linalg.norm(moment))
-        kind = "magnet" if dipole.diameter else "point dipole"
+        kind = "magnet" if dipole.diameter else "dipole"
         # 1.3 T: a point dipole is drawn as the sphere of this remanence that makes its moment
         shape = ball(dipole.diameter / 2 if dipole.diameter else (3e-7 * strength / 1.3) ** (1 / 3), AROUND)
         frame = frame_of((moment / strength).tolist() if strength else (0.0, 0.0, 1.0))

@@ -75,7 +75,7 @@ def test_the_legend_of_moments_holds_what_is_in_them_and_only_that(tmp_path: Pat
     assert not len(above.forces)
     assert len(touching.forces)
     texts = {sign.text for sign in annotations.signs([above], seen)}
-    assert texts >= {"ground", "clamp", "point dipole (N, S)"}
+    assert texts >= {"ground", "clamp", "dipole (N, S)"}
     assert not texts & {"coil", "contact force", "magnet (N, S)"}
     assert "contact force" in {sign.text for sign in annotations.signs([above, touching], seen)}
     assert "coil" in {sign.text for sign in annotations.signs([above])}

@@ -141,7 +141,7 @@ def test_a_magnet_stands_where_the_equilibrium_met_it() -> None:
     dipole = {"moment": [0.0, 0.0, 1.0], "position": [0.03, 0.0, 0.0]}
     result = strip_result(4, 4, {"segments": [{}]}, field={"dipole": [dipole], "over_time": {"keyframes": moves}})
     snapshot = Still(result).snapshot()
-    poles = np.vstack([o.points for o in snapshot.obstacles if o.name.startswith("point dipole")])
+    poles = np.vstack([o.points for o in snapshot.obstacles if o.name.startswith("dipole")])
     np.testing.assert_allclose(poles.mean(axis=0), [0.03, 0.01, 0.0], atol=1e-6)
     assert annotations.field_text(snapshot) == "|B| = 8.0 mT"
     none = strip_result(4, 4, {"segments": [{}]})
