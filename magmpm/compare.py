@@ -18,8 +18,7 @@ from magmpm.solving.several_grids import Frames, choose_grid, error_of_grid, fra
 def distance(one: Result | Motion, other: Result | Motion, *, of: str = "centreline") -> float:
     """The largest distance (m) between two runs of the same body, over all frames of two Motions, or at the end where one is a Result.
 
-    of: centreline, at equal shares of the arc length (parts: between centers of regions); or tip. Raises ValueError where they have no
-    time in common or another number of parts.
+    of: centreline, at equal shares of the arc length (parts: between centers of regions); or tip. Raises ValueError if they share no time.
     """
     first, second = frames_of(one), frames_of(other)
     if isinstance(one, Result) or isinstance(other, Result):

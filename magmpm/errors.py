@@ -106,8 +106,7 @@ class RenderError(MagmpmError):
 class SolveError(MagmpmError):
     """A run that became unstable or did not converge.
 
-    reason: what happened, in one sentence; state: the last good result, or None; remedies: changes of the scene that may bring it to an
-    answer, the first to try first (magmpm.scene.remedies).
+    reason: what happened, in one sentence; state: the last good result, or None; remedies: changes that may help, the best first.
     """
 
     exit_status = 3

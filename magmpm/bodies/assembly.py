@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
 from magmpm.bodies.body_shape import BodyShape, Discretization, Region
-from magmpm.bodies.contact_solid import Solids, mesh_solids
+from magmpm.bodies.contact_solid import NEEDLE, Solids, mesh_solids
 from magmpm.bodies.contact_surface import SurfacePoints, parts_surface
 from magmpm.bodies.grid import EVEN, ClampPlane, Grid, Knots
 from magmpm.bodies.mesh_quadrature import TOUCHING, grid_of_parts, part_errors, part_particles
@@ -21,6 +21,7 @@ from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.surface_mesh import (
     PREFIX,
     gap,
+    outline,
     overlaps,
     read_mesh,
     size_fault,
@@ -205,25 +206,27 @@ class Parts(BodyShape):
         return parts_surface(self.triangles(), float(grid.spacing.min()))
 
     def solids(self, cell: float, particles: Particles) -> Solids:
-        component, triangles = self.components(particles), self.triangles()
+        component, scale = self.components(particles), UNITS[self.unit]
         parts = [np.unique(particles.segment[component == one]) for one in range(int(component.max()) + 1)]
-        return mesh_solids([[triangles[k] for k in of] for of in parts], cell)
+        return mesh_solids([[scale * outline(self.meshes[k].mesh, NEEDLE * cell / scale) for k in of] for of in parts], cell)
 
     def part_of(self, particles: Particles) -> NDArray[np.integer]:
         return particles.segment
 
     def components(self, particles: Particles) -> NDArray[np.int64]:
         """Connected component that each particle (n,) is in, from 0: parts that touch are of one."""
+        return connected_components(self._touching(), particles.cell, particles.segment)
+
+    def _touching(self) -> NDArray[np.bool_]:
         near = TOUCHING * self.length
-        return connected_components(self._gaps(2 * near) <= near, particles.cell, particles.segment)
+        return self._gaps(2 * near) <= near
 
     @property
     def in_one_piece(self) -> bool:
         """True if there are several parts, and each is connected to every other one."""
         from scipy.sparse import csgraph
 
-        near = TOUCHING * self.length
-        return len(self.meshes) > 1 and csgraph.connected_components(self._gaps(2 * near) <= near, directed=False)[0] == 1
+        return len(self.meshes) > 1 and csgraph.connected_components(self._touching(), directed=False)[0] == 1
 
     def warnings(self, cells_across: int, *, one_grid: bool) -> list[str]:
         """Warnings of parts that are near each other and do not touch, which one grid moves as one."""

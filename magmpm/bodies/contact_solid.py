@@ -16,16 +16,18 @@ from magmpm.bodies.contact_surface import cut
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
 
-ROUNDED = 1e-3  # of the distance from which parts are on each other: slivers of what is left between them, due to rounding
-MOST_CUTS = 6  # of triangles that are partly on another part, by half, until none is longer than a cell
+ON = 0.1  # of a table's spacing: parts that come this near are on each other
+INSIDE = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6  # places in a triangle, as shares of its corners
+HALVED = 6  # times: triangles that are partly on another part are cut, from 64 cells down to one
 FINE = 4  # points of a table in a cell width
+NEEDLE = distance.THIN / FINE  # cells: thickness of triangles that are left out
 SHARP = 0.02  # of the spacing: error of a table beside edges of 10 degrees. Beside square ones it is 0.2, and what slides there is pushed
 AROUND = 3  # points around those: from one to the next the error falls to a sixth
 
 
 class Solids(NamedTuple):
-    """points (s, 3) of a table along x, y, z, or zeros; size (s, 4) m: its first point and spacing, or the radius of a rod along x; first
-    (s + 1,): where its coefficients (k,) begin, or planes (4 each): unit normal outward, and its product with a place of the plane, m;
+    """points (s, 3) of a table along x, y, z, or zeros; size (s, 4) m: its first point and spacing, or the radius of a rod, inf for a box;
+    first (s + 1,): where its coefficients (k,) begin, or planes (4 each): unit normal outward, its product with a place of the plane, m;
     near: where in itself the faces around each coefficient's point begin (k + 1,), then these; faces (12 each): corners m, unit normal."""
 
     size: Array
@@ -83,19 +85,18 @@ def _around(table: distance.Table, faces: Array) -> tuple[Index, Index]:
 
 def _outside(parts: Sequence[Array], cell: float) -> Array:
     """The surface (m, 3, 3) m of a component: that of its parts, without what is on another part, where the two hold together."""
-    within, surface = 0.1 * cell / FINE, []
+    within, surface = ON * cell / FINE, []
     for k, part in enumerate(parts):
         others = np.concatenate([part[:0], *(other for j, other in enumerate(parts) if j != k)])
-        near = _meets(part, others, within) if len(others) else np.zeros(len(part), np.bool_)
+        near = np.any([np.zeros(len(part), np.bool_), *(_meets(part, other, within) for j, other in enumerate(parts) if j != k)], axis=0)
         surface.append(part[~near])
         for triangle in part[near]:
             there = others[_meets(others, triangle[None], within)]
             pieces = _uncovered(triangle, there, within)
-            for k in range(MOST_CUTS, -1, -1):  # where round parts with other facets hold together
-                pieces = cut(pieces, cell * 2**k)
-                places = np.concatenate([pieces, pieces.mean(axis=1, keepdims=True)], axis=1).reshape(-1, 3)
-                off = (distance.to_triangles(places, np.ascontiguousarray(there)) > within).reshape(-1, 4)
-                surface.append(pieces[off.any(axis=1) if k == 0 else off.all(axis=1)])
+            for times in range(HALVED, -1, -1):  # where round parts with other facets hold together
+                pieces = cut(pieces, cell * 2**times)
+                off = (distance.to_triangles((INSIDE @ pieces).reshape(-1, 3), np.ascontiguousarray(there)) > within).reshape(-1, 4)
+                surface.append(pieces[off.any(axis=1) if times == 0 else off.all(axis=1)])
                 pieces = pieces[off.any(axis=1) & ~off.all(axis=1)]
     return np.ascontiguousarray(np.concatenate(surface))
 
@@ -112,7 +113,8 @@ def _uncovered(triangle: Array, others: Array, within: float) -> Array:
     on = flat[facing & (np.abs(flat[:, :, 2]).max(axis=1) < 1.0)]
     if not len(on):
         return triangle[None]
-    left = CrossSection([own[:, :2]]) - CrossSection(list(on[:, ::-1, :2]), FillRule.NonZero).offset(ROUNDED, JoinType.Miter)
+    left = CrossSection([own[:, :2]]) - CrossSection(list(on[:, ::-1, :2]), FillRule.NonZero).offset(distance.THIN / ON, JoinType.Miter)
+    left = left.offset(distance.THIN / ON, JoinType.Miter) ^ CrossSection([own[:, :2]])
     outlines = left.to_polygons()
     corners = np.concatenate(outlines) if outlines else np.zeros((0, 2))
     return np.asarray((triangle[0] + within * corners @ frame[:2])[triangulate(outlines)])

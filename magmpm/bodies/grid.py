@@ -118,7 +118,7 @@ class Spans:
 class Grid:
     """A box of cells.
 
-    origin (3,) m: lower corner; spacing (3,) m: of cells, along x the smallest; cells: number along x, y, z; runs: of equal ones along x.
+    origin (3,) m: lower corner; spacing (3,) m: of cells, along x the smallest; cells: number along x, y, z; runs: of equal ones, or none.
     """
 
     origin: Array

@@ -20,7 +20,7 @@ from magmpm.compiled.arrays import Array
 
 @dataclass(frozen=True)
 class PolarGrid(Grid):
-    """Cells along x, around and through the wall. origin, spacing: x and radius m, angle rad; even: before those at the base were cut."""
+    """Cells along x, around and through the wall. origin, spacing: x and radius m, angle rad; even: uncut at the base."""
 
     even: Grid | None = None
 

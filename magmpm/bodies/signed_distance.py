@@ -15,7 +15,8 @@ from magmpm.compiled.jit import compiled, compiled_elsewhere
 
 MOST_POINTS = 4_000_000  # 32 MB
 EDGE, WITHIN = 3, 4
-TIE = 1e-9  # of their distance: faces whose distances differ by no more have the same nearest place
+TIE = 1e-5  # of their distance: faces whose distances differ by no more have the same nearest place
+THIN = 1e-4  # of a table's spacing: triangles, and slivers between parts, that are no thicker are due to rounding
 BAND = 4  # points of the table beyond the wall, on either side, that hold true distances to a surface
 
 
@@ -188,7 +189,7 @@ def beside(best, side, d, at, face, away):
             uv, uu, vv = uv + u * v, uu + u * u, vv + v * v
         angle = np.arccos(max(-1.0, min(1.0, uv / np.sqrt(uu * vv + 1e-300))))
     turned = angle * (face[9] * away[0] + face[10] * away[1] + face[11] * away[2])
-    return (d, turned) if d < best * (1.0 - TIE) else (best, side + turned)
+    return (d, turned) if d < best * (1.0 - TIE) else (min(d, best), side + turned)
 
 
 @compiled
@@ -201,7 +202,7 @@ def to_faces(begin, end, near, faces, x, normal):
         if along > best * (1.0 + TIE) or (flat and along > best * (1.0 - TIE)):
             continue  # no place on it is nearer
         d, at = to_triangle(x, faces[f : f + 9], normal)
-        if d < best * (1.0 - TIE):
+        if d < best:
             nearest, flat = f, at == WITHIN
         best, side = beside(best, side, d, at, faces[f : f + 12], normal)
     d, _ = np.copysign(best, side), to_triangle(x, faces[nearest : nearest + 9], normal)

@@ -3,7 +3,7 @@
 Every file begins with a checksum of the rest. A damaged file (cut off by a full disk, or changed) gives a message, and its function is
 compiled anew. Numba alone would fail with some error, or run wrong code. If the disk accepts no more files, the run continues, and the next
 process compiles the function again.
-This relies on private names (with an underscore) of numba.core.caching, versions 0.61 to 0.68.
+This relies on private names (with an underscore) of numba.core.caching and codegen, versions 0.61 to 0.68.
 """
 
 import gc

@@ -96,7 +96,8 @@ class BodyContact:
         memory = np.zeros((len(new), MEMORY))
         memory[:, PLACE : PLACE + 3], memory[:, CELL] = self._place[q[new]], self._at[q[new]]
         other = self._solid[p[new]] != self._solid[q[new]]
-        memory[other, -1] = _begun(self.solids, self._solid[q[new]][other], self._place[p[new]][other]) - kernel.CLOSE * self._cell  # BEGUN
+        error = _begun(self.solids, self._solid[q[new]][other], self._place[p[new]][other])
+        memory[other, kernel.BEGUN] = error - kernel.CLOSE * self._cell  # and rounding
         memory[:, ROOM] = way + 0.5 * np.sqrt(np.maximum(distance[new] ** 2 - (BETWEEN * self._cell) ** 2, 0.0))
         order = np.argsort(np.concatenate([known[kept], key[new]]))
         memory = np.concatenate([held[kept], memory])[order]

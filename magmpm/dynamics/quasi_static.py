@@ -1,6 +1,6 @@
 """Equilibria along time: `follow` finds one after the other, and writes each as a frame.
 
-The load of each is that of its time: the field by its schedule, weight in full, and the length that feed has pushed out of its guide. What
+The load of each is that of its time: the field by its schedule, weight in full, and the length that feed has pushed out of its guide. It
 moves so slowly that inertia and losses do not matter. statics.branch finds each equilibrium from the last, and says where a branch ends.
 """
 

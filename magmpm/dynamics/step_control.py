@@ -1,14 +1,13 @@
 """The time step of a motion: the largest stable one that the body and each effect allow, now and as the motion goes on.
 
-Explicit steps are stable while dt < 2 / omega of the fastest oscillation (symplectic Euler: Hairer, Lubich, Wanner, Geometric Numerical
-Integration, I.1.4). Three bounds are reported:
+Explicit steps are stable while dt < 2 / omega of the fastest oscillation (Hairer et al., Geometric Numerical Integration, I.1.4). Bounds:
 
 * isolated: for one particle alone on its nodes. It holds for any set of particles, since particles together do not oscillate faster than
   the fastest of them (Fried, Int. J. Solids Struct. 8 (1972)). With the sums s_a = sum over nodes of slope^2 / weight along each axis,
   omega^2 of a particle is the largest eigenvalue of S^(1/2) A S^(1/2) / rho. A is the elastic tangent at rest, and S = diag(s) acts on
   its reference side.
 * wave: width of the smallest cell over the speed of pressure waves, h / c. Not a bound by itself; printed for comparison.
-* body: 2 / omega of the whole body at its present deformation, by Lanczos iteration: up to twice the isolated bound.
+* body: 2 / omega of the whole body at its present deformation, by Lanczos iteration: it limits the step, up to twice `isolated`.
 
 In a field that turns or swings, or where what holds the body swings, a step is also at most 1/20 of the period (schedule). This is not for
 stability: with longer steps, the sampled field would seem to change more slowly than it does, or not at all.

@@ -2,8 +2,7 @@
 
 Loads by which the body acts on itself cost more than a step, so they are held for some steps (OwnLoads). Held at the shape where they were
 computed, they would lag behind the body by half the time they are held, and a load that lags does work: it drives or damps the motion. So
-they are extrapolated from the last two shapes to the middle of the time for which they are held, which leaves an error of second order, and
-that time is chosen by how much they change.
+they are extrapolated from the last two shapes to the middle of the time they are held, which is chosen by their change: of second order.
 """
 
 import math

@@ -34,7 +34,7 @@ DTYPE = np.dtype([("rate", np.float64, 3), ("low", np.float64, 3), ("high", np.f
 
 
 class MovedEnds:
-    """Records for kernels of what moves; place (nodes, 3) m and mass (nodes,) kg of all nodes; free (nodes,): those that forces move.
+    """Records of what holds a body and moves; place (nodes, 3) m and mass (nodes,) kg of all nodes; free (nodes,): those that forces move.
 
     Raises SceneError where nodes that something else holds stand among those that follow.
     """
@@ -194,7 +194,7 @@ class TotalMotion:
     def set_off(self, dt: float, effects: tuple[Any, ...]) -> None:
         """Shift the velocities to half a step of dt (s) before the displacements, as steps of dt expect them.
 
-        Without this shift, loads that begin or change would act for too long, and what resists velocities: an error of dt, not dt^2.
+        Without this shift, loads that act from the start, or from a change of step, act too long: an error proportional to dt, not dt^2.
         """
         back = dt / 2 - self.lag
         if abs(back) <= 1e-9 * dt:

@@ -46,8 +46,7 @@ def check(model: Model, x: Array, v: Array, time: float = 0.0) -> Trouble | None
     """Failure of velocities or positions at a time (s), if any.
 
     A wave moves particles at its own speed at most, and at a free surface, where it comes back, twice as fast (SURFACE).
-    A particle may be faster than that only where loads can make it so: a heavy soft body swings at several times that
-    speed, and no wave is a shock where all of it does.
+    A particle may be faster than that only where loads make it so: a heavy soft body swings at several times that, without a shock.
     """
     reference = model.particles.position
     finite, fastest, ratio, furthest, way, size = _extremes(x, v, reference, model.shear, model.bulk, model.density)

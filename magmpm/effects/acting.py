@@ -197,7 +197,7 @@ def feels_itself(scene: SceneLike) -> bool:
 def driven_speed(model: Any, x: Array, time: float, way: float) -> float:
     """The speed (m/s) to which loads can drive a particle of a Model until a time (s): what feed gives, and sqrt(2 WHIP w).
 
-    w: most work on a mass (J/kg): of weight along the farthest way; of fields, 4 M B; of neighbors. x (n, 3) m: present positions.
+    w: most work on a mass (J/kg): of weight along `way` (m), the farthest; of fields, 4 M B; of neighbors. x (n, 3) m: present positions.
     """
     scene, named = model.scene, model.scene.effects
     work = 0.0

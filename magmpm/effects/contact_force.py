@@ -1,8 +1,7 @@
 """The force of contact on a point: a penalty along the normal, and Coulomb friction that holds by a spring.
 
 Hooks add to f (9,), N but for the last: f[:3] the force; f[3:6] the grip, friction coefficient times the push along the normal; f[6] the
-stiffness of what pushes, N/m. They are given f[7], f[8]: how thick (m) the body is at the point, and the time (s) that a shear wave takes
-through it.
+stiffness of what pushes, N/m. f[7], f[8] are given: the body's thickness (m) at the point, and the time (s) of a shear wave through it.
 
 Friction has a memory: the anchor, the place (3,) m at which the obstacle holds the point. A spring as stiff as the contact pulls the point
 toward it, along the obstacle. Where the spring would pull more than the grip, the point slides and draws the anchor along. So a

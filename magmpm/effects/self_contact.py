@@ -35,7 +35,7 @@ def gap(position: Array, reference: Array, size: float, apart: float, within: fl
     """Smallest gap (m) between surfaces of the body that are not neighbors in it; negative: they overlap; inf: none is near.
 
     position, reference (n, 3) m: particles now and in the undeformed body; size m: distance between the outermost particles of two surfaces
-    in contact; apart m: particles that near in the undeformed body are neighbors (a few cells over its thickness); within m: at most that.
+    in contact; apart m: particles that near in the undeformed body are neighbors (some cells over its thickness); within m: of the search.
     """
     from scipy.spatial import cKDTree  # imported only where it is used
 

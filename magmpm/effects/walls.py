@@ -18,7 +18,7 @@ from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.assembly import UNITS
 from magmpm.bodies.curves import curve, tightest_radius
 from magmpm.bodies.signed_distance import Table, curvature, value
-from magmpm.bodies.surface_mesh import read_mesh, size_fault, unpack_mesh
+from magmpm.bodies.surface_mesh import outline, read_mesh, size_fault, unpack_mesh
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Point, Records, SceneLike
@@ -191,7 +191,8 @@ def _path(tube: Tube) -> Array:
 
 @lru_cache(maxsize=4)
 def _surface_table(surface: Surface, spacing: float) -> Table:
-    return distance.surface(surface.vertices[surface.faces], spacing)
+    scale = UNITS[surface.unit]
+    return distance.surface(scale * outline(surface.mesh, distance.THIN * spacing / scale), spacing)
 
 
 @compiled

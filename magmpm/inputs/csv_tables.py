@@ -41,7 +41,7 @@ def table_faults() -> Iterator[None]:
 
 
 def named_table(read: Callable[[Path], Any], example: str | None) -> BeforeValidator:
-    """Validator of a key that names a table: what `read` makes of it. What Python gives is taken, and in a file what has no example."""
+    """Validator of a key that names a table: what `read` makes of it. Python's are taken as they are; in files too where no example."""
 
     def table_of(value: Any, info: ValidationInfo) -> Any:
         if not isinstance(value, (str, Path)):

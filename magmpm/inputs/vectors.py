@@ -28,8 +28,7 @@ def three(write: str) -> BeforeValidator:
 def _unit_vector(value: Any) -> Vector:
     """The direction as a unit vector (or zeros), however it was written.
 
-    Components below 1e-15 are rounding of angles and become zero. A vector of length one within rounding stays as it is, so that a scene
-    read back from its own data is the same bit for bit.
+    Components below 1e-15 are rounding of angles and become zero. A unit vector stays as it is: a scene read back is the same bit for bit.
     """
     if isinstance(value, Angles):
         cos_e, sin_e = math.cos(value.elevation), math.sin(value.elevation)

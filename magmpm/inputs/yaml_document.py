@@ -60,8 +60,7 @@ for _tag, _pattern, _first in (
 def read_yaml(path: Path | str) -> Document:
     """The file's top-level mapping.
 
-    Raises InputError with file and line: no such file, not a text file, not YAML, a key that appears twice, a file that is empty or holds
-    something other than `key: value` lines.
+    Raises InputError with file and line: no such file, no text, no YAML, a key that appears twice, nothing or no `key: value` lines.
     """
     path = Path(path)
     text = _read_text(path)

@@ -48,8 +48,7 @@ class Particles(NamedTuple):
     """Particles (n) sorted by cell.
 
     weights, slopes (n, 3, 3): values and slopes (1/m) of the splines, axis by node; volume m^3, shear, bulk Pa, density kg/m^3 (n,); modes
-    (n, 0), (n, 1) or (n, 4): the modes on which the volume part is projected (model.volume_modes); remanence (n, 3) T, or (n, 4) where
-    an effect marks particles (acting.marked).
+    (n, 0), (n, 1) or (n, 4): the modes of the volume part (model.volume_modes); remanence (n, 3) T, or (n, 4) if marked (acting.marked).
     """
 
     weights: Array

@@ -176,8 +176,7 @@ class Particles(NamedTuple):
 
     pattern, moments (groups,): where the splines and modes of a group begin, shared by groups that are alike; splines (patterns 18 8,);
     modes (patterns modes 8,) of the volume part (model.volume_modes), mode_count 0 or 4; volume m^3, density kg/m^3 (groups 8,); remanence
-    (groups 3 8,) T, or (groups 4 8,) where an effect marks particles (acting.marked); reference (groups 3 8,) m: positions in
-    the undeformed body.
+    (groups 3 8,) T, or (groups 4 8,) if marked (acting.marked); reference (groups 3 8,) m: positions in the undeformed body.
     """
 
     pattern: Index
@@ -192,8 +191,7 @@ class Particles(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Nodes of the whole grid, x slowest. active: nodes with mass; inverse_mass (3 nodes,) 1/kg, 0 where a component is held at rest,
-    of the lumped mass; place (3 nodes,) m."""
+    """Nodes of the grid, x slowest. active: nodes with mass; inverse_mass (3 nodes,) 1/kg, lumped, 0 where held; place (3 nodes,) m."""
 
     active: Index
     inverse_mass: Array

@@ -245,8 +245,7 @@ class Motion:
 
     times (frames,) s. fields (frames, 3) T, NaN where it was not given. part (n,), volume (n,) m^3, remanence (n, 3) T, reference
     (n, 3) m: of the undeformed body. energies: table of energies.csv, column -> (frames,); contacts: effect -> {t, Fx, Fy, Fz, count,
-    depth} -> (rows,). scene: Scene.to_si() or None. Of equilibria along time also steps: column -> (frames,), the table of steps.csv, and
-    jumps: where a branch ended, as in a Result.
+    depth} -> (rows,). scene: Scene.to_si() or None. Along time also steps: column -> (frames,), of steps.csv, and jumps, as in a Result.
     """
 
     folder: Path

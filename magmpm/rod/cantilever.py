@@ -24,8 +24,7 @@ def kink_warning(scene: Scene) -> str | None:
     """A warning, in milliseconds and before any equilibrium is solved, that a tube at rest will kink; None where it will not.
 
     A tube bears at most M = (2 sqrt(2)/9) pi E r t^2 / sqrt(1 - nu^2) (Brazier 1927), BORNE of the moment that its round section would
-    have at Catheter.kink_radius. Its rod has the moments of the round section. The clamp keeps the section round nearby: the largest
-    moment beyond that length counts.
+    have at Catheter.kink_radius. Its rod has the moments of the round section. Near the clamp it stays round: moments beyond count.
     """
     tube = scene.body.catheter
     if tube is None or not tube.hollow or not scene.static or not is_cantilever(scene):

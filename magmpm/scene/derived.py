@@ -69,7 +69,7 @@ def _cut(segments: list[dict[str, Any]], lengths: list[float], length: float, sh
 def save(scene: Any, path: Path) -> Path:
     """Write a Scene with units, and its reference as a table beside it. Returns the path.
 
-    Both are read back first. Raises InputError, and writes nothing, where the scene would be another one: tables that files name by paths.
+    Both are read back first. Raises InputError, and writes nothing, where it would be another one, as one with tables that files name.
     """
     content = scene.model_dump(mode="json", exclude_none=True, context={"units": True})
     if scene.in_time:

@@ -1,4 +1,4 @@
-"""One scene on several grids, for the error of each or the coarsest that will do: equilibria (statics.grids), all else by whole runs."""
+"""One scene on several grids, for the error of each or the coarsest that will do: straight bodies by statics.grids, others by runs."""
 
 import math
 import time

@@ -41,7 +41,7 @@ class Held(NamedTuple):
 
 
 def held_at(effects: Records, x: Array, mass: Array, grips: Array, begun: tuple[Array, Held] | None) -> Held:
-    """Find how obstacles hold points at x (n, 3) m; begun: where and how as the increment began; None: where they are, by nothing."""
+    """Find how obstacles hold points at x (n, 3) m; begun: where and how they were as the increment began, or None."""
     f, met = np.zeros((len(x), PARTS)), np.ones(len(x))
     _grips(effects, x, x if begun is None else begun[0], mass, grips, f, met)
     grip, anchor = np.linalg.norm(f[:, 3:6], axis=1), x

@@ -138,7 +138,7 @@ class Linearized:
 class Sensitivities:
     """Derivatives of an equilibrium's shape with respect to k variables of its scene. SI units, per unit of each variable.
 
-    result: the equilibrium; variables: what is changed, in the order of the last axis. Each derivative is computed when first asked for.
+    result: the equilibrium; variables: what is changed, in the order of the last axis. Each derivative is computed when first requested.
     """
 
     result: Any  # results.result.Result, which statics does not know

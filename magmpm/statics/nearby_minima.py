@@ -28,7 +28,7 @@ SOFT = 100.0  # of Energy.least_scale, a strain of 1e-8: near a critical load ro
 
 
 class NearbyMinima:
-    """Finds minima near states of a model. spent: Newton steps so far; unstable: the last search ended at a point that is no minimum."""
+    """Finds minima near states of a model. spent: Newton steps so far; unstable: the last search found a stationary point, no minimum."""
 
     def __init__(self, *, tolerance: float, on_step: OnStep | None = None) -> None:
         self._tolerance, self._tell = tolerance, on_step

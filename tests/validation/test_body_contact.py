@@ -63,7 +63,7 @@ def test_a_collision_keeps_momentum_and_energy(tmp_path: Path, friction: float) 
 def test_what_touches_at_the_start_rests(tmp_path: Path) -> None:
     """Without loads: a peg in a slot, clear of it by a thousandth of a cell, and a cube on its edge. Nothing is pushed, and nothing moves.
 
-    Tables of the slot's solid are 0.04 cells off in its corners (bodies.signed_distance): the peg jumped out at 0.07 m/s."""
+    By its table alone the slot's solid was 0.04 cells off in its corners: the peg jumped out at 0.07 m/s."""
     clear = 1e-6
     meshes = {
         "below": box((0.0, -4e-3, 0.0), (6e-3, 4e-3, 2e-3)), "near": box((0.0, -4e-3, 2e-3), (6e-3, -1.5e-3, 5e-3)),

@@ -141,7 +141,7 @@ def test_a_catheter_may_begin_on_the_ground(normal: list[float]) -> None:
     ids=["ground", "walls"],
 )  # fmt: skip
 def test_where_a_body_begins_inside_is_said(obstacle: dict[str, Any], inside: str, at: Any) -> None:
-    """The message names the obstacle, the segment by its key, and the place: below the tip, for a plane or tube that rises along x."""
+    """The message names the obstacle, the segment by its key, and the place, the tip's lower side, where a plane or tube rises."""
     named = validate(Effects, obstacle, "example.yaml")
     with pytest.raises(InputError) as caught:
         build(rod_scene(length=12e-3, cells=4, directions=[(1, 0, 0)] * 3).model_copy(update={"effects": named}))

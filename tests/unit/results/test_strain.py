@@ -128,7 +128,7 @@ def test_usual_scenes_are_not(name: str) -> None:
 
 
 def test_a_motion_keeps_the_worst_of_its_frames(tmp_path: Path) -> None:
-    """Stretched by 60 times its weight, then swinging: the maximum, during the motion, is told with its time, also after a resume."""
+    """Stretched by 60 times its weight, then swinging: the maximum, during the motion, is reported with its time, also after a resume."""
     scene = swinging(duration=30e-3)
     whole = run(scene)
     (said,) = (text for text in whole.warnings if "is stretched to more than" in text)
