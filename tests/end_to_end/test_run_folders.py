@@ -280,8 +280,7 @@ def test_a_time_that_is_refused_on_the_way_leaves_what_was_there(run) -> None:
 
 
 def test_a_time_that_is_refused_or_stopped_keeps_a_motion_that_waits_beside_earlier_results(run) -> None:
-    """Both: the motion, which --resume goes on with, and what it will replace. The motion was deleted once. Of a time that is stopped the
-    last good state, from one grid alone, goes to FOLDER/failed."""
+    """Both: the motion, which --resume goes on with, and what it will replace. If time stops it, the state goes to FOLDER/failed."""
     run(RESTING)
     before = waiting(run)
     assert (OUT / EARLIER / NUMBERS).exists()

@@ -168,8 +168,7 @@ class Total:
         return self.on.T @ forces
 
     def fields(self) -> np.ndarray:
-        """Nodal values (nodes, k) for which the mass is right: of each connected set of free nodes 1, x, y, z; of a straight body hats
-        along x, over every second plane of nodes, times 1, y, z."""
+        """Nodal values (nodes, k) for which the mass is right: of each set of free nodes 1, x, y, z; of a straight body hats too."""
         free = (self.mass > 0) & ~self.fixed & (self.model.scene.effects.feed is None)
         rows, columns = np.nonzero((self.N > 0) & free)
         shared = coo_matrix((np.ones(len(rows)), (rows, columns)), self.N.shape)

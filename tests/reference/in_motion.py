@@ -82,8 +82,7 @@ def cantilever_mode(x: np.ndarray, length: float) -> np.ndarray:
 
 
 def timoshenko(length: float, radius: float, young: float, shear: float, density: float) -> float:
-    """First angular frequency of a round solid cantilever with rotary inertia and shear, 1/s. Shear coefficient 6 (1 + nu) / (7 + 6 nu)
-    of a disc (Cowper, J. Appl. Mech. 33 (1966)).
+    """First angular frequency of a round cantilever with rotary inertia and shear, 1/s: 6 (1 + nu) / (7 + 6 nu) (Cowper, JAM 33).
 
     Frequency equation of Huang, J. Appl. Mech. 28 (1961) 579, clamped-free: with b^2 = rho A L^4 w^2/(E I), r^2 = I/(A L^2),
     s^2 = E I/(k A G L^2), 2 + (b^2 (r^2 - s^2)^2 + 2) cosh(b p) cos(b q) - b (r^2 + s^2)/sqrt(1 - b^2 r^2 s^2) sinh(b p) sin(b q) = 0."""

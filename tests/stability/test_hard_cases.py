@@ -44,8 +44,7 @@ def test_any_bulk_modulus() -> None:
 @pytest.mark.parametrize("ratio", [10, 1000])
 @pytest.mark.parametrize("first", ["stiff", "soft"])
 def test_stiffness_contrast(ratio: float, first: str) -> None:
-    """Segments alternate between G and G/ratio, like magnetic rings on soft joints. Stiff neighbors restrain the ends of the
-    joints, which a rod ignores: 1 to 2 % of L."""
+    """Segments alternate between G and G/ratio, like magnetic rings on soft joints. Stiff neighbors restrain joints: 1 to 2 % of L."""
     moduli = np.array([G, G / ratio, G, G / ratio])
     moduli = moduli if first == "stiff" else moduli[::-1]
     directions = [(1, 0, 0), (0, 0, 1), (1, 0, 0), (0, 0, 1)]
@@ -112,8 +111,7 @@ def test_segments_far_shorter_than_a_cell(lengths: list[float], bound: float) ->
 
 
 def test_slice_of_another_magnetisation() -> None:
-    """A slice of 0.1 mm, 1/13 of a cell, magnetized transversely, at the tip of an axially magnetized rod: its small torque,
-    A Br B/mu0 x 0.1 mm, rotates the tip as in the rod model."""
+    """A slice of 1/13 of a cell, magnetized transversely, at an axially magnetized tip: its torque rotates the tip as in the rod model."""
     given = {"lengths": [39.9e-3, 0.1e-3], "field": (8e-3, 0, 0), "cells": 3}
     statics, rod = tips(rod_scene(directions=[(0, 0, 0), (0, 0, -1)], **given), 8)
     assert rod[2] > 1e-3

@@ -95,8 +95,7 @@ def test_a_length_that_the_rows_give_is_not_fitted(tmp_path: Path) -> None:
 
 
 def test_the_command_predicts_what_is_held_out(tmp_path: Path) -> None:
-    """Exact angles of a body with another modulus: it is found, and the rows held out are met, to 1e-3 of a degree; a reading is expected
-    within the noise of a degree at least."""
+    """Exact angles of a body with another modulus: it is found; held out rows are met to 1e-3 of a degree, expected to the noise."""
     rows, body = ["series,magnet_z_mm,tip_angle_xz_deg"], SCENE.with_material(shear_modulus=100e3)
     for series, z in (("a", 110.0), ("a", 90.0), ("b", 100.0), ("a", 80.0)):
         there = run(Apparatus((0.01, 0.0, 1e-3 * z)).applied(body))

@@ -148,8 +148,7 @@ def test_tpe_kernels_are_normalised_and_drawn_from(tmp_path: Path) -> None:
 
 
 def test_another_seed_makes_tpe_choose_otherwise_in_each_of_its_stages(tmp_path: Path) -> None:
-    """The first four trials are the corners of a tetrahedron whose rotation depends only on the seed of the study; later draws depend on
-    the seed and the number of finished trials."""
+    """The first four trials are a tetrahedron turned by the study's seed alone; later draws depend on the finished trials too."""
     space = space_of(tmp_path, FIELD)
     of = Designs(np.tile([1.0, 0.0, 0.0], (3, 6, 1)), np.full((3, 1), 0.5))
     corners, chosen = {}, {}

@@ -171,8 +171,7 @@ def test_what_lies_on_another_presses_on_it_with_its_weight(tmp_path: Path) -> N
 
 @pytest.mark.parametrize(("friction", "tangent", "share"), [(0.3, 1.0, 0.7), (0.5, 0.3, 0.0)])
 def test_a_block_slides_or_sticks_on_a_slope_of_another_part(tmp_path: Path, friction: float, tangent: float, share: float) -> None:
-    """At 45 degrees it accelerates by g (sin - mu cos), to 2 % with its fall through the gap; inside the cone it stops within 0.1 cell of
-    where it fell, as its bounces, with damping, die out."""
+    """At 45 degrees it accelerates by g (sin - mu cos), to 2 % with its fall; inside the cone it stops within 0.1 cell of where it fell."""
     angle, time, thick = np.arctan(tangent), 0.04, 3e-3
     meshes = {"slope": box((-6e-3, -6e-3, -3e-3), (18e-3, 6e-3, 0.0)), "block": box((0.0, -3e-3, 0.03e-3), (6e-3, 3e-3, thick + 0.03e-3))}
     pull = [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]
@@ -208,8 +207,7 @@ def prism(profile: list[tuple[float, float]], half: float) -> Mesh:
 
 @pytest.mark.slow
 def test_a_block_is_pushed_up_a_wedge(tmp_path: Path) -> None:
-    """Force over load is (tan a + mu) / (1 - mu tan a), to 0.5 % (NAFEMS, Benchmark tests for finite element modelling of contact, gap and
-    sliding, CGS-4: 0.412371)."""
+    """Force over load is (tan a + mu) / (1 - mu tan a), to 0.5 % (NAFEMS, Benchmark tests for contact and sliding, CGS-4: 0.412371)."""
     slope, mu, lift = 0.1, 0.3, 0.02e-3
     expected = (slope + mu) / (1 - mu * slope)
     wedge = prism([(-6e-3, -3e-3), (12e-3, -3e-3), (12e-3, slope * 12e-3), (-6e-3, -slope * 6e-3)], 3e-3)

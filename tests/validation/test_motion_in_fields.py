@@ -50,8 +50,7 @@ def test_a_gradient_pulls_and_turns_a_free_body() -> None:
 
 
 def test_segments_that_pull_each_other_move_no_centre() -> None:
-    """Loads computed every 64 steps: momentum stays 0 to rounding of what the segments exchange; the angular momentum from the lag of the
-    loads is below a thousandth of that."""
+    """Loads computed every 64 steps: momentum stays 0 to rounding; the angular one, by their lag, below a thousandth of exchanges."""
     scene = free_rod({"magnetic_interaction": {}}, **BODY)
     motion, dt = set_off(scene, np.zeros_like)
     model = motion.model

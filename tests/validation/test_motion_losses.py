@@ -112,8 +112,7 @@ def test_where_the_step_changes_velocities_are_damped_for_the_time_they_are_shif
 
 
 def decay(effects: dict[str, Any]) -> tuple[float, float]:
-    """Decay rate and angular frequency (1/s) of the oscillation of a cantilever by 1 % of its length: least-squares fit of
-    e^(-a t) (A cos w t + B sin w t) to the height of the tip over two periods."""
+    """Decay rate and frequency (1/s) of a cantilever's oscillation by 1 % of L: a fit of e^(-a t) (A cos w t + B sin w t)."""
     model = filled(build(moving(rod_scene(length=LENGTH), effects)))
     motion = begin(model).motion
     height, frequency = tip_height(model), timoshenko(LENGTH, 2e-3, E, G, DENSITY)

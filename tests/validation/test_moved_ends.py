@@ -1,5 +1,4 @@
-"""Bodies whose held ends move, against theory: uniaxial tension, Euler's buckling and the elastica beyond it, a base that shakes,
-and a plate that presses on another part."""
+"""Bodies whose held ends move, against theory: uniaxial tension, Euler's buckling and beyond, a base that shakes, a plate that presses."""
 
 from pathlib import Path
 from typing import Any
@@ -86,8 +85,7 @@ def test_a_compressed_strip_buckles_as_euler_says() -> None:
 
 
 def test_a_moved_plate_presses_on_a_free_cube(tmp_path: Path) -> None:
-    """From a thirtieth of a cell above it. What moves it does the work of contact and of its own weight; the cube gains what pushes it; and
-    a motion that is stopped in its midst goes on with the same bits."""
+    """From a thirtieth of a cell above. What moves it does the work of contact and weight; a motion that is stopped goes on, same bits."""
     edge, speed, mass = 3e-3, 0.05, 1882 * 50e-9
     meshes = {"plate": box((-1e-3, -1e-3, edge + 0.05e-3), (4e-3, 4e-3, edge + 2.05e-3)), "cube": box((0.0, 0.0, 0.0), (edge, edge, edge))}
     way = {"plate": {"along": [0, 0, -1], "distance": 4e-3 * speed, "over_time": {"ramp": {"duration": 4e-3}}}}

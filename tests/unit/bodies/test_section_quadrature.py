@@ -83,8 +83,7 @@ def test_disk_moments_against_a_fine_sum(corners: tuple[float, float, float, flo
 
 @pytest.mark.parametrize("radius", [0.000676558326395903, 0.005520024078098786, 0.00861724779971481, 0.0038367353394736224])
 def test_a_radius_whose_square_rounds_two_ways(radius: float) -> None:
-    """The square of a float (by libm's pow) and of an array's element (by a product) differ here in the last bit: one radius in 2000. The
-    root at the circle's edge was then not a number, and the section was empty."""
+    """The square of a float (by libm's pow) and of an array's element differ in the last bit: the root at the circle's edge was NaN."""
     low, high = rectangles(*[np.array([-radius, 0.0, radius])] * 2)
     assert bodies.disk_moments(low, high, radius)[:, 0].sum() == pytest.approx(np.pi * radius**2, rel=1e-12)
 

@@ -45,8 +45,7 @@ def test_a_schedule_goes_on_within_a_chunk_of_steps() -> None:
 
 
 def test_what_segments_do_to_each_other_follows_the_shape(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Held for 4 steps: the fields of the current shape, which differ by a thousandth from those of the undeformed body, and half of
-    their change in the 4 steps before."""
+    """Held for 4 steps: fields of the present shape, a thousandth off those of the undeformed one, and half of their change in 4 steps."""
     for name, value in {"FIRST": 4, "MOST": 4, "CHANGE": 1e9}.items():
         monkeypatch.setattr(time_loop, name, value)
     body: dict[str, Any] = {"length": 8e-3, "directions": [(0.3, 0.2, 1.0), (-1.0, 0.4, 0.0)]}
@@ -160,8 +159,7 @@ def energies(model: Model, moved: SimulationState) -> dict[str, float]:
 
 
 def test_stress_field_and_energies_are_those_of_the_moment(tmp_path: Path) -> None:
-    """The stress of a frame includes the elastic law and the field at that moment, not that of the start, which is zero. A result's energy
-    is the potential one, apart from the kinetic one."""
+    """The stress of a frame includes the law and the field of that moment, not of the start, zero. A result's energy is potential."""
     model = build(scene())
     moved, result = integrate(begin(model), folder=tmp_path), run(scene())
     assert moved.time == 1e-3

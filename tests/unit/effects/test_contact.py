@@ -106,8 +106,7 @@ def test_the_spring_of_friction_begins_soft(rng: np.random.Generator) -> None:
 
 
 def test_stiffness_is_that_of_the_stiffest_material() -> None:
-    """(K + 4/3 G) / rho / h^2: a wave through a cell. With friction it begins with a third of h over the thickness, beside a dashpot.
-    What friction depends on is each region's own."""
+    """(K + 4/3 G) / rho / h^2: a wave through a cell. With friction a third of h over the thickness, beside a dashpot; by region."""
     scene = rod_scene(shear=[G, 3 * G], directions=[(1, 0, 0), (0, 1, 0)], cells=4)
     wave = np.sqrt(3 * G * (20 + 4 / 3) / 1882)
     slippery = {"stiffness": 2 * wave**2 / (1e-3) ** 2}

@@ -213,8 +213,7 @@ def test_what_is_stiff_tells_its_step(key: str) -> None:
 
 @pytest.mark.parametrize("key", CONTACT)
 def test_the_step_of_contact_is_that_of_its_stiffness(key: str, rng: np.random.Generator) -> None:
-    """0.7 of 2 (sqrt(1 + z^2) - z) / w, with w^2 the largest eigenvalue of minus the force's Jacobian over the mass, and 2 z w that by
-    velocity: the true bound of a particle in contact."""
+    """0.7 of 2 (sqrt(1 + z^2) - z) / w, with w^2 the largest eigenvalue of the force's Jacobian over the mass, 2 z w that by velocity."""
     own = acting(key).own
     function = hook(own, "contact")
     stiffest, damped = 0.0, 0.0

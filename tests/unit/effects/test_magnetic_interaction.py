@@ -83,8 +83,7 @@ def test_loads_are_the_derivatives_of_the_energy(rng: np.random.Generator, share
 
 @pytest.mark.slow  # it compiles for most of its 40 s
 def test_equilibrium_is_a_stationary_point_below_where_it_began() -> None:
-    """For the total energy: the residual is negligible compared with the forces between segments, and the energy is lower than at the shape
-    without the effect, which is different."""
+    """For the total energy: the residual is negligible beside forces between segments, and the energy lower than at the shape without."""
     alone = rod_scene(length=40e-3, directions=MIXED, field=(0, 1e-3, 8e-3))
     named = alone.with_effects(magnetic_interaction={})
     found, without = (solve_static(static_model(build(one))) for one in (named, alone))

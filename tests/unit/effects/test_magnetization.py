@@ -64,8 +64,7 @@ def density(field: np.ndarray, F: np.ndarray, law: float = 1.0) -> float:
 
 
 def test_energy_is_frame_indifferent_and_blind_to_stretch(rng: np.random.Generator) -> None:
-    """Body and field turned together: W(Q F, Q B) = W(F, B). A pure stretch, along Br or not, leaves W; with F Br it changes by all of it.
-    Particles whose law is to stretch have the energy of a body where all do."""
+    """Body and field turned together: W(Q F, Q B) = W(F, B). A pure stretch leaves W; with F Br it changes by all. Mixed as alone."""
     for F, Q in zip(deformed(rng, 20, 1.5), turns(rng, 20), strict=True):
         W = density(B, F)
         assert density(Q @ B, Q @ F) == pytest.approx(W, rel=1e-12)

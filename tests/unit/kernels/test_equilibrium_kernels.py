@@ -1,5 +1,4 @@
-"""The compiled P2G and G2P kernels against plain NumPy (tests/reference/mpm_numpy.py), on a small body with all features: two materials,
-two magnetizations, a cut cell, both effects, with and without F-bar."""
+"""Compiled P2G and G2P against plain NumPy (tests/reference/mpm_numpy.py): two materials, a cut cell, with and without F-bar."""
 
 from itertools import pairwise
 

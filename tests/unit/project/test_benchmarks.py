@@ -64,8 +64,7 @@ def test_memory_that_is_told_is_what_a_process_grows_by(monkeypatch: pytest.Monk
 
 
 def test_bench_says_what_it_was_measured_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Host, processor, threads, commit, load, a matrix product and a copy; rates also relative to the matrix product. A figure that fails
-    is a row, the others are measured, and the exit status tells of it."""
+    """Host, processor, threads, commit, load, a matrix product, a copy. A figure that fails is a row; the exit status tells of it."""
     machine, bench = module("machine"), module("bench")
     monkeypatch.setattr(machine, "SIDE", 128)
     monkeypatch.setattr(machine, "COPIED", 8_000_000)

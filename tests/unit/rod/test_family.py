@@ -121,8 +121,7 @@ def test_a_rod_past_its_critical_load_is_not_found_stable(scene: Scene) -> None:
 def test_stability_of_a_rod_is_that_of_its_small_vibrations(scene: Scene) -> None:
     """Unloaded: 1, and the eigenvalue is (1.8751 / L)^4 E I for 1 kg/m (the clamped beam). It falls to 0 at the critical load.
 
-    A rod magnetized toward its tip in a field B against it: torque per length -m B theta, so that E I theta'' + m B theta = 0 with theta(0)
-    = 0, theta'(L) = 0, and m B = E I (pi / 2L)^2 at the critical load."""
+    A rod magnetized toward its tip in a field B against it: E I theta'' + m B theta = 0, m B = E I (pi / 2L)^2 at the critical load."""
     bare = scene.with_effects(gravity=None).with_magnetizations(np.tile([1.0, 0, 0], (5, 1))).with_field([0.0, 0, 0])
     rod = replace(rod_model(bare, 120), compliance=np.zeros((120, 3)))
     family = RodFamily.of(rod, bare.body.shape.segment_lengths(), range(5))

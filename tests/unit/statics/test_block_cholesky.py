@@ -71,8 +71,7 @@ def test_solves(rng: np.random.Generator, planes: int, m: int) -> None:
 
 @pytest.mark.parametrize("planes", range(3, 10))
 def test_indefinite_matrices_are_found_out(rng: np.random.Generator, planes: int) -> None:
-    """A negative eigenvalue is detected in every plane, in either precision: a pivot that starts negative only falls, so its own plane
-    fails, or one of them where there are two."""
+    """A negative eigenvalue is detected in every plane, in either precision: its own plane fails, or one of them where there are two."""
     m, split = 4, split_plane(planes)
     A = random_banded(rng, planes, m)
     for bad in [(plane,) for plane in range(planes)] + [(0, planes - 1)]:

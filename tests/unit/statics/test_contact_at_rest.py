@@ -104,8 +104,7 @@ def test_the_energy_is_that_of_the_push(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", [*KINDS[:5], "walls"])
 def test_force_and_tangent_are_derivatives_of_the_energy(kind: str, tmp_path: Path, rng: np.random.Generator) -> None:
-    """By central differences along random displacements, from a state in which the same points touch on both sides; and the panels hold
-    the matrix whose products `product` gives."""
+    """By central differences where points touch on both sides; and the panels hold the matrix whose products `product` gives."""
     effects = {"walls": WALLS} if kind == "walls" else {"ground": GROUND}
     _, model = models("rod" if kind == "walls" else kind, tmp_path, **effects)
     on, shape = model.touching, (model.layout.planes, model.layout.m)

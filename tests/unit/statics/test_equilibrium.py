@@ -157,8 +157,7 @@ def test_start_is_the_rod_dressed_as_a_body() -> None:
 
 
 def test_it_is_a_stable_equilibrium() -> None:
-    """At the solution the tangent is positive definite. A further Newton step would lower the energy by less than the tolerance, 1e-11, and
-    move nothing by more than the square root of that, 3e-6, of the length."""
+    """At the solution the tangent is positive definite. A Newton step would lower the energy by less than 1e-11, move 3e-6 of L."""
     model = static_model(build(spatial_scene()))
     energy = Energy(model)
     found = solve_static(model)
