@@ -31,8 +31,7 @@ def distance(one: Result | Motion, other: Result | Motion, *, of: str = "centrel
 
 @dataclass(frozen=True)
 class GridError:
-    """error: bound (m) of the discretization error, anywhere on the axis and in any frame (parts: at their centers); report: as
-    `Result.resolution`, with the grids, their seconds, the order seen, and the finer answer."""
+    """error: bound (m) of the discretization error, anywhere on the axis, in any frame; report: as `Result.resolution`, with grids."""
 
     error: float
     report: dict[str, Any]

@@ -206,9 +206,10 @@ class Parts(BodyShape):
         return parts_surface(self.triangles(), float(grid.spacing.min()))
 
     def solids(self, cell: float, particles: Particles) -> Solids:
-        component, scale = self.components(particles), UNITS[self.unit]
+        component, scale, thin = self.components(particles), UNITS[self.unit], NEEDLE * cell / UNITS[self.unit]
         parts = [np.unique(particles.segment[component == one]) for one in range(int(component.max()) + 1)]
-        return mesh_solids([[scale * outline(self.meshes[k].mesh, NEEDLE * cell / scale) for k in of] for of in parts], cell)
+        outlines = [[scale * outline(self.meshes[k].mesh, thin) for k in of] for of in parts]
+        return mesh_solids(outlines, cell, TOUCHING * self.length)
 
     def part_of(self, particles: Particles) -> NDArray[np.integer]:
         return particles.segment
@@ -243,8 +244,7 @@ class Parts(BodyShape):
 def connected_components(touching: NDArray[np.bool_], cell: NDArray[np.integer], part: NDArray[np.integer]) -> NDArray[np.int64]:
     """Connected component that each particle (n,) is in, from 0.
 
-    touching (parts, parts): which touch; cell (n, 3), part (n,): of each particle of the undeformed body. Two parts are connected
-    where they touch and share a cell, or have cells that share a face.
+    touching (parts, parts): which do; cell (n, 3), part (n,): of each particle. Two are connected where they touch and their cells do.
     """
     from scipy.sparse import csgraph  # only for bodies of parts
     from scipy.spatial import cKDTree

@@ -17,9 +17,10 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
 
 ON = 0.1  # of a table's spacing: parts that come this near are on each other
-INSIDE = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6  # places in a triangle, as shares of its corners
-HALVED = 6  # times: triangles that are partly on another part are cut, from 64 cells down to one
+PLACES = np.vstack([np.eye(3), np.full(3, 1 / 3)])  # in a triangle, as shares of its corners, that tell whether it is on another part
+HALVED = 8  # times: triangles that are partly on another part are cut, from 64 cells down to a table's spacing
 FINE = 4  # points of a table in a cell width
+CRACK = 0.25  # of a table's spacing: what is this far outside by its faces may be within, beside a crack between faces of joined parts
 NEEDLE = distance.THIN / FINE  # cells: thickness of triangles that are left out
 SHARP = 0.02  # of the spacing: error of a table beside edges of 10 degrees. Beside square ones it is 0.2, and what slides there is pushed
 AROUND = 3  # points around those: from one to the next the error falls to a sixth
@@ -53,10 +54,12 @@ def _exact(radius: float, planes: Array) -> Solids:
     return Solids(np.array([[radius, 0.0, 0.0, 0.0]]), none, np.array([0, planes.size]), planes.ravel(), none[0], np.zeros(0))
 
 
-def mesh_solids(components: Sequence[Sequence[Array]], cell: float) -> Solids:
-    """One solid for each component: parts (f, 3, 3) m that hold together, without the faces on which they touch; cell: of the grid, m."""
-    outside = [_outside(parts, cell) for parts in components]
-    tables, faces = [distance.surface(corners, cell / FINE) for corners in outside], [distance.faces_of(corners) for corners in outside]
+def mesh_solids(components: Sequence[Sequence[Array]], cell: float, gap: float = 0.0) -> Solids:
+    """One solid for each component: parts (f, 3, 3) m that hold together, across gaps (m) too, without faces inside; cell: of grids, m."""
+    within = max(ON * cell / FINE, gap)
+    outside = [_outside(parts, cell, within) for parts in components]
+    tables = [distance.solid(parts, corners, cell / FINE, within) for parts, corners in zip(components, outside, strict=True)]
+    faces = [distance.faces_of(corners) for corners in outside]
     around = [_around(*each) for each in zip(tables, faces, strict=True)]
     first, before = (np.cumsum([0, *each]) for each in ([table.coefficients.size for table in tables], map(len, faces)))
     point, face = (np.concatenate([each[n] + start[k] for k, each in enumerate(around)]) for n, start in enumerate((first, before)))
@@ -83,38 +86,38 @@ def _around(table: distance.Table, faces: Array) -> tuple[Index, Index]:
     return distance.near_triangles(faces, table.origin, table.spacing, band, np.abs(values), np.zeros_like(values), listed, across)
 
 
-def _outside(parts: Sequence[Array], cell: float) -> Array:
+def _outside(parts: Sequence[Array], cell: float, within: float) -> Array:
     """The surface (m, 3, 3) m of a component: that of its parts, without what is on another part, where the two hold together."""
-    within, surface = ON * cell / FINE, []
+    surface = []
     for k, part in enumerate(parts):
         others = np.concatenate([part[:0], *(other for j, other in enumerate(parts) if j != k)])
         near = np.any([np.zeros(len(part), np.bool_), *(_meets(part, other, within) for j, other in enumerate(parts) if j != k)], axis=0)
         surface.append(part[~near])
         for triangle in part[near]:
             there = others[_meets(others, triangle[None], within)]
-            pieces = _uncovered(triangle, there, within)
+            pieces = _uncovered(triangle, there, within, NEEDLE * cell)
             for times in range(HALVED, -1, -1):  # where round parts with other facets hold together
-                pieces = cut(pieces, cell * 2**times)
-                off = (distance.to_triangles((INSIDE @ pieces).reshape(-1, 3), np.ascontiguousarray(there)) > within).reshape(-1, 4)
+                pieces = cut(pieces, cell / FINE * 2**times)
+                off = (distance.to_triangles((PLACES @ pieces).reshape(-1, 3), np.ascontiguousarray(there)) > within).reshape(-1, 4)
                 surface.append(pieces[off.any(axis=1) if times == 0 else off.all(axis=1)])
                 pieces = pieces[off.any(axis=1) & ~off.all(axis=1)]
     return np.ascontiguousarray(np.concatenate(surface))
 
 
-def _uncovered(triangle: Array, others: Array, within: float) -> Array:
-    """Pieces (k, 3, 3) m of a triangle (3, 3) m that are not on those of the others (n, 3, 3) which face it, and are this near (m)."""
+def _uncovered(triangle: Array, others: Array, within: float, thin: float) -> Array:
+    """Pieces (k, 3, 3) m, no slivers (thin, m), of a triangle (3, 3) m that are not on others (n, 3, 3) which face it, this near (m)."""
     from manifold3d import CrossSection, FillRule, JoinType, triangulate
 
     along, aside = triangle[1:] - triangle[0]
     frame = np.array([along, np.cross(np.cross(along, aside), along), np.cross(along, aside)])
     frame /= np.linalg.norm(frame, axis=1)[:, None]
-    own, flat = ((each - triangle[0]) @ frame.T / within for each in (triangle, others))  # in units that Clipper rounds to 1e-8
+    own, flat = ((each - triangle[0]) @ frame.T / within for each in (triangle, others))  # Clipper rounds to 1e-8
     facing = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])[:, 2] < 0
     on = flat[facing & (np.abs(flat[:, :, 2]).max(axis=1) < 1.0)]
     if not len(on):
         return triangle[None]
-    left = CrossSection([own[:, :2]]) - CrossSection(list(on[:, ::-1, :2]), FillRule.NonZero).offset(distance.THIN / ON, JoinType.Miter)
-    left = left.offset(distance.THIN / ON, JoinType.Miter) ^ CrossSection([own[:, :2]])
+    whole, more = CrossSection([own[:, :2]]), thin / within
+    left = (whole - CrossSection(list(on[:, ::-1, :2]), FillRule.NonZero).offset(more, JoinType.Miter)).offset(more, JoinType.Miter) ^ whole
     outlines = left.to_polygons()
     corners = np.concatenate(outlines) if outlines else np.zeros((0, 2))
     return np.asarray((triangle[0] + within * corners @ frame[:2])[triangulate(outlines)])
@@ -141,7 +144,11 @@ def solid_distance(solids, s, x, normal):  # type: ignore[no-untyped-def]
             return np.inf
         point = begin + (int(p + 0.5) * ny + int(q + 0.5)) * nz + int(r + 0.5)
         if solids.near[point] < solids.near[point + 1]:
-            return distance.to_faces(solids.near[point], solids.near[point + 1], solids.near, solids.faces, x, normal)
+            d = distance.to_faces(solids.near[point], solids.near[point + 1], solids.near, solids.faces, x, normal)
+            if d < CRACK * size[3] or distance.value(p, q, r, size[3], ny, nz, solids.coefficients[begin:end])[0] < 0.0:
+                return d
+            normal *= -1.0
+            return -d
         d, s0, s1, s2 = distance.value(p, q, r, size[3], ny, nz, solids.coefficients[begin:end])
         normal[0], normal[1], normal[2] = -s0, -s1, -s2
         return -d

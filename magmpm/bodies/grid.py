@@ -58,8 +58,7 @@ def clamp_first_node(weights: Array, slopes: Array) -> tuple[Array, Array]:
 def clamp_last_node(weights: Array, slopes: Array, *, moved: bool = False) -> tuple[Array, Array]:
     """Splines of the last cell of an axis when the displacement is given on that cell's upper face: 0, or, where moved, the last node's.
 
-    The mirror image of ``clamp_first_node``: the last node's coefficient is twice the face's displacement minus its neighbor's. What is
-    left of that node is the face's displacement, with twice the spline. The stencil stays.
+    As ``clamp_first_node`` mirrored. What is left of the last node is the face's displacement, with twice the spline; the stencil stays.
     """
     own = [2.0 * v[..., 2] if moved else np.zeros_like(v[..., 0]) for v in (weights, slopes)]
     clamped = [np.stack([v[..., 0], v[..., 1] - v[..., 2], one], axis=-1) for v, one in zip((weights, slopes), own, strict=True)]

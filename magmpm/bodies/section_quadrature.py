@@ -2,8 +2,7 @@
 
 What a grid cell holds of the body gets its own quadrature rule: tensor-product Gauss points, shifted and scaled so that volume, centroid
 and second moments are exact. In a cell that the body fills, this is the Gauss rule itself. So the section's area and second moments
-are exact to rounding for any cell size. Particles on a regular lattice, as is usual, give a disk of 4 mm at a spacing of 0.5 mm second
-moments that are wrong by 2 to 5 %, and its bending stiffness with them.
+are exact to rounding for any cell size. A regular lattice of particles gives a disk of 4 mm, spacing 0.5 mm, moments 2 to 5 % wrong.
 """
 
 from dataclasses import dataclass

@@ -6,6 +6,7 @@ between points of spacing s a wall of radius r is off by less than 0.02 s^2/r, a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,17 +112,21 @@ def tube(path: Array, radius: float, spacing: float) -> Table:
     return Table.through(origin, spacing, values)
 
 
-def surface(corners: Array, spacing: float) -> Table:
-    """The inside of a closed triangle mesh, corners (m, 3, 3) m, that faces outward. Beyond BAND points from it the distance stays at that,
-    with the sign of the nearest point within."""
+def solid(parts: Sequence[Array], outside: Array, spacing: float, within: float) -> Table:
+    """The inside of closed meshes (f, 3, 3) m that face outward, and of gaps between them, `within` m; outside (m, 3, 3): their surface."""
     from scipy.ndimage import distance_transform_edt
 
     margin = (BAND + 2) * spacing
-    origin, spacing, shape = points_between(corners.min(axis=(0, 1)) - margin, corners.max(axis=(0, 1)) + margin, spacing)
-    values, side, none = np.full(shape, BAND * spacing), np.zeros(shape), np.zeros(shape, np.bool_)
-    near_triangles(faces_of(corners), origin, spacing, BAND * spacing, values, side, none, 0.0)
-    nearest = distance_transform_edt(side == 0.0, return_distances=False, return_indices=True)
-    return Table.through(origin, spacing, np.copysign(values, -side[tuple(nearest)]))
+    origin, spacing, shape = points_between(outside.min(axis=(0, 1)) - margin, outside.max(axis=(0, 1)) + margin, spacing)
+    inside, none, closest = np.zeros(shape, np.bool_), np.zeros(shape, np.bool_), np.full(shape, np.inf)
+    for k, corners in enumerate((*parts, outside)):
+        values, side = np.full(shape, BAND * spacing), np.zeros(shape)
+        near_triangles(faces_of(corners), origin, spacing, BAND * spacing, values, side, none, 0.0)
+        if k < len(parts):
+            closest = np.minimum(closest, values)
+            inside |= side[tuple(distance_transform_edt(side == 0.0, return_distances=False, return_indices=True))] < 0.0
+    inside |= values > closest + 2 * within  # what is nearest is within the joined parts
+    return Table.through(origin, spacing, np.where(inside, values, -values))
 
 
 def faces_of(corners: Array) -> Array:
@@ -158,9 +163,9 @@ def to_triangle(x, corners, away):
     elif d6 >= 0.0 and d5 <= d6:
         w, at = 1.0, 2
     elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        v = d1 / (d1 - d3)
+        v = d1 / max(d1 - d3, 1e-300)
     elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        w = d2 / (d2 - d6)
+        w = d2 / max(d2 - d6, 1e-300)
     elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
         w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
         v = 1.0 - w
@@ -176,8 +181,7 @@ def beside(best, side, d, at, face, away):
     """The smallest distance (m) from some faces and the side of the nearest, negative inside; best, side: those without the last one, face
     (12,), which is at the distance d, its nearest place `at`, from there by `away` (3,) m.
 
-    Faces that share the nearest place, at an edge or a corner, count by the angle in which they are seen from there.
-    Source: Baerentzen and Aanaes, IEEE Trans. Vis. Comput. Graph. 11 (2005) 243.
+    Faces that share the nearest place count by the angle seen from there (Baerentzen, Aanaes, IEEE Trans. Vis. Comput. Graph. 11 (2005)).
     """
     if d > best * (1.0 + TIE):
         return best, side

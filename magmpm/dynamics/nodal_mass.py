@@ -176,8 +176,7 @@ def _knots(x: Array, slender: bool) -> Array:
 
 
 def _chain(hats: Array, start: int, stop: int, consistent: Array, lumped: Array, affine: Array | None) -> Chain:
-    """A chain from the masses of its planes (_planes_mass; lumped (planes, 3, 3)). affine: x of its two knots, where its fields are to be
-    1, x, y and z alone; None: all that its hats make."""
+    """A chain from the masses of its planes (_planes_mass; lumped (planes, 3, 3)). affine: x of two knots of 1, x, y, z alone, or None."""
     count, k = len(hats), FIELDS * hats.shape[1]
     whole = np.zeros((count, FIELDS, count, FIELDS))
     for d in range(min(3, count)):

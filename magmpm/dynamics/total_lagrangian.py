@@ -1,8 +1,7 @@
 """State of a motion, total Lagrangian: displacement and velocity of the nodes of a grid in the undeformed body.
 
 Nodes that follow what holds the body and moves have its velocity in each step, whatever the forces on them: the one that brings them to
-where they are due at the end of the step, so that they never drift. The forces that hold them do work on the body, which nothing counts:
-the energy balance is not checked while they move.
+where they are due at the end of the step, and never drift. What holds them does work that nothing counts: the balance is not checked.
 """
 
 from __future__ import annotations

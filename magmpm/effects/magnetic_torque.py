@@ -4,8 +4,7 @@ W = -(1/mu0) B . (F Br), so P = -(1/mu0) B (x) Br. In a uniform field P is const
 field that varies in space, B is taken at the particle's position; the derivative of W with respect to position is magnetic_force. The two
 together are the derivatives of one energy, which this effect counts.
 The Cauchy stress it makes is not symmetric; its skew part is the torque density (1/mu0) (F Br) x B.
-Where a material's magnetization_law is `rotates`, R Br takes the place of F Br in its particles (effects.magnetization).
-Source: Zhao, Kim, Cheng, Liu, Zhao, JMPS 124 (2019) 244-263, equations 8 to 12.
+Where magnetization_law is `rotates`, R Br takes the place of F Br. Source: Zhao et al., JMPS 124 (2019) 244-263, equations 8 to 12.
 """
 
 import numpy as np

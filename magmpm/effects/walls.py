@@ -191,8 +191,8 @@ def _path(tube: Tube) -> Array:
 
 @lru_cache(maxsize=4)
 def _surface_table(surface: Surface, spacing: float) -> Table:
-    scale = UNITS[surface.unit]
-    return distance.surface(scale * outline(surface.mesh, distance.THIN * spacing / scale), spacing)
+    corners = UNITS[surface.unit] * outline(surface.mesh, distance.THIN * spacing / UNITS[surface.unit])
+    return distance.solid([corners], corners, spacing, 0.0)
 
 
 @compiled

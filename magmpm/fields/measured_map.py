@@ -77,8 +77,7 @@ def read_map(path: Path | str) -> tuple[Array, Array, Array]:
     """A measured map: lower corner (3,) m, spacing (3,) m, values (N, M, K, 3) T.
 
     The file: a header that names x, y, z, Bx, By and Bz, each with its unit after an underscore, in any order; then one row for each
-    point of a regular grid, in any order. Lines that begin with # are passed over.
-    Raises TableError naming file, line, value received, rule and remedy.
+    point of a regular grid, in any order; # begins a comment. Raises TableError naming file, line, value received, rule and remedy.
     """
     path = Path(path)
     names, rows, lines = _read(path, _MAP, _START_MAP, 500_000, _MAP_BOUNDS)

@@ -125,8 +125,7 @@ def grid_points(lower: Array, spacing: Array, shape: tuple[int, ...]) -> Array:
 def tabulate(exact: Callable[[Array], Array], box: Box, tolerance: float, what: str) -> tuple[Array, Errors]:
     """The packed table (fields.spline) of a field over a box, and its errors.
 
-    exact: points (n, 3) m -> B (n, 3) T; tolerance: largest error of B relative to its size at that place.
-    Raises SceneError where MAX_NODES do not reach the tolerance; `what` names the sources.
+    exact: points (n, 3) m -> B (n, 3) T; tolerance: of B, relative. Raises SceneError where MAX_NODES do not reach it; `what`: the sources.
     """
     extent = box.upper - box.lower
     points = _sample(box)

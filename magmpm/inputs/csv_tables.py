@@ -86,8 +86,7 @@ class Line:
 def table_lines(path: Path, start: str) -> Iterator[Line]:
     """Lines of a table from its header on, without blank lines and those that begin with #; `start` says how a table begins, for messages.
 
-    Cells are separated by what the header separates its names by: commas, or, as spreadsheets write them, semicolons or tabs.
-    Raises TableError where the file can't be read.
+    Cells are separated as the header separates its names: by commas, semicolons or tabs. Raises TableError where it can't be read.
     """
     rule, remedy = "the table must be a readable text file", "check the path and its permissions"
     try:

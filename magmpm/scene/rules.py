@@ -266,7 +266,7 @@ def warnings(scene: SceneLike) -> list[str]:
     found += of_known_error(own) if fitted else own
     if scene.body.parts is not None and scene.effects.self_contact is not None and scene.body.parts.in_one_piece:
         gap = f"{1e3 * TOUCHING * shape.length:.2g} mm"
-        found.append(f"effects.self_contact: all parts touch and stay joined; what is to slide or separate needs a gap of over {gap}")
+        found.append(f"effects.self_contact: all parts touch, and stay joined where faces do; what is to slide needs a gap of over {gap}")
     if shape.clamp == "none" and scene.effects.feed is not None:
         found.append("body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes it, clamped or not")
     if shape.in_plane_strain and scene.field.uniform[1] and torque is not None:

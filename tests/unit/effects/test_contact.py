@@ -56,7 +56,7 @@ def test_inside_of_a_closed_surface(rng: np.random.Generator) -> None:
     """A box: exact beside its faces; its edges rounded off by at most 0.2 of the table's spacing; the sign right everywhere."""
     size, spacing = np.array([20e-3, 10e-3, 8e-3]), 0.5e-3
     solid = box((0, 0, 0), tuple(size.tolist()))
-    table = distance.surface(solid.vertices[solid.faces], spacing)
+    table = distance.solid([solid.triangles], solid.triangles, spacing, 0.0)
     x = rng.uniform(-0.1, 1.1, (2000, 3)) * size
     beyond = np.maximum(-x, x - size)
     exact = -(np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(axis=1), 0))

@@ -9,7 +9,7 @@ from reference.solids import ball, box
 from scipy.spatial.transform import Rotation
 
 from magmpm.bodies.contact_solid import FINE, NEEDLE, box_solid, mesh_solids, rod_solid, solid_distance
-from magmpm.bodies.signed_distance import surface
+from magmpm.bodies.signed_distance import solid
 from magmpm.bodies.surface_mesh import Mesh, outline, pack_mesh
 from magmpm.dynamics.body_contact import SHARE
 from magmpm.dynamics.time_loop import begin
@@ -147,8 +147,8 @@ def test_needles_have_no_side() -> None:
     corners = turn.apply(np.array([*top, *fan, *needles]).reshape(-1, 3)).astype(np.float32).astype(float)
     vertices, faces = np.unique(corners, axis=0, return_inverse=True)
     text, normal, cell = pack_mesh(Mesh(vertices, faces.reshape(-1, 3))), np.empty(3), 0.75e-3
-    assert len(outline(text, NEEDLE * cell)) == 12
-    solids, table = mesh_solids([[outline(text, NEEDLE * cell)]], cell), surface(outline(text, NEEDLE * cell), cell / FINE)
+    solids, table = mesh_solids([[found := outline(text, NEEDLE * cell)]], cell), solid([found], found, cell / FINE, 0.0)
+    assert len(found) == 12
     for off in rng.uniform((0.3e-3, -0.3e-3, 3.0e-3), (5.7e-3, -0.02e-3, 3.3e-3), (500, 3)):
         x = turn.apply(off)
         assert solid_distance(solids, 0, x, normal) > 0.01e-3
