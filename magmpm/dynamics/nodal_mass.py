@@ -11,7 +11,7 @@ stay exact, and rigid and affine motion have the inertia of the particles. It ad
 spline is negative). Steps become shorter by it: with hats 0.70, 0.78 and 0.82 of those of lumped mass at 2, 3 and 4 cells (measured).
 
 A component without an axis has the fields 1, x, y, z. A straight body has hats along x, two cells apart, times 1, y, z, so that bending
-and torsion have their inertia too. What is held has the same fields on the nodes that are free, without directions of A without mass.
+and torsion have their inertia too. What is held has these on its free nodes. Directions of A without mass are left out.
 
 Fed bodies keep the lumped mass: their guide holds nodes that change in time.
 """

@@ -175,7 +175,7 @@ def follow(
 
 
 def _note(state: PathState, jumps: list[Jump]) -> list[dict[str, Any]]:
-    """Add the last equilibrium and the jumps before it. Returns the jumps as results do: with field strength and length when they were."""
+    """Add the last equilibrium and the jumps before it. Returns the jumps as results have them, with the field and length then."""
     shape, branch, described = state.shape, state.branch, list[dict[str, Any]]()
     for jump in jumps:
         field, out = shape.model.field_at(shape.position, jump.time), state.loads.inserted(jump.time)

@@ -5,7 +5,7 @@ of 40 x 4 mm. The decay is exact for any step, so it requires no smaller step, a
 
 The forces of a step push while the decay goes on, so v(t + dt) = v exp(-x) + a dt (1 - exp(-x)) / x with x = rate dt. This is exact for a
 force that does not change in the step, and symmetric about its middle, so motions are of second order in dt. A force that pushes before the
-decay, a dt exp(-x), would be x / 2 too weak: 8 % for a short body settling soonest. Source: Hochbruck, Ostermann, Acta Num. 19 (2010).
+decay, a dt exp(-x), would be x / 2 too weak: 8 % for a short body that settles soonest. Source: Hochbruck, Ostermann, Acta Num. 19 (2010).
 """
 
 import math

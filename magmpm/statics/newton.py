@@ -122,7 +122,7 @@ def _not_found(point: Point, after: str, decrement: float, tolerance: float) -> 
 
 
 def _expected_shift(energy: Energy, point: Point) -> float:
-    """Likely shift for a start: its section field ignores the clamp, and where the pressure there exceeds G, factors are not definite."""
+    """Likely shift for a start: its section field ignores the clamp, and where the pressure there exceeds G, no factorization succeeds."""
     ratio = float(np.max(energy.model.bulk / energy.model.shear))
     return FIRST_SHIFT if ratio * max(1 - point.min_det_F, point.max_det_F - 1) > 1.0 else 0.0
 
