@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.compiled.jit import chosen_by_types, compiled, kernel, prange
 from magmpm.compiled.lapack import call
 from magmpm.effects.hooks import add_energy, add_force, add_softening, add_stress, add_tangent, any_softening
 from magmpm.materials import (
@@ -304,9 +304,36 @@ def _kept_rows(column, a, split):
     return a, 3
 
 
+class Panels(NamedTuple):
+    """A matrix of bands (statics.block_cholesky): panels (planes + 2, m, 3 m), and the plane where their two halves meet."""
+
+    values: Array
+    split: int
+
+
+class Blocks(NamedTuple):
+    """A sparse matrix (statics.sparse_cholesky): block (cells, 27, 27) of each two nodes of a cell, -1 for none; values (blocks, 3, 3)."""
+
+    block: NDArray[np.int32]
+    values: Array
+
+
 @compiled
-def _scatter_matrix(plane, rows, split, K, panels):
-    """Add a cell's tangent to the panels (statics.block_cholesky): only the rows that each column's panel keeps."""
+def _scatter_to_blocks(cell, K, matrix):
+    """Add a cell's tangent to the blocks of a sparse matrix."""
+    for node in range(STENCIL):
+        for other in range(STENCIL):
+            block = matrix.block[cell, node, other]
+            if block >= 0:
+                for i in range(3):
+                    for k in range(3):
+                        matrix.values[block, i, k] += K[node, i, k, other]
+
+
+@compiled
+def _scatter_to_panels(plane, rows, K, matrix):
+    """Add a cell's tangent to the panels of a matrix of bands: only the rows that each column's panel keeps."""
+    panels, split = matrix.values, matrix.split
     m = panels.shape[1]
     for a in range(3):
         column = plane + a
@@ -326,12 +353,19 @@ def _scatter_matrix(plane, rows, split, K, panels):
                                 target[first + 6 + k] += block[k, node + 2]
 
 
-@kernel
-def particles_to_grid_with_tangent(cells, particles, effects, x, F, split, fortran, residual, panels):
-    """P2G: residual as in `particles_to_grid`, and second derivative of the potential energy, added to panels (planes, m, 3 m), N/m.
+def _scatter_matrix_of(cell, plane, rows, K, matrix):
+    """The code of `scatter_matrix` for a kind of matrix."""
+    if matrix.instance_class is Blocks:
+        return lambda cell, plane, rows, K, matrix: _scatter_to_blocks(cell, K, matrix)
+    return lambda cell, plane, rows, K, matrix: _scatter_to_panels(plane, rows, K, matrix)
 
-    split: plane where the two halves of the panels meet (statics.block_cholesky).
-    """
+
+scatter_matrix = chosen_by_types(_scatter_matrix_of)  # adds the tangent of a cell to a matrix of either kind
+
+
+@kernel
+def particles_to_grid_with_tangent(cells, particles, effects, x, F, matrix, fortran, residual):
+    """P2G: residual as in `particles_to_grid`, and second derivative of the potential energy, N/m, added to a matrix, Panels or Blocks."""
     slabs = len(cells.slab_first) - 1
     rows = cells.most * (4 if any_softening(effects) else 3)
     for color in range(2):
@@ -342,7 +376,7 @@ def particles_to_grid_with_tangent(cells, particles, effects, x, F, split, fortr
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
                 _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r)
                 _scatter_vector(cells.plane[cell], cells.row[cell], r, residual)
-                _scatter_matrix(cells.plane[cell], cells.row[cell], split, K, panels)
+                scatter_matrix(cell, cells.plane[cell], cells.row[cell], K, matrix)
 
 
 @kernel

@@ -16,7 +16,7 @@ from magmpm.compiled.jit import compiled, inlined, kernel, only_where, prange
 from magmpm.compiled.simd_views import row
 from magmpm.effects.contact_force import HELD, PARTS, STICKS, TOUCHES, hold, let_go, own_grip
 from magmpm.effects.hooks import add_contact, add_touch, any_has, deepest
-from magmpm.kernels.equilibrium import STENCIL, _scatter_matrix, particle_splines
+from magmpm.kernels.equilibrium import STENCIL, particle_splines, scatter_matrix
 
 
 class Surface(NamedTuple):
@@ -118,8 +118,8 @@ def touch_at_rest(effects, x, mass, energy, f, H):
 
 
 @kernel
-def contact_to_panels(cells, weights, H, split, panels):
-    """P2G: add the sum of N_a H N_b over points to panels (planes, m, 3 m), N/m. weights (n, 3, 3): of splines N; H (n, 3, 3): often 0."""
+def contact_to_matrix(cells, weights, H, matrix):
+    """P2G: add the sum of N_a H N_b over points, N/m, to a matrix, Panels or Blocks. weights (n, 3, 3): of splines N; H (n, 3, 3): often 0."""
     slabs = len(cells.slab_first) - 1
     for color in range(2):
         for half in prange((slabs + 1 - color) // 2):
@@ -140,4 +140,4 @@ def contact_to_panels(cells, weights, H, split, panels):
                                 for other in range(STENCIL if h != 0.0 else 0):
                                     K[node, i, k, other] += h * N[other]
                 if touched:
-                    _scatter_matrix(cells.plane[cell], cells.row[cell], split, K, panels)
+                    scatter_matrix(cell, cells.plane[cell], cells.row[cell], K, matrix)

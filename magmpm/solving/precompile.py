@@ -41,14 +41,14 @@ from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest, knots_of
 from magmpm.scene.variables import variables
-from magmpm.statics.block_cholesky import factor, new_panels, rounded, solve
 from magmpm.statics.changes import right_sides
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import solve_static
-from magmpm.statics.layout import arranged, static_model
+from magmpm.statics.layout import Layout, arranged, static_model
 from magmpm.statics.linearized import Linearized
 from magmpm.statics.rod_start import straight
 from magmpm.statics.stability import mass
+from magmpm.statics.tangent_matrix import Bands, Sparse, new_matrix
 from magmpm.statics.unnamed_loads import missed_loads
 
 LOCK = "compiling.lock"
@@ -249,7 +249,7 @@ def _energy(small: Scene) -> None:
     point = energy.at(straight(energy.model))
     energy.residual(point)
     if point.touched is not None and energy.model.touching is not None:
-        energy.model.touching.add_tangent(point.touched, energy.model.layout.split, energy.panels)
+        energy.model.touching.add_tangent(point.touched, energy.matrix.target(energy.model.touching.cells))
     strain_of(energy.model, point.position, point.F)
 
 
@@ -259,17 +259,29 @@ def _rod(small: Scene) -> None:
 
 
 def _factorization(small: Scene) -> None:
-    _factored(new_panels(4, 3), 9)
+    layout = _layout(small)
+    _solved(_ones(new_matrix(small, layout)), layout)
 
 
 def _single(small: Scene) -> None:
-    _factored(rounded(new_panels(4, 3)), 18)
+    layout = _layout(small)
+    _solved(_ones(Bands(layout)).rounded(), layout)
 
 
-def _factored(panels: NDArray[Any], width: int) -> None:
-    panels[:4] = np.eye(3, width)
-    factor(panels, 2)
-    solve(panels, 2, np.ones((4, 3)))
+def _layout(small: Scene) -> Layout:
+    return arranged(static_model(_built(small)))[0].layout
+
+
+def _ones(matrix: Bands | Sparse) -> Any:
+    """A matrix as the identity."""
+    matrix.clear()
+    matrix.add_diagonal(1.0)
+    return matrix
+
+
+def _solved(matrix: Any, layout: Layout) -> None:
+    matrix.factor()
+    matrix.solve(np.ones((layout.planes, layout.m)))
 
 
 def _stability(small: Scene) -> None:

@@ -29,7 +29,6 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.errors import LeftField, SolveError
-from magmpm.statics.block_cholesky import solve
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, energy_of, minimize_with_interaction
 from magmpm.statics.layout import StaticModel
@@ -238,7 +237,7 @@ class Branch:
         mass, layout = self._near.mass(energy), energy.model.layout
         if self.loads.at(past).layout is layout:
             moved, after = self.loads.moved(last.point.grid, last.time, past), self.energy_at(past)
-            direction = moved - last.point.grid - solve(energy.panels, layout.split, after.residual(after.at(moved)))
+            direction = moved - last.point.grid - energy.matrix.solve(after.residual(after.at(moved)))
         elif self.before is not None:
             direction = last.point.grid - self.loads.carried(self.before.point.grid, self.before.time, last.time)
         else:
@@ -302,7 +301,7 @@ class Lift:
         for name, move in self._moves.items():
             given = model.displaced(**{name: move.whole})
             pulled = bare.products(at, given[:, None])[0][:, 0]
-            self._whole[name] = given - solve(bare.panels, model.layout.split, np.ascontiguousarray(pulled))
+            self._whole[name] = given - bare.matrix.solve(np.ascontiguousarray(pulled))
 
     def at(self, time: float | None) -> Array:
         """Displacement of the moved parts at a time, s; None: at the end of its schedules."""

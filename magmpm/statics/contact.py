@@ -24,8 +24,8 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact, Records, Touching
 from magmpm.effects.contact_force import HELD, PARTS, own_grip
 from magmpm.effects.hooks import add_contact, deepest
-from magmpm.kernels.equilibrium import STENCIL, Cells
-from magmpm.kernels.surface_contact import contact_to_panels, touch_at_rest
+from magmpm.kernels.equilibrium import STENCIL, Blocks, Cells, Panels
+from magmpm.kernels.surface_contact import contact_to_matrix, touch_at_rest
 from magmpm.model import Model
 
 SETTLED = 1e-3  # of the grip of all points: how much it may still change, and so the force of friction
@@ -147,11 +147,11 @@ class RestingSurface(ContactSurface):
         """Force (nodes, 3) N on the grid."""
         return np.asarray(self.splines[touched.on].T @ touched.f)
 
-    def add_tangent(self, touched: Touched, split: int, panels: Array) -> None:
-        """Add the second derivative of the energy to panels (statics.block_cholesky)."""
+    def add_tangent(self, touched: Touched, matrix: Panels | Blocks) -> None:
+        """Add the second derivative of the energy to a matrix."""
         H = np.zeros((len(self.mass), 3, 3))
         H[touched.on] = touched.H
-        contact_to_panels(self.cells, self.weights, H, split, panels)
+        contact_to_matrix(self.cells, self.weights, H, matrix)
 
     def product(self, touched: Touched, columns: Array) -> Array:
         """The second derivative of the energy times columns (planes, k, m), N."""

@@ -20,10 +20,9 @@ from magmpm.kernels.equilibrium import (
     particles_to_grid,
     particles_to_grid_with_tangent,
 )
-from magmpm.scene import memory
-from magmpm.statics.block_cholesky import clear, fix, new_panels, panel_bytes, solve_columns
 from magmpm.statics.contact import Touched
 from magmpm.statics.layout import StaticModel
+from magmpm.statics.tangent_matrix import Bands, Sparse, new_matrix
 
 
 @dataclass
@@ -48,8 +47,7 @@ class Energy:
         self.model = model
         layout = model.layout
         self.shape = (layout.planes, layout.m)
-        with memory.for_matrix(model.scene, panel_bytes(*self.shape)):
-            self.panels = new_panels(*self.shape)
+        self.matrix = new_matrix(model.scene, layout)
         self.cells = Cells(layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, layout.most)
         self.particles = Particles(
             model.weights, model.slopes, model.particles.volume, model.shear, model.bulk, model.modes, model.remanence, model.density
@@ -131,8 +129,8 @@ class Energy:
         return self.scattered(column, P, f, len(P))
 
     def solve_columns(self, right: Array) -> Array:
-        """Solutions for right-hand sides (planes, k, m), from the factored tangent in the panels."""
-        return solve_columns(self.panels, self.model.layout.split, right)
+        """Solutions for right-hand sides (planes, k, m), from the factored tangent."""
+        return self.matrix.solve_columns(right)
 
     def products(self, point: Point, columns: Array) -> tuple[Array, Array]:
         """The second derivative (N), and the mass matrix of unit density, times columns (planes, k, m)."""
@@ -146,15 +144,14 @@ class Energy:
             stiff += self.model.touching.product(point.touched, columns)
         return self.free_columns(stiff), self.free_columns(heavy)
 
-    def tangent(self, point: Point) -> tuple[Array, Array]:
-        """Gradient (planes, m) N, and second derivative as panels (planes + 2, m, 3 m) N/m, which the next call overwrites."""
-        split, out = self.model.layout.split, np.zeros(self.shape)
-        clear(self.panels)
-        particles_to_grid_with_tangent(
-            self.cells, self.particles, self.model.effects, point.position, point.F, split, self._fortran, out, self.panels
-        )
+    def tangent(self, point: Point) -> tuple[Array, Bands | Sparse]:
+        """Gradient (planes, m) N, and second derivative as a matrix, N/m, which the next call overwrites."""
+        matrix, out = self.matrix, np.zeros(self.shape)
+        matrix.clear()
+        target = matrix.target(self.cells)
+        effects = self.model.effects
+        particles_to_grid_with_tangent(self.cells, self.particles, effects, point.position, point.F, target, self._fortran, out)
         if point.touched is not None and self.model.touching is not None:
-            self.model.touching.add_tangent(point.touched, split, self.panels)
-        if self._fixed is not None:
-            fix(self.panels, split, self._fixed)
-        return self._with_contact(point, out), self.panels
+            self.model.touching.add_tangent(point.touched, matrix.target(self.model.touching.cells))
+        matrix.finish()
+        return self._with_contact(point, out), matrix

@@ -83,7 +83,7 @@ class Equilibrium:
 
     point: the state; steps: Newton steps of the solves that led there; correction (planes, m) m: what the solve added to the rod's
     shape, in the rod's frames, a start for a neighboring design; warnings: what a user should know; load_share: share of the load
-    in this state; energy: of the model with its axes in the solver's order (None where the solve failed), its panels with the last factors;
+    in this state; energy: of the model with its axes in the solver's order (None where the solve failed), its matrix with the last factors;
     stability: smallest eigenvalue of the tangent over the unloaded body's (statics.stability), None where the solve failed; model: whose
     it is, where the solve failed.
     """

@@ -7,7 +7,6 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -20,12 +19,12 @@ from magmpm.scene import Scene, memory
 from magmpm.scene.coarsest import knots_of
 from magmpm.statics import axis
 from magmpm.statics.axis import carried
-from magmpm.statics.block_cholesky import factor, rounded, solve
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import Equilibrium, solve_from, solve_static
 from magmpm.statics.error_estimate import ALGEBRAIC, distance
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.newton import PAIRS, OnStep, corrected
+from magmpm.statics.tangent_matrix import Bands
 
 PARTICLE = 2.0e4  # multiply-adds, at the pace of the factorization, that a particle costs in a Newton step: measured, docs/accuracy.md
 BUILDING = 2.0  # passes over the particles that building a model costs, in units of a Newton step's
@@ -204,11 +203,12 @@ def approached(
     point = energy.at(start)
     if not point.min_det_F > 0:
         return None
-    residual, panels = energy.tangent(point)
-    factors = panels if slenderness > SLENDER else rounded(panels)
-    if factor(factors, energy.model.layout.split) >= 0:
+    residual, matrix = energy.tangent(point)
+    assert isinstance(matrix, Bands)  # bodies with several grids at once are straight
+    factors = matrix if slenderness > SLENDER else matrix.rounded()
+    if not factors.factor():
         return None
-    newton = partial(solve, factors, energy.model.layout.split)
+    newton = factors.solve
     first, at, direction = 0.0, points(start), -newton(residual)
     pairs: list[tuple[Array, Array]] = []
     for step in range(10 + 1):

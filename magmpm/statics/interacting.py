@@ -15,7 +15,6 @@ from magmpm.effects.base import BodyChange
 from magmpm.errors import Collapsed, SolveError
 from magmpm.kernels.changes import loads
 from magmpm.kernels.equilibrium import grid_to_particles
-from magmpm.statics.block_cholesky import solve
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.layout import StaticModel
 from magmpm.statics.newton import (
@@ -128,7 +127,7 @@ def minimize_with_interaction(
 
     Raises SolveError, with the last point as its state, if MOST_STEPS * max_steps steps do not reach it, or no step lowers the energy.
     """
-    alone, split = energy.alone, energy.model.layout.split
+    alone = energy.alone
     rest = energy.at(np.zeros_like(start)).energy
     point = energy.at(start)
     gradient = energy.residual(point)
@@ -138,11 +137,11 @@ def minimize_with_interaction(
         if age >= FRESH:
             factored(alone, point)
             age = 0
-        direction = corrected(gradient, remembered, lambda g: -solve(alone.panels, split, g))
+        direction = corrected(gradient, remembered, lambda g: -alone.matrix.solve(g))
         decrement = -float(np.sum(gradient * direction)) / 2
         if not decrement > 0:  # the remembered steps are out of date
             remembered.clear()
-            direction = -solve(alone.panels, split, gradient)
+            direction = -alone.matrix.solve(gradient)
             decrement = -float(np.sum(gradient * direction)) / 2
         scale = max(abs(point.energy - rest), alone.least_scale())
         if on_step is not None:

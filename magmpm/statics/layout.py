@@ -7,6 +7,7 @@ F^T F, det F and F Br, so they do not change.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from magmpm.errors import SceneError
 from magmpm.model import Model, volume_modes
 from magmpm.statics.block_cholesky import split_plane
 from magmpm.statics.contact import RestingSurface, resting
+from magmpm.statics.elimination import Elimination, elimination
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class Layout:
     slab_first: Index  # (slabs + 1,) first cell of each slab of two base planes; after them come cells of parts at rest, which add nothing
     node_yz: Index  # (nodes_per_plane, 2) grid index of each node of a plane
     fixed: NDArray[np.bool_]  # (planes, m) unknowns that are given: zero at nodes without material, at held parts, along y in plane strain
+    straight: bool = True  # a body whose planes of nodes follow each other: its tangent has bands
 
     @property
     def m(self) -> int:
@@ -47,6 +50,24 @@ class Layout:
     def split(self) -> int:
         """Plane where the two halves of the factorization meet (statics.block_cholesky)."""
         return split_plane(self.planes)
+
+    @cached_property
+    def free_nodes(self) -> Index:
+        """Numbers (k,) of the nodes that have unknowns, among all (planes nodes_per_plane)."""
+        return np.flatnonzero(~self.fixed.reshape(-1, 3).all(axis=1))
+
+    @cached_property
+    def elimination(self) -> Elimination:
+        """How the sparse tangent is eliminated, by the numbers of `free_nodes`."""
+        return elimination(self.nodes_of(self.cell_plane, self.cell_row), len(self.free_nodes))
+
+    def nodes_of(self, plane: Index, row: Index) -> Index:
+        """Places (cells, 27) in `free_nodes` of the nodes of cells, by their first planes (cells,) and rows (cells, 3); -1: not there."""
+        across = np.arange(3)
+        nodes = (plane[:, None, None, None] + across[:, None, None]) * self.nodes_per_plane + row[:, None, :, None] + across
+        place = np.full(self.planes * self.nodes_per_plane, -1)
+        place[self.free_nodes] = np.arange(len(self.free_nodes))
+        return place[np.minimum(nodes, len(place) - 1)].reshape(len(plane), -1)
 
     @property
     def most(self) -> int:
@@ -148,6 +169,7 @@ def make_layout(model: Model, weights: Array) -> Layout:
     return Layout(
         planes=planes, nodes_per_plane=nodes, cell_first=cell_first, cell_plane=cell_plane.astype(np.int64),
         cell_row=cell_row.astype(np.int64), slab_first=slab_first.astype(np.int64), node_yz=node_yz.astype(np.int64), fixed=fixed,
+        straight=model.line is not None,
     )  # fmt: skip
 
 
@@ -166,27 +188,15 @@ def _touched(cell_first: Index, cell_plane: Index, cell_row: Index, weights: Arr
     return touched
 
 
-MOST_MEMORY = 4e9  # bytes of the factored tangent
-
-
 def arranged(model: StaticModel) -> tuple[StaticModel, Index]:
     """The model with renumbered axes, and the index (n,) of each of its particles in the given model.
 
-    Raises SceneError if a region is not connected to anything held, or the tangent would not fit in memory.
+    Raises SceneError if a region is not connected to anything held.
     """
     of = np.arange(len(model.shear))
     if model.line is None:
         _all_hang_on_something(model)
         model, of = _renumbered(model)
-    layout = model.layout
-    needed = 24.0 * layout.planes * layout.m**2
-    if needed > MOST_MEMORY:
-        raise SceneError(
-            "resolution",
-            found=f"statics of this body would take {needed / 1e9:.3g} GB for its tangent, {layout.planes} planes of {layout.m} unknowns",
-            rule=f"at most {MOST_MEMORY / 1e9:g} GB are used",
-            remedy="make the cells larger, or let the body settle: `solver: {dynamic: {duration: 0.5 s}}` with damping",
-        )
     return model, of
 
 

@@ -18,7 +18,6 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
-from magmpm.statics.block_cholesky import factor
 from magmpm.statics.changes import contact_changes, geometry_changes, magnet_changes, right_sides
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
@@ -40,8 +39,8 @@ class Linearized:
             self._right = self._right_sides()
 
     def _factor(self) -> None:
-        _, panels = self.energy.tangent(self._point)
-        if factor(panels, self.model.layout.split) >= 0:
+        _, matrix = self.energy.tangent(self._point)
+        if not matrix.factor():
             raise SolveError("the equilibrium is at a critical load: its tangent is not positive definite, so it has no sensitivities")
 
     def _refined(self, grid: Array) -> Point:

@@ -14,7 +14,6 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError, TimeOver
 from magmpm.scene import time_limit
-from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
 from magmpm.statics.layout import StaticModel
@@ -53,7 +52,7 @@ class NearbyMinima:
             residual, definite = self.made_definite(energy, point)
             if residual is None:
                 return None
-            direction = -solve(energy.panels, energy.model.layout.split, residual)
+            direction = -energy.matrix.solve(residual)
             self.spent += 1
             if point.touched is not None and not np.array_equal(on, point.touched.pattern):  # others touch: another tangent
                 on, allowed = point.touched.pattern, np.inf
@@ -79,15 +78,14 @@ class NearbyMinima:
         return None
 
     def _factored(self, energy: Energy, point: Point, more: float = 0.0) -> tuple[Array, bool]:
-        """Residual, and whether all eigenvalues of the tangent are positive or count as zero (NEUTRAL): if so, the energy's panels hold the
+        """Residual, and whether all eigenvalues of the tangent are positive or count as zero (NEUTRAL): if so, the energy's matrix holds the
         factors of the tangent plus that much, or `more` (Pa/m^2), of the mass matrix. So steps along a neutral direction, where rounding
         decides, stay short; others are Newton's to within NEUTRAL."""
         time_limit.check()
-        layout, self._shift = energy.model.layout, max(more, self._neutral(energy))
-        residual, panels = energy.tangent(point)
-        diagonal = np.einsum("jaa->ja", panels[: layout.planes, :, : layout.m])
-        diagonal += self._shift * self.mass(energy)
-        return residual, factor(panels, layout.split) < 0
+        self._shift = max(more, self._neutral(energy))
+        residual, matrix = energy.tangent(point)
+        matrix.add_diagonal(self._shift * self.mass(energy))
+        return residual, matrix.factor()
 
     def made_definite(self, energy: Energy, point: Point, more: float = 0.0) -> tuple[Array | None, bool]:
         """Factor as `_factored`, with as much more of the mass matrix as it takes to have factors. A slender body on its way is compressed
@@ -164,14 +162,14 @@ class NearbyMinima:
 
     def _euler(self, energy: Energy, before: Point, mu: float, longest: float) -> Point | None:
         """The minimum of E + mu/2 |c - c0|^2 near a state c0; None where there is none within `longest` (m)."""
-        mass, split, point = self.mass(energy), energy.model.layout.split, before
+        mass, point = self.mass(energy), before
         for turn in range(6):  # Newton steps
             residual, definite = self.made_definite(energy, point, mu)
             if residual is None or (not definite and turn == 0):
                 return None
             self.spent += 1
             residual = residual + mu * mass * (point.grid - before.grid)
-            direction = -solve(energy.panels, split, residual)
+            direction = -energy.matrix.solve(residual)
             decrement = -float(np.sum(residual * direction)) / 2
             if turn == 0:
                 self._decrement = decrement
@@ -210,7 +208,7 @@ def lowest_mode(energy: Energy, mass: Array) -> tuple[float, Array]:
     lowest = np.inf
     for _ in range(40):
         loaded = mass * d
-        new = solve(energy.panels, layout.split, energy.free(loaded))
+        new = energy.matrix.solve(energy.free(loaded))
         size, before = float(np.sum(mass * new * new)), lowest
         lowest = float(np.sum(new * loaded)) / size
         d = new / np.sqrt(size)

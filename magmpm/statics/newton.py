@@ -27,7 +27,6 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.scene import time_limit
-from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.layout import StaticModel
 
@@ -130,19 +129,17 @@ def _expected_shift(energy: Energy, point: Point) -> float:
 def _step(energy: Energy, point: Point, shift: float) -> tuple[Array, Array, float]:
     """Residual, Newton direction, and the shift it needed (at least `shift`), in units of the largest diagonal entry."""
     residual, shift = factored(energy, point, shift)
-    return residual, -solve(energy.panels, energy.model.layout.split, residual), shift
+    return residual, -energy.matrix.solve(residual), shift
 
 
 def factored(energy: Energy, point: Point, shift: float = 0.0) -> tuple[Array, float]:
-    """Residual, and the shift (at least `shift`) that made the tangent positive definite. The energy's panels then hold the factors."""
-    layout = energy.model.layout
+    """Residual, and the shift (at least `shift`) that made the tangent positive definite. The energy's matrix is then factored."""
     time_limit.check()
     while True:
-        residual, panels = energy.tangent(point)
+        residual, matrix = energy.tangent(point)
         if shift > 0.0:
-            diagonal = np.einsum("jaa->ja", panels[: layout.planes, :, : layout.m])
-            diagonal += shift * diagonal.max()
-        if factor(panels, layout.split) < 0:
+            matrix.add_diagonal(shift * matrix.diagonal().max())
+        if matrix.factor():
             return residual, shift
         shift = 10.0 * shift if shift > 0.0 else FIRST_SHIFT
         if shift > 1e3:
@@ -156,7 +153,6 @@ def _chord_steps(
 
     Near a minimum, differences of the energy are rounding errors (ROUNDING). So the decrement decides, not a line search.
     """
-    split = energy.model.layout.split
     pairs: list[tuple[Array, Array]] = []
     while True:
         trial = energy.at(point.grid + direction)
@@ -165,7 +161,7 @@ def _chord_steps(
         residual, before = energy.residual(trial), residual
         if chord.corrected:
             pairs = [*pairs[1 - PAIRS :], (direction, residual - before)]
-        direction = corrected(residual, pairs, lambda right: -solve(energy.panels, split, right))
+        direction = corrected(residual, pairs, lambda right: -energy.matrix.solve(right))
         reached = -float(np.sum(residual * direction)) / 2
         if reached < enough:
             last = energy.at(trial.grid + direction)  # its decrement is even smaller
@@ -201,7 +197,7 @@ def refined(energy: Energy, point: Point, enough: float = 1e-18) -> Point:
     last = np.inf
     for _ in range(6):
         residual = energy.residual(point)
-        direction = -solve(energy.panels, energy.model.layout.split, residual)
+        direction = -energy.matrix.solve(residual)
         decrement = -float(np.sum(residual * direction)) / 2
         trial = energy.at(point.grid + direction)
         if not (0.0 < decrement < 0.5 * last and trial.min_det_F > 0):
@@ -213,7 +209,7 @@ def refined(energy: Energy, point: Point, enough: float = 1e-18) -> Point:
 
 
 def _leave(energy: Energy, residual: Array, attempt: int) -> Array:
-    """Direction of least curvature, from the shifted factors in the energy's panels, by inverse iteration from a fixed vector."""
+    """Direction of least curvature, from the shifted factors, by inverse iteration from a fixed vector."""
     layout, model = energy.model.layout, energy.model
     x = model.plane_coordinates()
     d = np.zeros((layout.planes, layout.m))
@@ -223,7 +219,7 @@ def _leave(energy: Energy, residual: Array, attempt: int) -> Array:
     d[:, second::3] = 1e-3 * attempt * (x**2)[:, None]
     energy.free(d)
     for _ in range(40):
-        d = solve(energy.panels, layout.split, d)
+        d = energy.matrix.solve(d)
         d /= np.abs(d).max()
     if float(np.sum(residual * d)) > 0.0:
         d = -d

@@ -18,7 +18,6 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.kernels.equilibrium import grid_to_particles
-from magmpm.statics.block_cholesky import factor, solve_columns
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy
 from magmpm.statics.layout import StaticModel
@@ -46,7 +45,7 @@ class Unloaded:
 def stability(energy: Energy | InteractingEnergy, point: Point, body: Unloaded | None = None) -> float:
     """Smallest eigenvalue of the tangent at an equilibrium over that of the unloaded body, no unit.
 
-    energy: of the solve, with its last factors in its panels, which stay; with interaction, those of the other parts of the energy.
+    energy: of the solve, with its last factors in its matrix, which stay; with interaction, those of the other parts of the energy.
     body: what an earlier call for the same body found.
     """
     alone, body = energy.alone, body or Unloaded()
@@ -67,10 +66,10 @@ def on_the_brink(stability: float | None) -> list[str]:
 
 
 def unloaded(model: StaticModel) -> tuple[Energy, Point]:
-    """The energy of a model without loads, with the factors of its tangent in its panels, and its point at rest."""
+    """The energy of a model without loads, with the factors of its tangent in its matrix, and its point at rest."""
     energy = Energy(replace(model, effects=acting.collect(model.scene, NO_LOAD, model.times)))
     at = energy.at(np.zeros(energy.shape))
-    if factor(energy.tangent(at)[1], model.layout.split) >= 0:
+    if not energy.tangent(at)[1].factor():
         raise ArithmeticError("the unloaded body's tangent has no Cholesky factors")
     return energy, at
 
@@ -91,11 +90,10 @@ def _of_rest(energy: Energy) -> float:
 
 def _smallest(energy: Energy, products: Products, scale: float, lumped: Array) -> float:
     """Smallest eigenvalue of the tangent whose products are given; scale: what its error is measured by, 0 for itself; lumped: volumes."""
-    split = energy.model.layout.split
     X = _start(energy)
     for _ in range(2):  # rounds of inverse iteration
         MX = lumped * X
-        X = solve_columns(energy.panels, split, _mixed(MX, _orthonormal(_inner(X, MX))))
+        X = energy.solve_columns(_mixed(MX, _orthonormal(_inner(X, MX))))
     X = _mixed(X, _orthonormal(_inner(X, lumped * X)))
     KX, MX = products(X)
     value = np.inf
@@ -104,7 +102,7 @@ def _smallest(energy: Energy, products: Products, scale: float, lumped: Array) -
         values, vectors = np.linalg.eigh(turn.T @ _inner(X, KX) @ turn)
         value, mix = float(values[0]), (turn @ vectors)[:, :1]
         left = energy.free_columns(_mixed(KX, mix) - value * _mixed(MX, mix))
-        w = solve_columns(energy.panels, split, left)
+        w = energy.solve_columns(left)
         won = float(np.sum(w * left))  # mix is of norm 1 in M: what w can win, to first order
         if won < ENOUGH * max(scale, abs(value)):
             return value - won

@@ -1,0 +1,253 @@
+"""The order in which a sparse tangent is eliminated, and the dense fronts in which this is done.
+
+Nodes (three unknowns each) that share an element are coupled. They are eliminated in an order that keeps the factors small; of two such
+orders the one with fewer operations is taken. Eliminating a node couples all its neighbors that come later. Nodes in a row with the same
+later neighbors form a front: a small dense matrix. Its first rows are the front's own nodes, which are eliminated in it; the others, its
+boundary, pass what is left to one front above it, its parent. So the fronts form a forest, and those of one depth are independent.
+
+All of this depends on the pattern alone: it is found once for a body.
+Sources: Duff and Reid, ACM Trans. Math. Softw. 9 (1983) 302 (multifrontal method); Liu, SIAM Review 34 (1992) 82 (supernodes and trees).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from magmpm.compiled.arrays import Index
+
+ORDERINGS = ("MMD_AT_PLUS_A", "COLAMD")  # of SuperLU: minimum degree of the pattern; of its square. Neither is always the better one
+JOINED = 0.2  # zeros in a front joined with the one above it, over its entries, for which fewer and larger fronts are still quicker
+
+
+class Fronts(NamedTuple):
+    """Fronts, in the order of their elimination, and the blocks (3, 3) of the matrix that they start from.
+
+    Nodes are numbered as they are eliminated. A front has rows[row_first[s] : row_first[s + 1]], of which the first are its own nodes,
+    first[s] to first[s + 1]; into: the place of each of them among the rows of its parent. Its columns of the factors, (own unknowns,
+    unknowns of the front), begin at values[at[s]]; what it passes on, (boundary, boundary), at room[depth % 2, passed[s]].
+    child[child_first[s] : child_first[s + 1]] are the fronts that pass on to it; level[level_first[k] : level_first[k + 1]] those of one
+    depth, the deepest first. block_first (nodes + 1,), block_node (blocks,): the later node of each block, and its place in the front.
+    """
+
+    first: Index
+    row_first: Index
+    rows: Index
+    into: Index
+    at: Index
+    passed: Index
+    child_first: Index
+    child: Index
+    level_first: Index
+    level: Index
+    depth: Index
+    block_first: Index
+    block_place: Index
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """How to eliminate a pattern. number (nodes,): of each given node as it is eliminated; values, room: lengths of the arrays that `Fronts` names;
+    operations: multiplications and additions of one factorization."""
+
+    number: Index
+    fronts: Fronts
+    values: int
+    room: int
+    operations: float
+
+    def blocks_of(self, elements: Index) -> Index:
+        """Block (elements, k, k) that couples two of the nodes of each element, the first eliminated no later than the second; -1 otherwise.
+
+        Raises ValueError for nodes that the pattern does not couple.
+        """
+        return _blocks(_numbered(self.number, elements), self.fronts.block_first, self._later)
+
+    @property
+    def _later(self) -> Index:
+        """The later node of each block."""
+        own = np.repeat(np.arange(len(self.number)), np.diff(self.fronts.block_first))
+        front = np.searchsorted(self.fronts.first, own, side="right") - 1
+        return self.fronts.rows[self.fronts.row_first[front] + self.fronts.block_place]
+
+
+def elimination(elements: Index, count: int) -> Elimination:
+    """How to eliminate `count` nodes that are coupled in elements (elements, k), each row of which has node numbers, or -1 for none."""
+    coupled = _coupled(elements, count)
+    found = [_with_order(coupled, order) for order in _orders(coupled)]
+    number, first, structures = min(found, key=lambda one: _operations(one[1], one[2]))
+    return _laid_out(coupled, number, first, structures)
+
+
+def _coupled(elements: Index, count: int) -> Any:
+    """The symmetric pattern (nodes, nodes), with its diagonal, as a sparse matrix of ones."""
+    from scipy.sparse import csr_matrix, identity  # 0.1 s to import, and straight bodies do not need it
+
+    element, place = np.nonzero(elements >= 0)
+    held = csr_matrix((np.ones(len(element)), (element, elements[element, place])), shape=(len(elements), count))
+    pattern = (held.T @ held + identity(count)).tocsr()
+    pattern.data[:] = 1.0
+    pattern.sort_indices()
+    return pattern
+
+
+def _orders(coupled: Any) -> list[Index]:
+    """Orders of elimination, each the nodes in turn."""
+    from scipy.sparse import identity
+    from scipy.sparse.linalg import splu
+
+    count = coupled.shape[0]
+    dominant = (identity(count) * (2.0 * count) - coupled).tocsc()  # needs no pivoting, so that the order is the pattern's
+    options = {"SymmetricMode": True}
+    return [np.argsort(splu(dominant, permc_spec=name, diag_pivot_thresh=0.0, options=options).perm_c) for name in ORDERINGS]
+
+
+def _with_order(coupled: Any, order: Index) -> tuple[Index, Index, list[Index]]:
+    """Number of each node in an order whose fronts are in a row, first node of each front, and the rows of each."""
+    structures, parent = _structures(coupled, order)
+    places = _postorder(parent)  # children before their parent, and next to it
+    number = np.empty(len(order), np.int64)
+    new = np.empty(len(order), np.int64)
+    new[places] = np.arange(len(order))
+    number[order] = new
+    columns = [np.sort(new[structures[j]]) for j in places]
+    return number, *_joined(columns)
+
+
+def _structures(coupled: Any, order: Index) -> tuple[list[Index], Index]:
+    """Of each node, in order: the later nodes that it is coupled to when it is eliminated, and the first of them (-1 for none)."""
+    count = len(order)
+    place = np.empty(count, np.int64)
+    place[order] = np.arange(count)
+    children: list[list[int]] = [[] for _ in range(count)]
+    structures: list[Index] = []
+    parent = np.full(count, -1)
+    for j, node in enumerate(order):
+        neighbors = place[coupled.indices[coupled.indptr[node] : coupled.indptr[node + 1]]]
+        parts = [neighbors, *(structures[child] for child in children[j])]
+        later = np.unique(np.concatenate(parts))
+        later = later[np.searchsorted(later, j, side="right") :]
+        structures.append(later)
+        if len(later):
+            parent[j] = later[0]
+            children[later[0]].append(j)
+    return structures, parent
+
+
+def _postorder(parent: Index) -> Index:
+    """The nodes of a forest, each after all that are below it."""
+    children: list[list[int]] = [[] for _ in parent]
+    roots = []
+    for node, above in enumerate(parent):
+        (roots if above < 0 else children[above]).append(node)
+    out = []
+    stack = [(root, False) for root in reversed(roots)]
+    while stack:
+        node, done = stack.pop()
+        if done:
+            out.append(node)
+            continue
+        stack.append((node, True))
+        stack += [(child, False) for child in reversed(children[node])]
+    return np.array(out, np.int64)
+
+
+def _joined(columns: list[Index]) -> tuple[Index, list[Index]]:
+    """First node of each front, and its rows, from the later nodes of each node in postorder.
+
+    A front is joined with the one above it where both are next to each other and few zeros come in.
+    """
+    fronts: list[tuple[int, int, Index, int]] = []  # first node, one past the last, boundary, zeros
+    for j, later in enumerate(columns):
+        fronts.append((j, j + 1, later, 0))
+        while len(fronts) > 1:
+            (low, middle, below, some), (_, high, boundary, others) = fronts[-2:]
+            if not len(below) or below[0] != middle:  # it passes on to another one
+                break
+            zeros = some + others + (middle - low) * (high - middle + len(boundary) - len(below))
+            if zeros > JOINED * (high - low) * (high - low + len(boundary)):
+                break
+            fronts[-2:] = [(low, high, boundary, zeros)]
+    first = np.array([low for low, *_ in fronts] + [len(columns)], np.int64)
+    return first, [np.concatenate([np.arange(low, high), boundary]) for low, high, boundary, _ in fronts]
+
+
+def _operations(first: Index, rows: Sequence[Index]) -> float:
+    """Multiplications and additions of a factorization: of each column, the square of its length below and on the diagonal."""
+    own = 3.0 * np.diff(first)
+    whole = 3.0 * np.array([len(each) for each in rows])
+    rest = whole - own
+    return float(np.sum((whole * (whole + 1) * (2 * whole + 1) - rest * (rest + 1) * (2 * rest + 1)) / 6))
+
+
+def _laid_out(coupled: Any, number: Index, first: Index, structures: list[Index]) -> Elimination:
+    """Where everything lies, for the order of `number`."""
+    own, count = np.diff(first), np.array([len(rows) for rows in structures])
+    rest = count - own
+    front_of = np.repeat(np.arange(len(own)), own)
+    above = np.array([front_of[rows[k]] if len(rows) > k else -1 for rows, k in zip(structures, own, strict=True)])
+    into = []
+    for rows, mine, parent in zip(structures, own, above, strict=True):
+        boundary = rows[mine:]
+        places = np.searchsorted(structures[parent], boundary) if parent >= 0 else boundary
+        into.append(np.concatenate([np.full(mine, -1), places]))
+    depth = np.zeros(len(own), np.int64)
+    for front in reversed(range(len(own))):
+        depth[front] = 0 if above[front] < 0 else depth[above[front]] + 1
+    level = np.argsort(-depth, kind="stable")
+    level_first = np.concatenate([[0], np.cumsum(np.bincount(depth)[::-1])])
+    passed, room = np.zeros(len(own), np.int64), 0
+    for begin, end in zip(level_first[:-1], level_first[1:], strict=True):
+        sizes = (3 * rest[level[begin:end]]) ** 2
+        ends = np.cumsum(sizes)
+        passed[level[begin:end]] = ends - sizes
+        room = max(room, int(ends[-1]))
+    child = np.argsort(above, kind="stable")[int((above < 0).sum()) :]
+    child_first = np.concatenate([[0], np.cumsum(np.bincount(above[above >= 0], minlength=len(own)))])
+    sizes = 9 * own * count
+    row_first = np.concatenate([[0], np.cumsum(count)])
+    block_first, later = _upper(coupled, number)
+    rows = np.concatenate(structures)
+    holder = front_of[np.repeat(np.arange(len(number)), np.diff(block_first))]
+    place = _places(rows, row_first, holder, later, len(number))
+    fronts = Fronts(
+        first, row_first, rows, np.concatenate(into), np.cumsum(sizes) - sizes, passed, child_first, child, level_first, level, depth,
+        block_first, place,
+    )  # fmt: skip
+    return Elimination(number, fronts, int(sizes.sum()), room, _operations(first, structures))
+
+
+def _places(rows: Index, row_first: Index, holder: Index, node: Index, nodes: int) -> Index:
+    """The place of nodes among the rows of the fronts that hold them: rows are sorted within each front, so all are by one key."""
+    key = np.repeat(np.arange(len(row_first) - 1), np.diff(row_first)) * nodes + rows
+    return np.searchsorted(key, holder * nodes + node) - row_first[holder]
+
+
+def _upper(coupled: Any, number: Index) -> tuple[Index, Index]:
+    """The pattern's upper triangle in the order of elimination: first block of each node, and the later node of each block."""
+    pairs = coupled.tocoo()
+    a, b = number[pairs.row], number[pairs.col]
+    upper = a <= b
+    key = np.sort(a[upper] * len(number) + b[upper])
+    first = np.searchsorted(key, np.arange(len(number) + 1) * len(number))
+    return first, key % len(number)
+
+
+def _numbered(number: Index, elements: Index) -> Index:
+    """Elements with their nodes numbered as they are eliminated; -1 stays."""
+    return np.where(elements >= 0, number[np.maximum(elements, 0)], -1)
+
+
+def _blocks(elements: Index, block_first: Index, later: Index) -> Index:
+    """The block of each two nodes of each element: see Elimination.blocks_of."""
+    count = len(block_first) - 1
+    key = np.repeat(np.arange(count), np.diff(block_first)) * count + later
+    one, other = elements[:, :, None], elements[:, None, :]
+    wanted = (one >= 0) & (one <= other)
+    pair = np.where(wanted, one * count + other, 0)
+    found = np.minimum(np.searchsorted(key, pair), len(key) - 1)
+    if np.any(wanted & (key[found] != pair)):
+        raise ValueError("an element couples nodes that no other element couples")
+    return np.where(wanted, found, -1).astype(np.int32)
+

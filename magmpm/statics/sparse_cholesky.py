@@ -1,0 +1,170 @@
+"""Cholesky factors of a sparse tangent, front by front (statics.elimination).
+
+A front begins with the matrix's own blocks of its nodes, and with what the fronts below it pass on. Its own unknowns are eliminated
+by dpotrf, dtrsm and dsyrk. Fronts of one depth share nothing, and threads take them in turn; each is the work of one thread, in a fixed
+order, so that results do not depend on the number of threads.
+"""
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.compiled.lapack import addresses, call
+from magmpm.statics.elimination import Fronts
+
+
+@compiled
+def _add_own(front, fronts, blocks, values, n):
+    """Add the matrix's blocks of a front's own nodes to its columns."""
+    first = fronts.first[front]
+    for node in range(first, fronts.first[front + 1]):
+        for block in range(fronts.block_first[node], fronts.block_first[node + 1]):
+            row = 3 * fronts.block_place[block]
+            for r in range(3):
+                column = fronts.at[front] + (3 * (node - first) + r) * n + row
+                for c in range(3):
+                    values[column + c] += blocks[block, r, c]
+
+
+@compiled
+def _add_passed(child, front, fronts, values, below, room, n, own):
+    """Add what a child passes on: `below` is the room of its depth, `room` that of the front's depth."""
+    begin, end = fronts.row_first[child] + fronts.first[child + 1] - fronts.first[child], fronts.row_first[child + 1]
+    size, rest = 3 * (end - begin), n - own
+    for q in range(begin, end):
+        column = 3 * fronts.into[q]
+        for k in range(3):
+            source = fronts.passed[child] + (3 * (q - begin) + k) * size
+            if column < own:
+                target = fronts.at[front] + (column + k) * n
+                shift = 0
+            else:
+                target = fronts.passed[front] + (column + k - own) * rest
+                shift = own
+            for r in range(q, end):
+                there, here = target + 3 * fronts.into[r] - shift, source + 3 * (r - begin)
+                if shift == 0:
+                    for i in range(3):
+                        values[there + i] += below[here + i]
+                else:
+                    for i in range(3):
+                        room[there + i] += below[here + i]
+
+
+@compiled
+def _eliminate(front, fronts, blocks, values, rooms, fortran):
+    """Fill a front, and eliminate its own unknowns. Returns LAPACK's info: 0 if they were positive definite."""
+    n = 3 * (fronts.row_first[front + 1] - fronts.row_first[front])
+    own = 3 * (fronts.first[front + 1] - fronts.first[front])
+    rest = n - own
+    depth = fronts.depth[front]
+    room, below = rooms[depth % 2], rooms[(depth + 1) % 2]
+    values[fronts.at[front] : fronts.at[front] + n * own] = 0.0
+    room[fronts.passed[front] : fronts.passed[front] + rest * rest] = 0.0
+    _add_own(front, fronts, blocks, values, n)
+    for k in range(fronts.child_first[front], fronts.child_first[front + 1]):
+        _add_passed(fronts.child[k], front, fronts, values, below, room, n, own)
+    potrf, trsm, syrk = fortran[0], fortran[1], fortran[2]
+    sizes = np.array([n, own, rest, 0], np.int32)
+    letters = np.array([82, 76, 84, 78], np.uint8)  # R L T N
+    signs = np.array([1.0, -1.0])
+    ld, columns, rows, info = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[2:].ctypes.data, sizes[3:].ctypes.data
+    right, lower, trans, plain = letters[0:].ctypes.data, letters[1:].ctypes.data, letters[2:].ctypes.data, letters[3:].ctypes.data
+    plus, minus = signs[0:].ctypes.data, signs[1:].ctypes.data
+    top = values[fronts.at[front] :].ctypes.data
+    call(potrf, (lower, columns, top, ld, info))
+    if sizes[3] != 0 or rest == 0:
+        return sizes[3]
+    under = top + 8 * own
+    call(trsm, (right, lower, trans, plain, rows, columns, plus, top, ld, under, ld))
+    passed = room[fronts.passed[front] :].ctypes.data
+    call(syrk, (lower, plain, rows, columns, minus, under, ld, plus, passed, rows))
+    return 0
+
+
+@kernel
+def _factor(fronts, blocks, values, rooms, fortran):
+    """Factor into values. Returns -1, or the first node of a front that is not positive definite."""
+    failed = np.zeros(len(fronts.depth), np.int64)
+    for k in range(len(fronts.level_first) - 1):
+        begin = fronts.level_first[k]
+        for j in prange(fronts.level_first[k + 1] - begin):
+            front = fronts.level[begin + j]
+            failed[front] = _eliminate(front, fronts, blocks, values, rooms, fortran)
+        for j in range(begin, fronts.level_first[k + 1]):
+            if failed[fronts.level[j]] != 0:
+                return fronts.first[fronts.level[j]]
+    return -1
+
+
+@compiled
+def _substitute(front, fronts, values, x, work, back, fortran):
+    """One step of the substitution: x (columns, 3 nodes) in place."""
+    trsm, gemm, trsv, gemv = fortran[1], fortran[3], fortran[4], fortran[5]
+    begin, end = fronts.row_first[front], fronts.row_first[front + 1]
+    n, own, columns = 3 * (end - begin), 3 * (fronts.first[front + 1] - fronts.first[front]), x.shape[0]
+    for column in range(columns):
+        for q in range(begin, end):
+            for i in range(3):
+                work[column * n + 3 * (q - begin) + i] = x[column, 3 * fronts.rows[q] + i]
+    sizes = np.array([n, own, n - own, columns, 1], np.int32)
+    letters = np.array([76, 84, 78], np.uint8)  # L T N
+    signs = np.array([1.0, -1.0])
+    ld, mine, rest, count = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[2:].ctypes.data, sizes[3:].ctypes.data
+    inc = sizes[4:].ctypes.data
+    left, trans, plain = letters[0:].ctypes.data, letters[1:].ctypes.data, letters[2:].ctypes.data
+    plus, minus = signs[0:].ctypes.data, signs[1:].ctypes.data
+    way = trans if back else plain
+    top, upper = values[fronts.at[front] :].ctypes.data, work.ctypes.data
+    under, lower = top + 8 * own, upper + 8 * own
+    for turn in range(2):
+        if (turn == 0) == back:  # what the boundary has to do with the own unknowns: before their triangle on the way back, else after it
+            if n == own:
+                continue
+            if columns == 1 and back:
+                call(gemv, (trans, rest, mine, minus, under, ld, lower, inc, plus, upper, inc))
+            elif columns == 1:
+                call(gemv, (plain, rest, mine, minus, under, ld, upper, inc, plus, lower, inc))
+            elif back:
+                call(gemm, (trans, plain, mine, count, rest, minus, under, ld, lower, ld, plus, upper, ld))
+            else:
+                call(gemm, (plain, plain, rest, count, mine, minus, under, ld, upper, ld, plus, lower, ld))
+        elif columns == 1:
+            call(trsv, (left, way, plain, mine, top, ld, upper, inc))
+        else:
+            call(trsm, (left, left, way, plain, mine, count, plus, top, ld, upper, ld))
+    last = begin + own // 3 if back else end  # on the way back the boundary is known
+    for column in range(columns):
+        for q in range(begin, last):
+            for i in range(3):
+                x[column, 3 * fronts.rows[q] + i] = work[column * n + 3 * (q - begin) + i]
+
+
+@compiled
+def _solve(fronts, values, x, fortran):
+    """x (columns, 3 nodes), right-hand sides, in place -> solutions."""
+    most = 0
+    for front in range(len(fronts.depth)):
+        most = max(most, fronts.row_first[front + 1] - fronts.row_first[front])
+    work = np.empty(3 * most * x.shape[0])
+    count = len(fronts.depth)
+    for front in range(count):
+        _substitute(front, fronts, values, x, work, False, fortran)
+    for step in range(count):
+        _substitute(count - 1 - step, fronts, values, x, work, True, fortran)
+
+
+def factor(fronts: Fronts, blocks: Array, values: Array, rooms: Array) -> int:
+    """Write the Cholesky factors of blocks (blocks, 3, 3) to values; rooms (2, room): work space.
+
+    Returns -1, or the first node (in the order of elimination) of a front that proved not positive definite.
+    """
+    return int(_factor(fronts, blocks, values, rooms, addresses()))
+
+
+def solve_columns(fronts: Fronts, values: Array, right: Array) -> Array:
+    """Solutions (k, 3 nodes) for right-hand sides (k, 3 nodes) in the order of elimination."""
+    x = np.array(right, float, order="C")
+    if len(x):
+        _solve(fronts, values, x, addresses())
+    return x

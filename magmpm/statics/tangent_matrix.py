@@ -1,0 +1,174 @@
+"""The tangent of an equilibrium as a matrix: filled by a kernel, factored, and solved with.
+
+Straight bodies have one of bands (statics.block_cholesky): their planes of nodes follow each other, and nothing has fewer operations.
+Others have a sparse one (statics.sparse_cholesky), whose order of elimination follows arms, rings and whatever else they are made of.
+Vectors are (planes, m) in both, as statics.layout numbers unknowns.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from magmpm.compiled.arrays import Array
+from magmpm.compiled.kept_memory import empty
+from magmpm.errors import SceneError
+from magmpm.kernels.equilibrium import Blocks, Cells, Panels
+from magmpm.scene import Scene, memory
+from magmpm.statics import block_cholesky, sparse_cholesky
+from magmpm.statics.layout import Layout
+
+MOST_MEMORY = 4e9  # bytes of the factored tangent
+
+
+class Matrix(Protocol):
+    """A symmetric matrix of a layout's unknowns."""
+
+    def clear(self) -> None:
+        """Set all entries to zero."""
+
+    def target(self, cells: Cells) -> Panels | Blocks:
+        """Where kernels add the matrices of cells."""
+
+    def finish(self) -> None:
+        """Make fixed unknowns ones without a coupling, once all is added."""
+
+    def diagonal(self) -> Array:
+        """The diagonal (planes, m), of what is not yet factored."""
+
+    def add_diagonal(self, values: Array | float) -> None:
+        """Add to the diagonal: values (planes, m), or one for all."""
+
+    def factor(self) -> bool:
+        """Factor in place. False if the matrix is not positive definite: it can then only be filled again."""
+
+    def solve(self, right: Array) -> Array:
+        """Solution (planes, m) for a right-hand side (planes, m), from the factors."""
+
+    def solve_columns(self, right: Array) -> Array:
+        """Solutions (planes, k, m) for right-hand sides (planes, k, m), from the factors."""
+
+
+class Bands:
+    """A matrix of bands, in panels (planes + 2, m, 3 m) of statics.block_cholesky."""
+
+    def __init__(self, layout: Layout, panels: Array | block_cholesky.Single | None = None) -> None:
+        self._layout = layout
+        self.panels = block_cholesky.new_panels(layout.planes, layout.m) if panels is None else panels
+
+    def clear(self) -> None:
+        block_cholesky.clear(self.panels)
+
+    def target(self, cells: Cells) -> Panels:
+        return Panels(self.panels, self._layout.split)
+
+    def finish(self) -> None:
+        if self._layout.fixed.any():
+            block_cholesky.fix(self.panels, self._layout.split, self._layout.fixed)
+
+    def diagonal(self) -> Array:
+        return np.einsum("jaa->ja", self.panels[: self._layout.planes, :, : self._layout.m])
+
+    def add_diagonal(self, values: Array | float) -> None:
+        diagonal = self.diagonal()
+        diagonal += values
+
+    def factor(self) -> bool:
+        return block_cholesky.factor(self.panels, self._layout.split) < 0
+
+    def rounded(self) -> Bands:
+        """The same matrix in single precision, in the same memory: this one can then only be filled again."""
+        return Bands(self._layout, block_cholesky.rounded(self.panels))
+
+    def solve(self, right: Array) -> Array:
+        return block_cholesky.solve(self.panels, self._layout.split, right)
+
+    def solve_columns(self, right: Array) -> Array:
+        return block_cholesky.solve_columns(self.panels, self._layout.split, right)
+
+
+class Sparse:
+    """A sparse matrix, in blocks (blocks, 3, 3) of the layout's elimination, and its factors."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout, self._order = layout, layout.elimination
+        count = int(self._order.fronts.block_first[-1])
+        self.blocks = np.zeros((count, 3, 3))
+        self._values = empty((self._order.values,))
+        self._rooms = empty((2, max(self._order.room, 1)))
+        self._targets: list[tuple[Cells, Blocks]] = []
+
+    @cached_property
+    def _own(self) -> NDArray[np.int64]:
+        """The diagonal block of each node, in the order of elimination: the first of its row."""
+        return self._order.fronts.block_first[:-1]
+
+    @cached_property
+    def _unknowns(self) -> NDArray[np.int64]:
+        """Place (3 nodes,) of each unknown, in the order of elimination, among all (planes m)."""
+        node = np.empty(len(self._order.number), np.int64)
+        node[self._order.number] = self._layout.free_nodes
+        return (3 * node[:, None] + np.arange(3)).ravel()
+
+    def clear(self) -> None:
+        self.blocks[:] = 0.0
+
+    def target(self, cells: Cells) -> Blocks:
+        for known, found in self._targets:
+            if known is cells:
+                return found
+        found = Blocks(self._order.blocks_of(self._layout.nodes_of(cells.plane, cells.row)), self.blocks)
+        self._targets = [*self._targets[-1:], (cells, found)]  # of particles and of a surface that touches
+        return found
+
+    def finish(self) -> None:
+        pass  # fixed unknowns have no number
+
+    def diagonal(self) -> Array:
+        largest = np.einsum("nii->ni", self.blocks[self._own])
+        out = np.full(self._layout.planes * self._layout.m, largest.max(initial=0.0))
+        out[self._unknowns] = largest.ravel()
+        return out.reshape(self._layout.planes, self._layout.m)
+
+    def add_diagonal(self, values: Array | float) -> None:
+        each = np.broadcast_to(values, (self._layout.planes, self._layout.m)).ravel()[self._unknowns].reshape(-1, 3)
+        for axis in range(3):
+            self.blocks[self._own, axis, axis] += each[:, axis]
+
+    def factor(self) -> bool:
+        return sparse_cholesky.factor(self._order.fronts, self.blocks, self._values, self._rooms) < 0
+
+    def solve(self, right: Array) -> Array:
+        return self.solve_columns(right[:, None])[:, 0]
+
+    def solve_columns(self, right: Array) -> Array:
+        planes, count, m = right.shape
+        ordered = right.transpose(1, 0, 2).reshape(count, planes * m)[:, self._unknowns]
+        out = np.zeros((count, planes * m))
+        out[:, self._unknowns] = sparse_cholesky.solve_columns(self._order.fronts, self._values, ordered)
+        return np.ascontiguousarray(out.reshape(count, planes, m).transpose(1, 0, 2))
+
+
+def new_matrix(scene: Scene, layout: Layout) -> Bands | Sparse:
+    """A matrix of a layout's unknowns. Raises SceneError if it takes too much memory."""
+    needed = _bytes(layout)
+    if needed > MOST_MEMORY:
+        raise SceneError(
+            "resolution",
+            found=f"statics of this body would take {needed / 1e9:.3g} GB for its tangent of {3 * len(layout.free_nodes)} unknowns",
+            rule=f"at most {MOST_MEMORY / 1e9:g} GB are used",
+            remedy="make the cells larger, or let the body settle: `solver: {dynamic: {duration: 0.5 s}}` with damping",
+        )
+    with memory.for_matrix(scene, needed):
+        return Bands(layout) if layout.straight else Sparse(layout)
+
+
+def _bytes(layout: Layout) -> float:
+    """Memory that the matrix of a layout takes, with its factors."""
+    if layout.straight:
+        return block_cholesky.panel_bytes(layout.planes, layout.m)
+    order = layout.elimination
+    return 8.0 * (order.values + 2 * order.room + 9 * int(order.fronts.block_first[-1]))
