@@ -380,6 +380,43 @@ def particles_to_grid_with_tangent(cells, particles, effects, x, F, matrix, fort
 
 
 @kernel
+def gradient_products(cells, particles, weight, matrix):
+    """P2G: add the sum over particles of weight grad N_a . grad N_b, for each axis alike, to a matrix, Panels or Blocks; weight (n,)."""
+    slabs = len(cells.slab_first) - 1
+    for color in range(2):
+        for half in prange((slabs + 1 - color) // 2):
+            slab = 2 * half + color
+            K, G = np.zeros((STENCIL, 3, 3, STENCIL)), np.empty((3, STENCIL))
+            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+                for i in range(3):
+                    K[:, i, i] = 0.0
+                for p in range(cells.first[cell], cells.first[cell + 1]):
+                    _particle_gradients(particles.weights[p], particles.slopes[p], G)
+                    for node in range(STENCIL):
+                        for other in range(STENCIL):
+                            product = G[0, node] * G[0, other] + G[1, node] * G[1, other] + G[2, node] * G[2, other]
+                            for i in range(3):
+                                K[node, i, i, other] += weight[p] * product
+                scatter_matrix(cell, cells.plane[cell], cells.row[cell], K, matrix)
+
+
+@kernel
+def add_stresses(cells, particles, P, residual):
+    """P2G: add the sum over particles of volume P grad N_a to residual (planes, 3 nodes); P (n, 3, 3)."""
+    slabs = len(cells.slab_first) - 1
+    for color in range(2):
+        for half in prange((slabs + 1 - color) // 2):
+            slab = 2 * half + color
+            G, r, f = np.empty((3, STENCIL)), np.empty((STENCIL, 3)), np.zeros(3)
+            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+                r[:] = 0.0
+                for p in range(cells.first[cell], cells.first[cell + 1]):
+                    _particle_gradients(particles.weights[p], particles.slopes[p], G)
+                    _add_residual(particles.weights[p], G, P[p], f, particles.volume[p], r)
+                _scatter_vector(cells.plane[cell], cells.row[cell], r, residual)
+
+
+@kernel
 def grid_to_particles(cells, particles, grid, rest, displacement, F):
     """G2P: displacement and deformation gradient of every particle: u = sum N_a c_a, F = I + sum c_a (x) grad N_a.
 

@@ -72,21 +72,24 @@ class Elimination:
         return self.fronts.rows[self.fronts.row_first[front] + self.fronts.block_place]
 
 
-def elimination(elements: Index, count: int) -> Elimination:
-    """How to eliminate `count` nodes that are coupled in elements (elements, k), each row of which has node numbers, or -1 for none."""
+def elimination(elements: Sequence[Index], count: int) -> Elimination:
+    """How to eliminate `count` nodes that are coupled in elements: tables (elements, k) whose rows have node numbers, or -1 for none."""
     coupled = _coupled(elements, count)
     found = [_with_order(coupled, order) for order in _orders(coupled)]
     number, first, structures = min(found, key=lambda one: _operations(one[1], one[2]))
     return _laid_out(coupled, number, first, structures)
 
 
-def _coupled(elements: Index, count: int) -> Any:
+def _coupled(elements: Sequence[Index], count: int) -> Any:
     """The symmetric pattern (nodes, nodes), with its diagonal, as a sparse matrix of ones."""
     from scipy.sparse import csr_matrix, identity  # 0.1 s to import, and straight bodies do not need it
 
-    element, place = np.nonzero(elements >= 0)
-    held = csr_matrix((np.ones(len(element)), (element, elements[element, place])), shape=(len(elements), count))
-    pattern = (held.T @ held + identity(count)).tocsr()
+    pattern = identity(count, format="csr")
+    for table in elements:
+        element, place = np.nonzero(table >= 0)
+        holds = csr_matrix((np.ones(len(element)), (element, table[element, place])), shape=(len(table), count))
+        pattern = pattern + holds.T @ holds
+    pattern = pattern.tocsr()
     pattern.data[:] = 1.0
     pattern.sort_indices()
     return pattern

@@ -6,6 +6,7 @@ It calls the steps of kernels.equilibrium. Newton's method, which updates the gr
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from magmpm.kernels.equilibrium import (
     particles_to_grid,
     particles_to_grid_with_tangent,
 )
+from magmpm.statics.arcs import TurningParticles, along_arc
 from magmpm.statics.contact import Touched
 from magmpm.statics.layout import StaticModel
 from magmpm.statics.tangent_matrix import Bands, Sparse, new_matrix
@@ -78,7 +80,19 @@ class Energy:
         cell_energy(self.cells, self.particles, model.effects, x, F, energy, low, high)
         touched = None if model.touching is None else model.touching.touched(model.effects, grid)
         total = float(energy.sum()) + (0.0 if touched is None else touched.energy)
+        if model.layout.springs is not None:
+            total += model.layout.springs.energy(grid)
         return Point(grid, u, x, F, total, float(low.min()), float(high.max()), touched)
+
+    @cached_property
+    def _turning(self) -> TurningParticles:
+        return TurningParticles(self)
+
+    def arc(self, point: Point, direction: Array, fraction: float) -> Array:
+        """Coefficients (planes, m) m after a fraction of a step `direction` (planes, m) m from a point, along an arc (statics.arcs)."""
+        if self.model.layout.straight:
+            return along_arc(self.model, point.grid, direction, fraction)
+        return self._turning.moved(point, direction, fraction)
 
     def rest_energy(self) -> float:
         """Energy of the undeformed body, J: the reference for the energy of a load."""
@@ -94,10 +108,12 @@ class Energy:
         """Gradient of the energy, (planes, m) N."""
         out = np.zeros(self.shape)
         particles_to_grid(self.cells, self.particles, self.model.effects, point.position, point.F, out)
-        return self._with_contact(point, out)
+        return self._completed(point, out)
 
-    def _with_contact(self, point: Point, residual: Array) -> Array:
-        """A gradient (planes, m) N of the particles' energy, with that of contact added, and no force on fixed unknowns."""
+    def _completed(self, point: Point, residual: Array) -> Array:
+        """A gradient (planes, m) N of the particles' energy, with that of springs and contact added, and no force on fixed unknowns."""
+        if self.model.layout.springs is not None:
+            residual += self.model.layout.springs.gradient(point.grid)
         if point.touched is not None and self.model.touching is not None:
             residual -= self.model.touching.force(point.touched).reshape(residual.shape)
         return self.free(residual)
@@ -142,6 +158,9 @@ class Energy:
         stiff, heavy = (np.ascontiguousarray(one.reshape(planes, -1, count).transpose(0, 2, 1)) for one in (stiff, heavy))
         if point.touched is not None and self.model.touching is not None:
             stiff += self.model.touching.product(point.touched, columns)
+        if self.model.layout.springs is not None:
+            for k in range(count):
+                stiff[:, k] += self.model.layout.springs.gradient(np.ascontiguousarray(columns[:, k]))
         return self.free_columns(stiff), self.free_columns(heavy)
 
     def tangent(self, point: Point) -> tuple[Array, Bands | Sparse]:
@@ -154,4 +173,4 @@ class Energy:
         if point.touched is not None and self.model.touching is not None:
             self.model.touching.add_tangent(point.touched, matrix.target(self.model.touching.cells))
         matrix.finish()
-        return self._with_contact(point, out), matrix
+        return self._completed(point, out), matrix

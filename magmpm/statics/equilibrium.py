@@ -307,10 +307,10 @@ def _along_branch(model: StaticModel, count: int, on_step: OnStep | None) -> Equ
 
 def _ramp(model: StaticModel, count: int, on_step: OnStep | None, warnings: list[str]) -> Equilibrium:
     """Ramp the load from zero in `count` equal steps."""
-    options = model.scene.solver.static
+    options, energy = model.scene.solver.static, Energy(model)
 
     def solved(factor: float, begin: Array) -> tuple[Energy, Minimum]:
-        energy = Energy(replace(model, effects=acting.collect(model.scene, factor, model.times)))
+        energy.load(replace(model, effects=acting.collect(model.scene, factor, model.times)))
         return energy, minimize(energy, begin, tolerance=options.tolerance, max_steps=_most_steps(model), on_step=on_step)
 
     return _ramped(model, count, warnings, solved)

@@ -20,6 +20,7 @@ from magmpm.model import Model, volume_modes
 from magmpm.statics.block_cholesky import split_plane
 from magmpm.statics.contact import RestingSurface, resting
 from magmpm.statics.elimination import Elimination, elimination
+from magmpm.statics.outer_nodes import OuterNodes, Springs, outer_nodes
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,8 @@ class Layout:
     node_yz: Index  # (nodes_per_plane, 2) grid index of each node of a plane
     fixed: NDArray[np.bool_]  # (planes, m) unknowns that are given: zero at nodes without material, at held parts, along y in plane strain
     straight: bool = True  # a body whose planes of nodes follow each other: its tangent has bands
+    outer: OuterNodes | None = None  # nodes that see too little material by themselves
+    outer_node: Index | None = None  # (k, 28) number of the nodes of their springs, among all (planes nodes_per_plane)
 
     @property
     def m(self) -> int:
@@ -59,15 +62,29 @@ class Layout:
     @cached_property
     def elimination(self) -> Elimination:
         """How the sparse tangent is eliminated, by the numbers of `free_nodes`."""
-        return elimination(self.nodes_of(self.cell_plane, self.cell_row), len(self.free_nodes))
+        elements = [self.nodes_of(self.cell_plane, self.cell_row)]
+        if self.outer_node is not None:
+            elements.append(self.places_of(self.outer_node))
+        return elimination(elements, len(self.free_nodes))
+
+    @cached_property
+    def springs(self) -> Springs | None:
+        """The springs of the outer nodes; None where there are none."""
+        if self.outer is None or self.outer_node is None:
+            return None
+        return Springs(self.outer, self.outer_node, self.planes * self.nodes_per_plane)
 
     def nodes_of(self, plane: Index, row: Index) -> Index:
         """Places (cells, 27) in `free_nodes` of the nodes of cells, by their first planes (cells,) and rows (cells, 3); -1: not there."""
         across = np.arange(3)
         nodes = (plane[:, None, None, None] + across[:, None, None]) * self.nodes_per_plane + row[:, None, :, None] + across
+        return self.places_of(nodes.reshape(len(plane), -1))
+
+    def places_of(self, nodes: Index) -> Index:
+        """Places in `free_nodes` of nodes by their numbers among all; -1: not there."""
         place = np.full(self.planes * self.nodes_per_plane, -1)
         place[self.free_nodes] = np.arange(len(self.free_nodes))
-        return place[np.minimum(nodes, len(place) - 1)].reshape(len(plane), -1)
+        return np.asarray(place[np.minimum(nodes, len(place) - 1)])
 
     @property
     def most(self) -> int:
@@ -156,7 +173,8 @@ def make_layout(model: Model, weights: Array) -> Layout:
     moving = int((~still).sum())
     slab_first = np.searchsorted(slab[:moving] if still[moving:].all() else slab, np.arange(slab.max() + 2))  # see _renumbered
     planes, nodes = nodes_along[0] - int(model.clamped_face), int(start[-1])
-    touched = _touched(cell_first, cell_plane, cell_row, weights, (planes, nodes))
+    of_moving = np.repeat(~still, np.diff(cell_first))
+    touched = _touched(cell_first, cell_plane, cell_row, of_moving[:, None, None] * weights, (planes, nodes))
     fixed = np.repeat(~touched, 3, axis=1)  # nodes without material have no equation
     if model.held.any():
         held, everywhere = model.held[:, None, None] * weights, np.stack([each * columns + iz for each in row], axis=1)
@@ -166,11 +184,28 @@ def make_layout(model: Model, weights: Array) -> Layout:
         fixed |= np.repeat(on_planes(model, follows, node_yz), 3, axis=1)
     if model.plane_strain:
         fixed[:, 1::3] = True
+    outer = None if model.line is not None else _outer(model, of_moving)
+    number = None
+    if outer is not None:
+        x, y, z = np.moveaxis(outer.element, -1, 0)
+        known = (low[y] <= z) & (z <= high[y]) & (x >= int(model.clamped_face))
+        outer = outer.only(known.all(axis=1))
+        x, y, z = np.moveaxis(outer.element, -1, 0)
+        number = (x - int(model.clamped_face)) * nodes + start[y] + z - low[y]
     return Layout(
-        planes=planes, nodes_per_plane=nodes, cell_first=cell_first, cell_plane=cell_plane.astype(np.int64),
+        outer=outer, outer_node=number, planes=planes, nodes_per_plane=nodes, cell_first=cell_first, cell_plane=cell_plane.astype(np.int64),
         cell_row=cell_row.astype(np.int64), slab_first=slab_first.astype(np.int64), node_yz=node_yz.astype(np.int64), fixed=fixed,
         straight=model.line is not None,
     )  # fmt: skip
+
+
+def _outer(model: Model, moves: NDArray[np.bool_]) -> OuterNodes | None:
+    """The outer nodes of a model; moves (n,): particles that can move."""
+    particles, cell = model.particles, model.particles.cell[moves].astype(np.int64)
+    usable = np.ones(len(cell), bool)
+    for plane in model.planes:  # it changes the meaning of its nodes
+        usable &= cell[:, plane.axis] != plane.cell
+    return outer_nodes(model.grid, cell, particles.volume[moves], particles.segment[moves], model.shear[moves], usable)
 
 
 def on_planes(model: Model, nodes: NDArray[np.bool_], node_yz: Index) -> NDArray[np.bool_]:
