@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
 from magmpm.bodies.body_shape import BodyShape, Discretization, Region
-from magmpm.bodies.contact_solid import NEEDLE, Solids, mesh_solids
-from magmpm.bodies.contact_surface import SurfacePoints, parts_surface
+from magmpm.bodies.contact_solid import NEEDLE, Solids, meets, mesh_solids
+from magmpm.bodies.contact_surface import SurfacePoints, cut, parts_surface
 from magmpm.bodies.grid import EVEN, ClampPlane, Grid, Knots
 from magmpm.bodies.mesh_quadrature import TOUCHING, grid_of_parts, part_errors, part_particles
 from magmpm.bodies.section_quadrature import Particles
+from magmpm.bodies.signed_distance import to_triangles
 from magmpm.bodies.surface_mesh import (
     PREFIX,
     gap,
@@ -37,6 +38,8 @@ MAX_PARTS = 1000
 UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 25.4e-3}
 MAY_OVERLAP = 1e-3  # of the smaller part: touching faces of a drawing never fit exactly
 LEAST_CELLS = 2  # through the thinnest part
+HELD_EDGE = 0.25  # of a cell: longest edge of triangles whose points tell where a face is held
+INSIDE = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6  # three points in a triangle, exact for quadratic functions
 
 
 class MeshPart(Settings):
@@ -204,6 +207,25 @@ class Parts(BodyShape):
 
     def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
         return parts_surface(self.triangles(), float(grid.spacing.min()))
+
+    def held_surface(self, grid: Grid) -> SurfacePoints:
+        """Points on the faces of parts that can move where they lie on parts that are held."""
+        within, longest = TOUCHING * self.length, HELD_EDGE * float(grid.spacing.min())
+        triangles = self.triangles()
+        still = [mesh for part, mesh in zip(self.meshes, triangles, strict=True) if part.clamp]
+        held = np.ascontiguousarray(np.concatenate(still))
+        position, area, region = [], [], []
+        for k, (part, mesh) in enumerate(zip(self.meshes, triangles, strict=True)):
+            if part.clamp:
+                continue
+            pieces = cut(mesh[meets(mesh, held, within)], longest)
+            places = np.ascontiguousarray((INSIDE @ pieces).reshape(-1, 3))
+            on = to_triangles(places, held) <= within
+            thirds = np.linalg.norm(np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0]), axis=1) / 6
+            position.append(places[on])
+            area.append(np.repeat(thirds, 3)[on])
+            region.append(np.full(int(on.sum()), k))
+        return SurfacePoints(np.concatenate(position), np.concatenate(area), np.concatenate(region))
 
     def solids(self, cell: float, particles: Particles) -> Solids:
         component, scale, thin = self.components(particles), UNITS[self.unit], NEEDLE * cell / UNITS[self.unit]

@@ -124,6 +124,10 @@ class BodyShape(Settings):
     def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
         """Points on its surface, for its cells (bodies.contact_surface); base: whether the lower x face of a straight body counts, too."""
 
+    def held_surface(self, grid: Grid) -> SurfacePoints:
+        """Points on faces of what can move that lie on held parts; a body that is not made of parts has none."""
+        return SurfacePoints(np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64))
+
     @abstractmethod
     def solids(self, cell: float, particles: Particles) -> Solids:
         """The solids of its components, in the order of `components`; cell: width of the grid's cells, m."""

@@ -91,10 +91,10 @@ def _outside(parts: Sequence[Array], cell: float, within: float) -> Array:
     surface = []
     for k, part in enumerate(parts):
         others = np.concatenate([part[:0], *(other for j, other in enumerate(parts) if j != k)])
-        near = np.any([np.zeros(len(part), np.bool_), *(_meets(part, other, within) for j, other in enumerate(parts) if j != k)], axis=0)
+        near = np.any([np.zeros(len(part), np.bool_), *(meets(part, other, within) for j, other in enumerate(parts) if j != k)], axis=0)
         surface.append(part[~near])
         for triangle in part[near]:
-            there = others[_meets(others, triangle[None], within)]
+            there = others[meets(others, triangle[None], within)]
             pieces = _uncovered(triangle, there, within, NEEDLE * cell)
             for times in range(HALVED, -1, -1):  # where round parts with other facets hold together
                 pieces = cut(pieces, cell / FINE * 2**times)
@@ -123,7 +123,7 @@ def _uncovered(triangle: Array, others: Array, within: float, thin: float) -> Ar
     return np.asarray((triangle[0] + within * corners @ frame[:2])[triangulate(outlines)])
 
 
-def _meets(triangles: Array, other: Array, within: float) -> NDArray[np.bool_]:
+def meets(triangles: Array, other: Array, within: float) -> NDArray[np.bool_]:
     """Triangles (f, 3, 3) that come nearer than this (m) to the box around other ones (g, 3, 3)."""
     low, high = other.reshape(-1, 3).min(axis=0) - within, other.reshape(-1, 3).max(axis=0) + within
     return np.asarray(np.all((triangles.max(axis=1) > low) & (triangles.min(axis=1) < high), axis=1))

@@ -222,7 +222,9 @@ def _branch(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equili
         return _near_rod(energy, start.rod, on_step)
     if model.driven:
         return _along_branch(model, options.field_steps or RAMP_STEPS, on_step)
-    if options.field_steps is not None or body.clamp != "base" or not isinstance(body, StraightBody):
+    if not isinstance(body, StraightBody):  # by arcs, parts come to rest from the whole load at once
+        return _ramp(model, options.field_steps or 1, on_step, warnings)
+    if options.field_steps is not None or body.clamp != "base":
         return _ramp(model, options.field_steps or RAMP_STEPS, on_step, warnings)
     try:
         rod = solve_rod(model.scene, time=model.time)

@@ -18,9 +18,9 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.errors import SceneError
 from magmpm.model import Model, volume_modes
 from magmpm.statics.block_cholesky import split_plane
+from magmpm.statics.bonds import Bonds, Springs, bonds_of, held_by_faces
 from magmpm.statics.contact import RestingSurface, resting
 from magmpm.statics.elimination import Elimination, elimination
-from magmpm.statics.outer_nodes import OuterNodes, Springs, outer_nodes
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class Layout:
     node_yz: Index  # (nodes_per_plane, 2) grid index of each node of a plane
     fixed: NDArray[np.bool_]  # (planes, m) unknowns that are given: zero at nodes without material, at held parts, along y in plane strain
     straight: bool = True  # a body whose planes of nodes follow each other: its tangent has bands
-    outer: OuterNodes | None = None  # nodes that see too little material by themselves
-    outer_node: Index | None = None  # (k, 28) number of the nodes of their springs, among all (planes nodes_per_plane)
+    bonds: Bonds | None = None  # of a body of parts
+    bonded: Index | None = None  # (k, 28) number of the nodes of its bonds, among all (planes nodes_per_plane)
 
     @property
     def m(self) -> int:
@@ -63,16 +63,16 @@ class Layout:
     def elimination(self) -> Elimination:
         """How the sparse tangent is eliminated, by the numbers of `free_nodes`."""
         elements = [self.nodes_of(self.cell_plane, self.cell_row)]
-        if self.outer_node is not None:
-            elements.append(self.places_of(self.outer_node))
+        if self.bonded is not None:
+            elements.append(self.places_of(self.bonded))
         return elimination(elements, len(self.free_nodes))
 
     @cached_property
     def springs(self) -> Springs | None:
-        """The springs of the outer nodes; None where there are none."""
-        if self.outer is None or self.outer_node is None:
+        """The bonds as springs; None where there are none."""
+        if self.bonds is None or self.bonded is None:
             return None
-        return Springs(self.outer, self.outer_node, self.planes * self.nodes_per_plane)
+        return Springs(self.bonds, self.bonded, self.planes * self.nodes_per_plane)
 
     def nodes_of(self, plane: Index, row: Index) -> Index:
         """Places (cells, 27) in `free_nodes` of the nodes of cells, by their first planes (cells,) and rows (cells, 3); -1: not there."""
@@ -132,8 +132,12 @@ def static_model(model: Model) -> StaticModel:
     neither det F nor F^T F's invariants nor F Br feel.
     """
     weights, slopes = model.splines()
+    if held_by_faces(model):  # bonds hold the others: these see no node, and stay where they are
+        weights[model.held] = 0.0
+        slopes[model.held] = 0.0
+    bonds = None if model.line is not None else bonds_of(model)
     axes = model.grid.axes_at(model.particles.position)
-    layout, about = make_layout(model, weights), {name: vars(model)[name] for name in Model.__dataclass_fields__}
+    layout, about = make_layout(model, weights, bonds), {name: vars(model)[name] for name in Model.__dataclass_fields__}
     touching = None if model.surface is None else resting(model.surface, layout.planes, layout.node_yz, model)
     made = StaticModel(**about, layout=layout, weights=weights, slopes=slopes, axes=axes, touching=touching)
     if axes.ndim == 2:
@@ -142,7 +146,7 @@ def static_model(model: Model) -> StaticModel:
     return replace(made, remanence=magnet)
 
 
-def make_layout(model: Model, weights: Array) -> Layout:
+def make_layout(model: Model, weights: Array, bonds: Bonds | None = None) -> Layout:
     """The numbering of a model's unknowns; weights (n, 3, 3): values of its splines at its particles.
 
     Where the lower x face is clamped, node 0 along x is eliminated (bodies.grid.clamp_first_node) and has no unknowns.
@@ -184,28 +188,15 @@ def make_layout(model: Model, weights: Array) -> Layout:
         fixed |= np.repeat(on_planes(model, follows, node_yz), 3, axis=1)
     if model.plane_strain:
         fixed[:, 1::3] = True
-    outer = None if model.line is not None else _outer(model, of_moving)
     number = None
-    if outer is not None:
-        x, y, z = np.moveaxis(outer.element, -1, 0)
-        known = (low[y] <= z) & (z <= high[y]) & (x >= int(model.clamped_face))
-        outer = outer.only(known.all(axis=1))
-        x, y, z = np.moveaxis(outer.element, -1, 0)
+    if bonds is not None:
+        x, y, z = np.moveaxis(bonds.element, -1, 0)
         number = (x - int(model.clamped_face)) * nodes + start[y] + z - low[y]
     return Layout(
-        outer=outer, outer_node=number, planes=planes, nodes_per_plane=nodes, cell_first=cell_first, cell_plane=cell_plane.astype(np.int64),
+        bonds=bonds, bonded=number, planes=planes, nodes_per_plane=nodes, cell_first=cell_first, cell_plane=cell_plane.astype(np.int64),
         cell_row=cell_row.astype(np.int64), slab_first=slab_first.astype(np.int64), node_yz=node_yz.astype(np.int64), fixed=fixed,
         straight=model.line is not None,
     )  # fmt: skip
-
-
-def _outer(model: Model, moves: NDArray[np.bool_]) -> OuterNodes | None:
-    """The outer nodes of a model; moves (n,): particles that can move."""
-    particles, cell = model.particles, model.particles.cell[moves].astype(np.int64)
-    usable = np.ones(len(cell), bool)
-    for plane in model.planes:  # it changes the meaning of its nodes
-        usable &= cell[:, plane.axis] != plane.cell
-    return outer_nodes(model.grid, cell, particles.volume[moves], particles.segment[moves], model.shear[moves], usable)
 
 
 def on_planes(model: Model, nodes: NDArray[np.bool_], node_yz: Index) -> NDArray[np.bool_]:
@@ -262,7 +253,10 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
         axes=np.ascontiguousarray(np.eye(3)[:, axes]),
         order=order,
     )
-    layout, touching = make_layout(turned, turned.weights), model.touching
+    bonds = model.layout.bonds
+    if bonds is not None:
+        bonds = replace(bonds, element=bonds.element[:, :, axes])
+    layout, touching = make_layout(turned, turned.weights, bonds), model.touching
     if touching is not None:
         touching = replace(touching, first=touching.first[:, axes], weights=touching.weights[:, axes])
         touching = resting(touching, layout.planes, layout.node_yz, turned)

@@ -125,25 +125,25 @@ class Sparse:
         return found
 
     @cached_property
-    def _springs(self) -> tuple[NDArray[np.int64], Array] | None:
-        """Blocks that the springs of outer nodes add to, and what: the same on each axis."""
+    def _bonds(self) -> tuple[NDArray[np.int64], Array] | None:
+        """Blocks that bonds add to, and what: the same on each axis."""
         layout = self._layout
-        if layout.outer is None or layout.outer_node is None:
+        if layout.bonds is None or layout.bonded is None:
             return None
-        block = self._order.blocks_of(layout.places_of(layout.outer_node))
-        return block[block >= 0], layout.outer.matrices[block >= 0]
+        block = self._order.blocks_of(layout.places_of(layout.bonded))
+        return block[block >= 0], layout.bonds.matrices[block >= 0]
 
-    def add_springs(self, share: float = 1.0) -> None:
-        """Add the springs of outer nodes."""
-        if self._springs is None:
+    def add_bonds(self, share: float = 1.0) -> None:
+        """Add the bonds."""
+        if self._bonds is None:
             return
-        at, added = self._springs
+        at, added = self._bonds
         total = np.bincount(at, share * added, len(self.blocks))
         for axis in range(3):
             self.blocks[:, axis, axis] += total
 
     def finish(self) -> None:
-        self.add_springs()  # fixed unknowns have no number
+        self.add_bonds()  # fixed unknowns have no number
 
     def diagonal(self) -> Array:
         largest = np.einsum("nii->ni", self.blocks[self._own])
