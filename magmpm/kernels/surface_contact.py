@@ -119,7 +119,10 @@ def touch_at_rest(effects, x, mass, energy, f, H):
 
 @kernel
 def contact_to_matrix(cells, weights, H, matrix):
-    """P2G: add the sum of N_a H N_b over points, N/m, to a matrix, Panels or Blocks. weights (n, 3, 3): of splines N; H (n, 3, 3): often 0."""
+    """P2G: add the sum of N_a H N_b over points, N/m, to a matrix, Panels or Blocks.
+
+    weights (n, 3, 3): of the splines N; H (n, 3, 3): often 0.
+    """
     slabs = len(cells.slab_first) - 1
     for color in range(2):
         for half in prange((slabs + 1 - color) // 2):

@@ -36,9 +36,11 @@ class TurningParticles:
         self._energy = energy
         self._matrix = new_matrix(energy.model.scene, energy.model.layout)
         self._matrix.clear()
-        gradient_products(energy.cells, energy.particles, energy.model.particles.volume * energy.model.shear, self._matrix.target(energy.cells))
+        weight = energy.model.particles.volume * energy.model.shear
+        gradient_products(energy.cells, energy.particles, weight, self._matrix.target(energy.cells))
         self._matrix.finish()
-        self.usable = self._matrix.factor()
+        if not self._matrix.factor():
+            raise ArithmeticError("the gradients of the grid's splines do not tell its coefficients: some node has no material")
 
     def moved(self, point: Point, direction: Array, fraction: float) -> Array:
         """Coefficients (planes, m) m after a fraction of a step `direction` (planes, m) m from a point."""
@@ -52,6 +54,9 @@ class TurningParticles:
         wanted = energy.model.shear[:, None, None] * (turned @ stretched - point.F)
         right = np.zeros(energy.shape)
         add_stresses(energy.cells, energy.particles, wanted, right)
+        springs = energy.model.layout.springs
+        if springs is not None:  # they are in the matrix as well, and stretch as along the straight step
+            right += springs.gradient(fraction * direction)
         return np.asarray(point.grid + self._matrix.solve(energy.free(right)))
 
 

@@ -27,7 +27,7 @@ from magmpm.model import Model
 
 FILLED = 0.3  # of a cell's volume: a cell with more of the body holds its nodes by itself
 FOLLOWS = 0.1  # of shear modulus times cell size: stiffness of an outer node's bond
-HELD = 100.0  # of shear modulus over cell size: stiffness of a held face's bonds, by its area. 1000 holds a body of 4 cells 0.5 % too stiff
+HELD = 300.0  # of shear modulus over cell size: stiffness of a held face's bonds, by its area; docs/design.md has others
 CORNERS = np.stack(np.meshgrid(*3 * (np.arange(3),), indexing="ij"), -1).reshape(27, 3)
 
 
@@ -35,12 +35,20 @@ CORNERS = np.stack(np.meshgrid(*3 * (np.arange(3),), indexing="ij"), -1).reshape
 class Bonds:
     """Springs (k,) whose stretch is a sum of coefficients times shares.
 
-    element (k, 28, 3): grid indices of the nodes, repeated where there are fewer; share (k, 28); stiffness (k,) N/m.
+    element (k, 28, 3): grid indices of the nodes, repeated where there are fewer; share (k, 28); size (k,) m: stiffness over the shear
+    modulus, shear (k,) Pa, of the region (k,) that the bond is of.
     """
 
     element: Index
     share: Array
-    stiffness: Array
+    size: Array
+    shear: Array
+    region: Index
+
+    @property
+    def stiffness(self) -> Array:
+        """Stiffness (k,) N/m."""
+        return self.size * self.shear
 
     @property
     def matrices(self) -> Array:
@@ -61,7 +69,7 @@ def bonds_of(model: Model) -> Bonds | None:
     known = [each for each in found if each is not None]
     if not known:
         return None
-    return Bonds(*(np.concatenate([getattr(each, name) for each in known]) for name in ("element", "share", "stiffness")))
+    return Bonds(*(np.concatenate([getattr(each, name) for each in known]) for name in ("element", "share", "size", "shear", "region")))
 
 
 def _held_faces(model: Model) -> Bonds | None:
@@ -75,8 +83,10 @@ def _held_faces(model: Model) -> Bonds | None:
     weights = model.grid.splines(points.position, cell)[0]
     share = np.einsum("ka,kb,kc->kabc", weights[:, 0], weights[:, 1], weights[:, 2]).reshape(len(cell), 27)
     nodes = cell[:, None].astype(np.int64) + CORNERS
-    stiffness = HELD * model.shear[particle] / _size(model.grid) * points.area
-    return Bonds(np.concatenate([nodes, nodes[:, :1]], axis=1), np.pad(share, ((0, 0), (0, 1))), stiffness)
+    element = np.concatenate([nodes, nodes[:, :1]], axis=1)
+    share = np.pad(share, ((0, 0), (0, 1)))
+    size = HELD * points.area / _size(model.grid)
+    return Bonds(element, share, size, model.shear[particle], model.particles.segment[particle].astype(np.int64))
 
 
 def _size(grid: Grid) -> float:
@@ -111,8 +121,9 @@ def _outer_nodes(model: Model) -> Bonds | None:
     shares = [_extrapolated(outer[:, axis] - base[:, axis]) for axis in range(3)]
     share = np.einsum("ka,kb,kc->kabc", *shares).reshape(len(outer), 27)
     element = np.concatenate([outer[:, None], base[:, None] + CORNERS], axis=1)
-    stiffness = FOLLOWS * shear[chosen] * _size(grid)
-    return Bonds(element, np.concatenate([np.ones((len(outer), 1)), -share], axis=1), stiffness)
+    share = np.concatenate([np.ones((len(outer), 1)), -share], axis=1)
+    size = np.full(len(outer), FOLLOWS * _size(grid))
+    return Bonds(element, share, size, shear[chosen], segment[chosen].astype(np.int64))
 
 
 def _extrapolated(place: Index) -> Array:
@@ -145,6 +156,7 @@ class Springs:
 
         rows = np.repeat(np.arange(len(node)), node.shape[1])
         self._stretch: Any = csr_matrix((bonds.share.ravel(), (rows, node.ravel())), shape=(len(node), count))
+        self._bonds = bonds
         self.stiffness = bonds.stiffness
 
     def stretched(self, grid: Array) -> Array:
@@ -158,3 +170,8 @@ class Springs:
     def gradient(self, grid: Array) -> Array:
         """Gradient of the energy, (planes, m) N: linear in the coefficients, so it is also the tangent times a change of them."""
         return np.asarray(self._stretch.T @ (self.stiffness[:, None] * self.stretched(grid))).reshape(grid.shape)
+
+    def gradient_per_shear(self, grid: Array, regions: NDArray[np.bool_]) -> Array:
+        """Change (planes, m) m^2 of the gradient with the shear modulus of these regions (regions,)."""
+        size = np.where(regions[self._bonds.region], self._bonds.size, 0.0)
+        return np.asarray(self._stretch.T @ (size[:, None] * self.stretched(grid))).reshape(grid.shape)

@@ -65,7 +65,17 @@ def right_sides(energy: Energy, point: Point, variables: Sequence[Variable]) -> 
         stress_per_shear(energy.cells, energy.particles, point.F, P[0])
     if not slots.P:
         return np.zeros((energy.model.layout.planes, len(variables), energy.model.layout.m))
-    return slots.scattered(len(variables))
+    return slots.scattered(len(variables)) + _of_bonds(energy, point, stiffened, len(variables))
+
+
+def _of_bonds(energy: Energy, point: Point, stiffened: Index, count: int) -> Array:
+    """Change (planes, count, m) N/Pa of the forces of bonds, by the variable (1, regions) of each region's shear modulus, -1 for none."""
+    layout = energy.model.layout
+    out = np.zeros((layout.planes, count, layout.m))
+    if layout.springs is not None:
+        for k in np.unique(stiffened[stiffened >= 0]):
+            out[:, k] = energy.free(layout.springs.gradient_per_shear(point.grid, stiffened[0] == k))
+    return out
 
 
 def magnet_changes(model: StaticModel, variables: Sequence[Variable]) -> dict[int, Array]:

@@ -11,6 +11,7 @@ Sources: Duff and Reid, ACM Trans. Math. Softw. 9 (1983) 302 (multifrontal metho
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,11 +25,16 @@ JOINED = 0.2  # zeros in a front joined with the one above it, over its entries,
 class Fronts(NamedTuple):
     """Fronts, in the order of their elimination, and the blocks (3, 3) of the matrix that they start from.
 
-    Nodes are numbered as they are eliminated. A front has rows[row_first[s] : row_first[s + 1]], of which the first are its own nodes,
-    first[s] to first[s + 1]; into: the place of each of them among the rows of its parent. Its columns of the factors, (own unknowns,
-    unknowns of the front), begin at values[at[s]]; what it passes on, (boundary, boundary), at room[depth % 2, passed[s]].
-    child[child_first[s] : child_first[s + 1]] are the fronts that pass on to it; level[level_first[k] : level_first[k + 1]] those of one
-    depth, the deepest first. block_first (nodes + 1,), block_node (blocks,): the later node of each block, and its place in the front.
+    Nodes are numbered as they are eliminated.
+
+    first (fronts + 1,): each front's own nodes are first[s] to first[s + 1].
+    row_first (fronts + 1,), rows: its rows are rows[row_first[s] : row_first[s + 1]], its own nodes first.
+    into: the place of each of these rows among the rows of the front's parent; -1 for its own nodes.
+    at (fronts,): where its columns of the factors begin, (own unknowns, unknowns of the front).
+    passed (fronts,): where in the room of its depth begins what it passes on, (boundary, boundary).
+    child_first (fronts + 1,), child: the fronts that pass on to it.
+    level_first (levels + 1,), level: the fronts of one depth, the deepest first; depth (fronts,).
+    block_first (nodes + 1,): first block of each node; block_place (blocks,): place of its later node in the front.
     """
 
     first: Index
@@ -48,8 +54,11 @@ class Fronts(NamedTuple):
 
 @dataclass(frozen=True)
 class Elimination:
-    """How to eliminate a pattern. number (nodes,): of each given node as it is eliminated; values, room: lengths of the arrays that `Fronts` names;
-    operations: multiplications and additions of one factorization."""
+    """How to eliminate a pattern.
+
+    number (nodes,): of each given node as it is eliminated; values, room: lengths of the factors and of the room of one depth;
+    operations: multiplications and additions of one factorization.
+    """
 
     number: Index
     fronts: Fronts
@@ -201,7 +210,7 @@ def _laid_out(coupled: Any, number: Index, first: Index, structures: list[Index]
     level = np.argsort(-depth, kind="stable")
     level_first = np.concatenate([[0], np.cumsum(np.bincount(depth)[::-1])])
     passed, room = np.zeros(len(own), np.int64), 0
-    for begin, end in zip(level_first[:-1], level_first[1:], strict=True):
+    for begin, end in pairwise(level_first):
         sizes = (3 * rest[level[begin:end]]) ** 2
         ends = np.cumsum(sizes)
         passed[level[begin:end]] = ends - sizes

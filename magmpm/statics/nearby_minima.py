@@ -78,9 +78,11 @@ class NearbyMinima:
         return None
 
     def _factored(self, energy: Energy, point: Point, more: float = 0.0) -> tuple[Array, bool]:
-        """Residual, and whether all eigenvalues of the tangent are positive or count as zero (NEUTRAL): if so, the energy's matrix holds the
-        factors of the tangent plus that much, or `more` (Pa/m^2), of the mass matrix. So steps along a neutral direction, where rounding
-        decides, stay short; others are Newton's to within NEUTRAL."""
+        """Residual, and whether all eigenvalues of the tangent are positive or count as zero (NEUTRAL).
+
+        If so, the energy's matrix holds the factors of the tangent plus that much, or `more` (Pa/m^2), of the mass matrix. So steps along
+        a neutral direction, where rounding decides, stay short; others are Newton's to within NEUTRAL.
+        """
         time_limit.check()
         self._shift = max(more, self._neutral(energy))
         residual, matrix = energy.tangent(point)

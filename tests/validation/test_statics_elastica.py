@@ -15,7 +15,6 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from magmpm.fields.dipole import MU0
 from magmpm.model import build
 from magmpm.simulate import run
-from magmpm.statics.block_cholesky import factor, solve
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import static_model
 from magmpm.statics.newton import minimize
@@ -62,10 +61,10 @@ def lowest_curvature(load: float, slenderness: float, cells: int) -> float:
     model = static_model(build(rod_scene(length=L, diameter=D, field=field, cells=cells)))
     energy = Energy(model)
     point = minimize(energy, straight(model), tolerance=1e-11, max_steps=60).point
-    _, panels = energy.tangent(point)
-    split, shape = model.layout.split, (model.layout.planes, model.layout.m)
-    assert factor(panels, split) == -1, "below the critical load the straight body is stable"
-    inverse = LinearOperator((model.dof, model.dof), matvec=lambda b: solve(panels, split, b.reshape(shape)).ravel(), dtype=float)
+    _, matrix = energy.tangent(point)
+    shape = (model.layout.planes, model.layout.m)
+    assert matrix.factor(), "below the critical load the straight body is stable"
+    inverse = LinearOperator((model.dof, model.dof), matvec=lambda b: matrix.solve(b.reshape(shape)).ravel(), dtype=float)
     values = eigsh(inverse, 2, which="LM", v0=np.ones(model.dof), return_eigenvectors=False)
     return float(1 / values.max())
 

@@ -178,10 +178,10 @@ def test_gradient_and_tangent_belong_to_its_energy(model: StaticModel, rng: np.r
     named = Energy(replace(model, effects=parameters(G, (3.0, 2.0, -9.81))))
     c, d = 2e-5 * rng.standard_normal((2, *named.shape))
     point = named.at(c)
-    gradient, panels = named.tangent(point)
+    gradient, matrix = named.tangent(point)
     np.testing.assert_allclose(gradient, named.residual(point), rtol=0, atol=1e-12 * np.abs(gradient).max())
     linear = float(np.sum(gradient * d))
-    quadratic = float(d.ravel() @ to_dense(panels, model.layout.split) @ d.ravel()) / 2
+    quadratic = float(d.ravel() @ to_dense(matrix.panels, model.layout.split) @ d.ravel()) / 2
     steps = [0.4, 0.2, 0.1, 0.05]
     first = slopes(lambda t: named.at(c + t * d).energy - point.energy - t * linear, steps)
     second = slopes(lambda t: named.at(c + t * d).energy - point.energy - t * linear - t**2 * quadratic, steps)

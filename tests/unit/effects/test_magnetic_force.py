@@ -78,8 +78,8 @@ def test_gradient_and_tangent_of_a_model(kind: str, rng: np.random.Generator) ->
     loaded, bare = Energy(model), Energy(replace(model, effects=()))
     c, v = 2e-5 * rng.standard_normal((2, *loaded.shape))
     point = loaded.at(c)
-    gradient, panels = loaded.tangent(point)
-    K = to_dense(panels, model.layout.split)
+    gradient, matrix = loaded.tangent(point)
+    K = to_dense(matrix.panels, model.layout.split)
     np.testing.assert_allclose(gradient, loaded.residual(point), rtol=0, atol=1e-13 * np.abs(gradient).max())
     linear, quadratic = float(np.sum(gradient * v)), float(v.ravel() @ K @ v.ravel()) / 2
     steps = [0.4, 0.2, 0.1, 0.05]
@@ -90,7 +90,7 @@ def test_gradient_and_tangent_of_a_model(kind: str, rng: np.random.Generator) ->
     # the loads alone: their part of the tangent is the derivative of their part of the residual
     small = 1e-2 * v
     change = [(e.residual(e.at(c + small)) - e.residual(e.at(c - small))) / 2 for e in (loaded, bare)]
-    K0 = to_dense(bare.tangent(bare.at(c))[1], model.layout.split)
+    K0 = to_dense(bare.tangent(bare.at(c))[1].panels, model.layout.split)
     share = (K - K0) @ small.ravel()
     # central differences of fields that vary over millimeters, at steps of 2e-7 m: 1e-6, and rounding of the body's own stiffness
     np.testing.assert_allclose((change[0] - change[1]).ravel(), share, rtol=0, atol=1e-5 * np.abs(share).max())

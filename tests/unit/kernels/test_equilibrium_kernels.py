@@ -84,8 +84,8 @@ def test_magnetization_that_rotates() -> None:
 def test_scatter_tangent(case: tuple[Energy, Reference, np.ndarray]) -> None:
     """d^2E/dc^2, every entry, assembled densely."""
     energy, reference, c = case
-    _, panels = energy.tangent(energy.at(c))
-    found, expected = to_dense(panels, energy.model.layout.split), reference.tangent(c)
+    _, matrix = energy.tangent(energy.at(c))
+    found, expected = to_dense(matrix.panels, energy.model.layout.split), reference.tangent(c)
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
 
 

@@ -16,9 +16,9 @@ from magmpm.model import build
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.simulate import run
-from magmpm.statics.block_cholesky import clear, new_panels
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import StaticModel, arranged, static_model
+from magmpm.statics.tangent_matrix import Bands
 
 GROUND = {"point": [0.0, 0.0, -0.998e-3], "normal": [-3e-4, 1e-3, 1.0]}
 WALLS = {"tube": {"radius": 1.005e-3, "path": [[-4e-3, 0.0, 0.0], [4e-3, 0.0, 1e-6], [12e-3, 0.0, 5e-6]]}}
@@ -104,7 +104,7 @@ def test_the_energy_is_that_of_the_push(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", [*KINDS[:5], "walls"])
 def test_force_and_tangent_are_derivatives_of_the_energy(kind: str, tmp_path: Path, rng: np.random.Generator) -> None:
-    """By central differences where points touch on both sides; and the panels hold the matrix whose products `product` gives."""
+    """By central differences where points touch on both sides; and the matrix is the one whose products `product` gives."""
     effects = {"walls": WALLS} if kind == "walls" else {"ground": GROUND}
     _, model = models("rod" if kind == "walls" else kind, tmp_path, **effects)
     on, shape = model.touching, (model.layout.planes, model.layout.m)
@@ -121,10 +121,10 @@ def test_force_and_tangent_are_derivatives_of_the_energy(kind: str, tmp_path: Pa
     product = on.product(touched, d[:, None])[:, 0]
     slope = -(on.force(ahead) - on.force(behind)).reshape(shape) / (2 * h)
     np.testing.assert_allclose(product, slope, rtol=0, atol=2e-4 * np.abs(slope).max())  # points that just begin to touch
-    panels, out = new_panels(*shape), np.empty(shape)
-    clear(panels)
-    on.add_tangent(touched, model.layout.split, panels)
-    multiply(panels, model.layout.split, d, out)
+    matrix, out = Bands(model.layout), np.empty(shape)
+    matrix.clear()
+    on.add_tangent(touched, matrix.target(on.cells))
+    multiply(matrix.panels, model.layout.split, d, out)
     np.testing.assert_allclose(out, product, rtol=0, atol=1e-11 * np.abs(product).max())
 
 

@@ -55,9 +55,9 @@ def test_undeformed_body(rng: np.random.Generator, locking: str) -> None:
     energy = Energy(model_of(cells=2, anti_locking=locking))
     rest = energy.at(np.zeros(energy.shape))
     assert rest.energy == 0
-    residual, panels = energy.tangent(rest)
+    residual, matrix = energy.tangent(rest)
     assert not residual.any()
-    values = np.linalg.eigvalsh(to_dense(panels, energy.model.layout.split))
+    values = np.linalg.eigvalsh(to_dense(matrix.panels, energy.model.layout.split))
     # The softest modes are bending, and coefficients at corners with little material: 1e-5 of the stiffest. A free motion
     # would have an eigenvalue of rounding size, 1e-16.
     assert values[0] > 1e-7 * values[-1]
@@ -131,11 +131,11 @@ def test_products_are_those_of_the_tangents_matrix(effects: dict) -> None:
     point = energy.at(1e-4 * rng.standard_normal(energy.shape))
     columns = energy.free_columns(rng.standard_normal((planes, 3, m)))
     stiff, _ = energy.products(point, columns)
-    _, panels = energy.tangent(point)
+    _, matrix = energy.tangent(point)
     expected = np.empty_like(columns)
     for k in range(3):
         out = np.empty(energy.shape)
-        multiply(panels, energy.model.layout.split, np.ascontiguousarray(columns[:, k]), out)
+        multiply(matrix.panels, energy.model.layout.split, np.ascontiguousarray(columns[:, k]), out)
         expected[:, k] = energy.free(out)
     np.testing.assert_allclose(stiff, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
     moved = np.zeros((planes, 1, m))

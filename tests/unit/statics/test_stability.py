@@ -10,7 +10,6 @@ from scipy.linalg import eigh
 import magmpm
 from magmpm.model import build
 from magmpm.scene import Scene
-from magmpm.statics.block_cholesky import factor, solve_columns
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
 from magmpm.statics.stability import mass
@@ -67,11 +66,11 @@ def smallest(scene: Scene) -> tuple[float, float]:
     found = solve_static(static_model(build(scene)))
     assert found.stability is not None
     energy = found.energy
-    _, panels = energy.tangent(found.point)
-    assert factor(panels, energy.model.layout.split) < 0
+    _, matrix = energy.tangent(found.point)
+    assert matrix.factor()
     X = energy.free_columns(np.random.default_rng(1).standard_normal((energy.shape[0], 4, energy.shape[1])))
     for _ in range(12):
-        Y = solve_columns(panels, energy.model.layout.split, mass(energy, X))
+        Y = matrix.solve_columns(mass(energy, X))
         values, vectors = eigh(*(np.einsum("pam,pbm->ab", Y, mass(energy, one)) for one in (X, Y)))
         X = np.ascontiguousarray(np.einsum("pam,ab->pbm", Y, vectors))
     return float(values[0]), found.stability
