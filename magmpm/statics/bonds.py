@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from magmpm.bodies.contact_surface import particle_of
 from magmpm.bodies.grid import Grid

@@ -67,7 +67,7 @@ class Elimination:
     operations: float
 
     def blocks_of(self, elements: Index) -> Index:
-        """Block (elements, k, k) that couples two of the nodes of each element, the first eliminated no later than the second; -1 otherwise.
+        """Block (elements, k, k) that couples two nodes of an element, the first eliminated no later than the second; -1 otherwise.
 
         Raises ValueError for nodes that the pattern does not couple.
         """

@@ -1,7 +1,8 @@
 """Equilibria of robots of parts drawn at random: do they converge, and to the shape that a slowly growing load leads to?
 
 A robot is a held cube with two to four arms of one to three boxes each, straight on or around a corner, turned as a whole in space.
-Parts are magnetized in any direction; a field and weight act. `python tests/benchmarks/drawn_robots.py --robots 40` prints a line each, and JSON.
+Parts are magnetized in any direction; a field and weight act.
+`python tests/benchmarks/drawn_robots.py --robots 40` prints a line each, and JSON.
 """
 
 import argparse
