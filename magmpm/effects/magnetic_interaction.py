@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.compiled.jit import compiled, inlined, kernel, prange
 from magmpm.effects.base import BodyChange, BodyEffect, MarkedParticles, Records, SceneLike, one_record
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
@@ -31,6 +31,7 @@ MOST = 3000  # blocks: a refresh then takes about 0.2 s
 # demagnetizing factor of a 2 x 1 x 1 prism along its length (Aharoni, J. Appl. Phys. 83 (1998) 3432).
 TOUCHING = 0.151
 NEAR = 1.35  # distance in edges from which on cubes interact as dipoles
+TINY = 1e-100  # m: of two blocks at one place the terms are 0, not nan
 SIZE = 6  # floats per block: B/mu0 (3) A/m, force per volume (3) N/m^3
 DTYPE = np.dtype([("share", np.float64), ("blocks", np.int8)])
 
@@ -141,11 +142,49 @@ def dipoles(particles: MarkedParticles, x: Array, F: Array) -> tuple[Array, Arra
     return places, moments, sizes, of
 
 
+@inlined
+def _radial(r, d):
+    """h(r) and h' / r: h = K g(r) / r^5, of blocks whose edges have the mean d, at the distance r, m."""
+    q = r / d
+    if q >= NEAR:
+        h = K / r**5
+        return h, -5.0 * h / r**2
+    if q >= 1.0:  # g = 1 - TOUCHING smoothstep(t)
+        t = (NEAR - q) / (NEAR - 1.0)
+        bare = K / r**5
+        h = bare * (1.0 - TOUCHING * t * t * (3.0 - 2.0 * t))
+        slope = bare * TOUCHING * 6.0 * t * (1.0 - t) / ((NEAR - 1.0) * d)
+        return h, (slope - 5.0 * h / r) / r
+    most = (1.0 - TOUCHING) * K / d**5  # K / r^5 to second order about r = d
+    return most * (21.0 - 35.0 * q + 15.0 * q * q), most * (30.0 * q - 35.0) / (d * r)
+
+
+@inlined
+def _radial_change(r, d):
+    """Slopes of h and of h' / r (_radial), by r."""
+    q = r / d
+    if q >= NEAR:
+        h = K / r**5
+        return -5.0 * h / r, 35.0 * h / r**3
+    if q >= 1.0:
+        t = (NEAR - q) / (NEAR - 1.0)
+        steep = 1.0 / ((NEAR - 1.0) * d)
+        bare = K / r**5
+        g = 1.0 - TOUCHING * t * t * (3.0 - 2.0 * t)
+        slope = TOUCHING * 6.0 * t * (1.0 - t) * steep
+        curve = -TOUCHING * 6.0 * (1.0 - 2.0 * t) * steep * steep
+        dh = bare * (slope - 5.0 * g / r)
+        ddh = bare * (curve - 10.0 * slope / r + 30.0 * g / (r * r))
+        return dh, (ddh - dh / r) / r
+    most = (1.0 - TOUCHING) * K / d**5
+    return most * (30.0 * q - 35.0) / d, most * 35.0 / (d * r * r)
+
+
 @kernel
 def _act(places, moments, edges, of, field, force):
     """Field (k, 3) T of the other segments' dipoles at each dipole, and the force (k, 3) N on it. edges (k,) m: of cubes as large.
 
-    E_ab = g(r) (energy of the dipoles), with g from NEAR and TOUCHING; the derivatives include that of g.
+    E_ab = -h(r) (3 (m . x) (n . x) - (m . n) r^2), with x from b to a; the derivatives include that of h.
     """
     for a in prange(len(places)):
         m0, m1, m2 = moments[a, 0], moments[a, 1], moments[a, 2]
@@ -156,25 +195,15 @@ def _act(places, moments, edges, of, field, force):
             x, y, z = places[a, 0] - places[b, 0], places[a, 1] - places[b, 1], places[a, 2] - places[b, 2]
             n0, n1, n2 = moments[b, 0], moments[b, 1], moments[b, 2]
             r2 = x * x + y * y + z * z
-            r = np.sqrt(r2)
-            s = K / (r2 * r2 * r)
+            h, steep = _radial(np.sqrt(r2) + TINY, 0.5 * (edges[a] + edges[b]))
             nd, md, mn = n0 * x + n1 * y + n2 * z, m0 * x + m1 * y + m2 * z, m0 * n0 + m1 * n1 + m2 * n2
-            d = 0.5 * (edges[a] + edges[b])
-            t = (NEAR - r / d) / (NEAR - 1.0)
-            g, slope = 1.0, 0.0
-            if t > 0.0:  # touching: 1 - TOUCHING smoothstep(t)
-                t = min(t, 1.0)
-                g = 1.0 - TOUCHING * t * t * (3.0 - 2.0 * t)
-                slope = TOUCHING * 6.0 * t * (1.0 - t) / ((NEAR - 1.0) * d)
-            pair = s * (3.0 * md * nd - mn * r2)  # m . B
-            b0 += g * s * (3.0 * nd * x - n0 * r2)
-            b1 += g * s * (3.0 * nd * y - n1 * r2)
-            b2 += g * s * (3.0 * nd * z - n2 * r2)
-            c = mn - 5.0 * md * nd / r2
-            along = slope * pair / r
-            f0 += g * 3.0 * s * (md * n0 + nd * m0 + c * x) + along * x
-            f1 += g * 3.0 * s * (md * n1 + nd * m1 + c * y) + along * y
-            f2 += g * 3.0 * s * (md * n2 + nd * m2 + c * z) + along * z
+            b0 += h * (3.0 * nd * x - n0 * r2)
+            b1 += h * (3.0 * nd * y - n1 * r2)
+            b2 += h * (3.0 * nd * z - n2 * r2)
+            along = steep * (3.0 * md * nd - mn * r2) - 2.0 * h * mn
+            f0 += 3.0 * h * (md * n0 + nd * m0) + along * x
+            f1 += 3.0 * h * (md * n1 + nd * m1) + along * y
+            f2 += 3.0 * h * (md * n2 + nd * m2) + along * z
         field[a, 0], field[a, 1], field[a, 2] = b0, b1, b2
         force[a, 0], force[a, 1], force[a, 2] = f0, f1, f2
 
@@ -196,31 +225,22 @@ def _act_change(places, moments, edges, of, dplaces, dmoments, dfield, dforce):
                 nd, dnd = nd + n * x, dnd + dn * x + n * dx
                 md, dmd = md + m * x, dmd + dm * x + m * dx
                 mn, dmn = mn + m * n, dmn + dm * n + m * dn
-            r = np.sqrt(r2)
-            dr, s = dr2 / (2.0 * r), K / (r2 * r2 * r)
-            ds = -2.5 * s * dr2 / r2
+            r = np.sqrt(r2) + TINY
             d = 0.5 * (edges[a] + edges[b])
-            t = (NEAR - r / d) / (NEAR - 1.0)
-            g, slope, dslope = 1.0, 0.0, 0.0
-            if t > 0.0:
-                steep = 6.0 * TOUCHING / ((NEAR - 1.0) * d)
-                if t < 1.0:
-                    dslope = -steep * (1.0 - 2.0 * t) / ((NEAR - 1.0) * d) * dr
-                t = min(t, 1.0)
-                g, slope = 1.0 - TOUCHING * t * t * (3.0 - 2.0 * t), steep * t * (1.0 - t)
-            gs, dgs = g * s, slope * dr * s + g * ds
-            pair = s * (3.0 * md * nd - mn * r2)
-            dpair = ds * (3.0 * md * nd - mn * r2) + s * (3.0 * (dmd * nd + md * dnd) - dmn * r2 - mn * dr2)
-            c = mn - 5.0 * md * nd / r2
-            dc = dmn - 5.0 * (dmd * nd + md * dnd - md * nd * dr2 / r2) / r2
-            along = slope * pair / r
-            dalong = (dslope * pair + slope * dpair - along * dr) / r
+            h, steep = _radial(r, d)
+            slope, bend = _radial_change(r, d)
+            dr = dr2 / (2.0 * r)
+            dh, dsteep = slope * dr, bend * dr
+            both = 3.0 * md * nd - mn * r2
+            dboth = 3.0 * (dmd * nd + md * dnd) - dmn * r2 - mn * dr2
+            along = steep * both - 2.0 * h * mn
+            dalong = dsteep * both + steep * dboth - 2.0 * (dh * mn + h * dmn)
             for i in range(3):
                 x, dx = places[a, i] - places[b, i], dplaces[a, i] - dplaces[b, i]
                 m, dm, n, dn = moments[a, i], dmoments[a, i], moments[b, i], dmoments[b, i]
-                dfield[a, i] += dgs * (3.0 * nd * x - n * r2) + gs * (3.0 * (dnd * x + nd * dx) - dn * r2 - n * dr2)
-                change = dgs * (md * n + nd * m + c * x) + gs * (dmd * n + md * dn + dnd * m + nd * dm + dc * x + c * dx)
-                dforce[a, i] += 3.0 * change + dalong * x + along * dx
+                dfield[a, i] += dh * (3.0 * nd * x - n * r2) + h * (3.0 * (dnd * x + nd * dx) - dn * r2 - n * dr2)
+                turned = dh * (md * n + nd * m) + h * (dmd * n + md * dn + dnd * m + nd * dm)
+                dforce[a, i] += 3.0 * turned + dalong * x + along * dx
 
 
 @compiled
