@@ -1,16 +1,18 @@
 """Stress and energies of a motion's particles, for its frames."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from magmpm import materials
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, kernel, prange
-from magmpm.effects import acting
-from magmpm.effects.base import BodyEffect
+from magmpm.effects import acting, viscosity
+from magmpm.effects.base import BodyEffect, Contact, Records
+from magmpm.effects.contact_law import most_friction
 from magmpm.effects.hooks import add_energy, add_stress, has_hook, pairs
 from magmpm.model import Model
+from magmpm.results.motion_tables import PAIR
 
 
 def volume_change(model: Model, J: Array) -> Array:
@@ -58,17 +60,53 @@ def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, 
 
 
 def loads_conserve(model: Model) -> bool:
-    """True if no load can add energy: loads are constant, no guide feeds the body, and what holds it does not move. Contact only takes.
+    """True if no load can add energy: loads are constant, no guide feeds the body, and what holds it does not move.
 
-    Loads of the body on itself are held for some steps, which may add a little.
+    Contact and damping only take. Loads of the body on itself have an energy (dynamics.own_loads).
     """
     named = model.scene.effects
-    if model.scene.move or acting.feels_itself(model.scene):
+    if model.scene.move or named.feed is not None:
         return False
     if model.scene.field.varies and (named.magnetic_torque is None) != (named.magnetic_force is None):
         return False  # one without the other has no energy
     records = [record for record, _ in pairs(acting.collect(model.scene, times=np.array([0.0, 1.0])))]
-    return all(len(record) == 1 for record in records) and not has_hook("node", model.effects)
+    return all(len(record) == 1 for record in records)
+
+
+def loses(model: Model) -> bool:
+    """True if something takes energy: damping, viscosity, or friction."""
+    named = model.scene.effects
+    touching = (named.ground, named.walls, named.self_contact)
+    rubs = any(effect is not None and most_friction(model.scene, effect.friction) > 0 for effect in touching)
+    return rubs or any(getattr(effect, "rate", 1.0) > 0 for effect in (named.damping, named.viscosity) if effect is not None)
+
+
+class Measured(NamedTuple):
+    """Stress P (n, 3, 3) Pa, energies (J) and contacts by name, at one time."""
+
+    P: Array
+    energies: dict[str, float]
+    contacts: dict[str, Contact]
+
+
+def measure(motion: Any, named: Records, now: Any, time: float, dt: float) -> Measured:
+    """Stress, energies and contacts of a TotalMotion with the kinematics `now`, at a time (s), in steps of dt (s); named: its effects then,
+    with tables of the present shape."""
+    model = motion.model
+    with motion.threads.alone():
+        strain, P = elastic(model, now.F)
+        add_effects_stress(model, now.x, now.F, named, P)
+        potentials = effect_energies(model, now.x, now.F, time)
+        losses = model.scene.effects.viscosity
+        if losses is not None and losses.branches:
+            W, more = viscosity.stored(losses.branches, now.F, motion.remembered(), motion.lag)
+            P = P + more
+            potentials["viscosity"] = float(W @ model.particles.volume)
+    touching = motion.touching_points()
+    reports = {key: effect.report(model, touching, dt) for key, effect in model.scene.effects.named().items()}
+    contacts = {key: contact for key, contact in reports.items() if contact is not None} | motion.body_contacts()
+    springs = {key: contact["energy"] for key, contact in contacts.items() if PAIR not in key}
+    return Measured(P, {"kinetic": now.kinetic, "elastic": strain, **potentials, **springs}, contacts)
 
 
 @compiled

@@ -22,6 +22,11 @@ in one step, which the bound for small oscillations does not cover. So kernels c
   motion calms down. The same holds for the change of F, averaged over the steps between two checks: silicone of K = 5 G keeps its stiffness
   while it swells from det F = 0.2 to 0.5.
 
+A body whose parts attract each other meets itself again and again, and what a step adds to the energy where springs of contact begin
+within it, or where the body vibrates near the limit of stability, adds up. There the sum of all energies is known, so it is looked at after
+every chunk of steps. If it has moved by more than DRIFT of the largest kinetic energy from what it was, the chunk is taken back, and steps
+are halved, up to FINEST times. They grow again where CALM chunks changed it by little.
+
 A step given in the scene never changes. Where it is too long, the motion ends with a message.
 """
 
@@ -33,7 +38,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.dynamics.energies import volume_change
+from magmpm.dynamics.energies import loads_conserve, loses, measure, volume_change
 from magmpm.dynamics.total_lagrangian import Kinematics, TotalMotion, take
 from magmpm.dynamics.watchdog import Trouble
 from magmpm.effects import acting
@@ -44,6 +49,9 @@ from magmpm.scene.options import DynamicOptions
 
 TIGHT = 1e-3  # relative tolerance of the body's largest eigenvalue
 CHANGE = 0.15  # of the largest stiffness: how much a particle's stiffness may change in one step
+DRIFT = 5e-3  # of the largest kinetic energy: how far the sum of all energies may move; half of what a motion promises
+FINEST = 4  # halvings for it: the error falls as the square of the step
+CALM = 8  # chunks in a row, each within a thirty-second of DRIFT: the next longer step has four times their error
 RESERVE = 0.95  # of the bound: a step above it asks for a new bound
 
 
@@ -160,6 +168,42 @@ def _of_schedule(model: Model) -> float | None:
     return 1.0 / (20 * fastest) if fastest > 0 else None  # between two steps, a straight line is off by about 1 %
 
 
+@dataclass
+class Drift:
+    """How far the sum of all energies has moved, J.
+
+    loses: whether something takes energy, so that only growth is a fault; least, most: of the sum so far; kinetic: the largest; last: the
+    sum before; moved: then; finer: halvings of the step for it; calm: chunks in a row that changed the sum by little.
+    """
+
+    loses: bool
+    least: float = math.inf
+    most: float = -math.inf
+    kinetic: float = 0.0
+    last: float = math.nan
+    moved: float = 0.0
+    finer: int = 0
+    calm: int = 0
+
+    def passes(self, total: float, kinetic: float) -> bool:
+        """Whether the sum may be this after a chunk. If not, nothing is noted but that steps are to be halved."""
+        largest = max(self.kinetic, kinetic)
+        growth, loss = total - min(self.least, total), max(self.most, total) - total
+        moved = growth if self.loses else max(growth, loss)
+        if moved > max(DRIFT * largest, self.moved) + DRIFT / 64 * largest and self.finer < FINEST:
+            self.finer += 1
+            self.calm = 0
+            return False
+        little = abs(total - self.last) < DRIFT / 32 * largest
+        self.calm = self.calm + 1 if little else 0
+        if self.calm >= CALM and self.finer:
+            self.finer -= 1
+            self.calm = 0
+        self.least, self.most = min(self.least, total), max(self.most, total)
+        self.kinetic, self.last, self.moved = largest, total, moved
+        return True
+
+
 class StepControl:
     """The time step of a motion, and when to change it.
 
@@ -175,11 +219,15 @@ class StepControl:
         self.step = self.shortest = self._longest
         self.why = ""
         self._F: Array | None = None  # at the last check
+        self._drift: Drift | None = None
+        if motion.own is not None and options.time_step is None and loads_conserve(motion.model):
+            self._drift = Drift(loses(motion.model))
         self._set_watch()
 
     def state(self) -> dict[str, float | str]:
         """Plain numbers and text that `restore` needs."""
-        return {
+        drift = {} if self._drift is None else {f"drift_{name}": value for name, value in vars(self._drift).items()}
+        return drift | {
             "bound": self._bound, "stiffness": self._stiffness, "halvings": self._halvings, "step": self.step,
             "shortest": self.shortest, "why": self.why,
         }  # fmt: skip
@@ -189,6 +237,8 @@ class StepControl:
         self._bound, self._stiffness, self._halvings = state["bound"], state["stiffness"], int(state["halvings"])
         self.step, self.shortest, self.why = state["step"], state["shortest"], state.get("why", "as before")
         self._F = None
+        if self._drift is not None and "drift_least" in state:
+            self._drift = Drift(**{name: state[f"drift_{name}"] for name in vars(self._drift)})
         self._set_watch()
 
     def warnings(self) -> list[str]:
@@ -197,8 +247,8 @@ class StepControl:
             return []
         return [f"steps were shortened from {self._longest:.3g} s to as little as {self.shortest:.3g} s: {self.why}"]
 
-    def take(self, named: Records, steps: int, dt: float) -> tuple[int, Kinematics, Trouble | None]:
-        """Take up to `steps` steps of dt (s), fewer if the next must be shorter: their number, kinematics then, what is wrong."""
+    def take(self, named: Records, steps: int, dt: float, time: float) -> tuple[int, Kinematics, Trouble | None]:
+        """Take up to `steps` steps of dt (s) from a time (s), fewer if the next must be shorter: their number, kinematics, what is wrong."""
         motion, watch = self._motion, self._motion.watch
         watch[QUICKEST] = 0.0
         kept = motion.kept()
@@ -219,6 +269,15 @@ class StepControl:
         elif self._halvings and watch[QUICKEST] < 0.25 * CHANGE:  # calm: steps grow again
             self._halvings -= 1
             self._choose()
+        if self._drift is not None and now is not None and trouble is None:
+            finer = self._drift.finer
+            total = sum(measure(motion, named, now, time + taken * dt, dt).energies.values())
+            if not self._drift.passes(total, now.kinetic):
+                taken, now = 0, None
+                motion.rewind(kept)
+                self.why = "where the body touches itself longer ones would change its energy"
+            if self._drift.finer != finer:
+                self._choose()
         now = now or motion.kinematics()
         self._F = now.F
         return taken, now, trouble
@@ -258,7 +317,8 @@ class StepControl:
         if self._options.time_step is None:
             largest = self._stable.largest_beside(self._bound)
             allowed = self._longest if self._longest <= RESERVE * largest else self._options.safety * largest
-            self.step = min(allowed, self._longest / 2.0**self._halvings)
+            finer = 0 if self._drift is None else self._drift.finer
+            self.step = min(allowed, self._longest / 2.0**self._halvings) / 2.0**finer
             self.shortest = min(self.shortest, self.step)
         self._set_watch()
 

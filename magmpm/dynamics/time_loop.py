@@ -1,8 +1,4 @@
 """The time loop: `move` simulates the motion of a model, frame by frame.
-
-Loads by which the body acts on itself cost more than a step, so they are held for some steps (OwnLoads). Held at the shape where they were
-computed, they would lag behind the body by half the time they are held, and a load that lags does work: it drives or damps the motion. So
-they are extrapolated from the last two shapes to the middle of the time they are held, which is chosen by their change: of second order.
 """
 
 import math
@@ -20,52 +16,16 @@ from magmpm.dynamics import energies, watchdog
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
 from magmpm.dynamics.step_control import StableStep, StepControl, stable_step
 from magmpm.dynamics.total_lagrangian import Kinematics, TotalMotion
-from magmpm.effects import acting, viscosity
+from magmpm.effects import acting
 from magmpm.errors import InputError, SceneError, SolveError
 from magmpm.kernels.watch import BROKEN, WHY
 from magmpm.model import Model
 from magmpm.results.file_names import forget_motion
-from magmpm.results.motion_tables import PAIR
 from magmpm.results.strain import Strain, strain_of
 from magmpm.results.trajectory import MotionWriter
 from magmpm.scene import Scene, time_limit
 from magmpm.scene.memory import GROWTH
 from magmpm.scene.options import DynamicOptions
-
-FIRST, MOST = 1, 256  # steps for which they are held: the first ones are not extrapolated
-CHANGE = 0.02  # of the largest value, while they are held: the error is some thousandths of these loads
-
-
-class OwnLoads:
-    """Keeps the loads near to the shape of a body that moves; `steps`: for how many steps to hold the next ones."""
-
-    def __init__(self, model: Model) -> None:
-        self.model, self.steps = model, FIRST
-        self._last: list[Array] = []  # tables as computed
-        self._elapsed, self._taken = 0.0, 0  # s and steps since then
-
-    def refresh(self, named: tuple[Any, ...], x: Array, F: Array, held: float) -> None:
-        """Bring the tables of the effects `named` up to date with particles at x (n, 3) m, F (n, 3, 3), to be held for so many s."""
-        acting.refresh(named, self.model, x, F)
-        tables = acting.own_tables(named)
-        now = [table.copy() for table in tables]
-        if self._last and self._elapsed > 0.0:
-            for table, before in zip(tables, self._last, strict=True):
-                table += (table - before) * (0.5 * held / self._elapsed)
-            change = max(_change(new, old) for new, old in zip(now, self._last, strict=True))
-            wanted = self._taken * CHANGE / max(change, 1e-3 * CHANGE)
-            self.steps = int(np.clip(wanted, max(1.0, self.steps / 4), min(2 * self.steps, MOST)))
-        self._last, self._elapsed, self._taken = now, 0.0, 0
-
-    def passed(self, steps: int, dt: float) -> None:
-        """Note that so many steps of dt (s) were taken under these loads."""
-        self._elapsed, self._taken = self._elapsed + steps * dt, self._taken + steps
-
-
-def _change(new: Array, old: Array) -> float:
-    largest = float(np.abs(new).max(initial=0.0))
-    return float(np.abs(new - old).max(initial=0.0)) / largest if largest > 0.0 else 0.0
-
 
 CHUNK = 256  # steps between two checks of the motion
 Progress = Callable[[float, int], None]
@@ -231,10 +191,13 @@ def _save(state: SimulationState, last: Checkpoint, folder: Path | str) -> None:
 def _checkpoint(state: SimulationState, scene_hash: str) -> Checkpoint:
     """The checkpoint of a motion after a frame."""
     motion = state.motion
+    own = {} if motion.own is None else motion.own.state()
     return Checkpoint(
         scene_hash=scene_hash, every=state.every, time=state.time, formulation="total",
         frame=state.frame, steps=state.steps, state=motion.state(),
-        control={**state.control.state(), **state.strain.state(), **state.balance.state(), "dt": state.dt, "energies": state.energies},
+        control={
+            **state.control.state(), **state.strain.state(), **state.balance.state(), **own, "dt": state.dt, "energies": state.energies,
+        },
     )  # fmt: skip
 
 
@@ -243,6 +206,8 @@ def _go_on_from(state: SimulationState, saved: Checkpoint) -> None:
     known = saved.control
     state.motion.restore(saved.state)
     state.control.restore(known)
+    if state.motion.own is not None:
+        state.motion.own.restore(known)
     state.strain, state.balance = Strain.restored(known), watchdog.EnergyBalance.restored(known)
     state.frame, state.steps, state.time, state.dt = saved.frame, saved.steps, saved.time, known.get("dt", state.dt)
     _measure(state, state.motion.kinematics())
@@ -255,25 +220,21 @@ def interval(state: SimulationState, until: float, on_progress: Progress | None 
     Raises SolveError where the motion can't go on.
     """
     model, motion, control = state.motion.model, state.motion, state.control
-    own = OwnLoads(model) if acting.feels_itself(model.scene) else None
+    if motion.own is not None:
+        motion.own.begin()
     while state.time < until:
         start, done = state.time, 0
         count = max(1, math.ceil((until - start) / control.step * (1 - 1e-12)))
         dt = (until - start) / count
         while done < count:
             first = done
-            steps = min(CHUNK if own is None else own.steps, count - first)
+            steps = min(CHUNK, count - first)
             times = start + dt * np.arange(first, first + steps, dtype=float)
             named = acting.collect(model.scene, times=times)
             named += motion.ends.records(times, dt)
-            if own is not None:
-                x, _, F = motion.particles()
-                own.refresh(named, x, F, steps * dt)
             motion.set_off(dt, named)
-            taken, now, trouble = control.take(named, steps, dt)
+            taken, now, trouble = control.take(named, steps, dt, start + dt * first)
             done = first + taken
-            if own is not None:
-                own.passed(taken, dt)
             state.steps, state.dt = state.steps + taken, dt
             state.time = until if done == count else start + dt * done
             trouble = trouble or _wrong(state, now)
@@ -309,20 +270,8 @@ def _measure(state: SimulationState, now: Kinematics) -> None:
     model, motion = state.motion.model, state.motion
     state.x, state.v, state.F = now.x, now.v, now.F
     named = acting.collect(model.scene, times=np.array([state.time]))
-    with motion.threads.alone():
-        elastic, state.P = energies.elastic(model, now.F)
-        acting.refresh(named, model, now.x, now.F)
-        energies.add_effects_stress(model, now.x, now.F, named, state.P)
-        potentials = energies.effect_energies(model, now.x, now.F, state.time)
-        losses = model.scene.effects.viscosity
-        if losses is not None and losses.branches:
-            W, P = viscosity.stored(losses.branches, now.F, motion.remembered(), motion.lag)
-            state.P, potentials["viscosity"] = state.P + P, float(W @ model.particles.volume)
-    touching = motion.touching_points()
-    reports = {key: effect.report(model, touching, state.dt) for key, effect in model.scene.effects.named().items()}
-    state.contacts = {key: contact for key, contact in reports.items() if contact is not None} | motion.body_contacts()
-    springs = {key: contact["energy"] for key, contact in state.contacts.items() if PAIR not in key}
-    state.energies = {"kinetic": now.kinetic, "elastic": elastic, **potentials, **springs}
+    acting.refresh(named, model, now.x, now.F)
+    state.P, state.energies, state.contacts = energies.measure(motion, named, now, state.time, state.dt)
 
 
 def _write(state: SimulationState, writer: MotionWriter | None) -> None:

@@ -17,6 +17,7 @@ from magmpm.compiled.jit import compiled
 from magmpm.compiled.simd import WIDTH
 from magmpm.compiled.thread_count import Threads
 from magmpm.dynamics.body_contact import body_contact
+from magmpm.dynamics.own_loads import OwnLoads
 from magmpm.dynamics.particle_groups import pack
 from magmpm.effects import acting
 from magmpm.effects.base import Contact, Records, Touching
@@ -97,14 +98,23 @@ def at_step(named: Records, step: int) -> Records:
 
 
 def take(motion: TotalMotion, named: Records, steps: int, dt: float) -> tuple[int, bool]:
-    """Take up to `steps` steps of dt (s). Returns the number taken, fewer if the motion's watch ended them, and whether it broke."""
-    taken = 0
+    """Take up to `steps` steps of dt (s). Returns the number taken, fewer if the motion's watch ended them, and whether it broke.
+
+    Loads of the body on itself, in the tables of `named`, are those of its present shape at the end.
+    """
+    taken, broken, own = 0, False, motion.own
     while taken < steps:
-        gone, broken = motion.advance(steps - taken, dt, from_step(named, taken))
+        now = from_step(named, taken)
+        together = steps - taken if own is None else min(own.renew(now, motion), steps - taken)
+        gone, broken = motion.advance(together, dt, now)
         taken += gone
+        if own is not None:
+            own.passed(gone)
         if motion.watch[WHY] != GOING:  # otherwise pairs of a body that touches itself were listed again
-            return taken, broken
-    return taken, False
+            break
+    if own is not None and not broken:
+        own.compute(named, motion)
+    return taken, broken
 
 
 class TotalMotion:
@@ -121,6 +131,7 @@ class TotalMotion:
         on = self.packed.surface
         self.anchor = np.zeros(HELD * len(on.mass) + len(on.first_node))
         self.memory = np.repeat(np.tile(acting.remembered(model.scene), len(self.packed.particle)), WIDTH)
+        self.own = OwnLoads(model) if acting.feels_itself(model.scene) else None
         self.contact = body_contact(model, self.packed)
         if self.contact is not None:
             self.contact.list(self.u)
@@ -174,21 +185,33 @@ class TotalMotion:
             return self._kinematics(self._caught_up(self.stiffness, self.watch))
 
     def _kinematics(self, v: Array) -> Kinematics:
+        position, velocity, deformation = self._kinematics_at(self.u, v)
+        kinetic = 0.5 * float(v @ self.packed.mass.momentum(v.reshape(-1, 3)).ravel())
+        return Kinematics(position, velocity, deformation, kinetic)
+
+    def shape(self, u: Array) -> tuple[Array, Array]:
+        """Position (n, 3) m and F (n, 3, 3) of the particles, in the model's order, at displacements u (3 nodes,) m of the nodes."""
+        now = self._kinematics_at(u, u)
+        return now[0], now[2]
+
+    def _kinematics_at(self, u: Array, v: Array) -> tuple[Array, Array, Array]:
         p, n = self.packed, len(self.model.density)
         position, velocity, deformation = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
         rest = self.model.particles.position
-        total_lagrangian_step.at_particles(p.cells, p.particles, p.particle, self.u, v, rest, position, velocity, deformation)
-        kinetic = 0.5 * float(v @ p.mass.momentum(v.reshape(-1, 3)).ravel())
-        return Kinematics(position, velocity, deformation, kinetic)
+        total_lagrangian_step.at_particles(p.cells, p.particles, p.particle, u, v, rest, position, velocity, deformation)
+        return position, velocity, deformation
 
     def kept(self) -> dict[str, Any]:
         """State that `rewind` needs within the same process."""
-        return {**self.state(), "stiffness": self.stiffness.copy(), "last": self._last}
+        own = None if self.own is None else self.own.kept()
+        return {**self.state(), "stiffness": self.stiffness.copy(), "last": self._last, "own": own}
 
     def rewind(self, kept: dict[str, Any]) -> None:
         """Go back to the state that `kept` returned."""
         self.restore(kept)
         self.stiffness[:], self._last = kept["stiffness"], kept["last"]
+        if self.own is not None:
+            self.own.rewind(kept["own"])
 
     def set_off(self, dt: float, effects: tuple[Any, ...]) -> None:
         """Shift the velocities to half a step of dt (s) before the displacements, as steps of dt expect them.
@@ -198,6 +221,8 @@ class TotalMotion:
         back = dt / 2 - self.lag
         if abs(back) <= 1e-9 * dt:
             return
+        if self.own is not None:
+            self.own.compute(effects, self)
         later = self.v.copy()
         self._advance(1, abs(back), effects, self.u.copy(), later, np.zeros_like(self.v), self.anchor.copy())
         self.v -= np.sign(back) * (later - self.v)

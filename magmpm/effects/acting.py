@@ -153,10 +153,17 @@ def marked(scene: SceneLike, particles: Any, remanence: Array) -> Array:
     return remanence
 
 
-def refresh(named: Records, body: Any, x: Array, F: Array) -> None:
-    """Bring tables that depend on the body's shape up to date, in place. body: a Model; x (n, 3) m, F (n, 3, 3) of its particles."""
-    for kind, _, data in _refreshed(named):
-        kind.refresh(data, _particles(body), x, F)
+def refresh(named: Records, body: Any, x: Array, F: Array) -> float:
+    """Bring tables that depend on the body's shape up to date, in place, and return their energy (`shared_energy`), J.
+
+    body: a Model; x (n, 3) m, F (n, 3, 3) of its particles.
+    """
+    return sum(float(record["share"][0]) * kind.refresh(data, _particles(body), x, F) for kind, record, data in _refreshed(named))
+
+
+def coordinates(named: Records, body: Any, x: Array, F: Array) -> list[Array]:
+    """What the tables of `own_tables` act on (BodyEffect.coordinates), times the shares of their loads."""
+    return [float(record["share"][0]) * kind.coordinates(_particles(body), x, F) for kind, record, _ in _refreshed(named)]
 
 
 def own_tables(named: Records) -> list[Array]:

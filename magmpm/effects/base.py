@@ -174,8 +174,13 @@ class BodyEffect(Effect):
 
     @staticmethod
     @abstractmethod
-    def refresh(data: Array, particles: MarkedParticles, x: Array, F: Array) -> None:
-        """Bring the table up to date, in place; x (n, 3) m, F (n, 3, 3)."""
+    def refresh(data: Array, particles: MarkedParticles, x: Array, F: Array) -> float:
+        """Bring the table up to date, in place; x (n, 3) m, F (n, 3, 3). Returns the energy (J) as `shared_energy` does."""
+
+    @staticmethod
+    @abstractmethod
+    def coordinates(particles: MarkedParticles, x: Array, F: Array) -> Array:
+        """What the table's first numbers act on (k,), linear in x and F: a load that is held has the energy -table . coordinates, J."""
 
     @staticmethod
     @abstractmethod

@@ -80,11 +80,19 @@ class MagneticInteraction(BodyEffect):
         return block
 
     @staticmethod
-    def refresh(data: Array, particles: MarkedParticles, x: Array, F: Array) -> None:
-        """Fields and forces of the deformed body into data, in place."""
-        field, force, _, sizes = _act_on(particles, x, F)
+    def refresh(data: Array, particles: MarkedParticles, x: Array, F: Array) -> float:
+        """Fields and forces of the deformed body into data, in place. Returns E, J."""
+        field, force, moments, sizes = _act_on(particles, x, F)
         rows = data[: SIZE * len(sizes)].reshape(-1, SIZE)
-        rows[:, :3], rows[:, 3:] = field / MU0, force / sizes[:, None]
+        rows[:, :3] = field / MU0
+        rows[:, 3:] = force / sizes[:, None]
+        return -0.5 * float(np.sum(moments * field))
+
+    @staticmethod
+    def coordinates(particles: MarkedParticles, x: Array, F: Array) -> Array:
+        """mu0 times the moment, T m^3, and volume times the place, m^4, of each block."""
+        places, moments, sizes, _ = dipoles(particles, x, F)
+        return np.concatenate([MU0 * moments, sizes[:, None] * places], axis=1).ravel()
 
     @staticmethod
     def refresh_change(change: Array, particles: MarkedParticles, x: Array, F: Array, by: BodyChange) -> None:
@@ -131,15 +139,30 @@ def _act_on(particles: MarkedParticles, x: Array, F: Array) -> tuple[Array, Arra
 def dipoles(particles: MarkedParticles, x: Array, F: Array) -> tuple[Array, Array, Array, NDArray[np.int64]]:
     """Places (k, 3) m, moments (k, 3) A m^2, volumes (k,) m^3 and segment (k,) of the blocks."""
     block, segment, volume, remanence = particles
-    on = np.flatnonzero(block >= 0)
-    number = block[on].astype(np.int64)
-    sizes: Array = np.bincount(number, volume[on]).astype(float)
-    moment = volume[on, None] * np.einsum("nij,nj->ni", F[on], remanence[on, :3]) / MU0
-    moments: Array = np.stack([np.bincount(number, moment[:, i]) for i in range(3)], axis=1)
-    places: Array = np.stack([np.bincount(number, volume[on] * x[on, i]) / sizes for i in range(3)], axis=1)
-    of = np.zeros(len(sizes), np.int64)
-    of[number] = segment[on]
+    count = int(block.max()) + 1
+    sizes, of = np.zeros(count), np.zeros(count, np.int64)
+    places, moments = np.zeros((count, 3)), np.zeros((count, 3))
+    whole = np.ascontiguousarray
+    _gather(whole(block), whole(segment), volume, whole(remanence), whole(x), whole(F), sizes, of, places, moments)
     return places, moments, sizes, of
+
+
+@compiled
+def _gather(block, segment, volume, remanence, x, F, sizes, of, places, moments):
+    """Add up the blocks' volumes (k,), places and moments (k, 3), and write the segment (k,) of each."""
+    for p in range(len(block)):
+        if block[p] < 0.0:
+            continue
+        k = int(block[p])
+        of[k] = segment[p]
+        sizes[k] += volume[p]
+        for i in range(3):
+            places[k, i] += volume[p] * x[p, i]
+            magnetization = F[p, i, 0] * remanence[p, 0] + F[p, i, 1] * remanence[p, 1] + F[p, i, 2] * remanence[p, 2]
+            moments[k, i] += volume[p] / MU0 * magnetization
+    for k in range(len(sizes)):
+        for i in range(3):
+            places[k, i] /= sizes[k]
 
 
 @inlined

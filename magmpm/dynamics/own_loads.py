@@ -1,0 +1,141 @@
+"""Loads by which a body acts on itself, in motion: computed at every step, or held for some steps where that adds no energy.
+
+Computed at every step, for the shape at its start, such a load is a part of leapfrog like any other: over any number of steps its energy
+neither grows nor falls. Where the body has many blocks that costs more than a step, so the load is held. Held at the shape where it was
+computed it would lag behind the body and do work: so it is extrapolated from the last two shapes to the middle of the steps for which it is
+held. But a body that vibrates changes its load within the time for which it is held, and the work that is wrong feeds the vibration.
+
+The energy E that belongs to these loads is known, and so is their work. With y the shape half a step before a load is computed, from which
+on it acts, a load that is held adds (its work from y to the next y) + (the change of E from y to the next y). `added` is the sum since the
+motion began; it may be at most ADDED of the largest kinetic energy, or of the largest change of E. A load is held for as long as the next
+one will add at most a part PART of what is left, and change by at most CHANGE; what it adds grows as the cube of the steps. Where nothing
+is left, the load is computed at every step.
+Sources: Tuckerman, Berne, Martyna, J. Chem. Phys. 97 (1992) 1990, loads with steps of their own; Skeel, Biesiadecki, Ann. Numer. Math. 1
+(1994) 191, and Ma, Izaguirre, Skeel, SIAM J. Sci. Comput. 24 (2003) 1951: held for half a period of a vibration or longer they feed it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.effects import acting
+from magmpm.effects.base import Records
+from magmpm.model import Model
+
+MOST = 256  # steps for which a load may be held
+SINGLE = 8  # loads of one step each before one is held for two: what they cost to try is then a tenth
+CHANGE = 0.02  # of the largest value of a load: how much it may change while it is held
+ADDED = 1e-3  # of the largest energy: what held loads may add in all
+PART = 1 / 8  # of what is left of that: what the next one may add
+
+
+class OwnLoads:
+    """Keeps the loads near to the shape of a body that moves.
+
+    steps: for how many steps to hold the next load; added J: what held loads have added; scale J: the largest energy so far.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.added, self.scale = 0.0, 0.0
+        self._start: float | None = None  # E at the first look, J
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin with loads of one step each, as at every frame: so a motion that is resumed there has the same loads."""
+        self.steps, self._single = 1, 0
+        self._held: _Held | None = None
+        self._before: tuple[list[Array], int] | None = None  # tables as computed, and the steps since
+
+    def state(self) -> dict[str, float]:
+        """Numbers that `restore` needs, at a frame."""
+        return {"own_added": self.added, "own_scale": self.scale} | ({} if self._start is None else {"own_start": self._start})
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go back to a `state`."""
+        self.added, self.scale = state.get("own_added", 0.0), state.get("own_scale", 0.0)
+        self._start = state.get("own_start")
+        self.begin()
+
+    def kept(self) -> dict[str, Any]:
+        """All that `rewind` needs within the same process; nothing in it is changed later."""
+        return dict(vars(self))
+
+    def rewind(self, kept: dict[str, Any]) -> None:
+        """Go back to what `kept` returned."""
+        vars(self).update(kept)
+
+    def compute(self, named: Records, motion: Any) -> float:
+        """Bring the tables of the effects `named` up to date with a TotalMotion. Returns their energy, J."""
+        return acting.refresh(named, self.model, *motion.shape(motion.u))
+
+    def renew(self, named: Records, motion: Any) -> int:
+        """Load the tables for the next steps. Returns for how many of them these are to be held."""
+        energy = self.compute(named, motion)
+        tables = acting.own_tables(named)
+        if self.steps == 1 and self._single < SINGLE:
+            self._single += 1
+            self._before = [table.copy() for table in tables], 0
+            self._held = None
+            return 1
+        early = acting.coordinates(named, self.model, *motion.shape(motion.u - motion.lag * motion.v))
+        now = acting.coordinates(named, self.model, *motion.shape(motion.u))
+        exact = energy - _dot(tables, early) + _dot(tables, now)  # E half a step before, to first order: all that E and work differ by
+        self._look(energy, motion)
+        if self._held is not None:
+            self._judge(exact, early, tables)
+        else:
+            self.steps = 2
+        true = [table.copy() for table in tables]
+        if self._before is not None:
+            for table, before in zip(tables, self._before[0], strict=True):
+                table += (table - before) * (0.5 * (self.steps - 1) / max(self._before[1], 1))
+        self._before = true, 0
+        self._held = _Held([table.copy() for table in tables], early, exact)
+        return self.steps
+
+    def passed(self, steps: int) -> None:
+        """Note that so many steps were taken under these loads."""
+        if self._before is not None:
+            self._before = self._before[0], self._before[1] + steps
+
+    def _look(self, energy: float, motion: Any) -> None:
+        """Note the largest energies."""
+        self._start = energy if self._start is None else self._start
+        kinetic = 0.5 * float(motion.packed.mass.lumped @ (motion.v.reshape(-1, 3) ** 2).sum(axis=1))
+        self.scale = max(self.scale, kinetic, abs(energy - self._start))
+
+    def _judge(self, exact: float, early: list[Array], tables: list[Array]) -> None:
+        """Count what the load that was held has added, and choose for how long to hold the next."""
+        held = self._held
+        assert held is not None and self._before is not None
+        tables_before, taken = self._before
+        moved = [new - old for new, old in zip(early, held.early, strict=True)]
+        added = _dot(held.tables, moved) + exact - held.exact
+        self.added += added
+        left = PART * (ADDED * self.scale - abs(self.added))
+        change = max(_change(new, old) for new, old in zip(tables, tables_before, strict=True))
+        by_energy = 0.0 if left <= 0.0 else taken * (left / max(abs(added), 1e-30)) ** (1 / 3)
+        by_change = taken * CHANGE / max(change, 1e-30)
+        self.steps = int(np.clip(min(by_energy, by_change), 1, min(2 * taken, MOST)))
+        self._single = 0
+
+
+class _Held:
+    """A load that is held: its tables, and the coordinates and the energy E (J) of the body half a step before it was computed."""
+
+    def __init__(self, tables: list[Array], early: list[Array], exact: float) -> None:
+        self.tables, self.early, self.exact = tables, early, exact
+
+
+def _dot(tables: list[Array], coordinates: list[Array]) -> float:
+    """Work (J) of loads along these coordinates."""
+    return sum(float(table[: len(along)] @ along) for table, along in zip(tables, coordinates, strict=True))
+
+
+def _change(new: Array, old: Array) -> float:
+    largest = float(np.abs(new).max(initial=0.0))
+    return float(np.abs(new - old).max(initial=0.0)) / largest if largest > 0.0 else 0.0
