@@ -29,6 +29,7 @@ MOST = 256  # steps for which a load may be held
 SINGLE = 8  # loads of one step each before one is held for two: what they cost to try is then a tenth
 CHANGE = 0.02  # of the largest value of a load: how much it may change while it is held
 ADDED = 1e-3  # of the largest energy: what held loads may add in all
+RELEASE = 0.97  # a load: how fast it is forgotten what loads added; where a body turns round they add nothing, but the next ones do
 PART = 1 / 8  # of what is left of that: what the next one may add
 
 
@@ -47,6 +48,7 @@ class OwnLoads:
     def begin(self) -> None:
         """Begin with loads of one step each, as at every frame: so a motion that is resumed there has the same loads."""
         self.steps, self._single = 1, 0
+        self._rate = 0.0  # J: what the next load adds, over the cube of the steps for which it is held
         self._held: _Held | None = None
         self._before: tuple[list[Array], int] | None = None  # tables as computed, and the steps since
 
@@ -111,14 +113,18 @@ class OwnLoads:
     def _judge(self, exact: float, early: list[Array], tables: list[Array]) -> None:
         """Count what the load that was held has added, and choose for how long to hold the next."""
         held = self._held
-        assert held is not None and self._before is not None
+        assert held is not None
+        assert self._before is not None
         tables_before, taken = self._before
+        if taken == 0:
+            return
         moved = [new - old for new, old in zip(early, held.early, strict=True)]
         added = _dot(held.tables, moved) + exact - held.exact
         self.added += added
         left = PART * (ADDED * self.scale - abs(self.added))
         change = max(_change(new, old) for new, old in zip(tables, tables_before, strict=True))
-        by_energy = 0.0 if left <= 0.0 else taken * (left / max(abs(added), 1e-30)) ** (1 / 3)
+        self._rate = max(abs(added) / taken**3, RELEASE * self._rate)
+        by_energy = 0.0 if left <= 0.0 else (left / max(self._rate, 1e-60)) ** (1 / 3)
         by_change = taken * CHANGE / max(change, 1e-30)
         self.steps = int(np.clip(min(by_energy, by_change), 1, min(2 * taken, MOST)))
         self._single = 0

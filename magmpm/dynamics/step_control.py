@@ -49,7 +49,7 @@ from magmpm.scene.options import DynamicOptions
 
 TIGHT = 1e-3  # relative tolerance of the body's largest eigenvalue
 CHANGE = 0.15  # of the largest stiffness: how much a particle's stiffness may change in one step
-DRIFT = 5e-3  # of the largest kinetic energy: how far the sum of all energies may move; half of what a motion promises
+DRIFT = 7.5e-3  # of the largest kinetic energy: how far the sum of all energies may move; a motion promises 1 %
 FINEST = 4  # halvings for it: the error falls as the square of the step
 CALM = 8  # chunks in a row, each within a thirty-second of DRIFT: the next longer step has four times their error
 RESERVE = 0.95  # of the bound: a step above it asks for a new bound
@@ -248,7 +248,10 @@ class StepControl:
         return [f"steps were shortened from {self._longest:.3g} s to as little as {self.shortest:.3g} s: {self.why}"]
 
     def take(self, named: Records, steps: int, dt: float, time: float) -> tuple[int, Kinematics, Trouble | None]:
-        """Take up to `steps` steps of dt (s) from a time (s), fewer if the next must be shorter: their number, kinematics, what is wrong."""
+        """Take up to `steps` steps of dt (s) from a time (s), fewer if the next must be shorter.
+
+        Returns their number, the kinematics then, and what is wrong.
+        """
         motion, watch = self._motion, self._motion.watch
         watch[QUICKEST] = 0.0
         kept = motion.kept()

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,13 @@ from reference.dynamics import Total, elastic_stress
 from reference.in_motion import free_rod, moving
 from reference.moving import moving_scene
 from reference.scenes import rod_scene
+from reference.stopped import interrupted
 
-from magmpm.dynamics import time_loop
-from magmpm.dynamics.time_loop import OwnLoads, SimulationState, begin, integrate, interval
+from magmpm.dynamics import own_loads
+from magmpm.dynamics.own_loads import OwnLoads
+from magmpm.dynamics.time_loop import SimulationState, begin, integrate, interval
 from magmpm.effects import acting
+from magmpm.errors import SolveError
 from magmpm.fields.dipole import MU0
 from magmpm.model import Model, build
 from magmpm.results.trajectory import Motion
@@ -44,76 +48,138 @@ def test_a_schedule_goes_on_within_a_chunk_of_steps() -> None:
     np.testing.assert_allclose(moved.motion.u.reshape(-1, 3), c, rtol=0, atol=ROUNDING * np.abs(c).max() + 1e-16)
 
 
-def test_what_segments_do_to_each_other_follows_the_shape(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Held for 4 steps: fields of the present shape, a thousandth off those of the undeformed one, and half of their change in 4 steps."""
-    for name, value in {"FIRST": 4, "MOST": 4, "CHANGE": 1e9}.items():
-        monkeypatch.setattr(time_loop, name, value)
+def segments_that_turn() -> Model:
+    """Two segments that turn each other."""
     body: dict[str, Any] = {"length": 8e-3, "directions": [(0.3, 0.2, 1.0), (-1.0, 0.4, 0.0)]}
-    model = build(free_rod({"magnetic_interaction": {}}, **body))
+    return build(free_rod({"magnetic_interaction": {}}, **body))
+
+
+def by_hand(model: Model, dt: float, held: int) -> np.ndarray:
+    """Displacement of the nodes (nodes, 3) m after 8 steps of dt (s), with loads held for some steps each, for the middle of these."""
+    total = Total.of(model)
+    c, v = np.zeros((2, *total.X.shape))
+    before: list[np.ndarray] = []
+    for step in range(8):
+        if step % held == 0:
+            acting.refresh(model.effects, model, model.particles.position + total.N @ c, np.eye(3) + total.gradient(c))
+            tables = acting.own_tables(model.effects)
+            now = [table.copy() for table in tables]
+            for table, old in zip(tables, before, strict=bool(before)):
+                table += (table - old) * (held - 1) / 2 / held
+            before = now
+        if step == 0:
+            v = -total.step(c, v, dt / 2)[1]  # a load from the first step on: velocities are those of half a step before
+        c, v = total.step(c, v, dt)
+    return np.asarray(c)
+
+
+@pytest.mark.parametrize(("single", "held"), [(own_loads.SINGLE, 1), (0, 2)])
+def test_what_segments_do_to_each_other_follows_the_shape(monkeypatch: pytest.MonkeyPatch, single: int, held: int) -> None:
+    """A load acts at the shape for which it was computed: of one step at its start, where leapfrog pushes; of two in their middle."""
+    for name, value in {"SINGLE": single, "MOST": held, "CHANGE": 1e9, "ADDED": 1e9}.items():
+        monkeypatch.setattr(own_loads, name, value)
+    model = segments_that_turn()
     moved = begin(model)
-    interval(moved, 12 * moved.control.step)
-    assert moved.steps == 12
-    found = {}
-    for every in (4, 12):
-        total, dt = Total.of(model), moved.dt
-        c, v = np.zeros((2, *total.X.shape))
-        before: list[np.ndarray] = []
-        for step in range(12):
-            if step % every == 0:
-                acting.refresh(model.effects, model, model.particles.position + total.N @ c, np.eye(3) + total.gradient(c))
-                tables = acting.own_tables(model.effects)
-                now = [table.copy() for table in tables]
-                for table, old in zip(tables, before, strict=bool(before)):
-                    table += (table - old) / 2
-                before = now
-            if step == 0:
-                v = -total.step(c, v, dt / 2)[1]  # a load from the first step on: velocities are those of half a step before
-            c, v = total.step(c, v, dt)
-        found[every] = c
-    size = np.abs(found[4]).max()
-    np.testing.assert_allclose(moved.motion.u.reshape(-1, 3), found[4], rtol=0, atol=ROUNDING * size)
-    assert np.abs(found[12] - found[4]).max() > 1e3 * ROUNDING * size
+    interval(moved, 8 * moved.control.step)
+    assert moved.steps == 8
+    found, other = by_hand(model, moved.dt, held), by_hand(model, moved.dt, 4)
+    size = np.abs(found).max()
+    np.testing.assert_allclose(moved.motion.u.reshape(-1, 3), found, rtol=0, atol=ROUNDING * size)
+    assert np.abs(other - found).max() > 1e2 * ROUNDING * size, "other loads would be seen"
 
 
-DT = 1e-5
+class Spring:
+    """A stand-in for a motion: a node of 1 kg, pulled toward the origin by a load on itself, -stiffness u N/m, in steps of leapfrog."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, stiffness: float, dt: float) -> None:
+        self.stiffness, self.dt, self.lag = stiffness, dt, dt / 2
+        self.u, self.table = np.array([1.0, 0.0, 0.0]), np.zeros(3)
+        self.v = 0.5 * dt * stiffness * self.u
+        self.packed = SimpleNamespace(mass=SimpleNamespace(lumped=np.ones(1)))
+        monkeypatch.setattr(acting, "refresh", self.refresh)
+        monkeypatch.setattr(acting, "own_tables", lambda named: [self.table])
+        monkeypatch.setattr(acting, "coordinates", lambda named, model, x, F: [x])
+
+    def refresh(self, named: Any, model: Any, x: np.ndarray, F: np.ndarray) -> float:
+        self.table[:] = -self.stiffness * x
+        return 0.5 * self.stiffness * float(x @ x)
+
+    def shape(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return u, u
+
+    def energy(self) -> float:
+        now = self.v - 0.5 * self.dt * self.stiffness * self.u
+        return 0.5 * float(now @ now) + 0.5 * self.stiffness * float(self.u @ self.u)
+
+    def swing(self, own: OwnLoads, periods: float) -> tuple[list[int], float]:
+        """For how many steps each load was held, and the part by which the energy has changed after so many periods."""
+        held: list[int] = []
+        start = self.energy()
+        while sum(held) * self.dt * np.sqrt(self.stiffness) < 2 * np.pi * periods:
+            held.append(own.renew((), self))
+            for _ in range(held[-1]):
+                self.v = self.v + self.dt * self.table
+                self.u = self.u + self.dt * self.v
+            own.passed(held[-1])
+        return held, self.energy() / start - 1.0
 
 
-def driven(monkeypatch: pytest.MonkeyPatch, rate: float) -> list[tuple[float, float, int]]:
-    """The middle of the time for which loads 1 + rate t (t in s) are held, the value they are given, and for how many steps: 40 times."""
-    table, clock = np.zeros(2), [0.0]
-
-    def refresh(named: Any, model: Any, x: Any, F: Any) -> None:
-        table[:] = 1.0 + rate * clock[0]
-
-    monkeypatch.setattr(acting, "refresh", refresh)
-    monkeypatch.setattr(acting, "own_tables", lambda named: [table])
-    own, seen = OwnLoads(None), []  # type: ignore[arg-type]
-    for _ in range(40):
-        steps = own.steps
-        own.refresh((), np.zeros((0, 3)), np.zeros((0, 3, 3)), steps * DT)
-        seen.append((clock[0] + steps * DT / 2, float(table[0]), steps))
-        clock[0] += steps * DT
-        own.passed(steps, DT)
-    return seen
+LEAPFROG = 2e-3  # of the energy: (omega dt)^2 / 8 of a period of 50 steps, by which the energy of leapfrog goes up and down
 
 
-def test_loads_that_change_evenly_have_their_value_in_the_middle(monkeypatch: pytest.MonkeyPatch) -> None:
-    for middle, value, _ in driven(monkeypatch, rate=3.0)[1:]:
-        assert value == pytest.approx(1.0 + 3.0 * middle, rel=1e-12)
+def test_loads_that_change_slowly_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten periods of 5000 steps each. What the held loads have added is known: it is what the energy has changed by.
+
+    Of the first two hundred, in half a period, each is held for some steps; at its zero, where it changes most for its size, for one or two.
+    """
+    own = OwnLoads(None)  # type: ignore[arg-type]
+    held, changed = Spring(monkeypatch, 1.0, 2 * np.pi / 5000).swing(own, 10)
+    assert np.mean(held[:200]) > 4
+    assert own.added < 1.1 * own_loads.ADDED * own.scale
+    assert own.added / 0.5 == pytest.approx(changed, abs=0.01 * own_loads.ADDED)  # of the half J that it has in all
 
 
-@pytest.mark.parametrize(("rate", "steps"), [(0.0, time_loop.MOST), (1e5, 1)])
-def test_they_are_held_by_how_much_they_change(monkeypatch: pytest.MonkeyPatch, rate: float, steps: int) -> None:
-    seen = driven(monkeypatch, rate)
-    assert seen[0][2] == time_loop.FIRST
-    assert seen[-1][2] == steps
+def test_loads_of_a_vibration_are_computed_at_each_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thousand periods of 50 steps: held at will they add energy without end; what they may add is used up, and then none is held."""
+    stiffness, dt = 1.0, 2 * np.pi / 50
+    own = OwnLoads(None)  # type: ignore[arg-type]
+    held, changed = Spring(monkeypatch, stiffness, dt).swing(own, 200)
+    assert abs(changed) < own_loads.ADDED + LEAPFROG
+    assert np.mean(held) < 1.5
+    for name, value in {"CHANGE": 1e9, "ADDED": 1e9, "MOST": 8}.items():
+        monkeypatch.setattr(own_loads, name, value)
+    _, changed = Spring(monkeypatch, stiffness, dt).swing(OwnLoads(None), 200)  # type: ignore[arg-type]
+    assert abs(changed) > 1.0
 
 
-def test_the_change_while_held_is_the_one_that_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The number of steps settles where the value changes by CHANGE."""
-    middle, value, steps = driven(monkeypatch, rate=30.0)[-1]
-    assert steps * DT * 30.0 / value == pytest.approx(time_loop.CHANGE, rel=0.1)
-    assert middle > 0
+def test_a_motion_whose_own_loads_add_energy_is_stopped(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The sum of all energies is watched where the body acts on itself: here loads that are five times those of their energy."""
+    compute = acting.refresh
+
+    def too_much(named: Any, *rest: Any) -> float:
+        energy = compute(named, *rest)
+        for table in acting.own_tables(named):
+            table *= 5.0
+        return energy
+
+    monkeypatch.setattr(acting, "refresh", too_much)
+    scene = segments_that_turn().scene.to_si()
+    scene["solver"]["dynamic"].update(duration=5e-3, output_every=5e-4)
+    with pytest.raises(SolveError, match="energy appeared from nothing"):
+        integrate(begin(build(Scene.from_si(scene))))
+
+
+def test_a_motion_with_interaction_resumes_to_the_bit(tmp_path: Path) -> None:
+    """Loads begin anew at each frame, and what they have added goes on."""
+    data = segments_that_turn().scene.to_si()
+    data["solver"]["dynamic"].update(duration=2e-3, output_every=2.5e-4)
+    scene = Scene.from_si(data)
+    interrupted(scene, tmp_path, 0.8e-3)
+    again, whole = integrate(begin(build(scene)), folder=tmp_path, resume=True), integrate(begin(build(scene)))
+    assert again.x.tobytes() == whole.x.tobytes()
+    assert again.energies == whole.energies
+    assert again.motion.own is not None
+    assert again.motion.own.state() == whole.motion.own.state()
 
 
 @pytest.mark.slow

@@ -54,6 +54,30 @@ def test_a_neighbours_mean_field(direction: tuple[float, float, float], axis: in
         np.testing.assert_allclose(np.delete(mean, axis), 0.0, atol=1e-9)
 
 
+def pair(r: float, moments: np.ndarray) -> tuple[float, np.ndarray]:
+    """Energy (J) of two cubes of 1 mm at the distance r (m) along x, and the force (3,) N on the second."""
+    places, field, force = np.array([[0.0, 0.0, 0.0], [r, 0.0, 0.0]]), np.zeros((2, 3)), np.zeros((2, 3))
+    interaction._act(places, moments, np.full(2, 1e-3), np.arange(2), field, force)
+    return -0.5 * float(np.sum(moments * field)), force[1]
+
+
+def test_the_energy_of_blocks_that_overlap_is_bounded(rng: np.random.Generator) -> None:
+    """Springs of contact let bodies overlap; dipoles would then fall into each other. At every distance the force is the energy's slope."""
+    along = np.array([[1e-3, 0.0, 0.0]] * 2)
+    touching = pair(1e-3, along)[0]
+    near = [pair(r, along)[0] / touching for r in np.linspace(1e-6, 1e-3, 200)]
+    assert min(near) >= 0.0
+    assert max(near) < 2.0, "the work of two cubes that fall together is less than that of two which meet"
+    moments = 1e-3 * rng.standard_normal((2, 3))
+    step = 1e-7
+    for r in (0.2e-3, 0.7e-3, 0.999e-3, 1.001e-3, 1.2e-3, 1.349e-3, 1.351e-3, 3e-3):
+        slope = (pair(r + step, moments)[0] - pair(r - step, moments)[0]) / (2 * step)
+        assert pair(r, moments)[1][0] == pytest.approx(-slope, rel=1e-6), "an error of (step / r)^2"
+    at_one_place = pair(0.0, moments)
+    assert at_one_place[0] == 0.0
+    assert not at_one_place[1].any()
+
+
 def test_momentum_and_angular_momentum_stay(rng: np.random.Generator) -> None:
     """Forces cancel, and so do torques (of forces and of fields on moments)."""
     model = static_model(build(scene(MIXED)))
