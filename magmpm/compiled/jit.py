@@ -20,6 +20,7 @@ import numba
 from numba import prange, types
 from numba.extending import overload
 
+import magmpm.compiled.fork  # noqa: F401  (what becomes of kernels in a fork)
 from magmpm.compiled.cache import jit
 from magmpm.errors import InputError
 
