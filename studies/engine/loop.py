@@ -247,6 +247,10 @@ class _Run(StudySession):
                     ended = self.ended(stop)
                     if pool is None or (ended is not None and not at_work):
                         return ended or "trials"
+                    if at_work:
+                        self.session.works()
+                    elif self.shared:
+                        self.session.tell_wait()
                     while self.ended(stop) is None and pool.idle and self.wanted(len(at_work)):
                         begun, pending = time.perf_counter(), self.ask()
                         if not self.shared or self.in_time(pending):
@@ -284,7 +288,18 @@ class _Run(StudySession):
 
     def ask(self) -> optuna.Trial:
         """The next trial, with its design."""
-        pending = self.store(uninterrupted()(lambda: self.kept.ask(self.distributions)))  # a trial that is begun must say whose it is
+        while True:
+            try:
+                return self._asked()
+            except UpdateFinishedTrialError:
+                if not self.shared:
+                    raise
+                late = "this session was not heard of for long, and another one took up its trial before it had a design"
+                self.session.lost.append(late)
+
+    def _asked(self) -> optuna.Trial:
+        # uninterrupted: a trial that is begun must say whose it is
+        pending = self.store(uninterrupted()(lambda: self.kept.ask(self.distributions)))
         if self.shared:
             self.store(lambda: self.storage.set_trial_user_attr(trial_id(pending), READY, True))
         return pending

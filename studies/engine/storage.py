@@ -125,7 +125,7 @@ class Store:
 
     def __init__(self, url: str, timeout: float, outage: float, tell: Callable[[str], None]) -> None:
         """timeout: s to wait for a locked SQLite file; outage: s to wait for a server."""
-        self.url, self.timeout, self.outage, self._tell = url, timeout, outage, tell
+        self.url, self.timeout, self.outage, self.tell = url, timeout, outage, tell
         self.storage: optuna.storages.BaseStorage | None = None
 
     def open(self) -> optuna.storages.BaseStorage:
@@ -155,7 +155,7 @@ class Store:
                 if begun is None:
                     begun = time.monotonic()
                     reason = str(error).splitlines()[1].strip().removeprefix("rule: ")
-                    self._tell(f"{shown_url(self.url)} does not answer ({reason}); waiting for it up to {self.outage / 60:.0f} min")
+                    self.tell(f"{shown_url(self.url)} does not answer ({reason}); waiting for it up to {self.outage / 60:.0f} min")
                 if time.monotonic() - begun > self.outage:
                     raise
                 self.forget()
@@ -163,7 +163,7 @@ class Store:
                 pause = min(2 * pause, 5.0)
             else:
                 if begun is not None:
-                    self._tell(f"{shown_url(self.url)} answers again")
+                    self.tell(f"{shown_url(self.url)} answers again")
                 return found
 
 

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import math
 import os
 import shutil
 import sqlite3
@@ -27,7 +28,17 @@ from magmpm.studies.engine.records import artifact_store
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.engine.storage import StorageError
 from magmpm.studies.engine.storage_url import known_url
-from magmpm.studies.engine.workers.sessions import BEAT, LEASE, RECORD, STALE, Session
+from magmpm.studies.engine.workers.sessions import (
+    BEAT,
+    LEASE,
+    RECORD,
+    SESSION,
+    STALE,
+    Session,
+    _started,
+    alive,
+    this_process,
+)
 from magmpm.studies.search.definition import Study, load_study
 
 LOCKER = """\
@@ -344,29 +355,84 @@ def test_a_trial_left_behind_elsewhere_is_taken_up(tmp_path: Path, monkeypatch: 
     assert json.loads((tmp_path / "b/out/study.json").read_text())["trials"] == 8
 
 
+def test_a_process_that_has_ended_and_that_nobody_has_waited_for_is_not_alive(tmp_path: Path) -> None:
+    child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    owner = {**this_process(tmp_path), "pid": child.pid, "started": _started(child.pid)}
+    assert alive(owner, tmp_path / "elsewhere", 1.0)
+    child.kill()
+    os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
+    assert not alive(owner, tmp_path / "elsewhere", 1.0)
+    child.communicate()
+
+
 # Which sessions of workers count as dead, without processes
 
 
 def session(looked: float = 0.0) -> Session:
-    """One that looked so many seconds ago, and has seen the beat 7 of another."""
+    """One that looked so many seconds ago, and has seen the beat 7 of another, and a trial of nobody, just before their lease ended."""
     found: Any = Session.__new__(Session)
-    found.name, found.out, found.store = "mine", None, lambda call: call()
-    found.kept = SimpleNamespace(user_attrs={}, get_trials=lambda **_: [])
-    found._looked, found._seen = time.monotonic() - looked, {"other": (7, time.monotonic() - LEASE - 1)}
+    found.name, found.out, found.store = "mine", Path("out"), lambda call: call()
+    found._looked = time.monotonic() - looked
+    found._silence = {"other": (7, LEASE - 1.0), "trial 4": (None, LEASE - 1.0)}
     return found
 
 
-def test_a_session_elsewhere_is_dead_once_its_lease_is_over() -> None:
-    trial: Any = SimpleNamespace(number=3, datetime_start=None)
-    records = {RECORD + "other": {"host": "elsewhere", "beat": 7}}
-    assert session()._is_dead("other", trial, records)
-    fresh = session()
-    fresh._seen["other"] = (7, time.monotonic())
-    assert not fresh._is_dead("other", trial, records)
+def taken_up(one: Session, beat: int) -> list[int]:
+    """Numbers of the trials that it takes up: 3 is of a session elsewhere, which has this beat, and 4 of none."""
+    other = SimpleNamespace(number=3, datetime_start=None, user_attrs={SESSION: "other"})
+    nobodys = SimpleNamespace(number=4, datetime_start=None, user_attrs={})
+    records = {RECORD + "other": {"host": "elsewhere", "beat": beat}}
+    found: list[int] = []
+    one.kept = SimpleNamespace(user_attrs=records, get_trials=lambda **_: [other, nobodys])  # type: ignore[assignment]
+    one._take_up = lambda trial: found.append(trial.number)  # type: ignore[method-assign]
+    one.sweep(set())
+    return found
 
 
-def test_beats_that_could_not_be_seen_count_for_nothing() -> None:
-    for looked, known in ((0.0, 1), (2 * BEAT + 1, 0)):
-        one = session(looked)
-        one.sweep(set())
-        assert len(one._seen) == known
+def test_a_session_elsewhere_is_dead_once_its_lease_is_over_and_so_is_a_trial_that_is_nobodys() -> None:
+    assert taken_up(session(looked=0.5), 7) == []
+    assert taken_up(session(looked=1.5), 7) == [3, 4]
+    assert taken_up(session(looked=1.5), 8) == [4]
+
+
+def test_of_a_time_when_no_beat_could_be_seen_two_beats_count() -> None:
+    one = session()
+    one._silence = {who: (beat, 0.0) for who, (beat, _) in one._silence.items()}
+    one._looked -= 10 * LEASE
+    assert taken_up(one, 7) == []
+    assert one._silence == {"other": (7, 2 * BEAT), "trial 4": (None, 2 * BEAT)}
+
+
+def test_a_session_that_waits_says_for_what() -> None:
+    """Once it has waited for PATIENCE, and again after each LEASE, but not while it has something to do."""
+    one = session()
+    said: list[str] = []
+    one.store.tell = said.append
+    records = {RECORD + "other": {"host": "elsewhere pid:[1]", "pid": 4711, "beat": 7}}
+    other = SimpleNamespace(number=3, user_attrs={SESSION: "other"})
+    nobodys = SimpleNamespace(number=4, user_attrs={})
+    one.kept = SimpleNamespace(user_attrs=records, get_trials=lambda **_: [other, nobodys])  # type: ignore[assignment]
+    one.works()
+    one.tell_wait()
+    assert said == []
+    for _ in range(2):
+        one._said -= LEASE
+        one.tell_wait()
+        one.tell_wait()
+    assert len(said) == 2
+    assert "trial 3, by process 4711 on elsewhere; trial 4, which no session has named as its own" in said[0]
+    assert "queued again in 1 s" in said[0]
+
+
+@pytest.mark.parametrize("pause", [0.5 * BEAT, 5 * BEAT])
+def test_however_rarely_a_session_looks_it_finds_the_dead(pause: float) -> None:
+    """Also where its pauses are longer than two beats: as often as it takes for them to make up a lease."""
+    one = session()
+    one._silence = {}
+    found = taken_up(one, 7)
+    looks = 0
+    while not found and looks < 100:
+        one._looked -= pause
+        found = taken_up(one, 7)
+        looks += 1
+    assert (found, looks) == ([3, 4], math.ceil(LEASE / min(pause, 2 * BEAT)))

@@ -1,4 +1,4 @@
-"""A PostgreSQL server and Optuna's gRPC proxy for tests, on this machine's loopback alone, each ended with its test.
+"""A PostgreSQL server and Optuna's gRPC proxy for tests, on this machine's loopback alone, each ended with its test; and sessions for them.
 
 PostgreSQL does not run as root: then it runs as the user nobody.
 """
@@ -16,6 +16,7 @@ from contextlib import contextmanager, suppress
 from glob import glob
 from pathlib import Path
 
+HERE = Path(__file__).parent
 USER, PASSWORD, NAME = "magmpm", "kept-to-ourselves", "trials"
 
 
@@ -132,3 +133,11 @@ def grpc_proxy(url: str) -> Iterator[str]:
             yield f"grpc://localhost:{port}"
         finally:
             child.terminate()
+
+
+def session(study: Path, out: Path, workers: int, url: str, seconds: float = 0.1, **env: str) -> subprocess.Popen[str]:
+    """A session with its workers, in a process of its own (session.py)."""
+    path = os.pathsep.join([str(HERE), str(HERE.parent / "studies"), os.environ.get("PYTHONPATH", "")])
+    known = {**os.environ, "PYTHONPATH": path, "MAGMPM_STORAGE": url, "TEST_SECONDS": str(seconds), **env}
+    command = [sys.executable, str(HERE / "session.py"), str(study), str(out), str(workers)]
+    return subprocess.Popen(command, env=known, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

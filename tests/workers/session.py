@@ -14,12 +14,14 @@ import rod_solve
 
 from magmpm.errors import MagmpmError
 from magmpm.scene import Scene
+from magmpm.studies.engine import loop
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.workers import sessions
 from magmpm.studies.search.definition import load_study
 
 SECONDS = "TEST_SECONDS"
 DEADLY = "TEST_DEADLY"  # a file: whoever finds it in a solve deletes it and dies
+KILLED = "TEST_KILLED"  # a number: SIGKILL when the third design is requested, before that request's commit of this number (from 0)
 HANGING = "TEST_HANGING"  # a file: whoever finds it in a solve deletes it and hangs, deaf to all signals that can be ignored
 
 
@@ -52,10 +54,39 @@ def set_clock(offset: float) -> None:
     rdb.datetime = sessions.datetime = Shifted  # type: ignore[attr-defined, misc]
 
 
+def kill_in_ask(at: int) -> None:
+    """Let this process die while it requests its third design: before one of the request's commits, or right after the last."""
+    from sqlalchemy import Engine, event
+
+    calls, commits = 0, 0
+    ask = loop._Run.ask
+
+    def counted(run: Any) -> Any:
+        nonlocal calls
+        calls += 1
+        pending = ask(run)
+        if calls == 3:
+            print(f"{commits} commits", file=sys.stderr, flush=True)
+            os.kill(os.getpid(), signal.SIGKILL)
+        return pending
+
+    @event.listens_for(Engine, "commit")
+    def on_commit(_: object) -> None:
+        nonlocal commits
+        if calls == 3:
+            if commits == at:
+                os.kill(os.getpid(), signal.SIGKILL)
+            commits += 1
+
+    loop._Run.ask = counted  # type: ignore[method-assign]
+
+
 def main(study: str, out: str, workers: str) -> int:
     from interruptible import draw
 
     sessions.BEAT, sessions.LEASE = 0.5, 4.0
+    if KILLED in os.environ:
+        kill_in_ask(int(os.environ[KILLED]))
     if "TEST_CLOCK" in os.environ:
         set_clock(float(os.environ["TEST_CLOCK"]))
     import session  # so that workers find `slow` by name

@@ -1,10 +1,7 @@
 """Four workers on PostgreSQL, and on Optuna's gRPC proxy, while workers and sessions are killed: nothing lost, nothing doubled."""
 
-import os
 import random
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,13 +10,12 @@ import optuna
 import psutil
 import pytest
 from rod_solve import STUDY, write_study
-from servers import PASSWORD, Postgres, grpc_proxy, postgres, program
+from servers import PASSWORD, Postgres, grpc_proxy, postgres, program, session
 
 from magmpm.studies.engine.storage import open_storage
 from magmpm.studies.engine.storage_url import storage_url
 from magmpm.studies.engine.workers.sessions import RERUN_OF
 
-HERE = Path(__file__).parent
 WANTED = 40
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(program("initdb") is None, reason="needs PostgreSQL: apt-get install postgresql")]
 pytest.importorskip("psycopg", reason="an extra: pip install -e '.[postgresql]'")
@@ -29,14 +25,6 @@ pytest.importorskip("psycopg", reason="an extra: pip install -e '.[postgresql]'"
 def server() -> Iterator[Postgres]:
     with postgres() as running:
         yield running
-
-
-def session(study: Path, out: Path, workers: int, url: str, seconds: float = 0.1, **env: str) -> subprocess.Popen[str]:
-    """A session with its workers."""
-    path = os.pathsep.join([str(HERE), str(HERE.parent / "studies"), os.environ.get("PYTHONPATH", "")])
-    known = {**os.environ, "PYTHONPATH": path, "MAGMPM_STORAGE": url, "TEST_SECONDS": str(seconds), **env}
-    command = [sys.executable, str(HERE / "session.py"), str(study), str(out), str(workers)]
-    return subprocess.Popen(command, env=known, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def trials_of(url: str, name: str) -> list[optuna.trial.FrozenTrial]:

@@ -4,6 +4,9 @@ A session is one `magmpm design`, with all its workers. Each trial of a shared s
 a beat into the storage every BEAT seconds. A session is dead if its process is gone, as far as this machine can see it; of another machine
 if its beat has not changed for LEASE seconds by our own clock, so that clocks that differ or are set back do no harm.
 
+A storage gives out a trial first and takes the name of its session afterwards. A session that is killed between the two leaves a trial that
+nobody has named as theirs: it counts as a dead session's after LEASE seconds without a name.
+
 A trial of a dead session ends as FAIL, which a storage lets only one session do, and that one queues the same design again under a new
 number. So nothing is lost, and nothing done twice: a session that only seemed dead finds its trial ended, and drops what it has.
 """
@@ -128,8 +131,9 @@ class Session:
         self.name = uuid.uuid4().hex[:12]
         self.lost: list[str] = []  # what became of trials, a sentence each
         self._beats, self._beaten = 0, -BEAT
-        self._seen: dict[str, tuple[Any, float]] = {}
+        self._silence: dict[str, tuple[Any, float]] = {}  # by who runs a trial: the last beat, and for how long it has not changed, s
         self._looked = time.monotonic()
+        self._said = self._looked
 
     def begin(self) -> None:
         """Takes up what sessions before this one have left behind. Raises StorageError where another one is at work on the study."""
@@ -149,24 +153,64 @@ class Session:
 
     def sweep(self, mine: set[int]) -> None:
         """Ends the trials of dead sessions and queues their designs again; mine: numbers of the trials that are being solved here."""
-        now = time.monotonic()
-        if now - self._looked > 2 * BEAT:  # the server, or this machine, was away: nobody's beat could be seen
-            self._seen.clear()
-        self._looked = now
         records = self.store(lambda: self.kept.user_attrs)
-        for trial in self.store(lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))):
-            by = trial.user_attrs.get(SESSION)
+        running = self.store(lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,)))
+        self._listen(running, records)
+        for trial in running:
             if trial.number in mine:
                 continue
-            if by == self.name:  # requested, but the answer was lost
+            if trial.user_attrs.get(SESSION) == self.name:  # requested, but the answer was lost
                 self.put_back(trial_id(trial))
-            elif self._is_dead(by, trial, records):
+            elif self._is_dead(trial, records):
                 self._take_up(trial)
 
+    def tell_wait(self) -> None:
+        """Say what this session waits for, if it has nothing else to do: after PATIENCE seconds, and again after each LEASE."""
+        now = time.monotonic()
+        if now - self._said < PATIENCE:
+            return
+        self._said = now + LEASE - PATIENCE
+        records = self.store(lambda: self.kept.user_attrs)
+        running = self.store(lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,)))
+        if running:
+            what = "; ".join(self._described(trial, records) for trial in running)
+            self.store.tell(f"waiting for other sessions, which have begun all trials that are left: {what}")
+
+    def works(self) -> None:
+        """Note that this session has something to do."""
+        self._said = time.monotonic()
+
+    def _described(self, trial: FrozenTrial, records: Mapping[str, Any]) -> str:
+        """Who runs a trial, in words."""
+        by = trial.user_attrs.get(SESSION)
+        owner = records.get(RECORD + by) if by is not None else None
+        if owner is None:
+            _, silent = self._silence.get(_runner(trial), (None, 0.0))
+            left = max(LEASE - silent, 0.0)
+            return f"trial {trial.number}, which no session has named as its own (if none does, it is queued again in {left:.0f} s)"
+        return f"trial {trial.number}, by process {owner['pid']} on {str(owner['host']).split()[0]}"
+
+    def _listen(self, running: Sequence[FrozenTrial], records: Mapping[str, Any]) -> None:
+        """Note for how long each session with a running trial, and each trial without a session, has been silent.
+
+        Of a long time between two looks only two beats count: the server, or this machine, may have been away, and nobody could be heard.
+        """
+        now = time.monotonic()
+        passed = min(now - self._looked, 2 * BEAT)
+        self._looked, before = now, self._silence
+        self._silence = {}
+        for trial in running:
+            who = _runner(trial)
+            beat = records.get(RECORD + who, {}).get("beat")
+            last, silent = before.get(who, (beat, -passed))
+            self._silence[who] = (beat, silent + passed if beat == last else 0.0)
+
     def put_back(self, trial_id: int) -> None:
-        """Lets `ask` take up a trial of this session again, with the same number and parameters, unless it has ended."""
+        """Lets `ask` take up a trial again, with the same number and parameters, unless it has ended. It is no session's until then."""
         def back() -> None:
-            if not self.storage.get_trial(trial_id).state.is_finished():
+            with suppress(UpdateFinishedTrialError):
+                if self.storage.get_trial(trial_id).user_attrs.get(SESSION) is not None:
+                    self.storage.set_trial_user_attr(trial_id, SESSION, None)
                 self.storage.set_trial_state_values(trial_id, state=TrialState.WAITING)
 
         self.store(back)
@@ -186,17 +230,15 @@ class Session:
 
         self.store(end)
 
-    def _is_dead(self, by: str | None, trial: FrozenTrial, records: Mapping[str, Any]) -> bool:
+    def _is_dead(self, trial: FrozenTrial, records: Mapping[str, Any]) -> bool:
         """True if the session that runs a trial is gone."""
+        by = trial.user_attrs.get(SESSION)
         owner = records.get("process" if by is None else RECORD + by, {})
-        if owner.get("host") == here() or (owner and "beat" not in owner):
+        if by is not None and (owner.get("host") == here() or (owner and "beat" not in owner)):
             return not alive(owner, self.out, _age(trial))
-        key, now = by or f"trial {trial.number}", time.monotonic()
-        beat, since = self._seen.setdefault(key, (owner.get("beat"), now))
-        if beat != owner.get("beat"):
-            self._seen[key] = (owner.get("beat"), now)
+        if by is None and alive(owner, self.out, _age(trial)):  # a process that works on the study alone
             return False
-        return now - since > LEASE
+        return self._silence[_runner(trial)][1] >= LEASE
 
     def _take_up(self, trial: FrozenTrial) -> None:
         """End a trial of a dead session, and queue its design, unless another session has."""
@@ -211,14 +253,15 @@ class Session:
 
         if not self.store(end):
             return
-        whole = bool(trial.params)
+        design = {**trial.system_attrs.get("fixed_params", {}), **trial.params}
+        whole = READY in trial.user_attrs or "fixed_params" in trial.system_attrs  # some parameters alone are no design
         self.lost.append(f"trial {trial.number}: its session died; {'its design is queued again' if whole else 'it had no design yet'}")
         if not whole:
             return
         known = {key: value for key, value in trial.system_attrs.items() if not key.startswith("artifacts:")}
         rerun = optuna.trial.create_trial(
             state=TrialState.WAITING,
-            system_attrs={**known, "fixed_params": trial.params},
+            system_attrs={**known, "fixed_params": design},
             user_attrs={RERUN_OF: trial.number, **{key: trial.user_attrs[key] for key in ("start",) if key in trial.user_attrs}},
         )
         self.store(lambda: self.storage.create_new_trial(study_id(self.kept), template_trial=rerun))
@@ -236,7 +279,12 @@ class Session:
                 rule = f"trial {trial.number} is being run by process {owner['pid']} on {owner['host']}"
                 remedy = "wait for it or end it, then run this command again: it resumes; or share the work with it: --workers 1"
                 raise StorageError(report(f"study {self.kept.study_name}", rule=rule, remedy=remedy))
-            self.storage.set_trial_state_values(trial_id(trial), state=TrialState.WAITING)
+            self.put_back(trial_id(trial))
+
+
+def _runner(trial: FrozenTrial) -> str:
+    """The session that runs a trial, or a name for the one that has not said so."""
+    return str(trial.user_attrs.get(SESSION) or f"trial {trial.number}")
 
 
 def this_process(out: Path) -> dict[str, Any]:
@@ -269,9 +317,13 @@ def alive(owner: Mapping[str, Any], out: Path, age: float) -> bool:
 
 
 def _started(pid: int) -> int | None:
-    """Time when a process was started, in clock ticks since the machine was (proc(5), field 22); None where that can't be found."""
+    """Time when a process was started, in clock ticks since the machine was (proc(5), field 22).
+
+    None where that can't be found, and for a process that has ended and that nobody has waited for.
+    """
     try:
-        return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19])
+        state, *fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return None if state in ("Z", "X") else int(fields[18])
     except (OSError, ValueError, IndexError):
         return None
 
