@@ -25,7 +25,15 @@ from magmpm.results.folder_lock import folder_lock
 from magmpm.results.whole_file import REFUSED, explained
 from magmpm.studies.engine import records, report
 from magmpm.studies.engine.report import StudyReport
-from magmpm.studies.engine.storage import OUTAGE, TIMEOUT, StorageError, Store, claim_folder
+from magmpm.studies.engine.storage import (
+    OUTAGE,
+    TIMEOUT,
+    DatabaseDamaged,
+    DatabaseLost,
+    StorageError,
+    Store,
+    claim_folder,
+)
 from magmpm.studies.engine.storage_url import shown_url, storage_url
 from magmpm.studies.engine.study_session import StudySession
 from magmpm.studies.engine.workers.pool import Pool
@@ -98,16 +106,20 @@ def run_study(
         run = _Run(Evaluator(study, solve, differentiate, picture, folder), folder, store, shared, artifacts, on_open)
         run.time_limit = time_limit
         stop = study.stop_rms if trials is None else None
-        if workers is None or (workers == 1 and not shared and time_limit is None):
-            ended = run.to_the_end(on_trial, stop)
-        else:
-            ended = run.with_workers(workers, on_trial, stop)
-        ended = run.to_the_end(on_trial, stop) if ended == "trials" else ended  # workers leave exchanges, which need one another
-        if ended != "interrupted":
-            run.keep_best()
-            if not shared:  # where other sessions share the study, each sees to its own pictures
-                run.mended = store(lambda: run.gallery.mend(run.finished()))
-        summary = dataclasses.replace(found := run.report(ended), artifacts=artifacts, warnings=[*advice, *run.notes, *found.warnings])
+        try:
+            if workers is None or (workers == 1 and not shared and time_limit is None):
+                ended = run.to_the_end(on_trial, stop)
+            else:
+                ended = run.with_workers(workers, on_trial, stop)
+            ended = run.to_the_end(on_trial, stop) if ended == "trials" else ended  # workers leave exchanges, which need one another
+            if ended != "interrupted":
+                run.keep_best()
+                if not shared:  # where other sessions share the study, each sees to its own pictures
+                    run.mended = store(lambda: run.gallery.mend(run.finished()))
+            found = run.report(ended)
+        except (DatabaseLost, DatabaseDamaged) as error:
+            raise run.saved_elsewhere(error) from None
+        summary = dataclasses.replace(found, artifacts=artifacts, warnings=[*advice, *run.notes, *found.warnings])
         summary.save()
     return summary
 
@@ -302,7 +314,13 @@ class _Run(StudySession):
         pending = self.store(uninterrupted()(lambda: self.kept.ask(self.distributions)))
         if self.shared:
             self.store(lambda: self.storage.set_trial_user_attr(trial_id(pending), READY, True))
+        self.remember(pending)
         return pending
+
+    def remember(self, pending: optuna.Trial) -> None:
+        """Note a trial as it stands in the database, where that is a file."""
+        if self.memory is not None:
+            self.memory.note([self.store(lambda: self.storage.get_trial(trial_id(pending)))])
 
     def in_time(self, pending: optuna.Trial) -> bool:
         """True if a trial is one of those that are wanted; one with which another session was faster is withdrawn."""
@@ -318,6 +336,16 @@ class _Run(StudySession):
 
         None where another session has taken up the trial meanwhile, because this one could not reach the storage for long.
         """
+        try:
+            found = self._kept(pending, outcome, begun)
+            self.remember(pending)
+        except (DatabaseLost, DatabaseDamaged):
+            if self.memory is not None:
+                self.memory.finish(pending.number, lambda study, trial: self.record(study, trial, outcome, begun))
+            raise
+        return found
+
+    def _kept(self, pending: optuna.Trial, outcome: Outcome, begun: float) -> Trial | None:
         known = outcome.known
         trial = trial_of(self.study, pending.number, outcome, self.best)
         if outcome.files:
@@ -326,7 +354,7 @@ class _Run(StudySession):
         if outcome.result is not None and trial.improved:
             design = {"number": pending.number, "rms_m": outcome.rms, "params": pending.params, **known}
             records.save_design(self.out / records.IMPROVEMENTS / f"{pending.number:03d}", outcome.result, design)
-        if not self.store(lambda: self.record(pending, outcome, begun)):
+        if not self.store(lambda: self.record(self.kept, pending, outcome, begun)):
             self.session.lost.append(f"trial {pending.number}: taken up by another session while this one could not reach the storage")
             return None
         self.count, self.best = self.count + 1, trial.best_rms_m
@@ -337,7 +365,7 @@ class _Run(StudySession):
             trial, finished=self.count, wanted=max(self.study.trials, self.count), seconds=self.durations[-1], seconds_left=left,
         )  # fmt: skip
 
-    def record(self, pending: optuna.Trial, outcome: Outcome, begun: float) -> bool:
+    def record(self, kept: optuna.Study, pending: optuna.Trial, outcome: Outcome, begun: float) -> bool:
         """Writes a trial's attributes and value. Returns whether it counts. May be called again where it is not known what was written."""
         try:
             for key, value in outcome.known.items():
@@ -350,7 +378,7 @@ class _Run(StudySession):
             total = time.perf_counter() - begun
             pending.set_user_attr("seconds", {"solve": outcome.seconds, "render": outcome.drawing, "total": total})
             values = trial_values(self.study.minimize, self.space, pending.params, outcome.value, not outcome.accepted)
-            self.kept.tell(pending, values)
+            kept.tell(pending, values)
         except (UpdateFinishedTrialError, ValueError):
             state = self.storage.get_trial(trial_id(pending)).state
             if not state.is_finished():

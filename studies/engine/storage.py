@@ -47,6 +47,7 @@ _SHORT_WAITS = {
     "connect_timeout": int(CONNECTING), "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3, "tcp_user_timeout": 30000,
 }  # fmt: skip
 _CORRUPT = ("malformed", "corrupt", "disk image")
+RESCUED = "-rescued"  # ends the name of a database with the trials of one that was lost while its study ran
 
 
 class StorageError(MagmpmError):
@@ -55,6 +56,14 @@ class StorageError(MagmpmError):
 
 class StorageAway(StorageError):
     """The server of the database does not answer: it may be back in a while."""
+
+
+class DatabaseLost(StorageError):
+    """The SQLite file is not any more what it was when the study began: deleted, replaced, cut off, not to be written."""
+
+
+class DatabaseDamaged(InputError):
+    """An SQLite file whose content can't be read."""
 
 
 @contextmanager
@@ -110,6 +119,9 @@ def _explained(error: BaseException, url: str, timeout: float) -> MagmpmError:
     elif not is_server(url) and ("locked" in reason or "busy" in reason):
         rule = f"another process has kept it locked for {timeout:g} s"
         remedy = "end that process, then run this command again: it resumes"
+    elif not is_server(url) and "readonly" in reason:
+        rule, remedy = "must be a file that may be written", "make it writable, then run this command again: it resumes"
+        return DatabaseLost(report(f"{shown_url(url)}: can't be written ({reason})", rule=rule, remedy=remedy))
     else:
         rule = reason
         remedy = "see that the database can be reached and written to, then run this command again: it resumes"
@@ -127,6 +139,7 @@ class Store:
         """timeout: s to wait for a locked SQLite file; outage: s to wait for a server."""
         self.url, self.timeout, self.outage, self.tell = url, timeout, outage, tell
         self.storage: optuna.storages.BaseStorage | None = None
+        self.guard: Callable[[], None] | None = None  # is called before each call
 
     def open(self) -> optuna.storages.BaseStorage:
         """The storage. Raises InputError, StorageError."""
@@ -148,6 +161,8 @@ class Store:
         begun: float | None = None
         pause = 0.1
         while True:
+            if self.guard is not None:
+                self.guard()
             try:
                 with storage_faults(self.url, self.timeout):
                     found = work()
@@ -167,17 +182,23 @@ class Store:
                 return found
 
 
-def _corrupt(url: str, reason: str) -> InputError:
+def _corrupt(url: str, reason: str) -> DatabaseDamaged:
     """The message about an SQLite file whose content is damaged."""
     from sqlalchemy.engine import make_url
 
     path = Path(str(make_url(url).database))
     saved = f"save what can be read of its trials: sqlite3 {path} .recover | sqlite3 {path}.saved, and name that with --storage sqlite:///{path}.saved"
-    return InputError(
+    return DatabaseDamaged(
         f"{path}: the database of trials is damaged ({reason})",
         rule="must be an SQLite database that is whole; running again will not mend it",
-        remedy=f"put back a copy; or {saved}; or move the file away and begin anew with another --out",
+        remedy=f"{_rescued(path.parent)}put back a copy; or {saved}; or move the file away and begin anew with another --out",
     )
+
+
+def _rescued(folder: Path) -> str:
+    """The beginning of a remedy, where a folder has trials that were saved as their database was lost."""
+    found = sorted(folder.glob(f"*{RESCUED}*.db"))
+    return "".join(f"go on with the trials that were saved as it was lost: --storage sqlite:///{path.absolute()}; or " for path in found)
 
 
 def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStorage:
@@ -378,7 +399,7 @@ def _without_trials(out: Path, found: str) -> InputError:
     return InputError(
         f"{out}: holds designs of trials that are not there: {found}",
         rule="the designs in a folder and the trials in its database must belong together",
-        remedy=f"put the trials back, or {which}; or begin anew in another folder, say, --out {out}-2",
+        remedy=f"{_rescued(out)}put the trials back, or {which}; or begin anew in another folder, say, --out {out}-2",
     )
 
 

@@ -97,6 +97,15 @@ def is_server(url: str) -> bool:
     return not url.startswith("sqlite")
 
 
+def sqlite_file(url: str) -> Path | None:
+    """The file of an SQLite database; None for another one."""
+    if is_server(url):
+        return None
+    from sqlalchemy.engine import make_url
+
+    return Path(str(make_url(url).database)).absolute()
+
+
 def grpc_address(url: str) -> tuple[str, int]:
     """Host and port of grpc://HOST:PORT. Raises InputError."""
     match = re.fullmatch(r"grpc://(?P<host>\[[0-9a-fA-F:]+\]|[\w.-]+)(?::(?P<port>[0-9]{1,5}))?/?", url)

@@ -12,12 +12,19 @@ import optuna
 from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, TrialState
 
-from magmpm.errors import InputError, SolveError
+from magmpm.errors import InputError, MagmpmError, SolveError
 from magmpm.studies.engine import records, report
 from magmpm.studies.engine.explain_miss import findings
 from magmpm.studies.engine.report import StudyReport, verified
-from magmpm.studies.engine.storage import Store, must_exist, must_hold, open_study, storage_faults
-from magmpm.studies.engine.storage_url import shown_url
+from magmpm.studies.engine.rescue import Memory
+from magmpm.studies.engine.storage import (
+    Store,
+    must_exist,
+    must_hold,
+    open_study,
+    storage_faults,
+)
+from magmpm.studies.engine.storage_url import shown_url, sqlite_file
 from magmpm.studies.engine.workers.sessions import EXCHANGED
 from magmpm.studies.evaluate.evaluator import Evaluator
 from magmpm.studies.evaluate.trajectory import MOVIE, Insertion
@@ -48,6 +55,7 @@ class StudySession:
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         self.evaluator, self.study, self.space, self.out, self.store = evaluator, evaluator.study, evaluator.space, out, store
         self.distributions = self.space.distributions()
+        self.starts: list[dict[str, float]] = []
         held = records.designs(out)
         if held:
             must_exist(store.url, out)
@@ -57,12 +65,33 @@ class StudySession:
         must_hold(self.storage, self.study.name, held, out, store.url, store.timeout)
         if on_open is not None:
             on_open(self.study)
+        self.kept = self._opened(self.storage, store.url)
+        file = sqlite_file(store.url)
+        self.memory = None if file is None else Memory(self.kept, store, file, self.distributions)
+
+    def _opened(self, storage: BaseStorage, url: str) -> optuna.Study:
+        """The study in a storage, new or as it was left there."""
         definition = whole_definition(self.study, self.distributions)
-        self.kept = open_study(self.storage, self.study, definition, out, store.url, store.timeout)
+        return open_study(storage, self.study, definition, self.out, url, self.store.timeout)
 
     def finished(self) -> list[FrozenTrial]:
         """Finished trials in order."""
-        return self.store(lambda: list(self.kept.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))))
+        found = self.store(lambda: list(self.kept.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))))
+        if self.memory is not None:
+            self.memory.note(found)
+        return found
+
+    def saved_elsewhere(self, error: MagmpmError) -> MagmpmError:
+        """What is to be said where the database is lost: the trials that this session knows are saved in another one."""
+        attributes: dict[str, Any] = {STARTS: self.starts} if self.starts else {}
+
+        def make(store: Store) -> optuna.Study:
+            kept = self._opened(store.open(), store.url)
+            for key, value in attributes.items():
+                kept.set_user_attr(key, value)
+            return kept
+
+        return error if self.memory is None else self.memory.told(error, make)
 
     def rod_starts(self) -> list[dict[str, float]]:
         """The rod's best designs, if this study begins with them. They are found once and kept with the study."""

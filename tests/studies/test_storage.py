@@ -17,8 +17,10 @@ from typing import Any
 
 import optuna
 import pytest
+import rod_solve
+from interruptible import draw
 from reference.folders import holding
-from rod_solve import STUDY, RodResult, solve, write_study
+from rod_solve import STUDY, RodResult, differentiate, solve, write_study
 from test_resume import trials_of
 
 from magmpm.errors import InputError
@@ -39,6 +41,7 @@ from magmpm.studies.engine.workers.sessions import (
     alive,
     this_process,
 )
+from magmpm.studies.evaluate.trial import Trial
 from magmpm.studies.search.definition import Study, load_study
 
 LOCKER = """\
@@ -436,3 +439,103 @@ def test_however_rarely_a_session_looks_it_finds_the_dead(pause: float) -> None:
         found = taken_up(one, 7)
         looks += 1
     assert (found, looks) == ([3, 4], math.ceil(LEASE / min(pause, 2 * BEAT)))
+
+
+# A database that goes while its study runs
+
+
+def struck(database: Path, how: str) -> None:
+    """Do to a database what a user, a script or a disk may do."""
+    if how == "deleted":
+        for path in database.parent.glob(f"{database.name}*"):
+            path.unlink()
+    elif how == "deleted alone":
+        database.unlink()
+    elif how == "log deleted":
+        database.with_name(f"{database.name}-wal").unlink()
+    elif how == "replaced":
+        other = database.with_name("other.db")
+        sqlite3.connect(other).executescript("CREATE TABLE notes (line TEXT); INSERT INTO notes VALUES ('mine');")
+        other.replace(database)
+    elif how == "truncated":
+        os.truncate(database, 0)
+    elif how == "cut in half":
+        os.truncate(database, database.stat().st_size // 2)
+    elif how == "overwritten":
+        size = database.stat().st_size
+        database.write_bytes(b"\x5a" * size)
+    else:
+        database.chmod(0o444)
+
+
+STRIKES = {
+    "deleted": "deleted while", "deleted alone": "deleted while", "log deleted": "robbed of its study.db-wal",
+    "replaced": "replaced by another file", "truncated": "truncated while", "cut in half": "truncated while",
+    "overwritten": "overwritten while", "read-only": "made read-only",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("how", "sampler"), [*((how, "random") for how in STRIKES), ("deleted", "gauss-newton")])
+def test_a_database_that_is_lost_during_a_study_is_told_and_its_trials_are_saved(how: str, sampler: str, tmp_path: Path) -> None:
+    """At the next trial, and with the one that was being solved; the study goes on as if nothing had happened."""
+    database, solved = tmp_path / "out/study.db", []
+    text = STUDY.replace("sampler: random", f"sampler: {sampler}")
+
+    def striking(result: RodResult, path: Path, trial: Trial) -> Path:
+        solved.append(trial.number)
+        if len(solved) == 4:
+            struck(database, how)
+        return draw(result, path, trial)
+
+    options = {"picture": striking, "differentiate": differentiate}
+    with pytest.raises(StorageError) as caught:
+        run(tmp_path, text=text, **options)
+    said = str(caught.value)
+    assert caught.value.exit_status == 1
+    assert said.startswith(f"{database}: {STRIKES[how]}"), said
+    assert "its 4 finished trials are saved in" in said
+    assert len(solved) == 4, "noticed at the next trial"
+    (place,) = (tmp_path / "out").glob("*rescued*.db") if not how.startswith("deleted") else [database]
+    assert f"--storage sqlite:///{place}" in said or (place == database and "a new file of that name; run this command again" in said)
+    if how == "replaced":
+        assert sqlite3.connect(database).execute("SELECT line FROM notes").fetchall() == [("mine",)], "left alone"
+        with pytest.raises(InputError, match=f"--storage sqlite:///{place}"):
+            run(tmp_path, text=text, **options)
+    url = None if place == database else f"sqlite:///{place}"
+    report = run(tmp_path, text=text, storage=url, **options)
+    assert (report.trials, report.failed) == (8, 0)
+    assert solved == list(range(8)), "no trial is solved again"
+    whole = tmp_path / "whole"
+    run(whole, text=text, picture=draw, differentiate=differentiate)
+    here = optuna.load_study(study_name="probe", storage=f"sqlite:///{place}").trials
+    there = optuna.load_study(study_name="probe", storage=f"sqlite:///{whole}/out/study.db").trials
+    assert [(t.number, t.params, t.values) for t in here] == [(t.number, t.params, t.values) for t in there]
+    assert [t.constraints for t in here] == [t.constraints for t in there]
+
+
+def test_a_database_that_is_deleted_while_workers_solve_keeps_their_designs(tmp_path: Path) -> None:
+    database, kept = tmp_path / "out/study.db", []
+
+    def strike(trial: Trial) -> None:
+        kept.append(trial.number)
+        if len(kept) == 3:
+            struck(database, "deleted")
+
+    with pytest.raises(StorageError, match="deleted while the study ran"):
+        run(tmp_path, rod_solve.solve, workers=2, on_trial=strike)
+    states = [t.state.name for t in trials_of(tmp_path / "out")]
+    assert states.count("COMPLETE") >= 3
+    assert set(states) <= {"COMPLETE", "WAITING"}
+    assert run(tmp_path, rod_solve.solve, workers=2).trials == 8
+
+
+def test_a_database_that_others_tidy_up_is_not_lost(tmp_path: Path) -> None:
+    """VACUUM and a checkpoint change size and time of the file, and are nobody's loss."""
+    def tidy(scene: Scene) -> RodResult:
+        other = sqlite3.connect(tmp_path / "out/study.db", timeout=5, isolation_level=None)
+        other.execute("VACUUM")
+        other.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        other.close()
+        return solve(scene)
+
+    assert run(tmp_path, tidy).trials == 8
