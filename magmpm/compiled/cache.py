@@ -116,6 +116,8 @@ class _SealedFiles(IndexDataCacheFile):  # type: ignore[misc]
     """
 
     def save(self, key: Any, data: Any) -> None:
+        if self.load(key) is not None:
+            return  # another process was faster, and others may run what it saved: two of a kind can differ in the last bit
         data = self._dump((self._version, self._source_stamp, key, data))
         with self._open_for_write(self._path(key)) as stream:
             stream.write(hashlib.sha256(data).digest() + data)

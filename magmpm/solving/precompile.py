@@ -7,7 +7,8 @@ agree bit for bit. So every process loads its kernels from the cache.
 A scene's kernels are compiled in parts, on all cores. Each part does a little of what a run does. Some parts depend on the scene's
 combination of effects: in statics the tangent, the residual and the energy, in motion the steps and what is measured of a frame. The
 others are the same for every combination. What few runs need, derivatives and families of rods, is compiled for those that ask for it
-(`uses`). Only one process fills a cache; others that need the same kernels wait for it.
+(`uses`). One process compiles a set of kernels; others that need the same set wait for it, half a minute at most, and then compile
+theirs beside it. Who needs another set waits for nobody: a kernel that two sets share stays as the first has saved it (compiled.cache).
 """
 
 import fcntl
@@ -18,9 +19,10 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import llvmlite.binding
 import numba
@@ -40,6 +42,7 @@ from magmpm.rod.cosserat import RodModel, solve_rod
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import coarsest, knots_of
+from magmpm.scene.time_limit import limited
 from magmpm.scene.variables import variables
 from magmpm.statics.changes import right_sides
 from magmpm.statics.energy import Energy, Point
@@ -51,7 +54,9 @@ from magmpm.statics.stability import mass
 from magmpm.statics.tangent_matrix import Bands, Sparse, new_matrix
 from magmpm.statics.unnamed_loads import missed_loads
 
-LOCK = "compiling.lock"
+PATIENCE = 30.0  # s to wait for another process that compiles the same kernels
+REMINDED = 10.0  # s between two lines of who waits
+STEPS = 20.0  # factorizations of the solve that only compiles: where a thousandth of the load is easy, it takes 2 to 8
 ROOM = 20e6  # bytes on the disk, without which compiling ahead is for nothing: a set of kernels takes 2 to 5 MB, while it is written twice
 SOLVE, DERIVATIVES, RODS, PROOFS = "solve", "sensitivities", "rods", "proofs of errors"  # what kernels are for
 Tell = Callable[[str], None]
@@ -82,7 +87,11 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLV
     marker = {use: _cache() / f"ready-{_stamp(_kinds(scene, use))}" for use in uses}
     if all(path.exists() for path in marker.values()):
         return False
-    with _alone(tell):
+    with ExitStack() as alone:
+        begun = time.monotonic()
+        # sorted: of two processes that need several sets, neither can wait for the other
+        for path in sorted(path for path in marker.values() if not path.exists()):
+            alone.enter_context(_alone(path.with_suffix(".lock"), tell, begun + PATIENCE))
         missing = [use for use, path in marker.items() if not path.exists()]
         if not missing:  # the process we waited for has made them
             return False
@@ -153,20 +162,46 @@ def _times(scene: Scene) -> NDArray[np.float64] | None:
 
 
 @contextmanager
-def _alone(tell: Tell) -> Iterator[None]:
-    """Only one process at a time; the lock ends with the process, however it ends. No lock if the cache can't be written."""
+def _alone(lock: Path, tell: Tell, until: float) -> Iterator[None]:
+    """Only one process at a time, which others wait for until a time of the monotonic clock, and tell whom they wait for.
+
+    The lock ends with the process, however it ends. There is none if the cache can't be written.
+    """
     try:
-        stream = (_cache() / LOCK).open("a")
+        stream = lock.open("a+")
     except OSError:
         yield
         return
     with stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            tell("another magmpm is compiling kernels; waiting for it")
-            fcntl.flock(stream, fcntl.LOCK_EX)
+        reminded = -np.inf
+        while not (mine := _locked(stream)) and time.monotonic() < until:
+            if time.monotonic() - reminded >= REMINDED:
+                reminded = time.monotonic()
+                left = max(until - reminded, 0.0)
+                tell(f"waiting for process {_holder(stream)}, which compiles the same kernels ({left:.0f} s more at most)")
+            time.sleep(0.05)
+        if mine:
+            stream.truncate(0)
+            stream.write(str(os.getpid()))
+            stream.flush()
+        else:
+            tell(f"process {_holder(stream)} still compiles the same kernels; this one goes on with its own")
         yield
+
+
+def _locked(stream: TextIO) -> bool:
+    """Whether the lock is ours now."""
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def _holder(stream: TextIO) -> str:
+    """The number of the process that has a lock, as it has written it."""
+    stream.seek(0)
+    return stream.read(20).strip() or "unknown"
 
 
 def _compiled_elsewhere(small: Scene, uses: Sequence[str], tell: Tell) -> bool:
@@ -197,8 +232,8 @@ def parts_of(small: Scene, use: str = SOLVE) -> list[str]:
 
 
 def solve_small(small: Scene) -> None:
-    """Solve a coarse scene: it calls every kernel. The answer is not used, and may not exist."""
-    with suppress(SolveError):
+    """Begin to solve a coarse scene: it calls every kernel. The answer is not used, and may not exist."""
+    with suppress(SolveError), _briefly():
         if small.solver.dynamic is not None:
             from magmpm.dynamics.time_loop import move
 
@@ -210,13 +245,21 @@ def solve_small(small: Scene) -> None:
         else:
             found = solve_static(static_model(build(small)))
             missed_loads(small, found.energy, found.point)
+            return
+    if small.solver.dynamic is None:  # what comes after an equilibrium, which may not have been found
+        _stability(small)
 
 
 def differentiate_small(small: Scene) -> None:
-    """Solve a coarse scene, and differentiate it."""
-    with suppress(SolveError):
+    """Begin to solve a coarse scene, and differentiate it."""
+    with suppress(SolveError), _briefly():
         found = Linearized(solve_static(static_model(build(small))), variables(small))
         found.adjoint(found.centreline[:, :, 0])
+
+
+def _briefly() -> AbstractContextManager[None]:
+    """A context in which a solve ends after STEPS factorizations, or steps of a motion: by then it has called all kernels that it calls."""
+    return limited(STEPS, map(float, count()).__next__)
 
 
 def _begin(_: object, small: dict[str, Any]) -> Callable[[str], bool]:

@@ -11,7 +11,8 @@ from types import SimpleNamespace
 import pytest
 from reference.scenes import rod_scene
 
-from magmpm.scene import Scene
+from magmpm.compiled.cache import _SealedFiles
+from magmpm.scene import Scene, time_limit
 from magmpm.scene.coarsest import FAINT, coarsest, coarsest_cells
 from magmpm.simulate import run
 from magmpm.solving import precompile as warmup
@@ -54,8 +55,65 @@ def test_one_process_compiles_and_others_wait_for_it(compiler: SimpleNamespace) 
     go_on.set()
     one.join()
     other.join()
-    assert compiler.lines == ["another magmpm is compiling kernels; waiting for it"]
+    assert compiler.lines == [f"waiting for process {os.getpid()}, which compiles the same kernels (30 s more at most)"]
     assert sorted(found) == [False, True]
+
+
+def test_who_needs_other_kernels_waits_for_nobody_and_who_needs_the_same_not_for_ever(
+    compiler: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A static scene once waited eight minutes for the kernels of another one's motion."""
+    monkeypatch.setattr(warmup, "PATIENCE", 0.3)
+    begun, go_on = threading.Event(), threading.Event()
+    compiler.work = lambda: begun.set() or go_on.wait(60)
+    slow = rod_scene(field=(0.0, 0.0, 5e-3))
+    one = threading.Thread(target=lambda: warmup.fill_cache(slow, lambda _: None))
+    one.start()
+    assert begun.wait(60)
+    compiler.work = lambda: True
+    other = rod_scene(gravity=(0.0, 0.0, -9.81))
+    assert warmup.fill_cache(other, compiler.lines.append)
+    assert not [line for line in compiler.lines if "process" in line], "another set of kernels"
+    compiler.lines.clear()
+    assert warmup.fill_cache(slow, compiler.lines.append)
+    go_on.set()
+    one.join()
+    waits, leaves, *compiles = compiler.lines
+    assert f"waiting for process {os.getpid()}" in waits
+    assert f"process {os.getpid()} still compiles the same kernels; this one goes on with its own" in leaves
+    assert "compiling kernels for statics with magnetic_torque" in compiles[0]
+    assert compiler.asked == [["solve"]] * 3
+
+
+def test_a_solve_that_only_compiles_ends_after_a_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a coarse scene has no equilibrium all the time once went there; what comes after one is called all the same."""
+    steps, judged = [], []
+
+    def endless(*_: object, **__: object) -> None:
+        for step in range(1000):
+            time_limit.check()
+            steps.append(step)
+        raise AssertionError("the solve that only compiles has no end")
+
+    monkeypatch.setattr(warmup, "solve_static", endless)
+    monkeypatch.setattr(warmup, "_stability", judged.append)
+    small = coarsest(rod_scene())
+    warmup.solve_small(small)
+    assert 0 < len(steps) <= warmup.STEPS
+    assert judged == [small]
+    warmup.differentiate_small(small)
+    assert len(steps) <= 2 * warmup.STEPS
+
+
+def test_a_kernel_that_is_saved_stays_as_it_is(tmp_path: Path) -> None:
+    """Two processes may compile the same one for different sets, and its bits may differ: a study and its resumed half need the same."""
+    files = _SealedFiles(str(tmp_path), "kernel", "stamp")
+    files.save("signature", b"the first")
+    files.save("signature", b"the second")
+    assert files.load("signature") == b"the first"
+    files._path("signature").write_bytes(b"damaged")
+    files.save("signature", b"the third")
+    assert files.load("signature") == b"the third"
 
 
 def test_nothing_is_compiled_where_a_compiling_process_fails(compiler: SimpleNamespace) -> None:
