@@ -221,7 +221,8 @@ COMMANDS = {
         _value("--angle-noise", "ANGLE", "standard deviation of each measured angle"),
         _value("--known", "NAME=SHARE,...", "constants known beforehand, with standard deviations, remanence=2%%"),
         _value("--level", "PERCENT", "of the intervals [95]", type=float, default=95.0),
-        _value("--hold-out", "COLUMN=VALUE,...", "rows to predict from a fit of the others, by what a column holds"),
+        _value("--hold-out", "COLUMN=VALUE,...", "rows to predict from a fit of the others, by what a column holds; more values of it, "
+               "or other columns with theirs, after commas: a row that has one of them is held out"),
         _flag("--quick", "one descent alone, and no finer grid to compare with"),
         _FORMAT,
         *_out("runs/NAME-fit, with the scene's name"),

@@ -136,34 +136,85 @@ def together(tables: Sequence[Measured]) -> Measured:
 
 
 def read_split(paths: Sequence[Path | str], scene: Scene, hold_out: str | None) -> tuple[Measured, Measured | None]:
-    """The measurements in files, and those held out of them: rows whose cell in a column is one of some values, "COLUMN=VALUE,VALUE".
+    """The measurements in files, and those that are held out of them.
 
-    Raises TableError where no row, or every row, has such a cell.
+    Parameters
+    ----------
+    paths : sequence of paths
+        Tables of the same body.
+    scene : Scene
+        What the tables are of.
+    hold_out : str or None
+        "COLUMN=VALUE,VALUE,COLUMN=VALUE": rows whose cell in one of the columns is one of its values are held out.
+        None: no row is.
+
+    Returns
+    -------
+    known, left : Measured, Measured or None
+        The rows to fit, and those held out.
+
+    Raises
+    ------
+    TableError
+        A column is not in the tables, a value stands in none of its rows, or no row is left to fit.
     """
+    whole = read_tables(paths, scene)
     if hold_out is None:
-        return read_tables(paths, scene), None
-    column, _, value = (part.strip() for part in hold_out.partition("="))
-    chosen, cells = {part.strip() for part in value.split(",")}, set[str]()
+        return whole, None
+    titles = list(dict.fromkeys(title for table in whole.each for title in table.columns))
+    chosen = _held_out(hold_out, titles)
+    met: set[tuple[str, str]] = set()
+    cells: dict[str, set[str]] = {column: set() for column, _ in chosen}
 
     def held(row: dict[str, str]) -> bool:
-        cells.update(row[name] for name in (column,) if name in row)
-        return row.get(column) in chosen or _as_number(row.get(column)) & set().union(*map(_as_number, chosen)) != set()
+        for column in cells.keys() & row.keys():
+            cells[column].add(row[column])
+        matches = {pair for pair in chosen if pair[0] in row and _same_cell(row[pair[0]], pair[1])}
+        met.update(matches)
+        return bool(matches)
 
-    known = [read_measured(path, scene, lambda row: not held(row)) for path in paths]
-    left = [read_measured(path, scene, held) for path in paths]
-    found = [[table for table in tables if table.states] for tables in (known, left)]
-    if not all(found):
-        columns = dict.fromkeys(title for table in known for title in table.columns)
-        rule = "some rows are held out, and others are fitted: a column of the tables, and a value that it has in some of its rows"
-        some = f"{column} is one of {', '.join(sorted(cells)[:12])}" if cells else f"the columns are {', '.join(columns)}"
-        raise TableError("--hold-out", received=repr(hold_out), rule=rule, remedy=some)
-    return together(found[0]), together(found[1])
+    left = [table for table in (read_measured(path, scene, held) for path in paths) if table.states]
+    for column, value in chosen:
+        if (column, value) not in met:
+            remedy = f"{column} is one of {', '.join(sorted(cells[column])[:12])}"
+            rule = f"each value must stand in its column: no row has {column} = {value!r}"
+            raise TableError("--hold-out", received=repr(hold_out), rule=rule, remedy=remedy)
+    known = [table for table in (read_measured(path, scene, lambda row: not held(row)) for path in paths) if table.states]
+    if not known:
+        rule, remedy = "some rows must be left to fit, and these are all", "hold out fewer values"
+        raise TableError("--hold-out", received=repr(hold_out), rule=rule, remedy=remedy)
+    return together(known), together(left)
 
 
-def _as_number(cell: str | None) -> set[float]:
+def _held_out(text: str, titles: Sequence[str]) -> list[tuple[str, str]]:
+    """Pairs of a column and a value in "COLUMN=VALUE,VALUE,COLUMN=VALUE". Raises TableError.
+
+    A part that begins with the name of a column begins that column; every other one, such as "phi=90", is a value of the column before it.
+    """
+    chosen: list[tuple[str, str]] = []
+    column = ""
+    for part in text.split(","):
+        before, sign, after = (word.strip() for word in part.partition("="))
+        begins = bool(sign) and before in titles
+        if begins:
+            column = before
+        value = after if begins else part.strip()
+        if not column or not value:
+            rule = "rows are held out by what their cells hold: COLUMN=VALUE, more values or columns after commas"
+            raise TableError("--hold-out", received=repr(text), rule=rule, remedy=f"the columns are {', '.join(titles)}")
+        chosen.append((column, value))
+    return chosen
+
+
+def _same_cell(cell: str, value: str) -> bool:
+    """Whether a cell holds a value: the same text, or the same number however written."""
+    return cell == value or bool(_as_number(cell) & _as_number(value))
+
+
+def _as_number(cell: str) -> set[float]:
     """The number in a cell, if it holds one."""
     try:
-        return {float(cell or "")}
+        return {float(cell)}
     except ValueError:
         return set()
 

@@ -68,13 +68,35 @@ def test_wrong_columns(text: str, words: str, tmp_path: Path) -> None:
         assert part in str(refused.value)
 
 
-@pytest.mark.parametrize(("hold_out", "words"), [("series=c", "series is one of a, b"), ("phi=1", "the columns are series")])
+@pytest.mark.parametrize(("hold_out", "words"), [
+    ("series=d", "series is one of a, b, phi=1"),
+    ("series=a,d", "no row has series = 'd'"),
+    ("series=a,series=d", "no row has series = 'd'"),
+    ("phi=1", "the columns are series"),
+    ("series=a,b,phi=1", "some rows must be left to fit"),
+    ("series=a,", "COLUMN=VALUE"),
+])  # fmt: skip
 def test_what_is_held_out_must_be_there(hold_out: str, words: str, tmp_path: Path) -> None:
-    path = table(tmp_path, "series,magnet_z_mm,tip_x_mm\na,80,1\nb,90.0,2\n")
+    """A value that stands in no row would be left out in silence: it is an error, alone and beside others."""
+    path = table(tmp_path, "series,magnet_z_mm,tip_x_mm\na,80,1\nb,90.0,2\nphi=1,95,3\n")
     with pytest.raises(InputError, match=words):
         read_split([path], SCENE, hold_out)
-    known, held = read_split([path], SCENE, "magnet_z_mm=90")
-    assert [state.lines.tolist() for state in (*known.states, *held.states)] == [[2], [3]], "numbers are equal, however written"
+
+
+@pytest.mark.parametrize(("hold_out", "lines"), [
+    ("magnet_z_mm=90", [3]),  # numbers are equal, however written
+    ("series=a,b", [2, 3]),
+    ("series=a,series=b", [2, 3]),
+    ("series=a, magnet_z_mm=95", [2, 4]),
+    ("series=phi=1", [4]),  # a value may have an equals sign
+    ("series=a,phi=1", [2, 4]),
+])  # fmt: skip
+def test_every_part_of_what_is_held_out_counts(hold_out: str, lines: list[int], tmp_path: Path) -> None:
+    path = table(tmp_path, "series,magnet_z_mm,tip_x_mm\na,80,1\nb,90.0,2\nphi=1,95,3\nc,85,4\n")
+    known, held = read_split([path], SCENE, hold_out)
+    assert held is not None
+    assert [line for state in held.states for line in state.lines] == lines
+    assert [line for state in known.states for line in state.lines] == [line for line in (2, 3, 4, 5) if line not in lines]
 
 
 def test_slopes_beside_magnets_are_those_of_the_residuals(tmp_path: Path) -> None:
