@@ -27,6 +27,16 @@ def poisson_ratio(shear_modulus: Moduli, bulk_modulus: Moduli) -> Moduli:
     return (3 * bulk_modulus - 2 * shear_modulus) / (2 * (3 * bulk_modulus + shear_modulus))
 
 
+def shear_of_young(young_modulus: Moduli, poisson: Moduli) -> Moduli:
+    """Shear modulus (Pa) of Young's modulus (Pa) and Poisson's ratio at small strain, G = E / (2 (1 + nu))."""
+    return young_modulus / (2 * (1 + poisson))
+
+
+def bulk_over_shear(poisson: Moduli) -> Moduli:
+    """Bulk over shear modulus of Poisson's ratio below 1/2 at small strain, K/G = 2 (1 + nu) / (3 (1 - 2 nu))."""
+    return 2 * (1 + poisson) / (3 * (1 - 2 * poisson))
+
+
 def magnetization(rotating: NDArray[np.bool_], remanence: Array, F: Array) -> Array:
     """Magnetization (n, 3) T of particles: R Br where `rotating` (n,), else F Br; remanence (n, 3) T, F (n, 3, 3)."""
     R = F.copy()

@@ -15,6 +15,7 @@ from magmpm.bodies.polar_grid import PolarGrid, tube_grid, tube_particles
 from magmpm.bodies.section_quadrature import Particles, rod_grid, rod_particles, rod_section, section_errors
 from magmpm.bodies.segments import MAX_SEGMENTS, Section, Segment, StraightBody, ring
 from magmpm.compiled.arrays import Array
+from magmpm.inputs.messages import Instead
 from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
 from magmpm.inputs.settings import Length, Quantity, Width, fault
 from magmpm.inputs.vectors import Vector
@@ -62,8 +63,8 @@ class Catheter(StraightBody):
         return inner
 
     @staticmethod
-    def by_other_keys(key: str, values: Mapping[str, Any]) -> str | None:
-        """The remedy for a key that people write and that is said by another one here, with its number: a tube's wall."""
+    def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
+        """What to write for a key that people write and that is said by another one here, with its number: a tube's wall."""
         if key not in ("wall", "wall_thickness"):
             return None
         try:
@@ -71,8 +72,8 @@ class Catheter(StraightBody):
         except BadQuantity:
             wall = outer = 0.0
         if not 0.0 < 2 * wall < outer:
-            return "write inner_diameter in its place: the diameter less twice the wall"
-        return f"write `inner_diameter: {1e3 * (outer - 2 * wall):g} mm` in its place: the diameter less twice the wall"
+            return Instead("write inner_diameter in its place: the diameter less twice the wall")
+        return Instead(f"write `inner_diameter: {1e3 * (outer - 2 * wall):g} mm` in its place: the diameter less twice the wall")
 
     @property
     def thickness(self) -> float:

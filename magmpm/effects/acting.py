@@ -5,8 +5,9 @@ To add an effect: one file (docs/adding_an_effect.md has a worked example), and 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +29,54 @@ from magmpm.effects.self_contact import SelfContact
 from magmpm.effects.viscosity import AT_REST, Viscosity
 from magmpm.effects.walls import Walls
 from magmpm.fields.dipole import MU0
+from magmpm.inputs.messages import Instead, plain_word
 from magmpm.inputs.settings import Settings, fault
 
 WHIP = 4.0  # the square of a tip's speed over the mean of the body's: 3 for a body that turns about its base, and a free end whips
 _PLANE = {"point": ["0 mm", "0 mm", "-2 mm"], "friction": 0.3}
 _LUMEN = {"tube": {"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}}
 _PULL = "A field that varies in space pulls the magnetized segments: {}. A uniform field does not pull."
+
+
+_FLUID = (
+    "no fluid is simulated: in motion `damping: {rate: 60 1/s}` resists it in proportion to mass, as Stokes drag does roughly; at rest a "
+    "still fluid only buoys: write the densities of the materials less the fluid's"
+)
+_FLOW = "no flow is simulated, and nothing stands for one: a stream that pushes the body is beyond this program"
+_OBSTACLE = (
+    "an obstacle is a plane, `ground: {point: [0 mm, 0 mm, -2 mm]}`, or a lumen that the body is in, `walls: {tube: ...}` or "
+    "`walls: {surface: {mesh: vessel.stl, unit: mm}}`; parts of `body.parts` touch each other by `self_contact: {}`"
+)
+_FRICTION = "friction belongs to what is touched: `ground: {..., friction: 0.3}`, `walls`, `self_contact`, or a material"
+_FIELD = (
+    "the field acts by `magnetic_torque: {}`, and one that varies in space also by `magnetic_force: {}`; what makes it stands in `field`"
+)
+_FORCE = (
+    "the loads are the field's, weight (`gravity`), contact, and ends that are moved (`move`, beside `effects`); there is no other force"
+)
+_SEGMENTS = "magnetized segments act on each other by `magnetic_interaction: {}`"
+_LOSSES = "in motion the material loses energy by `viscosity: {viscosity: 50 Pa s}` or its `branches`, the surroundings by `damping`"
+_INSERTED = "the base is pushed through a guide by `feed: {speed: 20 mm/s, exit: 10 mm}`"
+_INERTIA = "inertia is there in every motion, `solver: {dynamic: {duration: 0.5 s}}`, and in no equilibrium: it is no effect to be named"
+_INSTEAD = {  # words by which people ask for an effect: what there is
+    **dict.fromkeys(("drag", "stokes_drag", "viscous_drag", "fluid_drag", "air", "air_drag", "air_resistance", "fluid", "liquid", "water",
+                     "blood", "buoyancy", "added_mass", "hydrodynamics", "fluid_structure_interaction", "fsi"), _FLUID),
+    **dict.fromkeys(("flow", "blood_flow", "stream", "lift"), _FLOW),
+    **dict.fromkeys(("obstacle", "obstacles", "contact", "contacts", "collision", "collisions", "plane", "floor", "table", "surface",
+                     "substrate", "box", "sphere", "cylinder", "rigid_body", "vessel", "lumen", "tube", "channel"), _OBSTACLE),
+    **dict.fromkeys(("friction", "coulomb", "coulomb_friction"), _FRICTION),
+    **dict.fromkeys(("magnetic", "magnetism", "magnetics", "magnetic_field", "field", "torque", "actuation", "external_field"), _FIELD),
+    **dict.fromkeys(("force", "forces", "load", "loads", "point_load", "external_force", "body_force", "pressure", "traction", "tension",
+                     "displacement"), _FORCE),
+    **dict.fromkeys(("interaction", "interactions", "dipole", "dipoles", "dipole_interaction", "dipole_dipole", "self_interaction",
+                     "demagnetization", "demagnetisation", "magnetostatics"), _SEGMENTS),
+    **dict.fromkeys(("loss", "losses", "loss_factor", "viscoelasticity", "viscoelastic", "rayleigh_damping", "material_damping",
+                     "hysteresis"), _LOSSES),
+    **dict.fromkeys(("insertion", "push", "advance", "advancement", "feeding"), _INSERTED),
+    **dict.fromkeys(("inertia", "dynamics", "mass"), _INERTIA),
+    **dict.fromkeys(("weight", "self_weight", "g"), "weight is `gravity: {}`"),
+    **dict.fromkeys(("self_collision", "self_intersection"), "the body touches itself by `self_contact: {}`"),
+}  # fmt: skip
 
 
 def _key(description: str, example: dict[str, Any]) -> Any:
@@ -43,6 +86,8 @@ def _key(description: str, example: dict[str, Any]) -> Any:
 
 class Effects(Settings):
     """Simulated effects: one that is not named costs nothing."""
+
+    unknown_key: ClassVar[str] = "there is no such effect; docs/effects.md says what each of these does, and where it acts"
 
     magnetic_torque: MagneticTorque | None = _key("The outside field turns the magnetized segments: {}.", {})
     magnetic_force: MagneticForce | None = _key(_PULL, {})
@@ -66,6 +111,12 @@ class Effects(Settings):
                 ("auto",),
             )
         return self
+
+    @staticmethod
+    def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
+        """What there is for an effect that people ask for by another name, or that is not simulated."""
+        remedy = _INSTEAD.get(plain_word(key))
+        return None if remedy is None else Instead(remedy)
 
     @classmethod
     @cache

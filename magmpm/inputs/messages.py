@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -18,15 +18,26 @@ from pydantic.fields import FieldInfo
 from magmpm.errors import Key, dotted, flow, report, show
 
 
+class Instead(NamedTuple):
+    """What to write in place of a key that people use and that is not known: `by_other_keys(key, values)` of a part of a file returns it.
+
+    remedy: what to do; key: the known key that says the same, where one key does.
+    """
+
+    remedy: str
+    key: str | None = None
+
+
 @dataclass(frozen=True)
 class Problem:
-    """One thing wrong with the data, in the words of the user's file."""
+    """One thing wrong with the data, in the words of the user's file. meant: the known key in whose place an unknown one stands."""
 
     at: Key
     received: str
     rule: str
     remedy: str
     later: bool = False
+    meant: Key | None = None
 
     def line(self, lines: Mapping[Key, int]) -> int:
         """Line of the key, or of the nearest part around it that the file has."""
@@ -124,28 +135,32 @@ def _unknown_key(model: type[BaseModel], data: Any, at: Key, value: Any) -> Prob
     if later is not None:
         rule = f"`{key}` ({later}) is not there yet in this version"
         return Problem(at, show(value), rule, f"remove it; there are {', '.join(known)}", later=True)
-    near = nearest_key(model, at)
+    values = _locate(data, at[:-1], absent=False)[1]
+    instead: Instead | None = getattr(parent, "by_other_keys", lambda key, values: None)(key, values if isinstance(values, Mapping) else {})
+    near = None if parent is None else _nearest_key(parent, key)
     within = sorted(_homes(model, key), key=lambda home: home[: len(at) - 1] != at[:-1])  # first those below the place where it stands
     homes = [dotted(home) for home in within]
-    elsewhere = getattr(parent, "by_other_keys", lambda key, values: None)(key, _locate(data, at[:-1], absent=False)[1])
-    if elsewhere is not None:
-        remedy = elsewhere
+    if instead is not None:
+        remedy = instead.remedy
     elif near is not None:
         remedy = f'did you mean "{near}"?'
     elif homes:
         remedy = f"move it: it belongs in {homes[0]} (check the indentation)"
     else:
-        remedy = "remove it"
-    return Problem(at, show(value), f'unknown key "{key}"; known here: {", ".join(known)}', remedy)
+        remedy = getattr(parent, "unknown_key", "remove it")
+    meant = near if instead is None else instead.key
+    rule = f'unknown key "{key}"; known here: {", ".join(known)}'
+    return Problem(at, show(value), rule, remedy, meant=None if meant is None else (*at[:-1], meant))
 
 
-def nearest_key(model: type[BaseModel], at: Key) -> str | None:
-    """The known key nearest to the unknown one that ends `at`; None when it is known, or nothing is near."""
-    parent = _model_at(model, at[:-1]) if at else None
-    if parent is None or str(at[-1]) in parent.model_fields:
-        return None
-    word = str(at[-1]).lower().replace("-", "_").replace(" ", "_")
-    near = difflib.get_close_matches(word, parent.model_fields, n=1, cutoff=0.6)
+def plain_word(key: str) -> str:
+    """A key as this program would write it: "Young's modulus" -> "youngs_modulus"."""
+    return re.sub(r"[\s-]+", "_", key.strip().lower().replace("'", ""))
+
+
+def _nearest_key(parent: type[BaseModel], key: str) -> str | None:
+    """The known key of a part of a file nearest to an unknown one; None where nothing is near."""
+    near = difflib.get_close_matches(plain_word(key), parent.model_fields, n=1, cutoff=0.6)
     return near[0] if near else None
 
 

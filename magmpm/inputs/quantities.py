@@ -8,13 +8,13 @@ The number is read as an exact decimal and multiplied by the unit's exact factor
 import difflib
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Decimal
 from fractions import Fraction
 from functools import cache
 from typing import Any
 
-from magmpm.errors import InputError
+from magmpm.errors import InputError, quantity
 
 # pi to 50 digits: degrees keep an exact rational factor, rounded once with the number
 _PI = Fraction("3.1415926535897932384626433832795028841971693993751")
@@ -22,12 +22,16 @@ _PI = Fraction("3.1415926535897932384626433832795028841971693993751")
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of quantity: its name in messages, its SI unit, an example, the factors of its plain units."""
+    """A kind of quantity: its name in messages, its SI unit, an example, the factors of its plain units.
+
+    related: units of a quantity that people give in its place, each with the factor to this one's SI unit, and what is multiplied.
+    """
 
     name: str
     si: str
     example: str
     plain: dict[str, Fraction]
+    related: dict[str, tuple[float, str]] = field(default_factory=dict)
 
 
 def _powers(base: str, **prefixes: int) -> dict[str, Fraction]:
@@ -44,6 +48,14 @@ _MILLI = Fraction(1, 1000)
 _FLUX_DENSITY = {  # the gauss is not in pint's SI context, but a gauss of flux density is 1e-4 T to everybody
     **_powers("T", none=0, m=-3, u=-6, µ=-6), **_powers("G", none=-4, m=-7, k=-1), "gauss": Fraction(1, 10**4),
 }  # fmt: skip
+_MU0 = 4e-7 * math.pi  # T m/A, as magmpm.fields.dipole has it, which this layer can't import
+# Magnetization and field strength, also in units of Gauss: M in emu/cm^3 is 1e3 A/m, H in Oe 1e3/(4 pi) A/m.
+_MAGNETIZATION = {
+    **{unit: (float(factor) * _MU0, "mu0 times it") for unit, factor in _powers("A/m", none=0, k=3, M=6).items()},
+    **dict.fromkeys(("emu/cm^3", "emu/cm3", "emu/cc"), (1e3 * _MU0, "4 pi times it, in gauss")),
+    "Oe": (1e-4, "as many gauss"),
+    "kOe": (1e-1, "as many kilogauss"),
+}  # fmt: skip
 _DENSITY = _each(1, "kg/m^3", "kg/m**3", "kg/m³") | _each(1000, "g/cm^3", "g/cm**3", "g/cm³")
 _MOMENT = _each(1, "A*m^2", "A m^2", "A m²") | _each(_MILLI, "mA*m^2", "mA m^2", "mA m²")
 KINDS = {
@@ -52,7 +64,7 @@ KINDS = {
         Kind("length", "m", "40 mm", {**_powers("m", none=0, c=-2, m=-3, u=-6, µ=-6), "in": Fraction(254, 10000)}),
         Kind("pressure", "Pa", "120 kPa", {**_powers("Pa", none=0, k=3, M=6, G=9), "bar": Fraction(10**5)}),
         Kind("density", "kg/m^3", "1882 kg/m^3", _DENSITY),
-        Kind("flux density", "T", "8 mT", _FLUX_DENSITY),
+        Kind("flux density", "T", "8 mT", _FLUX_DENSITY, _MAGNETIZATION),
         Kind("angle", "rad", "30 deg", _each(1, "rad") | _each(_PI / 180, "deg", "°", "degree")),
         Kind("acceleration", "m/s^2", "9.81 m/s^2", _each(1, "m/s^2", "m/s**2", "m/s²") | _each(_MILLI, "mm/s^2")),
         Kind("time", "s", "5 ms", _powers("s", none=0, m=-3, u=-6, µ=-6)),
@@ -75,12 +87,16 @@ _ABSURD_UNIT = re.compile(r"\d{3}|(?:\*\*|\^)[^*/ ]*(?:\*\*|\^)")
 
 
 class BadQuantity(ValueError):
-    """Text that is not a quantity of the kind wanted; `rule` says what is expected, `remedy` what to write."""
+    """Text that is not a quantity of the kind wanted; `rule` says what is expected, `remedy` what to write.
 
-    def __init__(self, rule: str, remedy: str) -> None:
+    meant: the value in SI, where the text gives a related quantity; None otherwise.
+    """
+
+    def __init__(self, rule: str, remedy: str, meant: float | None = None) -> None:
         super().__init__(f"{rule}; {remedy}")
         self.rule = rule
         self.remedy = remedy
+        self.meant = meant
 
 
 def parse_quantity(text: str, kind: Kind) -> float:
@@ -103,6 +119,10 @@ def parse_quantity(text: str, kind: Kind) -> float:
     if unit[0] == "," or (unit[0].isdigit() and not unit.startswith("1/")):
         raise BadQuantity("a number has a decimal point and no separators", write)
     magnitude = float(number.group())
+    if unit in kind.related:
+        factor, words = kind.related[unit]
+        rule = f'{a(kind.name)} is due here, and "{unit}" is not a unit of {kind.name}'
+        raise BadQuantity(rule, f'write {words}: "{quantity(magnitude * factor, kind.si, 4)}"', magnitude * factor)
     is_zero = not re.search("[1-9]", number.group().lower().split("e")[0])
     if not math.isfinite(magnitude) or (abs(magnitude) < 1e-290 and not is_zero):
         raise BadQuantity(f"{a(kind.name)} must be a finite number that a computer can hold", write)

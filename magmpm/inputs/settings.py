@@ -23,7 +23,7 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from magmpm.errors import InputError, NotThereYet
-from magmpm.inputs.messages import NOTHING, empty_values, nearest_key, overruled, translate
+from magmpm.inputs.messages import NOTHING, Instead, empty_values, overruled, translate
 from magmpm.inputs.quantities import KINDS, BadQuantity, a, as_text, format_si, parse_quantity
 from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
 from magmpm.inputs.yaml_document import Document, Key
@@ -36,11 +36,18 @@ MOST_WORDED = 500  # problems that are put into words, a millisecond each, of wh
 class Settings(BaseModel):
     """Base of every part of a scene or study: immutable, and unknown keys are errors.
 
-    `not_there_yet`: published keys that this version does not have yet, with what they are for.
+    `not_there_yet`: published keys that this version does not have yet, with what they are for; `unknown_key`: the remedy for a key of
+    which nothing is known.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     not_there_yet: ClassVar[Mapping[str, str]] = {}
+    unknown_key: ClassVar[str] = "remove it"
+
+    @staticmethod
+    def by_other_keys(key: str, values: Any) -> Instead | None:
+        """What to write in place of an unknown key that people use; values: what stands beside it. None: nothing is known of it."""
+        return None
 
 
 def fault(rule: str, remedy: str, at: Key = ()) -> PydanticCustomError:
@@ -150,8 +157,7 @@ def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = 
     except ValidationError as error:
         errors = [e for e in error.errors(include_url=False) if not overruled(e)]
         found, left = [translate(model, data, dict(e)) for e in errors[:MOST_WORDED]], max(0, len(errors) - MOST_WORDED)
-        # a misspelled key that is required is one mistake, not two
-        meant = {(*p.at[:-1], near) for p in found if (near := nearest_key(model, p.at)) is not None}
+        meant = {p.meant for p in found if p.meant is not None}  # a misspelled key that is required is one mistake, not two
         problems += [p for p in found if p.at not in empty and not (p.received == NOTHING and p.at in meant)]
     lines = data.lines if isinstance(data, Document) else {}
     shown = sorted(problems, key=lambda p: p.line(lines))[:MOST_SHOWN]

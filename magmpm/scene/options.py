@@ -22,7 +22,11 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from magmpm.effects.contact_law import Friction
+from magmpm.errors import quantity
+from magmpm.inputs.messages import Instead, plain_word
+from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
 from magmpm.inputs.settings import Bytes, Duration, Quantity, Settings, fault, from_file
+from magmpm.materials import bulk_over_shear, poisson_ratio, shear_of_young
 
 MOST_FRAMES = 100_000
 
@@ -136,6 +140,78 @@ class QuasiStaticOptions(Settings):
         return [float(time) for time in np.linspace(0.0, end, self.steps + 1)]
 
 
+MOST_RATIO = 10_000.0  # bulk over shear modulus
+USUAL_RATIO = 20.0  # bulk over shear modulus of silicone, where nothing says another
+_YOUNG = {
+    "young", "youngs", "young_modulus", "youngs_modulus", "elastic_modulus", "elasticity_modulus", "modulus_of_elasticity",
+    "tensile_modulus", "e_modulus", "e", "modulus", "stiffness",
+}  # fmt: skip
+_POISSON = {"poisson", "poissons", "poisson_ratio", "poissons_ratio", "poisson_number", "nu"}
+_BULK = {"bulk", "bulk_modulus", "compression_modulus", "k"}
+_MAGNETIZATION = {
+    "magnetization", "magnetisation", "remanent_magnetization", "remanent_magnetisation", "residual_magnetization",
+    "residual_magnetisation", "saturation_magnetization", "saturation_magnetisation", "m", "mr", "m_r", "ms",
+}  # fmt: skip
+_REMANENCE = {"br", "b_r", "remanent_flux_density", "residual_flux_density", "remanent_induction", "residual_induction", "remenance"}
+
+
+def _number(values: Mapping[str, Any], names: set[str], kind: str | None = None) -> float | None:
+    """The positive number (SI) that stands under one of these names, text with a unit where it has a kind; None where none does."""
+    for key, value in values.items():
+        if plain_word(str(key)) not in names or isinstance(value, bool):
+            continue
+        try:
+            read = parse_quantity(value, KINDS[kind]) if kind is not None and isinstance(value, str) else float(value)
+        except (BadQuantity, TypeError, ValueError):
+            continue
+        if 0.0 < read < np.inf:
+            return read
+    return None
+
+
+def _shear_modulus(values: Mapping[str, Any]) -> str:
+    """What to write for Young's modulus."""
+    formula = "G = E/(2 (1 + nu))"
+    young, nu = _number(values, _YOUNG, "pressure"), _number(values, _POISSON)
+    if nu is None or not nu < 0.5:
+        ratio = _number(values, {"bulk_to_shear"}) or USUAL_RATIO
+        nu, source = poisson_ratio(1.0, ratio), f"nu = {poisson_ratio(1.0, ratio):.4g}, which is bulk_to_shear {ratio:g}"
+    else:
+        source = f"nu = {nu:g}"
+    if young is None:
+        return f"write shear_modulus in its place; of Young's modulus, {formula} with {source}: {shear_of_young(1.0, nu):.4g} E"
+    shear = quantity(shear_of_young(young, nu), "Pa", 4)
+    return f"write `shear_modulus: {shear}` in its place: of Young's modulus, {formula} with {source}"
+
+
+def _bulk_to_shear(values: Mapping[str, Any], *, of_modulus: bool) -> str:
+    """What to write for Poisson's ratio, or for the bulk modulus."""
+    if of_modulus:
+        bulk, shear = _number(values, _BULK, "pressure"), _number(values, {"shear_modulus"}, "pressure")
+        known = bulk is not None and shear is not None
+        write = f"`bulk_to_shear: {bulk / shear:.4g}`" if known else "bulk_to_shear"  # type: ignore[operator]
+        return f"write {write} in its place: the bulk over the shear modulus, K/G"
+    formula, nu = "K/G = 2 (1 + nu)/(3 (1 - 2 nu))", _number(values, _POISSON)
+    if nu is None or not nu < 0.5 or not bulk_over_shear(nu) <= MOST_RATIO:
+        usual = poisson_ratio(1.0, USUAL_RATIO)
+        return f"write bulk_to_shear in its place: {formula}, at most {MOST_RATIO:g}; the usual {USUAL_RATIO:g} is nu = {usual:.4g}"
+    return f"write `bulk_to_shear: {bulk_over_shear(nu):.4g}` in its place: {formula}"
+
+
+def _remanence(value: Any) -> str:
+    """What to write for a magnetization: its size by the remanence, its direction where the body has it."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        value = f"{value!r} A/m"
+    if not isinstance(value, str):
+        return "a material has a remanence, and what is made of it a direction: write `magnetization: [1, 0, 0]` in a segment or part"
+    try:
+        found = parse_quantity(value, KINDS["flux density"])
+    except BadQuantity as error:
+        write = "remanence" if error.meant is None else f"`remanence: {quantity(error.meant, 'T', 4)}`"
+        return f"write {write} in its place: mu0 M, the flux density that belongs to a magnetization M; 100 kA/m is 125.7 mT"
+    return f"write `remanence: {quantity(found, 'T', 4)}` in its place"
+
+
 class Material(Settings):
     """A silicone, magnetic or plain."""
 
@@ -174,10 +250,22 @@ class Material(Settings):
         usual = {"magnetization_law": "stretches", "friction": None}
         return {key: value for key, value in data.items() if key not in usual or value != usual[key]}
 
+    @staticmethod
+    def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
+        """The constants that papers and data sheets give, by those that are written here, with their numbers."""
+        word, value = plain_word(key), values.get(key)
+        if word in _YOUNG:
+            return Instead(_shear_modulus(values), "shear_modulus")
+        if word in _POISSON or word in _BULK:
+            return Instead(_bulk_to_shear(values, of_modulus=word in _BULK), "bulk_to_shear")
+        if word in _MAGNETIZATION or word in _REMANENCE:
+            return Instead(_remanence(value), "remanence")
+        return None
+
     @field_validator("bulk_to_shear")
     @classmethod
     def _nearly_incompressible(cls, ratio: float) -> float:
-        if not 2 / 3 < ratio <= 10_000:
+        if not 2 / 3 < ratio <= MOST_RATIO:
             raise fault(
                 "must be greater than 2/3 (Poisson's ratio above 0) and at most 10000 (below 0.49995)",
                 "write, say, `bulk_to_shear: 20`",

@@ -28,16 +28,17 @@ from pydantic import (
 from magmpm.bodies.body import CATHETER, Body
 from magmpm.bodies.body_shape import Region
 from magmpm.effects.acting import Effects
-from magmpm.errors import InputError
+from magmpm.errors import InputError, show
 from magmpm.fields.outside_field import Field as OutsideField
 from magmpm.fields.outside_field import outside_field
 from magmpm.fields.schedule import end_time
 from magmpm.fields.sources import FieldSource
 from magmpm.inputs.csv_tables import named_table, read_centreline
+from magmpm.inputs.messages import Instead, plain_word
 from magmpm.inputs.quantities import in_si
 from magmpm.inputs.settings import Settings, fault, from_file, validate
 from magmpm.inputs.user_files import folder_fault
-from magmpm.inputs.yaml_document import read_yaml
+from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.scene import moves, rules
 from magmpm.scene.derived import inserted_data
 from magmpm.scene.options import Material, Resolution, Solver
@@ -68,7 +69,23 @@ def load_scene(path: Path | str | Mapping[str, Any]) -> Scene:
     Raises InputError (NotThereYet for keys of a later version) that lists everything wrong with the file, by
     line, key, value received, rule and remedy.
     """
-    return validate(Scene, path if isinstance(path, Mapping) else read_yaml(path))
+    data = path if isinstance(path, Mapping) else read_yaml(path)
+    _refuse_other_files(data)
+    return validate(Scene, data)
+
+
+def _refuse_other_files(data: Mapping[str, Any]) -> None:
+    """Raises InputError for a study or a robot, whose every key would be unknown here."""
+    if "body" in data or "materials" in data:
+        return
+    place = str(data.path) if isinstance(data, Document) else "input"
+    rule = "a scene says what is simulated: `materials`, `body`, `field`, `effects`"
+    if "scene" in data:
+        remedy = f"`magmpm design {place}` runs the study; the scene that it names is {show(data['scene'])}"
+        raise InputError(place, received="a study", rule=rule, remedy=remedy)
+    if "n_segments" in data:
+        remedy = f"`magmpm import {place} -o SCENE.yaml` makes a scene of it"
+        raise InputError(place, received="a robot of the magneticMPM format", rule=rule, remedy=remedy)
 
 
 class Reference(Settings):
@@ -99,8 +116,18 @@ def _read_effects(value: Any) -> Any:
     return {_AUTO: True} if value == _AUTO else value
 
 
+OF_STUDIES = {"vary", "match", "trials", "sampler", "seed", "stop", "minimize", "insertion", "schedule", "robust", "stability", "limits"}
+
+
 class Scene(Settings):
     """Scene to simulate, the method, and the resolution. SI floats inside; immutable."""
+
+    @staticmethod
+    def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
+        """Where keys of a study belong."""
+        if plain_word(key) not in OF_STUDIES:
+            return None
+        return Instead("it belongs in a study, a file of its own that names this one, `scene: FILE`; `magmpm design STUDY` runs it")
 
     name: str = Field(min_length=1, max_length=100, description="Names the folder of results.", examples=["five-segment catheter"])
     materials: Annotated[dict[str, Material], AfterValidator(FrozenDict)] = Field(

@@ -5,13 +5,17 @@ python -m magmpm.studies.problem.study_file         # rewrites studies/study.sch
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
+from magmpm.errors import show
+from magmpm.inputs.messages import Instead, plain_word
 from magmpm.inputs.settings import Key, Quantity, Settings, fault, write_json_schema
 from magmpm.inputs.vectors import Axis
+from magmpm.scene import Scene
 from magmpm.studies.problem.sampler_names import NAMES, known_sampler
 from magmpm.studies.problem.variables import Vary
 
@@ -161,6 +165,15 @@ class Limits(Settings):
 
 class StudyFile(Settings):
     """A study: the scene, what is varied, what it must match, and how it is searched."""
+
+    @staticmethod
+    def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
+        """Where keys of a scene belong."""
+        if plain_word(key) not in Scene.model_fields:
+            return None
+        if "scene" not in values:
+            return Instead("it belongs in the scene's file")
+        return Instead(f"it belongs in the scene, the file {show(values['scene'])}")
 
     scene: str = Field(min_length=1, description="Path of the scene, relative to this file.", examples=["../scenes/five_segments.yaml"])
     vary: Vary = Field(description="What the study may change.", examples=["{magnetization: {}}"])

@@ -41,6 +41,10 @@ def load_study(path: Path | str) -> Study:
     """
     document = read_yaml(path)
     study_checks.check_file_name(document.path)
+    if "scene" not in document and ("body" in document or "materials" in document):
+        rule = "a study names a scene, and says what is varied and what is matched: `scene`, `vary`, `match`"
+        remedy = f"`magmpm run {path}` simulates the scene; a study of it is a file of its own, as docs/own_target.md writes one"
+        raise InputError(str(path), received="a scene", rule=rule, remedy=remedy)
     file = validate(StudyFile, document)
     folder = document.path.parent
     _must_be_near(document, folder / file.scene, "scene")

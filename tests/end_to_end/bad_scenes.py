@@ -396,5 +396,36 @@ MOVED = [
           more=(*STRIP[:2], ("clamp: base", "clamp: both\n    plane_strain: true")), line=27),
 ]
 
+SHEAR, RATIO, BR = "    shear_modulus: 120 kPa", "    bulk_to_shear: 20\n", "    remanence: 138 mT"
+IN_OTHER_WORDS = [  # constants of data sheets and papers; the numbers by hand: E/(2 (1 + nu)), 2 (1 + nu)/(3 (1 - 2 nu)), 4e-7 pi M
+    edit("Young's modulus", SHEAR, "    youngs_modulus: 300 kPa", MAGNETIC + ".youngs_modulus", '"300 kPa"', "`shear_modulus: 101.7 kPa`",
+         "E/(2 (1 + nu)) with nu = 0.4754, which is bulk_to_shear 20"),
+    edit("Young's modulus by its letter", SHEAR, "    E: 300 kPa", MAGNETIC + ".E", '"300 kPa"', "`shear_modulus: 101.7 kPa`"),
+    edit("Young's modulus in words", SHEAR, "    elastic modulus: 300", MAGNETIC + '."elastic modulus"', "300", "write `shear_modulus: 101.7 Pa`"),
+    edit("Young's modulus of another ratio", SHEAR + "\n" + RATIO, "    youngs_modulus: 300 kPa\n    bulk_to_shear: 4.667\n",
+         MAGNETIC + ".youngs_modulus", '"300 kPa"', "`shear_modulus: 107.1 kPa`"),
+    edit("Poisson's ratio", RATIO, "    poisson_ratio: 0.49\n", MAGNETIC + ".poisson_ratio", "0.49", "`bulk_to_shear: 49.67`",
+         "K/G = 2 (1 + nu)/(3 (1 - 2 nu))"),
+    edit("Poisson's ratio of what can't be compressed", RATIO, "    nu: 0.5\n", MAGNETIC + ".nu", "0.5", "at most 10000", "the usual 20 is nu = 0.4754"),
+    edit("bulk modulus", RATIO, "    bulk_modulus: 2.4 MPa\n", MAGNETIC + ".bulk_modulus", '"2.4 MPa"', "`bulk_to_shear: 20`"),
+    edit("remanence as a magnetization", "remanence: 138 mT", "remanence: 110 kA/m", MAGNETIC + ".remanence", '"110 kA/m"', 'write mu0 times it: "138.2 mT"'),
+    edit("remanence in emu", "remanence: 138 mT", "remanence: 110 emu/cm^3", MAGNETIC + ".remanence", '"110 emu/cm^3"', '"138.2 mT"'),
+    edit("field in oersted", "8 mT]", "80 Oe]", "field.uniform[2]", '"80 Oe"', '"8.000 mT"'),
+    edit("magnetization of a material", BR, "    magnetization: 110 kA/m", MAGNETIC + ".magnetization", '"110 kA/m"', "`remanence: 138.2 mT`", "mu0 M"),
+    edit("remanence by its symbol", BR, "    Br: 138 mT", MAGNETIC + ".Br", '"138 mT"', "`remanence: 138.0 mT`"),
+    edit("direction of a material", BR, "    magnetization: [1, 0, 0]", MAGNETIC + ".magnetization", "[1, 0, 0]", "in a segment or part"),
+    *(
+        edit(f"effect {key}", "  gravity: {}", f"  {key}: {{}}", f"effects.{key}", "{}", f'unknown key "{key}"', instead)
+        for key, instead in {
+            "drag": "`damping: {rate: 60 1/s}`", "fluid": "no fluid is simulated", "flow": "no flow is simulated", "obstacle": "`ground: {point",
+            "contact": "`walls: {tube", "friction": "`ground: {..., friction: 0.3}`", "torque": "`magnetic_torque: {}`",
+            "weight": "`gravity: {}`", "force": "there is no other force", "dipoles": "`magnetic_interaction: {}`",
+            "viscoelasticity": "`viscosity: {viscosity: 50 Pa s}`", "insertion": "`feed: {speed", "inertia": "solver: {dynamic",
+            "sparkles": "docs/effects.md",
+        }.items()
+    ),
+    edit("a key of studies", "solver:", "vary: {magnetization: {}}\nsolver:", "vary", '{"magnetization": {}}', "magmpm design STUDY"),
+]
+
 # fmt: on
-CASES = [*FILES, *UNITS, *BOUNDS, *KEYS, *SHAPES, *TOGETHER, *REFERENCES, *SURROUNDINGS, *FIELDS, *MOTION, *MOVED, *RESOLUTION]
+CASES = [*FILES, *UNITS, *BOUNDS, *KEYS, *SHAPES, *TOGETHER, *REFERENCES, *SURROUNDINGS, *FIELDS, *MOTION, *MOVED, *RESOLUTION, *IN_OTHER_WORDS]

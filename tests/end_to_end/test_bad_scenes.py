@@ -4,11 +4,14 @@ from pathlib import Path
 
 import bad_studies
 import pytest
+import yaml
 from bad_scene import GOOD, BadScene, expected, write
 from bad_scenes import CASES
 from bad_studies import FILES, BadStudy
 
+from magmpm.effects.acting import _INSTEAD
 from magmpm.errors import InputError, NotThereYet
+from magmpm.materials import bulk_over_shear, poisson_ratio, shear_of_young, young_modulus
 from magmpm.scene import load_scene
 from magmpm.studies.search.definition import load_study
 
@@ -39,6 +42,36 @@ def test_what_is_wrong_is_said_by_loader_and_command(case: BadScene, tmp_path: P
     assert not isinstance(caught.value, NotThereYet)
     assert told("run", path, "--json", "--out", tmp_path / "out", status=2, says=tuple(expected(case, path))).out == ""
     assert not (tmp_path / "out").exists()
+
+
+def test_no_remedy_for_an_effect_is_to_remove_it(tmp_path: Path) -> None:
+    """Who asks for an effect wants it: the message says what there is."""
+    path = tmp_path / "probe.yaml"
+    for key in (*_INSTEAD, "sparkles"):
+        path.write_text(GOOD.replace("  gravity: {}", f"  {key}: {{}}"))
+        remedy = refusal(path).rpartition("remedy: ")[2]
+        assert remedy
+        assert "remove it" not in remedy
+
+
+def test_what_stands_for_young_and_poisson_is_the_same_material() -> None:
+    """Through the conversions and back, at any ratio that a material may have; 1e-12: rounding."""
+    for ratio in (0.7, 1.0, 5.0, 20.0, 500.0, 1e4):
+        nu, young = poisson_ratio(1.0, ratio), young_modulus(120e3, 120e3 * ratio)
+        assert bulk_over_shear(nu) == pytest.approx(ratio, rel=1e-12 * ratio + 1e-12)  # 1 - 2 nu has lost a digit for each factor of ten
+        assert shear_of_young(young, nu) == pytest.approx(120e3, rel=1e-12)
+
+
+def test_another_kind_of_file_gets_its_command(tmp_path: Path, told) -> None:
+    study, robot = write_good(tmp_path), tmp_path / "robot.yaml"
+    scene = tmp_path / yaml.safe_load(study.read_text())["scene"]
+    robot.write_text("name: gripper\nn_segments: 1\nremenance: 0.1\nsegments: []\n")
+    for command in ("run", "accuracy", "effects"):
+        told(command, study, status=2, says=(str(study), "received a study", f"magmpm design {study}", scene.name))
+    told("run", robot, status=2, says=("received a robot", f"magmpm import {robot}"))
+    told("design", scene, "--no-pictures", status=2, says=(str(scene), "received a scene", f"magmpm run {scene}"))
+    study.write_text(study.read_text() + "materials: {}\n")
+    told("design", study, "--no-pictures", status=2, says=("materials", f'it belongs in the scene, the file "{scene.name}"'))
 
 
 def test_thousands_of_problems_are_counted_and_the_first_put_into_words(tmp_path: Path) -> None:
