@@ -29,10 +29,11 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.errors import LeftField, SolveError
+from magmpm.statics.definite import lowest_mode
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, energy_of, minimize_with_interaction
 from magmpm.statics.layout import StaticModel
-from magmpm.statics.nearby_minima import NearbyMinima, lowest_mode
+from magmpm.statics.nearby_minima import NearbyMinima
 from magmpm.statics.newton import OnStep
 from magmpm.statics.stability import NO_LOAD, stability, unloaded
 
@@ -155,16 +156,14 @@ class Branch:
     def stability(self) -> float:
         """Stability of the last equilibrium: its smallest eigenvalue over that of the unloaded body (statics.stability)."""
         energy = self.energy_at(self.now.time)
-        self._near.made_definite(energy, self.now.point)
         if acting.feels_itself(energy.model.scene):
             return self._together_stable(energy.model, self.now.point)
+        self._near.definite.made(energy, self.now.point)
         return stability(energy, self.now.point)
 
     def _together_stable(self, model: StaticModel, point: Point) -> float:
         """`stability` of a body whose segments act on each other."""
-        whole = InteractingEnergy(model)
-        self._near.made_definite(whole.alone, whole.at(point.grid))
-        return stability(whole, point)
+        return stability(InteractingEnergy(model), point)
 
     def energy_at(self, time: float) -> Energy:
         """The energy under the load of a time, s. Its work arrays are used again as long as the grid stays."""
@@ -210,8 +209,8 @@ class Branch:
         last = self.now
         energy = self.energy_at(last.time)
         alone = InteractingEnergy(energy.model).alone if acting.feels_itself(energy.model.scene) else energy
-        self._near.made_definite(alone, last.point)  # `last` is a minimum, or of the whole energy one
-        mode = lowest_mode(alone, self._near.mass(alone))[1]
+        self._near.definite.made(alone, last.point)  # `last` is a minimum, or of the whole energy one
+        mode = lowest_mode(alone, self._near.definite.mass(alone))[1]
         energy = alone
         kind = self._kind(energy, last, past, mode)
         critical = 0.5 * (last.time + past)
@@ -234,7 +233,7 @@ class Branch:
 
         energy: at the last state, with its factored tangent.
         """
-        mass, layout = self._near.mass(energy), energy.model.layout
+        mass, layout = self._near.definite.mass(energy), energy.model.layout
         if self.loads.at(past).layout is layout:
             moved, after = self.loads.moved(last.point.grid, last.time, past), self.energy_at(past)
             direction = moved - last.point.grid - energy.matrix.solve(after.residual(after.at(moved)))

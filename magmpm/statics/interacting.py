@@ -3,6 +3,10 @@
 The second derivative of this part is dense, and is never formed. Instead the step is preconditioned L-BFGS. It takes the gradient of the
 whole energy and the factored tangent of the other parts; changes of the gradient in recent steps stand in for the missing tangent. Every
 step lowers the whole energy, so the result is a minimum. Source: Nocedal and Wright, Numerical Optimization, 2nd ed., algorithm 7.4.
+
+The tangent of the other parts may have no Cholesky factors at a stable equilibrium: magnets that attract each other press the body
+together, and only the way in which this force follows them keeps it from buckling. So the factors are those of statics.definite, and where
+the tangent itself is meant (`solve_columns`, statics.stability) they only precondition: its products, all parts included, decide.
 """
 
 from dataclasses import replace
@@ -15,6 +19,7 @@ from magmpm.effects.base import BodyChange
 from magmpm.errors import Collapsed, SolveError
 from magmpm.kernels.changes import loads
 from magmpm.kernels.equilibrium import grid_to_particles
+from magmpm.statics.definite import Definite
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.layout import StaticModel
 from magmpm.statics.newton import (
@@ -42,6 +47,7 @@ class InteractingEnergy:
         self.alone = Energy(replace(model, scene=scene, effects=acting.collect(scene, share, model.times)))
         self.named = acting.collect(model.scene, share, model.times)
         self.whole = Energy(replace(model, effects=self.named))
+        self._definite = Definite()
 
     def at(self, grid: Array) -> Point:
         """State and whole energy for grid coefficients (planes, m) m. `residual` then uses its loads."""
@@ -50,6 +56,20 @@ class InteractingEnergy:
             return point
         acting.refresh(self.named, self.model, point.position, point.F)
         return replace(point, energy=point.energy + acting.shared_energy(self.named, self.model, point.position, point.F))
+
+    def factor(self, point: Point) -> None:
+        """Factor the tangent of the other parts, with as much of the mass matrix as that takes, in the matrix of `alone`.
+
+        Raises SolveError where values are not finite.
+        """
+        residual, _ = self._definite.made(self.alone, point)
+        if residual is None:
+            raise SolveError("the tangent can't be made positive definite: it holds values that are not finite", point)
+
+    @property
+    def shift(self) -> float:
+        """Multiple of the mass matrix in the last factors, Pa/m^2."""
+        return self._definite.shift
 
     def residual(self, point: Point) -> Array:
         """Gradient (planes, m) N of the whole energy, at the point from the last call of `at`."""
@@ -83,11 +103,12 @@ class InteractingEnergy:
         return self.alone.each_scattered(P, f)
 
     def solve_columns(self, right: Array) -> Array:
-        """K^-1 times right-hand sides (planes, k, m), K the tangent of the whole energy at the last point of `at`; `alone` has its factors.
+        """K^-1 times right-hand sides (planes, k, m), K the tangent of the whole energy at the last point of `at` and `factor`.
 
-        Conjugate gradients, preconditioned by these factors: a product with their matrix is a sum of earlier ones. Raises SolveError
-        where K is not positive definite. Source: Nocedal and Wright, algorithm 5.3.
+        Conjugate gradients, preconditioned by the factors: a product with their matrix is a sum of earlier ones, and what of the mass is in
+        it is taken out again. Raises SolveError where K is not positive definite. Source: Nocedal and Wright, algorithm 5.3.
         """
+        added = (self.shift * self._definite.mass(self.alone))[:, None]
         x, left = np.zeros_like(right), right.copy()
         z = self.alone.solve_columns(left)
         p, Ap = z.copy(), left.copy()  # Ap: the matrix of the factors times p
@@ -96,7 +117,7 @@ class InteractingEnergy:
             on = size > 1e-11**2 * start  # of the first residual, in the energy's norm
             if not on.any():
                 return x
-            product = Ap + self.refresh_product(self._point, p)
+            product = Ap - added * p + self.refresh_product(self._point, p)
             curvature = _dots(p, product)
             if np.any(curvature[on] <= 0.0):
                 raise SolveError("the tangent of the whole energy is not positive definite: the equilibrium is at a critical load")

@@ -19,6 +19,7 @@ from magmpm.errors import SolveError
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
 from magmpm.statics.changes import contact_changes, geometry_changes, magnet_changes, right_sides
+from magmpm.statics.definite import NEUTRAL
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 from magmpm.statics.newton import refined
@@ -28,8 +29,15 @@ class Linearized:
     """The neighborhood of an equilibrium for k variables of its scene, with the factors of its tangent."""
 
     def __init__(self, found: Equilibrium, variables: Sequence[Variable]) -> None:
-        """Raises SolveError where the tangent is not positive definite: at a critical load, say."""
+        """Raises SolveError where the tangent has an eigenvalue that is not positive, or counts as zero."""
         assert found.energy is not None
+        if found.stability is not None and found.stability < NEUTRAL:
+            raise SolveError(
+                "the equilibrium is at a critical load, or free to turn about an axis: its softest motion "
+                f"has {found.stability:.1e} of the unloaded body's stiffness (less than {NEUTRAL:g} counts "
+                "as none), so it has no sensitivities; remedy: take a load farther from the critical one, "
+                "or hold what is free to turn by a small load across"
+            )
         self._whole, self.energy = found.energy, found.energy.alone
         self.model, self.variables = found.energy.model, variables
         with one_blas_thread():
@@ -39,6 +47,9 @@ class Linearized:
             self._right = self._right_sides()
 
     def _factor(self) -> None:
+        if not isinstance(self._whole, Energy):  # whether the whole tangent is positive definite, its products tell as it is solved with
+            self._whole.factor(self._point)
+            return
         _, matrix = self.energy.tangent(self._point)
         if not matrix.factor():
             raise SolveError("the equilibrium is at a critical load: its tangent is not positive definite, so it has no sensitivities")

@@ -22,6 +22,7 @@ from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy
 from magmpm.statics.layout import StaticModel
 
+MOST_ADDED = 40  # vectors: one or two after usual solves, ten where segments press each other together so that they alone would buckle
 COLUMNS = 3  # soft vectors: of a rod two of bending and one of twist
 ENOUGH = 1e-5  # of the unloaded body's eigenvalue: what one more vector would win; it is subtracted, so a tenth of it is left
 NO_LOAD = 1e-12  # of the load, as good as none: other kernels would have to be compiled for none at all
@@ -45,14 +46,18 @@ class Unloaded:
 def stability(energy: Energy | InteractingEnergy, point: Point, body: Unloaded | None = None) -> float:
     """Smallest eigenvalue of the tangent at an equilibrium over that of the unloaded body, no unit.
 
-    energy: of the solve, with its last factors in its matrix, which stay; with interaction, those of the other parts of the energy.
+    energy: of the solve, with its last factors in its matrix, which stay; with interaction, the other parts are factored here.
     body: what an earlier call for the same body found.
     """
     alone, body = energy.alone, body or Unloaded()
     rest = body.rest = _of_rest(alone) if body.rest is None else body.rest
     body.lumped = _lumped(alone) if body.lumped is None else body.lumped
     here = energy.at(point.grid)  # and tables that follow the shape
-    return _smallest(alone, lambda columns: energy.products(here, columns), rest, body.lumped) / rest
+    stiffer = 1.0
+    if isinstance(energy, InteractingEnergy):  # its last factors are of a tangent with another shift, or several steps old
+        energy.factor(here)
+        stiffer += energy.shift / rest
+    return _smallest(alone, lambda columns: energy.products(here, columns), rest, body.lumped, stiffer) / rest
 
 
 def on_the_brink(stability: float | None) -> list[str]:
@@ -88,8 +93,9 @@ def _of_rest(energy: Energy) -> float:
     return _rest[key]
 
 
-def _smallest(energy: Energy, products: Products, scale: float, lumped: Array) -> float:
-    """Smallest eigenvalue of the tangent whose products are given; scale: what its error is measured by, 0 for itself; lumped: volumes."""
+def _smallest(energy: Energy, products: Products, scale: float, lumped: Array, stiffer: float = 1.0) -> float:
+    """Smallest eigenvalue of the tangent whose products are given; scale: what its error is measured by, 0 for itself; lumped: volumes;
+    stiffer: how many times as stiff the factors in the energy's matrix may be in the softest motions."""
     X = _start(energy)
     for _ in range(2):  # rounds of inverse iteration
         MX = lumped * X
@@ -97,14 +103,14 @@ def _smallest(energy: Energy, products: Products, scale: float, lumped: Array) -
     X = _mixed(X, _orthonormal(_inner(X, lumped * X)))
     KX, MX = products(X)
     value = np.inf
-    for _ in range(6):  # vectors added
+    for _ in range(MOST_ADDED):
         turn = _orthonormal(_inner(X, MX))
         values, vectors = np.linalg.eigh(turn.T @ _inner(X, KX) @ turn)
         value, mix = float(values[0]), (turn @ vectors)[:, :1]
         left = energy.free_columns(_mixed(KX, mix) - value * _mixed(MX, mix))
         w = energy.solve_columns(left)
         won = float(np.sum(w * left))  # mix is of norm 1 in M: what w can win, to first order
-        if won < ENOUGH * max(scale, abs(value)):
+        if stiffer * won < ENOUGH * max(scale, abs(value)):
             return value - won
         w /= np.abs(w).max()
         Kw, Mw = products(w)

@@ -7,6 +7,7 @@ import pytest
 import yaml
 from reference.differences import STEPS, differences, solution, tight
 from reference.solids import box
+from scipy.linalg import eigh
 
 import magmpm
 from magmpm.bodies.surface_mesh import write_stl
@@ -14,6 +15,11 @@ from magmpm.inputs.settings import validate
 from magmpm.results.measures import centreline_at
 from magmpm.scene import Scene
 from magmpm.scene.variables import tangents
+from magmpm.solving import solve
+from magmpm.statics.block_cholesky import factor
+from magmpm.statics.energy import Energy
+from magmpm.statics.interacting import InteractingEnergy
+from magmpm.statics.stability import Products, unloaded
 
 MATERIALS = """
 name: sensitive
@@ -135,6 +141,55 @@ def test_where_it_touches_derivatives_hold_until_other_points_touch(name: str, t
         ahead, behind = (solution(variable.changed(scene, side * step))[1] for side in (1, -1))
         slope = (ahead - behind) / (2 * step)
         np.testing.assert_allclose(found.tip[:, k], slope, rtol=0, atol=1e-5 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("along", [["[1, 0, 0]", "[1, 0, 0]", "[1, 0, 0]"], ["[1, 0, 0]", "[0, 0, 1]", "[-1, 0, 0]"]])
+def test_magnets_that_press_each_other_together(along: list[str], tmp_path: Path) -> None:
+    """A stable body that would buckle if the forces of its segments did not follow it.
+
+    Its derivatives are those of equilibria, and the stability that `run` reports is its smallest eigenvalue.
+    """
+    segments = ", ".join(f"{{magnetization: {direction}}}" for direction in along)
+    text = f"""
+name: pressed together
+materials: {{soft: {{shear_modulus: 30 kPa, bulk_to_shear: 20, remanence: 140 mT}}}}
+body: {{catheter: {{length: 30 mm, diameter: 3 mm, material: soft, segments: [{segments}]}}}}
+field: {{uniform: [0 mT, 2 mT, 5 mT]}}
+effects: {{magnetic_torque: {{}}, magnetic_interaction: {{}}}}
+resolution: {{cells_across: 2}}
+"""
+    scene = tight(validate(Scene, yaml.safe_load(text), tmp_path / "scene.yaml"))
+    _, solved = solve.at_rest(scene, None, None)
+    energy = solved.energy
+    assert energy is not None
+    assert factor(energy.alone.tangent(energy.at(solved.point.grid))[1], energy.model.layout.split) >= 0
+    found = magmpm.sensitivities(scene, ["field", "remanence"])
+    # rounding of a matrix whose eigenvalues span 1e9 (stretching over bending), 1e-7, and a tenth of stability.ENOUGH
+    assert found.result.stability == pytest.approx(smallest_eigenvalue(energy, solved.point.grid), abs=2e-6)
+    h = STEPS["field"]
+    ahead, behind = (solution(found.variables[1].changed(scene, sign * h))[1] for sign in (1, -1))
+    slope = (ahead - behind) / (2 * h)
+    # the difference's own error is (h / field)^2, 1e-5; the bound is the one that users are promised
+    np.testing.assert_allclose(found.tip[:, 1], slope, rtol=0, atol=1e-4 * np.abs(slope).max())
+
+
+def smallest_eigenvalue(energy: Energy | InteractingEnergy, grid: np.ndarray) -> float:
+    """The smallest eigenvalue of the whole tangent, as a full matrix, over the unloaded body's."""
+    at = energy.at(grid)
+    whole = full_matrices(lambda columns: energy.products(at, columns), grid.shape)
+    bare, rest = unloaded(energy.model)
+    unmoved = full_matrices(lambda columns: bare.products(rest, columns), grid.shape)
+    one, other = (eigh(stiff, heavy, eigvals_only=True, subset_by_index=[0, 0])[0] for stiff, heavy in (whole, unmoved))
+    return float(one / other)
+
+
+def full_matrices(products: Products, shape: tuple[int, int]) -> list[np.ndarray]:
+    """Stiffness and mass as full matrices, by their products with 100 unit vectors at a time."""
+    size = shape[0] * shape[1]
+    units = np.eye(size).reshape(size, *shape).transpose(1, 0, 2)
+    parts = [products(np.ascontiguousarray(units[:, first : first + 100])) for first in range(0, size, 100)]
+    joined = [np.concatenate([part[i] for part in parts], axis=1) for i in range(2)]
+    return [one.transpose(0, 2, 1).reshape(size, size) for one in joined]
 
 
 def test_at_arc_lengths_it_is_the_derivative_of_centreline_at(tmp_path: Path) -> None:
