@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from magmpm.errors import InputError, SolveError
+from magmpm.errors import SolveError
 from magmpm.results.file_names import CHECKPOINT, NUMBERS, OF_EQUILIBRIUM, forget_motion
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.result import Result
@@ -17,12 +17,12 @@ from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene, of_file, remedies
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.scene.rules import of_known_error
-from magmpm.scene.variables import variables
+from magmpm.scene.variables import check_differentiable, variables
 from magmpm.solving.effects_choice import choose_effects
 from magmpm.solving.effects_choice import missed_effects as missed_effects
 from magmpm.solving.precompile import DERIVATIVES, SOLVE, prepare_kernels
 from magmpm.solving.several_grids import Runs, choose_grid, grids_of
-from magmpm.solving.solve import Progress, at_rest, finite, result_of, solve, with_state
+from magmpm.solving.solve import Progress, at_rest, end_of_path, finite, result_of, solve, with_state
 from magmpm.statics.equilibrium import Equilibrium, Following, one_blas_thread
 from magmpm.statics.grids import Equilibria
 from magmpm.statics.linearized import Linearized, Sensitivities
@@ -134,27 +134,46 @@ def sensitivities(
     * remanence (T), shear_modulus (Pa; the bulk modulus in proportion), density (kg/m^3): of each material that the body uses;
     * length: of each segment of a catheter or strip, m: the body gets longer by as much; diameter: of a catheter, m (a tube's bore stays).
 
+    Of equilibria along time (solver.quasi_static) it is the last one, on the branch on which the path has come to it.
+
     The answer has names, units, variables, result, tip (3, k) m, centreline (stations, 3, k) m, `at` and `adjoint` (Sensitivities).
     Method: the implicit function theorem, dc/dp = -K^-1 dr/dp; docs/design.md, "Sensitivities".
-    Raises InputError as `run` does, for a name in `of` that is not known or of which the scene has no variable, and for a scene that
-    moves; SolveError as `run` does; ValueError and TypeError for a wrong start.
+    Raises InputError as `run` does, for a name in `of` that is not known or of which the scene has no variable, for a scene that moves,
+    and for a path with friction or feed; SolveError as `run` does, and where the softest motion has no stiffness: at a critical load, or
+    of a body that is free to turn; ValueError and TypeError for a wrong start.
     """
     if not isinstance(scene, Scene):
         with of_file(scene):
             return sensitivities(load_scene(scene), of, start=start)
     if start is not None and not isinstance(start, Result | RodShape | Following):
         raise TypeError(f"start: received {start!r}; must be a Result, as run(scene) returns it, a RodShape, or None")
-    if not scene.static:
-        rule, remedy = "sensitivities are those of an equilibrium", "leave out solver.dynamic, or differentiate runs by differences"
-        raise InputError("solver.dynamic", received="a motion", rule=rule, remedy=remedy)
+    check_differentiable(scene)
+    if scene.effects.auto:
+        choice = choose_effects(scene)
+        near = sensitivities(choice.scene, of, start=start)
+        return replace(near, result=replace(near.result, effects_chosen=choice.reasons))
     wanted = variables(scene, of)
     if scene.resolution.requested:
         prepare_kernels(scene.with_cells(coarsest_cells(scene)), uses=(DERIVATIVES,))
         result, found = _resolved(scene, start, None)
-        assert found is not None  # an equilibrium of a straight body; variables() refuses others
+        if found is None:  # whole runs have chosen the grid, and left no equilibrium: of a path, or of parts
+            assert result.resolution is not None  # _resolved
+            _, found = _equilibrium(scene.with_cells(result.resolution["cells_across"]), None)
     else:
-        result, found = at_rest(scene, start, None, (SOLVE, DERIVATIVES))
+        result, found = _equilibrium(scene, start)
     return Sensitivities(result, wanted, Linearized(found, wanted))
+
+
+def _equilibrium(
+    scene: Scene, start: Result | RodShape | Following | None
+) -> tuple[Result, Equilibrium]:
+    """The equilibrium that `run` ends with, of a scene whose cells and effects are given, and the kernels for its derivatives."""
+    if not scene.in_time:
+        return at_rest(scene, start, None, (SOLVE, DERIVATIVES))
+    if start is not None:
+        raise ValueError("start: received one for a scene that moves, which begins undeformed; leave it out")
+    prepare_kernels(scene, uses=(SOLVE, DERIVATIVES))
+    return end_of_path(scene)
 
 
 def _resolved(

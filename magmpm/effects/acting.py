@@ -148,9 +148,11 @@ def collect(scene: SceneLike, strength: float = 1.0, times: Array | None = None)
     return tuple(part for effect in scene.effects.named().values() for part in effect.records(scene, strength, times))
 
 
-def field_changes(scene: SceneLike) -> tuple[Records, Records, Records]:
+def field_changes(
+    scene: SceneLike, times: Array | None = None
+) -> tuple[Records, Records, Records]:
     """Records of the derivatives of all named effects with respect to the field's uniform part, x, y, z (Effect.field_changes)."""
-    each = [effect.field_changes(scene) for effect in scene.effects.named().values()]
+    each = [effect.field_changes(scene, times) for effect in scene.effects.named().values()]
     x, y, z = (tuple(part for changes in each for part in changes[i]) for i in range(3))
     return x, y, z
 

@@ -128,10 +128,13 @@ class Effect(Settings):
         strength: factor of a load, 0 to 1; times (k,) s of the steps to come, None in statics.
         """
 
-    def field_changes(self, scene: SceneLike) -> tuple[Records, Records, Records]:
+    def field_changes(
+        self, scene: SceneLike, times: Array | None = None
+    ) -> tuple[Records, Records, Records]:
         """Records whose stress and force are the derivatives of this effect's with respect to the field's uniform part, x, y, z, per T.
 
-        () where a component does not matter. The effect may name a dtype of its own for them, with hooks of its own.
+        times (1,) s: of the field's schedule; None: its end. () where a component does not matter. The
+        effect may name a dtype of its own for them, with hooks of its own.
         """
         return (), (), ()
 

@@ -50,11 +50,16 @@ class MagneticTorque(Effect):
         changes = times is not None and scene.field.over_time is not None
         return parameters(uniform, turns) if uniform.any() or changes else ()
 
-    def field_changes(self, scene: SceneLike) -> tuple[Records, Records, Records]:
-        """Records of a uniform field of 1 T along x, y and z, as the schedule scales and turns it."""
-        first, *others = [
-            places(scene.field.model_copy(update={"uniform": tuple(given)}))["uniform"][0] for given in np.eye(4, 3, -1).tolist()
-        ]
+    def field_changes(
+        self, scene: SceneLike, times: Array | None = None
+    ) -> tuple[Records, Records, Records]:
+        """Records of a uniform field of 1 T along x, y and z, as the schedule scales and turns it at its time."""
+
+        def uniform(given: list[float]) -> Array:
+            field = scene.field.model_copy(update={"uniform": tuple(given)})
+            return np.asarray(places(field, times)["uniform"][0])
+
+        first, *others = [uniform(given) for given in np.eye(4, 3, -1).tolist()]
         x, y, z = (parameters(other - first, bool(turning.rotating(scene).any())) if (other != first).any() else () for other in others)
         return x, y, z
 

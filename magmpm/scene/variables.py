@@ -13,6 +13,7 @@ import numpy as np
 
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
+from magmpm.effects.contact_law import Obstacle, most_friction
 from magmpm.errors import InputError
 from magmpm.scene.scene import Scene
 
@@ -78,6 +79,41 @@ def variables(scene: Scene, of: Sequence[str] | None = None) -> tuple[Variable, 
         else:
             found += made
     return tuple(found)
+
+
+def check_differentiable(scene: Scene) -> None:
+    """Raises InputError for a scene whose answer is not that of one equilibrium: what came before it counts.
+
+    Along a path of equilibria that is friction alone: all else follows its load at each moment, and the past only chooses the branch.
+    """
+    if scene.solver.dynamic is not None:
+        raise InputError(
+            "solver.dynamic",
+            received="a motion",
+            rule="sensitivities are those of an equilibrium",
+            remedy="leave out solver.dynamic, or differentiate runs by differences",
+        )
+    if scene.solver.quasi_static is None:
+        return
+    if scene.effects.feed is not None:
+        raise InputError(
+            "effects.feed",
+            received="a catheter that is pushed out of its guide",
+            rule="sensitivities are those of a body whose length outside of the guide is given, and here "
+            "it grows along the path",
+            remedy="differentiate what is outside at the end, as `scene.inserted(length)`, in the field of that time; "
+            "with obstacles, or sources of a field, differentiate runs by differences",
+        )
+    for key, effect in scene.effects.named().items():
+        if isinstance(effect, Obstacle) and (friction := most_friction(scene, effect.friction)) > 0.0:
+            raise InputError(
+                f"effects.{key}.friction",
+                received=f"{friction:g}, along a path of equilibria",
+                rule="what friction holds depends on every step before, so the last equilibrium alone "
+                "does not say how the shape answers",
+                remedy="differentiate runs by differences (friction is settled to 0.1 % of the grip, so "
+                "change a variable by some per cent), or write `friction: 0`, also in materials",
+            )
 
 
 def _refuse(received: str, rule: str, remedy: str) -> None:

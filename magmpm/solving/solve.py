@@ -27,6 +27,7 @@ from magmpm.solving.precompile import SOLVE, prepare_kernels
 from magmpm.statics import axis as axis_of_unknowns
 from magmpm.statics.contact import Touched, contacts_at_rest
 from magmpm.statics.equilibrium import Equilibrium, Following, one_blas_thread, solve_static
+from magmpm.statics.interacting import energy_of
 from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.newton import factored
 from magmpm.statics.stability import on_the_brink
@@ -63,7 +64,7 @@ def solve(
         scene.check_energy()
     with remedies.named(scene):
         if scene.solver.quasi_static is not None:
-            return _path(scene, folder, resume, on_progress, on_begin, on_frame, advise)
+            return _path(scene, folder, resume, on_progress, on_begin, on_frame, advise)[0]
         if scene.solver.dynamic is not None:
             return _motion(scene, folder, resume, on_progress, on_begin, on_frame)
         result, found = at_rest(scene, start, on_progress)
@@ -89,6 +90,24 @@ def at_rest(
     except SolveError as error:
         raise with_state(error, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}) from None
     return finite(result_of(model, found, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun})), found
+
+
+def end_of_path(scene: Scene) -> tuple[Result, Equilibrium]:
+    """The last of a scene's equilibria along time, as the path's Result and as the solver found it.
+
+    Raises InputError and SolveError as `solve` does. The scene has no `feed`: a body that stays where it is always bends.
+    """
+    scene.check_energy()
+    with remedies.named(scene):
+        result, state = _path(scene, None, False, None, None, None, False)
+    branch = state.branch
+    assert branch is not None  # of a fed catheter, it is None while all of it is in its guide
+    point = branch.now.point
+    energy = energy_of(branch.energy_at(state.time).model)
+    with one_blas_thread():
+        factored(energy.alone, point)  # what is refined takes steps with these factors
+    still = np.zeros_like(point.grid)
+    return result, Equilibrium(point, result.iterations, still, energy=energy, stability=result.stability)
 
 
 def with_state(error: SolveError, seconds: dict[str, float]) -> SolveError:
@@ -149,7 +168,7 @@ def _motion(
 def _path(
     scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None, on_begin: Callable[[], None] | None,
     on_frame: OnFrame | None, advise: bool,
-) -> Result:  # fmt: skip
+) -> tuple[Result, PathState]:  # fmt: skip
     from magmpm.dynamics import quasi_static  # single equilibria need neither it nor HDF5
 
     begun, compiled = time.perf_counter(), prepare_kernels(scene)
@@ -175,7 +194,7 @@ def _path(
         with one_blas_thread():
             factored(energy, point)
         result.warnings.extend(missed_loads(scene, energy, point))
-    return finite(result)
+    return finite(result), state
 
 
 def _path_result(state: PathState, seconds: dict[str, float], failure: str = "") -> Result:

@@ -20,6 +20,7 @@ from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Index
 from magmpm.effects import acting
 from magmpm.effects.hooks import each_record
+from magmpm.errors import SolveError
 from magmpm.kernels.changes import load_changes, loads, stress_per_shear
 from magmpm.model import Model, build, reshaped
 from magmpm.scene.variables import Variable
@@ -131,7 +132,7 @@ def _of_field(slots: _Slots, variables: Sequence[Variable]) -> None:
     wanted = [(k, variable.component) for k, variable in enumerate(variables) if variable.kind == "field"]
     if not wanted:
         return
-    changes = acting.field_changes(model.scene)
+    changes = acting.field_changes(model.scene, model.times)
     column = np.repeat([[k] for k, _ in wanted], len(model.scene.regions()), axis=1)
     P, f = slots.add(column, len(wanted))
     for slot, (_, component) in enumerate(wanted):
@@ -210,4 +211,9 @@ def _near(model: StaticModel, variable: Variable, amount: float) -> StaticModel:
     same = near.layout.planes == model.layout.planes and np.array_equal(near.layout.node_yz, model.layout.node_yz)
     if not (same and np.array_equal(near.layout.fixed, model.layout.fixed)):
         raise ValueError(f"{variable.name}: the unknowns are others {amount:g} m away, so there is no derivative by differences")
+    if acting.feels_itself(scene) and not np.array_equal(near.remanence[:, 3], model.remanence[:, 3]):
+        raise SolveError(
+            f"{variable.name}: {amount:g} m away the segments are divided into other dipoles (magnetic_interaction), where a "
+            "segment's first or last cell is half full, so the shape jumps and has no derivative; remedy: lengths of whole cells"
+        )
     return near
