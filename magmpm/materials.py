@@ -14,12 +14,18 @@ from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.compiled.simd import determinant_of, inverse_cube_root, load, magnitude, store
 
+STIFFEST = "500 GPa"  # the largest shear modulus that a scene may give: above those of steel (80 GPa), tungsten and carbide (300 GPa)
 Moduli = TypeVar("Moduli", float, NDArray[np.float64])
 
 
 def young_modulus(shear_modulus: Moduli, bulk_modulus: Moduli) -> Moduli:
     """Small-strain Young's modulus (Pa), E = 9 K G / (3 K + G)."""
     return 9 * bulk_modulus * shear_modulus / (3 * bulk_modulus + shear_modulus)
+
+
+def pressure_wave_speed(shear_modulus: Moduli, bulk_modulus: Moduli, density: Moduli) -> Moduli:
+    """Speed of pressure waves (m/s), sqrt((K + 4/3 G) / rho)."""
+    return ((bulk_modulus + 4.0 / 3.0 * shear_modulus) / density) ** 0.5
 
 
 def poisson_ratio(shear_modulus: Moduli, bulk_modulus: Moduli) -> Moduli:

@@ -44,6 +44,7 @@ from magmpm.dynamics.watchdog import Trouble
 from magmpm.effects import acting
 from magmpm.effects.base import Records
 from magmpm.kernels.watch import BROKEN, GOING, HIGHEST, LIMIT, QUICK, QUICKEST, SHARE, STIFF, WHY
+from magmpm.materials import pressure_wave_speed
 from magmpm.model import Model
 from magmpm.scene.options import DynamicOptions
 
@@ -110,8 +111,8 @@ def stiffness(model: Model, F: Array) -> Array:
 
 
 def speed_of_sound(model: Model) -> Array:
-    """Speed of pressure waves, sqrt((K + 4/3 G) / rho), (n,) m/s."""
-    return np.sqrt((model.bulk + 4.0 / 3.0 * model.shear) / model.density)
+    """Speed of pressure waves (n,), m/s."""
+    return pressure_wave_speed(model.shear, model.bulk, model.density)
 
 
 def isolated(sums: Array, shear: Array, bulk: Array, density: Array) -> float:

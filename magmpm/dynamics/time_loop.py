@@ -136,6 +136,7 @@ def integrate(
         _measure(state, state.motion.kinematics())
         state.balance.check(state.energies)
     writer, conserves = None if folder is None else _writer(state, folder, saved), energies.loads_conserve(model)
+    rounding = watchdog.energy_rounding(model)
     see = on_state or (lambda _: None)
     see(state)
     _write(state, writer if saved is None else None)
@@ -148,7 +149,7 @@ def integrate(
             now = interval(state, times[state.frame], on_progress)
             state.frame += 1
             _measure(state, now)
-            trouble = state.balance.check(state.energies) if conserves else None
+            trouble = state.balance.check(state.energies, rounding) if conserves else None
             if trouble is not None:
                 raise _stopped(state, trouble)
             see(state)

@@ -31,6 +31,7 @@ from magmpm.compiled.simd import determinant_of, inverse_cube_root
 from magmpm.effects.base import Effect, Records, SceneLike, one_record
 from magmpm.effects.hooks import register
 from magmpm.inputs.settings import Quantity, Settings, fault
+from magmpm.materials import STIFFEST
 
 DTYPE = np.dtype([("viscosity", np.float64)])
 BRANCHES = np.dtype([("branches", np.int64)])
@@ -41,7 +42,7 @@ STEEPEST = 6.0  # largest sum of N'^2 / N over the three splines of a cell, time
 class Branch(Settings):
     """A spring in series with a dashpot (Maxwell)."""
 
-    shear_modulus: Annotated[float, Quantity("pressure", above="0 kPa", at_most="10 GPa")] = Field(
+    shear_modulus: Annotated[float, Quantity("pressure", above="0 kPa", at_most=STIFFEST)] = Field(
         description="Shear modulus G that the branch adds to quick deformations.", examples=["500 kPa"]
     )
     time: Annotated[float, Quantity("time", above="0 s", at_most="86400 s")] = Field(

@@ -40,7 +40,7 @@ class RobotSegment(Settings):
         description="Direction of magnetization; zeros: unmagnetized.", examples=[[0, 0, 1]]
     )
     density: float = Field(strict=True, gt=0, le=30_000, description="kg/m^3", examples=[1882])
-    shear_modulus: float = Field(strict=True, gt=0, le=1e10, description="Pa", examples=[120000])
+    shear_modulus: float = Field(strict=True, gt=0, le=5e11, description="Pa", examples=[120000])
     fixed: bool = Field(strict=True, description="Whether it is held.", examples=[False])
 
 

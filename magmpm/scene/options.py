@@ -26,7 +26,7 @@ from magmpm.errors import quantity
 from magmpm.inputs.messages import Instead, plain_word
 from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
 from magmpm.inputs.settings import Bytes, Duration, Quantity, Settings, fault, from_file
-from magmpm.materials import bulk_over_shear, poisson_ratio, shear_of_young
+from magmpm.materials import STIFFEST, bulk_over_shear, poisson_ratio, shear_of_young
 
 MOST_FRAMES = 100_000
 
@@ -213,12 +213,12 @@ def _remanence(value: Any) -> str:
 
 
 class Material(Settings):
-    """A silicone, magnetic or plain."""
+    """A material of the body, magnetic or plain: a silicone, or as stiff as a metal."""
 
     model: Literal["neo-hookean"] = Field(
         default="neo-hookean", description="Elastic law; neo-hookean unless given.", examples=["neo-hookean"]
     )
-    shear_modulus: Annotated[float, Quantity("pressure", above="0 kPa", at_most="10 GPa")] = Field(
+    shear_modulus: Annotated[float, Quantity("pressure", above="0 kPa", at_most=STIFFEST)] = Field(
         description="Shear modulus G at small strain.", examples=["120 kPa"]
     )
     bulk_to_shear: float = Field(

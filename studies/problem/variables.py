@@ -8,6 +8,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from magmpm.inputs.quantities import KINDS, format_si
 from magmpm.inputs.settings import Quantity, Settings, fault
+from magmpm.materials import STIFFEST
 
 
 class VaryMagnetization(Settings):
@@ -89,10 +90,10 @@ class VaryShearModulus(Range):
     """The stiffness of the body's materials."""
 
     kind: ClassVar[str] = "pressure"
-    min: Annotated[float, Quantity("pressure", above="0 kPa", at_most="10 GPa")] = Field(
+    min: Annotated[float, Quantity("pressure", above="0 kPa", at_most=STIFFEST)] = Field(
         description="Least shear modulus.", examples=["50 kPa"]
     )
-    max: Annotated[float, Quantity("pressure", above="0 kPa", at_most="10 GPa")] = Field(
+    max: Annotated[float, Quantity("pressure", above="0 kPa", at_most=STIFFEST)] = Field(
         description="Greatest shear modulus.", examples=["500 kPa"]
     )
     per: Literal["material", "segment"] = Field(
