@@ -22,6 +22,7 @@ from magmpm.bodies.signed_distance import to_triangles
 from magmpm.bodies.surface_mesh import (
     PREFIX,
     gap,
+    nearest_solids,
     outline,
     overlaps,
     read_mesh,
@@ -31,6 +32,7 @@ from magmpm.bodies.surface_mesh import (
     volume_of,
 )
 from magmpm.compiled.arrays import Array
+from magmpm.errors import length
 from magmpm.inputs.settings import Settings, Width, fault
 from magmpm.inputs.vectors import Direction, Vector
 
@@ -40,6 +42,7 @@ MAY_OVERLAP = 1e-3  # of the smaller part: touching faces of a drawing never fit
 LEAST_CELLS = 2  # through the thinnest part
 HELD_EDGE = 0.25  # of a cell: longest edge of triangles whose points tell where a face is held
 INSIDE = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6  # three points in a triangle, exact for quadratic functions
+SPECK = 0.01  # of the body's length: with two cells through such a part the body would have 200 a side; units differ by ten and more
 
 
 class MeshPart(Settings):
@@ -114,17 +117,42 @@ class Parts(BodyShape):
             for i, part in enumerate(self.meshes):
                 thickness = self.part_thickness(i)
                 if not part.clamp and thickness < LEAST_CELLS * self.spacing * (1 - 1e-6):
-                    raise fault(
+                    remedy = f"at most `spacing: {1e3 * thickness / LEAST_CELLS:.3g} mm`, or leave spacing out"
+                    rule = (
                         f"a part must be at least {LEAST_CELLS} cells thick: {part.name or f'part {i + 1}'} is "
-                        f"{1e3 * thickness:.3g} mm, {thickness / self.spacing:.2g} cells of {1e3 * self.spacing:.3g} mm",
-                        f"at most `spacing: {1e3 * thickness / LEAST_CELLS:.3g} mm`, or leave spacing out",
-                        ("spacing",),
+                        f"{1e3 * thickness:.3g} mm, {thickness / self.spacing:.2g} cells of {1e3 * self.spacing:.3g} mm"
+                    )
+                    whole = self.part_length(i)
+                    if whole >= self.spacing:
+                        raise fault(rule, remedy, ("spacing",))
+                    # Not even a cell long: no spacing that suits the others suits it.
+                    raise fault(
+                        f"{rule}; all of it is {length(whole)} long",
+                        self._other_unit(i, remedy),
+                        ("meshes", i, "mesh"),
                     )
         return self
 
     def part_thickness(self, index: int) -> float:
         """Thickness of a part, m: see surface_mesh.thickness_of."""
         return thickness_of(self.meshes[index].mesh) * UNITS[self.unit]
+
+    def part_length(self, index: int) -> float:
+        """Longest side of the box around a part, m."""
+        return float(np.ptp(unpack_mesh(self.meshes[index].mesh).vertices, axis=0).max()) * UNITS[self.unit]
+
+    def _other_unit(self, index: int, otherwise: str) -> str:
+        """What to do about a part that is far too small in the unit of all parts: the unit that its file may be in, or else `otherwise`."""
+        assert self.spacing is not None
+        for unit, scale in UNITS.items():  # from the smallest on
+            times = scale / UNITS[self.unit]
+            if times > 1.0 and times * self.part_thickness(index) >= LEAST_CELLS * self.spacing * (1 - 1e-6):
+                return (
+                    f"is its file in {unit}? Then it is {length(times * self.part_length(index))} long: "
+                    f"export it in {self.unit}, as `unit` says, or write `unit: {unit}` if all parts are; "
+                    f"if it is so small, {otherwise}"
+                )
+        return otherwise
 
     def surfaces(self) -> list[tuple[Array, NDArray[np.integer]]]:
         """Each part's surface: vertices (v, 3) m, and faces (f, 3) by vertex, counter-clockwise from outside."""
@@ -252,14 +280,39 @@ class Parts(BodyShape):
         return len(self.meshes) > 1 and csgraph.connected_components(self._touching(), directed=False)[0] == 1
 
     def warnings(self, cells_across: int, *, one_grid: bool) -> list[str]:
-        """Warnings of parts that are near each other and do not touch, which one grid moves as one."""
-        cell, regions = self.cell_size(cells_across), self.regions()
+        """Warnings of what is near and does not touch, which one grid moves as one; and of specks."""
+        return [*self._near(self.cell_size(cells_across), one_grid), *self._specks()]
+
+    def _specks(self) -> list[str]:
+        """Warnings of free parts that are so small beside the body that their files may be in another unit."""
+        found = []
+        for i, region in enumerate(self.regions()):
+            if not region.held and self.part_length(i) < SPECK * self.length:
+                found.append(
+                    f"body.parts: {region.name} is {length(self.part_length(i))} long, all parts together {length(self.length)}: "
+                    f"are all files in {self.unit}?"
+                )
+        return found
+
+    def _near(self, cell: float, one_grid: bool) -> list[str]:
+        """Warnings of parts, or solids of one part, that share nodes of the grid and do not touch."""
+        regions = self.regions()
         gaps = self._gaps(3 * cell)
-        return [
+        least = TOUCHING * self.length
+        unit = UNITS[self.unit]
+        told = []
+        for part, region in zip(self.meshes, regions, strict=True):  # they are on one grid in motion, too
+            apart = unit * nearest_solids(part.mesh, 3 * cell / unit)
+            if not region.held and least < apart < 2 * cell:
+                told.append(
+                    f"body.parts: two solids of {region.name} are {1e3 * apart:.3g} mm apart, less than two cells of "
+                    f"{1e3 * cell:.3g} mm: they move as if joined"
+                )
+        return told + [
             f"body.parts: {regions[i].name} and {regions[j].name} are {1e3 * gaps[i, j]:.3g} mm apart, less than two cells of "
             f"{1e3 * cell:.3g} mm: they move as if joined"
             for i, j in itertools.combinations(range(len(regions)), 2)
-            if one_grid and TOUCHING * self.length < gaps[i, j] < 2 * cell and not (regions[i].held and regions[j].held)
+            if one_grid and least < gaps[i, j] < 2 * cell and not (regions[i].held and regions[j].held)
         ]
 
 

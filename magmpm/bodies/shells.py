@@ -118,21 +118,48 @@ def _matched(vertices: Array, faces: Index, edges: Index, size: float) -> tuple[
     return np.array(pairs), bool(np.ptp(covers) <= 1)
 
 
+def doubled(vertices: Array, faces: Index) -> tuple[str, str] | None:
+    """Rule and remedy where a triangle stands again, facing the same way; else None."""
+    least = faces[np.arange(len(faces))[:, None], (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3]
+    _, first, of = np.unique(least, axis=0, return_index=True, return_inverse=True)
+    again = np.flatnonzero(first[of.ravel()] != np.arange(len(faces)))
+    if not len(again):
+        return None
+    return (
+        f"each triangle of a mesh must stand once, and {len(again)} of this one stand{'s' * (len(again) == 1)} again, the first near "
+        f"{place(vertices[faces[again[0]]].mean(axis=0))}: what they enclose would count twice",
+        "remove the doubled solid, or the doubled triangles (in MeshLab: Remove Duplicate Faces), and export the part again",
+    )
+
+
+def place(point: Array) -> str:
+    """A point of a mesh in its file's unit, for messages: "(12, 0, -2)"."""
+    return f"({', '.join(f'{x:.4g}' for x in point)})"
+
+
+def solids_of(vertices: Array, faces: Index) -> list[Manifold]:
+    """The separate solids of a closed mesh that `shell_fault` has passed: its outward shells, each without the cavities in it.
+
+    Solids that share an edge or a corner alone are separate here, and lie at a distance of zero.
+    """
+    shells = shells_of(vertices, faces)[0]
+    least = 1e-9 * float(np.prod(np.ptp(vertices, axis=0)))  # smaller ones are rounding, as for shell_fault
+    found = sorted((shell for shell in shells if shell.volume() > least), key=lambda shell: shell.volume())
+    for cavity in (_outward(shell) for shell in shells if shell.volume() < -least):
+        for k, solid in enumerate(found):  # the smallest around it first
+            if (solid ^ cavity).volume() > (1 - TOLERANCE) * cavity.volume():
+                found[k] = solid - cavity
+                break
+    return found
+
+
 def shell_fault(vertices: Array, faces: Index, size: float) -> tuple[str, str] | None:
     """Rule and remedy where a closed mesh covers a point twice, or less than not at all; else None. size: of its box, cubed."""
-    least = faces[np.arange(len(faces))[:, None], (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3]
-    twice = len(faces) - len(np.unique(least, axis=0))
-    if twice:
-        return (
-            f"each triangle of a mesh must stand once, and {twice} of this one stand{'s' * (twice == 1)} again: what they enclose "
-            "would count twice",
-            "remove the doubled solid (in MeshLab: Remove Duplicate Faces), and export the part again",
-        )
     shells, overlaps = shells_of(vertices, faces)
     if len(overlaps):
         return (
             f"a mesh must cover each point once, and beside {len(overlaps)} edges of this one, where several pieces meet, solids overlap "
-            f"or one is inverted, the first near ({', '.join(f'{x:.4g}' for x in vertices[overlaps[0]])})",
+            f"or one is inverted, the first near {place(vertices[overlaps[0]])}",
             "unite what overlaps (in Blender: the Boolean modifier, Union), or remove what stands twice, and export the part again",
         )
     return _misplaced([shell for shell in shells if abs(shell.volume()) > 1e-9 * size])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import atexit
 import base64
+import itertools
 import re
 import zlib
 from collections.abc import Iterator, Sequence
@@ -20,7 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationInfo
 
-from magmpm.bodies.shells import SAME, MeshError, overlapping_boxes, shell_fault, solid_of
+from magmpm.bodies.shells import (
+    SAME,
+    MeshError,
+    doubled,
+    overlapping_boxes,
+    place,
+    shell_fault,
+    solid_of,
+    solids_of,
+)
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.settings import fault, from_file, named_file
 from magmpm.inputs.user_files import UnfitFile, read_regular
@@ -36,6 +46,7 @@ FARTHEST, SMALLEST = 10.0, 1e-6  # m: coordinates, as of all places in a scene, 
 RAYS = 400  # points from which the thickness is measured
 LINES = 100  # through the mesh, along which its surface is tried for crossing itself
 CROSSED = 0.01  # of the mesh's size: more than what the touching pieces of a drawing cross each other by
+_VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)  # of text STL, in small letters or capitals
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("color", "<u2")])  # of binary STL
 atexit.register(lambda: _stored_solid.cache_clear())  # type: ignore[has-type]  # manifold3d complains of solids that outlive it
 
@@ -97,11 +108,23 @@ def _corners(content: bytes) -> Array | None:
         return np.frombuffer(content, _RECORD, offset=84)["corners"].astype(float)
     if content.lstrip()[:5].lower() != b"solid":
         return None
-    try:
-        values = np.array(re.findall(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", content), dtype=float)
-    except ValueError:
+    rows = _VERTEX.findall(content)
+    if not rows or len(rows) % 3:
         return None
-    return values.reshape(-1, 3, 3) if len(values) % 3 == 0 and len(values) else None
+    try:
+        numbers = np.array(rows, dtype=float)
+    except ValueError:  # decimal commas, which take ten times as long
+        numbers = np.array([[_number(text) for text in row] for row in rows])
+    return numbers.reshape(-1, 3, 3)
+
+
+def _number(text: bytes) -> float:
+    """A coordinate of a text STL, with a point or a comma before its decimals. Raises MeshError."""
+    try:
+        return float(text.rstrip(b",").replace(b",", b"."))
+    except ValueError:
+        word = text.decode(errors="replace")
+        raise MeshError(f"every coordinate must be a number, and this file has {word[:40]!r}", "export the part again") from None
 
 
 def _merged(corners: Array) -> tuple[Array, NDArray[Any]]:
@@ -125,16 +148,26 @@ def _merged(corners: Array) -> tuple[Array, NDArray[Any]]:
 
 def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
     """The mesh, if it encloses a volume once with its normals outward. Raises MeshError with what is wrong and how to mend it."""
+    if (found := doubled(vertices, faces)) is not None:
+        raise MeshError(*found)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     low, high = edges.min(1), edges.max(1)
-    _, of = np.unique(low * len(vertices) + high, return_inverse=True)
+    _, first, of = np.unique(low * len(vertices) + high, return_index=True, return_inverse=True)
     used, balance = np.bincount(of), np.bincount(of, np.where(edges[:, 0] == low, 1.0, -1.0))
-    open_edges = np.flatnonzero(used % 2 == 1)
+    odd_edges = np.flatnonzero((used > 2) & (used % 2 == 1))
+    if len(odd_edges):
+        raise MeshError(
+            f"triangles of a mesh must meet in pairs at each edge, and at {len(odd_edges)} edges of this one "
+            "there is one too many or too few, the first near "
+            f"{place(vertices[low[first[odd_edges[0]]]])}: three or more meet there",
+            "remove the triangle that belongs to no solid, or close the hole (in Blender: Select > All by "
+            "Trait > Non Manifold), and export the part again",
+        )
+    open_edges = np.flatnonzero(used == 1)
     if len(open_edges):
-        at = vertices[low[np.flatnonzero(of == open_edges[0])[0]]]
         raise MeshError(
             f"a mesh must be watertight, and {len(open_edges)} edges of this one have a hole beside them, "
-            f"the first near ({', '.join(f'{x:.4g}' for x in at)})",
+            f"the first near {place(vertices[low[first[open_edges[0]]]])}",
             "close the holes, for example with MeshLab's or Blender's repair, and export the part again",
         )
     if np.any(balance != 0):
@@ -279,6 +312,14 @@ def overlaps(texts: Sequence[str]) -> Iterator[tuple[int, int, float, float]]:
     solids = [_stored_solid(text) for text in texts]
     for i, j in overlapping_boxes(solids):
         yield i, j, (solids[i] ^ solids[j]).volume(), min(solids[i].volume(), solids[j].volume())
+
+
+@lru_cache(maxsize=256)
+def nearest_solids(text: str, within: float) -> float:
+    """Smallest distance between two separate solids of one stored mesh, and at most `within`, in its unit; `within` where it is one."""
+    mesh = unpack_mesh(text)
+    solids = solids_of(mesh.vertices, mesh.faces)
+    return min((a.min_gap(b, within) for a, b in itertools.combinations(solids, 2)), default=within)
 
 
 @lru_cache(maxsize=1024)

@@ -171,7 +171,10 @@ def _path(
 ) -> tuple[Result, PathState]:  # fmt: skip
     from magmpm.dynamics import quasi_static  # single equilibria need neither it nor HDF5
 
-    begun, compiled = time.perf_counter(), prepare_kernels(scene)
+    begun = time.perf_counter()
+    with memory.within(scene):
+        quasi_static.loads_of(scene, scene.path_times()[0])  # refuses what can't begin, before its kernels are compiled
+    compiled = prepare_kernels(scene)
     seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
 
     def result_of(state: PathState, failure: str = "") -> Result:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from magmpm.bodies.grid import Grid
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array, Index
-from magmpm.errors import SceneError
+from magmpm.errors import SceneError, dotted, lengths
 from magmpm.model import Model, volume_modes
 from magmpm.statics.block_cholesky import split_plane
 from magmpm.statics.bonds import Bonds, Springs, bonds_of, held_by_faces
@@ -130,8 +130,11 @@ def static_model(model: Model) -> StaticModel:
 
     F = axes + sum of coefficients times slopes along the axes: it differs from that in x, y, z by a rotation of the undeformed body, which
     neither det F nor F^T F's invariants nor F Br feel.
+    Raises SceneError where a piece of a body of parts hangs on nothing that is held.
     """
     weights, slopes = model.splines()
+    if model.line is None:
+        _all_hang_on_something(model, weights)
     if held_by_faces(model):  # bonds hold the others: these see no node, and stay where they are
         weights[model.held] = 0.0
         slopes[model.held] = 0.0
@@ -215,13 +218,9 @@ def _touched(cell_first: Index, cell_plane: Index, cell_row: Index, weights: Arr
 
 
 def arranged(model: StaticModel) -> tuple[StaticModel, Index]:
-    """The model with renumbered axes, and the index (n,) of each of its particles in the given model.
-
-    Raises SceneError if a region is not connected to anything held.
-    """
+    """The model with renumbered axes, and the index (n,) of each of its particles in the given model."""
     of = np.arange(len(model.shear))
     if model.line is None:
-        _all_hang_on_something(model)
         model, of = _renumbered(model)
     return model, of
 
@@ -263,33 +262,59 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
     return replace(turned, layout=layout, touching=touching), of
 
 
-def _all_hang_on_something(model: StaticModel) -> None:
-    """Raise SceneError unless every region is held, or is connected through grid nodes to one that is."""
+def _all_hang_on_something(model: Model, weights: Array) -> None:
+    """Raise SceneError unless all that can move is connected through grid nodes to something that is held; weights (n, 3, 3): splines.
+
+    What counts is each cell's material, not the parts: a mesh may have several solids.
+    """
     from scipy.sparse import coo_matrix  # 0.1 s to import, and straight bodies do not need it
     from scipy.sparse.csgraph import connected_components
 
-    regions, particles, nodes = model.scene.regions(), model.particles, model.grid.nodes
-    clamped = np.zeros(len(regions), bool)
-    # Where a clamp plane changed a cell's splines they no longer sum to one.
-    changed = np.any(np.abs(model.weights.sum(axis=2) - 1) > 1e-6, axis=1)
+    particles, nodes = model.particles, model.grid.nodes
+    number = np.ravel_multi_index(particles.cell.T, nodes)
+    _, first, of = np.unique(number, return_index=True, return_inverse=True)
+    seen = np.zeros((len(first), 3, 3), bool)  # nodes along each axis that the free particles of a cell see
+    free = ~model.held
+    np.logical_or.at(seen, of[free], weights[free] != 0.0)
+    held_nodes = np.zeros(nodes, bool)
     for _, follows in model.driven:
-        changed |= np.any([follows[tuple((particles.cell + shift).T)] for shift in np.ndindex(3, 3, 3)], axis=0)
-    clamped[particles.segment[changed | model.held]] = True
-    links = []
-    for shift in np.ndindex(3, 3, 3):
-        at = np.ravel_multi_index((particles.cell + shift).T, nodes)
-        links.append(np.unique(at * len(regions) + particles.segment))
-    key = np.concatenate(links)
-    node = np.unique(key // len(regions), return_inverse=True)[1]
-    count = len(regions) + int(node.max()) + 1
-    graph = coo_matrix((np.ones(len(key)), (key % len(regions), node + len(regions))), shape=(count, count))
+        held_nodes |= follows
+    cells = []
+    at = []
+    for a, b, c in np.ndindex(3, 3, 3):
+        place = particles.cell + np.array([a, b, c])
+        by_held = model.held & (weights[:, 0, a] != 0) & (weights[:, 1, b] != 0) & (weights[:, 2, c] != 0)
+        held_nodes[tuple(place[by_held].T)] = True
+        on = np.flatnonzero(seen[:, 0, a] & seen[:, 1, b] & seen[:, 2, c])
+        cells.append(on)
+        at.append(np.ravel_multi_index(place[first[on]].T, nodes))
+    cell = np.concatenate(cells)
+    named, index = np.unique(np.concatenate(at), return_inverse=True)
+    count = len(first) + len(named)
+    graph = coo_matrix((np.ones(len(cell)), (cell, len(first) + index)), shape=(count, count))
     _, group = connected_components(graph, directed=False)
-    held_groups = set(group[: len(regions)][clamped].tolist())
-    for k, region in enumerate(regions):
-        if group[k] not in held_groups:
-            raise SceneError(
-                f"body.{model.scene.body.kind}",
-                found=f"{region.name} touches no part that is held",
-                rule="equilibrium needs every part to hang on something",
-                remedy="clamp it or what it touches, or move it: `solver: {dynamic: {duration: 0.5 s}}`",
-            )
+    # Where a clamp plane changed a cell's splines they no longer sum to one.
+    clamped = free & np.any(np.abs(weights.sum(axis=2) - 1) > 1e-6, axis=1)
+    anchored = {*group[of[clamped]].tolist(), *group[len(first) :][held_nodes.ravel()[named]].tolist()}
+    loose = free & ~np.isin(group[of], list(anchored))
+    if loose.any():
+        raise _loose(model, loose & (group[of] == group[of[np.flatnonzero(loose)[0]]]))
+
+
+def _loose(model: Model, mine: NDArray[np.bool_]) -> SceneError:
+    """The error about a piece of the body, its particles `mine` (n,), that nothing holds: its part, and where it is."""
+    particles = model.particles
+    size = np.bincount(particles.segment[mine], particles.volume[mine])
+    k = int(np.argmax(size))
+    region = model.scene.regions()[k]
+    whole = float(particles.volume[particles.segment == k].sum())
+    center = particles.volume[mine] @ particles.position[mine] / particles.volume[mine].sum()
+    all_of_it = size[k] > (1 - 1e-9) * whole  # sums differ by rounding
+    piece = region.name if all_of_it else f"a piece of {region.name}, {1e9 * size[k]:.3g} of its {1e9 * whole:.3g} mm^3,"
+    return SceneError(
+        dotted(("body", *region.at)),
+        found=f"{piece} touches no part that is held, nor one that hangs on such a part; its center is {lengths(center)}",
+        rule="equilibrium needs every part, and every separate solid of a part, to hang on something",
+        remedy="move it until it touches the others, or clamp it in a mesh of its own, or let it move: "
+        "`solver: {dynamic: {duration: 0.5 s}}`",
+    )

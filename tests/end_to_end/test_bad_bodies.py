@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from bad_scene import BadScene
 from reference.commands import scene_text
-from reference.solids import box
+from reference.solids import box, stl_text
 from test_commands import SCENE
 from test_import import robot_file
 
@@ -90,6 +90,10 @@ ASSEMBLIES = [
     edit("missing mesh", "mesh: arm.stl", "mesh: arms.stl", "body.parts.meshes[1].mesh", '"arms.stl"', "can't be read", "relative to the scene file"),
     edit("no mesh at all", "mesh: arm.stl", "mesh: probe.yaml", "body.parts.meshes[1].mesh", '"probe.yaml"', "must be an STL mesh"),
     edit("an open mesh", "mesh: arm.stl", "mesh: open.stl", "body.parts.meshes[1].mesh", '"open.stl"', "must be watertight", "3 edges", "close the holes"),
+    edit("a triangle twice", "mesh: arm.stl", "mesh: doubled.stl", "body.parts.meshes[1].mesh", '"doubled.stl"', "1 of this one stands again, the first near (0, ", "Remove Duplicate Faces"),
+    edit("a triangle twice, facing back", "mesh: arm.stl", "mesh: back.stl", "body.parts.meshes[1].mesh", '"back.stl"', "at 3 edges of this one there is one too many", "remove the triangle that belongs to no solid"),
+    edit("a number that is none", "mesh: arm.stl", "mesh: spoilt.stl", "body.parts.meshes[1].mesh", '"spoilt.stl"', "every coordinate must be a number, and this file has '3.5.1'", "export the part again"),
+    edit("a mesh of meters", "mesh: arm.stl", "mesh: meters.stl", "body.parts.meshes[1].mesh", '"meters.stl"', "meters is 0.001 mm", "all of it is 3 µm long", "is its file in m? Then it is 3 mm long: export it in mm"),
     edit("an inverted mesh", "mesh: arm.stl", "mesh: inverted.stl", "body.parts.meshes[1].mesh", '"inverted.stl"', "its volume is negative", "flip the normals"),
     edit("a mesh of two minds", "mesh: arm.stl", "mesh: mixed.stl", "body.parts.meshes[1].mesh", '"mixed.stl"', "face opposite ways", "consistent"),
     edit("a piece inverted", "mesh: arm.stl", "mesh: pieces.stl", "body.parts.meshes[1].mesh", '"pieces.stl"', "2 shells: shell 2 of volume 1 faces inward", "flip the normals of what is inverted"),
@@ -119,6 +123,9 @@ def meshes(folder: Path) -> None:
         "base": box((-1, 0, 0), (0, 1, 1)),
         "arm": arm,
         "open": Mesh(arm.vertices, arm.faces[1:]),
+        "doubled": Mesh(arm.vertices, np.concatenate([arm.faces, arm.faces[:1]])),
+        "back": Mesh(arm.vertices, np.concatenate([arm.faces, arm.faces[:1, ::-1]])),
+        "meters": Mesh(1e-3 * arm.vertices, arm.faces),
         "inverted": Mesh(arm.vertices, arm.faces[:, ::-1]),
         "crossed": Mesh(crossed, arm.faces),
         "mixed": Mesh(arm.vertices, mixed),
@@ -131,6 +138,7 @@ def meshes(folder: Path) -> None:
     }
     for name, mesh in solids.items():
         write_stl(mesh, folder / f"{name}.stl")
+    (folder / "spoilt.stl").write_text(stl_text(arm).replace("vertex 3 ", "vertex 3.5.1 ", 1))
     # Two triangles back to back: closed, without volume.
     lines = [f"facet normal 0 0 0\nouter loop\n{corners}\nendloop\nendfacet" for corners in (
         "vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0", "vertex 0 0 0\nvertex 0 1 0\nvertex 1 0 0")]  # fmt: skip

@@ -37,3 +37,12 @@ def turned(mesh: Mesh, axis: tuple[float, float, float], angle: float) -> Mesh:
     """The mesh rotated about an axis through the origin, by an angle in rad."""
     rotation = Rotation.from_rotvec(angle * np.array(axis) / np.linalg.norm(axis))
     return Mesh(rotation.apply(mesh.vertices), mesh.faces)
+
+
+def stl_text(mesh: Mesh) -> str:
+    """A mesh as text STL."""
+    lines = ["solid s"]
+    for triangle in mesh.triangles:
+        corners = [f"vertex {x:.9g} {y:.9g} {z:.9g}" for x, y, z in triangle]
+        lines += ["facet normal 0 0 0", "outer loop", *corners, "endloop", "endfacet"]
+    return "\n".join([*lines, "endsolid s", ""])

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import yaml
 from reference.moving import resting_scene
-from reference.solids import ball, box, turned
+from reference.solids import ball, box, stl_text, turned
 
 from magmpm.bodies.grid import Grid
 from magmpm.bodies.mesh_quadrature import cell_moments, grid_of_parts, part_errors, part_particles
-from magmpm.bodies.shells import shells_of, solid_of
+from magmpm.bodies.shells import shells_of, solid_of, solids_of
 from magmpm.bodies.surface_mesh import (
     PREFIX,
     Mesh,
@@ -322,6 +322,57 @@ def test_equilibrium_needs_every_part_to_hang_on_something() -> None:
 
 FEET = ((0.0, 0.0, -2.0), (3.0, 2.0, 0.0)), ((13.0, 0.0, -2.0), (16.0, 2.0, 0.0))
 RING = [((0, 0, -2), (12, 2, 0)), ((0, 10, -2), (12, 12, 0)), ((0, 2, -2), (2, 10, 0)), ((10, 2, -2), (12, 10, 0))]
+
+
+@pytest.mark.parametrize(
+    ("solver", "gap"),
+    [({"static": {}}, 4.0), ({"quasi_static": {"steps": 2}}, 4.0), ({"static": {}}, 12.0)],
+    ids=["at rest", "along time", "far"],
+)
+def test_every_solid_of_a_mesh_must_hang_on_something(solver: dict[str, Any], gap: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One mesh of two solids, one of which nothing holds: refused before a kernel is loaded, with its part, size and place."""
+
+    def never(*_: object, **__: object) -> float:
+        raise AssertionError("kernels were asked for")
+
+    monkeypatch.setattr("magmpm.solving.solve.prepare_kernels", never)
+    begin = 10.0 + gap
+    two = Mesh(*together(box((0, -2, -2), (10, 2, 2)), box((begin, -2, -2), (begin + 10, 2, 2))))
+    data = parts_scene({"mesh": box((-3, -3, -3), (0, 3, 3)), "clamp": True}, {"mesh": two, "name": "two"}, spacing=1e-3).to_si()
+    data["solver"] = solver
+    data["field"]["over_time"] = {"ramp": {"duration": 0.1}} if "quasi_static" in solver else None
+    with pytest.raises(InputError, match=rf"meshes\[1\]: a piece of two, 160 of its 320 mm\^3, touches no part .* \({begin + 5:.3f}, "):
+        run(Scene.from_si(data))
+
+
+def test_solids_of_a_mesh_that_are_near_each_other_are_told_of() -> None:
+    """Two solids of one mesh share a grid at rest and in motion; a solid in another one's cavity is a solid of its own."""
+    near = Mesh(*together(CUBE, box((1.5, 0, 0), (2.5, 1, 1))))
+    scene = parts_scene({"mesh": box((-1, 0, 0), (0, 1, 1)), "clamp": True}, {"mesh": near, "name": "pair"})
+    moving = Scene.from_si({**scene.to_si(), "solver": {"dynamic": {"duration": 1.0}}})
+    for each in (scene, moving):
+        assert [w for w in each.warnings() if "two solids of pair are 0.5 mm apart, less than two cells of 0.5 mm" in w]
+    nested = solids_of(*together(BLOCK, box((1, 1, 1), (3, 3, 3)), box((1.5, 1.5, 1.5), (2, 2, 2)), inverted=(1,)))
+    assert sorted(solid.volume() for solid in nested) == pytest.approx([0.125, 56.0], rel=1e-12)  # rounding
+    assert nested[0].min_gap(nested[1], 1.0) == pytest.approx(0.5, rel=1e-12)
+
+
+def test_a_speck_beside_large_parts_is_told_of() -> None:
+    """A file in meters that is read as millimeters, where no spacing is given that would refuse it."""
+    speck = box((0, 0, 0), (0.01, 0.004, 0.004))
+    scene = parts_scene({"mesh": box((-6, -3, -3), (0, 3, 3)), "clamp": True}, {"mesh": speck, "name": "speck"})
+    assert [w for w in scene.warnings() if "speck is 0.01 mm long, all parts together 6.01 mm: are all files in mm?" in w]
+
+
+@pytest.mark.parametrize(
+    "written",
+    [lambda text: text.upper(), lambda text: text.replace(".", ","), lambda text: text.replace(" 1.5\n", " 1.5,\n")],
+    ids=["capitals", "decimal commas", "commas between"],
+)
+def test_text_stl_of_other_programs_is_read(written: Any, tmp_path: Path) -> None:
+    solid = box((0.5, 0.5, 0.5), (3.5, 2.25, 1.5))
+    (tmp_path / "s.stl").write_text(written(stl_text(solid)))
+    assert volume_of(read_stl(tmp_path / "s.stl").triangles) == pytest.approx(3 * 1.75 * 1.0, rel=1e-12)  # exact in binary
 
 
 @pytest.mark.parametrize(
