@@ -11,7 +11,15 @@ from magmpm.compiled import environment
 
 if TYPE_CHECKING:
     from magmpm.compare import error
-    from magmpm.errors import BudgetError, InputError, MagmpmError, NotThereYet, SceneError, SolveError
+    from magmpm.errors import (
+        BudgetError,
+        InputError,
+        MagmpmError,
+        MagmpmWarning,
+        NotThereYet,
+        SceneError,
+        SolveError,
+    )
     from magmpm.results.result import Result
     from magmpm.results.trajectory import Motion
     from magmpm.scene import Scene, load_scene
@@ -21,8 +29,24 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "BudgetError", "InputError", "MagmpmError", "Motion", "NotThereYet", "Result", "Scene", "SceneError", "SolveError", "design", "error",
-    "fit", "influence", "load_scene", "run", "sensitivities"]  # fmt: skip
+    "BudgetError",
+    "InputError",
+    "MagmpmError",
+    "MagmpmWarning",
+    "Motion",
+    "NotThereYet",
+    "Result",
+    "Scene",
+    "SceneError",
+    "SolveError",
+    "design",
+    "error",
+    "fit",
+    "influence",
+    "load_scene",
+    "run",
+    "sensitivities",
+]
 _HOMES = {"Motion": "results.trajectory", "Result": "results.result", "run": "simulate", "sensitivities": "simulate", "Scene": "scene"}
 _HOMES |= {"error": "compare", "load_scene": "scene", **dict.fromkeys(("design", "fit", "influence"), "studies.in_python")}
 environment.prepare()  # before anything imports Numba

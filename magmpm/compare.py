@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from magmpm import notices
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene, load_scene
@@ -48,7 +49,10 @@ def error(scene: Scene | Path | str) -> GridError:
     The scene is run on its grid and on a finer one, and bodies on 2 cells on one between (statics.error_estimate). Where it asks for an
     error or a time, this is the error of the grid that a run would choose. Raises InputError and SolveError as `run` does.
     """
+    by_user = notices.called_by_user()
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
     grids = grids_of(scene)
     choice = choose_grid(grids)[0] if scene.resolution.requested else error_of_grid(grids, scene.resolution.cells_across)
+    if by_user:
+        notices.warn(choice.report.get("warnings", []), scene.hash())
     return GridError(choice.error, choice.report)

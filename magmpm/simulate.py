@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from magmpm import notices
 from magmpm.errors import SolveError
 from magmpm.results.file_names import CHECKPOINT, NUMBERS, OF_EQUILIBRIUM, forget_motion
 from magmpm.results.folder_lock import folder_lock
@@ -38,6 +40,7 @@ def run(
     resume: bool = False,
     on_progress: Progress | None = None,
     on_begin: Callable[[], None] | None = None,
+    progress: bool | None = None,
 ) -> Result:
     """Simulate a scene: its equilibrium, equilibria along time if it has solver.quasi_static, or its motion if it has solver.dynamic.
 
@@ -48,7 +51,9 @@ def run(
     replaced. resume: go on from the checkpoint in folder; without one, as for an equilibrium, the run begins at the start.
     on_progress(step, number): called after each Newton step with its energy decrement (no unit), or during a motion with its time in s.
     on_begin(): called when a motion starts from its beginning, before anything is written.
+    progress: whether what runs along time shows a bar; None: on a terminal and in notebooks, unless MAGMPM_PROGRESS is 0.
 
+    Warnings of the result are also given as MagmpmWarning, each once a scene; begin, end and errors go to the logger `magmpm`.
     Everything in the Result is in SI. docs/design.md names the method's formulas and their sources.
     Raises InputError before the run if the scene or the file is wrong, or if another process writes to folder; its message names the
     file, line, key and value if scene is a path (otherwise SceneError names the key and value).
@@ -56,14 +61,44 @@ def run(
     motion is saved in folder. Raises BudgetError if a motion would exceed its limit of disk space. Raises ValueError if start is on another
     grid, or given for what moves, or resume is requested without a folder; TypeError if start is no Result.
     """
-    if not isinstance(scene, Scene):
-        with of_file(scene):
-            return run(load_scene(scene), start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
-    if start is not None and not isinstance(start, Result | RodShape):
-        raise TypeError(f"start: received {start!r}; must be a Result, as run(scene) returns it, a RodShape, or None")
-    if folder is None:
-        if resume:
+    by_user = notices.called_by_user()
+    with nullcontext() if isinstance(scene, Scene) else of_file(scene):
+        whole = scene if isinstance(scene, Scene) else load_scene(scene)
+        if start is not None and not isinstance(start, Result | RodShape):
+            raise TypeError(f"start: received {start!r}; must be a Result, as run(scene) returns it, a RodShape, or None")
+        if resume and folder is None:
             raise ValueError("resume: received True without a folder; give the folder that holds the motion and its checkpoint")
+        saved = partial(_saved_run, whole, start=start, folder=folder, resume=resume, on_begin=on_begin)
+        if not by_user:
+            return saved(on_progress=on_progress)
+        return _told_run(whole, saved, on_progress, progress)
+
+
+def _told_run(scene: Scene, saved: Callable[..., Result], on_progress: Progress | None, progress: bool | None) -> Result:
+    """What `saved(on_progress=...)` finds, with a bar for what runs along time, lines in the log, and its warnings."""
+    with notices.Watched(scene.name, scene.duration if scene.in_time else None, "s", progress) as watched:
+        try:
+            result = saved(on_progress=watched.also(on_progress) if scene.in_time else on_progress)
+        except SolveError as error:
+            if isinstance(error.state, Result):
+                notices.warn(error.state.warnings, scene.hash())
+            raise
+        watched.ended(result)
+    notices.warn(result.warnings, scene.hash())
+    return result
+
+
+def _saved_run(
+    scene: Scene,
+    *,
+    start: Result | RodShape | None,
+    folder: Path | str | None,
+    resume: bool,
+    on_progress: Progress | None,
+    on_begin: Callable[[], None] | None,
+) -> Result:
+    """The run itself, saved where a folder is given."""
+    if folder is None:
         return simulated(scene, start=start, on_progress=on_progress, on_begin=on_begin)
 
     begun = resume
@@ -142,15 +177,22 @@ def sensitivities(
     and for a path with friction or feed; SolveError as `run` does, and where the softest motion has no stiffness: at a critical load, or
     of a body that is free to turn; ValueError and TypeError for a wrong start.
     """
-    if not isinstance(scene, Scene):
-        with of_file(scene):
-            return sensitivities(load_scene(scene), of, start=start)
+    by_user = notices.called_by_user()
+    with nullcontext() if isinstance(scene, Scene) else of_file(scene):
+        found = _differentiated(scene if isinstance(scene, Scene) else load_scene(scene), of, start)
+    if by_user:
+        notices.warn(found.result.warnings, found.result.scene_hash)
+    return found
+
+
+def _differentiated(scene: Scene, of: Sequence[str] | None, start: Result | RodShape | Following | None) -> Sensitivities:
+    """The sensitivities themselves."""
     if start is not None and not isinstance(start, Result | RodShape | Following):
         raise TypeError(f"start: received {start!r}; must be a Result, as run(scene) returns it, a RodShape, or None")
     check_differentiable(scene)
     if scene.effects.auto:
         choice = choose_effects(scene)
-        near = sensitivities(choice.scene, of, start=start)
+        near = _differentiated(choice.scene, of, start)
         return replace(near, result=replace(near.result, effects_chosen=choice.reasons))
     wanted = variables(scene, of)
     if scene.resolution.requested:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from magmpm import notices
 from magmpm.effects import acting as effects
-from magmpm.errors import InputError
+from magmpm.errors import InputError, length
 from magmpm.inputs.yaml_document import of_file
 from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine.report import StudyReport
+from magmpm.studies.evaluate.trial import Trial
 from magmpm.studies.explore.effects_table import Row, Table, survey
 from magmpm.studies.fitting.search import Fit
 from magmpm.studies.problem.study import Study
@@ -20,13 +23,21 @@ SceneLike = Scene | Path | str | Mapping[str, Any]
 
 
 def design(
-    study: Study | Path | str, *, folder: Path | str | None = None, trials: int | None = None, sampler: str | None = None, **more: Any
+    study: Study | Path | str,
+    *,
+    folder: Path | str | None = None,
+    trials: int | None = None,
+    sampler: str | None = None,
+    progress: bool | None = None,
+    **more: Any,
 ) -> StudyReport:
     """Search the design that makes a target shape, or go on with the search, as `magmpm design` does without its pictures.
 
     study: the path of a study file, or the Study that load_study makes of one. folder: of the results, runs/NAME unless given; best/ in it
     holds the best design as a Result and as a scene. trials, sampler: in place of the file's. more: workers, storage, on_trial and the
     other options of studies.engine.loop.run_study. Lengths of the report are in m.
+    progress: whether a bar is shown; None: on a terminal and in notebooks, unless MAGMPM_PROGRESS is 0. Warnings of the report are also
+    given as MagmpmWarning, once a study.
     Raises InputError for wrong files, names and numbers; MagmpmError where the trials can't be kept; TypeError for an unknown option.
     """
     from magmpm.simulate import run, sensitivities
@@ -37,14 +48,34 @@ def design(
         raise TypeError("design() got an unexpected keyword argument 'out'; the folder of the results is `folder`, as of magmpm.run")
     found = study if isinstance(study, Study) else load_study(study)
     out = Path("runs") / found.name if folder is None else folder
-    return run_study(found, solve=run, differentiate=sensitivities, out=out, trials=trials, sampler=sampler, **more)
+    of = f"study {found.name} in {out}"
+    own = more.pop("on_trial", None)
+    more.setdefault("on_advice", partial(notices.warn, of=of))
+    with notices.Watched(found.name, found.trials if trials is None else trials, "trials", progress) as watched:
+
+        def tell(trial: Trial) -> None:
+            best = "" if trial.best_rms_m is None else f"best {length(trial.best_rms_m)}"
+            watched.at(trial.finished, best)
+            if own is not None:
+                own(trial)
+
+        report = run_study(
+            found, solve=run, differentiate=sensitivities, out=out, on_trial=tell, trials=trials, sampler=sampler, **more
+        )
+        watched.ended(report)
+    notices.warn(report.warnings, of)
+    return report
 
 
-def fit(measured: Path | str | Sequence[Path | str], scene: SceneLike, **options: Any) -> Fit:
+def fit(
+    measured: Path | str | Sequence[Path | str], scene: SceneLike, *, progress: bool | None = None, **options: Any
+) -> Fit:
     """Material constants that explain measurements best, with confidence intervals, as `magmpm fit` finds them.
 
     measured: the path of a table, or several of the same body (docs/fitting.md). scene: a Scene, the path of its file, or a dict as
     load_scene takes. options: vary, noise (m), angle_noise (rad), known, level, thorough of studies.fitting.fit.
+    progress: whether the solves so far are shown; None: on a terminal and in notebooks, unless MAGMPM_PROGRESS is 0. Warnings of the fit
+    are also given as MagmpmWarning.
     Raises InputError as the command does, also where the measurements can't distinguish constants; SolveError without an equilibrium.
     """
     from magmpm.studies.fitting import fit as found_by
@@ -52,8 +83,18 @@ def fit(measured: Path | str | Sequence[Path | str], scene: SceneLike, **options
 
     whole = _scene(scene)
     tables = read_tables([measured] if isinstance(measured, (str, Path)) else list(measured), whole)
-    with _placed(scene):
-        return found_by(tables, whole, **options)
+    own = options.pop("on_progress", None)
+    with _placed(scene), notices.Watched(f"fit of {whole.name}", None, "solves", progress) as watched:
+
+        def tell(text: str) -> None:
+            watched.note(text)
+            if own is not None:
+                own(text)
+
+        found = found_by(tables, whole, on_progress=tell, **options)
+        watched.ended(found)
+    notices.warn(found.warnings, f"fit of {whole.hash()}")
+    return found
 
 
 def influence(scene: SceneLike, effect: str | None = None) -> Table | Row:

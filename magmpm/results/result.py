@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, lengths, quantity, report
+from magmpm.errors import InputError, count, lengths, quantity, report
 from magmpm.inputs.user_files import MOST, read_regular
 from magmpm.results.file_names import ARRAYS, NUMBERS
 from magmpm.results.whole_file import whole_file, write_json
@@ -146,15 +146,16 @@ class Result:
     effects_chosen: list[dict[str, Any]] | None = None  # of `effects: auto`: of each effect whether it was named, and why (docs/effects.md)
 
     def __repr__(self) -> str:
-        """One line: how the run ended, the tip, det F, and what it cost."""
+        """One line: how the run ended, the tip, det F, what it cost, and how many warnings it has."""
         how = {
             "static": "equilibrium in {} Newton steps",
             "quasi_static": f"{len(self.steps)} equilibria until {quantity(self.time, 's')}, the last in {{}} Newton steps",
         }.get(self.formulation, f"motion of {quantity(self.time, 's')} in {{}} steps")
         ended = how.format(self.iterations) + ("" if self.converged else ", NOT CONVERGED")
+        warned = f", {count(len(self.warnings), 'warning')}" if self.warnings else ""
         return (
             f"Result({self.name!r}: {ended}, tip {lengths(self.tip)}, det F {self.min_det_F:.4f} to {self.max_det_F:.4f}, "
-            f"{self.dof} unknowns, {quantity(self.seconds.get('solve', 0.0), 's')})"
+            f"{self.dof} unknowns, {quantity(self.seconds.get('solve', 0.0), 's')}{warned})"
         )
 
     def _repr_html_(self) -> str:
