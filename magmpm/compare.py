@@ -19,7 +19,8 @@ from magmpm.solving.several_grids import Frames, choose_grid, error_of_grid, fra
 def distance(one: Result | Motion, other: Result | Motion, *, of: str = "centreline") -> float:
     """The largest distance (m) between two runs of the same body, over all frames of two Motions, or at the end where one is a Result.
 
-    of: centreline, at equal shares of the arc length (parts: between centers of regions); or tip. Raises ValueError if they share no time.
+    of: centreline, at equal shares of the arc length (parts: between their centers, and the tip if one is named); or tip. Raises ValueError
+    if they share no time; InputError for the tip of parts that name none.
     """
     first, second = frames_of(one), frames_of(other)
     if isinstance(one, Result) or isinstance(other, Result):
@@ -32,7 +33,9 @@ def distance(one: Result | Motion, other: Result | Motion, *, of: str = "centrel
 
 @dataclass(frozen=True)
 class GridError:
-    """error: bound (m) of the discretization error, anywhere on the axis, in any frame; report: as `Result.resolution`, with grids."""
+    """error: bound (m) of the discretization error, anywhere on the axis (of parts: of their centers, and of the tip if one is named), in
+    any frame; report: as `Result.resolution`, with grids.
+    """
 
     error: float
     report: dict[str, Any]

@@ -107,6 +107,11 @@ class Model:
     driven: Driven  # nodes that follow what is moved
     time: float | None = None  # s, of the schedule of an equilibrium's field; None: its end
 
+    @cached_property
+    def tip_weights(self) -> Array | None:
+        """Weights (n,) that give the position of a tip that a body of parts names from the particles'; None without one."""
+        return self.scene.body.shape.tip_weights(self.grid, self.particles)
+
     @property
     def times(self) -> Array | None:
         """`time` as effects get it."""

@@ -215,12 +215,15 @@ def measured(saved: dict[str, Any], results: Path) -> list[tuple[str, str]]:
             ("formulation", saved["formulation"]),
             ("particle-steps per second, frames included", f"{rate:.1f} million"),
         ]
+    tip = []
+    if saved["tip"] is not None:  # parts have one only where the scene names it
+        tip.append(("tip at the end (mm)", ", ".join(f"{1e3 * x:.2f}" for x in saved["tip"])))
     rows += [
         (
             "run time",
             f"{seconds['setup'] + seconds['solve']:.1f} s, and {seconds['compile']:.1f} s to load or compile",
         ),
-        ("tip at the end (mm)", ", ".join(f"{1e3 * x:.2f}" for x in saved["tip"])),
+        *tip,
         ("det F at the end", f"{saved['min_det_F']:.3f} to {saved['max_det_F']:.3f}"),
         *_from_tables(results),
         *physics(results.name, results),

@@ -3,24 +3,36 @@
 
 from __future__ import annotations
 
+import difflib
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    WithJsonSchema,
+    field_validator,
+    model_validator,
+)
 
 from magmpm.bodies.body_shape import BodyShape, Discretization, Region
 from magmpm.bodies.contact_solid import NEEDLE, Solids, meets, mesh_solids
 from magmpm.bodies.contact_surface import SurfacePoints, cut, parts_surface
 from magmpm.bodies.grid import EVEN, ClampPlane, Grid, Knots
+from magmpm.bodies.material_point import point_weights
 from magmpm.bodies.mesh_quadrature import TOUCHING, grid_of_parts, part_errors, part_particles
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.signed_distance import to_triangles
 from magmpm.bodies.surface_mesh import (
     PREFIX,
+    distance_to,
     gap,
     nearest_solids,
     outline,
@@ -34,9 +46,18 @@ from magmpm.bodies.surface_mesh import (
 from magmpm.compiled.arrays import Array
 from magmpm.errors import length
 from magmpm.inputs.settings import Settings, Width, fault
-from magmpm.inputs.vectors import Direction, Vector
+from magmpm.inputs.vectors import Direction, Point, Vector
+
+if TYPE_CHECKING:
+    Tip = str | Vector
+else:
+    Tip = Annotated[
+        Annotated[str, Tag("part")] | Annotated[Point, Tag("point")],
+        Discriminator(lambda value: "part" if isinstance(value, str) else "point"),
+    ]
 
 MAX_PARTS = 1000
+SHOWN = 8  # names that a message lists
 UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 25.4e-3}
 MAY_OVERLAP = 1e-3  # of the smaller part: touching faces of a drawing never fit exactly
 LEAST_CELLS = 2  # through the thinnest part
@@ -91,6 +112,13 @@ class Parts(BodyShape):
         examples=[[{"mesh": "meshes/base.stl", "material": "silicone", "clamp": True}]],
     )  # fmt: skip
 
+    tip: Tip | None = Field(
+        default=None,
+        description="What results call the tip: a part by its name, meant is its center, or a point of a part that "
+        "moves, in the undeformed body, such as the middle of an end face. Unless given, parts have no tip.",
+        examples=["arm", ["18 mm", "0 mm", "0 mm"]],
+    )
+
     @field_validator("meshes")
     @classmethod
     def _separate(cls, meshes: tuple[MeshPart, ...], info: ValidationInfo) -> tuple[MeshPart, ...]:
@@ -132,6 +160,56 @@ class Parts(BodyShape):
                         ("meshes", i, "mesh"),
                     )
         return self
+
+    @model_validator(mode="after")
+    def _tip_is_a_place_that_moves(self) -> Parts:
+        if isinstance(self.tip, str):
+            names = self.part_names()
+            moving = [name for name, part in zip(names, self.meshes, strict=True) if not part.clamp]
+            if self.tip not in moving:
+                held = self.tip in names
+                near = difflib.get_close_matches(self.tip, moving, n=1)
+                listed = ", ".join(moving[:SHOWN]) + (", ..." if len(moving) > SHOWN else "")
+                raise fault(
+                    f"the tip must be {'a part that moves' if held else 'the name of a part that moves'}: {listed}",
+                    f'did you mean "{near[0]}"?' if near and not held else "name one of them, or write a point: [18 mm, 0 mm, 0 mm]",
+                    ("tip",),
+                )
+        elif self.tip is not None:
+            far, nearest = self._nearest(np.array(self.tip))
+            if far > TOUCHING * self.length:
+                raise fault(
+                    "the tip must be a point in or on a part that moves: "
+                    f"this is {length(far)} away from {self.part_names()[nearest]}, the nearest",
+                    "write a point of the undeformed parts, as the STL files have them",
+                    ("tip",),
+                )
+        return self
+
+    def _nearest(self, point: Array) -> tuple[float, int]:
+        """Distance (m) of the part nearest to a point (3,) m, of those that can move, and its number."""
+        unit = UNITS[self.unit]
+        small = TOUCHING * self.length / unit
+        free = [i for i, part in enumerate(self.meshes) if not part.clamp]
+        far = [unit * (distance_to(self.meshes[i].mesh, point / unit, small) + small) for i in free]
+        nearest = int(np.argmin(far))
+        return (0.0 if far[nearest] <= unit * small else far[nearest]), free[nearest]
+
+    def part_names(self) -> tuple[str, ...]:
+        return different_names([part.name for part in self.meshes])
+
+    def tip_weights(self, grid: Grid, particles: Particles, order: Sequence[int] = (0, 1, 2)) -> Array | None:
+        if self.tip is None:
+            return None
+        if isinstance(self.tip, str):
+            mine = particles.segment == self.part_names().index(self.tip)
+            return np.where(mine, particles.volume, 0.0) / particles.volume[mine].sum()
+        point = np.array(self.tip)
+        component = self.components(particles)
+        part = particles.segment == self._nearest(point)[1]
+        held = np.array([part.clamp for part in self.meshes])[particles.segment]
+        mine = (component == component[part][0]) & ~held
+        return point_weights(grid, particles, mine, point[list(order)])
 
     def part_thickness(self, index: int) -> float:
         """Thickness of a part, m: see surface_mesh.thickness_of."""
@@ -314,6 +392,12 @@ class Parts(BodyShape):
             for i, j in itertools.combinations(range(len(regions)), 2)
             if one_grid and least < gaps[i, j] < 2 * cell and not (regions[i].held and regions[j].held)
         ]
+
+
+def different_names(given: Sequence[str]) -> tuple[str, ...]:
+    """Names of parts, each another: one without a name has its number, and so have those that share one."""
+    names = [name or f"part {i + 1}" for i, name in enumerate(given)]
+    return tuple(f"{name} (part {i + 1})" if names.count(name) > 1 else name for i, name in enumerate(names))
 
 
 def connected_components(touching: NDArray[np.bool_], cell: NDArray[np.integer], part: NDArray[np.integer]) -> NDArray[np.int64]:

@@ -4,6 +4,7 @@ A new kind of body is one file with a class like those in catheter.py, strip.py 
 """
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -135,6 +136,17 @@ class BodyShape(Settings):
     def part_of(self, particles: Particles) -> NDArray[np.integer]:
         """Part of the body that each particle (n,) is in; a body that is not made of parts is one."""
         return np.zeros(len(particles.volume), np.int64)
+
+    def part_names(self) -> tuple[str, ...]:
+        """Names of its parts, each another; none of a body that is not made of parts."""
+        return ()
+
+    def tip_weights(self, grid: Grid, particles: Particles, order: Sequence[int] = (0, 1, 2)) -> Array | None:
+        """Weights (n,) that give the named tip's position from the particles'; None where no tip is named.
+
+        order: reference axis of each axis of the grid, along which the particles' positions are given.
+        """
+        return None
 
     def components(self, particles: Particles) -> NDArray[np.int64]:
         """Connected component that each particle (n,) is in, from 0: components can move away from each other."""

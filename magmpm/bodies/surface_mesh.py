@@ -322,6 +322,21 @@ def nearest_solids(text: str, within: float) -> float:
     return min((a.min_gap(b, within) for a, b in itertools.combinations(solids, 2)), default=within)
 
 
+@lru_cache(maxsize=256)
+def _farthest(text: str) -> float:
+    """Longest distance between two corners of a stored mesh's box, in its unit."""
+    return float(np.linalg.norm(np.ptp(unpack_mesh(text).vertices, axis=0)))
+
+
+def distance_to(text: str, point: Array, half: float) -> float:
+    """Distance from a stored mesh's solid to a cube of this half width around a point (3,), in its unit; 0 where they meet."""
+    from manifold3d import Manifold
+
+    around = Manifold.cube((2 * half,) * 3, True).translate(point.tolist())
+    most = _farthest(text) + float(np.linalg.norm(point - unpack_mesh(text).vertices[0]))
+    return float(_stored_solid(text).min_gap(around, most))
+
+
 @lru_cache(maxsize=1024)
 def gap(one: str, other: str, within: float) -> float:
     """Smallest distance between two stored meshes, and at most `within`, in their unit."""

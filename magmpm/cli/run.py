@@ -26,6 +26,7 @@ from magmpm.results.motion_tables import jump_in_words
 from magmpm.results.result import Result
 from magmpm.results.run_folder import RunFolder
 from magmpm.scene import Scene, load_scene
+from magmpm.scene.notebook import PARTS
 from magmpm.scene.time_limit import limited
 
 
@@ -152,7 +153,7 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
     seconds = result.seconds
     lines = [
         f"{result.name}: {_done(result)}",
-        f"  tip             {lengths(result.tip)}",
+        *_places(result),
         f"  det F           {result.min_det_F:.4f} to {result.max_det_F:.4f}; largest stretch {result.largest_stretch:.3f}",
         *_resolution(result),
         *_chosen(result),
@@ -166,11 +167,21 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
     return "\n".join(lines)
 
 
+def _places(result: Result) -> list[str]:
+    """The lines of the tip and of the parts."""
+    named = list(result.positions.items())
+    lines = [] if result.tip is None else [f"  tip             {lengths(result.tip)}"]
+    lines += [f"  center          {lengths(place)}: {name}" for name, place in named[:PARTS]]
+    if len(named) > PARTS:
+        lines.append(f"  center          of {len(named) - PARTS} more parts: `positions` in result.json")
+    return lines
+
+
 def _resolution(result: Result) -> list[str]:
     """The line of the error, where one was requested."""
     if result.error_estimate is None or result.resolution is None:
         return []
-    share = 100 * result.error_estimate / float(result.centreline[-1, 0])
+    share = 100 * result.resolution["error_of_length"]
     tried = ", ".join(str(one["cells_across"]) for one in result.resolution["tried"])
     return [
         f"  error           at most {quantity(result.error_estimate, 'm')}, {significant(share)} % of the length: "

@@ -104,8 +104,7 @@ class ShapeView:
 
 def _numbers(result: Result, rms: float | None) -> list[dict[str, Any]]:
     """Numbers shown next to the shape: label, text, and whether it is cause for alarm."""
-    tip = result.tip
-    rows: list[tuple[str, str, bool]] = [("tip", lengths(tip), False)]
+    rows: list[tuple[str, str, bool]] = [] if result.tip is None else [("tip", lengths(result.tip), False)]
     if rms is not None:
         rows.append(("rms to target", f"{1e3 * rms:.3g} mm", False))
     if result.stability is not None:

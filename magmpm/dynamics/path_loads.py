@@ -31,13 +31,15 @@ from magmpm.statics.layout import StaticModel, arranged, static_model
 @dataclass(frozen=True)
 class Shape:
     """The whole body at one equilibrium: position (n, 3) m and F (n, 3, 3) of the model's particles, axis rows [s, x, y, z] (m, 4) m and
-    tip (3,) m; min_det_F and max_det_F; dof: unknowns of the solve; touched: the points that touch obstacles."""
+    tip (3,) m, None for parts that name none; min_det_F and max_det_F; dof: unknowns of the solve; touched: the points that touch
+    obstacles.
+    """
 
     model: Model
     position: Array
     F: Array
     centreline: Array
-    tip: Array
+    tip: Array | None
     min_det_F: float
     max_det_F: float
     dof: int
@@ -111,7 +113,7 @@ class FieldLoads:
         assert point is not None  # it always bends
         found = restored(self._arranged, point, self._of)
         model = replace(self.model, time=time)
-        tip = measures.region_means(model, found.position)[-1] if model.line is None else axis.tip(model, point.grid)
+        tip = measures.named_tip(model, found.position) if model.line is None else axis.tip(model, point.grid)
         rows = axis.centreline(model, point.grid)
         return Shape(model, found.position, found.F, rows, tip, found.min_det_F, found.max_det_F, model.dof, point.touched)
 

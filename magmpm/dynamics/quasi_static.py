@@ -17,6 +17,7 @@ from magmpm.dynamics.path_loads import FeedLoads, FieldLoads, Shape
 from magmpm.effects import acting
 from magmpm.errors import SolveError
 from magmpm.results.file_names import JUMPS, STEPS, forget_motion
+from magmpm.results.measures import region_means
 from magmpm.results.motion_tables import GrowingTable, jump_in_words, path_row
 from magmpm.results.strain import Strain, strain_of
 from magmpm.results.trajectory import MotionWriter
@@ -184,10 +185,14 @@ def _note(state: PathState, jumps: list[Jump]) -> list[dict[str, Any]]:
     state.warnings += [jump_in_words(jump) for jump in described]
     state.strain = state.strain.worst(strain_of(shape.model, shape.position, shape.F, state.time))
     inserted = state.loads.inserted(state.time)
+    names = shape.model.scene.body.shape.part_names()
+    centers = region_means(shape.model, shape.position).tolist() if names else []
+    positions = dict(zip(names, centers, strict=True))
     state.rows.append(
         {
             "time": state.time,
-            "tip": [float(x) for x in shape.tip],
+            **({} if shape.tip is None else {"tip": [float(x) for x in shape.tip]}),
+            **({"positions": positions} if positions else {}),
             "field": [float(b) for b in shape.model.field_at(shape.position, state.time)],
             **({} if inserted is None else {"inserted": inserted}),
             "energy": state.energy,

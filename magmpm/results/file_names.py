@@ -5,6 +5,7 @@ from pathlib import Path
 NUMBERS, ARRAYS = "result.json", "state.npz"
 MOTION, ENERGIES, CONTACTS, ABOUT = "motion.vtkhdf", "energies.csv", "contacts.csv", "motion.json"
 STEPS, JUMPS = "steps.csv", "jumps.csv"  # of equilibria along time
+POSITIONS = "positions.csv"  # of parts
 CHECKPOINT = "checkpoint.npz"
 PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = "picture.png", "movie.mp4", "moments.png", "energies.png", "frames"
 OWNER, EARLIER, FAILED = "scene-file.json", "earlier", "failed"
@@ -12,7 +13,7 @@ OWNER, EARLIER, FAILED = "scene-file.json", "earlier", "failed"
 SUBFOLDERS = (FRAMES, EARLIER, FAILED, "best", "improvements", "pictures", "artifacts", "schedule")  # a run's and a study's
 
 OF_EQUILIBRIUM = (NUMBERS, ARRAYS)
-OF_MOTION = (CHECKPOINT, MOTION, ENERGIES, CONTACTS, STEPS, JUMPS, ABOUT)
+OF_MOTION = (CHECKPOINT, MOTION, ENERGIES, CONTACTS, POSITIONS, STEPS, JUMPS, ABOUT)
 
 FORMATS = ("png", "svg", "pdf")  # of pictures
 

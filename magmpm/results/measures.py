@@ -11,6 +11,7 @@ import numpy as np
 
 from magmpm.bodies.curves import STATIONS, on_rows
 from magmpm.compiled.arrays import Array
+from magmpm.errors import InputError
 from magmpm.materials import magnetization
 from magmpm.model import Model, build
 from magmpm.results.result import Result
@@ -18,6 +19,9 @@ from magmpm.scene import Scene
 
 if TYPE_CHECKING:
     from magmpm.results.trajectory import Motion
+
+NO_TIP = "a body of parts has no tip unless the scene names one"
+NAME_ONE = "name a part or a point, say `tip: arm` in body.parts"
 
 
 def region_magnetization(model: Model, F: Array) -> Array:
@@ -65,31 +69,59 @@ def largest_distance(result: Result, target: Array) -> float:
     return float(np.linalg.norm(centreline_at(result, target[:, 0]) - target[:, 1:], axis=1).max())
 
 
-def of_particles(model: Model, x: Array) -> tuple[Array, Array, Array]:
+def tip_of(result: Result) -> Array:
+    """The tip (3,) m of a body that has one. Raises InputError for parts that name none."""
+    if result.tip is None:
+        raise InputError("tip", received="nothing", rule=NO_TIP, remedy=NAME_ONE)
+    return result.tip
+
+
+def named_tip(model: Model, x: Array) -> Array | None:
+    """Position (3,) m of the tip that a body of parts names, with its particles at x (n, 3) m; None where it names none."""
+    return None if model.tip_weights is None else model.tip_weights @ x
+
+
+def of_particles(model: Model, x: Array) -> tuple[Array, Array | None, Array]:
     """Axis rows, tip and centers of regions of a body in motion, as Frames.see takes them. x (n, 3) m: its particles."""
-    axis, centers = axis_of_particles(model, x), region_means(model, x)
-    return axis, axis[-1, 1:] if len(axis) else centers[-1], centers
+    axis = axis_of_particles(model, x)
+    return axis, axis[-1, 1:] if len(axis) else named_tip(model, x), region_means(model, x)
 
 
 @dataclass
 class Frames:
-    """Frames of a run to compare: time (s), points (m, 3) m and tip (3,) m of each; and the times (s) of jumps of a path."""
+    """Frames of a run to compare: time (s), points (m, 3) m and tip (3,) m of each; and the times (s) of jumps of a path.
+
+    Points: of the axis; of parts their centers, and the tip if one is named (None otherwise).
+    """
 
     times: list[float] = field(default_factory=list)
     points: list[Array] = field(default_factory=list)
-    tips: list[Array] = field(default_factory=list)
+    tips: list[Array | None] = field(default_factory=list)
     jumps: list[float] = field(default_factory=list)
 
-    def see(self, time: float, axis: Array, tip: Array, centers: Array) -> None:
+    def see(self, time: float, axis: Array, tip: Array | None, centers: Array) -> None:
         """Add a frame (solving.solve.OnFrame)."""
-        along = np.linspace(0.0, axis[-1, 0], STATIONS) if len(axis) else None
         self.times.append(time)
-        self.points.append(centers.copy() if along is None else on_rows(axis[:, 0], axis[:, 1:], along)[0])
-        self.tips.append(np.array(tip))
+        self.tips.append(None if tip is None else np.array(tip))
+        if len(axis):
+            along = np.linspace(0.0, axis[-1, 0], STATIONS)
+            self.points.append(on_rows(axis[:, 0], axis[:, 1:], along)[0])
+        else:
+            self.points.append(centers.copy() if tip is None else np.vstack([centers, tip]))
+
+    def ends(self) -> list[Array]:
+        """The tips (3,) m. Raises InputError where the body has none."""
+        found = [tip for tip in self.tips if tip is not None]
+        if len(found) < len(self.tips):
+            raise InputError("tip", received="nothing", rule=NO_TIP, remedy=NAME_ONE)
+        return found
 
     def distances(self, other: Frames, of: str = "centreline", skip: list[tuple[float, float]] | None = None) -> dict[float, float]:
-        """The largest distance (m) in each frame that both have, by its time (s); spans of time (s) to `skip` are left out."""
-        mine, theirs = (one.tips if of == "tip" else one.points for one in (self, other))
+        """The largest distance (m) in each frame that both have, by its time (s); spans of time (s) to `skip` are left out.
+
+        Raises InputError where it is to be that of tips, and the body has none.
+        """
+        mine, theirs = (one.ends() if of == "tip" else one.points for one in (self, other))
         return {
             t: float(np.linalg.norm(np.atleast_2d(a - b), axis=1).max())
             for t, a, b in zip(self.times, mine, [theirs[other.times.index(t)] if t in other.times else None for t in self.times])

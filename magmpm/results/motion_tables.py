@@ -1,4 +1,6 @@
-"""Tables that grow with a motion, a row at a time: `energies.csv` and `contacts.csv`; of a path `steps.csv` and `jumps.csv`."""
+"""Tables that grow with a motion, a row at a time: `energies.csv` and `contacts.csv`; of parts `positions.csv`; of a path `steps.csv` and
+`jumps.csv`.
+"""
 
 import csv
 from collections.abc import Iterator, Mapping
@@ -16,12 +18,13 @@ MEANING = {"limit point": "the branch turns back there (limit point)", "bifurcat
 
 
 def path_row(known: Mapping[str, Any]) -> dict[str, Any]:
-    """A row of steps.csv or jumps.csv: the time first, as `t` (s), and vectors in three columns."""
+    """A row of steps.csv or jumps.csv: the time first, as `t` (s), and vectors in three columns; positions of parts have a table of their
+    own."""
     row: dict[str, Any] = {"t": known["time"]}
     for name, value in known.items():
         if isinstance(value, list):
             row |= {f"{name}_{axis}": part for axis, part in zip("xyz", value, strict=True)}
-        elif name != "time":
+        elif name not in ("time", "positions"):
             row[name] = "" if value is None else value
     return row
 
@@ -118,6 +121,21 @@ def contact_row(time: float, effect: str, contact: Mapping[str, Any]) -> dict[st
     force, point, normal = ({f"{of}{axis}": part[i] for i, axis in enumerate("xyz")} for of, part in vectors)
     plain = {name: contact.get(name, "") for name in ("count", "depth", "slip")}
     return {"t": time, "effect": effect, **force, **plain, **point, **normal}
+
+
+def position_rows(time: float, positions: Mapping[str, Array]) -> Iterator[dict[str, Any]]:
+    """Rows of positions.csv: t (s), the part's name, and its center x, y, z (m)."""
+    for name, place in positions.items():
+        yield {"t": time, "part": name, **dict(zip("xyz", place.tolist(), strict=True))}
+
+
+def read_positions(path: Path) -> dict[str, dict[str, Array]]:
+    """Name of a part -> column (t, x, y, z) -> (rows,), SI. Raises InputError where the file holds something else."""
+    found: dict[str, list[list[float]]] = {}
+    with _as_written(path):
+        for row in read_rows(path):
+            found.setdefault(row["part"], []).append([float(row[column]) for column in "txyz"])
+    return {name: dict(zip("txyz", np.array(rows).T, strict=True)) for name, rows in found.items()}
 
 
 def read_energies(path: Path) -> dict[str, Array]:

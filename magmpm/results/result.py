@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from magmpm.bodies.assembly import different_names
 from magmpm.compiled.arrays import Array
-from magmpm.errors import InputError, count, lengths, quantity, report
+from magmpm.errors import InputError, count, length, lengths, quantity, report
 from magmpm.inputs.user_files import MOST, read_regular
 from magmpm.results.file_names import ARRAYS, NUMBERS
 from magmpm.results.whole_file import whole_file, write_json
@@ -97,7 +98,8 @@ class Result:
     """One simulation. SI units.
 
     centreline (2 cells + 1, 4) m: rows [s, x, y, z] at the cells' faces and middles, s along the undeformed axis;
-    tip (3,) m: mean of the end face. section: relative errors of the particles' area and second moment.
+    tip (3,) m: mean of the end face. Bodies of parts have no rows, and a tip only where the scene names one (body.parts.tip); their
+    places are `positions`. section: relative errors of the particles' area and second moment.
     seconds: setup, compile, solve. Particle arrays have n rows, segment arrays k.
     """
 
@@ -113,7 +115,7 @@ class Result:
     segment_remanence: Array  # (k, 3) T, mean of F Br, or R Br
     grid_correction: Array  # (planes, m) m, spline coefficients of what the solve added to the rod's shape: another run's start
     centreline: Array  # (2 cells + 1, 4) m
-    tip: Array  # (3,) m
+    tip: Array | None  # (3,) m
     field: Array  # (3,) T
     converged: bool
     iterations: int
@@ -146,7 +148,7 @@ class Result:
     effects_chosen: list[dict[str, Any]] | None = None  # of `effects: auto`: of each effect whether it was named, and why (docs/effects.md)
 
     def __repr__(self) -> str:
-        """One line: how the run ended, the tip, det F, what it cost, and how many warnings it has."""
+        """One line: how the run ended, the tip or how far parts have moved, det F, what it cost, and how many warnings it has."""
         how = {
             "static": "equilibrium in {} Newton steps",
             "quasi_static": f"{len(self.steps)} equilibria until {quantity(self.time, 's')}, the last in {{}} Newton steps",
@@ -154,9 +156,25 @@ class Result:
         ended = how.format(self.iterations) + ("" if self.converged else ", NOT CONVERGED")
         warned = f", {count(len(self.warnings), 'warning')}" if self.warnings else ""
         return (
-            f"Result({self.name!r}: {ended}, tip {lengths(self.tip)}, det F {self.min_det_F:.4f} to {self.max_det_F:.4f}, "
+            f"Result({self.name!r}: {ended}, {self._where()}, det F {self.min_det_F:.4f} to {self.max_det_F:.4f}, "
             f"{self.dof} unknowns, {quantity(self.seconds.get('solve', 0.0), 's')}{warned})"
         )
+
+    def _where(self) -> str:
+        """The tip; without one, how far anything has moved."""
+        if self.tip is not None:
+            return f"tip {lengths(self.tip)}"
+        moved = float(np.linalg.norm(self.particle_position - self.particle_reference, axis=1).max())
+        return f"{count(len(self.positions), 'part')}, moved by at most {length(moved)}"
+
+    @property
+    def positions(self) -> dict[str, Array]:
+        """The centers (3,) m of a body's parts by their names, by volume; none of a body that is not made of parts."""
+        parts = _parts_of(self.scene)
+        if parts is None:
+            return {}
+        names = different_names([str(part["name"]) for part in parts["meshes"]])
+        return dict(zip(names, self.segment_center, strict=True))
 
     def _repr_html_(self) -> str:
         """Its axis and figures, as notebooks show it."""
@@ -166,15 +184,23 @@ class Result:
 
     def summary(self) -> dict[str, Any]:
         """Content printed by `magmpm run --json`: everything but the particle and grid arrays."""
-        return {
+        shown = {
             key: value.tolist() if isinstance(value, np.ndarray) else value
             for key, value in asdict(self).items()
             if not key.startswith(("particle_", "grid_"))
         }
+        return {**shown, "positions": {name: place.tolist() for name, place in self.positions.items()}}
 
     def to_dataframe(self) -> Any:
-        """The axis as a pandas DataFrame with the columns s_m, x_m, y_m and z_m (m). Raises InputError where pandas is not installed."""
-        return _needed("pandas", "pip install pandas").DataFrame(self.centreline, columns=["s_m", "x_m", "y_m", "z_m"])
+        """The axis as a pandas DataFrame with the columns s_m, x_m, y_m and z_m (m); of parts their names in `part` and their centers.
+
+        Raises InputError where pandas is not installed.
+        """
+        frame = _needed("pandas", "pip install pandas").DataFrame
+        if self.positions:
+            rows = [(name, *place.tolist()) for name, place in self.positions.items()]
+            return frame(rows, columns=["part", "x_m", "y_m", "z_m"])
+        return frame(self.centreline, columns=["s_m", "x_m", "y_m", "z_m"])
 
     def mesh(self) -> Any:
         """The deformed surface as a pyvista.PolyData, in m, with each face's region in `region`. Raises InputError without PyVista."""
@@ -210,6 +236,9 @@ class Result:
             with np.load(folder / ARRAYS) as stored:
                 arrays = dict(stored)
             found = {**_LATER, **numbers, **arrays}
+            parts = _parts_of(found["scene"])
+            if parts is not None and parts.get("tip") is None:
+                found["tip"] = None  # earlier versions called the center of the last part so
             return cls(**{f.name: _checked(f.name, str(f.type), found[f.name]) for f in fields(cls)})
         except FileNotFoundError as error:
             raise InputError(
@@ -218,6 +247,12 @@ class Result:
             ) from None
         except Exception as error:  # a damaged archive raises a dozen kinds: BadZipFile, EOFError, zlib.error, ...
             raise InputError(_unreadable(folder, error)) from None
+
+
+def _parts_of(scene: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The key body.parts of a scene's plain data; None for another body."""
+    body: Mapping[str, Any] = scene.get("body") or {}
+    return body.get("parts")
 
 
 def _needed(package: str, remedy: str) -> Any:

@@ -1,6 +1,6 @@
-"""The files of a motion: `motion.vtkhdf`, which ParaView opens, `energies.csv` and `contacts.csv`.
+"""The files of a motion: `motion.vtkhdf`, which ParaView opens, `energies.csv` and `contacts.csv`; of parts `positions.csv` as well.
 
-All three grow frame by frame while the run goes on, and can be read at any moment (vtkhdf, motion_tables).
+All grow frame by frame while the run goes on, and can be read at any moment (vtkhdf, motion_tables).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from magmpm.compiled.arrays import Array
 from magmpm.errors import BudgetError, InputError, quantity
 from magmpm.results import vtkhdf
-from magmpm.results.file_names import ABOUT, CONTACTS, ENERGIES, JUMPS, MOTION, STEPS
+from magmpm.results.file_names import ABOUT, CONTACTS, ENERGIES, JUMPS, MOTION, POSITIONS, STEPS
 from magmpm.results.frame_arrays import QUANTITIES, FrameArrays, Numbers
 from magmpm.results.motion_tables import (
     PAIR,
@@ -29,9 +29,11 @@ from magmpm.results.motion_tables import (
     contact_row,
     energy_row,
     must_have,
+    position_rows,
     read_contacts,
     read_energies,
     read_jumps,
+    read_positions,
     read_steps,
 )
 from magmpm.results.whole_file import write_json
@@ -67,6 +69,8 @@ class MotionWriter:
         reference, remanence = np.array(particles.position, dtype=float), np.array(model.remanence[:, :3], dtype=float)
         self._arrays = FrameArrays(reference, remanence, getattr(model, "rotating", None))
         self._energies, self._contacts = GrowingTable(self.folder / ENERGIES), GrowingTable(self.folder / CONTACTS)
+        self._positions = GrowingTable(self.folder / POSITIONS)
+        self._parts = _shares_of_parts(model)
         if resume_at is not None:
             if not self.path.exists():
                 place = f"{self.path}: is missing, while the folder holds a checkpoint of this motion"
@@ -76,9 +80,10 @@ class MotionWriter:
             self._file = vtkhdf.FrameFile.resume(self.path, len(reference), resume_at)
             self._energies.cut(self._file.last)
             self._contacts.cut(self._file.last)
+            self._positions.cut(self._file.last)
             self._tell_about(model)
             return
-        for name in (MOTION, ENERGIES, CONTACTS):
+        for name in (MOTION, ENERGIES, CONTACTS, POSITIONS):
             (self.folder / name).unlink(missing_ok=True)
         static = {
             "part": np.asarray(particles.segment, dtype=np.int32),
@@ -97,7 +102,7 @@ class MotionWriter:
     @property
     def size(self) -> int:
         """Bytes the motion's files take now."""
-        files = (self.folder / name for name in (MOTION, ENERGIES, CONTACTS, ABOUT))
+        files = (self.folder / name for name in (MOTION, ENERGIES, CONTACTS, POSITIONS, ABOUT))
         return sum(path.stat().st_size for path in files if path.exists())
 
     @property
@@ -130,6 +135,8 @@ class MotionWriter:
         self._energies.add(energy_row(time, energies))
         for effect, contact in (contacts or {}).items():
             self._contacts.add(contact_row(time, effect, contact))
+        for row in position_rows(time, {name: share @ x[of] for name, (of, share) in self._parts.items()}):
+            self._positions.add(row)
 
     def _afford(self, time: float) -> None:
         needed = _OVERHEAD if self.frames < self._file.places else self.frame_size
@@ -196,6 +203,18 @@ class MotionWriter:
                 must_have(self._contacts.path, found.get(effect, {}), times)
 
 
+def _shares_of_parts(model: Any) -> dict[str, tuple[NDArray[Any], Array]]:
+    """Of each part by its name: its particles, and the share of its volume that each has; none of a body that is not made of parts."""
+    scene: Any = getattr(model, "scene", None)
+    names = scene.body.shape.part_names() if hasattr(scene, "body") else ()
+    shares = {}
+    for number, name in enumerate(names):
+        of = np.flatnonzero(model.particles.segment == number)
+        volume = model.particles.volume[of]
+        shares[name] = of, volume / volume.sum()
+    return shares
+
+
 def _bytes(size: float) -> str:
     for unit, name in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
         if size >= unit:
@@ -243,9 +262,10 @@ def _whole(path: Path, file: h5py.File) -> tuple[Array, Array, dict[str, Any]]:
 class Motion:
     """A motion that was written; `motion[k]` reads a frame, `motion[i:j]` a list of them, `motion.position(k)` its positions alone.
 
-    times (frames,) s. fields (frames, 3) T, NaN where it was not given. part (n,), volume (n,) m^3, remanence (n, 3) T, reference
-    (n, 3) m: of the undeformed body. energies: table of energies.csv, column -> (frames,); contacts: effect -> {t, Fx, Fy, Fz, count,
-    depth} -> (rows,). scene: Scene.to_si() or None. Along time also steps: column -> (frames,), of steps.csv, and jumps, as in a Result.
+    times (frames,) s. fields (frames, 3) T, NaN where it was not given. part (n,), volume (n,) m^3, remanence (n, 3) T,
+    reference (n, 3) m: of the undeformed body. energies: table of energies.csv, column -> (frames,); contacts: effect ->
+    {t, Fx, Fy, Fz, count, depth} -> (rows,). positions: name of a part -> its centers (frames, 3) m, none of other bodies.
+    scene: Scene.to_si() or None. Along time also steps: column -> (frames,), of steps.csv, and jumps, as in a Result.
     """
 
     folder: Path
@@ -261,6 +281,7 @@ class Motion:
     contacts: dict[str, dict[str, Array]]  # (rows,) s, N, m; count has no unit
     steps: dict[str, Array] = field(default_factory=dict)  # (frames,) s, m, T, J; stability and iterations have no unit
     jumps: list[dict[str, Any]] = field(default_factory=list)
+    positions: dict[str, Array] = field(default_factory=dict)  # (frames, 3) m
 
     @classmethod
     def load(cls, folder: Path | str) -> Motion:
@@ -277,7 +298,10 @@ class Motion:
             name, scene = _read_about(folder / ABOUT)
             energies, contacts = read_energies(folder / ENERGIES), read_contacts(folder / CONTACTS)
             steps, jumps = read_steps(folder / STEPS), read_jumps(folder / JUMPS)
+            positions = read_positions(folder / POSITIONS)
             must_have(folder / ENERGIES, energies, times, lacking=1)
+            for found in positions.values():
+                must_have(folder / POSITIONS, found, times, lacking=1)
             if steps:
                 must_have(folder / STEPS, steps, times, lacking=1)
             for effect, found in contacts.items() if scene is not None else ():
@@ -288,6 +312,9 @@ class Motion:
                 raise
             raise InputError(f"{folder}: the motion can't be read ({error}); run the scene again") from None
         tables: dict[str, Any] = {"energies": energies, "contacts": contacts, "steps": steps, "jumps": jumps}
+        tables["positions"] = {
+            name: np.column_stack([found[axis] for axis in "xyz"])[: len(times)] for name, found in positions.items()
+        }
         return cls(folder=folder, name=name, scene=scene, times=times, fields=fields, **tables, **static)
 
     def __repr__(self) -> str:

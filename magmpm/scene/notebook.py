@@ -17,6 +17,7 @@ WIDTH, HEIGHT, MARGIN = 300.0, 190.0, 26.0  # px of a panel
 VIEWS = (("side", "x", "z", 0, 2), ("top", "x", "y", 0, 1))
 BODY, UNDEFORMED, INK = "#CC6644", "#AAAAAA", "#222222"
 MOST = 200  # points of a curve, arrows of a body
+PARTS = 12  # whose places a table shows
 
 
 def of_scene(scene: Any) -> str:
@@ -129,7 +130,12 @@ def table(title: str, rows: Iterable[tuple[str, str]]) -> str:
 
 def of_result(result: Any) -> str:
     """A Result as HTML: its axis, m, and figures."""
-    rows = [("tip", lengths(result.tip)), ("det F", f"{result.min_det_F:.4f} to {result.max_det_F:.4f}")]
+    places = [] if result.tip is None else [("tip", lengths(result.tip))]
+    named = list(result.positions.items())
+    places += [(name, lengths(place)) for name, place in named[:PARTS]]
+    if len(named) > PARTS:
+        places.append(("more parts", f"{len(named) - PARTS}, in `positions`"))
+    rows = [*places, ("det F", f"{result.min_det_F:.4f} to {result.max_det_F:.4f}")]
     if not result.converged:
         rows.insert(0, ("NOT CONVERGED", result.failure or "the last good state"))
     if result.stability is not None:

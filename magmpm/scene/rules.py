@@ -45,6 +45,7 @@ def check(scene: WholeScene, *, written: bool) -> None:
     """
     _materials_are_there(scene)
     _densities_are_given(scene)
+    _tip_is_named(scene)
     _reference_fits(scene)
     scene.body.shape.check_resolution(scene.resolution.cells_across)
     if written and scene.static and scene.body.shape.clamp == "none":
@@ -97,6 +98,17 @@ def _densities_are_given(scene: WholeScene) -> None:
     for name in dict.fromkeys(region.material_name for region in scene.regions()):
         if scene.materials[name].density is None:
             raise fault(f"{what} needs the density of each material", "add, say, `density: 1100 kg/m^3`", ("materials", name, "density"))
+
+
+def _tip_is_named(scene: WholeScene) -> None:
+    """An error of the tip needs one."""
+    parts = scene.body.parts
+    if parts is not None and parts.tip is None and scene.resolution.of == "tip":
+        raise fault(
+            "the error of a tip is asked for, and parts have no tip unless it is named",
+            "name a part or a point, say `tip: arm` in body.parts, or remove `of`",
+            ("resolution", "of"),
+        )
 
 
 def _reference_fits(scene: WholeScene) -> None:

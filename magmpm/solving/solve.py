@@ -38,8 +38,9 @@ if TYPE_CHECKING:
     from magmpm.dynamics.time_loop import SimulationState
 
 Progress = Callable[[int, float], None]
-# Called with each frame: its time (s), axis rows [s, x, y, z] (m, 4) m (none for parts), tip (3,) m and centers of regions (k, 3) m.
-OnFrame = Callable[[float, Array, Array, Array], None]
+# Called with each frame: its time (s), axis rows [s, x, y, z] (m, 4) m (none for parts), tip (3,) m (None for parts that name none), and
+# centers of regions (k, 3) m.
+OnFrame = Callable[[float, Array, Array | None, Array], None]
 
 
 def solve(
@@ -295,7 +296,7 @@ def result_of(model: StaticModel, found: Equilibrium, seconds: dict[str, float],
         **_of_any(model, position, point.F, model.time, strain, found.warnings, seconds, failure, found.stability),
         grid_correction=found.correction,
         centreline=axis_of_unknowns.centreline(model, point.grid),
-        tip=measures.region_means(model, position)[-1] if model.line is None else axis_of_unknowns.tip(model, point.grid),
+        tip=measures.named_tip(model, position) if model.line is None else axis_of_unknowns.tip(model, point.grid),
         iterations=found.steps,
         dof=model.dof,
         min_det_F=point.min_det_F,

@@ -43,7 +43,7 @@ class Solved:
     steps: float
     dof: int
     centreline: Array
-    tip: Array
+    tip: Array | None  # of parts only where they name one
     moved: float
 
 

@@ -103,6 +103,11 @@ class StaticModel(Model):
     order: tuple[int, int, int] = (0, 1, 2)  # reference axis of each axis of the grid: see arranged
     touching: RestingSurface | None = None  # by which it touches obstacles; None without obstacles
 
+    @cached_property
+    def tip_weights(self) -> Array | None:
+        particles = replace(self.particles, position=self.particles.position[:, list(self.order)])
+        return self.scene.body.shape.tip_weights(self.grid, particles, self.order)
+
     @property
     def dof(self) -> int:
         """Number of unknowns."""

@@ -134,10 +134,11 @@ class Linearized:
         model = self.model
         if model.line is not None:
             return axis.splines_along(model, model.grid.stations[-1:])[0][:, None] * axis.end_face_weights(model)
-        last = model.particles.segment == len(model.scene.regions()) - 1  # the tip of parts: the mean of the last (simulate)
-        force = np.where(last[:, None], np.array([-1.0, 0.0, 0.0]), 0.0)[None]
-        out = self.energy.each_scattered(np.zeros((1, len(last), 3, 3)), force)
-        return out[:, 0, ::3] / model.particles.volume[last].sum()
+        share = model.tip_weights
+        assert share is not None  # Sensitivities.tip
+        force = (-share / model.particles.volume)[:, None] * np.array([1.0, 0.0, 0.0])
+        out = self.energy.each_scattered(np.zeros((1, len(share), 3, 3)), force[None])
+        return np.asarray(out[:, 0, ::3])
 
     def _by_node(self, columns: Array) -> Array:
         """Columns (planes, k, m) as (planes, k, nodes, 3)."""
@@ -156,9 +157,9 @@ class Sensitivities:
     _near: Linearized = field(repr=False)
 
     @property
-    def tip(self) -> Array:
-        """Derivatives (3, k), m per unit, of `result.tip`."""
-        return self._near.tip
+    def tip(self) -> Array | None:
+        """Derivatives (3, k), m per unit, of `result.tip`; None where the body has no tip."""
+        return None if self.result.tip is None else self._near.tip
 
     @property
     def centreline(self) -> Array:

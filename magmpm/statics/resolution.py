@@ -306,6 +306,10 @@ def _chosen(search: _Search, cells: int) -> ChosenGrid:
         ],
         "seconds_of_answer": last.seconds,
         "seconds_of_proof": sum(one.seconds for one in solved.values()) - last.seconds,
-        "finer": {"cells_across": finer.cells, "tip": finer.tip.tolist(), "centreline": finer.centreline.tolist()},
+        "finer": {
+            "cells_across": finer.cells,
+            "tip": None if finer.tip is None else finer.tip.tolist(),
+            "centreline": finer.centreline.tolist(),
+        },
     }
     return ChosenGrid(cells, error, report)

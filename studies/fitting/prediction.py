@@ -14,7 +14,7 @@ from magmpm.bodies.curves import on_rows
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError
 from magmpm.model import build
-from magmpm.results.measures import axis_of_particles, region_means
+from magmpm.results.measures import of_particles, tip_of
 from magmpm.scene import Scene
 from magmpm.scene.apparatus import Apparatus
 from magmpm.simulate import run, sensitivities, simulated
@@ -200,9 +200,10 @@ class Prediction:
         result = simulated(scene, start=self._following) if near is None else near.result
         self._last[index] = result.grid_correction
         if near is None:
-            return Axis.alone(result.centreline, result.tip)
+            return Axis.alone(result.centreline, tip_of(result))
         per_x = chain(base, self.constants, x, near.variables)
-        return Axis(result.centreline, result.tip, near.centreline @ per_x, near.tip @ per_x)
+        assert near.tip is not None  # tip_of
+        return Axis(result.centreline, tip_of(result), near.centreline @ per_x, near.tip @ per_x)
 
     def _in_motion(self, x: Array, slopes: bool) -> tuple[Array, Array]:
         residuals = self._moved(x)
@@ -238,9 +239,5 @@ def _frames(scene: Scene) -> tuple[Array, Array, Array]:
         motion: Any = Motion.load(folder)
         model = build(scene)
         positions = [np.asarray(motion.position(k), dtype=float) for k in range(len(motion))]
-        shapes = np.array([axis_of_particles(model, position) for position in positions])
-        if model.line is None:
-            tips = np.array([region_means(model, position)[-1] for position in positions])
-        else:
-            tips = shapes[:, -1, 1:]
-        return np.array(motion.times), shapes, tips
+        found = [of_particles(model, position) for position in positions]
+        return np.array(motion.times), np.array([axis for axis, _, _ in found]), np.array([tip for _, tip, _ in found])

@@ -333,6 +333,8 @@ def _fit_together(header: Line, named: set[str], scene: Scene, kind: str) -> Non
     check_apparatus(header, named, scene)
     if len(angles := named & set(ANGLES)) > 1:
         raise header.error("a row has one angle of the tip", "remove the others, or make two tables of it", ", ".join(sorted(angles)))
+    if kind == "tips" and scene.body.parts is not None and scene.body.parts.tip is None:
+        raise header.error("parts have no tip unless the scene names one", "name a part or a point, say `tip: arm` in body.parts")
     if kind != "tips" and scene.body.shape.line is None:
         raise header.error(f"a body of {scene.body.kind} has no axis to mark points on", "measure its tip: tip_x_mm ...")
     if angles and scene.body.shape.line is None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from magmpm.errors import SolveError, TimeOver
 from magmpm.results.file_names import ENERGIES
-from magmpm.results.measures import largest_distance
+from magmpm.results.measures import largest_distance, tip_of
 from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
@@ -97,8 +97,13 @@ def _promised(scene: Scene, result: Result, cells: int, found: Checked) -> None:
         finer = _try(scene.with_cells(cells + more))
         if finer is None or finer.jumps or result.jumps:
             return
-        off = np.linalg.norm(finer.tip - result.tip) if tip else largest_distance(result, finer.centreline)
-        distances.append(float(off))
+        if tip:
+            off = float(np.linalg.norm(tip_of(finer) - tip_of(result)))
+        elif result.positions:
+            off = float(np.linalg.norm(finer.segment_center - result.segment_center, axis=1).max())
+        else:
+            off = largest_distance(result, finer.centreline)
+        distances.append(off)
         if distances[-1] <= 1.5 * promised:
             found.done.append("promised error")
             return
@@ -117,7 +122,8 @@ def _sane(result: Result, found: Checked) -> None:
 
 
 def _distance(scene: Scene, one: Result, other: Result, R: np.ndarray = SAME) -> float:
-    """Largest distance, over L, of the ways that the middles of the regions have gone, and of the tips: `one` as R maps it, from `other`.
+    """Largest distance, over L, of the ways that the middles of the regions have gone, and of tips if there are any: `one` as R maps it,
+    from `other`.
 
     Ways, because whole cells make the regions of a magnetization profile: their middles are elsewhere on another grid.
     """
@@ -125,7 +131,8 @@ def _distance(scene: Scene, one: Result, other: Result, R: np.ndarray = SAME) ->
     for result in (one, other):
         of, volume = result.particle_segment, result.particle_volume
         begun = [np.bincount(of, volume * x) / np.bincount(of, volume) for x in result.particle_reference.T]
-        ways.append(np.vstack([result.segment_center - np.stack(begun, axis=1), result.tip]))
+        gone = result.segment_center - np.stack(begun, axis=1)
+        ways.append(gone if result.tip is None else np.vstack([gone, result.tip]))
     return float(np.linalg.norm(ways[0] @ R.T - ways[1], axis=1).max()) / scene.length
 
 

@@ -14,6 +14,7 @@ from magmpm.errors import InputError
 from magmpm.fields.dipole import MU0
 from magmpm.materials import poisson_ratio, young_modulus
 from magmpm.model import build
+from magmpm.results.measures import tip_of
 from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
@@ -49,7 +50,7 @@ PRECISION = np.float64  # in which particles are kept whose order is changed
 
 def from_rod(scene: Scene) -> float:
     """Distance of the tip from the rod's, over L."""
-    return float(np.linalg.norm(run(scene).tip - solve_rod(scene).position[-1])) / scene.length
+    return float(np.linalg.norm(tip_of(run(scene)) - solve_rod(scene).position[-1])) / scene.length
 
 
 def _off_critical(square: Callable[[float], float], loads: Sequence[float], size: float) -> float:
@@ -67,7 +68,7 @@ def _off_critical(square: Callable[[float], float], loads: Sequence[float], size
 
 def _buckling(scene: Scene) -> float:
     def square(load: float) -> float:
-        tip = run(scene.with_field(bending_field(load, np.pi, 2 * LENGTH))).tip
+        tip = tip_of(run(scene.with_field(bending_field(load, np.pi, 2 * LENGTH))))
         return float(tip[1] ** 2 + tip[2] ** 2)
 
     return _off_critical(square, (1.03, 1.06), LENGTH)
@@ -173,7 +174,7 @@ def _snapped(scene: Scene) -> float:
 def _two_ways(scene: Scene) -> float:
     """Distance of tips over L, of the solve from the rod's shape and of a load that grows in 20 steps."""
     one, two = run(scene), run(changed(scene, solver={"static": {"field_steps": 20, "max_steps": 200}}))
-    return float(np.linalg.norm(one.tip - two.tip)) / scene.length if min(one.min_det_F, two.min_det_F) > 0 else np.inf
+    return float(np.linalg.norm(tip_of(one) - tip_of(two))) / scene.length if min(one.min_det_F, two.min_det_F) > 0 else np.inf
 
 
 def _past_a_bifurcation(scene: Scene) -> float:
@@ -181,7 +182,8 @@ def _past_a_bifurcation(scene: Scene) -> float:
     ramp = {**scene.to_si()["field"], "over_time": {"ramp": {"duration": 1.0}}}
     followed = run(changed(scene, field=ramp, solver={"quasi_static": {"steps": 20}}))
     ramped = run(changed(scene, solver={"static": {"field_steps": 10}}))
-    places = [np.array([r.tip[0], np.hypot(r.tip[1], r.tip[2])]) for r in (followed, ramped, run(scene))]
+    tips = [tip_of(one) for one in (followed, ramped, run(scene))]
+    places = [np.array([x, np.hypot(y, z)]) for x, y, z in tips]
     if places[2][1] < 0.3 * scene.length:
         return np.inf
     return float(max(np.linalg.norm(places[k] - places[2]) for k in (0, 1))) / scene.length

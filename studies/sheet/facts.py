@@ -17,6 +17,7 @@ import numpy as np
 from magmpm.bodies.segments import StraightBody
 from magmpm.errors import MagmpmError, SolveError
 from magmpm.inputs.user_files import read_regular
+from magmpm.results.measures import tip_of
 from magmpm.results.result import Result, versions
 from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine import records
@@ -112,7 +113,7 @@ def gather(
         scene = Scene.from_si(result.scene)
     body = without_guide(describe_body(scene), len(best.get("magnetization") or ()))
     names = ("converged", "iterations", "particles", "dof", "min_det_F", "max_det_F", "largest_stretch", "warnings", "versions")
-    numbers = {name: getattr(result, name) for name in names} | {"tip_m": [float(x) for x in result.tip]}
+    numbers = {name: getattr(result, name) for name in names} | {"tip_m": [float(x) for x in tip_of(result)]}
     facts |= {"body": body, "best_scene": _text(folder / records.BEST / SCENE), "result": numbers}
     if motion:
         facts["motion"] = in_time(folder, best, study)

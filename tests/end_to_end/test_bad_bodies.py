@@ -106,6 +106,11 @@ ASSEMBLIES = [
     edit("a thin part", "mesh: arm.stl", "mesh: sheet.stl", "body.parts.spacing", '"0.5 mm"', "sheet is 0.2 mm, 0.4 cells of 0.5 mm", "at most `spacing: 0.1 mm`", line=7),
     edit("nothing held, in equilibrium", ", clamp: true", "", "body.parts.meshes", "[", "equilibrium needs a body that is held", line=8),
     edit("nothing free", "magnetization: [1, 0, 0]", "magnetization: [1, 0, 0], clamp: true", "body.parts.meshes", "[", "one part at least must be free", line=8),
+    edit("a tip that is held", "    spacing: 0.5 mm\n", "    spacing: 0.5 mm\n    tip: base\n", "body.parts.tip", '"base"', "must be a part that moves: arm", "write a point", line=8),
+    edit("a tip of another name", "    spacing: 0.5 mm\n", "    spacing: 0.5 mm\n    tip: arms\n", "body.parts.tip", '"arms"', "the name of a part that moves: arm", 'did you mean "arm"?', line=8),
+    edit("a tip in the air", "    spacing: 0.5 mm\n", "    spacing: 0.5 mm\n    tip: [4 mm, 0.5 mm, 0.5 mm]\n", "body.parts.tip", '["4 mm", "0.5 mm", "0.5 mm"]', "this is 1 mm away from arm", "as the STL files have them", line=8),
+    edit("a tip without units", "    spacing: 0.5 mm\n", "    spacing: 0.5 mm\n    tip: [3 mm, 0.5 mm, 0.5]\n", "body.parts.tip[2]", "0.5", "a length needs a unit", line=8),
+    edit("the error of no tip", "effects: {magnetic_torque: {}}\n", "effects: {magnetic_torque: {}}\nresolution: {error: 1 %, of: tip}\n", "resolution.of", '"tip"', "parts have no tip unless it is named", "say `tip: arm` in body.parts", line=13),
     edit("held perhaps", "clamp: true", "clamp: perhaps", "body.parts.meshes[0].clamp", '"perhaps"', "must be true or false"),
 ]
 # fmt: on

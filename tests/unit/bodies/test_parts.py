@@ -230,7 +230,7 @@ def test_a_box_of_parts_is_the_strip(axis: int) -> None:
     want, found = run(strip), run(parts)
     np.testing.assert_allclose(np.roll(found.segment_center[1:], -axis, axis=1), want.segment_center, atol=1e-9)
     np.testing.assert_allclose(np.roll(found.segment_remanence[1:], -axis, axis=1), want.segment_remanence, atol=1e-7)
-    np.testing.assert_allclose(found.tip, found.segment_center[-1])
+    assert found.tip is None
     wall = found.particle_segment == 0
     np.testing.assert_array_equal(found.particle_position[wall], found.particle_reference[wall])
     assert found.dof == want.dof
@@ -250,7 +250,6 @@ def test_a_wide_base_adds_no_unknowns_and_changes_nothing(root: float) -> None:
     assert large.layout.m <= small.layout.m + 9
     assert large.dof == small.dof
     one, other = run(held_by(1.0)), run(held_by(3.0))
-    assert np.linalg.norm(other.tip - other.segment_center[-1] - one.tip + one.segment_center[-1]) < 1e-12
     np.testing.assert_allclose(other.segment_center[-1], one.segment_center[-1], atol=1e-10)
     held = other.particle_segment < len(other.segment_center) - 1
     np.testing.assert_array_equal(other.particle_position[held], other.particle_reference[held])

@@ -75,8 +75,10 @@ body:
     - {mesh: base.stl, material: soft, clamp: true}
     - {mesh: beam.stl, material: soft, magnetization: [1, 0, 0.2]}
     - {mesh: end.stl, material: hard, magnetization: [0.2, 0.3, 1]}
+    tip: end
 """,
 }  # fmt: skip
+CASES["a point of parts"] = CASES["parts"].replace("tip: end", "tip: [1.5 mm, 3 mm, 13 mm]")
 MESHES = {"base.stl": box((0, 0, -2), (3, 3, 0)), "beam.stl": box((0, 0, 0), (3, 3, 9)), "end.stl": box((0, 0, 9), (3, 3, 13))}  # mm
 SLOW = [
     pytest.param(name, marks=pytest.mark.slow)
@@ -117,7 +119,7 @@ def test_derivatives_are_those_of_equilibria(name: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(found.adjoint(gradient), by_columns, rtol=0, atol=1e-8 * np.abs(by_columns).max(initial=1e-300))
 
 
-@pytest.mark.parametrize("name", ["parts", pytest.param("interacting", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["parts", "a point of parts", pytest.param("interacting", marks=pytest.mark.slow)])
 def test_one_derivative_of_what_takes_long(name: str, tmp_path: Path) -> None:
     """The tip of parts, and magnets that pull each other, by one plain difference: all variables of them are slow cases above."""
     scene = tight(scene_of(name, tmp_path))
