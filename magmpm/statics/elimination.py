@@ -15,6 +15,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Index
 
@@ -66,7 +67,7 @@ class Elimination:
     room: int
     operations: float
 
-    def blocks_of(self, elements: Index) -> Index:
+    def blocks_of(self, elements: Index) -> NDArray[np.int32]:
         """Block (elements, k, k) that couples two nodes of an element, the first eliminated no later than the second; -1 otherwise.
 
         Raises ValueError for nodes that the pattern does not couple.
@@ -150,7 +151,7 @@ def _structures(coupled: Any, order: Index) -> tuple[list[Index], Index]:
 def _postorder(parent: Index) -> Index:
     """The nodes of a forest, each after all that are below it."""
     children: list[list[int]] = [[] for _ in parent]
-    roots = []
+    roots: list[int] = []
     for node, above in enumerate(parent):
         (roots if above < 0 else children[above]).append(node)
     out = []
@@ -251,7 +252,7 @@ def _numbered(number: Index, elements: Index) -> Index:
     return np.where(elements >= 0, number[np.maximum(elements, 0)], -1)
 
 
-def _blocks(elements: Index, block_first: Index, later: Index) -> Index:
+def _blocks(elements: Index, block_first: Index, later: Index) -> NDArray[np.int32]:
     """The block of each two nodes of each element: see Elimination.blocks_of."""
     count = len(block_first) - 1
     key = np.repeat(np.arange(count), np.diff(block_first)) * count + later

@@ -52,12 +52,28 @@ class Matrix(Protocol):
         """Solutions (planes, k, m) for right-hand sides (planes, k, m), from the factors."""
 
 
+class RoundedBands:
+    """A matrix of bands in single precision, to be factored and solved with."""
+
+    def __init__(self, panels: block_cholesky.Single, split: int) -> None:
+        self._panels = panels
+        self._split = split
+
+    def factor(self) -> bool:
+        """Factor in place. False if the matrix is not positive definite."""
+        return block_cholesky.factor(self._panels, self._split) < 0
+
+    def solve(self, right: Array) -> Array:
+        """Solution (planes, m) for a right-hand side (planes, m), right to 1e-7 of the stiffest mode."""
+        return block_cholesky.solve(self._panels, self._split, right)
+
+
 class Bands:
     """A matrix of bands, in panels (planes + 2, m, 3 m) of statics.block_cholesky."""
 
-    def __init__(self, layout: Layout, panels: Array | block_cholesky.Single | None = None) -> None:
+    def __init__(self, layout: Layout) -> None:
         self._layout = layout
-        self.panels = block_cholesky.new_panels(layout.planes, layout.m) if panels is None else panels
+        self.panels = block_cholesky.new_panels(layout.planes, layout.m)
 
     def clear(self) -> None:
         block_cholesky.clear(self.panels)
@@ -79,9 +95,9 @@ class Bands:
     def factor(self) -> bool:
         return block_cholesky.factor(self.panels, self._layout.split) < 0
 
-    def rounded(self) -> Bands:
+    def rounded(self) -> RoundedBands:
         """The same matrix in single precision, in the same memory: this one can then only be filled again."""
-        return Bands(self._layout, block_cholesky.rounded(self.panels))
+        return RoundedBands(block_cholesky.rounded(self.panels), self._layout.split)
 
     def solve(self, right: Array) -> Array:
         return block_cholesky.solve(self.panels, self._layout.split, right)
@@ -125,7 +141,7 @@ class Sparse:
         return found
 
     @cached_property
-    def _bonds(self) -> tuple[NDArray[np.int64], Array] | None:
+    def _bonds(self) -> tuple[NDArray[np.int32], Array] | None:
         """Blocks that bonds add to, and what: the same on each axis."""
         layout = self._layout
         if layout.bonds is None or layout.bonded is None:

@@ -130,7 +130,8 @@ LEAPFROG = 2e-3  # of the energy: (omega dt)^2 / 8 of a period of 50 steps, by w
 def test_loads_that_change_slowly_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ten periods of 5000 steps each. What the held loads have added is known: it is what the energy has changed by.
 
-    Of the first two hundred, in half a period, each is held for some steps; at its zero, where it changes most for its size, for one or two.
+    Of the first two hundred, in half a period, each is held for some steps; at its zero, where it changes most for its
+    size, for one or two.
     """
     own = OwnLoads(None)  # type: ignore[arg-type]
     held, changed = Spring(monkeypatch, 1.0, 2 * np.pi / 5000).swing(own, 10)
