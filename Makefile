@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 3 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: release optunahub bench-least-squares measured pytest lint-benchmarks bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
+.PHONY: bench-robots release optunahub bench-least-squares measured pytest lint-benchmarks bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -22,6 +22,7 @@ help:
 	@echo "make bench-design   solves and seconds of the samplers to 2, 0.5 and 0.1 mm on 24 targets (QUICK=1)"
 	@echo "make bench-accuracy  true error over promised error of 100 scenes drawn at random"
 	@echo "make bench-convergence  how the error falls with the cells on 100 bodies drawn at random"
+	@echo "make bench-robots  robots of parts drawn at random: Newton steps, seconds, and whether a slow load leads to the same shape (ROBOTS=40, QUICK=1)"
 	@echo "make bench-fit  how often the intervals of magmpm fit hold the truth, over 1 000 synthetic fits (QUICK=1: 100; POSES=poses: a magnet in each row)"
 	@echo "make measured   public measurements, fitted and predicted: pictures and tables of docs/measured.md (CASES=kim)"
 	@echo "make bench-least-squares  the Gauss-Newton sampler against Optuna's on five public problems: the table of docs/optunahub/problems.md (SEEDS=5, SAMPLERS=tpe)"
@@ -140,6 +141,9 @@ bench-convergence: $(VENV)/.ready-test
 
 bench-accuracy: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/promised_error.py $(if $(SCENES),--scenes $(SCENES))
+
+bench-robots: $(VENV)/.ready-test
+	$(BIN)/python tests/benchmarks/drawn_robots.py $(if $(ROBOTS),--robots $(ROBOTS)) $(if $(QUICK),--quick)
 
 bench-robust: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/robust.py $(SAMPLES)
