@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 3 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: bench-robots release optunahub bench-least-squares measured pytest lint-benchmarks bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
+.PHONY: bench-robots release optunahub bench-least-squares measured pytest lint-benchmarks bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-bounds bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
@@ -20,6 +20,7 @@ help:
 	@echo "make bench      measure; prints a table and writes runs/bench/bench.json (QUICK=1, FIGURES=effect_cost_percent)"
 	@echo "make bench-sampler  trials to 2 mm of tpe, gp and gauss-newton, with and without the rod's designs"
 	@echo "make bench-design   solves and seconds of the samplers to 2, 0.5 and 0.1 mm on 24 targets (QUICK=1)"
+	@echo "make bench-bounds  whether a stronger field ever gives a worse design: 40 drawn targets, three seeds, five bounds (BODIES=4)"
 	@echo "make bench-accuracy  true error over promised error of 100 scenes drawn at random"
 	@echo "make bench-convergence  how the error falls with the cells on 100 bodies drawn at random"
 	@echo "make bench-robots  robots of parts drawn at random: Newton steps, seconds, and whether a slow load leads to the same shape (ROBOTS=40, QUICK=1)"
@@ -147,6 +148,9 @@ bench-robots: $(VENV)/.ready-test
 
 bench-robust: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/robust.py $(SAMPLES)
+
+bench-bounds: $(VENV)/.ready-test
+	$(BIN)/python tests/benchmarks/larger_bounds.py $(if $(TARGETS),--targets $(TARGETS)) $(if $(BODIES),--bodies $(BODIES))
 
 bench-design: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/design.py $(if $(QUICK),--quick) $(SAMPLERS)

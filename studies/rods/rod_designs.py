@@ -2,15 +2,24 @@
 
 The rod's shape is within a per cent of the length of the body's (its clamp does not restrain the section), and its derivatives are exact
 (magmpm.rod.derivative_kernels). From points that cover the spheres of directions and the ball of fields evenly, Levenberg's and Marquardt's
-method goes down in all of them at once; the worse ones are dropped on the way. What is left is solved again as `solve_rod` solves it, from
-zero load, because a descent may follow a branch that growing loads do not reach.
+method goes down in all of them at once; the worse ones are dropped on the way.
 
-A field that varies in space, and its gradient, are taken at the places of the target, where the body is if the design is right; the pull
-follows the moments as they were a step before. Where the scene has no rod, there are no designs.
+A body that bends strongly has several equilibria, and is found on the branch that grows from zero load. So each shape of a descent is
+relaxed from the straight rod: from the shape of the step before, descents went down branches on which no body is. What is left is solved
+again as `solve_rod` solves it, with loads that grow in small steps.
+
+What a weaker field reaches, a stronger one reaches too. So where the field varies, other descents begin in a weak field, in which a rod has
+one equilibrium, and go on as its bound grows to the study's, each bound with the designs of the one before. If all that ends farther from
+the target than FAR of the length, it is searched from more points.
+
+A field that varies in space, and its gradient, are taken at the places of the target, where the body is if the design is right. Where the
+scene has no rod, there are no designs.
 """
 
 from __future__ import annotations
 
+import copy
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -29,6 +38,11 @@ from magmpm.studies.search.search_space import SearchSpace
 
 ELEMENTS = 8  # in each segment: the rod is a thousandth of its length from its limit, less than from the body
 DESIGNS = 6
+AT_TARGET = 3e-4  # of the length: a rod that is nearer is at its target, since the body is not that near to the rod
+FAR = 0.05  # of the length: a best design that is farther away is searched from more points
+DAMPING = 0.1  # of the first step of a descent
+PULLS = 3  # times that rods relax in a pull: with one, that on the shape before, steps that are better look worse and are refused
+BOUND_RATIO = math.sqrt(2.0)  # of two bounds that follow each other
 
 
 @dataclass(frozen=True)
@@ -60,6 +74,11 @@ class _Descents:
         order = np.argsort(self.cost, kind="stable")[:count]
         return _Descents(**{name: value[order] for name, value in vars(self).items()})
 
+    def and_those(self, others: _Descents) -> _Descents:
+        """These descents and others."""
+        theirs = vars(others)
+        return _Descents(**{name: np.concatenate([value, theirs[name]]) for name, value in vars(self).items()})
+
 
 class _Problem:
     """Rods of a scene against a target."""
@@ -77,31 +96,58 @@ class _Problem:
             self.gradient = source.gradient(places) if scene.effects.magnetic_force is not None else None
         self.family = RodFamily.of(rod, scene.body.shape.segment_lengths(), regions)  # type: ignore[attr-defined]
         self.field_max, self.count = field_max, len(regions)
-        self.target = target
+        self.target, self.length = target, scene.length
         self.before = np.clip(np.searchsorted(s, target[:, 0], side="right") - 1, 0, len(s) - 2)  # the frames beside each station
         share = (target[:, 0] - s[self.before]) / np.diff(s)[self.before]
         self.shares = np.stack([1 - share, share]) / np.sqrt(len(target))
 
-    def shapes(self, directions: Array, field: Array, quaternions: Array, share: float = 1.0) -> tuple[Array, Array, Array]:
-        """Residuals (s, m) m and slopes (s, m, c) by directions and by shares of the greatest field; found (s,)."""
+    def within(self, field_max: float) -> _Problem:
+        """The problem with another bound of the field, T."""
+        other = copy.copy(self)
+        other.field_max = field_max
+        return other
+
+    @property
+    def unit_field(self) -> float:
+        """The field, T, that bends the rod by about a radian: M B L^2 = E I. Infinite for a rod without moments."""
+        rod = self.family.rod
+        moment = float(np.linalg.norm(rod.moment, axis=1).max())
+        return float(rod.twist_bend[:, 1:].min()) / (moment * self.length**2) if moment > 0.0 else np.inf
+
+    def shapes(self, directions: Array, field: Array, before: Array) -> tuple[Array, Array, Array, Array]:
+        """Residuals (s, m) m, slopes (s, m, c) by directions and by shares of the greatest field, found (s,), and the rods' quaternions.
+
+        before: quaternions of the shapes in which a field that varies pulls.
+        """
         fields = None if self.field_max is None else self.field_max * field
-        pull = 0.0 if self.gradient is None else self.family.pull(quaternions, directions, self.gradient)
-        position, slopes, found = self.family.relaxed(quaternions, directions, fields, pull=pull, share=share)
+        quaternions = self.family.straight(len(directions))
+        position, slopes, found = self._relaxed(quaternions, directions, fields, before)
         goal = self.target[:, 1:] / np.sqrt(len(self.target))
         rows = (self._at_stations(position) - goal).reshape(len(position), -1)
         columns = self._at_stations(slopes).reshape(*rows.shape, -1)
         if self.field_max is not None:
             columns[:, :, -3:] *= self.field_max
-        return rows, columns, found
+        return rows, columns, found, quaternions
+
+    def _relaxed(self, quaternions: Array, directions: Array, fields: Array | None, before: Array) -> tuple[Array, Array, Array]:
+        """RodFamily.relaxed. A pull turns with the moments, so rods relax again in the pull on the shapes that they came to."""
+        if self.gradient is None:
+            return self.family.relaxed(quaternions, directions, fields)
+        turned = before
+        for _ in range(PULLS):
+            pull = self.family.pull(turned, directions, self.gradient)
+            found = self.family.relaxed(quaternions, directions, fields, pull=pull)
+            turned = quaternions
+        return found
 
     def _at_stations(self, values: Array) -> Array:
         """Values (s, n + 1, ...) at the frames as values (s, m, ...) at the target's m stations, over the root of m."""
         shares = self.shares.reshape(2, -1, *(1,) * (values.ndim - 2))
         return np.asarray(shares[0] * values[:, self.before] + shares[1] * values[:, self.before + 1])
 
-    def state(self, directions: Array, field: Array, quaternions: Array, damping: Array) -> _Descents:
-        """The descents at these designs; one without a stable shape has an infinite cost."""
-        rows, columns, found = self.shapes(directions, field, quaternions)
+    def state(self, directions: Array, field: Array, before: Array, damping: Array) -> _Descents:
+        """The descents at these designs; one without a stable shape has an infinite cost. before: as of `shapes`."""
+        rows, columns, found, quaternions = self.shapes(directions, field, before)
         basis = across(directions)
         count = 3 * self.count
         turned = np.einsum("smka,skab->smkb", columns[:, :, :count].reshape(*rows.shape, -1, 3), basis)
@@ -124,15 +170,32 @@ class _Problem:
         if self.field_max is not None:
             field = field + p[:, -3:]
             field = field / np.maximum(np.linalg.norm(field, axis=1, keepdims=True), 1.0)
-        new = self.state(directions, field, at.quaternions.copy(), np.maximum(at.damping / 5, 1e-9))
+        new = self.state(directions, field, at.quaternions, np.maximum(at.damping / 5, 1e-9))
         better = new.cost < at.cost
         kept = {name: np.where(better.reshape(-1, *(1,) * (value.ndim - 1)), getattr(new, name), value) for name, value in vars(at).items()}
         kept["damping"] = np.where(better, new.damping, np.minimum(6 * at.damping, 1e6))
         return _Descents(**kept)
 
+    def descended(self, at: _Descents, phases: Sequence[tuple[int, int]]) -> _Descents:
+        """The descents after phases of (steps, how many of the best go on); less where DESIGNS of them are at their target."""
+        for steps, left in phases:
+            for _ in range(steps):
+                if np.sort(at.cost)[min(DESIGNS, len(at.cost)) - 1] < (AT_TARGET * self.length) ** 2:
+                    break
+                at = self.step(at)
+            at = at.best(left)
+        return at
+
+    def begun(self, uniform: Array) -> _Descents:
+        """Descents at points that numbers from 0 to 1, (s, 3 k + 3), spread over the spheres of directions and the ball of fields."""
+        starts = len(uniform)
+        directions = _on_sphere(uniform[:, : 3 * self.count].reshape(starts, -1, 3))
+        field = _on_sphere(uniform[:, None, -3:])[:, 0] * (0.4 + 0.6 * uniform[:, -1:])
+        return self.state(directions, field, self.family.straight(starts), np.full(starts, DAMPING))
+
 
 def rod_designs(
-    scene: Scene, target: Array, regions: Sequence[int], field_max: float | None, *, seed: int = 1, starts: int = 64, keep: int = DESIGNS
+    scene: Scene, target: Array, regions: Sequence[int], field_max: float | None, *, seed: int = 1, starts: int = 32, keep: int = DESIGNS
 ) -> list[RodDesign]:
     """The rod's best designs for target rows [s, x, y, z] (m, 4) m, best first; different from each other. None where the scene has no rod.
 
@@ -144,20 +207,53 @@ def rod_designs(
         return []
     from scipy.stats import qmc
 
-    uniform = np.asarray(qmc.Sobol(3 * len(regions) + 3, rng=np.random.default_rng([seed])).random(starts))
-    directions = _on_sphere(uniform[:, : 3 * len(regions)].reshape(starts, -1, 3))
-    field = _on_sphere(uniform[:, None, -3:])[:, 0] * (0.4 + 0.6 * uniform[:, -1:])
-    q = problem.family.straight(starts)
-    for share in (0.25, 0.5, 0.75):  # of the load, on the way to the first shape
-        problem.shapes(directions, field, q, share)
-    at = problem.state(directions, field, q, np.full(starts, 0.1))
-    for steps, left in ((10, 24), (10, 12), (12, 12)):  # and how many of the descents go on after them
-        for _ in range(steps):
-            if np.sort(at.cost)[min(DESIGNS, len(at.cost)) - 1] < (3e-4 * scene.length) ** 2:
-                break
-            at = problem.step(at)
-        at = at.best(left)
-    return _verified(scene, problem, regions, at)[:keep]
+    points = qmc.Sobol(3 * len(regions) + 3, rng=np.random.default_rng([seed]))
+    first = np.asarray(points.random(starts))
+    at = problem.descended(problem.begun(first), _phases(starts))
+    found = _verified(scene, problem, regions, at)
+    if field_max is not None and not _within(found, AT_TARGET * scene.length):
+        at = _by_growing_bounds(problem, first)
+        found = _best_first([*found, *_verified(scene, problem, regions, at)], scene.length)
+    if not _within(found, FAR * scene.length):
+        more = np.asarray(points.random(starts))
+        if field_max is None:
+            at = problem.descended(problem.begun(more), _phases(starts))
+        else:
+            at = _by_growing_bounds(problem, more, fresh=True)
+        found = _best_first([*found, *_verified(scene, problem, regions, at)], scene.length)
+    return found[:keep]
+
+
+def _within(designs: Sequence[RodDesign], distance: float) -> bool:
+    """True if a design's rms is below a distance, m."""
+    return any(design.rms < distance for design in designs)
+
+
+def _phases(starts: int) -> list[tuple[int, int]]:
+    """Steps of descents from so many starts, and how many of them go on."""
+    return [(8, max(starts // 2, 12)), (10, max(starts // 4, 12)), (12, 12)]
+
+
+def _by_growing_bounds(problem: _Problem, uniform: Array, fresh: bool = False) -> _Descents:
+    """Descents that begin within a weak field's bound, each next bound with the designs of the one before; the last is the problem's.
+
+    The bounds do not depend on the last one, so what is found within one is found within every larger one. fresh: each bound, and not the
+    first alone, also has the designs at the points `uniform` (Problem.begun).
+    """
+    last = problem.field_max
+    assert last is not None
+    bound = problem.unit_field
+    here = problem.within(min(bound, last))
+    at = here.descended(here.begun(uniform), [(8, 8)])
+    while here.field_max != last:
+        bound *= BOUND_RATIO
+        there = problem.within(min(bound, last))
+        at = there.state(at.directions, at.field * (here.field_max / there.field_max), at.quaternions, np.full(len(at.cost), DAMPING))
+        if fresh:
+            at = at.and_those(there.descended(there.begun(uniform), [(8, 8)]))
+        at = there.descended(at, [(6, 8)])
+        here = there
+    return here.descended(at, [(12, 8)])
 
 
 def rod_starts(space: SearchSpace, target: Array, seed: int) -> list[dict[str, float]]:
@@ -179,10 +275,7 @@ def rod_starts(space: SearchSpace, target: Array, seed: int) -> list[dict[str, f
 
 
 def _verified(scene: Scene, problem: _Problem, regions: Sequence[int], at: _Descents) -> list[RodDesign]:
-    """Those designs that are different from better ones, judged by the rod under loads that grow from zero, best first.
-
-    Near a critical load the body is hard to solve and its derivatives are large: a design there counts as worse than it is.
-    """
+    """Those designs that are different from better ones, judged by the rod under loads that grow from zero, best first."""
     target, field_max = problem.target, problem.field_max
     fixed = np.array(scene.field.uniform, dtype=float)
     found: list[RodDesign] = []
@@ -200,10 +293,18 @@ def _verified(scene: Scene, problem: _Problem, regions: Sequence[int], at: _Desc
         gap = shape.at(target[:, 0]) - target[:, 1:]
         stability = problem.family.stability(at.quaternions[s], at.directions[s], np.zeros(3) if field_max is None else field)
         found.append(RodDesign(at.directions[s], field, root_mean_square(gap), stability))
+    return _best_first(found, scene.length)
+
+
+def _best_first(designs: Sequence[RodDesign], length: float) -> list[RodDesign]:
+    """Those designs that are different from better ones, best first; length of the body, m.
+
+    Near a critical load the body is hard to solve and its derivatives are large: a design there counts as worse than it is.
+    """
     # a stability below 0.15 counts as worse, at a critical load by 0.05 of the length
-    found.sort(key=lambda design: design.rms + max(1.0 - design.stability / 0.15, 0.0) * 0.05 * scene.length)
+    ordered = sorted(designs, key=lambda design: design.rms + max(1.0 - design.stability / 0.15, 0.0) * 0.05 * length)
     kept: list[RodDesign] = []
-    for design in found:
+    for design in ordered:
         if all(_angle_between(design, other) > 0.3 for other in kept):  # rad
             kept.append(design)
     return kept
