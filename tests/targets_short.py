@@ -18,7 +18,8 @@ SHORT = {  # what `make TARGET` is given
     "test-workers": "", "test-browser": "", "test-gp": "", "validate": "", "bench-startup": "", "bench-view": "", "release": "",
     "bench": "QUICK=1", "bench-robust": "SAMPLES=2", "bench-sampler": "SAMPLER=gauss-newton SEEDS=1", "bench-fit": "FITS=2",
     "bench-design": "QUICK=1 SAMPLERS=gauss-newton", "bench-bounds": "TARGETS=1", "bench-insertion": "QUICK=1 EACH=1",
-    "bench-advice": "SCENES='0 1'", "measured": "CASES=zhao", "bench-accuracy": "SCENES=1", "bench-convergence": "SCENES=1", "claims": "QUICK=1 CLAIMS=asked",
+    "bench-advice": "SCENES='0 1'", "measured": "CASES=zhao", "bench-accuracy": "SCENES=1", "bench-convergence": "SCENES=1",
+    "claims": "QUICK=1 CLAIMS=asked", "bench-robots": "ROBOTS=1 QUICK=1",
     "gallery": "SCENES=folding_strip", "stability": "QUICK=1", "faults": "KILLS=3", "fuzz": "INPUTS=100", "fuzz-coverage": "RUNS=200",
     "bench-workers": "TRIALS=30", "tour": "PAGES=first_scene.md", "optunahub": "", "bench-least-squares": "SEEDS=1 SAMPLERS=gauss-newton",
 }  # fmt: skip
