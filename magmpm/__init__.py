@@ -11,15 +11,8 @@ from magmpm.compiled import environment
 
 if TYPE_CHECKING:
     from magmpm.compare import error
-    from magmpm.errors import (
-        BudgetError,
-        InputError,
-        MagmpmError,
-        MagmpmWarning,
-        NotThereYet,
-        SceneError,
-        SolveError,
-    )
+    from magmpm.errors import BudgetError, InputError, MagmpmError, NotThereYet, SceneError, SolveError
+    from magmpm.results.notices import MagmpmWarning
     from magmpm.results.result import Result
     from magmpm.results.trajectory import Motion
     from magmpm.scene import Scene, load_scene
@@ -27,27 +20,11 @@ if TYPE_CHECKING:
     from magmpm.studies.in_python import design, fit, influence
 
 __version__ = "0.1.0"
-
 __all__ = [
-    "BudgetError",
-    "InputError",
-    "MagmpmError",
-    "MagmpmWarning",
-    "Motion",
-    "NotThereYet",
-    "Result",
-    "Scene",
-    "SceneError",
-    "SolveError",
-    "design",
-    "error",
-    "fit",
-    "influence",
-    "load_scene",
-    "run",
-    "sensitivities",
-]
+    "BudgetError", "InputError", "MagmpmError", "MagmpmWarning", "Motion", "NotThereYet", "Result", "Scene", "SceneError", "SolveError",
+    "design", "error", "fit", "influence", "load_scene", "run", "sensitivities"]  # fmt: skip
 _HOMES = {"Motion": "results.trajectory", "Result": "results.result", "run": "simulate", "sensitivities": "simulate", "Scene": "scene"}
+_HOMES |= {"MagmpmWarning": "results.notices"}
 _HOMES |= {"error": "compare", "load_scene": "scene", **dict.fromkeys(("design", "fit", "influence"), "studies.in_python")}
 environment.prepare()  # before anything imports Numba
 

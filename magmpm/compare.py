@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from magmpm import notices
+from magmpm.results import notices
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene, load_scene

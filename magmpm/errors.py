@@ -66,10 +66,6 @@ class MagmpmError(Exception):
     exit_status = 1
 
 
-class MagmpmWarning(UserWarning):
-    """What a user should know of an answer: the text of one of `Result.warnings`, told once a scene (magmpm.notices)."""
-
-
 class InputError(MagmpmError):
     """The input is wrong; the message names file, key, value, rule and remedy: it is that of `report`, or `place` alone without a rule."""
 

@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from magmpm import notices
 from magmpm.errors import SolveError
 from magmpm.results.file_names import CHECKPOINT, NUMBERS, OF_EQUILIBRIUM, forget_motion
 from magmpm.results.folder_lock import folder_lock
@@ -75,7 +74,7 @@ def run(
 
 
 def _told_run(scene: Scene, saved: Callable[..., Result], on_progress: Progress | None, progress: bool | None) -> Result:
-    """What `saved(on_progress=...)` finds, with a bar for what runs along time, lines in the log, and its warnings."""
+    """The result of `saved(on_progress=...)`, with a bar for what runs along time, lines in the log, and its warnings."""
     with notices.Watched(scene.name, scene.duration if scene.in_time else None, "s", progress) as watched:
         try:
             result = saved(on_progress=watched.also(on_progress) if scene.in_time else on_progress)

@@ -8,10 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from magmpm import notices
 from magmpm.effects import acting as effects
 from magmpm.errors import InputError, length
 from magmpm.inputs.yaml_document import of_file
+from magmpm.results import notices
 from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.evaluate.trial import Trial

@@ -26,8 +26,14 @@ from magmpm.bodies.body_shape import BodyShape, Discretization, Region
 from magmpm.bodies.contact_solid import NEEDLE, Solids, meets, mesh_solids
 from magmpm.bodies.contact_surface import SurfacePoints, cut, parts_surface
 from magmpm.bodies.grid import EVEN, ClampPlane, Grid, Knots
-from magmpm.bodies.material_point import point_weights
-from magmpm.bodies.mesh_quadrature import TOUCHING, grid_of_parts, part_errors, part_particles
+from magmpm.bodies.mesh_quadrature import (
+    TOUCHING,
+    connected_components,
+    grid_of_parts,
+    part_errors,
+    part_particles,
+    point_weights,
+)
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.bodies.signed_distance import to_triangles
 from magmpm.bodies.surface_mesh import (
@@ -220,7 +226,7 @@ class Parts(BodyShape):
         return float(np.ptp(unpack_mesh(self.meshes[index].mesh).vertices, axis=0).max()) * UNITS[self.unit]
 
     def _other_unit(self, index: int, otherwise: str) -> str:
-        """What to do about a part that is far too small in the unit of all parts: the unit that its file may be in, or else `otherwise`."""
+        """Remedy for a part that is far too small in the unit of all parts: the unit its file may be in, or else `otherwise`."""
         assert self.spacing is not None
         for unit, scale in UNITS.items():  # from the smallest on
             times = scale / UNITS[self.unit]
@@ -398,22 +404,3 @@ def different_names(given: Sequence[str]) -> tuple[str, ...]:
     """Names of parts, each another: one without a name has its number, and so have those that share one."""
     names = [name or f"part {i + 1}" for i, name in enumerate(given)]
     return tuple(f"{name} (part {i + 1})" if names.count(name) > 1 else name for i, name in enumerate(names))
-
-
-def connected_components(touching: NDArray[np.bool_], cell: NDArray[np.integer], part: NDArray[np.integer]) -> NDArray[np.int64]:
-    """Connected component that each particle (n,) is in, from 0.
-
-    touching (parts, parts): which do; cell (n, 3), part (n,): of each particle. Two are connected where they touch and their cells do.
-    """
-    from scipy.sparse import csgraph  # only for bodies of parts
-    from scipy.spatial import cKDTree
-
-    count = len(touching)
-    box = (*(np.ptp(cell, axis=0) + 1).tolist(), count)
-    full = np.unique(np.ravel_multi_index((*(cell - cell.min(axis=0)).T, part), box))
-    *places, of = np.unravel_index(full, box)
-    near = np.zeros((count, count), bool)
-    pairs = of[cKDTree(np.column_stack(places)).query_pairs(1.01, output_type="ndarray")]  # the same cell, or neighbors by a face
-    near[pairs[:, 0], pairs[:, 1]] = True
-    number = csgraph.connected_components(near & touching, directed=False)[1]
-    return np.asarray(np.asarray(number, np.int64)[part])

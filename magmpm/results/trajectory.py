@@ -204,7 +204,7 @@ class MotionWriter:
 
 
 def _shares_of_parts(model: Any) -> dict[str, tuple[NDArray[Any], Array]]:
-    """Of each part by its name: its particles, and the share of its volume that each has; none of a body that is not made of parts."""
+    """Particles of each part by its name, and their shares of its volume; none of a body that is not made of parts."""
     scene: Any = getattr(model, "scene", None)
     names = scene.body.shape.part_names() if hasattr(scene, "body") else ()
     shares = {}

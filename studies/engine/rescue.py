@@ -146,13 +146,13 @@ class Memory:
             path = self._saved(make)
         except (OSError, MagmpmError) as other:
             reason = str(other).splitlines()[0]
-            remedy = f"its {finished} finished trials can't be saved elsewhere either ({reason}); see to that, and begin anew"
+            remedy = f"its finished trials ({finished}) can't be saved elsewhere either ({reason}); see to that, and begin anew"
             return StorageError(report(what, rule=rule, remedy=remedy))
         if path == self._file.path:
-            remedy = f"its {finished} finished trials are saved in a new file of that name; run this command again: it resumes"
+            remedy = f"its finished trials ({finished}) are saved in a new file of that name; run this command again: it resumes"
         else:
             remedy = (
-                f"its {finished} finished trials are saved in {path}; go on with --storage sqlite:///{path}, "
+                f"its finished trials ({finished}) are saved in {path}; go on with --storage sqlite:///{path}, "
                 f"or put that file in the place of {self._file.path.name}, then run this command again: it resumes"
             )
         return StorageError(report(what, rule=rule, remedy=remedy))

@@ -493,7 +493,7 @@ def test_a_database_that_is_lost_during_a_study_is_told_and_its_trials_are_saved
     said = str(caught.value)
     assert caught.value.exit_status == 1
     assert said.startswith(f"{database}: {STRIKES[how]}"), said
-    assert "its 4 finished trials are saved in" in said
+    assert "its finished trials (4) are saved in" in said
     assert len(solved) == 4, "noticed at the next trial"
     (place,) = (tmp_path / "out").glob("*rescued*.db") if not how.startswith("deleted") else [database]
     assert f"--storage sqlite:///{place}" in said or (place == database and "a new file of that name; run this command again" in said)

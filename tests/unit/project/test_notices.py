@@ -2,7 +2,6 @@
 
 import inspect
 import logging
-import sys
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +10,8 @@ import numpy as np
 import pytest
 
 import magmpm
-from magmpm import notices
 from magmpm.cli import main
+from magmpm.results import notices
 from magmpm.scene import Scene
 from tests.end_to_end.small_study import finished, study_file
 
@@ -37,16 +36,11 @@ SHORT = {
 UNUSED = "materials: spare is not used"
 
 
-@pytest.fixture(autouse=True)
-def _nothing_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each test begins as a new process does."""
-    monkeypatch.setattr(notices, "_told", set())
-
-
 @pytest.fixture
-def scene() -> Scene:
-    """A scene with a warning, which Python users did not see."""
-    return magmpm.load_scene(SHORT)
+def scene(request: pytest.FixtureRequest) -> Scene:
+    """A scene with a warning, which Python users did not see; another one for each test, since it is told once a scene."""
+    number = sum(map(ord, request.node.name)) % 997
+    return magmpm.load_scene(SHORT).with_field([0.0, 0.0, 8e-3 + 1e-7 * number])
 
 
 def test_a_warning_points_at_the_user_s_line_once_a_scene(scene: Scene, tmp_path: Path) -> None:
@@ -115,17 +109,15 @@ def test_begin_end_and_errors_are_logged(scene: Scene, caplog: pytest.LogCapture
 def test_bars_are_shown_where_someone_sees_them(
     progress: bool | None, terminal: bool, switch: str | None, shown: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
     monkeypatch.delenv(notices.SWITCH, raising=False)
     if switch is not None:
         monkeypatch.setenv(notices.SWITCH, switch)
-    assert notices.shows_bars(progress) == shown
+    assert notices.shows_bars(progress, seen=terminal) == shown
 
 
 def test_a_motion_has_a_bar_and_a_user_s_own_progress_too(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    scene: Scene, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(notices, "DELAY", 0.0)
     moving = Scene.from_si({**scene.to_si(), "solver": {"dynamic": {"duration": 2e-3, "output_every": 1e-3}}})
     times: list[float] = []
     with pytest.warns(magmpm.MagmpmWarning):
@@ -139,9 +131,8 @@ def test_a_motion_has_a_bar_and_a_user_s_own_progress_too(
 
 
 def test_designs_and_fits_have_bars(
-    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(notices, "DELAY", 0.0)
     seen: list[int] = []
     out = finished(tmp_path, trials=1)
     capsys.readouterr()

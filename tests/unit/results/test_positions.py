@@ -158,6 +158,12 @@ def test_motions_and_paths_of_parts_keep_where_the_parts_are(tmp_path: Path) -> 
     header, *rows = (tmp_path / "motion" / "positions.csv").read_text().splitlines()
     assert header == "t,part,x,y,z"
     assert len(rows) == 9
+    longer = parts([14e-3, 0.0, 0.0], solver={"dynamic": {"duration": 4e-3, "output_every": 1e-3}})
+    magmpm.run(longer, folder=tmp_path / "motion", resume=True)
+    magmpm.run(longer, folder=tmp_path / "whole")
+    tables = [(tmp_path / name / "positions.csv").read_text() for name in ("motion", "whole")]
+    assert tables[0] == tables[1]
+    assert len(tables[0].splitlines()) == 16
     followed = magmpm.run(parts(solver={"quasi_static": {"steps": 2}}), folder=tmp_path / "path")
     path = magmpm.Motion.load(tmp_path / "path")
     stepped = [step["positions"]["end"] for step in followed.steps]
@@ -166,7 +172,7 @@ def test_motions_and_paths_of_parts_keep_where_the_parts_are(tmp_path: Path) -> 
     assert not [step for step in followed.steps if "tip" in step]
     lines = (tmp_path / "motion" / "positions.csv").read_text().splitlines(keepends=True)
     (tmp_path / "motion" / "positions.csv").write_text("".join(lines[:4]))
-    with pytest.raises(magmpm.InputError, match=r"positions\.csv: received 1 rows that do not match the 3 frames"):
+    with pytest.raises(magmpm.InputError, match=r"positions\.csv: received 1 rows that do not match the 5 frames"):
         magmpm.Motion.load(tmp_path / "motion")
 
 

@@ -1,4 +1,4 @@
-"""What a Python user is told besides the answer: warnings, a log, and progress bars. The command line prints its own.
+"""Warnings, a log and progress bars for Python users. The command line prints its own.
 
 Warnings are of the class MagmpmWarning and point at the line that called magmpm, each once a scene. The log is the
 logger `magmpm` of Python's logging, which is silent until the user gives it a handler. Bars are tqdm's, on standard
@@ -17,15 +17,19 @@ from collections.abc import Callable, Iterable
 from types import FrameType, TracebackType
 from typing import Any
 
-from magmpm.errors import MagmpmError, MagmpmWarning, quantity
+from magmpm.errors import MagmpmError, quantity
 
 log = logging.getLogger("magmpm")
 log.addHandler(logging.NullHandler())
 
 SWITCH = "MAGMPM_PROGRESS"  # of the environment: 0 hides the bars
-DELAY = 1.0  # s before a bar is drawn: short work shows nothing
+DELAY = 1.0  # s before a bar is drawn that was not asked for: short work shows nothing
 LOGGED = 10.0  # s between two lines of progress in the log
 _told: set[tuple[str, str]] = set()  # what warnings are of, and their texts
+
+
+class MagmpmWarning(UserWarning):
+    """A warning about an answer: the text of one of `Result.warnings`, given once a scene."""
 
 
 def _inside(frame: FrameType) -> bool:
@@ -75,13 +79,13 @@ def _in_notebook() -> bool:
     return shell is not None and hasattr(shell, "kernel")
 
 
-def shows_bars(progress: bool | None) -> bool:
-    """True if bars are wanted: as `progress` says, else unless the environment hides them, or nobody would see them."""
+def shows_bars(progress: bool | None, seen: bool) -> bool:
+    """True if bars are wanted: as `progress` says, else where they would be `seen`, unless the environment hides them."""
     if progress is not None:
         return progress
     if os.environ.get(SWITCH, "").strip().lower() in ("0", "off", "false", "no"):
         return False
-    return sys.stderr.isatty() or _in_notebook()
+    return seen
 
 
 class Watched:
@@ -96,14 +100,15 @@ class Watched:
     unit : str
         Of `total`, such as "s" or "trials".
     progress : bool, optional
-        Whether a bar is wanted; None: see `shows_bars`.
+        Whether a bar is wanted, at once; None: after a second where someone sees it (`shows_bars`).
     """
 
     def __init__(self, title: str, total: float | None, unit: str, progress: bool | None) -> None:
         self._title = title
         self._total = total
         self._unit = unit
-        self._shown = shows_bars(progress)
+        self._shown = shows_bars(progress, seen=sys.stderr.isatty() or _in_notebook())
+        self._delay = 0.0 if progress else DELAY
         self._bar: Any = None
         self._logged = time.monotonic()
 
@@ -122,7 +127,7 @@ class Watched:
             log.error("%s: %s", self._title, error)
 
     def at(self, done: float, note: str = "") -> None:
-        """So much of the total is done."""
+        """Tell that so much of the total is done."""
         said = f"{done:.6g} of {self._total:.6g} {self._unit}" if self._total is not None else ""
         self._say(", ".join(part for part in (said, note) if part))
         if self._shown:
@@ -131,7 +136,7 @@ class Watched:
             bar.update(done - bar.n)
 
     def note(self, text: str) -> None:
-        """What is being done, where its end is not known."""
+        """Tell what is being done, where its end is not known."""
         self._say(text)
         if self._shown:
             bar = self._drawn()
@@ -177,7 +182,7 @@ class Watched:
                 total=self._total,
                 unit=self._unit,
                 bar_format=form,
-                delay=DELAY,
+                delay=self._delay,
                 leave=False,
                 file=sys.stderr,
             )
