@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from magmpm.errors import SolveError
+from magmpm.results import notices
 from magmpm.results.file_names import CHECKPOINT, NUMBERS, OF_EQUILIBRIUM, forget_motion
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.result import Result
