@@ -64,7 +64,7 @@ class Catheter(StraightBody):
 
     @staticmethod
     def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
-        """What to write for a key that people write and that is said by another one here, with its number: a tube's wall."""
+        """Return what to write for a key that people write and that is said by another one here, with its number: a tube's wall."""
         if key not in ("wall", "wall_thickness"):
             return None
         try:

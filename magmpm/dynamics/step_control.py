@@ -171,7 +171,7 @@ def _of_schedule(model: Model) -> float | None:
 
 @dataclass
 class Drift:
-    """How far the sum of all energies has moved, J.
+    """Drift of the sum of all energies, J.
 
     loses: whether something takes energy, so that only growth is a fault; least, most: of the sum so far; kinetic: the largest; last: the
     sum before; moved: then; finer: halvings of the step for it; calm: chunks in a row that changed the sum by little.
@@ -187,7 +187,7 @@ class Drift:
     calm: int = 0
 
     def passes(self, total: float, kinetic: float) -> bool:
-        """Whether the sum may be this after a chunk. If not, nothing is noted but that steps are to be halved."""
+        """Tell whether the sum may be this after a chunk. If not, nothing is noted but that steps are to be halved."""
         largest = max(self.kinetic, kinetic)
         growth, loss = total - min(self.least, total), max(self.most, total) - total
         moved = growth if self.loses else max(growth, loss)

@@ -114,7 +114,7 @@ class Effects(Settings):
 
     @staticmethod
     def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
-        """What there is for an effect that people ask for by another name, or that is not simulated."""
+        """Return what there is for an effect that people ask for by another name, or that is not simulated."""
         remedy = _INSTEAD.get(plain_word(key))
         return None if remedy is None else Instead(remedy)
 
@@ -215,7 +215,7 @@ def refresh(named: Records, body: Any, x: Array, F: Array) -> float:
 
 
 def coordinates(named: Records, body: Any, x: Array, F: Array) -> list[Array]:
-    """What the tables of `own_tables` act on (BodyEffect.coordinates), times the shares of their loads."""
+    """Return what the tables of `own_tables` act on (BodyEffect.coordinates), times the shares of their loads."""
     return [float(record["share"][0]) * kind.coordinates(_particles(body), x, F) for kind, record, _ in _refreshed(named)]
 
 

@@ -183,7 +183,7 @@ class BodyEffect(Effect):
     @staticmethod
     @abstractmethod
     def coordinates(particles: MarkedParticles, x: Array, F: Array) -> Array:
-        """What the table's first numbers act on (k,), linear in x and F: a load that is held has the energy -table . coordinates, J."""
+        """Return what the table's first numbers act on (k,), linear in x and F: a held load has the energy -table . coordinates, J."""
 
     @staticmethod
     @abstractmethod

@@ -19,7 +19,7 @@ from magmpm.errors import Key, dotted, flow, report, show
 
 
 class Instead(NamedTuple):
-    """What to write in place of a key that people use and that is not known: `by_other_keys(key, values)` of a part of a file returns it.
+    """Text to write in place of a key that people use and that is not known: `by_other_keys(key, values)` of a part of a file returns it.
 
     remedy: what to do; key: the known key that says the same, where one key does.
     """

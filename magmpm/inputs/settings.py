@@ -46,7 +46,7 @@ class Settings(BaseModel):
 
     @staticmethod
     def by_other_keys(key: str, values: Any) -> Instead | None:
-        """What to write in place of an unknown key that people use; values: what stands beside it. None: nothing is known of it."""
+        """Return what to write in place of an unknown key that people use; values: what stands beside it. None: nothing is known of it."""
         return None
 
 

@@ -170,7 +170,7 @@ def _number(values: Mapping[str, Any], names: set[str], kind: str | None = None)
 
 
 def _shear_modulus(values: Mapping[str, Any]) -> str:
-    """What to write for Young's modulus."""
+    """Text to write for Young's modulus."""
     formula = "G = E/(2 (1 + nu))"
     young, nu = _number(values, _YOUNG, "pressure"), _number(values, _POISSON)
     if nu is None or not nu < 0.5:
@@ -185,7 +185,7 @@ def _shear_modulus(values: Mapping[str, Any]) -> str:
 
 
 def _bulk_to_shear(values: Mapping[str, Any], *, of_modulus: bool) -> str:
-    """What to write for Poisson's ratio, or for the bulk modulus."""
+    """Text to write for Poisson's ratio, or for the bulk modulus."""
     if of_modulus:
         bulk, shear = _number(values, _BULK, "pressure"), _number(values, {"shear_modulus"}, "pressure")
         known = bulk is not None and shear is not None
@@ -199,7 +199,7 @@ def _bulk_to_shear(values: Mapping[str, Any], *, of_modulus: bool) -> str:
 
 
 def _remanence(value: Any) -> str:
-    """What to write for a magnetization: its size by the remanence, its direction where the body has it."""
+    """Text to write for a magnetization: its size by the remanence, its direction where the body has it."""
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         value = f"{value!r} A/m"
     if not isinstance(value, str):

@@ -124,7 +124,7 @@ class Scene(Settings):
 
     @staticmethod
     def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
-        """Where keys of a study belong."""
+        """Say where keys of a study, among these values, belong."""
         if plain_word(key) not in OF_STUDIES:
             return None
         return Instead("it belongs in a study, a file of its own that names this one, `scene: FILE`; `magmpm design STUDY` runs it")

@@ -190,7 +190,7 @@ def _alone(lock: Path, tell: Tell, until: float) -> Iterator[None]:
 
 
 def _locked(stream: TextIO) -> bool:
-    """Whether the lock is ours now."""
+    """Tell whether the lock is ours now."""
     try:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:

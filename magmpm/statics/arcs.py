@@ -14,50 +14,45 @@ Source: rotation-strain coordinates, Huang, Tong, Zhou, Bao, Desbrun, Interactiv
 deformation, IEEE TVCG 17 (2011) 983.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.kernels.equilibrium import add_stresses, gradient_products, grid_to_particles
+from magmpm.kernels.equilibrium import Cells, Particles, add_stresses, gradient_products, grid_to_particles
 from magmpm.statics.layout import StaticModel
 from magmpm.statics.tangent_matrix import new_matrix
-
-if TYPE_CHECKING:
-    from magmpm.statics.energy import Energy, Point
 
 
 class TurningParticles:
     """Arcs of a body of any form. The matrix of the least squares is made and factored once."""
 
-    def __init__(self, energy: Energy) -> None:
-        self._energy = energy
-        self._matrix = new_matrix(energy.model.scene, energy.model.layout)
+    def __init__(self, model: StaticModel, cells: Cells, particles: Particles) -> None:
+        self._layout = model.layout
+        self._shear = model.shear
+        self._cells = cells
+        self._particles = particles
+        self._matrix = new_matrix(model.scene, model.layout)
         self._matrix.clear()
-        weight = energy.model.particles.volume * energy.model.shear
-        gradient_products(energy.cells, energy.particles, weight, self._matrix.target(energy.cells))
+        gradient_products(cells, particles, model.particles.volume * model.shear, self._matrix.target(cells))
         self._matrix.finish()
         if not self._matrix.factor():
             raise ArithmeticError("the gradients of the grid's splines do not tell its coefficients: some node has no material")
 
-    def moved(self, point: Point, direction: Array, fraction: float) -> Array:
-        """Coefficients (planes, m) m after a fraction of a step `direction` (planes, m) m from a point."""
-        energy, n = self._energy, len(point.F)
+    def moved(self, grid: Array, F: Array, direction: Array, fraction: float) -> Array:
+        """Coefficients (planes, m) m after a fraction of a step `direction` (planes, m) m from `grid`, where particles have F (n, 3, 3)."""
+        n = len(F)
         change = np.empty((n, 3, 3))
         nothing = np.zeros((3, 3))
-        grid_to_particles(energy.cells, energy.particles, fraction * direction, nothing, np.empty((n, 3)), change)
-        rate = change @ np.linalg.inv(point.F)
+        grid_to_particles(self._cells, self._particles, fraction * direction, nothing, np.empty((n, 3)), change)
+        rate = change @ np.linalg.inv(F)
         turned = _exponential((rate - rate.transpose(0, 2, 1)) / 2)
-        stretched = point.F + (rate + rate.transpose(0, 2, 1)) @ point.F / 2
-        wanted = energy.model.shear[:, None, None] * (turned @ stretched - point.F)
-        right = np.zeros(energy.shape)
-        add_stresses(energy.cells, energy.particles, wanted, right)
-        springs = energy.model.layout.springs
-        if springs is not None:  # they are in the matrix as well, and stretch as along the straight step
-            right += springs.gradient(fraction * direction)
-        return np.asarray(point.grid + self._matrix.solve(energy.free(right)))
+        stretched = F + (rate + rate.transpose(0, 2, 1)) @ F / 2
+        wanted = self._shear[:, None, None] * (turned @ stretched - F)
+        right = np.zeros_like(grid)
+        add_stresses(self._cells, self._particles, wanted, right)
+        if self._layout.springs is not None:  # they are in the matrix as well, and stretch as along the straight step
+            right += self._layout.springs.gradient(fraction * direction)
+        right[self._layout.fixed] = 0.0
+        return np.asarray(grid + self._matrix.solve(right))
 
 
 def _exponential(skew: Array) -> Array:

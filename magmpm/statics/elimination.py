@@ -55,7 +55,7 @@ class Fronts(NamedTuple):
 
 @dataclass(frozen=True)
 class Elimination:
-    """How to eliminate a pattern.
+    """Plan to eliminate a pattern.
 
     number (nodes,): of each given node as it is eliminated; values, room: lengths of the factors and of the room of one depth;
     operations: multiplications and additions of one factorization.
@@ -83,7 +83,7 @@ class Elimination:
 
 
 def elimination(elements: Sequence[Index], count: int) -> Elimination:
-    """How to eliminate `count` nodes that are coupled in elements: tables (elements, k) whose rows have node numbers, or -1 for none."""
+    """Plan to eliminate `count` nodes that are coupled in elements: tables (elements, k) whose rows have node numbers, or -1 for none."""
     coupled = _coupled(elements, count)
     found = [_with_order(coupled, order) for order in _orders(coupled)]
     number, first, structures = min(found, key=lambda one: _operations(one[1], one[2]))
@@ -129,7 +129,7 @@ def _with_order(coupled: Any, order: Index) -> tuple[Index, Index, list[Index]]:
 
 
 def _structures(coupled: Any, order: Index) -> tuple[list[Index], Index]:
-    """Of each node, in order: the later nodes that it is coupled to when it is eliminated, and the first of them (-1 for none)."""
+    """Return of each node, in order: the later nodes that it is coupled to when it is eliminated, and the first of them (-1 for none)."""
     count = len(order)
     place = np.empty(count, np.int64)
     place[order] = np.arange(count)
@@ -195,7 +195,7 @@ def _operations(first: Index, rows: Sequence[Index]) -> float:
 
 
 def _laid_out(coupled: Any, number: Index, first: Index, structures: list[Index]) -> Elimination:
-    """Where everything lies, for the order of `number`."""
+    """Lay everything out, for the order of `number`."""
     own, count = np.diff(first), np.array([len(rows) for rows in structures])
     rest = count - own
     front_of = np.repeat(np.arange(len(own)), own)

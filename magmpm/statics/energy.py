@@ -86,13 +86,13 @@ class Energy:
 
     @cached_property
     def _turning(self) -> TurningParticles:
-        return TurningParticles(self)
+        return TurningParticles(self.model, self.cells, self.particles)
 
     def arc(self, point: Point, direction: Array, fraction: float) -> Array:
         """Coefficients (planes, m) m after a fraction of a step `direction` (planes, m) m from a point, along an arc (statics.arcs)."""
         if self.model.layout.straight:
             return along_arc(self.model, point.grid, direction, fraction)
-        return self._turning.moved(point, direction, fraction)
+        return self._turning.moved(point.grid, point.F, direction, fraction)
 
     def rest_energy(self) -> float:
         """Energy of the undeformed body, J: the reference for the energy of a load."""

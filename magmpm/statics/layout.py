@@ -61,7 +61,7 @@ class Layout:
 
     @cached_property
     def elimination(self) -> Elimination:
-        """How the sparse tangent is eliminated, by the numbers of `free_nodes`."""
+        """Plan by which the sparse tangent is eliminated, by the numbers of `free_nodes`."""
         elements = [self.nodes_of(self.cell_plane, self.cell_row)]
         if self.bonded is not None:
             elements.append(self.places_of(self.bonded))

@@ -31,7 +31,7 @@ class Matrix(Protocol):
         """Set all entries to zero."""
 
     def target(self, cells: Cells) -> Panels | Blocks:
-        """Where kernels add the matrices of cells."""
+        """Place where kernels add the matrices of cells."""
 
     def finish(self) -> None:
         """Make fixed unknowns ones without a coupling, once all is added."""

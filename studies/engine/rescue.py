@@ -1,4 +1,4 @@
-"""What a session keeps in memory of a study, for the case that its SQLite file goes while the study runs.
+"""Trials that a session keeps in memory of a study, for the case that its SQLite file goes while the study runs.
 
 SQLite writes on into a file that was deleted, as the system allows: everything seems well, and all is lost with the process. So
 the file is looked at before each call of the storage: is it the same one, whole, and may it be written? If not, the study ends, and
@@ -138,7 +138,7 @@ class Memory:
         self._trials[number] = found
 
     def told(self, error: MagmpmError, make: Callable[[Store], optuna.Study]) -> StorageError:
-        """What became of the database and of the trials, which are saved. make(store): makes the study anew in another database."""
+        """Tell what became of the database and of the trials, which are saved. make(store): makes the study anew in another database."""
         what, *_ = str(error).splitlines()
         finished = sum(trial.state == TrialState.COMPLETE for trial in self._trials.values())
         rule = "an SQLite file must stay in place, whole and writable until its study ends"

@@ -82,7 +82,7 @@ class StudySession:
         return found
 
     def saved_elsewhere(self, error: MagmpmError) -> MagmpmError:
-        """What is to be said where the database is lost: the trials that this session knows are saved in another one."""
+        """Return what is to be said where the database is lost: the trials that this session knows are saved in another one."""
         attributes: dict[str, Any] = {STARTS: self.starts} if self.starts else {}
 
         def make(store: Store) -> optuna.Study:

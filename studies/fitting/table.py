@@ -207,7 +207,7 @@ def _held_out(text: str, titles: Sequence[str]) -> list[tuple[str, str]]:
 
 
 def _same_cell(cell: str, value: str) -> bool:
-    """Whether a cell holds a value: the same text, or the same number however written."""
+    """Tell whether a cell holds a value: the same text, or the same number however written."""
     return cell == value or bool(_as_number(cell) & _as_number(value))
 
 

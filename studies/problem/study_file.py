@@ -168,7 +168,7 @@ class StudyFile(Settings):
 
     @staticmethod
     def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
-        """Where keys of a scene belong."""
+        """Say where keys of a scene belong."""
         if plain_word(key) not in Scene.model_fields:
             return None
         if "scene" not in values:

@@ -181,7 +181,7 @@ class Session:
         self._said = time.monotonic()
 
     def _described(self, trial: FrozenTrial, records: Mapping[str, Any]) -> str:
-        """Who runs a trial, in words."""
+        """Say who runs a trial, in words."""
         by = trial.user_attrs.get(SESSION)
         owner = records.get(RECORD + by) if by is not None else None
         if owner is None:
