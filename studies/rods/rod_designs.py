@@ -243,12 +243,15 @@ def _by_growing_bounds(problem: _Problem, uniform: Array, fresh: bool = False) -
     last = problem.field_max
     assert last is not None
     bound = problem.unit_field
-    here = problem.within(min(bound, last))
+    reached = min(bound, last)
+    here = problem.within(reached)
     at = here.descended(here.begun(uniform), [(8, 8)])
-    while here.field_max != last:
+    while reached != last:
         bound *= BOUND_RATIO
-        there = problem.within(min(bound, last))
-        at = there.state(at.directions, at.field * (here.field_max / there.field_max), at.quaternions, np.full(len(at.cost), DAMPING))
+        before = reached
+        reached = min(bound, last)
+        there = problem.within(reached)
+        at = there.state(at.directions, at.field * (before / reached), at.quaternions, np.full(len(at.cost), DAMPING))
         if fresh:
             at = at.and_those(there.descended(there.begun(uniform), [(8, 8)]))
         at = there.descended(at, [(6, 8)])
