@@ -115,7 +115,7 @@ def test_magnets_that_meet_gain_no_energy(tmp_path: Path, remanence: float, cell
 @pytest.mark.parametrize("cells", [2, 3])
 @pytest.mark.parametrize("remanence", [0.1, 0.3, 0.5])
 def test_magnets_that_meet_come_to_rest(tmp_path: Path, remanence: float, cells: int) -> None:
-    """With damping, whose energies decay by exp(-20 t / s): after 0.3 s to 0.25 % at most of what they were as the cubes met."""
+    """With damping, whose energies decay by exp(-20 t / s): after 0.3 s they are below the 1 % asserted (0.15 to 0.54 % measured)."""
     total, kinetic, _ = energies(magnets(tmp_path, 6e-3, remanence, cells, 0.3, {"damping": {"rate": 20.0}}))
     assert kinetic[-10:].max() < 0.01 * kinetic.max()
     assert np.diff(total).max() < BALANCE * kinetic.max()
