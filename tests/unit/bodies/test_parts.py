@@ -33,6 +33,7 @@ from magmpm.model import build
 from magmpm.results.result import Result
 from magmpm.scene import Scene, load_scene
 from magmpm.simulate import run
+from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import arranged, static_model
 
 
@@ -266,13 +267,24 @@ def test_a_result_of_parts_survives_being_saved(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.particle_position, result.particle_position)
 
 
-def test_held_inside_its_neighbours_the_nodes_around_it_are_held() -> None:
-    """A held core in the middle of a bar: there is no clamping plane, so every node that the core touches is held."""
+def test_held_inside_its_neighbours_both_sides_are_held_by_their_faces() -> None:
+    """A held core in the middle of a bar: there is no clamping plane. Each half bends as the one alone, which a plane clamps exactly."""
     core = {"mesh": box((2, 0, 0), (3, 1, 1)), "clamp": True}
-    model = static_model(build(parts_scene(core, {"mesh": box((0, 0, 0), (2, 1, 1))}, {"mesh": box((3, 0, 0), (5, 1, 1))})))
+    left, right = ({"mesh": box((x, 0, 0), (x + 2, 1, 1)), "magnetization": [1, 0, 0]} for x in (0, 3))
+    model, alone = (static_model(build(parts_scene(core, *free))) for free in ((left, right), (right,)))
     assert model.held.sum() == model.held.size // 5
-    assert model.dof == 3 * 4 * 4 * (12 - 4)  # 10 cells of 0.5 mm along x; the two cells of the core touch 4 planes of nodes
+    assert not model.planes
+    assert alone.planes
+    assert model.dof == 3 * 4 * 4 * 12  # 10 cells of 0.5 mm along x: no node is held
     assert not model.free
+    ends = []
+    for each in (model, alone):
+        moved = solve_static(each).point.displacement
+        assert not moved[each.held].any()
+        x = each.particles.position[:, 0]
+        ends += [np.linalg.norm(moved[np.isclose(x, place)], axis=1).max() for place in (x[~each.held].min(), x.max())]
+    assert ends[0] == pytest.approx(ends[1], rel=1e-9)
+    assert ends[1] == pytest.approx(ends[3], rel=0.03)  # of a half twice as long as thick; two cells across
 
 
 def test_parts_in_a_file_are_found_beside_it(tmp_path: Path) -> None:
