@@ -119,17 +119,26 @@ def ball(radius: float, around: int = 48) -> Surface:
     return Surface(whole.points, whole.triangles, north.astype(int))
 
 
-def swept(path: np.ndarray, radius: float, around: int = 32) -> Surface:
-    """An open tube of that radius (m) around a path (n, 3) m."""
+def ring_sections(path: np.ndarray, section: np.ndarray, first: np.ndarray) -> list[np.ndarray]:
+    """A section's points (a, 3) m, with x = 0, at each point of a path (n, 3) m: across it, and turned as little as it can be.
+
+    first (3,): the direction of the section's y at the path's beginning.
+    """
     tangent = np.gradient(path, axis=0)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-300)
-    first = np.cross(tangent[0], np.eye(3)[np.argmin(np.abs(tangent[0]))])
-    section, rings = circle(radius, around), []
+    rings = []
     for point, along in zip(path, tangent):
         first = first - along * (first @ along)
         first = first / np.linalg.norm(first)
         rings.append(point + section @ np.stack([along, first, np.cross(along, first)]))
-    return lofted(rings, 0, closed=True, flip=True)
+    return rings
+
+
+def swept(path: np.ndarray, radius: float, around: int = 32) -> Surface:
+    """An open tube of that radius (m) around a path (n, 3) m."""
+    begins = path[1] - path[0]
+    first = np.cross(begins, np.eye(3)[np.argmin(np.abs(begins))])
+    return lofted(ring_sections(path, circle(radius, around), first), 0, closed=True, flip=True)
 
 
 def refined(surface: Surface, longest: float, most: int = 200_000) -> Surface:

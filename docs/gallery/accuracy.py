@@ -89,8 +89,7 @@ def section(root: Path, one: Shown, folder: Path) -> str:
     beside = [f"{other['name']}: {other['seconds']:.2g} s, {percent(other['error_finest'])} from the finest" for other in found["beside"]]
     said = [*beside, *found["conclusions"]]
     said += [f"{name} failed: {reason.partition('; remedy')[0].partition('; to try')[0]}." for name, reason in found["failed"].items()]
-    if found["asymptotic"] is False:
-        said.append("Not in the asymptotic range: the errors do not fall steadily with the cells.")
+    said += [f"Order of convergence to the {name}: not determined, {reason}." for name, reason in found["undetermined"].items()]
     return "\n".join([*lines, "", *(f"- {line}" for line in said), ""])
 
 

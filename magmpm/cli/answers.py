@@ -54,7 +54,7 @@ class Progress:
     def __init__(self, title: str) -> None:
         self._title, self._begun, self._shown = title, time.monotonic(), 0
         self._visible, self._last, self._over = sys.stderr.isatty(), title, threading.Event()
-        self._first: tuple[float, int] | None = None  # time and parts done of the first report: compiling, and a resumed part, come before
+        self._first: tuple[float, float] | None = None  # time and parts done at the first report: compiling and a resumed part come before
 
     def __enter__(self) -> Progress:
         if not self._visible:
@@ -74,12 +74,21 @@ class Progress:
         """Print the current activity, if its end can't be predicted."""
         self._line(f"{self._title}: {text}")
 
-    def at(self, done: int, total: int, text: str = "") -> None:
-        """`done` of `total` parts are finished; the time left is estimated from those since the first call."""
+    def at(self, done: float, total: float, text: str = "", unit: str = "") -> None:
+        """`done` of `total` parts are finished; the time left is estimated from those since the first call, until all are.
+
+        unit: of both numbers, as in "0.05 of 0.3 s".
+        """
         now = time.monotonic()
-        begun, before = self._first = self._first or (now, done)
-        left = f", about {_duration((now - begun) / (done - before) * (total - done))} left" if done > before else ""
-        self._line(f"{self._title}: {done} of {total}{left}{'; ' if text else ''}{text}")
+        if self._first is None:
+            self._first = (now, done)
+        begun, before = self._first
+        left = ""
+        if before < done < total:
+            seconds = (now - begun) / (done - before) * (total - done)
+            left = f", about {_duration(seconds)} left"
+        parts = f"{_amount(done)} of {_amount(total)}{unit and ' '}{unit}"
+        self._line(f"{self._title}: {parts}{left}{text and '; '}{text}")
 
     def _line(self, text: str) -> None:
         self._last = text
@@ -91,6 +100,11 @@ class Progress:
             sys.stderr.write("\r" + text.ljust(self._shown) + ("" if text else "\r"))
             sys.stderr.flush()
             self._shown = len(text)
+
+
+def _amount(number: float) -> str:
+    """A count in full, another number to four digits."""
+    return str(number) if isinstance(number, int) else f"{number:.4g}"
 
 
 def _duration(seconds: float) -> str:

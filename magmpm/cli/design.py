@@ -9,7 +9,7 @@ import shlex
 import signal
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,9 +65,12 @@ def command(options: argparse.Namespace) -> int:
             study, solve=run, differentiate=sensitivities, out=out, on_trial=lambda trial: _tell(trial, progress), on_advice=_advise,
             picture=None if renderer is None else TrialPicture(study, smooth, renderer), trials=options.trials, sampler=options.sampler,
             storage=storage, workers=options.workers, artifacts=options.artifacts, time_limit=options.time_limit, on_open=prepare,
+            on_note=progress.note,
         )  # fmt: skip
         done = report.ended != "interrupted"
-        files = draw_study(out, report.summary(), study.target, renderer, smooth=smooth) if renderer is not None and done else []
+        files = []
+        if renderer is not None and done:
+            files = draw_study(out, report.summary(), study.target, renderer, smooth=smooth, note=progress.note)
     if renderer is not None and renderer.note:
         print(renderer.note, file=sys.stderr)
     summary = {**report.summary(), "files": [str(path) for path in files]}
@@ -139,7 +142,8 @@ class TrialPicture:
             self._renderer = Renderer()
         if trial.shapes:
             study = self._study
-            shown = insertion_snapshot(study.name, study.scene.to_si(), trial.target, trial.shapes, trial.number, trial.rms_m)
+            scene = result.scene if study.keyframes else study.scene.to_si()
+            shown = several_snapshot(study.name, scene, trial.target, trial.shapes, trial.number, trial.rms_m)
             return self._renderer.render(shown, path)
         from magmpm.viz.from_result import trial_snapshot
 
@@ -237,9 +241,9 @@ def saved_target(folder: Path) -> np.ndarray | None:
 
 def draw_study(
     folder: Path, report: dict[str, Any], target: np.ndarray | None, renderer: Renderer, out: Path | None = None, *,
-    smooth: bool = False, kind: str = "png",
+    smooth: bool = False, kind: str = "png", note: Callable[[str], object] = lambda text: None,
 ) -> list[Path]:  # fmt: skip
-    """best.png, convergence.png and best_shapes.mp4 of a study's folder."""
+    """best.png, convergence.png and best_shapes.mp4 of a study's folder. note: is told what is being drawn."""
     from magmpm.inputs.csv_tables import write_centreline
     from magmpm.results.result import Result
     from magmpm.studies.engine.records import BEST, DESIGN, IMPROVEMENTS, read_design
@@ -264,9 +268,10 @@ def draw_study(
 
     files = []
     if (folder / BEST).exists():
+        note(f"drawing best.{kind}")
         best = snapshot(folder / BEST)
         files.append(renderer.render(best, out / f"best.{kind}", size=FINAL_SIZE if best.insets else None))
-        files += _draw_movie(folder / BEST, out, report["name"], renderer)
+        files += _draw_movie(folder / BEST, out, report["name"], renderer, note)
     if report["rms_m"]:
         shown = (report["rms_m"], out / f"convergence.{kind}", report["stop_rms_m"], report["name"], report["failed_trials"])
         files.append(renderer.run(plots.convergence, *shown))
@@ -274,24 +279,32 @@ def draw_study(
         files.append(renderer.run(plots.pareto, report, out / f"pareto.{kind}"))
     shapes = sorted(path.parent for path in (folder / IMPROVEMENTS).glob(f"[0-9]*/{DESIGN}"))
     if shapes:
+        note("drawing best_shapes.mp4")
         files.append(best_shapes_movie([snapshot(of) for of in shapes[-8:]], out / "best_shapes.mp4", renderer).path)
     return [Path(path) for path in files]
 
 
 def _design_snapshot(name: str, scene: Mapping[str, Any], path: np.ndarray | None, known: Mapping[str, Any]) -> Snapshot | None:
-    """The picture of a design's insertion, from what is stored of it; None where it is none. path: rows [s, x, y, z], (m, 4) m."""
+    """The picture of a design's insertion or schedule, from what is stored of it; None where it is one equilibrium.
+
+    path: rows [s, x, y, z], (m, 4) m.
+    """
     from magmpm.studies.evaluate.trajectory import shapes_of
 
     shapes = shapes_of(known)
     if not shapes or path is None:
         return None
-    return insertion_snapshot(name, scene, path, shapes, known["number"], known["rms_m"])
+    return several_snapshot(name, scene, path, shapes, known["number"], known["rms_m"])
 
 
-def insertion_snapshot(
+def several_snapshot(
     name: str, scene: Mapping[str, Any], path: np.ndarray, shapes: tuple[Mapping[str, Any], ...], trial: int, rms: float
 ) -> Snapshot:
-    """The picture of a trial."""
+    """The picture of a trial that has several equilibria: the depths of an insertion along its path, or the times of a schedule."""
+    if "time_s" in shapes[-1]:
+        from magmpm.viz.poses import poses_snapshot
+
+        return poses_snapshot(name, scene, shapes, trial=trial, rms=rms)
     from magmpm.viz.insertion import Insertion
 
     if "catheter" in shapes[-1]:  # a result's scene has what is outside alone
@@ -299,8 +312,8 @@ def insertion_snapshot(
     return Insertion(name, scene, path).trial(shapes, trial=trial, rms=rms)
 
 
-def _draw_movie(folder: Path, out: Path, name: str, renderer: Renderer) -> list[Path]:
-    """The movie of the best design in `folder`, into `out`; nothing where its frames are not there."""
+def _draw_movie(folder: Path, out: Path, name: str, renderer: Renderer, note: Callable[[str], object]) -> list[Path]:
+    """The movie of the best design in `folder`, into `out`; nothing where its frames are not there. note: is told of each frame."""
     from magmpm.studies.evaluate.trajectory import MOVIE
     from magmpm.viz.camera import Framing
     from magmpm.viz.insertion import Insertion
@@ -313,5 +326,10 @@ def _draw_movie(folder: Path, out: Path, name: str, renderer: Renderer) -> list[
     moments = [shown.moment(frame) for frame in content["frames"]]
     framing = Framing.of(moments)
     numbers = np.arange(len(moments))
-    made = frames_movie(out / "insertion.mp4", lambda k: renderer.image(moments[k], framing=framing), numbers)
+
+    def image(number: int) -> np.ndarray:
+        note(f"drawing insertion.mp4, frame {number + 1} of {len(moments)}")
+        return renderer.image(moments[number], framing=framing)
+
+    made = frames_movie(out / "insertion.mp4", image, numbers)
     return [Path(made.path)]

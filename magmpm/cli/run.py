@@ -115,8 +115,8 @@ def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Re
         def tell(step: int, number: float) -> None:
             if not scene.in_time:
                 progress.note(f"Newton step {step}, energy gap {number:.0e}")
-            else:  # in thousandths, of which the time left is guessed
-                progress.at(int(1000 * number / scene.duration), 1000, f"step {step}, t = {number:.4g} s")
+            else:
+                progress.at(number, scene.duration, f"step {step}", "s")
 
         return simulated(scene, folder=kept.path, resume=kept.written, on_progress=tell, on_begin=kept.set_aside, advise=True)
 

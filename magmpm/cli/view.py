@@ -69,10 +69,12 @@ def _target(path: Path, scene: Scene) -> tuple[Any, str]:
     """The rows of a CSV table, or the target of a study, (m, 4) m; and what it is called."""
     from magmpm.inputs.csv_tables import read_centreline
     from magmpm.studies.search.definition import load_study
+    from magmpm.studies.search.study_checks import check_shape
 
     rows = read_centreline(path) if path.suffix.lower() not in (".yaml", ".yml") else load_study(path).target
     if scene.body.shape.line is None:
         raise InputError(f"--target: received {path}; a body made of parts has no axis to compare with it: leave it out")
+    check_shape(rows, scene.length, f"--target: {path}")
     return rows, path.stem.replace("_", " ")
 
 

@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, model_validat
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
+from magmpm.errors import count, in_mm
 from magmpm.fields.measured_map import Map
 from magmpm.fields.over_time import OverTime
 from magmpm.inputs.settings import Length, Quantity, Settings, fault
@@ -154,6 +155,24 @@ class FieldSource(Settings):
     over_time: OverTime | None = Field(
         default=None, description="How the field changes in time; it does not unless given.", examples=[{"ramp": {"duration": "50 ms"}}]
     )
+
+    def text(self) -> str:
+        """The field in a few words: "(0, 6, 8) mT + magnet of 1.3 T at (60, 0, 0) mm, changing in time"; "none" without any."""
+        parts = []
+        if any(self.uniform) or (not self.varies and self.acts):
+            parts.append(f"({', '.join(f'{1e3 * part:.4g}' for part in self.uniform)}) mT")
+        each = {
+            "dipole": [f"of {np.linalg.norm(one.moment):.4g} A m^2 at {in_mm(one.position)}" for one in self.dipole or ()],
+            "magnet": [f"of {one.remanence:.4g} T at {in_mm(one.position)}" for one in self.magnet or ()],
+            "coil": [f"of {one.turns} x {one.current:.4g} A at {in_mm(one.position)}" for one in self.coils or ()],
+        }
+        for name, found in each.items():
+            if found:
+                parts.append(f"{name} {found[0]}" if len(found) == 1 else count(len(found), name))
+        if self.map is not None:
+            parts.append("measured map")
+        changing = ", changing in time" if self.over_time is not None else ""
+        return f"{' + '.join(parts)}{changing}" if parts else "none"
 
     @property
     def varies(self) -> bool:

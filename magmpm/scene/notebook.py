@@ -22,7 +22,6 @@ PARTS = 12  # whose places a table shows
 
 def of_scene(scene: Any) -> str:
     """A Scene as HTML: its body, m, and what acts on it."""
-    field = [1e3 * part for part in scene.field.uniform]
     effects = ", ".join(name for name, effect in scene.effects if effect is not None) or "none"
     rows = [
         ("body", f"{scene.body.kind}, {1e3 * scene.length:g} mm long, {1e3 * scene.thickness:g} mm thick, {len(scene.regions())} regions"),
@@ -30,7 +29,7 @@ def of_scene(scene: Any) -> str:
             (f"material {name}", f"G = {one.shear_modulus / 1e3:g} kPa, Br = {1e3 * one.remanence:g} mT")
             for name, one in scene.materials.items()
         ),
-        ("uniform field", f"({field[0]:g}, {field[1]:g}, {field[2]:g}) mT{', changing in time' * (scene.field.over_time is not None)}"),
+        ("field", scene.field.text()),
         ("effects", effects),
         ("solver", f"{'statics' if scene.static else f'until {scene.duration:g} s'}, cells of {1e3 * scene.cell:.3g} mm"),
     ]

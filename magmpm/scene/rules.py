@@ -11,6 +11,7 @@ from magmpm.bodies.mesh_quadrature import TOUCHING
 from magmpm.effects.base import SceneLike
 from magmpm.effects.contact_law import most_friction
 from magmpm.effects.magnetization import rotating
+from magmpm.errors import dotted, quantity
 from magmpm.fields import schedule
 from magmpm.inputs.settings import Key, fault
 from magmpm.scene import moves
@@ -265,6 +266,9 @@ def warnings(scene: SceneLike) -> list[str]:
         found.append("effects: magnetic_torque is not named, so the field pulls the segments but does not turn them")
     elif force is None and scene.field.varies and magnetized:
         found.append("effects: magnetic_force is not named, so the field turns the segments but does not pull them")
+    acting = (torque, force, scene.effects.magnetic_interaction)
+    if shape.magnetized_by_region and any(effect is not None for effect in acting):
+        found += _left_unmagnetized(scene)
     if force is not None and not scene.field.varies:
         found.append("effects: magnetic_force does nothing, for the field is the same everywhere")
     if not any(effect is not None for _, effect in scene.effects):
@@ -288,6 +292,19 @@ def warnings(scene: SceneLike) -> list[str]:
     used = {region.material_name for region in scene.regions()}
     found += [f"materials: {name} is not used" for name in scene.materials if name not in used]
     return found
+
+
+def _left_unmagnetized(scene: SceneLike) -> list[str]:
+    """Segments and parts that can move and have no direction, of a material with a remanence: a sentence for each material."""
+    bare: dict[str, list[str]] = {}
+    for region in scene.regions():
+        if not region.held and not any(region.magnetization) and scene.materials[region.material_name].remanence > 0.0:
+            bare.setdefault(region.material_name, []).append(dotted(("body", *region.at)))
+    return [
+        f"{', '.join(keys)}: not magnetized, [0, 0, 0], though {name} has a remanence of {quantity(scene.materials[name].remanence, 'T')}; "
+        "give a direction, or a material without remanence"
+        for name, keys in bare.items()
+    ]
 
 
 def of_known_error(warnings: list[str]) -> list[str]:

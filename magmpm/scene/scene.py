@@ -262,13 +262,14 @@ class Scene(Settings):
         return rules.warnings(self)
 
     def __repr__(self) -> str:
-        """One line: the body, its effects, and how it is solved."""
+        """One line: the body, its effects, how it is solved, and the field."""
         named = " + ".join(name for name, effect in self.effects if effect is not None) or "no effects"
         dynamic = self.solver.dynamic
         several = f"{len(self.path_times())} equilibria over {self.duration:g} s" if self.in_time else "equilibrium"
         solved = several if dynamic is None else f"motion of {dynamic.duration:g} s"
         size = f"{1e3 * self.length:g} mm long, {1e3 * self.thickness:g} mm thick, {len(self.regions())} regions"
-        return f"Scene({self.name!r}: {self.body.kind}, {size}; {named}; {solved} in cells of {1e3 * self.cell:.3g} mm)"
+        cells = f"cells of {1e3 * self.cell:.3g} mm"
+        return f"Scene({self.name!r}: {self.body.kind}, {size}; {named}; {solved} in {cells}; field {self.field.text()})"
 
     __str__ = __repr__
 

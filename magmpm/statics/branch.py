@@ -9,6 +9,9 @@ tangent reaches zero:
 * a limit point: the branch turns back, and the body snaps to another. Near it the eigenvalue falls as the root of the distance;
 * a bifurcation: the branch goes on but is unstable, as a straight column is beyond its buckling load. The eigenvalue falls linearly.
 
+Where the smallest eigenvalue counts as zero (a buckled round rod turns about its axis freely), what is left of it is rounding, and what the
+grid prefers. Its trend tells nothing: there the next eigenvalue is followed in its place.
+
 The body then falls: from the last stable state, pushed slightly along the mode whose eigenvalue vanishes, down in energy by implicit Euler
 steps of the overdamped motion M du/dt = -dE/du (M: mass matrix), each of limited length, to the minimum that they end in.
 
@@ -72,8 +75,11 @@ class Jump:
 
 @dataclass(frozen=True)
 class Reached:
-    """An equilibrium on the path: time s, its point, the lowest eigenvalue of its tangent (1/s^2 in a mass of unit density; None: unknown),
-    Newton steps and factorizations since the one before; step: s, the longest step to try next."""
+    """An equilibrium on the path: time s, its point.
+
+    lowest: lowest eigenvalue of its tangent (1/s^2 in a mass of unit density; None: unknown), or the next one where that counts as zero
+    (NearbyMinima.lowest); iterations: Newton steps and factorizations since the one before; step: s, the longest step to try next.
+    """
 
     time: float
     point: Point
@@ -210,7 +216,9 @@ class Branch:
         energy = self.energy_at(last.time)
         alone = InteractingEnergy(energy.model).alone if acting.feels_itself(energy.model.scene) else energy
         self._near.definite.made(alone, last.point)  # `last` is a minimum, or of the whole energy one
-        mode = lowest_mode(alone, self._near.definite.mass(alone))[1]
+        lowest, mode = lowest_mode(alone, self._near.definite.mass(alone))
+        if alone is energy:  # here the one that vanishes counts, though it may be as good as zero already
+            last = replace(last, lowest=lowest - self._near.definite.shift)
         energy = alone
         kind = self._kind(energy, last, past, mode)
         critical = 0.5 * (last.time + past)

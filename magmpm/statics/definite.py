@@ -97,8 +97,11 @@ def lumped_mass(model: StaticModel) -> Array:
     return out
 
 
-def lowest_mode(energy: Energy, mass: Array) -> tuple[float, Array]:
-    """Smallest eigenvalue (Pa/m^2) and mode (planes, m) of the factored tangent against a lumped mass of density 1: inverse iteration."""
+def lowest_mode(energy: Energy, mass: Array, but: Array | None = None) -> tuple[float, Array]:
+    """Smallest eigenvalue (Pa/m^2) and mode (planes, m) of the factored tangent against a lumped mass of density 1: inverse iteration.
+
+    but: a mode of norm 1 in this mass, which does not count: then the next eigenvalue.
+    """
     model, layout = energy.model, energy.model.layout
     x = model.plane_coordinates()
     _, second, third = model.order
@@ -108,6 +111,8 @@ def lowest_mode(energy: Energy, mass: Array) -> tuple[float, Array]:
     energy.free(d)
     lowest = np.inf
     for _ in range(40):
+        if but is not None:
+            d = d - float(np.sum(mass * but * d)) * but
         loaded = mass * d
         new = energy.matrix.solve(energy.free(loaded))
         size, before = float(np.sum(mass * new * new)), lowest

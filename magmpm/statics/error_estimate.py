@@ -10,13 +10,14 @@ round section or a thin wall, and their difference says little: docs/accuracy.md
 Source of the idea: Richardson, Phil. Trans. A 210 (1911) 307; Roache, J. Fluids Eng. 116 (1994) 405 (grid convergence index).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from magmpm.compiled.arrays import Array
 
 WARY = 0.7
+SOUGHT = (0.05, 16.0, 0.01)  # orders of differences: from, to, and how finely; one decimal is told, and above 4 there is none
 ALGEBRAIC = 0.3  # of the root of the solve's tolerance: error of the solve, over the largest displacement
 
 
@@ -56,8 +57,40 @@ def foretold(errors: Mapping[int, float], cells: int) -> float:
 
 
 def steady(order: float | None) -> bool | None:
-    """Return whether errors that fall at this order are in the asymptotic range; None where no order is known."""
-    return None if order is None else order >= LEAST
+    """Return whether errors that fall at this order are in the asymptotic range; None where no order is known.
+
+    An order is told to the nearest whole one: orders of single scenes scatter by some tenths. Beyond FASTEST no error of the method falls:
+    then the coarser grids are too coarse, and their errors are of another kind.
+    """
+    return None if order is None else order >= LEAST and round(order) <= FASTEST
+
+
+def why_undetermined(order: float | None, errors: Sequence[float]) -> str | None:
+    """Reason why errors of grids, coarse to fine, show no order; None where they show this one, or are too few to show any."""
+    if order is None or len(errors) < 2:
+        return None
+    if list(errors) != sorted(errors, reverse=True):
+        return "the errors do not fall steadily with the cells"
+    if order < LEAST:
+        return "the errors fall too slowly for an order: the grids are too coarse"
+    if not steady(order):
+        return f"the errors fall faster than the method's can, by order {FASTEST:g} at most: the grids are too coarse"
+    return None
+
+
+def order_to_finest(differences: Mapping[int, float], finest: int) -> float | None:
+    """Order p at which grids (by their cells across) differ from the finest one, as C (n^-p - m^-p), m being that one's cells.
+
+    The finest has an error itself. Taken for the truth, it would let the others seem to converge at a higher order, the more so the nearer
+    they are to it: 3.3 in place of 2 for the grids of 2, 3 and 4 cells. None of fewer than two differences.
+    """
+    known = {n: difference for n, difference in differences.items() if difference > 0.0}
+    if len(known) < 2:
+        return None
+    cells, logs = np.array(list(known), dtype=float), np.log(list(known.values()))
+    orders = np.arange(*SOUGHT)
+    shape = np.log(cells[:, None] ** -orders - float(finest) ** -orders)
+    return float(orders[np.argmin(np.var(logs[:, None] - shape, axis=0))])
 
 
 def distance(one: Array, other: Array) -> float:

@@ -74,10 +74,16 @@ class NearbyMinima:
         return None
 
     def lowest(self, energy: Energy, point: Point) -> tuple[float, Array] | None:
-        """Lowest eigenvalue (Pa/m^2) and mode of the tangent at a minimum; None where it is none."""
+        """Lowest eigenvalue (Pa/m^2) and mode of the tangent at a minimum; None where it is none.
+
+        Of a body that is free to move along a mode, whose eigenvalue counts as zero, it is the next eigenvalue.
+        """
         if not self.definite.factored(energy, point)[1]:
             return None
-        lowest, mode = lowest_mode(energy, self.definite.mass(energy))
+        mass = self.definite.mass(energy)
+        lowest, mode = lowest_mode(energy, mass)
+        if lowest - self.definite.shift < self.definite.neutral(energy):
+            lowest, mode = lowest_mode(energy, mass, but=mode)
         return lowest - self.definite.shift, mode
 
     def together(self, model: StaticModel, begin: Array) -> Point | None:

@@ -298,7 +298,7 @@ def _chosen(search: _Search, cells: int) -> ChosenGrid:
         "asked": {key: value for key, value in resolution.model_dump().items() if key in ("error", "of", "seconds")},
         "error_of_length": error / search.scene.length,
         "algebraic_error": search.grids.algebraic,
-        "order": order,
+        "order": order if law.steady(order) else None,
         "asymptotic": law.steady(order),
         "tried": [
             {"cells_across": n, "dof": one.dof, "seconds": one.seconds, "factorizations": one.steps, "error": search.errors.get(n)}

@@ -39,6 +39,8 @@ Finding = dict[str, Any]
 
 def findings(study: Study, space: SearchSpace, trials: Sequence[FrozenTrial]) -> list[Finding]:
     """Reasons why the best design is not better: dicts with `what`, the sentence `says`, numbers in SI. None where it is near enough."""
+    if len(study.minimize) > 1:  # a front says itself what more field brings
+        return []
     best = best_trial(trials)
     good = 0.01 * space.scene.length if study.stop_rms is None else study.stop_rms  # near enough to need no explanation
     if best is None or best.value is None or best.value <= good or "jacobian" not in best.user_attrs or study.depths or study.keyframes:

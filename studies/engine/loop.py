@@ -47,8 +47,18 @@ from magmpm.studies.engine.workers.sessions import (
 )
 from magmpm.studies.evaluate.evaluator import Evaluator, Picture, trial_of
 from magmpm.studies.evaluate.trajectory import Insertion
-from magmpm.studies.evaluate.trial import Differentiate, Outcome, Solve, Trial, constraints, needs_derivatives
-from magmpm.studies.rods.rod_designs import next_exchange
+from magmpm.studies.evaluate.trial import (
+    Differentiate,
+    Note,
+    Outcome,
+    Solve,
+    Trial,
+    constraints,
+    needs_derivatives,
+    silent,
+)
+from magmpm.studies.rods.exchanges import next_exchange
+from magmpm.studies.rods.rod_designs import improver
 from magmpm.studies.search.definition import Study
 from magmpm.studies.search.objectives import trial_values
 from magmpm.studies.search.samplers import choice
@@ -73,6 +83,7 @@ def run_study(
     on_trial: Callable[[Trial], None] | None = None, on_advice: Callable[[list[str]], None] | None = None, trials: int | None = None,
     sampler: str | None = None, storage: str | None = None, storage_timeout: float = TIMEOUT, workers: int | None = None,
     outage: float = OUTAGE, artifacts: str | None = None, time_limit: float | None = None, on_open: Callable[[Study], object] | None = None,
+    on_note: Note = silent,
 ) -> StudyReport:  # fmt: skip
     """Runs a study to its end, or resumes it; returns at once when it is done.
 
@@ -85,6 +96,7 @@ def run_study(
     process solves, and works on the study alone. artifacts: a folder or s3://BUCKET for the trials' pictures, in place of OUT/artifacts.
     time_limit: s after which a worker that still solves a design is ended; the design is solved again, once (None: allowed_time).
     on_open(study): called when folder and storage are found usable, before the study is written there or anything needs kernels.
+    on_note(text): told in words what is being done where no trial ends for a while: designs of rods, the best design, its movie.
     Raises InputError for a changed definition, an unusable sampler or storage, and if another process writes to the folder;
     StorageError when the database is locked or gone.
     """
@@ -103,7 +115,7 @@ def run_study(
     store = Store(url, storage_timeout, outage, lambda line: None if on_advice is None else on_advice([line]))
     with folder_lock(folder), _trials_kept(url):
         claim_folder(folder, study.name)
-        run = _Run(Evaluator(study, solve, differentiate, picture, folder), folder, store, shared, artifacts, on_open)
+        run = _Run(Evaluator(study, solve, differentiate, picture, folder), folder, store, shared, artifacts, on_open, on_note)
         run.time_limit = time_limit
         stop = study.stop_rms if trials is None else None
         try:
@@ -149,8 +161,17 @@ def _trials_kept(url: str) -> Iterator[None]:
 class _Run(StudySession):
     """A study that this process works on."""
 
-    def __init__(self, evaluator: Evaluator, out: Path, store: Store, shared: bool, artifacts: str | None, on_open: Any) -> None:
-        super().__init__(evaluator, out, store, on_open)
+    def __init__(
+        self,
+        evaluator: Evaluator,
+        out: Path,
+        store: Store,
+        shared: bool,
+        artifacts: str | None,
+        on_open: Any,
+        note: Note,
+    ) -> None:
+        super().__init__(evaluator, out, store, on_open, note)
         self.shared, self.session = shared, Session(self.kept, store, out, shared)
         self.session.begin()
         self.starts = self.rod_starts()
@@ -178,13 +199,17 @@ class _Run(StudySession):
     def sampler(self) -> BaseSampler:
         """Sampler that chooses the trials."""
         study, insertion = self.study, self.evaluator.evaluation
+        front, goal = choice.within_bounds(study), study.stop_rms or 0.0
+        improve = improver(self.space, study.target) if front and not (study.depths or study.keyframes) else None
 
         def of(number: int) -> BaseSampler:
             if isinstance(insertion, Insertion) and insertion.projects and study.sampler != "gauss-newton":
                 from magmpm.studies.search.samplers.optuna_own import FieldsByRod
 
                 return FieldsByRod(choice.make_sampler(study.sampler, insertion.directions_alone(), study.seed, number), insertion)
-            return choice.make_sampler(study.sampler, self.space, study.seed, number, starts=self.starts, goal=study.stop_rms or 0.0)
+            return choice.make_sampler(
+                study.sampler, self.space, study.seed, number, starts=self.starts, goal=goal, front=front, improve=improve
+            )
 
         inner = of(0)
         self.newton = inner if isinstance(inner, GaussNewtonSampler) and self.starts else None

@@ -28,6 +28,7 @@ from magmpm.studies.engine.storage_url import shown_url, sqlite_file
 from magmpm.studies.engine.workers.sessions import EXCHANGED
 from magmpm.studies.evaluate.evaluator import Evaluator
 from magmpm.studies.evaluate.trajectory import MOVIE, Insertion
+from magmpm.studies.evaluate.trial import Note, silent
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.best_scene import write_best_scene
 from magmpm.studies.search.objectives import pareto_report
@@ -51,9 +52,13 @@ def as_begun(study: Study, storage: BaseStorage) -> Study:
 class StudySession:
     """A study and what is known of it."""
 
-    def __init__(self, evaluator: Evaluator, out: Path, store: Store, on_open: Callable[[Study], object] | None) -> None:
+    def __init__(
+        self, evaluator: Evaluator, out: Path, store: Store, on_open: Callable[[Study], object] | None, note: Note = silent
+    ) -> None:
+        """on_open: as of run_study; note: is told what is being done between trials."""
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         self.evaluator, self.study, self.space, self.out, self.store = evaluator, evaluator.study, evaluator.space, out, store
+        self.note = note
         self.distributions = self.space.distributions()
         self.starts: list[dict[str, float]] = []
         held = records.designs(out)
@@ -99,7 +104,7 @@ class StudySession:
             return []
         known = self.store(lambda: self.kept.user_attrs)
         if STARTS not in known:
-            starts = self.evaluator.evaluation.rod_starts()
+            starts = self.evaluator.evaluation.rod_starts(self.note)
             self.store(lambda: self.kept.set_user_attr(STARTS, starts))
         return list(self.store(lambda: self.kept.user_attrs)[STARTS])
 
@@ -108,6 +113,7 @@ class StudySession:
         best = report.best_trial(self.finished())
         if best is None:
             return
+        self.note("keeping the best design")
         self.mend_improvements()
         source = self.out / records.IMPROVEMENTS / f"{best.number:03d}"
         if not records.holds(self.out / records.BEST, best) and self.saved(best, source):
@@ -115,13 +121,14 @@ class StudySession:
         self.verify_best()
         if records.holds(self.out / records.BEST, best):
             if isinstance(self.evaluator.evaluation, Insertion) and not (self.out / records.BEST / MOVIE).exists():
-                self.evaluator.evaluation.write_moments(self.out / records.BEST, self.evaluator.solve, best.params)
+                self.evaluator.evaluation.write_moments(self.out / records.BEST, self.evaluator.solve, best.params, self.note)
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
 
     def verify_best(self) -> None:
         """Runs the best designs with the error that the study's scene requests, if it does. What is found is kept with the study."""
         if self.study.requested is None:
             return
+        self.note("the best designs on finer grids")
         known = self.store(lambda: self.kept.user_attrs.get(VERIFIED, []))
         best = report.nearest_first(self.finished())
         found = verified(self.study, best, lambda trial: self.evaluator.scene_of(trial.params), self.evaluator.solve, known)

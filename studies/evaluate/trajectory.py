@@ -24,7 +24,7 @@ from magmpm.results.whole_file import whole_file
 from magmpm.rod.cosserat import rod_model
 from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
-from magmpm.studies.evaluate.trial import Evaluation, Solve, penalty, stored
+from magmpm.studies.evaluate.trial import Evaluation, Note, Solve, penalty, silent, stored
 from magmpm.studies.problem.path import Path as Curve
 from magmpm.studies.problem.study import Study
 from magmpm.studies.rods.rod_path import FEWEST, RodPath, directions_of, search
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from magmpm.statics.linearized import Sensitivities
 
 STATIONS = 25
+SHOWN = 4  # times in the picture of a schedule, at most
 EXIT_WEIGHT = 0.25
 DEPTHS = "insertion"  # user attribute: what is kept of each depth
 CATHETER = "catheter"  # ... the whole catheter, of which the last depth may leave a part in the guide
@@ -80,13 +81,14 @@ class Trajectory(Evaluation, ABC):
         """The rods among which designs are sought: numbers within bounds are in the middle."""
         return self._way(self.space.scene)
 
-    def rod_starts(self) -> list[dict[str, float]]:
+    def rod_starts(self, note: Note = silent) -> list[dict[str, float]]:
         """None where directions or the fields of each equilibrium are not varied."""
         space, (starts, wanted) = self.space, self.sought
         if space.field_max is None or space.fields != len(self.places) or not space.segments:
             return []
         length = self.study.depths[-1] if self.study.depths else space.scene.length
-        found = search(self.rods, self.followed, seed=self.study.seed, starts=starts, wanted=wanted, enough=NEAR * length)
+        enough = NEAR * length
+        found = search(self.rods, self.followed, seed=self.study.seed, starts=starts, wanted=wanted, enough=enough, note=note)
         return [self.parameters(design) for design in found[:wanted]]
 
     def parameters(self, design: RodDesign) -> dict[str, float]:
@@ -180,8 +182,19 @@ class Schedule(Trajectory):
         return {
             "rms_m": float(np.sqrt(squares.mean())), "worst_m": float(np.sqrt(squares[worst])),
             "worst_time_s": self.study.keyframes[worst].time, **self.field_changes(params),
-            "schedule": [{"time_s": frame.time, **row} for frame, row in rows],
+            "schedule": [{"time_s": frame.time, **row} for frame, row in rows], SHAPES: self._shown(results, params),
         }  # fmt: skip
+
+    def _shown(self, results: Sequence[Result], params: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """Data that pictures need of the times that they show, m and T."""
+        fields = self.fields(params)
+        found = []
+        for k in np.unique(np.linspace(0, len(results) - 1, SHOWN).round().astype(int)).tolist():
+            frame = self.study.keyframes[k]
+            about = {"time_s": frame.time, "field_T": np.round(fields[k], 12).tolist()}
+            target = np.round(frame.target[:, 1:], 7).tolist()
+            found.append({**about, "target_m": target, **shape_of(results[k])})
+        return found
 
     def way(self, params: Mapping[str, Any]) -> RodPath | None:
         scene = self.space.scene_of(params)
@@ -292,27 +305,22 @@ class Insertion(Trajectory):
         return {
             "rms_m": float(np.sqrt(squares.mean())), "exit_error_m": rows[-1]["tip_error_m"], "worst_m": float(np.sqrt(squares.max())),
             "worst_depth_m": float(self.study.depths[int(np.argmax(squares))]), **self.field_changes(params), DEPTHS: rows,
-            SHAPES: [self._shape(result) for result in results], CATHETER: self.space.scene_of(params).to_si()["body"]["catheter"],
+            SHAPES: [shape_of(result) for result in results], CATHETER: self.space.scene_of(params).to_si()["body"]["catheter"],
         }  # fmt: skip
 
-    def _shape(self, result: Result) -> dict[str, Any]:
-        """Data that pictures need of one depth, m and T."""
-        axis = centreline_at(result, _stations(result))
-        rows = {"axis_m": axis, "centers_m": result.segment_center, "remanence_T": result.segment_remanence}
-        return {name: np.round(np.asarray(values), 7).tolist() for name, values in rows.items()}
-
-    def write_moments(self, folder: Path, solve: Solve, params: Mapping[str, Any]) -> None:
+    def write_moments(self, folder: Path, solve: Solve, params: Mapping[str, Any], note: Note = silent) -> None:
         """Writes the frames of the movie of a design into a folder: all depths on the way, each in a field between those of its neighbors.
         A depth that finds no equilibrium is left out.
         """
         whole, frames = self.space.scene_of(params), []
         for length, field, start in self._moments(params):
+            note(f"frames of the movie: at {1e3 * length:.1f} of {1e3 * self.study.depths[-1]:.4g} mm")
             try:
                 result = solve(whole.with_field(field).inserted(length), start=start)
             except SolveError:
                 continue
             rms = float(np.sqrt(self.mean_squares([result])[0]))
-            frames.append({"depth_m": length, "field_T": field.tolist(), "rms_m": rms, **self._shape(result)})
+            frames.append({"depth_m": length, "field_T": field.tolist(), "rms_m": rms, **shape_of(result)})
         content = {"scene": whole.to_si(), "path_m": self.path.rows.tolist(), "frames": frames}
         with whole_file(folder / MOVIE) as part:
             part.write_text(json.dumps(content) + "\n", encoding="utf-8")
@@ -361,8 +369,17 @@ class Insertion(Trajectory):
         return {**self.parameters(mended or fitted), **chosen}
 
 
+def shape_of(result: Result) -> dict[str, Any]:
+    """Data that pictures need of one equilibrium, m and T."""
+    axis = centreline_at(result, _stations(result))
+    rows = {"axis_m": axis, "centers_m": result.segment_center, "remanence_T": result.segment_remanence}
+    return {name: np.round(np.asarray(values), 7).tolist() for name, values in rows.items()}
+
+
 def shapes_of(kept: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
-    """Data that pictures need of each depth, from a trial's attributes or a design; () where it is no insertion."""
+    """Data that pictures need of each depth or time, from a trial's attributes or a design; () where it is one equilibrium."""
+    if DEPTHS not in kept:
+        return tuple(kept.get(SHAPES, ()))
     whole = {key: kept[key] for key in (CATHETER,) if key in kept}
     return tuple({**depth, **shape, **whole} for depth, shape in zip(kept.get(DEPTHS, ()), kept.get(SHAPES, ()), strict=False))
 

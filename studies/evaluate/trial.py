@@ -24,7 +24,8 @@ from magmpm.scene import Scene
 from magmpm.statics.linearized import Sensitivities
 from magmpm.studies.problem.shape_distance import gap_derivatives, gaps, root_mean_square
 from magmpm.studies.problem.study import Study
-from magmpm.studies.rods.rod_designs import improved, rod_starts
+from magmpm.studies.rods.exchanges import improved
+from magmpm.studies.rods.rod_designs import rod_starts
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -37,6 +38,11 @@ STEP, REACH = 0.4, 70.0  # of the integral over log t: the trapezoid rule errs b
 Found = TypeVar("Found")
 Solve = Callable[..., Result]  # from a scene to its equilibrium: magmpm.run(scene, start=a rod's shape near which it is)
 Differentiate = Callable[..., Sensitivities]  # ... and its derivatives: magmpm.sensitivities(scene, of, start=...)
+Note = Callable[[str], object]  # is told in words what is being done
+
+
+def silent(text: str) -> None:
+    """A Note that says nothing."""
 
 
 @dataclass(frozen=True)
@@ -225,9 +231,13 @@ class Evaluation:
         """The rod near which each equilibrium is, or None where it is on the branch that grows from no load. Raises SolveError."""
         return [None] * len(self.places)
 
-    def rod_starts(self) -> list[dict[str, float]]:
-        """Parameters of the rod's best designs, best first."""
-        return improved(self.space, self.study.target, rod_starts(self.space, self.study.target, self.study.seed))
+    def rod_starts(self, note: Note = silent) -> list[dict[str, float]]:
+        """Parameters of the rod's best designs, best first. note: is told what is being done, where it takes long."""
+        note("designs of rods")
+        sets = self.study.limits is not None and self.study.limits.directions is not None  # each start is then improved, for a second
+        by_bound = "largest_field" in self.study.minimize and not sets
+        starts = rod_starts(self.space, self.study.target, self.study.seed, by_bound=by_bound)
+        return improved(self.space, self.study.target, starts)
 
     def gaps(self, result: Result, number: int) -> Array:
         """Vectors (m, 3) m from the target to the shape of an equilibrium."""

@@ -26,7 +26,7 @@ from magmpm.scene import Scene
 from magmpm.scene.coarsest import knots_of
 from magmpm.statics.axis import centreline
 from magmpm.statics.equilibrium import solve_static
-from magmpm.statics.error_estimate import ALGEBRAIC, bound, left, steady
+from magmpm.statics.error_estimate import ALGEBRAIC, bound, left, order_to_finest, why_undetermined
 from magmpm.statics.grids import operations
 from magmpm.statics.layout import static_model
 
@@ -82,10 +82,11 @@ class Model:
 
 @dataclass(frozen=True)
 class Ladder:
-    """rungs, coarse to fine; order: fitted order of convergence toward the reference, or if there is none toward the finest.
+    """rungs, coarse to fine; orders: fitted orders of convergence, to the finest rung and to the reference; None where there is none.
 
-    beside: other models; algebraic_error: what the solve's tolerance leaves, over the length; asymptotic: whether errors fall as they must
-    for an order to mean anything, None where two show nothing; conclusions: what it all says, in words.
+    undetermined: why the rungs show no order, by "finest" and "reference"; beside: other models; algebraic_error: what the solve's
+    tolerance leaves, over the length; asymptotic: whether errors fall as they must for an order to mean anything, None where too few
+    show it; conclusions: what it all says, in words.
     """
 
     scene: str
@@ -93,6 +94,7 @@ class Ladder:
     rungs: list[Rung]
     order_finest: float | None
     order_reference: float | None
+    undetermined: dict[str, str]
     beside: list[Model]
     algebraic_error: float | None
     asymptotic: bool | None
@@ -124,10 +126,9 @@ class Ladder:
         if self.algebraic_error is not None:
             lines.append(f"the solve's tolerance leaves {100 * self.algebraic_error:.1e} % of L")
         for name, order in (("finest", self.order_finest), ("reference", self.order_reference)):
-            if order is not None:
-                lines.append(f"order of convergence to the {name}: {order:.1f}")
-        if self.asymptotic is False:
-            lines.append("not in the asymptotic range: errors do not fall steadily with the cells, so the order means little here")
+            if order is not None or name in self.undetermined:
+                told = f"{order:.1f}" if order is not None else f"not determined: {self.undetermined[name]}"
+                lines.append(f"order of convergence to the {name}: {told}")
         lines += [f"{name} failed: {reason}" for name, reason in self.failed.items()]
         return "\n".join([*lines, *self.conclusions])
 
@@ -160,13 +161,20 @@ def climb(scene: Scene, solve: Solve, cells: Sequence[int] = LADDER, on_progress
         if on_progress is not None:
             on_progress(len(scenes), len(scenes), "motions that settle")
         others += settled(scene, solve, finest, failed)
-    order = _order(rungs[:-1], "error_finest")
-    falling = [rung.error_finest for rung in rungs[:-1] if rung.error_finest]
+    errors = {
+        "finest": {rung.cells_across: rung.error_finest for rung in rungs[:-1] if rung.error_finest},
+        "reference": {rung.cells_across: rung.error_reference for rung in rungs if rung.error_reference},
+    }
+    orders = {"finest": order_to_finest(errors["finest"], cells[-1]), "reference": _order(errors["reference"])}
+    reasons = {name: why_undetermined(order, list(errors[name].values())) for name, order in orders.items()}
+    undetermined = {name: reason for name, reason in reasons.items() if reason is not None}
+    told = {name: None if name in undetermined else order for name, order in orders.items()}
     moved = float(np.abs(finest[:, 1:] - np.array([1.0, 0.0, 0.0]) * finest[:, :1] - finest[0, 1:]).max())
     return Ladder(
-        scene=scene.name, length=length, rungs=rungs, order_finest=order, order_reference=_order(rungs, "error_reference"), beside=others,
+        scene=scene.name, length=length, rungs=rungs, order_finest=told["finest"], order_reference=told["reference"],
+        undetermined=undetermined, beside=others,
         algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length if scene.static and scene.body.shape.line else None,
-        asymptotic=False if steady(order) is False else None if len(falling) < 3 else falling == sorted(falling, reverse=True),
+        asymptotic=False if "finest" in undetermined else None if len(errors["finest"]) < 3 else True,
         conclusions=[*_conclusions(rungs, others), *_where(scene)], failed={name: error.reason for name, error in failed.items()},
     )  # fmt: skip
 
@@ -242,13 +250,12 @@ def _error(rung: Rung) -> float | None:
     return rung.bar if rung.error_reference is None else rung.error_reference
 
 
-def _order(rungs: Sequence[Rung], key: str) -> float | None:
-    """Slope of log error against log cell size, by least squares; None with fewer than two errors."""
-    known = [(rung.cell_size, getattr(rung, key)) for rung in rungs if getattr(rung, key)]
-    if len(known) < 2:
+def _order(errors: dict[int, float]) -> float | None:
+    """Slope of log error against log cell size, by least squares; errors by their cells across. None with fewer than two."""
+    if len(errors) < 2:
         return None
-    size, error = np.log(np.array(known)).T
-    return float(np.polyfit(size, error, 1)[0])
+    cells, error = np.log(np.array(list(errors.items()))).T
+    return float(-np.polyfit(cells, error, 1)[0])
 
 
 def percent(error: float | None) -> str:

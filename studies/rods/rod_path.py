@@ -9,7 +9,7 @@ field is fitted anew in every step of the way, and then the whole design from th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -156,15 +156,26 @@ def _longer(last: Stop, depth: Depth) -> Array:
     return unit(linear(at, old, last.q))
 
 
-def search(way: RodPath, path: Any, *, seed: int, starts: int, wanted: int = 1, enough: float = 0.0) -> list[RodDesign]:
+def search(
+    way: RodPath,
+    path: Any,
+    *,
+    seed: int,
+    starts: int,
+    wanted: int = 1,
+    enough: float = 0.0,
+    note: Callable[[str], object] = lambda text: None,
+) -> list[RodDesign]:
     """Designs that grew from random starts, best first, evaluated on the way. May be empty.
 
     Ends once `wanted` are within `enough` (m). A design whose way comes near the end of a branch counts RISKY times as much: the body,
-    or a slightly other design, may fall there; it ends the search only with one more of its kind.
+    or a slightly other design, may fall there; it ends the search only with one more of its kind. note: is told of each start.
     """
     rng = np.random.default_rng(seed)
     found: list[tuple[float, RodDesign]] = []
-    for _ in range(starts):
+    for start in range(starts):
+        best = f"; best {1e3 * min(design.value for _, design in found):.2f} mm" if found else ""
+        note(f"designs of rods, start {start + 1} of at most {starts}{best}")
         grown = way.rods.grown(path, rng)
         design = None if grown is None else way.mended(grown)
         if design is None:

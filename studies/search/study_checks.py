@@ -105,6 +105,13 @@ def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named:
     """
     bounds, where = file.vary.length, f"{csv} (named in {named})"
     length = scene.length if bounds is None or bounds.total == "keep" else bounds.max * len(scene.regions())  # at most
+    rows = check_shape(target, length, where)
+    if file.insertion is not None:
+        _check_path(rows, scene, file, where)
+
+
+def check_shape(target: Array, length: float, where: str) -> Array:
+    """The rows (n, 4) m, from s = 0 on, of a shape that a body of a length (m) may be compared with. Raises InputError, about `where`."""
     if target[-1, 0] > length * (1 + 1e-6):
         received = f"s_mm up to {1e3 * target[-1, 0]:g}"
         rule = f"s_mm of the target must not exceed the catheter's length, {1e3 * length:g} mm"
@@ -132,8 +139,7 @@ def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named:
         received = f"points that span {1e3 * distance.sum():.4g} mm along {1e3 * along.sum():.4g} mm of catheter"
         rule = "the target's points must follow the catheter"
         raise InputError(where, received=received, rule=rule, remedy="check units: columns are in mm")
-    if file.insertion is not None:
-        _check_path(rows, scene, file, where)
+    return rows
 
 
 def _check_path(rows: Array, scene: Scene, file: StudyFile, where: str) -> None:

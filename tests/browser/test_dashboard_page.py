@@ -137,6 +137,20 @@ def test_the_study(page: Any, served: Any) -> None:
     page.get_by_text("Reproduce:").first.wait_for(timeout=30000)
 
 
+@pytest.mark.parametrize("place", ["", "/graph", "/trials?numbers=0", "/trialTable", "/smartSelection", "/note"])
+def test_on_a_phone_nothing_scrolls_sideways(place: str, page: Any, served: Any) -> None:
+    """420 px wide. What is wide, such as the table of trials, scrolls in a box of its own."""
+    number, _ = study_of(served)
+    page.set_viewport_size({"width": 420, "height": 800})
+    try:
+        page.goto(f"{served.address}/dashboard/studies/{number}{place}")
+        page.wait_for_load_state("networkidle")
+        page.wait_for_timeout(1500)  # plots are drawn when their data are there
+        assert page.evaluate("document.scrollingElement.scrollWidth") <= 420
+    finally:
+        page.set_viewport_size({"width": 1400, "height": 1000})
+
+
 def test_the_list_of_studies_has_no_button_that_would_be_refused(page: Any, browser: Any, served: Any, out: Path, tmp_path: Path) -> None:
     """Begun with --write, it has."""
     from dashboard_client import dashboard

@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 
 from magmpm.cli.page_server import PageServer
+from magmpm.cli.view import _target
 from magmpm.errors import InputError
 from magmpm.results.folder_lock import refuse_unwritable
+from magmpm.scene import load_scene
 from magmpm.viz.page import packed
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -188,6 +190,22 @@ def test_messages_hold_their_arrays() -> None:
 def test_wrong_options_are_refused(arguments: list[str], words: str, told) -> None:
     """With exit status 2, before anything is served."""
     told("view", FIVE, *arguments, status=2, says=words)
+
+
+@pytest.mark.parametrize(("rows", "words"), [
+    ("0,0,0,0\n30,30,0,0\n60,58,0,8\n", "must not exceed the catheter's length, 40 mm"),
+    ("0,0,0,0\n10,10,0,0\n20,19,0,4\n", None),  # of the half next to the base
+    ("0,0,0,0\n20,20,0,0\n40,90,0,0\n", "points must not be further apart"),
+])  # fmt: skip
+def test_a_target_must_be_one_of_this_body(rows: str, words: str | None, tmp_path: Path, told) -> None:
+    """As `design` refuses it: the distance from another body's shape would be a number without a meaning."""
+    path = tmp_path / "target.csv"
+    path.write_text("s_mm,x_mm,y_mm,z_mm\n" + rows)
+    if words is None:
+        read, name = _target(path, load_scene(FIVE))
+        assert (len(read), name) == (3, "target")
+    else:
+        told("view", FIVE, "--target", path, status=2, says=(f"--target: {path}", words, "remedy:"))
 
 
 def test_a_folder_that_cant_be_written_leaves_nothing_behind(tmp_path: Path) -> None:

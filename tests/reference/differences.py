@@ -18,15 +18,17 @@ STEPS = {
 
 
 def tight(scene: Scene) -> Scene:
-    """The scene with the tightest tolerance there is."""
+    """The scene with the tightest tolerance there is; a path of equilibria has none to set."""
+    if scene.in_time:
+        return scene
     data = scene.to_si()
     data["solver"]["static"] |= {"tolerance": 1e-14, "max_steps": 500}
     return Scene.from_si(data)
 
 
 def solution(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Axis (rows, 3) m and tip (3,) m of the equilibrium, refined."""
-    _, found = solve.at_rest(tight(scene), None, None)
+    """Axis (rows, 3) m and tip (3,) m of the equilibrium, or of a path's last one, refined."""
+    _, found = solve.end_of_path(scene) if scene.in_time else solve.at_rest(tight(scene), None, None)
     for _ in range(2):
         near = Linearized(found, ())
         found.point = near._point

@@ -60,6 +60,8 @@ class RodResult:
     max_det_F: float = 1.1
     versions: dict[str, str] = field(default_factory=dict)
     stability: float | None = 0.5
+    segment_center: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    segment_remanence: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def save(self, folder: Path | str) -> Path:
         Path(folder).mkdir(parents=True, exist_ok=True)

@@ -123,7 +123,7 @@ PLAIN = SCENE.replace("      - magnetization: [0, 1, 0]\n", "      - {}\n")
     (UNNAMED, SCENE, "gauss-newton", "derivatives by all that varies"),
     (UNNAMED + "stability: {margin: 0.1}\nrobust: {direction: 5 deg}\n", SCENE, "gauss-newton", "derivatives"),
     (UNNAMED.replace("magnetization: {}", "magnetization: {}\n  order: {}"), PLAIN, "tpe", "can't choose an order"),
-    (UNNAMED.replace("{}", "{}\n  field: {max: 9 mT}") + "minimize: [rms, largest_field]\n", SCENE, "tpe", "one objective"),
+    (UNNAMED.replace("{}", "{}\n  field: {max: 9 mT}") + "minimize: [rms, largest_field]\n", SCENE, "gauss-newton", "ladder of bounds"),
     (UNNAMED, SCENE + "solver: {dynamic: {duration: 0.1 s}}\n", "tpe", "the scene is a motion"),
 ])  # fmt: skip
 def test_the_sampler_follows_from_what_the_study_asks(text: str, scene: str, sampler: str, why: str, tmp_path: Path) -> None:

@@ -264,7 +264,7 @@ def test_the_curvature_is_what_the_last_step_showed_within_ten_of_the_guess(seen
 @pytest.mark.parametrize(("cost", "promised", "stuck"), [(0.55, 1.0, False), (0.58, 1.0, True), (0.55, 0.01, True)])
 def test_a_descent_that_hardly_moves_is_left(cost: float, promised: float, stuck: bool) -> None:
     """Five accepted steps have to bring the value below three quarters, its square below 9/16; of two steps one promises something."""
-    chain = {k: SimpleNamespace(value=1.0, user_attrs={"residuals": [1.0 if k < 5 else cost**0.5]},
+    chain = {k: SimpleNamespace(values=[1.0], user_attrs={"residuals": [1.0 if k < 5 else cost**0.5]},
                                 system_attrs={PLAN: {"from": k - 1 if k else None, "promised": promised}}) for k in range(6)}  # fmt: skip
     step, sampler = SimpleNamespace(promised=promised * cost), GaussNewtonSampler([BALL], 1)
     args: Any = (chain[5], step, 1.0, chain, None, np.array([cost**0.5]), None, chain[5])

@@ -116,13 +116,59 @@ def test_the_dashboard_knows_the_objectives_by_name(tmp_path: Path) -> None:
     assert [d.name for d in kept.directions] == ["MINIMIZE", "MINIMIZE"]
 
 
-@pytest.mark.parametrize("sampler", ["gp", "cmaes", "gauss-newton", "optuna:CmaEsSampler"])
-def test_a_sampler_of_one_objective_is_refused_before_any_trial(sampler: str, tmp_path: Path) -> None:
-    study = load_study(write_study(tmp_path, FIELD))
+@pytest.mark.parametrize(
+    ("sampler", "text"),
+    [("gp", FIELD), ("cmaes", FIELD), ("gauss-newton", VOLUME), ("optuna:CmaEsSampler", FIELD)],
+    ids=["gp", "cmaes", "gauss-newton", "optuna"],
+)
+def test_a_sampler_of_one_objective_is_refused_before_any_trial(sampler: str, text: str, tmp_path: Path) -> None:
+    """gauss-newton takes a bound as its second objective, and a volume is none."""
+    study = load_study(write_study(tmp_path, text))
     with pytest.raises(InputError, match="looks for the least of one objective") as caught:
         run_study(study, solve=solve, out=tmp_path / "out", sampler=sampler)  # type: ignore[arg-type]
     assert "sampler: nsga2" in str(caught.value)
     assert not (tmp_path / "out").exists()
+
+
+def reachable_in(folder: Path, strength: float, trials: int) -> Path:
+    """A study of both objectives that names no sampler; its target is what the rod makes of the scene's own directions at a strength, T."""
+    text = FIELD.replace("sampler: random\n", "").replace("trials: 8", f"trials: {trials}")
+    path = write_study(folder, text)
+    scene = load_scene(folder / "scene.yaml")
+    field = strength * np.array([0.0, 0.6, 0.8])
+    write_centreline(folder / "target.csv", solve(scene.with_field(field.tolist())).centreline[::2])
+    return path
+
+
+def test_a_bound_as_second_objective_is_a_ladder_of_bounds(tmp_path: Path) -> None:
+    """The target is the rod's own shape in 6 mT, of 10 at most: the front reaches it about there, and every bound is kept.
+
+    6.5 mT: other directions may reach it with less, and the bounds that are tried are a sixteenth of 10 mT apart. 1 % of the length is
+    as near as a front is asked to be.
+    """
+    study = load_study(reachable_in(tmp_path, 6e-3, 24))
+    assert study.sampler == "gauss-newton"
+    assert "ladder of bounds" in (study.why_sampler or "")
+    report = run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out")
+    trials = trials_of(tmp_path / "out")
+    bounds = [t.system_attrs["gauss_newton:plan"]["bound"] for t in trials]
+    assert bounds[0] == 1.0
+    assert len(set(bounds)) >= 5
+    for trial_of, bound in zip(trials, bounds, strict=True):
+        assert trial_of.values[1] <= 10e-3 * bound * (1 + 1e-9)
+    assert len({tuple(t.params.values()) for t in trials}) == len(trials), "no design is solved twice"
+    values = [entry["values"] for entry in report.summary()["pareto"]]
+    assert min(rms for rms, field in values if field <= 6.5e-3) < 0.01 * 0.04
+    assert report.limits == []
+
+
+def test_a_front_resumes_as_the_same_study(tmp_path: Path) -> None:
+    study = load_study(reachable_in(tmp_path, 6e-3, 9))
+    run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "whole")
+    for trials in (1, 4, 9):
+        run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "parts", trials=trials)
+    whole, parts = trials_of(tmp_path / "whole"), trials_of(tmp_path / "parts")
+    assert [(t.params, t.values) for t in whole] == [(t.params, t.values) for t in parts]
 
 
 # A schedule finds one magnetization and a field at each time for several shapes; its scene has the keyframes; the check runs them

@@ -13,7 +13,7 @@ from magmpm.scene import Scene, load_scene
 from magmpm.scene.variables import variables
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
-from magmpm.studies.rods.rod_designs import _exchanges
+from magmpm.studies.rods.exchanges import _exchanges
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.parameters import Makeable
 from magmpm.studies.search.scene_edits import kept_total, orders

@@ -1,6 +1,7 @@
 """The data that a trial stores; no failure of a trial ends a study."""
 
 import json
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -226,6 +227,46 @@ def test_errors_are_shares_of_the_length(tmp_path: Path) -> None:
     rows = 1e-4  # the table has few digits: 4e-9 m of the smallest error
     np.testing.assert_allclose([rung.error_reference for rung in ladder.rungs], [1e-3, 0.25e-3], rtol=10 * rows)
     assert ladder.order_reference == pytest.approx(2.0, abs=0.01)
+
+
+@pytest.mark.parametrize(("order", "told"), [(2.0, 2.0), (4.0, 4.0), (7.6, None), (0.4, None)])
+@pytest.mark.parametrize("cells", [(2, 3, 4), (2, 3, 4, 6, 8)])
+def test_the_order_to_the_finest_is_that_of_the_errors(order: float, told: float | None, cells: tuple[int, ...], tmp_path: Path) -> None:
+    """Errors of c n^-p: three grids tell p, though the finest has an error itself; 0.02: p is sought in steps of 0.01. One that the method
+    can't have is no number, but a sentence."""
+    write_study(tmp_path)
+
+    def wrong(scene: Scene) -> RodResult:
+        found = solve(scene)
+        found.centreline[:, 3] += 0.4e-3 * scene.resolution.cells_across**-order * found.centreline[:, 0] / 40e-3
+        found.__dict__.update(seconds={}, particles=1, dof=1)
+        return found
+
+    ladder = climb(load_scene(tmp_path / "scene.yaml"), wrong, cells)
+    (line,) = (line for line in ladder.table().splitlines() if line.startswith("order of convergence to the finest"))
+    if told is not None:
+        assert ladder.order_finest == pytest.approx(told, abs=0.02)
+        assert line.endswith(f": {told:.1f}")
+        assert ladder.asymptotic is (None if len(cells) == 3 else True)
+    else:
+        assert (ladder.order_finest, ladder.asymptotic) == (None, False)
+        assert "not determined: the errors fall" in line
+        assert "the grids are too coarse" in line
+        assert not re.search(r"7\.|0\.4", line)
+
+
+def test_errors_that_rise_show_no_order(tmp_path: Path) -> None:
+    write_study(tmp_path)
+
+    def odd(scene: Scene) -> RodResult:
+        found = solve(scene)
+        found.centreline[:, 3] += {2: 0.1e-3, 3: 0.2e-3, 4: 0.05e-3, 6: 0.0}[scene.resolution.cells_across] * found.centreline[:, 0] / 40e-3
+        found.__dict__.update(seconds={}, particles=1, dof=1)
+        return found
+
+    ladder = climb(load_scene(tmp_path / "scene.yaml"), odd, (2, 3, 4, 6))
+    assert ladder.order_finest is None
+    assert ladder.undetermined == {"finest": "the errors do not fall steadily with the cells"}
 
 
 def test_bodies_of_parts_are_compared_by_the_centers_of_these() -> None:

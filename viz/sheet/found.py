@@ -8,7 +8,7 @@ from typing import Any
 
 from magmpm.errors import length, significant
 from magmpm.results.result import CITATION, SOURCES
-from magmpm.viz.sheet.markup import NOTHING, Markup, joined, pairs, safe, table, tag
+from magmpm.viz.sheet.markup import NOTHING, Markup, joined, pairs, safe, table, tag, wide
 
 WORDS = {"insertion": "insertion along a path", "schedule": "shapes at given times", "shape": "one target shape"}
 LONGEST = 60_000  # characters of a file or a definition on the page
@@ -112,7 +112,7 @@ def importances(facts: Mapping[str, Any]) -> Markup:
         + (f"{left} more parameters have less. " if left else "")
         + "What a change of the best design does to the tip stands in its tolerances."
     )
-    return tag("table", tag("tbody", *body), class_="bars") + tag("p", words, class_="note")
+    return wide(tag("table", tag("tbody", *body), class_="bars")) + tag("p", words, class_="note")
 
 
 def accuracy(facts: Mapping[str, Any]) -> Markup:

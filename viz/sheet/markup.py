@@ -49,15 +49,20 @@ def tag(name: str, *content: Any, **attributes: Any) -> Markup:
     return Markup(f"<{name}{words}>{''.join(safe(part) for part in content)}</{name}>")
 
 
+def wide(content: Markup) -> Markup:
+    """Content that may be wider than a narrow window: it scrolls by itself there, and not the page with it."""
+    return tag("div", content, class_="wide")
+
+
 def table(head: Sequence[Any], rows: Iterable[Sequence[Any]], class_: str | None = None) -> Markup:
     """A table; cells that are numbers in text are aligned by the style sheet's class `n`."""
     body = [tag("tr", *(tag("td", cell) for cell in row)) for row in rows]
-    return tag("table", tag("thead", tag("tr", *(tag("th", cell) for cell in head))), tag("tbody", *body), class_=class_)
+    return wide(tag("table", tag("thead", tag("tr", *(tag("th", cell) for cell in head))), tag("tbody", *body), class_=class_))
 
 
 def pairs(rows: Iterable[tuple[Any, Any]]) -> Markup:
     """A table of names and what they are."""
-    return tag("table", tag("tbody", *(tag("tr", tag("th", name), tag("td", value)) for name, value in rows)), class_="pairs")
+    return wide(tag("table", tag("tbody", *(tag("tr", tag("th", name), tag("td", value)) for name, value in rows)), class_="pairs"))
 
 
 def data_uri(path: Path) -> str:

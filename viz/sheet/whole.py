@@ -14,7 +14,7 @@ CSS = """
 :root { color-scheme: light; }
 * { box-sizing: border-box; }
 body { margin: 0 auto; max-width: 960px; padding: 24px 28px 60px; color: #1a1a1a; background: #fff;
-  font: 15px/1.5 "Helvetica Neue", Helvetica, Arial, "Liberation Sans", sans-serif; }
+  font: 15px/1.5 "Helvetica Neue", Helvetica, Arial, "Liberation Sans", sans-serif; overflow-wrap: break-word; }
 h1 { font-size: 26px; line-height: 1.2; margin: 0 0 4px; }
 h2 { font-size: 18px; margin: 34px 0 8px; padding-bottom: 3px; border-bottom: 1px solid #ccc; break-after: avoid; }
 h3 { font-size: 15px; margin: 18px 0 4px; break-after: avoid; }
@@ -46,6 +46,13 @@ figcaption { color: #555; font-size: 12.5px; margin-top: 3px; }
 pre { background: #f6f6f4; border: 1px solid #e3e3e3; padding: 8px 10px; font: 12px/1.4 Menlo, Consolas, "DejaVu Sans Mono", monospace;
   white-space: pre-wrap; overflow-wrap: anywhere; margin: 6px 0 12px; }
 code { font: 12.5px Menlo, Consolas, "DejaVu Sans Mono", monospace; }
+@media screen { .wide { overflow-x: auto; } }
+@media (max-width: 600px) {
+  body { padding: 16px 14px 40px; }
+  .pairs th { white-space: normal; min-width: 84px; }
+  .bars td.bar { width: 40vw; }
+  .strip figure { width: 50%; }
+}
 summary { cursor: pointer; color: #333; font-weight: 600; font-size: 13.5px; margin: 4px 0; }
 @page { size: A4; margin: 16mm 15mm 18mm;
   @bottom-right { content: counter(page) " / " counter(pages); font: 9px sans-serif; color: #777; } }

@@ -30,9 +30,11 @@ if TYPE_CHECKING:
     from optuna.samplers import BaseSampler
 
     from magmpm.studies.problem.study import Study
+    from magmpm.studies.search.samplers.bounded_front import Improve
     from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates
 
 POOR = 0.04  # of the length: a rod's design whose body is farther from the target is on another branch
+NEAR = 0.01  # of the length: designs of a front that are nearer are about as good as each other
 MOST_WORKERS = 256  # processes of one session
 POPULATION = 20  # of the genetic samplers; Optuna's 50 would be more trials than most studies have
 
@@ -72,7 +74,7 @@ def _unsuited(study: Study) -> tuple[str, str] | None:
     if study.margin is not None and name in HEED_NO_CONSTRAINTS:
         rule = f"{name} would learn from designs that `stability` refuses as from others"
         return rule, "sampler: tpe or gauss-newton, or remove `stability`"
-    if len(study.minimize) > 1 and name in ONE_OBJECTIVE:
+    if len(study.minimize) > 1 and name in ONE_OBJECTIVE and not within_bounds(study):
         rule = f"{name} looks for the least of one objective, and `minimize` names {len(study.minimize)}"
         return rule, "sampler: nsga2, or remove `minimize`"
     if study.vary.order is not None and name not in TAKE_CHOICES:
@@ -80,12 +82,20 @@ def _unsuited(study: Study) -> tuple[str, str] | None:
     return None
 
 
+def within_bounds(study: Study) -> bool:
+    """True if a study's two objectives are the distance and a bound, and its sampler goes through a ladder of bounds."""
+    return study.sampler == "gauss-newton" and study.minimize[1:] == ("largest_field",)
+
+
 def best_suited(study: Study) -> Study:
     """The study with the sampler that suits what it requests, and the reason: gauss-newton, or tpe where there is no derivative."""
     newton = study.changed(sampler="gauss-newton")
     found = _unsuited(newton)
     if found is None:
-        return dataclasses.replace(newton, why_sampler="the file names none, and the shape has derivatives by all that varies")
+        why = "the file names none, and the shape has derivatives by all that varies"
+        if within_bounds(newton):
+            why += "; within each of a ladder of bounds of the field, the rms alone is minimized"
+        return dataclasses.replace(newton, why_sampler=why)
     return dataclasses.replace(study.changed(sampler="tpe"), why_sampler=f"the file names none, and {found[0]}")
 
 
@@ -125,17 +135,32 @@ def whole_definition(study: Study, parameters: Iterable[str]) -> dict[str, Any]:
 
 
 def make_sampler(
-    name: str, space: SearchSpace, seed: int, finished: int, *, starts: Sequence[Mapping[str, float]] = (), goal: float = 0.0
+    name: str,
+    space: SearchSpace,
+    seed: int,
+    finished: int,
+    *,
+    starts: Sequence[Mapping[str, float]] = (),
+    goal: float = 0.0,
+    front: bool = False,
+    improve: Improve | None = None,
 ) -> BaseSampler:
     """The sampler that chooses the trial after `finished` trials. Raises InputError for an unknown name.
 
-    starts: designs that gauss-newton begins from; goal: the value, m, that it need not go below.
+    starts: designs that gauss-newton begins from; goal: the value, m, that it need not go below; front: its trials are to spread over a
+    ladder of bounds of the field, each of which begins with the designs that `improve` makes (bounded_front.BoundedFront).
     """
     check_sampler_name(name, "sampler")
     number = int(np.random.SeedSequence([seed, finished]).generate_state(1)[0])  # a seed of 32 bits for one trial
     with warnings.catch_warnings():
         # Optuna calls samplers experimental, or announces changes of defaults, on every construction
         warnings.simplefilter("ignore")
+        if name == "gauss-newton" and front:
+            from magmpm.studies.search.samplers.bounded_front import BoundedFront
+
+            blocks, length = gauss_newton_blocks(space).blocks, space.scene.length
+            near, poor = goal or NEAR * length, POOR * length
+            return BoundedFront(blocks, seed, starts=starts, near=near, poor=poor, far=length, improve=improve)
         if name == "gauss-newton":
             from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
 

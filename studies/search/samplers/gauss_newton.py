@@ -68,7 +68,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
 
     def sample_relative(self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
         ended, running, _ = other_trials(study, trial, search_space)
-        params, kept = self._plan([t for t in ended if set(search_space) <= set(t.params)], running)
+        params, kept = self.plan([t for t in ended if set(search_space) <= set(t.params)], running)
         storage_of(study).set_trial_system_attr(trial_id(trial), PLAN, kept)
         return params
 
@@ -78,7 +78,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
             raise ValueError(f"{param_name}: no block of the Gauss-Newton sampler names it, and it is not a plain number")
         return (param_distribution.low + param_distribution.high) / 2
 
-    def _plan(self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()) -> tuple[dict[str, float], dict[str, Any]]:
+    def plan(self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()) -> tuple[dict[str, float], dict[str, Any]]:
         """Parameters of the next trial, and what is kept with it: a step from the descent's best design so far, or a start. Descents with a
         running trial wait for it."""
         known = {t.number: t for t in trials}
@@ -101,15 +101,15 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
 
     def used_up(self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial]) -> bool:
         """True if the given designs and the descents from them are used up, so that a point of the sequence comes next."""
-        return bool(self._plan(trials, running)[1]["start"] >= len(self._starts))
+        return bool(self.plan(trials, running)[1]["start"] >= len(self._starts))
 
     def refined(self, base: FrozenTrial, trials: Sequence[FrozenTrial]) -> dict[str, float] | None:
         """The design a step on from the best trial's, shorter than those that were tried; None where it promises little."""
-        radius = RADIUS if _counted(base) is not None else 0.0
+        radius = RADIUS if counted(base) else 0.0
         while radius > LEAST_RADIUS:
             x, residuals, jacobian = self._space.read(base.params), *model_of(base)
             step = self._space.step(x, residuals, jacobian, radius, self._space.curvature(x, jacobian))
-            if step.promised < LEAST_GAIN * _cost(base):
+            if step.promised < LEAST_GAIN * cost_of(base):
                 break
             if not self._seen(there := self._space.write(self._space.moved(x, step.p)), trials):
                 return there
@@ -124,22 +124,22 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         plan = last.system_attrs.get(PLAN)
         if plan is not None and plan["from"] is not None:
             return _judged(known[plan["from"]], last, plan)
-        given = [t for t in trials if _counted(t) is not None and t.system_attrs.get(PLAN, {"from": None})["from"] is None]
+        given = [t for t in trials if counted(t) and t.system_attrs.get(PLAN, {"from": None})["from"] is None]
         if plan is None:  # not ours: enqueued, or of another sampler
-            return (min(given, key=_cost), RADIUS) if given else None
+            return (min(given, key=cost_of), RADIUS) if given else None
         looked_at = min(3, len(self._starts))
         fresh = [t for t in given if t is last or 0 <= start_of(t) <= plan["start"] < looked_at]
-        if not fresh or (_value(best := min(fresh, key=_cost)) > self._poor and plan["start"] + 1 < looked_at):
+        if not fresh or (_value(best := min(fresh, key=cost_of)) > self._poor and plan["start"] + 1 < looked_at):
             return None
         return best, RADIUS
 
     def _curvature(self, last: FrozenTrial, known: Mapping[int, FrozenTrial], x: Array, jacobian: Array) -> float:
         """Deviation of the residuals from the linear model, over a step's length squared: as the last step showed, or a guess."""
         guess, plan = self._space.curvature(x, jacobian), last.system_attrs.get(PLAN)
-        if plan is None or plan["from"] is None or _counted(last) is None:
+        if plan is None or plan["from"] is None or not counted(last):
             return guess
-        left = math.sqrt(max(_cost(known[plan["from"]]) - plan["promised"], 0.0))
-        seen = abs(math.sqrt(_cost(last)) - left) / max(plan["length"], LEAST_RADIUS) ** 2
+        left = math.sqrt(max(cost_of(known[plan["from"]]) - plan["promised"], 0.0))
+        seen = abs(math.sqrt(cost_of(last)) - left) / max(plan["length"], LEAST_RADIUS) ** 2
         return min(max(seen, guess / 10), 10 * guess)
 
     def _stuck(
@@ -163,7 +163,7 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         for _ in range(5):  # accepted steps that have not brought the value below three quarters
             plan = earlier.system_attrs.get(PLAN) if earlier is not None else None
             earlier = None if plan is None or plan["from"] is None else known[plan["from"]]
-        return earlier is not None and _cost(base) > 0.75**2 * _cost(earlier)
+        return earlier is not None and cost_of(base) > 0.75**2 * cost_of(earlier)
 
     def _start_at(self, index: int) -> dict[str, float]:
         """The given design, or after them the point of the sequence."""
@@ -184,9 +184,9 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
 def _judged(before: FrozenTrial, last: FrozenTrial, plan: Mapping[str, Any]) -> tuple[FrozenTrial, float]:
     """The better of the two designs, and the next radius, from how well the linear model foresaw the last one."""
     length = plan["length"]
-    if _counted(last) is None:
+    if not counted(last):
         return before, length / 4
-    gain = _cost(before) - _cost(last)
+    gain = cost_of(before) - cost_of(last)
     share = gain / plan["promised"]
     if share < 0.25:
         # the parabola through both sums of squares, with the slope that belongs to the promise
@@ -195,12 +195,10 @@ def _judged(before: FrozenTrial, last: FrozenTrial, plan: Mapping[str, Any]) -> 
     return last, max(plan["radius"], 2.0 * length) if share > 0.75 else plan["radius"]
 
 
-def _counted(trial: FrozenTrial) -> Any:
-    """A trial's stored residuals, if it counts: solved, with derivatives, and no constraint violated."""
+def counted(trial: FrozenTrial) -> bool:
+    """True if a trial counts: solved, with derivatives, and no constraint violated."""
     attrs = trial.user_attrs
-    if "residuals" not in attrs or "jacobian" not in attrs or any(c > 0.0 for c in trial.constraints.values()):
-        return None
-    return attrs["residuals"]
+    return "residuals" in attrs and "jacobian" in attrs and not any(c > 0.0 for c in trial.constraints.values())
 
 
 def model_of(trial: FrozenTrial) -> tuple[Array, Array]:
@@ -209,13 +207,14 @@ def model_of(trial: FrozenTrial) -> tuple[Array, Array]:
     return residuals, np.array(trial.user_attrs["jacobian"], dtype=float).reshape(len(residuals), -1)
 
 
-def _cost(trial: FrozenTrial) -> float:
+def cost_of(trial: FrozenTrial) -> float:
+    """Sum of squares of a trial's residuals."""
     residuals = np.array(trial.user_attrs["residuals"], dtype=float)
     return float(residuals @ residuals)
 
 
 def _value(trial: FrozenTrial) -> float:
-    return math.inf if trial.value is None else trial.value
+    return float(trial.values[0]) if trial.values else math.inf  # of two objectives the first
 
 
 def start_of(trial: FrozenTrial) -> int:

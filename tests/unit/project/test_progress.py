@@ -36,3 +36,22 @@ def test_the_time_left_counts_no_compiling_and_nothing_done_before(monkeypatch: 
             now[0] += 10.0
             shown.at(before + 100, 1000)
             assert left in shown._last
+
+
+def test_no_time_is_left_once_all_parts_are_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What comes after the last trial, such as pictures, is no part of them: nothing is said of its time."""
+    now = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    with progress.Progress("arc") as shown:
+        shown.at(1, 3)
+        now[0] += 5.0
+        shown.at(2, 3)
+        assert "about 5 s left" in shown._last
+        shown.at(3, 3, "best 0.40 mm")
+        assert shown._last == "arc: 3 of 3; best 0.40 mm"
+
+
+def test_parts_that_are_no_counts_have_their_unit() -> None:
+    with progress.Progress("swing") as shown:
+        shown.at(0.05, 0.3, "step 12", "s")
+        assert shown._last == "swing: 0.05 of 0.3 s; step 12"

@@ -178,6 +178,22 @@ def test_a_path_runs_as_its_scene_does() -> None:
     assert "\n" not in line
 
 
+@pytest.mark.parametrize(("field", "words"), [
+    ({"uniform": [0, 6e-3, 8e-3]}, "field (0, 6, 8) mT)"),
+    ({}, "field none)"),
+    ({"magnet": [{"cylinder": {"diameter": 0.02, "length": 0.02}, "position": [0, 0, 0.06], "remanence": 1.3}]},
+     "field magnet of 1.3 T at (0, 0, 60) mm)"),
+    ({"uniform": [0, 0, 1e-3], "dipole": 2 * [{"position": [0.06, 0, 0], "moment": [0, 0, 0.5]}], "over_time": {"ramp": {"duration": 1.0}}},
+     "field (0, 0, 1) mT + 2 dipoles, changing in time)"),
+])  # fmt: skip
+def test_a_scene_tells_its_field(field: dict[str, object], words: str) -> None:
+    """In its line, and in a notebook's table."""
+    data = magmpm.load_scene(SCENE).to_si()
+    scene = magmpm.Scene.from_si({**data, "field": field})
+    assert repr(scene).endswith(words)
+    assert words.removeprefix("field ").removesuffix(")") in scene._repr_html_()
+
+
 def test_a_motion_tells_itself_in_a_line(tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
     path.write_text(LATE.replace("  ground: {point: GROUND}\n", ""))

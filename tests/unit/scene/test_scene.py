@@ -111,6 +111,20 @@ def test_warnings(tmp_path: Path) -> None:
     assert scene_of(tmp_path, text).warnings() == ["materials: spare is not used"]
 
 
+def test_a_magnetic_material_without_a_direction_is_told(five: Scene) -> None:
+    """Segments that are left out or written as zeros; not where nothing magnetic is simulated, nor a material without remanence."""
+    directions = np.array([region.magnetization for region in five.regions()])
+    directions[[1, 3]] = 0.0
+    bare = five.with_magnetizations(directions)
+    (told,) = bare.warnings()
+    assert "body.catheter.segments[1], body.catheter.segments[3]: not magnetized" in told
+    assert "magnetic silicone has a remanence of 138 mT" in told
+    assert "give a direction" in told
+    assert five.warnings() == []
+    assert bare.with_effects(magnetic_torque=None, gravity={}).with_field([0, 0, 0]).warnings() == []
+    assert bare.with_material("magnetic silicone", remanence=0.0).warnings() == []
+
+
 def test_the_layout_of_the_file_is_not_in_the_hash(five: Scene, tmp_path: Path) -> None:
     text = FIVE.read_text().replace("40 mm", "0.04 m").replace("8 mT]", "80 G]").replace("120 kPa", "0.12 MPa")
     text = text.replace("30 deg", "0.52359877559829887 rad").replace("name: five-segment catheter", "name: other")

@@ -1,5 +1,6 @@
 """magmpm.sensitivities against central differences of equilibria, for every kind of variable, effect of statics and body."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,11 @@ from magmpm.bodies.surface_mesh import write_stl
 from magmpm.inputs.settings import validate
 from magmpm.results.measures import centreline_at
 from magmpm.scene import Scene
-from magmpm.scene.variables import tangents
+from magmpm.scene.variables import KINDS, check_differentiable, tangents
 from magmpm.solving import solve
 from magmpm.statics.energy import Energy
 from magmpm.statics.interacting import InteractingEnergy
+from magmpm.statics.linearized import Linearized
 from magmpm.statics.stability import Products, unloaded
 
 MATERIALS = """
@@ -78,6 +80,22 @@ body:
 """,
 }  # fmt: skip
 CASES["a point of parts"] = CASES["parts"].replace("tip: end", "tip: [1.5 mm, 3 mm, 13 mm]")
+RAMP = UNIFORM.replace("}\neffects", ", over_time: {ramp: {duration: 1 s}}}\neffects")
+WITHIN = "solver: {quasi_static: {at: [0 s, 0.3 s, 0.7 s]}}\n"  # of the schedule: before it ends
+TRAVELS = DIPOLE.replace(
+    "effects",
+    "  over_time: {keyframes: [{time: 0 s, move: [0 mm, 0 mm, 10 mm]}, {time: 1 s, move: [-6 mm, 0 mm, 0 mm]}]}\neffects",
+)
+PRESSED = "move: {tip: {along: [-1, 0, 0.1], distance: 1 mm, over_time: {ramp: {duration: 1 s}}}}\n"
+PATHS = {
+    "ramp": CATHETER + RAMP + WITHIN,
+    "turning field": CATHETER + RAMP.replace("ramp: {duration: 1 s}", "rotation: {axis: [1, 0.2, 0], frequency: 1 Hz}") + WITHIN,
+    "traveling magnet": CATHETER + TRAVELS + WITHIN,
+    "rotating, traveling magnet": CATHETER + TRAVELS + WITHIN,
+    "interacting along a path": CATHETER + RAMP.replace("gravity: {}", "gravity: {}, magnetic_interaction: {}") + WITHIN,
+    "pressed and bent": STRIP.replace("thickness", "clamp: both\n    thickness") + RAMP + WITHIN + PRESSED,
+}  # fmt: skip
+CASES |= PATHS
 MESHES = {"base.stl": box((0, 0, -2), (3, 3, 0)), "beam.stl": box((0, 0, 0), (3, 3, 9)), "end.stl": box((0, 0, 9), (3, 3, 13))}  # mm
 SLOW = [
     pytest.param(name, marks=pytest.mark.slow)
@@ -116,6 +134,68 @@ def test_derivatives_are_those_of_equilibria(name: str, tmp_path: Path) -> None:
     gradient = np.random.default_rng(1).standard_normal(found.centreline.shape[:2])
     by_columns = np.einsum("rik,ri->k", found.centreline, gradient)
     np.testing.assert_allclose(found.adjoint(gradient), by_columns, rtol=0, atol=1e-8 * np.abs(by_columns).max(initial=1e-300))
+
+
+@pytest.mark.parametrize(
+    "name", [name if name == "ramp" else pytest.param(name, marks=pytest.mark.slow) for name in PATHS]
+)
+def test_along_a_path_they_are_those_of_its_last_equilibrium(name: str, tmp_path: Path) -> None:
+    """In the field of that time, with what is moved where it is then; and the result is the path's."""
+    scene = scene_of(name, tmp_path)
+    found = magmpm.sensitivities(scene, [kind for kind in KINDS if kind not in ("length", "diameter")])
+    assert len(found.result.steps) == 3
+    np.testing.assert_array_equal(found.result.tip, magmpm.run(scene).tip)
+    for k, variable in enumerate(found.variables):
+        rows, tip = differences(scene, variable)
+        assert_like(found.tip[:, k], tip)
+        assert_like(found.centreline[..., k], rows)
+
+
+@pytest.mark.parametrize(
+    ("more", "key"),
+    [
+        ("ground: {point: [0 mm, 0 mm, -3 mm], friction: 0.4}", "effects.ground.friction: received 0.4"),
+        ("walls: {tube: {radius: 5 mm, path: [[-9 mm, 0 mm, 0 mm], [40 mm, 0 mm, 0 mm]]}, friction: 0.1}", "effects.walls.friction"),
+        ("feed: {speed: 10 mm/s, exit: 20 mm}", "effects.feed"),
+    ],
+)
+def test_what_remembers_its_way_is_refused(more: str, key: str, tmp_path: Path) -> None:
+    """Friction, wherever it is named, and a body that grows out of its guide; without them the same path has derivatives."""
+    path = CATHETER + RAMP.replace("gravity: {}", "gravity: {}, " + more) + WITHIN
+    data = yaml.safe_load(MATERIALS) | yaml.safe_load(path)
+    with pytest.raises(magmpm.InputError, match=f"(?s){key}.*remedy: differentiate"):
+        magmpm.sensitivities(validate(Scene, data, tmp_path / "scene.yaml"))
+    slippery = {kind: {**effect, "friction": 0} for kind, effect in data["effects"].items() if kind in ("ground", "walls")}
+    if slippery:
+        data["effects"] |= slippery
+        check_differentiable(validate(Scene, data, tmp_path / "scene.yaml"))
+        data["materials"]["hard"]["friction"] = 0.2
+        with pytest.raises(magmpm.InputError, match=f"(?s){key.split(':')[0]}: received 0.2.*also in materials"):
+            magmpm.sensitivities(validate(Scene, data, tmp_path / "scene.yaml"))
+
+
+def test_without_stiffness_there_are_none(tmp_path: Path) -> None:
+    """What counts as zero along a path counts as zero here, too: a derivative would be rounding over rounding."""
+    _, found = solve.at_rest(scene_of("catheter", tmp_path), None, None)
+    Linearized(found, ())
+    with pytest.raises(magmpm.SolveError, match=r"critical load, or free to turn.*5.0e-05 of the unloaded"):
+        Linearized(replace(found, stability=5e-5), ())
+
+
+@pytest.mark.slow
+def test_of_a_grid_that_is_chosen(tmp_path: Path) -> None:
+    """A path, and effects, that the program resolves: the derivatives are those of the grid and effects that it has chosen."""
+    data = yaml.safe_load(MATERIALS) | yaml.safe_load(CATHETER + RAMP + WITHIN)
+    asked = validate(Scene, data | {"resolution": {"error": "5 %"}}, tmp_path / "scene.yaml")
+    found = magmpm.sensitivities(asked, ["field"])
+    assert found.result.error_estimate is not None
+    assert found.result.resolution is not None
+    cells = found.result.resolution["cells_across"]
+    np.testing.assert_array_equal(found.tip, magmpm.sensitivities(asked.with_cells(cells), ["field"]).tip)
+    auto = validate(Scene, data | {"effects": "auto", "solver": {"static": {}}}, tmp_path / "scene.yaml")
+    chosen = magmpm.sensitivities(auto, ["field"])
+    assert chosen.result.effects_chosen is not None
+    assert np.abs(chosen.tip).max() > 0
 
 
 @pytest.mark.parametrize("name", ["parts", "a point of parts", pytest.param("interacting", marks=pytest.mark.slow)])

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from magmpm.cli.design import insertion_snapshot as trial_snapshot
+from magmpm.cli.design import several_snapshot as trial_snapshot
 from magmpm.scene import Scene
 from magmpm.studies.evaluate.trajectory import CATHETER, SHAPES, shapes_of
 from magmpm.viz.camera import Framing

@@ -1,0 +1,87 @@
+"""Exchanges of directions of a set, which has no derivatives: every change of one direction is tried on the rod."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array
+from magmpm.errors import SolveError
+from magmpm.rod.cosserat import solve_rod
+from magmpm.studies.problem.shape_distance import root_mean_square
+from magmpm.studies.search.parameters import Direction, Parameters
+from magmpm.studies.search.search_space import SearchSpace
+
+MOST_SOLVES = 1500  # of rods, for one start: a second and a half
+
+
+def improved(space: SearchSpace, target: Array, starts: Sequence[dict[str, float]]) -> list[dict[str, float]]:
+    """Starts (parameters) whose directions are of the set, improved: best first, each once. A choice has no derivative, so it is searched.
+
+    From the snapped start, the exchange (_exchanges) that brings the rod nearest to the target rows (m, 4) m is kept, until none brings it
+    nearer. What else varies stays: the sampler's steps change it.
+    """
+    limits = space.limits
+    if limits is None or limits.allowed is None:
+        return list(starts)
+    found: dict[tuple[float, ...], tuple[float, dict[str, float]]] = {}
+    for start in starts:
+        x = space.made(space.embedded(start))
+        best, solves = _distance(space, target, x), 1
+        while solves < MOST_SOLVES:
+            tried = _exchanges(space, x)
+            values = [_distance(space, target, y) for y in tried]
+            solves += len(tried)
+            if not values or not min(values) < best:
+                break
+            x, best = tried[int(np.argmin(values))], min(values)
+        found.setdefault(_key(x), (best, space.parameters_at(x)))
+    return [parameters for _, parameters in sorted(found.values(), key=lambda pair: pair[0])]
+
+
+def next_exchange(space: SearchSpace, target: Array, best: Parameters, tried: Sequence[Parameters]) -> dict[str, Any] | None:
+    """The best design's parameters with one direction of the set exchanged (_exchanges), as no other trial has had it: of these the one
+    that brings the rod nearest to the target. None where all were tried."""
+    order = best.get("order")
+    known = {_key(space.made(space.embedded(one))) for one in tried if one.get("order") == order}
+    new = [y for y in _exchanges(space, space.made(space.embedded(best))) if _key(y) not in known]
+    if not new:
+        return None
+    turned = space.parameters_at(min(new, key=lambda y: _distance(space, target, y, order)), order)
+    names = {name for block in space.blocks if isinstance(block, Direction) for name in block.bounds()}
+    return {name: turned[name] if name in names else value for name, value in best.items()}
+
+
+def _exchanges(space: SearchSpace, x: Array) -> list[Array]:
+    """All designs (size,) in which one segment of x has another direction of the set; and where directions are counted, those in which
+    all segments of one direction have."""
+    limits, places = space.limits, [at for block, at in space.parts if isinstance(block, Direction)]
+    assert limits is not None
+    assert limits.allowed is not None
+    sharing = [[at for at in places if np.array_equal(x[at], x[first])] for first in places] if limits.at_most is not None else []
+    found = {}
+    for group in [*([at] for at in places), *sharing]:
+        for vector in limits.allowed:
+            y = x.copy()
+            for at in group:
+                y[at] = vector
+            if limits.at_most is None or len(np.unique([y[at] for at in places], axis=0)) <= limits.at_most:
+                found[_key(y)] = y
+    found.pop(_key(x), None)
+    return list(found.values())
+
+
+def _distance(space: SearchSpace, target: Array, x: Array, order: str | None = None) -> float:
+    """Root mean square distance (m) of the rod from the target; inf where it is not found."""
+    try:
+        scene = space.scene_at(x, order)
+        gap = solve_rod(scene, 40).at(np.minimum(target[:, 0], scene.length)) - target[:, 1:]
+    except SolveError:
+        return np.inf
+    return root_mean_square(gap)
+
+
+def _key(x: Array) -> tuple[float, ...]:
+    return tuple((np.round(x, 6) + 0.0).tolist())
