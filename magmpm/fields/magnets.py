@@ -5,7 +5,7 @@ The extra `magnets` installs it. A body needs the field in a box: what it can re
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -41,9 +41,31 @@ class Solid:
             return np.minimum(radial, self.half[2] - np.abs(local[:, 2]))
         return np.asarray((self.half - np.abs(local)).min(axis=1))
 
+    def nearest(self, points: Array) -> Array:
+        """The points of it nearest to points (n, 3) m, in the sources' frame, (n, 3) m."""
+        local = (points - self.position) @ self.frame
+        if self.ball:
+            size = np.linalg.norm(local, axis=1)
+            near = local * np.minimum(1.0, self.half[0] / np.maximum(size, 1e-300))[:, None]
+        else:
+            near = np.clip(local, -self.half, self.half)
+            if self.round:
+                radius = np.hypot(local[:, 0], local[:, 1])
+                near[:, :2] = local[:, :2] * np.minimum(1.0, self.half[0] / np.maximum(radius, 1e-300))[:, None]
+        return self.position + near @ self.frame.T
+
+    def turned(self, frame: Array) -> "Solid":
+        """The same solid as a frame (3, 3) sees it whose columns are its axes in the sources' frame."""
+        return replace(self, position=frame.T @ self.position, frame=frame.T @ self.frame)
+
     def box(self) -> tuple[Array, Array]:
-        """Its box along the axes of the sources' frame, lower and upper corner (3,) m."""
-        reach = np.abs(self.frame) @ self.half if not self.ball else self.half
+        """Its smallest box along the axes of the sources' frame, lower and upper corner (3,) m."""
+        if self.ball:
+            reach = self.half
+        elif self.round:
+            reach = self.half[0] * np.hypot(self.frame[:, 0], self.frame[:, 1]) + self.half[2] * np.abs(self.frame[:, 2])
+        else:
+            reach = np.abs(self.frame) @ self.half
         return self.position - reach, self.position + reach
 
 
@@ -161,24 +183,34 @@ def dipole_rows(dipoles: Sequence[Dipole]) -> Array:
     return np.array([[*one.position, *one.moment, POINT if one.diameter is None else one.diameter / 2] for one in dipoles]).reshape(-1, 7)
 
 
+# Most steps toward the shortest way between a box and a solid; two flat faces need two, a rim and an edge some fifty.
+PROJECTIONS = 500
 KEPT_OFF = 0.25  # of the gap between the undeformed body and a magnet: distance from the magnet at which the box ends
 
 
 @dataclass(frozen=True)
 class Box:
-    """A box in the sources' frame, corners (3,) m. cut: names of the sources for which it was cut."""
+    """A box, corners (3,) m along its own axes: the columns of `frame` (3, 3) in the sources' frame. cut: sources for which it was cut."""
 
     lower: Array
     upper: Array
     cut: tuple[str, ...] = ()
+    frame: Array = field(default_factory=lambda: np.eye(3))
 
     def holds(self, points: Array) -> NDArray[np.bool_]:
-        """True for points (n, 3) that are in it."""
-        return np.all((points >= self.lower) & (points <= self.upper), axis=1)
+        """True for points (n, 3) m of the sources' frame that are in it."""
+        local = points @ self.frame
+        return np.all((local >= self.lower) & (local <= self.upper), axis=1)
 
     def meets(self, lower: Array, upper: Array) -> bool:
-        """True if another box has a point in common with this one."""
+        """True if another box along the same axes has a point in common with this one."""
         return bool(np.all(lower <= self.upper) and np.all(upper >= self.lower))
+
+    def turned(self, frame: Array) -> "Box":
+        """The smallest box around this one along other axes, the columns of `frame` (3, 3)."""
+        corners = np.array([[(self.lower, self.upper)[b][i] for i, b in enumerate(c)] for c in np.ndindex(2, 2, 2)])
+        local = corners @ self.frame.T @ frame
+        return Box(local.min(axis=0), local.max(axis=0), self.cut, frame)
 
     @property
     def volume(self) -> float:
@@ -186,7 +218,32 @@ class Box:
 
     def text(self) -> str:
         """Text for messages: "-40 to 44, -44 to 44, -44 to 44 mm"."""
-        return ", ".join(f"{1e3 * a:.3g} to {1e3 * b:.3g}" for a, b in zip(self.lower, self.upper)) + " mm"
+        ends = ", ".join(f"{1e3 * a:.3g} to {1e3 * b:.3g}" for a, b in zip(self.lower, self.upper)) + " mm"
+        if np.array_equal(self.frame, np.eye(3)):
+            return ends
+        along = " and ".join("(" + ", ".join(f"{part:.3g}" for part in axis) + ")" for axis in self.frame.T[1:])
+        return f"{ends} along axes of its own, whose second and third are {along}"
+
+
+def parting(box: Box, solid: Solid) -> Array | None:
+    """Unit vector (3,) along the shortest way from a box to a solid, to which a plane between the two is perpendicular.
+
+    None where they meet. Box and solid are in the same frame, along whose axes the box lies. By projections onto either in turn, which
+    converge for convex bodies; that a plane parts the two is then checked exactly.
+    """
+    point = solid.position
+    for _ in range(PROJECTIONS):
+        inside = np.clip(point, box.lower, box.upper)
+        before, point = point, solid.nearest(inside[None])[0]
+        if np.linalg.norm(point - before) <= 1e-12 * np.linalg.norm(solid.half):
+            break
+    way = point - np.clip(point, box.lower, box.upper)
+    size = float(np.linalg.norm(way))
+    if not size > 0.0:
+        return None
+    frame = frame_of((way / size).tolist())
+    own = Box(box.lower, box.upper).turned(frame)
+    return way / size if solid.turned(frame).box()[0][2] > own.upper[2] else None
 
 
 def reach(body: Box, anchored: bool) -> Box:
@@ -212,15 +269,28 @@ def seen_from_sources(field: FieldSource, box: Box) -> Box:
     return Box(lower, upper)
 
 
-def cut_for(box: Box, body: Box, obstacles: list[Solid], *, keeps_off: float | None = None) -> Box | None:
-    """The box, cut by planes so that it contains the body but no obstacle; None where no plane separates the two.
+def reach_along(frame: Array, field: FieldSource, body: Box, anchored: bool) -> Box:
+    """The box along axes, the columns of `frame` (3, 3), that a body can reach as the sources see it, over all of the schedule.
 
-    keeps_off: it is cut for obstacles just outside of it as well, of which it then keeps as far off, and at least so many m off where a
-    plane can be. Nothing cut: the box itself.
+    body: its undeformed box in space, m. What a held body reaches is a ball, as wide along any axes.
+    """
+    around = reach(body, anchored)
+    if not anchored:
+        return seen_from_sources(field, around).turned(frame)
+    center, radius = (around.lower + around.upper) / 2, (around.upper - around.lower) / 2
+    where = [(center - place["origin"]) @ place["frame"].reshape(3, 3) @ frame for place in places(field, sample_times(field))]
+    return Box(np.min(where, axis=0) - radius, np.max(where, axis=0) + radius, (), frame)
+
+
+def cut_for(box: Box, body: Box, obstacles: list[Solid], *, keeps_off: float | None = None) -> Box | None:
+    """The box, cut by planes along its axes so that it contains the body but no obstacle; None where no such plane separates the two.
+
+    body, obstacles: as the axes of the box see them. keeps_off: it is cut for obstacles just outside of it as well, of which it then
+    keeps as far off, and at least so many m off where a plane can be. Nothing cut: the box itself.
     """
     for solid in obstacles:
         low, high = solid.box()
-        if keeps_off is None and not box.meets(low, high):
+        if keeps_off is None and (not box.meets(low, high) or parting(box, solid) is not None):
             continue
         found: list[tuple[float, Box]] = []
         for k in range(3):
@@ -233,7 +303,7 @@ def cut_for(box: Box, body: Box, obstacles: list[Solid], *, keeps_off: float | N
                     upper[k] = min(upper[k], low[k] - KEPT_OFF * gap)
                 else:
                     lower[k] = max(lower[k], high[k] + KEPT_OFF * gap)
-                found.append((KEPT_OFF * gap, Box(lower, upper, box.cut)))
+                found.append((KEPT_OFF * gap, replace(box, lower=lower, upper=upper)))
         if not found:
             return None
         least = min(keeps_off or 0.0, max(kept for kept, _ in found))

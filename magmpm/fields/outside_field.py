@@ -22,8 +22,11 @@ from magmpm.fields.magnets import (
     cut_for,
     dipole_rows,
     exact,
+    frame_of,
+    parting,
     polarization,
     reach,
+    reach_along,
     seen_from_sources,
     taken,
     wires,
@@ -37,7 +40,7 @@ ARCS = 48  # pieces of a coil's wire, each in a box
 
 @dataclass(frozen=True)
 class Limit:
-    """A box (in the sources' frame) outside of which a source is not known; remedy: for the message."""
+    """A box, seen from the sources, outside of which a source is not known; remedy: for the message."""
 
     box: Box
     name: str
@@ -162,13 +165,13 @@ def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -
         options = source.tabulation or Tabulation()
         function, named = exact(source), [*taken(source), *wires(source)]
         named = [solid for solid in named if not solid.ball]
-        box = _table_box(source, options, body, seen, anchored, named)
-        # magnets may move so far that a table would be many times as large as the body's reach
-        near = source.tabulation is not None or source.coils or (box is not None and box.volume <= 3.0 * reach(body, anchored).volume)
-        clouds = None if box is not None and near else _clouds(source, options, body)
+        boxes = _table_boxes(source, options, body, seen, anchored, named)
+        if source.tabulation is None and not source.coils:
+            # magnets may move so far that a table would be many times as large as the body's reach
+            boxes = [box for box in boxes if box.volume <= 3.0 * reach(body, anchored).volume]
+        clouds = None if boxes else _clouds(source, options, body)
         if clouds is None:
-            assert box is not None
-            box, packed, errors = _tabulated(function, box, seen, named, options)
+            box, packed, errors = _tabulated(function, boxes, seen, named, options)
             tables.append(packed)
             reason = f" (which ends before {', '.join(box.cut)})" if box.cut else ""
             remedy = f"give a larger box, field.tabulation.lower and upper, that no magnet is in{reason}"
@@ -188,39 +191,59 @@ def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -
 
 
 def _tabulated(
-    function: Callable[[Array], Array], box: Box, seen: Box, named: list[Solid], options: Tabulation
+    function: Callable[[Array], Array], boxes: list[Box], seen: Box, named: list[Solid], options: Tabulation
 ) -> tuple[Box, Array, table.Errors]:
-    """The box of the table, the table and its errors. Next to the edge of a magnet none is exact: then the box keeps off it, and if that
-    is not enough, farther, though it loses more.
+    """The box of the table, the table and its errors: of the first box over which a table is exact.
 
-    Raises SceneError where that is not enough either, or the box is given.
+    Next to the edge of a magnet none is: then the box keeps off it, and if that is not enough, farther, though it loses more.
+    Raises SceneError where no box is left, or the box is given.
     """
-    boxes: list[Box | None] = [box]
-    if options.lower is None:
-        far = 0.05 * float((box.upper - box.lower).max())  # some seven nodes of the finest table
-        boxes += [cut_for(box, seen, _arcs(named), keeps_off=off) for off in (0.0, far)]
     failed: SceneError | None = None
-    for number, tried in enumerate(boxes):
-        if tried is None or any(tried is one for one in boxes[:number]):
-            continue
-        try:
-            return tried, *table.tabulate(function, tried, options.tolerance, _names(named))
-        except SceneError as error:
-            failed = error
+    for box in boxes:
+        tried: list[Box] = []
+        far = 0.05 * float((box.upper - box.lower).max())  # some seven nodes of the finest table
+        for off in (None, 0.0, far) if options.lower is None else (None,):
+            cut = box if off is None else _cut(box, seen, named, keeps_off=off)
+            if cut is None or any(cut is one for one in tried):
+                continue
+            tried.append(cut)
+            try:
+                return cut, *table.tabulate(function, cut, options.tolerance, _names(named))
+            except SceneError as error:
+                failed = error
     assert failed is not None
     raise failed
 
 
-def _table_box(source: FieldSource, options: Tabulation, body: Box, seen: Box, anchored: bool, named: list[Solid]) -> Box | None:
-    """The box of the table; None where a magnet can't be kept out of it and must become a cloud of dipoles."""
+def _table_boxes(source: FieldSource, options: Tabulation, body: Box, seen: Box, anchored: bool, named: list[Solid]) -> list[Box]:
+    """Boxes for the table, the best first; none where a magnet can't be kept out of one and must become a cloud of dipoles.
+
+    Where a magnet is in the way of a box along the axes of space, boxes along the shortest way from the body to a magnet are tried too: a
+    plane perpendicular to it parts them wherever they are apart, however the magnet is tilted. What a box loses least by its cuts is best.
+    """
     if options.lower is not None and options.upper is not None:
         box = seen_from_sources(source, Box(np.array(options.lower), np.array(options.upper)))
         for solid in named:
-            if box.meets(*solid.box()) and cut_for(box, seen, _arcs([solid])) is not box:
+            if _cut(box, seen, [solid]) is not box:
                 rule = f"no magnet or wire may be in the table's box ({box.text()} as the sources see it)"
                 raise SceneError("field.tabulation", found=f"{solid.name} is in the box", rule=rule, remedy="give a smaller box")
-        return box
-    return cut_for(seen_from_sources(source, reach(body, anchored)), seen, _arcs(named))
+        return [box]
+    whole = seen_from_sources(source, reach(body, anchored))
+    plain = _cut(whole, seen, named)
+    if plain is whole:
+        return [whole]
+    found = [] if plain is None else [plain]
+    for solid in named:
+        way = None if solid.name.startswith("field.coils") else parting(seen, solid)
+        if way is not None:
+            cut = _cut(reach_along(frame_of(way.tolist()), source, body, anchored), seen, named)
+            found += [] if cut is None else [cut]
+    return sorted(found, key=lambda box: -box.volume)  # of equal ones the first, along the axes of space
+
+
+def _cut(box: Box, seen: Box, named: list[Solid], *, keeps_off: float | None = None) -> Box | None:
+    """The box, cut for magnets and wires (fields.magnets.cut_for). seen: the undeformed body in the sources' frame."""
+    return cut_for(box, seen.turned(box.frame), _arcs([solid.turned(box.frame) for solid in named]), keeps_off=keeps_off)
 
 
 def _arcs(named: list[Solid]) -> list[Solid]:

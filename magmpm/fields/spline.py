@@ -5,8 +5,9 @@ difference of the coefficients vanishes at either end), so cubic polynomials are
 faces of the box. The spline has two continuous derivatives. Source: de Boor, A Practical Guide to Splines, chapters 4 and 9.
 
 Compiled functions take one 1-D array `data` and the place `at` where a table begins in it:
-lower corner (3) m, nodes per meter (3), nodes (3), then the coefficients (N_x + 2, N_y + 2, N_z + 2, 4), last index fastest. The fourth
-component is empty, so that the 4 x 3 numbers of a row of a cell along z are two vectors of eight (magmpm.compiled.simd).
+lower corner (3) m, nodes per meter (3), nodes (3), the table's axes (9), then the coefficients (N_x + 2, N_y + 2, N_z + 2, 4), last
+index fastest. The fourth component is empty, so that the 4 x 3 numbers of a row of a cell along z are two vectors of eight
+(magmpm.compiled.simd).
 Beyond the box the functions return the value at the nearest point of its surface: finite, and refused by `Field.check`.
 """
 
@@ -16,7 +17,8 @@ from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.compiled.simd import folded, halves, load, splat
 
-HEADER = 9
+HEADER = 18
+AXES = 9  # where the table's axes begin in its header: a matrix whose columns they are, row by row
 FEWEST = 4  # nodes along an axis: a cubic needs as many
 
 
@@ -51,12 +53,38 @@ def _along(values: Array, axis: int) -> Array:
     return np.moveaxis(found.reshape(size, *moved.shape[1:]), 0, axis)
 
 
-def packed(lower: Array, spacing: Array, values: Array) -> Array:
-    """The table of values (N, M, K, 3) on a grid from `lower` (3,) m with `spacing` (3,) m, as the compiled functions take it."""
+def packed(lower: Array, spacing: Array, values: Array, frame: Array | None = None) -> Array:
+    """The table of values (N, M, K, 3) on a grid from `lower` (3,) m with `spacing` (3,) m, as the compiled functions take it.
+
+    lower, spacing and values are along the table's axes, the columns of `frame` (3, 3) in the frame of the points; None: the same axes.
+    """
     found = coefficients(values)
     rows = np.zeros((*found.shape[:3], 4))
     rows[..., :3] = found
-    return np.concatenate([lower, 1.0 / np.asarray(spacing), values.shape[:3], rows.ravel()])
+    axes = np.eye(3) if frame is None else frame
+    return np.concatenate([lower, 1.0 / np.asarray(spacing), values.shape[:3], axes.ravel(), rows.ravel()])
+
+
+@compiled
+def _inward(data, at, y0, y1, y2):
+    """A vector along the table's axes."""
+    R = at + AXES
+    return (
+        data[R] * y0 + data[R + 3] * y1 + data[R + 6] * y2,
+        data[R + 1] * y0 + data[R + 4] * y1 + data[R + 7] * y2,
+        data[R + 2] * y0 + data[R + 5] * y1 + data[R + 8] * y2,
+    )
+
+
+@compiled
+def _outward(data, at, y0, y1, y2):
+    """A vector of the table's axes along those of the points."""
+    R = at + AXES
+    return (
+        data[R] * y0 + data[R + 1] * y1 + data[R + 2] * y2,
+        data[R + 3] * y0 + data[R + 4] * y1 + data[R + 5] * y2,
+        data[R + 6] * y0 + data[R + 7] * y1 + data[R + 8] * y2,
+    )
 
 
 @compiled
@@ -113,7 +141,8 @@ def size_of(data, at):
 
 @compiled
 def value(data, at, y0, y1, y2):
-    """B (3) at a point of the table's frame, T."""
+    """B (3) at a point, T."""
+    y0, y1, y2 = _inward(data, at, y0, y1, y2)
     i, r = _cell(data, at, 0, y0)
     j, s = _cell(data, at, 1, y1)
     k, t = _cell(data, at, 2, y2)
@@ -125,12 +154,14 @@ def value(data, at, y0, y1, y2):
             w = wa * _weight(b, s)
             c = at + HEADER + 4 * (((i + a) * rows + j + b) * columns + k)
             near, far = near + w * load(data, c), far + w * load(data, c + 8)
-    return folded(near * halves(_weight(0, t), _weight(1, t)) + far * halves(_weight(2, t), _weight(3, t)))
+    b0, b1, b2 = folded(near * halves(_weight(0, t), _weight(1, t)) + far * halves(_weight(2, t), _weight(3, t)))
+    return _outward(data, at, b0, b1, b2)
 
 
 @compiled
 def gradient(data, at, y0, y1, y2):
     """dB_i/dy_j (9), row i, T/m."""
+    y0, y1, y2 = _inward(data, at, y0, y1, y2)
     i, r = _cell(data, at, 0, y0)
     j, s = _cell(data, at, 1, y1)
     k, t = _cell(data, at, 2, y2)
@@ -153,7 +184,14 @@ def gradient(data, at, y0, y1, y2):
     u0, u1, u2 = folded(near_z * first + far_z * second)
     p, q, u = data[at + 3], data[at + 4], data[at + 5]
     p, q, u = p * _within(data, at, 0, y0), q * _within(data, at, 1, y1), u * _within(data, at, 2, y2)
-    return p * x0, q * z0, u * u0, p * x1, q * z1, u * u1, p * x2, q * z2, u * u2
+    # R G R^T: its rows turned, then its columns
+    a0, a1, a2 = _outward(data, at, p * x0, q * z0, u * u0)
+    b0, b1, b2 = _outward(data, at, p * x1, q * z1, u * u1)
+    c0, c1, c2 = _outward(data, at, p * x2, q * z2, u * u2)
+    x0, x1, x2 = _outward(data, at, a0, b0, c0)
+    y0, y1, y2 = _outward(data, at, a1, b1, c1)
+    z0, z1, z2 = _outward(data, at, a2, b2, c2)
+    return x0, y0, z0, x1, y1, z1, x2, y2, z2
 
 
 @compiled
@@ -166,6 +204,8 @@ def _within(data, at, axis, y):
 @compiled
 def curvature(data, at, y0, y1, y2, m0, m1, m2):
     """Second derivatives xx, yy, zz, xy, xz, yz of m . B, T/m^2 times the unit of m."""
+    y0, y1, y2 = _inward(data, at, y0, y1, y2)
+    m0, m1, m2 = _inward(data, at, m0, m1, m2)
     i, r = _cell(data, at, 0, y0)
     j, s = _cell(data, at, 1, y1)
     k, t = _cell(data, at, 2, y2)
@@ -187,4 +227,12 @@ def curvature(data, at, y0, y1, y2, m0, m1, m2):
                 yz += wa * sb * sd * f
     p, q, u = data[at + 3], data[at + 4], data[at + 5]
     p, q, u = p * _within(data, at, 0, y0), q * _within(data, at, 1, y1), u * _within(data, at, 2, y2)
-    return xx * p * p, yy * q * q, zz * u * u, xy * p * q, xz * p * u, yz * q * u
+    xx, yy, zz, xy, xz, yz = xx * p * p, yy * q * q, zz * u * u, xy * p * q, xz * p * u, yz * q * u
+    # R H R^T: its rows turned, then its columns
+    a0, a1, a2 = _outward(data, at, xx, xy, xz)
+    b0, b1, b2 = _outward(data, at, xy, yy, yz)
+    c0, c1, c2 = _outward(data, at, xz, yz, zz)
+    x0, x1, x2 = _outward(data, at, a0, b0, c0)
+    _, y1, y2 = _outward(data, at, a1, b1, c1)
+    _, _, z2 = _outward(data, at, a2, b2, c2)
+    return x0, y1, z2, x1, x2, y2

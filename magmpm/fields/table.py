@@ -10,7 +10,7 @@ its face: 0.11 % with 3 per edge, 0.008 % with 4). That number grows until at th
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,9 +79,7 @@ def _around(solid: Solid, distance: float) -> Array:
     """Points at a distance from the box or cylinder of a magnet, (n, 3) m in the sources' frame."""
     rng = np.random.default_rng(21)
     far = rng.standard_normal((600, 3)) * 3 * solid.half.max()
-    near = np.clip(far, -solid.half, solid.half)
-    if solid.round:
-        near[:, :2] = far[:, :2] * np.minimum(1.0, solid.half[0] / np.hypot(far[:, 0], far[:, 1]))[:, None]
+    near = replace(solid, position=np.zeros(3), frame=np.eye(3)).nearest(far)
     outward = far - near
     outside = np.linalg.norm(outward, axis=1) > 1e-6 * solid.half.max()
     near, outward = near[outside], outward[outside]
@@ -128,7 +126,7 @@ def tabulate(exact: Callable[[Array], Array], box: Box, tolerance: float, what: 
     exact: points (n, 3) m -> B (n, 3) T; tolerance: of B, relative. Raises SceneError where MAX_NODES do not reach it; `what`: the sources.
     """
     extent = box.upper - box.lower
-    points = _sample(box)
+    points = _sample(box) @ box.frame.T
     B, G = exact(points), _differences(exact, points)
     step, errors = float(extent.max()) / 20, None  # at first
     while True:
@@ -143,8 +141,9 @@ def tabulate(exact: Callable[[Array], Array], box: Box, tolerance: float, what: 
                 "field.tabulation.tolerance",
             )
         spacing = extent / (np.array(shape) - 1)
-        values = exact(grid_points(box.lower, spacing, shape)).reshape(*shape, 3)
-        packed = spline.packed(box.lower, spacing, values)
+        nodes = grid_points(box.lower, spacing, shape) @ box.frame.T
+        values = (exact(nodes) @ box.frame).reshape(*shape, 3)
+        packed = spline.packed(box.lower, spacing, values, box.frame)
         errors = _errors(packed, points, B, G, float(extent.max()))
         if errors.within(tolerance):
             return packed, errors
@@ -175,7 +174,7 @@ def evaluate(packed: Array, points: Array) -> tuple[Array, Array]:
 
 
 def _sample(box: Box) -> Array:
-    """Points in the whole box (two thirds) and on its faces."""
+    """Points in the whole box (two thirds) and on its faces, (n, 3) m along its axes."""
     rng = np.random.default_rng(20)
     inside = rng.random((SAMPLE, 3))
     faces = rng.random((SAMPLE // 12 * 6, 3))
