@@ -1,7 +1,7 @@
 """magmpm: simulation and computational design of magnetic soft robots with the material point method.
 
-    result = magmpm.run("scene.yaml")              # or a Scene: magmpm.load_scene("scene.yaml").with_field("8 mT")
-    print(result, result.tip)                      # everything in SI; names in __all__ are loaded when they are first used
+result = magmpm.run("scene.yaml")              # or a Scene: magmpm.load_scene("scene.yaml").with_field("8 mT")
+print(result, result.tip)                      # everything in SI; names in __all__ are loaded when they are first used
 """
 
 from importlib import import_module
@@ -11,7 +11,14 @@ from magmpm.compiled import environment
 
 if TYPE_CHECKING:
     from magmpm.compare import error
-    from magmpm.errors import BudgetError, InputError, MagmpmError, NotThereYet, SceneError, SolveError
+    from magmpm.errors import (
+        BudgetError,
+        InputError,
+        MagmpmError,
+        NotThereYet,
+        SceneError,
+        SolveError,
+    )
     from magmpm.results.notices import MagmpmWarning
     from magmpm.results.result import Result
     from magmpm.results.trajectory import Motion
@@ -21,11 +28,37 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 __all__ = [
-    "BudgetError", "InputError", "MagmpmError", "MagmpmWarning", "Motion", "NotThereYet", "Result", "Scene", "SceneError", "SolveError",
-    "design", "error", "fit", "influence", "load_scene", "run", "sensitivities"]  # fmt: skip
-_HOMES = {"Motion": "results.trajectory", "Result": "results.result", "run": "simulate", "sensitivities": "simulate", "Scene": "scene"}
+    "BudgetError",
+    "InputError",
+    "MagmpmError",
+    "MagmpmWarning",
+    "Motion",
+    "NotThereYet",
+    "Result",
+    "Scene",
+    "SceneError",
+    "SolveError",
+    "design",
+    "error",
+    "fit",
+    "influence",
+    "load_scene",
+    "run",
+    "sensitivities",
+]
+_HOMES = {
+    "Motion": "results.trajectory",
+    "Result": "results.result",
+    "run": "simulate",
+    "sensitivities": "simulate",
+    "Scene": "scene",
+}
 _HOMES |= {"MagmpmWarning": "results.notices"}
-_HOMES |= {"error": "compare", "load_scene": "scene", **dict.fromkeys(("design", "fit", "influence"), "studies.in_python")}
+_HOMES |= {
+    "error": "compare",
+    "load_scene": "scene",
+    **dict.fromkeys(("design", "fit", "influence"), "studies.in_python"),
+}
 environment.prepare()  # before anything imports Numba
 
 

@@ -24,10 +24,14 @@ def distance(one: Result | Motion, other: Result | Motion, *, of: str = "centrel
     """
     first, second = frames_of(one), frames_of(other)
     if isinstance(one, Result) or isinstance(other, Result):
-        first, second = (Frames([0.0], frames.points[-1:], frames.tips[-1:]) for frames in (first, second))
+        first, second = (
+            Frames([0.0], frames.points[-1:], frames.tips[-1:]) for frames in (first, second)
+        )
     distances = first.distances(second, of)
     if not distances:
-        raise ValueError("the two runs have no frame of the same time: give them the same duration and output_every, or steps")
+        raise ValueError(
+            "the two runs have no frame of the same time: give them the same duration and output_every, or steps"
+        )
     return max(distances.values())
 
 
@@ -55,7 +59,11 @@ def error(scene: Scene | Path | str) -> GridError:
     by_user = notices.called_by_user()
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
     grids = grids_of(scene)
-    choice = choose_grid(grids)[0] if scene.resolution.requested else error_of_grid(grids, scene.resolution.cells_across)
+    choice = (
+        choose_grid(grids)[0]
+        if scene.resolution.requested
+        else error_of_grid(grids, scene.resolution.cells_across)
+    )
     if by_user:
         notices.warn(choice.report.get("warnings", []), scene.hash())
     return GridError(choice.error, choice.report)

@@ -71,8 +71,12 @@ class InputError(MagmpmError):
 
     exit_status = 2
 
-    def __init__(self, place: str, *, rule: str = "", remedy: str = "", received: str | None = None) -> None:
-        super().__init__(report(place, rule=rule, remedy=remedy, received=received) if rule else place)
+    def __init__(
+        self, place: str, *, rule: str = "", remedy: str = "", received: str | None = None
+    ) -> None:
+        super().__init__(
+            report(place, rule=rule, remedy=remedy, received=received) if rule else place
+        )
 
 
 class NotThereYet(InputError):
@@ -87,16 +91,34 @@ class SceneError(InputError):
     inputs.yaml_document.placed adds file and line, and shows the value as the file has it.
     """
 
-    def __init__(self, key: str, *, rule: str, remedy: str, received: str | None = None, found: str | None = None) -> None:
+    def __init__(
+        self,
+        key: str,
+        *,
+        rule: str,
+        remedy: str,
+        received: str | None = None,
+        found: str | None = None,
+    ) -> None:
         super().__init__(self.text(key, received, found, rule, remedy))
-        self.key, self.received, self.found, self.rule, self.remedy = key, received, found, rule, remedy
+        self.key, self.received, self.found, self.rule, self.remedy = (
+            key,
+            received,
+            found,
+            rule,
+            remedy,
+        )
 
     @staticmethod
     def text(place: str, received: str | None, found: str | None, rule: str, remedy: str) -> str:
         """The message. place: the key, with file and line if known; received, found, rule and remedy: as of the class."""
         if found is None:
             return report(place, received=received, rule=rule, remedy=remedy)
-        return report(f"{place}: {found}" if received is None else f"{place}: received {received}; {found}", rule=rule, remedy=remedy)
+        return report(
+            f"{place}: {found}" if received is None else f"{place}: received {received}; {found}",
+            rule=rule,
+            remedy=remedy,
+        )
 
 
 class RenderError(MagmpmError):
@@ -173,7 +195,9 @@ def in_mm(place: Iterable[float], digits: str = ".3g") -> str:
 def lengths(values: Iterable[float]) -> str:
     """Lengths (m) in one unit with three decimals: "(38.670, 0.000, 10.366) mm"; small ones in µm, nm or pm."""
     largest = max((abs(float(value)) for value in values if math.isfinite(value)), default=0.0)
-    size, unit = next((u for u in LENGTHS if largest >= u[0]), LENGTHS[-1] if largest > 0 else LENGTHS[0])
+    size, unit = next(
+        (u for u in LENGTHS if largest >= u[0]), LENGTHS[-1] if largest > 0 else LENGTHS[0]
+    )
     return f"({', '.join(fixed(float(value) / size, 3) for value in values)}) {unit}"
 
 

@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 
 from magmpm.bodies.body_shape import BodyShape, Discretization, Line
 from magmpm.bodies.contact_surface import ContactSurface, layer_mass, particle_of, well_filled
-from magmpm.bodies.grid import ClampPlane, Grid, clamp_first_node, clamp_last_node, clamp_low_node, spread
+from magmpm.bodies.grid import (
+    ClampPlane,
+    Grid,
+    clamp_first_node,
+    clamp_last_node,
+    clamp_low_node,
+    spread,
+)
 from magmpm.bodies.polar_grid import PolarGrid
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array
@@ -26,10 +33,14 @@ from magmpm.errors import SceneError
 from magmpm.scene import Scene
 from magmpm.scene.coarsest import knots_of
 
-Driven = tuple[tuple[str, NDArray[np.bool_]], ...]  # by what moves them: which of the grid's nodes follow, in the grid's shape
+Driven = tuple[
+    tuple[str, NDArray[np.bool_]], ...
+]  # by what moves them: which of the grid's nodes follow, in the grid's shape
 
 
-def driven_nodes(shape: BodyShape, made: Discretization, moves: Collection[str]) -> tuple[tuple[ClampPlane, ...], Driven]:
+def driven_nodes(
+    shape: BodyShape, made: Discretization, moves: Collection[str]
+) -> tuple[tuple[ClampPlane, ...], Driven]:
     """The planes on which a body is held, those that move marked, and the nodes that follow what is moved: base, tip or parts by name.
 
     Raises SceneError where parts that move apart hold at one face, or at the same nodes.
@@ -44,7 +55,9 @@ def driven_nodes(shape: BodyShape, made: Discretization, moves: Collection[str])
                 on[name][_layer(grid, plane)] = True
         return tuple(plane for plane, _ in ends), tuple(on.items())
     regions = shape.regions()
-    names = np.array([region.name if region.held else "" for region in regions])[made.particles.segment]
+    names = np.array([region.name if region.held else "" for region in regions])[
+        made.particles.segment
+    ]
     planes = []
     for plane in made.planes:
         behind = cell[:, plane.axis] == plane.cell + (-1 if plane.lower else 1)
@@ -54,7 +67,9 @@ def driven_nodes(shape: BodyShape, made: Discretization, moves: Collection[str])
             on[holding.pop()][_layer(grid, plane)] = True
             plane = replace(plane, moved=True)
         planes.append(plane)
-    seen = np.array([[1, 1, 1]]) if planes else np.array(list(np.ndindex(3, 3, 3)))  # by a held particle: see Model.splines_at
+    seen = (
+        np.array([[1, 1, 1]]) if planes else np.array(list(np.ndindex(3, 3, 3)))
+    )  # by a held particle: see Model.splines_at
     held = {name: np.zeros(grid.nodes, bool) for name in set(names) - {""}}
     for name, mask in held.items():
         for shift in seen:
@@ -71,7 +86,10 @@ def driven_nodes(shape: BodyShape, made: Discretization, moves: Collection[str])
 def _layer(grid: Grid, plane: ClampPlane) -> tuple[slice | int, ...]:
     """Index of the nodes that have the displacement of a plane that moves."""
     first = int(grid.along.node[plane.cell]) if plane.axis == 0 else plane.cell
-    return tuple(first + (0 if plane.lower else 2) if axis == plane.axis else slice(None) for axis in range(3))
+    return tuple(
+        first + (0 if plane.lower else 2) if axis == plane.axis else slice(None)
+        for axis in range(3)
+    )
 
 
 def _one(holding: set[str]) -> None:
@@ -101,9 +119,13 @@ class Model:
     section: dict[str, float]  # relative errors of area and second moment
     held: NDArray[np.bool_]  # (n,) particles of parts that can't move
     clamped_face: bool  # the grid's lower x face stays at rest: node 0 along x is eliminated (bodies.grid.clamp_first_node)
-    plane_strain: bool  # one cell along y, whose middle node carries all: nothing varies along y, and u_y = 0
+    plane_strain: (
+        bool  # one cell along y, whose middle node carries all: nothing varies along y, and u_y = 0
+    )
     line: Line | None  # the undeformed axis of a straight body
-    planes: tuple[ClampPlane, ...]  # the grid's faces on which held parts, a far end's clamp, or one that moves, hold the rest
+    planes: tuple[
+        ClampPlane, ...
+    ]  # the grid's faces on which held parts, a far end's clamp, or one that moves, hold the rest
     driven: Driven  # nodes that follow what is moved
     time: float | None = None  # s, of the schedule of an equilibrium's field; None: its end
 
@@ -138,13 +160,19 @@ class Model:
         """Values and slopes (1/m) of each particle's three splines along each axis, (n, 3, 3): axis, node. Not kept: solvers sort them."""
         return self.splines_at(self.particles.position, self.particles.cell, self.held)
 
-    def splines_at(self, points: Array, cell: NDArray[np.int64], held: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def splines_at(
+        self, points: Array, cell: NDArray[np.int64], held: NDArray[np.bool_]
+    ) -> tuple[Array, Array]:
         """The same for any points (n, 3) m in cells (n, 3), some held (n,). Clamps are built into them."""
         weights, slopes = self.grid.splines(points, cell)
         if self.clamped_face:
             first = cell[:, 0] == 0
-            weights[first, 0], slopes[first, 0] = clamp_first_node(weights[first, 0], slopes[first, 0])
-        if self.plane_strain:  # the middle node of the one cell across stands for all: nothing varies along y
+            weights[first, 0], slopes[first, 0] = clamp_first_node(
+                weights[first, 0], slopes[first, 0]
+            )
+        if (
+            self.plane_strain
+        ):  # the middle node of the one cell across stands for all: nothing varies along y
             weights[:, 1], slopes[:, 1] = np.array([0.0, 1.0, 0.0]), 0.0
         for plane in self.planes:
             row = (cell[:, plane.axis] == plane.cell) & ~held
@@ -187,10 +215,14 @@ class Model:
     @property
     def driven_in_motion(self) -> Driven:
         """The nodes in motion (nodes,) that follow what is moved, by its name."""
-        names = np.array([region.name if region.held else "" for region in self.scene.regions()])[self.particles.segment]
+        names = np.array([region.name if region.held else "" for region in self.scene.regions()])[
+            self.particles.segment
+        ]
         found = []
         for name, nodes in self.driven:
-            on = np.isin(np.arange(int(self.component.max()) + 1), self.component[names == name]) | (self.line is not None)
+            on = np.isin(
+                np.arange(int(self.component.max()) + 1), self.component[names == name]
+            ) | (self.line is not None)
             found.append((name, (on[:, None, None, None] & nodes).ravel()))
         return tuple(found)
 
@@ -206,16 +238,30 @@ class Model:
         if not (touches or has_hook("contact", self.effects)):
             return None
         shape = self.scene.body.shape
-        points = shape.surface(self.grid, base=not self.clamped_face and "base" not in dict(self.driven))
-        particle = particle_of(points, self.grid, self.particles, shape.part_of(self.particles), self.well_filled)
+        points = shape.surface(
+            self.grid, base=not self.clamped_face and "base" not in dict(self.driven)
+        )
+        particle = particle_of(
+            points, self.grid, self.particles, shape.part_of(self.particles), self.well_filled
+        )
         held = self.held[particle]
         place, area, on = points.position[~held], points.area[~held], particle[~held]
-        (weights, _), first = self.splines_at(place, self.particles.cell[on], np.zeros(len(on), bool)), self.first_in_motion(on)
+        (weights, _), first = (
+            self.splines_at(place, self.particles.cell[on], np.zeros(len(on), bool)),
+            self.first_in_motion(on),
+        )
         own = self.density * self.particles.volume
-        mass = layer_mass(area, first, weights, spread(own, self.first_in_motion(slice(None)), self.nodes_in_motion, self.splines()[0]),
-                          self.nodes_in_motion)
+        mass = layer_mass(
+            area,
+            first,
+            weights,
+            spread(own, self.first_in_motion(slice(None)), self.nodes_in_motion, self.splines()[0]),
+            self.nodes_in_motion,
+        )
         grip = grips(self.scene)[self.particles.segment[on]]
-        return ContactSurface(place, first, weights, mass, on, (points.position[held], particle[held]), grip)
+        return ContactSurface(
+            place, first, weights, mass, on, (points.position[held], particle[held]), grip
+        )
 
     def steepness(self) -> Array:
         """Sums (n, 3) 1/m^2 of slope^2 / weight over the nodes that a particle sees along each axis: how fast it may be strained."""
@@ -245,10 +291,16 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
             rule="here the effects must be named: they are chosen by `magmpm run` and magmpm.run (solving.effects_choice) alone",
             remedy="name those that `magmpm run` tells it has chosen",
         )
-    made = made or shape.discretize(resolution.cells_across, resolution.particles_per_cell, knots_of(scene))
-    made.grid.locate(made.particles.position, made.particles.cell)  # each in its cell: kernels do not look
+    made = made or shape.discretize(
+        resolution.cells_across, resolution.particles_per_cell, knots_of(scene)
+    )
+    made.grid.locate(
+        made.particles.position, made.particles.cell
+    )  # each in its cell: kernels do not look
     if scene.effects.in_a_field:
-        scene.outside_field().check_at_rest(made.particles.position, moving=not scene.static, time=time)
+        scene.outside_field().check_at_rest(
+            made.particles.position, moving=not scene.static, time=time
+        )
     named = effects.collect(scene, times=None if time is None else np.array([time]))
     model = _filled(scene, shape, made, named, time)
     effects.check(model)
@@ -261,11 +313,19 @@ def reshaped(model: Model, shape: BodyShape, made: Discretization | None = None)
     made: its grid and particles; unless given, on as many cells, for a body of nearly the same shape.
     """
     at = model.scene.resolution
-    made = made or shape.discretize(at.cells_across, at.particles_per_cell, replace(knots_of(model.scene), like=model.grid))
+    made = made or shape.discretize(
+        at.cells_across, at.particles_per_cell, replace(knots_of(model.scene), like=model.grid)
+    )
     return _filled(model.scene, shape, made, model.effects, model.time)
 
 
-def _filled(scene: Scene, shape: BodyShape, made: Discretization, named: tuple[NDArray[Any], ...], time: float | None) -> Model:
+def _filled(
+    scene: Scene,
+    shape: BodyShape,
+    made: Discretization,
+    named: tuple[NDArray[Any], ...],
+    time: float | None,
+) -> Model:
     """The model of a scene's materials and these effects in the shape's grid and particles."""
     particles, of = made.particles, made.particles.segment
     regions = shape.regions()
@@ -281,13 +341,17 @@ def _filled(scene: Scene, shape: BodyShape, made: Discretization, named: tuple[N
         particles=particles,
         shear=shear[of],
         bulk=(shear * ratio)[of],
-        remanence=effects.marked(scene, particles, remanence[of, None] * shape.magnetization(particles)),
+        remanence=effects.marked(
+            scene, particles, remanence[of, None] * shape.magnetization(particles)
+        ),
         density=np.array([material.density or 0.0 for material in materials])[of],
         effects=named,
         modes=volume_modes(made.grid, particles, ratio[of]) if averaged else np.zeros((len(of), 0)),
         section=made.errors,
         held=np.array([region.held for region in regions])[of],
-        clamped_face=shape.clamp in {"base", "both"} and scene.effects.feed is None and "base" not in dict(driven),  # a guide holds: feed
+        clamped_face=shape.clamp in {"base", "both"}
+        and scene.effects.feed is None
+        and "base" not in dict(driven),  # a guide holds: feed
         plane_strain=shape.in_plane_strain,
         line=shape.line,
         planes=planes,
@@ -296,7 +360,9 @@ def _filled(scene: Scene, shape: BodyShape, made: Discretization, named: tuple[N
     )
 
 
-LINEAR_STIFFNESS = 5.0  # of G: the most that the linear modes of the volume part carry, see volume_modes
+LINEAR_STIFFNESS = (
+    5.0  # of G: the most that the linear modes of the volume part carry, see volume_modes
+)
 
 
 def volume_modes(grid: Grid, particles: Particles, ratio: Array) -> Array:

@@ -24,7 +24,15 @@ from magmpm.solving.effects_choice import choose_effects
 from magmpm.solving.effects_choice import missed_effects as missed_effects
 from magmpm.solving.precompile import DERIVATIVES, SOLVE, prepare_kernels
 from magmpm.solving.several_grids import Runs, choose_grid, grids_of
-from magmpm.solving.solve import Progress, at_rest, end_of_path, finite, result_of, solve, with_state
+from magmpm.solving.solve import (
+    Progress,
+    at_rest,
+    end_of_path,
+    finite,
+    result_of,
+    solve,
+    with_state,
+)
 from magmpm.statics.equilibrium import Equilibrium, Following, one_blas_thread
 from magmpm.statics.grids import Equilibria
 from magmpm.statics.linearized import Linearized, Sensitivities
@@ -65,18 +73,28 @@ def run(
     with nullcontext() if isinstance(scene, Scene) else of_file(scene):
         whole = scene if isinstance(scene, Scene) else load_scene(scene)
         if start is not None and not isinstance(start, Result | RodShape):
-            raise TypeError(f"start: received {start!r}; must be a Result, as run(scene) returns it, a RodShape, or None")
+            raise TypeError(
+                f"start: received {start!r}; must be a Result, as run(scene) returns it, a RodShape, or None"
+            )
         if resume and folder is None:
-            raise ValueError("resume: received True without a folder; give the folder that holds the motion and its checkpoint")
-        saved = partial(_saved_run, whole, start=start, folder=folder, resume=resume, on_begin=on_begin)
+            raise ValueError(
+                "resume: received True without a folder; give the folder that holds the motion and its checkpoint"
+            )
+        saved = partial(
+            _saved_run, whole, start=start, folder=folder, resume=resume, on_begin=on_begin
+        )
         if not by_user:
             return saved(on_progress=on_progress)
         return _told_run(whole, saved, on_progress, progress)
 
 
-def _told_run(scene: Scene, saved: Callable[..., Result], on_progress: Progress | None, progress: bool | None) -> Result:
+def _told_run(
+    scene: Scene, saved: Callable[..., Result], on_progress: Progress | None, progress: bool | None
+) -> Result:
     """The result of `saved(on_progress=...)`, with a bar for what runs along time, lines in the log, and its warnings."""
-    with notices.Watched(scene.name, scene.duration if scene.in_time else None, "s", progress) as watched:
+    with notices.Watched(
+        scene.name, scene.duration if scene.in_time else None, "s", progress
+    ) as watched:
         try:
             result = saved(on_progress=watched.also(on_progress) if scene.in_time else on_progress)
         except SolveError as error:
@@ -113,7 +131,14 @@ def _saved_run(
 
     with folder_lock(folder):
         try:
-            result = simulated(scene, start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=begin)
+            result = simulated(
+                scene,
+                start=start,
+                folder=folder,
+                resume=resume,
+                on_progress=on_progress,
+                on_begin=begin,
+            )
         except SolveError as error:
             if scene.in_time and error.state is not None:
                 _save_last(error, folder, begun)
@@ -128,7 +153,9 @@ def _save_last(error: SolveError, folder: Path | str, begun: bool) -> None:
     """Save the last good state of what runs along time; begun: whether its frames are there already. A motion that waits there stays."""
     if not begun and (Path(folder) / CHECKPOINT).exists() and not (Path(folder) / NUMBERS).exists():
         return
-    if not begun or error.state.load_share < 1.0:  # no equilibrium of it was written: it takes the place of what was there
+    if (
+        not begun or error.state.load_share < 1.0
+    ):  # no equilibrium of it was written: it takes the place of what was there
         forget_motion(folder)
     try:
         error.state.save(folder)
@@ -147,18 +174,41 @@ def simulated(
     advise: bool = False,
 ) -> Result:
     """Run as `run` does, for callers that save the result: folder takes frames and checkpoints, nothing else. advise: as of `solve`."""
-    on_grid = partial(solve, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin, advise=advise)
+    on_grid = partial(
+        solve,
+        folder=folder,
+        resume=resume,
+        on_progress=on_progress,
+        on_begin=on_begin,
+        advise=advise,
+    )
     if scene.effects.auto:
         choice = choose_effects(scene)
-        found = simulated(choice.scene, start=start, folder=folder, resume=resume, on_progress=on_progress, on_begin=on_begin)
+        found = simulated(
+            choice.scene,
+            start=start,
+            folder=folder,
+            resume=resume,
+            on_progress=on_progress,
+            on_begin=on_begin,
+        )
         return replace(found, effects_chosen=choice.reasons)
     if scene.resolution.requested:
-        return _resolved(scene, start, on_progress, on_grid if folder is not None and scene.in_time else None, advise)[0]
+        return _resolved(
+            scene,
+            start,
+            on_progress,
+            on_grid if folder is not None and scene.in_time else None,
+            advise,
+        )[0]
     return on_grid(scene, start=start)
 
 
 def sensitivities(
-    scene: Scene | Path | str, of: Sequence[str] | None = None, *, start: Result | RodShape | Following | None = None
+    scene: Scene | Path | str,
+    of: Sequence[str] | None = None,
+    *,
+    start: Result | RodShape | Following | None = None,
 ) -> Sensitivities:
     """Solve a scene for its equilibrium, and find how the shape answers to numbers of the scene: exact first derivatives.
 
@@ -185,10 +235,14 @@ def sensitivities(
     return found
 
 
-def _differentiated(scene: Scene, of: Sequence[str] | None, start: Result | RodShape | Following | None) -> Sensitivities:
+def _differentiated(
+    scene: Scene, of: Sequence[str] | None, start: Result | RodShape | Following | None
+) -> Sensitivities:
     """The sensitivities themselves."""
     if start is not None and not isinstance(start, Result | RodShape | Following):
-        raise TypeError(f"start: received {start!r}; must be a Result, as run(scene) returns it, a RodShape, or None")
+        raise TypeError(
+            f"start: received {start!r}; must be a Result, as run(scene) returns it, a RodShape, or None"
+        )
     check_differentiable(scene)
     if scene.effects.auto:
         choice = choose_effects(scene)
@@ -198,7 +252,9 @@ def _differentiated(scene: Scene, of: Sequence[str] | None, start: Result | RodS
     if scene.resolution.requested:
         prepare_kernels(scene.with_cells(coarsest_cells(scene)), uses=(DERIVATIVES,))
         result, found = _resolved(scene, start, None)
-        if found is None:  # whole runs have chosen the grid, and left no equilibrium: of a path, or of parts
+        if (
+            found is None
+        ):  # whole runs have chosen the grid, and left no equilibrium: of a path, or of parts
             assert result.resolution is not None  # _resolved
             _, found = _equilibrium(scene.with_cells(result.resolution["cells_across"]), None)
     else:
@@ -213,34 +269,55 @@ def _equilibrium(
     if not scene.in_time:
         return at_rest(scene, start, None, (SOLVE, DERIVATIVES))
     if start is not None:
-        raise ValueError("start: received one for a scene that moves, which begins undeformed; leave it out")
+        raise ValueError(
+            "start: received one for a scene that moves, which begins undeformed; leave it out"
+        )
     prepare_kernels(scene, uses=(SOLVE, DERIVATIVES))
     return end_of_path(scene)
 
 
 def _resolved(
-    scene: Scene, start: object, on_progress: Progress | None, into_folder: Callable[[Scene], Result] | None = None, advise: bool = False
+    scene: Scene,
+    start: object,
+    on_progress: Progress | None,
+    into_folder: Callable[[Scene], Result] | None = None,
+    advise: bool = False,
 ) -> tuple[Result, Equilibrium | None]:
     """The answer on the grid that is chosen for the error or the time that a scene requests; of a straight body at rest as the solver found
     it, too. into_folder: runs the scene on that grid once more, and writes its frames; nothing is written before the grid is chosen.
     """
     if start is not None:
-        raise ValueError("start: received one for a scene that asks for an error, whose grids are chosen in turn; give it cells_across")
+        raise ValueError(
+            "start: received one for a scene that asks for an error, whose grids are chosen in turn; give it cells_across"
+        )
     begun, grids = time.perf_counter(), grids_of(scene)
 
     def second_run(cells: int) -> float:
-        return 0.0 if into_folder is None else grids.solved[cells].seconds if cells in grids.solved else grids.takes(cells, proof=False)
+        return (
+            0.0
+            if into_folder is None
+            else grids.solved[cells].seconds
+            if cells in grids.solved
+            else grids.takes(cells, proof=False)
+        )
 
     try:
         with remedies.named(scene):
             choice, compiled = choose_grid(grids, on_progress, second_run)
     except SolveError as error:
         if isinstance(grids, Equilibria):
-            raise with_state(error, {"setup": 0.0, "compile": 0.0, "solve": time.perf_counter() - begun}) from None
+            raise with_state(
+                error, {"setup": 0.0, "compile": 0.0, "solve": time.perf_counter() - begun}
+            ) from None
         if isinstance(grids, Runs) and grids.results and error.state is None:
-            error.state = replace(next(iter(grids.results.values())), converged=False, failure=error.reason)
+            error.state = replace(
+                next(iter(grids.results.values())), converged=False, failure=error.reason
+            )
         raise
-    seconds, found = {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled}, None
+    seconds, found = (
+        {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled},
+        None,
+    )
     if isinstance(grids, Equilibria):
         found = grids.found[choice.cells]
         assert found.energy is not None
@@ -250,9 +327,24 @@ def _resolved(
         result.warnings.extend(missed_loads(scene, found.energy, found.point) if advise else [])
     else:
         assert isinstance(grids, Runs)
-        result = grids.results[choice.cells] if into_folder is None else into_folder(grids.on(choice.cells))
-        judging = seconds["solve"] - (grids.solved[choice.cells].seconds if into_folder is None else 0.0)
-        seconds = {**result.seconds, "setup": result.seconds["setup"] + judging, "compile": result.seconds["compile"] + compiled}
-    answer: dict[str, Any] = {"scene_hash": scene.hash(), "error_estimate": choice.error, "resolution": choice.report, "seconds": seconds}
+        result = (
+            grids.results[choice.cells]
+            if into_folder is None
+            else into_folder(grids.on(choice.cells))
+        )
+        judging = seconds["solve"] - (
+            grids.solved[choice.cells].seconds if into_folder is None else 0.0
+        )
+        seconds = {
+            **result.seconds,
+            "setup": result.seconds["setup"] + judging,
+            "compile": result.seconds["compile"] + compiled,
+        }
+    answer: dict[str, Any] = {
+        "scene_hash": scene.hash(),
+        "error_estimate": choice.error,
+        "resolution": choice.report,
+        "seconds": seconds,
+    }
     warnings = [*of_known_error(result.warnings), *choice.report.get("warnings", [])]
     return replace(result, warnings=warnings, **answer), found

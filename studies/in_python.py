@@ -45,13 +45,17 @@ def design(
     from magmpm.studies.search.definition import load_study
 
     if "out" in more:
-        raise TypeError("design() got an unexpected keyword argument 'out'; the folder of the results is `folder`, as of magmpm.run")
+        raise TypeError(
+            "design() got an unexpected keyword argument 'out'; the folder of the results is `folder`, as of magmpm.run"
+        )
     found = study if isinstance(study, Study) else load_study(study)
     out = Path("runs") / found.name if folder is None else folder
     of = f"study {found.name} in {out}"
     own = more.pop("on_trial", None)
     more.setdefault("on_advice", partial(notices.warn, of=of))
-    with notices.Watched(found.name, found.trials if trials is None else trials, "trials", progress) as watched:
+    with notices.Watched(
+        found.name, found.trials if trials is None else trials, "trials", progress
+    ) as watched:
 
         def tell(trial: Trial) -> None:
             best = "" if trial.best_rms_m is None else f"best {length(trial.best_rms_m)}"
@@ -60,7 +64,14 @@ def design(
                 own(trial)
 
         report = run_study(
-            found, solve=run, differentiate=sensitivities, out=out, on_trial=tell, trials=trials, sampler=sampler, **more
+            found,
+            solve=run,
+            differentiate=sensitivities,
+            out=out,
+            on_trial=tell,
+            trials=trials,
+            sampler=sampler,
+            **more,
         )
         watched.ended(report)
     notices.warn(report.warnings, of)
@@ -68,7 +79,11 @@ def design(
 
 
 def fit(
-    measured: Path | str | Sequence[Path | str], scene: SceneLike, *, progress: bool | None = None, **options: Any
+    measured: Path | str | Sequence[Path | str],
+    scene: SceneLike,
+    *,
+    progress: bool | None = None,
+    **options: Any,
 ) -> Fit:
     """Material constants that explain measurements best, with confidence intervals, as `magmpm fit` finds them.
 
@@ -84,7 +99,10 @@ def fit(
     whole = _scene(scene)
     tables = read_tables([measured] if isinstance(measured, (str, Path)) else list(measured), whole)
     own = options.pop("on_progress", None)
-    with _placed(scene), notices.Watched(f"fit of {whole.name}", None, "solves", progress) as watched:
+    with (
+        _placed(scene),
+        notices.Watched(f"fit of {whole.name}", None, "solves", progress) as watched,
+    ):
 
         def tell(text: str) -> None:
             watched.note(text)
@@ -106,7 +124,12 @@ def influence(scene: SceneLike, effect: str | None = None) -> Table | Row:
     """
     known = effects.Effects.every()
     if effect is not None and effect not in known:
-        raise InputError("effect", received=repr(effect), rule=f"must be one of {', '.join(known)}", remedy="leave it out for all")
+        raise InputError(
+            "effect",
+            received=repr(effect),
+            rule=f"must be one of {', '.join(known)}",
+            remedy="leave it out for all",
+        )
     with _placed(scene):
         table = survey(_scene(scene), measure=effect is None, only=effect)
     return table if effect is None else table.effects[0]

@@ -12,7 +12,9 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 # Tests write scenes in temporary folders that name shipped files, and others; test_allowed_paths.py is of the rule itself.
 os.environ["MAGMPM_ALLOW_OUTSIDE"] = os.sep
-os.environ["XDG_CONFIG_HOME"] = tempfile.mkdtemp(prefix="magmpm-tests-")  # `magmpm import` keeps folders there
+os.environ["XDG_CONFIG_HOME"] = tempfile.mkdtemp(
+    prefix="magmpm-tests-"
+)  # `magmpm import` keeps folders there
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
@@ -68,7 +70,11 @@ def told(capsys: pytest.CaptureFixture[str]) -> Callable[..., Any]:
         capsys.readouterr()
         assert main([str(word) for word in words]) == status
         printed = capsys.readouterr()
-        missing = [phrase for phrase in ((says,) if isinstance(says, str) else says) if phrase not in printed.err]
+        missing = [
+            phrase
+            for phrase in ((says,) if isinstance(says, str) else says)
+            if phrase not in printed.err
+        ]
         assert not missing, f"not said: {missing}\nin:\n{printed.err}"
         return printed
 

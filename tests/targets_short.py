@@ -14,15 +14,45 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 SECONDS = 1800.0  # that a target may take
 SHORT = {  # what `make TARGET` is given
-    "help": "", "setup": "", "schema": "", "lint": "", "lint-benchmarks": "", "design": "", "docs": "", "test-docs": "", "test-wheel": "",
-    "test-workers": "", "test-browser": "", "test-gp": "", "validate": "", "bench-startup": "", "bench-view": "", "release": "",
-    "bench": "QUICK=1", "bench-robust": "SAMPLES=2", "bench-sampler": "SAMPLER=gauss-newton SEEDS=1", "bench-fit": "FITS=2",
-    "bench-design": "QUICK=1 SAMPLERS=gauss-newton", "bench-bounds": "TARGETS=1", "bench-insertion": "QUICK=1 EACH=1",
-    "bench-advice": "SCENES='0 1'", "measured": "CASES=zhao", "bench-accuracy": "SCENES=1", "bench-convergence": "SCENES=1",
-    "claims": "QUICK=1 CLAIMS=asked", "bench-robots": "ROBOTS=1 QUICK=1",
-    "gallery": "SCENES=folding_strip", "stability": "QUICK=1", "faults": "KILLS=3", "fuzz": "INPUTS=100", "fuzz-coverage": "RUNS=200",
-    "bench-workers": "TRIALS=30", "tour": "PAGES=first_scene.md", "optunahub": "", "bench-least-squares": "SEEDS=1 SAMPLERS=gauss-newton",
-}  # fmt: skip
+    "help": "",
+    "setup": "",
+    "schema": "",
+    "lint": "",
+    "lint-benchmarks": "",
+    "design": "",
+    "docs": "",
+    "test-docs": "",
+    "test-wheel": "",
+    "test-workers": "",
+    "test-browser": "",
+    "test-gp": "",
+    "validate": "",
+    "bench-startup": "",
+    "bench-view": "",
+    "release": "",
+    "bench": "QUICK=1",
+    "bench-robust": "SAMPLES=2",
+    "bench-sampler": "SAMPLER=gauss-newton SEEDS=1",
+    "bench-fit": "FITS=2",
+    "bench-design": "QUICK=1 SAMPLERS=gauss-newton",
+    "bench-bounds": "TARGETS=1",
+    "bench-insertion": "QUICK=1 EACH=1",
+    "bench-advice": "SCENES='0 1'",
+    "measured": "CASES=zhao",
+    "bench-accuracy": "SCENES=1",
+    "bench-convergence": "SCENES=1",
+    "claims": "QUICK=1 CLAIMS=asked",
+    "bench-robots": "ROBOTS=1 QUICK=1",
+    "gallery": "SCENES=folding_strip",
+    "stability": "QUICK=1",
+    "faults": "KILLS=3",
+    "fuzz": "INPUTS=100",
+    "fuzz-coverage": "RUNS=200",
+    "bench-workers": "TRIALS=30",
+    "tour": "PAGES=first_scene.md",
+    "optunahub": "",
+    "bench-least-squares": "SEEDS=1 SAMPLERS=gauss-newton",
+}
 ELSEWHERE = {
     "test": "its tests are among those of test-long",
     "test-long": "pytest itself, run beside this",
@@ -30,13 +60,24 @@ ELSEWHERE = {
     "clean": "removes the environment that this runs in",
     "targets-short": "this",
 }
-NEEDS = {"test-browser": "chromium", "bench-view": "chromium", "test-workers": "initdb", "test-gp": "torch"}
-FROM = {"chromium": "apt-get install chromium", "initdb": "apt-get install postgresql", "torch": "2 GB: make test-gp"}
+NEEDS = {
+    "test-browser": "chromium",
+    "bench-view": "chromium",
+    "test-workers": "initdb",
+    "test-gp": "torch",
+}
+FROM = {
+    "chromium": "apt-get install chromium",
+    "initdb": "apt-get install postgresql",
+    "torch": "2 GB: make test-gp",
+}
 
 
 def targets() -> set[str]:
     """Targets that the Makefile declares phony: all that a user may ask for."""
-    lines = re.findall(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    lines = re.findall(
+        r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE
+    )
     return {name for line in lines for name in line.split()}
 
 
@@ -45,8 +86,12 @@ def lacks(need: str | None) -> bool:
     if need == "torch":
         return not (ROOT / ".venv-gp/.ready").exists()
     if need == "initdb":
-        return shutil.which(need) is None and not list(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
-    return need == "chromium" and not any(map(shutil.which, ("chromium", "chromium-browser", "google-chrome")))
+        return shutil.which(need) is None and not list(
+            Path("/usr/lib/postgresql").glob("*/bin/initdb")
+        )
+    return need == "chromium" and not any(
+        map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
+    )
 
 
 def run(name: str, logs: Path) -> str:
@@ -55,7 +100,14 @@ def run(name: str, logs: Path) -> str:
         return f"not run: needs {need} ({FROM[str(need)]})"
     with (logs / f"{name}.log").open("w") as log:
         try:
-            done = subprocess.run(f"make {name} {SHORT[name]}", shell=True, cwd=ROOT, stdout=log, stderr=log, timeout=SECONDS)
+            done = subprocess.run(
+                f"make {name} {SHORT[name]}",
+                shell=True,
+                cwd=ROOT,
+                stdout=log,
+                stderr=log,
+                timeout=SECONDS,
+            )
         except subprocess.TimeoutExpired:
             return f"FAILED: not done after {SECONDS:g} s"
     return "done" if done.returncode == 0 else f"FAILED: status {done.returncode}, see {log.name}"
@@ -69,7 +121,9 @@ def main(names: list[str]) -> int:
         begun = time.monotonic()
         outcome = run(name, logs)
         failed += outcome.startswith("FAILED")
-        print(f"{name:<20}{SHORT[name]:<32}{time.monotonic() - begun:6.0f} s  {outcome}", flush=True)
+        print(
+            f"{name:<20}{SHORT[name]:<32}{time.monotonic() - begun:6.0f} s  {outcome}", flush=True
+        )
     return int(failed > 0)
 
 

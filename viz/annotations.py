@@ -26,7 +26,10 @@ _OVERSAMPLING = 4
 
 # In units of half their panel's height.
 AXIS_LENGTH, LABEL_GAP, FIELD_LENGTH = 0.62, 0.17, 1.7
-LONGEST_TITLE, LONGEST_MARKED = 46, 28  # letters that fit next to the caption, and next to a mark, on a page of 4:3
+LONGEST_TITLE, LONGEST_MARKED = (
+    46,
+    28,
+)  # letters that fit next to the caption, and next to a mark, on a page of 4:3
 ROWS, MOST_ROWS = 3, 4  # of a legend
 
 
@@ -70,7 +73,11 @@ def field_text(snapshot: Snapshot) -> str:
     strength = float(np.linalg.norm(snapshot.field))
     if strength == 0.0:
         return "|B| = 0" if snapshot.history is not None and np.any(snapshot.history.values) else ""
-    return f"|B| = {strength * 1e3:.1f} mT" if 1e-3 <= strength < 1.0 else f"|B| = {readable.quantity(strength, 'T')}"
+    return (
+        f"|B| = {strength * 1e3:.1f} mT"
+        if 1e-3 <= strength < 1.0
+        else f"|B| = {readable.quantity(strength, 'T')}"
+    )
 
 
 def varies(snapshot: Snapshot) -> bool:
@@ -81,7 +88,12 @@ def varies(snapshot: Snapshot) -> bool:
     return bool(np.ptp(values, axis=0).max() > 1e-3 * np.abs(values).max())
 
 
-def signs(snapshots: Sequence[Snapshot], seen: Sequence[tuple[View, float]] = (), *, touching: bool = False) -> list[Sign]:
+def signs(
+    snapshots: Sequence[Snapshot],
+    seen: Sequence[tuple[View, float]] = (),
+    *,
+    touching: bool = False,
+) -> list[Sign]:
     """Signs to explain in the legend: only what is drawn in one of these snapshots.
 
     seen: the views they are drawn in, with each panel's aspect: only obstacles that are in one of them count. touching: contact counts
@@ -93,23 +105,39 @@ def signs(snapshots: Sequence[Snapshot], seen: Sequence[tuple[View, float]] = ()
     pushed = touching or any(len(s.pushes) for s in snapshots)
     known = [
         ((first.magnetized & ~held).any(), Sign("swatch", style.SEGMENTS[:used], "magnetic")),
-        (not (first.magnetized | held).all(), Sign("swatch", (style.UNMAGNETIZED,), "unmagnetized")),
+        (
+            not (first.magnetized | held).all(),
+            Sign("swatch", (style.UNMAGNETIZED,), "unmagnetized"),
+        ),
         (held.any(), Sign("swatch", (style.HELD,), "held")),
-        (any(len(s.arrows) for s in snapshots), Sign("arrow", (style.MAGNETIZATION,), "magnetization")),
+        (
+            any(len(s.arrows) for s in snapshots),
+            Sign("arrow", (style.MAGNETIZATION,), "magnetization"),
+        ),
         (any(len(s.fields) for s in snapshots), Sign("arrow", (style.FIELD,), "field")),
         (any(len(s.axis) > 1 for s in snapshots), Sign("line", (style.INK,), "axis")),
         (first.target is not None, Sign("dot", (style.TARGET,), first.target_name)),
         (first.ground is not None, Sign("swatch", (style.GROUND_SHADOW,), "ground")),
         (pushed, Sign("arrow", (style.CONTACT,), "contact force")),
-        (not pushed and any(len(s.contact) for s in snapshots), Sign("dot", (style.CONTACT,), "contact")),
+        (
+            not pushed and any(len(s.contact) for s in snapshots),
+            Sign("dot", (style.CONTACT,), "contact"),
+        ),
     ]
     entries = [sign for is_drawn, sign in known if is_drawn]
-    obstacles = [o for s in snapshots for o in s.obstacles if not seen or any(in_view(o, *view) for view in seen)]
+    obstacles = [
+        o
+        for s in snapshots
+        for o in s.obstacles
+        if not seen or any(in_view(o, *view) for view in seen)
+    ]
     colors = {o.name: o.color for o in obstacles if o.name}
     # What may come into the picture comes last, and moves no other entry.
     for name in sorted(colors, key=lambda name: (name.endswith(style.POLES), name == "clamp")):
         poles = (style.NORTH, style.SOUTH)
-        entries.append(Sign("swatch", poles if name.endswith(style.POLES) else (colors[name],), name))
+        entries.append(
+            Sign("swatch", poles if name.endswith(style.POLES) else (colors[name],), name)
+        )
     return entries
 
 
@@ -133,28 +161,62 @@ def written(image: np.ndarray, snapshot: Snapshot, views: Views, layout: Layout)
     title = snapshot.title if len(snapshot.title) <= most else snapshot.title[: most - 1] + "…"
     page.text(title, 0.02, layout.title_y, style.TEXT_LARGE)
     color = style.ALARM if alarming else style.INK
-    page.text(snapshot.caption(), 0.985, layout.title_y, style.TEXT_LARGE, anchor="rm", bold=True, color=color)
+    page.text(
+        snapshot.caption(),
+        0.985,
+        layout.title_y,
+        style.TEXT_LARGE,
+        anchor="rm",
+        bold=True,
+        color=color,
+    )
     for inset in layout.insets:
         panel = inset.panel
         page.frame((*page.pixel(panel.left, panel.top), *page.pixel(panel.right, panel.bottom)))
-        page.text(inset.name, panel.left + 0.008, panel.top - 0.024, style.TEXT_SMALL, color=style.FAINT_INK)
+        page.text(
+            inset.name,
+            panel.left + 0.008,
+            panel.top - 0.024,
+            style.TEXT_SMALL,
+            color=style.FAINT_INK,
+        )
     for panel, view in zip(layout.compasses, views.mains):
         page.compass(snapshot, view, panel)
     for text, at in snapshot.notes:
-        ((x, y),) = layout.mains[0].place(views.mains[0].project(at[None]), layout.mains[0].aspect(page.aspect))
+        ((x, y),) = layout.mains[0].place(
+            views.mains[0].project(at[None]), layout.mains[0].aspect(page.aspect)
+        )
         half = 0.5 * page.length(text, style.TEXT_SMALL) + 0.005  # no text leaves the page
-        page.text(text, float(np.clip(x, half, 1.0 - half)), float(y), style.TEXT_SMALL, anchor="mm", color=style.FIELD)
+        page.text(
+            text,
+            float(np.clip(x, half, 1.0 - half)),
+            float(y),
+            style.TEXT_SMALL,
+            anchor="mm",
+            color=style.FIELD,
+        )
     page.text(field_text(snapshot), *layout.field_text, style.TEXT_MEDIUM, color=style.FIELD)
     aspects = [panel.aspect(page.aspect) for panel in layout.mains]
-    page.scale_bar(*layout.bar, bar_width(views.mains[0], layout.mains[0], aspects[0], snapshot.unit), snapshot.unit)
+    page.scale_bar(
+        *layout.bar,
+        bar_width(views.mains[0], layout.mains[0], aspects[0], snapshot.unit),
+        snapshot.unit,
+    )
     place = layout.legend
     if place is not None:
         found = legend(snapshot, list(zip(views.mains, aspects)))
         rows = max(ROWS, -(-len(found) // 2))
         step, top = (place.row, place.top) if rows == ROWS else (0.75 * place.row, place.top + 0.01)
         for i, sign in enumerate(found):
-            text = sign.text.removesuffix(f" {style.POLES}").split()[-1] if place.short else sign.text  # a swatch shows the poles
-            page.sign(Sign(sign.mark, sign.colors, text), place.left + (i // rows) * place.column, top - (i % rows) * step, place.gap)
+            text = (
+                sign.text.removesuffix(f" {style.POLES}").split()[-1] if place.short else sign.text
+            )  # a swatch shows the poles
+            page.sign(
+                Sign(sign.mark, sign.colors, text),
+                place.left + (i // rows) * place.column,
+                top - (i % rows) * step,
+                place.gap,
+            )
     if layout.curve is not None and varies(snapshot):
         page.curve(snapshot, layout.curve)
     return np.asarray(page.image)
@@ -177,24 +239,42 @@ class Page:
             # An arrow pointing at the viewer has no direction on the page: its label goes below it.
             away = flat / seen if seen > 0.1 else np.array([0.0, -1.0])
             ((x, y),) = panel.place((flat + LABEL_GAP * away)[None], panel.aspect(self.aspect))
-            self.text(words, float(x), float(y), style.TEXT_SMALL, anchor="mm", color=style.FAINT_INK)
+            self.text(
+                words, float(x), float(y), style.TEXT_SMALL, anchor="mm", color=style.FAINT_INK
+            )
 
     def frame(self, corners: tuple[float, float, float, float]) -> None:
         """A thin frame: left, top, right, bottom in pixels."""
         self.draw.rectangle(corners, outline=style.FRAME, width=max(round(0.0016 * self.height), 1))
 
-    def scale_bar(self, x: float, y: float, width: float, unit: float, size: float = style.TEXT_MEDIUM) -> None:
+    def scale_bar(
+        self, x: float, y: float, width: float, unit: float, size: float = style.TEXT_MEDIUM
+    ) -> None:
         """A scale bar about (x, y) that stands for a length (m); size: the text's height, and the bar's ends go with it."""
         grow = size / style.TEXT_MEDIUM
         thick = max(round(0.0025 * grow * self.height), 1)
         ends = x - width / 2, x + width / 2
         for mark in np.linspace(*ends, 6):
             tall = grow * (0.009 if mark in ends else 0.0045)
-            self.draw.line((*self.pixel(mark, y + tall), *self.pixel(mark, y - tall)), fill=style.INK, width=thick)
-        self.draw.line((*self.pixel(ends[0], y), *self.pixel(ends[1], y)), fill=style.INK, width=thick)
+            self.draw.line(
+                (*self.pixel(mark, y + tall), *self.pixel(mark, y - tall)),
+                fill=style.INK,
+                width=thick,
+            )
+        self.draw.line(
+            (*self.pixel(ends[0], y), *self.pixel(ends[1], y)), fill=style.INK, width=thick
+        )
         self.text(readable.length(unit), x, y - 0.036 * grow, size, anchor="mm")
 
-    def sign(self, sign: Sign, x: float, y: float, gap: float, size: float = style.TEXT_SMALL, text: float | None = None) -> None:
+    def sign(
+        self,
+        sign: Sign,
+        x: float,
+        y: float,
+        gap: float,
+        size: float = style.TEXT_SMALL,
+        text: float | None = None,
+    ) -> None:
         """A legend's mark centered at (x, y), and its text a gap to the right. size: the mark's height; text: the text's, if different."""
         edge = round(0.026 / style.TEXT_SMALL * size * self.height)
         big = edge * _OVERSAMPLING
@@ -204,7 +284,9 @@ class Page:
             draw.ellipse((0.15 * big, 0.15 * big, 0.85 * big, 0.85 * big), fill=color)
         elif sign.mark == "arrow":
             draw.line((0.0, 0.5 * big, 0.6 * big, 0.5 * big), fill=color, width=round(0.16 * big))
-            draw.polygon(((0.5 * big, 0.22 * big), (0.5 * big, 0.78 * big), (big, 0.5 * big)), fill=color)
+            draw.polygon(
+                ((0.5 * big, 0.22 * big), (0.5 * big, 0.78 * big), (big, 0.5 * big)), fill=color
+            )
         elif sign.mark == "line":
             draw.line((0.0, 0.5 * big, big, 0.5 * big), fill=color, width=round(0.08 * big))
         else:
@@ -212,14 +294,20 @@ class Page:
             for k, each in enumerate(sign.colors):
                 draw.rectangle((k * wide, 0.1 * big, (k + 1) * wide, 0.9 * big), fill=each)
         left, top = self.pixel(x, y)
-        self.image.paste(patch.resize((edge, edge), Image.Resampling.BOX), (round(left - edge / 2), round(top - edge / 2)))
+        self.image.paste(
+            patch.resize((edge, edge), Image.Resampling.BOX),
+            (round(left - edge / 2), round(top - edge / 2)),
+        )
         self.text(sign.text, x + gap, y, size if text is None else text)
 
     def curve(self, snapshot: Snapshot, panel: Panel) -> None:
         """The field's components over the motion, with a mark at now."""
         assert snapshot.history is not None
         times, values = snapshot.history.times, snapshot.history.values
-        width, height = round((panel.right - panel.left) * self.width), round((panel.top - panel.bottom) * self.height)
+        width, height = (
+            round((panel.right - panel.left) * self.width),
+            round((panel.top - panel.bottom) * self.height),
+        )
         big = _OVERSAMPLING * np.array([width, height])
         patch = Image.new("RGB", (int(big[0]), int(big[1])), "white")
         draw, line = ImageDraw.Draw(patch), max(round(0.0022 * _OVERSAMPLING * self.height), 1)
@@ -231,24 +319,67 @@ class Page:
             draw.line((float(jump), 0.0, float(jump), big[1]), fill=style.ALARM, width=2 * line)
         draw.line((now, 0.0, now, big[1]), fill=style.FAINT_INK, width=line)
         for i, color in enumerate(style.COMPONENTS):
-            draw.line(np.stack([x, y[:, i]], axis=1).ravel().tolist(), fill=color, width=round(1.6 * line), joint="curve")
+            draw.line(
+                np.stack([x, y[:, i]], axis=1).ravel().tolist(),
+                fill=color,
+                width=round(1.6 * line),
+                joint="curve",
+            )
             at, radius = float(np.interp(now, x, y[:, i])), 0.008 * _OVERSAMPLING * self.height
             draw.ellipse((now - radius, at - radius, now + radius, at + radius), fill=color)
         left, top = self.pixel(panel.left, panel.top)
-        self.image.paste(patch.resize((width, height), Image.Resampling.BOX), (round(left), round(top)))
+        self.image.paste(
+            patch.resize((width, height), Image.Resampling.BOX), (round(left), round(top))
+        )
         for i, (name, color) in enumerate(zip(("Bx", "By", "Bz"), style.COMPONENTS)):
-            self.text(name, panel.left - 0.006, panel.top - 0.012 - 0.038 * i, style.TEXT_SMALL, anchor="rm", color=color)
-        for words, at, anchor in (("0", panel.left, "mm"), (f"{times[-1]:.3g} s", panel.right, "rm")):
-            self.text(words, at, panel.bottom - 0.024, 0.85 * style.TEXT_SMALL, anchor=anchor, color=style.FAINT_INK)
+            self.text(
+                name,
+                panel.left - 0.006,
+                panel.top - 0.012 - 0.038 * i,
+                style.TEXT_SMALL,
+                anchor="rm",
+                color=color,
+            )
+        for words, at, anchor in (
+            ("0", panel.left, "mm"),
+            (f"{times[-1]:.3g} s", panel.right, "rm"),
+        ):
+            self.text(
+                words,
+                at,
+                panel.bottom - 0.024,
+                0.85 * style.TEXT_SMALL,
+                anchor=anchor,
+                color=style.FAINT_INK,
+            )
 
-    def text(self, words: str, x: float, y: float, size: float, *, anchor: str = "lm", color: str = style.INK, bold: bool = False) -> None:
+    def text(
+        self,
+        words: str,
+        x: float,
+        y: float,
+        size: float,
+        *,
+        anchor: str = "lm",
+        color: str = style.INK,
+        bold: bool = False,
+    ) -> None:
         """Words at (x, y); anchor: as Pillow names it."""
         if words:
-            self.draw.text(self.pixel(x, y), words, fill=color, font=_font(round(size * self.height), bold), anchor=anchor)
+            self.draw.text(
+                self.pixel(x, y),
+                words,
+                fill=color,
+                font=_font(round(size * self.height), bold),
+                anchor=anchor,
+            )
 
     def length(self, words: str, size: float) -> float:
         """Length of a text, a fraction of the page's width."""
-        return float(self.draw.textlength(words, font=_font(round(size * self.height), False))) / self.width
+        return (
+            float(self.draw.textlength(words, font=_font(round(size * self.height), False)))
+            / self.width
+        )
 
     def pixel(self, x: float, y: float) -> tuple[float, float]:
         """Position of a place of the page, pixels from the upper left."""
@@ -261,4 +392,6 @@ def _font(size: int, bold: bool) -> ImageFont.FreeTypeFont:
     if spec is None or spec.origin is None:
         raise ModuleNotFoundError("the pictures' fonts are matplotlib's: pip install matplotlib")
     fonts = Path(spec.origin).parent / "mpl-data" / "fonts" / "ttf"
-    return ImageFont.truetype(str(fonts / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf")), size)
+    return ImageFont.truetype(
+        str(fonts / ("DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf")), size
+    )

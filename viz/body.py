@@ -18,20 +18,38 @@ from magmpm.viz.particle_surface import around_particles, connected_components, 
 class Body:
     """The undeformed particles of a body, with the surface and the arrows that they carry along."""
 
-    def __init__(self, scene: Scene | None, reference: np.ndarray, volume: np.ndarray, part: np.ndarray, remanence: np.ndarray) -> None:
+    def __init__(
+        self,
+        scene: Scene | None,
+        reference: np.ndarray,
+        volume: np.ndarray,
+        part: np.ndarray,
+        remanence: np.ndarray,
+    ) -> None:
         """reference (n, 3) m, volume (n,) m^3, part (n,), remanence (n, 3) T of the undeformed particles; None: the scene is unknown."""
-        self.reference, self.volume, self.part = np.asarray(reference, dtype=float), np.asarray(volume, dtype=float), np.asarray(part)
+        self.reference, self.volume, self.part = (
+            np.asarray(reference, dtype=float),
+            np.asarray(volume, dtype=float),
+            np.asarray(part),
+        )
         self.size = spacing(self.volume)
         parts = int(self.part.max()) + 1
         self._plane_strain = scene is not None and scene.body.shape.in_plane_strain
-        self.held = np.zeros(parts, dtype=bool) if scene is None else np.array([region.held for region in scene.regions()])
+        self.held = (
+            np.zeros(parts, dtype=bool)
+            if scene is None
+            else np.array([region.held for region in scene.regions()])
+        )
         self.surface, self._binding = self._bound(scene)
         total = np.bincount(self.part, np.linalg.norm(remanence, axis=1), minlength=parts)
         strength = total / np.maximum(np.bincount(self.part, minlength=parts), 1)
         self.magnetized = strength > 1e-9 * max(float(strength.max()), 1e-12)
         self.length = float(np.ptp(self.reference, axis=0).max()) + self.size
         # In plane strain the particles' one layer is not as wide as the body.
-        sides = np.sort(np.ptp(self.surface.points if self._plane_strain else self.reference, axis=0)) + self.size
+        sides = (
+            np.sort(np.ptp(self.surface.points if self._plane_strain else self.reference, axis=0))
+            + self.size
+        )
         self.thickness = float(np.clip(sides[1], 0.06 * self.length, 0.12 * self.length))
         self._remanence = np.asarray(remanence, dtype=float)
 
@@ -49,7 +67,9 @@ class Body:
             return whole, Binding(whole.points, self.reference, whole.part_of_point, self.part)
         component = connected_components(self.reference, self.size)
         members = [component == k for k in range(int(component.max()) + 1)]
-        surfaces = [around_particles(self.reference[of], self.volume[of], self.part[of]) for of in members]
+        surfaces = [
+            around_particles(self.reference[of], self.volume[of], self.part[of]) for of in members
+        ]
         whole = Surface.joined(surfaces)
         of_point = np.repeat(np.arange(len(surfaces)), [len(s.points) for s in surfaces])
         return whole, Binding(whole.points, self.reference, of_point, component)
@@ -67,7 +87,11 @@ class Body:
         points = self.points(position)
         whole = np.isfinite(points).all(axis=1)[self.surface.triangles].all(axis=1)
         triangles = self.surface.triangles[whole].astype(np.int32)
-        return Surface(np.nan_to_num(points, posinf=0.0, neginf=0.0).astype(np.float32), triangles, self.surface.part[whole])
+        return Surface(
+            np.nan_to_num(points, posinf=0.0, neginf=0.0).astype(np.float32),
+            triangles,
+            self.surface.part[whole],
+        )
 
     def _layered(self, position: np.ndarray) -> np.ndarray:
         """Three layers of particles to fit to: in plane strain one stands for the whole width, along which nothing moves."""
@@ -96,7 +120,10 @@ class Body:
         for k in magnetized:
             members = np.flatnonzero(self.part == k)
             mean = self._remanence[members].mean(axis=0)
-            even = np.linalg.norm(mean) > 0.97 * np.linalg.norm(self._remanence[members], axis=1).mean()
+            even = (
+                np.linalg.norm(mean)
+                > 0.97 * np.linalg.norm(self._remanence[members], axis=1).mean()
+            )
             place = self.reference[members]
             along = place[:, np.argmax(np.ptp(place, axis=0))]
             few = max(1, round(float(np.ptp(along)) / (0.34 * self.length)))
@@ -104,14 +131,21 @@ class Body:
             edges = np.linspace(along.min(), along.max() * (1 + 1e-12) + 1e-300, count + 1)
             which = np.clip(np.searchsorted(edges, along, side="right") - 1, 0, count - 1)
             clusters += [members[which == i] for i in range(count) if np.any(which == i)]
-        away = [np.linalg.norm(self.reference[c] - self.reference[c].mean(axis=0), axis=1) for c in clusters]
+        away = [
+            np.linalg.norm(self.reference[c] - self.reference[c].mean(axis=0), axis=1)
+            for c in clusters
+        ]
         return [(c, c[np.argsort(distance)[:8]]) for c, distance in zip(clusters, away)]
 
     @cached_property
     def arrow_length(self) -> float:
         """m, of the longest arrow: about as long as what it stands for, and so short that neighbors do not cross."""
         places = [self.reference[members] for members, _ in self._clusters]
-        longest = 0.9 * float(np.median([np.linalg.norm(np.ptp(p, axis=0)) for p in places])) if places else self.length
+        longest = (
+            0.9 * float(np.median([np.linalg.norm(np.ptp(p, axis=0)) for p in places]))
+            if places
+            else self.length
+        )
         if len(places) > 1:
             middles = np.array([p.mean(axis=0) for p in places])
             distances = np.asarray(cKDTree(middles).query(middles, k=2)[0])[:, 1]
@@ -143,4 +177,6 @@ def _known_shape(scene: Scene, step: float) -> Surface | None:
 
 def _meshes(parts: Parts, step: float) -> Surface:
     """The surfaces of STL parts, with triangles of about three particles."""
-    return Surface.joined([refined(creased(*surface, k), 3 * step) for k, surface in enumerate(parts.surfaces())])
+    return Surface.joined(
+        [refined(creased(*surface, k), 3 * step) for k, surface in enumerate(parts.surfaces())]
+    )

@@ -19,7 +19,9 @@ _AZIMUTHS = np.radians([-70.0, -55.0, -40.0, -110.0, -125.0, -140.0])
 _ELEVATIONS = np.radians([20.0, 28.0, 40.0])
 _PREFERRED_ELEVATION, _ELEVATION_WIDTH = np.radians(24.0), np.radians(30.0)
 
-_LIGHT = np.array([-0.45, 0.65, 0.62]) / np.linalg.norm([-0.45, 0.65, 0.62])  # toward it: right, up and toward the viewer
+_LIGHT = np.array([-0.45, 0.65, 0.62]) / np.linalg.norm(
+    [-0.45, 0.65, 0.62]
+)  # toward it: right, up and toward the viewer
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,12 @@ class Framing:
         else from the first body's own shape.
         """
         many = [snapshots] if isinstance(snapshots, Snapshot) else list(snapshots)
-        points = [extremes(shape, 300) for s in many for shape in (s.body.points, s.target) if shape is not None]
+        points = [
+            extremes(shape, 300)
+            for s in many
+            for shape in (s.body.points, s.target)
+            if shape is not None
+        ]
         points += [extremes(o.points, 0) for s in many for o in s.obstacles if o.framed]
         points += [ends for s in many for ends in _ends(s)]
         shape = many[0].axis if len(many[0].axis) else many[0].body.points
@@ -124,7 +131,9 @@ class Framing:
             shift = float(plane.point @ along)
             first, last = np.ceil((low[i] + shift) / spacing), np.floor((high[i] + shift) / spacing)
             for mark in np.arange(first, last + 1) * spacing - shift:
-                lines.append([plane.point + mark * along + end * across for end in (low[1 - i], high[1 - i])])
+                lines.append(
+                    [plane.point + mark * along + end * across for end in (low[1 - i], high[1 - i])]
+                )
         return np.array(lines).reshape(-1, 2, 3)
 
     def view(self, aspect: float) -> View:
@@ -134,7 +143,10 @@ class Framing:
 
     def orthographic(self, directions: Sequence[Sequence[float]], aspect: float) -> list[View]:
         """Views from these directions in panels of that aspect, at one and the same scale."""
-        views = [fitted(np.array(toward, dtype=float), self.points, 0.5 * self.margin, aspect, 1.3) for toward in directions]
+        views = [
+            fitted(np.array(toward, dtype=float), self.points, 0.5 * self.margin, aspect, 1.3)
+            for toward in directions
+        ]
         half = max((view.half_height for view in views), default=1.0)
         return [replace(view, half_height=half) for view in views]
 
@@ -165,7 +177,9 @@ def _ends(snapshot: Snapshot) -> list[np.ndarray]:
 def extremes(points: np.ndarray, some: int) -> np.ndarray:
     """The outermost of points (n, 3) along x, y and z, and about so many others, evenly spread."""
     spread = np.linspace(0, len(points) - 1, min(len(points), some)).astype(int)
-    return np.asarray(points[np.concatenate([points.argmin(axis=0), points.argmax(axis=0), spread])], dtype=float)
+    return np.asarray(
+        points[np.concatenate([points.argmin(axis=0), points.argmax(axis=0), spread])], dtype=float
+    )
 
 
 def in_view(obstacle: Obstacle, view: View, aspect: float) -> bool:
@@ -199,7 +213,14 @@ def best_direction(points: np.ndarray) -> np.ndarray:
     return best
 
 
-def fitted(toward: np.ndarray, points: np.ndarray, radius: float, aspect: float, margin: float, up: np.ndarray | None = None) -> View:
+def fitted(
+    toward: np.ndarray,
+    points: np.ndarray,
+    radius: float,
+    aspect: float,
+    margin: float,
+    up: np.ndarray | None = None,
+) -> View:
     """The view along -toward that holds balls of that radius (m) at all points, in a panel of that aspect; up (3,): z unless given."""
     right, upward = _basis(toward, np.eye(3)[2] if up is None else up)
     flat = np.stack([points @ right, points @ upward, points @ toward], axis=1)

@@ -17,7 +17,9 @@ from magmpm.viz.camera import Framing, View
 from magmpm.viz.layout import Layout, Panel, Views
 from magmpm.viz.snapshot import Obstacle, Particles, Snapshot
 
-THIN = 2e-3  # of the body's length: a step between flat layers; closer ones would fight for one depth
+THIN = (
+    2e-3  # of the body's length: a step between flat layers; closer ones would fight for one depth
+)
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,12 @@ class Layer:
 FLOOR, GRID, SHADOW, GROUND_MARK = Layer(1.0), Layer(1.1, 1), Layer(1.2, 2), Layer(1.3, 4)
 TARGET_SHADOW = Layer(1.3, 40)  # clear of the shadow of balls, which is as thick as they are
 TRACE, BODY, BODY_MARK = Layer(2.5), Layer(3.0), Layer(3.5, 5)
-AXIS, TARGET, ARROW, FORCE = Layer(5.0, 0, 0.1), Layer(6.0, 0, 0.2), Layer(7.0, 0, 0.3), Layer(8.0, 0, 0.36)
+AXIS, TARGET, ARROW, FORCE = (
+    Layer(5.0, 0, 0.1),
+    Layer(6.0, 0, 0.2),
+    Layer(7.0, 0, 0.3),
+    Layer(8.0, 0, 0.36),
+)
 
 
 class PanelCanvas(Protocol):
@@ -41,7 +48,14 @@ class PanelCanvas(Protocol):
     view: View
 
     def balls(
-        self, points: np.ndarray, width: float, colors: str | np.ndarray, layer: Layer, *, lit: bool = True, rim: bool = False
+        self,
+        points: np.ndarray,
+        width: float,
+        colors: str | np.ndarray,
+        layer: Layer,
+        *,
+        lit: bool = True,
+        rim: bool = False,
     ) -> None:
         """Balls of that width (m) at points (n, 3) m; rim: with white around them."""
 
@@ -54,7 +68,16 @@ class PanelCanvas(Protocol):
     def lines(self, segments: np.ndarray, color: str, width: float, layer: Layer) -> None:
         """Straight lines between points (n, 2, 3) m; width in pixels of a page 900 pixels high."""
 
-    def arrow(self, start: np.ndarray, vector: np.ndarray, width: float, color: str, layer: Layer, *, halo: bool = False) -> None:
+    def arrow(
+        self,
+        start: np.ndarray,
+        vector: np.ndarray,
+        width: float,
+        color: str,
+        layer: Layer,
+        *,
+        halo: bool = False,
+    ) -> None:
         """An arrow from start (3,) along vector (3,), its shaft `width` thick, all in m; halo: with a white rim."""
 
 
@@ -71,7 +94,9 @@ class Canvas(Protocol):
         """Image of what was drawn, (height, width, 3) uint8; fine: with edges as smooth as can be."""
 
 
-def draw(canvas: Canvas, snapshot: Snapshot, framing: Framing, size: tuple[int, int], layout: Layout) -> np.ndarray:
+def draw(
+    canvas: Canvas, snapshot: Snapshot, framing: Framing, size: tuple[int, int], layout: Layout
+) -> np.ndarray:
     """The snapshot as an image (height, width, 3) uint8 of that width and height."""
     views = Views.of(framing, layout, size[0] / size[1])
     canvas.clear(size, THIN * snapshot.length)
@@ -90,7 +115,9 @@ def draw(canvas: Canvas, snapshot: Snapshot, framing: Framing, size: tuple[int, 
     if field is not None:
         # A weak field's arrow is thin as well as short.
         width = min(0.2, 0.3 * float(np.linalg.norm(field)))
-        canvas.panel(layout.field, views.mains[0].compass(), 10.0).arrow(-0.5 * field, field, width, style.FIELD, BODY)
+        canvas.panel(layout.field, views.mains[0].compass(), 10.0).arrow(
+            -0.5 * field, field, width, style.FIELD, BODY
+        )
     image = canvas.image(fine=layout.legend is None or size[0] > style.TRIAL_SIZE[0])
     return image if layout.legend is None else written(image, snapshot, views, layout)
 
@@ -108,7 +135,9 @@ def _floor(panel: PanelCanvas, snapshot: Snapshot, framing: Framing) -> None:
         panel.flat(dropped, body.triangles, shade, SHADOW)
     if snapshot.target is not None:
         width = 0.7 * style.DOT_WIDTH * snapshot.thickness
-        panel.balls(plane.dropped(snapshot.target), width, style.TARGET_SHADOW, TARGET_SHADOW, lit=False)
+        panel.balls(
+            plane.dropped(snapshot.target), width, style.TARGET_SHADOW, TARGET_SHADOW, lit=False
+        )
 
 
 def _body(panel: PanelCanvas, snapshot: Snapshot) -> None:
@@ -117,13 +146,22 @@ def _body(panel: PanelCanvas, snapshot: Snapshot) -> None:
     if len(snapshot.axis) > 1:
         panel.lines(pairs(snapshot.axis), style.INK, 1.5, AXIS)
     if snapshot.target is not None:
-        panel.balls(snapshot.target, style.DOT_WIDTH * snapshot.thickness, style.TARGET, TARGET, rim=True)
+        panel.balls(
+            snapshot.target, style.DOT_WIDTH * snapshot.thickness, style.TARGET, TARGET, rim=True
+        )
 
 
 def _signs(panel: PanelCanvas, snapshot: Snapshot) -> None:
     """Trace, arrows and marks of contact."""
     for start, vector in snapshot.fields:
-        panel.arrow(start, vector, min(1.5 * snapshot.arrow_width, 0.15 * float(np.linalg.norm(vector))), style.FIELD, ARROW, halo=True)
+        panel.arrow(
+            start,
+            vector,
+            min(1.5 * snapshot.arrow_width, 0.15 * float(np.linalg.norm(vector))),
+            style.FIELD,
+            ARROW,
+            halo=True,
+        )
     if len(snapshot.trace) > 1:
         panel.lines(pairs(snapshot.trace), style.TRACE, 2.0, TRACE)
     for start, vector in snapshot.arrows:
@@ -132,9 +170,13 @@ def _signs(panel: PanelCanvas, snapshot: Snapshot) -> None:
     if len(snapshot.contact):
         # On the ground just above the shadow, elsewhere on the body.
         layer = GROUND_MARK if snapshot.ground is not None else BODY_MARK
-        panel.balls(snapshot.contact, style.MARK_WIDTH * snapshot.thickness, style.CONTACT, layer, lit=False)
+        panel.balls(
+            snapshot.contact, style.MARK_WIDTH * snapshot.thickness, style.CONTACT, layer, lit=False
+        )
     for start, vector in snapshot.pushes:
-        width = min(1.3 * style.ARROW_WIDTH * snapshot.thickness, 0.12 * float(np.linalg.norm(vector)))
+        width = min(
+            1.3 * style.ARROW_WIDTH * snapshot.thickness, 0.12 * float(np.linalg.norm(vector))
+        )
         panel.arrow(start, vector, width, style.CONTACT, FORCE, halo=True)
 
 

@@ -42,7 +42,13 @@ def moments(motion: MotionRenderer) -> list[int]:
     return [0, middle, len(motion) - 1]
 
 
-def figure(motion: MotionRenderer, path: str | Path, renderer: Renderer, numbers: Sequence[int] | None = None, width: int = 1800) -> Path:
+def figure(
+    motion: MotionRenderer,
+    path: str | Path,
+    renderer: Renderer,
+    numbers: Sequence[int] | None = None,
+    width: int = 1800,
+) -> Path:
     """Moments of a motion side by side, or one below another where they are wide, as one picture.
 
     numbers: of frames, by default those of `moments`. width: pixels, about. All are seen from the same place at the same scale.
@@ -52,13 +58,19 @@ def figure(motion: MotionRenderer, path: str | Path, renderer: Renderer, numbers
     across = len(numbers) if motion.framing_of(numbers).aspect < _STACKED else 1
     if across == 1:  # a page's width, as the others are three panels wide
         width = 2 * width // 3
-    return save_image(composed([(motion, k) for k in numbers], renderer, across, width), path, optimize=True)
+    return save_image(
+        composed([(motion, k) for k in numbers], renderer, across, width), path, optimize=True
+    )
 
 
 def composed(
-    shown: Sequence[tuple[MotionRenderer, int]], renderer: Renderer, across: int, width: int, words: Sequence[str] | None = None,
+    shown: Sequence[tuple[MotionRenderer, int]],
+    renderer: Renderer,
+    across: int,
+    width: int,
+    words: Sequence[str] | None = None,
     framing: Framing | None = None,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Frames of motions in rows of so many, all seen from one place at one scale, with one scale bar and one legend: (h, w, 3) uint8.
 
     width: pixels, about; h and w are even. words: above each panel, by default its time and field. framing: what must be in view, by
@@ -76,9 +88,14 @@ def composed(
     head, foot = round(1.9 * letter), 4 * letter
     size = rows * (tall + head + gap) + foot, across * (wide + gap) + gap
     canvas = np.full((size[0] + size[0] % 2, size[1] + size[1] % 2, 3), 255, dtype=np.uint8)
-    corners = [(gap + i % across * (wide + gap), i // across * (tall + head + gap) + head) for i in range(len(snapshots))]
+    corners = [
+        (gap + i % across * (wide + gap), i // across * (tall + head + gap) + head)
+        for i in range(len(snapshots))
+    ]
     for snapshot, (x, y) in zip(snapshots, corners):
-        canvas[y : y + tall, x : x + wide] = renderer.image(snapshot, framing=framing, layout=layout)
+        canvas[y : y + tall, x : x + wide] = renderer.image(
+            snapshot, framing=framing, layout=layout
+        )
     page = Page(canvas)
     above = [_moment(snapshot) for snapshot in snapshots] if words is None else words
     for (x, y), name, text in zip(corners, "abcdefghijklmnopqrstuvwxyz", above):
@@ -88,7 +105,14 @@ def composed(
         page.frame((x, y, x + wide, y + tall))
     # In a movie, whose framing is given, the legend does not change as the field comes and goes.
     field = any(field_arrow(s) is not None or (moving and varies(s)) for s in snapshots)
-    _foot(page, snapshots, Views.of(framing, layout, wide / tall).mains[0], (wide, tall), letter, field=field)
+    _foot(
+        page,
+        snapshots,
+        Views.of(framing, layout, wide / tall).mains[0],
+        (wide, tall),
+        letter,
+        field=field,
+    )
     return np.asarray(page.image)
 
 
@@ -98,13 +122,24 @@ def _moment(snapshot: Snapshot) -> str:
     return f"{text}    {field}" if field else text
 
 
-def _foot(page: Page, snapshots: Sequence[Snapshot], view: View, panel: tuple[int, int], pixels: int, *, field: bool) -> None:
+def _foot(
+    page: Page,
+    snapshots: Sequence[Snapshot],
+    view: View,
+    panel: tuple[int, int],
+    pixels: int,
+    *,
+    field: bool,
+) -> None:
     """One scale bar and one legend for all panels; panel: its width and height, pixels: a letter's height, field: whether it is shown."""
     snapshot, letter, step = snapshots[-1], pixels / page.height, pixels / page.width
     y = 2.2 * letter
     meter = 0.5 / view.half_height * panel[1] / page.width
     # Of what is small beside what stands around it the bar is a few of the floor's squares long.
-    unit = next((n * snapshot.unit for n in (1, 2, 5) if n * snapshot.unit * meter > 1.5 * step), 10 * snapshot.unit)
+    unit = next(
+        (n * snapshot.unit for n in (1, 2, 5) if n * snapshot.unit * meter > 1.5 * step),
+        10 * snapshot.unit,
+    )
     label = max(0.5 * page.length(readable_length(unit), letter), 0.5 * unit * meter)
     middle = 0.6 * step + label
     page.scale_bar(middle, y, unit * meter, unit, size=letter)
@@ -112,7 +147,9 @@ def _foot(page: Page, snapshots: Sequence[Snapshot], view: View, panel: tuple[in
     if field:
         found = [Sign("arrow", (style.FIELD,), "field"), *found]
     start = middle + label + 2.5 * step
-    lines = _in_lines(found, [page.length(sign.text, 0.9 * letter) + 1.2 * step for sign in found], start, step)
+    lines = _in_lines(
+        found, [page.length(sign.text, 0.9 * letter) + 1.2 * step for sign in found], start, step
+    )
     for row, (line, gap) in enumerate(lines):
         x, height = start, y + (0.8 * letter if len(lines) > 1 else 0.0) - 1.6 * letter * row
         for sign, width in line:
@@ -120,7 +157,9 @@ def _foot(page: Page, snapshots: Sequence[Snapshot], view: View, panel: tuple[in
             x += width + gap
 
 
-def _in_lines(found: Sequence[Sign], widths: Sequence[float], start: float, step: float) -> list[tuple[list[tuple[Sign, float]], float]]:
+def _in_lines(
+    found: Sequence[Sign], widths: Sequence[float], start: float, step: float
+) -> list[tuple[list[tuple[Sign, float]], float]]:
     """A legend in one line, or in two where it is too long for one: its entries with their widths, and the gap between them."""
     pairs = list(zip(found, widths))
     lines = [pairs]

@@ -14,7 +14,17 @@ from matplotlib.figure import Figure
 from magmpm.viz import style
 from magmpm.viz.plots import LOOK, saved
 
-_COLORS = ("#0077BB", "#CC3311", "#009988", "#EE7733", "#33BBEE", "#AA3377", "#999933", "#882255", "#555555")
+_COLORS = (
+    "#0077BB",
+    "#CC3311",
+    "#009988",
+    "#EE7733",
+    "#33BBEE",
+    "#AA3377",
+    "#999933",
+    "#882255",
+    "#555555",
+)
 _MARKS = "osD^vPX<>"
 
 
@@ -29,11 +39,15 @@ def fitted(shown: Mapping[str, Any], path: str | Path, title: str = "") -> Path:
     with rc_context(LOOK):
         panels = shown["panels"]
         figure = Figure(figsize=(6.4, 2.1 + 3.3 * len(panels)), layout="constrained")
-        *above, below = figure.subplots(len(panels) + 1, 1, height_ratios=(*[2.4] * len(panels), 1.0))
+        *above, below = figure.subplots(
+            len(panels) + 1, 1, height_ratios=(*[2.4] * len(panels), 1.0)
+        )
         for axes, panel in zip(above, panels, strict=True):
             _points(axes, panel)
             axes.set_title(panel.get("title", ""), fontsize=8, loc="left", color=style.FAINT_INK)
-        _residuals(below, shown, "line of the table" if len(panels) == 1 else "number, table after table")
+        _residuals(
+            below, shown, "line of the table" if len(panels) == 1 else "number, table after table"
+        )
         figure.align_ylabels([*above, below])
         words = "\n".join(shown["numbers"][:6])
         figure.suptitle(f"{title}\n{words}" if title else words, fontsize=9)
@@ -46,9 +60,24 @@ def _points(axes: Axes, shown: Mapping[str, Any]) -> None:
         x, y = np.array(one.get("fitted_x", one["x"])), np.array(one["fitted"])
         order = np.argsort(x, kind="stable") if "fitted_x" not in one else np.arange(len(x))
         axes.plot(x[order], y[order], color=color, linewidth=1.3, zorder=2)
-        look: Any = {"linestyle": "none", "marker": mark, "markersize": 4.5, "markerfacecolor": "white", "markeredgecolor": color}
+        look: Any = {
+            "linestyle": "none",
+            "marker": mark,
+            "markersize": 4.5,
+            "markerfacecolor": "white",
+            "markeredgecolor": color,
+        }
         if "half" in one:
-            axes.errorbar(one["x"], one["fitted"], one["half"], linestyle="none", ecolor=color, elinewidth=0.8, capsize=2.5, zorder=1)
+            axes.errorbar(
+                one["x"],
+                one["fitted"],
+                one["half"],
+                linestyle="none",
+                ecolor=color,
+                elinewidth=0.8,
+                capsize=2.5,
+                zorder=1,
+            )
         axes.plot(one["x"], one["measured"], label=name, zorder=3, **look)
     axes.plot([], [], color=style.FAINT_INK, linewidth=1.3, label="fitted scene")
     axes.set_xlabel(shown["x_label"])
@@ -65,13 +94,38 @@ def _residuals(axes: Axes, shown: Mapping[str, Any], x_label: str) -> None:
     axes.axhspan(-1.96, 1.96, color="#EEEEEE", linewidth=0, zorder=0)
     axes.axhline(0.0, color=style.FAINT_INK, linewidth=0.8, zorder=1)
     lines, held = np.array(shown["lines"]), np.array(shown.get("held_out", [False] * len(sizes)))
-    axes.plot(lines[~held], sizes[~held], linestyle="none", marker="o", markersize=3.5, color=style.INK, zorder=2, label="fitted")
+    axes.plot(
+        lines[~held],
+        sizes[~held],
+        linestyle="none",
+        marker="o",
+        markersize=3.5,
+        color=style.INK,
+        zorder=2,
+        label="fitted",
+    )
     if held.any():
-        axes.plot(lines[held], sizes[held], linestyle="none", marker="D", markersize=3.5, color=_COLORS[1], zorder=2, label="held out")
+        axes.plot(
+            lines[held],
+            sizes[held],
+            linestyle="none",
+            marker="D",
+            markersize=3.5,
+            color=_COLORS[1],
+            zorder=2,
+            label="held out",
+        )
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     most = max(3.0, 1.1 * float(np.max(np.abs(sizes), initial=0.0)))
     axes.set_ylim(-most, most)
     axes.set_xlabel(x_label)
     axes.set_ylabel("residual\n(standard errors)")
-    axes.annotate("95 % of normal errors", (1.0, 1.96), xycoords=axes.get_yaxis_transform(), xytext=(4, -8), textcoords="offset points",
-                  fontsize=7, color=style.FAINT_INK)  # fmt: skip
+    axes.annotate(
+        "95 % of normal errors",
+        (1.0, 1.96),
+        xycoords=axes.get_yaxis_transform(),
+        xytext=(4, -8),
+        textcoords="offset points",
+        fontsize=7,
+        color=style.FAINT_INK,
+    )

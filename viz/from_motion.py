@@ -17,7 +17,10 @@ from magmpm.viz.camera import Framing, best_direction, extremes
 from magmpm.viz.obstacles import REACH, ground, in_reach, sources, standing, surfaces
 from magmpm.viz.snapshot import History, Obstacle, Snapshot
 
-DONE = {"limit point": "snapped", "bifurcation": "buckled"}  # what a body did where a branch of equilibria ended
+DONE = {
+    "limit point": "snapped",
+    "bifurcation": "buckled",
+}  # what a body did where a branch of equilibria ended
 FAR = 3.5  # in place of obstacles.REACH for a few moments, where a source is shown before it has come near
 
 
@@ -28,7 +31,9 @@ def scene_of(data: Mapping[str, Any] | None) -> Scene | None:
     try:
         return Scene.from_si(data)
     except (MagmpmError, ValueError) as error:
-        raise RenderError(f"the scene that is saved with this result can't be read: {error}") from None
+        raise RenderError(
+            f"the scene that is saved with this result can't be read: {error}"
+        ) from None
 
 
 def gravity_of(scene: Scene | None) -> np.ndarray | None:
@@ -46,7 +51,9 @@ class MotionRenderer:
             raise RenderError("this motion has no frames yet: there is nothing to show")
         self.motion = motion
         self._scene = scene_of(motion.scene)
-        self.body = Body(self._scene, motion.reference, motion.volume, motion.part, motion.remanence)
+        self.body = Body(
+            self._scene, motion.reference, motion.volume, motion.part, motion.remanence
+        )
         self.ground = ground(self._scene)
         self._standing = standing(self._scene)
         self.title = motion.name or "motion"
@@ -54,7 +61,9 @@ class MotionRenderer:
         known = np.isfinite(motion.fields).all(axis=1)
         self._jumps = list(getattr(motion, "jumps", []))
         jumps = tuple(jump["time"] for jump in self._jumps)
-        self.history = History(motion.times[known], motion.fields[known], jumps) if known.any() else None
+        self.history = (
+            History(motion.times[known], motion.fields[known], jumps) if known.any() else None
+        )
         self._surfaces = surfaces(self._scene)
         self._usual_force = _usual([_forces(contact) for contact in motion.contacts.values()])
         self._trace = self._traced()
@@ -73,7 +82,9 @@ class MotionRenderer:
             held=self.body.held,
             length=self.body.length,
             thickness=self.body.thickness,
-            arrows=self.body.arrows(frame.position, frame.quantities.get("magnetisation", self.motion.remanence)),
+            arrows=self.body.arrows(
+                frame.position, frame.quantities.get("magnetisation", self.motion.remanence)
+            ),
             arrow_width=self.body.arrow_width,
             obstacles=tuple(self._standing + self._sources(frame.time)),
             ground=self.ground,
@@ -86,7 +97,9 @@ class MotionRenderer:
             gravity=self.gravity,
             time=frame.time,
             duration=float(np.ptp(self.motion.times)) or 1.0,
-            pace=None if getattr(self.motion, "steps", None) else pace,  # equilibria have no speed of their own
+            pace=None
+            if getattr(self.motion, "steps", None)
+            else pace,  # equilibria have no speed of their own
             title=self.title,
             event=self._event(number),
         )
@@ -107,7 +120,11 @@ class MotionRenderer:
         seen = [self.framing.points]
         for time in self.motion.times[np.asarray(numbers, dtype=int)]:
             there = self._sources(float(time), FAR)
-            seen += [_near(source, self._around, 0.0) for source, comes in zip(there, near) if comes and source.framed]
+            seen += [
+                _near(source, self._around, 0.0)
+                for source, comes in zip(there, near)
+                if comes and source.framed
+            ]
         return replace(self.framing, points=np.vstack(seen))
 
     def _sources(self, time: float, reach: float = REACH) -> list[Obstacle]:
@@ -118,13 +135,19 @@ class MotionRenderer:
         marks, arrows = [np.zeros((0, 3))], []
         for effect, contact in self.motion.contacts.items():
             now = np.flatnonzero(np.isclose(contact["t"], frame.time, rtol=1e-9, atol=1e-15))
-            if not len(now) or not np.any(_forces(contact)[now[0]]) or not (PAIR in effect or effect in self._surfaces):
+            if (
+                not len(now)
+                or not np.any(_forces(contact)[now[0]])
+                or not (PAIR in effect or effect in self._surfaces)
+            ):
                 continue
             if PAIR in effect:
                 marks.append(np.array([[contact[f"p{axis}"][now[0]] for axis in "xyz"]]))
             else:
                 height = self._surfaces[effect].height(points)
-                touching = points[height < max(0.75 * self.body.size, float(np.nanmin(height)) + 1e-9)]
+                touching = points[
+                    height < max(0.75 * self.body.size, float(np.nanmin(height)) + 1e-9)
+                ]
                 marks.append(_spread(self._surfaces[effect].dropped(touching), self.body.size))
             force = _forces(contact)[now[0]] / self._usual_force
             vector = 0.25 * self.body.length * force * min(1.0, 2.0 / float(np.linalg.norm(force)))
@@ -139,11 +162,15 @@ class MotionRenderer:
         tip = self._scene is not None and self._scene.anchored
         members = x > x.max() - 1.5 * self.body.size if tip else np.ones(len(x), dtype=bool)
         # Positions alone, a frame at a time: a motion may be larger than the memory.
-        return np.array([self.motion.position(k)[members].mean(axis=0, dtype=float) for k in range(len(self))])
+        return np.array(
+            [self.motion.position(k)[members].mean(axis=0, dtype=float) for k in range(len(self))]
+        )
 
     def _framed(self) -> Framing:
         found = []
-        for k in np.unique(np.linspace(0, len(self) - 1, 60).round().astype(int)):  # frames looked at to place the camera
+        for k in np.unique(
+            np.linspace(0, len(self) - 1, 60).round().astype(int)
+        ):  # frames looked at to place the camera
             points = self.motion.position(k).astype(float)
             points = points[np.isfinite(points).all(axis=1)]
             if len(points):
@@ -153,12 +180,18 @@ class MotionRenderer:
         framed = [points]
         for time in np.unique(self.motion.times[[0, -1]]):
             obstacles = self._standing + self._sources(float(time))
-            framed += [_near(obstacle, points, 0.3 * self.body.length) for obstacle in obstacles if obstacle.framed]
+            framed += [
+                _near(obstacle, points, 0.3 * self.body.length)
+                for obstacle in obstacles
+                if obstacle.framed
+            ]
         if self.ground is not None:
             framed.append(self.ground.dropped(points))
         up = self._up()
         turn = frame_of(tuple(up))
-        return Framing(np.vstack(framed), turn @ best_direction(points @ turn), margin, self.ground, up)
+        return Framing(
+            np.vstack(framed), turn @ best_direction(points @ turn), margin, self.ground, up
+        )
 
     def _up(self) -> np.ndarray:
         """Against gravity; without it away from the ground; else z."""

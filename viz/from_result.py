@@ -36,7 +36,9 @@ class Still(MotionRenderer):
 
     def snapshot(self, number: int = 0, pace: float | None = None) -> Snapshot:
         """The snapshot, without a time."""
-        return replace(super().snapshot(number, pace), time=None, trace=np.zeros((0, 3)), mark=self._mark)
+        return replace(
+            super().snapshot(number, pace), time=None, trace=np.zeros((0, 3)), mark=self._mark
+        )
 
 
 class _OneFrame(list[Any]):
@@ -53,7 +55,9 @@ class _OneFrame(list[Any]):
 
 def _one_frame(result: Any) -> _OneFrame:
     """A result with the face of a Motion."""
-    reference, position = (np.asarray(x, dtype=float) for x in (result.particle_reference, result.particle_position))
+    reference, position = (
+        np.asarray(x, dtype=float) for x in (result.particle_reference, result.particle_position)
+    )
     part, volume = result.particle_segment, result.particle_volume
     # A result holds each part's mean of F Br; F is found from the particles' places, and Br is what gives that mean.
     F = gradients(reference, position)
@@ -67,17 +71,34 @@ def _one_frame(result: Any) -> _OneFrame:
     static = getattr(result, "formulation", "static") == "static"
     time = (0.0 if scene is None else end_time(scene.field)) if static else float(result.time)
     field = failure(result)[1] * np.asarray(result.field, dtype=float)
-    frame = SimpleNamespace(time=time, position=position, field=field, quantities={"magnetisation": magnetization})
+    frame = SimpleNamespace(
+        time=time, position=position, field=field, quantities={"magnetisation": magnetization}
+    )
     return _OneFrame(
-        frame, name=result.name, scene=result.scene, reference=reference, volume=volume, part=part, remanence=remanence,
-        times=np.array([time]), fields=field[None], contacts={},
-    )  # fmt: skip
+        frame,
+        name=result.name,
+        scene=result.scene,
+        reference=reference,
+        volume=volume,
+        part=part,
+        remanence=remanence,
+        times=np.array([time]),
+        fields=field[None],
+        contacts={},
+    )
 
 
 def trial_snapshot(
-    result: Any, *, target: np.ndarray | None = None, target_name: str = "target", trial: int | None = None, rms: float | None = None,
-    title: str | None = None, max_particles: int = MAX_PARTICLES, smooth: bool = False,
-) -> Snapshot:  # fmt: skip
+    result: Any,
+    *,
+    target: np.ndarray | None = None,
+    target_name: str = "target",
+    trial: int | None = None,
+    rms: float | None = None,
+    title: str | None = None,
+    max_particles: int = MAX_PARTICLES,
+    smooth: bool = False,
+) -> Snapshot:
     """A result with its axis, its target, one arrow a segment, and insets.
 
     result: magmpm.results.result.Result, or anything with its attributes. target: (q, 4) rows [s, x, y, z] or (q, 3) rows [x, y, z], m.
@@ -87,7 +108,9 @@ def trial_snapshot(
     scene = scene_of(result.scene)
     reference = np.asarray(result.particle_reference, dtype=float)
     length, thickness = _size(scene, reference)
-    centers, remanence = (np.asarray(x, dtype=float) for x in (result.segment_center, result.segment_remanence))
+    centers, remanence = (
+        np.asarray(x, dtype=float) for x in (result.segment_center, result.segment_remanence)
+    )
     centerline = np.asarray(result.centreline, dtype=float)[:, 1:4]
     axis = centerline if len(centerline) > 1 else centers
     strength = np.linalg.norm(remanence, axis=1)
@@ -97,15 +120,28 @@ def trial_snapshot(
     obstacles = standing(scene) + in_reach(sources(scene), reference, REACH * length)
     return Snapshot(
         body=_surface(result, scene) if smooth else _particles(result, scene, max_particles),
-        magnetized=strength > 1e-9 * max(float(strength.max(initial=0.0)), 1e-12), length=length, thickness=thickness, axis=axis,
-        target=None if target is None else spread(np.asarray(target, dtype=float)[:, -3:]), target_name=target_name,
-        arrows=segment_arrows(axis, centers, remanence, length, thickness), arrow_width=style.ARROW_WIDTH * thickness,
-        obstacles=tuple(obstacles), field=share * np.asarray(result.field, dtype=float), gravity=gravity_of(scene),
-        title=result.name if title is None else title, trial=trial, rms=rms, mark=mark, insets=True,
-    )  # fmt: skip
+        magnetized=strength > 1e-9 * max(float(strength.max(initial=0.0)), 1e-12),
+        length=length,
+        thickness=thickness,
+        axis=axis,
+        target=None if target is None else spread(np.asarray(target, dtype=float)[:, -3:]),
+        target_name=target_name,
+        arrows=segment_arrows(axis, centers, remanence, length, thickness),
+        arrow_width=style.ARROW_WIDTH * thickness,
+        obstacles=tuple(obstacles),
+        field=share * np.asarray(result.field, dtype=float),
+        gravity=gravity_of(scene),
+        title=result.name if title is None else title,
+        trial=trial,
+        rms=rms,
+        mark=mark,
+        insets=True,
+    )
 
 
-def segment_arrows(axis: np.ndarray, centers: np.ndarray, remanence: np.ndarray, length: float, thickness: float) -> np.ndarray:
+def segment_arrows(
+    axis: np.ndarray, centers: np.ndarray, remanence: np.ndarray, length: float, thickness: float
+) -> np.ndarray:
     """Start and vector (a, 2, 3), m, of an arrow through the axis (m, 3) m in each magnetized segment.
 
     centers (k, 3) m; remanence (k, 3) T, deformed; length, thickness: m, of the body. The strongest is nearly as long as the segments
@@ -134,7 +170,9 @@ def failure(result: Any) -> tuple[str, float]:
 
 def beyond(result: Any) -> str:
     """Text for the picture of an answer whose strain its material law does not carry (magmpm.results.strain); else ""."""
-    strained = any(str(warning).startswith("strain: ") for warning in getattr(result, "warnings", ()))
+    strained = any(
+        str(warning).startswith("strain: ") for warning in getattr(result, "warnings", ())
+    )
     return f"BEYOND THE MATERIAL LAW: stretch {result.largest_stretch:.2g}" if strained else ""
 
 
@@ -158,7 +196,9 @@ def polydata(result: Any) -> Any:
 
     surface = deformed_surface(result)
     triangles = np.asarray(surface.triangles, dtype=np.int64)
-    found = pyvista.PolyData(np.asarray(surface.points, dtype=float), np.insert(triangles, 0, 3, axis=1).ravel())
+    found = pyvista.PolyData(
+        np.asarray(surface.points, dtype=float), np.insert(triangles, 0, 3, axis=1).ravel()
+    )
     found.cell_data["region"] = surface.part
     return found
 
@@ -166,7 +206,9 @@ def polydata(result: Any) -> Any:
 def _surface(result: Any, scene: Scene | None) -> Surface:
     """The deformed surface of a result's body."""
     reference = np.asarray(result.particle_reference, dtype=float)
-    body = Body(scene, reference, result.particle_volume, result.particle_segment, np.zeros_like(reference))
+    body = Body(
+        scene, reference, result.particle_volume, result.particle_segment, np.zeros_like(reference)
+    )
     return body.surface_at(np.asarray(result.particle_position, dtype=float))
 
 
@@ -175,13 +217,19 @@ def _particles(result: Any, scene: Scene | None, most: int) -> Particles:
     position = np.asarray(result.particle_position, dtype=float)
     finite = np.isfinite(position).all(axis=1)
     if not finite.any():
-        raise ValueError("no particle of this result has a finite position: there is nothing to draw")
+        raise ValueError(
+            "no particle of this result has a finite position: there is nothing to draw"
+        )
     # Particles at the surface fill cut cells; the largest fills a whole one.
     volume = np.asarray(result.particle_volume)
     size = float(volume.max() ** (1 / 3))
     keep = np.flatnonzero(finite & (volume > 1e-3 * size**3))
     keep = keep[_skin(np.asarray(result.particle_reference)[keep], 2.5 * size, most, scene)]
-    return Particles(position[keep].astype(np.float32), np.asarray(result.particle_segment)[keep].astype(np.int32), size)
+    return Particles(
+        position[keep].astype(np.float32),
+        np.asarray(result.particle_segment)[keep].astype(np.int32),
+        size,
+    )
 
 
 def _skin(reference: np.ndarray, thickness: float, most: int, scene: Scene | None) -> np.ndarray:
@@ -203,7 +251,9 @@ def _skin(reference: np.ndarray, thickness: float, most: int, scene: Scene | Non
     return np.sort(outermost[depth[outermost] < thickness])
 
 
-TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])  # binary STL, 50 bytes
+TRIANGLE = np.dtype(
+    [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+)  # binary STL, 50 bytes
 
 
 def write_stl(result: Any, path: Path) -> Path:
@@ -215,5 +265,7 @@ def write_stl(result: Any, path: Path) -> Path:
     rows["corners"] = corners
     rows["normal"] = across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
     with whole_file(path) as part:
-        part.write_bytes(b"magmpm, millimeters".ljust(80) + np.uint32(len(rows)).tobytes() + rows.tobytes())
+        part.write_bytes(
+            b"magmpm, millimeters".ljust(80) + np.uint32(len(rows)).tobytes() + rows.tobytes()
+        )
     return path

@@ -17,7 +17,10 @@ from magmpm.viz.from_result import segment_arrows
 from magmpm.viz.meshes import Surface, swept
 from magmpm.viz.snapshot import Obstacle, Snapshot, spread
 
-FIELD, GUIDE = 0.15, 3.0  # longest arrow of a depth's field, of the path's length; length of the guide that is shown, in diameters
+FIELD, GUIDE = (
+    0.15,
+    3.0,
+)  # longest arrow of a depth's field, of the path's length; length of the guide that is shown, in diameters
 FINE = 80  # points of an axis as it is drawn
 
 
@@ -41,15 +44,22 @@ class Insertion:
         fine = np.linspace(0.0, 1.0, FINE)
         line = np.stack([np.interp(fine, s, column) for column in axis.T], axis=1)
         radius = self.catheter["diameter"] / 2
-        surface, tip = swept(line, radius), swept(line[-2:] + 1e-3 * radius * (line[-1] - line[-2]), 1e-3 * radius)
+        surface, tip = (
+            swept(line, radius),
+            swept(line[-2:] + 1e-3 * radius * (line[-1] - line[-2]), 1e-3 * radius),
+        )
         around = len(tip.points) // 2
         last = surface.points[-around:]
-        cap = np.stack([np.full(around, around), np.arange(around), (np.arange(around) + 1) % around], axis=1).astype(np.int32)
+        cap = np.stack(
+            [np.full(around, around), np.arange(around), (np.arange(around) + 1) % around], axis=1
+        ).astype(np.int32)
         place = frame["depth_m"] * (np.arange(FINE - 1) + 0.5) / (FINE - 1)
         part = self._segments(frame["depth_m"])(place)
         rings = surface.triangles.min(axis=1) // around
         whole = Surface(surface.points, surface.triangles, part[np.minimum(rings, FINE - 2)])
-        return Surface.joined([whole, Surface(np.vstack([last, line[-1:]]), cap, np.full(around, part[-1]))])
+        return Surface.joined(
+            [whole, Surface(np.vstack([last, line[-1:]]), cap, np.full(around, part[-1]))]
+        )
 
     def _segments(self, depth: float) -> Any:
         """The number of the segment by the arc length outside (m)."""
@@ -57,25 +67,43 @@ class Insertion:
         given = sum(length for length in lengths if length is not None)
         free = sum(length is None for length in lengths)
         total = self.catheter["length"]
-        ends = np.cumsum([(total - given) / free if length is None else length for length in lengths])
-        return lambda s: np.minimum(np.searchsorted(ends, np.asarray(s) + total - depth), len(ends) - 1)
+        ends = np.cumsum(
+            [(total - given) / free if length is None else length for length in lengths]
+        )
+        return lambda s: np.minimum(
+            np.searchsorted(ends, np.asarray(s) + total - depth), len(ends) - 1
+        )
 
-    def snapshot(self, frames: Sequence[Mapping[str, Any]], *, lumen: bool, **caption: Any) -> Snapshot:
+    def snapshot(
+        self, frames: Sequence[Mapping[str, Any]], *, lumen: bool, **caption: Any
+    ) -> Snapshot:
         """The bodies of these depths side by side along y, each over its path and, if there are several, next to its field."""
         diameter, several = float(self.catheter["diameter"]), len(frames) > 1
         length = float(self.path[-1, 0])
-        shifts = [np.array([0.0, 0.33 * length * (len(frames) - 1 - k), 0.0]) for k in range(len(frames))]  # depths next to each other
+        shifts = [
+            np.array([0.0, 0.33 * length * (len(frames) - 1 - k), 0.0]) for k in range(len(frames))
+        ]  # depths next to each other
         axes = [np.array(frame["axis_m"]) + shift for frame, shift in zip(frames, shifts)]
         arrows = np.vstack(
             [
-                segment_arrows(axis, np.array(f["centers_m"]) + shift, np.array(f["remanence_T"]), self.catheter["length"], diameter)
+                segment_arrows(
+                    axis,
+                    np.array(f["centers_m"]) + shift,
+                    np.array(f["remanence_T"]),
+                    self.catheter["length"],
+                    diameter,
+                )
                 for axis, f, shift in zip(axes, frames, shifts)
             ]
         )
         scene = scene_of(self.scene)
-        magnetized = np.array([any(segment["magnetization"]) for segment in self.catheter["segments"]])
+        magnetized = np.array(
+            [any(segment["magnetization"]) for segment in self.catheter["segments"]]
+        )
         obstacles = [self._guide(shift) for shift in shifts] + ([self._lumen()] if lumen else [])
-        dots = spread(self.path[:, 1:], style.TARGET_DOTS // 2 + 1 if several else style.TARGET_DOTS)
+        dots = spread(
+            self.path[:, 1:], style.TARGET_DOTS // 2 + 1 if several else style.TARGET_DOTS
+        )
         return Snapshot(
             body=Surface.joined([self.body(frame, shift) for frame, shift in zip(frames, shifts)]),
             magnetized=magnetized,
@@ -88,36 +116,55 @@ class Insertion:
             arrow_width=style.ARROW_WIDTH * diameter,
             obstacles=tuple(obstacles),
             gravity=gravity_of(scene),
-            **(self._fields(frames, shifts) if several else {"field": np.array(frames[0]["field_T"], dtype=float)}),
+            **(
+                self._fields(frames, shifts)
+                if several
+                else {"field": np.array(frames[0]["field_T"], dtype=float)}
+            ),
             **caption,
         )
 
-    def _fields(self, frames: Sequence[Mapping[str, Any]], shifts: Sequence[np.ndarray]) -> dict[str, Any]:
+    def _fields(
+        self, frames: Sequence[Mapping[str, Any]], shifts: Sequence[np.ndarray]
+    ) -> dict[str, Any]:
         """An arrow of each depth's field behind its guide, as long as it is strong, with depth and strength in words below it."""
         fields = np.array([frame["field_T"] for frame in frames], dtype=float)
         strength = np.linalg.norm(fields, axis=1)
         longest = FIELD * float(self.path[-1, 0])
         vectors = longest * fields / max(float(strength.max()), 1e-300)
         places = np.array(shifts) - [GUIDE * self.catheter["diameter"] + 0.7 * longest, 0.0, 0.0]
-        words = [f"at {1e3 * frame['depth_m']:.3g} mm: {1e3 * size:.1f} mT" for frame, size in zip(frames, strength)]
+        words = [
+            f"at {1e3 * frame['depth_m']:.3g} mm: {1e3 * size:.1f} mT"
+            for frame, size in zip(frames, strength)
+        ]
         notes = tuple(zip(words, places - [0.0, 0.0, 0.7 * longest]))
         return {"fields": np.stack([places - 0.5 * vectors, vectors], axis=1), "notes": notes}
 
     def _guide(self, shift: np.ndarray) -> Obstacle:
         diameter = self.catheter["diameter"]
-        guide = swept(np.array([[-GUIDE * diameter, 0.0, 0.0], [0.0, 0.0, 0.0]]) + shift, 0.75 * diameter, 48)
+        guide = swept(
+            np.array([[-GUIDE * diameter, 0.0, 0.0], [0.0, 0.0, 0.0]]) + shift, 0.75 * diameter, 48
+        )
         return Obstacle("guide", guide.points, guide.triangles, style.CLAMP)
 
     def _lumen(self) -> Obstacle:
-        tube = swept(self.path[:, 1:], 1.6 * self.catheter["diameter"] / 2, 48)  # no walls are named: a little wider than the body
+        tube = swept(
+            self.path[:, 1:], 1.6 * self.catheter["diameter"] / 2, 48
+        )  # no walls are named: a little wider than the body
         return Obstacle("lumen", tube.points, tube.triangles, style.WALL, hollow=True)
 
     def trial(self, frames: Sequence[Mapping[str, Any]], *, trial: int, rms: float) -> Snapshot:
         """A trial: bodies at several depths."""
-        some = np.unique(np.linspace(0, len(frames) - 1, 5).round().astype(int)[1:])  # four depths in a trial's picture
-        return self.snapshot([frames[k] for k in some], lumen=False, title=self.name, trial=trial, rms=rms)
+        some = np.unique(
+            np.linspace(0, len(frames) - 1, 5).round().astype(int)[1:]
+        )  # four depths in a trial's picture
+        return self.snapshot(
+            [frames[k] for k in some], lumen=False, title=self.name, trial=trial, rms=rms
+        )
 
     def moment(self, frame: Mapping[str, Any]) -> Snapshot:
         """One depth in its lumen, with depth and deviation in words."""
-        words = f"{1e3 * frame['depth_m']:.1f} mm inserted   deviation {1e3 * frame['rms_m']:.2f} mm"
+        words = (
+            f"{1e3 * frame['depth_m']:.1f} mm inserted   deviation {1e3 * frame['rms_m']:.2f} mm"
+        )
         return self.snapshot([frame], lumen=True, title=words)

@@ -126,7 +126,11 @@ def page_of(framing: Framing, *, insets: bool = False) -> Layout:
 def bare(size: tuple[int, int]) -> Layout:
     """A panel of a figure, of that width and height: nothing is written, and the field's arrow is in its upper left corner."""
     edge = min(0.17, 0.22 * size[0] / size[1])
-    return Layout((Panel(0.0, 0.0, 1.0, 1.0),), Panel(0.01, 0.98 - edge, 0.01 + edge * size[1] / size[0], 0.98), size)
+    return Layout(
+        (Panel(0.0, 0.0, 1.0, 1.0),),
+        Panel(0.01, 0.98 - edge, 0.01 + edge * size[1] / size[0], 0.98),
+        size,
+    )
 
 
 @dataclass(frozen=True)
@@ -145,6 +149,8 @@ class Views:
         insets = [
             view
             for inset in layout.insets[:1]  # all are of one size
-            for view in framing.orthographic([i.toward for i in layout.insets], inset.panel.aspect(page_aspect))
+            for view in framing.orthographic(
+                [i.toward for i in layout.insets], inset.panel.aspect(page_aspect)
+            )
         ]
         return cls(tuple(replace(view, half_height=half) for view in mains), tuple(insets))

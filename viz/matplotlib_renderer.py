@@ -47,16 +47,27 @@ class MatplotlibPanel:
     def __init__(self, figure: Figure, place: Panel, view: View) -> None:
         self.view = view
         width, height = figure.get_size_inches()
-        self._axes = figure.add_axes((place.left, place.bottom, place.right - place.left, place.top - place.bottom))
+        self._axes = figure.add_axes(
+            (place.left, place.bottom, place.right - place.left, place.top - place.bottom)
+        )
         self._axes.set_xlim(-place.aspect(width / height), place.aspect(width / height))
         self._axes.set_ylim(-1.0, 1.0)
         self._axes.set_axis_off()
         # Points (1/72 inch) to a meter: widths of balls and lines are given to matplotlib in points.
-        self._scale = 0.5 * height * (place.top - place.bottom) * _POINTS_PER_INCH / view.half_height
+        self._scale = (
+            0.5 * height * (place.top - place.bottom) * _POINTS_PER_INCH / view.half_height
+        )
         self._line_unit = height * _POINTS_PER_INCH / 900
 
     def balls(
-        self, points: np.ndarray, width: float, colors: str | np.ndarray, layer: Layer, *, lit: bool = True, rim: bool = False
+        self,
+        points: np.ndarray,
+        width: float,
+        colors: str | np.ndarray,
+        layer: Layer,
+        *,
+        lit: bool = True,
+        rim: bool = False,
     ) -> None:
         flat = self.view.project(points)
         order = np.argsort(flat[:, 2], kind="stable")
@@ -76,31 +87,61 @@ class MatplotlibPanel:
 
     def solids(self, obstacles: tuple[Obstacle, ...], snapshot: Snapshot) -> None:
         body, colors = snapshot.body, snapshot.colors
-        solids = [(Surface(o.points, o.triangles, np.full(len(o.triangles), o.hollow)), style.rgb(o.color)) for o in obstacles]
+        solids = [
+            (
+                Surface(o.points, o.triangles, np.full(len(o.triangles), o.hollow)),
+                style.rgb(o.color),
+            )
+            for o in obstacles
+        ]
         if isinstance(body, Particles):
             middle = float((body.points @ self.view.toward).mean())
             for solid, color in solids:
                 near = float((solid.points @ self.view.toward).mean()) > middle
-                self._shaded(solid, np.tile(color, (len(solid.triangles), 1)), BODY.order + (1.0 if near else -0.5))
-            colors = colors * self.view.brightness(outward(body, snapshot.axis), contrast=0.25)[:, None]
+                self._shaded(
+                    solid,
+                    np.tile(color, (len(solid.triangles), 1)),
+                    BODY.order + (1.0 if near else -0.5),
+                )
+            colors = (
+                colors * self.view.brightness(outward(body, snapshot.axis), contrast=0.25)[:, None]
+            )
             self.balls(body.points, style.BALL_WIDTH * body.size, colors, BODY)
             return
-        shape = Surface(body.points.astype(float), body.triangles, np.zeros(len(body.triangles), dtype=bool))
-        colors = np.vstack([colors, *(np.tile(color, (len(solid.triangles), 1)) for solid, color in solids)])
+        shape = Surface(
+            body.points.astype(float), body.triangles, np.zeros(len(body.triangles), dtype=bool)
+        )
+        colors = np.vstack(
+            [colors, *(np.tile(color, (len(solid.triangles), 1)) for solid, color in solids)]
+        )
         self._shaded(Surface.joined([shape, *(solid for solid, _ in solids)]), colors, BODY.order)
 
     def lines(self, segments: np.ndarray, color: str, width: float, layer: Layer) -> None:
         flat = self.view.project(segments.reshape(-1, 3))[:, :2].reshape(-1, 2, 2)
-        lines = LineCollection(list(flat), colors=color, linewidths=width * self._line_unit, zorder=layer.order)
+        lines = LineCollection(
+            list(flat), colors=color, linewidths=width * self._line_unit, zorder=layer.order
+        )
         self._axes.add_collection(lines, autolim=False)
 
-    def arrow(self, start: np.ndarray, vector: np.ndarray, width: float, color: str, layer: Layer, *, halo: bool = False) -> None:
+    def arrow(
+        self,
+        start: np.ndarray,
+        vector: np.ndarray,
+        width: float,
+        color: str,
+        layer: Layer,
+        *,
+        halo: bool = False,
+    ) -> None:
         """An arrow as it is seen: one that points at the viewer comes out short."""
         ends = self.view.project(np.stack([start, start + vector]))[:, :2]
         thick = width * self._scale
         seen = float(np.linalg.norm(ends[1] - ends[0])) * self.view.half_height * self._scale
         head = min(2.6 * thick, max(0.6 * seen, 0.1))
-        for each, grow, order in (("white", 0.7 * thick, layer.order), (color, 0.0, layer.order + 0.1)):
+        for each, grow, order in (
+            ("white", 0.7 * thick, layer.order),
+            (color, 0.0, layer.order + 0.1),
+        ):
             if halo or grow == 0.0:
                 arrow = FancyArrowPatch(
                     tuple(ends[0]),
@@ -124,7 +165,9 @@ class MatplotlibPanel:
         face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         face /= np.maximum(np.linalg.norm(face, axis=1, keepdims=True), 1e-300)
         seen = (face @ self.view.toward > 0) != hollow
-        light = self.view.brightness(np.where(hollow[seen, None], -face[seen], face[seen]), contrast=0.3)
+        light = self.view.brightness(
+            np.where(hollow[seen, None], -face[seen], face[seen]), contrast=0.3
+        )
         flat = self.view.project(corners[seen].reshape(-1, 3)).reshape(-1, 3, 3)
         far_first = np.argsort(flat[:, :, 2].mean(axis=1))
         color = np.clip(colors[seen] * light[:, None], 0.0, 1.0)
@@ -132,5 +175,7 @@ class MatplotlibPanel:
 
     def _polygons(self, flat: np.ndarray, colors: str | np.ndarray, order: float) -> None:
         """Polygons (m, 3, 2). Edges of the faces' own color close the hairlines between them."""
-        faces = PolyCollection(list(flat), facecolors=colors, edgecolors=colors, linewidths=0.3, zorder=order)
+        faces = PolyCollection(
+            list(flat), facecolors=colors, edgecolors=colors, linewidths=0.3, zorder=order
+        )
         self._axes.add_collection(faces, autolim=False)

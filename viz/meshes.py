@@ -41,7 +41,9 @@ def normals(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """
     a, b, c = np.moveaxis(np.asarray(points, dtype=float)[triangles], 1, 0)
     corners, face = triangles.ravel(), np.repeat(np.cross(b - a, c - a), 3, axis=0)
-    total = np.stack([np.bincount(corners, face[:, axis], len(points)) for axis in range(3)], axis=1)
+    total = np.stack(
+        [np.bincount(corners, face[:, axis], len(points)) for axis in range(3)], axis=1
+    )
     return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
 
 
@@ -51,9 +53,15 @@ def lofted(rows: Sequence[np.ndarray], part: int, *, closed: bool, flip: bool) -
     j = np.arange(r if closed else r - 1)
     after = (j + 1) % r
     first = r * np.arange(len(rows) - 1)[:, None, None]
-    corners = np.concatenate([np.stack([j, r + j, r + after], axis=1), np.stack([j, r + after, after], axis=1)])
-    triangles = (first + corners).reshape(-1, 3).astype(np.int32)  # small where it travels to the drawing process
-    return Surface(np.vstack(rows), triangles[:, ::-1] if flip else triangles, np.full(len(triangles), part))
+    corners = np.concatenate(
+        [np.stack([j, r + j, r + after], axis=1), np.stack([j, r + after, after], axis=1)]
+    )
+    triangles = (
+        (first + corners).reshape(-1, 3).astype(np.int32)
+    )  # small where it travels to the drawing process
+    return Surface(
+        np.vstack(rows), triangles[:, ::-1] if flip else triangles, np.full(len(triangles), part)
+    )
 
 
 def circle(radius: float, around: int, x: float = 0.0) -> np.ndarray:
@@ -62,7 +70,9 @@ def circle(radius: float, around: int, x: float = 0.0) -> np.ndarray:
     return np.stack([np.full(around, x), radius * np.cos(turn), radius * np.sin(turn)], axis=1)
 
 
-def tube(ends: Sequence[float], outer: float, inner: float, step: float, around: int = 40) -> Surface:
+def tube(
+    ends: Sequence[float], outer: float, inner: float, step: float, around: int = 40
+) -> Surface:
     """A straight tube or rod along +x from the origin.
 
     ends: m, where each part ends along x; outer, inner: radii in m; step: m, about the length of a triangle.
@@ -82,7 +92,13 @@ def tube(ends: Sequence[float], outer: float, inner: float, step: float, around:
     return Surface.joined(pieces)
 
 
-def bar(ends: Sequence[float], width: float, thickness: float, step: float, base: Sequence[float] = (0, 0, 0)) -> Surface:
+def bar(
+    ends: Sequence[float],
+    width: float,
+    thickness: float,
+    step: float,
+    base: Sequence[float] = (0, 0, 0),
+) -> Surface:
     """A straight bar with sharp edges along +x: width along y, thickness along z, all in m.
 
     ends: m from the base, where each part ends; base (3,) m: center of its base face; step: m, about the length of a triangle.
@@ -96,8 +112,14 @@ def bar(ends: Sequence[float], width: float, thickness: float, step: float, base
     for k, end in enumerate(ends):
         along = _marks(start, end, step)
         for side in (-1, 1):
-            pieces.append(lofted([row(x, y, side * thickness / 2) for x in along], k, closed=False, flip=side < 0))
-            pieces.append(lofted([row(x, side * width / 2, z) for x in along], k, closed=False, flip=side > 0))
+            pieces.append(
+                lofted(
+                    [row(x, y, side * thickness / 2) for x in along], k, closed=False, flip=side < 0
+                )
+            )
+            pieces.append(
+                lofted([row(x, side * width / 2, z) for x in along], k, closed=False, flip=side > 0)
+            )
         start = end
     for x, part, front in ((0.0, 0, False), (ends[-1], len(ends) - 1, True)):
         pieces.append(lofted([row(x, at, z) for at in y], part, closed=False, flip=not front))
@@ -161,16 +183,24 @@ def refined(surface: Surface, longest: float, most: int = 200_000) -> Surface:
 _CUTS = {0: ("012",), 1: ("032", "312"), 2: ("542", "014", "045"), 3: ("035", "314", "542", "345")}
 
 
-def _split(triangles: np.ndarray, part: np.ndarray, middle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _split(
+    triangles: np.ndarray, part: np.ndarray, middle: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Triangles cut at the middles (m, 3) of their edges 01, 12, 20; -1 where an edge stays whole."""
     new, owner = [], []
     cuts = (middle >= 0).sum(axis=1)
     for count, pieces in _CUTS.items():
         rows = np.flatnonzero(cuts == count)
         # Turned so that edge 01 is the only one cut, or the only whole one.
-        turn = np.argmax((middle[rows] >= 0) == (count == 1), axis=1) if count in (1, 2) else np.zeros(len(rows), dtype=int)
+        turn = (
+            np.argmax((middle[rows] >= 0) == (count == 1), axis=1)
+            if count in (1, 2)
+            else np.zeros(len(rows), dtype=int)
+        )
         order = (turn[:, None] + np.arange(3)) % 3
-        corners = np.hstack([np.take_along_axis(of[rows], order, axis=1) for of in (triangles, middle)])
+        corners = np.hstack(
+            [np.take_along_axis(of[rows], order, axis=1) for of in (triangles, middle)]
+        )
         for piece in pieces:
             new.append(corners[:, [int(c) for c in piece]])
             owner.append(part[rows])
@@ -191,7 +221,9 @@ def creased(points: np.ndarray, triangles: np.ndarray, part: int, angle: float =
     count = len(triangles)
     edge = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
     of = np.tile(np.arange(count), 3)
-    first, second = (np.concatenate([3 * np.arange(count) + (i + k) % 3 for i in range(3)]) for k in (0, 1))
+    first, second = (
+        np.concatenate([3 * np.arange(count) + (i + k) % 3 for i in range(3)]) for k in (0, 1)
+    )
     order = np.lexsort(np.sort(edge, axis=1).T)
     one, other = order[:-1], order[1:]
     pair = (np.sort(edge[one], axis=1) == np.sort(edge[other], axis=1)).all(axis=1)

@@ -21,7 +21,9 @@ from magmpm.viz.worker import Renderer
 if TYPE_CHECKING:
     from magmpm.viz.from_motion import MotionRenderer
 
-NO_FFMPEG = "imageio-ffmpeg is not installed, so the movie is a GIF; for mp4: pip install 'magmpm[render]'."
+NO_FFMPEG = (
+    "imageio-ffmpeg is not installed, so the movie is a GIF; for mp4: pip install 'magmpm[render]'."
+)
 
 # A movie lasts about that long (s), within what these frame rates (1/s) allow; longer motions are shown with fewer frames.
 _LASTS, _SLOWEST, _FASTEST = 6.0, 8.0, 25.0
@@ -32,7 +34,10 @@ _HOLD = 1.0  # s that the last moment stands
 _SHAPE, _LAST_SHAPE, _FADE = 0.7, 2.0, 0.25
 
 # Players read a movie that doesn't say its colors as they please, large ones other than small ones. These are the colors of the pictures.
-_COLORS = ("-vf", "scale=out_color_matrix=bt709:out_range=tv,setparams=colorspace=bt709:color_primaries=bt709:color_trc=bt709")
+_COLORS = (
+    "-vf",
+    "scale=out_color_matrix=bt709:out_range=tv,setparams=colorspace=bt709:color_primaries=bt709:color_trc=bt709",
+)
 _LEAN = ("-x264-params", "rc-lookahead=2:sync-lookahead=0:ref=1:bframes=0")
 
 
@@ -84,13 +89,20 @@ def movie(
     return frames_movie(path, image, numbers, fps)
 
 
-def frames_movie(path: str | Path, image: Callable[[int], np.ndarray], numbers: np.ndarray, fps: float | None = None) -> Movie:
+def frames_movie(
+    path: str | Path,
+    image: Callable[[int], np.ndarray],
+    numbers: np.ndarray,
+    fps: float | None = None,
+) -> Movie:
     """The frames of those numbers as a movie, mp4 or GIF; image: a frame's picture (h, w, 3) uint8."""
     path, fps = _ready(path), fps or rate(len(numbers))
     if path.suffix == ".gif":
         few = chosen(len(numbers), 40)
         each = len(numbers) / fps / len(few)
-        return _write_gif((image(int(k)) for k in numbers[few]), path, [each] * (len(few) - 1) + [_HOLD])
+        return _write_gif(
+            (image(int(k)) for k in numbers[few]), path, [each] * (len(few) - 1) + [_HOLD]
+        )
     first = image(int(numbers[0]))
 
     def shown() -> Iterator[np.ndarray]:
@@ -104,13 +116,30 @@ def frames_movie(path: str | Path, image: Callable[[int], np.ndarray], numbers: 
     return _write_mp4(shown(), path, round(fps), (first.shape[1], first.shape[0]))
 
 
-def pictures(motion: MotionRenderer, folder: str | Path, renderer: Renderer, numbers: Sequence[int], kind: str = "png") -> list[Path]:
+def pictures(
+    motion: MotionRenderer,
+    folder: str | Path,
+    renderer: Renderer,
+    numbers: Sequence[int],
+    kind: str = "png",
+) -> list[Path]:
     """Pictures of frames, folder/frame_0012.png; kind: png, svg or pdf. Raises RenderError."""
-    return [renderer.render(motion.snapshot(int(k)), Path(folder) / f"frame_{int(k):04d}.{kind}", framing=motion.framing) for k in numbers]
+    return [
+        renderer.render(
+            motion.snapshot(int(k)),
+            Path(folder) / f"frame_{int(k):04d}.{kind}",
+            framing=motion.framing,
+        )
+        for k in numbers
+    ]
 
 
 def best_shapes_movie(
-    snapshots: Sequence[Snapshot], path: str | Path, renderer: Renderer, fps: int = 20, size: tuple[int, int] | None = None
+    snapshots: Sequence[Snapshot],
+    path: str | Path,
+    renderer: Renderer,
+    fps: int = 20,
+    size: tuple[int, int] | None = None,
 ) -> Movie:
     """Show each snapshot for a moment, one fading into the next, and the last one longer, all seen from the same place.
 
@@ -140,7 +169,9 @@ def _faded(stills: list[np.ndarray], fps: int) -> Iterator[np.ndarray]:
             for k in range(1, steps):
                 share = k / steps
                 yield ((1 - share) * before + share * still + 0.5).astype(np.uint8)
-        yield from itertools.repeat(still, round((_LAST_SHAPE if number == len(stills) - 1 else _SHAPE) * fps))
+        yield from itertools.repeat(
+            still, round((_LAST_SHAPE if number == len(stills) - 1 else _SHAPE) * fps)
+        )
         before = still
 
 
@@ -151,7 +182,9 @@ def _even(size: tuple[int, int]) -> None:
 
 def _ready(path: str | Path) -> Path:
     """The path with the ending of what can be written, its folder made."""
-    path = Path(path).with_suffix(".gif" if importlib.util.find_spec("imageio_ffmpeg") is None else ".mp4")
+    path = Path(path).with_suffix(
+        ".gif" if importlib.util.find_spec("imageio_ffmpeg") is None else ".mp4"
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
     return path
 
@@ -164,8 +197,24 @@ def _write_mp4(frames: Iterable[np.ndarray], path: Path, fps: int, size: tuple[i
     from imageio_ffmpeg import write_frames
 
     unfinished = path.with_name(f"{path.stem}.part.mp4")
-    options = ["-crf", "20", "-preset", "veryfast", "-threads", "1", "-movflags", "+faststart", *_LEAN, *_COLORS]
-    kind: Any = {"codec": "libx264", "pix_fmt_out": "yuv420p", "macro_block_size": 2, "quality": None}
+    options = [
+        "-crf",
+        "20",
+        "-preset",
+        "veryfast",
+        "-threads",
+        "1",
+        "-movflags",
+        "+faststart",
+        *_LEAN,
+        *_COLORS,
+    ]
+    kind: Any = {
+        "codec": "libx264",
+        "pix_fmt_out": "yuv420p",
+        "macro_block_size": 2,
+        "quality": None,
+    }
     writer = write_frames(str(unfinished), size, fps=fps, output_params=options, **kind)
     try:
         writer.send(None)

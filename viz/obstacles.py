@@ -39,11 +39,15 @@ def standing(scene: Scene | None) -> list[Obstacle]:
         return []
     found, wall, feed = list(_clamps(scene)), wall_of(scene), scene.effects.feed
     if wall is not None:
-        found.append(Obstacle("wall", wall.surface.points, wall.surface.triangles, style.WALL, hollow=True))
+        found.append(
+            Obstacle("wall", wall.surface.points, wall.surface.triangles, style.WALL, hollow=True)
+        )
     if feed is not None:
         path = np.array([[-0.05 * scene.length, 0.0, 0.0], [feed.exit, 0.0, 0.0]])
         guide = swept(path, 0.75 * scene.thickness, AROUND)
-        found.append(Obstacle("guide", guide.points, guide.triangles, style.CLAMP, hollow=True, framed=False))
+        found.append(
+            Obstacle("guide", guide.points, guide.triangles, style.CLAMP, hollow=True, framed=False)
+        )
     return found
 
 
@@ -79,19 +83,28 @@ def _sources(field: FieldSource) -> Iterator[Obstacle]:
     """The sources in their own frame."""
     solids = [solid for solid in taken(field) if not solid.ball]
     for solid, magnet in zip(solids, field.magnet or ()):
-        yield from _halves(f"magnet {style.POLES}", _magnet(solid, polarization(magnet)), solid.frame, magnet.position)
+        yield from _halves(
+            f"magnet {style.POLES}",
+            _magnet(solid, polarization(magnet)),
+            solid.frame,
+            magnet.position,
+        )
     for dipole in field.dipole or ():
         moment = np.array(dipole.moment)
         strength = float(np.linalg.norm(moment))
         kind = "magnet" if dipole.diameter else "dipole"
         # 1.3 T: a point dipole is drawn as the sphere of this remanence that makes its moment
-        shape = ball(dipole.diameter / 2 if dipole.diameter else (3e-7 * strength / 1.3) ** (1 / 3), AROUND)
+        shape = ball(
+            dipole.diameter / 2 if dipole.diameter else (3e-7 * strength / 1.3) ** (1 / 3), AROUND
+        )
         frame = frame_of((moment / strength).tolist() if strength else (0.0, 0.0, 1.0))
         yield from _halves(f"{kind} {style.POLES}", _upright(shape), frame, dipole.position)
     for coil in wires(field):
         ring = np.vstack([circle(coil.half[0], 72), circle(coil.half[0], 72)[:1]])
         wire = _upright(swept(ring, 0.05 * coil.half[0]))
-        yield Obstacle("coil", wire.points @ coil.frame.T + coil.position, wire.triangles, style.COIL)
+        yield Obstacle(
+            "coil", wire.points @ coil.frame.T + coil.position, wire.triangles, style.COIL
+        )
 
 
 def _upright(shape: Surface) -> Surface:
@@ -102,7 +115,11 @@ def _upright(shape: Surface) -> Surface:
 def _magnet(solid: Solid, remanence: np.ndarray) -> Surface:
     """A magnet in its own frame: part 0 is its south, part 1 its north half; remanence (3,) T, in space."""
     a, b, c = (float(half) for half in solid.half)
-    shape = tube([c, 2 * c], a, 0.0, 2 * c, AROUND) if solid.round else bar([c, 2 * c], 2 * a, 2 * b, min(a, b))
+    shape = (
+        tube([c, 2 * c], a, 0.0, 2 * c, AROUND)
+        if solid.round
+        else bar([c, 2 * c], 2 * a, 2 * b, min(a, b))
+    )
     shape = _upright(Surface(shape.points - [c, 0.0, 0.0], shape.triangles, shape.part))
     along = remanence @ solid.frame
     if abs(along[2]) < 0.7 * np.linalg.norm(along):
@@ -112,7 +129,9 @@ def _magnet(solid: Solid, remanence: np.ndarray) -> Surface:
     return shape if along[2] > 0 else Surface(shape.points, shape.triangles, 1 - shape.part)
 
 
-def _halves(name: str, shape: Surface, frame: np.ndarray, position: tuple[float, float, float]) -> Iterator[Obstacle]:
+def _halves(
+    name: str, shape: Surface, frame: np.ndarray, position: tuple[float, float, float]
+) -> Iterator[Obstacle]:
     """A solid, its part 0 south and its part 1 north, turned and put in place."""
     points = shape.points @ frame.T + np.array(position)
     for part, color in ((0, style.SOUTH), (1, style.NORTH)):

@@ -51,19 +51,31 @@ def surface_nets(values: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarr
     inside = values > level
     around, crossings = [], []
     for axis in range(3):
-        low, high = (tuple(slice(k, n - 1 + k) if i == axis else slice(None) for i, n in enumerate(values.shape)) for k in (0, 1))
+        low, high = (
+            tuple(
+                slice(k, n - 1 + k) if i == axis else slice(None)
+                for i, n in enumerate(values.shape)
+            )
+            for k in (0, 1)
+        )
         edge = np.argwhere(inside[low] != inside[high])
-        a, b, material_below = (of[tuple(edge.T)] for of in (values[low], values[high], inside[low]))
+        a, b, material_below = (
+            of[tuple(edge.T)] for of in (values[low], values[high], inside[low])
+        )
         crossing = edge.astype(float)
         crossing[:, axis] += (level - a) / (b - a)
         u, v = np.eye(3, dtype=int)[[(axis + 1) % 3, (axis + 2) % 3]]
         cells = edge[:, None] - np.array([u + v, v, 0 * u, u])  # the four around each edge
-        around.append(np.where(material_below[:, None, None], cells, cells[:, ::-1]))  # the surface faces away from the material
+        around.append(
+            np.where(material_below[:, None, None], cells, cells[:, ::-1])
+        )  # the surface faces away from the material
         crossings.append(crossing)
     cells, crossing = np.vstack(around), np.vstack(crossings)
     shape = tuple(n - 1 for n in values.shape)
     valid: np.ndarray = np.all((cells >= 0) & (cells < shape), axis=2)
-    key = np.where(valid, np.ravel_multi_index(tuple(np.moveaxis(cells, 2, 0)), shape, mode="clip"), -1)
+    key = np.where(
+        valid, np.ravel_multi_index(tuple(np.moveaxis(cells, 2, 0)), shape, mode="clip"), -1
+    )
     number = np.unique(key[valid], return_inverse=True)[1]
     owner = np.nonzero(valid)[0]
     count = np.bincount(number)

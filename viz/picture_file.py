@@ -24,7 +24,9 @@ def save_image(image: np.ndarray, path: str | Path, **png: Any) -> Path:
         figure = Figure(figsize=(width / _PIXELS_PER_INCH, height / _PIXELS_PER_INCH))
         page = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         page.set_axis_off()
-        page.imshow(image, interpolation="none", aspect="auto")  # "none": the file gets the pixels as they are
+        page.imshow(
+            image, interpolation="none", aspect="auto"
+        )  # "none": the file gets the pixels as they are
         return saved(figure, path)
     from PIL import Image  # stays out of those who only ask for pictures
 

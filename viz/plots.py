@@ -60,7 +60,9 @@ def convergence(
     failed, whatever rms they were given as a penalty. stop: m, the rms at which the study stops. The axis is logarithmic where the
     values span more than a factor of ten.
     """
-    values = np.array([np.nan if value is None else float(value) for value in rms], dtype=float) * 1e3
+    values = (
+        np.array([np.nan if value is None else float(value) for value in rms], dtype=float) * 1e3
+    )
     values[[k for k in failed if k < len(values)]] = np.nan
     values[~np.isfinite(values)] = np.nan
     number, good = np.arange(len(values)), np.isfinite(values)
@@ -68,18 +70,31 @@ def convergence(
     with rc_context(LOOK):
         figure = Figure(figsize=(5.4, 3.4), layout="constrained")
         axes = figure.add_subplot()
-        axes.scatter(number[good], values[good], s=16, color="#999999", linewidths=0, label="trial", zorder=2)
+        axes.scatter(
+            number[good], values[good], s=16, color="#999999", linewidths=0, label="trial", zorder=2
+        )
         label = "best so far"
         if good.any():
             k = int(np.nanargmin(values))
             label += f" ({values[k]:.2f} mm, trial {k})"
-            axes.scatter(number[k], values[k], s=42, facecolors="none", edgecolors=style.TARGET, zorder=4)
+            axes.scatter(
+                number[k], values[k], s=42, facecolors="none", edgecolors=style.TARGET, zorder=4
+            )
             _scale_of_rms(axes, np.append(values[good], [] if stop is None else stop * 1e3))
         else:
             axes.set_yticks([])
-            axes.text(0.5, 0.5, "no trial has an rms", transform=axes.transAxes, ha="center", color=style.FAINT_INK)
+            axes.text(
+                0.5,
+                0.5,
+                "no trial has an rms",
+                transform=axes.transAxes,
+                ha="center",
+                color=style.FAINT_INK,
+            )
         # The step starts with the first trial that has an rms and goes on to the last.
-        axes.step(number, best, where="post", color=style.TARGET, linewidth=1.6, label=label, zorder=3)
+        axes.step(
+            number, best, where="post", color=style.TARGET, linewidth=1.6, label=label, zorder=3
+        )
         _stop_and_failures(axes, None if stop is None else stop * 1e3, number[~good])
         axes.set_xlabel("trial")
         axes.set_ylabel("rms distance to the target (mm)")
@@ -108,19 +123,45 @@ def pareto(report: Mapping[str, Any], path: str | Path) -> Path:
     scale = np.array([1e3, unit])
     front = np.array([entry["values"] for entry in report["pareto"]]).reshape(-1, 2) * scale
     on_it = {entry["number"] for entry in report["pareto"]}
-    others = np.array([v for k, v in enumerate(report["values"]) if v is not None and k not in on_it]).reshape(-1, 2) * scale
+    others = (
+        np.array(
+            [v for k, v in enumerate(report["values"]) if v is not None and k not in on_it]
+        ).reshape(-1, 2)
+        * scale
+    )
     with rc_context(LOOK):
         figure = Figure(figsize=(5.4, 3.6), layout="constrained")
         axes = figure.add_subplot()
-        axes.scatter(others[:, 0], others[:, 1], s=16, color="#999999", linewidths=0, label="dominated trial", zorder=2)
-        axes.step(front[:, 0], front[:, 1], where="post", color=style.TARGET, linewidth=1.2, zorder=3)
+        axes.scatter(
+            others[:, 0],
+            others[:, 1],
+            s=16,
+            color="#999999",
+            linewidths=0,
+            label="dominated trial",
+            zorder=2,
+        )
+        axes.step(
+            front[:, 0], front[:, 1], where="post", color=style.TARGET, linewidth=1.2, zorder=3
+        )
         count = f"Pareto front ({len(front)} of {len(report['values'])})"
-        axes.scatter(front[:, 0], front[:, 1], s=26, color=style.TARGET, linewidths=0, label=count, zorder=4)
+        axes.scatter(
+            front[:, 0], front[:, 1], s=26, color=style.TARGET, linewidths=0, label=count, zorder=4
+        )
         for entry, point in zip(report["pareto"], front, strict=True):
             if entry["number"] == report["compromise"]:
                 at = f"{point[0]:.3g} mm, {point[1]:.3g} {label.split('(')[1].rstrip(')')}"
                 text = f"best compromise: trial {entry['number']} ({at})"
-                axes.scatter(point[0], point[1], s=80, facecolors="none", edgecolors="#007766", linewidths=1.4, label=text, zorder=5)
+                axes.scatter(
+                    point[0],
+                    point[1],
+                    s=80,
+                    facecolors="none",
+                    edgecolors="#007766",
+                    linewidths=1.4,
+                    label=text,
+                    zorder=5,
+                )
         axes.set_xlabel("rms distance to the target (mm)")
         axes.set_ylabel(label)
         axes.margins(x=0.08, y=0.12)
@@ -147,7 +188,9 @@ def _stop_and_failures(axes: Axes, stop: float | None, failed: np.ndarray) -> No
         # Along the upper edge: a failed trial has no rms, and no place on that axis.
         top = axes.get_xaxis_transform()
         look: Any = {"marker": "x", "s": 22, "color": _REFERENCE, "linewidths": 1.2}
-        axes.scatter(failed, np.full(len(failed), 0.97), transform=top, label="failed", zorder=4, **look)
+        axes.scatter(
+            failed, np.full(len(failed), 0.97), transform=top, label="failed", zorder=4, **look
+        )
 
 
 def _scale_of_rms(axes: Axes, shown: np.ndarray) -> None:
@@ -163,7 +206,12 @@ def _scale_of_rms(axes: Axes, shown: np.ndarray) -> None:
         axes.set_ylim(0.0, 1.12 * high)
 
 
-def accuracy(table: Sequence[Mapping[str, Any]], path: str | Path, title: str = "", reference_name: str = "reference") -> Path:
+def accuracy(
+    table: Sequence[Mapping[str, Any]],
+    path: str | Path,
+    title: str = "",
+    reference_name: str = "reference",
+) -> Path:
     """Plot the cost of accuracy: error against seconds, and error against cell size with its order.
 
     table: one mapping for each cell size, with cells_across; cell_size (m); seconds; error_finest, the largest distance to the finest
@@ -171,7 +219,10 @@ def accuracy(table: Sequence[Mapping[str, Any]], path: str | Path, title: str = 
     left out where there is none.
     """
     rows = sorted(table, key=lambda row: float(row["cell_size"]), reverse=True)
-    series = [("error_reference", f"against {reference_name}", _REFERENCE, "s"), ("error_finest", "against the finest", _FINEST, "o")]
+    series = [
+        ("error_reference", f"against {reference_name}", _REFERENCE, "s"),
+        ("error_finest", "against the finest", _FINEST, "o"),
+    ]
     with rc_context(LOOK):
         figure = Figure(figsize=(7.2, 3.3), layout="constrained")
         cost, order = figure.subplots(1, 2)
@@ -180,11 +231,21 @@ def accuracy(table: Sequence[Mapping[str, Any]], path: str | Path, title: str = 
             if not known:
                 continue
             error = np.array([100.0 * float(row[key]) for row in known])
-            look: Any = {"color": color, "marker": marker, "markersize": 5, "linewidth": 1.3, "label": name}
+            look: Any = {
+                "color": color,
+                "marker": marker,
+                "markersize": 5,
+                "linewidth": 1.3,
+                "label": name,
+            }
             cost.plot([float(row["seconds"]) for row in known], error, **look)
             order.plot([1e3 * float(row["cell_size"]) for row in known], error, **look)
         _label_cells(cost, rows, [key for key, *_ in series])
-        _slope_triangle(order, rows, "error_finest" if len(_known(rows, "error_finest")) >= 2 else "error_reference")
+        _slope_triangle(
+            order,
+            rows,
+            "error_finest" if len(_known(rows, "error_finest")) >= 2 else "error_reference",
+        )
         for axes in (cost, order):
             axes.set_xscale("log")
             axes.set_yscale("log")
@@ -218,7 +279,13 @@ def _label_cells(axes: Axes, rows: Sequence[Mapping[str, Any]], keys: Sequence[s
         errors = [100.0 * float(row[key]) for key in keys if _known([row], key)]
         if errors:
             axes.annotate(f"{row['cells_across']:g}", (float(row["seconds"]), max(errors)), **near)
-    axes.annotate("numbers: cells across", (0.02, 0.02), xycoords="axes fraction", fontsize=7.5, color=style.FAINT_INK)
+    axes.annotate(
+        "numbers: cells across",
+        (0.02, 0.02),
+        xycoords="axes fraction",
+        fontsize=7.5,
+        color=style.FAINT_INK,
+    )
 
 
 def _slope_triangle(axes: Axes, rows: Sequence[Mapping[str, Any]], key: str) -> None:
@@ -233,18 +300,30 @@ def _slope_triangle(axes: Axes, rows: Sequence[Mapping[str, Any]], key: str) -> 
     low, high = np.exp(np.quantile(np.log([size.min(), size.max()]), [0.4, 0.75]))
     drop = 0.45 * float(np.min(error / np.exp(height) / size**slope))
     bottom, top = (drop * np.exp(height) * x**slope for x in (low, high))
-    axes.plot([low, high, high, low], [bottom, bottom, top, bottom], color=style.FAINT_INK, linewidth=1.0)
+    axes.plot(
+        [low, high, high, low], [bottom, bottom, top, bottom], color=style.FAINT_INK, linewidth=1.0
+    )
     near: Any = {"textcoords": "offset points", "fontsize": 8, "color": style.FAINT_INK}
     axes.annotate("1", (np.sqrt(low * high), bottom), xytext=(0, -3), ha="center", va="top", **near)
-    axes.annotate(f"{slope:.1f}", (high, np.sqrt(bottom * top)), xytext=(4, 0), ha="left", va="center", **near)
+    axes.annotate(
+        f"{slope:.1f}", (high, np.sqrt(bottom * top)), xytext=(4, 0), ha="left", va="center", **near
+    )
 
 
-def motion(energies: Table, contacts: Mapping[str, Table], path: str | Path, title: str = "", jumps: Sequence[float] = ()) -> Path:
+def motion(
+    energies: Table,
+    contacts: Mapping[str, Table],
+    path: str | Path,
+    title: str = "",
+    jumps: Sequence[float] = (),
+) -> Path:
     """A motion's energies, and below them contact forces where there are any, against time.
 
     energies: columns of energies.csv, s and J; contacts: effect -> columns of contacts.csv, s and N; jumps: times, s, to be marked.
     """
-    touching = {name: c for name, c in contacts.items() if any(np.any(c[f"F{axis}"] != 0) for axis in "xyz")}
+    touching = {
+        name: c for name, c in contacts.items() if any(np.any(c[f"F{axis}"] != 0) for axis in "xyz")
+    }
     rows = 2 if touching else 1
     with rc_context(LOOK):
         figure = Figure(figsize=(6.4, 2.7 * rows), layout="constrained")
@@ -266,11 +345,21 @@ def motion(energies: Table, contacts: Mapping[str, Table], path: str | Path, tit
 
 def _energies(axes: Axes, energies: Table) -> None:
     # Potentials count from an arbitrary zero: from their first value they can be compared.
-    from_zero = {name: 0.0 if name in ("kinetic", "elastic", "dissipated") else values[0] for name, values in energies.items()}
-    curves = {name: energies[name] - from_zero[name] for name in (*(n for n in energies if n not in ("t", "total")), "total")}
+    from_zero = {
+        name: 0.0 if name in ("kinetic", "elastic", "dissipated") else values[0]
+        for name, values in energies.items()
+    }
+    curves = {
+        name: energies[name] - from_zero[name]
+        for name in (*(n for n in energies if n not in ("t", "total")), "total")
+    }
     unit, word = _unit(list(curves.values()), _ENERGY_UNITS)
     for i, (name, values) in enumerate(curves.items()):
-        look: Any = {"color": _COLORS[i % len(_COLORS)], "linestyle": _DASHES[i % len(_DASHES)], "linewidth": 1.3}
+        look: Any = {
+            "color": _COLORS[i % len(_COLORS)],
+            "linestyle": _DASHES[i % len(_DASHES)],
+            "linewidth": 1.3,
+        }
         if name == "total":
             look = {"color": style.INK, "linestyle": "-", "linewidth": 1.8}
         axes.plot(energies["t"], values / unit, label=name.replace("_", " "), **look)
@@ -278,13 +367,25 @@ def _energies(axes: Axes, energies: Table) -> None:
 
 
 def _forces(axes: Axes, contacts: Mapping[str, Table]) -> None:
-    curves = {(name, axis): contact[f"F{axis}"] for name, contact in contacts.items() for axis in "xyz"}
+    curves = {
+        (name, axis): contact[f"F{axis}"] for name, contact in contacts.items() for axis in "xyz"
+    }
     unit, word = _unit(list(curves.values()), _FORCE_UNITS)
     least = 1e-3 * max(float(np.nanmax(np.abs(force))) for force in curves.values())
-    shown = [(name, axis, force) for (name, axis), force in curves.items() if np.any(np.abs(force) > least)]
+    shown = [
+        (name, axis, force)
+        for (name, axis), force in curves.items()
+        if np.any(np.abs(force) > least)
+    ]
     for i, (name, axis, force) in enumerate(shown):
-        look: Any = {"color": _COLORS[i % len(_COLORS)], "linestyle": _DASHES[i % len(_DASHES)], "linewidth": 1.3}
-        axes.plot(contacts[name]["t"], force / unit, label=f"{name.replace('_', ' ')}, $F_{axis}$", **look)
+        look: Any = {
+            "color": _COLORS[i % len(_COLORS)],
+            "linestyle": _DASHES[i % len(_DASHES)],
+            "linewidth": 1.3,
+        }
+        axes.plot(
+            contacts[name]["t"], force / unit, label=f"{name.replace('_', ' ')}, $F_{axis}$", **look
+        )
     _dress(axes, f"contact force on the body ({word})")
 
 

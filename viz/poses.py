@@ -24,7 +24,14 @@ GAP = 0.2  # between two bodies, of the length
 FIELD = 0.15  # the longest arrow of a time's field, of the length
 
 
-def poses_snapshot(name: str, scene: Mapping[str, Any], poses: Sequence[Mapping[str, Any]], *, trial: int, rms: float) -> Snapshot:
+def poses_snapshot(
+    name: str,
+    scene: Mapping[str, Any],
+    poses: Sequence[Mapping[str, Any]],
+    *,
+    trial: int,
+    rms: float,
+) -> Snapshot:
     """The snapshot of a trial of a schedule.
 
     scene: plain SI data; poses: of each time shown time_s, field_T (3,), axis_m (n, 3), target_m (m, 3), and of the segments centers_m
@@ -34,14 +41,23 @@ def poses_snapshot(name: str, scene: Mapping[str, Any], poses: Sequence[Mapping[
     assert whole is not None
     length = whole.length
     thickness = max(whole.thickness, 0.06 * length)
-    shifts = _shifts(poses, length, whole.thickness if whole.body.strip is None else whole.body.strip.width)
+    shifts = _shifts(
+        poses, length, whole.thickness if whole.body.strip is None else whole.body.strip.width
+    )
     axes = [np.array(pose["axis_m"]) + shift for pose, shift in zip(poses, shifts)]
     bodies = [_body(whole, axis) for axis in axes]
     arrows = []
     for pose, axis, shift in zip(poses, axes, shifts):
         centers = np.array(pose["centers_m"]).reshape(-1, 3) + shift
-        arrows.append(segment_arrows(axis, centers, np.array(pose["remanence_T"]).reshape(-1, 3), length, thickness))
-    dots = [spread(np.array(pose["target_m"]), style.TARGET_DOTS // 2 + 1) + shift for pose, shift in zip(poses, shifts)]
+        arrows.append(
+            segment_arrows(
+                axis, centers, np.array(pose["remanence_T"]).reshape(-1, 3), length, thickness
+            )
+        )
+    dots = [
+        spread(np.array(pose["target_m"]), style.TARGET_DOTS // 2 + 1) + shift
+        for pose, shift in zip(poses, shifts)
+    ]
     fields, notes = _fields(poses, shifts, length)
     return Snapshot(
         body=Surface.joined(bodies),
@@ -82,16 +98,22 @@ def _body(scene: Scene, axis: np.ndarray) -> Surface:
     of_piece = np.minimum(np.searchsorted(ends, (at[1:] + at[:-1]) / 2), len(ends) - 1)
     pieces = []
     for face in faces:
-        side = lofted(ring_sections(line, face, np.array([0.0, 1.0, 0.0])), 0, closed=not flat, flip=True)
+        side = lofted(
+            ring_sections(line, face, np.array([0.0, 1.0, 0.0])), 0, closed=not flat, flip=True
+        )
         piece = side.triangles.min(axis=1) // len(face)
         pieces.append(Surface(side.points, side.triangles, of_piece[np.minimum(piece, FINE - 2)]))
     outline = np.vstack([face[:1] for face in faces]) if flat else faces[0]
     for end, backward in ((0, True), (-1, False)):
         rim = ring_sections(line, outline, np.array([0.0, 1.0, 0.0]))[end]
         count = len(rim)
-        fan = np.stack([np.full(count, count), np.arange(count), (np.arange(count) + 1) % count], axis=1).astype(np.int32)
+        fan = np.stack(
+            [np.full(count, count), np.arange(count), (np.arange(count) + 1) % count], axis=1
+        ).astype(np.int32)
         points = np.vstack([rim, line[end : end + 1] if end == 0 else line[-1:]])
-        pieces.append(Surface(points, fan[:, ::-1] if backward else fan, np.full(count, of_piece[end])))
+        pieces.append(
+            Surface(points, fan[:, ::-1] if backward else fan, np.full(count, of_piece[end]))
+        )
     return Surface.joined(pieces)
 
 
@@ -100,8 +122,14 @@ def _section(scene: Scene) -> tuple[list[np.ndarray], bool]:
     strip = scene.body.strip
     if strip is None:
         return [circle(scene.thickness / 2, AROUND)], False
-    corners = np.array([[0.0, y, z] for y, z in ((1, 1), (-1, 1), (-1, -1), (1, -1))]) * [0.0, strip.width / 2, strip.thickness / 2]
-    return [np.stack([corner, after]) for corner, after in zip(corners, np.roll(corners, -1, axis=0))], True
+    corners = np.array([[0.0, y, z] for y, z in ((1, 1), (-1, 1), (-1, -1), (1, -1))]) * [
+        0.0,
+        strip.width / 2,
+        strip.thickness / 2,
+    ]
+    return [
+        np.stack([corner, after]) for corner, after in zip(corners, np.roll(corners, -1, axis=0))
+    ], True
 
 
 def _clamps(scene: Scene, shifts: Sequence[np.ndarray]) -> tuple[Obstacle, ...]:
@@ -109,7 +137,16 @@ def _clamps(scene: Scene, shifts: Sequence[np.ndarray]) -> tuple[Obstacle, ...]:
     found = []
     for k, shift in enumerate(shifts):
         for one in standing(scene):
-            found.append(Obstacle("" if k else one.name, one.points + shift, one.triangles, one.color, one.hollow, one.framed))
+            found.append(
+                Obstacle(
+                    "" if k else one.name,
+                    one.points + shift,
+                    one.triangles,
+                    one.color,
+                    one.hollow,
+                    one.framed,
+                )
+            )
     return tuple(found)
 
 
@@ -122,6 +159,8 @@ def _fields(
     longest = FIELD * length
     vectors = longest * fields / max(float(strength.max()), 1e-300)
     places = np.array(shifts) - [0.2 * length + longest, 0.0, 0.0]
-    words = [f"at {pose['time_s']:.4g} s: {1e3 * size:.1f} mT" for pose, size in zip(poses, strength)]
+    words = [
+        f"at {pose['time_s']:.4g} s: {1e3 * size:.1f} mT" for pose, size in zip(poses, strength)
+    ]
     notes = tuple(zip(words, places - [0.0, 0.0, 0.7 * longest]))
     return np.stack([places - 0.5 * vectors, vectors], axis=1), notes

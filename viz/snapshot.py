@@ -130,13 +130,20 @@ class Snapshot:
     insets: bool = False
 
     def __post_init__(self) -> None:
-        for name, array in (("body.points", self.body.points), ("axis", self.axis), ("target", self.target), ("trace", self.trace)):
+        for name, array in (
+            ("body.points", self.body.points),
+            ("axis", self.axis),
+            ("target", self.target),
+            ("trace", self.trace),
+        ):
             if array is not None and (array.ndim != 2 or array.shape[1] != 3):
                 raise ValueError(f"Snapshot.{name} has shape {array.shape}; it must be (any, 3)")
         if len(self.body.points) == 0:
             raise ValueError("Snapshot.body has no points: there is nothing to draw")
         if isinstance(self.body, Particles) and self.body.part.shape != (len(self.body.points),):
-            raise ValueError(f"Particles.part has shape {self.body.part.shape}; it must be ({len(self.body.points)},), one a particle")
+            raise ValueError(
+                f"Particles.part has shape {self.body.part.shape}; it must be ({len(self.body.points)},), one a particle"
+            )
 
     @property
     def colors(self) -> np.ndarray:
@@ -149,7 +156,9 @@ class Snapshot:
     @property
     def pushes(self) -> np.ndarray:
         """The forces (f, 2, 3) m that are long enough to be drawn."""
-        return np.asarray(self.forces[np.linalg.norm(self.forces[:, 1], axis=1) > 0.02 * self.length])
+        return np.asarray(
+            self.forces[np.linalg.norm(self.forces[:, 1], axis=1) > 0.02 * self.length]
+        )
 
     @property
     def unit(self) -> float:
@@ -164,7 +173,11 @@ class Snapshot:
         if self.trial is not None:
             words.append(f"trial {self.trial}")
         if self.rms is not None:
-            words.append(f"rms {self.rms * 1e3:.2f} mm" if self.rms >= 1e-4 else f"rms {readable_length(self.rms)}")
+            words.append(
+                f"rms {self.rms * 1e3:.2f} mm"
+                if self.rms >= 1e-4
+                else f"rms {readable_length(self.rms)}"
+            )
         if self.time is not None:
             words.append(f"t = {seconds(self.time, self.duration)}")
             words += [self.event] if self.event else [slower(self.pace)] if self.pace else []
@@ -174,12 +187,20 @@ class Snapshot:
 def spread(points: np.ndarray, most: int = style.TARGET_DOTS) -> np.ndarray:
     """Dots (q, 3) along a line through points (n, 3), as many but at most so many, at equal distances, the first and last among them."""
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    return np.stack([np.interp(np.linspace(0.0, s[-1], min(len(points), most)), s, column) for column in np.transpose(points)], axis=1)
+    return np.stack(
+        [
+            np.interp(np.linspace(0.0, s[-1], min(len(points), most)), s, column)
+            for column in np.transpose(points)
+        ],
+        axis=1,
+    )
 
 
 def seconds(time: float, duration: float = 1.0) -> str:
     """A time in s as text with its unit and the digits that a motion of that duration (s) calls for: "12.5 ms", "0.250 s"."""
-    unit, name = next((u for u in ((1.0, "s"), (1e-3, "ms")) if duration >= 0.05 * u[0]), (1e-6, "µs"))
+    unit, name = next(
+        (u for u in ((1.0, "s"), (1e-3, "ms")) if duration >= 0.05 * u[0]), (1e-6, "µs")
+    )
     digits = 3 if duration < unit else 2 if duration < 20 * unit else 1
     return f"{time / unit:.{digits}f} {name}"
 

@@ -39,7 +39,11 @@ WALL = "#C9D3DE"
 GROUND, GROUND_GRID, GROUND_SHADOW = "#EFEADF", "#C9BFA8", "#CDC3AC"
 CONTACT = "#0033CC"
 TRACE = "#888888"
-COMPONENTS = ("#882255", "#CC6677", "#999933")  # of the field along x, y, z: wine, rose, olive of Tol's "muted" scheme
+COMPONENTS = (
+    "#882255",
+    "#CC6677",
+    "#999933",
+)  # of the field along x, y, z: wine, rose, olive of Tol's "muted" scheme
 
 FINAL_SIZE = (1200, 900)
 MOVIE_SIZE = (1280, 720)

@@ -19,9 +19,18 @@ SHOWN = {  # marks of fields that are not sure: symbol, color
 
 
 def draw(
-    path: Path, *, fields: np.ndarray, tips: np.ndarray, marks: np.ndarray, kind: str, axes: Sequence[int], shape: Sequence[int],
-    length: float, name: str, words: Mapping[str, str],
-) -> Path:  # fmt: skip
+    path: Path,
+    *,
+    fields: np.ndarray,
+    tips: np.ndarray,
+    marks: np.ndarray,
+    kind: str,
+    axes: Sequence[int],
+    shape: Sequence[int],
+    length: float,
+    name: str,
+    words: Mapping[str, str],
+) -> Path:
     """Draw a map into a PNG, SVG or PDF.
 
     fields (m, 3) T, tips (m, 3) m or NaN, marks (m,); kind, axes and shape: as of studies.explore.tip_map.Fields;
@@ -36,67 +45,130 @@ def draw(
     strength = 1e3 * np.linalg.norm(fields, axis=1)
     for place, (first, second) in ((sides, (0, 2)), (front, (1, 2))):
         dots = _side(place, 1e3 * tips, strength, marks, (first, second), 1e3 * length)
-    bar = figure.colorbar(dots, ax=[sides, front], location="bottom", fraction=0.05, pad=0.02, aspect=45)
+    bar = figure.colorbar(
+        dots, ax=[sides, front], location="bottom", fraction=0.05, pad=0.02, aspect=45
+    )
     bar.set_label("strength of the field, mT")
-    (_plane if kind == "plane" else _sphere)(figure, chart, 1e3 * fields, 1e3 * tips, marks, axes, shape, 1e3 * length)
+    (_plane if kind == "plane" else _sphere)(
+        figure, chart, 1e3 * fields, 1e3 * tips, marks, axes, shape, 1e3 * length
+    )
     handles = [
-        chart.scatter([], [], marker=symbol, s=26, label=f"{mark} ({int(np.count_nonzero(marks == mark))})", **_face(symbol, color))
-        for mark, (symbol, color) in SHOWN.items() if np.any(marks == mark)
-    ]  # fmt: skip
+        chart.scatter(
+            [],
+            [],
+            marker=symbol,
+            s=26,
+            label=f"{mark} ({int(np.count_nonzero(marks == mark))})",
+            **_face(symbol, color),
+        )
+        for mark, (symbol, color) in SHOWN.items()
+        if np.any(marks == mark)
+    ]
     handles = [sides.lines[0], *handles]  # the undeformed body
-    figure.legend(handles=handles, loc="outside lower right", ncols=len(handles), frameon=False, fontsize=9)
+    figure.legend(
+        handles=handles, loc="outside lower right", ncols=len(handles), frameon=False, fontsize=9
+    )
     figure.suptitle(f"{name}: the tip over {len(fields)} fields", fontsize=12, color=style.INK)
     return saved(figure, path)
 
 
-def _side(place: Any, tips: np.ndarray, strength: np.ndarray, marks: np.ndarray, pair: tuple[int, int], length: float) -> Any:
+def _side(
+    place: Any,
+    tips: np.ndarray,
+    strength: np.ndarray,
+    marks: np.ndarray,
+    pair: tuple[int, int],
+    length: float,
+) -> Any:
     """The tips (m, 3) mm seen along one axis, with the undeformed body."""
     first, second = pair
     nearest_last = np.argsort(strength)[::-1]
-    dots = place.scatter(*tips[nearest_last][:, pair].T, c=strength[nearest_last], s=9, cmap="viridis", linewidths=0)
+    dots = place.scatter(
+        *tips[nearest_last][:, pair].T, c=strength[nearest_last], s=9, cmap="viridis", linewidths=0
+    )
     for mark, (symbol, color) in SHOWN.items():
         of = (marks == mark) & np.isfinite(tips).all(axis=1)
-        place.scatter(*tips[of][:, pair].T, marker=symbol, s=20, linewidths=0.7, **_face(symbol, color))
+        place.scatter(
+            *tips[of][:, pair].T, marker=symbol, s=20, linewidths=0.7, **_face(symbol, color)
+        )
     body = np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]])
     look: dict[str, Any] = {"lw": 2.5} if first == 0 else {"lw": 0, "marker": "o", "ms": 4}
     place.plot(*body[:, pair].T, color=style.HELD, zorder=1, label="straight", **look)
-    place.set(xlabel=f"{'xyz'[first]} of the tip, mm", ylabel=f"{'xyz'[second]} of the tip, mm", aspect="equal")
+    place.set(
+        xlabel=f"{'xyz'[first]} of the tip, mm",
+        ylabel=f"{'xyz'[second]} of the tip, mm",
+        aspect="equal",
+    )
     _plain(place)
     return dots
 
 
 def _plane(
-    figure: Any, chart: Any, fields: np.ndarray, tips: np.ndarray, marks: np.ndarray, axes: Sequence[int], shape: Sequence[int],
+    figure: Any,
+    chart: Any,
+    fields: np.ndarray,
+    tips: np.ndarray,
+    marks: np.ndarray,
+    axes: Sequence[int],
+    shape: Sequence[int],
     length: float,
-) -> None:  # fmt: skip
+) -> None:
     """Plot how far the tip goes over two components of the field."""
     n, m = shape
     away = np.linalg.norm(tips - [length, 0.0, 0.0], axis=1)
     x, y = fields[:, axes[0]], fields[:, axes[1]]
-    shown = chart.pcolormesh(x.reshape(n, m), y.reshape(n, m), away.reshape(n, m), cmap="cividis", shading="nearest", rasterized=True)
-    figure.colorbar(shown, ax=chart, location="bottom", fraction=0.05, pad=0.02).set_label("tip's distance from straight, mm")
+    shown = chart.pcolormesh(
+        x.reshape(n, m),
+        y.reshape(n, m),
+        away.reshape(n, m),
+        cmap="cividis",
+        shading="nearest",
+        rasterized=True,
+    )
+    figure.colorbar(shown, ax=chart, location="bottom", fraction=0.05, pad=0.02).set_label(
+        "tip's distance from straight, mm"
+    )
     _marks(chart, x, y, marks)
     chart.set(xlabel=f"B{'xyz'[axes[0]]}, mT", ylabel=f"B{'xyz'[axes[1]]}, mT", aspect="equal")
     _plain(chart)
 
 
 def _sphere(
-    figure: Any, chart: Any, fields: np.ndarray, tips: np.ndarray, marks: np.ndarray, axes: Sequence[int], shape: Sequence[int],
+    figure: Any,
+    chart: Any,
+    fields: np.ndarray,
+    tips: np.ndarray,
+    marks: np.ndarray,
+    axes: Sequence[int],
+    shape: Sequence[int],
     length: float,
-) -> None:  # fmt: skip
+) -> None:
     """Plot how far the tip goes at the greatest strength, over the field's direction. A direction has the worst mark of its strengths."""
     directions, strengths = shape
     last = np.arange(directions) * strengths + strengths - 1
     away = np.linalg.norm(tips[last] - [length, 0.0, 0.0], axis=1)
     azimuth = np.degrees(np.arctan2(fields[last, 1], fields[last, 0]))
-    elevation = np.degrees(np.arcsin(np.clip(fields[last, 2] / np.linalg.norm(fields[last], axis=1), -1.0, 1.0)))
+    elevation = np.degrees(
+        np.arcsin(np.clip(fields[last, 2] / np.linalg.norm(fields[last], axis=1), -1.0, 1.0))
+    )
     shown = chart.scatter(azimuth, elevation, c=away, s=34, cmap="cividis", linewidths=0)
     figure.colorbar(shown, ax=chart, location="bottom", fraction=0.05, pad=0.02).set_label(
-        f"tip's distance from straight at {np.linalg.norm(fields[last[0]]):.3g} mT, mm")
+        f"tip's distance from straight at {np.linalg.norm(fields[last[0]]):.3g} mT, mm"
+    )
     order = ["sure", *SHOWN]
-    worst = np.array([order[max(order.index(mark) for mark in row)] for row in marks.reshape(directions, strengths)])
+    worst = np.array(
+        [
+            order[max(order.index(mark) for mark in row)]
+            for row in marks.reshape(directions, strengths)
+        ]
+    )
     _marks(chart, azimuth, elevation, worst, 60)
-    chart.set(xlabel="azimuth of the field, deg", ylabel="elevation of the field, deg", xlim=(-190, 190), ylim=(-95, 95))
+    chart.set(
+        xlabel="azimuth of the field, deg",
+        ylabel="elevation of the field, deg",
+        xlim=(-190, 190),
+        ylim=(-95, 95),
+    )
     chart.set_xticks([-180, -90, 0, 90, 180])
     chart.set_yticks([-90, -45, 0, 45, 90])
     _plain(chart)

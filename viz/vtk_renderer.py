@@ -59,7 +59,11 @@ class VtkCanvas:
         self._panels.clear()
         self._thin = thin
         self._window.SetSize(*size)
-        paper = self.panel(Panel(0.0, 0.0, 1.0, 1.0), View(np.eye(3)[0], np.eye(3)[1], np.eye(3)[2], np.zeros(3), 1.0), reach=1.0)
+        paper = self.panel(
+            Panel(0.0, 0.0, 1.0, 1.0),
+            View(np.eye(3)[0], np.eye(3)[1], np.eye(3)[2], np.zeros(3), 1.0),
+            reach=1.0,
+        )
         paper.renderer.SetPreserveColorBuffer(False)
 
     def panel(self, place: Panel, view: View, reach: float) -> VtkPanel:
@@ -86,7 +90,9 @@ class VtkCanvas:
 class VtkPanel:
     """A panel of the window; what its methods do, viz.drawing.PanelCanvas says."""
 
-    def __init__(self, place: Panel, view: View, reach: float, page_height: int, thin: float) -> None:
+    def __init__(
+        self, place: Panel, view: View, reach: float, page_height: int, thin: float
+    ) -> None:
         self.view = view
         self._reach, self._thin = reach, thin
         # Pixels to a meter: balls are points, whose size is in pixels. Lines get thinner in small pictures.
@@ -116,7 +122,14 @@ class VtkPanel:
         camera.SetClippingRange(1e-3 * self._reach, 2 * self._reach)
 
     def balls(
-        self, points: np.ndarray, width: float, colors: str | np.ndarray, layer: Layer, *, lit: bool = True, rim: bool = False
+        self,
+        points: np.ndarray,
+        width: float,
+        colors: str | np.ndarray,
+        layer: Layer,
+        *,
+        lit: bool = True,
+        rim: bool = False,
     ) -> None:
         lifted = self._lifted(points, layer)
         if rim:
@@ -125,14 +138,18 @@ class VtkPanel:
         self._dots(lifted if lit else self.view.lift(lifted, 2 * width), width, colors, lit)
 
     def flat(self, points: np.ndarray, triangles: np.ndarray, color: str, layer: Layer) -> None:
-        self._actor(pv.PolyData.from_regular_faces(self._lifted(points, layer), triangles), color, lit=False)
+        self._actor(
+            pv.PolyData.from_regular_faces(self._lifted(points, layer), triangles), color, lit=False
+        )
 
     def solids(self, obstacles: tuple[Obstacle, ...], snapshot: Snapshot) -> None:
         for o in obstacles:
             self._solid(o.points, o.triangles, o.color).SetFrontfaceCulling(o.hollow)
         body, colors = snapshot.body, snapshot.colors
         if isinstance(body, Particles):
-            colors = colors * self.view.brightness(outward(body, snapshot.axis), contrast=0.15)[:, None]
+            colors = (
+                colors * self.view.brightness(outward(body, snapshot.axis), contrast=0.15)[:, None]
+            )
             self._dots(body.points, style.BALL_WIDTH * body.size, colors, lit=True)
             return
         look = self._solid(body.points, body.triangles, colors)
@@ -143,16 +160,31 @@ class VtkPanel:
         lines = pv.line_segments_from_points(self._lifted(segments.reshape(-1, 3), layer))
         self._actor(lines, color, lit=False).GetProperty().SetLineWidth(width * self._line_unit)
 
-    def arrow(self, start: np.ndarray, vector: np.ndarray, width: float, color: str, layer: Layer, *, halo: bool = False) -> None:
+    def arrow(
+        self,
+        start: np.ndarray,
+        vector: np.ndarray,
+        width: float,
+        color: str,
+        layer: Layer,
+        *,
+        halo: bool = False,
+    ) -> None:
         """An arrow from start (3,) along vector (3,), its shaft `width` thick, all in m; halo: with a white rim."""
         start, length = self._lifted(start, layer), float(np.linalg.norm(vector))
         thickness, rim = width / length, style.ARROW_HALO * width / length
         if halo:
             # Of this larger white arrow only the far side is drawn: it shows around the arrow, not in front of it.
-            around = self._actor(_arrow(round(1 + 2.5 * rim, 3), round(thickness, 3), round(rim, 3)), "#FFFFFF", lit=False)
+            around = self._actor(
+                _arrow(round(1 + 2.5 * rim, 3), round(thickness, 3), round(rim, 3)),
+                "#FFFFFF",
+                lit=False,
+            )
             around.GetProperty().SetFrontfaceCulling(True)
             around.SetUserMatrix(_placed(start - rim * vector, vector))
-        self._actor(_arrow(1.0, round(thickness, 3), 0.0), color, lit=True).SetUserMatrix(_placed(start, vector))
+        self._actor(_arrow(1.0, round(thickness, 3), 0.0), color, lit=True).SetUserMatrix(
+            _placed(start, vector)
+        )
 
     def _lifted(self, points: np.ndarray, layer: Layer) -> np.ndarray:
         return self.view.lift(points, layer.steps * self._thin + layer.share * self._reach)
@@ -166,9 +198,13 @@ class VtkPanel:
         look.SetRenderPointsAsSpheres(True)
         look.SetPointSize(max(width * self._scale, 1.0))
 
-    def _solid(self, points: np.ndarray, triangles: np.ndarray, colors: str | np.ndarray) -> vtkProperty:
+    def _solid(
+        self, points: np.ndarray, triangles: np.ndarray, colors: str | np.ndarray
+    ) -> vtkProperty:
         """A smoothly shaded surface; its look. Edges are sharp where its triangles share no points."""
-        mesh = pv.PolyData.from_regular_faces(np.asarray(points, dtype=float), np.asarray(triangles))
+        mesh = pv.PolyData.from_regular_faces(
+            np.asarray(points, dtype=float), np.asarray(triangles)
+        )
         if not isinstance(colors, str):
             mesh.cell_data["color"] = (255 * colors + 0.5).astype(np.uint8)
         mesh.point_data.active_normals = normals(points, triangles).astype(np.float32)

@@ -45,7 +45,7 @@ DOES_NOT_START = (
     "PyVista does not start here ({reason}), so matplotlib draws the pictures; "
     "OpenGL without a display needs: apt-get install libegl1 libgl1-mesa-dri (or libosmesa6)."
 )
-NO_PYVISTA = ("PyVista is not installed, so matplotlib draws the pictures; for PyVista's: pip install 'magmpm[render]'.")
+NO_PYVISTA = "PyVista is not installed, so matplotlib draws the pictures; for PyVista's: pip install 'magmpm[render]'."
 GAVE_UP = "PyVista's drawing process kept failing ({reason}), so matplotlib draws the pictures from here on."
 
 STARTING, CLOSING = 60.0, 1.0  # s that the drawing process gets to start, and to end by itself
@@ -63,7 +63,14 @@ def forced_backend() -> str | None:
     forced = os.environ.get(BACKEND_VARIABLE) or None
     if forced is not None and forced not in BACKENDS:
         remedy = f"write, say, {BACKEND_VARIABLE}=matplotlib, or unset it"
-        raise UnknownBackend(report(BACKEND_VARIABLE, received=forced, rule=f"must be one of {', '.join(BACKENDS)}", remedy=remedy))
+        raise UnknownBackend(
+            report(
+                BACKEND_VARIABLE,
+                received=forced,
+                rule=f"must be one of {', '.join(BACKENDS)}",
+                remedy=remedy,
+            )
+        )
     return forced
 
 
@@ -93,7 +100,9 @@ class Worker(Process):
         try:
             return self.ask((function, args), timeout)
         except (AttributeError, TypeError, pickle.PicklingError) as error:
-            raise RenderError(f"this request cannot be sent to the drawing process: {error}") from None
+            raise RenderError(
+                f"this request cannot be sent to the drawing process: {error}"
+            ) from None
 
 
 class Renderer:
@@ -108,7 +117,9 @@ class Renderer:
         """backend: forces one; else the variable MAGMPM_RENDER does. frame_timeout: s."""
         forced = backend or forced_backend()
         if forced is not None and forced not in BACKENDS:
-            raise UnknownBackend(f"backend {forced!r} is not known; it must be one of {', '.join(BACKENDS)}")
+            raise UnknownBackend(
+                f"backend {forced!r} is not known; it must be one of {', '.join(BACKENDS)}"
+            )
         self.backend = forced or "pyvista"
         self.note = ""
         self._frame_timeout = frame_timeout
@@ -123,7 +134,12 @@ class Renderer:
         self.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
     def start(self) -> None:
@@ -139,7 +155,14 @@ class Renderer:
         with self._lock:
             self._ready_worker()
 
-    def render(self, snapshot: Snapshot, path: str | Path, *, size: Size | None = None, framing: Framing | None = None) -> Path:
+    def render(
+        self,
+        snapshot: Snapshot,
+        path: str | Path,
+        *,
+        size: Size | None = None,
+        framing: Framing | None = None,
+    ) -> Path:
         """Draw a snapshot into a PNG file, or as the image of an SVG or PDF page; its folder is made. Returns the path.
 
         size: width and height in pixels, the layout's own unless given. framing: what is in view, by default the body and its target
@@ -154,7 +177,12 @@ class Renderer:
         return path
 
     def image(
-        self, snapshot: Snapshot, *, size: Size | None = None, framing: Framing | None = None, layout: Layout | None = None
+        self,
+        snapshot: Snapshot,
+        *,
+        size: Size | None = None,
+        framing: Framing | None = None,
+        layout: Layout | None = None,
     ) -> np.ndarray:
         """The snapshot as an array (height, width, 3) uint8; size and framing: as of `render`; layout: as these call for, unless given.
 
@@ -177,7 +205,9 @@ class Renderer:
         with self._lock:
             for _ in range(2):
                 try:
-                    return self._ready_worker().request(function, *args, timeout=self._frame_timeout)
+                    return self._ready_worker().request(
+                        function, *args, timeout=self._frame_timeout
+                    )
                 except Died as death:
                     self._drop_worker()
                     problem = f"the drawing process {death} twice on the same picture"
@@ -196,7 +226,14 @@ class Renderer:
         with self._lock:
             self._drop_worker()
 
-    def _draw(self, snapshot: Snapshot, size: Size | None, framing: Framing | None, layout: Layout | None, path: str | None) -> Any:
+    def _draw(
+        self,
+        snapshot: Snapshot,
+        size: Size | None,
+        framing: Framing | None,
+        layout: Layout | None,
+        path: str | None,
+    ) -> Any:
         """One picture, with whatever it takes: a restart, then matplotlib."""
         framing = framing or Framing.of(snapshot)
         layout = layout or page_of(framing, insets=snapshot.insets)
@@ -222,7 +259,9 @@ class Renderer:
             spare.wait_ready(STARTING)
             return spare.request(draw, *args, timeout=self._frame_timeout)
         except Died as death:
-            raise RenderError(f"PyVista: {error}; matplotlib: the drawing process {death}") from None
+            raise RenderError(
+                f"PyVista: {error}; matplotlib: the drawing process {death}"
+            ) from None
         finally:
             spare.end(CLOSING)
 
@@ -239,7 +278,9 @@ class Renderer:
                     raise RenderError(f"the drawing process does not start: {problem}") from None
                 self._windows.pop(0)
                 if not self._windows:
-                    crashed = isinstance(problem, Died) and any(name in str(problem) for name in ("SIGSEGV", "SIGABRT"))
+                    crashed = isinstance(problem, Died) and any(
+                        name in str(problem) for name in ("SIGSEGV", "SIGABRT")
+                    )
                     reason = " ".join(str(problem).split())
                     self._fall_back(NO_OPENGL if crashed else DOES_NOT_START.format(reason=reason))
 
@@ -248,7 +289,9 @@ class Renderer:
         if self._worker is None:
             if self.backend == "pyvista" and importlib.util.find_spec("pyvista") is None:
                 self._fall_back(NO_PYVISTA)
-            self._worker = Worker(self.backend, self._windows[0] if self.backend == "pyvista" else None)
+            self._worker = Worker(
+                self.backend, self._windows[0] if self.backend == "pyvista" else None
+            )
         return self._worker
 
     def _fall_back(self, note: str) -> None:

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 _canvas: Canvas | None = None
 
 
-def begin(pipe: object, backend: str) -> Callable[[tuple[Callable[..., Any], tuple[Any, ...]]], Any]:
+def begin(
+    pipe: object, backend: str
+) -> Callable[[tuple[Callable[..., Any], tuple[Any, ...]]], Any]:
     """Open the renderer; return what draws. Raises RenderError, also for all that goes wrong in drawing."""
     _no_core_dump()
     global _canvas
@@ -48,16 +50,24 @@ def _drawn(request: tuple[Callable[..., Any], tuple[Any, ...]]) -> Any:
 
 def _text_of(error: Exception) -> str:
     """Describe an exception: of a file that can't be written, its name and the remedy."""
-    if isinstance(error, OSError) and error.filename is not None and error.errno in (*FULL, *REFUSED):
+    if (
+        isinstance(error, OSError)
+        and error.filename is not None
+        and error.errno in (*FULL, *REFUSED)
+    ):
         return explained(error)
     return f"{type(error).__name__}: {error}"
 
 
-def draw(snapshot: Snapshot, framing: Framing, size: tuple[int, int], layout: Layout, path: str | None) -> np.ndarray | None:
+def draw(
+    snapshot: Snapshot, framing: Framing, size: tuple[int, int], layout: Layout, path: str | None
+) -> np.ndarray | None:
     """Draw in this process: into the file `path` (PNG, SVG or PDF), whole or not there, or return the image (h, w, 3) uint8."""
     if _canvas is None:
         raise RuntimeError("no renderer is open in this process; use viz.worker.Renderer")
-    from magmpm.viz import drawing  # Pillow stays out of the caller, which imports this file as well
+    from magmpm.viz import (
+        drawing,
+    )  # Pillow stays out of the caller, which imports this file as well
 
     image = drawing.draw(_canvas, snapshot, framing, size, layout)
     if path is None:
@@ -81,7 +91,12 @@ def _opened(backend: str) -> Canvas:
 
 def _probe() -> None:
     """Draw a small rod and look for it. Raises RuntimeError if the picture is blank."""
-    rod = Snapshot(body=tube([0.02, 0.04], 2e-3, 0.0, 1e-3), magnetized=np.ones(2, dtype=bool), length=0.04, thickness=4e-3)
+    rod = Snapshot(
+        body=tube([0.02, 0.04], 2e-3, 0.0, 1e-3),
+        magnetized=np.ones(2, dtype=bool),
+        length=0.04,
+        thickness=4e-3,
+    )
     image = draw(rod, Framing.of(rod), style.TRIAL_SIZE, PAGE, None)
     assert image is not None  # since no path was given
     # The palette's mint is in no text and no arrow: it must be the rod's second part.

@@ -37,9 +37,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 say = partial(print, flush=True)
 MU0 = 4e-7 * math.pi  # T m / A
 HERE = Path(__file__).resolve().parent
-ABOUT = (
-    "3D finite elements by make_fem.py; SOURCES.md explains the keys. SI units but for keys in _mm and _hz."
-)
+ABOUT = "3D finite elements by make_fem.py; SOURCES.md explains the keys. SI units but for keys in _mm and _hz."
 Vector = tuple[float, float, float]
 X_AXIS, NONE = (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
@@ -81,7 +79,9 @@ def pointing(azimuth: float, elevation: float) -> Vector:
 
 def equal_segments(length: float, remanence: float, *directions: Vector) -> tuple[Segment, ...]:
     """Segments of equal length, with G = 120 kPa."""
-    return tuple(Segment(direction, length / len(directions), 120e3, remanence) for direction in directions)
+    return tuple(
+        Segment(direction, length / len(directions), 120e3, remanence) for direction in directions
+    )
 
 
 DOWN = (0.0, 0.0, -9.81)
@@ -180,10 +180,16 @@ class Equilibrium:
             if inverse is None:
                 inverse = self.tangent_inverse()
                 step.data = inverse * residual
-            decrement, energy, fraction = ngs.InnerProduct(step, residual), self.form.Energy(state), 1.0
+            decrement, energy, fraction = (
+                ngs.InnerProduct(step, residual),
+                self.form.Energy(state),
+                1.0,
+            )
             start.data = state
             state.data -= step
-            if abs(decrement) < tolerance * abs(energy):  # below the rounding error of the energy: no line search
+            if abs(decrement) < tolerance * abs(
+                energy
+            ):  # below the rounding error of the energy: no line search
                 return
             if decrement < 0:  # a start that is rough at a rim: turned round, the step goes down
                 decrement, inverse = -decrement, None
@@ -193,7 +199,9 @@ class Equilibrium:
             while not self.form.Energy(state) < energy - 1e-4 * fraction * decrement:
                 fraction, inverse = fraction / 2, None
                 if fraction < 1e-6:
-                    raise RuntimeError(f"no way down at load {self.load.Get():g}, decrement {decrement:g} mJ")
+                    raise RuntimeError(
+                        f"no way down at load {self.load.Get():g}, decrement {decrement:g} mJ"
+                    )
                 state.data = start - fraction * step
         raise RuntimeError(f"{max_steps} Newton steps do not converge at load {self.load.Get():g}")
 
@@ -201,7 +209,9 @@ class Equilibrium:
         """Lowest natural frequencies (Hz) about the current state; RuntimeError if it is unstable."""
         inverse = self.tangent_inverse()
         v, w = self.space.TnT()
-        mass = ngs.BilinearForm(self.case.density * 1e-12 * v * w * ngs.dx, symmetric=True).Assemble()
+        mass = ngs.BilinearForm(
+            self.case.density * 1e-12 * v * w * ngs.dx, symmetric=True
+        ).Assemble()
         inside = np.flatnonzero(np.array(self.free))
         force, motion = self.u.vec.CreateVector(), self.u.vec.CreateVector()
 
@@ -220,13 +230,17 @@ class Equilibrium:
             OPinv=LinearOperator(stiffness.shape, matvec=solve, dtype=float),
         )  # fmt: skip
         if squares.min() <= 0:
-            raise RuntimeError(f"unstable at load {self.load.Get():g}: omega^2 = {squares.min():g} 1/s^2")
+            raise RuntimeError(
+                f"unstable at load {self.load.Get():g}: omega^2 = {squares.min():g} 1/s^2"
+            )
         return sorted(float(f) for f in np.sqrt(squares) / (2 * math.pi))
 
     def tip(self) -> np.ndarray:
         """Mean position of the end face (m), shape (3,)."""
         end = self.mesh.Boundaries("tip")
-        area, moved = (ngs.Integrate(f, self.mesh, definedon=end, order=12) for f in (ngs.CF(1), self.u))
+        area, moved = (
+            ngs.Integrate(f, self.mesh, definedon=end, order=12) for f in (ngs.CF(1), self.u)
+        )
         return np.array(moved) / area * 1e-3 + [self.case.length, 0, 0]
 
     def centreline(self, s: np.ndarray) -> np.ndarray:
@@ -245,7 +259,10 @@ class Equilibrium:
     def energy(self) -> dict[str, float]:
         """Integrals (J) of the terms of W, and their sum."""
         case = self.case
-        parts = {k: 1e-3 * ngs.Integrate(d, self.mesh, order=12) for k, d in self.densities(self.u).items()}
+        parts = {
+            k: 1e-3 * ngs.Integrate(d, self.mesh, order=12)
+            for k, d in self.densities(self.u).items()
+        }
         section = math.pi / 4 * (case.diameter**2 - case.inner_diameter**2)
         for segment in case.segments:
             along = float(np.dot(case.field, segment.direction))
@@ -261,7 +278,9 @@ def solve(case: Case, size: float) -> tuple[Equilibrium, list[dict[str, object]]
         now.load.Set(number / case.steps)
         now.minimize()
         modes = now.frequencies()
-        say(f"  load {number}/{case.steps}: {now.newton_steps} Newton steps, modes {np.round(modes, 2)} Hz")
+        say(
+            f"  load {number}/{case.steps}: {now.newton_steps} Newton steps, modes {np.round(modes, 2)} Hz"
+        )
     for order in range(case.ramp_order, 5):
         started, before = time.perf_counter(), now
         if order > case.ramp_order:
@@ -269,8 +288,12 @@ def solve(case: Case, size: float) -> tuple[Equilibrium, list[dict[str, object]]
             now.u.Set(before.u)
             now.minimize()
         tip, seconds = now.tip(), time.perf_counter() - started
-        rows.append({"mesh_size": size, "order": order, "ndof": now.space.ndof, "tip": tip.tolist()})
-        say(f"  order {order}, {now.space.ndof} unknowns: {now.newton_steps} Newton steps, {seconds:.0f} s")
+        rows.append(
+            {"mesh_size": size, "order": order, "ndof": now.space.ndof, "tip": tip.tolist()}
+        )
+        say(
+            f"  order {order}, {now.space.ndof} unknowns: {now.newton_steps} Newton steps, {seconds:.0f} s"
+        )
         say(f"  tip {tip * 1e3} mm")
     return now, rows, now.frequencies()
 
@@ -297,8 +320,13 @@ def make(name: str, folder: Path) -> None:
         "ngsolve": ngs.__version__,
     }  # fmt: skip
     what = "the mean of the section at s" if case.inner_diameter > 0 else "the points (s, 0, 0)"
-    text = [f"# 3D finite elements (make_fem.py): deformed positions of {what}", "s_mm,x_mm,y_mm,z_mm"]
-    text += [",".join(f"{1e3 * value:.6f}" for value in row) for row in np.column_stack([s, lines[1]])]
+    text = [
+        f"# 3D finite elements (make_fem.py): deformed positions of {what}",
+        "s_mm,x_mm,y_mm,z_mm",
+    ]
+    text += [
+        ",".join(f"{1e3 * value:.6f}" for value in row) for row in np.column_stack([s, lines[1]])
+    ]
     (folder / f"{name}.csv").write_text("\n".join(text) + "\n")
     path = folder / "fem.json"
     cases = json.loads(path.read_text())["cases"] if path.exists() else {}

@@ -52,7 +52,13 @@ def soft_stiff_soft(ratio: float, inner_diameter: float = 0.0) -> Case:
 def tube(wall: float, ratio: float, length: float, field: float) -> Case:
     """A tube of 4 mm of one stiffness; wall over the outer radius, K/G, length in mm, transverse field in mT."""
     inner = 4e-3 * (1 - wall)
-    return Case(along_x((length, 120, 0.1)), 4e-3, (0.0, 0.0, 1e-3 * field), inner_diameter=inner, bulk_to_shear=ratio)
+    return Case(
+        along_x((length, 120, 0.1)),
+        4e-3,
+        (0.0, 0.0, 1e-3 * field),
+        inner_diameter=inner,
+        bulk_to_shear=ratio,
+    )
 
 
 SIX = along_x(*[(29 / 6, 60, 0.05), (29 / 6, 600, 0.12)] * 3)
@@ -62,7 +68,9 @@ CASES = {
     "rod_100": soft_stiff_soft(100),
     "six_segments": Case(SIX, 3e-3, (0.0, 0.0, 8e-3), gravity=(0.0, 0.0, -9.81)),
     "stiff_tip": Case(along_x((18.3, 100, 0.0), (5.7, 3000, 0.3)), 2e-3, (-1e-3, 0.0, 3e-3)),
-    "guidewire": Case(WIRE, 2e-3, (0.0, 0.0, 4e-3), gravity=(0.0, 0.0, 9.81), inner_diameter=1.4e-3),
+    "guidewire": Case(
+        WIRE, 2e-3, (0.0, 0.0, 4e-3), gravity=(0.0, 0.0, 9.81), inner_diameter=1.4e-3
+    ),
     "hollow_10": soft_stiff_soft(10, 2.4e-3),
     **{
         f"tube_{round(100 * wall):02d}_{ratio}": tube(wall, ratio, length, field)
@@ -72,7 +80,9 @@ CASES = {
 }
 
 
-def graded(start: float, end: float, layers: int, at_start: bool, at_end: bool, size: float) -> list[float]:
+def graded(
+    start: float, end: float, layers: int, at_start: bool, at_end: bool, size: float
+) -> list[float]:
     """Ends of elements of about `size` from start to end, with `layers` more that shrink toward the ends asked for."""
     points = np.linspace(start, end, math.ceil((end - start) / size - 1e-9) + 1)
     near = (points[1] - points[0]) * SHRINK ** np.arange(layers, 0, -1)
@@ -84,7 +94,12 @@ class HalfBody:
     """Half of a case's body, meshed: the points of a section are kept as polygons, which `shape` bends to circles."""
 
     def __init__(self, case: Case, slab: float, layers: int) -> None:
-        self.slab, self.layers, self.radius, self.bore = slab, layers, case.diameter * 500, case.inner_diameter * 500
+        self.slab, self.layers, self.radius, self.bore = (
+            slab,
+            layers,
+            case.diameter * 500,
+            case.inner_diameter * 500,
+        )
         wall = self.bore / self.radius
         rings = graded(wall or CORE, 1.0, layers - (wall > 0), wall > 0, True, 1.0)
         slabs, start = [], 0.0  # number of the segment, ends
@@ -94,11 +109,21 @@ class HalfBody:
             slabs += [(number, a, b) for a, b in pairwise(ends)]
             start = end
         section = [(c, k) for c in rings for k in range(SECTORS + 1)] + ([] if wall else [(0.0, 0)])
-        cells = [[(a, k), (b, k), (b, k + 1), (a, k + 1)] for a, b in pairwise(rings) for k in range(SECTORS)]
+        cells = [
+            [(a, k), (b, k), (b, k + 1), (a, k + 1)]
+            for a, b in pairwise(rings)
+            for k in range(SECTORS)
+        ]
         if not wall:
             cells += [[(0.0, 0), (CORE, k), (CORE, k + 1)] for k in range(SECTORS)]
-        spokes = [[(c, k if c else 0), (d, k)] for c, d in pairwise(rings if wall else [0.0, *rings]) for k in (0, SECTORS)]
-        rims = [[(c, k), (c, k + 1)] for c in ([wall, 1.0] if wall else [1.0]) for k in range(SECTORS)]
+        spokes = [
+            [(c, k if c else 0), (d, k)]
+            for c, d in pairwise(rings if wall else [0.0, *rings])
+            for k in (0, SECTORS)
+        ]
+        rims = [
+            [(c, k), (c, k + 1)] for c in ([wall, 1.0] if wall else [1.0]) for k in range(SECTORS)
+        ]
 
         mesh, at = nm.Mesh(), {}
         mesh.dim = 3
@@ -131,14 +156,23 @@ class HalfBody:
         """y and z displacement that bends polygons to circles, equal angles from equal parts of an edge: in a solid body from none at the
         core to all at the surface.
         """
-        half, turn, away = math.pi / (2 * SECTORS), ngs.atan2(ngs.z, ngs.y), ngs.sqrt(ngs.y**2 + ngs.z**2)
-        steps = [ngs.IfPos(turn + math.pi / 2 - 2 * half * k, 2 * half, 0) for k in range(1, SECTORS)]
+        half, turn, away = (
+            math.pi / (2 * SECTORS),
+            ngs.atan2(ngs.z, ngs.y),
+            ngs.sqrt(ngs.y**2 + ngs.z**2),
+        )
+        steps = [
+            ngs.IfPos(turn + math.pi / 2 - 2 * half * k, 2 * half, 0) for k in range(1, SECTORS)
+        ]
         middle = sum(steps, ngs.CF(half - math.pi / 2))
         radius = away * ngs.cos(turn - middle) / math.cos(half)
         angle = middle + half * ngs.tan(turn - middle) / math.tan(half)
         beyond = (radius / self.radius - CORE) / (1 - CORE)
         share = ngs.CF(1) if hollow else ngs.IfPos(beyond, beyond, 0)
-        return [share * (radius * ngs.cos(angle) - ngs.y), share * (radius * ngs.sin(angle) - ngs.z)]
+        return [
+            share * (radius * ngs.cos(angle) - ngs.y),
+            share * (radius * ngs.sin(angle) - ngs.z),
+        ]
 
     def unbent(self, radius: float, angle: float) -> tuple[float, float]:
         """Point of the polygons that becomes this point of a tube's section."""
@@ -155,8 +189,14 @@ class HalfEquilibrium(Equilibrium):
     def __init__(self, case: Case, body: HalfBody, order: int, condense: bool = True) -> None:
         self.condense = condense
         self.case, self.body, self.mesh, self.order = case, body, body.mesh, order
-        self.space = ngs.VectorH1(self.mesh, order=order, dirichlet="clamp", dirichlety="clamp|plane")
-        self.free, self.u, self.load = self.space.FreeDofs(), ngs.GridFunction(self.space), ngs.Parameter(1.0)
+        self.space = ngs.VectorH1(
+            self.mesh, order=order, dirichlet="clamp", dirichlety="clamp|plane"
+        )
+        self.free, self.u, self.load = (
+            self.space.FreeDofs(),
+            ngs.GridFunction(self.space),
+            ngs.Parameter(1.0),
+        )
         self.newton_steps = 0
         self.form = ngs.BilinearForm(self.space, symmetric=True, condense=condense)
         for density in self.densities(self.space.TrialFunction()).values():
@@ -168,24 +208,35 @@ class HalfEquilibrium(Equilibrium):
         self.form.AssembleLinearization(self.u.vec)
         outer = self.form.mat.Inverse(self.space.FreeDofs(True), inverse="sparsecholesky")
         one = ngs.IdentityMatrix(self.space.ndof)
-        inward, outward = one + self.form.harmonic_extension, one + self.form.harmonic_extension_trans
+        inward, outward = (
+            one + self.form.harmonic_extension,
+            one + self.form.harmonic_extension_trans,
+        )
         return inward @ outer @ outward + self.form.inner_solve
 
     def bend_as_rod(self) -> None:
         """Displacement of the rod: its sections turn by the angle that minimizes bending energy less work of couples and weight."""
         case, count = self.case, 400
         h = case.length / count
-        place = np.searchsorted(np.cumsum([p.length for p in case.segments]), (np.arange(count) + 0.5) * h)
+        place = np.searchsorted(
+            np.cumsum([p.length for p in case.segments]), (np.arange(count) + 0.5) * h
+        )
         shear = np.array([p.shear_modulus for p in case.segments])[place]
         remanence = np.array([p.remanence for p in case.segments])[place]
         area, K = math.pi / 4 * (case.diameter**2 - case.inner_diameter**2), case.bulk_to_shear
         second = math.pi / 64 * (case.diameter**4 - case.inner_diameter**4)
         beyond = case.length - (np.arange(count) + 0.5) * h
-        push = np.outer(remanence * area / MU0, case.field) + np.outer(case.density * area * beyond, case.gravity)
+        push = np.outer(remanence * area / MU0, case.field) + np.outer(
+            case.density * area * beyond, case.gravity
+        )
         stiff = 9 * K / (3 * K + 1) * shear * second / h
         stiff = 1 / (0.5 / stiff + 0.5 / np.roll(stiff, 1))  # between middles of the parts
         stiff[0] *= 2  # from the clamp
-        bending = np.diag(stiff + np.append(stiff[1:], 0)) - np.diag(stiff[1:], 1) - np.diag(stiff[1:], -1)
+        bending = (
+            np.diag(stiff + np.append(stiff[1:], 0))
+            - np.diag(stiff[1:], 1)
+            - np.diag(stiff[1:], -1)
+        )
         angle = np.zeros(count)
         for step in np.linspace(0.05, 1.0, 20).repeat(5):
             work = step * h * (push[:, 0] * np.sin(angle) - push[:, 2] * np.cos(angle))
@@ -213,10 +264,14 @@ class HalfEquilibrium(Equilibrium):
         """Deformed positions (m, 3) at s (m): of the points (s, 0, 0), or for a tube the mean over its section."""
         outer, inner = self.body.radius, self.body.bore
         points, weights = [(0.0, 0.0)], np.ones(1)
-        if inner > 0:  # area mean: Gauss rules in the squared radius, and in the angle of each sector
+        if (
+            inner > 0
+        ):  # area mean: Gauss rules in the squared radius, and in the angle of each sector
             node, weight = np.polynomial.legendre.leggauss(6)
             radii = np.sqrt((outer**2 + inner**2 + (outer**2 - inner**2) * node) / 2)
-            angles = ((np.arange(SECTORS)[:, None] + 0.5 + node / 2) / SECTORS - 0.5).ravel() * math.pi
+            angles = (
+                (np.arange(SECTORS)[:, None] + 0.5 + node / 2) / SECTORS - 0.5
+            ).ravel() * math.pi
             points = [self.body.unbent(r, a) for r in radii for a in angles]
             weights = np.outer(weight / 2, np.tile(weight / 2, SECTORS) / SECTORS).ravel()
         self.mesh.UnsetDeformation()
@@ -245,14 +300,18 @@ def make(name: str, path: Path) -> None:
         tip, seconds = 1e3 * lines[-1][-1], time.perf_counter() - started
         mesh = {"slab": body.slab, "layers": body.layers, "order": order, "ndof": now.space.ndof}
         rows.append(mesh | {"tip_mm": tip.tolist()})
-        say(f"{name}, order {order}, {now.space.ndof} unknowns: {now.newton_steps} steps, {seconds:.0f} s, tip {tip} mm")
+        say(
+            f"{name}, order {order}, {now.space.ndof} unknowns: {now.newton_steps} steps, {seconds:.0f} s, tip {tip} mm"
+        )
         if before is None:
             whole = HalfEquilibrium(case, body, order, condense=False)
             whole.u.vec.data = now.u.vec
             modes = whole.frequencies()
             say(f"  modes {np.round(modes, 2)} Hz")
     apart = [1e3 * float(np.linalg.norm(line - lines[-1], axis=1).max()) for line in lines[:-1]]
-    given = {key: value for key, value in asdict(case).items() if key not in ("steps", "ramp_order")}
+    given = {
+        key: value for key, value in asdict(case).items() if key not in ("steps", "ramp_order")
+    }
     entry = {"length": case.length} | given | {
         "centreline": np.round(1e3 * np.column_stack([s, lines[-1]]), 6).tolist(),
         "centreline_error_mm": apart[-1],
@@ -265,7 +324,9 @@ def make(name: str, path: Path) -> None:
     cases[name] = entry
     blocks = [f'  "{key}": {json.dumps(cases[key])}' for key in CASES if key in cases]
     path.write_text(f'{{\n "about": "{ABOUT}",\n "cases": {{\n' + ",\n".join(blocks) + "\n }\n}\n")
-    say(f"{name}: stated error {apart[-1] / 10 / case.length:.5f} % of the length; order 3: {apart[0] / 10 / case.length:.5f} %")
+    say(
+        f"{name}: stated error {apart[-1] / 10 / case.length:.5f} % of the length; order 3: {apart[0] / 10 / case.length:.5f} %"
+    )
 
 
 def main() -> None:

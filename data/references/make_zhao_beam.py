@@ -39,7 +39,14 @@ HERE = Path(__file__).resolve().parent
 MU0 = 4e-7 * math.pi  # T m / A
 LENGTH, THICKNESS, WIDTH = 17.2, 0.84, 5.0  # mm
 G, RATIO, REMANENCE = 0.303, 20.0, 0.143  # MPa, K/G, T
-FIELDS = [5, 7, 10, 15, 25, 40]  # mT; at 5, the buckling threshold, there is no finite-element solution
+FIELDS = [
+    5,
+    7,
+    10,
+    15,
+    25,
+    40,
+]  # mT; at 5, the buckling threshold, there is no finite-element solution
 SIDE = 0.2  # of the field: transverse field used to reach the buckled branch
 MESH = {"plane_strain": 0.28, "width_5mm": 0.42}  # mm
 PUBLISHED = {
@@ -66,7 +73,11 @@ def make_mesh(kind: str, refined: bool) -> ngs.Mesh:
         mesh = ngs.Mesh(occ.OCCGeometry(shape, dim=2).GenerateMesh(maxh=MESH[kind]))
     else:
         shape = occ.Box(occ.Pnt(0, 0, -THICKNESS / 2), occ.Pnt(LENGTH, WIDTH / 2, THICKNESS / 2))
-        shape.faces.Min(occ.X).name, shape.faces.Max(occ.X).name, shape.faces.Min(occ.Y).name = "clamp", "tip", "middle"
+        shape.faces.Min(occ.X).name, shape.faces.Max(occ.X).name, shape.faces.Min(occ.Y).name = (
+            "clamp",
+            "tip",
+            "middle",
+        )
         shape.faces.Min(occ.X).edges.hpref = 1
         mesh = ngs.Mesh(occ.OCCGeometry(shape).GenerateMesh(maxh=MESH[kind]))
     if refined:
@@ -82,7 +93,13 @@ class Beam:
         if self.plane:
             self.space = ngs.VectorH1(self.mesh, order=3, dirichlet="clamp")
         else:
-            self.space = ngs.VectorH1(self.mesh, order=3, dirichletx="clamp", dirichlety="clamp|middle", dirichletz="clamp")
+            self.space = ngs.VectorH1(
+                self.mesh,
+                order=3,
+                dirichletx="clamp",
+                dirichlety="clamp|middle",
+                dirichletz="clamp",
+            )
         self.u = ngs.GridFunction(self.space)
         self.against, self.across = ngs.Parameter(0.0), ngs.Parameter(0.0)
         size = 2 if self.plane else 3
@@ -101,13 +118,21 @@ class Beam:
         for _ in range(100):
             self.form.Apply(state, residual)
             self.form.AssembleLinearization(state)
-            step.data = self.form.mat.Inverse(self.space.FreeDofs(), inverse="sparsecholesky") * residual
-            decrement, energy, fraction = ngs.InnerProduct(step, residual), self.form.Energy(state), 1.0
+            step.data = (
+                self.form.mat.Inverse(self.space.FreeDofs(), inverse="sparsecholesky") * residual
+            )
+            decrement, energy, fraction = (
+                ngs.InnerProduct(step, residual),
+                self.form.Energy(state),
+                1.0,
+            )
             start.data = state
             state.data -= step
             if abs(decrement) < 1e-13 * abs(energy):
                 return
-            while not self.form.Energy(state) < energy - 1e-4 * fraction * decrement:  # "not <" is also true for NaN
+            while (
+                not self.form.Energy(state) < energy - 1e-4 * fraction * decrement
+            ):  # "not <" is also true for NaN
                 fraction /= 2
                 if fraction < 1e-6:
                     raise RuntimeError(f"no way down at {self.against.Get():g} T")
@@ -117,7 +142,9 @@ class Beam:
     def tip(self) -> tuple[float, float]:
         """Mean displacement of the end face across and along the beam, over the length."""
         end = self.mesh.Boundaries("tip")
-        area, moved = (ngs.Integrate(f, self.mesh, definedon=end, order=8) for f in (ngs.CF(1), self.u))
+        area, moved = (
+            ngs.Integrate(f, self.mesh, definedon=end, order=8) for f in (ngs.CF(1), self.u)
+        )
         return abs(moved[-1]) / area / LENGTH, moved[0] / area / LENGTH
 
 
@@ -136,10 +163,15 @@ def buckled(kind: str, refined: bool) -> dict[str, list[float | None]]:
         beam.against.Set(1e-3 * field)
         beam.minimize()
         tips[field] = beam.tip()
-        say(f"  {field} mT: deflection {tips[field][0]:.5f}, axial {tips[field][1]:.5f} of the length")
+        say(
+            f"  {field} mT: deflection {tips[field][0]:.5f}, axial {tips[field][1]:.5f} of the length"
+        )
     rows = [tips.get(field) for field in FIELDS]
     names = ("deflection", "axial")
-    return {name: [None if row is None else round(row[k], 4) for row in rows] for k, name in enumerate(names)}
+    return {
+        name: [None if row is None else round(row[k], 4) for row in rows]
+        for k, name in enumerate(names)
+    }
 
 
 def elastica(modulus: float) -> list[float]:
@@ -163,19 +195,37 @@ def _above(m: float, load: float) -> float:
 def text(book: dict[str, Any]) -> str:
     """JSON text with each list on one line."""
     plain = json.dumps(book, indent=2)
-    return re.sub(r"\[[^\]]*\]", lambda found: re.sub(r"\s*\n\s*", " ", found[0]).replace("[ ", "[").replace(" ]", "]"), plain) + "\n"
+    return (
+        re.sub(
+            r"\[[^\]]*\]",
+            lambda found: re.sub(r"\s*\n\s*", " ", found[0]).replace("[ ", "[").replace(" ]", "]"),
+            plain,
+        )
+        + "\n"
+    )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--plane-strain", action="store_true", help="solve only plane strain; keep the existing values for 5 mm")
-    parser.add_argument("--refined", action="store_true", help="elements that shrink toward the rim of the clamp")
+    parser.add_argument(
+        "--plane-strain",
+        action="store_true",
+        help="solve only plane strain; keep the existing values for 5 mm",
+    )
+    parser.add_argument(
+        "--refined", action="store_true", help="elements that shrink toward the rim of the clamp"
+    )
     parser.add_argument("--out", type=Path, default=HERE / "zhao_beam.json", help="file to write")
     options = parser.parse_args()
     ngs.SetNumThreads(1)
-    solved: dict[str, Any] = {"about": SOLVED, "plane_strain": buckled("plane_strain", options.refined)}
+    solved: dict[str, Any] = {
+        "about": SOLVED,
+        "plane_strain": buckled("plane_strain", options.refined),
+    }
     if options.plane_strain:
-        solved["width_5mm"] = json.loads((HERE / "zhao_beam.json").read_text())["finite_elements"]["width_5mm"]
+        solved["width_5mm"] = json.loads((HERE / "zhao_beam.json").read_text())["finite_elements"][
+            "width_5mm"
+        ]
     else:
         solved["width_5mm"] = buckled("width_5mm", options.refined)
     thin = "Inextensible beam with bending modulus 3 G (narrow, K infinite) and 4 G (plane strain, K infinite)."

@@ -41,18 +41,44 @@ class Shown:
 
 
 SHOWN = (
-    Shown("catheter", "data/scenes/three_segments_3d.yaml", "2,3,4,5,6,8", "An equilibrium, against finite elements."),
-    Shown("beam", "data/scenes/zhao_plane_strain.yaml", "2,3,4,6,8", "Zhao's beam in plane strain."),
-    Shown("tentacle", "data/scenes/gallery/tentacle_spiral.yaml", "2,3,4", "A motion in a field that is switched on; its end."),
-    Shown("contact", "data/scenes/fed_into_vessel.yaml", "2,3,4", "A catheter that is pushed along a wall; its end."),
-    Shown("gripper", "data/scenes/gallery/gripper.yaml", "2,3", "STL parts that touch themselves and the ground; the end."),
+    Shown(
+        "catheter",
+        "data/scenes/three_segments_3d.yaml",
+        "2,3,4,5,6,8",
+        "An equilibrium, against finite elements.",
+    ),
+    Shown(
+        "beam", "data/scenes/zhao_plane_strain.yaml", "2,3,4,6,8", "Zhao's beam in plane strain."
+    ),
+    Shown(
+        "tentacle",
+        "data/scenes/gallery/tentacle_spiral.yaml",
+        "2,3,4",
+        "A motion in a field that is switched on; its end.",
+    ),
+    Shown(
+        "contact",
+        "data/scenes/fed_into_vessel.yaml",
+        "2,3,4",
+        "A catheter that is pushed along a wall; its end.",
+    ),
+    Shown(
+        "gripper",
+        "data/scenes/gallery/gripper.yaml",
+        "2,3",
+        "STL parts that touch themselves and the ground; the end.",
+    ),
 )
 
 
 def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
     """The command. root: the repository, or a folder with the same layout. Returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", metavar="NAME", nargs="*", help=f"of {', '.join(one.name for one in SHOWN)} [all]")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "names", metavar="NAME", nargs="*", help=f"of {', '.join(one.name for one in SHOWN)} [all]"
+    )
     parser.add_argument("--fresh", action="store_true", help="solve all again")
     options = parser.parse_args(arguments)
     sections = []
@@ -60,8 +86,20 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
         folder = root / "runs/gallery" / f"accuracy_{one.name}"
         wanted = not options.names or one.name in options.names
         if wanted and (options.fresh or not (folder / "accuracy.json").exists()):
-            status = magmpm(["accuracy", str(root / one.scene), "--cells", one.cells, "--out", str(folder), "--overwrite"])
-            if status and not (folder / "accuracy.json").exists():  # where one size alone was solved, the page says so
+            status = magmpm(
+                [
+                    "accuracy",
+                    str(root / one.scene),
+                    "--cells",
+                    one.cells,
+                    "--out",
+                    str(folder),
+                    "--overwrite",
+                ]
+            )
+            if (
+                status and not (folder / "accuracy.json").exists()
+            ):  # where one size alone was solved, the page says so
                 return status
         if (folder / "accuracy.json").exists():
             sections.append(section(root, one, folder))
@@ -73,7 +111,12 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
 def section(root: Path, one: Shown, folder: Path) -> str:
     """The text of a scene, and its picture beside the page."""
     found: dict[str, Any] = json.loads((folder / "accuracy.json").read_text(encoding="utf-8"))
-    lines = [f"## {found['scene'][:1].upper()}{found['scene'][1:]}", "", f"`{one.scene}`. {one.about}", ""]
+    lines = [
+        f"## {found['scene'][:1].upper()}{found['scene'][1:]}",
+        "",
+        f"`{one.scene}`. {one.about}",
+        "",
+    ]
     if (folder / "accuracy.png").exists():
         image = root / "docs/images/gallery" / f"accuracy_{one.name}.png"
         image.parent.mkdir(parents=True, exist_ok=True)
@@ -85,11 +128,22 @@ def section(root: Path, one: Shown, folder: Path) -> str:
     ]
     for rung in found["rungs"]:
         shares = [percent(rung[key]) for key in ("error_finest", "error_reference", "bar")]
-        lines.append(f"| {rung['cells_across']} | {rung['particles']} | {rung['seconds']:.3g} | {' | '.join(shares)} |")
-    beside = [f"{other['name']}: {other['seconds']:.2g} s, {percent(other['error_finest'])} from the finest" for other in found["beside"]]
+        lines.append(
+            f"| {rung['cells_across']} | {rung['particles']} | {rung['seconds']:.3g} | {' | '.join(shares)} |"
+        )
+    beside = [
+        f"{other['name']}: {other['seconds']:.2g} s, {percent(other['error_finest'])} from the finest"
+        for other in found["beside"]
+    ]
     said = [*beside, *found["conclusions"]]
-    said += [f"{name} failed: {reason.partition('; remedy')[0].partition('; to try')[0]}." for name, reason in found["failed"].items()]
-    said += [f"Order of convergence to the {name}: not determined, {reason}." for name, reason in found["undetermined"].items()]
+    said += [
+        f"{name} failed: {reason.partition('; remedy')[0].partition('; to try')[0]}."
+        for name, reason in found["failed"].items()
+    ]
+    said += [
+        f"Order of convergence to the {name}: not determined, {reason}."
+        for name, reason in found["undetermined"].items()
+    ]
     return "\n".join([*lines, "", *(f"- {line}" for line in said), ""])
 
 

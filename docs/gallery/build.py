@@ -58,7 +58,9 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("names", metavar="NAME", nargs="*", help="scenes, without .yaml [all]")
-    parser.add_argument("--fresh", action="store_true", help="run all scenes again, also those with results")
+    parser.add_argument(
+        "--fresh", action="store_true", help="run all scenes again, also those with results"
+    )
     options = parser.parse_args(arguments)
     scenes = {path.stem: path for path in sorted((root / "data/scenes/gallery").glob("*.yaml"))}
     unknown = [name for name in options.names if name not in scenes]
@@ -91,7 +93,9 @@ def build(root: Path, name: str, scenes: Sequence[Path], *, fresh: bool = False)
     images = root / "docs/images/gallery"
     images.mkdir(parents=True, exist_ok=True)
     moments, movie = folders[0] / "moments.png", folders[0] / "movie.mp4"
-    (images / f"{name}.png").write_bytes(poster(moments if moments.exists() else folders[0] / "picture.png"))
+    (images / f"{name}.png").write_bytes(
+        poster(moments if moments.exists() else folders[0] / "picture.png")
+    )
     on_page = images / f"{name}.mp4"
     on_page.unlink(missing_ok=True)
     if movie.exists() and movie.stat().st_size < MOVIE_BYTES:
@@ -106,7 +110,8 @@ def draw_moments(name: str, folders: Sequence[Path]) -> None:
         return
     motions = [MotionRenderer(Motion.load(folder)) for folder in folders]
     numbers = [
-        [shown.motion.nearest(t) for t in MOMENTS.get(name, shown.motion.times[[0, -1]])] for shown in motions
+        [shown.motion.nearest(t) for t in MOMENTS.get(name, shown.motion.times[[0, -1]])]
+        for shown in motions
     ]
     with Renderer() as renderer:
         if len(motions) == 1:
@@ -114,12 +119,21 @@ def draw_moments(name: str, folders: Sequence[Path]) -> None:
             return
         words = measures().words
         moments = [(shown, k) for shown, some in zip(motions, numbers) for k in some]
-        image = composed(moments, renderer, len(numbers[0]), 1800, [words(shown.motion, k) for shown, k in moments])
+        image = composed(
+            moments,
+            renderer,
+            len(numbers[0]),
+            1800,
+            [words(shown.motion, k) for shown, k in moments],
+        )
         save_image(image, folders[0] / "moments.png", optimize=True)
         framing = Framing.of_all([motion.framing for motion in motions])
 
         def side_by_side(k: int) -> np.ndarray:
-            shown, texts = [(motion, k) for motion in motions], [words(motion.motion, k) for motion in motions]
+            shown, texts = (
+                [(motion, k) for motion in motions],
+                [words(motion.motion, k) for motion in motions],
+            )
             return composed(shown, renderer, len(motions), style.MOVIE_SIZE[0], texts, framing)
 
         frames = chosen(min(len(motion) for motion in motions), MOST_FRAMES)
@@ -155,9 +169,13 @@ def write_page(root: Path, name: str, scene: Path, folders: Sequence[Path]) -> P
     """The page, with the numbers of its scenes as they are now; scene: the first."""
     page = root / "docs/gallery" / f"{name}.md"
     page.parent.mkdir(parents=True, exist_ok=True)
-    results = [json.loads((folder / "result.json").read_text(encoding="utf-8")) for folder in folders]
+    results = [
+        json.loads((folder / "result.json").read_text(encoding="utf-8")) for folder in folders
+    ]
     saved = results[0]
-    block = "\n".join([BEGIN, *table({r["name"]: measured(r, of) for r, of in zip(results, folders)}), END])
+    block = "\n".join(
+        [BEGIN, *table({r["name"]: measured(r, of) for r, of in zip(results, folders)}), END]
+    )
     if page.exists() and BEGIN in (text := page.read_text(encoding="utf-8")):
         before, rest = text.split(BEGIN, 1)
         page.write_text(before + block + rest.split(END, 1)[1], encoding="utf-8")
@@ -196,7 +214,10 @@ def table(scenes: dict[str, list[tuple[str, str]]]) -> list[str]:
     names = dict.fromkeys(name for rows in scenes.values() for name, _ in rows)
     above = f" {' | '.join(scenes)} |" if len(scenes) > 1 else " |"
     head = [f"| measured |{above}", "| --- |" + " --- |" * len(scenes)]
-    return [*head, *(f"| {name} | {' | '.join(rows.get(name, '') for rows in known)} |" for name in names)]
+    return [
+        *head,
+        *(f"| {name} | {' | '.join(rows.get(name, '') for rows in known)} |" for name in names),
+    ]
 
 
 def measured(saved: dict[str, Any], results: Path) -> list[tuple[str, str]]:
@@ -251,7 +272,10 @@ def _from_tables(results: Path) -> list[tuple[str, str]]:
     energies = _table(results / "energies.csv")
     if energies:
         rows.append(
-            ("largest kinetic energy", f"{1e6 * max(float(row['kinetic']) for row in energies):.3g} µJ")
+            (
+                "largest kinetic energy",
+                f"{1e6 * max(float(row['kinetic']) for row in energies):.3g} µJ",
+            )
         )
     contacts = _table(results / "contacts.csv")
     for effect in dict.fromkeys(row["effect"] for row in contacts):
@@ -259,7 +283,9 @@ def _from_tables(results: Path) -> list[tuple[str, str]]:
         force = max(sum(float(row[f"F{axis}"]) ** 2 for axis in "xyz") ** 0.5 for row in of)
         depths = [float(row["depth"]) for row in of if row["depth"]]
         deepest = f"; largest depth {1e6 * max(depths):.3g} µm" if depths else ""
-        rows.append((f"largest contact force, {effect.replace('_', ' ')}", f"{1e3 * force:.3g} mN{deepest}"))
+        rows.append(
+            (f"largest contact force, {effect.replace('_', ' ')}", f"{1e3 * force:.3g} mN{deepest}")
+        )
     return rows
 
 
@@ -278,7 +304,9 @@ def write_index(root: Path, scenes: dict[str, Path]) -> Path:
         "Every scene is in `data/scenes/gallery`; `make gallery` runs them all and draws these pictures.",
         "",
     ]
-    others = [page.stem for page in sorted((root / "docs/gallery").glob("*.md")) if page.stem != "README"]
+    others = [
+        page.stem for page in sorted((root / "docs/gallery").glob("*.md")) if page.stem != "README"
+    ]
     for name in dict.fromkeys([*scenes, *others]):
         page = root / "docs/gallery" / f"{name}.md"
         if page.exists() and (root / "docs/images/gallery" / f"{name}.png").exists():

@@ -72,7 +72,10 @@ def tentacle(folder: Path) -> Rows:
     moved = Result.load(folder)
     axis, tip = distance_from(moved, equilibrium_of(Scene.from_si(moved.scene)))
     return [
-        ("distance from the static equilibrium, largest along the axis", f"{100 * axis:.3f} % of the length"),
+        (
+            "distance from the static equilibrium, largest along the axis",
+            f"{100 * axis:.3f} % of the length",
+        ),
         ("distance from the static equilibrium, tip", f"{100 * tip:.4f} % of the length"),
     ]
 
@@ -108,12 +111,22 @@ def rod_pulled(scene: Scene, move: Array, points: int = 2000) -> Array:
     magnet, solid = magnets[0], magnets[0].cylinder
     G, ratio = scene.region_material(0).shear_modulus, scene.region_material(0).bulk_to_shear
     stiffness = 9 * ratio * G / (3 * ratio + 1) * math.pi * catheter.diameter**4 / 64
-    moment = magnet.remanence / MU0 * math.pi / 4 * solid.diameter**2 * solid.length * np.array(magnet.axis)
+    moment = (
+        magnet.remanence
+        / MU0
+        * math.pi
+        / 4
+        * solid.diameter**2
+        * solid.length
+        * np.array(magnet.axis)
+    )
     at, ds = (np.array(magnet.position) + move)[:, None], catheter.length / points
     s = (np.arange(points) + 0.5) * ds
     area = math.pi * catheter.diameter**2 / 4
     strength = (
-        np.where(s > catheter.segment_lengths()[0], scene.region_remanence()[1, 0], 0.0) / MU0 * area
+        np.where(s > catheter.segment_lengths()[0], scene.region_remanence()[1, 0], 0.0)
+        / MU0
+        * area
     )  # A m
 
     def flux(p: Array) -> Array:
@@ -153,7 +166,10 @@ def pull(folder: Path) -> Rows:
     return [
         ("tip at the end (mm): motion", f"{1e3 * moved.tip[0]:.3f}, {1e3 * moved.tip[2]:.3f}"),
         ("tip at the end (mm): statics", f"{1e3 * still.tip[0]:.3f}, {1e3 * still.tip[2]:.3f}"),
-        ("tip at the end (mm): elastica and point dipole", f"{1e3 * rod[0]:.3f}, {1e3 * rod[1]:.3f}"),
+        (
+            "tip at the end (mm): elastica and point dipole",
+            f"{1e3 * rod[0]:.3f}, {1e3 * rod[1]:.3f}",
+        ),
         (
             "distance of the motion from statics, largest along the axis",
             f"{100 * axis:.3f} % of the length; tip {100 * tip:.3f} %",
@@ -215,7 +231,10 @@ def fold(folder: Path) -> Rows:
     most = max(farthest(motion, k) for k in range(len(motion)))
     return [
         ("smallest gap between the halves", f"{gap:.2f} cells, at {when:.3g} s"),
-        ("largest displacement during the motion", f"{100 * most / scene.length:.1f} % of the length"),
+        (
+            "largest displacement during the motion",
+            f"{100 * most / scene.length:.1f} % of the length",
+        ),
         (
             "largest displacement at the end",
             f"{100 * farthest(motion, -1) / scene.length:.2f} % of the length",
@@ -223,14 +242,22 @@ def fold(folder: Path) -> Rows:
     ]
 
 
-SWEPT = (7.0, 10.0, 15.0, 25.0, 40.0)  # mT: the fields of data/references/zhao_beam.json above the buckling threshold
+SWEPT = (
+    7.0,
+    10.0,
+    15.0,
+    25.0,
+    40.0,
+)  # mT: the fields of data/references/zhao_beam.json above the buckling threshold
 
 
 def end_of(motion: Motion, number: int) -> Array:
     """Center (3,) m of the free end of a strip in a frame: extrapolated to the end from the last two columns of particles."""
     position, along = motion.position(number).astype(float), motion.reference[:, 0].astype(float)
     column = np.unique(along.round(9))
-    end, before = (position[np.isclose(along, x, rtol=0, atol=1e-8)].mean(axis=0) for x in column[[-1, -2]])
+    end, before = (
+        position[np.isclose(along, x, rtol=0, atol=1e-8)].mean(axis=0) for x in column[[-1, -2]]
+    )
     length = float((motion.scene or {})["body"]["strip"]["length"])
     return np.asarray(end + (end - before) * (length - column[-1]) / (column[-1] - column[-2]))
 
@@ -249,9 +276,7 @@ def words(motion: Motion, number: int) -> str:
     """Caption of Zhao's beam in a picture: which variant, in what field, and its deflection."""
     plane = (motion.scene or {})["body"]["strip"]["plane_strain"]
     strength = 1e3 * float(np.linalg.norm(motion.fields[number]))
-    return (
-        f"{'plane strain' if plane else '5 mm wide'}, {strength:.1f} mT: {deflection(motion, number):.3f} L"
-    )
+    return f"{'plane strain' if plane else '5 mm wide'}, {strength:.1f} mT: {deflection(motion, number):.3f} L"
 
 
 def against_finite_elements(motion: Motion) -> Array:
@@ -260,7 +285,9 @@ def against_finite_elements(motion: Motion) -> Array:
     plane = (motion.scene or {})["body"]["strip"]["plane_strain"]
     fem = known["finite_elements"]["plane_strain" if plane else "width_5mm"]["deflection"]
     wanted = dict(zip(known["field_mT"], fem, strict=True))
-    return np.array([[deflection(motion, frame_at(motion, B)) for B in SWEPT], [wanted[B] for B in SWEPT]])
+    return np.array(
+        [[deflection(motion, frame_at(motion, B)) for B in SWEPT], [wanted[B] for B in SWEPT]]
+    )
 
 
 def sweep(folder: Path) -> Rows:
@@ -274,8 +301,14 @@ def sweep(folder: Path) -> Rows:
     _, tip = distance_from(moved, equilibrium_of(Scene.from_si(moved.scene)))
     return [
         *rows,
-        ("largest difference from finite elements", f"{100 * np.abs(found - fem).max():.2f} % of the length"),
-        ("distance of the final tip from static equilibrium on the same grid", f"{100 * tip:.3f} % of the length"),
+        (
+            "largest difference from finite elements",
+            f"{100 * np.abs(found - fem).max():.2f} % of the length",
+        ),
+        (
+            "distance of the final tip from static equilibrium on the same grid",
+            f"{100 * tip:.3f} % of the length",
+        ),
     ]
 
 
@@ -303,7 +336,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("names", metavar="NAME", nargs="+", help=", ".join(MEASURES))
     parser.add_argument(
-        "--results", type=Path, default=ROOT / "runs/gallery", metavar="FOLDER", help="[runs/gallery]"
+        "--results",
+        type=Path,
+        default=ROOT / "runs/gallery",
+        metavar="FOLDER",
+        help="[runs/gallery]",
     )
     options = parser.parse_args(arguments)
     for name in options.names:

@@ -27,7 +27,10 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/gallery/zhao_beam.md"
 PICTURE = ROOT / "docs/images/gallery/zhao_beam_fields.png"
 NUMBERS = ROOT / "docs/gallery/zhao_beam.json"
-BEGIN, END = "<!-- compared -->", "<!-- /compared -->"  # build.py has the marks of the measured table
+BEGIN, END = (
+    "<!-- compared -->",
+    "<!-- /compared -->",
+)  # build.py has the marks of the measured table
 SCENES = {"plane_strain": "zhao_plane_strain", "width_5mm": "zhao_width_5mm"}
 NAMES = {"plane_strain": "plane strain", "width_5mm": "5 mm wide"}
 CURVE = (
@@ -107,7 +110,10 @@ def sweep(fields: list[float], motion: list[str]) -> dict[str, Any]:
     cases = {
         "plane strain, K = 500 G": changed(plane, bulk_to_shear=500.0),
         "plane strain, K = 20 G": plane,
-        **{f"{w:g} mm wide, K = 20 G": changed(wide, width=1e-3 * w) for w in (20.0, 10.0, 5.0, 2.5, 0.84)},
+        **{
+            f"{w:g} mm wide, K = 20 G": changed(wide, width=1e-3 * w)
+            for w in (20.0, 10.0, 5.0, 2.5, 0.84)
+        },
         "5 mm wide, K = 500 G": changed(wide, bulk_to_shear=500.0),
     }
     found["variants"]["deflection"] = {
@@ -130,8 +136,16 @@ def draw(found: dict[str, Any], known: dict[str, Any]) -> Path:
     with rc_context(LOOK):
         figure = Figure(figsize=(6.4, 4.2), layout="constrained")
         axes = figure.subplots()
-        axes.plot(CURVE, curves["plane_strain"], color="#0077BB", label="magmpm, plane strain", linewidth=1.5)
-        axes.plot(CURVE, curves["width_5mm"], color="#EE7733", label="magmpm, 5 mm wide", linewidth=1.5)
+        axes.plot(
+            CURVE,
+            curves["plane_strain"],
+            color="#0077BB",
+            label="magmpm, plane strain",
+            linewidth=1.5,
+        )
+        axes.plot(
+            CURVE, curves["width_5mm"], color="#EE7733", label="magmpm, 5 mm wide", linewidth=1.5
+        )
         for name, values, marker, color in points:
             y = np.array([np.nan if value is None else float(value) for value in values])
             face = color if marker in "x+" else "white"
@@ -173,9 +187,14 @@ def tables(found: dict[str, Any], known: dict[str, Any]) -> list[str]:
     ]
     lines += ["| --- |" + " --- |" * len(fields)]
     lines += [
-        f"| {name} | {' | '.join('' if v is None else f'{v:.4g}' for v in values)} |" for name, values in rows
+        f"| {name} | {' | '.join('' if v is None else f'{v:.4g}' for v in values)} |"
+        for name, values in rows
     ]
-    lines += ["", "Largest errors against our finite elements from 7 mT up, in percent of the length:", ""]
+    lines += [
+        "",
+        "Largest errors against our finite elements from 7 mT up, in percent of the length:",
+        "",
+    ]
     lines += ["| | across the beam | along it |", "| --- | --- | --- |"]
     for key, name in NAMES.items():
         fem = known["finite_elements"][key]
@@ -186,8 +205,15 @@ def tables(found: dict[str, Any], known: dict[str, Any]) -> list[str]:
             ]
             lines.append(f"| {name}, {label} | {100 * errors[0]:.2f} | {100 * errors[1]:.2f} |")
     some = found["variants"]["fields_mT"]
-    lines += ["", "What the deflection depends on (statics; widths with 2 cells through the thickness):", ""]
-    lines += [f"| field (mT) | {' | '.join(f'{x:g}' for x in some)} |", "| --- |" + " --- |" * len(some)]
+    lines += [
+        "",
+        "What the deflection depends on (statics; widths with 2 cells through the thickness):",
+        "",
+    ]
+    lines += [
+        f"| field (mT) | {' | '.join(f'{x:g}' for x in some)} |",
+        "| --- |" + " --- |" * len(some),
+    ]
     lines += [
         f"| {name} | {' | '.join(f'{v:.4f}' for v in values)} |"
         for name, values in found["variants"]["deflection"].items()
@@ -209,14 +235,20 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "--motion", nargs="*", choices=list(SCENES), help="also compute the settled motion, for both scenes or for those named"
+        "--motion",
+        nargs="*",
+        choices=list(SCENES),
+        help="also compute the settled motion, for both scenes or for those named",
     )
     options = parser.parse_args()
     known = json.loads((ROOT / "data/references/zhao_beam.json").read_text(encoding="utf-8"))
     motion = [] if options.motion is None else options.motion or list(SCENES)
     found = sweep(known["field_mT"], motion)
     if NUMBERS.exists():
-        found["settled"] = {**json.loads(NUMBERS.read_text(encoding="utf-8"))["settled"], **found["settled"]}
+        found["settled"] = {
+            **json.loads(NUMBERS.read_text(encoding="utf-8"))["settled"],
+            **found["settled"],
+        }
     NUMBERS.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     PICTURE.parent.mkdir(parents=True, exist_ok=True)
     draw(found, known)

@@ -14,7 +14,18 @@ from pathlib import Path
 HERE, ROOT = Path(__file__).resolve().parent, Path(__file__).resolve().parents[2]
 SAMPLERS, INSIDE = ROOT / "studies/search/samplers", "magmpm.studies.search.samplers."
 MODULES = {"gauss_newton": "_sampler", "gauss_newton_steps": "_steps", "optuna_ids": "_optuna_ids"}
-ALLOWED = {"__future__", "collections", "dataclasses", "math", "typing", "types", "numpy", "optuna", "scipy", "pytest"}
+ALLOWED = {
+    "__future__",
+    "collections",
+    "dataclasses",
+    "math",
+    "typing",
+    "types",
+    "numpy",
+    "optuna",
+    "scipy",
+    "pytest",
+}
 FACE = '''"""Gauss-Newton for Optuna: see README.md."""
 
 from ._sampler import Ball, Direction, GaussNewtonSampler, Number
@@ -36,8 +47,14 @@ def rng() -> np.random.Generator:
 
 def standalone(text: str, inside: str) -> str:
     """A module's text with its imports from the project replaced. Raises ValueError where it then needs another library."""
-    text = re.sub(rf"from {re.escape(INSIDE)}(\w+)", lambda found: f"from {inside}{MODULES[found[1]]}", text)
-    if strange := set(re.findall(r"^\s*(?:from|import) (\w+)", text, re.MULTILINE)) - ALLOWED - {"gauss_newton"}:
+    text = re.sub(
+        rf"from {re.escape(INSIDE)}(\w+)", lambda found: f"from {inside}{MODULES[found[1]]}", text
+    )
+    if (
+        strange := set(re.findall(r"^\s*(?:from|import) (\w+)", text, re.MULTILINE))
+        - ALLOWED
+        - {"gauss_newton"}
+    ):
         raise ValueError(f"the sampler must stand alone, and needs {', '.join(sorted(strange))}")
     return text
 
@@ -52,11 +69,17 @@ def build(out: Path) -> Path:
         text = standalone((SAMPLERS / f"{name}.py").read_text(encoding="utf-8"), ".")
         (package / f"{there}.py").write_text(text, encoding="utf-8")
     tests = (ROOT / "tests/studies/test_gauss_newton.py").read_text(encoding="utf-8")
-    (package / "tests/test_gauss_newton.py").write_text(standalone(tests, "gauss_newton."), encoding="utf-8")
+    (package / "tests/test_gauss_newton.py").write_text(
+        standalone(tests, "gauss_newton."), encoding="utf-8"
+    )
     (package / "tests/conftest.py").write_text(FIXTURE, encoding="utf-8")
     for name in ("README.md", "example.py", "requirements.txt"):
         shutil.copy(HERE / name, package)
-    table = re.search(r"<!-- table: problems -->\n(.*?)<!-- end -->", (HERE / "problems.md").read_text(encoding="utf-8"), re.DOTALL)
+    table = re.search(
+        r"<!-- table: problems -->\n(.*?)<!-- end -->",
+        (HERE / "problems.md").read_text(encoding="utf-8"),
+        re.DOTALL,
+    )
     assert table is not None
     page = (package / "README.md").read_text(encoding="utf-8").replace("<!-- table -->\n", table[1])
     (package / "README.md").write_text(page, encoding="utf-8")
@@ -67,10 +90,24 @@ def build(out: Path) -> Path:
 def main() -> int:
     """Build it, and run its tests and its example where nothing of the project can be imported from the folder."""
     package = build(ROOT / "runs/optunahub")
-    quiet = ["-q", "-p", "no:cacheprovider", "--rootdir", str(package), "-c", "/dev/null", "--import-mode=importlib"]
+    quiet = [
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "--rootdir",
+        str(package),
+        "-c",
+        "/dev/null",
+        "--import-mode=importlib",
+    ]
     environment = {"PYTHONPATH": str(package.parent), "PATH": "/usr/bin:/bin"}
-    for command in (["-m", "pytest", *quiet, str(package / "tests")], [str(package / "example.py")]):
-        done = subprocess.run([sys.executable, *command], cwd=package.parent, env=environment, check=False)
+    for command in (
+        ["-m", "pytest", *quiet, str(package / "tests")],
+        [str(package / "example.py")],
+    ):
+        done = subprocess.run(
+            [sys.executable, *command], cwd=package.parent, env=environment, check=False
+        )
         if done.returncode:
             return done.returncode
     print(package)

@@ -34,14 +34,21 @@ MISRA = np.array([[10.07, 77.6], [14.73, 114.9], [17.94, 141.1], [23.93, 190.8],
 
 
 def rosenbrock(x: Array) -> tuple[Array, Array]:
-    return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]), np.array([[-20 * x[0], 10.0], [-1.0, 0.0]])
+    return np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]]), np.array(
+        [[-20 * x[0], 10.0], [-1.0, 0.0]]
+    )
 
 
 def powell(x: Array) -> tuple[Array, Array]:
     a, b = x[1] - 2 * x[2], x[0] - x[3]
     r5, r10 = np.sqrt(5), np.sqrt(10)
     residuals = np.array([x[0] + 10 * x[1], r5 * (x[2] - x[3]), a**2, r10 * b**2])
-    slopes = [[1, 10, 0, 0], [0, 0, r5, -r5], [0, 2 * a, -4 * a, 0], [2 * r10 * b, 0, 0, -2 * r10 * b]]
+    slopes = [
+        [1, 10, 0, 0],
+        [0, 0, r5, -r5],
+        [0, 2 * a, -4 * a, 0],
+        [2 * r10 * b, 0, 0, -2 * r10 * b],
+    ]
     return residuals, np.array(slopes, dtype=float)
 
 
@@ -49,13 +56,17 @@ def bard(x: Array) -> tuple[Array, Array]:
     u = np.arange(1.0, 16.0)
     v, w = 16 - u, np.minimum(u, 16 - u)
     below = v * x[1] + w * x[2]
-    return BARD - x[0] - u / below, np.column_stack([-np.ones(15), u * v / below**2, u * w / below**2])
+    return BARD - x[0] - u / below, np.column_stack(
+        [-np.ones(15), u * v / below**2, u * w / below**2]
+    )
 
 
 def mgh09(x: Array) -> tuple[Array, Array]:
     y, u = MGH09
     above, below = u**2 + u * x[1], u**2 + u * x[2] + x[3]
-    slopes = np.column_stack([above / below, x[0] * u / below, -x[0] * above * u / below**2, -x[0] * above / below**2])
+    slopes = np.column_stack(
+        [above / below, x[0] * u / below, -x[0] * above * u / below**2, -x[0] * above / below**2]
+    )
     return x[0] * above / below - y, slopes
 
 
@@ -65,7 +76,9 @@ def misra1a(x: Array) -> tuple[Array, Array]:
     return x[0] * (1 - left) - y, np.column_stack([1 - left, x[0] * t * left])
 
 
-PROBLEMS: dict[str, tuple[Callable[[Array], tuple[Array, Array]], list[tuple[float, float]], float]] = {
+PROBLEMS: dict[
+    str, tuple[Callable[[Array], tuple[Array, Array]], list[tuple[float, float]], float]
+] = {
     "Rosenbrock (MGH 1)": (rosenbrock, [(-5, 10)] * 2, 0.0),
     "Bard (MGH 8)": (bard, [(0, 1), (0.1, 5), (0.1, 5)], 8.21487e-3),
     "Powell, singular (MGH 13)": (powell, [(-5, 5)] * 4, 0.0),
@@ -78,7 +91,11 @@ def sampler(name: str, numbers: list[Number], seed: int) -> optuna.samplers.Base
     """A sampler with its defaults."""
     if name == "gauss-newton":
         return GaussNewtonSampler(numbers, seed)
-    kinds = {"tpe": optuna.samplers.TPESampler, "gp": optuna.samplers.GPSampler, "cmaes": optuna.samplers.CmaEsSampler}
+    kinds = {
+        "tpe": optuna.samplers.TPESampler,
+        "gp": optuna.samplers.GPSampler,
+        "cmaes": optuna.samplers.CmaEsSampler,
+    }
     return kinds.get(name, optuna.samplers.RandomSampler)(seed=seed)
 
 
@@ -89,7 +106,9 @@ def path(name: str, problem: str, seed: int) -> Array:
     width = np.array([high - low for low, high in box], dtype=float)
 
     def objective(trial: optuna.Trial) -> float:
-        residuals, jacobian = model(np.array([trial.suggest_float(one.name, one.low, one.high) for one in numbers]))
+        residuals, jacobian = model(
+            np.array([trial.suggest_float(one.name, one.low, one.high) for one in numbers])
+        )
         if name == "gauss-newton":
             trial.set_user_attr("residuals", residuals.tolist())
             trial.set_user_attr("jacobian", (jacobian * width).tolist())
@@ -103,7 +122,9 @@ def path(name: str, problem: str, seed: int) -> Array:
 def cell(paths: list[Array], least: float) -> str:
     """Median of the trials that it took, and of the end."""
     enough = NEAR * least if least else ZERO
-    took = sorted(int(np.argmax(one <= enough)) + 1 if one[-1] <= enough else TRIALS + 1 for one in paths)[len(paths) // 2]
+    took = sorted(
+        int(np.argmax(one <= enough)) + 1 if one[-1] <= enough else TRIALS + 1 for one in paths
+    )[len(paths) // 2]
     end = float(np.median([one[-1] for one in paths]))
     ratio = f"{end / least:.4g}" if least else f"{end:.1e}"
     return f"{took if took <= TRIALS else '-'} ({ratio})"
@@ -119,16 +140,28 @@ def main(seeds: str = "5", *names: str) -> int:
             print("gp: torch is not installed; its column stays as it is", file=sys.stderr)
             continue
         for problem, (_, _, least) in PROBLEMS.items():
-            known.setdefault(name, {})[problem] = cell([path(name, problem, seed) for seed in range(1, int(seeds) + 1)], least)
+            known.setdefault(name, {})[problem] = cell(
+                [path(name, problem, seed) for seed in range(1, int(seeds) + 1)], least
+            )
             print(name, problem, known[name][problem], file=sys.stderr, flush=True)
         found_at.parent.mkdir(parents=True, exist_ok=True)
         found_at.write_text(json.dumps(known, indent=1))
     order = [name for name in ("gauss-newton", "tpe", "gp", "cmaes", "random") if name in known]
     rows = [f"| problem | {' | '.join(order)} |", "| --- " * (len(order) + 1) + "|"]
-    rows += [f"| {problem} | " + " | ".join(known[name][problem] for name in order) + " |" for problem in PROBLEMS]
+    rows += [
+        f"| {problem} | " + " | ".join(known[name][problem] for name in order) + " |"
+        for problem in PROBLEMS
+    ]
     page = ROOT / "docs/optunahub/problems.md"
     place = r"(<!-- table: problems -->\n).*?(<!-- end -->)"
-    page.write_text(re.sub(place, lambda at: at[1] + "\n".join(rows) + "\n" + at[2], page.read_text(), flags=re.DOTALL))
+    page.write_text(
+        re.sub(
+            place,
+            lambda at: at[1] + "\n".join(rows) + "\n" + at[2],
+            page.read_text(),
+            flags=re.DOTALL,
+        )
+    )
     print("\n".join(rows))
     return 0
 

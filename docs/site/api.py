@@ -38,10 +38,20 @@ def page() -> str:
 def members(owner: str, of: type) -> list[str]:
     """The functions and properties of a class that are defined in this project."""
     found = []
-    for name, value in inspect.getmembers(of, lambda v: inspect.isfunction(v) or inspect.ismethod(v) or isinstance(v, property)):
-        function: Any = value.fget if isinstance(value, property) else getattr(value, "__func__", value)
-        if not name.startswith("_") and getattr(function, "__module__", "").startswith("magmpm") and function.__doc__:
-            found.append(entry(f"{owner}.{name}", function, 3, is_property=isinstance(value, property)))
+    for name, value in inspect.getmembers(
+        of, lambda v: inspect.isfunction(v) or inspect.ismethod(v) or isinstance(v, property)
+    ):
+        function: Any = (
+            value.fget if isinstance(value, property) else getattr(value, "__func__", value)
+        )
+        if (
+            not name.startswith("_")
+            and getattr(function, "__module__", "").startswith("magmpm")
+            and function.__doc__
+        ):
+            found.append(
+                entry(f"{owner}.{name}", function, 3, is_property=isinstance(value, property))
+            )
     return found
 
 
@@ -50,9 +60,14 @@ def entry(name: str, thing: Any, level: int, is_property: bool = False) -> str:
     text = inspect.cleandoc(thing.__doc__ or "")
     head = f"{'#' * level} {name}"
     if inspect.isfunction(thing) and not is_property:
-        signature = str(inspect.signature(thing)).replace("(self, ", "(").replace("(self)", "()").replace("(cls, ", "(")
+        signature = (
+            str(inspect.signature(thing))
+            .replace("(self, ", "(")
+            .replace("(self)", "()")
+            .replace("(cls, ", "(")
+        )
         head += f"\n\n<pre><code>{escape(name.split('.')[-1] + signature.replace(chr(39), ''))}</code></pre>"
-    return f"{head}\n\n{paragraphs(text)}\n\n<p class=\"source\">{source(thing)}</p>\n"
+    return f'{head}\n\n{paragraphs(text)}\n\n<p class="source">{source(thing)}</p>\n'
 
 
 def paragraphs(text: str) -> str:
@@ -61,7 +76,9 @@ def paragraphs(text: str) -> str:
     for part in text.split("\n\n"):
         lines = part.splitlines()
         kept = any(line.startswith(("* ", "    ")) for line in lines)
-        found.append(f"<p class=\"doc\">{('<br>' if kept else ' ').join(escape(line) for line in lines)}</p>")
+        found.append(
+            f'<p class="doc">{("<br>" if kept else " ").join(escape(line) for line in lines)}</p>'
+        )
     return "\n".join(found)
 
 

@@ -16,7 +16,9 @@ FORMULA = re.compile(r"^\$\$(.*?)\$\$$", re.DOTALL | re.MULTILINE)
 def on_config(config: Any) -> Any:
     """Pages that the navigation does not list come under `More`, so that none is lost."""
     listed = str(config.nav)
-    pages = sorted(path.name for path in Path(config.docs_dir).glob("*.md") if f"'{path.name}'" not in listed)
+    pages = sorted(
+        path.name for path in Path(config.docs_dir).glob("*.md") if f"'{path.name}'" not in listed
+    )
     if pages:
         config.nav.append({"More": pages})
     return config
@@ -30,4 +32,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         made: str = runpy.run_path(str(Path(__file__).with_name("api.py")))["page"]()
         return made
     markdown = re.sub(r"^<!-- test: .*? -->\n", "", markdown, flags=re.MULTILINE)
-    return FORMULA.sub(lambda found: f'<div class="formula">{convert(found[1].strip(), display="block")}</div>', markdown)
+    return FORMULA.sub(
+        lambda found: f'<div class="formula">{convert(found[1].strip(), display="block")}</div>',
+        markdown,
+    )

@@ -1,5 +1,4 @@
-"""Bodies made of STL parts: one mesh a part, each with its material, magnetization and clamp.
-"""
+"""Bodies made of STL parts: one mesh a part, each with its material, magnetization and clamp."""
 
 from __future__ import annotations
 
@@ -68,7 +67,9 @@ UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 25.4e-3}
 MAY_OVERLAP = 1e-3  # of the smaller part: touching faces of a drawing never fit exactly
 LEAST_CELLS = 2  # through the thinnest part
 HELD_EDGE = 0.25  # of a cell: longest edge of triangles whose points tell where a face is held
-INSIDE = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6  # three points in a triangle, exact for quadratic functions
+INSIDE = (
+    np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6
+)  # three points in a triangle, exact for quadratic functions
 SPECK = 0.01  # of the body's length: with two cells through such a part the body would have 200 a side; units differ by ten and more
 
 
@@ -76,15 +77,28 @@ class MeshPart(Settings):
     """One mesh with one material."""
 
     mesh: Annotated[str, BeforeValidator(read_mesh), WithJsonSchema({"type": "string"})] = Field(
-        description="Path, relative to this file, of an STL file: a closed surface.", examples=["meshes/base.stl"]
+        description="Path, relative to this file, of an STL file: a closed surface.",
+        examples=["meshes/base.stl"],
     )
-    name: str = Field(default="", max_length=100, description="What messages call it; the file's name unless given.", examples=["base"])
+    name: str = Field(
+        default="",
+        max_length=100,
+        description="What messages call it; the file's name unless given.",
+        examples=["base"],
+    )
     material: str = Field(description="A name from `materials`.", examples=["silicone"])
     magnetization: Direction = Field(
-        default=(0.0, 0.0, 0.0), description="Direction in the undeformed part: [x, y, z], normalized, or {azimuth: ..., elevation: ...}; "
-        "[0, 0, 0], unmagnetized, unless given.", examples=[[0, 0, 1]],
-    )  # fmt: skip
-    clamp: bool = Field(default=False, strict=True, description="Whether the part is held; false unless given.", examples=[True])
+        default=(0.0, 0.0, 0.0),
+        description="Direction in the undeformed part: [x, y, z], normalized, or {azimuth: ..., elevation: ...}; "
+        "[0, 0, 0], unmagnetized, unless given.",
+        examples=[[0, 0, 1]],
+    )
+    clamp: bool = Field(
+        default=False,
+        strict=True,
+        description="Whether the part is held; false unless given.",
+        examples=[True],
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -111,12 +125,16 @@ class Parts(BodyShape):
         description="Unit of the numbers in the STL files, which do not say it.", examples=["mm"]
     )
     spacing: Width | None = Field(
-        default=None, description="Cell size; the thinnest part's thickness over `cells_across` unless given.", examples=["0.5 mm"],
-    )  # fmt: skip
+        default=None,
+        description="Cell size; the thinnest part's thickness over `cells_across` unless given.",
+        examples=["0.5 mm"],
+    )
     meshes: tuple[MeshPart, ...] = Field(
-        min_length=1, max_length=MAX_PARTS, description="The parts.",
+        min_length=1,
+        max_length=MAX_PARTS,
+        description="The parts.",
         examples=[[{"mesh": "meshes/base.stl", "material": "silicone", "clamp": True}]],
-    )  # fmt: skip
+    )
 
     tip: Tip | None = Field(
         default=None,
@@ -129,7 +147,11 @@ class Parts(BodyShape):
     @classmethod
     def _separate(cls, meshes: tuple[MeshPart, ...], info: ValidationInfo) -> tuple[MeshPart, ...]:
         unit = info.data.get("unit")
-        sizes = [] if unit is None else [size_fault(unpack_mesh(part.mesh), unit, UNITS[unit]) for part in meshes]
+        sizes = (
+            []
+            if unit is None
+            else [size_fault(unpack_mesh(part.mesh), unit, UNITS[unit]) for part in meshes]
+        )
         for k, found in enumerate(sizes):
             if found is not None:
                 raise fault(*found, (k, "mesh"))
@@ -146,7 +168,11 @@ class Parts(BodyShape):
     @model_validator(mode="after")
     def _some_move_and_none_is_too_thin(self) -> Parts:
         if all(part.clamp for part in self.meshes):
-            raise fault("one part at least must be free to move", "leave out `clamp: true` of those that are", ("meshes",))
+            raise fault(
+                "one part at least must be free to move",
+                "leave out `clamp: true` of those that are",
+                ("meshes",),
+            )
         if self.spacing is not None:
             for i, part in enumerate(self.meshes):
                 thickness = self.part_thickness(i)
@@ -178,7 +204,9 @@ class Parts(BodyShape):
                 listed = ", ".join(moving[:SHOWN]) + (", ..." if len(moving) > SHOWN else "")
                 raise fault(
                     f"the tip must be {'a part that moves' if held else 'the name of a part that moves'}: {listed}",
-                    f'did you mean "{near[0]}"?' if near and not held else "name one of them, or write a point: [18 mm, 0 mm, 0 mm]",
+                    f'did you mean "{near[0]}"?'
+                    if near and not held
+                    else "name one of them, or write a point: [18 mm, 0 mm, 0 mm]",
                     ("tip",),
                 )
         elif self.tip is not None:
@@ -204,7 +232,9 @@ class Parts(BodyShape):
     def part_names(self) -> tuple[str, ...]:
         return different_names([part.name for part in self.meshes])
 
-    def tip_weights(self, grid: Grid, particles: Particles, order: Sequence[int] = (0, 1, 2)) -> Array | None:
+    def tip_weights(
+        self, grid: Grid, particles: Particles, order: Sequence[int] = (0, 1, 2)
+    ) -> Array | None:
         if self.tip is None:
             return None
         if isinstance(self.tip, str):
@@ -223,14 +253,19 @@ class Parts(BodyShape):
 
     def part_length(self, index: int) -> float:
         """Longest side of the box around a part, m."""
-        return float(np.ptp(unpack_mesh(self.meshes[index].mesh).vertices, axis=0).max()) * UNITS[self.unit]
+        return (
+            float(np.ptp(unpack_mesh(self.meshes[index].mesh).vertices, axis=0).max())
+            * UNITS[self.unit]
+        )
 
     def _other_unit(self, index: int, otherwise: str) -> str:
         """Remedy for a part that is far too small in the unit of all parts: the unit its file may be in, or else `otherwise`."""
         assert self.spacing is not None
         for unit, scale in UNITS.items():  # from the smallest on
             times = scale / UNITS[self.unit]
-            if times > 1.0 and times * self.part_thickness(index) >= LEAST_CELLS * self.spacing * (1 - 1e-6):
+            if times > 1.0 and times * self.part_thickness(index) >= LEAST_CELLS * self.spacing * (
+                1 - 1e-6
+            ):
                 return (
                     f"is its file in {unit}? Then it is {length(times * self.part_length(index))} long: "
                     f"export it in {self.unit}, as `unit` says, or write `unit: {unit}` if all parts are; "
@@ -270,10 +305,14 @@ class Parts(BodyShape):
         """Between the parts, (parts, parts) m: where boxes come within this distance (m) that of the surfaces, else of the boxes."""
         low = np.array([t.reshape(-1, 3).min(axis=0) for t in self.triangles()])
         high = np.array([t.reshape(-1, 3).max(axis=0) for t in self.triangles()])
-        found = np.linalg.norm(np.maximum(np.maximum(low[:, None] - high, low - high[:, None]), 0.0), axis=2)
+        found = np.linalg.norm(
+            np.maximum(np.maximum(low[:, None] - high, low - high[:, None]), 0.0), axis=2
+        )
         unit = UNITS[self.unit]
         for i, j in np.argwhere(np.triu(found < within, 1)):
-            found[i, j] = found[j, i] = unit * gap(self.meshes[i].mesh, self.meshes[j].mesh, within / unit)
+            found[i, j] = found[j, i] = unit * gap(
+                self.meshes[i].mesh, self.meshes[j].mesh, within / unit
+            )
         return np.asarray(found)
 
     @property
@@ -284,8 +323,14 @@ class Parts(BodyShape):
     def regions(self) -> tuple[Region, ...]:
         """The parts, in the file's order."""
         return tuple(
-            Region(part.name or f"part {i + 1}", ("parts", "meshes", i), part.material, part.magnetization,
-                   0.0 if part.clamp else self.part_thickness(i), part.clamp)
+            Region(
+                part.name or f"part {i + 1}",
+                ("parts", "meshes", i),
+                part.material,
+                part.magnetization,
+                0.0 if part.clamp else self.part_thickness(i),
+                part.clamp,
+            )
             for i, part in enumerate(self.meshes)
         )
 
@@ -303,16 +348,22 @@ class Parts(BodyShape):
         return self._grid(cells_across)[0]
 
     def _grid(self, cells_across: int) -> tuple[Grid, list[ClampPlane]]:
-        return grid_of_parts(self.triangles(), [part.clamp for part in self.meshes], self.cell_size(cells_across))
+        return grid_of_parts(
+            self.triangles(), [part.clamp for part in self.meshes], self.cell_size(cells_across)
+        )
 
-    def discretize(self, cells_across: int, particles_per_cell: int, knots: Knots = EVEN) -> Discretization:
+    def discretize(
+        self, cells_across: int, particles_per_cell: int, knots: Knots = EVEN
+    ) -> Discretization:
         if knots != EVEN:
             raise ValueError("knots: the grid of parts follows from their meshes")
         triangles, (grid, planes) = self.triangles(), self._grid(cells_across)
         particles = part_particles(grid, triangles, particles_per_cell)
         return Discretization(grid, particles, part_errors(particles, triangles), tuple(planes))
 
-    def fewest_particles(self, cells_across: int, particles_per_cell: int, *, around: bool = False) -> float:
+    def fewest_particles(
+        self, cells_across: int, particles_per_cell: int, *, around: bool = False
+    ) -> float:
         """The number of particles of its volume in full cells; cut cells have more for theirs."""
         volume = sum(volume_of(triangles) for triangles in self.triangles())
         return float(volume / np.prod(self.grid(cells_across).spacing) * particles_per_cell**3)
@@ -333,15 +384,27 @@ class Parts(BodyShape):
             pieces = cut(mesh[meets(mesh, held, within)], longest)
             places = np.ascontiguousarray((INSIDE @ pieces).reshape(-1, 3))
             on = to_triangles(places, held) <= within
-            thirds = np.linalg.norm(np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0]), axis=1) / 6
+            thirds = (
+                np.linalg.norm(
+                    np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0]), axis=1
+                )
+                / 6
+            )
             position.append(places[on])
             area.append(np.repeat(thirds, 3)[on])
             region.append(np.full(int(on.sum()), k))
         return SurfacePoints(np.concatenate(position), np.concatenate(area), np.concatenate(region))
 
     def solids(self, cell: float, particles: Particles) -> Solids:
-        component, scale, thin = self.components(particles), UNITS[self.unit], NEEDLE * cell / UNITS[self.unit]
-        parts = [np.unique(particles.segment[component == one]) for one in range(int(component.max()) + 1)]
+        component, scale, thin = (
+            self.components(particles),
+            UNITS[self.unit],
+            NEEDLE * cell / UNITS[self.unit],
+        )
+        parts = [
+            np.unique(particles.segment[component == one])
+            for one in range(int(component.max()) + 1)
+        ]
         outlines = [[scale * outline(self.meshes[k].mesh, thin) for k in of] for of in parts]
         return mesh_solids(outlines, cell, TOUCHING * self.length)
 
@@ -361,7 +424,10 @@ class Parts(BodyShape):
         """True if there are several parts, and each is connected to every other one."""
         from scipy.sparse import csgraph
 
-        return len(self.meshes) > 1 and csgraph.connected_components(self._touching(), directed=False)[0] == 1
+        return (
+            len(self.meshes) > 1
+            and csgraph.connected_components(self._touching(), directed=False)[0] == 1
+        )
 
     def warnings(self, cells_across: int, *, one_grid: bool) -> list[str]:
         """Warnings of what is near and does not touch, which one grid moves as one; and of specks."""
@@ -385,7 +451,9 @@ class Parts(BodyShape):
         least = TOUCHING * self.length
         unit = UNITS[self.unit]
         told = []
-        for part, region in zip(self.meshes, regions, strict=True):  # they are on one grid in motion, too
+        for part, region in zip(
+            self.meshes, regions, strict=True
+        ):  # they are on one grid in motion, too
             apart = unit * nearest_solids(part.mesh, 3 * cell / unit)
             if not region.held and least < apart < 2 * cell:
                 told.append(
@@ -396,11 +464,15 @@ class Parts(BodyShape):
             f"body.parts: {regions[i].name} and {regions[j].name} are {1e3 * gaps[i, j]:.3g} mm apart, less than two cells of "
             f"{1e3 * cell:.3g} mm: they move as if joined"
             for i, j in itertools.combinations(range(len(regions)), 2)
-            if one_grid and least < gaps[i, j] < 2 * cell and not (regions[i].held and regions[j].held)
+            if one_grid
+            and least < gaps[i, j] < 2 * cell
+            and not (regions[i].held and regions[j].held)
         ]
 
 
 def different_names(given: Sequence[str]) -> tuple[str, ...]:
     """Names of parts, each another: one without a name has its number, and so have those that share one."""
     names = [name or f"part {i + 1}" for i, name in enumerate(given)]
-    return tuple(f"{name} (part {i + 1})" if names.count(name) > 1 else name for i, name in enumerate(names))
+    return tuple(
+        f"{name} (part {i + 1})" if names.count(name) > 1 else name for i, name in enumerate(names)
+    )

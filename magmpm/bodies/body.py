@@ -10,10 +10,24 @@ from magmpm.bodies.catheter import Catheter
 from magmpm.bodies.strip import Strip
 from magmpm.inputs.settings import Settings, fault
 
-CATHETER = {"length": "40 mm", "diameter": "4 mm", "material": "silicone", "segments": [{"magnetization": [1, 0, 0]}]}
-STRIP = {"length": "17.2 mm", "width": "5 mm", "thickness": "0.84 mm", "material": "silicone", "segments": [{"magnetization": [1, 0, 0]}]}
+CATHETER = {
+    "length": "40 mm",
+    "diameter": "4 mm",
+    "material": "silicone",
+    "segments": [{"magnetization": [1, 0, 0]}],
+}
+STRIP = {
+    "length": "17.2 mm",
+    "width": "5 mm",
+    "thickness": "0.84 mm",
+    "material": "silicone",
+    "segments": [{"magnetization": [1, 0, 0]}],
+}
 
-PARTS = {"unit": "mm", "meshes": [{"mesh": "meshes/base.stl", "material": "silicone", "clamp": True}]}
+PARTS = {
+    "unit": "mm",
+    "meshes": [{"mesh": "meshes/base.stl", "material": "silicone", "clamp": True}],
+}
 
 
 class Body(Settings):
@@ -22,11 +36,17 @@ class Body(Settings):
     model_config = ConfigDict(json_schema_extra={"minProperties": 1, "maxProperties": 1})
 
     catheter: Catheter | None = Field(
-        default=None, description="A straight round rod or tube from the origin along +x.", examples=[CATHETER]
+        default=None,
+        description="A straight round rod or tube from the origin along +x.",
+        examples=[CATHETER],
     )
-    strip: Strip | None = Field(default=None, description="A strip or sheet, flat in x and y.", examples=[STRIP])
+    strip: Strip | None = Field(
+        default=None, description="A strip or sheet, flat in x and y.", examples=[STRIP]
+    )
 
-    parts: Parts | None = Field(default=None, description="STL meshes, one a part.", examples=[PARTS])
+    parts: Parts | None = Field(
+        default=None, description="STL meshes, one a part.", examples=[PARTS]
+    )
 
     @model_validator(mode="after")
     def _one(self) -> Body:
@@ -34,7 +54,9 @@ class Body(Settings):
         if len(named) != 1:
             raise fault(
                 f"must have one of the keys {', '.join(type(self).model_fields)}",
-                "keep one of them" if named else "write, say, `catheter: {length: 40 mm, diameter: 4 mm, ...}`",
+                "keep one of them"
+                if named
+                else "write, say, `catheter: {length: 40 mm, diameter: 4 mm, ...}`",
             )
         return self
 

@@ -106,11 +106,15 @@ class BodyShape(Settings):
         """The grid in the undeformed body; knots: of straight bodies. Raises SceneError where it would have too many cells."""
 
     @abstractmethod
-    def discretize(self, cells_across: int, particles_per_cell: int, knots: Knots = EVEN) -> Discretization:
+    def discretize(
+        self, cells_across: int, particles_per_cell: int, knots: Knots = EVEN
+    ) -> Discretization:
         """Its grid and particles. Raises SceneError where the grid would have too many cells."""
 
     @abstractmethod
-    def fewest_particles(self, cells_across: int, particles_per_cell: int, *, around: bool = False) -> float:
+    def fewest_particles(
+        self, cells_across: int, particles_per_cell: int, *, around: bool = False
+    ) -> float:
         """Lower bound of the number of particles, found without making them; around: as `Knots.at_rest`."""
 
     def cell_size(self, cells_across: int) -> float:
@@ -141,7 +145,9 @@ class BodyShape(Settings):
         """Names of its parts, each another; none of a body that is not made of parts."""
         return ()
 
-    def tip_weights(self, grid: Grid, particles: Particles, order: Sequence[int] = (0, 1, 2)) -> Array | None:
+    def tip_weights(
+        self, grid: Grid, particles: Particles, order: Sequence[int] = (0, 1, 2)
+    ) -> Array | None:
         """Weights (n,) that give the named tip's position from the particles'; None where no tip is named.
 
         order: reference axis of each axis of the grid, along which the particles' positions are given.

@@ -12,7 +12,13 @@ from magmpm.bodies.contact_solid import Solids, rod_solid
 from magmpm.bodies.contact_surface import SurfacePoints, rod_surface
 from magmpm.bodies.grid import EVEN, Grid, Knots
 from magmpm.bodies.polar_grid import PolarGrid, tube_grid, tube_particles
-from magmpm.bodies.section_quadrature import Particles, rod_grid, rod_particles, rod_section, section_errors
+from magmpm.bodies.section_quadrature import (
+    Particles,
+    rod_grid,
+    rod_particles,
+    rod_section,
+    section_errors,
+)
 from magmpm.bodies.segments import MAX_SEGMENTS, Section, Segment, StraightBody, ring
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.messages import Instead
@@ -33,15 +39,24 @@ class Catheter(StraightBody):
     length: Length = Field(description="Length of the undeformed catheter.", examples=["40 mm"])
     diameter: Width = Field(description="Outer diameter.", examples=["4 mm"])
     inner_diameter: Annotated[float, Quantity("length", at_least="0 mm", at_most="1 m")] = Field(
-        default=0.0, description="Diameter of the bore; 0 mm, a solid rod, unless given.", examples=["2 mm"]
+        default=0.0,
+        description="Diameter of the bore; 0 mm, a solid rod, unless given.",
+        examples=["2 mm"],
     )
-    material: str = Field(description="A name from `materials`; segments may name others.", examples=["silicone"])
+    material: str = Field(
+        description="A name from `materials`; segments may name others.", examples=["silicone"]
+    )
     clamp: Literal["base", "none"] = Field(
-        default="base", description="The face that is held: base, or none (a free body).", examples=["base"]
+        default="base",
+        description="The face that is held: base, or none (a free body).",
+        examples=["base"],
     )
     segments: tuple[Segment, ...] = Field(
-        min_length=1, max_length=MAX_SEGMENTS, description="From base to tip.", examples=[[{"magnetization": [1, 0, 0]}]],
-    )  # fmt: skip
+        min_length=1,
+        max_length=MAX_SEGMENTS,
+        description="From base to tip.",
+        examples=[[{"magnetization": [1, 0, 0]}]],
+    )
 
     @field_validator("diameter")
     @classmethod
@@ -54,7 +69,10 @@ class Catheter(StraightBody):
     def _hollow(cls, inner: float, info: ValidationInfo) -> float:
         outer = info.data.get("diameter")
         if outer is not None and not inner < outer:
-            raise fault("the inner diameter must be less than the diameter", f"give less than {1e3 * outer:g} mm, or remove it")
+            raise fault(
+                "the inner diameter must be less than the diameter",
+                f"give less than {1e3 * outer:g} mm, or remove it",
+            )
         if outer is not None and not (outer - inner) / 2 >= THINNEST_WALL * outer * (1 - 1e-9):
             raise fault(
                 f"a tube's wall must be at least {THINNEST_WALL:g} times its diameter thick, {1e3 * THINNEST_WALL * outer:.3g} mm here",
@@ -68,12 +86,16 @@ class Catheter(StraightBody):
         if key not in ("wall", "wall_thickness"):
             return None
         try:
-            wall, outer = (parse_quantity(str(values.get(name)), KINDS["length"]) for name in (key, "diameter"))
+            wall, outer = (
+                parse_quantity(str(values.get(name)), KINDS["length"]) for name in (key, "diameter")
+            )
         except BadQuantity:
             wall = outer = 0.0
         if not 0.0 < 2 * wall < outer:
             return Instead("write inner_diameter in its place: the diameter less twice the wall")
-        return Instead(f"write `inner_diameter: {1e3 * (outer - 2 * wall):g} mm` in its place: the diameter less twice the wall")
+        return Instead(
+            f"write `inner_diameter: {1e3 * (outer - 2 * wall):g} mm` in its place: the diameter less twice the wall"
+        )
 
     @property
     def thickness(self) -> float:
@@ -99,12 +121,17 @@ class Catheter(StraightBody):
         """
         wall = (self.diameter - self.inner_diameter) / 2
         middle = (self.diameter + self.inner_diameter) / 4
-        return 3 / math.sqrt(2) * middle**2 * math.sqrt(1 - poisson**2) / wall if self.hollow else 0.0
+        return (
+            3 / math.sqrt(2) * middle**2 * math.sqrt(1 - poisson**2) / wall if self.hollow else 0.0
+        )
 
     @property
     def held_round(self) -> float:
         """Length (m) from the clamp within which it keeps a tube's section round: r sqrt(r/t), in which flattening dies away."""
-        wall, middle = (self.diameter - self.inner_diameter) / 2, (self.diameter + self.inner_diameter) / 4
+        wall, middle = (
+            (self.diameter - self.inner_diameter) / 2,
+            (self.diameter + self.inner_diameter) / 4,
+        )
         return middle * math.sqrt(middle / wall)
 
     @property
@@ -113,28 +140,54 @@ class Catheter(StraightBody):
         return {"outer": self.diameter / 2, "inner": self.inner_diameter / 2}
 
     def box(self) -> tuple[Vector, Vector]:
-        return (0.0, -self.diameter / 2, -self.diameter / 2), (self.length, self.diameter / 2, self.diameter / 2)
+        return (0.0, -self.diameter / 2, -self.diameter / 2), (
+            self.length,
+            self.diameter / 2,
+            self.diameter / 2,
+        )
 
-    def grid(self, cells_across: int, knots: Knots = EVEN, shift: tuple[float, float] = (0.0, 0.0)) -> Grid:
+    def grid(
+        self, cells_across: int, knots: Knots = EVEN, shift: tuple[float, float] = (0.0, 0.0)
+    ) -> Grid:
         """The grid in the undeformed body, lower along y and z by `shift` of a cell; cells around the axis are turned by its first part."""
         if knots.at_rest and self.round_cells:
-            return tube_grid(self.segment_ends(), **self.radii, cells_across=cells_across, knots=knots, turn=shift[0])
+            return tube_grid(
+                self.segment_ends(),
+                **self.radii,
+                cells_across=cells_across,
+                knots=knots,
+                turn=shift[0],
+            )
         return rod_grid(self.segment_ends(), self.diameter, cells_across, shift, knots)
 
     def discretize(
-        self, cells_across: int, particles_per_cell: int, knots: Knots = EVEN, shift: tuple[float, float] = (0.0, 0.0)
+        self,
+        cells_across: int,
+        particles_per_cell: int,
+        knots: Knots = EVEN,
+        shift: tuple[float, float] = (0.0, 0.0),
     ) -> Discretization:
         """Its grid, moved by `shift` of a cell, and particles."""
         grid, ends = self.grid(cells_across, knots, shift), self.segment_ends()
         if isinstance(grid, PolarGrid):
             particles = tube_particles(
-                grid, outer=self.diameter / 2, segment_ends=ends, cells_across=cells_across, particles_per_cell=particles_per_cell
+                grid,
+                outer=self.diameter / 2,
+                segment_ends=ends,
+                cells_across=cells_across,
+                particles_per_cell=particles_per_cell,
             )
         else:
-            particles = rod_particles(grid, **self.radii, segment_ends=ends, particles_per_cell=particles_per_cell)
-        return Discretization(grid, particles, section_errors(particles, **self.radii, length=self.length))
+            particles = rod_particles(
+                grid, **self.radii, segment_ends=ends, particles_per_cell=particles_per_cell
+            )
+        return Discretization(
+            grid, particles, section_errors(particles, **self.radii, length=self.length)
+        )
 
-    def fewest_particles(self, cells_across: int, particles_per_cell: int, *, around: bool = False) -> float:
+    def fewest_particles(
+        self, cells_across: int, particles_per_cell: int, *, around: bool = False
+    ) -> float:
         """The number of its particles, but for cells that two segments share, which have more."""
         grid = self.grid(cells_across, Knots(at_rest=around))
         if isinstance(grid, PolarGrid):

@@ -17,7 +17,9 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
 
 ON = 0.1  # of a table's spacing: parts that come this near are on each other
-PLACES = np.vstack([np.eye(3), np.full(3, 1 / 3)])  # in a triangle, as shares of its corners, that tell whether it is on another part
+PLACES = np.vstack(
+    [np.eye(3), np.full(3, 1 / 3)]
+)  # in a triangle, as shares of its corners, that tell whether it is on another part
 HALVED = 8  # times: triangles that are partly on another part are cut, from 64 cells down to a table's spacing
 FINE = 4  # points of a table in a cell width
 CRACK = 0.25  # of a table's spacing: what is this far outside by its faces may be within, beside a crack between faces of joined parts
@@ -41,7 +43,9 @@ class Solids(NamedTuple):
 
 def box_solid(low: Sequence[float], high: Sequence[float]) -> Solids:
     """A box between two corners (3,) m."""
-    return _exact(np.inf, np.column_stack([np.vstack([-np.eye(3), np.eye(3)]), [*(-c for c in low), *high]]))
+    return _exact(
+        np.inf, np.column_stack([np.vstack([-np.eye(3), np.eye(3)]), [*(-c for c in low), *high]])
+    )
 
 
 def rod_solid(start: float, end: float, radius: float) -> Solids:
@@ -51,39 +55,83 @@ def rod_solid(start: float, end: float, radius: float) -> Solids:
 
 def _exact(radius: float, planes: Array) -> Solids:
     none = np.zeros((1, 3), np.int64)
-    return Solids(np.array([[radius, 0.0, 0.0, 0.0]]), none, np.array([0, planes.size]), planes.ravel(), none[0], np.zeros(0))
+    return Solids(
+        np.array([[radius, 0.0, 0.0, 0.0]]),
+        none,
+        np.array([0, planes.size]),
+        planes.ravel(),
+        none[0],
+        np.zeros(0),
+    )
 
 
 def mesh_solids(components: Sequence[Sequence[Array]], cell: float, gap: float = 0.0) -> Solids:
     """One solid for each component: parts (f, 3, 3) m that hold together, across gaps (m) too, without faces inside; cell: of grids, m."""
     within = max(ON * cell / FINE, gap)
     outside = [_outside(parts, cell, within) for parts in components]
-    tables = [distance.solid(parts, corners, cell / FINE, within) for parts, corners in zip(components, outside, strict=True)]
+    tables = [
+        distance.solid(parts, corners, cell / FINE, within)
+        for parts, corners in zip(components, outside, strict=True)
+    ]
     faces = [distance.faces_of(corners) for corners in outside]
     around = [_around(*each) for each in zip(tables, faces, strict=True)]
-    first, before = (np.cumsum([0, *each]) for each in ([table.coefficients.size for table in tables], map(len, faces)))
-    point, face = (np.concatenate([each[n] + start[k] for k, each in enumerate(around)]) for n, start in enumerate((first, before)))
+    first, before = (
+        np.cumsum([0, *each])
+        for each in ([table.coefficients.size for table in tables], map(len, faces))
+    )
+    point, face = (
+        np.concatenate([each[n] + start[k] for k, each in enumerate(around)])
+        for n, start in enumerate((first, before))
+    )
     order = np.argsort(point, kind="stable")
-    near = np.concatenate([first[-1] + 1 + np.searchsorted(point[order], np.arange(first[-1] + 1)), face[order]])
+    near = np.concatenate(
+        [first[-1] + 1 + np.searchsorted(point[order], np.arange(first[-1] + 1)), face[order]]
+    )
     return Solids(
-        np.array([[*table.origin, table.spacing] for table in tables]), np.array([table.coefficients.shape for table in tables]), first,
-        np.concatenate([table.coefficients.ravel() for table in tables]), near, np.concatenate(faces).ravel(),
-    )  # fmt: skip
+        np.array([[*table.origin, table.spacing] for table in tables]),
+        np.array([table.coefficients.shape for table in tables]),
+        first,
+        np.concatenate([table.coefficients.ravel() for table in tables]),
+        near,
+        np.concatenate(faces).ravel(),
+    )
 
 
 def _around(table: distance.Table, faces: Array) -> tuple[Index, Index]:
     """Points of a table around which it is off, as near edges of its faces (m, 12), and faces that may be nearest there; as pairs."""
     from scipy.ndimage import binary_dilation, correlate1d, map_coordinates
 
-    place = (cut(faces[:, :9].reshape(-1, 3, 3), table.spacing).reshape(-1, 3) - table.origin) / table.spacing
-    off = np.abs(map_coordinates(table.coefficients, place.T, order=2, mode="mirror", prefilter=False)) > SHARP * table.spacing
+    place = (
+        cut(faces[:, :9].reshape(-1, 3, 3), table.spacing).reshape(-1, 3) - table.origin
+    ) / table.spacing
+    off = (
+        np.abs(
+            map_coordinates(table.coefficients, place.T, order=2, mode="mirror", prefilter=False)
+        )
+        > SHARP * table.spacing
+    )
     sharp = np.zeros(table.coefficients.shape, np.bool_)
     sharp[tuple(np.rint(place[off]).astype(int).T)] = True
-    values, band, across = table.coefficients, distance.BAND * table.spacing, np.sqrt(3) * table.spacing  # of the box around a point:
+    values, band, across = (
+        table.coefficients,
+        distance.BAND * table.spacing,
+        np.sqrt(3) * table.spacing,
+    )  # of the box around a point:
     for axis in range(3):
         values = correlate1d(values, [0.125, 0.75, 0.125], axis, mode="mirror")
-    listed = binary_dilation(sharp, np.ones((3, 3, 3)), AROUND) & (np.abs(values) < band - across)  # its distances differ by so much
-    return distance.near_triangles(faces, table.origin, table.spacing, band, np.abs(values), np.zeros_like(values), listed, across)
+    listed = binary_dilation(sharp, np.ones((3, 3, 3)), AROUND) & (
+        np.abs(values) < band - across
+    )  # its distances differ by so much
+    return distance.near_triangles(
+        faces,
+        table.origin,
+        table.spacing,
+        band,
+        np.abs(values),
+        np.zeros_like(values),
+        listed,
+        across,
+    )
 
 
 def _outside(parts: Sequence[Array], cell: float, within: float) -> Array:
@@ -91,14 +139,25 @@ def _outside(parts: Sequence[Array], cell: float, within: float) -> Array:
     surface = []
     for k, part in enumerate(parts):
         others = np.concatenate([part[:0], *(other for j, other in enumerate(parts) if j != k)])
-        near = np.any([np.zeros(len(part), np.bool_), *(meets(part, other, within) for j, other in enumerate(parts) if j != k)], axis=0)
+        near = np.any(
+            [
+                np.zeros(len(part), np.bool_),
+                *(meets(part, other, within) for j, other in enumerate(parts) if j != k),
+            ],
+            axis=0,
+        )
         surface.append(part[~near])
         for triangle in part[near]:
             there = others[meets(others, triangle[None], within)]
             pieces = _uncovered(triangle, there, within, NEEDLE * cell)
             for times in range(HALVED, -1, -1):  # where round parts with other facets hold together
                 pieces = cut(pieces, cell / FINE * 2**times)
-                off = (distance.to_triangles((PLACES @ pieces).reshape(-1, 3), np.ascontiguousarray(there)) > within).reshape(-1, 4)
+                off = (
+                    distance.to_triangles(
+                        (PLACES @ pieces).reshape(-1, 3), np.ascontiguousarray(there)
+                    )
+                    > within
+                ).reshape(-1, 4)
                 surface.append(pieces[off.any(axis=1) if times == 0 else off.all(axis=1)])
                 pieces = pieces[off.any(axis=1) & ~off.all(axis=1)]
     return np.ascontiguousarray(np.concatenate(surface))
@@ -111,13 +170,17 @@ def _uncovered(triangle: Array, others: Array, within: float, thin: float) -> Ar
     along, aside = triangle[1:] - triangle[0]
     frame = np.array([along, np.cross(np.cross(along, aside), along), np.cross(along, aside)])
     frame /= np.linalg.norm(frame, axis=1)[:, None]
-    own, flat = ((each - triangle[0]) @ frame.T / within for each in (triangle, others))  # Clipper rounds to 1e-8
+    own, flat = (
+        (each - triangle[0]) @ frame.T / within for each in (triangle, others)
+    )  # Clipper rounds to 1e-8
     facing = np.cross(flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0])[:, 2] < 0
     on = flat[facing & (np.abs(flat[:, :, 2]).max(axis=1) < 1.0)]
     if not len(on):
         return triangle[None]
     whole, more = CrossSection([own[:, :2]]), thin / within
-    left = (whole - CrossSection(list(on[:, ::-1, :2]), FillRule.NonZero).offset(more, JoinType.Miter)).offset(more, JoinType.Miter) ^ whole
+    left = (
+        whole - CrossSection(list(on[:, ::-1, :2]), FillRule.NonZero).offset(more, JoinType.Miter)
+    ).offset(more, JoinType.Miter) ^ whole
     outlines = left.to_polygons()
     corners = np.concatenate(outlines) if outlines else np.zeros((0, 2))
     return np.asarray((triangle[0] + within * corners @ frame[:2])[triangulate(outlines)])
@@ -126,7 +189,9 @@ def _uncovered(triangle: Array, others: Array, within: float, thin: float) -> Ar
 def meets(triangles: Array, other: Array, within: float) -> NDArray[np.bool_]:
     """Triangles (f, 3, 3) that come nearer than this (m) to the box around other ones (g, 3, 3)."""
     low, high = other.reshape(-1, 3).min(axis=0) - within, other.reshape(-1, 3).max(axis=0) + within
-    return np.asarray(np.all((triangles.max(axis=1) > low) & (triangles.min(axis=1) < high), axis=1))
+    return np.asarray(
+        np.all((triangles.max(axis=1) > low) & (triangles.min(axis=1) < high), axis=1)
+    )
 
 
 @compiled
@@ -135,7 +200,13 @@ def solid_distance(solids, s, x, normal):  # type: ignore[no-untyped-def]
 
     Beside edges outside of a box or rod it is that of the farthest face's plane, which is less.
     """
-    begin, end, nx, ny, nz = solids.first[s], solids.first[s + 1], solids.points[s, 0], solids.points[s, 1], solids.points[s, 2]
+    begin, end, nx, ny, nz = (
+        solids.first[s],
+        solids.first[s + 1],
+        solids.points[s, 0],
+        solids.points[s, 1],
+        solids.points[s, 2],
+    )
     size, most = solids.size[s], -np.inf
     if nx > 0:
         p, q, r = (x[0] - size[0]) / size[3], (x[1] - size[1]) / size[3], (x[2] - size[2]) / size[3]
@@ -144,8 +215,13 @@ def solid_distance(solids, s, x, normal):  # type: ignore[no-untyped-def]
             return np.inf
         point = begin + (int(p + 0.5) * ny + int(q + 0.5)) * nz + int(r + 0.5)
         if solids.near[point] < solids.near[point + 1]:
-            d = distance.to_faces(solids.near[point], solids.near[point + 1], solids.near, solids.faces, x, normal)
-            if d < CRACK * size[3] or distance.value(p, q, r, size[3], ny, nz, solids.coefficients[begin:end])[0] < 0.0:
+            d = distance.to_faces(
+                solids.near[point], solids.near[point + 1], solids.near, solids.faces, x, normal
+            )
+            if (
+                d < CRACK * size[3]
+                or distance.value(p, q, r, size[3], ny, nz, solids.coefficients[begin:end])[0] < 0.0
+            ):
                 return d
             normal *= -1.0
             return -d

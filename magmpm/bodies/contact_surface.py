@@ -43,7 +43,9 @@ class ContactSurface:
     grip: Array
 
 
-def layer_mass(area: Array, first: NDArray[np.int64], weights: Array, mass: Array, nodes: tuple[int, int, int]) -> Array:
+def layer_mass(
+    area: Array, first: NDArray[np.int64], weights: Array, mass: Array, nodes: tuple[int, int, int]
+) -> Array:
     """Mass (n,) kg of the points' layers, which springs of frequency w push: as thick as can be so that no oscillation is faster than w.
 
     Springs m_s w^2 at points s on nodes of mass m_i have omega^2 <= w^2 max over s of (A x)_s / x_s for any x > 0, with
@@ -89,18 +91,28 @@ def box_surface(edges: tuple[Array, Array, Array], *, one_wide: bool, base: bool
     return _joined(faces)
 
 
-def rod_surface(along: Array, *, outer: float, inner: float, cell: float, base: bool) -> SurfacePoints:
+def rod_surface(
+    along: Array, *, outer: float, inner: float, cell: float, base: bool
+) -> SurfacePoints:
     """Points on a round rod or tube along +x around the axis; along (k,) m: x of the cell faces; radii and cell m; base: as in box_surface.
 
     A bore has none: nothing but a body inside could touch it.
     """
-    count = 4 * math.ceil(8 * 2 * math.pi * outer / cell / 4)  # a patch in contact on a hard plane is far narrower than a cell
+    count = 4 * math.ceil(
+        8 * 2 * math.pi * outer / cell / 4
+    )  # a patch in contact on a hard plane is far narrower than a cell
     angle = 2 * math.pi / count * (np.arange(count) + 0.5)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    (x, dx), (r, dr) = lobatto(along), lobatto(np.linspace(inner, outer, math.ceil((outer - inner) / cell) + 1))
+    (x, dx), (r, dr) = (
+        lobatto(along),
+        lobatto(np.linspace(inner, outer, math.ceil((outer - inner) / cell) + 1)),
+    )
     side = np.column_stack([np.repeat(x, count), np.tile(outer * circle, (len(x), 1))])
     faces = [(side, np.repeat(dx * outer * 2 * math.pi / count, count))]
-    ring, area = (r[:, None, None] * circle).reshape(-1, 2), np.repeat(r * dr * 2 * math.pi / count, count)
+    ring, area = (
+        (r[:, None, None] * circle).reshape(-1, 2),
+        np.repeat(r * dr * 2 * math.pi / count, count),
+    )
     for end in along[[0, -1]] if base else along[-1:]:
         faces.append((np.insert(ring, 0, end, axis=1)[area > 0], area[area > 0]))
     return _joined(faces)
@@ -116,16 +128,30 @@ def cut(triangles: Array, longest: float) -> Array:
         first = edges[long].argmax(axis=1)
         a, b, c = (triangles[long][np.arange(len(first)), (first + k) % 3] for k in range(3))
         middle = (a + b) / 2
-        triangles = np.concatenate([triangles[~long], np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
+        triangles = np.concatenate(
+            [triangles[~long], np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)]
+        )
 
 
 def mesh_surface(triangles: Array, longest: float) -> tuple[Array, Array]:
     """Corners (n, 3) m of a mesh's triangles (f, 3, 3), cut until no edge exceeds `longest` (m), and a third of their areas (n,) m^2."""
     triangles = cut(triangles, longest)
-    area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
+    area = (
+        np.linalg.norm(
+            np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1
+        )
+        / 2
+    )
     corners = triangles.reshape(-1, 3)
-    _, one, of = np.unique(np.round(corners / (1e-6 * longest)).astype(np.int64), axis=0, return_index=True, return_inverse=True)
-    return corners[one], np.asarray(np.bincount(of.ravel(), np.repeat(area / 3, 3), len(one)), dtype=float)
+    _, one, of = np.unique(
+        np.round(corners / (1e-6 * longest)).astype(np.int64),
+        axis=0,
+        return_index=True,
+        return_inverse=True,
+    )
+    return corners[one], np.asarray(
+        np.bincount(of.ravel(), np.repeat(area / 3, 3), len(one)), dtype=float
+    )
 
 
 def parts_surface(parts: list[Array], cell: float) -> SurfacePoints:
@@ -135,9 +161,16 @@ def parts_surface(parts: list[Array], cell: float) -> SurfacePoints:
     return _joined(found, region)
 
 
-def _joined(faces: list[tuple[Array, Array]], region: NDArray[np.int64] | None = None) -> SurfacePoints:
-    position, area = np.concatenate([face[0] for face in faces]), np.concatenate([face[1] for face in faces])
-    return SurfacePoints(position, area, np.zeros(len(area), np.int64) if region is None else region)
+def _joined(
+    faces: list[tuple[Array, Array]], region: NDArray[np.int64] | None = None
+) -> SurfacePoints:
+    position, area = (
+        np.concatenate([face[0] for face in faces]),
+        np.concatenate([face[1] for face in faces]),
+    )
+    return SurfacePoints(
+        position, area, np.zeros(len(area), np.int64) if region is None else region
+    )
 
 
 def well_filled(particles: Particles, region: NDArray[np.integer]) -> NDArray[np.bool_]:
@@ -147,13 +180,20 @@ def well_filled(particles: Particles, region: NDArray[np.integer]) -> NDArray[np
     The splines of the next cell go on through it (extended B-splines: Hoellig, Reif, Wipper, SIAM J. Numer. Anal. 39 (2001) 442).
     """
     _, cell = np.unique(np.column_stack([region, particles.cell]), axis=0, return_inverse=True)
-    filled, fullest = np.bincount(cell.ravel(), particles.volume)[cell.ravel()], np.zeros(region.max() + 1)
+    filled, fullest = (
+        np.bincount(cell.ravel(), particles.volume)[cell.ravel()],
+        np.zeros(region.max() + 1),
+    )
     np.maximum.at(fullest, region, filled)
     return np.asarray(filled > SLIVER * fullest[region])
 
 
 def particle_of(
-    points: SurfacePoints, grid: Grid, particles: Particles, region: NDArray[np.integer], chosen: NDArray[np.bool_]
+    points: SurfacePoints,
+    grid: Grid,
+    particles: Particles,
+    region: NDArray[np.integer],
+    chosen: NDArray[np.bool_],
 ) -> NDArray[np.int64]:
     """A particle (n,) whose cell's splines move each point: of its region, in the cell that the point lies in or borders, or the nearest.
 
@@ -167,11 +207,18 @@ def particle_of(
         nearest = mine[cKDTree(particles.position[mine]).query(points.position[on])[1]]
         inward = 1e-6 * (particles.position[nearest] - points.position[on])
         inside = grid.own(points.position[on] + inward, particles.cell[nearest]) - grid.origin
-        own = np.column_stack([grid.cell_along(inside[:, 0]), np.floor(inside[:, 1:] / grid.spacing[1:]).astype(np.int64)])
+        own = np.column_stack(
+            [
+                grid.cell_along(inside[:, 0]),
+                np.floor(inside[:, 1:] / grid.spacing[1:]).astype(np.int64),
+            ]
+        )
         if grid.nodes[1] == grid.cells[1]:  # around a tube
             own[:, 1] %= grid.cells[1]
         own = np.clip(own, 0, np.array(grid.cells) - 1)
-        number, filled = (np.ravel_multi_index(each.T, grid.cells) for each in (own, particles.cell[mine]))
+        number, filled = (
+            np.ravel_multi_index(each.T, grid.cells) for each in (own, particles.cell[mine])
+        )
         cells, first = np.unique(filled, return_index=True)
         at = np.minimum(np.searchsorted(cells, number), len(cells) - 1)
         found[on] = np.where(cells[at] == number, mine[first[at]], nearest)

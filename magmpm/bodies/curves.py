@@ -28,7 +28,9 @@ def tightest_radius(points: Array) -> float:
     if len(points) < 3:
         return np.inf
     a, b = points[1:-1] - points[:-2], points[2:] - points[1:-1]
-    double = np.linalg.norm(np.cross(a, b), axis=1)  # twice the triangle's area: the radius is a b c / (4 area)
+    double = np.linalg.norm(
+        np.cross(a, b), axis=1
+    )  # twice the triangle's area: the radius is a b c / (4 area)
     sides = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1) * np.linalg.norm(a + b, axis=1)
     bent = double > 1e-9 * sides ** (2 / 3)
     return float(np.min(sides[bent] / (2.0 * double[bent]), initial=np.inf))
@@ -45,7 +47,9 @@ def on_rows(s: Array, rows: Array, at: Array) -> tuple[Array, Array]:
     cells = (len(rows) - 1) // 2
     width = np.diff(s[::2])
     even = np.ptp(width) < 1e-9 * length
-    place = at / length * cells if even else np.interp(at, s[::2], np.arange(cells + 1))  # cells below it
+    place = (
+        at / length * cells if even else np.interp(at, s[::2], np.arange(cells + 1))
+    )  # cells below it
     cell = np.clip(place.astype(int), 0, cells - 1)
     t = (place - cell)[:, None]
     a, b, c = (rows[2 * cell + k] for k in range(3))

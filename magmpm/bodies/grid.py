@@ -29,13 +29,23 @@ def spline_weights(xi: Array, ends: Array | float = 0.5) -> Array:
     upper face: the cell's share of the two cells that meet there, and 1 on a repeated knot. Returns (..., 3), a partition of unity.
     """
     lower, upper = _both(ends)
-    return np.stack([lower * (1.0 - xi) ** 2, (1.0 - lower) + xi * (2.0 * lower - (lower + upper) * xi), upper * xi**2], axis=-1)
+    return np.stack(
+        [
+            lower * (1.0 - xi) ** 2,
+            (1.0 - lower) + xi * (2.0 * lower - (lower + upper) * xi),
+            upper * xi**2,
+        ],
+        axis=-1,
+    )
 
 
 def spline_slopes(xi: Array, ends: Array | float = 0.5) -> Array:
     """Derivatives of ``spline_weights`` with respect to xi. Returns (..., 3); divide by the cell size for 1/m."""
     lower, upper = _both(ends)
-    return np.stack([2.0 * lower * (xi - 1.0), 2.0 * lower - 2.0 * (lower + upper) * xi, 2.0 * upper * xi], axis=-1)
+    return np.stack(
+        [2.0 * lower * (xi - 1.0), 2.0 * lower - 2.0 * (lower + upper) * xi, 2.0 * upper * xi],
+        axis=-1,
+    )
 
 
 def _both(ends: Array | float) -> tuple[Array, Array]:
@@ -61,7 +71,10 @@ def clamp_last_node(weights: Array, slopes: Array, *, moved: bool = False) -> tu
     As ``clamp_first_node`` mirrored. What is left of the last node is the face's displacement, with twice the spline; the stencil stays.
     """
     own = [2.0 * v[..., 2] if moved else np.zeros_like(v[..., 0]) for v in (weights, slopes)]
-    clamped = [np.stack([v[..., 0], v[..., 1] - v[..., 2], one], axis=-1) for v, one in zip((weights, slopes), own, strict=True)]
+    clamped = [
+        np.stack([v[..., 0], v[..., 1] - v[..., 2], one], axis=-1)
+        for v, one in zip((weights, slopes), own, strict=True)
+    ]
     return clamped[0], clamped[1]
 
 
@@ -71,20 +84,31 @@ def clamp_low_node(weights: Array, slopes: Array, *, moved: bool = False) -> tup
     return flipped[0][..., ::-1], flipped[1][..., ::-1]
 
 
-def each_node(first: NDArray[np.int64], nodes: tuple[int, int, int], weights: Array) -> Iterator[tuple[NDArray[np.int64], Array]]:
+def each_node(
+    first: NDArray[np.int64], nodes: tuple[int, int, int], weights: Array
+) -> Iterator[tuple[NDArray[np.int64], Array]]:
     """The number (n,) in the whole grid, x slowest, of each of the 27 nodes that points see, and its weight (n,) there.
 
     first (n, 3): of the first ones; nodes: of the grid along x, y, z; weights (n, 3, 3): of the splines along each axis.
     """
     for a, b, c in product(range(3), repeat=3):
-        node = np.ravel_multi_index((first + np.array([a, b, c])).T, nodes, mode=("clip", "wrap", "clip"))  # wrap: around a tube
+        node = np.ravel_multi_index(
+            (first + np.array([a, b, c])).T, nodes, mode=("clip", "wrap", "clip")
+        )  # wrap: around a tube
         yield node, weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
 
 
-def spread(values: Array, first: NDArray[np.int64], nodes: tuple[int, int, int], weights: Array) -> Array:
+def spread(
+    values: Array, first: NDArray[np.int64], nodes: tuple[int, int, int], weights: Array
+) -> Array:
     """Sums (nodes,) over points of their values (n,) times their weights at each node of the whole grid; others as in `each_node`."""
     count = int(np.prod(nodes))
-    return np.asarray(sum(np.bincount(node, values * share, count) for node, share in each_node(first, nodes, weights)))
+    return np.asarray(
+        sum(
+            np.bincount(node, values * share, count)
+            for node, share in each_node(first, nodes, weights)
+        )
+    )
 
 
 @dataclass(frozen=True)
@@ -128,34 +152,52 @@ class Grid:
     @property
     def nodes(self) -> tuple[int, int, int]:
         """Number of spline nodes along x, y, z: two more than cells, and one for each repeated knot."""
-        return (self.cells[0] + 2 + sum(run.after is not None for run in self.runs), self.cells[1] + 2, self.cells[2] + 2)
+        return (
+            self.cells[0] + 2 + sum(run.after is not None for run in self.runs),
+            self.cells[1] + 2,
+            self.cells[2] + 2,
+        )
 
     @cached_property
     def along(self) -> Spans:
         """The cells along x."""
         runs = self.runs or (Run(0.0, float(self.spacing[0]), self.cells[0]),)
         count = [run.cells for run in runs]
-        width, repeated = np.repeat([run.width for run in runs], count), np.array([run.after is not None for run in runs])
+        width, repeated = (
+            np.repeat([run.width for run in runs], count),
+            np.array([run.after is not None for run in runs]),
+        )
         ends = np.full((self.cells[0], 2), 0.5)
         for first, jumps in zip(np.cumsum(count)[:-1], repeated[1:], strict=True):
             both = width[first - 1] + width[first]
-            ends[first, 0], ends[first - 1, 1] = (1.0, 1.0) if jumps else (width[first] / both, width[first - 1] / both)
+            ends[first, 0], ends[first - 1, 1] = (
+                (1.0, 1.0) if jumps else (width[first] / both, width[first - 1] / both)
+            )
         return Spans(
-            start=np.repeat([run.start for run in runs], count), width=width, index=np.concatenate([np.arange(run.cells) for run in runs]),
-            node=np.arange(self.cells[0]) + np.repeat(np.cumsum(repeated), count), ends=ends,
-        )  # fmt: skip
+            start=np.repeat([run.start for run in runs], count),
+            width=width,
+            index=np.concatenate([np.arange(run.cells) for run in runs]),
+            node=np.arange(self.cells[0]) + np.repeat(np.cumsum(repeated), count),
+            ends=ends,
+        )
 
     @property
     def faces(self) -> Array:
         """x (cells + 1,) m of the cells' faces, from the grid's lower face."""
         spans = self.along
-        return np.append(spans.start + spans.width * spans.index, spans.start[-1] + spans.width[-1] * (spans.index[-1] + 1))
+        return np.append(
+            spans.start + spans.width * spans.index,
+            spans.start[-1] + spans.width[-1] * (spans.index[-1] + 1),
+        )
 
     @property
     def stations(self) -> Array:
         """x (2 cells + 1,) m of the cells' faces and middles, from the grid's lower face."""
         runs = self.runs or (Run(0.0, float(self.spacing[0]), self.cells[0]),)
-        parts = [np.linspace(run.start, run.start + run.width * run.cells, 2 * run.cells + 1) for run in runs]
+        parts = [
+            np.linspace(run.start, run.start + run.width * run.cells, 2 * run.cells + 1)
+            for run in runs
+        ]
         return np.concatenate([*(part[:-1] for part in parts[:-1]), parts[-1]])
 
     def node_coordinates(self, axis: int) -> Array:
@@ -166,11 +208,15 @@ class Grid:
         joints = [[] if run.after is None else [run.start] for run in self.runs]
         inside = [place for pair in zip(joints, middles, strict=True) for place in pair]
         first, last = self.runs[0], self.runs[-1]
-        return self.origin[0] + np.concatenate([[-first.width / 2], *inside, [last.start + last.width * (last.cells + 0.5)]])
+        return self.origin[0] + np.concatenate(
+            [[-first.width / 2], *inside, [last.start + last.width * (last.cells + 0.5)]]
+        )
 
     def section_nodes(self, node: NDArray[np.int64]) -> Array:
         """Coefficients (k, 2) m of the second and third coordinates themselves: of the nodes of a plane with these indices (k, 2)."""
-        return np.column_stack([self.node_coordinates(1)[node[:, 0]], self.node_coordinates(2)[node[:, 1]]])
+        return np.column_stack(
+            [self.node_coordinates(1)[node[:, 0]], self.node_coordinates(2)[node[:, 1]]]
+        )
 
     def axes_at(self, points: Array) -> Array:
         """The directions of its axes, in columns: (3, 3), or (n, 3, 3) where they differ between points (n, 3) m."""
@@ -189,7 +235,11 @@ class Grid:
         cell = self.cell_along(x)
         spans = self.along
         xi, ends = (x - spans.start[cell]) / spans.width[cell] - spans.index[cell], spans.ends[cell]
-        return spans.node[cell], spline_weights(xi, ends), spline_slopes(xi, ends) / spans.width[cell, None]
+        return (
+            spans.node[cell],
+            spline_weights(xi, ends),
+            spline_slopes(xi, ends) / spans.width[cell, None],
+        )
 
     def matrix_along(self, x: Array) -> Array:
         """Values (m, nodes) of all splines along x at distances x (m,) m from the lower face."""
@@ -202,7 +252,11 @@ class Grid:
     def cell_along(self, x: Array) -> NDArray[np.int64]:
         """The cell (m,) along x of each distance x (m,) m from the lower face; the outermost cells go on beyond the grid."""
         if self.runs:
-            return np.clip(np.searchsorted(self.faces, x + 1e-12 * self.spacing[0], side="right") - 1, 0, self.cells[0] - 1)
+            return np.clip(
+                np.searchsorted(self.faces, x + 1e-12 * self.spacing[0], side="right") - 1,
+                0,
+                self.cells[0] - 1,
+            )
         return np.clip(np.floor(x / self.spacing[0] + 1e-12).astype(int), 0, self.cells[0] - 1)
 
     def section_splines(self, points: Array) -> tuple[NDArray[np.int64], Array]:
@@ -215,9 +269,18 @@ class Grid:
         """Values and slopes (1/m) of the three splines that points (n, 3) m in these cells (n, 3) see along each axis, (n, 3, 3)."""
         xi, first = self.within(points, cell), cell[:, 0]
         weights, slopes = np.empty((*xi.shape, 3)), np.empty((*xi.shape, 3))
-        for axis in range(3):  # one at a time: all at once take the most memory of all that a model is built with
-            ends, width = (0.5, self.spacing[axis]) if axis else (self.along.ends[first], self.along.width[first, None])
-            weights[:, axis], slopes[:, axis] = spline_weights(xi[:, axis], ends), spline_slopes(xi[:, axis], ends) / width
+        for axis in range(
+            3
+        ):  # one at a time: all at once take the most memory of all that a model is built with
+            ends, width = (
+                (0.5, self.spacing[axis])
+                if axis
+                else (self.along.ends[first], self.along.width[first, None])
+            )
+            weights[:, axis], slopes[:, axis] = (
+                spline_weights(xi[:, axis], ends),
+                spline_slopes(xi[:, axis], ends) / width,
+            )
         return weights, slopes
 
     def own(self, points: Array, cell: NDArray[np.int64]) -> Array:
@@ -240,8 +303,16 @@ class Grid:
     def within(self, points: Array, cell: NDArray[np.int64]) -> Array:
         """Position (n, 3) in units of given cells (n, 3): 0 to 1 within them, where their splines are meant; points (n, 3) m."""
         spans, first = self.along, cell[:, 0]
-        start, width, index = np.zeros(cell.shape), np.tile(self.spacing, (len(cell), 1)), cell.copy()
-        start[:, 0], width[:, 0], index[:, 0] = spans.start[first], spans.width[first], spans.index[first]
+        start, width, index = (
+            np.zeros(cell.shape),
+            np.tile(self.spacing, (len(cell), 1)),
+            cell.copy(),
+        )
+        start[:, 0], width[:, 0], index[:, 0] = (
+            spans.start[first],
+            spans.width[first],
+            spans.index[first],
+        )
         return np.asarray((self.own(points, cell) - self.origin - start) / width - index)
 
 
@@ -280,7 +351,9 @@ class Knots:
 EVEN = Knots()
 
 
-def runs_along(ends: Array, h: float, across: int, knots: Knots) -> tuple[int, float, tuple[Run, ...]]:
+def runs_along(
+    ends: Array, h: float, across: int, knots: Knots
+) -> tuple[int, float, tuple[Run, ...]]:
     """Cells of about h m along a body whose segments end at `ends` (k,) m, `across` of which make its thickness: their number, the least
     width (m), and their runs (none if all are equal)."""
     like, length = knots.like, float(ends[-1])
@@ -288,15 +361,23 @@ def runs_along(ends: Array, h: float, across: int, knots: Knots) -> tuple[int, f
         joints = _kept(ends, (THIN if knots.from_tip or knots.at_rest else SHORT) * h, knots.joints)
     else:
         joints = [run.after for run in like.runs if run.after is not None]
-    from_tip = knots.from_tip and (length >= (FEWEST - 0.5) * h if like is None else bool(like.runs))
+    from_tip = knots.from_tip and (
+        length >= (FEWEST - 0.5) * h if like is None else bool(like.runs)
+    )
     if not joints and not from_tip:
         along = max(FEWEST, round(length / h)) if like is None else like.cells[0]
         return along, length / along, ()
     faces = [0.0, *ends[joints].tolist(), length]
     widths = np.diff(faces)
-    counts = [_count(width / h, across, from_tip) for width in widths] if like is None else _counts(like.runs)
+    counts = (
+        [_count(width / h, across, from_tip) for width in widths]
+        if like is None
+        else _counts(like.runs)
+    )
     runs: list[Run] = []
-    for start, width, count, after in zip(faces, widths.tolist(), counts, [None, *joints], strict=False):
+    for start, width, count, after in zip(
+        faces, widths.tolist(), counts, [None, *joints], strict=False
+    ):
         rest = width - (count - 1) * h
         if from_tip and count > 1:
             runs += [Run(start, rest, 1, after), Run(start + rest, h, count - 1)]

@@ -21,7 +21,9 @@ from magmpm.errors import SceneError
 
 _A, _B = (6 - 15**0.5) / 21, (6 + 15**0.5) / 21
 # Radon's rule, exact for polynomials of degree 5 on a triangle: barycentric points (7, 3) and weights (7,).
-_POINTS = np.array([[1 / 3] * 3, *(np.roll([1 - 2 * p, p, p], k) for p in (_A, _B) for k in range(3))])
+_POINTS = np.array(
+    [[1 / 3] * 3, *(np.roll([1 - 2 * p, p, p], k) for p in (_A, _B) for k in range(3))]
+)
 _WEIGHTS = np.array([9 / 40, *[(155 - 15**0.5) / 1200] * 3, *[(155 + 15**0.5) / 1200] * 3])
 
 
@@ -33,7 +35,9 @@ def cell_moments(triangles: Array, grid: Grid) -> tuple[NDArray[np.int64], Array
     """
     scaled = (triangles - grid.origin) / grid.spacing
     nearest = np.round(scaled)
-    scaled = np.where(np.abs(scaled - nearest) < 1e-6, nearest, scaled)  # STL files hold single precision, 6e-8 of a coordinate
+    scaled = np.where(
+        np.abs(scaled - nearest) < 1e-6, nearest, scaled
+    )  # STL files hold single precision, 6e-8 of a coordinate
     low = np.floor(scaled.reshape(-1, 3).min(0)).astype(int)
     shape = np.maximum(np.ceil(scaled.reshape(-1, 3).max(0)).astype(int) - low, 1)
     if np.any(low < 0) or np.any(low + shape > grid.cells):
@@ -54,14 +58,25 @@ def cell_moments(triangles: Array, grid: Grid) -> tuple[NDArray[np.int64], Array
         x, y, z = np.einsum("k,fki->if", point, local)
         w = weight * area
         terms = (
-            x, x * x / 2, x * y, x * z, x**3 / 3, x * x * y / 2, x * x * z / 2, x * y * y, x * y * z, x * z * z
-        )  # fmt: skip
+            x,
+            x * x / 2,
+            x * y,
+            x * z,
+            x**3 / 3,
+            x * x * y / 2,
+            x * x * z / 2,
+            x * y * y,
+            x * y * z,
+            x * z * z,
+        )
         for k, term in enumerate(terms):
             own[k] += np.bincount(flat, w * term, count)
         for k, term in enumerate((np.ones_like(x), y, z, y * y, y * z, z * z)):
             column[k] += np.bincount(flat, w * term, count)
     grid_of = column.reshape(6, *shape)
-    beyond = np.cumsum(grid_of[:, ::-1], axis=1)[:, ::-1] - grid_of  # of the pieces farther right in the column
+    beyond = (
+        np.cumsum(grid_of[:, ::-1], axis=1)[:, ::-1] - grid_of
+    )  # of the pieces farther right in the column
     one, y, z, yy, yz, zz = beyond.reshape(6, -1)
     own += np.stack([one, one / 2, y, z, one / 3, y / 2, z / 2, yy, yz, zz])
     filled = np.flatnonzero(own[0] > 1e-9)  # less is rounding error
@@ -86,7 +101,9 @@ def _split(triangles: Array, axis: int, plane: Array) -> Array:
     """Each triangle (f, 3, 3), which has corners on both sides of its plane, as three: one on one side, two on the other."""
     side = triangles[:, :, axis] - plane[:, None]
     above = side > 0
-    alone = np.where(above.sum(1) == 1, above.argmax(1), (side < 0).argmax(1))  # the corner that is alone on its side
+    alone = np.where(
+        above.sum(1) == 1, above.argmax(1), (side < 0).argmax(1)
+    )  # the corner that is alone on its side
     order = (alone[:, None] + np.arange(3)) % 3
     corners = np.take_along_axis(triangles, order[:, :, None], axis=1)
     side = np.take_along_axis(side, order, axis=1)
@@ -106,7 +123,9 @@ SEEN = 5  # nodes along an axis that the particles of a cell and its neighbors s
 TOUCHING = 1e-4  # of the body's length: parts this near touch, and faces of held and free ones lie in one plane
 
 
-def grid_of_parts(parts: list[Array], held: list[bool], spacing: float) -> tuple[Grid, list[ClampPlane]]:
+def grid_of_parts(
+    parts: list[Array], held: list[bool], spacing: float
+) -> tuple[Grid, list[ClampPlane]]:
     """Grid around parts (each (f, 3, 3) m) with cells of about `spacing` m, and the planes on which free parts are clamped.
 
     Knots lie on the faces of the box around the free parts; held ones take more cells. Raises SceneError where it has too many cells.
@@ -150,7 +169,9 @@ def _shadow(triangles: Array, low: Array, step: Array, shape: Index) -> NDArray[
     scaled = (triangles - low) / step
     first = np.maximum(np.ceil(scaled.min(1) - ON_PLANE), 0).astype(int)
     last = np.minimum(np.floor(scaled.max(1) + ON_PLANE), shape - 1).astype(int)
-    for k in np.flatnonzero((first <= last).all(1)):  # few: most triangles of a fine mesh hold no point
+    for k in np.flatnonzero(
+        (first <= last).all(1)
+    ):  # few: most triangles of a fine mesh hold no point
         i, j = (np.arange(first[k, axis], last[k, axis] + 1) for axis in range(2))
         place = np.stack(np.meshgrid(i, j, indexing="ij"), -1).astype(float)
         sides = []
@@ -162,7 +183,14 @@ def _shadow(triangles: Array, low: Array, step: Array, shape: Index) -> NDArray[
     return out
 
 
-def _clamp_planes(parts: list[Array], boxes: Array, still: NDArray[np.bool_], grid: Grid, first: Array, last: Array) -> list[ClampPlane]:
+def _clamp_planes(
+    parts: list[Array],
+    boxes: Array,
+    still: NDArray[np.bool_],
+    grid: Grid,
+    first: Array,
+    last: Array,
+) -> list[ClampPlane]:
     """Planes on which the held parts do all of their holding; none where some hold in another way.
 
     boxes (k, 2, 3): lower and upper corners; still (k,): held; first, last (3,): cells of the free parts' box, last excluded.
@@ -181,12 +209,16 @@ def _clamp_planes(parts: list[Array], boxes: Array, still: NDArray[np.bool_], gr
             # All of the free parts within a cell of the plane must stand on the held ones.
             inner = at + grid.spacing[axis] * (1 if lower else -1)
             free = np.concatenate([p for p, s in zip(parts, still, strict=True) if not s])
-            within = (free[:, :, axis].min(1) < max(at, inner)) & (free[:, :, axis].max(1) > min(at, inner))
+            within = (free[:, :, axis].min(1) < max(at, inner)) & (
+                free[:, :, axis].max(1) > min(at, inner)
+            )
             near = free[within | (np.abs(free[:, :, axis] - at) < slack).all(1)][:, :, others]
             bases = np.concatenate([p for p, s in zip(parts, mine, strict=True) if s])
             bases = bases[(np.abs(bases[:, :, axis] - at) < slack).all(1)][:, :, others]
             if len(near) and _stands(near, bases, 0.5 * grid.spacing[others]):
-                planes.append(ClampPlane(axis, lower, int(first[axis] if lower else last[axis] - 1)))
+                planes.append(
+                    ClampPlane(axis, lower, int(first[axis] if lower else last[axis] - 1))
+                )
                 covered |= mine
     return planes if np.array_equal(covered, still) else []
 
@@ -228,7 +260,11 @@ def _points(moments: Array, cube: Array) -> Array:
     root = np.einsum("kij,kj,klj->kil", vectors, np.sqrt(np.maximum(values, 0.0)), vectors)
     away = np.einsum("kij,qj->kqi", root, cube)
     with np.errstate(divide="ignore", invalid="ignore"):
-        room = np.where(away > 0, (1 - centroid)[:, None] / away, np.where(away < 0, -centroid[:, None] / away, np.inf))
+        room = np.where(
+            away > 0,
+            (1 - centroid)[:, None] / away,
+            np.where(away < 0, -centroid[:, None] / away, np.inf),
+        )
     pull = np.minimum(room.min(axis=(1, 2)), 1.0)
     return centroid[:, None, :] + pull[:, None, None] * away
 
@@ -240,20 +276,27 @@ def part_errors(particles: Particles, parts: list[Array]) -> dict[str, float]:
         mine = particles.segment == k
         p, v = particles.position[mine], particles.volume[mine]
         low, high = triangles.reshape(-1, 3).min(0), triangles.reshape(-1, 3).max(0)
-        _, moments = cell_moments(triangles, Grid(low, high - low, (1, 1, 1)))  # one cell: the whole mesh
+        _, moments = cell_moments(
+            triangles, Grid(low, high - low, (1, 1, 1))
+        )  # one cell: the whole mesh
         size = high - low
         volume, centroid = moments[0, 0] * size.prod(), low + size * moments[0, 1:4] / moments[0, 0]
         xx, xy, xz, yy, yz, zz = moments[0, 4:] / moments[0, 0]
         mean = moments[0, 1:4] / moments[0, 0]
-        exact = (np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - np.outer(mean, mean)) * np.outer(size, size)
+        exact = (
+            np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - np.outer(mean, mean)
+        ) * np.outer(size, size)
         away = p - centroid
         found = np.einsum("p,pi,pj->ij", v, away, away) / v.sum()
         mine_errors = (
-            abs(v.sum() / volume - 1), np.abs(v @ away / v.sum()).max() / size.max(),
+            abs(v.sum() / volume - 1),
+            np.abs(v @ away / v.sum()).max() / size.max(),
             np.abs(found - exact).max() / np.trace(exact),
-        )  # fmt: skip
+        )
         errors = np.maximum(errors, mine_errors)
-    return dict(zip(("volume_error", "centroid_error", "second_moment_error"), errors.tolist(), strict=True))
+    return dict(
+        zip(("volume_error", "centroid_error", "second_moment_error"), errors.tolist(), strict=True)
+    )
 
 
 def point_weights(grid: Grid, particles: Particles, mine: NDArray[np.bool_], point: Array) -> Array:
@@ -305,10 +348,14 @@ def _on_nodes(grid: Grid, points: Array, cell: NDArray[np.int64], home: NDArray[
     for axis in range(3):
         for k in range(3):
             along[rows, axis, cell[:, axis] - home[axis] + 1 + k] = values[:, axis, k]
-    return np.einsum("ma,mb,mc->mabc", along[:, 0], along[:, 1], along[:, 2]).reshape(len(points), -1)
+    return np.einsum("ma,mb,mc->mabc", along[:, 0], along[:, 1], along[:, 2]).reshape(
+        len(points), -1
+    )
 
 
-def connected_components(touching: NDArray[np.bool_], cell: NDArray[np.integer], part: NDArray[np.integer]) -> NDArray[np.int64]:
+def connected_components(
+    touching: NDArray[np.bool_], cell: NDArray[np.integer], part: NDArray[np.integer]
+) -> NDArray[np.int64]:
     """Connected component that each particle (n,) is in, from 0.
 
     touching (parts, parts): which do; cell (n, 3), part (n,): of each particle. Two are connected where they touch and their cells do.
@@ -321,7 +368,9 @@ def connected_components(touching: NDArray[np.bool_], cell: NDArray[np.integer],
     full = np.unique(np.ravel_multi_index((*(cell - cell.min(axis=0)).T, part), box))
     *places, of = np.unravel_index(full, box)
     near = np.zeros((count, count), bool)
-    pairs = of[cKDTree(np.column_stack(places)).query_pairs(1.01, output_type="ndarray")]  # the same cell, or neighbors by a face
+    pairs = of[
+        cKDTree(np.column_stack(places)).query_pairs(1.01, output_type="ndarray")
+    ]  # the same cell, or neighbors by a face
     near[pairs[:, 0], pairs[:, 1]] = True
     number = csgraph.connected_components(near & touching, directed=False)[1]
     return np.asarray(np.asarray(number, np.int64)[part])

@@ -48,7 +48,10 @@ class PolarGrid(Grid):
     def section_splines(self, points: Array) -> tuple[NDArray[np.int64], Array]:
         """First nodes (q, 2) and values (q, 2, 3) of the splines across a section at points (q, 2) m of it."""
         turn = np.arctan2(-points[:, 1], points[:, 0]) - self.origin[1]
-        scaled = np.column_stack([turn % (2 * np.pi), np.hypot(*points.T) - self.origin[2]]) / self.spacing[1:]
+        scaled = (
+            np.column_stack([turn % (2 * np.pi), np.hypot(*points.T) - self.origin[2]])
+            / self.spacing[1:]
+        )
         cell = np.clip(np.floor(scaled + 1e-12).astype(int), 0, np.array(self.cells[1:]) - 1)
         xi = scaled - cell
         return cell, np.stack([self._around(xi[:, 0])[0], spline_weights(xi[:, 1])], axis=1)
@@ -64,7 +67,13 @@ class PolarGrid(Grid):
         """x, angle and radius (n, 3) of points (n, 3) m; the angle is that near the cell (n, 3)."""
         middle = self.origin[1] + self.spacing[1] * (cell[:, 1] + 0.5)
         turn = np.arctan2(-points[:, 2], points[:, 1]) - middle
-        return np.column_stack([points[:, 0], middle + (turn + np.pi) % (2 * np.pi) - np.pi, np.hypot(points[:, 1], points[:, 2])])
+        return np.column_stack(
+            [
+                points[:, 0],
+                middle + (turn + np.pi) % (2 * np.pi) - np.pi,
+                np.hypot(points[:, 1], points[:, 2]),
+            ]
+        )
 
     def _around(self, xi: Array) -> tuple[Array, Array]:
         """Values and slopes (1/rad) of the three splines around at positions (q,) in a cell, 0 to 1; both (q, 3)."""
@@ -72,10 +81,14 @@ class PolarGrid(Grid):
         before, after = width * (1.0 - xi), width * xi
         low, high = scale * np.sin(before / 2) ** 2, scale * np.sin(after / 2) ** 2
         down, up = -scale / 2 * np.sin(before), scale / 2 * np.sin(after)
-        return np.stack([low, 1.0 - low - high, high], axis=-1), np.stack([down, -down - up, up], axis=-1)
+        return np.stack([low, 1.0 - low - high, high], axis=-1), np.stack(
+            [down, -down - up, up], axis=-1
+        )
 
 
-def tube_grid(ends: Array, outer: float, inner: float, cells_across: int, knots: Knots, turn: float = 0.0) -> PolarGrid:
+def tube_grid(
+    ends: Array, outer: float, inner: float, cells_across: int, knots: Knots, turn: float = 0.0
+) -> PolarGrid:
     """Grid of a tube along +x. ends (k,) m: where each segment ends, the last one at the tip; outer, inner: radii, m; turn: part of a cell,
     0 to 1, by which the grid is turned: to see what its place does."""
     # The thickest cell through a wall is 0.8 of a cell's width along: one alone, where half a radius bends sharply, is 0.1 to 0.3 % off.
@@ -91,7 +104,9 @@ def tube_grid(ends: Array, outer: float, inner: float, cells_across: int, knots:
     even = Grid(np.array([0.0, turn * spacing[1], inner]), spacing, (along, around, through), runs)
     fine = _finer_at_base(runs or (Run(0.0, width, along),))
     spacing = np.array([min(run.width for run in fine), *spacing[1:]])
-    return PolarGrid(even.origin, spacing, (sum(run.cells for run in fine), around, through), fine, even)
+    return PolarGrid(
+        even.origin, spacing, (sum(run.cells for run in fine), around, through), fine, even
+    )
 
 
 def _finer_at_base(runs: tuple[Run, ...]) -> tuple[Run, ...]:
@@ -102,20 +117,37 @@ def _finer_at_base(runs: tuple[Run, ...]) -> tuple[Run, ...]:
     return (*(cut if rest else cut[:2]), *others)
 
 
-def tube_particles(grid: PolarGrid, *, outer: float, segment_ends: Array, cells_across: int, particles_per_cell: int) -> Particles:
+def tube_particles(
+    grid: PolarGrid,
+    *,
+    outer: float,
+    segment_ends: Array,
+    cells_across: int,
+    particles_per_cell: int,
+) -> Particles:
     """Particles of a tube: Gauss points of every cell. Area and second moments are exact: over equal cells harmonics sum to zero.
 
     outer: radius, m; segment_ends (k,) m: where each segment ends; particles_per_cell: points a direction and cell (at least 2).
     """
     _, around, through = grid.cells
-    index = np.stack(np.meshgrid(np.arange(around), np.arange(through), indexing="ij"), -1).reshape(-1, 2)
+    index = np.stack(np.meshgrid(np.arange(around), np.arange(through), indexing="ij"), -1).reshape(
+        -1, 2
+    )
     unit, weight = gauss(particles_per_cell)
     within = np.stack(np.meshgrid(unit, unit, indexing="ij"), -1).reshape(-1, 2) / np.sqrt(12.0)
     place = (grid.origin[1:] + grid.spacing[1:] * (index[:, None] + 0.5 + within)).reshape(-1, 2)
     angle, radius = place.T
-    areas = np.tile(np.outer(weight, weight).ravel() * np.prod(grid.spacing[1:]), len(index)) * radius
+    areas = (
+        np.tile(np.outer(weight, weight).ravel() * np.prod(grid.spacing[1:]), len(index)) * radius
+    )
     points = np.column_stack([radius * np.cos(angle), -radius * np.sin(angle)])
     owner = np.repeat(np.arange(len(index)), len(weight) ** 2)
     made = extruded(grid, index, points, areas, owner, segment_ends, particles_per_cell)
     boxes = np.floor((made.position[:, 1:] / outer + 1.0) * cells_across / 2).astype(np.int64)
-    return Particles(made.position, made.volume, made.segment, made.cell, np.column_stack([made.cell[:, 0], boxes]))
+    return Particles(
+        made.position,
+        made.volume,
+        made.segment,
+        made.cell,
+        np.column_stack([made.cell[:, 0], boxes]),
+    )

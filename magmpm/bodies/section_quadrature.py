@@ -77,7 +77,9 @@ def disk_moments(low: Array, high: Array, radius: float) -> Array:
     return np.stack([np.sum(term * dy, axis=(1, 2)) for term in terms], axis=1)
 
 
-def section_points(low: Array, high: Array, outer: float, inner: float, count: int) -> tuple[Array, Array, NDArray[np.int64]]:
+def section_points(
+    low: Array, high: Array, outer: float, inner: float, count: int
+) -> tuple[Array, Array, NDArray[np.int64]]:
     """Quadrature of a ring cut by rectangles, exact for polynomials up to degree 2.
 
     low, high (n, 2) m: the rectangles; outer, inner: radii in m; count: points per direction and cell.
@@ -85,14 +87,19 @@ def section_points(low: Array, high: Array, outer: float, inner: float, count: i
     """
     owner, depth = np.arange(len(low)), 0
     found: list[tuple[Array, Array, NDArray[np.int64]]] = []
-    cells, least = (low, high), 1e-9 * float(np.prod(high - low, axis=1).max())  # less is rounding error
+    cells, least = (
+        (low, high),
+        1e-9 * float(np.prod(high - low, axis=1).max()),
+    )  # less is rounding error
     while len(low):
         piece, points, areas = _piece_rules(low, high, outer, inner, count, least)
         a, b = cells[0][owner[piece]], cells[1][owner[piece]]
         if depth == 6:  # halvings of a cell's side
             points = np.clip(points, a[:, None, :], b[:, None, :])
         slack = 1e-9 * (b - a)[:, None, :]
-        inside = np.all((points >= a[:, None] - slack) & (points <= b[:, None] + slack), axis=(1, 2))
+        inside = np.all(
+            (points >= a[:, None] - slack) & (points <= b[:, None] + slack), axis=(1, 2)
+        )
         home = np.repeat(owner[piece[inside]], areas.shape[1])
         found.append((points[inside].reshape(-1, 2), areas[inside].ravel(), home))
         # Points of a very skew piece (a thin wall) may leave the cell: try the 2-point rule first, then cut the piece in quarters.
@@ -107,16 +114,24 @@ def section_points(low: Array, high: Array, outer: float, inner: float, count: i
     return points[order], areas[order], home[order]
 
 
-def _piece_rules(low: Array, high: Array, outer: float, inner: float, count: int, least: float) -> tuple[NDArray[np.int64], Array, Array]:
+def _piece_rules(
+    low: Array, high: Array, outer: float, inner: float, count: int, least: float
+) -> tuple[NDArray[np.int64], Array, Array]:
     """Indices (k,) of the rectangles that hold at least `least` m^2 of material; their points (k, count^2, 2), areas (k, count^2)."""
     moments = disk_moments(low, high, outer) - disk_moments(low, high, inner)
     keep = np.flatnonzero(moments[:, 0] > least)
     area = moments[keep, 0]
     centroid = moments[keep, 1:3] / area[:, None]
     yy, yz, zz = (moments[keep, 3:] / area[:, None]).T
-    a, b, d = yy - centroid[:, 0] ** 2, yz - centroid[:, 0] * centroid[:, 1], zz - centroid[:, 1] ** 2
+    a, b, d = (
+        yy - centroid[:, 0] ** 2,
+        yz - centroid[:, 0] * centroid[:, 1],
+        zz - centroid[:, 1] ** 2,
+    )
     det = np.sqrt(np.maximum(a * d - b * b, 0.0))
-    root = np.stack([np.stack([a + det, b], -1), np.stack([b, d + det], -1)], -2)  # root of the covariance matrix
+    root = np.stack(
+        [np.stack([a + det, b], -1), np.stack([b, d + det], -1)], -2
+    )  # root of the covariance matrix
     root /= np.sqrt(np.maximum(a + d + 2 * det, np.finfo(float).tiny))[:, None, None]
     unit, weight = gauss(count)
     grid = np.stack(np.meshgrid(unit, unit, indexing="ij"), -1).reshape(-1, 2)
@@ -124,7 +139,9 @@ def _piece_rules(low: Array, high: Array, outer: float, inner: float, count: int
     return keep, points, area[:, None] * np.outer(weight, weight).ravel()
 
 
-def _quarters(low: Array, high: Array, owner: NDArray[np.int64]) -> tuple[Array, Array, NDArray[np.int64]]:
+def _quarters(
+    low: Array, high: Array, owner: NDArray[np.int64]
+) -> tuple[Array, Array, NDArray[np.int64]]:
     """Each rectangle cut into four, with the owner repeated."""
     half = (high - low) / 2
     corners = [low + half * np.array(c) for c in ((0, 0), (0, 1), (1, 0), (1, 1))]
@@ -132,7 +149,13 @@ def _quarters(low: Array, high: Array, owner: NDArray[np.int64]) -> tuple[Array,
     return starts, starts + np.tile(half, (4, 1)), np.tile(owner, 4)
 
 
-def rod_grid(ends: Array, diameter: float, cells_across: int, shift: tuple[float, float] = (0.0, 0.0), knots: Knots = EVEN) -> Grid:
+def rod_grid(
+    ends: Array,
+    diameter: float,
+    cells_across: int,
+    shift: tuple[float, float] = (0.0, 0.0),
+    knots: Knots = EVEN,
+) -> Grid:
     """Grid of a straight rod along +x, base at the origin: knots on both end faces, on joints, and on the box around the section.
 
     ends (k,) m: where each segment ends, the last one at the tip; shift: parts of a cell, 0 to 1, by which the grid lies lower along y and
@@ -145,13 +168,17 @@ def rod_grid(ends: Array, diameter: float, cells_across: int, shift: tuple[float
     return Grid(origin, np.array([width, h, h]), (along, across, high), runs)
 
 
-def rod_particles(grid: Grid, *, outer: float, inner: float, segment_ends: Array, particles_per_cell: int) -> Particles:
+def rod_particles(
+    grid: Grid, *, outer: float, inner: float, segment_ends: Array, particles_per_cell: int
+) -> Particles:
     """Particles of a straight round rod or tube along +x.
 
     outer, inner: radii in m; segment_ends (k,) m: where each segment ends, the last one at the tip;
     particles_per_cell: points a direction and cell (at least 2). A cell that two segments share is cut between them.
     """
-    index, (points, areas, rectangle) = rod_section(grid, outer=outer, inner=inner, particles_per_cell=particles_per_cell)
+    index, (points, areas, rectangle) = rod_section(
+        grid, outer=outer, inner=inner, particles_per_cell=particles_per_cell
+    )
     return extruded(grid, index, points, areas, rectangle, segment_ends, particles_per_cell)
 
 
@@ -180,7 +207,9 @@ def extruded(
     segment_ends (s,) m: x of each segment's end; count: points along x and cell.
     """
     faces = grid.origin[0] + grid.faces
-    near = np.abs(faces[:, None] - segment_ends[None, :]) < 1e-9 * grid.spacing[0]  # a segment end on a face is that face
+    near = (
+        np.abs(faces[:, None] - segment_ends[None, :]) < 1e-9 * grid.spacing[0]
+    )  # a segment end on a face is that face
     ends = np.where(near.any(0), faces[near.argmax(0)], segment_ends)
     cuts = np.unique(np.concatenate([faces, ends]))
     unit, weight = gauss(count)
@@ -197,10 +226,20 @@ def extruded(
     ix, iq = ix[order], iq[order]
     position = np.column_stack([x[ix], points[iq]])
     cell = np.column_stack([cell_x[ix], index[rectangle[iq]]])
-    return Particles(position, dx[ix] * areas[iq], segment[ix].astype(np.int32), cell.astype(np.int64))
+    return Particles(
+        position, dx[ix] * areas[iq], segment[ix].astype(np.int32), cell.astype(np.int64)
+    )
 
 
-def strip_grid(base: Array, size: Array, ends: Array, cells_across: int, *, one_wide: bool = False, knots: Knots = EVEN) -> Grid:
+def strip_grid(
+    base: Array,
+    size: Array,
+    ends: Array,
+    cells_across: int,
+    *,
+    one_wide: bool = False,
+    knots: Knots = EVEN,
+) -> Grid:
     """Grid of a strip: knots on all its faces and joints. base (3,) m: center of the base face; size (3,) m: length, width, thickness;
     ends (k,) m: where each segment ends, from the base.
 
@@ -209,13 +248,21 @@ def strip_grid(base: Array, size: Array, ends: Array, cells_across: int, *, one_
     """
     h = size[2] / cells_across
     along, width, runs = runs_along(ends, h, cells_across, knots)
-    wide = 1 if one_wide else max(round(size[1] / h) if size[1] < 2 * size[2] else int(np.ceil(size[1] / (WIDEST * h))), 2)
+    wide = (
+        1
+        if one_wide
+        else max(
+            round(size[1] / h) if size[1] < 2 * size[2] else int(np.ceil(size[1] / (WIDEST * h))), 2
+        )
+    )
     cells = (along, wide, cells_across) if knots.like is None else knots.like.cells
     spacing = np.array([width, *(size[1:] / np.array(cells[1:]))])
     return Grid(base - np.array([0.0, size[1] / 2, size[2] / 2]), spacing, cells, runs)
 
 
-def strip_particles(grid: Grid, *, segment_ends: Array, particles_per_cell: int, one_wide: bool = False) -> Particles:
+def strip_particles(
+    grid: Grid, *, segment_ends: Array, particles_per_cell: int, one_wide: bool = False
+) -> Particles:
     """Particles of the strip that fills a grid: Gauss points of every cell, one across the width where nothing varies along it.
 
     segment_ends (k,) m: x of each segment's end. A cell that two segments share is cut between them.
@@ -223,8 +270,13 @@ def strip_particles(grid: Grid, *, segment_ends: Array, particles_per_cell: int,
     _, ny, nz = grid.cells
     index = np.stack(np.meshgrid(np.arange(ny), np.arange(nz), indexing="ij"), -1).reshape(-1, 2)
     middle = grid.origin[1:] + (index + 0.5) * grid.spacing[1:]
-    rules = [(np.zeros(1), np.ones(1)) if one_wide else gauss(particles_per_cell), gauss(particles_per_cell)]
-    unit = np.stack(np.meshgrid(rules[0][0], rules[1][0], indexing="ij"), -1).reshape(-1, 2) / np.sqrt(12.0)
+    rules = [
+        (np.zeros(1), np.ones(1)) if one_wide else gauss(particles_per_cell),
+        gauss(particles_per_cell),
+    ]
+    unit = np.stack(np.meshgrid(rules[0][0], rules[1][0], indexing="ij"), -1).reshape(
+        -1, 2
+    ) / np.sqrt(12.0)
     share = np.outer(rules[0][1], rules[1][1]).ravel()
     points = (middle[:, None, :] + unit * grid.spacing[1:]).reshape(-1, 2)
     areas = np.tile(share * np.prod(grid.spacing[1:]), len(index))
@@ -242,7 +294,9 @@ def strip_errors(particles: Particles, size: Array) -> dict[str, float]:
     }
 
 
-def section_errors(particles: Particles, *, outer: float, inner: float, length: float) -> dict[str, float]:
+def section_errors(
+    particles: Particles, *, outer: float, inner: float, length: float
+) -> dict[str, float]:
     """Relative errors of the particles' section: area and the two second moments against pi (R^2 - r^2) and pi/4 (R^4 - r^4)."""
     area = np.pi * (outer**2 - inner**2)
     moment = np.pi / 4 * (outer**4 - inner**4)
@@ -250,5 +304,7 @@ def section_errors(particles: Particles, *, outer: float, inner: float, length: 
     v = particles.volume / length
     return {
         "area_error": float(abs(v.sum() / area - 1)),
-        "second_moment_error": float(max(abs((v * y * y).sum() / moment - 1), abs((v * z * z).sum() / moment - 1))),
+        "second_moment_error": float(
+            max(abs((v * y * y).sum() / moment - 1), abs((v * z * z).sum() / moment - 1))
+        ),
     }

@@ -36,13 +36,17 @@ def ring(outer: float, inner: float, G: Array, E: Array, nu: Array) -> Section:
     """
     r1, r0, m = outer, inner, inner / outer
     area, inertia = np.pi * (r1**2 - r0**2), np.pi / 4 * (r1**4 - r0**4)
-    shear = 6 * (1 + nu) * (1 + m**2) ** 2 / ((7 + 6 * nu) * (1 + m**2) ** 2 + (20 + 12 * nu) * m**2)
+    shear = (
+        6 * (1 + nu) * (1 + m**2) ** 2 / ((7 + 6 * nu) * (1 + m**2) ** 2 + (20 + 12 * nu) * m**2)
+    )
     twist_bend = np.stack([2 * G * inertia, E * inertia, E * inertia], axis=1)
     compliance = np.stack([1 / (E * area), 1 / (shear * G * area), 1 / (shear * G * area)], axis=1)
     return Section(float(area), twist_bend, compliance)
 
 
-def rectangle(width: float, thickness: float, G: Array, E: Array, nu: Array, plane_strain: bool) -> Section:
+def rectangle(
+    width: float, thickness: float, G: Array, E: Array, nu: Array, plane_strain: bool
+) -> Section:
     """A rectangle, width along axis 2 and thickness along 3 (m).
 
     Torsion: Timoshenko and Goodier, Theory of Elasticity, section 109; shear: Cowper (1966). In plane strain E/(1 - nu^2) takes
@@ -53,10 +57,15 @@ def rectangle(width: float, thickness: float, G: Array, E: Array, nu: Array, pla
     if plane_strain:
         E = E / (1 - nu**2)
         bend = E * area * thickness**2 / 12
-        twist_bend = np.stack([1e3 * bend, bend, 1e3 * bend], axis=1)  # what can't happen is as stiff as that
+        twist_bend = np.stack(
+            [1e3 * bend, bend, 1e3 * bend], axis=1
+        )  # what can't happen is as stiff as that
     else:
         second_moments = area * thickness**2 / 12, area * width**2 / 12
-        twist_bend = np.stack([G * torsion_constant(width, thickness), E * second_moments[0], E * second_moments[1]], axis=1)
+        twist_bend = np.stack(
+            [G * torsion_constant(width, thickness), E * second_moments[0], E * second_moments[1]],
+            axis=1,
+        )
     compliance = np.stack([1 / (E * area), 1 / (shear * G * area), 1 / (shear * G * area)], axis=1)
     return Section(area, twist_bend, compliance)
 
@@ -71,19 +80,29 @@ def torsion_constant(width: float, thickness: float) -> float:
 
 MAX_SEGMENTS = 1000
 MAX_SLENDERNESS = 500.0  # length over diameter, or over thickness
-SHORTEST = 0.01  # of the diameter or thickness: a segment; 0.02 of a cell at 2 cells across, 0.16 at 16
+SHORTEST = (
+    0.01  # of the diameter or thickness: a segment; 0.02 of a cell at 2 cells across, 0.16 at 16
+)
 
 
 class Segment(Settings):
     """A length of a catheter or strip with one magnetization and one material."""
 
     magnetization: Direction = Field(
-        default=(0.0, 0.0, 0.0), description="Direction in the undeformed body: [x, y, z], normalized, or {azimuth: ..., elevation: ...}; "
-        "[0, 0, 0], unmagnetized, unless given.", examples=[[1, 0, 0]],
-    )  # fmt: skip
-    material: str | None = Field(default=None, description="A name from `materials`; the body's unless given.", examples=["plain silicone"])
+        default=(0.0, 0.0, 0.0),
+        description="Direction in the undeformed body: [x, y, z], normalized, or {azimuth: ..., elevation: ...}; "
+        "[0, 0, 0], unmagnetized, unless given.",
+        examples=[[1, 0, 0]],
+    )
+    material: str | None = Field(
+        default=None,
+        description="A name from `materials`; the body's unless given.",
+        examples=["plain silicone"],
+    )
     length: Length | None = Field(
-        default=None, description="Length of this segment; segments without one share the rest of the length equally.", examples=["8 mm"]
+        default=None,
+        description="Length of this segment; segments without one share the rest of the length equally.",
+        examples=["8 mm"],
     )
 
 
@@ -107,20 +126,27 @@ class StraightBody(BodyShape):
 
     @field_validator("segments", check_fields=False)
     @classmethod
-    def _fill_the_length(cls, segments: tuple[Segment, ...] | None, info: ValidationInfo) -> tuple[Segment, ...] | None:
+    def _fill_the_length(
+        cls, segments: tuple[Segment, ...] | None, info: ValidationInfo
+    ) -> tuple[Segment, ...] | None:
         length = info.data.get("length")
         if length is not None and segments is not None:
             cls._check_lengths(length, info.data.get(cls.across), segments)
         return segments
 
     @classmethod
-    def _check_lengths(cls, length: float, thickness: float | None, segments: tuple[Segment, ...]) -> None:
+    def _check_lengths(
+        cls, length: float, thickness: float | None, segments: tuple[Segment, ...]
+    ) -> None:
         """Raise `fault` unless segments fill their body's length (m), each at least SHORTEST of its thickness (m; None: not known) long."""
         given = [s.length for s in segments if s.length is not None]
         total, free = math.fsum(given), len(segments) - len(given)
         text = f"{1e3 * total:g} mm, the {cls.kind} {1e3 * length:g} mm"
         if free == 0 and not math.isclose(total, length, rel_tol=1e-9):
-            raise fault(f"segment lengths must sum to the {cls.kind}'s length", f"they sum to {text}: change either")
+            raise fault(
+                f"segment lengths must sum to the {cls.kind}'s length",
+                f"they sum to {text}: change either",
+            )
         if free and total >= length * (1 - 1e-9):
             raise fault(
                 f"segment lengths must leave some of the {cls.kind}'s length to the segments without one",
@@ -178,7 +204,13 @@ class StraightBody(BodyShape):
     def regions(self) -> tuple[Region, ...]:
         """Its segments, base to tip."""
         return tuple(
-            Region(f"segment {i + 1}", (self.kind, "segments", i), s.material or self.material, s.magnetization, self.thickness)
+            Region(
+                f"segment {i + 1}",
+                (self.kind, "segments", i),
+                s.material or self.material,
+                s.magnetization,
+                self.thickness,
+            )
             for i, s in enumerate(self.segments or ())
         )
 

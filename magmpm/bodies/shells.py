@@ -53,9 +53,14 @@ def shells_of(vertices: Array, faces: Index) -> tuple[list[Manifold], Index]:
 def _solid(vertices: Array, faces: Index) -> Manifold:
     from manifold3d import Error, Manifold, Mesh64  # only where a scene has a mesh
 
-    solid = Manifold(Mesh64(np.array(vertices, np.float64, order="C"), np.array(faces, np.uint64, order="C")))
+    solid = Manifold(
+        Mesh64(np.array(vertices, np.float64, order="C"), np.array(faces, np.uint64, order="C"))
+    )
     if solid.status() != Error.NoError:
-        raise MeshError(f"a mesh must be a closed surface, and this one is not ({solid.status().name})", "export the part again")
+        raise MeshError(
+            f"a mesh must be a closed surface, and this one is not ({solid.status().name})",
+            "export the part again",
+        )
     return solid
 
 
@@ -77,16 +82,29 @@ def _taken_apart(vertices: Array, faces: Index) -> tuple[Array, Index, Index]:
             overlaps.append(low[around[0]])
         for pair in around[pairs[1:]]:
             for side in pair:
-                middles.setdefault(side % len(faces), {})[side // len(faces)] = len(vertices) + len(added) - 1
+                middles.setdefault(side % len(faces), {})[side // len(faces)] = (
+                    len(vertices) + len(added) - 1
+                )
             added.append(vertices[edges[pair[0]]].mean(axis=0, keepdims=True))
     split = []
     for face, middle in middles.items():
-        ring = [vertex for side in range(3) for vertex in (faces[face, side], middle.get(side)) if vertex is not None]
+        ring = [
+            vertex
+            for side in range(3)
+            for vertex in (faces[face, side], middle.get(side))
+            if vertex is not None
+        ]
         start = ring.index(next(iter(middle.values())))
-        ring = ring[start:] + ring[:start]  # a fan around a vertex in the middle of a side: no triangle of it is flat
+        ring = (
+            ring[start:] + ring[:start]
+        )  # a fan around a vertex in the middle of a side: no triangle of it is flat
         split += [(ring[0], *ring[n : n + 2]) for n in range(1, len(ring) - 1)]
     whole = np.delete(faces, list(middles), axis=0)
-    return np.concatenate(added), np.concatenate([whole, np.array(split, faces.dtype).reshape(-1, 3)]), np.array(overlaps, np.int64)
+    return (
+        np.concatenate(added),
+        np.concatenate([whole, np.array(split, faces.dtype).reshape(-1, 3)]),
+        np.array(overlaps, np.int64),
+    )
 
 
 def _matched(vertices: Array, faces: Index, edges: Index, size: float) -> tuple[Index, bool]:
@@ -107,20 +125,29 @@ def _matched(vertices: Array, faces: Index, edges: Index, size: float) -> tuple[
     for one in np.flatnonzero(forward):
         # The normal is along x away: the material lies the other way round.
         turn = (angle[one] - angle[left]) % (2 * np.pi)
-        nearest = int(np.argmin(np.where((turn < same) | (turn > 2 * np.pi - same), 2 * np.pi, turn)))
+        nearest = int(
+            np.argmin(np.where((turn < same) | (turn > 2 * np.pi - same), 2 * np.pi, turn))
+        )
         pairs.append((one, left.pop(nearest)))
     order = np.argsort(angle)
-    turned, steps = angle[order], np.where(forward[order], -1, 1)  # across a triangle that runs along the edge the material ends
+    turned, steps = (
+        angle[order],
+        np.where(forward[order], -1, 1),
+    )  # across a triangle that runs along the edge the material ends
     starts = np.flatnonzero(np.diff(turned, prepend=-np.inf) > same)
     covers = np.cumsum(np.add.reduceat(steps, starts))
-    if len(starts) > 1 and turned[0] + 2 * np.pi - turned[-1] <= same:  # the last of them are the first
+    if (
+        len(starts) > 1 and turned[0] + 2 * np.pi - turned[-1] <= same
+    ):  # the last of them are the first
         covers = covers[:-1]
     return np.array(pairs), bool(np.ptp(covers) <= 1)
 
 
 def doubled(vertices: Array, faces: Index) -> tuple[str, str] | None:
     """Rule and remedy where a triangle stands again, facing the same way; else None."""
-    least = faces[np.arange(len(faces))[:, None], (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3]
+    least = faces[
+        np.arange(len(faces))[:, None], (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3
+    ]
     _, first, of = np.unique(least, axis=0, return_index=True, return_inverse=True)
     again = np.flatnonzero(first[of.ravel()] != np.arange(len(faces)))
     if not len(again):
@@ -143,8 +170,12 @@ def solids_of(vertices: Array, faces: Index) -> list[Manifold]:
     Solids that share an edge or a corner alone are separate here, and lie at a distance of zero.
     """
     shells = shells_of(vertices, faces)[0]
-    least = 1e-9 * float(np.prod(np.ptp(vertices, axis=0)))  # smaller ones are rounding, as for shell_fault
-    found = sorted((shell for shell in shells if shell.volume() > least), key=lambda shell: shell.volume())
+    least = 1e-9 * float(
+        np.prod(np.ptp(vertices, axis=0))
+    )  # smaller ones are rounding, as for shell_fault
+    found = sorted(
+        (shell for shell in shells if shell.volume() > least), key=lambda shell: shell.volume()
+    )
     for cavity in (_outward(shell) for shell in shells if shell.volume() < -least):
         for k, solid in enumerate(found):  # the smallest around it first
             if (solid ^ cavity).volume() > (1 - TOLERANCE) * cavity.volume():
@@ -172,7 +203,9 @@ def overlapping_boxes(solids: Sequence[Manifold]) -> list[tuple[int, int]]:
     return [
         (i, int(j))
         for i in range(len(box))
-        for j in i + 1 + np.flatnonzero(np.all((low[i + 1 :] < high[i]) & (high[i + 1 :] > low[i]), axis=1))
+        for j in i
+        + 1
+        + np.flatnonzero(np.all((low[i + 1 :] < high[i]) & (high[i + 1 :] > low[i]), axis=1))
     ]
 
 
@@ -186,8 +219,13 @@ def _outward(shell: Manifold) -> Manifold:
 
 def _misplaced(shells: list[Manifold]) -> tuple[str, str] | None:
     """Rule and remedy where a shell is misplaced, as of `shell_fault`; else None."""
-    volume, solids = np.array([shell.volume() for shell in shells]), [_outward(shell) for shell in shells]
-    around = np.zeros(len(shells))  # how often a point just outside of each shell is inside of others
+    volume, solids = (
+        np.array([shell.volume() for shell in shells]),
+        [_outward(shell) for shell in shells],
+    )
+    around = np.zeros(
+        len(shells)
+    )  # how often a point just outside of each shell is inside of others
     crossed: list[str] = []
     for i, j in overlapping_boxes(solids):
         inner, outer = (i, j) if abs(volume[i]) <= abs(volume[j]) else (j, i)
@@ -199,17 +237,29 @@ def _misplaced(shells: list[Manifold]) -> tuple[str, str] | None:
     outward = volume > 0
     inverted = [_named(k, volume) for k in np.flatnonzero(~outward & (around < 1)).tolist()]
     nested = [_named(k, volume) for k in np.flatnonzero(outward & (around > 0)).tolist()]
-    wrong = [
-        *([f"{_list(inverted)} face{'s' * (len(inverted) == 1)} inward and {'is' if len(inverted) == 1 else 'are'} no cavity of another"]
-          if inverted else []),
-        *([f"{_list(nested)} lie{'s' * (len(nested) == 1)} in the material of another"] if nested else []),
-        *([_list(crossed)] if crossed else []),
-    ]  # fmt: skip
+    wrong = []
+    if inverted:
+        alone = len(inverted) == 1
+        wrong.append(
+            f"{_list(inverted)} face{'s' if alone else ''} inward and "
+            f"{'is' if alone else 'are'} no cavity of another"
+        )
+    if nested:
+        alone = len(nested) == 1
+        wrong.append(f"{_list(nested)} lie{'s' if alone else ''} in the material of another")
+    if crossed:
+        wrong.append(_list(crossed))
     if not wrong and not np.any(~outward & (around > 1)):
         return None
-    wrong = wrong or [f"{_list([_named(k, volume) for k in np.flatnonzero(~outward & (around > 1)).tolist()])} is in two others at once"]
+    wrong = wrong or [
+        f"{_list([_named(k, volume) for k in np.flatnonzero(~outward & (around > 1)).tolist()])} is in two others at once"
+    ]
     remedies = ["flip the normals of what is inverted"] if inverted else []
-    remedies += ["unite what overlaps (in Blender: the Boolean modifier, Union)"] if crossed or nested else []
+    remedies += (
+        ["unite what overlaps (in Blender: the Boolean modifier, Union)"]
+        if crossed or nested
+        else []
+    )
     return (
         "the shells of a mesh must lie apart and face outward, but for cavities, which face inward, each wholly within one shell; this "
         f"mesh has {len(shells)} shells: {'; '.join(wrong)} (volumes in the file's unit cubed)",

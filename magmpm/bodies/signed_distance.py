@@ -18,7 +18,9 @@ MOST_POINTS = 4_000_000  # 32 MB
 EDGE, WITHIN = 3, 4
 TIE = 1e-5  # of their distance: faces whose distances differ by no more have the same nearest place
 THIN = 1e-4  # of a table's spacing: triangles, and slivers between parts, that are no thicker are due to rounding
-BAND = 4  # points of the table beyond the wall, on either side, that hold true distances to a surface
+BAND = (
+    4  # points of the table beyond the wall, on either side, that hold true distances to a surface
+)
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,9 @@ class Table:
     @classmethod
     def through(cls, origin: Array, spacing: float, values: Array) -> Table:
         """The splines that go through these values at the points."""
-        from scipy.ndimage import spline_filter  # only where a scene has walls: every scene imports this file
+        from scipy.ndimage import (
+            spline_filter,
+        )  # only where a scene has walls: every scene imports this file
 
         return cls(origin, spacing, spline_filter(values, order=2, mode="mirror"))
 
@@ -46,7 +50,9 @@ class Table:
         return found, slopes
 
 
-def points_between(low: Array, high: Array, spacing: float) -> tuple[Array, float, tuple[int, int, int]]:
+def points_between(
+    low: Array, high: Array, spacing: float
+) -> tuple[Array, float, tuple[int, int, int]]:
     """Origin, spacing and shape of a table over a box (m); the spacing is widened where it would take more than MOST_POINTS.
 
     The points lie about the middle of the box: what is its own mirror image has a table that is, too.
@@ -54,7 +60,11 @@ def points_between(low: Array, high: Array, spacing: float) -> tuple[Array, floa
     size = np.asarray(high) - np.asarray(low)
     spacing = max(spacing, float(np.prod(size + spacing) / MOST_POINTS) ** (1 / 3))
     nx, ny, nz = (int(n) for n in np.ceil(size / spacing).astype(int) + 1)
-    return (np.asarray(low) + high - spacing * (np.array([nx, ny, nz]) - 1)) / 2, spacing, (nx, ny, nz)
+    return (
+        (np.asarray(low) + high - spacing * (np.array([nx, ny, nz]) - 1)) / 2,
+        spacing,
+        (nx, ny, nz),
+    )
 
 
 def to_path(points: Array, path: Array) -> Array:
@@ -90,7 +100,9 @@ def to_tube(points: Array, path: Array, radius: float, past: float) -> Array:
     slope /= np.linalg.norm(slope, axis=1, keepdims=True)
     more = np.linspace(0.0, past, max(2, len(path) // 10))[1:, None]
     around = np.concatenate([path[0] - more * slope[0], path, path[-1] + more * slope[-1]])
-    along = np.concatenate([np.tile(slope[0], (len(more), 1)), slope, np.tile(slope[-1], (len(more), 1))])
+    along = np.concatenate(
+        [np.tile(slope[0], (len(more), 1)), slope, np.tile(slope[-1], (len(more), 1))]
+    )
     found = np.empty(len(points))
     for n, point in enumerate(points):  # the nearest of the circles that the wall is made of
         apart = point - around
@@ -103,11 +115,15 @@ def to_tube(points: Array, path: Array, radius: float, past: float) -> Array:
 def tube(path: Array, radius: float, spacing: float) -> Table:
     """A tube of this radius (m) around a finely sampled curve (m, 3), open at both ends, which go on straight as far as the table does."""
     margin = past_ends(radius, spacing)
-    origin, spacing, shape = points_between(path.min(axis=0) - margin, path.max(axis=0) + margin, spacing)
+    origin, spacing, shape = points_between(
+        path.min(axis=0) - margin, path.max(axis=0) + margin, spacing
+    )
     values = np.empty(shape)
     y, z = (origin[k] + spacing * np.arange(shape[k]) for k in (1, 2))
     for i in range(shape[0]):  # plane by plane, for memory's sake
-        plane = np.stack(np.meshgrid(origin[0] + spacing * i, y, z, indexing="ij"), -1).reshape(-1, 3)
+        plane = np.stack(np.meshgrid(origin[0] + spacing * i, y, z, indexing="ij"), -1).reshape(
+            -1, 3
+        )
         values[i] = radius - to_path(plane, path).reshape(shape[1:])
     return Table.through(origin, spacing, values)
 
@@ -117,14 +133,29 @@ def solid(parts: Sequence[Array], outside: Array, spacing: float, within: float)
     from scipy.ndimage import distance_transform_edt
 
     margin = (BAND + 2) * spacing
-    origin, spacing, shape = points_between(outside.min(axis=(0, 1)) - margin, outside.max(axis=(0, 1)) + margin, spacing)
-    inside, none, closest = np.zeros(shape, np.bool_), np.zeros(shape, np.bool_), np.full(shape, np.inf)
+    origin, spacing, shape = points_between(
+        outside.min(axis=(0, 1)) - margin, outside.max(axis=(0, 1)) + margin, spacing
+    )
+    inside, none, closest = (
+        np.zeros(shape, np.bool_),
+        np.zeros(shape, np.bool_),
+        np.full(shape, np.inf),
+    )
     for k, corners in enumerate((*parts, outside)):
         values, side = np.full(shape, BAND * spacing), np.zeros(shape)
         near_triangles(faces_of(corners), origin, spacing, BAND * spacing, values, side, none, 0.0)
         if k < len(parts):
             closest = np.minimum(closest, values)
-            inside |= side[tuple(distance_transform_edt(side == 0.0, return_distances=False, return_indices=True))] < 0.0
+            inside |= (
+                side[
+                    tuple(
+                        distance_transform_edt(
+                            side == 0.0, return_distances=False, return_indices=True
+                        )
+                    )
+                ]
+                < 0.0
+            )
     inside |= values > closest + 2 * within  # what is nearest is within the joined parts
     return Table.through(origin, spacing, np.where(inside, values, -values))
 
@@ -132,7 +163,12 @@ def solid(parts: Sequence[Array], outside: Array, spacing: float, within: float)
 def faces_of(corners: Array) -> Array:
     """Corners m and unit normals (m, 12), outward, of triangles (m, 3, 3) m; a normal is 0 where they have no area."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return np.column_stack([corners.reshape(-1, 9), normal / np.maximum(np.linalg.norm(normal, axis=1)[:, None], 1e-300)])
+    return np.column_stack(
+        [
+            corners.reshape(-1, 9),
+            normal / np.maximum(np.linalg.norm(normal, axis=1)[:, None], 1e-300),
+        ]
+    )
 
 
 @compiled
@@ -153,7 +189,14 @@ def to_triangle(x, corners, away):
     for i in range(3):
         ab, ac, ap = corners[3 + i] - corners[i], corners[6 + i] - corners[i], x[i] - corners[i]
         bp, cp = x[i] - corners[3 + i], x[i] - corners[6 + i]
-        d1, d2, d3, d4, d5, d6 = d1 + ab * ap, d2 + ac * ap, d3 + ab * bp, d4 + ac * bp, d5 + ab * cp, d6 + ac * cp
+        d1, d2, d3, d4, d5, d6 = (
+            d1 + ab * ap,
+            d2 + ac * ap,
+            d3 + ab * bp,
+            d4 + ac * bp,
+            d5 + ab * cp,
+            d6 + ac * cp,
+        )
     va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
     v, w, at = 0.0, 0.0, EDGE
     if d1 <= 0.0 and d2 <= 0.0:
@@ -172,7 +215,12 @@ def to_triangle(x, corners, away):
     else:
         v, w, at = vb / (va + vb + vc), vc / (va + vb + vc), WITHIN
     for i in range(3):
-        away[i] = x[i] - corners[i] - v * (corners[3 + i] - corners[i]) - w * (corners[6 + i] - corners[i])
+        away[i] = (
+            x[i]
+            - corners[i]
+            - v * (corners[3 + i] - corners[i])
+            - w * (corners[6 + i] - corners[i])
+        )
     return np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2), at
 
 
@@ -189,7 +237,10 @@ def beside(best, side, d, at, face, away):
     if at < EDGE:
         uv, uu, vv = 0.0, 0.0, 0.0
         for i in range(3):
-            u, v = face[(3 * at + 3) % 9 + i] - face[3 * at + i], face[(3 * at + 6) % 9 + i] - face[3 * at + i]
+            u, v = (
+                face[(3 * at + 3) % 9 + i] - face[3 * at + i],
+                face[(3 * at + 6) % 9 + i] - face[3 * at + i],
+            )
             uv, uu, vv = uv + u * v, uu + u * u, vv + v * v
         angle = np.arccos(max(-1.0, min(1.0, uv / np.sqrt(uu * vv + 1e-300))))
     turned = angle * (face[9] * away[0] + face[10] * away[1] + face[11] * away[2])
@@ -202,7 +253,11 @@ def to_faces(begin, end, near, faces, x, normal):
     best, side, nearest, flat = np.inf, 0.0, 0, False
     for k in range(begin, end):
         f = 12 * near[k]
-        along = abs(faces[f + 9] * (x[0] - faces[f]) + faces[f + 10] * (x[1] - faces[f + 1]) + faces[f + 11] * (x[2] - faces[f + 2]))
+        along = abs(
+            faces[f + 9] * (x[0] - faces[f])
+            + faces[f + 10] * (x[1] - faces[f + 1])
+            + faces[f + 11] * (x[2] - faces[f + 2])
+        )
         if along > best * (1.0 + TIE) or (flat and along > best * (1.0 - TIE)):
             continue  # no place on it is nearer
         d, at = to_triangle(x, faces[f : f + 9], normal)
@@ -226,13 +281,22 @@ def near_triangles(faces, origin, spacing, band, values, side, listed, beyond):
     for f in range(len(faces)):
         for k in range(3):
             low[k] = max(0, int(np.ceil((faces[f, k:9:3].min() - band - origin[k]) / spacing)))
-            high[k] = min(values.shape[k] - 1, int(np.floor((faces[f, k:9:3].max() + band - origin[k]) / spacing)))
+            high[k] = min(
+                values.shape[k] - 1,
+                int(np.floor((faces[f, k:9:3].max() + band - origin[k]) / spacing)),
+            )
         for i in range(low[0], high[0] + 1):
             for j in range(low[1], high[1] + 1):
                 for k in range(low[2], high[2] + 1):
-                    x[0], x[1], x[2] = origin[0] + spacing * i, origin[1] + spacing * j, origin[2] + spacing * k
+                    x[0], x[1], x[2] = (
+                        origin[0] + spacing * i,
+                        origin[1] + spacing * j,
+                        origin[2] + spacing * k,
+                    )
                     d, at = to_triangle(x, faces[f, :9], away)
-                    values[i, j, k], side[i, j, k] = beside(values[i, j, k], side[i, j, k], d, at, faces[f], away)
+                    values[i, j, k], side[i, j, k] = beside(
+                        values[i, j, k], side[i, j, k], d, at, faces[f], away
+                    )
                     if listed[i, j, k] and d <= values[i, j, k] + beyond:
                         points.append((i * values.shape[1] + j) * values.shape[2] + k)
                         found.append(f)
@@ -251,7 +315,11 @@ def value(p, q, r, spacing, rows, columns, coefficients):
     u = (0.5 * (0.5 - d) ** 2, 0.75 - d * d, 0.5 * (0.5 + d) ** 2)
     v = (0.5 * (0.5 - e) ** 2, 0.75 - e * e, 0.5 * (0.5 + e) ** 2)
     w = (0.5 * (0.5 - f) ** 2, 0.75 - f * f, 0.5 * (0.5 + f) ** 2)
-    du, dv, dw = (d - 0.5, -2.0 * d, d + 0.5), (e - 0.5, -2.0 * e, e + 0.5), (f - 0.5, -2.0 * f, f + 0.5)
+    du, dv, dw = (
+        (d - 0.5, -2.0 * d, d + 0.5),
+        (e - 0.5, -2.0 * e, e + 0.5),
+        (f - 0.5, -2.0 * f, f + 0.5),
+    )
     total, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
     for a in range(3):
         for b in range(3):
@@ -273,7 +341,11 @@ def curvature(p, q, r, spacing, rows, columns, coefficients):
     u = (0.5 * (0.5 - d) ** 2, 0.75 - d * d, 0.5 * (0.5 + d) ** 2)
     v = (0.5 * (0.5 - e) ** 2, 0.75 - e * e, 0.5 * (0.5 + e) ** 2)
     w = (0.5 * (0.5 - f) ** 2, 0.75 - f * f, 0.5 * (0.5 + f) ** 2)
-    du, dv, dw = (d - 0.5, -2.0 * d, d + 0.5), (e - 0.5, -2.0 * e, e + 0.5), (f - 0.5, -2.0 * f, f + 0.5)
+    du, dv, dw = (
+        (d - 0.5, -2.0 * d, d + 0.5),
+        (e - 0.5, -2.0 * e, e + 0.5),
+        (f - 0.5, -2.0 * f, f + 0.5),
+    )
     second = (1.0, -2.0, 1.0)
     xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for a in range(3):

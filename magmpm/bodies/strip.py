@@ -1,5 +1,4 @@
-"""A strip or sheet: a straight body with a rectangular section, whose magnetization may vary along it.
-"""
+"""A strip or sheet: a straight body with a rectangular section, whose magnetization may vary along it."""
 
 from __future__ import annotations
 
@@ -15,28 +14,49 @@ from magmpm.bodies.contact_solid import Solids, box_solid
 from magmpm.bodies.contact_surface import SurfacePoints, box_surface
 from magmpm.bodies.grid import EVEN, ClampPlane, Grid, Knots
 from magmpm.bodies.section_quadrature import Particles, strip_errors, strip_grid, strip_particles
-from magmpm.bodies.segments import MAX_SEGMENTS, MAX_SLENDERNESS, Section, Segment, StraightBody, rectangle
+from magmpm.bodies.segments import (
+    MAX_SEGMENTS,
+    MAX_SLENDERNESS,
+    Section,
+    Segment,
+    StraightBody,
+    rectangle,
+)
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.settings import Angle, Key, Length, Quantity, Settings, Width, fault
 from magmpm.inputs.vectors import Vector, three
 
-REGIONS_A_PERIOD = 8  # regions by which a turn is shown and measured, and the fewest cells that resolve it
+REGIONS_A_PERIOD = (
+    8  # regions by which a turn is shown and measured, and the fewest cells that resolve it
+)
 
 
 class Harmonic(Settings):
     """A direction of magnetization that turns steadily along the length."""
 
-    wavelength: Length | None = Field(default=None, description="Length of one full turn; give this or `periods`.", examples=["3.7 mm"])
+    wavelength: Length | None = Field(
+        default=None,
+        description="Length of one full turn; give this or `periods`.",
+        examples=["3.7 mm"],
+    )
     periods: float | None = Field(
-        default=None, strict=True, gt=0, le=100, allow_inf_nan=False, description="Full turns along the length; give this or `wavelength`.",
+        default=None,
+        strict=True,
+        gt=0,
+        le=100,
+        allow_inf_nan=False,
+        description="Full turns along the length; give this or `wavelength`.",
         examples=[1],
-    )  # fmt: skip
+    )
     phase: Angle = Field(
-        default=0.0, description="Angle at the base, from the plane's first axis toward its second; 0 deg unless given.",
+        default=0.0,
+        description="Angle at the base, from the plane's first axis toward its second; 0 deg unless given.",
         examples=["45 deg"],
-    )  # fmt: skip
+    )
     plane: Literal["xz", "xy", "yz"] = Field(
-        default="xz", description="Plane in which the direction turns; xz unless given.", examples=["xz"]
+        default="xz",
+        description="Plane in which the direction turns; xz unless given.",
+        examples=["xz"],
     )
     turn: Literal["ccw", "cw"] = Field(
         default="ccw",
@@ -47,7 +67,10 @@ class Harmonic(Settings):
     @model_validator(mode="after")
     def _one_pitch(self) -> Harmonic:
         if (self.wavelength is None) == (self.periods is None):
-            raise fault("give `wavelength` or `periods`, one of them", "write, say, `harmonic: {periods: 1, phase: 45 deg}`")
+            raise fault(
+                "give `wavelength` or `periods`, one of them",
+                "write, say, `harmonic: {periods: 1, phase: 45 deg}`",
+            )
         return self
 
     def turns(self, length: float) -> float:
@@ -59,7 +82,8 @@ class Profile(Settings):
     """A magnetization that varies along the length."""
 
     harmonic: Harmonic = Field(
-        description="A direction that turns steadily along the length.", examples=[{"periods": 1, "phase": "45 deg"}]
+        description="A direction that turns steadily along the length.",
+        examples=[{"periods": 1, "phase": "45 deg"}],
     )
 
     def direction(self, share: float, length: float) -> Vector:
@@ -67,7 +91,10 @@ class Profile(Settings):
         h = self.harmonic
         angle = h.phase + (1.0 if h.turn == "ccw" else -1.0) * 2 * math.pi * h.turns(length) * share
         out = [0.0, 0.0, 0.0]
-        out["xyz".index(h.plane[0])], out["xyz".index(h.plane[1])] = math.cos(angle), math.sin(angle)
+        out["xyz".index(h.plane[0])], out["xyz".index(h.plane[1])] = (
+            math.cos(angle),
+            math.sin(angle),
+        )
         return (out[0], out[1], out[2])
 
 
@@ -79,31 +106,49 @@ class Strip(StraightBody):
 
     kind: ClassVar[str] = "strip"
     across: ClassVar[str] = "thickness"
-    branch_distance: ClassVar[float] = 0.3  # strips that free their edges are between beam and plate, and just past buckling that is 0.1
+    branch_distance: ClassVar[float] = (
+        0.3  # strips that free their edges are between beam and plate, and just past buckling that is 0.1
+    )
 
     length: Length = Field(description="Length along x.", examples=["17.2 mm"])
     width: Length = Field(description="Width along y.", examples=["5 mm"])
-    thickness: Width = Field(description="Thickness along z; `cells_across` counts the cells through it.", examples=["0.84 mm"])
-    material: str = Field(description="A name from `materials`; segments may name others.", examples=["silicone"])
+    thickness: Width = Field(
+        description="Thickness along z; `cells_across` counts the cells through it.",
+        examples=["0.84 mm"],
+    )
+    material: str = Field(
+        description="A name from `materials`; segments may name others.", examples=["silicone"]
+    )
     clamp: Literal["base", "both", "none"] = Field(
-        default="base", description="The faces that are held: base (at the lower x), both ends, or none (a free body).", examples=["base"],
-    )  # fmt: skip
-    position: Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], three("[0 mm, 0 mm, 1 mm]")] = Field(
-        default=(0.0, 0.0, 0.0), description="Center of the base face: [x, y, z]; the origin unless given.",
+        default="base",
+        description="The faces that are held: base (at the lower x), both ends, or none (a free body).",
+        examples=["base"],
+    )
+    position: Annotated[
+        tuple[_Coordinate, _Coordinate, _Coordinate], three("[0 mm, 0 mm, 1 mm]")
+    ] = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Center of the base face: [x, y, z]; the origin unless given.",
         examples=[["0 mm", "0 mm", "1 mm"]],
-    )  # fmt: skip
+    )
     plane_strain: bool = Field(
-        default=False, strict=True,
-        description="Nothing moves along y and nothing varies along it, as in a very wide sheet; false unless given.", examples=[True],
-    )  # fmt: skip
+        default=False,
+        strict=True,
+        description="Nothing moves along y and nothing varies along it, as in a very wide sheet; false unless given.",
+        examples=[True],
+    )
     segments: tuple[Segment, ...] | None = Field(
-        default=None, min_length=1, max_length=MAX_SEGMENTS, description="From base to tip; give these or `magnetization_profile`.",
+        default=None,
+        min_length=1,
+        max_length=MAX_SEGMENTS,
+        description="From base to tip; give these or `magnetization_profile`.",
         examples=[[{"magnetization": [1, 0, 0]}]],
-    )  # fmt: skip
+    )
     magnetization_profile: Profile | None = Field(
-        default=None, description="A magnetization that varies along the length; give this or `segments`.",
+        default=None,
+        description="A magnetization that varies along the length; give this or `segments`.",
         examples=[{"harmonic": {"periods": 1, "phase": "45 deg"}}],
-    )  # fmt: skip
+    )
 
     @field_validator("thickness")
     @classmethod
@@ -120,7 +165,10 @@ class Strip(StraightBody):
     @model_validator(mode="after")
     def _one_magnetization(self) -> Strip:
         if (self.segments is None) == (self.magnetization_profile is None):
-            raise fault("give `segments` or `magnetization_profile`, one of them", "write, say, `segments: [{magnetization: [1, 0, 0]}]`")
+            raise fault(
+                "give `segments` or `magnetization_profile`, one of them",
+                "write, say, `segments: [{magnetization: [1, 0, 0]}]`",
+            )
         return self
 
     @property
@@ -165,31 +213,53 @@ class Strip(StraightBody):
         count = max(1, math.ceil(REGIONS_A_PERIOD * profile.harmonic.turns(self.length) - 1e-9))
         at: Key = ("strip", "magnetization_profile")
         return tuple(
-            Region(f"piece {i + 1}", at, self.material, profile.direction((i + 0.5) / count, self.length), self.thickness)
+            Region(
+                f"piece {i + 1}",
+                at,
+                self.material,
+                profile.direction((i + 0.5) / count, self.length),
+                self.thickness,
+            )
             for i in range(count)
         )
 
     def grid(self, cells_across: int, knots: Knots = EVEN) -> Grid:
         """The grid in the undeformed body: knots on all its faces and joints."""
         ends = self.segment_ends()
-        return strip_grid(np.array(self.position), self.size, ends, cells_across, one_wide=self.plane_strain, knots=knots)
+        return strip_grid(
+            np.array(self.position),
+            self.size,
+            ends,
+            cells_across,
+            one_wide=self.plane_strain,
+            knots=knots,
+        )
 
-    def discretize(self, cells_across: int, particles_per_cell: int, knots: Knots = EVEN) -> Discretization:
+    def discretize(
+        self, cells_across: int, particles_per_cell: int, knots: Knots = EVEN
+    ) -> Discretization:
         """Its grid and particles. The regions of a profile are there to be shown: they cut no cells."""
         ends, grid = self.segment_ends(), self.grid(cells_across, knots)
         particles = strip_particles(
-            grid, segment_ends=self.position[0] + (ends if self.segments is not None else np.array([self.length])),
-            particles_per_cell=particles_per_cell, one_wide=self.plane_strain,
-        )  # fmt: skip
+            grid,
+            segment_ends=self.position[0]
+            + (ends if self.segments is not None else np.array([self.length])),
+            particles_per_cell=particles_per_cell,
+            one_wide=self.plane_strain,
+        )
         if self.segments is None:
             middle = grid.along.at(np.array(0.5), particles.cell[:, 0])
             particles = replace(particles, segment=np.searchsorted(ends, middle).astype(np.int32))
         planes = (ClampPlane(0, False, grid.cells[0] - 1),) if self.clamp == "both" else ()
         return Discretization(grid, particles, strip_errors(particles, self.size), planes)
 
-    def fewest_particles(self, cells_across: int, particles_per_cell: int, *, around: bool = False) -> float:
+    def fewest_particles(
+        self, cells_across: int, particles_per_cell: int, *, around: bool = False
+    ) -> float:
         """The number of its particles, but for cells that two segments share, which have more."""
-        return float(np.prod(self.grid(cells_across).cells)) * particles_per_cell ** (2 if self.plane_strain else 3)
+        return float(np.prod(self.grid(cells_across).cells)) * particles_per_cell ** (
+            2 if self.plane_strain else 3
+        )
 
     def magnetization(self, particles: Particles) -> Array:
         profile = self.magnetization_profile
@@ -201,7 +271,11 @@ class Strip(StraightBody):
 
     def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
         across = [grid.origin[k] + grid.spacing[k] * np.arange(grid.cells[k] + 1) for k in (1, 2)]
-        return box_surface((grid.origin[0] + grid.faces, across[0], across[1]), one_wide=self.plane_strain, base=base)
+        return box_surface(
+            (grid.origin[0] + grid.faces, across[0], across[1]),
+            one_wide=self.plane_strain,
+            base=base,
+        )
 
     def solids(self, cell: float, particles: Particles) -> Solids:
         low, high = np.array(self.box())

@@ -42,12 +42,21 @@ PREFIX = "mesh:"  # of the text a scene keeps
 MOST_FACES = 300_000
 MOST_BYTES = 200_000_000  # of a file: text STL takes 200 to 300 a triangle; with fewer bytes the number of triangles is checked
 LARGEST_NUMBER = 1e8  # in any unit: 100 m in micrometres; larger ones are a damaged file's, and their cubes and squares overflow
-FARTHEST, SMALLEST = 10.0, 1e-6  # m: coordinates, as of all places in a scene, and the longest side of a mesh
+FARTHEST, SMALLEST = (
+    10.0,
+    1e-6,
+)  # m: coordinates, as of all places in a scene, and the longest side of a mesh
 RAYS = 400  # points from which the thickness is measured
 LINES = 100  # through the mesh, along which its surface is tried for crossing itself
-CROSSED = 0.01  # of the mesh's size: more than what the touching pieces of a drawing cross each other by
-_VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)  # of text STL, in small letters or capitals
-_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("color", "<u2")])  # of binary STL
+CROSSED = (
+    0.01  # of the mesh's size: more than what the touching pieces of a drawing cross each other by
+)
+_VERTEX = re.compile(
+    rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE
+)  # of text STL, in small letters or capitals
+_RECORD = np.dtype(
+    [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("color", "<u2")]
+)  # of binary STL
 atexit.register(lambda: _stored_solid.cache_clear())  # type: ignore[has-type]  # manifold3d complains of solids that outlive it
 
 
@@ -70,10 +79,14 @@ def read_stl(path: Path) -> Mesh:
         content = read_regular(path, MOST_BYTES)
     except UnfitFile as error:
         raise MeshError(
-            f"{error.strerror}; a mesh must be a regular file of at most {MOST_BYTES // 1_000_000} MB", "export the part as STL"
+            f"{error.strerror}; a mesh must be a regular file of at most {MOST_BYTES // 1_000_000} MB",
+            "export the part as STL",
         ) from None
     except OSError as error:
-        raise MeshError(f"the file can't be read ({error.strerror})", "correct the path, which is relative to the scene file") from None
+        raise MeshError(
+            f"the file can't be read ({error.strerror})",
+            "correct the path, which is relative to the scene file",
+        ) from None
     corners = _corners(content)
     if corners is None or len(corners) == 0:
         raise MeshError("the file must be an STL mesh, text or binary", "export the part as STL")
@@ -97,7 +110,9 @@ def write_stl(mesh: Mesh, path: Path) -> None:
     """Write a mesh as binary STL, in its unit."""
     record = np.zeros(len(mesh.faces), _RECORD)
     record["corners"] = mesh.triangles
-    normal = np.cross(mesh.triangles[:, 1] - mesh.triangles[:, 0], mesh.triangles[:, 2] - mesh.triangles[:, 0])
+    normal = np.cross(
+        mesh.triangles[:, 1] - mesh.triangles[:, 0], mesh.triangles[:, 2] - mesh.triangles[:, 0]
+    )
     record["normal"] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
     path.write_bytes(bytes(80) + len(record).to_bytes(4, "little") + record.tobytes())
 
@@ -124,17 +139,24 @@ def _number(text: bytes) -> float:
         return float(text.rstrip(b",").replace(b",", b"."))
     except ValueError:
         word = text.decode(errors="replace")
-        raise MeshError(f"every coordinate must be a number, and this file has {word[:40]!r}", "export the part again") from None
+        raise MeshError(
+            f"every coordinate must be a number, and this file has {word[:40]!r}",
+            "export the part again",
+        ) from None
 
 
 def _merged(corners: Array) -> tuple[Array, NDArray[Any]]:
     """Vertices and faces of separate triangles (f, 3, 3): near vertices are merged, triangles without area left out."""
     points, of = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    from scipy.sparse import coo_matrix  # only where a scene has a mesh: scipy takes a fifth of a second
+    from scipy.sparse import (
+        coo_matrix,
+    )  # only where a scene has a mesh: scipy takes a fifth of a second
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
-    pairs = cKDTree(points).query_pairs(SAME * float(np.ptp(points, axis=0).max()), output_type="ndarray")
+    pairs = cKDTree(points).query_pairs(
+        SAME * float(np.ptp(points, axis=0).max()), output_type="ndarray"
+    )
     if len(pairs):
         links = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(points), len(points)))
         count, group = connected_components(links, directed=False)
@@ -177,7 +199,10 @@ def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
         )
     mesh = Mesh(vertices, faces)
     # no triangle is left where all vertices count as one: next to a vertex that is far away
-    volume, size = volume_of(mesh.triangles) if len(faces) else 0.0, float(np.prod(np.ptp(vertices, axis=0)))
+    volume, size = (
+        volume_of(mesh.triangles) if len(faces) else 0.0,
+        float(np.prod(np.ptp(vertices, axis=0))),
+    )
     if volume < -1e-9 * size:
         raise MeshError(
             "the triangles of a mesh must face outward, and those of this one face inward: its volume is negative",
@@ -201,12 +226,21 @@ def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
 
 def size_fault(mesh: Mesh, unit: str, scale: float) -> tuple[str, str] | None:
     """Rule and remedy where a mesh in this unit (of `scale` m) is too far away, or too small; else None."""
-    far, size = scale * float(np.abs(mesh.vertices).max()), scale * float(np.ptp(mesh.vertices, axis=0).max())
+    far, size = (
+        scale * float(np.abs(mesh.vertices).max()),
+        scale * float(np.ptp(mesh.vertices, axis=0).max()),
+    )
     remedy = f"check the unit ({unit}), and the place of the mesh"
     if far > FARTHEST * (1 + 1e-9):
-        return f"coordinates must be at most {FARTHEST:g} m, and this mesh reaches to {far:.3g} m", remedy
+        return (
+            f"coordinates must be at most {FARTHEST:g} m, and this mesh reaches to {far:.3g} m",
+            remedy,
+        )
     if size < SMALLEST * (1 - 1e-9):
-        return f"a mesh must be at least {1e6 * SMALLEST:g} um long, and this one is {1e6 * size:.3g} um", remedy
+        return (
+            f"a mesh must be at least {1e6 * SMALLEST:g} um long, and this one is {1e6 * size:.3g} um",
+            remedy,
+        )
     return None
 
 
@@ -226,7 +260,9 @@ def pack_mesh(mesh: Mesh) -> str:
     """The text a scene keeps."""
     counts = np.array([len(mesh.vertices), len(mesh.faces)], "<i8")
     parts = (counts, mesh.vertices.astype("<f8"), mesh.faces.astype("<i4"))
-    return PREFIX + base64.b64encode(zlib.compress(b"".join(p.tobytes() for p in parts), 6)).decode()
+    return (
+        PREFIX + base64.b64encode(zlib.compress(b"".join(p.tobytes() for p in parts), 6)).decode()
+    )
 
 
 @lru_cache(maxsize=256)
@@ -235,7 +271,9 @@ def unpack_mesh(text: str) -> Mesh:
     try:
         packed = base64.b64decode(text.removeprefix(PREFIX), validate=True)
         stream = zlib.decompressobj()
-        content = stream.decompress(packed, 16 + 84 * MOST_FACES)  # three vertices a face: a small text may stand for terabytes
+        content = stream.decompress(
+            packed, 16 + 84 * MOST_FACES
+        )  # three vertices a face: a small text may stand for terabytes
         if not stream.eof:
             raise ValueError("it is cut off, or too large")
         v, f = (int(count) for count in np.frombuffer(content, "<i8", 2))
@@ -246,7 +284,9 @@ def unpack_mesh(text: str) -> Mesh:
         if not (np.isfinite(vertices).all() and faces.min() >= 0 and faces.max() < v):
             raise ValueError("a face names no vertex, or a vertex is nowhere")
     except (ValueError, zlib.error):
-        raise MeshError("the stored mesh is damaged", "make the scene from its file again") from None
+        raise MeshError(
+            "the stored mesh is damaged", "make the scene from its file again"
+        ) from None
     return Mesh(vertices, faces.astype(np.int64))
 
 
@@ -257,7 +297,9 @@ def read_mesh(value: Any, info: ValidationInfo) -> Any:
     try:
         if isinstance(value, str) and value.startswith(PREFIX):
             stored = unpack_mesh(value)
-            if from_file(info):  # a scene that magmpm keeps has been checked; one that is written need not have been
+            if from_file(
+                info
+            ):  # a scene that magmpm keeps has been checked; one that is written need not have been
                 checked(stored.vertices, stored.faces)
             return value
         return pack_mesh(read_stl(named_file(info, value)))
@@ -278,7 +320,9 @@ def _inward(mesh: Mesh, count: int) -> tuple[Array, Array]:
     double = np.linalg.norm(normal, axis=1)
     rng = np.random.default_rng(0)
     share = np.cumsum(double) / double.sum()
-    face = np.minimum(np.searchsorted(share, (np.arange(count) + rng.random(count)) / count), len(double) - 1)
+    face = np.minimum(
+        np.searchsorted(share, (np.arange(count) + rng.random(count)) / count), len(double) - 1
+    )
     u, v = np.sqrt(rng.random((1, count))), rng.random((1, count))
     weights = np.concatenate([1 - u, u * (1 - v), u * v]).T
     return np.einsum("rk,rki->ri", weights, triangles[face]), -normal[face] / double[face, None]
@@ -303,7 +347,9 @@ def thickness_of(text: str) -> float:
     solid, found = _stored_solid(text), []
     for begin, inward in zip(*_inward(mesh, RAYS), strict=True):
         far = [2 * size * hit.distance for hit in solid.ray_cast(begin, begin + 2 * size * inward)]
-        found += [x for x in far if x >= 1e-6 * size][:1]  # nearer is the surface that the ray starts from
+        found += [x for x in far if x >= 1e-6 * size][
+            :1
+        ]  # nearer is the surface that the ray starts from
     return float(np.quantile(found, 0.1, method="inverted_cdf"))
 
 

@@ -54,21 +54,32 @@ class Progress:
     def __init__(self, title: str) -> None:
         self._title, self._begun, self._shown = title, time.monotonic(), 0
         self._visible, self._last, self._over = sys.stderr.isatty(), title, threading.Event()
-        self._first: tuple[float, float] | None = None  # time and parts done at the first report: compiling and a resumed part come before
+        self._first: tuple[float, float] | None = (
+            None  # time and parts done at the first report: compiling and a resumed part come before
+        )
 
     def __enter__(self) -> Progress:
         if not self._visible:
             threading.Thread(target=self._lines, daemon=True).start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._over.set()
         self._write("")
 
     def _lines(self) -> None:
         """Lines for a file or a pipe: what was last reported, again and again, whether the work reports or not."""
         while not self._over.wait(EVERY):
-            print(f"magmpm: {self._last}; {_duration(time.monotonic() - self._begun)}", file=sys.stderr, flush=True)
+            print(
+                f"magmpm: {self._last}; {_duration(time.monotonic() - self._begun)}",
+                file=sys.stderr,
+                flush=True,
+            )
 
     def note(self, text: str) -> None:
         """Print the current activity, if its end can't be predicted."""

@@ -24,7 +24,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if "_ARGCOMPLETE" in os.environ:  # set by the shell's completion alone
             import_module("argcomplete").autocomplete(whole)
         options = whole.parse_args(given)
-        os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # nobody's code but magmpm's reads its files
+        os.environ.setdefault(
+            "PYDANTIC_DISABLE_PLUGINS", "__all__"
+        )  # nobody's code but magmpm's reads its files
         refuse_unusable()
         if getattr(options, "allow_outside", False):
             os.environ[VARIABLE] = os.sep

@@ -29,7 +29,10 @@ def _url(saved: str, option: str | None) -> str:
 
     url = known_url(saved, option, os.environ)
     if url is None:
-        rule, remedy = "the password is kept nowhere", f"put the whole URL into the environment variable {VARIABLE}"
+        rule, remedy = (
+            "the password is kept nowhere",
+            f"put the whole URL into the environment variable {VARIABLE}",
+        )
         raise InputError(f"storage {saved}", rule=rule, remedy=remedy)
     return url
 
@@ -42,11 +45,15 @@ def command(options: argparse.Namespace) -> int:
 
     folder, port = Path(options.folder), options.port
     if not is_study(folder):
-        raise InputError(f"{folder}: holds no study ({REPORT} is missing); give the folder of a study, such as runs/s_shape")
+        raise InputError(
+            f"{folder}: holds no study ({REPORT} is missing); give the folder of a study, such as runs/s_shape"
+        )
     if not 0 < port < 65536:
         raise InputError(f"--port: received {port}; must be between 1 and 65535")
     if find_spec("optuna_dashboard") is None:
-        raise InputError("optuna-dashboard is not installed; install it with: pip install 'magmpm[dashboard]'")
+        raise InputError(
+            "optuna-dashboard is not installed; install it with: pip install 'magmpm[dashboard]'"
+        )
     import optuna  # what reads trials and serves them, after the checks
     from optuna_dashboard import wsgi
 
@@ -69,14 +76,25 @@ def command(options: argparse.Namespace) -> int:
         raise InputError(f"storage {shown_url(url)}", rule=rule, remedy=remedy) from None
     Notes(study, folder, artifacts).keep_up()
     guard, start = Guard(), f"/dashboard/studies/{study_id(study)}"
-    app = guarded(page(wsgi(DashboardView(storage), artifact_store=artifacts), options.write), guard, start, options.write)
+    app = guarded(
+        page(wsgi(DashboardView(storage), artifact_store=artifacts), options.write),
+        guard,
+        start,
+        options.write,
+    )
     try:
         server = make_server(LOOPBACK, port, app, _Server, _Handler)
     except OSError as error:
         rule = f"the port must be free on this machine, and allowed to this user ({error.strerror})"
-        remedy = f"end what uses it, or name another, say, --port {port + 1 if port < 65535 else 8080}"
+        remedy = (
+            f"end what uses it, or name another, say, --port {port + 1 if port < 65535 else 8080}"
+        )
         raise InputError("--port", received=str(port), rule=rule, remedy=remedy) from None
     with server:
-        print(f"http://{LOOPBACK}:{port}{start}?secret={guard.secret} shows {folder}; Ctrl-C ends it", file=sys.stderr, flush=True)
+        print(
+            f"http://{LOOPBACK}:{port}{start}?secret={guard.secret} shows {folder}; Ctrl-C ends it",
+            file=sys.stderr,
+            flush=True,
+        )
         server.serve_forever()
     return 0

@@ -48,7 +48,11 @@ def command(options: argparse.Namespace) -> int:
         server = Store(url, TIMEOUT, OUTAGE, print)
         server.open()  # one that can't be used is refused before rods are compiled for the check
         server.forget()
-    check_study(study.changed(trials=options.trials, sampler=options.sampler), options.workers, options.time_limit)  # no folder yet
+    check_study(
+        study.changed(trials=options.trials, sampler=options.sampler),
+        options.workers,
+        options.time_limit,
+    )  # no folder yet
     _end_as_by_ctrl_c()
     with (
         folder_lock(out),  # until the pictures of the whole are there
@@ -62,15 +66,28 @@ def command(options: argparse.Namespace) -> int:
             fill_cache(opened.scene, progress.note, kernel_uses(opened))
 
         report = run_study(
-            study, solve=run, differentiate=sensitivities, out=out, on_trial=lambda trial: _tell(trial, progress), on_advice=_advise,
-            picture=None if renderer is None else TrialPicture(study, smooth, renderer), trials=options.trials, sampler=options.sampler,
-            storage=storage, workers=options.workers, artifacts=options.artifacts, time_limit=options.time_limit, on_open=prepare,
+            study,
+            solve=run,
+            differentiate=sensitivities,
+            out=out,
+            on_trial=lambda trial: _tell(trial, progress),
+            on_advice=_advise,
+            picture=None if renderer is None else TrialPicture(study, smooth, renderer),
+            trials=options.trials,
+            sampler=options.sampler,
+            storage=storage,
+            workers=options.workers,
+            artifacts=options.artifacts,
+            time_limit=options.time_limit,
+            on_open=prepare,
             on_note=progress.note,
-        )  # fmt: skip
+        )
         done = report.ended != "interrupted"
         files = []
         if renderer is not None and done:
-            files = draw_study(out, report.summary(), study.target, renderer, smooth=smooth, note=progress.note)
+            files = draw_study(
+                out, report.summary(), study.target, renderer, smooth=smooth, note=progress.note
+            )
     if renderer is not None and renderer.note:
         print(renderer.note, file=sys.stderr)
     summary = {**report.summary(), "files": [str(path) for path in files]}
@@ -87,7 +104,12 @@ def _rerun(options: argparse.Namespace, study: Study) -> int:
     from magmpm.studies.evaluate.evaluator import Evaluator
 
     out = options.out or Path("runs") / study.name
-    store = Store(storage_url(out, given_url(options.storage, os.environ)), TIMEOUT, OUTAGE, lambda line: _advise([line]))
+    store = Store(
+        storage_url(out, given_url(options.storage, os.environ)),
+        TIMEOUT,
+        OUTAGE,
+        lambda line: _advise([line]),
+    )
     study = study.changed(sampler=options.sampler)
     found = rerun(Evaluator(study, run, sensitivities, None, out), store, options.trial)
     if options.json:
@@ -95,8 +117,12 @@ def _rerun(options: argparse.Namespace, study: Study) -> int:
     elif found["reason"] is not None:
         print(f"{study.name}, trial {found['number']}: {found['reason']}")
     else:
-        verdict = "the same bits" if found["same"] else f"stored {1e3 * found['stored_rms_m']:.9g} mm"
-        print(f"{study.name}, trial {found['number']}: rms {1e3 * found['rms_m']:.9g} mm; {verdict}")
+        verdict = (
+            "the same bits" if found["same"] else f"stored {1e3 * found['stored_rms_m']:.9g} mm"
+        )
+        print(
+            f"{study.name}, trial {found['number']}: rms {1e3 * found['rms_m']:.9g} mm; {verdict}"
+        )
     return 0
 
 
@@ -143,11 +169,17 @@ class TrialPicture:
         if trial.shapes:
             study = self._study
             scene = result.scene if study.keyframes else study.scene.to_si()
-            shown = several_snapshot(study.name, scene, trial.target, trial.shapes, trial.number, trial.rms_m)
+            shown = several_snapshot(
+                study.name, scene, trial.target, trial.shapes, trial.number, trial.rms_m
+            )
             return self._renderer.render(shown, path)
         from magmpm.viz.from_result import trial_snapshot
 
-        kept: dict[str, Any] = {"trial": trial.number, "rms": trial.rms_m, "title": self._study.name}
+        kept: dict[str, Any] = {
+            "trial": trial.number,
+            "rms": trial.rms_m,
+            "title": self._study.name,
+        }
         snapshot = trial_snapshot(result, target=trial.target, smooth=self._smooth, **kept)
         return self._renderer.render(snapshot, path)
 
@@ -168,10 +200,16 @@ def _text(report: StudyReport, files: list[Path]) -> str:
     if report.reasons and report.best is None:
         lines.append(f"  trial {report.failed_trials[-1]:<4}       {report.reasons[-1]}")
     if report.best is not None:
-        lines.append(f"  best             trial {report.best['number']}, rms {1e3 * report.best['rms_m']:.3f} mm")
+        lines.append(
+            f"  best             trial {report.best['number']}, rms {1e3 * report.best['rms_m']:.3f} mm"
+        )
         if "measure_m" in report.best:
-            mean, sigma, scatter = (1e3 * report.best[key] for key in ("mean_rms_m", "sigma_rms_m", "scatter_m"))
-            lines.append(f"  made with errors rms {mean:.3f} mm on average, sigma {sigma:.3f} mm; the shape scatters by {scatter:.3f} mm")
+            mean, sigma, scatter = (
+                1e3 * report.best[key] for key in ("mean_rms_m", "sigma_rms_m", "scatter_m")
+            )
+            lines.append(
+                f"  made with errors rms {mean:.3f} mm on average, sigma {sigma:.3f} mm; the shape scatters by {scatter:.3f} mm"
+            )
         for k, direction in enumerate(report.best["magnetization"] or [], 1):
             if not any(direction):  # a plain segment
                 continue
@@ -182,16 +220,24 @@ def _text(report: StudyReport, files: list[Path]) -> str:
             lines.append(f"    field          [{found}] mT, {np.linalg.norm(field):.4g} mT in all")
     if report.front is not None:
         found = report.front["pareto"]
-        lines.append(f"  Pareto front     {count(len(found), 'trial')}; best compromise: trial {report.front['compromise']}")
+        lines.append(
+            f"  Pareto front     {count(len(found), 'trial')}; best compromise: trial {report.front['compromise']}"
+        )
     if report.stop_rms_m is not None:
         first = report.first_trial_below_stop
-        lines.append(f"  rms {1e3 * report.stop_rms_m:g} mm         {'not reached' if first is None else f'reached in trial {first}'}")
+        lines.append(
+            f"  rms {1e3 * report.stop_rms_m:g} mm         {'not reached' if first is None else f'reached in trial {first}'}"
+        )
     lines += [f"  warning          {line}" for line in on_the_brink(report.best)]
     lines += [f"  judged finer     {line}" for line in verified_lines(report.judged)]
     lines += [f"  held back        {one['says']}" for one in report.limits]
     if report.seconds_per_trial is not None:
-        lines.append(f"  seconds a trial  {report.seconds_per_trial:.2f} (median, with storage and picture)")
-    lines.append(f"  trials in        {report.storage}; browse them with: magmpm dashboard {shlex.quote(str(report.out))}")
+        lines.append(
+            f"  seconds a trial  {report.seconds_per_trial:.2f} (median, with storage and picture)"
+        )
+    lines.append(
+        f"  trials in        {report.storage}; browse them with: magmpm dashboard {shlex.quote(str(report.out))}"
+    )
     lines += [f"  saved            {path}" for path in files]
     if (scene := report.out / BEST / SCENE).exists():
         lines.append(f"  best as a scene  magmpm run {shlex.quote(str(scene))} --render")
@@ -199,7 +245,9 @@ def _text(report: StudyReport, files: list[Path]) -> str:
     return "\n".join(lines)
 
 
-def render_study(folder: Path, out: Path, *, smooth: bool = False, kind: str = "png") -> tuple[list[Path], str]:
+def render_study(
+    folder: Path, out: Path, *, smooth: bool = False, kind: str = "png"
+) -> tuple[list[Path], str]:
     """Pictures of a study's best designs, drawn anew from what is saved; the files, and the renderer's note.
 
     smooth: bodies are drawn by their surface in place of their particles; kind: of picture files, png, svg or pdf.
@@ -208,7 +256,9 @@ def render_study(folder: Path, out: Path, *, smooth: bool = False, kind: str = "
 
     report = saved_report(folder)
     with Renderer() as renderer:
-        return draw_study(folder, report, saved_target(folder), renderer, out, smooth=smooth, kind=kind), renderer.note
+        return draw_study(
+            folder, report, saved_target(folder), renderer, out, smooth=smooth, kind=kind
+        ), renderer.note
 
 
 def saved_report(folder: Path) -> dict[str, Any]:
@@ -217,15 +267,21 @@ def saved_report(folder: Path) -> dict[str, Any]:
 
     try:
         report: dict[str, Any] = json.loads((folder / REPORT).read_text(encoding="utf-8"))
-        for key, kind in (("rms_m", list), ("storage", str), ("failed_trials", list), ("name", str)):
+        for key, kind in (
+            ("rms_m", list),
+            ("storage", str),
+            ("failed_trials", list),
+            ("name", str),
+        ):
             if not isinstance(report[key], kind):
                 raise ValueError(f"`{key}` is {json.dumps(report[key])[:40]}")
         _ = report["stop_rms_m"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
-            f"{folder / REPORT}: can't be read as a study's report ({error})", rule="must be as `magmpm design` wrote it",
+            f"{folder / REPORT}: can't be read as a study's report ({error})",
+            rule="must be as `magmpm design` wrote it",
             remedy="run `magmpm design` again: it writes it anew, and its trials are not in it",
-        ) from None  # fmt: skip
+        ) from None
     return report
 
 
@@ -240,9 +296,16 @@ def saved_target(folder: Path) -> np.ndarray | None:
 
 
 def draw_study(
-    folder: Path, report: dict[str, Any], target: np.ndarray | None, renderer: Renderer, out: Path | None = None, *,
-    smooth: bool = False, kind: str = "png", note: Callable[[str], object] = lambda text: None,
-) -> list[Path]:  # fmt: skip
+    folder: Path,
+    report: dict[str, Any],
+    target: np.ndarray | None,
+    renderer: Renderer,
+    out: Path | None = None,
+    *,
+    smooth: bool = False,
+    kind: str = "png",
+    note: Callable[[str], object] = lambda text: None,
+) -> list[Path]:
     """best.png, convergence.png and best_shapes.mp4 of a study's folder. note: is told what is being drawn."""
     from magmpm.inputs.csv_tables import write_centreline
     from magmpm.results.result import Result
@@ -259,32 +322,57 @@ def draw_study(
     def snapshot(of: Path) -> Snapshot:
         known = read_design(of)
         if "number" not in known or "rms_m" not in known:
-            rule, remedy = "must be as `magmpm design` wrote it", "run `magmpm design` again: it makes the design anew"
+            rule, remedy = (
+                "must be as `magmpm design` wrote it",
+                "run `magmpm design` again: it makes the design anew",
+            )
             raise InputError(f"{of / DESIGN}: can't be read as a design", rule=rule, remedy=remedy)
         result = Result.load(of)
-        shown = None if result.scene is None else _design_snapshot(report["name"], result.scene, target, known)
-        kept: dict[str, Any] = {"trial": known["number"], "rms": known["rms_m"], "title": report["name"]}
+        shown = (
+            None
+            if result.scene is None
+            else _design_snapshot(report["name"], result.scene, target, known)
+        )
+        kept: dict[str, Any] = {
+            "trial": known["number"],
+            "rms": known["rms_m"],
+            "title": report["name"],
+        }
         return shown or trial_snapshot(result, target=target, smooth=smooth, **kept)
 
     files = []
     if (folder / BEST).exists():
         note(f"drawing best.{kind}")
         best = snapshot(folder / BEST)
-        files.append(renderer.render(best, out / f"best.{kind}", size=FINAL_SIZE if best.insets else None))
+        files.append(
+            renderer.render(best, out / f"best.{kind}", size=FINAL_SIZE if best.insets else None)
+        )
         files += _draw_movie(folder / BEST, out, report["name"], renderer, note)
     if report["rms_m"]:
-        shown = (report["rms_m"], out / f"convergence.{kind}", report["stop_rms_m"], report["name"], report["failed_trials"])
+        shown = (
+            report["rms_m"],
+            out / f"convergence.{kind}",
+            report["stop_rms_m"],
+            report["name"],
+            report["failed_trials"],
+        )
         files.append(renderer.run(plots.convergence, *shown))
     if report.get("pareto"):
         files.append(renderer.run(plots.pareto, report, out / f"pareto.{kind}"))
     shapes = sorted(path.parent for path in (folder / IMPROVEMENTS).glob(f"[0-9]*/{DESIGN}"))
     if shapes:
         note("drawing best_shapes.mp4")
-        files.append(best_shapes_movie([snapshot(of) for of in shapes[-8:]], out / "best_shapes.mp4", renderer).path)
+        files.append(
+            best_shapes_movie(
+                [snapshot(of) for of in shapes[-8:]], out / "best_shapes.mp4", renderer
+            ).path
+        )
     return [Path(path) for path in files]
 
 
-def _design_snapshot(name: str, scene: Mapping[str, Any], path: np.ndarray | None, known: Mapping[str, Any]) -> Snapshot | None:
+def _design_snapshot(
+    name: str, scene: Mapping[str, Any], path: np.ndarray | None, known: Mapping[str, Any]
+) -> Snapshot | None:
     """The picture of a design's insertion or schedule, from what is stored of it; None where it is one equilibrium.
 
     path: rows [s, x, y, z], (m, 4) m.
@@ -298,7 +386,12 @@ def _design_snapshot(name: str, scene: Mapping[str, Any], path: np.ndarray | Non
 
 
 def several_snapshot(
-    name: str, scene: Mapping[str, Any], path: np.ndarray, shapes: tuple[Mapping[str, Any], ...], trial: int, rms: float
+    name: str,
+    scene: Mapping[str, Any],
+    path: np.ndarray,
+    shapes: tuple[Mapping[str, Any], ...],
+    trial: int,
+    rms: float,
 ) -> Snapshot:
     """The picture of a trial that has several equilibria: the depths of an insertion along its path, or the times of a schedule."""
     if "time_s" in shapes[-1]:
@@ -312,7 +405,9 @@ def several_snapshot(
     return Insertion(name, scene, path).trial(shapes, trial=trial, rms=rms)
 
 
-def _draw_movie(folder: Path, out: Path, name: str, renderer: Renderer, note: Callable[[str], object]) -> list[Path]:
+def _draw_movie(
+    folder: Path, out: Path, name: str, renderer: Renderer, note: Callable[[str], object]
+) -> list[Path]:
     """The movie of the best design in `folder`, into `out`; nothing where its frames are not there. note: is told of each frame."""
     from magmpm.studies.evaluate.trajectory import MOVIE
     from magmpm.viz.camera import Framing

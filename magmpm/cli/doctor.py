@@ -23,14 +23,28 @@ from magmpm.cli.answers import print_summary
 
 OK, WARN, FAIL = "ok", "warning", "failure"
 IMPORTS = {"PyYAML": "yaml"}  # where names differ
-PATIENCE = {"import": 120.0, "opengl": 150.0, "self-test": 600.0}  # s: a cold self-test compiles kernels
+PATIENCE = {
+    "import": 120.0,
+    "opengl": 150.0,
+    "self-test": 600.0,
+}  # s: a cold self-test compiles kernels
 EXTRAS_FOR = {
-    "render": "pictures by PyVista, and movies", "magnets": "fields of magnets of any shape",
-    "dashboard": "magmpm dashboard", "report": "magmpm report as PDF", "cmaes": "the sampler cmaes", "gp": "the sampler gp by Optuna",
-    "postgresql": "studies in PostgreSQL", "grpc": "studies through Optuna's gRPC proxy", "s3": "pictures in an S3 store",
-    "fem": "finite-element references", "browser": "make test-browser", "test": "the tests and linters", "docs": "make docs",
-    "notebook": "make test-docs", "completion": "Tab in the shell",
-}  # fmt: skip
+    "render": "pictures by PyVista, and movies",
+    "magnets": "fields of magnets of any shape",
+    "dashboard": "magmpm dashboard",
+    "report": "magmpm report as PDF",
+    "cmaes": "the sampler cmaes",
+    "gp": "the sampler gp by Optuna",
+    "postgresql": "studies in PostgreSQL",
+    "grpc": "studies through Optuna's gRPC proxy",
+    "s3": "pictures in an S3 store",
+    "fem": "finite-element references",
+    "browser": "make test-browser",
+    "test": "the tests and linters",
+    "docs": "make docs",
+    "notebook": "make test-docs",
+    "completion": "Tab in the shell",
+}
 
 
 @dataclass(frozen=True)
@@ -51,8 +65,16 @@ def command(options: argparse.Namespace) -> int:
         if not options.json:
             print(_line(check), flush=True)
     failed, warned = (sum(check.status == status for check in checks) for status in (FAIL, WARN))
-    last = f"{len(checks)} checks: {failed} failed, {warned} warnings" if failed or warned else f"{len(checks)} checks: all is well"
-    print_summary(options, {"checks": [asdict(check) for check in checks], "failed": failed, "warnings": warned}, last)
+    last = (
+        f"{len(checks)} checks: {failed} failed, {warned} warnings"
+        if failed or warned
+        else f"{len(checks)} checks: all is well"
+    )
+    print_summary(
+        options,
+        {"checks": [asdict(check) for check in checks], "failed": failed, "warnings": warned},
+        last,
+    )
     return 1 if failed else 0
 
 
@@ -75,11 +97,15 @@ def looked_at(*, quick: bool = False) -> Iterator[Check]:
 
 def _line(check: Check) -> str:
     mark = {OK: "ok     ", WARN: "warning", FAIL: "FAILURE"}[check.status]
-    return f"{mark}  {check.name:<24} {check.found}" + (f"\n{'':34}remedy: {check.remedy}" if check.remedy else "")
+    return f"{mark}  {check.name:<24} {check.found}" + (
+        f"\n{'':34}remedy: {check.remedy}" if check.remedy else ""
+    )
 
 
 def _python() -> Check:
-    found = f"{platform.python_version()} at {sys.executable}, {platform.system()} {platform.machine()}"
+    found = (
+        f"{platform.python_version()} at {sys.executable}, {platform.system()} {platform.machine()}"
+    )
     if sys.prefix == sys.base_prefix:
         remedy = f"{sys.executable} -m venv .venv keeps the libraries of others apart"
         return Check("Python", OK, f"{found}, no virtual environment", remedy)
@@ -106,7 +132,9 @@ def _needed() -> list[_Needed]:
         match = re.match(r"([A-Za-z0-9_.-]+)\s*(?:>=\s*([\d.]+))?", line)
         extra = re.search(r"extra\s*==\s*['\"]([^'\"]+)", line)
         if match:
-            found.append(_Needed(match.group(1), match.group(2) or "0", extra.group(1) if extra else ""))
+            found.append(
+                _Needed(match.group(1), match.group(2) or "0", extra.group(1) if extra else "")
+            )
     return found
 
 
@@ -146,7 +174,11 @@ def _older(version: str, needed: _Needed) -> bool:
 
 def _install(what: str) -> str:
     """The command that installs an extra, or everything: of an installed magmpm, wheel or checkout, what it lacks."""
-    where = f"'magmpm{what}'" if _installed("magmpm") else f"-e '{Path(__file__).resolve().parents[2]}{what}'"
+    where = (
+        f"'magmpm{what}'"
+        if _installed("magmpm")
+        else f"-e '{Path(__file__).resolve().parents[2]}{what}'"
+    )
     return f"{Path(sys.executable).name} -m pip install {where}"
 
 
@@ -158,11 +190,23 @@ def _libraries() -> Iterator[Check]:
         if version is None:
             yield Check(name, FAIL, f"missing; {needed.least} or newer is needed", _install(""))
         elif _older(version, needed):
-            yield Check(name, FAIL, f"{version}; {needed.least} or newer is needed", _install("") + " --upgrade")
+            yield Check(
+                name,
+                FAIL,
+                f"{version}; {needed.least} or newer is needed",
+                _install("") + " --upgrade",
+            )
         else:
-            failure = _tried([sys.executable, "-c", f"import {IMPORTS.get(needed.name, needed.name)}"], PATIENCE["import"])[1]
+            failure = _tried(
+                [sys.executable, "-c", f"import {IMPORTS.get(needed.name, needed.name)}"],
+                PATIENCE["import"],
+            )[1]
             remedy = f"{Path(sys.executable).name} -m pip install --force-reinstall {needed.name}"
-            yield Check(name, FAIL, f"{version} can't be imported: {failure}", remedy) if failure else Check(name, OK, version)
+            yield (
+                Check(name, FAIL, f"{version} can't be imported: {failure}", remedy)
+                if failure
+                else Check(name, OK, version)
+            )
 
 
 def _extras() -> Iterator[Check]:
@@ -174,20 +218,38 @@ def _extras() -> Iterator[Check]:
     absent = []
     for extra, all_needed in extras.items():
         versions = {needed: _installed(needed.name) for needed in all_needed}
-        if old := [f"{one.name} {have} (older than {one.least})" for one, have in versions.items() if have and _older(have, one)]:
-            yield Check(f"extra {extra}", WARN, f"{'; '.join(old)}: {EXTRAS_FOR[extra]}", _install(f"[{extra}]"))
+        if old := [
+            f"{one.name} {have} (older than {one.least})"
+            for one, have in versions.items()
+            if have and _older(have, one)
+        ]:
+            yield Check(
+                f"extra {extra}",
+                WARN,
+                f"{'; '.join(old)}: {EXTRAS_FOR[extra]}",
+                _install(f"[{extra}]"),
+            )
         elif None in versions.values():
             absent.append(extra)
     there = ", ".join(extra for extra in extras if extra not in absent)
     lacking = ", ".join(f"{extra} ({EXTRAS_FOR[extra]})" for extra in absent)
-    found = f"there: {there or 'none'}" + (f"; not there: {lacking}; to add one: {_install('[NAME]')}" if absent else "")
+    found = f"there: {there or 'none'}" + (
+        f"; not there: {lacking}; to add one: {_install('[NAME]')}" if absent else ""
+    )
     yield Check("optional parts", OK, found)
 
 
 def _tried(arguments: list[str], patience: float) -> tuple[str, str]:
     """Run a process; return its output and the reason why it failed, "" if it did not."""
     try:
-        done = subprocess.run(arguments, capture_output=True, text=True, errors="replace", timeout=patience, check=False)
+        done = subprocess.run(
+            arguments,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=patience,
+            check=False,
+        )
     except subprocess.TimeoutExpired:
         return "", f"no answer within {patience:g} s"
     except OSError as error:
@@ -195,22 +257,40 @@ def _tried(arguments: list[str], patience: float) -> tuple[str, str]:
     if done.returncode == 0:
         return done.stdout, ""
     last = (done.stderr.strip().splitlines() or ["without a word"])[-1][:200]
-    ended = f"killed by signal {-done.returncode}" if done.returncode < 0 else f"exit status {done.returncode}"
+    ended = (
+        f"killed by signal {-done.returncode}"
+        if done.returncode < 0
+        else f"exit status {done.returncode}"
+    )
     return done.stdout, f"{ended}: {last}"
 
 
 def _threads() -> Iterator[Check]:
     """Cores that this process may use, and what the environment says about threads."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
     requested = os.environ.get("NUMBA_NUM_THREADS")
-    found = f"{cores} of {os.cpu_count()} processors may be used" + (f"; NUMBA_NUM_THREADS={requested}" if requested else "")
+    found = f"{cores} of {os.cpu_count()} processors may be used" + (
+        f"; NUMBA_NUM_THREADS={requested}" if requested else ""
+    )
     allowed = _allowed_by_cgroup()
     if allowed is not None and allowed < cores:
         found += f"; the container's limit is {allowed:.3g}"
     if requested and requested.strip().isdigit() and int(requested) > cores:
-        yield Check("threads", WARN, found, "more threads than processors are slower: unset NUMBA_NUM_THREADS")
+        yield Check(
+            "threads",
+            WARN,
+            found,
+            "more threads than processors are slower: unset NUMBA_NUM_THREADS",
+        )
     elif allowed is not None and allowed < cores and not requested:
-        yield Check("threads", WARN, found, f"set NUMBA_NUM_THREADS={max(1, int(allowed))}: threads beyond the limit are slower than none")
+        yield Check(
+            "threads",
+            WARN,
+            found,
+            f"set NUMBA_NUM_THREADS={max(1, int(allowed))}: threads beyond the limit are slower than none",
+        )
     else:
         yield Check("threads", OK, found)
     if hasattr(os, "getloadavg") and os.getloadavg()[0] > 1.5 * cores:
@@ -236,23 +316,45 @@ def _room() -> Iterator[Check]:
             pass
     except OSError as error:
         remedy = "see to its permissions, or set NUMBA_CACHE_DIR to a folder that takes files"
-        yield Check("cache of kernels", FAIL, f"{folder} takes no files ({error.strerror}): every run would compile its own", remedy)
+        yield Check(
+            "cache of kernels",
+            FAIL,
+            f"{folder} takes no files ({error.strerror}): every run would compile its own",
+            remedy,
+        )
     else:
         files = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
         size, kernels = sum(files), sum(1 for path in folder.rglob("*.nbc"))
         found = f"{folder}: {kernels} kernels, {size / 1e6:.0f} MB"
         if not kernels:
-            yield Check("cache of kernels", OK, f"{found}: the first run compiles them, and says how long that takes", "magmpm prepare")
+            yield Check(
+                "cache of kernels",
+                OK,
+                f"{found}: the first run compiles them, and says how long that takes",
+                "magmpm prepare",
+            )
         elif size > 2_000_000_000:
-            yield Check("cache of kernels", OK, found, f"remove {folder}; what is needed is compiled again")
+            yield Check(
+                "cache of kernels", OK, found, f"remove {folder}; what is needed is compiled again"
+            )
         else:
             yield Check("cache of kernels", OK, found)
     free = shutil.disk_usage(Path.cwd()).free
     written = f"{free / 1e9:.1f} GB free in {Path.cwd()}"
     if not os.access(Path.cwd(), os.W_OK):
-        yield Check("folder of results", WARN, f"{Path.cwd()} can't be written", "go to another folder, or give --out")
+        yield Check(
+            "folder of results",
+            WARN,
+            f"{Path.cwd()} can't be written",
+            "go to another folder, or give --out",
+        )
     elif free < 1_000_000_000:
-        yield Check("folder of results", WARN, written, "motions take some 100 MB: free room, or give --out on another disk")
+        yield Check(
+            "folder of results",
+            WARN,
+            written,
+            "motions take some 100 MB: free room, or give --out on another disk",
+        )
     else:
         yield Check("folder of results", OK, written)
 
@@ -278,7 +380,12 @@ def _opengl() -> Check:
     if not note:
         return Check("OpenGL", OK, f"{backend} draws, as MAGMPM_RENDER asks")
     says, _, remedy = note.partition(": ")
-    return Check("OpenGL", WARN if _installed("pyvista") else OK, says, remedy or "apt-get install libegl1 libgl1-mesa-dri")
+    return Check(
+        "OpenGL",
+        WARN if _installed("pyvista") else OK,
+        says,
+        remedy or "apt-get install libegl1 libgl1-mesa-dri",
+    )
 
 
 def _self_test() -> Iterator[Check]:
@@ -290,7 +397,16 @@ def _self_test() -> Iterator[Check]:
         rows = []
     for row in rows:
         found = f"{row['found']} ({row['rule']})"
-        remedy = "" if row["passed"] else "report it, with the output of magmpm doctor --json; trust no result until then"
+        remedy = (
+            ""
+            if row["passed"]
+            else "report it, with the output of magmpm doctor --json; trust no result until then"
+        )
         yield Check(f"self-test: {row['name']}", OK if row["passed"] else FAIL, found, remedy)
     if failure or not rows:
-        yield Check("self-test", FAIL, failure or "it said nothing", "reinstall numba and llvmlite; then: magmpm doctor")
+        yield Check(
+            "self-test",
+            FAIL,
+            failure or "it said nothing",
+            "reinstall numba and llvmlite; then: magmpm doctor",
+        )

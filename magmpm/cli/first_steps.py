@@ -22,14 +22,32 @@ INSTALLED = "share/magmpm/data/"  # where a wheel puts the examples, below the e
 def examples(options: argparse.Namespace) -> int:
     """Copy what comes with magmpm to where it can be changed. Returns the exit status. Raises InputError where another file is there."""
     source, target = examples_folder(), options.folder / "data"
-    files = sorted(path.relative_to(source) for path in source.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
+    files = sorted(
+        path.relative_to(source)
+        for path in source.rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    )
     if target.exists() and target.resolve() == source.resolve():
-        raise InputError(f"{target}: holds the examples themselves", rule="they are copied to another folder", remedy="name another")
-    changed = [name for name in files if (target / name).exists() and not filecmp.cmp(source / name, target / name, shallow=False)]
+        raise InputError(
+            f"{target}: holds the examples themselves",
+            rule="they are copied to another folder",
+            remedy="name another",
+        )
+    changed = [
+        name
+        for name in files
+        if (target / name).exists() and not filecmp.cmp(source / name, target / name, shallow=False)
+    ]
     if changed and not options.overwrite:
         rule = "files that were changed are kept"
-        remedy = "name another folder, or give --overwrite, which puts the examples back as they were"
-        raise InputError(f"{target}: {len(changed)} of the files there are others, say, {changed[0]}", rule=rule, remedy=remedy)
+        remedy = (
+            "name another folder, or give --overwrite, which puts the examples back as they were"
+        )
+        raise InputError(
+            f"{target}: {len(changed)} of the files there are others, say, {changed[0]}",
+            rule=rule,
+            remedy=remedy,
+        )
     for name in files:
         (target / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source / name, target / name)
@@ -53,18 +71,32 @@ def examples_folder() -> Path:
     for name in known:
         before, found, _ = str(name).replace("\\", "/").partition(INSTALLED)
         if found:
-            return Path(str(name.locate())).resolve().parents[str(name).replace("\\", "/").removeprefix(before + INSTALLED).count("/")]
-    raise MagmpmError("the examples are not installed; install magmpm anew: pip install --force-reinstall magmpm-*.whl")
+            return (
+                Path(str(name.locate()))
+                .resolve()
+                .parents[str(name).replace("\\", "/").removeprefix(before + INSTALLED).count("/")]
+            )
+    raise MagmpmError(
+        "the examples are not installed; install magmpm anew: pip install --force-reinstall magmpm-*.whl"
+    )
 
 
 def import_robot(options: argparse.Namespace) -> int:
     """Make a scene of a robot of the magneticMPM format, and say what to do with it. Returns the exit status."""
     from magmpm.scene import magnetic_mpm_import
 
-    scene, warnings = magnetic_mpm_import.import_robot(options.robot, options.output, overwrite=options.overwrite)
+    scene, warnings = magnetic_mpm_import.import_robot(
+        options.robot, options.output, overwrite=options.overwrite
+    )
     regions = scene.regions()
     held = sum(region.held for region in regions)
-    summary = {"scene": str(options.output), "name": scene.name, "parts": len(regions), "held": held, "warnings": warnings}
+    summary = {
+        "scene": str(options.output),
+        "name": scene.name,
+        "parts": len(regions),
+        "held": held,
+        "warnings": warnings,
+    }
     text = [
         f"{scene.name}: {len(regions)} parts, {held} held",
         *(f"  warning  {warning}" for warning in warnings),
@@ -86,7 +118,9 @@ def prepare(options: argparse.Namespace) -> int:
         for k, scene in enumerate(scenes):
             progress.at(k, len(scenes), describe(scene))
             uses = (SOLVE, PROOFS) if scene.resolution.requested else (SOLVE,)
-            done.append({"kernels": describe(scene), "compiled": fill_cache(scene, progress.note, uses)})
+            done.append(
+                {"kernels": describe(scene), "compiled": fill_cache(scene, progress.note, uses)}
+            )
     lines = [f"{'compiled' if each['compiled'] else 'ready':<9} {each['kernels']}" for each in done]
     print_summary(options, {"kernels": done}, "\n".join(lines))
     return 0
@@ -98,18 +132,40 @@ def usual() -> Iterator[Scene]:
 
     weight: dict[str, Any] = {"gravity": {}}
     damping: dict[str, Any] = {"damping": {"rate": 60.0}}
-    ground, motion = {"ground": {"point": [0.0, 0.0, -50e-3], "normal": [0.0, 0.0, 1.0]}}, {"dynamic": {"duration": 0.1}}
+    ground, motion = (
+        {"ground": {"point": [0.0, 0.0, -50e-3], "normal": [0.0, 0.0, 1.0]}},
+        {"dynamic": {"duration": 0.1}},
+    )
     combinations: tuple[tuple[dict[str, Any], dict[str, Any]], ...] = (
-        ({}, {}), (weight, {}), (damping, motion), (weight | damping, motion), (weight | damping | ground, motion),
+        ({}, {}),
+        (weight, {}),
+        (damping, motion),
+        (weight | damping, motion),
+        (weight | damping | ground, motion),
         (weight | damping | ground | {"self_contact": {}}, motion),
-    )  # fmt: skip
+    )
     segments = [{"magnetization": [1.0, 0.0, 0.0]}]
     for effects, solver in combinations:
         yield Scene.from_si(
             {
                 "name": "usual",
-                "materials": {"silicone": {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.138}},
-                "body": {"catheter": {"length": 8e-3, "diameter": 4e-3, "material": "silicone", "clamp": "base", "segments": segments}},
+                "materials": {
+                    "silicone": {
+                        "shear_modulus": 120e3,
+                        "bulk_to_shear": 20.0,
+                        "density": 1882.0,
+                        "remanence": 0.138,
+                    }
+                },
+                "body": {
+                    "catheter": {
+                        "length": 8e-3,
+                        "diameter": 4e-3,
+                        "material": "silicone",
+                        "clamp": "base",
+                        "segments": segments,
+                    }
+                },
                 "field": {"uniform": [0.0, 6e-3, 8e-3]},
                 "effects": {"magnetic_torque": {}, **effects},
                 "solver": solver or {"static": {}},

@@ -38,11 +38,23 @@ def command(options: argparse.Namespace) -> int:
     with folder_of_results(options, f"{scene.name} fit") as folder:
         try:
             with Progress(f"fit of {scene.name}") as progress, of_file(options.scene):
-                found = fit(measured, scene, vary=_list(options.vary), **sizes, thorough=not options.quick, on_progress=progress.note)
+                found = fit(
+                    measured,
+                    scene,
+                    vary=_list(options.vary),
+                    **sizes,
+                    thorough=not options.quick,
+                    on_progress=progress.note,
+                )
                 held = None if left is None else predict_held_out(found, left)
         except Refused as refusal:
             if options.json:
-                answer = {"refused": str(refusal), "together": refusal.together, "known": refusal.known, "measure": refusal.advice}
+                answer = {
+                    "refused": str(refusal),
+                    "together": refusal.together,
+                    "known": refusal.known,
+                    "measure": refusal.advice,
+                }
                 print(json.dumps(answer))
             raise
         for warning in found.warnings:
@@ -50,12 +62,18 @@ def command(options: argparse.Namespace) -> int:
         numbers = {**summary(found), **({} if held is None else {"held_out": held.summary()})}
         files = _saved(folder, found, held, numbers, Path(options.scene), options.format)
     numbers.update(folder=str(folder), files=[str(path) for path in files])
-    said = [text(found), *([] if held is None else [held.text()]), *(f"  saved            {path}" for path in files)]
+    said = [
+        text(found),
+        *([] if held is None else [held.text()]),
+        *(f"  saved            {path}" for path in files),
+    ]
     print_summary(options, numbers, "\n".join(said))
     return 0
 
 
-def _saved(folder: Path, found: Any, held: Any, numbers: dict[str, Any], source: Path, kind: str) -> list[Path]:
+def _saved(
+    folder: Path, found: Any, held: Any, numbers: dict[str, Any], source: Path, kind: str
+) -> list[Path]:
     """The report, the residuals, those of what was held out, the fitted scene and the picture."""
     from magmpm.results.whole_file import whole_file, write_json
     from magmpm.studies.fitting import fitted_scene, residuals_table, shown
@@ -87,7 +105,9 @@ def _numbers(options: argparse.Namespace) -> dict[str, Any]:
         name, _, share = pair.partition("=")
         known[name.strip()] = _quantity("--known", share, "percentage")
     return {
-        "noise": None if options.noise is None else [_quantity("--noise", one, "length") for one in _list(options.noise) or [""]],
+        "noise": None
+        if options.noise is None
+        else [_quantity("--noise", one, "length") for one in _list(options.noise) or [""]],
         "angle_noise": _quantity("--angle-noise", options.angle_noise, "angle"),
         "known": known,
         "level": options.level / 100,
@@ -102,5 +122,10 @@ def _quantity(option: str, text: str | None, kind: str) -> Any:
         return None
     value = in_si(text, kind, option)
     if not 0 < value < math.inf:
-        raise InputError(option, received=repr(text), rule="must be greater than 0", remedy=f'write, say, "{KINDS[kind].example}"')
+        raise InputError(
+            option,
+            received=repr(text),
+            rule="must be greater than 0",
+            remedy=f'write, say, "{KINDS[kind].example}"',
+        )
     return value

@@ -16,7 +16,11 @@ from magmpm.inputs.page_guard import ALL, HEADERS, LOOPBACK, Guard, GuardedHandl
 from magmpm.viz import page
 
 SITE = Path(page.__file__).parent / "site"
-KINDS = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8"}
+KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+}
 SECRET = "X-Magmpm-Secret"
 FIRST_PORT = 8090  # and the next ones, tried in turn unless a port is requested
 Answer = bytes | Mapping[str, Any]
@@ -58,7 +62,9 @@ class PageServer(GuardedServer):
         else:
             rule = f"the address must be this machine's, and the port free and allowed to this user ({failure})"
             remedy = "end what uses it, or name another, say, --port 0 for any that is free"
-            raise InputError("--port", received=f"{port or FIRST_PORT} on {host}", rule=rule, remedy=remedy)
+            raise InputError(
+                "--port", received=f"{port or FIRST_PORT} on {host}", rule=rule, remedy=remedy
+            )
         name = (*names[1:], self.server_name if host in ALL else host)[0]
         self.url = f"http://{name}:{self.server_port}/#{self.secret}"
 
@@ -77,7 +83,11 @@ class _Handler(GuardedHandler):
 
     def do_GET(self) -> None:
         """A file of the page."""
-        name = "index.html" if self.path.split("?")[0] == "/" else self.path.split("?")[0].removeprefix("/")
+        name = (
+            "index.html"
+            if self.path.split("?")[0] == "/"
+            else self.path.split("?")[0].removeprefix("/")
+        )
         files = {path.name: path for path in SITE.iterdir()}
         self._answer(lambda: self._file(files.get(name)))
 
@@ -111,12 +121,17 @@ class _Handler(GuardedHandler):
             status, content = HTTPStatus.BAD_REQUEST, json.dumps({"error": str(error)}).encode()
         except Exception as error:
             words = f"{type(error).__name__}: {error}; please report this"
-            status, content = HTTPStatus.INTERNAL_SERVER_ERROR, json.dumps({"error": words}).encode()
+            status, content = (
+                HTTPStatus.INTERNAL_SERVER_ERROR,
+                json.dumps({"error": words}).encode(),
+            )
         self._send(status, content, kind)
 
     def _admit(self) -> None:
         """Raises Refused."""
-        if not self.server.guard.admits(self.headers.get("Host"), self.headers.get("Origin"), self.connection.getsockname()[0]):
+        if not self.server.guard.admits(
+            self.headers.get("Host"), self.headers.get("Origin"), self.connection.getsockname()[0]
+        ):
             raise Refused(HTTPStatus.FORBIDDEN)
 
     def _read(self) -> Any:
@@ -127,7 +142,12 @@ class _Handler(GuardedHandler):
         if self.path.removeprefix("/") not in self.server.routes:
             raise Refused(HTTPStatus.NOT_FOUND)
         length = self.headers.get("Content-Length") or ""
-        if not length.isascii() or not length.isdigit() or len(length) > 9 or int(length) > 1_000_000:  # bytes
+        if (
+            not length.isascii()
+            or not length.isdigit()
+            or len(length) > 9
+            or int(length) > 1_000_000
+        ):  # bytes
             raise Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         try:
             return json.loads(self.rfile.read(int(length)) or b"null")

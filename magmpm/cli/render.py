@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING
 
 from magmpm.cli.answers import PARTICLES, SURFACE, is_study, print_summary
 from magmpm.errors import InputError
-from magmpm.results.file_names import ABOUT, ENERGIES_PLOT, FRAMES, MOMENTS, MOTION, MOVIE, NUMBERS, PICTURE
+from magmpm.results.file_names import (
+    ABOUT,
+    ENERGIES_PLOT,
+    FRAMES,
+    MOMENTS,
+    MOTION,
+    MOVIE,
+    NUMBERS,
+    PICTURE,
+)
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.run_folder import holds_run, read_mapping
 
@@ -29,10 +38,11 @@ def command(options: argparse.Namespace) -> int:
     out: Path = options.out or folder
     if out.resolve() != folder.resolve() and (is_study(out) or holds_run(out)):
         raise InputError(
-            str(out), received="a folder that holds other results",
+            str(out),
+            received="a folder that holds other results",
             rule="pictures lie beside the results they show, or in a folder without any",
             remedy="give another --out, or leave it out: pictures then go into the folder that is drawn",
-        )  # fmt: skip
+        )
     if not is_study(folder) and not any((folder / name).exists() for name in (MOTION, NUMBERS)):
         raise InputError(
             f"{folder}: holds no saved result ({NUMBERS} is missing); give the folder that `magmpm run` named, such as runs/NAME"
@@ -41,9 +51,18 @@ def command(options: argparse.Namespace) -> int:
         if is_study(folder):
             from magmpm.cli.design import render_study
 
-            files = _listed(*render_study(folder, out, smooth=options.style == SURFACE, kind=options.format))
+            files = _listed(
+                *render_study(folder, out, smooth=options.style == SURFACE, kind=options.format)
+            )
         else:
-            files = draw_run(folder, out, frames=options.frames, fps=options.fps, style=options.style, kind=options.format)
+            files = draw_run(
+                folder,
+                out,
+                frames=options.frames,
+                fps=options.fps,
+                style=options.style,
+                kind=options.format,
+            )
     print_summary(options, {"files": files}, "\n".join(f"saved {path}" for path in files))
     return 0
 
@@ -55,7 +74,13 @@ def _listed(files: list[Path], note: str) -> list[str]:
 
 
 def draw_run(
-    folder: Path, out: Path, *, frames: str | None = None, fps: float | None = None, style: str | None = None, kind: str = "png"
+    folder: Path,
+    out: Path,
+    *,
+    frames: str | None = None,
+    fps: float | None = None,
+    style: str | None = None,
+    kind: str = "png",
 ) -> list[str]:
     """Draw what a run left in a folder into `out`. Returns the files; a note on what could not be done as wished goes to stderr.
 
@@ -68,7 +93,9 @@ def draw_run(
 
     motion = motion_of(folder)
     if motion is None and (frames is not None or fps is not None):
-        raise InputError(f"{folder}: holds no motion: --frames and --fps are for results of dynamic scenes")
+        raise InputError(
+            f"{folder}: holds no motion: --frames and --fps are for results of dynamic scenes"
+        )
     if motion is not None and style == PARTICLES:
         raise InputError(
             f"{folder}: holds a motion, which is drawn by its surface: --style {PARTICLES} is for equilibria; ParaView shows the "
@@ -80,7 +107,10 @@ def draw_run(
         else:
             from magmpm.results.result import Result
 
-            files, note = [draw_result(Result.load(folder), _named(out / PICTURE, kind), renderer, style)], ""
+            files, note = (
+                [draw_result(Result.load(folder), _named(out / PICTURE, kind), renderer, style)],
+                "",
+            )
         return _listed(files, " ".join(filter(None, (note, renderer.note))))
 
 
@@ -117,19 +147,27 @@ def _render_motion(
     from magmpm.viz.from_motion import MotionRenderer
 
     if len(motion) == 0:
-        raise InputError(f"{motion.folder}: the motion has no frames yet; wait for the first, or run the scene again")
+        raise InputError(
+            f"{motion.folder}: the motion has no frames yet; wait for the first, or run the scene again"
+        )
     wanted = _numbers(frames, len(motion))
     shown = MotionRenderer(motion)
     if read_mapping(motion.folder / NUMBERS).get("failure"):
         shown.title += " (stopped before its end)"
     files = movies.pictures(shown, out / FRAMES, renderer, wanted, kind)
     last = len(motion) - 1
-    files.append(renderer.render(shown.snapshot(last), _named(out / PICTURE, kind), framing=shown.framing))
+    files.append(
+        renderer.render(shown.snapshot(last), _named(out / PICTURE, kind), framing=shown.framing)
+    )
     files.append(figure(shown, _named(out / MOMENTS, kind), renderer))
     if motion.energies:
         jumps = [jump["time"] for jump in motion.jumps]
         energies = _named(out / ENERGIES_PLOT, kind)
-        files.append(renderer.run(plots.motion, motion.energies, motion.contacts, energies, motion.name, jumps))
+        files.append(
+            renderer.run(
+                plots.motion, motion.energies, motion.contacts, energies, motion.name, jumps
+            )
+        )
     made = movies.movie(shown, out / MOVIE, renderer, fps=fps)
     return [made.path, *files], made.note
 
@@ -148,6 +186,10 @@ def _numbers(text: str | None, count: int) -> Sequence[int]:
         numbers = [int(part) for part in text.split(",")]
         return [range(count)[k] for k in numbers]
     except ValueError:
-        raise InputError(f"--frames: received {text!r}; must be `all` or whole numbers with commas between, such as 0,10,20") from None
+        raise InputError(
+            f"--frames: received {text!r}; must be `all` or whole numbers with commas between, such as 0,10,20"
+        ) from None
     except IndexError:
-        raise InputError(f"--frames: received {text!r}; this motion has the frames 0 to {count - 1} (-1 is the last)") from None
+        raise InputError(
+            f"--frames: received {text!r}; this motion has the frames 0 to {count - 1} (-1 is the last)"
+        ) from None

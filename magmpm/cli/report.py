@@ -34,10 +34,14 @@ def command(options: argparse.Namespace) -> int:
     if not is_study(folder):
         drawn = f"for a run, `magmpm render {folder}` draws it"
         remedy = drawn if holds_run(folder) else "give the folder of a study, such as runs/s_shape"
-        raise InputError(f"{folder}: holds no study", rule="a report is that of a study", remedy=remedy)
+        raise InputError(
+            f"{folder}: holds no study", rule="a report is that of a study", remedy=remedy
+        )
     if out.resolve() != folder.resolve() and (is_study(out) or holds_run(out)):
         rule = "a report lies beside the study it tells of, or in a folder without results"
-        raise InputError(f"{out}: holds other results", rule=rule, remedy="give another --out, or leave it out")
+        raise InputError(
+            f"{out}: holds other results", rule=rule, remedy="give another --out, or leave it out"
+        )
     from magmpm.studies.engine.storage_url import known_url
 
     report = saved_report(folder)
@@ -46,7 +50,15 @@ def command(options: argparse.Namespace) -> int:
         raise InputError("--motion", received=str(folder), rule=rule, remedy="leave it out")
     storage = known_url(report["storage"], options.storage, os.environ)
     with folder_lock(out):
-        made = write(folder, report, out, storage=storage, quick=options.quick, motion=options.motion, pdf=not options.no_pdf)
+        made = write(
+            folder,
+            report,
+            out,
+            storage=storage,
+            quick=options.quick,
+            motion=options.motion,
+            pdf=not options.no_pdf,
+        )
     for note in made["notes"]:
         print(f"magmpm: note: {note}", file=sys.stderr)
     lines = [f"saved {made['html']}", *([f"saved {made['pdf']}"] if made["pdf"] else [])]
@@ -55,19 +67,39 @@ def command(options: argparse.Namespace) -> int:
 
 
 def write(
-    folder: Path, report: Mapping[str, Any], out: Path, *, storage: str | None, quick: bool, motion: bool, pdf: bool
+    folder: Path,
+    report: Mapping[str, Any],
+    out: Path,
+    *,
+    storage: str | None,
+    quick: bool,
+    motion: bool,
+    pdf: bool,
 ) -> dict[str, Any]:
     """Gather, draw, write OUT/report.html and, where it can, OUT/report.pdf: `html`, `pdf` (or None), `notes`, `best`, `motion`."""
     from magmpm.simulate import run, sensitivities
     from magmpm.studies.sheet import gather
     from magmpm.viz.sheet import PrintError, page, printed
 
-    facts = gather(folder, report, run=run, differentiate=sensitivities, storage=storage, quick=quick, motion=motion)
+    facts = gather(
+        folder,
+        report,
+        run=run,
+        differentiate=sensitivities,
+        storage=storage,
+        quick=quick,
+        motion=motion,
+    )
     with tempfile.TemporaryDirectory(prefix="magmpm-report-") as drawn:
         text = page(facts, _pictures(folder, report, Path(drawn), facts))
     with whole_file(out / PAGE) as part:
         part.write_text(text, encoding="utf-8")
-    made: dict[str, Any] = {"html": str(out / PAGE), "pdf": None, "notes": facts["notes"], "best": report.get("best")}
+    made: dict[str, Any] = {
+        "html": str(out / PAGE),
+        "pdf": None,
+        "notes": facts["notes"],
+        "best": report.get("best"),
+    }
     made["motion"] = facts.get("motion", [])
     if pdf:
         try:
@@ -78,7 +110,9 @@ def write(
     return made
 
 
-def _pictures(folder: Path, report: Mapping[str, Any], drawn: Path, facts: Mapping[str, Any]) -> Pictures:
+def _pictures(
+    folder: Path, report: Mapping[str, Any], drawn: Path, facts: Mapping[str, Any]
+) -> Pictures:
     """The study's pictures; drawn now where it was run without them."""
     from magmpm.studies.engine.records import IMPROVEMENTS, PICTURES
     from magmpm.viz.sheet import Pictures
@@ -90,7 +124,13 @@ def _pictures(folder: Path, report: Mapping[str, Any], drawn: Path, facts: Mappi
 
             with Renderer() as renderer:
                 target = saved_target(folder)
-                draw_study(folder, dict(report), facts["target"] if target is None else target, renderer, drawn)
+                draw_study(
+                    folder,
+                    dict(report),
+                    facts["target"] if target is None else target,
+                    renderer,
+                    drawn,
+                )
             at = drawn
         except Exception as error:  # drawing goes through OpenGL, worker processes and disks: the page is worth more than its pictures
             facts["notes"].append(f"Pictures could not be drawn: {error}")
@@ -98,10 +138,16 @@ def _pictures(folder: Path, report: Mapping[str, Any], drawn: Path, facts: Mappi
     def there(name: str) -> Path | None:
         return at / name if (at / name).exists() else None
 
-    improved = sorted(path.name for path in (folder / IMPROVEMENTS).glob("[0-9]*") if path.name.isdigit())
-    trials = [(folder / PICTURES / f"trial_{name}.png", f"Trial {int(name)}") for name in improved[-6:]]
+    improved = sorted(
+        path.name for path in (folder / IMPROVEMENTS).glob("[0-9]*") if path.name.isdigit()
+    )
+    trials = [
+        (folder / PICTURES / f"trial_{name}.png", f"Trial {int(name)}") for name in improved[-6:]
+    ]
     return Pictures(
-        best=there("best.png"), convergence=there("convergence.png"), pareto=there("pareto.png"),
+        best=there("best.png"),
+        convergence=there("convergence.png"),
+        pareto=there("pareto.png"),
         movies=[(at / name, words) for name, words in MOVIES.items() if (at / name).exists()],
         trials=[(path, words) for path, words in trials if path.exists()],
-    )  # fmt: skip
+    )

@@ -52,7 +52,9 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
     from magmpm.simulate import missed_effects  # what solves, after the file is read
 
     folder, moving = kept.path, scene.in_time
-    timed = scene.resolution.seconds is not None  # of several grids, and a checkpoint is that of one
+    timed = (
+        scene.resolution.seconds is not None
+    )  # of several grids, and a checkpoint is that of one
     resume = options.resume and moving and not timed and (folder / CHECKPOINT).exists()
     if options.resume and not resume:
         _say_afresh(folder, moving, timed)
@@ -60,12 +62,16 @@ def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int
     try:
         result = _simulated(scene, options, kept)
     except SolveError as error:
-        waits = kept.written and (resume or error.state is not None) and (folder / CHECKPOINT).exists()
+        waits = (
+            kept.written and (resume or error.state is not None) and (folder / CHECKPOINT).exists()
+        )
         if isinstance(error, TimeOver) and waits:
             if error.state is not None:
                 _tell_failure(error, folder, options)
             _tell_waiting(folder)
-            raise TimeOver(f"{error.reason}; `--resume` goes on from its last frame in {folder}", error.state) from None
+            raise TimeOver(
+                f"{error.reason}; `--resume` goes on from its last frame in {folder}", error.state
+            ) from None
         _end(kept, error, options)
     except BaseException:
         if not (folder / CHECKPOINT).exists():  # nothing to resume from
@@ -94,13 +100,18 @@ def _end(kept: RunFolder, error: SolveError, options: argparse.Namespace) -> NoR
     _warn(error.state)
     _tell_failure(error, saved, options)
     words = f"; the results in {folder} are as they were" if saved != folder else ""
-    raise type(error)(f"{error.reason}; the last good state is in {saved}{words}", error.state) from None
+    raise type(error)(
+        f"{error.reason}; the last good state is in {saved}{words}", error.state
+    ) from None
 
 
 def _tell_waiting(folder: Path) -> None:
     """Mention earlier results that are saved while a motion waits to be resumed."""
     if (folder / EARLIER).is_dir():
-        print(f"magmpm: earlier results are in {folder / EARLIER}, until this motion is resumed and finished", file=sys.stderr)
+        print(
+            f"magmpm: earlier results are in {folder / EARLIER}, until this motion is resumed and finished",
+            file=sys.stderr,
+        )
 
 
 def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Result:
@@ -112,13 +123,21 @@ def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Re
         for note in notes_before(scene):
             print(f"magmpm: {note}", file=sys.stderr, flush=True)
     with Progress(f"{scene.name}") as progress, of_file(options.scene), limited(options.time_limit):
+
         def tell(step: int, number: float) -> None:
             if not scene.in_time:
                 progress.note(f"Newton step {step}, energy gap {number:.0e}")
             else:
                 progress.at(number, scene.duration, f"step {step}", "s")
 
-        return simulated(scene, folder=kept.path, resume=kept.written, on_progress=tell, on_begin=kept.set_aside, advise=True)
+        return simulated(
+            scene,
+            folder=kept.path,
+            resume=kept.written,
+            on_progress=tell,
+            on_begin=kept.set_aside,
+            advise=True,
+        )
 
 
 def _warn(result: Result) -> None:
@@ -142,11 +161,19 @@ def _tell_failure(error: SolveError, saved: Path, options: argparse.Namespace) -
 def _say_afresh(folder: Path, moving: bool, timed: bool) -> None:
     """--resume, but there is nothing to continue."""
     if moving and timed:
-        print("magmpm: --resume: a run with resolution.seconds begins at the start", file=sys.stderr)
+        print(
+            "magmpm: --resume: a run with resolution.seconds begins at the start", file=sys.stderr
+        )
     elif moving:
-        print(f"magmpm: --resume: {folder} holds no {CHECKPOINT}; the motion begins at the start", file=sys.stderr)
+        print(
+            f"magmpm: --resume: {folder} holds no {CHECKPOINT}; the motion begins at the start",
+            file=sys.stderr,
+        )
     else:
-        print("magmpm: --resume: a static scene has no checkpoints; it is solved from the start", file=sys.stderr)
+        print(
+            "magmpm: --resume: a static scene has no checkpoints; it is solved from the start",
+            file=sys.stderr,
+        )
 
 
 def _report(result: Result, folder: Path, replaced: str) -> str:
@@ -157,7 +184,11 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
         f"  det F           {result.min_det_F:.4f} to {result.max_det_F:.4f}; largest stretch {result.largest_stretch:.3f}",
         *_resolution(result),
         *_chosen(result),
-        *([] if result.stability is None else [f"  stability       {stability_in_words(result.stability)}"]),
+        *(
+            []
+            if result.stability is None
+            else [f"  stability       {stability_in_words(result.stability)}"]
+        ),
         f"  particles, dof  {result.particles}, {result.dof}; section area and second moment exact to "
         f"{max(result.section.values()):.0e}",
         f"  seconds         {seconds['setup'] + seconds['solve']:.3f} (and {seconds['compile']:.2f} to load or compile the kernels)",
@@ -173,7 +204,9 @@ def _places(result: Result) -> list[str]:
     lines = [] if result.tip is None else [f"  tip             {lengths(result.tip)}"]
     lines += [f"  center          {lengths(place)}: {name}" for name, place in named[:PARTS]]
     if len(named) > PARTS:
-        lines.append(f"  center          of {len(named) - PARTS} more parts: `positions` in result.json")
+        lines.append(
+            f"  center          of {len(named) - PARTS} more parts: `positions` in result.json"
+        )
     return lines
 
 
@@ -192,7 +225,10 @@ def _resolution(result: Result) -> list[str]:
 def _chosen(result: Result) -> list[str]:
     """The lines of the effects that were chosen, and of those that were not."""
     words = {True: "chosen", False: "left out"}
-    return [f"  {words[one['chosen']]:15} {one['effect']}: {one['why']}" for one in result.effects_chosen or []]
+    return [
+        f"  {words[one['chosen']]:15} {one['effect']}: {one['why']}"
+        for one in result.effects_chosen or []
+    ]
 
 
 def _done(result: Result) -> str:
@@ -201,8 +237,12 @@ def _done(result: Result) -> str:
     if result.formulation == "quasi_static":
         total, until = sum(step["iterations"] for step in result.steps), quantity(result.time, "s")
         path = f"{len(result.steps)} equilibria until {until} in {total} Newton steps, {count(len(result.jumps), 'jump')}"
-        return "\n".join([path, *(f"  jump            {jump_in_words(jump)}" for jump in result.jumps)])
-    bounds = ", ".join(f"{name} {quantity(step, 's')}" for name, step in result.stable_steps.items())
+        return "\n".join(
+            [path, *(f"  jump            {jump_in_words(jump)}" for jump in result.jumps)]
+        )
+    bounds = ", ".join(
+        f"{name} {quantity(step, 's')}" for name, step in result.stable_steps.items()
+    )
     rate = result.iterations * result.particles / max(result.seconds["solve"], 1e-9) / 1e6
     return (
         f"{quantity(result.time, 's')} of motion in {result.iterations} steps, the last of {quantity(result.time_step, 's')}\n"

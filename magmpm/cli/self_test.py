@@ -13,19 +13,36 @@ from typing import Any
 LENGTH = 40e-3  # m
 SCENE: dict[str, Any] = {  # data/scenes/axial_transverse.yaml
     "name": "self-test",
-    "materials": {"silicone": {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.1}},
+    "materials": {
+        "silicone": {
+            "shear_modulus": 120e3,
+            "bulk_to_shear": 20.0,
+            "density": 1882.0,
+            "remanence": 0.1,
+        }
+    },
     "body": {
         "catheter": {
-            "length": LENGTH, "diameter": 4e-3, "material": "silicone", "clamp": "base", "segments": [{"magnetization": [1.0, 0.0, 0.0]}],
+            "length": LENGTH,
+            "diameter": 4e-3,
+            "material": "silicone",
+            "clamp": "base",
+            "segments": [{"magnetization": [1.0, 0.0, 0.0]}],
         }
     },
     "field": {"uniform": [0.0, 0.0, 5e-3]},
     "effects": {"magnetic_torque": {}},
     "advice": "off",
-}  # fmt: skip
-KNOWN_AT, KNOWN = 39.8e-3, (34.356642e-3, 18.306328e-3)  # arc length and (x, z) m there, by finite elements of order 4
+}
+KNOWN_AT, KNOWN = (
+    39.8e-3,
+    (34.356642e-3, 18.306328e-3),
+)  # arc length and (x, z) m there, by finite elements of order 4
 EQUILIBRIUM = (0.034462825956075444, 0.01849703241471859)  # tip (x, z) m, two cells across
-MOTION = (0.039984602246257175, 0.0006232223331336377)  # tip (x, z) m, two cells across, after 5 ms from rest
+MOTION = (
+    0.039984602246257175,
+    0.0006232223331336377,
+)  # tip (x, z) m, two cells across, after 5 ms from rest
 STABILITY = 1.2376528590218245
 
 
@@ -36,15 +53,36 @@ def main() -> int:
     from magmpm.results.measures import centreline_at
 
     rest, fine = _run(2), _run(4)
-    moved = _run(2, solver={"dynamic": {"duration": 5e-3}}, effects={"magnetic_torque": {}, "damping": {"rate": 60.0}})
+    moved = _run(
+        2,
+        solver={"dynamic": {"duration": 5e-3}},
+        effects={"magnetic_torque": {}, "damping": {"rate": 60.0}},
+    )
     place = centreline_at(fine, np.array([KNOWN_AT]))[0]
     rows = [
-        _row("equilibrium", _away(rest.tip, EQUILIBRIUM), 1e-6, "at most 1e-6 from what is stored: where the solve ends", rest),
+        _row(
+            "equilibrium",
+            _away(rest.tip, EQUILIBRIUM),
+            1e-6,
+            "at most 1e-6 from what is stored: where the solve ends",
+            rest,
+        ),
         _stability(float(rest.stability or 0.0)),
-        _row("finite elements", _away(place, KNOWN), 1e-3, "at most 1e-3 from finite elements: the error of 4 cells across", fine),
-        _row("motion of 5 ms", _away(moved.tip, MOTION), 1e-5,
-             "at most 1e-5 from what is stored: hundreds of steps add up their rounding", moved),
-    ]  # fmt: skip
+        _row(
+            "finite elements",
+            _away(place, KNOWN),
+            1e-3,
+            "at most 1e-3 from finite elements: the error of 4 cells across",
+            fine,
+        ),
+        _row(
+            "motion of 5 ms",
+            _away(moved.tip, MOTION),
+            1e-5,
+            "at most 1e-5 from what is stored: hundreds of steps add up their rounding",
+            moved,
+        ),
+    ]
     print(json.dumps(rows))
     return 0
 
@@ -61,7 +99,13 @@ def _row(name: str, away: float, bound: float, rule: str, result: Any) -> dict[s
     seconds = result.seconds
     compiled = f", and {seconds['compile']:.0f} s to compile" if seconds["compile"] > 1 else ""
     found = f"{away / LENGTH:.1e} of the length away, {seconds['setup'] + seconds['solve']:.2f} s{compiled}"
-    return {"name": name, "passed": away <= bound * LENGTH, "found": found, "rule": rule, "away_m": away}
+    return {
+        "name": name,
+        "passed": away <= bound * LENGTH,
+        "found": found,
+        "rule": rule,
+        "away_m": away,
+    }
 
 
 def _away(tip: Any, stored: tuple[float, float]) -> float:
@@ -73,9 +117,12 @@ def _stability(found: float) -> dict[str, Any]:
     """The softest stiffness over that of the unloaded body, an eigenvalue: it sees the whole tangent."""
     away = abs(found - STABILITY) / STABILITY
     return {
-        "name": "eigenvalue", "passed": away <= 1e-3, "found": f"{found:.6f}, {away:.1e} from what is stored",
-        "rule": "at most 1e-3: its iteration stops there", "away_m": 0.0,
-    }  # fmt: skip
+        "name": "eigenvalue",
+        "passed": away <= 1e-3,
+        "found": f"{found:.6f}, {away:.1e} from what is stored",
+        "rule": "at most 1e-3: its iteration stops there",
+        "away_m": 0.0,
+    }
 
 
 if __name__ == "__main__":

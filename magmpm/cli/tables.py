@@ -30,14 +30,24 @@ def accuracy(options: argparse.Namespace) -> int:
         kept.claim(options.overwrite)
         with Progress(f"accuracy of {scene.name}") as progress, of_file(options.scene):
             ladder = climb(scene, run, cells, progress.at, motion=options.motion)
-        from magmpm.viz import plots  # matplotlib takes 0.4 s to import: after the work that may fail
+        from magmpm.viz import (
+            plots,
+        )  # matplotlib takes 0.4 s to import: after the work that may fail
 
         files = [*save(ladder, folder)]
         if len(ladder.rungs) > 1:  # one alone has no error to be drawn
-            files.append(plots.accuracy(ladder.summary()["rungs"], folder / f"accuracy.{options.format}", title=scene.name))
+            files.append(
+                plots.accuracy(
+                    ladder.summary()["rungs"],
+                    folder / f"accuracy.{options.format}",
+                    title=scene.name,
+                )
+            )
         kept.sign_accuracy()
     summary = {**ladder.summary(), "files": [str(path) for path in files]}
-    print_summary(options, summary, "\n".join([ladder.table(), *(f"saved {path}" for path in files)]))
+    print_summary(
+        options, summary, "\n".join([ladder.table(), *(f"saved {path}" for path in files)])
+    )
     return 0 if len(ladder.rungs) > 1 else SolveError.exit_status
 
 
@@ -45,7 +55,9 @@ def _cells(text: str | None) -> list[int]:
     try:
         return [int(part) for part in text.split(",")] if text else []
     except ValueError:
-        raise InputError(f"--cells: got {text!r}; must be whole numbers with commas between, such as 2,3,4,6") from None
+        raise InputError(
+            f"--cells: got {text!r}; must be whole numbers with commas between, such as 2,3,4,6"
+        ) from None
 
 
 def effects(options: argparse.Namespace) -> int:
@@ -67,27 +79,51 @@ def tip_map(options: argparse.Namespace) -> int:
     from magmpm.studies.explore.tip_map import MARKS, in_plane, map_tips, on_rays
     from magmpm.viz.tip_map import draw
 
-    fields = in_plane(options.fields, largest, options.plane) if options.plane else on_rays(options.fields, largest, options.strengths)
+    fields = (
+        in_plane(options.fields, largest, options.plane)
+        if options.plane
+        else on_rays(options.fields, largest, options.strengths)
+    )
     if options.plane and options.strengths is not None:
-        raise InputError("--strengths: belongs to directions over the sphere; leave it out with --plane")
+        raise InputError(
+            "--strengths: belongs to directions over the sphere; leave it out with --plane"
+        )
     with folder_of_results(options, scene.name) as folder:
         with Progress(f"map of {scene.name}") as progress, of_file(options.scene):
             found = map_tips(ready(scene, options.cells), fields, progress.at)
         files = found.save(folder)
         picture = draw(
-            folder / f"map.{options.format}", fields=fields.values, tips=found.tip, marks=found.mark, kind=fields.kind, axes=fields.axes,
-            shape=fields.shape, length=scene.length, name=scene.name, words=MARKS,
-        )  # fmt: skip
+            folder / f"map.{options.format}",
+            fields=fields.values,
+            tips=found.tip,
+            marks=found.mark,
+            kind=fields.kind,
+            axes=fields.axes,
+            shape=fields.shape,
+            length=scene.length,
+            name=scene.name,
+            words=MARKS,
+        )
     files.append(picture)
-    print_summary(options, {**found.summary(), "files": [str(path) for path in files]}, _map_text(found, files))
+    print_summary(
+        options,
+        {**found.summary(), "files": [str(path) for path in files]},
+        _map_text(found, files),
+    )
     return 0
 
 
 def _map_text(found: TipMap, files: list[Path]) -> str:
     from magmpm.studies.explore.tip_map import MARKS
 
-    rows = [f"  {number:6d}  {mark:11} {MARKS[mark]}" for mark, number in found.counts().items() if number]
-    head = f"{found.scene.name}: the tip in {count(len(found.tip), 'field')}, in {found.seconds:.1f} s"
+    rows = [
+        f"  {number:6d}  {mark:11} {MARKS[mark]}"
+        for mark, number in found.counts().items()
+        if number
+    ]
+    head = (
+        f"{found.scene.name}: the tip in {count(len(found.tip), 'field')}, in {found.seconds:.1f} s"
+    )
     return "\n".join([head, *reversed(rows), *(f"saved {path}" for path in files)])
 
 
@@ -98,17 +134,24 @@ def stability(options: argparse.Namespace) -> int:
     _refuse_mixed(options)
     if options.random is not None:
         return _random(options)
-    named = [case for case in CASES if options.case is None or options.case.lower() in case.name.lower()]
+    named = [
+        case for case in CASES if options.case is None or options.case.lower() in case.name.lower()
+    ]
     chosen = [case for case in named if not (options.quick and case.slow)]
     if not chosen:
-        raise InputError(f"--case: received {options.case!r}; must be part of a name: {', '.join(case.name for case in CASES)}")
+        raise InputError(
+            f"--case: received {options.case!r}; must be part of a name: {', '.join(case.name for case in CASES)}"
+        )
     with Progress("hard cases") as progress:
         outcomes = run_cases(chosen, on_done=progress.at)
     failed = [outcome.case.name for outcome in outcomes if not outcome.passed]
     summary = {"cases": [outcome.summary() for outcome in outcomes], "failed": failed}
     print_summary(options, summary, table(outcomes))
     if failed:
-        print(f"magmpm: {len(failed)} of {len(outcomes)} hard cases failed: {', '.join(failed)}", file=sys.stderr)
+        print(
+            f"magmpm: {len(failed)} of {len(outcomes)} hard cases failed: {', '.join(failed)}",
+            file=sys.stderr,
+        )
     return 3 if failed else 0
 
 
@@ -122,7 +165,10 @@ def _refuse_mixed(options: argparse.Namespace) -> None:
         return
     cases = [f"--{name}" for name in ("case", "quick") if getattr(options, name)]
     if cases:
-        rule, remedy = "chooses among the cases, and --random draws scenes in their place", "leave out one of the two"
+        rule, remedy = (
+            "chooses among the cases, and --random draws scenes in their place",
+            "leave out one of the two",
+        )
         raise InputError(cases[0], rule=rule, remedy=remedy, received=f"--random {options.random}")
 
 
@@ -133,12 +179,20 @@ def _random(options: argparse.Namespace) -> int:
     seed = 0 if options.seed is None else options.seed
     for key, given, least in (("--random", options.random, 1), ("--seed", seed, 0)):
         if given < least:
-            raise InputError(key, received=str(given), rule=f"must be {least} or more", remedy="write, say, --random 300 --seed 1")
+            raise InputError(
+                key,
+                received=str(given),
+                rule=f"must be {least} or more",
+                remedy="write, say, --random 300 --seed 1",
+            )
     folder = options.out or Path("runs") / f"random-{seed}"
     with Progress("random scenes") as progress:
         summary = run_random(options.random, seed, folder, on_done=lambda k, n: progress.at(k, n))
     print_summary(options, summary, random_table(summary))
     broken = sum(summary[end] for end in BROKEN)
     if broken:
-        print(f"magmpm: {broken} of {summary['scenes']} random scenes went wrong; see above", file=sys.stderr)
+        print(
+            f"magmpm: {broken} of {summary['scenes']} random scenes went wrong; see above",
+            file=sys.stderr,
+        )
     return 3 if broken else 0

@@ -24,13 +24,20 @@ def command(options: argparse.Namespace) -> int:
     path = Path(options.scene)
     scene, path, target, target_name = _requested(path, options)
     if options.port is not None and not 0 <= options.port < 65536:
-        raise InputError("--port", received=str(options.port), rule="must be 0 to 65535", remedy="--port 0 takes a free one")
+        raise InputError(
+            "--port",
+            received=str(options.port),
+            rule="must be 0 to 65535",
+            remedy="--port 0 takes a free one",
+        )
     folder = options.out or results_folder(scene.name)
     refuse_unwritable(folder)
     if scene.in_time:
         if options.cells is not None:
             remedy = "leave it out, or change the scene's resolution"
-            raise InputError(f"--cells: received one for a motion, which is shown as it is run; {remedy}")
+            raise InputError(
+                f"--cells: received one for a motion, which is shown as it is run; {remedy}"
+            )
         from magmpm.cli.view_pages import MotionView
 
         view: Any = MotionView(scene, path, folder)
@@ -61,7 +68,9 @@ def _requested(path: Path, options: argparse.Namespace) -> tuple[Scene, Path, An
     if options.target is None:
         return scene, path, target, name
     if scene.in_time:
-        raise InputError("--target: received one for a motion; a target is compared with a shape at rest: leave it out")
+        raise InputError(
+            "--target: received one for a motion; a target is compared with a shape at rest: leave it out"
+        )
     return scene, path, *_target(Path(options.target), scene)
 
 
@@ -71,9 +80,15 @@ def _target(path: Path, scene: Scene) -> tuple[Any, str]:
     from magmpm.studies.search.definition import load_study
     from magmpm.studies.search.study_checks import check_shape
 
-    rows = read_centreline(path) if path.suffix.lower() not in (".yaml", ".yml") else load_study(path).target
+    rows = (
+        read_centreline(path)
+        if path.suffix.lower() not in (".yaml", ".yml")
+        else load_study(path).target
+    )
     if scene.body.shape.line is None:
-        raise InputError(f"--target: received {path}; a body made of parts has no axis to compare with it: leave it out")
+        raise InputError(
+            f"--target: received {path}; a body made of parts has no axis to compare with it: leave it out"
+        )
     check_shape(rows, scene.length, f"--target: {path}")
     return rows, path.stem.replace("_", " ")
 
@@ -83,7 +98,9 @@ def _serve(view: Any, path: Path, options: argparse.Namespace) -> int:
 
     with PageServer(view.routes(), options.host, options.port) as server:
         _tell(server, path, options)
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does, with its processes
+        signal.signal(
+            signal.SIGTERM, signal.default_int_handler
+        )  # ends it as Ctrl-C does, with its processes
         try:
             server.serve_forever()
         except KeyboardInterrupt:  # the usual way to end it

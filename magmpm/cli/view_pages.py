@@ -16,25 +16,45 @@ from magmpm.results.file_names import MOTION
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
-from magmpm.studies.explore.live import Overtaken, Preview, Shape, Solver, changed, checked, controls, saved
+from magmpm.studies.explore.live import (
+    Overtaken,
+    Preview,
+    Shape,
+    Solver,
+    changed,
+    checked,
+    controls,
+    saved,
+)
 from magmpm.viz.page import MotionStage, Stage, about_scene, packed
 
 
 class ShapeView:
     """The page of a scene at rest: previews, shapes and saved scenes by the values of its sliders."""
 
-    def __init__(self, scene: Scene, path: Path, folder: Path, target: Any, target_name: str) -> None:
+    def __init__(
+        self, scene: Scene, path: Path, folder: Path, target: Any, target_name: str
+    ) -> None:
         """scene: ready to be solved; path: its file; folder: where scenes are saved; target (m, 4) m or None."""
         self.scene, self.path, self.folder = scene, path, folder
         self.target, self.target_name = target, target_name
         self.controls = {control.id: control for control in controls(scene)}
-        self._previewing, self._drawing, self._saving = threading.Lock(), threading.Lock(), threading.Lock()
+        self._previewing, self._drawing, self._saving = (
+            threading.Lock(),
+            threading.Lock(),
+            threading.Lock(),
+        )
         self._preview, self._stage = Preview(), Stage()
         self._solver = Solver(target)
 
     def routes(self) -> Routes:
         """Requests that the page may send, and the functions that answer them."""
-        return {"about": self.about, "preview": self.preview, "solve": self.solve, "save": self.save}
+        return {
+            "about": self.about,
+            "preview": self.preview,
+            "solve": self.solve,
+            "save": self.save,
+        }
 
     def about(self, _: Any) -> Mapping[str, Any]:
         """The scene and its sliders."""
@@ -69,8 +89,14 @@ class ShapeView:
             return self._words("failed", solved.failure)
         with self._previewing:
             self._preview.learn(solved.result)
-        about = {"state": "solved", "seconds": solved.seconds, "numbers": _numbers(solved.result, solved.rms)}
-        return self._drawn(scene, Shape.of(solved.result), request, {**about, "warnings": solved.result.warnings})
+        about = {
+            "state": "solved",
+            "seconds": solved.seconds,
+            "numbers": _numbers(solved.result, solved.rms),
+        }
+        return self._drawn(
+            scene, Shape.of(solved.result), request, {**about, "warnings": solved.result.warnings}
+        )
 
     def save(self, request: Any) -> Mapping[str, Any]:
         """Write the scene as it is shown. Raises InputError."""
@@ -79,17 +105,26 @@ class ShapeView:
         with self._saving:
             taken = {path.name for path in self.folder.glob("view-*.yaml")}
             name = next(name for k in range(1, 100_000) if (name := f"view-{k}.yaml") not in taken)
-            read_back = saved(self.scene, self.path, shown, self.controls, values, self.folder / name)
+            read_back = saved(
+                self.scene, self.path, shown, self.controls, values, self.folder / name
+            )
         if read_back.hash() != shown.hash():
-            raise InputError(f"{self.folder / name}: what was written is not what is shown; please report this")
-        return {"path": str(self.folder / name), "command": f"magmpm run {self.folder / name} --render"}
+            raise InputError(
+                f"{self.folder / name}: what was written is not what is shown; please report this"
+            )
+        return {
+            "path": str(self.folder / name),
+            "command": f"magmpm run {self.folder / name} --render",
+        }
 
     def close(self) -> None:
         """End the solver."""
         self._solver.close()
 
     def _values(self, request: Any) -> dict[str, float]:
-        return checked(self.controls, request.get("values", {}) if isinstance(request, Mapping) else None)
+        return checked(
+            self.controls, request.get("values", {}) if isinstance(request, Mapping) else None
+        )
 
     def _scene(self, request: Any) -> Scene:
         return changed(self.scene, self.controls, self._values(request))
@@ -104,13 +139,27 @@ class ShapeView:
 
 def _numbers(result: Result, rms: float | None) -> list[dict[str, Any]]:
     """Numbers shown next to the shape: label, text, and whether it is cause for alarm."""
-    rows: list[tuple[str, str, bool]] = [] if result.tip is None else [("tip", lengths(result.tip), False)]
+    rows: list[tuple[str, str, bool]] = (
+        [] if result.tip is None else [("tip", lengths(result.tip), False)]
+    )
     if rms is not None:
         rows.append(("rms to target", f"{1e3 * rms:.3g} mm", False))
     if result.stability is not None:
         soft = any(w.startswith("stability: ") for w in result.warnings)
-        rows.append(("stability", f"{result.stability:.3g}" + (" (about to lose its hold)" if soft else ""), soft))
-    rows.append(("largest stretch", f"{result.largest_stretch:.3g}", any(w.startswith("strain: ") for w in result.warnings)))
+        rows.append(
+            (
+                "stability",
+                f"{result.stability:.3g}" + (" (about to lose its hold)" if soft else ""),
+                soft,
+            )
+        )
+    rows.append(
+        (
+            "largest stretch",
+            f"{result.largest_stretch:.3g}",
+            any(w.startswith("strain: ") for w in result.warnings),
+        )
+    )
     rows.append(("Newton steps", str(result.iterations), False))
     return [{"label": label, "text": text, "alarm": alarm} for label, text, alarm in rows]
 
@@ -126,8 +175,19 @@ class MotionView:
         self._run: subprocess.Popen[bytes] | None = None
         self._said = tempfile.TemporaryFile()  # noqa: SIM115
         if not self._saved():
-            command = [sys.executable, "-m", "magmpm.cli", "run", str(path), "--out", str(folder), "--resume"]
-            self._run = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self._said)
+            command = [
+                sys.executable,
+                "-m",
+                "magmpm.cli",
+                "run",
+                str(path),
+                "--out",
+                str(folder),
+                "--resume",
+            ]
+            self._run = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=self._said
+            )
 
     def routes(self) -> Routes:
         """Requests that the page may send, and the functions that answer them."""
@@ -137,7 +197,13 @@ class MotionView:
         """The scene, and how it is solved."""
         kind = "equilibria along time" if self.scene.static else "motion"
         effects = list(self.scene.effects.named())
-        return {"kind": "motion", "solved": kind, "effects": effects, "duration": self.scene.duration, **about_scene(self.scene, None, "")}
+        return {
+            "kind": "motion",
+            "solved": kind,
+            "effects": effects,
+            "duration": self.scene.duration,
+            **about_scene(self.scene, None, ""),
+        }
 
     def progress(self, _: Any) -> Mapping[str, Any]:
         """The frames there are: times (s), energies (J), the tip's path (m), and their box; whether the run goes on, or why it failed."""
@@ -155,8 +221,15 @@ class MotionView:
         number = request.get("number") if isinstance(request, Mapping) else None
         with self._reading:
             motion = self._loaded() if self._stage is None else self._stage.motion
-            if motion is None or isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < len(motion):
-                raise InputError(f"frame: received {number!r:.40}; the motion has frames 0 to {0 if motion is None else len(motion) - 1}")
+            if (
+                motion is None
+                or isinstance(number, bool)
+                or not isinstance(number, int)
+                or not 0 <= number < len(motion)
+            ):
+                raise InputError(
+                    f"frame: received {number!r:.40}; the motion has frames 0 to {0 if motion is None else len(motion) - 1}"
+                )
             stage = self._staged(motion)
             header, arrays = stage.frame(number, str(request.get("surface", "")))
         return packed(header, arrays)
@@ -173,7 +246,11 @@ class MotionView:
         if not (self.folder / MOTION).exists():
             return False
         motion = Motion.load(self.folder)
-        if motion.scene is None or Scene.from_si(motion.scene).hash() != self.scene.hash() or len(motion) == 0:
+        if (
+            motion.scene is None
+            or Scene.from_si(motion.scene).hash() != self.scene.hash()
+            or len(motion) == 0
+        ):
             return False
         return bool(np.isclose(motion.times[-1], self.scene.duration, rtol=1e-6))
 

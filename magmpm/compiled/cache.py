@@ -50,10 +50,19 @@ def jit(*, elsewhere: bool = False, **options: Any) -> Callable[..., Any]:
 def _compile_elsewhere(dispatcher: Any, signature: Any) -> Any:
     """Compile a function in a process of its own, unless this is one that compiles, and load it from the disk."""
     known = tuple(signature) in dispatcher.overloads
-    if not (known or _compiles_here or dispatcher._cache.load_overload(signature, dispatcher.targetctx)):
-        with started(1, _begin) as (process,), suppress(Exception):  # of whatever kind: it is compiled here
-            imported = [name for name in sys.modules if name.startswith("magmpm.effects.")]  # their hooks are part of what is compiled
-            process.ask((imported, dispatcher.py_func.__module__, dispatcher.py_func.__name__, signature))
+    if not (
+        known or _compiles_here or dispatcher._cache.load_overload(signature, dispatcher.targetctx)
+    ):
+        with (
+            started(1, _begin) as (process,),
+            suppress(Exception),
+        ):  # of whatever kind: it is compiled here
+            imported = [
+                name for name in sys.modules if name.startswith("magmpm.effects.")
+            ]  # their hooks are part of what is compiled
+            process.ask(
+                (imported, dispatcher.py_func.__module__, dispatcher.py_func.__name__, signature)
+            )
     return type(dispatcher).compile(dispatcher, signature)
 
 
@@ -88,7 +97,9 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         plain = self._cache_file
-        self._cache_file = _SealedFiles(self._cache_path, f"{self._impl.filename_base}.sealed", plain._source_stamp)
+        self._cache_file = _SealedFiles(
+            self._cache_path, f"{self._impl.filename_base}.sealed", plain._source_stamp
+        )
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save a compiled function, if the disk accepts it."""
@@ -101,7 +112,9 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
         """The saved function, or None."""
         try:
             if (found := super().load_overload(sig, target_context)) is not None:
-                found.library._reload_init.update(found.reload_init)  # Numba forgets that what calls a parallel kernel must start threads
+                found.library._reload_init.update(
+                    found.reload_init
+                )  # Numba forgets that what calls a parallel kernel must start threads
             return found
         except OSError as error:
             _tell(f"{self._cache_path}: {error.strerror or error}", "can't be read")

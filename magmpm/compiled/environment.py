@@ -14,7 +14,15 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1]
 MOST_THREADS = 4096
-LAYERS = ("default", "safe", "threadsafe", "forksafe", "tbb", "omp", "workqueue")  # names that Numba accepts
+LAYERS = (
+    "default",
+    "safe",
+    "threadsafe",
+    "forksafe",
+    "tbb",
+    "omp",
+    "workqueue",
+)  # names that Numba accepts
 
 
 def source_hash() -> str:
@@ -40,11 +48,21 @@ def _cache_folder() -> Path:
             folder.parent.mkdir(mode=0o700, exist_ok=True)
             refuse_shared(folder.parent)
             folder.mkdir(exist_ok=True)
-            print(f"magmpm: the cache folder can't be written ({error}); compiled kernels are kept in {folder}", file=sys.stderr)
+            print(
+                f"magmpm: the cache folder can't be written ({error}); compiled kernels are kept in {folder}",
+                file=sys.stderr,
+            )
         except OSError as other:  # magmpm.compiled.cache works without a folder
-            print(f"magmpm: no folder takes compiled kernels ({error}; {other}): every run compiles its own", file=sys.stderr)
+            print(
+                f"magmpm: no folder takes compiled kernels ({error}; {other}): every run compiles its own",
+                file=sys.stderr,
+            )
         return folder
-    old = sorted((path for path in root.glob("numba-*") if path != folder), key=lambda p: p.stat().st_mtime, reverse=True)
+    old = sorted(
+        (path for path in root.glob("numba-*") if path != folder),
+        key=lambda p: p.stat().st_mtime,
+        reverse=True,
+    )
     for stale in old[3:]:  # with this one, four versions of the sources stay on the disk
         shutil.rmtree(stale, ignore_errors=True)
     return folder
@@ -53,7 +71,11 @@ def _cache_folder() -> Path:
 def refuse_shared(folder: Path) -> None:
     """Raise PermissionError unless a folder is this user's own and no other's to write: compiled kernels are code that is run."""
     about = folder.lstat()
-    if not stat.S_ISDIR(about.st_mode) or about.st_uid != os.getuid() or about.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+    if (
+        not stat.S_ISDIR(about.st_mode)
+        or about.st_uid != os.getuid()
+        or about.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    ):
         raise PermissionError(f"{folder} can be written by other users")
 
 
@@ -63,7 +85,9 @@ def prepare() -> None:
         os.environ["NUMBA_CACHE_DIR"] = str(_cache_folder())
         if "numba" in sys.modules:  # it has already read the environment
             sys.modules["numba"].config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # with a render process beside them, spinning threads are 2-4 times slower
+    os.environ.setdefault(
+        "OMP_WAIT_POLICY", "passive"
+    )  # with a render process beside them, spinning threads are 2-4 times slower
     # But a thread that sleeps between two loops of a step wakes late, so it spins for some ten microseconds, a third of a small step.
     os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
@@ -73,9 +97,18 @@ def refuse_unusable() -> None:
     from magmpm.errors import InputError
 
     threads, layer = os.environ.get("NUMBA_NUM_THREADS"), os.environ.get("NUMBA_THREADING_LAYER")
-    if threads is not None and not (re.fullmatch(r"\s*[0-9]{1,9}\s*", threads) and 1 <= int(threads) <= MOST_THREADS):
-        rule, remedy = f"must be a whole number from 1 to {MOST_THREADS}", f"set it to, say, {os.cpu_count() or 1}, or unset it"
-        raise InputError("NUMBA_NUM_THREADS", received=threads or "nothing", rule=rule, remedy=remedy)
+    if threads is not None and not (
+        re.fullmatch(r"\s*[0-9]{1,9}\s*", threads) and 1 <= int(threads) <= MOST_THREADS
+    ):
+        rule, remedy = (
+            f"must be a whole number from 1 to {MOST_THREADS}",
+            f"set it to, say, {os.cpu_count() or 1}, or unset it",
+        )
+        raise InputError(
+            "NUMBA_NUM_THREADS", received=threads or "nothing", rule=rule, remedy=remedy
+        )
     if layer is not None and layer.lower() not in LAYERS:
         rule, remedy = f"must be one of {', '.join(LAYERS)}", "unset it"
-        raise InputError("NUMBA_THREADING_LAYER", received=layer or "nothing", rule=rule, remedy=remedy)
+        raise InputError(
+            "NUMBA_THREADING_LAYER", received=layer or "nothing", rule=rule, remedy=remedy
+        )

@@ -35,7 +35,10 @@ if _settings.DISABLE_JIT:
         remedy="unset it (and disable_jit in .numba_config.yaml)",
     )
 FASTMATH = {"contract", "reassoc", "arcp", "nsz", "afn"}
-_OPTIONS: Any = {"fastmath": FASTMATH, "no_cfunc_wrapper": True}  # wrappers for C would take 5 % of compiling; nobody calls them
+_OPTIONS: Any = {
+    "fastmath": FASTMATH,
+    "no_cfunc_wrapper": True,
+}  # wrappers for C would take 5 % of compiling; nobody calls them
 _ALL: dict[str, Any] = {**_OPTIONS, "error_model": "numpy", "nogil": True}
 kernel: Callable[..., Any] = jit(parallel=True, **_ALL)
 compiled: Callable[..., Any] = jit(**_ALL)
@@ -51,22 +54,42 @@ def chosen_by_types(build: Callable[..., Any]) -> Callable[..., Any]:
     """Function for compiled code: `build` chooses its code by the types of the arguments. Called from Python it raises TypeError."""
 
     def called(*_: Any) -> Any:
-        raise TypeError("only compiled code can call this: which code it is depends on the types of the arguments")
+        raise TypeError(
+            "only compiled code can call this: which code it is depends on the types of the arguments"
+        )
 
     overload(called, jit_options=_OPTIONS, strict=False)(build)
     return called
 
 
-def only_where(argument: str, needed: Callable[[Any], bool], function: Any, otherwise: str = "None") -> Callable[..., Any]:
+def only_where(
+    argument: str, needed: Callable[[Any], bool], function: Any, otherwise: str = "None"
+) -> Callable[..., Any]:
     """A compiled function that is called, and compiled into its callers, only where the type of one argument needs it.
 
     needed: of that argument's Numba type; otherwise: Python text of the value elsewhere. The result can be called by compiled code alone.
     """
-    name, names = f"where{function.py_func.__name__}", ", ".join(signature(function.py_func).parameters)
+    name, names = (
+        f"where{function.py_func.__name__}",
+        ", ".join(signature(function.py_func).parameters),
+    )
     space = {"function": function, "needed": needed, "__name__": function.py_func.__module__}
-    exec(f"def {name}({names}):\n    if needed({argument}):\n        return lambda {names}: function({names})\n"
-         f"    return lambda {names}: {otherwise}", space)  # fmt: skip
+    exec(
+        f"def {name}({names}):\n    if needed({argument}):\n        return lambda {names}: function({names})\n"
+        f"    return lambda {names}: {otherwise}",
+        space,
+    )
     return chosen_by_types(space[name])
 
 
-__all__ = ["FASTMATH", "chosen_by_types", "compiled", "compiled_elsewhere", "inlined", "inner_kernel", "kernel", "only_where", "prange"]
+__all__ = [
+    "FASTMATH",
+    "chosen_by_types",
+    "compiled",
+    "compiled_elsewhere",
+    "inlined",
+    "inner_kernel",
+    "kernel",
+    "only_where",
+    "prange",
+]

@@ -17,7 +17,9 @@ SMALL = 1 << 20  # bytes: below, the allocator keeps the memory itself
 MOST = 1 << 29  # bytes that wait for their next use
 WASTE = 2  # an array may get up to so many times the memory that it needs
 
-_free: dict[int, mmap.mmap] = {}  # by identity, oldest first; single operations on it are safe between threads
+_free: dict[
+    int, mmap.mmap
+] = {}  # by identity, oldest first; single operations on it are safe between threads
 
 
 def empty(shape: tuple[int, ...]) -> Array:

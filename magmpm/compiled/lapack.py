@@ -17,7 +17,10 @@ BLAS, LAPACK = "scipy.linalg.cython_blas", "scipy.linalg.cython_lapack"
 def addresses(precision: str = "d") -> tuple[int, int, int, int, int, int]:
     """Addresses of potrf, trsm, syrk, gemm, trsv, gemv, in "d" double or "s" single precision. SciPy takes 0.1 s to import: not before."""
     found = [get_cython_function_address(LAPACK, f"{precision}potrf")]
-    found += [get_cython_function_address(BLAS, precision + name) for name in ("trsm", "syrk", "gemm", "trsv", "gemv")]
+    found += [
+        get_cython_function_address(BLAS, precision + name)
+        for name in ("trsm", "syrk", "gemm", "trsv", "gemv")
+    ]
     return tuple(found)  # type: ignore[return-value]
 
 

@@ -19,7 +19,13 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, TypeVar
 
-READY, PARTIAL, DONE, RAISED, DIED = "ready", "partial", "done", "raised", "died"  # kinds of messages
+READY, PARTIAL, DONE, RAISED, DIED = (
+    "ready",
+    "partial",
+    "done",
+    "raised",
+    "died",
+)  # kinds of messages
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 CLOSING = 5.0  # s that a process may take to end once its pipe is closed
 Job = TypeVar("Job")
@@ -35,7 +41,9 @@ class Died(Exception):
 
 def threads_each(processes: int) -> int:
     """Threads of each of so many processes: together the cores that this process may use, or NUMBA_NUM_THREADS if fewer."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
     return max(1, min(cores, int(os.environ.get("NUMBA_NUM_THREADS") or cores)) // processes)
 
 
@@ -50,7 +58,13 @@ class Process:
     That function may send (PARTIAL, something) through the pipe before it returns its answer.
     """
 
-    def __init__(self, begin: Callable[..., Any], *given: Any, env: Mapping[str, str] | None = None, quiet: bool = True) -> None:
+    def __init__(
+        self,
+        begin: Callable[..., Any],
+        *given: Any,
+        env: Mapping[str, str] | None = None,
+        quiet: bool = True,
+    ) -> None:
         """Start it, and do not wait for it. quiet: what it prints on standard error is lost."""
         self._payload = pickle.dumps((begin, given))
         self._env, self._quiet, self._what = env, quiet, begin.__module__
@@ -64,9 +78,13 @@ class Process:
         code = f"import sys; sys.path.insert(0, {root!r}); from magmpm.compiled.process import serve; serve({theirs.fileno()})"
         with theirs:
             self.process = subprocess.Popen(
-                [sys.executable, "-P", "-c", f"{code}  # {self._what}"], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL if self._quiet else None, pass_fds=[theirs.fileno()], env=self._env,
-            )  # fmt: skip
+                [sys.executable, "-P", "-c", f"{code}  # {self._what}"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL if self._quiet else None,
+                pass_fds=[theirs.fileno()],
+                env=self._env,
+            )
         with suppress(OSError):  # it has died; whoever waits for its answer learns of it
             self.pipe.send(sys.path)
             self.pipe.send_bytes(self._payload)
@@ -82,7 +100,9 @@ class Process:
         try:
             kind, found = self.pipe.recv()
         except (EOFError, OSError):
-            raise Died(self.end(CLOSING), self.process.returncode, time.monotonic() - self.since) from None
+            raise Died(
+                self.end(CLOSING), self.process.returncode, time.monotonic() - self.since
+            ) from None
         if kind == READY:
             self.ready, self.since = True, time.monotonic()
         return kind, found
@@ -126,11 +146,17 @@ class Process:
         assert self.process.stdin is not None
         self.process.stdin.close()
         known = -status in set(signal.Signals)
-        return f"ended by {signal.Signals(-status).name if known else f'signal {-status}'}" if status < 0 else f"ended with status {status}"
+        return (
+            f"ended by {signal.Signals(-status).name if known else f'signal {-status}'}"
+            if status < 0
+            else f"ended with status {status}"
+        )
 
 
 @contextmanager
-def started(count: int, begin: Callable[..., Any], *given: Any, env: Mapping[str, str] | None = None) -> Iterator[list[Process]]:
+def started(
+    count: int, begin: Callable[..., Any], *given: Any, env: Mapping[str, str] | None = None
+) -> Iterator[list[Process]]:
     """Processes that end with this context."""
     processes = [Process(begin, *given, env=env) for _ in range(count)]
     try:
@@ -140,7 +166,9 @@ def started(count: int, begin: Callable[..., Any], *given: Any, env: Mapping[str
             process.end()
 
 
-def answers(jobs: Iterator[Job] | deque[Job], processes: Sequence[Process], limit: float | None = None) -> Iterator[tuple[Job, str, Any]]:
+def answers(
+    jobs: Iterator[Job] | deque[Job], processes: Sequence[Process], limit: float | None = None
+) -> Iterator[tuple[Job, str, Any]]:
     """Job, kind and content of each message, as they come. One that dies, or takes longer than limit, s, is replaced: DIED, with Died.
 
     jobs: a deque may get more of them meanwhile.
@@ -160,9 +188,13 @@ def answers(jobs: Iterator[Job] | deque[Job], processes: Sequence[Process], limi
             try:
                 if process.pipe in ready:
                     kind, found = process.receive()
-                elif limit is not None and process.ready and time.monotonic() - process.since > limit:
+                elif (
+                    limit is not None and process.ready and time.monotonic() - process.since > limit
+                ):
                     process.end()
-                    raise Died(f"no answer in {limit:.0f} s", seconds=time.monotonic() - process.since)
+                    raise Died(
+                        f"no answer in {limit:.0f} s", seconds=time.monotonic() - process.since
+                    )
                 else:
                     continue
             except Died as death:

@@ -59,10 +59,17 @@ def instruction(returns: Any, *takes: Any) -> Callable[..., Any]:
 
     def made(generate: Callable[..., Any]) -> Any:
         def typed(typing_context, *given):
-            return returns(*(of if wanted is None else wanted for wanted, of in zip(takes, given, strict=True))), generate
+            return returns(
+                *(of if wanted is None else wanted for wanted, of in zip(takes, given, strict=True))
+            ), generate
 
-        names = ["typing_context", *(f"value{k}" for k in range(len(takes)))]  # Numba asks for the arguments that a function declares
-        typed.__signature__ = Signature([Parameter(name, Parameter.POSITIONAL_OR_KEYWORD) for name in names])  # type: ignore[attr-defined]
+        names = [
+            "typing_context",
+            *(f"value{k}" for k in range(len(takes))),
+        ]  # Numba asks for the arguments that a function declares
+        typed.__signature__ = Signature(
+            [Parameter(name, Parameter.POSITIONAL_OR_KEYWORD) for name in names]
+        )  # type: ignore[attr-defined]
         return intrinsic(typed)
 
     return made
@@ -71,13 +78,22 @@ def instruction(returns: Any, *takes: Any) -> Callable[..., Any]:
 def _operator(function: Any, name: str) -> None:
     """Define an operator between lanes, and between lanes and a float."""
     type_callable(function)(
-        lambda context: lambda a, b: lanes if lanes in (a, b) and all(t in (lanes, types.float64) for t in (a, b)) else None
+        lambda context: (
+            lambda a, b: (
+                lanes
+                if lanes in (a, b) and all(t in (lanes, types.float64) for t in (a, b))
+                else None
+            )
+        )
     )
 
     def lower(left: Any, right: Any) -> None:
         @lower_builtin(function, left, right)  # type: ignore[untyped-decorator]
         def _lowered(context, builder, signature, values):
-            wide = [value if of == lanes else _everywhere(builder, value) for value, of in zip(values, (left, right), strict=True)]
+            wide = [
+                value if of == lanes else _everywhere(builder, value)
+                for value, of in zip(values, (left, right), strict=True)
+            ]
             return getattr(builder, name)(*wide, flags=_FLAGS)
 
     for pair in ((lanes, lanes), (lanes, types.float64), (types.float64, lanes)):
@@ -88,7 +104,9 @@ for _name, _instruction in (("add", "fadd"), ("sub", "fsub"), ("mul", "fmul"), (
     _operator(getattr(operator, _name), _instruction)
     _operator(getattr(operator, f"i{_name}"), _instruction)
 type_callable(operator.neg)(lambda context: lambda a: lanes if a == lanes else None)
-lower_builtin(operator.neg, lanes)(lambda context, builder, signature, values: builder.fneg(values[0]))
+lower_builtin(operator.neg, lanes)(
+    lambda context, builder, signature, values: builder.fneg(values[0])
+)
 
 
 def _address(context: Any, builder: Any, signature: Any, array: Any, index: Any) -> Any:
@@ -122,13 +140,18 @@ def splat(context, builder, signature, values):
 @instruction(lanes, types.float64, types.float64)
 def halves(context, builder, signature, values):
     """One float in lanes 0 to 3, another in lanes 4 to 7."""
-    return builder.shuffle_vector(*(_everywhere(builder, v) for v in values), _mask([0, 1, 2, 3, 12, 13, 14, 15]))
+    return builder.shuffle_vector(
+        *(_everywhere(builder, v) for v in values), _mask([0, 1, 2, 3, 12, 13, 14, 15])
+    )
 
 
 @instruction(types.UniTuple(types.float64, 3), lanes)
 def folded(context, builder, signature, values):
     """Lanes 0 to 2 plus lanes 4 to 6: three floats."""
-    parts = [builder.extract_element(values[0], ir.Constant(ir.IntType(32), i)) for i in (0, 4, 1, 5, 2, 6)]
+    parts = [
+        builder.extract_element(values[0], ir.Constant(ir.IntType(32), i))
+        for i in (0, 4, 1, 5, 2, 6)
+    ]
     out = [builder.fadd(*parts[i : i + 2], flags=_FLAGS) for i in (0, 2, 4)]
     return context.make_tuple(builder, signature.return_type, out)
 
@@ -137,11 +160,16 @@ def folded(context, builder, signature, values):
 def magnitude(context, builder, signature, values):
     """|value|, lane by lane."""
     kind = ir.FunctionType(_VECTOR, [_VECTOR])
-    return builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.fabs.v8f64"), values)
+    return builder.call(
+        cgutils.get_or_insert_function(builder.module, kind, "llvm.fabs.v8f64"), values
+    )
 
 
 def _join(builder: Any, pair: Any, low: list[int], high: list[int]) -> Any:
-    left, right = builder.shuffle_vector(*pair, _mask(low)), builder.shuffle_vector(*pair, _mask(high))
+    left, right = (
+        builder.shuffle_vector(*pair, _mask(low)),
+        builder.shuffle_vector(*pair, _mask(high)),
+    )
     return builder.fadd(left, right)
 
 
@@ -160,9 +188,13 @@ def sums(context, builder, signature, values):
 def _reduction(name: str) -> Any:
     def generate(context, builder, signature, values):
         kind = ir.FunctionType(_DOUBLE, [_DOUBLE, _VECTOR] if name == "fadd" else [_VECTOR])
-        function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.vector.reduce.{name}.v8f64")
+        function = cgutils.get_or_insert_function(
+            builder.module, kind, f"llvm.vector.reduce.{name}.v8f64"
+        )
         start = [ir.Constant(_DOUBLE, 0.0)] if name == "fadd" else []
-        return builder.call(function, [*start, values[0]], fastmath=("reassoc",) if name == "fadd" else ())
+        return builder.call(
+            function, [*start, values[0]], fastmath=("reassoc",) if name == "fadd" else ()
+        )
 
     return instruction(types.float64, lanes)(generate)
 

@@ -38,21 +38,28 @@ def _view(kind: types.Type) -> Any:
     return instruction(kind, None, types.intp)(generate)
 
 
-vector = _view(View(1))  # vector(array, index): the three lanes from array[index] on, of a flat array
+vector = _view(
+    View(1)
+)  # vector(array, index): the three lanes from array[index] on, of a flat array
 matrix = _view(View(2))  # matrix(array, index): the nine lanes from array[index] on, row by row
 
 
 def _address(builder: Any, view: Any, at: Any) -> Any:
     """Address of lanes number `at` of a view."""
     first = builder.mul(at, ir.Constant(at.type, WIDTH))
-    return builder.bitcast(builder.gep(view, [first]), ir.VectorType(ir.DoubleType(), WIDTH).as_pointer())
+    return builder.bitcast(
+        builder.gep(view, [first]), ir.VectorType(ir.DoubleType(), WIDTH).as_pointer()
+    )
 
 
 def _entry(context: Any, builder: Any, kind: View, index_type: Any, index: Any) -> Any:
     """Number of the lanes for an index or a pair of indices."""
     if kind.indices == 1:
         return context.cast(builder, index, index_type, types.intp)
-    parts = [context.cast(builder, builder.extract_value(index, k), index_type[k], types.intp) for k in range(2)]
+    parts = [
+        context.cast(builder, builder.extract_value(index, k), index_type[k], types.intp)
+        for k in range(2)
+    ]
     return builder.add(builder.mul(parts[0], ir.Constant(parts[0].type, 3)), parts[1])
 
 
@@ -61,10 +68,14 @@ def _indexes(kind: Any, index: Any) -> bool:
         return False
     if kind.indices == 1:
         return isinstance(index, types.Integer)
-    return isinstance(index, (types.Tuple, types.UniTuple)) and [isinstance(t, types.Integer) for t in index] == [True, True]
+    return isinstance(index, (types.Tuple, types.UniTuple)) and [
+        isinstance(t, types.Integer) for t in index
+    ] == [True, True]
 
 
-type_callable(operator.getitem)(lambda context: lambda view, index: lanes if _indexes(view, index) else None)
+type_callable(operator.getitem)(
+    lambda context: lambda view, index: lanes if _indexes(view, index) else None
+)
 
 
 @lower_builtin(operator.getitem, View, types.Any)
@@ -76,7 +87,11 @@ def _getitem(context, builder, signature, values):
     return loaded
 
 
-type_callable(operator.setitem)(lambda context: lambda view, index, value: types.void if _indexes(view, index) and value == lanes else None)
+type_callable(operator.setitem)(
+    lambda context: (
+        lambda view, index, value: types.void if _indexes(view, index) and value == lanes else None
+    )
+)
 
 
 @lower_builtin(operator.setitem, View, types.Any, lanes)
@@ -113,9 +128,15 @@ def _of_row(view: Any, index: Any) -> bool:
     return isinstance(view, Row) and isinstance(index, types.Integer)
 
 
-type_callable(operator.getitem)(lambda context: lambda view, index: types.float64 if _of_row(view, index) else None)
+type_callable(operator.getitem)(
+    lambda context: lambda view, index: types.float64 if _of_row(view, index) else None
+)
 type_callable(operator.setitem)(
-    lambda context: lambda view, index, value: types.void if _of_row(view, index) and isinstance(value, types.Float) else None
+    lambda context: (
+        lambda view, index, value: (
+            types.void if _of_row(view, index) and isinstance(value, types.Float) else None
+        )
+    )
 )
 
 

@@ -43,7 +43,9 @@ class Threads:
         if taken[0]:
             a_step = (time.perf_counter() - begun) / taken[0]
             starting = self.calls <= 2 * TRIES
-            self.seconds[count] = min(a_step, self.seconds.get(count, a_step)) if starting else a_step
+            self.seconds[count] = (
+                min(a_step, self.seconds.get(count, a_step)) if starting else a_step
+            )
         return taken
 
     @contextmanager

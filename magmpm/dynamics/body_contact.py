@@ -17,13 +17,25 @@ from magmpm.effects.base import Contact
 from magmpm.effects.contact_force import stored
 from magmpm.effects.contact_law import grips, law, most_friction
 from magmpm.kernels import body_contact as kernel
-from magmpm.kernels.body_contact import CELL, DEPTH, FORCE, MEMORY, NORMAL, PLACE, ROOM, Meeting, SolidCells
+from magmpm.kernels.body_contact import (
+    CELL,
+    DEPTH,
+    FORCE,
+    MEMORY,
+    NORMAL,
+    PLACE,
+    ROOM,
+    Meeting,
+    SolidCells,
+)
 from magmpm.model import Model
 
 MOVE = 0.5  # cells that any point may be away from its place when pairs were listed: they may then be twice as much nearer
 BETWEEN = 0.5  # cells from a place on a face to the nearest of its points, at most, if stretched by sqrt(3): the edges' EDGE
 SHARE = 0.5  # of the stiffness, where both bodies have points
-REACH = float(np.hypot(2 * MOVE, BETWEEN))  # cells from the nearest point of a surface up to which a point is listed
+REACH = float(
+    np.hypot(2 * MOVE, BETWEEN)
+)  # cells from the nearest point of a surface up to which a point is listed
 
 
 def body_contact(model: Model, packed: Packed) -> BodyContact | None:
@@ -33,7 +45,9 @@ def body_contact(model: Model, packed: Packed) -> BodyContact | None:
         return None
     found = law(model.scene, effect.stiffness, most_friction(model.scene, effect.friction))
     usual = {"layer": 1.0, "knee": 1.0, "damping": 0.0}  # without friction
-    values = np.array([*({**usual, **found}[name] for name in ("stiffness", *usual)), effect.friction])
+    values = np.array(
+        [*({**usual, **found}[name] for name in ("stiffness", *usual)), effect.friction]
+    )
     return BodyContact(model, packed, values)
 
 
@@ -43,7 +57,11 @@ class BodyContact:
     def __init__(self, model: Model, packed: Packed, law: Array) -> None:
         surface = model.surface
         assert surface is not None  # of a scene that names self_contact
-        self.law, self._mass, self._grip = law, packed.surface.mass, packed.surface.grip.reshape(-1, 3)
+        self.law, self._mass, self._grip = (
+            law,
+            packed.surface.mass,
+            packed.surface.grip.reshape(-1, 3),
+        )
         self._cell = float(model.grid.spacing.min())
         self.solids = model.scene.body.shape.solids(self._cell, model.particles)
         self.cells, number, cells = _solid_cells(model)
@@ -53,17 +71,28 @@ class BodyContact:
         particle = np.concatenate([surface.particle[on], still_particle])
         self._at, self._solid, self._free = number[particle], model.component[particle], len(on)
         self._node = np.repeat(packed.surface.first_node, np.diff(packed.surface.first_point))
-        weights, _ = model.splines_at(self._place, model.particles.cell[particle], model.held[particle])
+        weights, _ = model.splines_at(
+            self._place, model.particles.cell[particle], model.held[particle]
+        )
         self._splines = _matrix(model.first_in_motion(particle), weights, model.nodes_in_motion)
         splines = abs(self._splines)[:, packed.nodes.active]
-        pace = splines.max(axis=0).toarray().ravel() ** 0.75  # light nodes are fast: from 0.7 to 1 the bound is tightest
-        self._pace = pace * (splines @ np.divide(1.0, pace, out=np.zeros_like(pace), where=pace > 0)).max()
+        pace = (
+            splines.max(axis=0).toarray().ravel() ** 0.75
+        )  # light nodes are fast: from 0.7 to 1 the bound is tightest
+        self._pace = (
+            pace * (splines @ np.divide(1.0, pace, out=np.zeros_like(pace), where=pace > 0)).max()
+        )
         segment = model.particles.segment
-        self.names = [model.scene.regions()[segment[model.component == one].min()].name for one in range(int(model.component.max()) + 1)]
+        self.names = [
+            model.scene.regions()[segment[model.component == one].min()].name
+            for one in range(int(model.component.max()) + 1)
+        ]
         self._nodes = model.nodes_in_motion
         self._patches = _patches(self._at, cells)
         none = np.zeros(0, np.int64)
-        self._then = np.full_like(self._place, np.inf)  # places of the points when pairs were listed
+        self._then = np.full_like(
+            self._place, np.inf
+        )  # places of the points when pairs were listed
         self.meeting = self._of(none, none, np.zeros(1), np.full(1, -1.0))
 
     def _of(self, point: Index, solid: Index, memory: Array, most: Array) -> Meeting:
@@ -98,23 +127,43 @@ class BodyContact:
         other = self._solid[p[new]] != self._solid[q[new]]
         error = _begun(self.solids, self._solid[q[new]][other], self._place[p[new]][other])
         memory[other, kernel.BEGUN] = error - kernel.CLOSE * self._cell  # and rounding
-        memory[:, ROOM] = way + 0.5 * np.sqrt(np.maximum(distance[new] ** 2 - (BETWEEN * self._cell) ** 2, 0.0))
+        memory[:, ROOM] = way + 0.5 * np.sqrt(
+            np.maximum(distance[new] ** 2 - (BETWEEN * self._cell) ** 2, 0.0)
+        )
         order = np.argsort(np.concatenate([known[kept], key[new]]))
         memory = np.concatenate([held[kept], memory])[order]
-        point, solid = np.concatenate([old.point[kept], p[new]])[order], np.concatenate([old.solid[kept], self._solid[q[new]]])[order]
-        self._then, self.meeting = x, self._of(point, solid, np.append(memory.ravel(), way), np.array([way + most]))
+        point, solid = (
+            np.concatenate([old.point[kept], p[new]])[order],
+            np.concatenate([old.solid[kept], self._solid[q[new]]])[order],
+        )
+        self._then, self.meeting = (
+            x,
+            self._of(point, solid, np.append(memory.ravel(), way), np.array([way + most])),
+        )
 
     def _near(self, x: Array) -> tuple[Index, Index, Array]:
         """Free points (n,) near another solid, or a place of their own that shares no node; the nearest point (n,), its distance (n,) m."""
         first, order, cell = self._patches
         sorted_x, count = x[order], np.diff(first)
-        center = np.add.reduceat(sorted_x, first[:-1], axis=0) / count[:, None]  # of balls around patches
-        radius = np.sqrt(np.maximum.reduceat(((sorted_x - np.repeat(center, count, axis=0)) ** 2).sum(axis=1), first[:-1]))
-        pairs = cKDTree(center).query_pairs(REACH * self._cell + 2 * radius.max(), output_type="ndarray")
-        found = _nearest(pairs, cell, center, radius, first, order, x, self._free, REACH * self._cell)
+        center = (
+            np.add.reduceat(sorted_x, first[:-1], axis=0) / count[:, None]
+        )  # of balls around patches
+        radius = np.sqrt(
+            np.maximum.reduceat(
+                ((sorted_x - np.repeat(center, count, axis=0)) ** 2).sum(axis=1), first[:-1]
+            )
+        )
+        pairs = cKDTree(center).query_pairs(
+            REACH * self._cell + 2 * radius.max(), output_type="ndarray"
+        )
+        found = _nearest(
+            pairs, cell, center, radius, first, order, x, self._free, REACH * self._cell
+        )
         p, q, distance = found[:, 0].astype(np.int64), found[:, 1].astype(np.int64), found[:, 2]
         best = np.lexsort((q, distance, self._solid[q], p))
-        one = best[np.flatnonzero(np.diff((p * len(self.solids.size) + self._solid[q])[best], prepend=-1))]
+        one = best[
+            np.flatnonzero(np.diff((p * len(self.solids.size) + self._solid[q])[best], prepend=-1))
+        ]
         return p[one], q[one], distance[one]
 
     def report(self, memory: Array, u: Array, v: Array) -> dict[str, Contact]:
@@ -123,49 +172,82 @@ class BodyContact:
         pair = memory[:-1].reshape(-1, MEMORY)
         on = np.flatnonzero(pair[:, DEPTH] > 0)
         pair, point = pair[on], self.meeting.point[on]
-        a, b, x = self._solid[point], self.meeting.solid[on], self._place[point] + self._splines[point] @ u.reshape(-1, 3)
+        a, b, x = (
+            self._solid[point],
+            self.meeting.solid[on],
+            self._place[point] + self._splines[point] @ u.reshape(-1, 3),
+        )
         sign = np.where(a <= b, 1.0, -1.0)[:, None]
         force, normal = sign * pair[:, FORCE : FORCE + 3], sign * pair[:, NORMAL : NORMAL + 3]
         across = force - np.einsum("ni,ni->n", force, normal)[:, None] * normal
         cell = pair[:, CELL].astype(np.int64)
         rigidity = self.cells.share[cell] * self._mass[point] * self.law[0]
         thickness = np.maximum(self._grip[point, 1], self.cells.grip.reshape(-1, 3)[cell, 1])
-        energy = stored(pair[:, DEPTH], rigidity, self.law[1], thickness, self.law[2]) + (across**2).sum(axis=1) / (2 * rigidity)
+        energy = stored(pair[:, DEPTH], rigidity, self.law[1], thickness, self.law[2]) + (
+            across**2
+        ).sum(axis=1) / (2 * rigidity)
         slip = self._splines[point] @ v.reshape(-1, 3) - self._there(v, pair)
         slip -= np.einsum("ni,ni->n", slip, normal)[:, None] * normal
         deepest = float(pair[:, DEPTH].max(initial=0.0))
-        found = {"self_contact": Contact(force=np.zeros(3), count=len(on), depth=deepest, energy=float(energy.sum()))}
+        found = {
+            "self_contact": Contact(
+                force=np.zeros(3), count=len(on), depth=deepest, energy=float(energy.sum())
+            )
+        }
         for i, j in np.unique(np.column_stack([np.minimum(a, b), np.maximum(a, b)]), axis=0):
             here = (np.minimum(a, b) == i) & (np.maximum(a, b) == j)
-            weight = np.einsum("ni,ni->n", force[here], normal[here]) + 1e-300  # a point that leaves may be in, and not be pushed
+            weight = (
+                np.einsum("ni,ni->n", force[here], normal[here]) + 1e-300
+            )  # a point that leaves may be in, and not be pushed
             weight /= weight.sum()
             mean = weight @ normal[here]
-            found[f"self_contact: {self.names[i]}, {'itself' if i == j else self.names[j]}"] = Contact(
-                force=np.zeros(3) if i == j else force[here].sum(axis=0), count=int(here.sum()), depth=float(pair[here, DEPTH].max()),
-                energy=float(energy[here].sum()), point=weight @ x[here], normal=mean / np.linalg.norm(mean),
-                slip=float(weight @ np.linalg.norm(slip[here], axis=1)),
-            )  # fmt: skip
+            found[f"self_contact: {self.names[i]}, {'itself' if i == j else self.names[j]}"] = (
+                Contact(
+                    force=np.zeros(3) if i == j else force[here].sum(axis=0),
+                    count=int(here.sum()),
+                    depth=float(pair[here, DEPTH].max()),
+                    energy=float(energy[here].sum()),
+                    point=weight @ x[here],
+                    normal=mean / np.linalg.norm(mean),
+                    slip=float(weight @ np.linalg.norm(slip[here], axis=1)),
+                )
+            )
         return found
 
     def _there(self, v: Array, pair: Array) -> Array:
         """Velocity (n, 3) m/s of the solids at the places of pairs (n, MEMORY)."""
         cell, cells = pair[:, CELL].astype(np.int64), self.cells
-        xi = (pair[:, PLACE : PLACE + 3] - cells.low.reshape(-1, 3)[cell]) / cells.width.reshape(-1, 3)[cell]
+        xi = (pair[:, PLACE : PLACE + 3] - cells.low.reshape(-1, 3)[cell]) / cells.width.reshape(
+            -1, 3
+        )[cell]
         powers = np.stack([np.ones_like(xi), xi, xi**2], axis=-1)
         weights = np.einsum("niak,nik->nia", cells.splines.reshape(-1, 3, 3, 3)[cell], powers)
         first = np.stack(np.unravel_index(cells.node[cell], self._nodes), axis=1)
-        return np.asarray(_matrix(first, weights, self._nodes) @ v.reshape(-1, 3)) if len(pair) else np.zeros((0, 3))
+        return (
+            np.asarray(_matrix(first, weights, self._nodes) @ v.reshape(-1, 3))
+            if len(pair)
+            else np.zeros((0, 3))
+        )
 
     def state(self) -> dict[str, Any]:
         """State that `restore` needs."""
         now = self.meeting
-        changed = {"pair_state": now.memory.copy(), "pair_most": now.most.copy(), "pair_then": self._then}
+        changed = {
+            "pair_state": now.memory.copy(),
+            "pair_most": now.most.copy(),
+            "pair_then": self._then,
+        }
         return {"pair_point": now.point, "pair_solid": now.solid, **changed}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a `state`."""
         self._then = state["pair_then"]
-        self.meeting = self._of(state["pair_point"], state["pair_solid"], np.array(state["pair_state"]), np.array(state["pair_most"]))
+        self.meeting = self._of(
+            state["pair_point"],
+            state["pair_solid"],
+            np.array(state["pair_state"]),
+            np.array(state["pair_most"]),
+        )
 
 
 def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:
@@ -180,16 +262,29 @@ def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:
     width = np.tile(grid.spacing, (len(one), 1))
     width[:, 0] = spans.width[place[:, 0]]
     low = grid.origin + grid.spacing * place
-    low[:, 0] = grid.origin[0] + spans.start[place[:, 0]] + spans.width[place[:, 0]] * spans.index[place[:, 0]]
-    zero, half, whole = (model.splines_at(low + share * width, place, model.held[one])[0] for share in (0.0, 0.5, 1.0))
+    low[:, 0] = (
+        grid.origin[0]
+        + spans.start[place[:, 0]]
+        + spans.width[place[:, 0]] * spans.index[place[:, 0]]
+    )
+    zero, half, whole = (
+        model.splines_at(low + share * width, place, model.held[one])[0]
+        for share in (0.0, 0.5, 1.0)
+    )
     splines = np.stack([zero, 4 * half - 3 * zero - whole, 2 * (zero + whole) - 4 * half], axis=-1)
-    steps = np.array([sign * int(np.prod(shape[axis + 2 :])) for axis in range(3) for sign in (-1, 1)])
+    steps = np.array(
+        [sign * int(np.prod(shape[axis + 2 :])) for axis in range(3) for sign in (-1, 1)]
+    )
     beside = cells[:, None] + steps
     at = np.minimum(np.searchsorted(cells, beside), len(cells) - 1)
-    first = model.first_in_motion(one) @ np.array([np.prod(model.nodes_in_motion[1:]), model.nodes_in_motion[2], 1])
+    first = model.first_in_motion(one) @ np.array(
+        [np.prod(model.nodes_in_motion[1:]), model.nodes_in_motion[2], 1]
+    )
     after, share = np.where(cells[at] == beside, at, -1), np.where(model.held[one], 1.0, SHARE)
     grip = grips(model.scene)[model.particles.segment[one]].ravel()
-    found = SolidCells(first, low.ravel(), width.ravel(), splines.ravel(), after.ravel(), share, grip)
+    found = SolidCells(
+        first, low.ravel(), width.ravel(), splines.ravel(), after.ravel(), share, grip
+    )
     return found, number, np.column_stack([model.component[one], place])
 
 
@@ -197,7 +292,10 @@ def _matrix(first: Index, weights: Array, nodes: tuple[int, int, int]) -> csr_ma
     """The splines (points, nodes) of points; arguments as of bodies.grid.each_node."""
     columns, values = zip(*each_node(first, nodes, weights), strict=True)
     rows = np.tile(np.arange(len(first)), 27)
-    return csr_matrix((np.concatenate(values), (rows, np.concatenate(columns))), shape=(len(first), int(np.prod(nodes))))
+    return csr_matrix(
+        (np.concatenate(values), (rows, np.concatenate(columns))),
+        shape=(len(first), int(np.prod(nodes))),
+    )
 
 
 def _patches(at: Index, cells: Index) -> tuple[Index, Index, Index]:

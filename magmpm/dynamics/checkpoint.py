@@ -25,9 +25,15 @@ def motion_hash(scene: Scene) -> str:
     if scene.solver.dynamic is None:
         assert scene.solver.quasi_static is not None
         path = scene.solver.quasi_static.model_copy(update={"max_disk": None})
-        return scene.model_copy(update={"solver": scene.solver.model_copy(update={"quasi_static": path})}).hash()
-    endless = scene.solver.dynamic.model_copy(update={"duration": 1.0, "output_every": None, "max_disk": None, "max_memory": None})
-    return scene.model_copy(update={"solver": scene.solver.model_copy(update={"dynamic": endless})}).hash()
+        return scene.model_copy(
+            update={"solver": scene.solver.model_copy(update={"quasi_static": path})}
+        ).hash()
+    endless = scene.solver.dynamic.model_copy(
+        update={"duration": 1.0, "output_every": None, "max_disk": None, "max_memory": None}
+    )
+    return scene.model_copy(
+        update={"solver": scene.solver.model_copy(update={"dynamic": endless})}
+    ).hash()
 
 
 @dataclass(frozen=True)
@@ -66,36 +72,46 @@ class Checkpoint:
                 arrays = dict(stored)
             saved = cls(**json.loads(str(arrays.pop("about"))), state=arrays)
         except Exception as error:  # a damaged archive raises a dozen kinds: BadZipFile, EOFError, zlib.error, TypeError, ...
-            raise _useless(path, f"a file that can't be read ({type(error).__name__}: {error})") from None
+            raise _useless(
+                path, f"a file that can't be read ({type(error).__name__}: {error})"
+            ) from None
         saved._must_be_of(scene, path)
         return saved
 
     def _must_be_of(self, scene: Scene, path: Path) -> None:
         """Raise InputError unless the motion of a scene can continue from here: the same scene, possibly with a longer duration."""
         options = scene.solver.dynamic
-        if self.scene_hash != motion_hash(scene) or (options is not None and (options.output_every or self.every) != self.every):
+        if self.scene_hash != motion_hash(scene) or (
+            options is not None and (options.output_every or self.every) != self.every
+        ):
             but = "its budget (max_disk) alone may be another"
             if options is not None:
                 but = "its duration alone may be longer, and its budgets (max_disk, max_memory) others"
             raise InputError(
-                str(path), received="the checkpoint of another scene (or the file was changed since)",
+                str(path),
+                received="the checkpoint of another scene (or the file was changed since)",
                 rule=f"only the scene that it was written by can be resumed from it; {but}",
                 remedy="run without --resume, or into another folder with --out",
-            )  # fmt: skip
+            )
         if options is None:  # equilibria along time
             return
         if options.duration < self.time * (1 - 1e-9):
             raise InputError(
-                f"{path}: solver.dynamic.duration", received=f"{options.duration:.6g} s",
+                f"{path}: solver.dynamic.duration",
+                received=f"{options.duration:.6g} s",
                 rule=f"must be no shorter than what the motion has done, {self.time:.6g} s",
                 remedy="give a longer one, or run without --resume: from the start",
-            )  # fmt: skip
-        if self.frame and not abs(self.times(options)[self.frame - 1] - self.time) <= 1e-9 * self.time:
+            )
+        if (
+            self.frame
+            and not abs(self.times(options)[self.frame - 1] - self.time) <= 1e-9 * self.time
+        ):
             raise InputError(
-                f"{path}: solver.dynamic.duration", received=f"{options.duration:.6g} s, of a motion that ended at {self.time:.6g} s",
+                f"{path}: solver.dynamic.duration",
+                received=f"{options.duration:.6g} s, of a motion that ended at {self.time:.6g} s",
                 rule=f"a motion is lengthened from one of its frames, every {self.every:.6g} s, and it ended between two",
                 remedy="run without --resume: from the start",
-            )  # fmt: skip
+            )
 
     def times(self, options: DynamicOptions) -> list[float]:
         """Times (s) of all frames but the first of a motion that continues from here, at the same interval."""
@@ -103,11 +119,21 @@ class Checkpoint:
 
     def must_fit(self, state: dict[str, Array], folder: Path | str) -> None:
         """Raise InputError unless the checkpoint has the arrays and shapes of a motion's state. folder: where it was loaded from."""
-        found, needed = ({name: name[:5] == "pair_" or array.shape for name, array in each.items()} for each in (self.state, state))
+        found, needed = (
+            {name: name[:5] == "pair_" or array.shape for name, array in each.items()}
+            for each in (self.state, state)
+        )
         if found != needed:
-            raise _useless(Path(folder) / CHECKPOINT, f"arrays {found}, where this motion has {needed}")
+            raise _useless(
+                Path(folder) / CHECKPOINT, f"arrays {found}, where this motion has {needed}"
+            )
 
 
 def _useless(path: Path, received: str) -> InputError:
     rule = "the checkpoint to resume from must be whole, and of this version of magmpm"
-    return InputError(str(path), received=received, rule=rule, remedy="remove it, or run without --resume: from the start")
+    return InputError(
+        str(path),
+        received=received,
+        rule=rule,
+        remedy="remove it, or run without --resume: from the start",
+    )

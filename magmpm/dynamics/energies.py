@@ -21,7 +21,9 @@ def volume_change(model: Model, J: Array) -> Array:
     if model.modes.shape[1] == 0:
         return change
     first = model.particles.cell_first
-    moments = np.add.reduceat(model.modes * (model.particles.volume * change)[:, None], first[:-1], axis=0)
+    moments = np.add.reduceat(
+        model.modes * (model.particles.volume * change)[:, None], first[:-1], axis=0
+    )
     return np.einsum("nk,nk->n", model.modes, np.repeat(moments, np.diff(first), axis=0))
 
 
@@ -67,9 +69,13 @@ def loads_conserve(model: Model) -> bool:
     named = model.scene.effects
     if model.scene.move or named.feed is not None:
         return False
-    if model.scene.field.varies and (named.magnetic_torque is None) != (named.magnetic_force is None):
+    if model.scene.field.varies and (named.magnetic_torque is None) != (
+        named.magnetic_force is None
+    ):
         return False  # one without the other has no energy
-    records = [record for record, _ in pairs(acting.collect(model.scene, times=np.array([0.0, 1.0])))]
+    records = [
+        record for record, _ in pairs(acting.collect(model.scene, times=np.array([0.0, 1.0])))
+    ]
     return all(len(record) == 1 for record in records)
 
 
@@ -77,8 +83,15 @@ def loses(model: Model) -> bool:
     """True if something takes energy: damping, viscosity, or friction."""
     named = model.scene.effects
     touching = (named.ground, named.walls, named.self_contact)
-    rubs = any(effect is not None and most_friction(model.scene, effect.friction) > 0 for effect in touching)
-    return rubs or any(getattr(effect, "rate", 1.0) > 0 for effect in (named.damping, named.viscosity) if effect is not None)
+    rubs = any(
+        effect is not None and most_friction(model.scene, effect.friction) > 0
+        for effect in touching
+    )
+    return rubs or any(
+        getattr(effect, "rate", 1.0) > 0
+        for effect in (named.damping, named.viscosity)
+        if effect is not None
+    )
 
 
 class Measured(NamedTuple):
@@ -103,10 +116,17 @@ def measure(motion: Any, named: Records, now: Any, time: float, dt: float) -> Me
             P = P + more
             potentials["viscosity"] = float(W @ model.particles.volume)
     touching = motion.touching_points()
-    reports = {key: effect.report(model, touching, dt) for key, effect in model.scene.effects.named().items()}
-    contacts = {key: contact for key, contact in reports.items() if contact is not None} | motion.body_contacts()
+    reports = {
+        key: effect.report(model, touching, dt)
+        for key, effect in model.scene.effects.named().items()
+    }
+    contacts = {
+        key: contact for key, contact in reports.items() if contact is not None
+    } | motion.body_contacts()
     springs = {key: contact["energy"] for key, contact in contacts.items() if PAIR not in key}
-    return Measured(P, {"kinetic": now.kinetic, "elastic": strain, **potentials, **springs}, contacts)
+    return Measured(
+        P, {"kinetic": now.kinetic, "elastic": strain, **potentials, **springs}, contacts
+    )
 
 
 @compiled
@@ -122,7 +142,9 @@ def _elastic(F, J, change, shear, bulk, volume, P):  # type: ignore[no-untyped-d
     for p in range(len(F)):
         materials.cofactor(F[p], cof)
         materials.stress(F[p], cof, J[p], shear[p], bulk[p] * change[p], P[p])
-        total += volume[p] * (materials.shape_energy(F[p], J[p], shear[p]) + 0.5 * bulk[p] * change[p] * (J[p] - 1.0))
+        total += volume[p] * (
+            materials.shape_energy(F[p], J[p], shear[p]) + 0.5 * bulk[p] * change[p] * (J[p] - 1.0)
+        )
     return total
 
 

@@ -26,7 +26,9 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.kernels.mass_correction import FIELDS, REACH, Correction
 from magmpm.model import Model
 
-NOTHING = 1e-10  # of the largest entry of a matrix: an eigenvalue below it is a direction without mass
+NOTHING = (
+    1e-10  # of the largest entry of a matrix: an eigenvalue below it is a direction without mass
+)
 
 
 @dataclass(frozen=True)
@@ -66,10 +68,14 @@ class NodalMass:
             return out
         arm, sizes = c.arm.reshape(-1, 2)[c.order], np.diff(c.first)
         fields = np.column_stack([np.ones(len(arm)), arm])
-        moments = np.add.reduceat(fields[:, :, None] * (p[c.order] * c.moving)[:, None, :], c.first[:-1], axis=0)
+        moments = np.add.reduceat(
+            fields[:, :, None] * (p[c.order] * c.moving)[:, None, :], c.first[:-1], axis=0
+        )
         added = np.empty_like(moments)  # (planes, fields, 3)
         for chain in self.chains:
-            load = np.einsum("pk,pfi->kfi", chain.hats, moments[chain.start : chain.stop]).reshape(-1, 3)
+            load = np.einsum("pk,pfi->kfi", chain.hats, moments[chain.start : chain.stop]).reshape(
+                -1, 3
+            )
             answer = (getattr(chain, which) @ load).reshape(-1, FIELDS, 3)
             added[chain.start : chain.stop] = np.einsum("pk,kfi->pfi", chain.hats, answer)
         out[c.order] = np.einsum("nf,nfi->ni", fields, np.repeat(added, sizes, axis=0)) * c.moving
@@ -77,17 +83,26 @@ class NodalMass:
 
 
 def nodal_mass(
-    model: Model, weights: Array, base: Index, strides: tuple[int, int], nodes: tuple[Array, Array, Array], active: Index
+    model: Model,
+    weights: Array,
+    base: Index,
+    strides: tuple[int, int],
+    nodes: tuple[Array, Array, Array],
+    active: Index,
 ) -> NodalMass:
     """The mass of a model's nodes. weights (n, 3, 3): values of the particles' splines; base (n,): their first nodes, whose neighbors along
     x and y are `strides` farther; nodes: lumped mass, its inverse (3 nodes,) and places (nodes, 3) m; active: nodes with mass."""
     mass, inverse, place = nodes[0], nodes[1].reshape(-1, 3), nodes[2]
-    free: NDArray[np.bool_] = np.asarray((inverse > 0).any(axis=1) & (model.scene.effects.feed is None))
+    free: NDArray[np.bool_] = np.asarray(
+        (inverse > 0).any(axis=1) & (model.scene.effects.feed is None)
+    )
     component = _components(base, strides, free)
     order = np.lexsort((np.arange(len(mass)), component))
     order = order[free[order]]
     key = np.column_stack([component[order], order // strides[0]])
-    first = np.append(np.flatnonzero(np.any(np.diff(key, axis=0, prepend=-1) != 0, axis=1)), len(order)).astype(np.int64)
+    first = np.append(
+        np.flatnonzero(np.any(np.diff(key, axis=0, prepend=-1) != 0, axis=1)), len(order)
+    ).astype(np.int64)
     planes = len(first) - 1
     plane_of = np.full(len(mass), planes)
     plane_of[order] = np.repeat(np.arange(planes), np.diff(first))
@@ -111,22 +126,51 @@ def nodal_mass(
         affine = None if slender else at - x[start:stop].mean()
         chains.append(_chain(hats, start, stop, consistent[start:stop], lumped[start:stop], affine))
         knots.append(knots[-1] + len(at))
-    return NodalMass(mass, _correction(model, chains, order, first, arm, plane_of[active], left, share, knots), tuple(chains))
+    return NodalMass(
+        mass,
+        _correction(model, chains, order, first, arm, plane_of[active], left, share, knots),
+        tuple(chains),
+    )
 
 
 def _correction(
-    model: Model, chains: list[Chain], order: Index, first: Index, arm: Array, plane: Index, left: Index, share: Array, knots: list[int]
+    model: Model,
+    chains: list[Chain],
+    order: Index,
+    first: Index,
+    arm: Array,
+    plane: Index,
+    left: Index,
+    share: Array,
+    knots: list[int],
 ) -> Correction:
     """The chains as kernels take them."""
-    factors = [np.concatenate([[c.factors[k][m] for k in range(2)] for c in chains], axis=1) for m in range(2)] if chains else []
+    factors = (
+        [
+            np.concatenate([[c.factors[k][m] for k in range(2)] for c in chains], axis=1)
+            for m in range(2)
+        ]
+        if chains
+        else []
+    )
     empty = np.zeros((2, 0, FIELDS, FIELDS)), np.zeros((2, 0, REACH, FIELDS, FIELDS))
     pivot, link = (np.ascontiguousarray(f) for f in factors or empty)
     return Correction(
-        order=order, first=first, arm=arm.ravel(), plane=plane, left=left, share=share, chain=np.array(knots),
-        pivot=pivot, link=link, moving=np.array([1.0, 0.0 if model.plane_strain else 1.0, 1.0]),
-        moment=np.zeros((len(left) + 1, 9)), added=np.zeros((len(left) + 1, 9)), load=np.zeros((knots[-1], 9)),
+        order=order,
+        first=first,
+        arm=arm.ravel(),
+        plane=plane,
+        left=left,
+        share=share,
+        chain=np.array(knots),
+        pivot=pivot,
+        link=link,
+        moving=np.array([1.0, 0.0 if model.plane_strain else 1.0, 1.0]),
+        moment=np.zeros((len(left) + 1, 9)),
+        added=np.zeros((len(left) + 1, 9)),
+        load=np.zeros((knots[-1], 9)),
         answer=np.zeros((2, knots[-1], 9)),
-    )  # fmt: skip
+    )
 
 
 def _components(base: Index, strides: tuple[int, int], free: NDArray[np.bool_]) -> Index:
@@ -136,7 +180,9 @@ def _components(base: Index, strides: tuple[int, int], free: NDArray[np.bool_]) 
     cells = np.unique(base)
     offset = np.array([a * strides[0] + b * strides[1] + c for a, b, c in np.ndindex(3, 3, 3)])
     near = cells[:, None] + offset
-    head = near[np.arange(len(near)), free[near].argmax(axis=1)]  # a free node of each cell, if there is one
+    head = near[
+        np.arange(len(near)), free[near].argmax(axis=1)
+    ]  # a free node of each cell, if there is one
     on = free[near] & free[head][:, None]
     one, other = np.broadcast_to(head[:, None], near.shape)[on], near[on]
     graph = coo_matrix((np.ones(len(one), np.int8), (one, other)), shape=(len(free), len(free)))
@@ -152,7 +198,15 @@ def _arms(mass: Array, place: Array, component: Index, free: NDArray[np.bool_]) 
     return np.asarray((place - centers[component]) * free[:, None])
 
 
-def _planes_mass(model: Model, weights: Array, base: Index, strides: tuple[int, int], arm: Array, plane_of: Index, planes: int) -> Array:
+def _planes_mass(
+    model: Model,
+    weights: Array,
+    base: Index,
+    strides: tuple[int, int],
+    arm: Array,
+    plane_of: Index,
+    planes: int,
+) -> Array:
     """Consistent mass of the fields 1, y, z of planes with the same and the next two: (planes, 3, 3, 3), kg."""
     mass, found = model.density * model.particles.volume, np.zeros((planes + 1, 3, FIELDS, FIELDS))
     values, on = np.zeros((3, len(base), FIELDS)), np.full((3, len(base)), planes)
@@ -164,18 +218,24 @@ def _planes_mass(model: Model, weights: Array, base: Index, strides: tuple[int, 
     for a in range(3):
         for b in range(a, 3):
             for i, j in np.ndindex(FIELDS, FIELDS):
-                found[:, b - a, i, j] += np.bincount(on[a], mass * values[a, :, i] * values[b, :, j], planes + 1)
+                found[:, b - a, i, j] += np.bincount(
+                    on[a], mass * values[a, :, i] * values[b, :, j], planes + 1
+                )
     return found[:planes]
 
 
 def _knots(x: Array, slender: bool) -> Array:
     """x of a chain's knots: of every second plane of nodes, or, where the body is not slender, of the first and the last."""
-    spaces = max(1, round((len(x) - 1) / 2)) if slender else 1  # bending and torsion of two cells are then right to 0.5 %
+    spaces = (
+        max(1, round((len(x) - 1) / 2)) if slender else 1
+    )  # bending and torsion of two cells are then right to 0.5 %
     at = x[np.round(np.linspace(0, len(x) - 1, spaces + 1)).astype(int)]
     return at if len(x) > 1 else at[0] + np.array([0.0, 1.0])
 
 
-def _chain(hats: Array, start: int, stop: int, consistent: Array, lumped: Array, affine: Array | None) -> Chain:
+def _chain(
+    hats: Array, start: int, stop: int, consistent: Array, lumped: Array, affine: Array | None
+) -> Chain:
     """A chain from the masses of its planes (_planes_mass; lumped (planes, 3, 3)). affine: x of two knots of 1, x, y, z alone, or None."""
     count, k = len(hats), FIELDS * hats.shape[1]
     whole = np.zeros((count, FIELDS, count, FIELDS))
@@ -202,16 +262,25 @@ def _factors(matrix: Array) -> tuple[Array, Array]:
     """Block factors L D L' of a matrix: inverse pivots D^-1 (knots, 3, 3), and the links L (knots, REACH, 3, 3) to the blocks before."""
     count = len(matrix) // FIELDS
     block = matrix.reshape(count, FIELDS, count, FIELDS).transpose(0, 2, 1, 3)
-    own, pivot, link = *np.zeros((2, count, FIELDS, FIELDS)), np.zeros((count, REACH, FIELDS, FIELDS))
+    own, pivot, link = (
+        *np.zeros((2, count, FIELDS, FIELDS)),
+        np.zeros((count, REACH, FIELDS, FIELDS)),
+    )
     for k in range(count):
         for d in range(min(REACH, k), 0, -1):
             left = block[k, k - d].copy()
             for e in range(d + 1, min(REACH, k) + 1):
                 left -= link[k, e - 1] @ own[k - e] @ link[k - d, e - d - 1].T
             link[k, d - 1] = left @ pivot[k - d]
-        own[k] = block[k, k] - sum(link[k, d] @ own[k - 1 - d] @ link[k, d].T for d in range(min(REACH, k)))
+        own[k] = block[k, k] - sum(
+            link[k, d] @ own[k - 1 - d] @ link[k, d].T for d in range(min(REACH, k))
+        )
         values, vectors = np.linalg.eigh((own[k] + own[k].T) / 2)
-        inverse = np.where(values > NOTHING * np.abs(block[k, k]).max(), 1.0 / np.where(values > 0, values, 1.0), 0.0)
+        inverse = np.where(
+            values > NOTHING * np.abs(block[k, k]).max(),
+            1.0 / np.where(values > 0, values, 1.0),
+            0.0,
+        )
         pivot[k] = vectors * inverse @ vectors.T
     return pivot, link
 

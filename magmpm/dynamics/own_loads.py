@@ -26,7 +26,9 @@ from magmpm.effects.base import Records
 from magmpm.model import Model
 
 MOST = 256  # steps for which a load may be held
-SINGLE = 8  # loads of one step each before one is held for two: what they cost to try is then a tenth
+SINGLE = (
+    8  # loads of one step each before one is held for two: what they cost to try is then a tenth
+)
 CHANGE = 0.02  # of the largest value of a load: how much it may change while it is held
 ADDED = 1e-3  # of the largest energy: what held loads may add in all
 RELEASE = 0.97  # a load: how fast it is forgotten what loads added; where a body turns round they add nothing, but the next ones do
@@ -48,13 +50,19 @@ class OwnLoads:
     def begin(self) -> None:
         """Begin with loads of one step each, as at every frame: so a motion that is resumed there has the same loads."""
         self.steps, self._single = 1, 0
-        self._rate = 0.0  # J: what the next load adds, over the cube of the steps for which it is held
+        self._rate = (
+            0.0  # J: what the next load adds, over the cube of the steps for which it is held
+        )
         self._held: _Held | None = None
-        self._before: tuple[list[Array], int] | None = None  # tables as computed, and the steps since
+        self._before: tuple[list[Array], int] | None = (
+            None  # tables as computed, and the steps since
+        )
 
     def state(self) -> dict[str, float]:
         """Numbers that `restore` needs, at a frame."""
-        return {"own_added": self.added, "own_scale": self.scale} | ({} if self._start is None else {"own_start": self._start})
+        return {"own_added": self.added, "own_scale": self.scale} | (
+            {} if self._start is None else {"own_start": self._start}
+        )
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a `state`."""
@@ -83,9 +91,13 @@ class OwnLoads:
             self._before = [table.copy() for table in tables], 0
             self._held = None
             return 1
-        early = acting.coordinates(named, self.model, *motion.shape(motion.u - motion.lag * motion.v))
+        early = acting.coordinates(
+            named, self.model, *motion.shape(motion.u - motion.lag * motion.v)
+        )
         now = acting.coordinates(named, self.model, *motion.shape(motion.u))
-        exact = energy - _dot(tables, early) + _dot(tables, now)  # E half a step before, to first order: all that E and work differ by
+        exact = (
+            energy - _dot(tables, early) + _dot(tables, now)
+        )  # E half a step before, to first order: all that E and work differ by
         self._look(energy, motion)
         if self._held is not None:
             self._judge(exact, early, tables)
@@ -107,7 +119,9 @@ class OwnLoads:
     def _look(self, energy: float, motion: Any) -> None:
         """Note the largest energies."""
         self._start = energy if self._start is None else self._start
-        kinetic = 0.5 * float(motion.packed.mass.lumped @ (motion.v.reshape(-1, 3) ** 2).sum(axis=1))
+        kinetic = 0.5 * float(
+            motion.packed.mass.lumped @ (motion.v.reshape(-1, 3) ** 2).sum(axis=1)
+        )
         self.scale = max(self.scale, kinetic, abs(energy - self._start))
 
     def _judge(self, exact: float, early: list[Array], tables: list[Array]) -> None:
@@ -139,7 +153,9 @@ class _Held:
 
 def _dot(tables: list[Array], coordinates: list[Array]) -> float:
     """Work (J) of loads along these coordinates."""
-    return sum(float(table[: len(along)] @ along) for table, along in zip(tables, coordinates, strict=True))
+    return sum(
+        float(table[: len(along)] @ along) for table, along in zip(tables, coordinates, strict=True)
+    )
 
 
 def _change(new: Array, old: Array) -> float:

@@ -53,7 +53,9 @@ def pack(model: Model) -> Packed:
     along = first[:, axis] - first[:, axis].min()
     slabs = slab_edges(int(along.max()) + 1, 2)
     slab = np.searchsorted(slabs, along, side="right") - 1
-    order = np.lexsort((np.arange(len(slab)), model.particles.segment, first[:, 2], first[:, 1], first[:, 0], slab))
+    order = np.lexsort(
+        (np.arange(len(slab)), model.particles.segment, first[:, 2], first[:, 1], first[:, 0], slab)
+    )
     cell_key = np.column_stack([first, model.particles.segment, model.particles.cell[:, 0]])[order]
     starts = np.flatnonzero(np.any(np.diff(cell_key, axis=0, prepend=-1) != 0, axis=1))
     ends = np.append(starts[1:], len(order))
@@ -67,11 +69,17 @@ def pack(model: Model) -> Packed:
 
     weights, slopes = model.splines()
     slopes *= np.array(model.grid.spacing)[:, None]
-    pattern, kinds = _alike(_lanes(np.concatenate([weights.reshape(-1, 9), slopes.reshape(-1, 9)], axis=1), particle))
+    pattern, kinds = _alike(
+        _lanes(np.concatenate([weights.reshape(-1, 9), slopes.reshape(-1, 9)], axis=1), particle)
+    )
     kinds[:, 9:] /= np.repeat(np.array(model.grid.spacing), 3)[:, None]
     volume = np.where(real, model.particles.volume[particle], 0.0)
     count = model.modes.shape[1]
-    moments, modes = _alike(_lanes(model.modes, particle)) if count else (np.zeros(len(particle), dtype=np.int64), np.zeros(WIDTH))
+    moments, modes = (
+        _alike(_lanes(model.modes, particle))
+        if count
+        else (np.zeros(len(particle), dtype=np.int64), np.zeros(WIDTH))
+    )
     strides = (int(shape[1] * shape[2]), int(shape[2]))
     base = first @ np.array([*strides, 1])
     lumped, inverse, place = _nodes(model, weights, first)
@@ -103,14 +111,24 @@ def pack(model: Model) -> Packed:
     return Packed(cells, particles, nodes, np.where(real, particle, -1), mass, surface, point)
 
 
-def _surface(model: Model, axis: int, least: int, slabs: Index, strides: tuple[int, int]) -> tuple[Surface, Index]:
+def _surface(
+    model: Model, axis: int, least: int, slabs: Index, strides: tuple[int, int]
+) -> tuple[Surface, Index]:
     """The contact surface of a model, empty where it has none, with its patches in slabs across an axis, and which of the model's points
     each of its points is; least: first node there; slabs: first cell of each."""
     found = model.surface
     if found is None:
         nothing = np.zeros(0)
         none = np.zeros(0, np.int64)
-        return Surface(np.zeros(len(slabs), np.int64), np.zeros(1, np.int64), none, nothing, nothing, nothing, nothing), none
+        return Surface(
+            np.zeros(len(slabs), np.int64),
+            np.zeros(1, np.int64),
+            none,
+            nothing,
+            nothing,
+            nothing,
+            nothing,
+        ), none
     slab = np.searchsorted(slabs, found.first[:, axis] - least, side="right") - 1
     order = np.lexsort((*found.first.T[::-1], slab))
     starts = np.flatnonzero(np.any(np.diff(found.first[order], axis=0, prepend=-1) != 0, axis=1))

@@ -54,8 +54,14 @@ class FieldLoads:
         self._arranged, self._of = arranged(self.model)
         self._lift = Lift(self._arranged)
         self.held: Held | None = None  # by friction
-        self._begun: tuple[Array, Held] | None = None  # places (n, 3) m of the surface as the increment began, and how it was held then
-        named = [effect for effect in self.model.scene.effects.named().values() if isinstance(effect, Obstacle)]
+        self._begun: tuple[Array, Held] | None = (
+            None  # places (n, 3) m of the surface as the increment began, and how it was held then
+        )
+        named = [
+            effect
+            for effect in self.model.scene.effects.named().values()
+            if isinstance(effect, Obstacle)
+        ]
         self._rough = any(most_friction(self.model.scene, effect.friction) > 0 for effect in named)
 
     @property
@@ -86,7 +92,13 @@ class FieldLoads:
         surface = self._arranged.touching
         if surface is None or not self._rough:
             return False
-        now = held_at(self._named(time), surface.positions(point.grid), surface.mass, surface.grip, self._begun)
+        now = held_at(
+            self._named(time),
+            surface.positions(point.grid),
+            surface.mass,
+            surface.grip,
+            self._begun,
+        )
         if self.held is not None and change(self.held, now) < SETTLED:
             return False
         self.held = now
@@ -113,9 +125,23 @@ class FieldLoads:
         assert point is not None  # it always bends
         found = restored(self._arranged, point, self._of)
         model = replace(self.model, time=time)
-        tip = measures.named_tip(model, found.position) if model.line is None else axis.tip(model, point.grid)
+        tip = (
+            measures.named_tip(model, found.position)
+            if model.line is None
+            else axis.tip(model, point.grid)
+        )
         rows = axis.centreline(model, point.grid)
-        return Shape(model, found.position, found.F, rows, tip, found.min_det_F, found.max_det_F, model.dof, point.touched)
+        return Shape(
+            model,
+            found.position,
+            found.F,
+            rows,
+            tip,
+            found.min_det_F,
+            found.max_det_F,
+            model.dof,
+            point.touched,
+        )
 
     def _named(self, time: float) -> Records:
         return acting.collect(self.model.scene, times=np.array([time]))
@@ -131,7 +157,9 @@ class FeedLoads:
         self.scene = scene
         self.whole = build(scene, time=time)
         self._free = scene.with_effects(feed=None)
-        self._bare = self._free.with_effects(ground=None, walls=None)  # obstacles stay where they are, whatever is fed
+        self._bare = self._free.with_effects(
+            ground=None, walls=None
+        )  # obstacles stay where they are, whatever is fed
         self.held: Held | None = None  # friction doesn't hold what is fed
         self._models: OrderedDict[float, StaticModel] = OrderedDict()
 
@@ -141,7 +169,9 @@ class FeedLoads:
 
     def bends(self, time: float) -> bool:
         """True if enough of the body is outside the guide at a time, s."""
-        return self.inserted(time) >= self.scene.thickness  # a shorter piece outside of the guide is taken as straight
+        return (
+            self.inserted(time) >= self.scene.thickness
+        )  # a shorter piece outside of the guide is taken as straight
 
     def at(self, time: float) -> StaticModel:
         """The model of the part outside the guide, clamped at its exit."""
@@ -149,12 +179,19 @@ class FeedLoads:
             part = self._bare.inserted(self.inserted(time))
             base = np.array([self._exit, 0.0, 0.0])
             shape, resolution = part.body.shape, part.resolution
-            made = shape.discretize(resolution.cells_across, resolution.particles_per_cell, knots_of(part))
+            made = shape.discretize(
+                resolution.cells_across, resolution.particles_per_cell, knots_of(part)
+            )
             grid, particles = made.grid, made.particles
             made = replace(
-                made, grid=replace(grid, origin=grid.origin + base), particles=replace(particles, position=particles.position + base)
+                made,
+                grid=replace(grid, origin=grid.origin + base),
+                particles=replace(particles, position=particles.position + base),
             )
-            named, line = acting.collect(self._free, times=np.array([time])), Line((self._exit, 0.0, 0.0), shape.length)
+            named, line = (
+                acting.collect(self._free, times=np.array([time])),
+                Line((self._exit, 0.0, 0.0), shape.length),
+            )
             model = reshaped(replace(self.whole, scene=self._free), shape, made)
             self._models[time] = static_model(replace(model, effects=named, time=time, line=line))
             while len(self._models) > 4:  # lengths
@@ -164,11 +201,17 @@ class FeedLoads:
     def first(self, time: float) -> Equilibrium:
         """The equilibrium at a time, s, found as statics finds one: from the rod, or in a field that varies by a ramp of the load."""
         model = self.at(time)
-        if self.scene.field.varies or model.touching is not None:  # the rod would need what is around a body that begins at the exit
+        if (
+            self.scene.field.varies or model.touching is not None
+        ):  # the rod would need what is around a body that begins at the exit
             slow = self._free.solver.static.model_copy(update={"field_steps": 8})
-            scene = self._free.model_copy(update={"solver": self._free.solver.model_copy(update={"static": slow})})
+            scene = self._free.model_copy(
+                update={"solver": self._free.solver.model_copy(update={"static": slow})}
+            )
         else:
-            scene = self._bare.inserted(self.inserted(time)).model_copy(update={"field": self.scene.field})
+            scene = self._bare.inserted(self.inserted(time)).model_copy(
+                update={"field": self.scene.field}
+            )
         return solve_static(replace(model, scene=scene))
 
     def carried(self, grid: Array, before: float, after: float) -> Array:
@@ -176,7 +219,9 @@ class FeedLoads:
         old, new = self.at(before), self.at(after)
         if old is new:
             return grid
-        return np.ascontiguousarray(along(old, new, grid, moved=self.inserted(before) - self.inserted(after)))
+        return np.ascontiguousarray(
+            along(old, new, grid, moved=self.inserted(before) - self.inserted(after))
+        )
 
     moved = carried
 
@@ -203,26 +248,37 @@ class FeedLoads:
             position[free] += u
             F[free] += slope
             out = s > clamp
-            rows[out, 1:] = axis.along_axis(part, point.grid, axis.section_weights(part), s[out] - clamp)
+            rows[out, 1:] = axis.along_axis(
+                part, point.grid, axis.section_weights(part), s[out] - clamp
+            )
             tip, dof = axis.tip(part, point.grid), part.dof
         low, high = (1.0, 1.0) if point is None else (point.min_det_F, point.max_det_F)
         touched = None if point is None else point.touched
         return Shape(replace(whole, time=time), position, F, rows, tip, low, high, dof, touched)
 
 
-def _displacement(part: StaticModel, grid: Array, whole: Model, free: NDArray[np.bool_], clamp: float) -> tuple[Array, Array]:
+def _displacement(
+    part: StaticModel, grid: Array, whole: Model, free: NDArray[np.bool_], clamp: float
+) -> tuple[Array, Array]:
     """Displacement (k, 3) m and its gradient (k, 3, 3) at the whole's free particles; clamp: m, where the part begins on its axis."""
     layout = part.layout
     weights, slopes = (values[free] for values in whole.splines())
-    node, weights[:, 0], slopes[:, 0] = part.grid.splines_along(whole.particles.position[free, 0] - clamp)
-    planes = np.concatenate([-grid[:1], grid]).reshape(layout.planes + 1, layout.nodes_per_plane, 3)  # node 0: the clamp eliminated it
+    node, weights[:, 0], slopes[:, 0] = part.grid.splines_along(
+        whole.particles.position[free, 0] - clamp
+    )
+    planes = np.concatenate([-grid[:1], grid]).reshape(
+        layout.planes + 1, layout.nodes_per_plane, 3
+    )  # node 0: the clamp eliminated it
     nodes = np.zeros((layout.planes + 1, *part.grid.nodes[1:], 3))
     nodes[:, layout.node_yz[:, 0], layout.node_yz[:, 1]] = planes
     at = whole.particles.cell[free]
     u, gradient = np.zeros((len(node), 3)), np.zeros((len(node), 3, 3))
     for a, b, c in np.ndindex(3, 3, 3):
         value = nodes[node + a, (at[:, 1] + b) % nodes.shape[1], at[:, 2] + c]
-        w, d = (weights[:, 0, a], weights[:, 1, b], weights[:, 2, c]), (slopes[:, 0, a], slopes[:, 1, b], slopes[:, 2, c])
+        w, d = (
+            (weights[:, 0, a], weights[:, 1, b], weights[:, 2, c]),
+            (slopes[:, 0, a], slopes[:, 1, b], slopes[:, 2, c]),
+        )
         u += (w[0] * w[1] * w[2])[:, None] * value
         for k, rate in enumerate((d[0] * w[1] * w[2], w[0] * d[1] * w[2], w[0] * w[1] * d[2])):
             gradient[:, :, k] += rate[:, None] * value

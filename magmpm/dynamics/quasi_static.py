@@ -26,7 +26,9 @@ from magmpm.statics.branch import Branch, Jump, Reached, point_of
 from magmpm.statics.contact import Held, contacts_at_rest
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 
-MOST_TRIES = 50  # solves of an equilibrium with friction, which settles by a factor of two or more each
+MOST_TRIES = (
+    50  # solves of an equilibrium with friction, which settles by a factor of two or more each
+)
 Progress = Callable[[float, int], None]
 
 
@@ -74,7 +76,9 @@ def begin(scene: Scene, saved: Checkpoint | None = None) -> PathState:
         try:
             _note(state, _go_on(state, first))
         except SolveError as error:
-            raise type(error)(f"equilibrium at t = {first:.6g} s: {error.reason}", _unbegun(state, error.state)) from None
+            raise type(error)(
+                f"equilibrium at t = {first:.6g} s: {error.reason}", _unbegun(state, error.state)
+            ) from None
         return state
     loads, more = loads_of(scene, scene.path_times()[0]), saved.control
     if "held_grip" in saved.state:
@@ -83,7 +87,16 @@ def begin(scene: Scene, saved: Checkpoint | None = None) -> PathState:
     if more["branch"]:
         with one_blas_thread():
             branch = Branch.restored(loads, saved.state, more["branch"], **_options(scene))
-    known = PathState(loads, saved.time, branch, saved.frame, saved.steps, more["rows"], more["jumps"], more["warnings"])
+    known = PathState(
+        loads,
+        saved.time,
+        branch,
+        saved.frame,
+        saved.steps,
+        more["rows"],
+        more["jumps"],
+        more["warnings"],
+    )
     return replace(known, strain=Strain.restored(more["strain"]))
 
 
@@ -93,7 +106,9 @@ def _unbegun(state: PathState, last: object) -> PathState | None:
         return None
     loads = state.loads
     point = replace(point_of(loads.at(state.time), last.point.grid), energy=last.point.energy)
-    state.branch = Branch(loads, Reached(state.time, point, None, last.steps, np.inf), **_options(loads.whole.scene))
+    state.branch = Branch(
+        loads, Reached(state.time, point, None, last.steps, np.inf), **_options(loads.whole.scene)
+    )
     state.iterations, state.load_share = last.steps, last.load_share
     state.warnings += last.warnings
     shape = state.shape
@@ -113,7 +128,9 @@ def _go_on(state: PathState, time: float) -> list[Jump]:
         state.branch = None
     elif state.branch is None:
         found = loads.first(time)
-        state.branch = Branch(loads, Reached(time, found.point, None, found.steps, np.inf), **_options(scene))
+        state.branch = Branch(
+            loads, Reached(time, found.point, None, found.steps, np.inf), **_options(scene)
+        )
         with one_blas_thread():
             state.branch.settle_in(found.point.grid)
         state.warnings += found.warnings
@@ -134,13 +151,19 @@ def _advance(branch: Branch, loads: FieldLoads | FeedLoads, time: float) -> list
         if not loads.hold(time, branch.now.point):
             return jumps
         branch.settle()
-    raise SolveError(f"friction did not settle in {MOST_TRIES} solves: the body is about to slip; remedy: take shorter steps")
+    raise SolveError(
+        f"friction did not settle in {MOST_TRIES} solves: the body is about to slip; remedy: take shorter steps"
+    )
 
 
 def follow(
-    scene: Scene, *, folder: Path | str | None = None, resume: bool = False, on_progress: Progress | None = None,
+    scene: Scene,
+    *,
+    folder: Path | str | None = None,
+    resume: bool = False,
+    on_progress: Progress | None = None,
     on_state: Callable[[PathState], None] | None = None,
-) -> PathState:  # fmt: skip
+) -> PathState:
     """All equilibria of a scene's path.
 
     folder: where to write frames, tables and checkpoints (default: nowhere); resume: continue from the folder's checkpoint;
@@ -165,7 +188,9 @@ def follow(
             if files is not None:
                 files.write(state, found)
         except SolveError as error:
-            if state.time == last[0]:  # the branch may have stopped on its way, where a body that is fed has another length
+            if (
+                state.time == last[0]
+            ):  # the branch may have stopped on its way, where a body that is fed has another length
                 state.branch = last[1]
                 if state.branch is not None and last[2] is not None:
                     state.branch.now = last[2]
@@ -179,8 +204,17 @@ def _note(state: PathState, jumps: list[Jump]) -> list[dict[str, Any]]:
     """Add the last equilibrium and the jumps before it. Returns the jumps as results have them, with the field and length then."""
     shape, branch, described = state.shape, state.branch, list[dict[str, Any]]()
     for jump in jumps:
-        field, out = shape.model.field_at(shape.position, jump.time), state.loads.inserted(jump.time)
-        described.append({**vars(jump), "field": float(np.linalg.norm(field)), **({} if out is None else {"inserted": out})})
+        field, out = (
+            shape.model.field_at(shape.position, jump.time),
+            state.loads.inserted(jump.time),
+        )
+        described.append(
+            {
+                **vars(jump),
+                "field": float(np.linalg.norm(field)),
+                **({} if out is None else {"inserted": out}),
+            }
+        )
     state.jumps += described
     state.warnings += [jump_in_words(jump) for jump in described]
     state.strain = state.strain.worst(strain_of(shape.model, shape.position, shape.F, state.time))
@@ -217,7 +251,10 @@ class _Files:
 
     def __init__(self, state: PathState, folder: Path | str, saved: Checkpoint | None) -> None:
         self.folder, self.scene = Path(folder), state.loads.whole.scene
-        self.steps, self.jumps = GrowingTable(self.folder / STEPS), GrowingTable(self.folder / JUMPS)
+        self.steps, self.jumps = (
+            GrowingTable(self.folder / STEPS),
+            GrowingTable(self.folder / JUMPS),
+        )
         self._hash = motion_hash(self.scene)
         options = self.scene.solver.quasi_static
         most = None if options is None else options.max_disk
@@ -225,21 +262,45 @@ class _Files:
             forget_motion(folder)
             self.frames = MotionWriter(folder, state.loads.whole, max_disk=most)
         else:
-            self.frames = MotionWriter(folder, state.loads.whole, max_disk=most, resume_at=saved.time, resume_frames=saved.frame + 1)
+            self.frames = MotionWriter(
+                folder,
+                state.loads.whole,
+                max_disk=most,
+                resume_at=saved.time,
+                resume_frames=saved.frame + 1,
+            )
             for table in (self.steps, self.jumps):
                 table.cut(saved.time)
 
     def write(self, state: PathState, jumps: Any) -> None:
         """The last equilibrium, the jumps on the way to it, and the state from which the path goes on."""
         shape = state.shape
-        model, x, F, named = shape.model, shape.position, shape.F, acting.collect(self.scene, times=shape.model.times)
+        model, x, F, named = (
+            shape.model,
+            shape.position,
+            shape.F,
+            acting.collect(self.scene, times=shape.model.times),
+        )
         elastic, stress = energies.elastic(model, F)
         acting.refresh(named, model, x, F)
         energies.add_effects_stress(model, x, F, named, stress)
-        known = {"kinetic": 0.0, "elastic": elastic, **energies.effect_energies(model, x, F, state.time)}
+        known = {
+            "kinetic": 0.0,
+            "elastic": elastic,
+            **energies.effect_energies(model, x, F, state.time),
+        }
         contacts = {} if shape.touched is None else contacts_at_rest(model, shape.touched)
         known |= {key: contact["energy"] for key, contact in contacts.items()}
-        self.frames.frame(state.time, x, np.zeros_like(x), F, stress, known, contacts, model.field_at(x, state.time))
+        self.frames.frame(
+            state.time,
+            x,
+            np.zeros_like(x),
+            F,
+            stress,
+            known,
+            contacts,
+            model.field_at(x, state.time),
+        )
         self.steps.add(path_row(state.rows[-1]))
         for jump in jumps:
             self.jumps.add(path_row(jump))
@@ -249,8 +310,20 @@ class _Files:
         arrays, numbers = ({}, {}) if state.branch is None else state.branch.state()
         if state.loads.held is not None:
             arrays |= {f"held_{name}": value for name, value in state.loads.held._asdict().items()}
-        more = {"branch": numbers, "rows": state.rows, "jumps": state.jumps, "warnings": state.warnings, "strain": state.strain.state()}
+        more = {
+            "branch": numbers,
+            "rows": state.rows,
+            "jumps": state.jumps,
+            "warnings": state.warnings,
+            "strain": state.strain.state(),
+        }
         return Checkpoint(
-            scene_hash=self._hash, every=0.0, time=state.time, formulation="quasi_static",
-            frame=state.frame, steps=state.iterations, control=more, state=arrays,
-        )  # fmt: skip
+            scene_hash=self._hash,
+            every=0.0,
+            time=state.time,
+            formulation="quasi_static",
+            frame=state.frame,
+            steps=state.iterations,
+            control=more,
+            state=arrays,
+        )

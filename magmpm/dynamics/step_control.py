@@ -78,7 +78,13 @@ class StableStep:
     @property
     def named(self) -> dict[str, float]:
         """Every bound by name, s."""
-        return {"isolated": self.isolated, "wave": self.wave, "body": self.body, **self.effects, **self._of_schedule}
+        return {
+            "isolated": self.isolated,
+            "wave": self.wave,
+            "body": self.body,
+            **self.effects,
+            **self._of_schedule,
+        }
 
     @property
     def _of_schedule(self) -> dict[str, float]:
@@ -91,8 +97,10 @@ def stable_step(motion: TotalMotion) -> StableStep:
     return StableStep(
         isolated=isolated(model.steepness(), model.shear, model.bulk, model.density),
         wave=float(model.grid.spacing.min() / speed_of_sound(model).max()),
-        body=body_step(motion), effects=acting.stable_steps(model), schedule=_of_schedule(model),
-    )  # fmt: skip
+        body=body_step(motion),
+        effects=acting.stable_steps(model),
+        schedule=_of_schedule(model),
+    )
 
 
 def stiffness(model: Model, F: Array) -> Array:
@@ -100,7 +108,10 @@ def stiffness(model: Model, F: Array) -> Array:
 
     Kernels check it in every step; formulas in materials (`stiffest`).
     """
-    J, cofactor = np.linalg.det(F), np.linalg.det(F)[:, None, None] * np.linalg.inv(F).transpose(0, 2, 1)
+    J, cofactor = (
+        np.linalg.det(F),
+        np.linalg.det(F)[:, None, None] * np.linalg.inv(F).transpose(0, 2, 1),
+    )
     I1, I2 = np.einsum("nij,nij->n", F, F), np.einsum("nij,nij->n", cofactor, cofactor)
     pressure = model.bulk * volume_change(model, J)
     scale = model.shear * J ** (-2.0 / 3.0)
@@ -145,8 +156,13 @@ def body_step(motion: TotalMotion) -> float:
         change = rest - motion.acceleration(motion.u + size * whole(z).ravel())
         return np.asarray(mass.momentum(change.reshape(-1, 3)).ravel()[free] / size)
 
-    begin = np.random.default_rng(0).standard_normal(len(free))  # always the same: a resumed run finds the same step
-    from scipy.sparse.linalg import LinearOperator, eigsh  # 0.1 s to import: not before a motion begins
+    begin = np.random.default_rng(0).standard_normal(
+        len(free)
+    )  # always the same: a resumed run finds the same step
+    from scipy.sparse.linalg import (
+        LinearOperator,
+        eigsh,
+    )  # 0.1 s to import: not before a motion begins
 
     def operator(product: Callable[[Array], Array]) -> LinearOperator:
         return LinearOperator((len(free), len(free)), matvec=product, dtype=float)
@@ -155,18 +171,33 @@ def body_step(motion: TotalMotion) -> float:
         operator(stiffness_product),
         M=operator(lambda z: mass.momentum(whole(z)).ravel()[free]),
         Minv=operator(lambda z: mass.accelerated(whole(z), inverse).ravel()[free]),
-        k=1, which="LA", v0=begin, tol=TIGHT, ncv=min(len(free), 24), return_eigenvectors=False,
-    )[0]  # fmt: skip
+        k=1,
+        which="LA",
+        v0=begin,
+        tol=TIGHT,
+        ncv=min(len(free), 24),
+        return_eigenvectors=False,
+    )[0]
     return float(2.0 / np.sqrt(largest * (1.0 + TIGHT)))
 
 
 def _of_schedule(model: Model) -> float | None:
     """Largest step that resolves a field that turns or swings, and ends that swing, s. None where neither matters to the body."""
     scene = model.scene
-    overs = [move.over_time for move in (scene.move or {}).values()] + ([scene.field.over_time] if scene.effects.in_a_field else [])
-    parts = [part for over in overs if over is not None for part in (over.rotation, over.oscillation) if part is not None]
+    overs = [move.over_time for move in (scene.move or {}).values()] + (
+        [scene.field.over_time] if scene.effects.in_a_field else []
+    )
+    parts = [
+        part
+        for over in overs
+        if over is not None
+        for part in (over.rotation, over.oscillation)
+        if part is not None
+    ]
     fastest = max((abs(part.frequency) for part in parts), default=0.0)
-    return 1.0 / (20 * fastest) if fastest > 0 else None  # between two steps, a straight line is off by about 1 %
+    return (
+        1.0 / (20 * fastest) if fastest > 0 else None
+    )  # between two steps, a straight line is off by about 1 %
 
 
 @dataclass
@@ -227,16 +258,32 @@ class StepControl:
 
     def state(self) -> dict[str, float | str]:
         """Plain numbers and text that `restore` needs."""
-        drift = {} if self._drift is None else {f"drift_{name}": value for name, value in vars(self._drift).items()}
+        drift = (
+            {}
+            if self._drift is None
+            else {f"drift_{name}": value for name, value in vars(self._drift).items()}
+        )
         return drift | {
-            "bound": self._bound, "stiffness": self._stiffness, "halvings": self._halvings, "step": self.step,
-            "shortest": self.shortest, "why": self.why,
-        }  # fmt: skip
+            "bound": self._bound,
+            "stiffness": self._stiffness,
+            "halvings": self._halvings,
+            "step": self.step,
+            "shortest": self.shortest,
+            "why": self.why,
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a `state`."""
-        self._bound, self._stiffness, self._halvings = state["bound"], state["stiffness"], int(state["halvings"])
-        self.step, self.shortest, self.why = state["step"], state["shortest"], state.get("why", "as before")
+        self._bound, self._stiffness, self._halvings = (
+            state["bound"],
+            state["stiffness"],
+            int(state["halvings"]),
+        )
+        self.step, self.shortest, self.why = (
+            state["step"],
+            state["shortest"],
+            state.get("why", "as before"),
+        )
         self._F = None
         if self._drift is not None and "drift_least" in state:
             self._drift = Drift(**{name: state[f"drift_{name}"] for name in vars(self._drift)})
@@ -246,9 +293,13 @@ class StepControl:
         """One sentence if steps had to be much shorter than at the start, else none."""
         if self.shortest > 0.5 * self._longest:
             return []
-        return [f"steps were shortened from {self._longest:.3g} s to as little as {self.shortest:.3g} s: {self.why}"]
+        return [
+            f"steps were shortened from {self._longest:.3g} s to as little as {self.shortest:.3g} s: {self.why}"
+        ]
 
-    def take(self, named: Records, steps: int, dt: float, time: float) -> tuple[int, Kinematics, Trouble | None]:
+    def take(
+        self, named: Records, steps: int, dt: float, time: float
+    ) -> tuple[int, Kinematics, Trouble | None]:
         """Take up to `steps` steps of dt (s) from a time (s), fewer if the next must be shorter.
 
         Returns their number, the kinematics then, and what is wrong.
@@ -289,7 +340,9 @@ class StepControl:
     def at_frame(self) -> None:
         """Find the bound again if the body is softer than when the steps were shortened."""
         highest = self._motion.watch[HIGHEST]
-        if self._bound < self._stable.body and 0.0 < highest < 0.7 * self._stiffness:  # which shortened the steps
+        if (
+            self._bound < self._stable.body and 0.0 < highest < 0.7 * self._stiffness
+        ):  # which shortened the steps
             self._find_bound()
         self._motion.watch[HIGHEST] = 0.0
 
@@ -299,7 +352,13 @@ class StepControl:
         over = 16.0 if broke else max(self._motion.watch[QUICKEST], changed) / CHANGE
         halvings = self._halvings + min(max(1, math.ceil(math.log2(over))), 6)
         if given or 0.5**halvings < 1e-4:  # even a step of 1e-4 of the first one is too long
-            return None if broke else self._trouble(f"the motion changes too much within {'a' if given else 'any'} step")
+            return (
+                None
+                if broke
+                else self._trouble(
+                    f"the motion changes too much within {'a' if given else 'any'} step"
+                )
+            )
         self._halvings, self.why = halvings, "the body moves too quickly for longer ones"
         self._choose()
         return None
@@ -320,7 +379,11 @@ class StepControl:
         """Choose the step from the present bound and number of halvings."""
         if self._options.time_step is None:
             largest = self._stable.largest_beside(self._bound)
-            allowed = self._longest if self._longest <= RESERVE * largest else self._options.safety * largest
+            allowed = (
+                self._longest
+                if self._longest <= RESERVE * largest
+                else self._options.safety * largest
+            )
             finer = 0 if self._drift is None else self._drift.finer
             self.step = min(allowed, self._longest / 2.0**self._halvings) / 2.0**finer
             self.shortest = min(self.shortest, self.step)
@@ -328,7 +391,9 @@ class StepControl:
 
     def _set_watch(self) -> None:
         reserve = RESERVE if self._options.time_step is None else 1.0
-        self._motion.watch[LIMIT] = self._stiffness * max((reserve * self._bound / self.step) ** 2, 1.01)
+        self._motion.watch[LIMIT] = self._stiffness * max(
+            (reserve * self._bound / self.step) ** 2, 1.01
+        )
         self._motion.watch[SHARE] = CHANGE
 
     def _trouble(self, cause: str) -> Trouble:

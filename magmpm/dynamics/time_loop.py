@@ -1,5 +1,4 @@
-"""The time loop: `move` simulates the motion of a model, frame by frame.
-"""
+"""The time loop: `move` simulates the motion of a model, frame by frame."""
 
 import math
 from collections.abc import Callable
@@ -61,7 +60,9 @@ class SimulationState:
 def _options(scene: Scene) -> DynamicOptions:
     options = scene.solver.dynamic
     if options is None:
-        raise InputError("the scene asks for no motion; add, say, `solver: {dynamic: {duration: 0.5 s}}`")
+        raise InputError(
+            "the scene asks for no motion; add, say, `solver: {dynamic: {duration: 0.5 s}}`"
+        )
     return options
 
 
@@ -101,8 +102,14 @@ def memory(motion: TotalMotion) -> int:
     """
     owners = [motion, motion.packed, motion.model, motion.model.particles]
     values = [value for owner in owners for value in vars(owner).values()]
-    records = [value for value in values if hasattr(value, "_fields")]  # of arrays, as the kernels take them
-    arrays = {id(part): part.nbytes for part in [*values, *chain(*records)] if isinstance(part, np.ndarray)}
+    records = [
+        value for value in values if hasattr(value, "_fields")
+    ]  # of arrays, as the kernels take them
+    arrays = {
+        id(part): part.nbytes
+        for part in [*values, *chain(*records)]
+        if isinstance(part, np.ndarray)
+    }
     return max(sum(arrays.values()), GROWTH * len(motion.model.density))
 
 
@@ -135,7 +142,10 @@ def integrate(
     else:
         _measure(state, state.motion.kinematics())
         state.balance.check(state.energies)
-    writer, conserves = None if folder is None else _writer(state, folder, saved), energies.loads_conserve(model)
+    writer, conserves = (
+        None if folder is None else _writer(state, folder, saved),
+        energies.loads_conserve(model),
+    )
     rounding = watchdog.energy_rounding(model)
     see = on_state or (lambda _: None)
     see(state)
@@ -157,7 +167,9 @@ def integrate(
             state.strain = state.strain.worst(strain_of(model, state.x, state.F, state.time))
             state.control.at_frame()  # before the checkpoint, which stores the next step
             last = _checkpoint(state, scene_hash)
-            if folder is not None and monotonic() > saved_at + 0.5:  # s of work that a killed run may have to repeat
+            if (
+                folder is not None and monotonic() > saved_at + 0.5
+            ):  # s of work that a killed run may have to repeat
                 _save(state, last, folder)
                 saved_last, saved_at = last, monotonic()
     except SolveError as error:
@@ -176,7 +188,14 @@ def _writer(state: SimulationState, folder: Path | str, saved: Checkpoint | None
         forget_motion(folder)
         return MotionWriter(folder, model, max_disk=most)
     frames = saved.frame + 1
-    return MotionWriter(folder, model, max_disk=most, resume_at=state.time, resume_frames=frames, resume_contacts=state.contacts)
+    return MotionWriter(
+        folder,
+        model,
+        max_disk=most,
+        resume_at=state.time,
+        resume_frames=frames,
+        resume_contacts=state.contacts,
+    )
 
 
 def _save(state: SimulationState, last: Checkpoint, folder: Path | str) -> None:
@@ -194,12 +213,22 @@ def _checkpoint(state: SimulationState, scene_hash: str) -> Checkpoint:
     motion = state.motion
     own = {} if motion.own is None else motion.own.state()
     return Checkpoint(
-        scene_hash=scene_hash, every=state.every, time=state.time, formulation="total",
-        frame=state.frame, steps=state.steps, state=motion.state(),
+        scene_hash=scene_hash,
+        every=state.every,
+        time=state.time,
+        formulation="total",
+        frame=state.frame,
+        steps=state.steps,
+        state=motion.state(),
         control={
-            **state.control.state(), **state.strain.state(), **state.balance.state(), **own, "dt": state.dt, "energies": state.energies,
+            **state.control.state(),
+            **state.strain.state(),
+            **state.balance.state(),
+            **own,
+            "dt": state.dt,
+            "energies": state.energies,
         },
-    )  # fmt: skip
+    )
 
 
 def _go_on_from(state: SimulationState, saved: Checkpoint) -> None:
@@ -210,12 +239,19 @@ def _go_on_from(state: SimulationState, saved: Checkpoint) -> None:
     if state.motion.own is not None:
         state.motion.own.restore(known)
     state.strain, state.balance = Strain.restored(known), watchdog.EnergyBalance.restored(known)
-    state.frame, state.steps, state.time, state.dt = saved.frame, saved.steps, saved.time, known.get("dt", state.dt)
+    state.frame, state.steps, state.time, state.dt = (
+        saved.frame,
+        saved.steps,
+        saved.time,
+        known.get("dt", state.dt),
+    )
     _measure(state, state.motion.kinematics())
     state.energies = known.get("energies", state.energies)
 
 
-def interval(state: SimulationState, until: float, on_progress: Progress | None = None) -> Kinematics:
+def interval(
+    state: SimulationState, until: float, on_progress: Progress | None = None
+) -> Kinematics:
     """Take equal steps up to a time (s), no longer than state.control allows. Where the control changes its bound, choose a new step.
 
     Raises SolveError where the motion can't go on.
@@ -244,7 +280,11 @@ def interval(state: SimulationState, until: float, on_progress: Progress | None 
             if on_progress is not None:
                 on_progress(state.time, state.steps)
             time_limit.check()
-            if taken < steps or control.step < dt * (1 - 1e-12) or (control.step > 1.5 * dt and done < count):
+            if (
+                taken < steps
+                or control.step < dt * (1 - 1e-12)
+                or (control.step > 1.5 * dt and done < count)
+            ):
                 break
     return now
 
@@ -253,8 +293,12 @@ def _wrong(state: SimulationState, now: Kinematics) -> watchdog.Trouble | None:
     """Failure of a motion, or None."""
     model = state.motion.model
     if state.motion.watch[WHY] == BROKEN:
-        return watchdog.outside_domain(model, now.x, state.time) or watchdog.broken(model, now.x, now.v, now.F)
-    return watchdog.check(model, now.x, now.v, state.time) or watchdog.outside_domain(model, now.x, state.time)
+        return watchdog.outside_domain(model, now.x, state.time) or watchdog.broken(
+            model, now.x, now.v, now.F
+        )
+    return watchdog.check(model, now.x, now.v, state.time) or watchdog.outside_domain(
+        model, now.x, state.time
+    )
 
 
 def _stopped(state: SimulationState, trouble: watchdog.Trouble) -> SolveError:
@@ -263,7 +307,9 @@ def _stopped(state: SimulationState, trouble: watchdog.Trouble) -> SolveError:
         place = state.motion.model.particles.position[trouble.particle] * 1e3
         where = f" (particle {trouble.particle}, in the undeformed body at {', '.join(f'{c:.3g}' for c in place)} mm)"
     bound = f"the time step is {state.dt:.3g} s, the stable bound at the start was {state.stable.largest:.3g} s"
-    return trouble.kind(f"step {state.steps}, t = {state.time:.6g} s: {trouble.cause}{where}; {bound}; remedy: {trouble.remedy}")
+    return trouble.kind(
+        f"step {state.steps}, t = {state.time:.6g} s: {trouble.cause}{where}; {bound}; remedy: {trouble.remedy}"
+    )
 
 
 def _measure(state: SimulationState, now: Kinematics) -> None:
@@ -272,7 +318,9 @@ def _measure(state: SimulationState, now: Kinematics) -> None:
     state.x, state.v, state.F = now.x, now.v, now.F
     named = acting.collect(model.scene, times=np.array([state.time]))
     acting.refresh(named, model, now.x, now.F)
-    state.P, state.energies, state.contacts = energies.measure(motion, named, now, state.time, state.dt)
+    state.P, state.energies, state.contacts = energies.measure(
+        motion, named, now, state.time, state.dt
+    )
 
 
 def _write(state: SimulationState, writer: MotionWriter | None) -> None:
@@ -280,4 +328,6 @@ def _write(state: SimulationState, writer: MotionWriter | None) -> None:
     if writer is None:
         return
     field = state.motion.model.field_at(state.x, state.time)
-    writer.frame(state.time, state.x, state.v, state.F, state.P, state.energies, state.contacts, field)
+    writer.frame(
+        state.time, state.x, state.v, state.F, state.P, state.energies, state.contacts, field
+    )

@@ -110,7 +110,9 @@ def take(motion: TotalMotion, named: Records, steps: int, dt: float) -> tuple[in
         taken += gone
         if own is not None:
             own.passed(gone)
-        if motion.watch[WHY] != GOING:  # otherwise pairs of a body that touches itself were listed again
+        if (
+            motion.watch[WHY] != GOING
+        ):  # otherwise pairs of a body that touches itself were listed again
             break
     if own is not None and not broken:
         own.compute(named, motion)
@@ -123,27 +125,45 @@ class TotalMotion:
     def __init__(self, model: Model) -> None:
         self.model = model
         self.packed = pack(model)
-        self.ends = MovedEnds(model, self.packed.node_place, self.packed.mass.lumped, self.packed.nodes.inverse_mass[::3] > 0)
+        self.ends = MovedEnds(
+            model,
+            self.packed.node_place,
+            self.packed.mass.lumped,
+            self.packed.nodes.inverse_mass[::3] > 0,
+        )
         nodes = len(self.packed.mass.lumped)
         self.u, self.v, self.force = np.zeros(3 * nodes), np.zeros(3 * nodes), np.zeros(3 * nodes)
         self.slabs = new_slabs(len(self.packed.cells.slab_first) - 1)
         self.stiffness = np.full(self.packed.particle.size, np.nan)
         on = self.packed.surface
         self.anchor = np.zeros(HELD * len(on.mass) + len(on.first_node))
-        self.memory = np.repeat(np.tile(acting.remembered(model.scene), len(self.packed.particle)), WIDTH)
+        self.memory = np.repeat(
+            np.tile(acting.remembered(model.scene), len(self.packed.particle)), WIDTH
+        )
         self.own = OwnLoads(model) if acting.feels_itself(model.scene) else None
         self.contact = body_contact(model, self.packed)
         if self.contact is not None:
             self.contact.list(self.u)
         self.watch = unlimited()
         self.threads = Threads(len(model.density))
-        self.lag = 0.0  # s by which velocities lag behind displacements: half a step of the last advance
+        self.lag = (
+            0.0  # s by which velocities lag behind displacements: half a step of the last advance
+        )
         self._last: tuple[Any, ...] = ()  # effects at the time of the displacements
 
     def advance(self, steps: int, dt: float, effects: tuple[Any, ...]) -> tuple[int, bool]:
         """Take up to `steps` steps of dt (s). Returns the steps taken, and whether it stopped because some det F is 0, negative or NaN."""
         meeting = () if self.contact is None else self.contact.meeting
-        arrays = self.u, self.v, self.force, self.anchor, self.stiffness, self.watch, self.memory, meeting
+        arrays = (
+            self.u,
+            self.v,
+            self.force,
+            self.anchor,
+            self.stiffness,
+            self.watch,
+            self.memory,
+            meeting,
+        )
         taken, _ = self.threads.run(lambda: (self._advance(steps, dt, effects, *arrays), False))
         if self.contact is not None and self.contact.outdated:
             self.contact.list(self.u)
@@ -152,10 +172,20 @@ class TotalMotion:
         return taken, bool(self.watch[WHY] == BROKEN)
 
     def _advance(
-        self, steps: int, dt: float, effects: tuple[Any, ...], u: Array, v: Array, force: Array, anchor: Array,
-        stiffness: Array | None = None, watch: Array | None = None, memory: Array | None = None,
-        meeting: Meeting | tuple[()] | None = None, instant: float = 0.0,
-    ) -> int:  # fmt: skip
+        self,
+        steps: int,
+        dt: float,
+        effects: tuple[Any, ...],
+        u: Array,
+        v: Array,
+        force: Array,
+        anchor: Array,
+        stiffness: Array | None = None,
+        watch: Array | None = None,
+        memory: Array | None = None,
+        meeting: Meeting | tuple[()] | None = None,
+        instant: float = 0.0,
+    ) -> int:
         """Take steps with these arrays. memory, meeting: unless given, copies of the motion's; instant: Pa, added to the shear modulus."""
         p, memory = self.packed, self.memory.copy() if memory is None else memory
         if meeting is None:
@@ -165,7 +195,11 @@ class TotalMotion:
         state = total_lagrangian_step.State(u, v, force, stiffness, anchor, memory)
         cells = p.cells._replace(shear=p.cells.shear + instant) if instant else p.cells
         body = cells, p.particles, p.nodes, p.mass.correction, p.surface, meeting
-        return int(total_lagrangian_step.advance(steps, dt, *body, state, (effects, those_with("node", effects)), watch, self.slabs))
+        return int(
+            total_lagrangian_step.advance(
+                steps, dt, *body, state, (effects, those_with("node", effects)), watch, self.slabs
+            )
+        )
 
     def velocity(self) -> Array:
         """Velocity of the nodes (3 nodes,) m/s, at the time of their displacements.
@@ -176,7 +210,17 @@ class TotalMotion:
 
     def _caught_up(self, stiffness: Array | None, watch: Array | None) -> Array:
         v = self.v.copy()
-        self._advance(1, self.lag, self._last, self.u.copy(), v, np.zeros_like(v), self.anchor.copy(), stiffness, watch)
+        self._advance(
+            1,
+            self.lag,
+            self._last,
+            self.u.copy(),
+            v,
+            np.zeros_like(v),
+            self.anchor.copy(),
+            stiffness,
+            watch,
+        )
         return v
 
     def kinematics(self) -> Kinematics:
@@ -198,7 +242,9 @@ class TotalMotion:
         p, n = self.packed, len(self.model.density)
         position, velocity, deformation = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
         rest = self.model.particles.position
-        total_lagrangian_step.at_particles(p.cells, p.particles, p.particle, u, v, rest, position, velocity, deformation)
+        total_lagrangian_step.at_particles(
+            p.cells, p.particles, p.particle, u, v, rest, position, velocity, deformation
+        )
         return position, velocity, deformation
 
     def kept(self) -> dict[str, Any]:
@@ -224,7 +270,9 @@ class TotalMotion:
         if self.own is not None:
             self.own.compute(effects, self)
         later = self.v.copy()
-        self._advance(1, abs(back), effects, self.u.copy(), later, np.zeros_like(self.v), self.anchor.copy())
+        self._advance(
+            1, abs(back), effects, self.u.copy(), later, np.zeros_like(self.v), self.anchor.copy()
+        )
         self.v -= np.sign(back) * (later - self.v)
         self.lag, self._last = dt / 2, at_step(effects, 0)
 
@@ -234,7 +282,9 @@ class TotalMotion:
         Branches that relax count as if they did not: as shear modulus.
         """
         v, instant = np.zeros_like(u), acting.instant_modulus(self.model.scene)
-        self._advance(1, 1.0, (), u.copy(), v, np.zeros_like(u), self.anchor, meeting=(), instant=instant)  # a second from rest: v is that
+        self._advance(
+            1, 1.0, (), u.copy(), v, np.zeros_like(u), self.anchor, meeting=(), instant=instant
+        )  # a second from rest: v is that
         return v
 
     def particles(self) -> tuple[Array, Array, Array]:
@@ -262,12 +312,18 @@ class TotalMotion:
         """Memory (n, k) of the particles in the model's order (effects.viscosity); k is 0 where there is none."""
         real, columns = self.packed.particle >= 0, self.memory.size // self.packed.particle.size
         out = np.empty((len(self.model.density), columns))
-        out[self.packed.particle[real]] = self.memory.reshape(-1, columns, WIDTH).transpose(0, 2, 1)[real]
+        out[self.packed.particle[real]] = self.memory.reshape(-1, columns, WIDTH).transpose(
+            0, 2, 1
+        )[real]
         return out
 
     def restore(self, state: dict[str, Array]) -> None:
         """Go back to a `state`."""
-        self.u[:], self.v[:], self.memory[:] = state["u"], state["v"], state.get("memory", self.memory)
+        self.u[:], self.v[:], self.memory[:] = (
+            state["u"],
+            state["v"],
+            state.get("memory", self.memory),
+        )
         self.force[:], self.stiffness[:] = 0.0, np.nan
         self.lag, self._last = float(state.get("lag", 0.0)), ()
         if self.contact is not None:
@@ -280,18 +336,35 @@ class TotalMotion:
         on, cells = self.packed.surface, self.packed.cells
         if not len(on.mass):
             return at_rest(np.zeros((0, 3)))
-        weights, node = on.weights.reshape(-1, 3, 3), np.repeat(on.first_node, np.diff(on.first_point))
+        weights, node = (
+            on.weights.reshape(-1, 3, 3),
+            np.repeat(on.first_node, np.diff(on.first_point)),
+        )
         x, v = on.place.reshape(-1, 3).copy(), np.zeros((len(on.mass), 3))
         moved, speed = self.u.reshape(-1, 3), self.velocity().reshape(-1, 3)
         for a, b, c in product(range(3), repeat=3):
-            at, share = node + a * cells.along_x + b * cells.along_y + c, weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
+            at, share = (
+                node + a * cells.along_x + b * cells.along_y + c,
+                weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c],
+            )
             x, v = x + share[:, None] * moved[at], v + share[:, None] * speed[at]
-        return Touching(x, v, on.mass, self.anchor[: HELD * len(x)].reshape(-1, HELD), on.grip.reshape(-1, 3))
+        return Touching(
+            x, v, on.mass, self.anchor[: HELD * len(x)].reshape(-1, HELD), on.grip.reshape(-1, 3)
+        )
 
     def body_contacts(self) -> dict[str, Contact]:
         """Contact of the body with itself, by pairs of components; empty where the scene does not name it."""
         if self.contact is None:
             return {}
         meeting, v = self.contact.copy(), self.v.copy()
-        self._advance(1, self.lag, self._last, self.u.copy(), v, np.zeros_like(v), self.anchor.copy(), meeting=meeting)
+        self._advance(
+            1,
+            self.lag,
+            self._last,
+            self.u.copy(),
+            v,
+            np.zeros_like(v),
+            self.anchor.copy(),
+            meeting=meeting,
+        )
         return self.contact.report(meeting.memory, self.u, v)

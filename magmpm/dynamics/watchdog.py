@@ -30,16 +30,26 @@ class Trouble:
 
 def broken(model: Model, x: Array, v: Array, F: Array) -> Trouble:
     """Find the failure of a step. Called after the kernel has stopped."""
-    bad = ~(np.isfinite(x).all(axis=1) & np.isfinite(v).all(axis=1) & np.isfinite(F).all(axis=(1, 2)))
+    bad = ~(
+        np.isfinite(x).all(axis=1) & np.isfinite(v).all(axis=1) & np.isfinite(F).all(axis=(1, 2))
+    )
     if bad.any():
-        return Trouble("a position, velocity or deformation is not finite", int(np.flatnonzero(bad)[0]), REMEDY)
+        return Trouble(
+            "a position, velocity or deformation is not finite", int(np.flatnonzero(bad)[0]), REMEDY
+        )
     J = np.linalg.det(F)
     worst = int(np.argmin(J))
     if J[worst] <= 0.0:
         remedy = f"{REMEDY}, or use more cells across, or apply the load more slowly (field.over_time, damping)"
-        return Trouble(f"det F fell to {J[worst]:.3g}: a particle was turned inside out", worst, remedy)
+        return Trouble(
+            f"det F fell to {J[worst]:.3g}: a particle was turned inside out", worst, remedy
+        )
     fastest = int(np.argmax(np.abs(v).max(axis=1)))
-    return Trouble(f"a particle crosses a cell in one step, at {np.abs(v[fastest]).max():.3g} m/s", fastest, REMEDY)
+    return Trouble(
+        f"a particle crosses a cell in one step, at {np.abs(v[fastest]).max():.3g} m/s",
+        fastest,
+        REMEDY,
+    )
 
 
 def check(model: Model, x: Array, v: Array, time: float = 0.0) -> Trouble | None:
@@ -49,20 +59,24 @@ def check(model: Model, x: Array, v: Array, time: float = 0.0) -> Trouble | None
     A particle may be faster than that only where loads make it so: a heavy soft body swings at several times that, without a shock.
     """
     reference = model.particles.position
-    finite, fastest, ratio, furthest, way, size = _extremes(x, v, reference, model.shear, model.bulk, model.density)
+    finite, fastest, ratio, furthest, way, size = _extremes(
+        x, v, reference, model.shear, model.bulk, model.density
+    )
     if not finite:
         return broken(model, x, v, np.tile(np.eye(3), (len(x), 1, 1)))
     speed = float(np.linalg.norm(v[fastest]))
     if ratio > SURFACE and speed > SURFACE * speed / ratio + driven_speed(model, x, time, way):
         return Trouble(
-            f"a particle moves at {speed:.3g} m/s, faster than waves in its material and than its load can drive it", fastest,
+            f"a particle moves at {speed:.3g} m/s, faster than waves in its material and than its load can drive it",
+            fastest,
             f"{REMEDY}, or apply the load more slowly",
-        )  # fmt: skip
+        )
     if way > FAR * size:
         return Trouble(
-            f"a particle left the box: it is {way:.3g} m from where it was, {FAR:g} times the body's size", furthest,
+            f"a particle left the box: it is {way:.3g} m from where it was, {FAR:g} times the body's size",
+            furthest,
             "hold the body (clamp, ground, walls), or shorten solver.dynamic.duration",
-        )  # fmt: skip
+        )
     return None
 
 
@@ -78,13 +92,22 @@ def _extremes(x, v, reference, shear, bulk, density):  # type: ignore[no-untyped
             speed2 += v[p, i] ** 2
             way2 += (x[p, i] - reference[p, i]) ** 2
             low[i], high[i] = min(low[i], reference[p, i]), max(high[i], reference[p, i])
-        finite = finite and speed2 + way2 < np.inf  # np.isfinite is always true here (magmpm.compiled.jit)
+        finite = (
+            finite and speed2 + way2 < np.inf
+        )  # np.isfinite is always true here (magmpm.compiled.jit)
         ratio2 = speed2 * density[p] / (bulk[p] + 4.0 / 3.0 * shear[p])
         if ratio2 > most:
             fastest, most = p, ratio2
         if way2 > way:
             furthest, way = p, way2
-    return finite, fastest, np.sqrt(most), furthest, np.sqrt(way), np.sqrt(((high - low) ** 2).sum())
+    return (
+        finite,
+        fastest,
+        np.sqrt(most),
+        furthest,
+        np.sqrt(way),
+        np.sqrt(((high - low) ** 2).sum()),
+    )
 
 
 def energy_rounding(model: Model) -> float:
@@ -93,7 +116,10 @@ def energy_rounding(model: Model) -> float:
     Four roundings of either factor, each of 3 eps/2, times G/2 and the volume. So it does not become less with the strain: of a metal
     it is more than the energy of a small motion.
     """
-    return max(1e-15, 6.0 * float(np.finfo(float).eps) * float(np.sum(model.shear * model.particles.volume)))
+    return max(
+        1e-15,
+        6.0 * float(np.finfo(float).eps) * float(np.sum(model.shear * model.particles.volume)),
+    )
 
 
 def outside_domain(model: Model, x: Array, time: float) -> Trouble | None:
@@ -127,6 +153,10 @@ class EnergyBalance:
         self.least = min(self.least, total)
         scale = max(self.kinetic, abs(energies["elastic"]))
         if not total - self.least <= 0.05 * scale + rounding:  # what it may grow by
-            grown = f"{total - self.least:.3g} J, with a kinetic energy of at most {self.kinetic:.3g} J"
-            return Trouble(f"energy appeared from nothing: the sum of all energies grew by {grown}", -1, REMEDY)
+            grown = (
+                f"{total - self.least:.3g} J, with a kinetic energy of at most {self.kinetic:.3g} J"
+            )
+            return Trouble(
+                f"energy appeared from nothing: the sum of all energies grew by {grown}", -1, REMEDY
+            )
         return None

@@ -15,7 +15,15 @@ from pydantic import Field, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
 from magmpm.compiled.arrays import Array
-from magmpm.effects.base import PHASES, BodyChange, BodyEffect, Effect, MarkedParticles, Records, SceneLike
+from magmpm.effects.base import (
+    PHASES,
+    BodyChange,
+    BodyEffect,
+    Effect,
+    MarkedParticles,
+    Records,
+    SceneLike,
+)
 from magmpm.effects.damping import Damping
 from magmpm.effects.feed import Feed
 from magmpm.effects.gravity import Gravity
@@ -34,8 +42,12 @@ from magmpm.inputs.settings import Settings, fault
 
 WHIP = 4.0  # the square of a tip's speed over the mean of the body's: 3 for a body that turns about its base, and a free end whips
 _PLANE = {"point": ["0 mm", "0 mm", "-2 mm"], "friction": 0.3}
-_LUMEN = {"tube": {"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}}
-_PULL = "A field that varies in space pulls the magnetized segments: {}. A uniform field does not pull."
+_LUMEN = {
+    "tube": {"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}
+}
+_PULL = (
+    "A field that varies in space pulls the magnetized segments: {}. A uniform field does not pull."
+)
 
 
 _FLUID = (
@@ -49,34 +61,129 @@ _OBSTACLE = (
 )
 _FRICTION = "friction belongs to what is touched: `ground: {..., friction: 0.3}`, `walls`, `self_contact`, or a material"
 _FIELD = (
-    "the field acts by `magnetic_torque: {}`, and one that varies in space also by `magnetic_force: {}`; what makes it stands in `field`"
+    "the field acts by `magnetic_torque: {}`, and one that varies in space also by "
+    "`magnetic_force: {}`; what makes it stands in `field`"
 )
 _FORCE = (
-    "the loads are the field's, weight (`gravity`), contact, and ends that are moved (`move`, beside `effects`); there is no other force"
+    "the loads are the field's, weight (`gravity`), contact, and ends that are moved (`move`, "
+    "beside `effects`); there is no other force"
 )
 _SEGMENTS = "magnetized segments act on each other by `magnetic_interaction: {}`"
 _LOSSES = "in motion the material loses energy by `viscosity: {viscosity: 50 Pa s}` or its `branches`, the surroundings by `damping`"
 _INSERTED = "the base is pushed through a guide by `feed: {speed: 20 mm/s, exit: 10 mm}`"
 _INERTIA = "inertia is there in every motion, `solver: {dynamic: {duration: 0.5 s}}`, and in no equilibrium: it is no effect to be named"
 _INSTEAD = {  # words by which people ask for an effect: what there is
-    **dict.fromkeys(("drag", "stokes_drag", "viscous_drag", "fluid_drag", "air", "air_drag", "air_resistance", "fluid", "liquid", "water",
-                     "blood", "buoyancy", "added_mass", "hydrodynamics", "fluid_structure_interaction", "fsi"), _FLUID),
+    **dict.fromkeys(
+        (
+            "drag",
+            "stokes_drag",
+            "viscous_drag",
+            "fluid_drag",
+            "air",
+            "air_drag",
+            "air_resistance",
+            "fluid",
+            "liquid",
+            "water",
+            "blood",
+            "buoyancy",
+            "added_mass",
+            "hydrodynamics",
+            "fluid_structure_interaction",
+            "fsi",
+        ),
+        _FLUID,
+    ),
     **dict.fromkeys(("flow", "blood_flow", "stream", "lift"), _FLOW),
-    **dict.fromkeys(("obstacle", "obstacles", "contact", "contacts", "collision", "collisions", "plane", "floor", "table", "surface",
-                     "substrate", "box", "sphere", "cylinder", "rigid_body", "vessel", "lumen", "tube", "channel"), _OBSTACLE),
+    **dict.fromkeys(
+        (
+            "obstacle",
+            "obstacles",
+            "contact",
+            "contacts",
+            "collision",
+            "collisions",
+            "plane",
+            "floor",
+            "table",
+            "surface",
+            "substrate",
+            "box",
+            "sphere",
+            "cylinder",
+            "rigid_body",
+            "vessel",
+            "lumen",
+            "tube",
+            "channel",
+        ),
+        _OBSTACLE,
+    ),
     **dict.fromkeys(("friction", "coulomb", "coulomb_friction"), _FRICTION),
-    **dict.fromkeys(("magnetic", "magnetism", "magnetics", "magnetic_field", "field", "torque", "actuation", "external_field"), _FIELD),
-    **dict.fromkeys(("force", "forces", "load", "loads", "point_load", "external_force", "body_force", "pressure", "traction", "tension",
-                     "displacement"), _FORCE),
-    **dict.fromkeys(("interaction", "interactions", "dipole", "dipoles", "dipole_interaction", "dipole_dipole", "self_interaction",
-                     "demagnetization", "demagnetisation", "magnetostatics"), _SEGMENTS),
-    **dict.fromkeys(("loss", "losses", "loss_factor", "viscoelasticity", "viscoelastic", "rayleigh_damping", "material_damping",
-                     "hysteresis"), _LOSSES),
+    **dict.fromkeys(
+        (
+            "magnetic",
+            "magnetism",
+            "magnetics",
+            "magnetic_field",
+            "field",
+            "torque",
+            "actuation",
+            "external_field",
+        ),
+        _FIELD,
+    ),
+    **dict.fromkeys(
+        (
+            "force",
+            "forces",
+            "load",
+            "loads",
+            "point_load",
+            "external_force",
+            "body_force",
+            "pressure",
+            "traction",
+            "tension",
+            "displacement",
+        ),
+        _FORCE,
+    ),
+    **dict.fromkeys(
+        (
+            "interaction",
+            "interactions",
+            "dipole",
+            "dipoles",
+            "dipole_interaction",
+            "dipole_dipole",
+            "self_interaction",
+            "demagnetization",
+            "demagnetisation",
+            "magnetostatics",
+        ),
+        _SEGMENTS,
+    ),
+    **dict.fromkeys(
+        (
+            "loss",
+            "losses",
+            "loss_factor",
+            "viscoelasticity",
+            "viscoelastic",
+            "rayleigh_damping",
+            "material_damping",
+            "hysteresis",
+        ),
+        _LOSSES,
+    ),
     **dict.fromkeys(("insertion", "push", "advance", "advancement", "feeding"), _INSERTED),
     **dict.fromkeys(("inertia", "dynamics", "mass"), _INERTIA),
     **dict.fromkeys(("weight", "self_weight", "g"), "weight is `gravity: {}`"),
-    **dict.fromkeys(("self_collision", "self_intersection"), "the body touches itself by `self_contact: {}`"),
-}  # fmt: skip
+    **dict.fromkeys(
+        ("self_collision", "self_intersection"), "the body touches itself by `self_contact: {}`"
+    ),
+}
 
 
 def _key(description: str, example: dict[str, Any]) -> Any:
@@ -87,20 +194,36 @@ def _key(description: str, example: dict[str, Any]) -> Any:
 class Effects(Settings):
     """Simulated effects: one that is not named costs nothing."""
 
-    unknown_key: ClassVar[str] = "there is no such effect; docs/effects.md says what each of these does, and where it acts"
+    unknown_key: ClassVar[str] = (
+        "there is no such effect; docs/effects.md says what each of these does, and where it acts"
+    )
 
-    magnetic_torque: MagneticTorque | None = _key("The outside field turns the magnetized segments: {}.", {})
+    magnetic_torque: MagneticTorque | None = _key(
+        "The outside field turns the magnetized segments: {}.", {}
+    )
     magnetic_force: MagneticForce | None = _key(_PULL, {})
-    magnetic_interaction: MagneticInteraction | None = _key("The magnetized segments turn and pull each other: {}.", {})
+    magnetic_interaction: MagneticInteraction | None = _key(
+        "The magnetized segments turn and pull each other: {}.", {}
+    )
     gravity: Gravity | None = _key("Weight: {} for 9.81 m/s^2 along -z.", {})
-    viscosity: Viscosity | None = _key("In motion: losses in the material (Kelvin-Voigt).", {"viscosity": "5 Pa s"})
-    damping: Damping | None = _key("In motion: resistance of the surroundings, in proportion to mass.", {"rate": "60 1/s"})
+    viscosity: Viscosity | None = _key(
+        "In motion: losses in the material (Kelvin-Voigt).", {"viscosity": "5 Pa s"}
+    )
+    damping: Damping | None = _key(
+        "In motion: resistance of the surroundings, in proportion to mass.", {"rate": "60 1/s"}
+    )
     ground: Ground | None = _key("Contact with a plane.", _PLANE)
     walls: Walls | None = _key("Contact with the wall of a lumen.", _LUMEN)
-    self_contact: SelfContact | None = _key("In motion: the body touches itself and separates again: {}.", {})
-    feed: Feed | None = _key("In motion: the base is pushed through a guide.", {"speed": "20 mm/s", "exit": "10 mm"})
+    self_contact: SelfContact | None = _key(
+        "In motion: the body touches itself and separates again: {}.", {}
+    )
+    feed: Feed | None = _key(
+        "In motion: the base is pushed through a guide.", {"speed": "20 mm/s", "exit": "10 mm"}
+    )
     # `effects: auto` in a file: the program is to choose (solving.effects_choice); nothing is named with it.
-    auto: SkipJsonSchema[Literal[True] | None] = Field(default=None, description="The program chooses.", examples=[True])
+    auto: SkipJsonSchema[Literal[True] | None] = Field(
+        default=None, description="The program chooses.", examples=[True]
+    )
 
     @model_validator(mode="after")
     def _auto_stands_alone(self) -> Effects:
@@ -122,7 +245,11 @@ class Effects(Settings):
     @cache
     def every(cls) -> dict[str, type[Effect]]:
         """All effects there are, by key, in the order of their phases; within a phase in the order of their keys."""
-        kinds = {key: get_args(field.annotation)[0] for key, field in cls.model_fields.items() if key != "auto"}
+        kinds = {
+            key: get_args(field.annotation)[0]
+            for key, field in cls.model_fields.items()
+            if key != "auto"
+        }
         return dict(sorted(kinds.items(), key=lambda item: PHASES.index(item[1].PHASE)))
 
     def named(self) -> dict[str, Effect]:
@@ -135,7 +262,9 @@ class Effects(Settings):
         return any(effect.IN_FIELD for effect in self.named().values())
 
 
-NO_LOADS = tuple(key for key, kind in Effects.every().items() if kind.ONLY_IN_MOTION or kind.PHASE == "contact")  # rods at rest lack these
+NO_LOADS = tuple(
+    key for key, kind in Effects.every().items() if kind.ONLY_IN_MOTION or kind.PHASE == "contact"
+)  # rods at rest lack these
 
 
 def collect(scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
@@ -145,12 +274,14 @@ def collect(scene: SceneLike, strength: float = 1.0, times: Array | None = None)
     come, where fields change in time; None for statics. An effect at zero strength is left out: kernels without it give the same
     numbers bit for bit, while kernels that add its zeros may not (sums are reassociated).
     """
-    return tuple(part for effect in scene.effects.named().values() for part in effect.records(scene, strength, times))
+    return tuple(
+        part
+        for effect in scene.effects.named().values()
+        for part in effect.records(scene, strength, times)
+    )
 
 
-def field_changes(
-    scene: SceneLike, times: Array | None = None
-) -> tuple[Records, Records, Records]:
+def field_changes(scene: SceneLike, times: Array | None = None) -> tuple[Records, Records, Records]:
     """Records of the derivatives of all named effects with respect to the field's uniform part, x, y, z (Effect.field_changes)."""
     each = [effect.field_changes(scene, times) for effect in scene.effects.named().values()]
     x, y, z = (tuple(part for changes in each for part in changes[i]) for i in range(3))
@@ -170,14 +301,29 @@ def warnings(scene: SceneLike) -> list[str]:
 
 def passed(scene: SceneLike, x: Array) -> str | None:
     """Reason why the points of a surface can't rest at x (n, 3) m: it has gone through an obstacle (Effect.passed)."""
-    return next((why for effect in scene.effects.named().values() if (why := effect.passed(scene, x)) is not None), None)
+    return next(
+        (
+            why
+            for effect in scene.effects.named().values()
+            if (why := effect.passed(scene, x)) is not None
+        ),
+        None,
+    )
 
 
 def stable_steps(model: Any) -> dict[str, float]:
     """The largest stable step (s) of each named effect that sets one."""
     named = model.scene.effects.named().items()
-    acting = {key: effect for key, effect in named if effect.records(model.scene) or effect.PHASE == "contact"}  # self_contact has none
-    return {key: step for key, effect in acting.items() if (step := effect.stable_step(model)) is not None}
+    acting = {
+        key: effect
+        for key, effect in named
+        if effect.records(model.scene) or effect.PHASE == "contact"
+    }  # self_contact has none
+    return {
+        key: step
+        for key, effect in acting.items()
+        if (step := effect.stable_step(model)) is not None
+    }
 
 
 def remembered(scene: SceneLike) -> Array:
@@ -211,12 +357,18 @@ def refresh(named: Records, body: Any, x: Array, F: Array) -> float:
 
     body: a Model; x (n, 3) m, F (n, 3, 3) of its particles.
     """
-    return sum(float(record["share"][0]) * kind.refresh(data, _particles(body), x, F) for kind, record, data in _refreshed(named))
+    return sum(
+        float(record["share"][0]) * kind.refresh(data, _particles(body), x, F)
+        for kind, record, data in _refreshed(named)
+    )
 
 
 def coordinates(named: Records, body: Any, x: Array, F: Array) -> list[Array]:
     """Return what the tables of `own_tables` act on (BodyEffect.coordinates), times the shares of their loads."""
-    return [float(record["share"][0]) * kind.coordinates(_particles(body), x, F) for kind, record, _ in _refreshed(named)]
+    return [
+        float(record["share"][0]) * kind.coordinates(_particles(body), x, F)
+        for kind, record, _ in _refreshed(named)
+    ]
 
 
 def own_tables(named: Records) -> list[Array]:
@@ -236,22 +388,35 @@ def refresh_change(named: Records, body: Any, x: Array, F: Array, by: BodyChange
 
 def shared_energy(named: Records, body: Any, x: Array, F: Array) -> float:
     """Energy (J) of effects in which every particle feels all others; their energy hooks count loads that do not follow the shape."""
-    return sum(float(record["share"][0]) * kind.shared_energy(_particles(body), x, F) for kind, record, _ in _refreshed(named))
+    return sum(
+        float(record["share"][0]) * kind.shared_energy(_particles(body), x, F)
+        for kind, record, _ in _refreshed(named)
+    )
 
 
 def _refreshed(named: Records) -> list[tuple[type[BodyEffect], NDArray[Any], NDArray[Any]]]:
     """Effects whose table depends on the body's shape, with their record and table."""
     kinds = [kind for kind in Effects.every().values() if issubclass(kind, BodyEffect)]
-    return [(kind, record, data) for record, data in pairs(named) for kind in kinds if record.dtype == kind.REFRESHED]
+    return [
+        (kind, record, data)
+        for record, data in pairs(named)
+        for kind in kinds
+        if record.dtype == kind.REFRESHED
+    ]
 
 
 def _particles(body: Any) -> MarkedParticles:
-    return MarkedParticles(body.remanence[:, -1], body.particles.segment, body.particles.volume, body.remanence[:, :3])
+    return MarkedParticles(
+        body.remanence[:, -1], body.particles.segment, body.particles.volume, body.remanence[:, :3]
+    )
 
 
 def feels_itself(scene: SceneLike) -> bool:
     """True if an effect depends on the shape of the whole body, so that equilibrium takes several solves."""
-    return any(isinstance(effect, BodyEffect) and effect.records(scene) for effect in scene.effects.named().values())
+    return any(
+        isinstance(effect, BodyEffect) and effect.records(scene)
+        for effect in scene.effects.named().values()
+    )
 
 
 def driven_speed(model: Any, x: Array, time: float, way: float) -> float:
@@ -268,8 +433,13 @@ def driven_speed(model: Any, x: Array, time: float, way: float) -> float:
     if named.in_a_field and magnetic > 0.0:
         field = scene.outside_field()
         # a field that changes in time is looked at in nine moments
-        most = max(float(np.linalg.norm(field.at(x, moment), axis=1).max()) for moment in np.linspace(0.0, time, 9))
+        most = max(
+            float(np.linalg.norm(field.at(x, moment), axis=1).max())
+            for moment in np.linspace(0.0, time, 9)
+        )
         work += 4.0 * magnetic * most
     if named.magnetic_interaction is not None:
         work += magnetic * float(remanence.max())
-    return float(np.sqrt(2.0 * WHIP * work)) + (0.0 if named.feed is None else abs(named.feed.speed))
+    return float(np.sqrt(2.0 * WHIP * work)) + (
+        0.0 if named.feed is None else abs(named.feed.speed)
+    )

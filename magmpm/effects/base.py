@@ -21,8 +21,15 @@ from magmpm.inputs.settings import Quantity, Settings
 from magmpm.inputs.vectors import three
 
 Phase = Literal["force", "damping", "contact", "constraint"]
-PHASES = ("force", "damping", "contact", "constraint")  # the order in which hooks of a kind are called
-Records = tuple[NDArray[Any], ...]  # parameter records and data, in turn; what kernels take (effects.hooks)
+PHASES = (
+    "force",
+    "damping",
+    "contact",
+    "constraint",
+)  # the order in which hooks of a kind are called
+Records = tuple[
+    NDArray[Any], ...
+]  # parameter records and data, in turn; what kernels take (effects.hooks)
 
 Place = Annotated[float, Quantity("length", at_least="-10 m", at_most="10 m")]
 Point = Annotated[tuple[Place, Place, Place], three("[0 mm, 0 mm, -2 mm]")]
@@ -34,7 +41,9 @@ class SceneLike(Protocol):
     body: Body
     field: FieldSource
     effects: Any  # effects.acting.Effects: settings by key, None where not named
-    materials: Any  # by name: shear_modulus (Pa), bulk_to_shear, density (kg/m^3 or None), remanence (T)
+    materials: (
+        Any  # by name: shear_modulus (Pa), bulk_to_shear, density (kg/m^3 or None), remanence (T)
+    )
     solver: Any  # dynamic, quasi_static: None where not requested
     resolution: Any  # cells_across, particles_per_cell
 
@@ -118,11 +127,15 @@ class Effect(Settings):
 
     PHASE: ClassVar[Phase]
     ONLY_IN_MOTION: ClassVar[bool] = False  # refused in a scene that is solved for its equilibrium
-    ALONG_TIME: ClassVar[bool] = False  # of an effect only in motion: whether equilibria along time (solver.quasi_static) have it too
+    ALONG_TIME: ClassVar[bool] = (
+        False  # of an effect only in motion: whether equilibria along time (solver.quasi_static) have it too
+    )
     IN_FIELD: ClassVar[bool] = False  # whether it is an effect of the outside field
 
     @abstractmethod
-    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+    def records(
+        self, scene: SceneLike, strength: float = 1.0, times: Array | None = None
+    ) -> Records:
         """Parameters for the kernels: records (one, or one for each of the times) and a table, or () for nothing.
 
         strength: factor of a load, 0 to 1; times (k,) s of the steps to come, None in statics.
@@ -187,7 +200,9 @@ class BodyEffect(Effect):
 
     @staticmethod
     @abstractmethod
-    def refresh_change(change: Array, particles: MarkedParticles, x: Array, F: Array, by: BodyChange) -> None:
+    def refresh_change(
+        change: Array, particles: MarkedParticles, x: Array, F: Array, by: BodyChange
+    ) -> None:
         """Write to `change` how the table changes with the body, to first order, in place; other arguments as of `refresh`.
 
         Stress and force of such an effect are linear in its table: with the change in its place, its hooks give their change.

@@ -39,8 +39,14 @@ def body_reach(scene: SceneLike) -> BodyReach:
         pushed = 0.0 if feed is None else feed.speed * scene.duration
         way = np.linspace(0.0, pushed, STATIONS if pushed else 1)
         words = f"{STRETCHED:g} times its length from {'all places its base is pushed to' if pushed else 'its base'}"
-        return BodyReach(np.array(line.base) + way[:, None] * [1.0, 0.0, 0.0], STRETCHED * size, words)
-    return BodyReach(((lower + upper) / 2)[None], (0.5 + FAR) * size, f"{FAR:g} times its size, where a motion is stopped")
+        return BodyReach(
+            np.array(line.base) + way[:, None] * [1.0, 0.0, 0.0], STRETCHED * size, words
+        )
+    return BodyReach(
+        ((lower + upper) / 2)[None],
+        (0.5 + FAR) * size,
+        f"{FAR:g} times its size, where a motion is stopped",
+    )
 
 
 def unreached(key: str, obstacle: str, reach: BodyReach, from_base: Array) -> list[str]:

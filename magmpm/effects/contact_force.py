@@ -27,9 +27,15 @@ from magmpm.compiled.jit import compiled
 
 PARTS = 9  # numbers in f
 DELAY = 4.0  # times that a shear wave takes through the thickness: the period of the slowest shear oscillation of a layer held at one face
-FAR, SHORT = 0.01, 1 / 16  # thicknesses of the body: the way after which a slide has but this part of the delay
+FAR, SHORT = (
+    0.01,
+    1 / 16,
+)  # thicknesses of the body: the way after which a slide has but this part of the delay
 HELD = 8  # numbers that friction remembers of a point: anchor (3,) m; how it touches (STICKS; -STICKS: it slides; 0: not at all);
-TOUCHES, STICKS = 3, 1.0  # the mean of its grip, N; over what time, s; the mean of that mean, N; how far it has slid since it stuck, m
+TOUCHES, STICKS = (
+    3,
+    1.0,
+)  # the mean of its grip, N; over what time, s; the mean of that mean, N; how far it has slid since it stuck, m
 
 
 @compiled
@@ -66,7 +72,10 @@ def stored(depth, rigidity, layer, thickness, knee):
     """Energy (J) of the springs of `push`; rigidity: mass times stiffness, N/m. Of one, or of arrays (n,)."""
     soft = layer / np.maximum(thickness, layer)
     below, above = np.minimum(depth, knee), np.maximum(depth - knee, 0.0)
-    return rigidity * (0.5 * soft * depth**2 + (1.0 - soft) * (below**3 / (6.0 * knee) + 0.5 * above * (above + knee)))
+    return rigidity * (
+        0.5 * soft * depth**2
+        + (1.0 - soft) * (below**3 / (6.0 * knee) + 0.5 * above * (above + knee))
+    )
 
 
 @compiled

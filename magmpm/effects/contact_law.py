@@ -33,25 +33,48 @@ KNEE = 0.02  # cells: deeper than bodies at rest sink in; beyond it friction's s
 SHARE = 0.7  # of the explicit limit 2 / w: 0.8 of the smaller of the body's and the contact's bounds is then stable for both together
 
 
-Friction = Annotated[float, Field(
-    strict=True, ge=0, le=10, allow_inf_nan=False, description="Coulomb's coefficient of friction; 0, slippery, unless given.",
-    examples=[0.3],
-)]  # fmt: skip
-Stiffness = Annotated[float, Field(
-    strict=True, gt=0, le=100, allow_inf_nan=False, examples=[1.0],
-    description="Times the usual stiffness of the contact, which lets the body in by micrometers; 1 unless given. "
-    "Above 1 the contact may ask for a smaller time step than the body.",
-)]  # fmt: skip
+Friction = Annotated[
+    float,
+    Field(
+        strict=True,
+        ge=0,
+        le=10,
+        allow_inf_nan=False,
+        description="Coulomb's coefficient of friction; 0, slippery, unless given.",
+        examples=[0.3],
+    ),
+]
+Stiffness = Annotated[
+    float,
+    Field(
+        strict=True,
+        gt=0,
+        le=100,
+        allow_inf_nan=False,
+        examples=[1.0],
+        description="Times the usual stiffness of the contact, which lets the body in by micrometers; 1 unless given. "
+        "Above 1 the contact may ask for a smaller time step than the body.",
+    ),
+]
 
 
 def law(scene: SceneLike, factor: float, friction: float) -> dict[str, float]:
     """The arguments of `push`: `stiffness` w^2 in 1/s^2, times `factor`, and with friction `layer` (m), `knee` (m) and `damping` (1/s)."""
     used = [scene.materials[region.material_name] for region in scene.regions() if not region.held]
-    squares = [m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density for m in used if m.density is not None]
+    squares = [
+        m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density
+        for m in used
+        if m.density is not None
+    ]
     rate = math.sqrt(max(squares, default=0.0)) / scene.cell  # of the fastest pressure wave
     if not friction > 0:
         return {"stiffness": factor * rate**2}
-    return {"stiffness": factor * rate**2, "layer": scene.cell / SOFT / factor, "knee": KNEE * scene.cell, "damping": rate}
+    return {
+        "stiffness": factor * rate**2,
+        "layer": scene.cell / SOFT / factor,
+        "knee": KNEE * scene.cell,
+        "damping": rate,
+    }
 
 
 def obstacle_dtype(key: str, *own: tuple[Any, ...]) -> np.dtype[Any]:
@@ -64,7 +87,11 @@ def obstacle_record(dtype: np.dtype[Any], data: Array = NO_DATA, /, **values: An
     """A record of an obstacle_dtype, by names of fields without the key, and its table; layer, knee 1 m unless given, others 0."""
     names = dtype.names or ()
     usual = {"layer": 1.0, "knee": 1.0, **values}
-    return one_record(dtype, data, **{f"{names[0].partition('_')[0]}_{name}": value for name, value in usual.items()})
+    return one_record(
+        dtype,
+        data,
+        **{f"{names[0].partition('_')[0]}_{name}": value for name, value in usual.items()},
+    )
 
 
 def grips(scene: SceneLike) -> Array:
@@ -74,7 +101,9 @@ def grips(scene: SceneLike) -> Array:
     for region in scene.regions():
         material, thickness = scene.materials[region.material_name], region.thickness
         through = thickness * math.sqrt((material.density or 0.0) / material.shear_modulus)
-        found.append([np.nan if material.friction is None else material.friction, thickness, through])
+        found.append(
+            [np.nan if material.friction is None else material.friction, thickness, through]
+        )
     return np.array(found)
 
 
@@ -121,22 +150,34 @@ def _touching(named, x, v, mass, dt, held, grip, layer, knee, force):
             count += 1
             if depth > most:
                 worst, most = p, depth
-            energy += _stored(depth, f[6], layer, f[7], knee) + 0.5 * f[6] * (s[0] ** 2 + s[1] ** 2 + s[2] ** 2)
+            energy += _stored(depth, f[6], layer, f[7], knee) + 0.5 * f[6] * (
+                s[0] ** 2 + s[1] ** 2 + s[2] ** 2
+            )
     return count, worst, most, energy
 
 
-def contact_of(named: Records, touching: Touching, dt: float, layer: float = 1.0, knee: float = 1.0) -> Contact:
+def contact_of(
+    named: Records, touching: Touching, dt: float, layer: float = 1.0, knee: float = 1.0
+) -> Contact:
     """Contact of points in steps of dt (s); named: of one effect; layer, knee (m): of its `law`."""
     force = np.zeros(3)
     x, v, mass, held, grip = touching
-    count, _, depth, energy = _touching(named, x, v, mass, dt, held.copy(), grip, layer, knee, force)
+    count, _, depth, energy = _touching(
+        named, x, v, mass, dt, held.copy(), grip, layer, knee, force
+    )
     return Contact(force=force, count=count, depth=depth, energy=energy)
 
 
 def at_rest(x: Array, mass: Array | None = None) -> Touching:
     """Points at rest at x (n, 3) m that nothing holds; of mass (n,) kg, or 1 kg each."""
     slippery = np.tile([np.nan, 0.0, 0.0], (len(x), 1))
-    return Touching(x, np.zeros_like(x), np.ones(len(x)) if mass is None else mass, np.zeros((len(x), HELD)), slippery)
+    return Touching(
+        x,
+        np.zeros_like(x),
+        np.ones(len(x)) if mass is None else mass,
+        np.zeros((len(x), HELD)),
+        slippery,
+    )
 
 
 class Obstacle(Effect):
@@ -155,7 +196,11 @@ class Obstacle(Effect):
 
     def law(self, scene: SceneLike) -> dict[str, float]:
         """The `law` of a scene's body; at equilibrium there is no friction."""
-        return law(scene, self.stiffness, 0.0 if scene.solver.dynamic is None else most_friction(scene, self.friction))
+        return law(
+            scene,
+            self.stiffness,
+            0.0 if scene.solver.dynamic is None else most_friction(scene, self.friction),
+        )
 
     def stable_step(self, model: Any) -> float:
         """Largest stable step, s."""
@@ -165,7 +210,9 @@ class Obstacle(Effect):
     def report(self, model: Any, touching: Touching, dt: float) -> Contact:
         """Contact of a model, in steps of dt (s)."""
         found = self.law(model.scene)
-        return contact_of(self.records(model.scene), touching, dt, found.get("layer", 1.0), found.get("knee", 1.0))
+        return contact_of(
+            self.records(model.scene), touching, dt, found.get("layer", 1.0), found.get("knee", 1.0)
+        )
 
     def passed(self, scene: SceneLike, x: Array) -> str | None:
         """Reason why points of a surface can't rest at x (n, 3) m: one is more than a cell inside, where the spring is no contact."""
@@ -176,7 +223,9 @@ class Obstacle(Effect):
     def check(self, model: Any) -> None:
         """Raises SceneError where the body begins so deep in the obstacle that it would be thrown out faster than THROWN."""
         x, v, masses, held, grip = at_rest(model.surface.place, model.surface.mass)
-        _, point, depth, energy = _touching(self.records(model.scene), x, v, masses, 1.0, held, grip, 1.0, 1.0, np.zeros(3))
+        _, point, depth, energy = _touching(
+            self.records(model.scene), x, v, masses, 1.0, held, grip, 1.0, 1.0, np.zeros(3)
+        )
         mass = float(model.density @ model.particles.volume)
         speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0
         if speed > THROWN:

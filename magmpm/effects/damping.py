@@ -34,7 +34,9 @@ class Damping(Effect):
         examples=["60 1/s"],
     )
 
-    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+    def records(
+        self, scene: SceneLike, strength: float = 1.0, times: Array | None = None
+    ) -> Records:
         """Parameters for the kernels, or () where the rate is zero."""
         return one_record(DTYPE, damping_rate=self.rate) if self.rate > 0 else ()
 
@@ -56,7 +58,9 @@ def push(effect, data, dt):
 
 def left(named: Records, dt: float) -> float:
     """Part of a velocity that damping leaves after dt (s); named: records and data of effects, in turn."""
-    rates = [records["damping_rate"][0] for records in named[::2] if records.dtype.names == DTYPE.names]
+    rates = [
+        records["damping_rate"][0] for records in named[::2] if records.dtype.names == DTYPE.names
+    ]
     return math.exp(-min(sum(rates) * dt, MOST))
 
 

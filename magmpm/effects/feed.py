@@ -20,7 +20,9 @@ from magmpm.effects.base import Effect, Place, Records, SceneLike, one_record
 from magmpm.effects.hooks import register
 from magmpm.inputs.settings import Quantity
 
-DTYPE = np.dtype([("feed_speed", np.float64), ("feed_exit", np.float64), ("feed_radius", np.float64)])
+DTYPE = np.dtype(
+    [("feed_speed", np.float64), ("feed_exit", np.float64), ("feed_radius", np.float64)]
+)
 
 
 class Feed(Effect):
@@ -34,12 +36,20 @@ class Feed(Effect):
     )
     exit: Place = Field(description="Where on the x axis the guide ends.", examples=["10 mm"])
 
-    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+    def records(
+        self, scene: SceneLike, strength: float = 1.0, times: Array | None = None
+    ) -> Records:
         """Parameters for the kernels."""
         half = 0.5 * scene.cell
-        corner = math.sqrt(2.0) * (0.5 * scene.thickness + half)  # of a straight body's nodes: with two cells across, beyond its diameter
-        radius = max(scene.thickness, 1.01 * corner)  # m, of the guide; nodes before the exit are held
-        return one_record(DTYPE, feed_speed=self.speed, feed_exit=self.exit + half, feed_radius=radius)
+        corner = math.sqrt(2.0) * (
+            0.5 * scene.thickness + half
+        )  # of a straight body's nodes: with two cells across, beyond its diameter
+        radius = max(
+            scene.thickness, 1.01 * corner
+        )  # m, of the guide; nodes before the exit are held
+        return one_record(
+            DTYPE, feed_speed=self.speed, feed_exit=self.exit + half, feed_radius=radius
+        )
 
 
 @compiled

@@ -20,13 +20,17 @@ class Gravity(Effect):
     """Weight."""
 
     PHASE = "force"
-    acceleration: Annotated[tuple[_Component, _Component, _Component], three("[0 m/s^2, 0 m/s^2, -9.81 m/s^2]")] = Field(
+    acceleration: Annotated[
+        tuple[_Component, _Component, _Component], three("[0 m/s^2, 0 m/s^2, -9.81 m/s^2]")
+    ] = Field(
         default=(0.0, 0.0, -9.81),
         description="9.81 m/s^2 along -z unless given: [x, y, z].",
         examples=[["0 m/s^2", "0 m/s^2", "-9.81 m/s^2"]],
     )
 
-    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+    def records(
+        self, scene: SceneLike, strength: float = 1.0, times: Array | None = None
+    ) -> Records:
         """Parameters for the kernels, or () where there is no weight."""
         acceleration = strength * np.array(self.acceleration)
         return one_record(DTYPE, gravity=acceleration) if acceleration.any() else ()

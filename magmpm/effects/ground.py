@@ -12,7 +12,13 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Point, Records, SceneLike
 from magmpm.effects.body_reach import body_reach, unreached
 from magmpm.effects.contact_force import push, spring
-from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, obstacle_dtype, obstacle_record
+from magmpm.effects.contact_law import (
+    Friction,
+    Obstacle,
+    Stiffness,
+    obstacle_dtype,
+    obstacle_record,
+)
 from magmpm.effects.hooks import register
 from magmpm.inputs.settings import fault
 from magmpm.inputs.vectors import Direction
@@ -31,7 +37,9 @@ class Ground(Obstacle):
 
     WORDS = "the ground"
     CLEAR = "move the plane's `point` away from the body"
-    point: Point = Field(description="A point of the plane: [x, y, z].", examples=[["0 mm", "0 mm", "-2 mm"]])
+    point: Point = Field(
+        description="A point of the plane: [x, y, z].", examples=[["0 mm", "0 mm", "-2 mm"]]
+    )
     normal: Direction = Field(
         default=(0.0, 0.0, 1.0),
         description="Away from the ground, toward the body; +z unless given.",
@@ -47,9 +55,13 @@ class Ground(Obstacle):
             raise fault("a plane's normal must have a direction", "write, say, `normal: [0, 0, 1]`")
         return normal
 
-    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+    def records(
+        self, scene: SceneLike, strength: float = 1.0, times: Array | None = None
+    ) -> Records:
         """Parameters for the kernels."""
-        return parameters(point=self.point, normal=self.normal, friction=self.friction, **self.law(scene))
+        return parameters(
+            point=self.point, normal=self.normal, friction=self.friction, **self.law(scene)
+        )
 
     def height(self, points: Array) -> Array:
         """Distance (n,) m of points (n, 3) m above the plane."""
@@ -76,16 +88,28 @@ def contact(effect, data, x, v, mass, dt, f):
         n = effect.ground_normal
         leaving = v[0] * n[0] + v[1] * n[1] + v[2] * n[2]
         push(
-            below, n[0], n[1], n[2], leaving, mass, effect.ground_stiffness, effect.ground_layer, effect.ground_knee, effect.ground_damping,
-            effect.ground_friction, f,
-        )  # fmt: skip
+            below,
+            n[0],
+            n[1],
+            n[2],
+            leaving,
+            mass,
+            effect.ground_stiffness,
+            effect.ground_layer,
+            effect.ground_knee,
+            effect.ground_damping,
+            effect.ground_friction,
+            f,
+        )
 
 
 @compiled
 def touch(effect, data, x, mass, f, H):
     """Energy (J) of a point at rest on the plane, its force and its tangent (contact_force.spring)."""
     n = effect.ground_normal
-    return spring(max(near(effect, data, x), 0.0), n[0], n[1], n[2], mass * effect.ground_stiffness, f, H)
+    return spring(
+        max(near(effect, data, x), 0.0), n[0], n[1], n[2], mass * effect.ground_stiffness, f, H
+    )
 
 
 register(DTYPE, contact=contact, near=near, touch=touch)

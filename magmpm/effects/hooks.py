@@ -48,16 +48,34 @@ from numba.extending import register_jitable
 
 from magmpm.compiled.jit import FASTMATH, chosen_by_types
 
-HOOKS = ("energy", "stress", "force", "tangent", "softening", "stress_change", "force_change", "touch", "rate_stress", "relax", "contact",
-         "near", "node", "push")  # fmt: skip
+HOOKS = (
+    "energy",
+    "stress",
+    "force",
+    "tangent",
+    "softening",
+    "stress_change",
+    "force_change",
+    "touch",
+    "rate_stress",
+    "relax",
+    "contact",
+    "near",
+    "node",
+    "push",
+)
 WIDE = ("stress", "force", "rate_stress")
 NO_DATA = np.zeros(0)
 Find = Callable[[Any], Callable[..., Any] | None]  # a hook, by the type of a tuple of effects
 _registry: dict[str, dict[tuple[str, ...], Callable[..., Any]]] = {hook: {} for hook in HOOKS}
-_wide: dict[str, set[tuple[str, ...]]] = {hook: set() for hook in HOOKS}  # hooks that serve eight particles at a time
+_wide: dict[str, set[tuple[str, ...]]] = {
+    hook: set() for hook in HOOKS
+}  # hooks that serve eight particles at a time
 
 
-def register(dtype: np.dtype[Any], *, wide: Sequence[str] = (), **hooks: Callable[..., Any]) -> None:
+def register(
+    dtype: np.dtype[Any], *, wide: Sequence[str] = (), **hooks: Callable[..., Any]
+) -> None:
     """Register the compiled functions of the effect whose parameters have this dtype.
 
     wide: those of its hooks stress, force and rate_stress that are plain arithmetic (+ - * /, no branch on a particle's values, no
@@ -72,7 +90,9 @@ def register(dtype: np.dtype[Any], *, wide: Sequence[str] = (), **hooks: Callabl
             raise ValueError(f"unknown hook {name!r}; hooks are {', '.join(HOOKS)}")
     for name in wide:
         if name not in hooks or name not in WIDE:
-            raise ValueError(f"wide: {name!r} must be one of the effect's hooks stress, force or rate_stress")
+            raise ValueError(
+                f"wide: {name!r} must be one of the effect's hooks stress, force or rate_stress"
+            )
         _wide[name].add(dtype.names)
     for name, function in hooks.items():
         _registry[name][dtype.names] = function
@@ -108,10 +128,16 @@ def _find(hook: str, effects: Any, wide: bool | None = None) -> Callable[..., An
 
 def any_has(*names: str, wide: bool | None = None) -> Callable[[Any], bool]:
     """Function of the type of a tuple of effects: True if one of them has one of these hooks; wide: as in _find."""
-    return lambda effects: any(_find(name, effects[i:], wide) is not None for name in names for i in range(0, len(effects), 2))
+    return lambda effects: any(
+        _find(name, effects[i:], wide) is not None
+        for name in names
+        for i in range(0, len(effects), 2)
+    )
 
 
-def _walk(name: str, arguments: str, find: Find, fold: str = "{}; {}", last: str = "None") -> Callable[..., Any]:
+def _walk(
+    name: str, arguments: str, find: Find, fold: str = "{}; {}", last: str = "None"
+) -> Callable[..., Any]:
     """Function for compiled code, of (effects, arguments): calls what `find` finds of each effect, in one piece of code without a loop.
 
     name: of no other (magmpm.compiled.jit). find: the hook of the first of a tuple's effects, or None. fold: how the value of a call and
@@ -126,9 +152,16 @@ def _walk(name: str, arguments: str, find: Find, fold: str = "{}; {}", last: str
             hook = find(effects[i:])
             if hook is not None:
                 space[f"hook{i}"] = hook
-                value = fold.format(f"hook{i}(effects[{i}]{record.format(i)}, effects[{i + 1}], {names})", value)
+                value = fold.format(
+                    f"hook{i}(effects[{i}]{record.format(i)}, effects[{i + 1}], {names})", value
+                )
         steps = value.split("; ")
-        exec("\n    ".join([f"def {name}(effects, {arguments}):", *steps[:-1], f"return {steps[-1]}"]), space)
+        exec(
+            "\n    ".join(
+                [f"def {name}(effects, {arguments}):", *steps[:-1], f"return {steps[-1]}"]
+            ),
+            space,
+        )
         return space[name]
 
     space: dict[str, Any] = {"code": code}
@@ -140,7 +173,9 @@ def _hook(name: str, wide: bool | None = None) -> Find:
     return lambda effects: _find(name, effects, wide)
 
 
-has_stress = _walk("has_stress", "", _hook("stress"), "True", "False")  # known while compiling: what needs it is left out
+has_stress = _walk(
+    "has_stress", "", _hook("stress"), "True", "False"
+)  # known while compiling: what needs it is left out
 has_force = _walk("has_force", "", _hook("force"), "True", "False")
 has_rate_stress = _walk("has_rate_stress", "", _hook("rate_stress"), "True", "False")
 has_relaxing = _walk("has_relaxing", "", _hook("relax"), "True", "False")
@@ -148,7 +183,9 @@ has_node = _walk("has_node", "", _hook("node"), "True", "False")
 any_softening = _walk("any_softening", "", _hook("softening"), "True", "False")
 
 # At one particle. step: which of an effect's records counts.
-add_energy = _walk("add_energy", "step, magnet, rho, x, F", _hook("energy"), "{} + ({})", "0.0")  # J/m^3
+add_energy = _walk(
+    "add_energy", "step, magnet, rho, x, F", _hook("energy"), "{} + ({})", "0.0"
+)  # J/m^3
 add_stress = _walk("add_stress", "step, magnet, rho, x, F, P", _hook("stress"))
 add_force = _walk("add_force", "step, magnet, rho, x, F, f", _hook("force"))
 add_tangent = _walk("add_tangent", "step, magnet, rho, x, F, A", _hook("tangent"))
@@ -158,10 +195,18 @@ add_softening = _walk("add_softening", "step, magnet, rho, x, F, H, M", _hook("s
 add_relaxing = _walk("add_relaxing", "step, dt, F, C, P", _hook("relax"))
 add_wide_stress = _walk("add_wide_stress", "step, magnet, rho, x, F, P", _hook("stress", wide=True))
 add_wide_force = _walk("add_wide_force", "step, magnet, rho, x, F, f", _hook("force", wide=True))
-add_wide_rate_stress = _walk("add_wide_rate_stress", "step, rho, F, dF, P", _hook("rate_stress", wide=True))
-add_narrow_stress = _walk("add_narrow_stress", "step, magnet, rho, x, F, P", _hook("stress", wide=False))
-add_narrow_force = _walk("add_narrow_force", "step, magnet, rho, x, F, f", _hook("force", wide=False))
-add_narrow_rate_stress = _walk("add_narrow_rate_stress", "step, rho, F, dF, P", _hook("rate_stress", wide=False))
+add_wide_rate_stress = _walk(
+    "add_wide_rate_stress", "step, rho, F, dF, P", _hook("rate_stress", wide=True)
+)
+add_narrow_stress = _walk(
+    "add_narrow_stress", "step, magnet, rho, x, F, P", _hook("stress", wide=False)
+)
+add_narrow_force = _walk(
+    "add_narrow_force", "step, magnet, rho, x, F, f", _hook("force", wide=False)
+)
+add_narrow_rate_stress = _walk(
+    "add_narrow_rate_stress", "step, rho, F, dF, P", _hook("rate_stress", wide=False)
+)
 
 # At a point of the surface, at a node, of a step.
 add_contact = _walk("add_contact", "step, x, v, mass, dt, f", _hook("contact"))
@@ -203,5 +248,9 @@ def _change(name: str) -> Find:
     return find
 
 
-add_stress_change = _walk("add_stress_change", "step, magnet, rho, dmagnet, drho, x, F, P", _change("stress"))
-add_force_change = _walk("add_force_change", "step, magnet, rho, dmagnet, drho, x, F, f", _change("force"))
+add_stress_change = _walk(
+    "add_stress_change", "step, magnet, rho, dmagnet, drho, x, F, P", _change("stress")
+)
+add_force_change = _walk(
+    "add_force_change", "step, magnet, rho, dmagnet, drho, x, F, f", _change("force")
+)

@@ -22,8 +22,12 @@ from magmpm.fields.kernels import gradient as gradient_at
 from magmpm.fields.kernels import pull as pull_at
 from magmpm.fields.schedule import records as field_records
 
-DTYPE = np.dtype([("pulls", np.int64), *PLACE])  # first: with the name at the end Numba would take it for a subtype of PLACE
-ROTATING = np.dtype([("pulls_rotating", np.int64), *PLACE])  # where the magnetization of some material rotates
+DTYPE = np.dtype(
+    [("pulls", np.int64), *PLACE]
+)  # first: with the name at the end Numba would take it for a subtype of PLACE
+ROTATING = np.dtype(
+    [("pulls_rotating", np.int64), *PLACE]
+)  # where the magnetization of some material rotates
 
 
 class MagneticForce(Effect):
@@ -32,11 +36,15 @@ class MagneticForce(Effect):
     PHASE = "force"
     IN_FIELD = True
 
-    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+    def records(
+        self, scene: SceneLike, strength: float = 1.0, times: Array | None = None
+    ) -> Records:
         """Parameters for the kernels, or () where the field is uniform: it does not pull."""
         if strength == 0.0 or not scene.field.varies:
             return ()
-        return field_records(scene.field, ROTATING if rotating(scene).any() else DTYPE, times, strength), scene.outside_field().data
+        return field_records(
+            scene.field, ROTATING if rotating(scene).any() else DTYPE, times, strength
+        ), scene.outside_field().data
 
 
 @compiled

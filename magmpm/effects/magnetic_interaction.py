@@ -21,7 +21,14 @@ from pydantic import Field
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, inlined, kernel, prange
-from magmpm.effects.base import BodyChange, BodyEffect, MarkedParticles, Records, SceneLike, one_record
+from magmpm.effects.base import (
+    BodyChange,
+    BodyEffect,
+    MarkedParticles,
+    Records,
+    SceneLike,
+    one_record,
+)
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
 from magmpm.fields.dipole import MU0, K
@@ -42,11 +49,17 @@ class MagneticInteraction(BodyEffect):
     PHASE = "force"
     REFRESHED = DTYPE
     blocks_across: int = Field(
-        default=3, strict=True, ge=1, le=5,
-        description="Dipoles that stand for a segment, across its thickness (and as densely along it); 3 unless given.", examples=[3],
-    )  # fmt: skip
+        default=3,
+        strict=True,
+        ge=1,
+        le=5,
+        description="Dipoles that stand for a segment, across its thickness (and as densely along it); 3 unless given.",
+        examples=[3],
+    )
 
-    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+    def records(
+        self, scene: SceneLike, strength: float = 1.0, times: Array | None = None
+    ) -> Records:
         """Parameters for the kernels; fields and forces are zero until `refresh`."""
         if strength == 0.0 or len(scene.magnetized_regions()) < 2:
             return ()
@@ -66,7 +79,9 @@ class MagneticInteraction(BodyEffect):
             for layer in layers:
                 cells = int(layer.max()) + 1
                 pieces = max(1, round(cells / each))
-                if cells % 2 and pieces % 2 == 0:  # an even number of blocks in an odd number of layers is not its own mirror image
+                if (
+                    cells % 2 and pieces % 2 == 0
+                ):  # an even number of blocks in an odd number of layers is not its own mirror image
                     pieces += 1
                 place.append((2 * layer + 1) * pieces // (2 * cells))  # by the middle of the layer
             _, number = np.unique(np.stack(place, axis=1), axis=0, return_inverse=True)
@@ -74,9 +89,12 @@ class MagneticInteraction(BodyEffect):
             count += int(number.max()) + 1
         if count > MOST:
             raise SceneError(
-                "effects.magnetic_interaction.blocks_across", received=str(self.blocks_across), found=f"the segments make {count} blocks",
-                rule=f"there may be {MOST} blocks at most", remedy="write a smaller blocks_across, or use fewer cells_across",
-            )  # fmt: skip
+                "effects.magnetic_interaction.blocks_across",
+                received=str(self.blocks_across),
+                found=f"the segments make {count} blocks",
+                rule=f"there may be {MOST} blocks at most",
+                remedy="write a smaller blocks_across, or use fewer cells_across",
+            )
         return block
 
     @staticmethod
@@ -95,7 +113,9 @@ class MagneticInteraction(BodyEffect):
         return np.concatenate([MU0 * moments, sizes[:, None] * places], axis=1).ravel()
 
     @staticmethod
-    def refresh_change(change: Array, particles: MarkedParticles, x: Array, F: Array, by: BodyChange) -> None:
+    def refresh_change(
+        change: Array, particles: MarkedParticles, x: Array, F: Array, by: BodyChange
+    ) -> None:
         """Change of fields and forces with remanence, place and deformation, into change."""
         places, moments, sizes, of = dipoles(particles, x, F)
         moved, bent, _, _ = dipoles(particles, by.x, by.F)
@@ -136,14 +156,27 @@ def _act_on(particles: MarkedParticles, x: Array, F: Array) -> tuple[Array, Arra
     return field, force, moments, sizes
 
 
-def dipoles(particles: MarkedParticles, x: Array, F: Array) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+def dipoles(
+    particles: MarkedParticles, x: Array, F: Array
+) -> tuple[Array, Array, Array, NDArray[np.int64]]:
     """Places (k, 3) m, moments (k, 3) A m^2, volumes (k,) m^3 and segment (k,) of the blocks."""
     block, segment, volume, remanence = particles
     count = int(block.max()) + 1
     sizes, of = np.zeros(count), np.zeros(count, np.int64)
     places, moments = np.zeros((count, 3)), np.zeros((count, 3))
     whole = np.ascontiguousarray
-    _gather(whole(block), whole(segment), volume, whole(remanence), whole(x), whole(F), sizes, of, places, moments)
+    _gather(
+        whole(block),
+        whole(segment),
+        volume,
+        whole(remanence),
+        whole(x),
+        whole(F),
+        sizes,
+        of,
+        places,
+        moments,
+    )
     return places, moments, sizes, of
 
 
@@ -158,7 +191,11 @@ def _gather(block, segment, volume, remanence, x, F, sizes, of, places, moments)
         sizes[k] += volume[p]
         for i in range(3):
             places[k, i] += volume[p] * x[p, i]
-            magnetization = F[p, i, 0] * remanence[p, 0] + F[p, i, 1] * remanence[p, 1] + F[p, i, 2] * remanence[p, 2]
+            magnetization = (
+                F[p, i, 0] * remanence[p, 0]
+                + F[p, i, 1] * remanence[p, 1]
+                + F[p, i, 2] * remanence[p, 2]
+            )
             moments[k, i] += volume[p] / MU0 * magnetization
     for k in range(len(sizes)):
         for i in range(3):
@@ -215,11 +252,19 @@ def _act(places, moments, edges, of, field, force):
         for b in range(len(places)):
             if of[b] == of[a]:
                 continue
-            x, y, z = places[a, 0] - places[b, 0], places[a, 1] - places[b, 1], places[a, 2] - places[b, 2]
+            x, y, z = (
+                places[a, 0] - places[b, 0],
+                places[a, 1] - places[b, 1],
+                places[a, 2] - places[b, 2],
+            )
             n0, n1, n2 = moments[b, 0], moments[b, 1], moments[b, 2]
             r2 = x * x + y * y + z * z
             h, steep = _radial(np.sqrt(r2) + TINY, 0.5 * (edges[a] + edges[b]))
-            nd, md, mn = n0 * x + n1 * y + n2 * z, m0 * x + m1 * y + m2 * z, m0 * n0 + m1 * n1 + m2 * n2
+            nd, md, mn = (
+                n0 * x + n1 * y + n2 * z,
+                m0 * x + m1 * y + m2 * z,
+                m0 * n0 + m1 * n1 + m2 * n2,
+            )
             b0 += h * (3.0 * nd * x - n0 * r2)
             b1 += h * (3.0 * nd * y - n1 * r2)
             b2 += h * (3.0 * nd * z - n2 * r2)
@@ -261,7 +306,9 @@ def _act_change(places, moments, edges, of, dplaces, dmoments, dfield, dforce):
             for i in range(3):
                 x, dx = places[a, i] - places[b, i], dplaces[a, i] - dplaces[b, i]
                 m, dm, n, dn = moments[a, i], dmoments[a, i], moments[b, i], dmoments[b, i]
-                dfield[a, i] += dh * (3.0 * nd * x - n * r2) + h * (3.0 * (dnd * x + nd * dx) - dn * r2 - n * dr2)
+                dfield[a, i] += dh * (3.0 * nd * x - n * r2) + h * (
+                    3.0 * (dnd * x + nd * dx) - dn * r2 - n * dr2
+                )
                 turned = dh * (md * n + nd * m) + h * (dmd * n + md * dn + dnd * m + nd * dm)
                 dforce[a, i] += 3.0 * turned + dalong * x + along * dx
 

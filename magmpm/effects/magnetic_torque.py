@@ -21,8 +21,12 @@ from magmpm.fields.schedule import places
 from magmpm.fields.schedule import records as field_records
 
 DTYPE = np.dtype([("field_over_mu0", np.float64, (3,))])
-VARYING = np.dtype([("turns", np.int64), *PLACE])  # first: with the name at the end Numba would take it for a subtype of PLACE
-ROTATING = np.dtype([("rotating_field_over_mu0", np.float64, (3,))])  # these two where the magnetization of some material rotates
+VARYING = np.dtype(
+    [("turns", np.int64), *PLACE]
+)  # first: with the name at the end Numba would take it for a subtype of PLACE
+ROTATING = np.dtype(
+    [("rotating_field_over_mu0", np.float64, (3,))]
+)  # these two where the magnetization of some material rotates
 VARYING_ROTATING = np.dtype([("turns_rotating", np.int64), *PLACE])
 
 
@@ -38,13 +42,17 @@ class MagneticTorque(Effect):
     PHASE = "force"
     IN_FIELD = True
 
-    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+    def records(
+        self, scene: SceneLike, strength: float = 1.0, times: Array | None = None
+    ) -> Records:
         """Parameters for the kernels, or () where there is no field."""
         if strength == 0.0 or not scene.field.acts:
             return ()
         turns = bool(turning.rotating(scene).any())
         if scene.field.varies:
-            return field_records(scene.field, VARYING_ROTATING if turns else VARYING, times, strength), scene.outside_field().data
+            return field_records(
+                scene.field, VARYING_ROTATING if turns else VARYING, times, strength
+            ), scene.outside_field().data
         uniform = places(scene.field, times, strength)["uniform"]
         # One set of kernels for the whole motion: a field that is zero for some steps of its schedule stays.
         changes = times is not None and scene.field.over_time is not None
@@ -60,7 +68,12 @@ class MagneticTorque(Effect):
             return np.asarray(places(field, times)["uniform"][0])
 
         first, *others = [uniform(given) for given in np.eye(4, 3, -1).tolist()]
-        x, y, z = (parameters(other - first, bool(turning.rotating(scene).any())) if (other != first).any() else () for other in others)
+        x, y, z = (
+            parameters(other - first, bool(turning.rotating(scene).any()))
+            if (other != first).any()
+            else ()
+            for other in others
+        )
         return x, y, z
 
 
@@ -153,5 +166,16 @@ def varying_rotating_tangent(effect, data, magnet, rho, x, F, A):
 
 register(DTYPE, wide=("stress",), energy=energy, stress=stress)
 register(VARYING, energy=varying_energy, stress=varying_stress)
-register(ROTATING, wide=("stress",), energy=rotating_energy, stress=rotating_stress, tangent=rotating_tangent)
-register(VARYING_ROTATING, energy=varying_rotating_energy, stress=varying_rotating_stress, tangent=varying_rotating_tangent)
+register(
+    ROTATING,
+    wide=("stress",),
+    energy=rotating_energy,
+    stress=rotating_stress,
+    tangent=rotating_tangent,
+)
+register(
+    VARYING_ROTATING,
+    energy=varying_rotating_energy,
+    stress=varying_rotating_stress,
+    tangent=varying_rotating_tangent,
+)

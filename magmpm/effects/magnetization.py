@@ -28,7 +28,9 @@ MOST_STEPS = 60  # no deformation needs more than 12; without det F > 0 there ma
 def rotating(scene: SceneLike) -> NDArray[np.bool_]:
     """Regions (k,) whose magnetization rotates and does not stretch."""
     materials = [scene.materials[region.material_name] for region in scene.regions()]
-    return np.array([one.magnetization_law == "rotates" and one.remanence > 0.0 for one in materials])
+    return np.array(
+        [one.magnetization_law == "rotates" and one.remanence > 0.0 for one in materials]
+    )
 
 
 def _largest(value: Any) -> Any:
@@ -55,7 +57,11 @@ def _dot(a, b):
 @compiled
 def _sum(p, a, q, b, r, c):
     """p a + q b + r c of triples a, b, c."""
-    return p * a[0] + q * b[0] + r * c[0], p * a[1] + q * b[1] + r * c[1], p * a[2] + q * b[2] + r * c[2]
+    return (
+        p * a[0] + q * b[0] + r * c[0],
+        p * a[1] + q * b[1] + r * c[1],
+        p * a[2] + q * b[2] + r * c[2],
+    )
 
 
 @compiled
@@ -81,19 +87,31 @@ def rotation(F):
     i2 = 0.5 * (s * s - I1)
     size, n = s * i2 - J, i2 + I1
     k = 1.0 / size
-    p, q, r = _sum(n - aa, a, -ab, b, -ac, c), _sum(-ab, a, n - bb, b, -bc, c), _sum(-ac, a, -bc, b, n - cc, c)
+    p, q, r = (
+        _sum(n - aa, a, -ab, b, -ac, c),
+        _sum(-ab, a, n - bb, b, -bc, c),
+        _sum(-ac, a, -bc, b, n - cc, c),
+    )
     return (
-        (k * (p[0] + s * x[0]), k * (p[1] + s * x[1]), k * (p[2] + s * x[2])),
-        (k * (q[0] + s * y[0]), k * (q[1] + s * y[1]), k * (q[2] + s * y[2])),
-        (k * (r[0] + s * z[0]), k * (r[1] + s * z[1]), k * (r[2] + s * z[2])),
-    ), s, size  # fmt: skip
+        (
+            (k * (p[0] + s * x[0]), k * (p[1] + s * x[1]), k * (p[2] + s * x[2])),
+            (k * (q[0] + s * y[0]), k * (q[1] + s * y[1]), k * (q[2] + s * y[2])),
+            (k * (r[0] + s * z[0]), k * (r[1] + s * z[1]), k * (r[2] + s * z[2])),
+        ),
+        s,
+        size,
+    )
 
 
 @compiled
 def _stretch(F, R):
     """U = R^T F as xx, yy, zz, xy, xz, yz."""
     a, b, c = _rows(F)
-    x, y, z = _sum(R[0][0], a, R[1][0], b, R[2][0], c), _sum(R[0][1], a, R[1][1], b, R[2][1], c), _sum(R[0][2], a, R[1][2], b, R[2][2], c)
+    x, y, z = (
+        _sum(R[0][0], a, R[1][0], b, R[2][0], c),
+        _sum(R[0][1], a, R[1][1], b, R[2][1], c),
+        _sum(R[0][2], a, R[1][2], b, R[2][2], c),
+    )
     return x[0], y[1], z[2], x[1], x[2], y[2]
 
 
@@ -102,13 +120,24 @@ def _inverse(U, s, size):
     """Inverse of Y = s 1 - U, both as U; size: det Y."""
     x, y, z, a, b, c = s - U[0], s - U[1], s - U[2], U[3], U[4], U[5]
     k = 1.0 / size
-    return k * (y * z - c * c), k * (x * z - b * b), k * (x * y - a * a), k * (a * z + b * c), k * (b * y + a * c), k * (c * x + a * b)
+    return (
+        k * (y * z - c * c),
+        k * (x * z - b * b),
+        k * (x * y - a * a),
+        k * (a * z + b * c),
+        k * (b * y + a * c),
+        k * (c * x + a * b),
+    )
 
 
 @compiled
 def _times(A, v):
     """Symmetric matrix (xx, yy, zz, xy, xz, yz) times a triple."""
-    return A[0] * v[0] + A[3] * v[1] + A[4] * v[2], A[3] * v[0] + A[1] * v[1] + A[5] * v[2], A[4] * v[0] + A[5] * v[1] + A[2] * v[2]
+    return (
+        A[0] * v[0] + A[3] * v[1] + A[4] * v[2],
+        A[3] * v[0] + A[1] * v[1] + A[5] * v[2],
+        A[4] * v[0] + A[5] * v[1] + A[2] * v[2],
+    )
 
 
 @compiled
@@ -116,7 +145,11 @@ def carried(magnet, F):
     """Magnetization (triple) of a particle, or of eight, each by its law, T."""
     R, law, (x, y, z) = rotation(F)[0], magnet[3], _rows(F)
     m0, m1, m2 = _dot(x, magnet), _dot(y, magnet), _dot(z, magnet)
-    return m0 + law * (_dot(R[0], magnet) - m0), m1 + law * (_dot(R[1], magnet) - m1), m2 + law * (_dot(R[2], magnet) - m2)
+    return (
+        m0 + law * (_dot(R[0], magnet) - m0),
+        m1 + law * (_dot(R[1], magnet) - m1),
+        m2 + law * (_dot(R[2], magnet) - m2),
+    )
 
 
 @compiled
@@ -130,7 +163,10 @@ def _turning(magnet, F, h):
     """R, U, Y^-1, R^T h, b and q (of zero b where the law is to stretch): what the derivatives of -h . R b are made of."""
     R, s, size = rotation(F)
     U, g = _stretch(F, R), _sum(h[0], R[0], h[1], R[1], h[2], R[2])
-    Y, b = _inverse(U, s, size), (magnet[3] * magnet[0], magnet[3] * magnet[1], magnet[3] * magnet[2])
+    Y, b = (
+        _inverse(U, s, size),
+        (magnet[3] * magnet[0], magnet[3] * magnet[1], magnet[3] * magnet[2]),
+    )
     return R, U, Y, g, b, _times(Y, _cross(b, g))
 
 

@@ -21,7 +21,9 @@ class SelfContact(Effect):
     friction: Friction = 0.0
     stiffness: Stiffness = 1.0
 
-    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+    def records(
+        self, scene: SceneLike, strength: float = 1.0, times: Array | None = None
+    ) -> Records:
         """Nothing: its pairs are no effect on particles (dynamics.body_contact)."""
         return ()
 

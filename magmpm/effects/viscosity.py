@@ -43,7 +43,8 @@ class Branch(Settings):
     """A spring in series with a dashpot (Maxwell)."""
 
     shear_modulus: Annotated[float, Quantity("pressure", above="0 kPa", at_most=STIFFEST)] = Field(
-        description="Shear modulus G that the branch adds to quick deformations.", examples=["500 kPa"]
+        description="Shear modulus G that the branch adds to quick deformations.",
+        examples=["500 kPa"],
     )
     time: Annotated[float, Quantity("time", above="0 s", at_most="86400 s")] = Field(
         description="Time in which its stress falls to 1/e.", examples=["10 ms"]
@@ -55,8 +56,12 @@ class Viscosity(Effect):
 
     PHASE = "force"
     ONLY_IN_MOTION = True
-    viscosity: Annotated[float, Quantity("viscosity", at_least="0 Pa s", at_most="1e6 Pa s")] = Field(
-        default=0.0, description="eta; a motion of angular frequency w has damping ratio eta w / (2 G).", examples=["5 Pa s"]
+    viscosity: Annotated[float, Quantity("viscosity", at_least="0 Pa s", at_most="1e6 Pa s")] = (
+        Field(
+            default=0.0,
+            description="eta; a motion of angular frequency w has damping ratio eta w / (2 G).",
+            examples=["5 Pa s"],
+        )
     )
     branches: tuple[Branch, ...] | None = Field(
         default=None,
@@ -70,14 +75,24 @@ class Viscosity(Effect):
     def _loses(self) -> Viscosity:
         if "viscosity" not in self.model_fields_set and self.branches is None:
             remedy = "write, say, `viscosity: 5 Pa s` or `branches: [{shear_modulus: 500 kPa, time: 10 ms}]`"
-            raise fault("give `viscosity` or `branches`, or both: without them nothing is lost", remedy, ("viscosity",))
+            raise fault(
+                "give `viscosity` or `branches`, or both: without them nothing is lost",
+                remedy,
+                ("viscosity",),
+            )
         return self
 
-    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+    def records(
+        self, scene: SceneLike, strength: float = 1.0, times: Array | None = None
+    ) -> Records:
         """Parameters for the kernels, or () where the viscosity is zero and there is no branch."""
-        table = np.array([(branch.shear_modulus, branch.time) for branch in self.branches or ()]).ravel()
+        table = np.array(
+            [(branch.shear_modulus, branch.time) for branch in self.branches or ()]
+        ).ravel()
         branches = one_record(BRANCHES, table, branches=len(table) // 2) if len(table) else ()
-        return (one_record(DTYPE, viscosity=self.viscosity) if self.viscosity > 0 else ()) + branches
+        return (
+            one_record(DTYPE, viscosity=self.viscosity) if self.viscosity > 0 else ()
+        ) + branches
 
     def stable_step(self, model: Any) -> float | None:
         """Largest stable step (s), with elastic stress at 0.8 of its own limit.
@@ -99,7 +114,17 @@ class Viscosity(Effect):
 @compiled
 def rate_stress(effect, data, rho, F, dF, P):
     """P += 2 eta J D F^-T, Pa, with D the symmetric part of L = dF F^-1. Written without loops: it serves eight particles at a time."""
-    a, b, c, d, e, f, g, h, i = F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[1, 2], F[2, 0], F[2, 1], F[2, 2]
+    a, b, c, d, e, f, g, h, i = (
+        F[0, 0],
+        F[0, 1],
+        F[0, 2],
+        F[1, 0],
+        F[1, 1],
+        F[1, 2],
+        F[2, 0],
+        F[2, 1],
+        F[2, 2],
+    )
     cofactors = (
         (e * i - f * h, f * g - d * i, d * h - e * g),
         (c * h - b * i, a * i - c * g, b * g - a * h),
@@ -110,9 +135,30 @@ def rate_stress(effect, data, rho, F, dF, P):
     xx = 2.0 * scale * (dF[0, 0] * x[0] + dF[0, 1] * x[1] + dF[0, 2] * x[2])
     yy = 2.0 * scale * (dF[1, 0] * y[0] + dF[1, 1] * y[1] + dF[1, 2] * y[2])
     zz = 2.0 * scale * (dF[2, 0] * z[0] + dF[2, 1] * z[1] + dF[2, 2] * z[2])
-    xy = scale * (dF[0, 0] * y[0] + dF[0, 1] * y[1] + dF[0, 2] * y[2] + dF[1, 0] * x[0] + dF[1, 1] * x[1] + dF[1, 2] * x[2])
-    xz = scale * (dF[0, 0] * z[0] + dF[0, 1] * z[1] + dF[0, 2] * z[2] + dF[2, 0] * x[0] + dF[2, 1] * x[1] + dF[2, 2] * x[2])
-    yz = scale * (dF[1, 0] * z[0] + dF[1, 1] * z[1] + dF[1, 2] * z[2] + dF[2, 0] * y[0] + dF[2, 1] * y[1] + dF[2, 2] * y[2])
+    xy = scale * (
+        dF[0, 0] * y[0]
+        + dF[0, 1] * y[1]
+        + dF[0, 2] * y[2]
+        + dF[1, 0] * x[0]
+        + dF[1, 1] * x[1]
+        + dF[1, 2] * x[2]
+    )
+    xz = scale * (
+        dF[0, 0] * z[0]
+        + dF[0, 1] * z[1]
+        + dF[0, 2] * z[2]
+        + dF[2, 0] * x[0]
+        + dF[2, 1] * x[1]
+        + dF[2, 2] * x[2]
+    )
+    yz = scale * (
+        dF[1, 0] * z[0]
+        + dF[1, 1] * z[1]
+        + dF[1, 2] * z[2]
+        + dF[2, 0] * y[0]
+        + dF[2, 1] * y[1]
+        + dF[2, 2] * y[2]
+    )
     for k in range(3):
         P[0, k] += xx * x[k] + xy * y[k] + xz * z[k]
         P[1, k] += xy * x[k] + yy * y[k] + yz * z[k]
@@ -135,18 +181,45 @@ def relax(effect, data, dt, F, C, P):
 
     F belongs to the middle of the step, and so does the stress: half of the step before it, half after it, to second order in dt.
     """
-    a, b, c, d, e, f, g, h, i = F[0, 0], F[0, 1], F[0, 2], F[1, 0], F[1, 1], F[1, 2], F[2, 0], F[2, 1], F[2, 2]
+    a, b, c, d, e, f, g, h, i = (
+        F[0, 0],
+        F[0, 1],
+        F[0, 2],
+        F[1, 0],
+        F[1, 1],
+        F[1, 2],
+        F[2, 0],
+        F[2, 1],
+        F[2, 2],
+    )
     J = determinant_of(a, b, c, d, e, f, g, h, i)
     root = inverse_cube_root(J)
     s = root * root
-    xx, yy, zz = s * (a * a + d * d + g * g), s * (b * b + e * e + h * h), s * (c * c + f * f + i * i)
-    xy, xz, yz = s * (a * b + d * e + g * h), s * (a * c + d * f + g * i), s * (b * c + e * f + h * i)
+    xx, yy, zz = (
+        s * (a * a + d * d + g * g),
+        s * (b * b + e * e + h * h),
+        s * (c * c + f * f + i * i),
+    )
+    xy, xz, yz = (
+        s * (a * b + d * e + g * h),
+        s * (a * c + d * f + g * i),
+        s * (b * c + e * f + h * i),
+    )
     for k in range(effect.branches):
         at, keep, now = 6 * k, math.exp(-0.5 * dt / data[2 * k + 1]), (xx, yy, zz, xy, xz, yz)
-        middle = _followed(keep, (C[at], C[at + 1], C[at + 2], C[at + 3], C[at + 4], C[at + 5]), now)
+        middle = _followed(
+            keep, (C[at], C[at + 1], C[at + 2], C[at + 3], C[at + 4], C[at + 5]), now
+        )
         C[at], C[at + 1], C[at + 2], C[at + 3], C[at + 4], C[at + 5] = _followed(keep, middle, now)
         p, q, r, t, u, v = middle
-        p, q, r, t, u, v = q * r - v * v, p * r - u * u, p * q - t * t, u * v - t * r, t * v - u * q, t * u - v * p  # of Cv^-1
+        p, q, r, t, u, v = (
+            q * r - v * v,
+            p * r - u * u,
+            p * q - t * t,
+            u * v - t * r,
+            t * v - u * q,
+            t * u - v * p,
+        )  # of Cv^-1
         G = s * data[2 * k]
         n = (xx * p + yy * q + zz * r + 2.0 * (xy * t + xz * u + yz * v)) / (3.0 * s * J)
         P[0, 0] = P[0, 0] + G * (a * p + b * t + c * u - n * (e * i - f * h))
@@ -160,7 +233,9 @@ def relax(effect, data, dt, F, C, P):
         P[2, 2] = P[2, 2] + G * (g * u + h * v + i * r - n * (a * e - b * d))
 
 
-def stored(branches: tuple[Branch, ...], F: Array, memory: Array, lag: float) -> tuple[Array, Array]:
+def stored(
+    branches: tuple[Branch, ...], F: Array, memory: Array, lag: float
+) -> tuple[Array, Array]:
     """Energy W (n,) J/m^3 and stress P (n, 3, 3) Pa of particles in these branches, lag (s) after what they remember.
 
     F (n, 3, 3); memory (n, 6 k) of Cv: as `relax` leaves it, half a step before the next F.
@@ -169,7 +244,9 @@ def stored(branches: tuple[Branch, ...], F: Array, memory: Array, lag: float) ->
     C, scale = F.transpose(0, 2, 1) @ F, np.linalg.det(F) ** (-2 / 3)
     for branch, Cv in zip(branches, memory.reshape(len(F), -1, 6).transpose(1, 0, 2), strict=True):
         keep, G = math.exp(-lag / branch.time), branch.shear_modulus * scale
-        now = keep * Cv[:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]] + (1 - keep) * scale[:, None, None] * C
+        now = (
+            keep * Cv[:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]] + (1 - keep) * scale[:, None, None] * C
+        )
         inverse = np.linalg.inv(now) * np.cbrt(np.linalg.det(now))[:, None, None]
         trace = np.einsum("nij,nij->n", C, inverse)
         W += G * trace / 2 - 1.5 * branch.shear_modulus

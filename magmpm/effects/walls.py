@@ -24,28 +24,50 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Point, Records, SceneLike
 from magmpm.effects.body_reach import body_reach, unreached
 from magmpm.effects.contact_force import push, spring
-from magmpm.effects.contact_law import Friction, Obstacle, Stiffness, obstacle_dtype, obstacle_record, place
+from magmpm.effects.contact_law import (
+    Friction,
+    Obstacle,
+    Stiffness,
+    obstacle_dtype,
+    obstacle_record,
+    place,
+)
 from magmpm.effects.hooks import register
 from magmpm.errors import SceneError
 from magmpm.inputs.csv_tables import named_table, read_centreline
 from magmpm.inputs.settings import Quantity, Settings, fault
 
 POINTS = 6  # of the table in a tube's radius
-DTYPE = obstacle_dtype("walls", ("origin", np.float64, (3,)), ("spacing", np.float64), ("shape", np.int64, (3,)))
+DTYPE = obstacle_dtype(
+    "walls", ("origin", np.float64, (3,)), ("spacing", np.float64), ("shape", np.int64, (3,))
+)
 _PATH = WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "minItems": 2}]})
 
 
 def parameters(table: Table, **pushing: float) -> Records:
     """Parameters for the kernels: see contact_force.push."""
     flat = np.ascontiguousarray(table.coefficients).ravel()
-    return obstacle_record(DTYPE, flat, origin=table.origin, spacing=table.spacing, shape=table.coefficients.shape, **pushing)
+    return obstacle_record(
+        DTYPE,
+        flat,
+        origin=table.origin,
+        spacing=table.spacing,
+        shape=table.coefficients.shape,
+        **pushing,
+    )
 
 
 class Tube(Settings):
     """A tube around a path."""
 
-    radius: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(description="Inner radius.", examples=["5 mm"])
-    path: Annotated[tuple[Point, ...], named_table(lambda path: read_centreline(path)[:, 1:].tolist(), None), _PATH] = Field(
+    radius: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
+        description="Inner radius.", examples=["5 mm"]
+    )
+    path: Annotated[
+        tuple[Point, ...],
+        named_table(lambda path: read_centreline(path)[:, 1:].tolist(), None),
+        _PATH,
+    ] = Field(
         description="Points of its axis, joined by a smooth curve: a list of [x, y, z], or the path, relative to this file, of "
         "a CSV table with columns s_mm,x_mm,y_mm,z_mm. Both ends are open and go on straight.",
         examples=[[["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]],
@@ -56,7 +78,11 @@ class Tube(Settings):
         points = np.array(self.path)
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         if len(points) < 2 or not np.all(steps > 0):
-            raise fault("a tube's path must have 2 or more points, each apart from the next", "correct the points", ("path",))
+            raise fault(
+                "a tube's path must have 2 or more points, each apart from the next",
+                "correct the points",
+                ("path",),
+            )
         bend = tightest_radius(curve(points, min(float(steps.min()), self.radius) / 20))
         if not bend > self.radius:
             raise fault(
@@ -104,7 +130,9 @@ class Walls(Obstacle):
     tube: Tube | None = Field(
         default=None,
         description="The inside of a tube around a path; give this or `surface`.",
-        examples=[{"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}],
+        examples=[
+            {"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}
+        ],
     )
     surface: Surface | None = Field(
         default=None,
@@ -117,10 +145,15 @@ class Walls(Obstacle):
     @model_validator(mode="after")
     def _one_lumen(self) -> Walls:
         if (self.tube is None) == (self.surface is None):
-            raise fault("give `tube` or `surface`, one of them", "write, say, `tube: {radius: 5 mm, path: vessel.csv}`")
+            raise fault(
+                "give `tube` or `surface`, one of them",
+                "write, say, `tube: {radius: 5 mm, path: vessel.csv}`",
+            )
         return self
 
-    def records(self, scene: SceneLike, strength: float = 1.0, times: Array | None = None) -> Records:
+    def records(
+        self, scene: SceneLike, strength: float = 1.0, times: Array | None = None
+    ) -> Records:
         """Parameters for the kernels."""
         return parameters(self._table(scene), friction=self.friction, **self.law(scene))
 
@@ -151,7 +184,9 @@ class Walls(Obstacle):
         limits = body_reach(scene)
         if self.tube is not None:
             radius = self.tube.radius
-            distances = distance.to_tube(limits.base, _path(self.tube), radius, distance.past_ends(radius, radius / POINTS))
+            distances = distance.to_tube(
+                limits.base, _path(self.tube), radius, distance.past_ends(radius, radius / POINTS)
+            )
         else:
             assert self.surface is not None  # validated
             triangles = self.surface.vertices[self.surface.faces]
@@ -169,7 +204,10 @@ class Walls(Obstacle):
                 rule="the body must begin within the lumen",
                 remedy="make the lumen wider, or move it to the body",
             )
-        if self.tube is not None and not np.isfinite(self._table(model.scene).at(model.particles.position)[0]).any():
+        if (
+            self.tube is not None
+            and not np.isfinite(self._table(model.scene).at(model.particles.position)[0]).any()
+        ):
             for found in self.warnings(model.scene):
                 raise SceneError(
                     "effects.walls",
@@ -191,7 +229,9 @@ def _path(tube: Tube) -> Array:
 
 @lru_cache(maxsize=4)
 def _surface_table(surface: Surface, spacing: float) -> Table:
-    corners = UNITS[surface.unit] * outline(surface.mesh, distance.THIN * spacing / UNITS[surface.unit])
+    corners = UNITS[surface.unit] * outline(
+        surface.mesh, distance.THIN * spacing / UNITS[surface.unit]
+    )
     return distance.solid([corners], corners, spacing, 0.0)
 
 
@@ -199,7 +239,11 @@ def _surface_table(surface: Surface, spacing: float) -> Table:
 def depth(effect, data, x):
     """Distance (m) of a point x beyond the wall, negative inside; slope of the distance, inwards."""
     s = effect.walls_spacing
-    p, q, r = ((x[0] - effect.walls_origin[0]) / s, (x[1] - effect.walls_origin[1]) / s, (x[2] - effect.walls_origin[2]) / s)
+    p, q, r = (
+        (x[0] - effect.walls_origin[0]) / s,
+        (x[1] - effect.walls_origin[1]) / s,
+        (x[2] - effect.walls_origin[2]) / s,
+    )
     planes, rows, columns = effect.walls_shape[0], effect.walls_shape[1], effect.walls_shape[2]
     if not (0.5 <= p < planes - 1.5 and 0.5 <= q < rows - 1.5 and 0.5 <= r < columns - 1.5):
         return -np.inf, 0.0, 0.0, 0.0
@@ -225,9 +269,19 @@ def contact(effect, data, x, v, mass, dt, f):
         size = math.sqrt(sx * sx + sy * sy + sz * sz)
         if size > 0.0:  # times the slope's size: the exact slope of the energy
             push(
-                beyond, sx / size, sy / size, sz / size, (v[0] * sx + v[1] * sy + v[2] * sz) / size, mass,
-                effect.walls_stiffness * size, effect.walls_layer, effect.walls_knee, effect.walls_damping, effect.walls_friction, f,
-            )  # fmt: skip
+                beyond,
+                sx / size,
+                sy / size,
+                sz / size,
+                (v[0] * sx + v[1] * sy + v[2] * sz) / size,
+                mass,
+                effect.walls_stiffness * size,
+                effect.walls_layer,
+                effect.walls_knee,
+                effect.walls_damping,
+                effect.walls_friction,
+                f,
+            )
 
 
 @compiled
@@ -236,9 +290,16 @@ def touch(effect, data, x, mass, f, H):
     beyond, sx, sy, sz = depth(effect, data, x)
     if not beyond > 0.0:
         return 0.0
-    rigidity, s, rows, columns = mass * effect.walls_stiffness, effect.walls_spacing, effect.walls_shape[1], effect.walls_shape[2]
+    rigidity, s, rows, columns = (
+        mass * effect.walls_stiffness,
+        effect.walls_spacing,
+        effect.walls_shape[1],
+        effect.walls_shape[2],
+    )
     o = effect.walls_origin
-    xx, yy, zz, xy, xz, yz = curvature((x[0] - o[0]) / s, (x[1] - o[1]) / s, (x[2] - o[2]) / s, s, rows, columns, data)
+    xx, yy, zz, xy, xz, yz = curvature(
+        (x[0] - o[0]) / s, (x[1] - o[1]) / s, (x[2] - o[2]) / s, s, rows, columns, data
+    )
     bent = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
     for i in range(3):
         for j in range(3):

@@ -45,8 +45,16 @@ def gradient(data, at, y0, y1, y2):
     s = 3.0 * K / (r2 * r2 * (r2**0.5))
     p = m0 * x + m1 * y + m2 * z
     q = 5.0 * p / r2
-    xx, yy, zz = s * (2 * m0 * x + p - q * x * x), s * (2 * m1 * y + p - q * y * y), s * (2 * m2 * z + p - q * z * z)
-    xy, xz, yz = s * (m0 * y + x * m1 - q * x * y), s * (m0 * z + x * m2 - q * x * z), s * (m1 * z + y * m2 - q * y * z)
+    xx, yy, zz = (
+        s * (2 * m0 * x + p - q * x * x),
+        s * (2 * m1 * y + p - q * y * y),
+        s * (2 * m2 * z + p - q * z * z),
+    )
+    xy, xz, yz = (
+        s * (m0 * y + x * m1 - q * x * y),
+        s * (m0 * z + x * m2 - q * x * z),
+        s * (m1 * z + y * m2 - q * y * z),
+    )
     return xx, xy, xz, xy, yy, yz, xz, yz, zz
 
 
@@ -70,7 +78,13 @@ def curvature(data, at, y0, y1, y2, n0, n1, n2):
     xx = s * (2 * m0 * n0 + same - five * 2 * (md * n0 * x + nd * m0 * x) + both * x * x)
     yy = s * (2 * m1 * n1 + same - five * 2 * (md * n1 * y + nd * m1 * y) + both * y * y)
     zz = s * (2 * m2 * n2 + same - five * 2 * (md * n2 * z + nd * m2 * z) + both * z * z)
-    xy = s * (m0 * n1 + n0 * m1 - five * (md * (n0 * y + x * n1) + nd * (m0 * y + x * m1)) + both * x * y)
-    xz = s * (m0 * n2 + n0 * m2 - five * (md * (n0 * z + x * n2) + nd * (m0 * z + x * m2)) + both * x * z)
-    yz = s * (m1 * n2 + n1 * m2 - five * (md * (n1 * z + y * n2) + nd * (m1 * z + y * m2)) + both * y * z)
+    xy = s * (
+        m0 * n1 + n0 * m1 - five * (md * (n0 * y + x * n1) + nd * (m0 * y + x * m1)) + both * x * y
+    )
+    xz = s * (
+        m0 * n2 + n0 * m2 - five * (md * (n0 * z + x * n2) + nd * (m0 * z + x * m2)) + both * x * z
+    )
+    yz = s * (
+        m1 * n2 + n1 * m2 - five * (md * (n1 * z + y * n2) + nd * (m1 * z + y * m2)) + both * y * z
+    )
     return xx, yy, zz, xy, xz, yz

@@ -31,14 +31,22 @@ DIPOLE = dipole.SIZE
 def _inward(place, x0, x1, x2):
     """R^T v."""
     R = place.frame
-    return R[0] * x0 + R[3] * x1 + R[6] * x2, R[1] * x0 + R[4] * x1 + R[7] * x2, R[2] * x0 + R[5] * x1 + R[8] * x2
+    return (
+        R[0] * x0 + R[3] * x1 + R[6] * x2,
+        R[1] * x0 + R[4] * x1 + R[7] * x2,
+        R[2] * x0 + R[5] * x1 + R[8] * x2,
+    )
 
 
 @compiled
 def _outward(place, y0, y1, y2):
     """R v."""
     R = place.frame
-    return R[0] * y0 + R[1] * y1 + R[2] * y2, R[3] * y0 + R[4] * y1 + R[5] * y2, R[6] * y0 + R[7] * y1 + R[8] * y2
+    return (
+        R[0] * y0 + R[1] * y1 + R[2] * y2,
+        R[3] * y0 + R[4] * y1 + R[5] * y2,
+        R[6] * y0 + R[7] * y1 + R[8] * y2,
+    )
 
 
 @compiled
@@ -88,7 +96,12 @@ def pull(place, data, x, m0, m1, m2):
     n0, n1, n2 = _inward(place, m0, m1, m2)
     a, b, c, d, e, f, g, h, i = _local_gradient(data, y0, y1, y2)
     s = place.strength
-    return _outward(place, s * (a * n0 + d * n1 + g * n2), s * (b * n0 + e * n1 + h * n2), s * (c * n0 + f * n1 + i * n2))
+    return _outward(
+        place,
+        s * (a * n0 + d * n1 + g * n2),
+        s * (b * n0 + e * n1 + h * n2),
+        s * (c * n0 + f * n1 + i * n2),
+    )
 
 
 @compiled
@@ -101,7 +114,11 @@ def gradient(place, data, x, G):
         for j in range(3):
             total = 0.0
             for p in range(3):
-                row = local[3 * p] * R[3 * j] + local[3 * p + 1] * R[3 * j + 1] + local[3 * p + 2] * R[3 * j + 2]
+                row = (
+                    local[3 * p] * R[3 * j]
+                    + local[3 * p + 1] * R[3 * j + 1]
+                    + local[3 * p + 2] * R[3 * j + 2]
+                )
                 total += R[3 * i + p] * row
             G[i, j] += s * total
 

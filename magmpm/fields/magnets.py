@@ -51,7 +51,10 @@ class Solid:
             near = np.clip(local, -self.half, self.half)
             if self.round:
                 radius = np.hypot(local[:, 0], local[:, 1])
-                near[:, :2] = local[:, :2] * np.minimum(1.0, self.half[0] / np.maximum(radius, 1e-300))[:, None]
+                near[:, :2] = (
+                    local[:, :2]
+                    * np.minimum(1.0, self.half[0] / np.maximum(radius, 1e-300))[:, None]
+                )
         return self.position + near @ self.frame.T
 
     def turned(self, frame: Array) -> "Solid":
@@ -63,7 +66,9 @@ class Solid:
         if self.ball:
             reach = self.half
         elif self.round:
-            reach = self.half[0] * np.hypot(self.frame[:, 0], self.frame[:, 1]) + self.half[2] * np.abs(self.frame[:, 2])
+            reach = self.half[0] * np.hypot(self.frame[:, 0], self.frame[:, 1]) + self.half[
+                2
+            ] * np.abs(self.frame[:, 2])
         else:
             reach = np.abs(self.frame) @ self.half
         return self.position - reach, self.position + reach
@@ -85,11 +90,32 @@ def taken(field: FieldSource) -> list[Solid]:
     for k, dipole in enumerate(field.dipole or ()):
         if dipole.diameter is not None:
             half = np.full(3, dipole.diameter / 2)
-            found.append(Solid(_name("dipole", k, field.dipole), np.array(dipole.position), np.eye(3), half, True, True))
+            found.append(
+                Solid(
+                    _name("dipole", k, field.dipole),
+                    np.array(dipole.position),
+                    np.eye(3),
+                    half,
+                    True,
+                    True,
+                )
+            )
     for k, magnet in enumerate(field.magnet or ()):
         place, frame, round_ = np.array(magnet.position), frame_of(magnet.axis), magnet.cylinder
-        size = magnet.cuboid.size if magnet.cuboid is not None else (round_.diameter, round_.diameter, round_.length)  # type: ignore[union-attr]
-        found.append(Solid(_name("magnet", k, field.magnet), place, frame, np.array(size) / 2, round_ is not None))
+        size = (
+            magnet.cuboid.size
+            if magnet.cuboid is not None
+            else (round_.diameter, round_.diameter, round_.length)
+        )  # type: ignore[union-attr]
+        found.append(
+            Solid(
+                _name("magnet", k, field.magnet),
+                place,
+                frame,
+                np.array(size) / 2,
+                round_ is not None,
+            )
+        )
     return found
 
 
@@ -109,7 +135,9 @@ def wires(field: FieldSource) -> list[Solid]:
             _name("coils", k, field.coils),
             np.array(coil.position),
             frame_of(coil.axis),
-            np.array([coil.diameter / 2, coil.diameter / 2, 1e-3 * coil.diameter]),  # nearer to the wire counts as in it
+            np.array(
+                [coil.diameter / 2, coil.diameter / 2, 1e-3 * coil.diameter]
+            ),  # nearer to the wire counts as in it
             True,
         )
         for k, coil in enumerate(field.coils or ())
@@ -122,7 +150,9 @@ def _name(key: str, k: int, many: tuple[Any, ...] | None) -> str:
 
 def polarization(magnet: Magnet) -> Array:
     """Remanent flux density in space, (3,) T."""
-    return magnet.remanence * np.array(magnet.axis if magnet.magnetization is None else magnet.magnetization)
+    return magnet.remanence * np.array(
+        magnet.axis if magnet.magnetization is None else magnet.magnetization
+    )
 
 
 def exact(field: FieldSource) -> Any:
@@ -180,7 +210,12 @@ def _library() -> Any:
 
 def dipole_rows(dipoles: Sequence[Dipole]) -> Array:
     """Dipoles as fields.dipole takes them, (k, 7)."""
-    return np.array([[*one.position, *one.moment, POINT if one.diameter is None else one.diameter / 2] for one in dipoles]).reshape(-1, 7)
+    return np.array(
+        [
+            [*one.position, *one.moment, POINT if one.diameter is None else one.diameter / 2]
+            for one in dipoles
+        ]
+    ).reshape(-1, 7)
 
 
 # Most steps toward the shortest way between a box and a solid; two flat faces need two, a rim and an edge some fifty.
@@ -208,7 +243,9 @@ class Box:
 
     def turned(self, frame: Array) -> "Box":
         """The smallest box around this one along other axes, the columns of `frame` (3, 3)."""
-        corners = np.array([[(self.lower, self.upper)[b][i] for i, b in enumerate(c)] for c in np.ndindex(2, 2, 2)])
+        corners = np.array(
+            [[(self.lower, self.upper)[b][i] for i, b in enumerate(c)] for c in np.ndindex(2, 2, 2)]
+        )
         local = corners @ self.frame.T @ frame
         return Box(local.min(axis=0), local.max(axis=0), self.cut, frame)
 
@@ -218,10 +255,15 @@ class Box:
 
     def text(self) -> str:
         """Text for messages: "-40 to 44, -44 to 44, -44 to 44 mm"."""
-        ends = ", ".join(f"{1e3 * a:.3g} to {1e3 * b:.3g}" for a, b in zip(self.lower, self.upper)) + " mm"
+        ends = (
+            ", ".join(f"{1e3 * a:.3g} to {1e3 * b:.3g}" for a, b in zip(self.lower, self.upper))
+            + " mm"
+        )
         if np.array_equal(self.frame, np.eye(3)):
             return ends
-        along = " and ".join("(" + ", ".join(f"{part:.3g}" for part in axis) + ")" for axis in self.frame.T[1:])
+        along = " and ".join(
+            "(" + ", ".join(f"{part:.3g}" for part in axis) + ")" for axis in self.frame.T[1:]
+        )
         return f"{ends} along axes of its own, whose second and third are {along}"
 
 
@@ -261,7 +303,9 @@ def reach(body: Box, anchored: bool) -> Box:
 
 def seen_from_sources(field: FieldSource, box: Box) -> Box:
     """The box around a box of space in the frame of the sources, over all of the schedule."""
-    corners = np.array([[(box.lower, box.upper)[b][i] for i, b in enumerate(c)] for c in np.ndindex(2, 2, 2)])
+    corners = np.array(
+        [[(box.lower, box.upper)[b][i] for i, b in enumerate(c)] for c in np.ndindex(2, 2, 2)]
+    )
     lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
     for place in places(field, sample_times(field)):
         local = (corners - place["origin"]) @ place["frame"].reshape(3, 3)
@@ -278,11 +322,16 @@ def reach_along(frame: Array, field: FieldSource, body: Box, anchored: bool) -> 
     if not anchored:
         return seen_from_sources(field, around).turned(frame)
     center, radius = (around.lower + around.upper) / 2, (around.upper - around.lower) / 2
-    where = [(center - place["origin"]) @ place["frame"].reshape(3, 3) @ frame for place in places(field, sample_times(field))]
+    where = [
+        (center - place["origin"]) @ place["frame"].reshape(3, 3) @ frame
+        for place in places(field, sample_times(field))
+    ]
     return Box(np.min(where, axis=0) - radius, np.max(where, axis=0) + radius, (), frame)
 
 
-def cut_for(box: Box, body: Box, obstacles: list[Solid], *, keeps_off: float | None = None) -> Box | None:
+def cut_for(
+    box: Box, body: Box, obstacles: list[Solid], *, keeps_off: float | None = None
+) -> Box | None:
     """The box, cut by planes along its axes so that it contains the body but no obstacle; None where no such plane separates the two.
 
     body, obstacles: as the axes of the box see them. keeps_off: it is cut for obstacles just outside of it as well, of which it then

@@ -20,11 +20,25 @@ from magmpm.inputs.quantities import KINDS, BadQuantity, Kind, format_si, parse_
 from magmpm.inputs.settings import Settings, fault, from_file, named_file
 from magmpm.inputs.vectors import Point
 
-_MAP = {name: KINDS[kind] for kind, names in (("length", "xyz"), ("flux density", ("Bx", "By", "Bz"))) for name in names}
+_MAP = {
+    name: KINDS[kind]
+    for kind, names in (("length", "xyz"), ("flux density", ("Bx", "By", "Bz")))
+    for name in names
+}
 _SCHEDULE = {"time": KINDS["time"], **_MAP}
-_NUMBER = (-1e6, 1e6, "-1e6", "1e6")  # least and largest in SI, and as messages write them: as over_time.Keyframe has them
+_NUMBER = (
+    -1e6,
+    1e6,
+    "-1e6",
+    "1e6",
+)  # least and largest in SI, and as messages write them: as over_time.Keyframe has them
 _FLUX, _PLACE = (-20.0, 20.0, "-20 T", "20 T"), (-100.0, 100.0, "-100 m", "100 m")
-_MEASURED = (-100.0, 100.0, "-100 T", "100 T")  # no magnet or coil that a robot is near has more: a larger value is a mistaken unit
+_MEASURED = (
+    -100.0,
+    100.0,
+    "-100 T",
+    "100 T",
+)  # no magnet or coil that a robot is near has more: a larger value is a mistaken unit
 _BOUNDS = {
     "time": (0.0, 1e6, "0 s", "1e6 s"),
     "strength": _NUMBER,
@@ -33,7 +47,9 @@ _BOUNDS = {
 }
 _MAP_BOUNDS = {**dict.fromkeys(("Bx", "By", "Bz"), _MEASURED), **dict.fromkeys("xyz", _PLACE)}
 _START_MAP = "begin the file with a header such as x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT, then one row a grid point"
-_START_SCHEDULE = "begin the file with a header such as time_s,strength or time_s,Bx_mT,By_mT,Bz_mT, then numbers"
+_START_SCHEDULE = (
+    "begin the file with a header such as time_s,strength or time_s,Bx_mT,By_mT,Bz_mT, then numbers"
+)
 
 
 class Grid3(Settings):
@@ -53,11 +69,18 @@ def _read_map(value: Any, info: ValidationInfo) -> Any:
     if isinstance(value, (Mapping, Grid3)) and not from_file(info):
         return value
     if not isinstance(value, (str, Path)):
-        raise fault("must be the path of a CSV table", "write, say, `table: ../measured/magnet.csv`")
+        raise fault(
+            "must be the path of a CSV table", "write, say, `table: ../measured/magnet.csv`"
+        )
     with table_faults():
         lower, spacing, values = read_map(named_file(info, value))
     text = base64.b64encode(np.ascontiguousarray(values, "<f8").tobytes()).decode()
-    return Grid3(lower=tuple(lower.tolist()), spacing=tuple(spacing.tolist()), shape=values.shape[:3], values=text)
+    return Grid3(
+        lower=tuple(lower.tolist()),
+        spacing=tuple(spacing.tolist()),
+        shape=values.shape[:3],
+        values=text,
+    )
 
 
 class Map(Settings):
@@ -65,12 +88,14 @@ class Map(Settings):
 
     table: Annotated[Grid3, BeforeValidator(_read_map), WithJsonSchema({"type": "string"})] = Field(
         description="Path, relative to this file, of a CSV table with columns x, y, z, Bx, By, Bz, each with its unit in the header: "
-        "x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT.", examples=["../measured/magnet.csv"],
-    )  # fmt: skip
+        "x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT.",
+        examples=["../measured/magnet.csv"],
+    )
     position: Point = Field(
-        default=(0.0, 0.0, 0.0), description="Where the origin of the map lies in the scene; [0 mm, 0 mm, 0 mm] unless given.",
+        default=(0.0, 0.0, 0.0),
+        description="Where the origin of the map lies in the scene; [0 mm, 0 mm, 0 mm] unless given.",
         examples=[["0 mm", "0 mm", "0 mm"]],
-    )  # fmt: skip
+    )
 
 
 def read_map(path: Path | str) -> tuple[Array, Array, Array]:
@@ -95,7 +120,11 @@ def read_map(path: Path | str) -> tuple[Array, Array, Array]:
     count = np.bincount(flat, minlength=math.prod(shape))
     if count.max() > 1:
         twice = int(np.flatnonzero(flat == int(np.argmax(count)))[1])
-        raise lines[twice].error("each point of the grid may stand once", "remove one of the rows", received=in_mm(rows[twice, :3], "g"))
+        raise lines[twice].error(
+            "each point of the grid may stand once",
+            "remove one of the rows",
+            received=in_mm(rows[twice, :3], "g"),
+        )
     if count.min() == 0:
         hole = np.array(np.unravel_index(int(np.argmin(count)), shape))
         rule = (
@@ -113,7 +142,9 @@ def _axis(path: Path, coordinates: Array, name: str) -> Array:
     found = np.unique(coordinates)
     extent = found[-1] - found[0]
     step = np.diff(found)
-    keep = np.concatenate([[True], step > 1e-4 * (step.max() if len(step) else 1.0)])  # nearer ones belong to one plane
+    keep = np.concatenate(
+        [[True], step > 1e-4 * (step.max() if len(step) else 1.0)]
+    )  # nearer ones belong to one plane
     found = found[keep]
     if len(found) < FEWEST:
         rule = f"a map has at least {FEWEST} grid points along each axis; along {name} it has {len(found)}"
@@ -136,7 +167,9 @@ def read_schedule(path: Path | str) -> list[dict[str, object]]:
     Raises TableError naming file, line, value received, rule and remedy.
     """
     path = Path(path)
-    names, rows, lines = _read(path, _SCHEDULE, _START_SCHEDULE, MAX_ROWS, _BOUNDS, plain=("strength",))
+    names, rows, lines = _read(
+        path, _SCHEDULE, _START_SCHEDULE, MAX_ROWS, _BOUNDS, plain=("strength",)
+    )
     groups = {"uniform": ("Bx", "By", "Bz"), "move": ("x", "y", "z")}
     for group in groups.values():
         if 0 < sum(name in names for name in group) < 3:
@@ -150,7 +183,9 @@ def read_schedule(path: Path | str) -> list[dict[str, object]]:
     if len(falls):
         at = int(falls[0]) + 1
         received = f"{times[at]:g} s after {times[at - 1]:g} s"
-        raise lines[at].error("times must rise from row to row", "sort the rows, each time once", received)
+        raise lines[at].error(
+            "times must rise from row to row", "sort the rows, each time once", received
+        )
     out: list[dict[str, object]] = []
     for row in rows.tolist():
         frame: dict[str, object] = {"time": row[names.index("time")]}
@@ -183,7 +218,11 @@ def _read(
                 raise line.error(f"a row must have {len(names)} finite numbers", "check this row")
             for k, name in enumerate(names):
                 if not bounds[name][0] <= row[k] * factors[k] <= bounds[name][1]:
-                    reads = format_si(row[k] * factors[k], kinds[name]) if name in kinds else f"{row[k]:g}"
+                    reads = (
+                        format_si(row[k] * factors[k], kinds[name])
+                        if name in kinds
+                        else f"{row[k]:g}"
+                    )
                     raise line.error(
                         f"{name} must be at least {bounds[name][2]} and at most {bounds[name][3]}",
                         f"check the number, and the unit in the header: this reads as {reads}",
@@ -194,11 +233,18 @@ def _read(
             rows.append(row)
             used.append(line)
     if len(rows) < 2:
-        raise TableError(str(path), received=f"{len(rows)} rows", rule="a table has 2 rows at least", remedy=start)
+        raise TableError(
+            str(path),
+            received=f"{len(rows)} rows",
+            rule="a table has 2 rows at least",
+            remedy=start,
+        )
     return names, np.asarray(rows) * factors, used
 
 
-def _header(header: Line, kinds: dict[str, Kind], plain: tuple[str, ...], start: str) -> tuple[list[str], list[float]]:
+def _header(
+    header: Line, kinds: dict[str, Kind], plain: tuple[str, ...], start: str
+) -> tuple[list[str], list[float]]:
     """Names of the columns and their factors to SI. Raises TableError."""
     names, factors = [], []
     for cell in header.cells:
@@ -211,7 +257,9 @@ def _header(header: Line, kinds: dict[str, Kind], plain: tuple[str, ...], start:
             except BadQuantity as error:
                 raise header.error(error.rule, start, received=show(cell)) from None
         else:
-            rule = f"columns are {', '.join([*kinds, *plain])}, each with its unit after an underscore"
+            rule = (
+                f"columns are {', '.join([*kinds, *plain])}, each with its unit after an underscore"
+            )
             raise header.error(rule, start, received=show(cell))
         if name in names:
             raise header.error("a column may stand once", "remove one", received=show(cell))

@@ -81,7 +81,9 @@ class Field:
         gradients_at(places(self.source, _times(time))[0], self.data, points, out)
         return out
 
-    def outside_domain(self, points: Array, time: float | None = None) -> tuple[str, str, str] | None:
+    def outside_domain(
+        self, points: Array, time: float | None = None
+    ) -> tuple[str, str, str] | None:
         """Describe points (n, 3) m of a body where the field is not known: what happened, the source, the remedy; None without any."""
         bare = bare_dipoles(self.source)
         if not (self.solids or self.limits or bare) or len(points) == 0:
@@ -142,7 +144,9 @@ class Field:
             raise SceneError(found[1], found=found[0] + when, rule=rule, remedy=found[2])
 
 
-def outside_field(source: FieldSource, box: tuple[Corner, Corner], *, anchored: bool, cell: float) -> Field:
+def outside_field(
+    source: FieldSource, box: tuple[Corner, Corner], *, anchored: bool, cell: float
+) -> Field:
     """The field of sources around a body. Tables are made once for each source and box; that takes seconds for magnets and coils.
 
     box: lower and upper corner of the undeformed body, m; anchored: whether it is held at its base; cell: width of a grid cell, m.
@@ -174,7 +178,9 @@ def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -
             box, packed, errors = _tabulated(function, boxes, seen, named, options)
             tables.append(packed)
             reason = f" (which ends before {', '.join(box.cut)})" if box.cut else ""
-            remedy = f"give a larger box, field.tabulation.lower and upper, that no magnet is in{reason}"
+            remedy = (
+                f"give a larger box, field.tabulation.lower and upper, that no magnet is in{reason}"
+            )
             limits.append(Limit(box, _names(named), remedy))
             found += [(solid, 0.0) for solid in named if not solid.name.startswith("field.coils")]
         else:
@@ -191,7 +197,11 @@ def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -
 
 
 def _tabulated(
-    function: Callable[[Array], Array], boxes: list[Box], seen: Box, named: list[Solid], options: Tabulation
+    function: Callable[[Array], Array],
+    boxes: list[Box],
+    seen: Box,
+    named: list[Solid],
+    options: Tabulation,
 ) -> tuple[Box, Array, table.Errors]:
     """The box of the table, the table and its errors: of the first box over which a table is exact.
 
@@ -215,7 +225,14 @@ def _tabulated(
     raise failed
 
 
-def _table_boxes(source: FieldSource, options: Tabulation, body: Box, seen: Box, anchored: bool, named: list[Solid]) -> list[Box]:
+def _table_boxes(
+    source: FieldSource,
+    options: Tabulation,
+    body: Box,
+    seen: Box,
+    anchored: bool,
+    named: list[Solid],
+) -> list[Box]:
     """Boxes for the table, the best first; none where a magnet can't be kept out of one and must become a cloud of dipoles.
 
     Where a magnet is in the way of a box along the axes of space, boxes along the shortest way from the body to a magnet are tried too: a
@@ -226,7 +243,12 @@ def _table_boxes(source: FieldSource, options: Tabulation, body: Box, seen: Box,
         for solid in named:
             if _cut(box, seen, [solid]) is not box:
                 rule = f"no magnet or wire may be in the table's box ({box.text()} as the sources see it)"
-                raise SceneError("field.tabulation", found=f"{solid.name} is in the box", rule=rule, remedy="give a smaller box")
+                raise SceneError(
+                    "field.tabulation",
+                    found=f"{solid.name} is in the box",
+                    rule=rule,
+                    remedy="give a smaller box",
+                )
         return [box]
     whole = seen_from_sources(source, reach(body, anchored))
     plain = _cut(whole, seen, named)
@@ -238,12 +260,19 @@ def _table_boxes(source: FieldSource, options: Tabulation, body: Box, seen: Box,
         if way is not None:
             cut = _cut(reach_along(frame_of(way.tolist()), source, body, anchored), seen, named)
             found += [] if cut is None else [cut]
-    return sorted(found, key=lambda box: -box.volume)  # of equal ones the first, along the axes of space
+    return sorted(
+        found, key=lambda box: -box.volume
+    )  # of equal ones the first, along the axes of space
 
 
 def _cut(box: Box, seen: Box, named: list[Solid], *, keeps_off: float | None = None) -> Box | None:
     """The box, cut for magnets and wires (fields.magnets.cut_for). seen: the undeformed body in the sources' frame."""
-    return cut_for(box, seen.turned(box.frame), _arcs([solid.turned(box.frame) for solid in named]), keeps_off=keeps_off)
+    return cut_for(
+        box,
+        seen.turned(box.frame),
+        _arcs([solid.turned(box.frame) for solid in named]),
+        keeps_off=keeps_off,
+    )
 
 
 def _arcs(named: list[Solid]) -> list[Solid]:
@@ -255,24 +284,37 @@ def _arcs(named: list[Solid]) -> list[Solid]:
             continue
         radius, thin = solid.half[0], solid.half[2]
         for angle in 2 * np.pi * (np.arange(ARCS) + 0.5) / ARCS:
-            center = solid.position + radius * (solid.frame @ np.array([np.cos(angle), np.sin(angle), 0.0]))
+            center = solid.position + radius * (
+                solid.frame @ np.array([np.cos(angle), np.sin(angle), 0.0])
+            )
             half = np.array([thin + radius * np.sin(np.pi / ARCS)] * 3)
             out.append(Solid(solid.name, center, np.eye(3), half, False))
     return out
 
 
-def _clouds(source: FieldSource, options: Tabulation, body: Box) -> tuple[list[Array], list[tuple[Solid, float]]]:
+def _clouds(
+    source: FieldSource, options: Tabulation, body: Box
+) -> tuple[list[Array], list[tuple[Solid, float]]]:
     """All magnets as clouds of dipoles, and the distance (m) from which on each is accurate."""
     if source.coils:
         rule = "a coil that turns, or whose wire the body goes round, can't be put on a table"
         remedy = "move the coil away from the body, or put the body's reach in a box of your own, field.tabulation.lower and upper"
-        raise SceneError("field.coils", found="no plane parts their wires from the body", rule=rule, remedy=remedy)
-    corners = np.stack(np.meshgrid(*np.linspace(body.lower, body.upper, 9).T, indexing="ij"), axis=-1).reshape(-1, 3)
+        raise SceneError(
+            "field.coils",
+            found="no plane parts their wires from the body",
+            rule=rule,
+            remedy=remedy,
+        )
+    corners = np.stack(
+        np.meshgrid(*np.linspace(body.lower, body.upper, 9).T, indexing="ij"), axis=-1
+    ).reshape(-1, 3)
     clouds, near = [], []
     blocks = [solid for solid in taken(source) if not solid.ball]
     for solid, magnet in zip(blocks, source.magnet or (), strict=True):
         depth = -np.inf
-        for time, place in zip(sample_times(source), places(source, sample_times(source)), strict=True):
+        for time, place in zip(
+            sample_times(source), places(source, sample_times(source)), strict=True
+        ):
             local = (corners - place["origin"]) @ place["frame"].reshape(3, 3)
             depth = max(depth, float(solid.depth(local).max()))
             if depth >= 0:
@@ -286,7 +328,9 @@ def _clouds(source: FieldSource, options: Tabulation, body: Box) -> tuple[list[A
                 )
         distance = -0.5 * depth  # down to which the cloud is accurate
         alone = FieldSource(magnet=(magnet,))
-        clouds.append(table.cloud(solid, polarization(magnet), exact(alone), distance, options.tolerance))
+        clouds.append(
+            table.cloud(solid, polarization(magnet), exact(alone), distance, options.tolerance)
+        )
         near.append((solid, distance))
     return clouds, near
 
@@ -298,7 +342,9 @@ def _map(source: FieldSource, body: Box, seen: Box) -> tuple[Array, Limit, list[
     spacing = np.array(grid.spacing)
     lower = np.array(grid.lower) + source.map.position
     box = Box(lower, lower + spacing * (np.array(grid.shape) - 1))
-    short = np.maximum(box.lower - (seen.lower - spacing), seen.upper + spacing - box.upper)  # m, along x, y, z
+    short = np.maximum(
+        box.lower - (seen.lower - spacing), seen.upper + spacing - box.upper
+    )  # m, along x, y, z
     if np.any(short > 1e-3 * spacing):  # the tolerance of its planes (measured_map)
         worst = int(np.argmax(short))
         rule = (

@@ -23,8 +23,12 @@ class Ramp(Settings):
     """The strength grows evenly, and then stays."""
 
     duration: Duration = Field(description="How long it takes.", examples=["50 ms"])
-    start: _Time = Field(default=0.0, description="When it begins; 0 s unless given.", examples=["0 s"])
-    begin: _Number = Field(default=0.0, description="Factor before it; 0 unless given.", examples=[0])
+    start: _Time = Field(
+        default=0.0, description="When it begins; 0 s unless given.", examples=["0 s"]
+    )
+    begin: _Number = Field(
+        default=0.0, description="Factor before it; 0 unless given.", examples=[0]
+    )
     end: _Number = Field(default=1.0, description="Factor after it; 1 unless given.", examples=[1])
 
 
@@ -32,18 +36,26 @@ class Rotation(Settings):
     """The field, with all its sources, turns about an axis."""
 
     axis: Axis = Field(
-        default=(0.0, 0.0, 1.0), description="Axis it turns about, right-handed: [x, y, z] or angles; [0, 0, 1] unless given.",
+        default=(0.0, 0.0, 1.0),
+        description="Axis it turns about, right-handed: [x, y, z] or angles; [0, 0, 1] unless given.",
         examples=[[0, 1, 0]],
-    )  # fmt: skip
-    frequency: Annotated[float, Quantity("frequency", at_least="-1e5 Hz", at_most="1e5 Hz")] = Field(
-        description="Turns in a second; negative turns the other way.", examples=["2 Hz"]
+    )
+    frequency: Annotated[float, Quantity("frequency", at_least="-1e5 Hz", at_most="1e5 Hz")] = (
+        Field(description="Turns in a second; negative turns the other way.", examples=["2 Hz"])
     )
     center: Point = Field(
-        default=(0.0, 0.0, 0.0), description="A point of the axis, for sources that have a place; [0 mm, 0 mm, 0 mm] unless given.",
+        default=(0.0, 0.0, 0.0),
+        description="A point of the axis, for sources that have a place; [0 mm, 0 mm, 0 mm] unless given.",
         examples=[["60 mm", "0 mm", "0 mm"]],
-    )  # fmt: skip
-    start: _Time = Field(default=0.0, description="When it begins; 0 s unless given.", examples=["0 s"])
-    turns: _Count | None = Field(default=None, description="Turns after which it stops, there; it goes on unless given.", examples=[0.25])
+    )
+    start: _Time = Field(
+        default=0.0, description="When it begins; 0 s unless given.", examples=["0 s"]
+    )
+    turns: _Count | None = Field(
+        default=None,
+        description="Turns after which it stops, there; it goes on unless given.",
+        examples=[0.25],
+    )
 
     @field_validator("frequency")
     @classmethod
@@ -59,45 +71,81 @@ class Oscillation(Settings):
     frequency: Annotated[float, Quantity("frequency", above="0 Hz", at_most="1e5 Hz")] = Field(
         description="Cycles in a second.", examples=["5 Hz"]
     )
-    amplitude: _Number = Field(default=1.0, description="Factor of the swing; 1 unless given.", examples=[1])
-    mean: _Number = Field(default=0.0, description="Factor it swings about; 0 unless given.", examples=[0])
-    phase: Angle = Field(default=0.0, description="Phase at the start; 0 deg, a sine, unless given.", examples=["90 deg"])
-    start: _Time = Field(default=0.0, description="When it begins; 0 s unless given.", examples=["0 s"])
-    cycles: _Count | None = Field(default=None, description="Cycles after which it stops, there; it goes on unless given.", examples=[2])
+    amplitude: _Number = Field(
+        default=1.0, description="Factor of the swing; 1 unless given.", examples=[1]
+    )
+    mean: _Number = Field(
+        default=0.0, description="Factor it swings about; 0 unless given.", examples=[0]
+    )
+    phase: Angle = Field(
+        default=0.0,
+        description="Phase at the start; 0 deg, a sine, unless given.",
+        examples=["90 deg"],
+    )
+    start: _Time = Field(
+        default=0.0, description="When it begins; 0 s unless given.", examples=["0 s"]
+    )
+    cycles: _Count | None = Field(
+        default=None,
+        description="Cycles after which it stops, there; it goes on unless given.",
+        examples=[2],
+    )
 
 
 class Keyframe(Settings):
     """Values at one time; in between, they change evenly."""
 
     time: _Time = Field(description="When.", examples=["50 ms"])
-    strength: _Number | None = Field(default=None, description="Factor of the whole field.", examples=[1])
+    strength: _Number | None = Field(
+        default=None, description="Factor of the whole field.", examples=[1]
+    )
     uniform: FluxVector | None = Field(
-        default=None, description="The uniform field at this time, in place of `field.uniform`.", examples=[["0 mT", "6 mT", "8 mT"]]
+        default=None,
+        description="The uniform field at this time, in place of `field.uniform`.",
+        examples=[["0 mT", "6 mT", "8 mT"]],
     )
     move: Point | None = Field(
-        default=None, description="How far the sources have moved by now: [x, y, z].", examples=[["-10 mm", "0 mm", "0 mm"]]
+        default=None,
+        description="How far the sources have moved by now: [x, y, z].",
+        examples=[["-10 mm", "0 mm", "0 mm"]],
     )
 
 
-_TABLE = named_table(lambda path: tuple(Keyframe.model_validate(row) for row in read_schedule(path)), "table: ../measured/current.csv")
+_TABLE = named_table(
+    lambda path: tuple(Keyframe.model_validate(row) for row in read_schedule(path)),
+    "table: ../measured/current.csv",
+)
 
 
 class OverTime(Settings):
     """Changes of the field in time. Strengths of several parts multiply; then the field turns. Parts that have ended stay as they ended."""
 
-    ramp: Ramp | None = Field(default=None, description="The strength grows evenly.", examples=[{"duration": "50 ms"}])
-    rotation: Rotation | None = Field(
-        default=None, description="The field turns about an axis.", examples=[{"axis": [0, 1, 0], "frequency": "2 Hz"}]
+    ramp: Ramp | None = Field(
+        default=None, description="The strength grows evenly.", examples=[{"duration": "50 ms"}]
     )
-    oscillation: Oscillation | None = Field(default=None, description="The strength swings.", examples=[{"frequency": "5 Hz"}])
+    rotation: Rotation | None = Field(
+        default=None,
+        description="The field turns about an axis.",
+        examples=[{"axis": [0, 1, 0], "frequency": "2 Hz"}],
+    )
+    oscillation: Oscillation | None = Field(
+        default=None, description="The strength swings.", examples=[{"frequency": "5 Hz"}]
+    )
     keyframes: tuple[Keyframe, ...] | None = Field(
-        default=None, min_length=2, max_length=100_000, description="Values at times, in rising order; even change between them.",
+        default=None,
+        min_length=2,
+        max_length=100_000,
+        description="Values at times, in rising order; even change between them.",
         examples=[[{"time": "0 s", "strength": 0}, {"time": "50 ms", "strength": 1}]],
-    )  # fmt: skip
-    table: Annotated[tuple[Keyframe, ...] | None, _TABLE, WithJsonSchema({"type": "string"})] = Field(
-        default=None, description="Keyframes from a CSV table; path relative to this file, columns time and any of strength; Bx, By, Bz; "
-        "x, y, z (the sources' move), with units in the header: time_s,Bx_mT,By_mT,Bz_mT.", examples=["../measured/current.csv"],
-    )  # fmt: skip
+    )
+    table: Annotated[tuple[Keyframe, ...] | None, _TABLE, WithJsonSchema({"type": "string"})] = (
+        Field(
+            default=None,
+            description="Keyframes from a CSV table; path relative to this file, columns time and any of strength; Bx, By, Bz; "
+            "x, y, z (the sources' move), with units in the header: time_s,Bx_mT,By_mT,Bz_mT.",
+            examples=["../measured/current.csv"],
+        )
+    )
 
     @field_validator("keyframes")
     @classmethod
@@ -113,7 +161,9 @@ class OverTime(Settings):
                 )
         for k, frame in enumerate(given):
             if frame.strength is None and frame.uniform is None and frame.move is None:
-                raise fault("a keyframe gives strength, uniform or move", "add, say, `strength: 1`", (k,))
+                raise fault(
+                    "a keyframe gives strength, uniform or move", "add, say, `strength: 1`", (k,)
+                )
         return frames
 
     @model_validator(mode="after")

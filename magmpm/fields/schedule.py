@@ -17,16 +17,26 @@ from magmpm.fields.sources import FieldSource
 DTYPE = np.dtype(PLACE)
 
 
-def places(field: FieldSource, times: Array | None = None, strength: float = 1.0) -> NDArray[np.void]:
+def places(
+    field: FieldSource, times: Array | None = None, strength: float = 1.0
+) -> NDArray[np.void]:
     """Records (k,) of fields.kernels.PLACE at times (k,) s, or (1,) at the end of the schedule; `strength` scales all."""
-    times = np.array([end_time(field)]) if times is None else np.atleast_1d(np.asarray(times, dtype=float))
+    times = (
+        np.array([end_time(field)])
+        if times is None
+        else np.atleast_1d(np.asarray(times, dtype=float))
+    )
     over = field.over_time
     if over is None:
         times = times[:1]
     out = np.zeros(len(times), DTYPE)
     factor = np.full(len(times), strength)
     uniform: Array = np.tile(np.array(field.uniform, dtype=float), (len(times), 1))
-    move, turn, center = np.zeros((len(times), 3)), np.tile(np.eye(3), (len(times), 1, 1)), np.zeros(3)
+    move, turn, center = (
+        np.zeros((len(times), 3)),
+        np.tile(np.eye(3), (len(times), 1, 1)),
+        np.zeros(3),
+    )
     if over is not None:
         factor = factor * strength_of(over, times)
         uniform = _framed(over.frames, "uniform", times, uniform)
@@ -40,7 +50,9 @@ def places(field: FieldSource, times: Array | None = None, strength: float = 1.0
     return out
 
 
-def records(field: FieldSource, dtype: np.dtype[Any], times: Array | None, strength: float) -> NDArray[np.void]:
+def records(
+    field: FieldSource, dtype: np.dtype[Any], times: Array | None, strength: float
+) -> NDArray[np.void]:
     """`places` as records of a dtype that has those of PLACE: an effect's."""
     found = places(field, times, strength)
     out = np.zeros(len(found), dtype)
@@ -77,9 +89,13 @@ def sample_times(field: FieldSource) -> Array:
     times = [np.array([0.0, end_time(field)]), np.array([frame.time for frame in over.frames])]
     if over.rotation is not None:
         turns = min(over.rotation.turns or 1.0, 1.0)
-        times.append(over.rotation.start + np.linspace(0.0, turns / abs(over.rotation.frequency), 73))
+        times.append(
+            over.rotation.start + np.linspace(0.0, turns / abs(over.rotation.frequency), 73)
+        )
         if over.frames and over.frames[-1].time < 1e4 / abs(over.rotation.frequency):
-            times.append(np.linspace(0.0, over.frames[-1].time + 1.0 / abs(over.rotation.frequency), 2000))
+            times.append(
+                np.linspace(0.0, over.frames[-1].time + 1.0 / abs(over.rotation.frequency), 2000)
+            )
     return np.unique(np.concatenate(times))
 
 
@@ -94,13 +110,17 @@ def strength_of(over: OverTime, times: Array) -> Array:
         passed = np.maximum(times - swing.start, 0.0)
         if swing.cycles is not None:
             passed = np.minimum(passed, swing.cycles / swing.frequency)
-        factor *= swing.mean + swing.amplitude * np.sin(2 * np.pi * swing.frequency * passed + swing.phase)
+        factor *= swing.mean + swing.amplitude * np.sin(
+            2 * np.pi * swing.frequency * passed + swing.phase
+        )
     return factor * _framed(over.frames, "strength", times, np.ones(len(times)))
 
 
 def _framed(frames: tuple[Keyframe, ...], key: str, times: Array, otherwise: Array) -> Array:
     """A keyframed quantity at times (k,): linear between the keyframes that give it, constant outside of them."""
-    given = [(frame.time, getattr(frame, key)) for frame in frames if getattr(frame, key) is not None]
+    given = [
+        (frame.time, getattr(frame, key)) for frame in frames if getattr(frame, key) is not None
+    ]
     if not given:
         return otherwise
     at, values = np.array([time for time, _ in given]), np.array([value for _, value in given])
@@ -111,12 +131,16 @@ def _framed(frames: tuple[Keyframe, ...], key: str, times: Array, otherwise: Arr
 
 def _turn(over: OverTime, times: Array) -> Array:
     """Rotation matrices (k, 3, 3)."""
-    from scipy.spatial.transform import Rotation  # only where sources rotate: its import takes 0.2 s
+    from scipy.spatial.transform import (
+        Rotation,
+    )  # only where sources rotate: its import takes 0.2 s
 
     turning = over.rotation
     assert turning is not None
     turns = np.maximum(times - turning.start, 0.0) * turning.frequency
     if turning.turns is not None:
         turns = np.clip(turns, -turning.turns, turning.turns)
-    angle = 2 * np.pi * (turns - np.rint(turns))  # whole turns are removed first: the angle is accurate even after a hundred hours
+    angle = (
+        2 * np.pi * (turns - np.rint(turns))
+    )  # whole turns are removed first: the angle is accurate even after a hundred hours
     return Rotation.from_rotvec(angle[:, None] * turning.axis).as_matrix()

@@ -36,7 +36,9 @@ class _OneOrMore(BeforeValidator):
     def __init__(self) -> None:
         super().__init__(lambda value: [value] if isinstance(value, (Mapping, Settings)) else value)
 
-    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+    def __get_pydantic_json_schema__(
+        self, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
         schema = handler(core)
         return {"anyOf": [schema["items"], schema]}
 
@@ -44,10 +46,17 @@ class _OneOrMore(BeforeValidator):
 class Dipole(Settings):
     """A magnet far away, or a magnetized sphere: the field of a point dipole."""
 
-    position: Point = Field(description="Where it is: [x, y, z].", examples=[["60 mm", "0 mm", "0 mm"]])
-    moment: Moment = Field(description="Magnetic moment, Br V/mu0 of a magnet: [x, y, z].", examples=[["0 A*m^2", "0 A*m^2", "0.5 A*m^2"]])
+    position: Point = Field(
+        description="Where it is: [x, y, z].", examples=[["60 mm", "0 mm", "0 mm"]]
+    )
+    moment: Moment = Field(
+        description="Magnetic moment, Br V/mu0 of a magnet: [x, y, z].",
+        examples=[["0 A*m^2", "0 A*m^2", "0.5 A*m^2"]],
+    )
     diameter: Length | None = Field(
-        default=None, description="Of the sphere it stands for, which the body must stay out of; a point unless given.", examples=["10 mm"]
+        default=None,
+        description="Of the sphere it stands for, which the body must stay out of; a point unless given.",
+        examples=["10 mm"],
     )
 
 
@@ -55,7 +64,8 @@ class Cuboid(Settings):
     """A block."""
 
     size: Sizes = Field(
-        description="Edges along x, y and the magnet's axis (z unless `axis` is given).", examples=[["20 mm", "20 mm", "10 mm"]]
+        description="Edges along x, y and the magnet's axis (z unless `axis` is given).",
+        examples=[["20 mm", "20 mm", "10 mm"]],
     )
 
 
@@ -69,62 +79,100 @@ class Cylinder(Settings):
 class Magnet(Settings):
     """A permanent magnet of finite size, magnetized evenly."""
 
-    cuboid: Cuboid | None = Field(default=None, description="Its shape: a block.", examples=[{"size": ["20 mm", "20 mm", "10 mm"]}])
-    cylinder: Cylinder | None = Field(
-        default=None, description="Its shape: a cylinder.", examples=[{"diameter": "20 mm", "length": "20 mm"}]
+    cuboid: Cuboid | None = Field(
+        default=None,
+        description="Its shape: a block.",
+        examples=[{"size": ["20 mm", "20 mm", "10 mm"]}],
     )
-    position: Point = Field(description="Its center: [x, y, z].", examples=[["60 mm", "0 mm", "0 mm"]])
+    cylinder: Cylinder | None = Field(
+        default=None,
+        description="Its shape: a cylinder.",
+        examples=[{"diameter": "20 mm", "length": "20 mm"}],
+    )
+    position: Point = Field(
+        description="Its center: [x, y, z].", examples=[["60 mm", "0 mm", "0 mm"]]
+    )
     axis: Axis = Field(
-        default=(0.0, 0.0, 1.0), description="Where its axis points (a block's third edge): [x, y, z] or angles; [0, 0, 1] unless given.",
+        default=(0.0, 0.0, 1.0),
+        description="Where its axis points (a block's third edge): [x, y, z] or angles; [0, 0, 1] unless given.",
         examples=[[0, 0, 1]],
-    )  # fmt: skip
+    )
     remanence: Annotated[float, Quantity("flux density", above="0 mT", at_most="3 T")] = Field(
         description="Remanent flux density Br; 1.2 to 1.45 T for neodymium.", examples=["1.3 T"]
     )
     magnetization: Axis | None = Field(
-        default=None, description="Direction of its magnetization in space; along its axis unless given.", examples=[[1, 0, 0]]
+        default=None,
+        description="Direction of its magnetization in space; along its axis unless given.",
+        examples=[[1, 0, 0]],
     )
 
     @model_validator(mode="after")
     def _one_shape(self) -> Magnet:
         if (self.cuboid is None) == (self.cylinder is None):
-            raise fault("a magnet has one shape: cuboid or cylinder", "write, say, `cylinder: {diameter: 20 mm, length: 20 mm}`")
+            raise fault(
+                "a magnet has one shape: cuboid or cylinder",
+                "write, say, `cylinder: {diameter: 20 mm, length: 20 mm}`",
+            )
         return self
 
 
 class Coil(Settings):
     """A thin round coil."""
 
-    position: Point = Field(description="Its center: [x, y, z].", examples=[["0 mm", "0 mm", "-60 mm"]])
+    position: Point = Field(
+        description="Its center: [x, y, z].", examples=[["0 mm", "0 mm", "-60 mm"]]
+    )
     axis: Axis = Field(
-        default=(0.0, 0.0, 1.0), description="Its axis; a positive current makes a field along it. [0, 0, 1] unless given.",
+        default=(0.0, 0.0, 1.0),
+        description="Its axis; a positive current makes a field along it. [0, 0, 1] unless given.",
         examples=[[0, 0, 1]],
-    )  # fmt: skip
+    )
     diameter: Length = Field(description="Mean diameter of the winding.", examples=["80 mm"])
     current: Annotated[float, Quantity("current", at_least="-1e6 A", at_most="1e6 A")] = Field(
         description="Current in each turn.", examples=["5 A"]
     )
-    turns: int = Field(default=1, strict=True, ge=1, le=1_000_000, description="Number of turns; 1 unless given.", examples=[200])
+    turns: int = Field(
+        default=1,
+        strict=True,
+        ge=1,
+        le=1_000_000,
+        description="Number of turns; 1 unless given.",
+        examples=[200],
+    )
 
 
 class Tabulation(Settings):
     """Table of the field of magnets and coils, from which the solver takes field and gradients."""
 
     tolerance: float = Field(
-        default=2e-3, strict=True, ge=1e-6, le=0.1, allow_inf_nan=False,
-        description="Largest error of the table, of the field's size at that place; 0.002 unless given.", examples=[0.002],
-    )  # fmt: skip
+        default=2e-3,
+        strict=True,
+        ge=1e-6,
+        le=0.1,
+        allow_inf_nan=False,
+        description="Largest error of the table, of the field's size at that place; 0.002 unless given.",
+        examples=[0.002],
+    )
     lower: Point | None = Field(
-        default=None, description="Lower corner of the box it covers, [x, y, z]; what the body may reach unless given.",
+        default=None,
+        description="Lower corner of the box it covers, [x, y, z]; what the body may reach unless given.",
         examples=[["-50 mm", "-50 mm", "-50 mm"]],
-    )  # fmt: skip
-    upper: Point | None = Field(default=None, description="Upper corner of that box.", examples=[["50 mm", "50 mm", "50 mm"]])
+    )
+    upper: Point | None = Field(
+        default=None,
+        description="Upper corner of that box.",
+        examples=[["50 mm", "50 mm", "50 mm"]],
+    )
 
     @model_validator(mode="after")
     def _a_box(self) -> Tabulation:
         if (self.lower is None) != (self.upper is None):
             raise fault("a box has both corners, lower and upper", "give both, or neither")
-        if self.lower is not None and self.upper is not None and not np.all(np.less(self.lower, self.upper)):
+        if (
+            self.lower is not None
+            and self.upper is not None
+            and not np.all(np.less(self.lower, self.upper))
+        ):
             raise fault("each coordinate of `upper` must exceed that of `lower`", "swap them")
         return self
 
@@ -133,27 +181,60 @@ class FieldSource(Settings):
     """The outside magnetic field: the sum of its sources."""
 
     uniform: FluxVector = Field(
-        default=(0.0, 0.0, 0.0), description="Flux density, the same everywhere: [x, y, z].", examples=[["0 mT", "6 mT", "8 mT"]]
+        default=(0.0, 0.0, 0.0),
+        description="Flux density, the same everywhere: [x, y, z].",
+        examples=[["0 mT", "6 mT", "8 mT"]],
     )
     dipole: Annotated[tuple[Dipole, ...] | None, _OneOrMore()] = Field(
-        default=None, min_length=1, max_length=MAX_SOURCES, description="A point dipole, or a list of them.",
-        examples=[{"position": ["60 mm", "0 mm", "0 mm"], "moment": ["0 A*m^2", "0 A*m^2", "0.5 A*m^2"]}],
-    )  # fmt: skip
+        default=None,
+        min_length=1,
+        max_length=MAX_SOURCES,
+        description="A point dipole, or a list of them.",
+        examples=[
+            {"position": ["60 mm", "0 mm", "0 mm"], "moment": ["0 A*m^2", "0 A*m^2", "0.5 A*m^2"]}
+        ],
+    )
     magnet: Annotated[tuple[Magnet, ...] | None, _OneOrMore()] = Field(
-        default=None, min_length=1, max_length=MAX_SOURCES,
+        default=None,
+        min_length=1,
+        max_length=MAX_SOURCES,
         description="A permanent magnet of finite size, or a list of them (needs magpylib).",
-        examples=[{"cylinder": {"diameter": "20 mm", "length": "20 mm"}, "position": ["60 mm", "0 mm", "0 mm"], "remanence": "1.3 T"}],
-    )  # fmt: skip
+        examples=[
+            {
+                "cylinder": {"diameter": "20 mm", "length": "20 mm"},
+                "position": ["60 mm", "0 mm", "0 mm"],
+                "remanence": "1.3 T",
+            }
+        ],
+    )
     coils: Annotated[tuple[Coil, ...] | None, _OneOrMore()] = Field(
-        default=None, min_length=1, max_length=MAX_SOURCES, description="A round coil, or a list of them (needs magpylib).",
-        examples=[{"position": ["0 mm", "0 mm", "-60 mm"], "diameter": "80 mm", "current": "5 A", "turns": 200}],
-    )  # fmt: skip
-    map: Map | None = Field(default=None, description="A measured field on a regular grid.", examples=[{"table": "../measured/magnet.csv"}])
+        default=None,
+        min_length=1,
+        max_length=MAX_SOURCES,
+        description="A round coil, or a list of them (needs magpylib).",
+        examples=[
+            {
+                "position": ["0 mm", "0 mm", "-60 mm"],
+                "diameter": "80 mm",
+                "current": "5 A",
+                "turns": 200,
+            }
+        ],
+    )
+    map: Map | None = Field(
+        default=None,
+        description="A measured field on a regular grid.",
+        examples=[{"table": "../measured/magnet.csv"}],
+    )
     tabulation: Tabulation | None = Field(
-        default=None, description="How magnets and coils are put on a table; as usual unless given.", examples=[{"tolerance": 0.002}]
+        default=None,
+        description="How magnets and coils are put on a table; as usual unless given.",
+        examples=[{"tolerance": 0.002}],
     )
     over_time: OverTime | None = Field(
-        default=None, description="How the field changes in time; it does not unless given.", examples=[{"ramp": {"duration": "50 ms"}}]
+        default=None,
+        description="How the field changes in time; it does not unless given.",
+        examples=[{"ramp": {"duration": "50 ms"}}],
     )
 
     def text(self) -> str:
@@ -162,9 +243,17 @@ class FieldSource(Settings):
         if any(self.uniform) or (not self.varies and self.acts):
             parts.append(f"({', '.join(f'{1e3 * part:.4g}' for part in self.uniform)}) mT")
         each = {
-            "dipole": [f"of {np.linalg.norm(one.moment):.4g} A m^2 at {in_mm(one.position)}" for one in self.dipole or ()],
-            "magnet": [f"of {one.remanence:.4g} T at {in_mm(one.position)}" for one in self.magnet or ()],
-            "coil": [f"of {one.turns} x {one.current:.4g} A at {in_mm(one.position)}" for one in self.coils or ()],
+            "dipole": [
+                f"of {np.linalg.norm(one.moment):.4g} A m^2 at {in_mm(one.position)}"
+                for one in self.dipole or ()
+            ],
+            "magnet": [
+                f"of {one.remanence:.4g} T at {in_mm(one.position)}" for one in self.magnet or ()
+            ],
+            "coil": [
+                f"of {one.turns} x {one.current:.4g} A at {in_mm(one.position)}"
+                for one in self.coils or ()
+            ],
         }
         for name, found in each.items():
             if found:

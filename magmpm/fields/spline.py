@@ -49,7 +49,9 @@ def _along(values: Array, axis: int) -> Array:
         bands[4 - shift, rows + shift] = entry
     right = np.zeros((size, moved[0].size))
     right[1:-1] = moved.reshape(n, -1)
-    found = solve_banded((4, 4), bands, right, overwrite_ab=True, overwrite_b=True, check_finite=False)
+    found = solve_banded(
+        (4, 4), bands, right, overwrite_ab=True, overwrite_b=True, check_finite=False
+    )
     return np.moveaxis(found.reshape(size, *moved.shape[1:]), 0, axis)
 
 
@@ -62,7 +64,9 @@ def packed(lower: Array, spacing: Array, values: Array, frame: Array | None = No
     rows = np.zeros((*found.shape[:3], 4))
     rows[..., :3] = found
     axes = np.eye(3) if frame is None else frame
-    return np.concatenate([lower, 1.0 / np.asarray(spacing), values.shape[:3], axes.ravel(), rows.ravel()])
+    return np.concatenate(
+        [lower, 1.0 / np.asarray(spacing), values.shape[:3], axes.ravel(), rows.ravel()]
+    )
 
 
 @compiled
@@ -154,7 +158,9 @@ def value(data, at, y0, y1, y2):
             w = wa * _weight(b, s)
             c = at + HEADER + 4 * (((i + a) * rows + j + b) * columns + k)
             near, far = near + w * load(data, c), far + w * load(data, c + 8)
-    b0, b1, b2 = folded(near * halves(_weight(0, t), _weight(1, t)) + far * halves(_weight(2, t), _weight(3, t)))
+    b0, b1, b2 = folded(
+        near * halves(_weight(0, t), _weight(1, t)) + far * halves(_weight(2, t), _weight(3, t))
+    )
     return _outward(data, at, b0, b1, b2)
 
 
@@ -166,7 +172,14 @@ def gradient(data, at, y0, y1, y2):
     j, s = _cell(data, at, 1, y1)
     k, t = _cell(data, at, 2, y2)
     rows, columns = int(data[at + 7]) + 2, int(data[at + 8]) + 2
-    near_x, far_x, near_y, far_y, near_z, far_z = splat(0.0), splat(0.0), splat(0.0), splat(0.0), splat(0.0), splat(0.0)
+    near_x, far_x, near_y, far_y, near_z, far_z = (
+        splat(0.0),
+        splat(0.0),
+        splat(0.0),
+        splat(0.0),
+        splat(0.0),
+        splat(0.0),
+    )
     for a in range(4):
         wa, sa = _weight(a, r), _slope(a, r)
         for b in range(4):
@@ -183,7 +196,11 @@ def gradient(data, at, y0, y1, y2):
     first, second = halves(_slope(0, t), _slope(1, t)), halves(_slope(2, t), _slope(3, t))
     u0, u1, u2 = folded(near_z * first + far_z * second)
     p, q, u = data[at + 3], data[at + 4], data[at + 5]
-    p, q, u = p * _within(data, at, 0, y0), q * _within(data, at, 1, y1), u * _within(data, at, 2, y2)
+    p, q, u = (
+        p * _within(data, at, 0, y0),
+        q * _within(data, at, 1, y1),
+        u * _within(data, at, 2, y2),
+    )
     # R G R^T: its rows turned, then its columns
     a0, a1, a2 = _outward(data, at, p * x0, q * z0, u * u0)
     b0, b1, b2 = _outward(data, at, p * x1, q * z1, u * u1)
@@ -226,7 +243,11 @@ def curvature(data, at, y0, y1, y2, m0, m1, m2):
                 xz += sa * wb * sd * f
                 yz += wa * sb * sd * f
     p, q, u = data[at + 3], data[at + 4], data[at + 5]
-    p, q, u = p * _within(data, at, 0, y0), q * _within(data, at, 1, y1), u * _within(data, at, 2, y2)
+    p, q, u = (
+        p * _within(data, at, 0, y0),
+        q * _within(data, at, 1, y1),
+        u * _within(data, at, 2, y2),
+    )
     xx, yy, zz, xy, xz, yz = xx * p * p, yy * q * q, zz * u * u, xy * p * q, xz * p * u, yz * q * u
     # R H R^T: its rows turned, then its columns
     a0, a1, a2 = _outward(data, at, xx, xy, xz)

@@ -25,7 +25,13 @@ from magmpm.fields.magnets import Box, Solid
 MAX_DIPOLES = 1000  # per magnet: some 40 microseconds per particle
 
 
-def cloud(solid: Solid, polarization: Array, exact: Callable[[Array], Array], distance: float, tolerance: float) -> Array:
+def cloud(
+    solid: Solid,
+    polarization: Array,
+    exact: Callable[[Array], Array],
+    distance: float,
+    tolerance: float,
+) -> Array:
     """Dipoles (k, 7) (fields.dipole) that stand for a magnet at points `distance` m or farther from its surface.
 
     polarization (3,) T in space; exact: the magnet's field. Raises SceneError where MAX_DIPOLES do not reach the tolerance.
@@ -35,7 +41,9 @@ def cloud(solid: Solid, polarization: Array, exact: Callable[[Array], Array], di
     size = np.linalg.norm(B, axis=1)
     count, error = np.ones(3), np.inf
     while True:
-        positions, weights = (_cylinder if solid.round else _block)(solid, np.rint(count).astype(int))
+        positions, weights = (_cylinder if solid.round else _block)(
+            solid, np.rint(count).astype(int)
+        )
         if len(weights) > MAX_DIPOLES:
             raise SceneError(
                 solid.name,
@@ -57,7 +65,9 @@ def cloud(solid: Solid, polarization: Array, exact: Callable[[Array], Array], di
 
 def _block(solid: Solid, count: NDArray[np.int64]) -> tuple[Array, Array]:
     rules = [np.polynomial.legendre.leggauss(int(n)) for n in count]
-    points = np.stack(np.meshgrid(*[rule[0] for rule in rules], indexing="ij"), axis=-1).reshape(-1, 3)
+    points = np.stack(np.meshgrid(*[rule[0] for rule in rules], indexing="ij"), axis=-1).reshape(
+        -1, 3
+    )
     weights = np.einsum("i,j,k->ijk", *[rule[1] / 2 for rule in rules]).ravel()
     return solid.position + (points * solid.half) @ solid.frame.T, weights
 
@@ -70,7 +80,9 @@ def _cylinder(solid: Solid, count: NDArray[np.int64]) -> tuple[Array, Array]:
     angle = 2 * np.pi * (np.arange(around) + 0.5) / around
     r = np.zeros(1) if around == 1 else np.sqrt((1 + s) / 2)
     grid_r, grid_a, grid_z = np.meshgrid(r, angle, z, indexing="ij")
-    local = np.stack([grid_r * np.cos(grid_a), grid_r * np.sin(grid_a), grid_z], axis=-1).reshape(-1, 3)
+    local = np.stack([grid_r * np.cos(grid_a), grid_r * np.sin(grid_a), grid_z], axis=-1).reshape(
+        -1, 3
+    )
     weights = np.einsum("i,j,k->ijk", ws / 2, np.full(around, 1 / around), wz / 2).ravel()
     return solid.position + (local * solid.half) @ solid.frame.T, weights
 
@@ -111,7 +123,10 @@ class Errors:
     divergence: float
 
     def within(self, tolerance: float) -> bool:
-        return self.field <= tolerance and max(self.gradient, self.curl, self.divergence) <= GRADIENT * tolerance
+        return (
+            self.field <= tolerance
+            and max(self.gradient, self.curl, self.divergence) <= GRADIENT * tolerance
+        )
 
 
 def grid_points(lower: Array, spacing: Array, shape: tuple[int, ...]) -> Array:
@@ -120,7 +135,9 @@ def grid_points(lower: Array, spacing: Array, shape: tuple[int, ...]) -> Array:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def tabulate(exact: Callable[[Array], Array], box: Box, tolerance: float, what: str) -> tuple[Array, Errors]:
+def tabulate(
+    exact: Callable[[Array], Array], box: Box, tolerance: float, what: str
+) -> tuple[Array, Errors]:
     """The packed table (fields.spline) of a field over a box, and its errors.
 
     exact: points (n, 3) m -> B (n, 3) T; tolerance: of B, relative. Raises SceneError where MAX_NODES do not reach it; `what`: the sources.
@@ -130,9 +147,15 @@ def tabulate(exact: Callable[[Array], Array], box: Box, tolerance: float, what: 
     B, G = exact(points), _differences(exact, points)
     step, errors = float(extent.max()) / 20, None  # at first
     while True:
-        shape = tuple(int(n) for n in np.maximum(np.ceil(extent / step).astype(int) + 1, spline.FEWEST + 2))
+        shape = tuple(
+            int(n) for n in np.maximum(np.ceil(extent / step).astype(int) + 1, spline.FEWEST + 2)
+        )
         if np.prod(shape, dtype=float) > MAX_NODES:
-            found = "" if errors is None else f" (reached: {1e2 * errors.field:.2g} %, gradient {1e2 * errors.gradient:.2g} %)"
+            found = (
+                ""
+                if errors is None
+                else f" (reached: {1e2 * errors.field:.2g} %, gradient {1e2 * errors.gradient:.2g} %)"
+            )
             raise SceneError(
                 what,
                 found=f"a table over {box.text()} can't be as exact as {1e2 * tolerance:g} % with {MAX_NODES} nodes{found}",
@@ -157,9 +180,16 @@ def of_values(lower: Array, spacing: Array, values: Array) -> tuple[Array, Error
     points = grid_points(lower + spacing / 2, spacing, tuple(shape))
     _, G = evaluate(packed, points)
     size = float(np.sqrt(np.mean(np.sum(G**2, axis=(1, 2))))) or 1.0
-    curl = np.stack([G[:, 2, 1] - G[:, 1, 2], G[:, 0, 2] - G[:, 2, 0], G[:, 1, 0] - G[:, 0, 1]], axis=1)
+    curl = np.stack(
+        [G[:, 2, 1] - G[:, 1, 2], G[:, 0, 2] - G[:, 2, 0], G[:, 1, 0] - G[:, 0, 1]], axis=1
+    )
     divergence = np.trace(G, axis1=1, axis2=2)
-    return packed, Errors(0.0, 0.0, float(np.sqrt(np.mean(np.sum(curl**2, axis=1)))) / size, float(np.sqrt(np.mean(divergence**2))) / size)
+    return packed, Errors(
+        0.0,
+        0.0,
+        float(np.sqrt(np.mean(np.sum(curl**2, axis=1)))) / size,
+        float(np.sqrt(np.mean(divergence**2))) / size,
+    )
 
 
 def evaluate(packed: Array, points: Array) -> tuple[Array, Array]:
@@ -197,7 +227,14 @@ def _errors(packed: Array, points: Array, B: Array, G: Array, extent: float) -> 
     found, slope = evaluate(packed, points)
     size = np.linalg.norm(B, axis=1)
     steep = np.linalg.norm(G, axis=(1, 2)) + size / extent
-    curl = np.stack([slope[:, 2, 1] - slope[:, 1, 2], slope[:, 0, 2] - slope[:, 2, 0], slope[:, 1, 0] - slope[:, 0, 1]], axis=1)
+    curl = np.stack(
+        [
+            slope[:, 2, 1] - slope[:, 1, 2],
+            slope[:, 0, 2] - slope[:, 2, 0],
+            slope[:, 1, 0] - slope[:, 0, 1],
+        ],
+        axis=1,
+    )
     return Errors(
         field=float((np.linalg.norm(found - B, axis=1) / size).max()),
         gradient=float((np.linalg.norm(slope - G, axis=(1, 2)) / steep).max()),

@@ -17,7 +17,9 @@ from magmpm.inputs.user_files import UnfitFile, read_regular
 
 COLUMNS = ("s_mm", "x_mm", "y_mm", "z_mm")
 MAX_ROWS = 100_000
-MAX_BYTES = 200_000_000  # of the largest table there is, a map of half a million points with all digits
+MAX_BYTES = (
+    200_000_000  # of the largest table there is, a map of half a million points with all digits
+)
 MAX_MM = 10_000.0  # 10 m: a larger coordinate is a unit mistaken
 
 
@@ -80,7 +82,12 @@ class Line:
 
     def error(self, rule: str, remedy: str, received: str | None = None) -> TableError:
         """Error to raise where the line, or the value received in it, breaks a rule."""
-        return TableError(self.place, received=show(self.text.strip()) if received is None else received, rule=rule, remedy=remedy)
+        return TableError(
+            self.place,
+            received=show(self.text.strip()) if received is None else received,
+            rule=rule,
+            remedy=remedy,
+        )
 
 
 def table_lines(path: Path, start: str) -> Iterator[Line]:
@@ -96,7 +103,11 @@ def table_lines(path: Path, start: str) -> Iterator[Line]:
     except UnicodeDecodeError:
         reason, remedy = "not a text file", start
     except UnfitFile as error:
-        reason, rule, remedy = str(error.strerror), f"the table must be a regular file of at most {MAX_BYTES // 1_000_000} MB", start
+        reason, rule, remedy = (
+            str(error.strerror),
+            f"the table must be a regular file of at most {MAX_BYTES // 1_000_000} MB",
+            start,
+        )
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
     else:
@@ -123,10 +134,16 @@ def read_centreline(path: Path | str) -> NDArray[np.float64]:
         for line in lines:
             row = _row(line, order)
             if rows and row[0] <= rows[-1][0]:
-                raise line.error("s_mm must increase from row to row", "sort the rows, base first, each s_mm once")
+                raise line.error(
+                    "s_mm must increase from row to row",
+                    "sort the rows, base first, each s_mm once",
+                )
             rows.append(row)
     if not 2 <= len(rows) <= MAX_ROWS:
-        received, rule = f"{len(rows)} row{'s' * (len(rows) != 1)}", f"a centreline has 2 to {MAX_ROWS} rows"
+        received, rule = (
+            f"{len(rows)} row{'s' * (len(rows) != 1)}",
+            f"a centreline has 2 to {MAX_ROWS} rows",
+        )
         raise TableError(str(path), received=received, rule=rule, remedy=_START)
     return np.asarray(rows) / 1000.0
 
@@ -151,5 +168,7 @@ def write_centreline(path: Path | str, rows: NDArray[np.float64], *, comment: st
     """Writes rows [s, x, y, z] in m, (m, 4), as a table that `read_centreline` reads; comment lines first."""
     lines = [f"# {line}" for line in comment.splitlines()]
     lines.append(",".join(COLUMNS))
-    lines += [",".join(f"{1000.0 * value:.6f}" for value in row) for row in np.asarray(rows, dtype=float)]
+    lines += [
+        ",".join(f"{1000.0 * value:.6f}" for value in row) for row in np.asarray(rows, dtype=float)
+    ]
     Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -41,7 +41,9 @@ class Problem:
 
     def line(self, lines: Mapping[Key, int]) -> int:
         """Line of the key, or of the nearest part around it that the file has."""
-        return next((lines[self.at[:n]] for n in range(len(self.at), -1, -1) if self.at[:n] in lines), 1)
+        return next(
+            (lines[self.at[:n]] for n in range(len(self.at), -1, -1) if self.at[:n] in lines), 1
+        )
 
     def text(self, path: Path | None, lines: Mapping[Key, int]) -> str:
         place = f"{path}:{self.line(lines)}" if path is not None else "input"
@@ -84,9 +86,15 @@ def translate(model: type[BaseModel], data: Any, error: dict[str, Any]) -> Probl
         return Problem(at, NOTHING, rule, remedy)
     rule = _RULES.get(kind, "").format(**context) if kind in _RULES else str(error["msg"])
     if kind == "literal_error":
-        near = difflib.get_close_matches(str(value), re.findall("'([^']*)'", context["expected"]), n=1)
+        near = difflib.get_close_matches(
+            str(value), re.findall("'([^']*)'", context["expected"]), n=1
+        )
         remedy = f'did you mean "{near[0]}"?' if near else remedy
-    elif kind in {"int_type", "float_type"} and isinstance(value, str) and re.match(r"[-+.\d]", value):
+    elif (
+        kind in {"int_type", "float_type"}
+        and isinstance(value, str)
+        and re.match(r"[-+.\d]", value)
+    ):
         remedy = f"a plain number, without quotes or unit; {remedy}"
     elif kind == "string_type" and not isinstance(value, (dict, list)):
         remedy = f'put it in quotes: "{value}"'
@@ -120,7 +128,9 @@ def _locate(data: Any, location: tuple[Any, ...], *, absent: bool) -> tuple[Key,
     at: Key = ()
     for n, part in enumerate(location):
         inside = isinstance(data, Mapping) and part in data
-        inside = inside or (isinstance(data, (list, tuple)) and isinstance(part, int) and part < len(data))
+        inside = inside or (
+            isinstance(data, (list, tuple)) and isinstance(part, int) and part < len(data)
+        )
         if inside:
             at, data = (*at, part), data[part]
         elif absent and n == len(location) - 1:
@@ -134,11 +144,17 @@ def _unknown_key(model: type[BaseModel], data: Any, at: Key, value: Any) -> Prob
     later = getattr(parent, "not_there_yet", {}).get(key)
     if later is not None:
         rule = f"`{key}` ({later}) is not there yet in this version"
-        return Problem(at, show(value), rule, f"remove it; there are {', '.join(known)}", later=True)
+        return Problem(
+            at, show(value), rule, f"remove it; there are {', '.join(known)}", later=True
+        )
     values = _locate(data, at[:-1], absent=False)[1]
-    instead: Instead | None = getattr(parent, "by_other_keys", lambda key, values: None)(key, values if isinstance(values, Mapping) else {})
+    instead: Instead | None = getattr(parent, "by_other_keys", lambda key, values: None)(
+        key, values if isinstance(values, Mapping) else {}
+    )
     near = None if parent is None else _nearest_key(parent, key)
-    within = sorted(_homes(model, key), key=lambda home: home[: len(at) - 1] != at[:-1])  # first those below the place where it stands
+    within = sorted(
+        _homes(model, key), key=lambda home: home[: len(at) - 1] != at[:-1]
+    )  # first those below the place where it stands
     homes = [dotted(home) for home in within]
     if instead is not None:
         remedy = instead.remedy
@@ -150,7 +166,9 @@ def _unknown_key(model: type[BaseModel], data: Any, at: Key, value: Any) -> Prob
         remedy = getattr(parent, "unknown_key", "remove it")
     meant = near if instead is None else instead.key
     rule = f'unknown key "{key}"; known here: {", ".join(known)}'
-    return Problem(at, show(value), rule, remedy, meant=None if meant is None else (*at[:-1], meant))
+    return Problem(
+        at, show(value), rule, remedy, meant=None if meant is None else (*at[:-1], meant)
+    )
 
 
 def plain_word(key: str) -> str:
@@ -191,9 +209,17 @@ def _model_at(model: type[BaseModel], at: Key) -> type[BaseModel] | None:
     """The model class that describes the value at a key path."""
     here: list[Any] = [model]
     for part in at:
-        here = [child for one in here for key, child in _children(one) if key is None or key == part]
+        here = [
+            child for one in here for key, child in _children(one) if key is None or key == part
+        ]
     found = [inner for one in here for inner in _inner(one)]
-    items = [item for inner in found if get_origin(inner) in (list, tuple) for arm in get_args(inner)[:1] for item in _inner(arm)]
+    items = [
+        item
+        for inner in found
+        if get_origin(inner) in (list, tuple)
+        for arm in get_args(inner)[:1]
+        for item in _inner(arm)
+    ]
     for inner in (*found, *items):  # one thing, where a list of them may stand as well
         if isinstance(inner, type) and issubclass(inner, BaseModel):
             return inner
@@ -217,7 +243,9 @@ def _homes(model: type[BaseModel], key: str) -> list[Key]:
         for name, child in _children(annotation):
             if name == key:
                 found.append(at or ("the top level",))
-            named = any(get_origin(inner) in (dict, Mapping) for inner in _inner(annotation))  # else one of a list
+            named = any(
+                get_origin(inner) in (dict, Mapping) for inner in _inner(annotation)
+            )  # else one of a list
             step = (name,) if name is not None else ("<name>",) if named else ()
             visit(child, (*at, *step))
 

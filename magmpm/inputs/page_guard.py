@@ -18,7 +18,11 @@ LOOPBACK = "127.0.0.1"
 ALL = ("0.0.0.0", "::")
 PATIENCE = 20.0  # s for a request to be sent, and for an answer to be taken
 MOST_CONNECTIONS = 64  # a browser opens six
-HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "Cross-Origin-Resource-Policy": "same-origin"}
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
 
 
 class Guard:
@@ -29,7 +33,9 @@ class Guard:
         given = {name.lower() for name in names}
         self.secret = secrets.token_urlsafe(18)
         self._everywhere = bool(given & set(ALL))
-        own = {socket.gethostname().lower(), socket.getfqdn().lower()} if self._everywhere else set()
+        own = (
+            {socket.gethostname().lower(), socket.getfqdn().lower()} if self._everywhere else set()
+        )
         self._names = (given - set(ALL)) | own | {"localhost", LOOPBACK, "[::1]"}
 
     def admits(self, host: str | None, origin: str | None, reached: str = "") -> bool:
@@ -64,7 +70,9 @@ class GuardedServer(ThreadingHTTPServer):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         self._lock = threading.Lock()
-        self._since: dict[Any, float | None] = {}  # since when a connection requests nothing; None: it is being answered
+        self._since: dict[
+            Any, float | None
+        ] = {}  # since when a connection requests nothing; None: it is being answered
         super().__init__(*arguments, **options)
 
     def waits_for(self, connection: Any, waits: bool = True) -> None:
@@ -86,7 +94,11 @@ class GuardedServer(ThreadingHTTPServer):
 
     def _close_oldest(self, least: float = 0.0) -> bool:
         """Close the connection that has requested nothing for longest, if for `least` s; whether there was one."""
-        since, found = min(((t, c) for c, t in self._since.items() if t is not None), key=lambda pair: pair[0], default=(0.0, None))
+        since, found = min(
+            ((t, c) for c, t in self._since.items() if t is not None),
+            key=lambda pair: pair[0],
+            default=(0.0, None),
+        )
         if found is None or time.monotonic() - since < least:
             return False
         del self._since[found]

@@ -46,27 +46,47 @@ def _each(factor: Fraction | int, *units: str) -> dict[str, Fraction]:
 
 _MILLI = Fraction(1, 1000)
 _FLUX_DENSITY = {  # the gauss is not in pint's SI context, but a gauss of flux density is 1e-4 T to everybody
-    **_powers("T", none=0, m=-3, u=-6, µ=-6), **_powers("G", none=-4, m=-7, k=-1), "gauss": Fraction(1, 10**4),
-}  # fmt: skip
+    **_powers("T", none=0, m=-3, u=-6, µ=-6),
+    **_powers("G", none=-4, m=-7, k=-1),
+    "gauss": Fraction(1, 10**4),
+}
 _MU0 = 4e-7 * math.pi  # T m/A, as magmpm.fields.dipole has it, which this layer can't import
 # Magnetization and field strength, also in units of Gauss: M in emu/cm^3 is 1e3 A/m, H in Oe 1e3/(4 pi) A/m.
 _MAGNETIZATION = {
-    **{unit: (float(factor) * _MU0, "mu0 times it") for unit, factor in _powers("A/m", none=0, k=3, M=6).items()},
+    **{
+        unit: (float(factor) * _MU0, "mu0 times it")
+        for unit, factor in _powers("A/m", none=0, k=3, M=6).items()
+    },
     **dict.fromkeys(("emu/cm^3", "emu/cm3", "emu/cc"), (1e3 * _MU0, "4 pi times it, in gauss")),
     "Oe": (1e-4, "as many gauss"),
     "kOe": (1e-1, "as many kilogauss"),
-}  # fmt: skip
+}
 _DENSITY = _each(1, "kg/m^3", "kg/m**3", "kg/m³") | _each(1000, "g/cm^3", "g/cm**3", "g/cm³")
 _MOMENT = _each(1, "A*m^2", "A m^2", "A m²") | _each(_MILLI, "mA*m^2", "mA m^2", "mA m²")
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("length", "m", "40 mm", {**_powers("m", none=0, c=-2, m=-3, u=-6, µ=-6), "in": Fraction(254, 10000)}),
-        Kind("pressure", "Pa", "120 kPa", {**_powers("Pa", none=0, k=3, M=6, G=9), "bar": Fraction(10**5)}),
+        Kind(
+            "length",
+            "m",
+            "40 mm",
+            {**_powers("m", none=0, c=-2, m=-3, u=-6, µ=-6), "in": Fraction(254, 10000)},
+        ),
+        Kind(
+            "pressure",
+            "Pa",
+            "120 kPa",
+            {**_powers("Pa", none=0, k=3, M=6, G=9), "bar": Fraction(10**5)},
+        ),
         Kind("density", "kg/m^3", "1882 kg/m^3", _DENSITY),
         Kind("flux density", "T", "8 mT", _FLUX_DENSITY, _MAGNETIZATION),
         Kind("angle", "rad", "30 deg", _each(1, "rad") | _each(_PI / 180, "deg", "°", "degree")),
-        Kind("acceleration", "m/s^2", "9.81 m/s^2", _each(1, "m/s^2", "m/s**2", "m/s²") | _each(_MILLI, "mm/s^2")),
+        Kind(
+            "acceleration",
+            "m/s^2",
+            "9.81 m/s^2",
+            _each(1, "m/s^2", "m/s**2", "m/s²") | _each(_MILLI, "mm/s^2"),
+        ),
         Kind("time", "s", "5 ms", _powers("s", none=0, m=-3, u=-6, µ=-6)),
         Kind("rate", "1/s", "60 1/s", _each(1, "1/s", "s^-1")),
         Kind("speed", "m/s", "5 mm/s", _powers("m/s", none=0, c=-2, m=-3)),
@@ -113,7 +133,10 @@ def parse_quantity(text: str, kind: Kind) -> float:
         raise BadQuantity(f"{a(kind.name)} must begin with a number", write)
     unit = text[number.end() :].strip()
     if not unit:
-        raise BadQuantity(f"{a(kind.name)} needs a unit", f'add one, such as "{number.group()[:MOST_UNIT]} {kind.example.split()[1]}"')
+        raise BadQuantity(
+            f"{a(kind.name)} needs a unit",
+            f'add one, such as "{number.group()[:MOST_UNIT]} {kind.example.split()[1]}"',
+        )
     if unit.startswith("/"):
         unit = f"1{unit}"
     if unit[0] == "," or (unit[0].isdigit() and not unit.startswith("1/")):
@@ -122,7 +145,9 @@ def parse_quantity(text: str, kind: Kind) -> float:
     if unit in kind.related:
         factor, words = kind.related[unit]
         rule = f'{a(kind.name)} is due here, and "{unit}" is not a unit of {kind.name}'
-        raise BadQuantity(rule, f'write {words}: "{quantity(magnitude * factor, kind.si, 4)}"', magnitude * factor)
+        raise BadQuantity(
+            rule, f'write {words}: "{quantity(magnitude * factor, kind.si, 4)}"', magnitude * factor
+        )
     is_zero = not re.search("[1-9]", number.group().lower().split("e")[0])
     if not math.isfinite(magnitude) or (abs(magnitude) < 1e-290 and not is_zero):
         raise BadQuantity(f"{a(kind.name)} must be a finite number that a computer can hold", write)
@@ -179,7 +204,9 @@ def _factor_in_pint(unit: str, kind_name: str) -> Fraction:
         names = set(found._units)
         same = found.dimensionality == wanted.dimensionality
     except pint.UndefinedUnitError:
-        raise BadQuantity(f'"{unit}" is not a known unit', _nearest_unit(unit, kind) or write) from None
+        raise BadQuantity(
+            f'"{unit}" is not a known unit', _nearest_unit(unit, kind) or write
+        ) from None
     except Exception:  # pint's tokenizer raises half a dozen types for text that is not a unit
         raise BadQuantity(f'"{unit}" is not a unit', write) from None
     # an angle has no dimension for pint, and neither has a percentage: ask for a unit of angle by name
@@ -194,15 +221,29 @@ def _factor_in_pint(unit: str, kind_name: str) -> Fraction:
     return factor if isinstance(factor, Fraction) else Fraction(factor)
 
 
-_ANGLES = {"radian", "degree", "turn", "arcminute", "arcsecond", "grade", "milliradian", "microradian"}
+_ANGLES = {
+    "radian",
+    "degree",
+    "turn",
+    "arcminute",
+    "arcsecond",
+    "grade",
+    "milliradian",
+    "microradian",
+}
 _ANGULAR = {"revolutions_per_minute", "revolutions_per_second", "count_per_second"}
 
 
 def _factor(unit: str, kind: Kind) -> Fraction:
     """Exact factor from `unit` to the kind's SI unit. Raises BadQuantity."""
     plain = kind.plain.get(unit)
-    if plain is None and kind.name == "percentage":  # pint would take any number without a dimension, such as degrees
-        raise BadQuantity(f'a percentage is due here, and "{unit[:MOST_UNIT]}" is not %', f'write, say, "{kind.example}"')
+    if (
+        plain is None and kind.name == "percentage"
+    ):  # pint would take any number without a dimension, such as degrees
+        raise BadQuantity(
+            f'a percentage is due here, and "{unit[:MOST_UNIT]}" is not %',
+            f'write, say, "{kind.example}"',
+        )
     return plain if plain is not None else _factor_in_pint(unit, kind.name)
 
 

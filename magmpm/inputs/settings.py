@@ -116,11 +116,17 @@ class Quantity:
         if rules:
             raise fault(rules[0], f"check number and unit: this reads as {format_si(si, kind)}")
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
         written = core_schema.plain_serializer_function_ser_schema(self.write, info_arg=True)
-        return core_schema.with_info_before_validator_function(self.read, handler(source), serialization=written)
+        return core_schema.with_info_before_validator_function(
+            self.read, handler(source), serialization=written
+        )
 
-    def __get_pydantic_json_schema__(self, _: CoreSchema, __: GetJsonSchemaHandler) -> JsonSchemaValue:
+    def __get_pydantic_json_schema__(
+        self, _: CoreSchema, __: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
         kind = KINDS[self.kind]
         words = {"above": self.above, "at least": self.at_least, "at most": self.at_most}
         bounds = ", ".join(f"{word} {bound}" for word, bound in words.items() if bound is not None)
@@ -156,9 +162,16 @@ def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = 
             return result
     except ValidationError as error:
         errors = [e for e in error.errors(include_url=False) if not overruled(e)]
-        found, left = [translate(model, data, dict(e)) for e in errors[:MOST_WORDED]], max(0, len(errors) - MOST_WORDED)
-        meant = {p.meant for p in found if p.meant is not None}  # a misspelled key that is required is one mistake, not two
-        problems += [p for p in found if p.at not in empty and not (p.received == NOTHING and p.at in meant)]
+        found, left = (
+            [translate(model, data, dict(e)) for e in errors[:MOST_WORDED]],
+            max(0, len(errors) - MOST_WORDED),
+        )
+        meant = {
+            p.meant for p in found if p.meant is not None
+        }  # a misspelled key that is required is one mistake, not two
+        problems += [
+            p for p in found if p.at not in empty and not (p.received == NOTHING and p.at in meant)
+        ]
     lines = data.lines if isinstance(data, Document) else {}
     shown = sorted(problems, key=lambda p: p.line(lines))[:MOST_SHOWN]
     text = "\n".join(problem.text(file, lines) for problem in shown)

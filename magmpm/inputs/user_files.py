@@ -29,7 +29,11 @@ def is_allowed(named: Path, file: Path) -> bool:
     """True if `file` may name the path `named`, which is relative to the current folder or absolute."""
     try:
         found = named.resolve()
-    except (OSError, RuntimeError, ValueError):  # a circle of links, or no name at all: reading it will say so
+    except (
+        OSError,
+        RuntimeError,
+        ValueError,
+    ):  # a circle of links, or no name at all: reading it will say so
         return True
     if any(found.is_relative_to(folder) for folder in _allowed_by_name()):
         return True
@@ -44,7 +48,9 @@ def _near(file: Path) -> list[Path]:
     own = file.resolve().parent
     near = [own]
     for folder in (own.parent, Path.cwd()):
-        if len(folder.parts) >= 3 and folder != Path.home().parent:  # / and /home hold what belongs to others
+        if (
+            len(folder.parts) >= 3 and folder != Path.home().parent
+        ):  # / and /home hold what belongs to others
             near.append(folder)
     return near
 
@@ -53,14 +59,24 @@ def _allowed_by_name() -> list[Path]:
     """Folders that the user, or who set magmpm up, has named."""
     checkout = Path(__file__).resolve().parents[2]
     found = [checkout / "data"]
-    found += [Path(name).resolve() for name in os.environ.get(VARIABLE, "").split(os.pathsep) if name]
+    found += [
+        Path(name).resolve() for name in os.environ.get(VARIABLE, "").split(os.pathsep) if name
+    ]
     with suppress(OSError, RuntimeError, UnicodeDecodeError):  # none are kept
-        found += [Path(line) for line in _settings().read_text(encoding="utf-8").splitlines() if line.startswith(os.sep)]
+        found += [
+            Path(line)
+            for line in _settings().read_text(encoding="utf-8").splitlines()
+            if line.startswith(os.sep)
+        ]
     return found
 
 
 def _settings() -> Path:
-    return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config") / "magmpm" / "allowed-folders"
+    return (
+        Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
+        / "magmpm"
+        / "allowed-folders"
+    )
 
 
 def allow(folder: Path) -> None:
@@ -93,7 +109,9 @@ class UnfitFile(OSError):
 
 def read_regular(path: Path, most: int) -> bytes:
     """Content of a regular file of at most `most` bytes. Raises UnfitFile where it is another or larger, OSError for all else."""
-    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # otherwise opening a FIFO would wait for a writer
+    handle = os.open(
+        path, os.O_RDONLY | os.O_NONBLOCK
+    )  # otherwise opening a FIFO would wait for a writer
     try:
         about = os.fstat(handle)
         for is_kind, name in _KINDS:
@@ -131,7 +149,10 @@ def folder_fault(name: str) -> tuple[str, str] | None:
     if not name.strip() or name != name.strip():
         return rule, "begin and end it with something other than a space"
     if name.startswith(".") or name.endswith("."):
-        return rule, "begin and end it with something other than a dot: such a folder is hidden, another one, or lost on some systems"
+        return (
+            rule,
+            "begin and end it with something other than a dot: such a folder is hidden, another one, or lost on some systems",
+        )
     if name.split(".")[0].strip().lower() in RESERVED:
         return rule, f"choose another name: {name.split('.')[0]} is a device on Windows"
     if len(name) > LONGEST:

@@ -38,7 +38,9 @@ def _unit_vector(value: Any) -> Vector:
         return (0.0, 0.0, 0.0)
     length = math.hypot(*value)
     if abs(length - 1.0) > 1e-14:
-        value = tuple(x / largest for x in value)  # first, so that huge and tiny vectors can be normalized too
+        value = tuple(
+            x / largest for x in value
+        )  # first, so that huge and tiny vectors can be normalized too
         length = math.hypot(*value)
         value = tuple(x / length for x in value)
     x, y, z = (0.0 if abs(x) < 1e-15 else float(x) for x in value)
@@ -48,9 +50,13 @@ def _unit_vector(value: Any) -> Vector:
 class Angles(Settings):
     """A direction by two angles: d = (cos e cos a, cos e sin a, sin e)."""
 
-    azimuth: Angle = Field(description="Turn in the x-y plane, from +x toward +y.", examples=["30 deg"])
+    azimuth: Angle = Field(
+        description="Turn in the x-y plane, from +x toward +y.", examples=["30 deg"]
+    )
     elevation: Annotated[float, Quantity("angle", at_least="-90 deg", at_most="90 deg")] = Field(
-        default=0.0, description="Lift from the x-y plane toward +z; 0 deg unless given.", examples=["10 deg"]
+        default=0.0,
+        description="Lift from the x-y plane toward +z; 0 deg unless given.",
+        examples=["10 deg"],
     )
 
 
@@ -71,7 +77,11 @@ else:
     _coordinate = Annotated[float, Quantity("length", at_least="-100 m", at_most="100 m")]
     Direction = Annotated[
         Annotated[Angles, Tag("angles")]
-        | Annotated[tuple[_number, _number, _number], three("[1, 0, 0] or {azimuth: 30 deg, elevation: 10 deg}"), Tag("vector")],
+        | Annotated[
+            tuple[_number, _number, _number],
+            three("[1, 0, 0] or {azimuth: 30 deg, elevation: 10 deg}"),
+            Tag("vector"),
+        ],
         Discriminator(lambda value: "angles" if isinstance(value, (Mapping, Angles)) else "vector"),
         AfterValidator(_unit_vector),
     ]

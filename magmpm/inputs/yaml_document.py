@@ -50,11 +50,19 @@ class _Loader(yaml.SafeLoader):
 for _tag, _pattern, _first in (
     ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
     ("int", r"[-+]?[0-9]+", "-+0123456789"),
-    ("float", r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", "-+.0123456789"),
+    (
+        "float",
+        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
+        "-+.0123456789",
+    ),
     ("null", r"~|null|Null|NULL|", "~nN\0"),
     ("merge", r"<<", "<"),
 ):
-    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"^(?:{_pattern})$"), [c if c != "\0" else "" for c in _first])
+    _Loader.add_implicit_resolver(
+        f"tag:yaml.org,2002:{_tag}",
+        re.compile(rf"^(?:{_pattern})$"),
+        [c if c != "\0" else "" for c in _first],
+    )
 
 
 def read_yaml(path: Path | str) -> Document:
@@ -99,7 +107,11 @@ def placed(error: SceneError, path: Path | str) -> InputError:
             break
     line = document.lines.get(at, 1)
     received = error.received if value is None else show(value)
-    return InputError(SceneError.text(f"{path}:{line}: {error.key}", received, error.found, error.rule, error.remedy))
+    return InputError(
+        SceneError.text(
+            f"{path}:{line}: {error.key}", received, error.found, error.rule, error.remedy
+        )
+    )
 
 
 @contextmanager
@@ -124,8 +136,14 @@ def _read_text(path: Path) -> str:
     except FileNotFoundError:
         siblings = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
         near = difflib.get_close_matches(path.name, siblings, n=1)
-        remedy = f'did you mean "{path.parent / near[0]}"?' if near else "check the path and the current folder"
-        raise InputError(f"{path}: no such file", rule="the file must exist", remedy=remedy) from None
+        remedy = (
+            f'did you mean "{path.parent / near[0]}"?'
+            if near
+            else "check the path and the current folder"
+        )
+        raise InputError(
+            f"{path}: no such file", rule="the file must exist", remedy=remedy
+        ) from None
     except UnicodeDecodeError as error:
         byte = f"byte {error.object[error.start]:#04x} at {error.start} is not UTF-8"
         raise InputError(f"{path}: not a text file ({byte})", rule=_RULE, remedy=_START) from None
@@ -135,14 +153,18 @@ def _read_text(path: Path) -> str:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         remedy = "check the path and its permissions"
-        raise InputError(f"{path}: {reason}", rule="the file must be readable", remedy=remedy) from None
+        raise InputError(
+            f"{path}: {reason}", rule="the file must be readable", remedy=remedy
+        ) from None
 
 
 def _explain(error: yaml.MarkedYAMLError, path: Path, text: str) -> str:
     """PyYAML's error as file:line, what was found there, and what to do."""
     mark = error.problem_mark or error.context_mark
     if error.context_mark is not None and re.search("quoted|flow", error.context or ""):
-        mark = error.context_mark  # where a quote or bracket was opened, rather than where its end is missing
+        mark = (
+            error.context_mark
+        )  # where a quote or bracket was opened, rather than where its end is missing
     number = mark.line if mark else 0
     lines = text.splitlines()
     line = lines[number] if number < len(lines) else ""
@@ -165,7 +187,9 @@ class _Builder:
         self.loader = loader
         self.lines: dict[Key, int] = {}
         self.nodes = 0
-        self.open: set[int] = set()  # nodes being built: an alias to one of them would repeat without end
+        self.open: set[int] = (
+            set()
+        )  # nodes being built: an alias to one of them would repeat without end
 
     def report(self, node: yaml.Node, at: Key = (), **words: str) -> str:
         key = f": {dotted(at)}" if at else ""
@@ -175,7 +199,9 @@ class _Builder:
         self.nodes += 1
         if self.nodes > MAX_NODES or id(node) in self.open:
             rule = "aliases must not repeat without end"
-            raise InputError(self.report(node, at, received="an alias", rule=rule, remedy="write the values out"))
+            raise InputError(
+                self.report(node, at, received="an alias", rule=rule, remedy="write the values out")
+            )
         if isinstance(node, yaml.ScalarNode):
             return self.scalar(node, at)
         self.open.add(id(node))
@@ -195,19 +221,29 @@ class _Builder:
         for key_node, _ in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
                 rule, remedy = "a key must be a word", "write `key: value`"
-                raise InputError(self.report(key_node, at, received="brackets as a key", rule=rule, remedy=remedy))
+                raise InputError(
+                    self.report(
+                        key_node, at, received="brackets as a key", rule=rule, remedy=remedy
+                    )
+                )
             key = str(key_node.value)
             if key in first:
                 received = f'the key "{key}" a second time'
                 rule = f"a key may stand once (the first is in line {first[key]})"
                 remedy = "remove or rename one of the two"
-                raise InputError(self.report(key_node, (*at, key), received=received, rule=rule, remedy=remedy))
+                raise InputError(
+                    self.report(key_node, (*at, key), received=received, rule=rule, remedy=remedy)
+                )
             first[key] = key_node.start_mark.line + 1
         try:
-            self.loader.flatten_mapping(node)  # `<<: *defaults`: the merged pairs come first, so own keys win
+            self.loader.flatten_mapping(
+                node
+            )  # `<<: *defaults`: the merged pairs come first, so own keys win
         except yaml.MarkedYAMLError as error:
             rule, remedy = str(error.problem), "merge a mapping: `<<: *its_name`"
-            raise InputError(self.report(node, at, received="<<", rule=rule, remedy=remedy)) from None
+            raise InputError(
+                self.report(node, at, received="<<", rule=rule, remedy=remedy)
+            ) from None
         data: dict[str, Any] = {}
         for key_node, value_node in node.value:
             key = str(key_node.value)
@@ -228,8 +264,14 @@ class _Builder:
             if kind == "float":
                 return float(re.sub(r"\.(inf|nan)", r"\1", text.lower()))
         except ValueError:
-            return text  # such as thousands of digits: where a number is expected, the text is refused
+            return (
+                text  # such as thousands of digits: where a number is expected, the text is refused
+            )
         if kind == "str" or node.tag == "!":
             return text
-        words = {"received": f"the tag {node.tag}", "rule": "must be plain YAML", "remedy": "remove the tag"}
+        words = {
+            "received": f"the tag {node.tag}",
+            "rule": "must be plain YAML",
+            "remedy": "remove the tag",
+        }
         raise InputError(self.report(node, at, **words))

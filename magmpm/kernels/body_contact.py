@@ -22,7 +22,14 @@ from magmpm.compiled.jit import compiled, inlined, only_where
 from magmpm.effects.contact_force import HELD, PARTS, STICKS, TOUCHES, hold, let_go, push
 
 PLACE, GRIP, ROOM = 0, 3, 3 + HELD  # where each begins in the memory of a pair (Meeting)
-CELL, FORCE, DEPTH, NORMAL, BEGUN, MEMORY = ROOM + 1, ROOM + 2, ROOM + 5, ROOM + 6, ROOM + 9, ROOM + 10
+CELL, FORCE, DEPTH, NORMAL, BEGUN, MEMORY = (
+    ROOM + 1,
+    ROOM + 2,
+    ROOM + 5,
+    ROOM + 6,
+    ROOM + 9,
+    ROOM + 10,
+)
 CLOSE = 1e-12  # of a cell: distance of X + u(X) from the point; momentum is kept to it
 TRIES = 20
 SETTLED = 0.25  # of the distance d of a point from the surface: if the place below it has moved by less, d is good to some percent
@@ -79,9 +86,14 @@ class Meeting(NamedTuple):
 @inlined
 def _cells(meeting):
     return SolidCells(
-        meeting.cell_node, meeting.cell_low, meeting.cell_width, meeting.cell_splines, meeting.cell_next, meeting.cell_share,
+        meeting.cell_node,
+        meeting.cell_low,
+        meeting.cell_width,
+        meeting.cell_splines,
+        meeting.cell_next,
+        meeting.cell_share,
         meeting.cell_grip,
-    )  # fmt: skip
+    )
 
 
 @inlined
@@ -163,7 +175,11 @@ def _find(cells, cell, along_x, along_y, field, x, X, solids, s, work, F, invers
         if d > 0.0 and not below < 0.5 * d:  # too far for a table
             X[:] = slope[:3]
             return cell, min(d, cells.width[3 * cell])
-        if d > 0.0 and (X[0] - slope[0]) ** 2 + (X[1] - slope[1]) ** 2 + (X[2] - slope[2]) ** 2 < (SETTLED * d) ** 2:
+        if (
+            d > 0.0
+            and (X[0] - slope[0]) ** 2 + (X[1] - slope[1]) ** 2 + (X[2] - slope[2]) ** 2
+            < (SETTLED * d) ** 2
+        ):
             return cell, d
     return cell, 0.0
 
@@ -184,8 +200,21 @@ def _at(field, node, along_x, along_y, value, out):
 def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
     """Write to memory the place, force and depth of each pair from `first` on, `apart` numbers apart; dt s: for which forces push."""
     memory, law, cells, work = meeting.memory, meeting.law, _cells(meeting), np.empty(24)
-    solids = Solids(meeting.size, meeting.points, meeting.first, meeting.coefficients, meeting.near, meeting.faces)
-    x, X, normal, F, inverse = np.empty(3), np.empty(3), work[21:], np.empty((3, 3)), np.empty((3, 3))
+    solids = Solids(
+        meeting.size,
+        meeting.points,
+        meeting.first,
+        meeting.coefficients,
+        meeting.near,
+        meeting.faces,
+    )
+    x, X, normal, F, inverse = (
+        np.empty(3),
+        np.empty(3),
+        work[21:],
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+    )
     f, n, v, there = np.empty(PARTS), np.empty(3), np.empty(3), np.empty(HELD)
     for pair in range(first, len(meeting.point), apart):
         at, p, s = MEMORY * pair, meeting.point[pair], meeting.solid[pair]
@@ -215,7 +244,20 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         length = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
         leaving = (v[0] * n[0] + v[1] * n[1] + v[2] * n[2]) / length
         share = cells.share[cell]
-        push(-d, n[0], n[1], n[2], leaving, share * surface.mass[p], law[0], law[1], law[2], share * law[3], friction, f)
+        push(
+            -d,
+            n[0],
+            n[1],
+            n[2],
+            leaving,
+            share * surface.mass[p],
+            law[0],
+            law[1],
+            law[2],
+            share * law[3],
+            friction,
+            f,
+        )
         if friction > 0.0:
             new = there[TOUCHES] == 0.0
             for i in range(3):
@@ -257,7 +299,16 @@ def _add_all(meeting, surface, along_x, along_y, force):
             continue
         p, cell = meeting.point[pair], int(memory[at + CELL])
         f0, f1, f2 = memory[at + FORCE], memory[at + FORCE + 1], memory[at + FORCE + 2]
-        _add(force, meeting.node[pair], along_x, along_y, surface.weights[9 * p : 9 * p + 9], f0, f1, f2)
+        _add(
+            force,
+            meeting.node[pair],
+            along_x,
+            along_y,
+            surface.weights[9 * p : 9 * p + 9],
+            f0,
+            f1,
+            f2,
+        )
         _splines(cells, cell, memory[at + PLACE : at + PLACE + 3], value, slope)
         _add(force, cells.node[cell], along_x, along_y, value, -f0, -f1, -f2)
 

@@ -46,8 +46,12 @@ def load_changes(particles, effects, x, F, change, P, f):
     for p in prange(len(x)):
         for slot in range(len(change)):
             changed = change[slot, p]
-            add_stress_change(effects, 0, magnet[p], rho[p], changed[:-1], changed[-1], x[p], F[p], P[slot, p])
-            add_force_change(effects, 0, magnet[p], rho[p], changed[:-1], changed[-1], x[p], F[p], f[slot, p])
+            add_stress_change(
+                effects, 0, magnet[p], rho[p], changed[:-1], changed[-1], x[p], F[p], P[slot, p]
+            )
+            add_force_change(
+                effects, 0, magnet[p], rho[p], changed[:-1], changed[-1], x[p], F[p], f[slot, p]
+            )
 
 
 @kernel
@@ -100,10 +104,20 @@ def _room(most, k, modes):
     rows = ROWS * most
     sizes = np.array([3 * k, STENCIL, 0, 3 * k * ROWS, STENCIL * ROWS], np.int32)
     return _Room(
-        np.empty((rows, STENCIL)), np.empty((STENCIL // 3, 9 * k)), np.empty((rows, 3, k)), np.empty((rows, 3, k)), np.empty((9, 9)),
-        np.empty((3, 3)), np.empty((3, 9)), np.empty((3, 3)), np.empty(modes), np.empty((modes, k)),
-        np.array([78, 84], np.uint8), sizes, np.array([1.0, 0.0]),
-    )  # fmt: skip
+        np.empty((rows, STENCIL)),
+        np.empty((STENCIL // 3, 9 * k)),
+        np.empty((rows, 3, k)),
+        np.empty((rows, 3, k)),
+        np.empty((9, 9)),
+        np.empty((3, 3)),
+        np.empty((3, 9)),
+        np.empty((3, 3)),
+        np.empty(modes),
+        np.empty((modes, k)),
+        np.array([78, 84], np.uint8),
+        sizes,
+        np.array([1.0, 0.0]),
+    )
 
 
 @compiled
@@ -139,7 +153,14 @@ def scatter(cells, particles, column, P, f, fortran, out):
                 _to_nodes(last - first, fortran, room)
                 for slot in range(len(column)):
                     if column[slot, cell] >= 0:
-                        _scatter_column(cells.plane[cell], cells.row[cell], room.C, slot, column[slot, cell], out)
+                        _scatter_column(
+                            cells.plane[cell],
+                            cells.row[cell],
+                            room.C,
+                            slot,
+                            column[slot, cell],
+                            out,
+                        )
 
 
 @compiled
@@ -163,7 +184,9 @@ def _scatter_column(plane, rows, r, slot, column, out):
             first = 3 * rows[b]
             for c in range(3):
                 for k in range(3):
-                    out[plane + a, column, first + 3 * c + k] += r[3 * a + b, (3 * c + k) * slots + slot]
+                    out[plane + a, column, first + 3 * c + k] += r[
+                        3 * a + b, (3 * c + k) * slots + slot
+                    ]
 
 
 @kernel
@@ -182,12 +205,26 @@ def tangent_products(cells, particles, effects, x, F, fortran, count, columns, s
                 first, last = cells.first[cell], cells.first[cell + 1]
                 _rows(first, last, particles, room)
                 _gather(cells.plane[cell], cells.row[cell], columns, room.C)
-                multiply(ROWS * (last - first), fortran, room, 0, 2, 1, room.C, 0, room.G, 1, room.D)  # gradients, values at particles
+                multiply(
+                    ROWS * (last - first), fortran, room, 0, 2, 1, room.C, 0, room.G, 1, room.D
+                )  # gradients, values at particles
                 _stress_changes(first, last, particles, effects, x, F, room)
                 _to_nodes(last - first, fortran, room)
                 _scatter_all(cells.plane[cell], cells.row[cell], room.C, stiff)
                 _weigh(first, last, particles.volume, room.D)
-                multiply(last - first, fortran, room, 1, 1, 2, room.D[ROWS - 1 :], 3, room.G[ROWS - 1 :], 4, room.C)  # of values alone
+                multiply(
+                    last - first,
+                    fortran,
+                    room,
+                    1,
+                    1,
+                    2,
+                    room.D[ROWS - 1 :],
+                    3,
+                    room.G[ROWS - 1 :],
+                    4,
+                    room.C,
+                )  # of values alone
                 _scatter_all(cells.plane[cell], cells.row[cell], room.C, heavy)
 
 
@@ -245,7 +282,9 @@ def _stress_changes(first, last, particles, effects, x, F, room):
             _soften_rows(q, volume[p], H, M, D, T)
         for mode in range(len(c)):
             _add_product(volume[p] * modes[p, mode], cof, D, q, s[mode])
-    for p in range(first, last if len(c) > 0 else first):  # the projected volume part: a change of pressure
+    for p in range(
+        first, last if len(c) > 0 else first
+    ):  # the projected volume part: a change of pressure
         q = ROWS * (p - first)
         cofactor(F[p], cof)
         for mode in range(len(c)):

@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import chosen_by_types, compiled, kernel, prange
 from magmpm.compiled.lapack import call
-from magmpm.effects.hooks import add_energy, add_force, add_softening, add_stress, add_tangent, any_softening
+from magmpm.effects.hooks import (
+    add_energy,
+    add_force,
+    add_softening,
+    add_stress,
+    add_tangent,
+    any_softening,
+)
 from magmpm.materials import (
     cofactor,
     determinant,
@@ -112,7 +119,11 @@ def _particle_gradients(weights, slopes, G):
     """Write the gradients of a particle's 27 splines to G (3, 27), 1/m. Nodes are ordered x slowest."""
     for a in range(3):
         for b in range(3):
-            nn, dn, nd = weights[0, a] * weights[1, b], slopes[0, a] * weights[1, b], weights[0, a] * slopes[1, b]
+            nn, dn, nd = (
+                weights[0, a] * weights[1, b],
+                slopes[0, a] * weights[1, b],
+                weights[0, a] * slopes[1, b],
+            )
             for c in range(3):
                 node = 9 * a + 3 * b + c
                 G[0, node] = dn * weights[2, c]
@@ -139,7 +150,12 @@ def _add_residual(weights, G, P, f, volume, r):
                 node = 9 * a + 3 * b + c
                 n = nn * weights[2, c]
                 for k in range(3):
-                    r[node, k] += volume * (P[k, 0] * G[0, node] + P[k, 1] * G[1, node] + P[k, 2] * G[2, node] - f[k] * n)
+                    r[node, k] += volume * (
+                        P[k, 0] * G[0, node]
+                        + P[k, 1] * G[1, node]
+                        + P[k, 2] * G[2, node]
+                        - f[k] * n
+                    )
 
 
 @compiled
@@ -156,7 +172,13 @@ def _scatter_vector(plane, rows, r, residual):
 @kernel
 def particles_to_grid(cells, particles, effects, x, F, residual):
     """P2G: gradient of the potential energy with respect to the grid's coefficients, added to residual (planes, 3 nodes), N."""
-    weights, slopes, volume, shear, bulk = particles.weights, particles.slopes, particles.volume, particles.shear, particles.bulk
+    weights, slopes, volume, shear, bulk = (
+        particles.weights,
+        particles.slopes,
+        particles.volume,
+        particles.shear,
+        particles.bulk,
+    )
     modes, remanence, density = particles.modes, particles.remanence, particles.density
     slabs = len(cells.slab_first) - 1
     for color in range(2):
@@ -187,9 +209,15 @@ def _particle_products(q, volume, A, G, T):
     for j in range(3):
         for i in range(3):
             for k in range(3):
-                a0, a1, a2 = volume * A[3 * i + j, 3 * k], volume * A[3 * i + j, 3 * k + 1], volume * A[3 * i + j, 3 * k + 2]
+                a0, a1, a2 = (
+                    volume * A[3 * i + j, 3 * k],
+                    volume * A[3 * i + j, 3 * k + 1],
+                    volume * A[3 * i + j, 3 * k + 2],
+                )
                 for node in range(STENCIL):
-                    T[q + j, i, k, node] = a0 * G[q, node] + a1 * G[q + 1, node] + a2 * G[q + 2, node]
+                    T[q + j, i, k, node] = (
+                        a0 * G[q, node] + a1 * G[q + 1, node] + a2 * G[q + 2, node]
+                    )
 
 
 @compiled
@@ -201,9 +229,16 @@ def _particle_softening(q, volume, weights, H, M, G, T):
     particle_splines(weights, G[q + 3])
     for i in range(3):
         for k in range(3):
-            h, m0, m1, m2 = volume * H[i, k], volume * M[i, 3 * k], volume * M[i, 3 * k + 1], volume * M[i, 3 * k + 2]
+            h, m0, m1, m2 = (
+                volume * H[i, k],
+                volume * M[i, 3 * k],
+                volume * M[i, 3 * k + 1],
+                volume * M[i, 3 * k + 2],
+            )
             for node in range(STENCIL):
-                T[q + 3, i, k, node] = h * G[q + 3, node] + m0 * G[q, node] + m1 * G[q + 1, node] + m2 * G[q + 2, node]
+                T[q + 3, i, k, node] = (
+                    h * G[q + 3, node] + m0 * G[q, node] + m1 * G[q + 1, node] + m2 * G[q + 2, node]
+                )
             for j in range(3):
                 m = volume * M[k, 3 * i + j]
                 for node in range(STENCIL):
@@ -232,11 +267,25 @@ class Room(NamedTuple):
 @compiled
 def _room(rows, modes):
     """Work space for this many rows and modes."""
-    letters, sizes = np.array([78, 84], np.uint8), np.array([9 * STENCIL, STENCIL, 0], np.int32)  # N T
+    letters, sizes = (
+        np.array([78, 84], np.uint8),
+        np.array([9 * STENCIL, STENCIL, 0], np.int32),
+    )  # N T
     return Room(
-        np.empty((rows, STENCIL)), np.empty((rows, 3, 3, STENCIL)), np.empty((9, 9)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 9)),
-        np.empty((3, 3)), np.empty(3), np.empty((modes, 3, STENCIL)), np.empty(modes), letters, sizes, np.array([1.0, 0.0]),
-    )  # fmt: skip
+        np.empty((rows, STENCIL)),
+        np.empty((rows, 3, 3, STENCIL)),
+        np.empty((9, 9)),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        np.empty((3, 9)),
+        np.empty((3, 3)),
+        np.empty(3),
+        np.empty((modes, 3, STENCIL)),
+        np.empty(modes),
+        letters,
+        sizes,
+        np.array([1.0, 0.0]),
+    )
 
 
 @compiled
@@ -269,11 +318,15 @@ def _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r):
             _particle_softening(q, volume[p], weights[p], H, M, G, T)
         for k in range(3 if len(c) > 0 else 0):
             for node in range(STENCIL):
-                change = volume[p] * (cof[k, 0] * G[q, node] + cof[k, 1] * G[q + 1, node] + cof[k, 2] * G[q + 2, node])
+                change = volume[p] * (
+                    cof[k, 0] * G[q, node] + cof[k, 1] * G[q + 1, node] + cof[k, 2] * G[q + 2, node]
+                )
                 for mode in range(len(c)):
                     b[mode, k, node] += modes[p, mode] * change
     multiply(rows_each * (last - first), fortran, room, 1, 1, 2, T, 0, G, 1, K)
-    for mode in range(len(c)):  # second derivative of the projected volume part: one outer product for each mode
+    for mode in range(
+        len(c)
+    ):  # second derivative of the projected volume part: one outer product for each mode
         for node in range(STENCIL):
             for i in range(3):
                 scale = bulk[first] * b[mode, i, node]
@@ -289,9 +342,31 @@ def multiply(count, fortran, room, turned, rows, inner, A, a, B, b, C):
     letters, sizes, factors = room.letters, room.sizes, room.factors
     sizes[2] = count
     plain, way, wide = letters[0:].ctypes.data, letters[turned:].ctypes.data, sizes[0:].ctypes.data
-    one, zero, outs, sums = factors[0:].ctypes.data, factors[1:].ctypes.data, sizes[rows:].ctypes.data, sizes[inner:].ctypes.data
+    one, zero, outs, sums = (
+        factors[0:].ctypes.data,
+        factors[1:].ctypes.data,
+        sizes[rows:].ctypes.data,
+        sizes[inner:].ctypes.data,
+    )
     first, second = (A.ctypes.data, sizes[a:].ctypes.data), (B.ctypes.data, sizes[b:].ctypes.data)
-    call(fortran[3], (plain, way, wide, outs, sums, one, first[0], first[1], second[0], second[1], zero, C.ctypes.data, wide))
+    call(
+        fortran[3],
+        (
+            plain,
+            way,
+            wide,
+            outs,
+            sums,
+            one,
+            first[0],
+            first[1],
+            second[0],
+            second[1],
+            zero,
+            C.ctypes.data,
+            wide,
+        ),
+    )
 
 
 @compiled
@@ -299,7 +374,9 @@ def _kept_rows(column, a, split):
     """Planes of a cell, of its three, that are rows of its a-th plane, column `column` of the panels: the first, and one past the last."""
     if column >= split + 2:
         return 0, a + 1
-    if column >= split:  # where the halves meet, each of the two planes keeps only rows of these two
+    if (
+        column >= split
+    ):  # where the halves meet, each of the two planes keeps only rows of these two
         return a, min(3, a + split + 2 - column)
     return a, 3
 
@@ -360,7 +437,9 @@ def _scatter_matrix_of(cell, plane, rows, K, matrix):
     return lambda cell, plane, rows, K, matrix: _scatter_to_panels(plane, rows, K, matrix)
 
 
-scatter_matrix = chosen_by_types(_scatter_matrix_of)  # adds the tangent of a cell to a matrix of either kind
+scatter_matrix = chosen_by_types(
+    _scatter_matrix_of
+)  # adds the tangent of a cell to a matrix of either kind
 
 
 @kernel
@@ -394,7 +473,11 @@ def gradient_products(cells, particles, weight, matrix):
                     _particle_gradients(particles.weights[p], particles.slopes[p], G)
                     for node in range(STENCIL):
                         for other in range(STENCIL):
-                            product = G[0, node] * G[0, other] + G[1, node] * G[1, other] + G[2, node] * G[2, other]
+                            product = (
+                                G[0, node] * G[0, other]
+                                + G[1, node] * G[1, other]
+                                + G[2, node] * G[2, other]
+                            )
                             for i in range(3):
                                 K[node, i, i, other] += weight[p] * product
                 scatter_matrix(cell, cells.plane[cell], cells.row[cell], K, matrix)

@@ -89,7 +89,12 @@ def correct(correction, force):
 @compiled
 def _spread(correction):
     """Solve for `added` from the moments of all planes."""
-    load, answer, left, share = correction.load, correction.answer, correction.left, correction.share
+    load, answer, left, share = (
+        correction.load,
+        correction.answer,
+        correction.left,
+        correction.share,
+    )
     load[:] = 0.0
     for plane in range(len(left)):
         k, s = left[plane], share[plane]
@@ -98,7 +103,14 @@ def _spread(correction):
             load[k + 1, j] += s * correction.moment[plane, j]
     for c in range(len(correction.chain) - 1):
         for which in range(2):
-            _solve(correction.pivot[which], correction.link[which], correction.chain[c], correction.chain[c + 1], load, answer[which])
+            _solve(
+                correction.pivot[which],
+                correction.link[which],
+                correction.chain[c],
+                correction.chain[c + 1],
+                load,
+                answer[which],
+            )
     for plane in range(len(left)):
         k, s = left[plane], share[plane]
         for j in range(9):
@@ -110,4 +122,8 @@ def _spread(correction):
 def added_at(correction, plane, node, i):
     """Acceleration that the correction adds to component i of a node, m/s^2."""
     added, arm = correction.added, correction.arm
-    return added[plane, i] + arm[2 * node] * added[plane, 3 + i] + arm[2 * node + 1] * added[plane, 6 + i]
+    return (
+        added[plane, i]
+        + arm[2 * node] * added[plane, 3 + i]
+        + arm[2 * node + 1] * added[plane, 6 + i]
+    )

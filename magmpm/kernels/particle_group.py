@@ -49,16 +49,24 @@ class GroupRoom(NamedTuple):
 @inlined
 def group_room(F):
     """Work space for groups with deformation gradients in F."""
-    return GroupRoom(F, np.empty(72), np.empty(72), np.empty(24), np.empty(24), np.zeros(24), np.empty(72))  # no effect: no load
+    return GroupRoom(
+        F, np.empty(72), np.empty(72), np.empty(24), np.empty(24), np.zeros(24), np.empty(72)
+    )  # no effect: no load
 
 
 @compiled
 def _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, volume):
     """Add the effects with hooks for one particle at a time."""
-    F3, P3, dF3 = F[at : at + 9 * WIDTH].reshape(3, 3, WIDTH), P.reshape(3, 3, WIDTH), dF.reshape(3, 3, WIDTH)
+    F3, P3, dF3 = (
+        F[at : at + 9 * WIDTH].reshape(3, 3, WIDTH),
+        P.reshape(3, 3, WIDTH),
+        dF.reshape(3, 3, WIDTH),
+    )
     x2, f2 = x.reshape(3, WIDTH), f.reshape(3, WIDTH)
     columns = len(remanence) // len(density)
-    magnets = remanence[WIDTH * columns * group : WIDTH * columns * (group + 1)].reshape(columns, WIDTH)
+    magnets = remanence[WIDTH * columns * group : WIDTH * columns * (group + 1)].reshape(
+        columns, WIDTH
+    )
     for lane in range(WIDTH):
         V = volume[WIDTH * group + lane]
         if V == 0.0:  # a lane without a particle
@@ -70,7 +78,9 @@ def _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, 
         add_narrow_rate_stress(effects, step, rho, deformed, dF3[:, :, lane], P3[:, :, lane])
 
 
-_add_narrow = only_where("effects", any_has("stress", "force", "rate_stress", wide=False), _lane_by_lane)
+_add_narrow = only_where(
+    "effects", any_has("stress", "force", "rate_stress", wide=False), _lane_by_lane
+)
 
 
 @inlined
@@ -84,7 +94,12 @@ def add_effects(effects, step, group, at, particles, work):
     F, P, dF, x, _, f, _ = work
     remanence, density, volume = particles.remanence, particles.density, particles.volume
     rho = load(density, WIDTH * group)
-    m, place, deformed, out = vector(remanence, WIDTH * (len(remanence) // len(density)) * group), vector(x, 0), matrix(F, at), matrix(P, 0)
+    m, place, deformed, out = (
+        vector(remanence, WIDTH * (len(remanence) // len(density)) * group),
+        vector(x, 0),
+        matrix(F, at),
+        matrix(P, 0),
+    )
     add_wide_stress(effects, step, m, rho, place, deformed, out)
     add_wide_force(effects, step, m, rho, place, deformed, vector(f, 0))
     add_wide_rate_stress(effects, step, rho, deformed, matrix(dF, 0), out)

@@ -50,7 +50,9 @@ def _share(weights, at, share):
     for a in range(3):
         for b in range(3):
             for c in range(3):
-                share[9 * a + 3 * b + c] = weights[at + a] * weights[at + 3 + b] * weights[at + 6 + c]
+                share[9 * a + 3 * b + c] = (
+                    weights[at + a] * weights[at + 3 + b] * weights[at + 6 + c]
+                )
 
 
 @inlined
@@ -73,11 +75,21 @@ def _fastest(v, where):
 @compiled
 def _touch(slab, step, dt, surface, cells, state, effects):
     """Add the contact of a slab's surface to state.force, and move state.anchor; dt s: for which forces push."""
-    x, v, f, share, where = np.empty(3), np.empty(3), np.empty(PARTS), np.empty(27), np.empty(27, np.int64)
-    room = HELD * len(surface.mass)  # then a number a patch: how far it can move before a point of it may touch, m
+    x, v, f, share, where = (
+        np.empty(3),
+        np.empty(3),
+        np.empty(PARTS),
+        np.empty(27),
+        np.empty(27, np.int64),
+    )
+    room = HELD * len(
+        surface.mass
+    )  # then a number a patch: how far it can move before a point of it may touch, m
     for patch in range(surface.first_patch[slab], surface.first_patch[slab + 1]):
         _around(surface.first_node[patch], cells.along_x, cells.along_y, where)
-        if step > 0 and state.anchor[room + patch] > 0.0:  # the last displacement was dt v; before the first step it may have been another
+        if (
+            step > 0 and state.anchor[room + patch] > 0.0
+        ):  # the last displacement was dt v; before the first step it may have been another
             state.anchor[room + patch] -= dt * _fastest(state.v, where)
             if state.anchor[room + patch] > 0.0:
                 continue
@@ -102,11 +114,15 @@ def _touch(slab, step, dt, surface, cells, state, effects):
             for j in range(27):
                 for i in range(3):
                     state.force[where[j] + i] += share[j] * f[i]
-        clear = most < 0.0 and least > -np.inf and remembers == 0.0  # -inf: past an obstacle's end, who knows how far
+        clear = (
+            most < 0.0 and least > -np.inf and remembers == 0.0
+        )  # -inf: past an obstacle's end, who knows how far
         state.anchor[room + patch] = -most if clear else 0.0
 
 
-touch = only_where("effects", any_has("contact"), _touch)  # a scene without obstacles compiles none of it
+touch = only_where(
+    "effects", any_has("contact"), _touch
+)  # a scene without obstacles compiles none of it
 
 
 @kernel

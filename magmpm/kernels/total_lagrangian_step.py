@@ -55,7 +55,11 @@ def gather(field, node, along_x, along_y, splines, first, gradient, to, value, a
     u0, u1, u2 = zero, zero, zero
     x0, x1, x2, y0, y1, y2, z0, z1, z2 = zero, zero, zero, zero, zero, zero, zero, zero, zero
     nz0, nz1, nz2 = load(splines, first + 48), load(splines, first + 56), load(splines, first + 64)
-    dz0, dz1, dz2 = load(splines, first + 120), load(splines, first + 128), load(splines, first + 136)
+    dz0, dz1, dz2 = (
+        load(splines, first + 120),
+        load(splines, first + 128),
+        load(splines, first + 136),
+    )
     for a in range(3):
         p0, p1, p2, q0, q1, q2, r0, r1, r2 = zero, zero, zero, zero, zero, zero, zero, zero, zero
         for b in range(3):
@@ -108,7 +112,11 @@ def scatter(force, node, along_x, along_y, splines, first, stress, load_, work):
     t20, t21, t22 = load(stress, 48), load(stress, 56), load(stress, 64)
     f0, f1, f2 = load(load_, 0), load(load_, 8), load(load_, 16)
     nz0, nz1, nz2 = load(splines, first + 48), load(splines, first + 56), load(splines, first + 64)
-    dz0, dz1, dz2 = load(splines, first + 120), load(splines, first + 128), load(splines, first + 136)
+    dz0, dz1, dz2 = (
+        load(splines, first + 120),
+        load(splines, first + 128),
+        load(splines, first + 136),
+    )
     for a in range(3):
         nx, dx = load(splines, first + 8 * a), load(splines, first + 72 + 8 * a)
         p0, p1, p2 = f0 * nx - t00 * dx, f1 * nx - t10 * dx, f2 * nx - t20 * dx
@@ -120,17 +128,28 @@ def scatter(force, node, along_x, along_y, splines, first, stress, load_, work):
             d0, d1, d2 = r0 * ny, r1 * ny, r2 * ny
             k = 3 * (node + a * along_x + b * along_y)
             added = sums(
-                n0 * nz0 - d0 * dz0, n1 * nz0 - d1 * dz0, n2 * nz0 - d2 * dz0,
-                n0 * nz1 - d0 * dz1, n1 * nz1 - d1 * dz1, n2 * nz1 - d2 * dz1,
-                n0 * nz2 - d0 * dz2, n1 * nz2 - d1 * dz2,
-            )  # fmt: skip
+                n0 * nz0 - d0 * dz0,
+                n1 * nz0 - d1 * dz0,
+                n2 * nz0 - d2 * dz0,
+                n0 * nz1 - d0 * dz1,
+                n1 * nz1 - d1 * dz1,
+                n2 * nz1 - d2 * dz1,
+                n0 * nz2 - d0 * dz2,
+                n1 * nz2 - d1 * dz2,
+            )
             store(force, k, load(force, k) + added)
             store(work, 8 * (3 * a + b), n2 * nz2 - d2 * dz2)
     k = 3 * node + 8  # the last component of the last node of each of the nine rows
     added = sums(
-        load(work, 0), load(work, 8), load(work, 16), load(work, 24),
-        load(work, 32), load(work, 40), load(work, 48), load(work, 56),
-    )  # fmt: skip
+        load(work, 0),
+        load(work, 8),
+        load(work, 16),
+        load(work, 24),
+        load(work, 32),
+        load(work, 40),
+        load(work, 48),
+        load(work, 56),
+    )
     last = total(load(work, 64))
     store(work, 0, added)
     for i in range(8):
@@ -232,13 +251,33 @@ def grid_to_particles(cell, cells, particles, state, room, least, bad):
         c[k] = 0.0
     for group in range(first, last):
         at = 72 * (group - first)
-        gather(state.u, node, cells.along_x, cells.along_y, particles.splines, particles.pattern[group], F, at, u, at // 3)
+        gather(
+            state.u,
+            node,
+            cells.along_x,
+            cells.along_y,
+            particles.splines,
+            particles.pattern[group],
+            F,
+            at,
+            u,
+            at // 3,
+        )
         for i in range(3):
             store(F, at + 32 * i, load(F, at + 32 * i) + 1.0)
         det = group_determinant(F, at)
         store(J, 8 * (group - first), det)
         least, bad = smaller(det, least), flag_unless_positive(det, bad)
-        _project(particles.modes, particles.moments[group], group, 8 * (group - first), particles.mode_count, particles.volume, J, c)
+        _project(
+            particles.modes,
+            particles.moments[group],
+            group,
+            8 * (group - first),
+            particles.mode_count,
+            particles.volume,
+            J,
+            c,
+        )
     return least, bad
 
 
@@ -256,21 +295,31 @@ def particles_to_grid(cell, step, dt, cells, particles, state, effects, room, wo
         det = load(room.J, 8 * (group - first))
         swollen = det - 1.0
         if particles.mode_count > 0:
-            swollen = _projected(particles.modes, particles.moments[group], particles.mode_count, room.c)
+            swollen = _projected(
+                particles.modes, particles.moments[group], particles.mode_count, room.c
+            )
         pressure = swollen * cells.bulk[cell]
         scale, I1, I2 = neo_hookean(room.F, at, det, cells.shear[cell], pressure, P)
-        stiff = stiffest(det, scale, I1, I2, pressure, cells.bulk[cell]) / load(particles.density, 8 * group)
+        stiff = stiffest(det, scale, I1, I2, pressure, cells.bulk[cell]) / load(
+            particles.density, 8 * group
+        )
         high = larger(stiff, high)
         change = larger(magnitude(stiff - load(state.stiffness, 8 * group)), change)
         store(state.stiffness, 8 * group, stiff)
         V = load(particles.volume, 8 * group)
         if has_relaxing(effects):
-            remembered = vector(state.memory, 8 * (len(state.memory) // len(particles.volume)) * group)
+            remembered = vector(
+                state.memory, 8 * (len(state.memory) // len(particles.volume)) * group
+            )
             add_relaxing(effects, step, dt, matrix(room.F, at), remembered, matrix(P, 0))
         if any_effect(effects):
             for i in range(3):
                 store(f, 8 * i, splat(0.0))
-                store(x, 8 * i, load(room.u, at // 3 + 8 * i) + load(particles.reference, 24 * group + 8 * i))
+                store(
+                    x,
+                    8 * i,
+                    load(room.u, at // 3 + 8 * i) + load(particles.reference, 24 * group + 8 * i),
+                )
             if has_rate_stress(effects):
                 gather(state.v, node, along_x, along_y, splines, pattern, dF, 0, rate, 0)
             add_effects(effects, step, group, at, particles, work)
@@ -288,10 +337,14 @@ def update_grid(k, step, dt, push, nodes, correction, state, effects):
     node, plane = nodes.active[k], correction.plane[k]
     n, u, v, force, inverse_mass = 3 * node, state.u, state.v, state.force, nodes.inverse_mass
     for i in range(3):
-        v[n + i] += push * (inverse_mass[n + i] * force[n + i] + added_at(correction, plane, node, i))
+        v[n + i] += push * (
+            inverse_mass[n + i] * force[n + i] + added_at(correction, plane, node, i)
+        )
         force[n + i] = 0.0
     if has_node(effects):
-        change_node(effects, step, row(nodes.place, n), row(u, n), row(v, n), inverse_mass[n] > 0.0, dt)
+        change_node(
+            effects, step, row(nodes.place, n), row(u, n), row(v, n), inverse_mass[n] > 0.0, dt
+        )
     for i in range(3):
         u[n + i] += dt * v[n + i]
 
@@ -303,12 +356,16 @@ def _sum_forces(step, dt, push, most, cells, particles, surface, meeting, state,
     for color in range(2):
         for half in prange((count + 1 - color) // 2):
             slab = 2 * half + color
-            room = CellRoom(np.empty(72 * most), np.empty(8 * most), np.empty(24 * most), np.empty(4))
+            room = CellRoom(
+                np.empty(72 * most), np.empty(8 * most), np.empty(24 * most), np.empty(4)
+            )
             work = group_room(room.F)
             least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
                 least, bad = grid_to_particles(cell, cells, particles, state, room, least, bad)
-                high, change = particles_to_grid(cell, step, dt, cells, particles, state, effects, room, work, high, change)
+                high, change = particles_to_grid(
+                    cell, step, dt, cells, particles, state, effects, room, work, high, change
+                )
             touch(slab, step, push, surface, cells, state, effects)
             touch_pairs(slab, count, push, meeting, surface, cells.along_x, cells.along_y, state)
             see(slabs, slab, least, bad, high, change)
@@ -334,7 +391,9 @@ def _most_groups(cells):
 
 
 @compiled
-def advance(steps, dt, cells, particles, nodes, correction, surface, meeting, state, effects, watch, slabs):
+def advance(
+    steps, dt, cells, particles, nodes, correction, surface, meeting, state, effects, watch, slabs
+):
     """Take up to `steps` steps of dt (s). Changes State in place. correction: kernels.mass_correction; surface: kernels.surface_contact;
     meeting: kernels.body_contact, or (); effects: all, and those that act on nodes; watch, slabs: see kernels.watch.
 
@@ -353,7 +412,11 @@ def advance(steps, dt, cells, particles, nodes, correction, surface, meeting, st
             return step
         add_pairs(meeting, surface, cells.along_x, cells.along_y, state.force)
         correct(correction, state.force)
-        passed(meeting, dt * math.sqrt(_update_nodes(step, dt, push, nodes, correction, meeting, state, on_nodes)))
+        passed(
+            meeting,
+            dt
+            * math.sqrt(_update_nodes(step, dt, push, nodes, correction, meeting, state, on_nodes)),
+        )
     return steps
 
 
@@ -368,7 +431,9 @@ def at_particles(cells, particles, particle, u, v, reference, position, velocity
         gradient, moved, speed = np.empty(72), np.empty(24), np.empty(24)
         node = cells.first_node[cell]
         for group in range(cells.first_group[cell], cells.first_group[cell + 1]):
-            gather(u, node, along_x, along_y, splines, particles.pattern[group], gradient, 0, moved, 0)
+            gather(
+                u, node, along_x, along_y, splines, particles.pattern[group], gradient, 0, moved, 0
+            )
             gather_value(v, node, along_x, along_y, splines, particles.pattern[group], speed)
             for lane in range(WIDTH):
                 p = particle[group, lane]

@@ -56,7 +56,10 @@ def stops(watch, slabs):
             watch[WHY] = BROKEN
             return True
         most, changed = max(most, high[slab]), max(changed, change[slab])
-    watch[HIGHEST], watch[QUICKEST] = max(watch[HIGHEST], most), max(watch[QUICKEST], changed / most)
+    watch[HIGHEST], watch[QUICKEST] = (
+        max(watch[HIGHEST], most),
+        max(watch[QUICKEST], changed / most),
+    )
     watch[WHY] = GOING
     if most > watch[LIMIT]:
         watch[WHY] = STIFF

@@ -7,10 +7,25 @@ MOTION, ENERGIES, CONTACTS, ABOUT = "motion.vtkhdf", "energies.csv", "contacts.c
 STEPS, JUMPS = "steps.csv", "jumps.csv"  # of equilibria along time
 POSITIONS = "positions.csv"  # of parts
 CHECKPOINT = "checkpoint.npz"
-PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = "picture.png", "movie.mp4", "moments.png", "energies.png", "frames"
+PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = (
+    "picture.png",
+    "movie.mp4",
+    "moments.png",
+    "energies.png",
+    "frames",
+)
 OWNER, EARLIER, FAILED = "scene-file.json", "earlier", "failed"
 
-SUBFOLDERS = (FRAMES, EARLIER, FAILED, "best", "improvements", "pictures", "artifacts", "schedule")  # a run's and a study's
+SUBFOLDERS = (
+    FRAMES,
+    EARLIER,
+    FAILED,
+    "best",
+    "improvements",
+    "pictures",
+    "artifacts",
+    "schedule",
+)  # a run's and a study's
 
 OF_EQUILIBRIUM = (NUMBERS, ARRAYS)
 OF_MOTION = (CHECKPOINT, MOTION, ENERGIES, CONTACTS, POSITIONS, STEPS, JUMPS, ABOUT)

@@ -67,11 +67,23 @@ def folder_lock(folder: Path | str) -> Iterator[None]:
 
 def refuse_links(folder: Path) -> None:
     """Raises InputError where a link leads out of a folder of results, perhaps someone else's: writing would follow it to any file."""
-    for path in (*folder.iterdir(), *(inner for name in SUBFOLDERS for inner in _below(folder / name))):
-        if path.is_symlink() and (path.name in SUBFOLDERS or not path.is_dir()) and not path.resolve().is_relative_to(folder.resolve()):
+    for path in (
+        *folder.iterdir(),
+        *(inner for name in SUBFOLDERS for inner in _below(folder / name)),
+    ):
+        if (
+            path.is_symlink()
+            and (path.name in SUBFOLDERS or not path.is_dir())
+            and not path.resolve().is_relative_to(folder.resolve())
+        ):
             rule = "what is written to a folder of results must not land elsewhere"
             received = f"a link to {os.readlink(path)}"
-            raise InputError(str(path), received=received, rule=rule, remedy="remove the link, or use another folder")
+            raise InputError(
+                str(path),
+                received=received,
+                rule=rule,
+                remedy="remove the link, or use another folder",
+            )
 
 
 def _below(folder: Path) -> Iterator[Path]:
@@ -81,10 +93,14 @@ def _below(folder: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def written_folder(folder: Path | str | None, resume: bool, on_begin: Callable[[], None] | None) -> Iterator[None]:
+def written_folder(
+    folder: Path | str | None, resume: bool, on_begin: Callable[[], None] | None
+) -> Iterator[None]:
     """Lock the folder of a run along time; on_begin is called unless the run continues from a checkpoint. None: no folder."""
     with nullcontext() if folder is None else folder_lock(folder):
-        if on_begin is not None and not (folder and resume and (Path(folder) / CHECKPOINT).exists()):
+        if on_begin is not None and not (
+            folder and resume and (Path(folder) / CHECKPOINT).exists()
+        ):
             on_begin()
         yield
 
@@ -105,9 +121,15 @@ def refuse_unwritable(folder: Path) -> None:
 def unwritable(folder: Path, error: OSError) -> InputError:
     """The error of a folder that results can't be written to."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        rule, remedy = f"results need room on the disk ({error.strerror})", "free some, or use another --out"
+        rule, remedy = (
+            f"results need room on the disk ({error.strerror})",
+            "free some, or use another --out",
+        )
     else:
-        rule, remedy = f"the folder must be writable ({error.strerror})", "results can't be written there; use another --out"
+        rule, remedy = (
+            f"the folder must be writable ({error.strerror})",
+            "results can't be written there; use another --out",
+        )
     return InputError(str(folder), rule=rule, remedy=remedy)
 
 
@@ -117,7 +139,9 @@ def _take(stream: IO[str], folder: Path) -> None:
         stream.seek(0)
         rule = "only one process at a time may write a folder of results"
         remedy = "wait for it, end it, or use another --out"
-        raise FolderInUse(report(f"{folder}: in use by {_described(stream.read())}", rule=rule, remedy=remedy))
+        raise FolderInUse(
+            report(f"{folder}: in use by {_described(stream.read())}", rule=rule, remedy=remedy)
+        )
     command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])[:200]
     since = time.strftime("%Y-%m-%d %H:%M:%S")
     about = {"pid": os.getpid(), "host": socket.gethostname(), "since": since, "command": command}
@@ -140,7 +164,9 @@ def _described(text: str) -> str:
     """The holder in words, from what it has written into the lock's file."""
     try:
         about = json.loads(text)
-        return f"process {about['pid']} on {about['host']} since {about['since']} ({about['command']})"
+        return (
+            f"process {about['pid']} on {about['host']} since {about['since']} ({about['command']})"
+        )
     except (ValueError, TypeError, KeyError):  # it has not written that yet
         return "another process"
 

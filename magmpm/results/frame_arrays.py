@@ -26,12 +26,20 @@ class FrameArrays:
     reference: (n, 3) m, of the undeformed body; remanence: (n, 3) T, its remanence; rotating: (n,), where that does not stretch, or None.
     """
 
-    def __init__(self, reference: Array, remanence: Array, rotating: NDArray[np.bool_] | None = None) -> None:
+    def __init__(
+        self, reference: Array, remanence: Array, rotating: NDArray[np.bool_] | None = None
+    ) -> None:
         self.rotating = rotating
-        self.reference, self.remanence = np.ascontiguousarray(reference), np.ascontiguousarray(remanence)
+        self.reference, self.remanence = (
+            np.ascontiguousarray(reference),
+            np.ascontiguousarray(remanence),
+        )
         n = len(reference)
         sizes = {"Points": 3, **QUANTITIES}
-        self.arrays: dict[str, Numbers] = {name: np.empty((n, size) if size > 1 else n, dtype=np.float32) for name, size in sizes.items()}
+        self.arrays: dict[str, Numbers] = {
+            name: np.empty((n, size) if size > 1 else n, dtype=np.float32)
+            for name, size in sizes.items()
+        }
 
     def of(self, x: Array, v: Array, F: Array, P: Array) -> Mapping[str, Numbers]:
         """Positions (m) as `Points`, and all quantities by name. x, v (n, 3): m, m/s; F, P (n, 3, 3): P Pa, first Piola-Kirchhoff."""
@@ -39,21 +47,31 @@ class FrameArrays:
         points[:] = x
         _fill(*map(np.ascontiguousarray, (x, v, F, P)), self.reference, self.remanence, *others)
         if self.rotating is not None and self.rotating.any():
-            self.arrays["magnetisation"][:] = materials.magnetization(self.rotating, self.remanence, F)
+            self.arrays["magnetisation"][:] = materials.magnetization(
+                self.rotating, self.remanence, F
+            )
         return self.arrays
 
 
 @compiled
-def _fill(x, v, F, P, reference, remanence, displacement, velocity, stress, mises, magnetisation, det):  # type: ignore[no-untyped-def]
+def _fill(
+    x, v, F, P, reference, remanence, displacement, velocity, stress, mises, magnetisation, det
+):  # type: ignore[no-untyped-def]
     cauchy = np.empty((3, 3))
     for p in range(len(x)):
         J = materials.determinant(F[p])
         for i in range(3):
             displacement[p, i] = x[p, i] - reference[p, i]
             velocity[p, i] = v[p, i]
-            magnetisation[p, i] = F[p, i, 0] * remanence[p, 0] + F[p, i, 1] * remanence[p, 1] + F[p, i, 2] * remanence[p, 2]
+            magnetisation[p, i] = (
+                F[p, i, 0] * remanence[p, 0]
+                + F[p, i, 1] * remanence[p, 1]
+                + F[p, i, 2] * remanence[p, 2]
+            )
             for j in range(3):
-                cauchy[i, j] = (P[p, i, 0] * F[p, j, 0] + P[p, i, 1] * F[p, j, 1] + P[p, i, 2] * F[p, j, 2]) / J
+                cauchy[i, j] = (
+                    P[p, i, 0] * F[p, j, 0] + P[p, i, 1] * F[p, j, 1] + P[p, i, 2] * F[p, j, 2]
+                ) / J
                 stress[p, 3 * i + j] = cauchy[i, j]
         mises[p] = von_mises(cauchy)
         det[p] = J

@@ -10,7 +10,9 @@ Checksum: Bob Jenkins, lookup3.c, hashlittle (public domain), https://burtleburt
 import struct
 from pathlib import Path
 
-_SUPERBLOCK = struct.Struct("<8s4B4Q")  # signature; version, sizes of offsets and lengths, flags; base, extension, end, root
+_SUPERBLOCK = struct.Struct(
+    "<8s4B4Q"
+)  # signature; version, sizes of offsets and lengths, flags; base, extension, end, root
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _IN_ORDER = 5  # open for writing, in the single-writer mode
 _WORD = 0xFFFFFFFF

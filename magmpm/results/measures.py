@@ -49,7 +49,9 @@ def axis_of_particles(model: Model, position: Array) -> Array:
         return np.zeros((0, 4))
     x, of = np.unique(model.particles.position[:, 0], return_inverse=True)
     volume = np.bincount(of, model.particles.volume)
-    mean = np.stack([np.bincount(of, model.particles.volume * p) / volume for p in position.T], axis=1)
+    mean = np.stack(
+        [np.bincount(of, model.particles.volume * p) / volume for p in position.T], axis=1
+    )
     root, s = np.sqrt(volume)[:, None], model.grid.stations
     splines = model.grid.matrix_along(x - model.line.base[0])
     coefficients = np.linalg.lstsq(root * splines, root * mean, rcond=None)[0]
@@ -116,7 +118,9 @@ class Frames:
             raise InputError("tip", received="nothing", rule=NO_TIP, remedy=NAME_ONE)
         return found
 
-    def distances(self, other: Frames, of: str = "centreline", skip: list[tuple[float, float]] | None = None) -> dict[float, float]:
+    def distances(
+        self, other: Frames, of: str = "centreline", skip: list[tuple[float, float]] | None = None
+    ) -> dict[float, float]:
         """The largest distance (m) in each frame that both have, by its time (s); spans of time (s) to `skip` are left out.
 
         Raises InputError where it is to be that of tips, and the body has none.
@@ -124,9 +128,13 @@ class Frames:
         mine, theirs = (one.ends() if of == "tip" else one.points for one in (self, other))
         return {
             t: float(np.linalg.norm(np.atleast_2d(a - b), axis=1).max())
-            for t, a, b in zip(self.times, mine, [theirs[other.times.index(t)] if t in other.times else None for t in self.times])
+            for t, a, b in zip(
+                self.times,
+                mine,
+                [theirs[other.times.index(t)] if t in other.times else None for t in self.times],
+            )
             if b is not None and not any(first <= t <= last for first, last in skip or ())
-        }  # fmt: skip
+        }
 
 
 def frames_of(run: Result | Motion) -> Frames:

@@ -14,7 +14,10 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, length, quantity
 from magmpm.results.whole_file import whole_file
 
-MEANING = {"limit point": "the branch turns back there (limit point)", "bifurcation": "the branch is unstable from there on (bifurcation)"}
+MEANING = {
+    "limit point": "the branch turns back there (limit point)",
+    "bifurcation": "the branch is unstable from there on (bifurcation)",
+}
 
 
 def path_row(known: Mapping[str, Any]) -> dict[str, Any]:
@@ -44,7 +47,11 @@ def read_steps(path: Path) -> dict[str, Array]:
 
 def _columns(rows: list[dict[str, str]]) -> dict[str, Array]:
     """Column -> (rows,), but for names of effects; NaN where a value is not given. Raises ValueError."""
-    return {name: np.array([float(row[name] or "nan") for row in rows]) for name in (rows[0] if rows else {}) if name != "effect"}
+    return {
+        name: np.array([float(row[name] or "nan") for row in rows])
+        for name in (rows[0] if rows else {})
+        if name != "effect"
+    }
 
 
 def read_jumps(path: Path) -> list[dict[str, Any]]:
@@ -85,7 +92,9 @@ class GrowingTable:
             with self.path.open(encoding="utf-8", newline="") as stream:
                 self._header = next(csv.reader(stream))
         if not new and self._header != list(row):
-            raise ValueError(f"{self.path.name} has the columns {', '.join(self._header or ())}; this frame gives {', '.join(row)}")
+            raise ValueError(
+                f"{self.path.name} has the columns {', '.join(self._header or ())}; this frame gives {', '.join(row)}"
+            )
         self._header = list(row)
         with self.path.open("a", encoding="utf-8", newline="") as stream:
             write = csv.writer(stream, lineterminator="\n").writerow  # names may hold commas
@@ -100,7 +109,9 @@ class GrowingTable:
             return
         with _as_written(self.path):
             header, *rows = self.path.read_text(encoding="utf-8").splitlines(keepends=True) or [""]
-            kept = [row for row in rows if row.endswith("\n") and float(row.split(",", 1)[0]) <= last]
+            kept = [
+                row for row in rows if row.endswith("\n") and float(row.split(",", 1)[0]) <= last
+            ]
         if not kept:
             self.path.unlink()
             return
@@ -117,8 +128,13 @@ def contact_row(time: float, effect: str, contact: Mapping[str, Any]) -> dict[st
     """Row of contacts.csv: t (s), effect, force on the body (N), points touching, deepest penetration (m); where given, slip (m/s),
     mean point p (m) and normal n. contact: effects.base.Contact.
     """
-    vectors = [("F", np.asarray(contact["force"], dtype=float)), *((of[0], contact.get(of, ("", "", ""))) for of in ("point", "normal"))]
-    force, point, normal = ({f"{of}{axis}": part[i] for i, axis in enumerate("xyz")} for of, part in vectors)
+    vectors = [
+        ("F", np.asarray(contact["force"], dtype=float)),
+        *((of[0], contact.get(of, ("", "", ""))) for of in ("point", "normal")),
+    ]
+    force, point, normal = (
+        {f"{of}{axis}": part[i] for i, axis in enumerate("xyz")} for of, part in vectors
+    )
     plain = {name: contact.get(name, "") for name in ("count", "depth", "slip")}
     return {"t": time, "effect": effect, **force, **plain, **point, **normal}
 
@@ -142,7 +158,9 @@ def read_energies(path: Path) -> dict[str, Array]:
     """Column -> (rows,). Raises InputError where the file holds something else."""
     with _as_written(path):
         rows = read_rows(path)
-        return {name: np.array([float(row[name]) for row in rows]) for name in (rows[0] if rows else {})}
+        return {
+            name: np.array([float(row[name]) for row in rows]) for name in (rows[0] if rows else {})
+        }
 
 
 def read_contacts(path: Path) -> dict[str, dict[str, Array]]:
@@ -168,7 +186,12 @@ def must_have(path: Path, found: Mapping[str, Array], times: Array, *, lacking: 
 
 def _damaged(path: Path, received: str) -> InputError:
     rule = "must be the table that the run wrote, whole"
-    return InputError(str(path), received=received, rule=rule, remedy="put it back, or run the scene again, without --resume")
+    return InputError(
+        str(path),
+        received=received,
+        rule=rule,
+        remedy="put it back, or run the scene again, without --resume",
+    )
 
 
 @contextmanager

@@ -119,7 +119,10 @@ class Watched:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         if self._bar is not None:
             self._bar.close()
@@ -143,7 +146,9 @@ class Watched:
             bar.set_postfix_str(text, refresh=False)
             bar.update(1)
 
-    def also(self, on_progress: Callable[[int, float], None] | None) -> Callable[[int, float], None]:
+    def also(
+        self, on_progress: Callable[[int, float], None] | None
+    ) -> Callable[[int, float], None]:
         """`on_progress(step, time)` as runs call it: moves the bar to this time, and calls the user's own."""
 
         def tell(step: int, at: float) -> None:
@@ -173,10 +178,16 @@ class Watched:
                 form = "{desc}: {elapsed}{postfix}"
             elif self._unit == "s":
                 whole = quantity(self._total, "s")
-                form = "{desc}: {percentage:3.0f}%|{bar}| of " + whole + " [{elapsed}<{remaining}{postfix}]"
+                form = (
+                    "{desc}: {percentage:3.0f}%|{bar}| of "
+                    + whole
+                    + " [{elapsed}<{remaining}{postfix}]"
+                )
             else:
                 form = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}<{remaining}{postfix}]"
-            quiet = type("Bar", (tqdm,), {"monitor_interval": 0})  # no thread that watches it: threads and forks don't mix
+            quiet = type(
+                "Bar", (tqdm,), {"monitor_interval": 0}
+            )  # no thread that watches it: threads and forks don't mix
             self._bar = quiet(
                 desc=self._title,
                 total=self._total,

@@ -50,26 +50,46 @@ SOURCES = (
     "doi:10.1016/j.jmps.2018.10.008 (the magnetic stress)",
 )  # what a study stands on
 _LATER: dict[str, Any] = {  # what results saved by earlier versions lack
-    "load_share": 1.0, "failure": "", "largest_stretch": 1.0, "tightest_radius": None, "steps": [], "jumps": [], "stability": None,
-    "error_estimate": None, "resolution": None, "effects_chosen": None, "contacts": {},
-}  # fmt: skip
+    "load_share": 1.0,
+    "failure": "",
+    "largest_stretch": 1.0,
+    "tightest_radius": None,
+    "steps": [],
+    "jumps": [],
+    "stability": None,
+    "error_estimate": None,
+    "resolution": None,
+    "effects_chosen": None,
+    "contacts": {},
+}
 
 
 def readable(folder: Path) -> bool:
     """True if both files of a saved result are complete."""
     try:
         with np.load(folder / ARRAYS) as stored:
-            whole = all(stored[name] is not None for name in stored.files)  # each array has a checksum
+            whole = all(
+                stored[name] is not None for name in stored.files
+            )  # each array has a checksum
         return whole and isinstance(json.loads(read_regular(folder / NUMBERS, MOST)), dict)
-    except Exception:  # a damaged archive raises a dozen kinds: BadZipFile, EOFError, zlib.error, ...
+    except (
+        Exception
+    ):  # a damaged archive raises a dozen kinds: BadZipFile, EOFError, zlib.error, ...
         return False
 
 
 def _checked(name: str, kind: str, value: Any) -> Any:
     """A field's value, if it has the type that the field's annotation names. Raises ValueError."""
     kinds: dict[str, type | tuple[type, ...]] = {
-        "str": str, "bool": bool, "int": int, "float": (int, float), "Array": np.ndarray, "NDArray": np.ndarray, "dict": dict, "list": list,
-    }  # fmt: skip
+        "str": str,
+        "bool": bool,
+        "int": int,
+        "float": (int, float),
+        "Array": np.ndarray,
+        "NDArray": np.ndarray,
+        "dict": dict,
+        "list": list,
+    }
     if value is None and kind.endswith(" | None"):
         return value
     if not isinstance(value, kinds[kind.removesuffix(" | None").split("[")[0]]):
@@ -81,7 +101,9 @@ def _unreadable(folder: Path, error: Exception) -> str:
     """The message for a result that can't be read: which of its files is damaged, and what to do."""
     damaged = NUMBERS
     try:
-        if isinstance(numbers := json.loads(read_regular(folder / NUMBERS, MOST)), dict) and not readable(folder):
+        if isinstance(
+            numbers := json.loads(read_regular(folder / NUMBERS, MOST)), dict
+        ) and not readable(folder):
             damaged = ARRAYS
         what = str(error) if isinstance(numbers, dict) else f"it holds {json.dumps(numbers)[:40]}"
     except (OSError, ValueError) as failure:
@@ -130,22 +152,38 @@ class Result:
     versions: dict[str, str] = dataclasses.field(default_factory=dict)
     time: float = 0.0  # s that a motion has lasted; iterations are its steps
     time_step: float = 0.0  # s
-    stable_steps: dict[str, float] = dataclasses.field(default_factory=dict)  # s, the bounds on the time step at the start
+    stable_steps: dict[str, float] = dataclasses.field(
+        default_factory=dict
+    )  # s, the bounds on the time step at the start
     formulation: str = "static"  # or quasi_static, total; of old files, updated
     kinetic_energy: float = 0.0  # J
     load_share: float = 1.0  # no unit: part of the load (field, weight) that an equilibrium carries: less if the solve failed on the way
-    failure: str = ""  # why the run stopped early; then this is not the answer but the last good state
+    failure: str = (
+        ""  # why the run stopped early; then this is not the answer but the last good state
+    )
     largest_stretch: float = 1.0  # no unit: of any particle; of a motion in any frame
-    steps: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # of equilibria along time, one each: see docs/motion.md
-    jumps: list[dict[str, Any]] = dataclasses.field(default_factory=list)  # where a branch of equilibria ended: see docs/motion.md
-    tightest_radius: float | None = None  # m, of the bent axis, of a motion in any frame; None: straight, or a body without an axis
+    steps: list[dict[str, Any]] = dataclasses.field(
+        default_factory=list
+    )  # of equilibria along time, one each: see docs/motion.md
+    jumps: list[dict[str, Any]] = dataclasses.field(
+        default_factory=list
+    )  # where a branch of equilibria ended: see docs/motion.md
+    tightest_radius: float | None = (
+        None  # m, of the bent axis, of a motion in any frame; None: straight, or a body without an axis
+    )
     # No unit: smallest eigenvalue of the tangent over that of the unloaded body: 1 at rest, 0 at a critical load; None: not known (motion).
     stability: float | None = None
-    error_estimate: float | None = None  # m: bound of the error that the grid leaves, where the scene requests an error or a time
-    resolution: dict[str, Any] | None = None  # what was chosen for it, and how: see docs/accuracy.md
+    error_estimate: float | None = (
+        None  # m: bound of the error that the grid leaves, where the scene requests an error or a time
+    )
+    resolution: dict[str, Any] | None = (
+        None  # what was chosen for it, and how: see docs/accuracy.md
+    )
     # Of each obstacle at the end: force on the body (3,) N, count of points (or particles) that touch, depth of the deepest (m).
     contacts: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
-    effects_chosen: list[dict[str, Any]] | None = None  # of `effects: auto`: of each effect whether it was named, and why (docs/effects.md)
+    effects_chosen: list[dict[str, Any]] | None = (
+        None  # of `effects: auto`: of each effect whether it was named, and why (docs/effects.md)
+    )
 
     def __repr__(self) -> str:
         """One line: how the run ended, the tip or how far parts have moved, det F, what it cost, and how many warnings it has."""
@@ -164,7 +202,9 @@ class Result:
         """The tip; without one, how far anything has moved."""
         if self.tip is not None:
             return f"tip {lengths(self.tip)}"
-        moved = float(np.linalg.norm(self.particle_position - self.particle_reference, axis=1).max())
+        moved = float(
+            np.linalg.norm(self.particle_position - self.particle_reference, axis=1).max()
+        )
         return f"{count(len(self.positions), 'part')}, moved by at most {length(moved)}"
 
     @property
@@ -189,7 +229,10 @@ class Result:
             for key, value in asdict(self).items()
             if not key.startswith(("particle_", "grid_"))
         }
-        return {**shown, "positions": {name: place.tolist() for name, place in self.positions.items()}}
+        return {
+            **shown,
+            "positions": {name: place.tolist() for name, place in self.positions.items()},
+        }
 
     def to_dataframe(self) -> Any:
         """The axis as a pandas DataFrame with the columns s_m, x_m, y_m and z_m (m); of parts their names in `part` and their centers.
@@ -205,7 +248,9 @@ class Result:
     def mesh(self) -> Any:
         """The deformed surface as a pyvista.PolyData, in m, with each face's region in `region`. Raises InputError without PyVista."""
         _needed("pyvista", "pip install 'magmpm[render]'")
-        return import_module("magmpm.viz.from_result").polydata(self)  # by name: the physics draws nothing
+        return import_module("magmpm.viz.from_result").polydata(
+            self
+        )  # by name: the physics draws nothing
 
     def not_finite(self) -> list[str]:
         """Names of the fields that hold a NaN or an infinity, which no valid result has and JSON can't hold."""
@@ -220,7 +265,11 @@ class Result:
             raise ValueError(f"numbers that are not finite in {', '.join(wrong)}")
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        arrays = {f.name: getattr(self, f.name) for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)}
+        arrays = {
+            f.name: getattr(self, f.name)
+            for f in fields(self)
+            if isinstance(getattr(self, f.name), np.ndarray)
+        }
         with whole_file(folder / ARRAYS) as part, part.open("wb") as stream:
             np.savez_compressed(stream, **arrays)
         numbers = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in arrays}
@@ -239,13 +288,17 @@ class Result:
             parts = _parts_of(found["scene"])
             if parts is not None and parts.get("tip") is None:
                 found["tip"] = None  # earlier versions called the center of the last part so
-            return cls(**{f.name: _checked(f.name, str(f.type), found[f.name]) for f in fields(cls)})
+            return cls(
+                **{f.name: _checked(f.name, str(f.type), found[f.name]) for f in fields(cls)}
+            )
         except FileNotFoundError as error:
             raise InputError(
                 f"{folder}: holds no saved result ({Path(error.filename).name} is missing); "
                 "give the folder that `magmpm run` named, such as runs/NAME"
             ) from None
-        except Exception as error:  # a damaged archive raises a dozen kinds: BadZipFile, EOFError, zlib.error, ...
+        except (
+            Exception
+        ) as error:  # a damaged archive raises a dozen kinds: BadZipFile, EOFError, zlib.error, ...
             raise InputError(_unreadable(folder, error)) from None
 
 
@@ -260,7 +313,12 @@ def _needed(package: str, remedy: str) -> Any:
     try:
         return import_module(package)
     except ImportError:
-        raise InputError(package, received="nothing", rule=f"needs {package}, which is not installed", remedy=remedy) from None
+        raise InputError(
+            package,
+            received="nothing",
+            rule=f"needs {package}, which is not installed",
+            remedy=remedy,
+        ) from None
 
 
 def _finite(value: Any) -> bool:

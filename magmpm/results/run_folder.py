@@ -48,7 +48,9 @@ class RunFolder:
 
     def claim(self, overwrite: bool = False) -> None:
         """Check that the folder is this scene's: written from this file, or by the same definition. Raises InputError, unless overwrite."""
-        if (self.path / EARLIER).is_dir() and not any((self.path / name).exists() for name in (NUMBERS, MOTION)):
+        if (self.path / EARLIER).is_dir() and not any(
+            (self.path / name).exists() for name in (NUMBERS, MOTION)
+        ):
             self.put_back()  # a run was killed before anything was written in its place
         holder = self._holder()
         if overwrite or not holder:
@@ -56,10 +58,11 @@ class RunFolder:
         stem = self.scene_file.stem
         other = self.path.with_name(stem if stem != self.path.name else f"{stem}-2")
         raise InputError(
-            f"{self.path}: holds the results of another scene, {holder}", received=f"{self.scene.name} ({self.scene_file})",
+            f"{self.path}: holds the results of another scene, {holder}",
+            received=f"{self.scene.name} ({self.scene_file})",
             rule="a folder of results belongs to one scene",
             remedy=f"use another folder, say, --out {other}; or --overwrite, which removes those results",
-        )  # fmt: skip
+        )
 
     def holding(self) -> str:
         """Describe the files there that a run would replace; "" if none."""
@@ -93,7 +96,10 @@ class RunFolder:
         """Save a result in place of all that was there."""
         result.save(self.path)
         kept = {*OF_EQUILIBRIUM, *(() if result.formulation == "static" else OF_MOTION)}
-        if read_mapping(self.path / OWNER).get("accuracy_hash", self.scene.hash()) != self.scene.hash():
+        if (
+            read_mapping(self.path / OWNER).get("accuracy_hash", self.scene.hash())
+            != self.scene.hash()
+        ):
             _remove(self.path, OF_ACCURACY)
         _remove(self.path, (*OF_EQUILIBRIUM, *OF_MOTION), kept=kept)
         for folder in (EARLIER, FAILED):
@@ -102,7 +108,10 @@ class RunFolder:
 
     def save_failed(self, result: Result) -> Path:
         """The last good state of a run that failed, marked as such. Returns the folder it is in."""
-        moving, waiting = result.formulation != "static" and self.written, (self.path / EARLIER).is_dir()
+        moving, waiting = (
+            result.formulation != "static" and self.written,
+            (self.path / EARLIER).is_dir(),
+        )
         if not moving and waiting and not (self.path / CHECKPOINT).exists():
             self.put_back()
         if waiting if moving else _worth_keeping(self.path):
@@ -128,15 +137,26 @@ class RunFolder:
 
     def _sign(self, folder: Path | None = None, **more: str) -> None:
         folder = folder or self.path
-        known = {key: value for key, value in read_mapping(folder / OWNER).items() if key == "accuracy_hash"}
-        about = {"name": self.scene.name, "scene_file": str(self.scene_file), "scene_hash": self.scene.hash()}
+        known = {
+            key: value
+            for key, value in read_mapping(folder / OWNER).items()
+            if key == "accuracy_hash"
+        }
+        about = {
+            "name": self.scene.name,
+            "scene_file": str(self.scene_file),
+            "scene_hash": self.scene.hash(),
+        }
         write_json(folder / OWNER, {**about, **known, **more}, indent=1)
 
     def _holder(self) -> str:
         """Name and file of the scene whose results are there; "" if it is this one, or unknown."""
         owner = read_mapping(self.path / OWNER)
         if owner.get("scene_file"):
-            if owner.get("scene_hash") == self.scene.hash() or Path(str(owner["scene_file"])) == self.scene_file:
+            if (
+                owner.get("scene_hash") == self.scene.hash()
+                or Path(str(owner["scene_file"])) == self.scene_file
+            ):
                 return ""
             return f"{owner.get('name')} ({owner['scene_file']})"
         for name in (NUMBERS, ABOUT):  # saved by Python code, which knows no file
@@ -157,7 +177,11 @@ def _described(folder: Path) -> str:
     known = read_mapping(at)
     if not known:
         return f"a result of {when} that can't be read"
-    what = "equilibrium" if known.get("formulation") == "static" else f"motion over {known.get('time', 0.0):g} s"
+    what = (
+        "equilibrium"
+        if known.get("formulation") == "static"
+        else f"motion over {known.get('time', 0.0):g} s"
+    )
     return f"the {'' if known.get('converged') else 'failed '}{what} of {when}"
 
 
@@ -175,7 +199,11 @@ def _move(source: Path, target: Path) -> None:
             (source / name).replace(target / name)
 
 
-def _remove(folder: Path, names: tuple[str, ...] = (*OF_EQUILIBRIUM, *OF_MOTION, OWNER), kept: Collection[str] = ()) -> None:
+def _remove(
+    folder: Path,
+    names: tuple[str, ...] = (*OF_EQUILIBRIUM, *OF_MOTION, OWNER),
+    kept: Collection[str] = (),
+) -> None:
     """Remove what a run writes and its pictures, and the folder if it is then empty and not the scene's own."""
     for name in (*names, *PICTURES):
         if name not in kept:

@@ -51,11 +51,14 @@ class Strain:
     def worst(self, other: Strain) -> Strain:
         """The worst of both; the time is that of the larger stretch."""
         return Strain(
-            stretch=max(self.stretch, other.stretch), stretched=max(self.stretched, other.stretched),
-            swollen=max(self.swollen, other.swollen), min_det_F=min(self.min_det_F, other.min_det_F),
-            max_det_F=max(self.max_det_F, other.max_det_F), radius=min(self.radius, other.radius),
+            stretch=max(self.stretch, other.stretch),
+            stretched=max(self.stretched, other.stretched),
+            swollen=max(self.swollen, other.swollen),
+            min_det_F=min(self.min_det_F, other.min_det_F),
+            max_det_F=max(self.max_det_F, other.max_det_F),
+            radius=min(self.radius, other.radius),
             time=other.time if other.stretch > self.stretch else self.time,
-        )  # fmt: skip
+        )
 
     def warnings(self, model: Model) -> list[str]:
         """One sentence for each limit that is exceeded."""
@@ -72,14 +75,22 @@ class Strain:
                 f"{self.min_det_F:.3g} to {self.max_det_F:.3g}), where silicone would keep its volume; raise bulk_to_shear, or {REMEDY}"
             )
         thickness, tube = model.scene.thickness, model.scene.body.catheter
-        kinks = 0.0 if tube is None else tube.kink_radius(float(poisson_ratio(model.shear, model.bulk).max()))
+        kinks = (
+            0.0
+            if tube is None
+            else tube.kink_radius(float(poisson_ratio(model.shear, model.bulk).max()))
+        )
         if model.line is not None and self.radius < thickness:
             found.append(
                 f"strain: the axis is bent to a radius of {1e3 * self.radius:.3g} mm, less than the body is thick, {1e3 * thickness:.3g} "
                 f"mm: its inner side is crushed; {REMEDY}"
             )
         elif model.line is not None and kinks > self.radius:
-            hidden = "" if isinstance(model.grid, PolarGrid) else ", which cells larger than the wall do not show"
+            hidden = (
+                ""
+                if isinstance(model.grid, PolarGrid)
+                else ", which cells larger than the wall do not show"
+            )
             found.append(
                 f"strain: the tube is bent to a radius of {1e3 * self.radius:.3g} mm; from {1e3 * kinks:.3g} mm on its section flattens "
                 f"and it kinks (Brazier){hidden}; thicken the wall, or bend it less"
@@ -88,12 +99,22 @@ class Strain:
 
     def state(self) -> dict[str, float]:
         """Plain numbers, from which `restored` makes the same Strain."""
-        return {f"strain_{name}": value for name, value in vars(self).items() if value is not None and np.isfinite(value)}
+        return {
+            f"strain_{name}": value
+            for name, value in vars(self).items()
+            if value is not None and np.isfinite(value)
+        }
 
     @classmethod
     def restored(cls, state: Mapping[str, float]) -> Strain:
         """The Strain of a `state`, which may hold other numbers too."""
-        return cls(**{key.removeprefix("strain_"): value for key, value in state.items() if key.startswith("strain_")})
+        return cls(
+            **{
+                key.removeprefix("strain_"): value
+                for key, value in state.items()
+                if key.startswith("strain_")
+            }
+        )
 
 
 def strain_of(model: Model, position: Array, F: Array, time: float | None = None) -> Strain:
@@ -104,15 +125,21 @@ def strain_of(model: Model, position: Array, F: Array, time: float | None = None
     volume = model.particles.volume
     J, squares = np.empty(len(F)), np.empty(len(F))
     _invariants(F, J, squares)
-    least = STRETCH**2 + 2.0 * J / STRETCH  # of tr F^T F where the stretch is STRETCH: the other two are alike
+    least = (
+        STRETCH**2 + 2.0 * J / STRETCH
+    )  # of tr F^T F where the stretch is STRETCH: the other two are alike
     some = np.union1d(np.flatnonzero(squares >= least * (1 - 1e-12)), [int(np.argmax(squares))])
     stretch = np.sqrt(np.linalg.eigvalsh(np.einsum("nki,nkj->nij", F[some], F[some]))[:, 2])
     whole = float(volume.sum())
     return Strain(
-        stretch=float(stretch.max()), stretched=float(volume[some[stretch > STRETCH]].sum()) / whole,
-        swollen=float(volume[np.abs(J - 1.0) > VOLUME].sum()) / whole, min_det_F=float(J.min()), max_det_F=float(J.max()),
-        radius=np.inf if model.line is None else tightest_radius(_slices(model, position)), time=time,
-    )  # fmt: skip
+        stretch=float(stretch.max()),
+        stretched=float(volume[some[stretch > STRETCH]].sum()) / whole,
+        swollen=float(volume[np.abs(J - 1.0) > VOLUME].sum()) / whole,
+        min_det_F=float(J.min()),
+        max_det_F=float(J.max()),
+        radius=np.inf if model.line is None else tightest_radius(_slices(model, position)),
+        time=time,
+    )
 
 
 @compiled

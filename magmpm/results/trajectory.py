@@ -66,15 +66,27 @@ class MotionWriter:
         self.path = self.folder / MOTION
         self.max_disk = max_disk
         particles = model.particles
-        reference, remanence = np.array(particles.position, dtype=float), np.array(model.remanence[:, :3], dtype=float)
+        reference, remanence = (
+            np.array(particles.position, dtype=float),
+            np.array(model.remanence[:, :3], dtype=float),
+        )
         self._arrays = FrameArrays(reference, remanence, getattr(model, "rotating", None))
-        self._energies, self._contacts = GrowingTable(self.folder / ENERGIES), GrowingTable(self.folder / CONTACTS)
+        self._energies, self._contacts = (
+            GrowingTable(self.folder / ENERGIES),
+            GrowingTable(self.folder / CONTACTS),
+        )
         self._positions = GrowingTable(self.folder / POSITIONS)
         self._parts = _shares_of_parts(model)
         if resume_at is not None:
             if not self.path.exists():
-                place = f"{self.path}: is missing, while the folder holds a checkpoint of this motion"
-                raise InputError(place, rule="a motion goes on from the frames it has", remedy="run again without --resume")
+                place = (
+                    f"{self.path}: is missing, while the folder holds a checkpoint of this motion"
+                )
+                raise InputError(
+                    place,
+                    rule="a motion goes on from the frames it has",
+                    remedy="run again without --resume",
+                )
             if resume_frames is not None:
                 self._must_hold(resume_frames, resume_at, resume_contacts)
             self._file = vtkhdf.FrameFile.resume(self.path, len(reference), resume_at)
@@ -131,11 +143,15 @@ class MotionWriter:
         self._afford(time)
         arrays = self._arrays.of(x, v, F, stress)
         self._reserve()
-        self._file.append(time, arrays, np.full(3, np.nan) if field is None else np.asarray(field, dtype=float))
+        self._file.append(
+            time, arrays, np.full(3, np.nan) if field is None else np.asarray(field, dtype=float)
+        )
         self._energies.add(energy_row(time, energies))
         for effect, contact in (contacts or {}).items():
             self._contacts.add(contact_row(time, effect, contact))
-        for row in position_rows(time, {name: share @ x[of] for name, (of, share) in self._parts.items()}):
+        for row in position_rows(
+            time, {name: share @ x[of] for name, (of, share) in self._parts.items()}
+        ):
             self._positions.add(row)
 
     def _afford(self, time: float) -> None:
@@ -181,7 +197,10 @@ class MotionWriter:
 
     def _tell_about(self, model: Any) -> None:
         scene: Any = getattr(model, "scene", None)
-        about = {"scene": scene.to_si() if hasattr(scene, "to_si") else scene, "name": getattr(scene, "name", "")}
+        about = {
+            "scene": scene.to_si() if hasattr(scene, "to_si") else scene,
+            "name": getattr(scene, "name", ""),
+        }
         write_json(self.folder / ABOUT, about)
 
     def _must_hold(self, frames: int, until: float, contacts: Iterable[str]) -> None:
@@ -192,10 +211,11 @@ class MotionWriter:
         times = times[times <= until * (1 + 1e-12)]
         if len(times) != frames:
             raise InputError(
-                str(self.path), received=f"{len(times)} frames up to the checkpoint",
+                str(self.path),
+                received=f"{len(times)} frames up to the checkpoint",
                 rule=f"a motion goes on from the {frames} frames it had then, all of them",
                 remedy="put back the file that belongs to the checkpoint, or run again without --resume",
-            )  # fmt: skip
+            )
         must_have(self._energies.path, read_energies(self._energies.path), times)
         found = read_contacts(self._contacts.path)
         for effect in contacts:
@@ -247,7 +267,10 @@ def _read_about(path: Path) -> tuple[str, dict[str, Any] | None]:
             raise ValueError("it holds no name and scene")
         return name, scene
     except (OSError, KeyError, TypeError, ValueError) as error:
-        rule, remedy = "must be as the motion's run wrote it", "run the scene again with --resume, which writes it anew, or without"
+        rule, remedy = (
+            "must be as the motion's run wrote it",
+            "run the scene again with --resume, which writes it anew, or without",
+        )
         raise InputError(f"{path}: can't be read ({error})", rule=rule, remedy=remedy) from None
 
 
@@ -279,7 +302,9 @@ class Motion:
     reference: Numbers
     energies: dict[str, Array]  # (frames,) J; t in s
     contacts: dict[str, dict[str, Array]]  # (rows,) s, N, m; count has no unit
-    steps: dict[str, Array] = field(default_factory=dict)  # (frames,) s, m, T, J; stability and iterations have no unit
+    steps: dict[str, Array] = field(
+        default_factory=dict
+    )  # (frames,) s, m, T, J; stability and iterations have no unit
     jumps: list[dict[str, Any]] = field(default_factory=list)
     positions: dict[str, Array] = field(default_factory=dict)  # (frames, 3) m
 
@@ -310,12 +335,22 @@ class Motion:
         except (OSError, KeyError, TypeError, ValueError) as error:
             if isinstance(error, InputError):
                 raise
-            raise InputError(f"{folder}: the motion can't be read ({error}); run the scene again") from None
-        tables: dict[str, Any] = {"energies": energies, "contacts": contacts, "steps": steps, "jumps": jumps}
-        tables["positions"] = {
-            name: np.column_stack([found[axis] for axis in "xyz"])[: len(times)] for name, found in positions.items()
+            raise InputError(
+                f"{folder}: the motion can't be read ({error}); run the scene again"
+            ) from None
+        tables: dict[str, Any] = {
+            "energies": energies,
+            "contacts": contacts,
+            "steps": steps,
+            "jumps": jumps,
         }
-        return cls(folder=folder, name=name, scene=scene, times=times, fields=fields, **tables, **static)
+        tables["positions"] = {
+            name: np.column_stack([found[axis] for axis in "xyz"])[: len(times)]
+            for name, found in positions.items()
+        }
+        return cls(
+            folder=folder, name=name, scene=scene, times=times, fields=fields, **tables, **static
+        )
 
     def __repr__(self) -> str:
         """One line: how many frames of how many particles, the times, and where they are."""
@@ -357,7 +392,9 @@ class Motion:
     def position(self, number: int) -> Numbers:
         """Positions (n, 3) m of the frame with this number, which may be negative as in motion[number]. Raises IndexError."""
         k, path = self._counted(number), self.folder / MOTION
-        return vtkhdf.steady(path, lambda file: vtkhdf.read_arrays(path, file, k, ["Points"]))["Points"]
+        return vtkhdf.steady(path, lambda file: vtkhdf.read_arrays(path, file, k, ["Points"]))[
+            "Points"
+        ]
 
     def _counted(self, number: int) -> int:
         """The number of a frame counted from the start. Raises IndexError."""

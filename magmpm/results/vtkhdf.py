@@ -92,7 +92,9 @@ class FrameFile:
         sums = [_sum(moment), *(_sum(arrays[name]) for name in names)]
         identifier = _open_for_growth(self.path)
         try:
-            if k >= self._rows:  # but not of the times: VTK's reader reads all of them into room for the counted ones
+            if (
+                k >= self._rows
+            ):  # but not of the times: VTK's reader reads all of them into room for the counted ones
                 self._lengthen(identifier)
             for name in names:
                 dataset = h5py.h5d.open(identifier, _place(name).encode())
@@ -178,7 +180,14 @@ def _place(name: str) -> str:
 def _growing(file: h5py.File, name: str, n: int, components: int) -> None:
     """An array with one chunk a frame."""
     tail = (components,) if components > 1 else ()
-    file.create_dataset(_place(name), (0, *tail), np.float32, chunks=(n, *tail), maxshape=(None, *tail), fillvalue=np.nan)
+    file.create_dataset(
+        _place(name),
+        (0, *tail),
+        np.float32,
+        chunks=(n, *tail),
+        maxshape=(None, *tail),
+        fillvalue=np.nan,
+    )
 
 
 def _row_of(group: Any, name: str, tail: tuple[int, ...], dtype: np.dtype[Any]) -> None:
@@ -241,9 +250,14 @@ def read_moments(file: h5py.File) -> tuple[Array, Array]:
     return file[_TIMES][:count], file[_FIELD][:count]
 
 
-def read_arrays(path: Path, file: h5py.File, k: int, names: Iterable[str] | None = None) -> dict[str, Numbers]:
+def read_arrays(
+    path: Path, file: h5py.File, k: int, names: Iterable[str] | None = None
+) -> dict[str, Numbers]:
     """Points and quantities of frame k by name, or those named. Raises InputError where they are not as they were written."""
-    n, stored = int(file["VTKHDF/NumberOfPoints"][0]), [str(name) for name in file["magmpm"].attrs["quantities"]]
+    n, stored = (
+        int(file["VTKHDF/NumberOfPoints"][0]),
+        [str(name) for name in file["magmpm"].attrs["quantities"]],
+    )
     sums = file[_SUMS][k]
     found = {}
     for name in ("Points", *stored) if names is None else names:
@@ -256,9 +270,13 @@ def read_arrays(path: Path, file: h5py.File, k: int, names: Iterable[str] | None
 def check(path: Path, file: h5py.File, frames: Iterable[int]) -> None:
     """Raises InputError where a frame, or what is stored once, is not as it was written."""
     if "magmpm" not in file:
-        raise _unreadable(path, "a motion without checksums, as an earlier version of magmpm wrote it")
+        raise _unreadable(
+            path, "a motion without checksums, as an earlier version of magmpm wrote it"
+        )
     if _sum_of_static(read_static(file)) != file["magmpm"].attrs["static"]:
-        raise _unreadable(path, "particles (part, volume, remanence, reference) that are not as they were written")
+        raise _unreadable(
+            path, "particles (part, volume, remanence, reference) that are not as they were written"
+        )
     for k in frames:
         moment = np.array([file[_TIMES][k], *file[_FIELD][k]])
         if _sum(moment) != file[_SUMS][k][0]:
@@ -268,14 +286,18 @@ def check(path: Path, file: h5py.File, frames: Iterable[int]) -> None:
 
 def damaged(path: Path, file: h5py.File, k: int, name: str) -> InputError:
     count = int(file["VTKHDF/Steps"].attrs[_COUNT])
-    return _unreadable(path, f"frame {k} of {count} with {name} not as it was written (its checksum is another)")
+    return _unreadable(
+        path, f"frame {k} of {count} with {name} not as it was written (its checksum is another)"
+    )
 
 
 def _unreadable(path: Path, received: str) -> InputError:
     return InputError(
-        str(path), received=received, rule="must be the whole motion that a run here wrote",
+        str(path),
+        received=received,
+        rule="must be the whole motion that a run here wrote",
         remedy="run the scene again, without --resume, or put back a copy of the file",
-    )  # fmt: skip
+    )
 
 
 def opened(path: Path) -> h5py.File:
@@ -292,7 +314,9 @@ def opened(path: Path) -> h5py.File:
         try:
             return self_contained(path, h5py.File(path, "r", locking=False))
         except OSError:
-            patience = 2.0 if marked_in_order(path) else _MOMENT  # what is marked and does not change was left by a killed run
+            patience = (
+                2.0 if marked_in_order(path) else _MOMENT
+            )  # what is marked and does not change was left by a killed run
             if now - since > patience or now - begun > 30.0:
                 raise
             clock.sleep(_MOMENT)
@@ -304,14 +328,21 @@ def self_contained(path: Path, file: h5py.File) -> h5py.File:
 
     def look(name: str, link: Any) -> None:
         item = file[name] if isinstance(link, h5py.HardLink) else None
-        if isinstance(link, h5py.ExternalLink) or (isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)):
+        if isinstance(link, h5py.ExternalLink) or (
+            isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)
+        ):
             foreign.append(name)
 
     file.visititems_links(look)
     if foreign:
         file.close()
         rule = "a motion's file holds all of its data itself"
-        raise InputError(f"{path}: {foreign[0]}", received="data of another file", rule=rule, remedy="run the scene again")
+        raise InputError(
+            f"{path}: {foreign[0]}",
+            received="data of another file",
+            rule=rule,
+            remedy="run the scene again",
+        )
     return file
 
 
@@ -341,7 +372,9 @@ def mend(path: Path) -> None:
     except OSError as error:
         reason: Exception = error
     if marked_in_order(path):
-        with folder_lock(path.parent):  # Raises FolderInUse: a run that was suspended in the middle of a frame
+        with folder_lock(
+            path.parent
+        ):  # Raises FolderInUse: a run that was suspended in the middle of a frame
             if unmark(path):
                 try:
                     with opened(path) as file:

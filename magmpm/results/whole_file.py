@@ -9,8 +9,18 @@ from typing import Any
 
 from magmpm.errors import report
 
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # no room on the disk, in the quota, or within the system's limit for a file
-REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EISDIR)  # trying again would not help
+FULL = (
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EFBIG,
+)  # no room on the disk, in the quota, or within the system's limit for a file
+REFUSED = (
+    errno.EACCES,
+    errno.EPERM,
+    errno.EROFS,
+    errno.ENOTDIR,
+    errno.EISDIR,
+)  # trying again would not help
 
 
 @contextmanager
@@ -50,7 +60,13 @@ def explained(error: OSError, kept: str = "") -> str:
         rule = "what is written needs room on the disk, within the system's limits for this user"
         remedy = "free room, or write to another disk"
     elif error.errno in REFUSED:
-        rule, remedy = "it must be possible to write there", "use another folder, or see to its permissions"
+        rule, remedy = (
+            "it must be possible to write there",
+            "use another folder, or see to its permissions",
+        )
     else:
-        rule, remedy = "files must stay within reach while a command runs", "see that the disk is there and healthy, then run it again"
+        rule, remedy = (
+            "files must stay within reach while a command runs",
+            "see that the disk is there and healthy, then run it again",
+        )
     return report(place, rule=rule, remedy=f"{remedy}{kept}")

@@ -10,7 +10,9 @@ from magmpm.materials import poisson_ratio
 from magmpm.rod.cosserat import rod_model, solve_rod
 from magmpm.scene import Scene
 
-BORNE = 2 / 3  # (2 sqrt(2)/9) / (sqrt(2)/3): the largest moment of a tube that flattens, over that of a round one at the same curvature
+BORNE = (
+    2 / 3
+)  # (2 sqrt(2)/9) / (sqrt(2)/3): the largest moment of a tube that flattens, over that of a round one at the same curvature
 MOMENTS = 5  # of a motion, in equal parts, at whose fields a weight is laid on its rest
 
 
@@ -34,7 +36,9 @@ def kink_warning(scene: Scene) -> str | None:
     except SolveError:
         return None
     used = [scene.materials[region.material_name] for region in scene.regions()]
-    limit = tube.kink_radius(max(poisson_ratio(m.shear_modulus, m.shear_modulus * m.bulk_to_shear) for m in used))
+    limit = tube.kink_radius(
+        max(poisson_ratio(m.shear_modulus, m.shear_modulus * m.bulk_to_shear) for m in used)
+    )
     bent = np.linalg.norm(rod.curvature[rod.s >= tube.held_round, 1:], axis=1).max(initial=0.0)
     if bent * limit <= BORNE:
         return None
@@ -66,14 +70,18 @@ def weight_in_motion(scene: Scene) -> float:
     time. Raises SolveError where its rod finds no rest."""
     still, moved = without_motion(scene), 0.0
     for time in np.linspace(0.0, scene.duration, MOMENTS).tolist():
-        heavy, light = (solve_rod(one, time=time).position for one in (_heavy(still, Gravity()), still))
+        heavy, light = (
+            solve_rod(one, time=time).position for one in (_heavy(still, Gravity()), still)
+        )
         moved = max(moved, float(np.linalg.norm(heavy - light, axis=1).max()))
     return moved * _reached(scene)
 
 
 def _heavy(scene: Scene, gravity: Gravity) -> Scene:
     """The scene under this weight, without the rules that fields without end break at rest."""
-    return scene.model_copy(update={"effects": scene.effects.model_copy(update={"gravity": gravity})})
+    return scene.model_copy(
+        update={"effects": scene.effects.model_copy(update={"gravity": gravity})}
+    )
 
 
 def _reached(scene: Scene) -> float:
@@ -84,4 +92,6 @@ def _reached(scene: Scene) -> float:
     c = (0.0 if named.damping is None else named.damping.rate) + w**2 * lost
     root = np.sqrt(complex(c**2 / 4 - w**2) + 1e-9 * w**2)
     slow, fast, t = root - c / 2, -root - c / 2, np.linspace(0.0, scene.duration, 200)
-    return float((1.0 - (slow * np.exp(fast * t) - fast * np.exp(slow * t)) / (slow - fast)).real.max())
+    return float(
+        (1.0 - (slow * np.exp(fast * t) - fast * np.exp(slow * t)) / (slow - fast)).real.max()
+    )

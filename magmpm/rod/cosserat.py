@@ -92,16 +92,34 @@ class RodModel:
     def relax(self, quaternions: Array) -> tuple[int, int, float, bool]:
         """Status, steps, energy and stability of the equilibrium near quaternions (n + 1, 4), changed in place (rod.kernels.relax)."""
         loads = self.moment, self.field, self.weight
-        status, steps, energy, stable = relax(quaternions, self.length, self.twist_bend, self.compliance, *loads)
+        status, steps, energy, stable = relax(
+            quaternions, self.length, self.twist_bend, self.compliance, *loads
+        )
         return status, steps, energy, bool(stable)
 
     def shape(self, quaternions: Array, iterations: int, energy: float, stable: bool) -> RodShape:
         """The shape of an equilibrium."""
-        position, frames, curvature, strain = frames_of(quaternions, self.length, self.compliance, self.moment, self.field, self.weight)
-        return RodShape(self.places, position, frames, curvature, strain, iterations, stable, energy, quaternions, self.field, self.weight)
+        position, frames, curvature, strain = frames_of(
+            quaternions, self.length, self.compliance, self.moment, self.field, self.weight
+        )
+        return RodShape(
+            self.places,
+            position,
+            frames,
+            curvature,
+            strain,
+            iterations,
+            stable,
+            energy,
+            quaternions,
+            self.field,
+            self.weight,
+        )
 
 
-def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None) -> RodModel:
+def rod_model(
+    scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None
+) -> RodModel:
     """The rod of a scene. Elements end where segments end. extensible False: no stretch or shear (the pure elastica).
 
     time: s, of the field's schedule; its end unless given.
@@ -110,7 +128,9 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
     if not isinstance(body, StraightBody):
         raise SolveError("a body made of parts is not a rod")
     lengths = np.array(body.segment_lengths())
-    counts = np.maximum(np.round(elements * lengths / lengths.sum()).astype(np.int64), 2)  # of each segment, about so many in all
+    counts = np.maximum(
+        np.round(elements * lengths / lengths.sum()).astype(np.int64), 2
+    )  # of each segment, about so many in all
     of = np.repeat(np.arange(len(lengths)), counts)
     materials = [scene.materials[region.material_name] for region in body.regions()]
     G = np.array([material.shear_modulus for material in materials])
@@ -135,14 +155,18 @@ def rod_model(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True
     )
 
 
-def solve_rod(scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None) -> RodShape:
+def solve_rod(
+    scene: Scene, elements: int = ELEMENTS, *, extensible: bool = True, time: float | None = None
+) -> RodShape:
     """Equilibrium of the scene's rod on the branch that grows from zero load; time: as of `rod_model`.
 
     Field and weight grow together from zero. At every step, Newton's method with an energy line search finds a minimum. Where the
     continuation has become unstable, it goes down the direction of negative curvature. Raises SolveError if a step does not converge.
     """
     rod = rod_model(scene, elements, extensible=extensible, time=time)
-    surroundings = along_rod(scene, rod, time) if scene.field.varies and scene.effects.in_a_field else None
+    surroundings = (
+        along_rod(scene, rod, time) if scene.field.varies and scene.effects.in_a_field else None
+    )
     return solve_rod_model(rod, surroundings=surroundings)
 
 
@@ -166,7 +190,9 @@ def along_rod(scene: Scene, rod: RodModel, time: float | None) -> Surroundings:
     return along
 
 
-def solve_rod_model(rod: RodModel, loads: Array | None = None, *, surroundings: Surroundings | None = None) -> RodShape:
+def solve_rod_model(
+    rod: RodModel, loads: Array | None = None, *, surroundings: Surroundings | None = None
+) -> RodShape:
     """Equilibrium at the last of the load factors `loads` (default: equal steps, more for a larger load).
 
     surroundings: positions (n + 1, 3) m and frames (n + 1, 3, 3) -> field at the frames (n + 1, 3) T and pull on the elements (n, 3) N,
@@ -182,7 +208,9 @@ def solve_rod_model(rod: RodModel, loads: Array | None = None, *, surroundings: 
         status, steps, energy, stable = loaded.relax(quaternions)
         total += steps
         if status != 0:
-            raise SolveError(f"the rod found no equilibrium at {100 * factor:.0f} % of the load within {steps} steps")
+            raise SolveError(
+                f"the rod found no equilibrium at {100 * factor:.0f} % of the load within {steps} steps"
+            )
     return loaded.shape(quaternions, total, energy, stable)
 
 
@@ -193,7 +221,9 @@ def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
     field, force = surroundings(position, np.tile(np.eye(3), (len(s), 1, 1)))
     first = replace(rod, field=field, weight=rod.weight + _beyond(force))
     quaternions, total = rod.straight(), 0
-    loads = np.linspace(0.0, 1.0, max(_steps(first), 6) + 1)[1:]  # load steps in a field that depends on the shape
+    loads = np.linspace(0.0, 1.0, max(_steps(first), 6) + 1)[
+        1:
+    ]  # load steps in a field that depends on the shape
     for factor in loads:
         for turn in range(MOST_TURNS):
             here = replace(rod, field=factor * field, weight=factor * (rod.weight + _beyond(force)))
@@ -203,7 +233,9 @@ def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
             if status != 0 or not np.isfinite(found.position).all():
                 break
             new_field, new_force = surroundings(found.position, found.frames)
-            share = 1.0 if turn < MOST_TURNS // 2 else 0.5  # damp a rod that alternates between two sides
+            share = (
+                1.0 if turn < MOST_TURNS // 2 else 0.5
+            )  # damp a rod that alternates between two sides
             field, force = field + share * (new_field - field), force + share * (new_force - force)
             moved, position = np.abs(found.position - position).max(), found.position
             if moved < (FOLLOWED if factor == 1.0 else 20 * FOLLOWED) * s[-1]:
@@ -211,7 +243,9 @@ def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
         else:
             status = 1
         if status != 0:
-            raise SolveError(f"the rod found no equilibrium at {100 * factor:.0f} % of the load in a field that varies")
+            raise SolveError(
+                f"the rod found no equilibrium at {100 * factor:.0f} % of the load in a field that varies"
+            )
     return found
 
 
@@ -224,6 +258,10 @@ def _steps(rod: RodModel) -> int:
     """Number of load steps: one for each unit of load over bending stiffness, B A Br L^2/(mu0 E I) + rho g A L^3/(E I), within 3 to 30."""
     total = rod.length.sum()
     bending = rod.twist_bend[:, 1].min()
-    magnetic = np.linalg.norm(rod.moment, axis=1).max() * np.linalg.norm(rod.field, axis=1).max() * total**2
+    magnetic = (
+        np.linalg.norm(rod.moment, axis=1).max()
+        * np.linalg.norm(rod.field, axis=1).max()
+        * total**2
+    )
     load = (magnetic + np.linalg.norm(rod.weight[0]) * total**2) / bending
     return int(np.clip(np.ceil(load), 3, 30))

@@ -11,7 +11,17 @@ dW_k = shares[g, 1, k] e_j (a uniform field has the shares 1 and 0, gravity 0 an
 import numpy as np
 
 from magmpm.compiled.jit import compiled, kernel, prange
-from magmpm.rod.kernels import _dot, _scaled, _to_frame, derivatives, factor, frames_of, matrix, relax, solve
+from magmpm.rod.kernels import (
+    _dot,
+    _scaled,
+    _to_frame,
+    derivatives,
+    factor,
+    frames_of,
+    matrix,
+    relax,
+    solve,
+)
 
 
 @compiled
@@ -83,7 +93,15 @@ def _element(q, e, length, c, m0, field, weight, A, P, Q):
     P without its factor m0 answers to the weights. The span is Simpson's rule over the frames and the one half-way of R (e_1 + C f).
     """
     R, mid, ra, rb = np.empty((3, 3)), np.empty(4), np.empty(4), np.empty(4)
-    b, w, v, Cb, turn, dv, span = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    b, w, v, Cb, turn, dv, span = (
+        np.empty(3),
+        np.empty(3),
+        np.empty(3),
+        np.empty(3),
+        np.empty(3),
+        np.empty(3),
+        np.empty(3),
+    )
     unit = np.zeros(3)
     for side in range(2):
         _clear(A[side])
@@ -92,7 +110,9 @@ def _element(q, e, length, c, m0, field, weight, A, P, Q):
         Q[i] = 0.0
     _between(q[e], q[e + 1], ra, rb, mid)
     for part in range(3):
-        first = 1.0 if part == 0 else (0.5 if part == 1 else 0.0)  # share of the first frame's field
+        first = (
+            1.0 if part == 0 else (0.5 if part == 1 else 0.0)
+        )  # share of the first frame's field
         matrix(mid if part == 1 else q[e + part // 2], R)
         for i in range(3):
             b[i] = w[i] = 0.0
@@ -176,7 +196,9 @@ def _add_column(spans, moment, sizes, shares, column, slopes):
             else:
                 for side in range(2):
                     k = e + side
-                    load = moment[e, 0] * shares[group - moments, 0, k] + shares[group - moments, 1, k]
+                    load = (
+                        moment[e, 0] * shares[group - moments, 0, k] + shares[group - moments, 1, k]
+                    )
                     value += P[e, side, i, j] * load
             place[e + 1, i] = value
 
@@ -194,7 +216,9 @@ def _slopes(q, length, D, C, moment, field, weight, sizes, shares, frames, slope
     for e in range(n):
         _element(q, e, length[e], C[e], moment[e, 0], field, weight, A[e], P[e], Q[e])
     for column in range(len(slopes)):
-        _right_side(frames, length, C, moment, field, weight, sizes, shares, column, slopes[column, 0])
+        _right_side(
+            frames, length, C, moment, field, weight, sizes, shares, column, slopes[column, 0]
+        )
         solve(Ld, Lo, slopes[column, 0])
         _add_column((A, P, Q), moment, sizes, shares, column, slopes[column])
     return True
@@ -252,7 +276,10 @@ def softest(q, length, D, C, moment, field, weight):
         mass = _dot(x, Mx)
         _scaled(Mx, 1.0, x)
         solve(Ld, Lo, x)
-        before, value = value, mass / _dot(x, Mx)  # Rayleigh's quotient of the iteration before, from below its error squared
+        before, value = (
+            value,
+            mass / _dot(x, Mx),
+        )  # Rayleigh's quotient of the iteration before, from below its error squared
         if abs(value - before) < 1e-4 * value:
             break
         _scaled(x, 1.0 / np.sqrt(_dot(x, x)), x)
@@ -274,4 +301,6 @@ def relax_all(q, length, D, C, moment, field, weight, sizes, shares, position, s
                 position[r, k, i] = place[k, i]
         found[r] = status == 0 and stable
         if found[r]:
-            found[r] = _slopes(q[r], length, D, C, moment[r], field[r], weight[r], sizes, shares, frames, slopes[r])
+            found[r] = _slopes(
+                q[r], length, D, C, moment[r], field[r], weight[r], sizes, shares, frames, slopes[r]
+            )

@@ -32,7 +32,12 @@ class RodFamily:
         middle = np.cumsum(rod.length) - rod.length / 2
         of = np.searchsorted(np.cumsum(lengths), middle)
         strength = np.linalg.norm(rod.moment, axis=1)
-        return cls(rod, np.array([np.where(of == i, strength, 0.0) for i in regions]).reshape(len(regions), len(of)))
+        return cls(
+            rod,
+            np.array([np.where(of == i, strength, 0.0) for i in regions]).reshape(
+                len(regions), len(of)
+            ),
+        )
 
     def moments(self, directions: Array) -> Array:
         """Moments per length (rods, n, 3) A m for directions (rods, k, 3)."""
@@ -46,9 +51,22 @@ class RodFamily:
     def stability(self, quaternions: Array, directions: Array, field: Array) -> float:
         """Smallest eigenvalue of one rod (n + 1, 4) over the unloaded rod's: 1 at rest, 0 at a critical load. field (3,) T: added."""
         rod, none = self.rod, np.zeros_like(self.rod.field)
-        at_rest = softest(rod.straight(), rod.length, rod.twist_bend, rod.compliance, 0.0 * rod.moment, none, none)
+        at_rest = softest(
+            rod.straight(), rod.length, rod.twist_bend, rod.compliance, 0.0 * rod.moment, none, none
+        )
         moment = self.moments(directions[None])[0]
-        return float(softest(quaternions, rod.length, rod.twist_bend, rod.compliance, moment, rod.field + field, rod.weight) / at_rest)
+        return float(
+            softest(
+                quaternions,
+                rod.length,
+                rod.twist_bend,
+                rod.compliance,
+                moment,
+                rod.field + field,
+                rod.weight,
+            )
+            / at_rest
+        )
 
     def shape(self, quaternions: Array, directions: Array, field: Array) -> RodShape:
         """One rod (n + 1, 4) in equilibrium with directions (k, 3) and an added field (3,) T: what the body's solve begins from."""
@@ -59,12 +77,23 @@ class RodFamily:
     def pull(self, quaternions: Array, directions: Array, gradient: Array) -> Array:
         """Pull (rods, n, 3) N on the elements of rods in these shapes, with gradients dB_i/dx_j (n + 1, 3, 3) T/m at the frames."""
         moments = self.moments(directions)
-        turned = (_rotated(quaternions[:, side], moments) for side in (slice(None, -1), slice(1, None)))
-        parts = [np.einsum("kji,skj->ski", at, m) for at, m in zip((gradient[:-1], gradient[1:]), turned, strict=True)]
+        turned = (
+            _rotated(quaternions[:, side], moments) for side in (slice(None, -1), slice(1, None))
+        )
+        parts = [
+            np.einsum("kji,skj->ski", at, m)
+            for at, m in zip((gradient[:-1], gradient[1:]), turned, strict=True)
+        ]
         return np.asarray((parts[0] + parts[1]) * self.rod.length[:, None] / 2)
 
     def relaxed(
-        self, quaternions: Array, directions: Array, field: Array | None = None, *, pull: Array | float = 0.0, share: float = 1.0
+        self,
+        quaternions: Array,
+        directions: Array,
+        field: Array | None = None,
+        *,
+        pull: Array | float = 0.0,
+        share: float = 1.0,
     ) -> tuple[Array, Array, Array]:
         """Equilibria from quaternions (rods, n + 1, 4), which are changed in place.
 
@@ -81,12 +110,25 @@ class RodFamily:
         position, found = np.empty((rods, frames, 3)), np.empty(rods, dtype=bool)
         slopes = np.zeros((rods, 3 * (len(self.sizes) + groups), 2, frames, 3))
         weight = np.tile(share * self.rod.weight, (rods, 1, 1))
-        weight[:, :-1] += share * np.cumsum(np.broadcast_to(pull, (rods, frames - 1, 3))[:, ::-1], axis=1)[:, ::-1]
+        weight[:, :-1] += (
+            share
+            * np.cumsum(np.broadcast_to(pull, (rods, frames - 1, 3))[:, ::-1], axis=1)[:, ::-1]
+        )
         rod = self.rod
         relax_all(
-            quaternions, rod.length, rod.twist_bend, rod.compliance, np.ascontiguousarray(self.moments(directions)),
-            np.ascontiguousarray(share * (rod.field + added)), weight, self.sizes, shares, position, slopes, found,
-        )  # fmt: skip
+            quaternions,
+            rod.length,
+            rod.twist_bend,
+            rod.compliance,
+            np.ascontiguousarray(self.moments(directions)),
+            np.ascontiguousarray(share * (rod.field + added)),
+            weight,
+            self.sizes,
+            shares,
+            position,
+            slopes,
+            found,
+        )
         return position, slopes[:, :, 1].transpose(0, 2, 3, 1), found
 
 

@@ -86,10 +86,14 @@ def _add_potential(h, b, w, m, c, g, H):
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         ej, ek = (1.0 if j == 0 else 0.0), (1.0 if k == 0 else 0.0)
-        g[i] += h * (b[j] * m[k] - b[k] * m[j] + w[j] * ek - w[k] * ej + f[j] * Cf[k] - f[k] * Cf[j])
+        g[i] += h * (
+            b[j] * m[k] - b[k] * m[j] + w[j] * ek - w[k] * ej + f[j] * Cf[k] - f[k] * Cf[j]
+        )
         for n in range(3):
             en, ei = (1.0 if n == 0 else 0.0), (1.0 if i == 0 else 0.0)
-            value = -0.5 * (b[i] * m[n] + m[i] * b[n] + w[i] * en + ei * w[n] + Cf[i] * f[n] + f[i] * Cf[n])
+            value = -0.5 * (
+                b[i] * m[n] + m[i] * b[n] + w[i] * en + ei * w[n] + Cf[i] * f[n] + f[i] * Cf[n]
+            )
             H[i, n] += h * (value + (bm + fCf if i == n else 0.0))
     # -[f]^T C [f], with [f] the cross-product matrix
     H[0, 0] -= h * (c[1] * f[2] ** 2 + c[2] * f[1] ** 2)
@@ -143,7 +147,9 @@ def derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho):
     R, z, b, w, work = np.empty((3, 3)), np.empty(4), np.empty(3), np.empty(3), np.empty((3, 3, 3))
     g[:], Hd[:], Ho[:] = 0.0, 0.0, 0.0
     for e in range(len(length)):
-        _add_bending(q[e], q[e + 1], length[e], D[e], z, g[e], g[e + 1], Hd[e], Hd[e + 1], Ho[e], work)
+        _add_bending(
+            q[e], q[e + 1], length[e], D[e], z, g[e], g[e + 1], Hd[e], Hd[e + 1], Ho[e], work
+        )
         for side in range(2):
             matrix(q[e + side], R)
             _to_frame(R, field[e + side], b)
@@ -248,7 +254,11 @@ def _copy(a, out):
 def _softest(Ld, Lo, d):
     """Direction (n + 1, 3) of least curvature, by inverse iteration from a fixed vector, so the result is always the same."""
     for k in range(len(d)):
-        d[k, 0], d[k, 1], d[k, 2] = 1e-5, -1.0, 1e-5  # a rotation about -y: a straight rod buckles toward +z
+        d[k, 0], d[k, 1], d[k, 2] = (
+            1e-5,
+            -1.0,
+            1e-5,
+        )  # a rotation about -y: a straight rod buckles toward +z
     for _ in range(60):
         solve(Ld, Lo, d)
         _scaled(d, 1.0 / np.sqrt(_dot(d, d)), d)
@@ -271,7 +281,9 @@ def relax(q, length, D, C, moment, field, weight):
         scale += 0.5 * length[e] * D[e, 1]
         total += length[e]
     scale /= total**2  # energy of bending by one radian
-    noise = 1e-14 * (abs(energy) + scale)  # rounding error of the sum: smaller differences of energies mean nothing
+    noise = 1e-14 * (
+        abs(energy) + scale
+    )  # rounding error of the sum: smaller differences of energies mean nothing
     for step in range(MAX_STEPS):
         derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
         shift, least = 0.0, 1e-4 * scale / n
@@ -329,7 +341,9 @@ def frames_of(q, length, C, moment, field, weight):
             size += mid[i] ** 2
         for i in range(4):
             mid[i] /= np.sqrt(size)
-        for part in range(3):  # Simpson's rule along the element: its two frames and the one half-way
+        for part in range(
+            3
+        ):  # Simpson's rule along the element: its two frames and the one half-way
             if part == 1:
                 matrix(mid, R)
                 side, other = e, e + 1

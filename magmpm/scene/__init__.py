@@ -15,6 +15,22 @@ from magmpm.scene.options import Material, Resolution, Solver, StaticOptions
 from magmpm.scene.scene import Reference, Scene, load_scene
 
 __all__ = [
-    "Angles", "Body", "Catheter", "Effects", "FieldSource", "Gravity", "MagneticTorque", "Material", "Reference", "Region", "Resolution",
-    "Scene", "Segment", "Solver", "StaticOptions", "Strip", "load_scene", "of_file",
-]  # fmt: skip
+    "Angles",
+    "Body",
+    "Catheter",
+    "Effects",
+    "FieldSource",
+    "Gravity",
+    "MagneticTorque",
+    "Material",
+    "Reference",
+    "Region",
+    "Resolution",
+    "Scene",
+    "Segment",
+    "Solver",
+    "StaticOptions",
+    "Strip",
+    "load_scene",
+    "of_file",
+]

@@ -60,19 +60,35 @@ def check_apparatus(header: Line, named: set[str], scene: Scene) -> None:
     if not (given := named & set(APPARATUS)):
         return
     if scene.in_time:
-        raise header.error("along time the apparatus is the scene's own", "write its schedule in the scene, field.over_time")
+        raise header.error(
+            "along time the apparatus is the scene's own",
+            "write its schedule in the scene, field.over_time",
+        )
     magnets, coils = scene.field.magnet or (), scene.field.coils or ()
     if any(name.startswith("magnet") for name in given) and len(magnets) != 1:
         rule = f"columns of the magnet move the scene's one magnet, and it has {len(magnets) or 'none'}"
-        raise header.error(rule, "give the scene one `field: {magnet: ...}`; what does not move can be a dipole or a map")
+        raise header.error(
+            rule,
+            "give the scene one `field: {magnet: ...}`; what does not move can be a dipole or a map",
+        )
     if any(name in given for name in _ANGLES) and any(name in given for name in _AXIS):
-        raise header.error("the magnet's direction is given by angles or by components", "remove one of the two")
-    highest = max([_CURRENTS.index(name) + 1 for name in given if name in _CURRENTS], default=int("current" in given))
+        raise header.error(
+            "the magnet's direction is given by angles or by components", "remove one of the two"
+        )
+    highest = max(
+        [_CURRENTS.index(name) + 1 for name in given if name in _CURRENTS],
+        default=int("current" in given),
+    )
     if highest > len(coils) or ("current" in given and len(coils) != 1):
         rule = f"columns of currents need as many coils in the scene, and it has {len(coils) or 'none'}"
-        raise header.error(rule, "name them in the scene, field.coils, in the columns' order; current_A is that of the only one")
+        raise header.error(
+            rule,
+            "name them in the scene, field.coils, in the columns' order; current_A is that of the only one",
+        )
     if "inserted" in given and not isinstance(scene.body.shape, StraightBody):
-        raise header.error(f"a body of {scene.body.kind} has no length to insert", "remove the column")
+        raise header.error(
+            f"a body of {scene.body.kind} has no length to insert", "remove the column"
+        )
 
 
 def apparatus_of(line: Line, values: Mapping[str, float], scene: Scene) -> Apparatus:
@@ -80,11 +96,17 @@ def apparatus_of(line: Line, values: Mapping[str, float], scene: Scene) -> Appar
     own = (scene.field.magnet or (None,))[0]
     magnet = axis = None
     if own is not None and any(name in values for name in _PLACE):
-        magnet = _vector(values.get(name, part) for name, part in zip(_PLACE, own.position, strict=True))
+        magnet = _vector(
+            values.get(name, part) for name, part in zip(_PLACE, own.position, strict=True)
+        )
     if any(name in values for name in _AXIS):
         axis = _vector(values.get(name, 0.0) for name in _AXIS)
         if not any(axis):
-            raise line.error("the magnet's axis must have a direction", "give it, say, magnet_axis_x = 1", "an axis of zeros")
+            raise line.error(
+                "the magnet's axis must have a direction",
+                "give it, say, magnet_axis_x = 1",
+                "an axis of zeros",
+            )
     elif any(name in values for name in _ANGLES):
         a, e = (values.get(name, 0.0) for name in _ANGLES)
         axis = (math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e))
@@ -107,7 +129,10 @@ def _broken(apparatus: Apparatus, scene: Scene) -> tuple[str, str, str] | None:
     points = np.outer(np.linspace(0.0, there.length, 101), [1.0, 0.0, 0.0])
     for solid in taken(there.field) if there.body.shape.line is not None else ():
         if solid.depth(points).max() > 0:
-            rule, remedy = "the undeformed body must be outside of the magnet", "check its place and unit; the origin is the clamp"
+            rule, remedy = (
+                "the undeformed body must be outside of the magnet",
+                "check its place and unit; the origin is the clamp",
+            )
             return rule, remedy, f"{solid.name} centered at {in_mm(solid.position, '.4g')}"
     return None
 

@@ -17,7 +17,9 @@ def coarsest(scene: Scene) -> Scene:
         for material in data["materials"].values():
             material["remanence"] *= FAINT
         if data["effects"]["gravity"] is not None:
-            data["effects"]["gravity"]["acceleration"] = [FAINT * g for g in data["effects"]["gravity"]["acceleration"]]
+            data["effects"]["gravity"]["acceleration"] = [
+                FAINT * g for g in data["effects"]["gravity"]["acceleration"]
+            ]
     if data["body"]["parts"] is not None:
         data["body"]["parts"]["spacing"] = None
     if scene.solver.quasi_static is not None:
@@ -25,7 +27,9 @@ def coarsest(scene: Scene) -> Scene:
     if scene.solver.dynamic is not None:
         short = {"duration": 1e-9, "output_every": 1e-9, "time_step": None, "max_memory": None}
         data["solver"]["dynamic"] = {**data["solver"]["dynamic"], **short}
-    return Scene.from_si({**data, "resolution": {"cells_across": coarsest_cells(scene), "particles_per_cell": 2}})
+    return Scene.from_si(
+        {**data, "resolution": {"cells_across": coarsest_cells(scene), "particles_per_cell": 2}}
+    )
 
 
 def coarsest_cells(scene: Scene) -> int:

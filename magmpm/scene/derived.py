@@ -24,23 +24,55 @@ def inserted_data(scene: SceneLike, data: dict[str, Any], length: float) -> dict
     """SI data of the scene (as `to_si` gives it) made into those of its last `length` m: see Scene.inserted. Raises InputError."""
     catheter = scene.body.catheter
     if catheter is None:
-        raise InputError(f"body.{scene.body.kind}", rule="only a catheter leaves a guide bit by bit", remedy="use a catheter")
+        raise InputError(
+            f"body.{scene.body.kind}",
+            rule="only a catheter leaves a guide bit by bit",
+            remedy="use a catheter",
+        )
     if scene.effects.feed is not None and scene.field.varies:
         rule = "the exit of the guide becomes the origin, and magnets, coils, dipoles and maps do not move with it"
-        raise InputError("effects.feed", rule=rule, remedy="give their places from the exit on, and do not name feed")
-    if scene.solver.dynamic is None and (met := [key for key in ("ground", "walls") if getattr(scene.effects, key) is not None]):
-        rule, remedy = "an inserted length is solved without obstacles", "follow the insertion: name feed, with solver.quasi_static"
+        raise InputError(
+            "effects.feed",
+            rule=rule,
+            remedy="give their places from the exit on, and do not name feed",
+        )
+    if scene.solver.dynamic is None and (
+        met := [key for key in ("ground", "walls") if getattr(scene.effects, key) is not None]
+    ):
+        rule, remedy = (
+            "an inserted length is solved without obstacles",
+            "follow the insertion: name feed, with solver.quasi_static",
+        )
         raise InputError(f"effects.{met[0]}", rule=rule, remedy=remedy)
     least, most = catheter.diameter, catheter.length
     length = float(length)
     if not least * (1 - 1e-9) <= length <= most * (1 + 1e-9):
         rule = f"between one diameter and the whole length of the catheter can be outside the guide, {1e3 * least:g} to {1e3 * most:g} mm"
-        raise InputError("inserted length", received=f"{1e3 * length:g} mm", rule=rule, remedy="a shorter piece is no rod: begin there")
+        raise InputError(
+            "inserted length",
+            received=f"{1e3 * length:g} mm",
+            rule=rule,
+            remedy="a shorter piece is no rod: begin there",
+        )
     length = min(max(length, least), most)
-    kept = _cut(data["body"]["catheter"]["segments"], catheter.segment_lengths(), length, SHORTEST * catheter.diameter)
-    catheter_data = {**data["body"]["catheter"], "length": math.fsum(s["length"] for s in kept), "segments": kept, "clamp": "base"}
-    effects = {key: value for key, value in data["effects"].items() if key not in (*NO_LOADS, "feed")}
-    solver = {key: value for key, value in data["solver"].items() if key in ("anti_locking", "static")}
+    kept = _cut(
+        data["body"]["catheter"]["segments"],
+        catheter.segment_lengths(),
+        length,
+        SHORTEST * catheter.diameter,
+    )
+    catheter_data = {
+        **data["body"]["catheter"],
+        "length": math.fsum(s["length"] for s in kept),
+        "segments": kept,
+        "clamp": "base",
+    }
+    effects = {
+        key: value for key, value in data["effects"].items() if key not in (*NO_LOADS, "feed")
+    }
+    solver = {
+        key: value for key, value in data["solver"].items() if key in ("anti_locking", "static")
+    }
     return {
         **{key: value for key, value in data.items() if key != "reference"},
         "body": {"catheter": catheter_data},
@@ -50,7 +82,9 @@ def inserted_data(scene: SceneLike, data: dict[str, Any], length: float) -> dict
     }
 
 
-def _cut(segments: list[dict[str, Any]], lengths: list[float], length: float, shortest: float) -> list[dict[str, Any]]:
+def _cut(
+    segments: list[dict[str, Any]], lengths: list[float], length: float, shortest: float
+) -> list[dict[str, Any]]:
     """The segments of the last `length` m, base first; a first piece below `shortest` m is given to the segment after it."""
     kept: list[dict[str, Any]] = []
     left = length
@@ -80,7 +114,12 @@ def save(scene: Any, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         trial = Path(folder) / path.name
-        trial.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=140, allow_unicode=True), encoding="utf-8")
+        trial.write_text(
+            yaml.safe_dump(
+                content, sort_keys=False, default_flow_style=None, width=140, allow_unicode=True
+            ),
+            encoding="utf-8",
+        )
         if reference is not None:
             write_centreline(trial.with_name(content["reference"]["centreline"]), reference)
         try:
@@ -90,7 +129,9 @@ def save(scene: Any, path: Path) -> Path:
         if not same:
             rule = "tables and meshes that were read from files can't be written into a scene's file, which names them by their paths"
             remedy = "change a copy of the file that the scene was loaded from"
-            raise InputError(f"{path}: can't be written", received=scene.name, rule=rule, remedy=remedy)
+            raise InputError(
+                f"{path}: can't be written", received=scene.name, rule=rule, remedy=remedy
+            )
         for file in Path(folder).iterdir():
             file.replace(path.with_name(file.name))
     return path

@@ -35,7 +35,9 @@ _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 class RobotSegment(Settings):
     """One mesh of a robot."""
 
-    mesh: str = Field(min_length=1, description="STL file in the folder `meshes`.", examples=["base.stl"])
+    mesh: str = Field(
+        min_length=1, description="STL file in the folder `meshes`.", examples=["base.stl"]
+    )
     magnetisation_vector: Annotated[tuple[_Number, _Number, _Number], three("[0, 0, 1]")] = Field(
         description="Direction of magnetization; zeros: unmagnetized.", examples=[[0, 0, 1]]
     )
@@ -49,9 +51,14 @@ class Robot(Settings):
 
     name: str = Field(min_length=1, max_length=100, description="Name.", examples=["Tentacle"])
     n_segments: int = Field(strict=True, ge=1, description="Number of segments.", examples=[9])
-    remenance: float = Field(strict=True, ge=0, le=3, description="Remanent flux density, T.", examples=[0.138])
+    remenance: float = Field(
+        strict=True, ge=0, le=3, description="Remanent flux density, T.", examples=[0.138]
+    )
     segments: tuple[RobotSegment, ...] = Field(
-        min_length=1, max_length=MAX_PARTS, description="Segments.", examples=[[{"mesh": "base.stl"}]]
+        min_length=1,
+        max_length=MAX_PARTS,
+        description="Segments.",
+        examples=[[{"mesh": "base.stl"}]],
     )
 
     @model_validator(mode="before")
@@ -59,7 +66,9 @@ class Robot(Settings):
     def _spelled_well(cls, data: Any) -> Any:
         """`remanence` is accepted for `remenance`, the format's spelling."""
         if isinstance(data, Mapping) and "remanence" in data and "remenance" not in data:
-            return {("remenance" if key == "remanence" else key): value for key, value in data.items()}
+            return {
+                ("remenance" if key == "remanence" else key): value for key, value in data.items()
+            }
         return data
 
     @model_validator(mode="after")
@@ -73,7 +82,9 @@ class Robot(Settings):
         return self
 
 
-def import_robot(robot_file: Path | str, scene_file: Path | str, *, overwrite: bool = False) -> tuple[Scene, list[str]]:
+def import_robot(
+    robot_file: Path | str, scene_file: Path | str, *, overwrite: bool = False
+) -> tuple[Scene, list[str]]:
     """Make a scene file from a robot file. Returns the scene and warnings. overwrite: also replace a file with other content.
 
     Raises InputError with everything that is wrong; then no scene is written.
@@ -81,7 +92,9 @@ def import_robot(robot_file: Path | str, scene_file: Path | str, *, overwrite: b
     path, target = Path(robot_file), Path(scene_file)
     robot = validate(Robot, read_yaml(path))
     text, warnings = _scene_text(path, robot, target)
-    allow(path.parent / "meshes")  # the user has named the robot: its scene may name its meshes, wherever it is kept
+    allow(
+        path.parent / "meshes"
+    )  # the user has named the robot: its scene may name its meshes, wherever it is kept
     if not overwrite:
         _spare(target, text)
     try:
@@ -91,7 +104,9 @@ def import_robot(robot_file: Path | str, scene_file: Path | str, *, overwrite: b
         scene = load_scene(part)
         part.replace(target)
     except OSError as error:
-        raise InputError(f"-o: received {target}: can't be written ({error.strerror}); name another file") from None
+        raise InputError(
+            f"-o: received {target}: can't be written ({error.strerror}); name another file"
+        ) from None
     finally:
         with suppress(OSError):  # where nothing can be written there is no file to remove
             target.with_name(f".{target.name}.part").unlink(missing_ok=True)
@@ -103,12 +118,16 @@ def _spare(target: Path, text: str) -> None:
     try:
         same = not target.exists() or read_regular(target, MAX_BYTES) == text.encode()
     except OSError as error:
-        raise InputError(f"-o: received {target}: can't be written ({error.strerror}); name another file") from None
+        raise InputError(
+            f"-o: received {target}: can't be written ({error.strerror}); name another file"
+        ) from None
     if not same:
         raise InputError(
-            "-o", received=str(target), rule="an existing file whose contents differ from this import is not changed",
+            "-o",
+            received=str(target),
+            rule="an existing file whose contents differ from this import is not changed",
             remedy="name another file, or add --overwrite to replace its contents",
-        )  # fmt: skip
+        )
 
 
 def _scene_text(path: Path, robot: Robot, target: Path) -> tuple[str, list[str]]:
@@ -118,11 +137,15 @@ def _scene_text(path: Path, robot: Robot, target: Path) -> tuple[str, list[str]]
     _refuse_overlaps(path, robot, texts)
     if all(segment.fixed for segment in robot.segments):
         raise InputError(
-            f"{path}: segments", received="fixed: true in all", rule="one segment at least must be free to move",
+            f"{path}: segments",
+            received="fixed: true in all",
+            rule="one segment at least must be free to move",
             remedy="set `fixed: False` on those that are",
-        )  # fmt: skip
+        )
     if not any(any(s.magnetisation_vector) for s in robot.segments) or robot.remenance == 0.0:
-        warnings.append("no segment is magnetized: a field will do nothing, and the scene does not name magnetic_torque")
+        warnings.append(
+            "no segment is magnetized: a field will do nothing, and the scene does not name magnetic_torque"
+        )
     folder = target.resolve().parent
     relative = [Path(os.path.relpath(mesh.resolve(), folder)).as_posix() for mesh in found]
     low = min(float(unpack_mesh(text).vertices[:, 2].min()) for text in texts)
@@ -131,7 +154,9 @@ def _scene_text(path: Path, robot: Robot, target: Path) -> tuple[str, list[str]]
         f"# {robot.name}, made by `magmpm import` from {path.name}, a robot of the magneticMPM format, which says nothing of field,\n"
         "# surroundings or time: set `field` (zero here), and look through `effects`, `solver` and `resolution`.\n"
     )
-    return head + yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=200, allow_unicode=True), warnings
+    return head + yaml.safe_dump(
+        content, sort_keys=False, default_flow_style=None, width=200, allow_unicode=True
+    ), warnings
 
 
 def _scene(robot: Robot, meshes: list[str], low: float) -> dict[str, Any]:
@@ -172,7 +197,11 @@ def _scene(robot: Robot, meshes: list[str], low: float) -> dict[str, Any]:
 
 def _folder_name(name: str) -> str:
     """The robot's name without characters that a scene's name may not have."""
-    kept = "".join("-" if c in '/\\<>:"|?*' or not c.isprintable() else c for c in name).strip().lstrip(".")
+    kept = (
+        "".join("-" if c in '/\\<>:"|?*' or not c.isprintable() else c for c in name)
+        .strip()
+        .lstrip(".")
+    )
     return kept or "robot"
 
 
@@ -184,10 +213,18 @@ def _meshes(path: Path, robot: Robot) -> tuple[list[Path], list[str]]:
     for i, segment in enumerate(robot.segments):
         file = folder / segment.mesh
         place = f"{path}: segments[{i}].mesh"
-        if not file.is_file() or Path(segment.mesh).is_absolute() or ".." in Path(segment.mesh).parts:
+        if (
+            not file.is_file()
+            or Path(segment.mesh).is_absolute()
+            or ".." in Path(segment.mesh).parts
+        ):
             near = difflib.get_close_matches(segment.mesh, there, n=1, cutoff=0.8)
             remedy = f'did you mean "{near[0]}"?' if near else "add the file, or correct the name"
-            rule = f"the file must be in {folder}" if folder.is_dir() else f"the folder {folder} must be there"
+            rule = (
+                f"the file must be in {folder}"
+                if folder.is_dir()
+                else f"the folder {folder} must be there"
+            )
             wrong.append(report(place, received=segment.mesh, rule=rule, remedy=remedy))
             continue
         try:
@@ -202,7 +239,9 @@ def _meshes(path: Path, robot: Robot) -> tuple[list[Path], list[str]]:
 def _refuse_all(path: Path, wrong: list[str]) -> None:
     """Raises InputError with all that is wrong, if anything is."""
     if wrong:
-        raise InputError((f"{len(wrong)} problems in {path}\n" if len(wrong) > 1 else "") + "\n".join(wrong))
+        raise InputError(
+            (f"{len(wrong)} problems in {path}\n" if len(wrong) > 1 else "") + "\n".join(wrong)
+        )
 
 
 def _odd_vectors(robot: Robot) -> list[str]:
@@ -222,8 +261,16 @@ def _odd_vectors(robot: Robot) -> list[str]:
 def _unused(path: Path, found: list[Path]) -> list[str]:
     """A warning for the meshes that no segment names."""
     used = {file.name for file in found}
-    others = [p.name for p in sorted((path.parent / "meshes").iterdir()) if p.suffix.lower() == ".stl" and p.name not in used]
-    return [f"meshes: {', '.join(others)}: no segment uses {'it' if len(others) == 1 else 'them'}"] if others else []
+    others = [
+        p.name
+        for p in sorted((path.parent / "meshes").iterdir())
+        if p.suffix.lower() == ".stl" and p.name not in used
+    ]
+    return (
+        [f"meshes: {', '.join(others)}: no segment uses {'it' if len(others) == 1 else 'them'}"]
+        if others
+        else []
+    )
 
 
 def _refuse_overlaps(path: Path, robot: Robot, texts: list[str]) -> None:
@@ -231,12 +278,15 @@ def _refuse_overlaps(path: Path, robot: Robot, texts: list[str]) -> None:
     wrong = []
     for i, j, shared, smaller in overlaps(texts):
         if shared > MAY_OVERLAP * smaller:
-            wrong.append(report(
-                f"{path}: segments[{j}].mesh", received=robot.segments[j].mesh,
-                rule=f"segments must not overlap, and this one shares {shared:.3g} mm^3 with segments[{i}], "
-                f"{robot.segments[i].mesh}: {100 * shared / smaller:.3g} % of the smaller",
-                remedy="trim one of the meshes; faces may touch",
-            ))  # fmt: skip
+            wrong.append(
+                report(
+                    f"{path}: segments[{j}].mesh",
+                    received=robot.segments[j].mesh,
+                    rule=f"segments must not overlap, and this one shares {shared:.3g} mm^3 with segments[{i}], "
+                    f"{robot.segments[i].mesh}: {100 * shared / smaller:.3g} % of the smaller",
+                    remedy="trim one of the meshes; faces may touch",
+                )
+            )
     _refuse_all(path, wrong)
 
 
@@ -249,5 +299,7 @@ def _apart(robot: Robot, texts: list[str]) -> list[str]:
         gap = np.maximum(boxes[:, 0] - boxes[i, 1], boxes[i, 0] - boxes[:, 1]).max(axis=1)
         gap[i] = np.inf
         if gap.min() > 0.01 * size:
-            found.append(f"segments[{i}].mesh: {robot.segments[i].mesh} touches no other segment: the nearest is {gap.min():.3g} mm away")
+            found.append(
+                f"segments[{i}].mesh: {robot.segments[i].mesh} touches no other segment: the nearest is {gap.min():.3g} mm away"
+            )
     return found

@@ -17,7 +17,9 @@ BYTES = 800  # a lower bound of the same, for where only a lower bound of the nu
 
 def fewest_particles(scene: Scene) -> float:
     """A lower bound of the number of the scene's particles, without making them (BodyShape.fewest_particles)."""
-    return scene.body.shape.fewest_particles(scene.resolution.cells_across, scene.resolution.particles_per_cell, around=scene.static)
+    return scene.body.shape.fewest_particles(
+        scene.resolution.cells_across, scene.resolution.particles_per_cell, around=scene.static
+    )
 
 
 @contextmanager
@@ -37,22 +39,32 @@ def within(scene: Scene) -> Iterator[None]:
             remedy="raise it, or use fewer cells_across",
         )
     if needed > machine():
-        raise _too_large(scene, f"particles and grid take at least {estimate}, and this machine has {_in_words(machine())}")
+        raise _too_large(
+            scene,
+            f"particles and grid take at least {estimate}, and this machine has {_in_words(machine())}",
+        )
     try:
         yield
     except MemoryError as error:
-        raise _too_large(scene, f"particles and grid take at least {estimate}, which could not be had ({error})") from None
+        raise _too_large(
+            scene, f"particles and grid take at least {estimate}, which could not be had ({error})"
+        ) from None
 
 
 @contextmanager
 def for_matrix(scene: Scene, size: float) -> Iterator[None]:
     """A context in which to make the matrix of a scene's equilibrium, of so many bytes. Raises SceneError as `within` does."""
     if size > machine():
-        raise _too_large(scene, f"the matrix of its equilibrium takes {_in_words(size)}, and this machine has {_in_words(machine())}")
+        raise _too_large(
+            scene,
+            f"the matrix of its equilibrium takes {_in_words(size)}, and this machine has {_in_words(machine())}",
+        )
     try:
         yield
     except MemoryError:
-        raise _too_large(scene, f"the matrix of its equilibrium takes {_in_words(size)}, which could not be had") from None
+        raise _too_large(
+            scene, f"the matrix of its equilibrium takes {_in_words(size)}, which could not be had"
+        ) from None
 
 
 def machine() -> float:
@@ -67,9 +79,13 @@ def _too_large(scene: Scene, found: str) -> SceneError:
     key, received, change = scene.body.shape.cell_setting(scene.resolution.cells_across)
     count = scene.resolution.particles_per_cell
     return SceneError(
-        key, received=received, found=found, rule="a scene's particles and grid must fit into memory",
-        remedy=f"use {change}" + (f", or fewer particles_per_cell ({count} now; 2 is the least)" if count > 2 else ""),
-    )  # fmt: skip
+        key,
+        received=received,
+        found=found,
+        rule="a scene's particles and grid must fit into memory",
+        remedy=f"use {change}"
+        + (f", or fewer particles_per_cell ({count} now; 2 is the least)" if count > 2 else ""),
+    )
 
 
 def _in_words(size: float) -> str:

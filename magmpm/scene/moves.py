@@ -17,25 +17,40 @@ from magmpm.inputs.vectors import Axis
 
 TORN = 10.0  # times the length: the softest silicones tear there, filled ones long before
 
+
 class Move(Settings):
     """A held part, or a held end, is moved along a line."""
 
     along: Axis = Field(description="Direction: [x, y, z] or angles.", examples=[[-1, 0, 0]])
     distance: Length = Field(description="How far.", examples=["0.47 mm"])
     over_time: OverTime | None = Field(
-        default=None, description="The share of the distance over time, as the strength of a field: ramp, oscillation, keyframes or table. "
-        "All of it, at all times, unless given.", examples=[{"ramp": {"duration": "50 ms"}}],
-    )  # fmt: skip
+        default=None,
+        description="The share of the distance over time, as the strength of a field: ramp, oscillation, keyframes or table. "
+        "All of it, at all times, unless given.",
+        examples=[{"ramp": {"duration": "50 ms"}}],
+    )
 
     @model_validator(mode="after")
     def _share_alone(self) -> Move:
         over = self.over_time
         if over is not None and over.rotation is not None:
-            raise fault("a motion along a line does not rotate", "remove rotation", ("over_time", "rotation"))
+            raise fault(
+                "a motion along a line does not rotate",
+                "remove rotation",
+                ("over_time", "rotation"),
+            )
         for k, frame in enumerate(over.frames if over is not None else ()):
             if frame.uniform is not None or frame.move is not None:
-                at = ("over_time", "keyframes", k) if over is not None and over.keyframes is not None else ("over_time", "table")
-                raise fault("keyframes of a motion give the share of its distance alone", "write, say, `strength: 1`", at)
+                at = (
+                    ("over_time", "keyframes", k)
+                    if over is not None and over.keyframes is not None
+                    else ("over_time", "table")
+                )
+                raise fault(
+                    "keyframes of a motion give the share of its distance alone",
+                    "write, say, `strength: 1`",
+                    at,
+                )
         return self
 
     @property
@@ -64,12 +79,20 @@ Moves = Mapping[str, Move]
 def holders(shape: BodyShape) -> tuple[str, ...]:
     """Names of what holds a body: base, tip, or its parts that are clamped."""
     ends = {"base": ("base",), "both": ("base", "tip"), "none": ()}
-    return ends.get(shape.clamp, tuple(dict.fromkeys(region.name for region in shape.regions() if region.held)))
+    return ends.get(
+        shape.clamp, tuple(dict.fromkeys(region.name for region in shape.regions() if region.held))
+    )
 
 
 def farthest(moves: Moves) -> float:
     """Largest displacement by any of them, m."""
-    return max((float(np.linalg.norm(move.displacement(_moments([move])), axis=1).max()) for move in moves.values()), default=0.0)
+    return max(
+        (
+            float(np.linalg.norm(move.displacement(_moments([move])), axis=1).max())
+            for move in moves.values()
+        ),
+        default=0.0,
+    )
 
 
 def check(scene: Any) -> None:
@@ -80,20 +103,39 @@ def check(scene: Any) -> None:
         at, over = ("move", name), move.over_time
         if name not in held:
             rule = f"only what is held can be moved, here {' and '.join(held) or 'nothing'}"
-            raise fault(rule, "move what is held, or hold it: `clamp: both` below body.strip, say, or `clamp: true` in a part", at)
+            raise fault(
+                rule,
+                "move what is held, or hold it: `clamp: both` below body.strip, say, or `clamp: true` in a part",
+                at,
+            )
         if scene.effects.feed is not None:
             raise fault("feed moves the base already", "do not name feed, or remove move", at)
         if shape.in_plane_strain and move.along[1]:
-            raise fault("nothing moves along y in plane strain", "write, say, [-1, 0, 0]", (*at, "along"))
-        if over is not None and over.endless is not None and scene.static and scene.solver.quasi_static is None:
+            raise fault(
+                "nothing moves along y in plane strain", "write, say, [-1, 0, 0]", (*at, "along")
+            )
+        if (
+            over is not None
+            and over.endless is not None
+            and scene.static
+            and scene.solver.quasi_static is None
+        ):
             rule = "an equilibrium takes the motion at the end of its schedule, and this has no end"
-            raise fault(rule, "add `cycles` to say when it stops", (*at, "over_time", "oscillation"))
+            raise fault(
+                rule, "add `cycles` to say when it stops", (*at, "over_time", "oscillation")
+            )
         if not scene.static and move.share(0.0)[0] != 0.0:
-            rule, say = "a motion begins with the undeformed body: at 0 s nothing has been moved", "`over_time: {ramp: {duration: 50 ms}}`"
+            rule, say = (
+                "a motion begins with the undeformed body: at 0 s nothing has been moved",
+                "`over_time: {ramp: {duration: 50 ms}}`",
+            )
             raise fault(rule, f"write, say, {say}", (*at, "over_time") if over is not None else at)
     if moves and shape.line is not None and shape.clamp == "both":
         times = _moments(list(moves.values()))
-        base, tip = (moves[name].displacement(times) if name in moves else np.zeros(3) for name in ("base", "tip"))
+        base, tip = (
+            moves[name].displacement(times) if name in moves else np.zeros(3)
+            for name in ("base", "tip")
+        )
         between = np.array([shape.length, 0.0, 0.0]) + (tip - base)
         left, apart = float(between[..., 0].min()), float(np.linalg.norm(between, axis=-1).max())
         last = next(name for name in ("tip", "base") if name in moves)
@@ -101,18 +143,33 @@ def check(scene: Any) -> None:
             raise fault(
                 f"silicone tears before it is {TORN:g} times as long, and the ends would come to be {1e3 * apart:.4g} mm apart, "
                 f"of {1e3 * shape.length:.4g} mm",
-                "check the unit of the distance, or write a smaller one", ("move", last, "distance"),
-            )  # fmt: skip
+                "check the unit of the distance, or write a smaller one",
+                ("move", last, "distance"),
+            )
         if not left > 0.0:
             raise fault(
                 f"the ends would pass through each other: they would come within {1e3 * left:.4g} mm of {1e3 * shape.length:.4g} mm",
-                "check the unit of the distance, and the sign of `along`", ("move", last, "distance"),
-            )  # fmt: skip
+                "check the unit of the distance, and the sign of `along`",
+                ("move", last, "distance"),
+            )
 
 
 def _moments(moves: list[Move]) -> Array:
     """Times (k,) s that sample what is moved."""
-    frames = [frame.time for move in moves if move.over_time is not None for frame in move.over_time.frames]
-    swings = [move.over_time.oscillation for move in moves if move.over_time is not None and move.over_time.oscillation is not None]
+    frames = [
+        frame.time
+        for move in moves
+        if move.over_time is not None
+        for frame in move.over_time.frames
+    ]
+    swings = [
+        move.over_time.oscillation
+        for move in moves
+        if move.over_time is not None and move.over_time.oscillation is not None
+    ]
     periods = [swing.start + 1.0 / swing.frequency for swing in swings]
-    return np.unique(np.concatenate([frames, np.linspace(0.0, max([*periods, *(move.end for move in moves)]), 1000)]))
+    return np.unique(
+        np.concatenate(
+            [frames, np.linspace(0.0, max([*periods, *(move.end for move in moves)]), 1000)]
+        )
+    )

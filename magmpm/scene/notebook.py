@@ -24,14 +24,23 @@ def of_scene(scene: Any) -> str:
     """A Scene as HTML: its body, m, and what acts on it."""
     effects = ", ".join(name for name, effect in scene.effects if effect is not None) or "none"
     rows = [
-        ("body", f"{scene.body.kind}, {1e3 * scene.length:g} mm long, {1e3 * scene.thickness:g} mm thick, {len(scene.regions())} regions"),
+        (
+            "body",
+            f"{scene.body.kind}, {1e3 * scene.length:g} mm long, {1e3 * scene.thickness:g} mm thick, {len(scene.regions())} regions",
+        ),
         *(
-            (f"material {name}", f"G = {one.shear_modulus / 1e3:g} kPa, Br = {1e3 * one.remanence:g} mT")
+            (
+                f"material {name}",
+                f"G = {one.shear_modulus / 1e3:g} kPa, Br = {1e3 * one.remanence:g} mT",
+            )
             for name, one in scene.materials.items()
         ),
         ("field", scene.field.text()),
         ("effects", effects),
-        ("solver", f"{'statics' if scene.static else f'until {scene.duration:g} s'}, cells of {1e3 * scene.cell:.3g} mm"),
+        (
+            "solver",
+            f"{'statics' if scene.static else f'until {scene.duration:g} s'}, cells of {1e3 * scene.cell:.3g} mm",
+        ),
     ]
     return _body(scene) + table(scene.name, rows)
 
@@ -51,14 +60,19 @@ def _body(scene: Any) -> str:
         left = k * WIDTH
         parts.append(_text(left + 6, 14, f"{name}: {across} right, {up} up"))
         for n, length in enumerate(lengths):
-            x, y = left + WIDTH / 2 + scale * (begins[n] - middle[0]), HEIGHT / 2 - scale * (high[j] - middle[j])
+            x, y = (
+                left + WIDTH / 2 + scale * (begins[n] - middle[0]),
+                HEIGHT / 2 - scale * (high[j] - middle[j]),
+            )
             height = scale * (high[j] - low[j])
             box = f'x="{x:.1f}" y="{y:.1f}" width="{scale * length:.1f}" height="{height:.1f}"'
             parts.append(f'<rect {box} fill="#EEC9B7" stroke="{INK}" stroke-width="0.8"/>')
             if len(regions) and any(regions[n].magnetization):
                 direction = np.array(regions[n].magnetization)
                 size = 0.9 * min(scale * length, max(height, 24.0))
-                parts += _arrow(x + scale * length / 2, y + height / 2, direction[i], direction[j], size)
+                parts += _arrow(
+                    x + scale * length / 2, y + height / 2, direction[i], direction[j], size
+                )
     return _whole(parts, scale, high - low)
 
 
@@ -96,7 +110,11 @@ def panels(curves: Sequence[Array], width: float = 4.0) -> str:
             last = number == len(curves) - 1
             x = left + WIDTH / 2 + scale * (curve[:, i] - middle[i])
             y = HEIGHT / 2 - scale * (curve[:, j] - middle[j])
-            look = f'stroke="{BODY}" stroke-width="{width:g}"' if last else f'stroke="{UNDEFORMED}" stroke-width="2" stroke-dasharray="5 4"'
+            look = (
+                f'stroke="{BODY}" stroke-width="{width:g}"'
+                if last
+                else f'stroke="{UNDEFORMED}" stroke-width="2" stroke-dasharray="5 4"'
+            )
             some = np.linspace(0, len(x) - 1, min(len(x), MOST)).astype(int)
             path = " ".join(f"{x[n]:.1f},{y[n]:.1f}" for n in some)
             parts.append(f'<polyline points="{path}" fill="none" {look}/>')
@@ -109,7 +127,10 @@ def _whole(parts: list[str], scale: float, extent: Array) -> str:
     """The picture with its scale bar."""
     bar = 10.0 ** np.floor(np.log10(max(0.4 * float(np.max(extent)), 1e-9)))
     y = HEIGHT - 12
-    parts = [*parts, f'<line x1="{MARGIN:g}" y1="{y:g}" x2="{MARGIN + scale * bar:.1f}" y2="{y:g}" stroke="{INK}" stroke-width="2"/>']
+    parts = [
+        *parts,
+        f'<line x1="{MARGIN:g}" y1="{y:g}" x2="{MARGIN + scale * bar:.1f}" y2="{y:g}" stroke="{INK}" stroke-width="2"/>',
+    ]
     parts.append(_text(MARGIN + scale * bar + 6, HEIGHT - 8, f"{1e3 * bar:g} mm"))
     size = f'width="{2 * WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {2 * WIDTH:g} {HEIGHT:g}"'
     look = 'style="background:#fff" font-family="sans-serif" font-size="11"'
@@ -123,7 +144,10 @@ def _text(x: float, y: float, words: str) -> str:
 def table(title: str, rows: Iterable[tuple[str, str]]) -> str:
     """Names and texts under a title."""
     left = "style='text-align:left'"
-    cells = "".join(f"<tr><th {left}>{escape(name)}</th><td {left}>{escape(text)}</td></tr>" for name, text in rows)
+    cells = "".join(
+        f"<tr><th {left}>{escape(name)}</th><td {left}>{escape(text)}</td></tr>"
+        for name, text in rows
+    )
     return f"<table><caption {left}><b>{escape(title)}</b></caption>{cells}</table>"
 
 
@@ -141,19 +165,31 @@ def of_result(result: Any) -> str:
         rows.append(("stability", stability_in_words(result.stability)))
     if result.error_estimate is not None:
         rows.append(("error of the grid", f"at most {quantity(result.error_estimate, 'm')}"))
-    rows += [("unknowns, particles", f"{result.dof}, {result.particles}"), ("solve", quantity(result.seconds.get("solve", 0.0), "s"))]
+    rows += [
+        ("unknowns, particles", f"{result.dof}, {result.particles}"),
+        ("solve", quantity(result.seconds.get("solve", 0.0), "s")),
+    ]
     rows += [("warning", text) for text in result.warnings]
     axis = result.centreline
     if not len(axis):
         return table(result.name, rows)
-    straight = np.column_stack([axis[:, 0] + axis[0, 1] - axis[0, 0], np.full((len(axis), 2), axis[0, 2:])])
+    straight = np.column_stack(
+        [axis[:, 0] + axis[0, 1] - axis[0, 0], np.full((len(axis), 2), axis[0, 2:])]
+    )
     return panels([straight, axis[:, 1:]]) + table(result.name, rows)
 
 
 def of_motion(motion: Any) -> str:
     """A Motion as HTML: how the middle of its particles moves, m, and its times."""
-    some = np.unique(np.linspace(0, len(motion) - 1, 40).astype(int)).tolist() if len(motion) else []
+    some = (
+        np.unique(np.linspace(0, len(motion) - 1, 40).astype(int)).tolist() if len(motion) else []
+    )
     middles = np.array([np.asarray(motion[k].position).mean(axis=0) for k in some])
     last = quantity(float(motion.times[-1]), "s") if len(motion) else "none yet"
-    rows = [("frames", str(len(motion))), ("last", last), ("particles", str(len(motion.reference))), ("folder", str(motion.folder))]
+    rows = [
+        ("frames", str(len(motion))),
+        ("last", last),
+        ("particles", str(len(motion.reference))),
+        ("folder", str(motion.folder)),
+    ]
     return (panels([middles], width=2.0) if len(middles) > 1 else "") + table(motion.name, rows)

@@ -38,28 +38,43 @@ class DynamicOptions(Settings):
         description="How long the motion is followed.", examples=["0.5 s"]
     )
     output_every: Annotated[float, Quantity("time", above="0 s", at_most="1e4 s")] | None = Field(
-        default=None, description="Time between frames on disk; a hundredth of the duration unless given.", examples=["5 ms"],
-    )  # fmt: skip
+        default=None,
+        description="Time between frames on disk; a hundredth of the duration unless given.",
+        examples=["5 ms"],
+    )
     time_step: Annotated[float, Quantity("time", above="0 s", at_most="1 s")] | None = Field(
-        default=None, description="Time step; chosen below the stable bound unless given, and refused above it.", examples=["10 us"],
-    )  # fmt: skip
+        default=None,
+        description="Time step; chosen below the stable bound unless given, and refused above it.",
+        examples=["10 us"],
+    )
     safety: float = Field(
-        default=0.8, gt=0, le=1, strict=True, allow_inf_nan=False,
-        description="Chosen time step over the largest stable one; 0.8 unless given.", examples=[0.8],
-    )  # fmt: skip
+        default=0.8,
+        gt=0,
+        le=1,
+        strict=True,
+        allow_inf_nan=False,
+        description="Chosen time step over the largest stable one; 0.8 unless given.",
+        examples=[0.8],
+    )
     max_disk: Bytes | None = Field(
-        default=None, description="What the motion's files may take; all there is unless given.", examples=["2 GB"]
+        default=None,
+        description="What the motion's files may take; all there is unless given.",
+        examples=["2 GB"],
     )
     max_memory: Bytes | None = Field(
-        default=None, description="What particles and grid may take in memory; all there is unless given.", examples=["4 GB"],
-    )  # fmt: skip
+        default=None,
+        description="What particles and grid may take in memory; all there is unless given.",
+        examples=["4 GB"],
+    )
 
     @model_validator(mode="before")
     @classmethod
     def _one_formulation(cls, given: Any, info: ValidationInfo) -> Any:
         if not isinstance(given, Mapping) or "formulation" not in given:
             return given
-        if given["formulation"] not in (None, "total") or from_file(info):  # results of earlier versions hold None or total
+        if given["formulation"] not in (None, "total") or from_file(
+            info
+        ):  # results of earlier versions hold None or total
             rule = "there is one formulation of motion, total Lagrangian, in which bodies touch themselves too, so there is no such key"
             raise fault(rule, "leave it out", ("formulation",))
         return {key: value for key, value in given.items() if key != "formulation"}
@@ -87,26 +102,40 @@ class DynamicOptions(Settings):
         every = self.frame_interval
         count = int(self.duration / every * (1 + 1e-12))
         times = [k * every for k in range(1, count + 1)]
-        return times if times and times[-1] > self.duration * (1 - 1e-9) else [*times, self.duration]
+        return (
+            times if times and times[-1] > self.duration * (1 - 1e-9) else [*times, self.duration]
+        )
 
 
 class QuasiStaticOptions(Settings):
     """Equilibria along time, each found from the one before."""
 
     steps: int | None = Field(
-        default=None, strict=True, ge=1, le=MOST_FRAMES - 1,
-        description="Equal steps from 0 s to the end of the field's schedule, or of `duration`; give this or `at`.", examples=[40],
-    )  # fmt: skip
-    at: tuple[Annotated[float, Quantity("time", at_least="0 s", at_most="1e6 s")], ...] | None = Field(
-        default=None, min_length=2, max_length=MOST_FRAMES, description="Times of the equilibria, rising; give this or `steps`.",
-        examples=[["0 s", "0.1 s", "0.15 s"]],
-    )  # fmt: skip
+        default=None,
+        strict=True,
+        ge=1,
+        le=MOST_FRAMES - 1,
+        description="Equal steps from 0 s to the end of the field's schedule, or of `duration`; give this or `at`.",
+        examples=[40],
+    )
+    at: tuple[Annotated[float, Quantity("time", at_least="0 s", at_most="1e6 s")], ...] | None = (
+        Field(
+            default=None,
+            min_length=2,
+            max_length=MOST_FRAMES,
+            description="Times of the equilibria, rising; give this or `steps`.",
+            examples=[["0 s", "0.1 s", "0.15 s"]],
+        )
+    )
     duration: Duration | None = Field(
-        default=None, description="With `steps`: when the last equilibrium is; the end of the field's schedule unless given.",
+        default=None,
+        description="With `steps`: when the last equilibrium is; the end of the field's schedule unless given.",
         examples=["0.5 s"],
-    )  # fmt: skip
+    )
     max_disk: Bytes | None = Field(
-        default=None, description="What the files of all steps may take; all there is unless given.", examples=["2 GB"]
+        default=None,
+        description="What the files of all steps may take; all there is unless given.",
+        examples=["2 GB"],
     )
 
     @field_validator("at")
@@ -124,11 +153,17 @@ class QuasiStaticOptions(Settings):
     @model_validator(mode="after")
     def _one_way_to_say_when(self) -> QuasiStaticOptions:
         if self.steps is None and self.at is None:
-            raise fault("it must say when: `steps` or `at`", "write, say, `quasi_static: {steps: 40}`")
+            raise fault(
+                "it must say when: `steps` or `at`", "write, say, `quasi_static: {steps: 40}`"
+            )
         if self.at is not None:
             for key in ("steps", "duration"):
                 if getattr(self, key) is not None:
-                    raise fault(f"`at` says when the equilibria are, and so does `{key}`", f"remove `at` or `{key}`", (key,))
+                    raise fault(
+                        f"`at` says when the equilibria are, and so does `{key}`",
+                        f"remove `at` or `{key}`",
+                        (key,),
+                    )
         return self
 
     def times(self, schedule_end: float) -> list[float]:
@@ -143,16 +178,44 @@ class QuasiStaticOptions(Settings):
 MOST_RATIO = 10_000.0  # bulk over shear modulus
 USUAL_RATIO = 20.0  # bulk over shear modulus of silicone, where nothing says another
 _YOUNG = {
-    "young", "youngs", "young_modulus", "youngs_modulus", "elastic_modulus", "elasticity_modulus", "modulus_of_elasticity",
-    "tensile_modulus", "e_modulus", "e", "modulus", "stiffness",
-}  # fmt: skip
+    "young",
+    "youngs",
+    "young_modulus",
+    "youngs_modulus",
+    "elastic_modulus",
+    "elasticity_modulus",
+    "modulus_of_elasticity",
+    "tensile_modulus",
+    "e_modulus",
+    "e",
+    "modulus",
+    "stiffness",
+}
 _POISSON = {"poisson", "poissons", "poisson_ratio", "poissons_ratio", "poisson_number", "nu"}
 _BULK = {"bulk", "bulk_modulus", "compression_modulus", "k"}
 _MAGNETIZATION = {
-    "magnetization", "magnetisation", "remanent_magnetization", "remanent_magnetisation", "residual_magnetization",
-    "residual_magnetisation", "saturation_magnetization", "saturation_magnetisation", "m", "mr", "m_r", "ms",
-}  # fmt: skip
-_REMANENCE = {"br", "b_r", "remanent_flux_density", "residual_flux_density", "remanent_induction", "residual_induction", "remenance"}
+    "magnetization",
+    "magnetisation",
+    "remanent_magnetization",
+    "remanent_magnetisation",
+    "residual_magnetization",
+    "residual_magnetisation",
+    "saturation_magnetization",
+    "saturation_magnetisation",
+    "m",
+    "mr",
+    "m_r",
+    "ms",
+}
+_REMANENCE = {
+    "br",
+    "b_r",
+    "remanent_flux_density",
+    "residual_flux_density",
+    "remanent_induction",
+    "residual_induction",
+    "remenance",
+}
 
 
 def _number(values: Mapping[str, Any], names: set[str], kind: str | None = None) -> float | None:
@@ -161,7 +224,11 @@ def _number(values: Mapping[str, Any], names: set[str], kind: str | None = None)
         if plain_word(str(key)) not in names or isinstance(value, bool):
             continue
         try:
-            read = parse_quantity(value, KINDS[kind]) if kind is not None and isinstance(value, str) else float(value)
+            read = (
+                parse_quantity(value, KINDS[kind])
+                if kind is not None and isinstance(value, str)
+                else float(value)
+            )
         except (BadQuantity, TypeError, ValueError):
             continue
         if 0.0 < read < np.inf:
@@ -175,19 +242,27 @@ def _shear_modulus(values: Mapping[str, Any]) -> str:
     young, nu = _number(values, _YOUNG, "pressure"), _number(values, _POISSON)
     if nu is None or not nu < 0.5:
         ratio = _number(values, {"bulk_to_shear"}) or USUAL_RATIO
-        nu, source = poisson_ratio(1.0, ratio), f"nu = {poisson_ratio(1.0, ratio):.4g}, which is bulk_to_shear {ratio:g}"
+        nu, source = (
+            poisson_ratio(1.0, ratio),
+            f"nu = {poisson_ratio(1.0, ratio):.4g}, which is bulk_to_shear {ratio:g}",
+        )
     else:
         source = f"nu = {nu:g}"
     if young is None:
         return f"write shear_modulus in its place; of Young's modulus, {formula} with {source}: {shear_of_young(1.0, nu):.4g} E"
     shear = quantity(shear_of_young(young, nu), "Pa", 4)
-    return f"write `shear_modulus: {shear}` in its place: of Young's modulus, {formula} with {source}"
+    return (
+        f"write `shear_modulus: {shear}` in its place: of Young's modulus, {formula} with {source}"
+    )
 
 
 def _bulk_to_shear(values: Mapping[str, Any], *, of_modulus: bool) -> str:
     """Text to write for Poisson's ratio, or for the bulk modulus."""
     if of_modulus:
-        bulk, shear = _number(values, _BULK, "pressure"), _number(values, {"shear_modulus"}, "pressure")
+        bulk, shear = (
+            _number(values, _BULK, "pressure"),
+            _number(values, {"shear_modulus"}, "pressure"),
+        )
         known = bulk is not None and shear is not None
         write = f"`bulk_to_shear: {bulk / shear:.4g}`" if known else "bulk_to_shear"  # type: ignore[operator]
         return f"write {write} in its place: the bulk over the shear modulus, K/G"
@@ -207,7 +282,9 @@ def _remanence(value: Any) -> str:
     try:
         found = parse_quantity(value, KINDS["flux density"])
     except BadQuantity as error:
-        write = "remanence" if error.meant is None else f"`remanence: {quantity(error.meant, 'T', 4)}`"
+        write = (
+            "remanence" if error.meant is None else f"`remanence: {quantity(error.meant, 'T', 4)}`"
+        )
         return f"write {write} in its place: mu0 M, the flux density that belongs to a magnetization M; 100 kA/m is 125.7 mT"
     return f"write `remanence: {quantity(found, 'T', 4)}` in its place"
 
@@ -216,21 +293,30 @@ class Material(Settings):
     """A material of the body, magnetic or plain: a silicone, or as stiff as a metal."""
 
     model: Literal["neo-hookean"] = Field(
-        default="neo-hookean", description="Elastic law; neo-hookean unless given.", examples=["neo-hookean"]
+        default="neo-hookean",
+        description="Elastic law; neo-hookean unless given.",
+        examples=["neo-hookean"],
     )
     shear_modulus: Annotated[float, Quantity("pressure", above="0 kPa", at_most=STIFFEST)] = Field(
         description="Shear modulus G at small strain.", examples=["120 kPa"]
     )
     bulk_to_shear: float = Field(
-        strict=True, allow_inf_nan=False, description="Bulk over shear modulus, K/G: how incompressible. 20 is usual for silicone; above "
-        "2/3, so that Poisson's ratio (3K - 2G)/(6K + 2G) is positive, and at most 10000.", examples=[20],
+        strict=True,
+        allow_inf_nan=False,
+        description="Bulk over shear modulus, K/G: how incompressible. 20 is usual for silicone; above "
+        "2/3, so that Poisson's ratio (3K - 2G)/(6K + 2G) is positive, and at most 10000.",
+        examples=[20],
         json_schema_extra={"exclusiveMinimum": 0.6667, "maximum": 10_000},
-    )  # fmt: skip
-    density: Annotated[float, Quantity("density", above="0 kg/m^3", at_most="30000 kg/m^3")] | None = Field(
+    )
+    density: (
+        Annotated[float, Quantity("density", above="0 kg/m^3", at_most="30000 kg/m^3")] | None
+    ) = Field(
         default=None, description="Mass per volume; needed for gravity.", examples=["1882 kg/m^3"]
     )
     remanence: Annotated[float, Quantity("flux density", at_least="0 mT", at_most="3 T")] = Field(
-        default=0.0, description="Remanent flux density Br; 0 mT, plain silicone, unless given.", examples=["138 mT"]
+        default=0.0,
+        description="Remanent flux density Br; 0 mT, plain silicone, unless given.",
+        examples=["138 mT"],
     )
     magnetization_law: Literal["stretches", "rotates"] = Field(
         default="stretches",
@@ -239,16 +325,20 @@ class Material(Settings):
     )
 
     friction: Friction | None = Field(
-        default=None, description="Coulomb's coefficient of friction of its surface, in place of the one that ground, walls or "
-        "self_contact names. Of two parts that touch, and both name one, the smaller counts.", examples=[0.05],
-    )  # fmt: skip
+        default=None,
+        description="Coulomb's coefficient of friction of its surface, in place of the one that ground, walls or "
+        "self_contact names. Of two parts that touch, and both name one, the smaller counts.",
+        examples=[0.05],
+    )
 
     @model_serializer(mode="wrap")
     def _as_said(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Plain data, with the law of magnetization and friction only where they are not the usual ones."""
         data: dict[str, Any] = handler(self)
         usual = {"magnetization_law": "stretches", "friction": None}
-        return {key: value for key, value in data.items() if key not in usual or value != usual[key]}
+        return {
+            key: value for key, value in data.items() if key not in usual or value != usual[key]
+        }
 
     @staticmethod
     def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
@@ -274,52 +364,74 @@ class Material(Settings):
 
 
 MOST_ERROR = 0.5  # of the length: more is no answer at all
-_ERROR = {"type": "string", "title": "share of the length, or length", "examples": ["1 %", "0.1 mm"]}
+_ERROR = {
+    "type": "string",
+    "title": "share of the length, or length",
+    "examples": ["1 %", "0.1 mm"],
+}
 
 
 class StaticOptions(Settings):
     """Equilibrium: how it is sought."""
 
     tolerance: float = Field(
-        default=1e-11, strict=True, ge=1e-14, le=1e-2, allow_inf_nan=False,
-        description="Stops when a step can win less than this part of the energy; 1e-11 unless given.", examples=[1e-11],
-    )  # fmt: skip
+        default=1e-11,
+        strict=True,
+        ge=1e-14,
+        le=1e-2,
+        allow_inf_nan=False,
+        description="Stops when a step can win less than this part of the energy; 1e-11 unless given.",
+        examples=[1e-11],
+    )
     max_steps: int = Field(
-        default=60, strict=True, ge=1, le=10_000,
+        default=60,
+        strict=True,
+        ge=1,
+        le=10_000,
         description="Most Newton steps of a solve; 60 unless given. Of STL parts, which have no rod's shape to start from, ten times this.",
         examples=[60],
-    )  # fmt: skip
+    )
     field_steps: int | None = Field(
-        default=None, strict=True, ge=1, le=1000,
-        description="Steps in which field and gravity grow from zero; chosen by the solver unless given.", examples=[10],
-    )  # fmt: skip
+        default=None,
+        strict=True,
+        ge=1,
+        le=1000,
+        description="Steps in which field and gravity grow from zero; chosen by the solver unless given.",
+        examples=[10],
+    )
 
 
 class Solver(Settings):
     """Statics, quasi-statics or dynamics, one of them, and the settings that all share."""
 
     anti_locking: Literal["f-bar", "none"] = Field(
-        default="f-bar", description="Cure for volumetric locking, in equilibrium and in motion: f-bar (unless given) or none.",
+        default="f-bar",
+        description="Cure for volumetric locking, in equilibrium and in motion: f-bar (unless given) or none.",
         examples=["f-bar"],
-    )  # fmt: skip
+    )
     static: StaticOptions = Field(
-        default=StaticOptions(), description="Equilibrium: {} for the usual settings; give this, `quasi_static` or `dynamic`.",
+        default=StaticOptions(),
+        description="Equilibrium: {} for the usual settings; give this, `quasi_static` or `dynamic`.",
         examples=[{}],
-    )  # fmt: skip
+    )
     dynamic: DynamicOptions | None = Field(
-        default=None, description="Motion in time, from rest: at least {duration: 0.5 s}; give this, `quasi_static` or `static`.",
+        default=None,
+        description="Motion in time, from rest: at least {duration: 0.5 s}; give this, `quasi_static` or `static`.",
         examples=[{"duration": "0.5 s", "output_every": "5 ms"}],
-    )  # fmt: skip
+    )
     quasi_static: QuasiStaticOptions | None = Field(
-        default=None, description="Equilibria along time, each from the one before: {steps: 40}; give this, `dynamic` or `static`.",
+        default=None,
+        description="Equilibria along time, each from the one before: {steps: 40}; give this, `dynamic` or `static`.",
         examples=[{"steps": 40}],
-    )  # fmt: skip
+    )
 
     @model_validator(mode="after")
     def _one_solver(self, info: ValidationInfo) -> Solver:
         """One kind of solve has no use for the settings of another; plain SI data hold all three, with the usual settings of statics."""
         given = [key for key in ("quasi_static", "dynamic") if getattr(self, key) is not None]
-        if "static" in self.model_fields_set and (from_file(info) or self.static != StaticOptions()):
+        if "static" in self.model_fields_set and (
+            from_file(info) or self.static != StaticOptions()
+        ):
             given.insert(0, "static")
         if len(given) > 1:
             raise fault(
@@ -345,26 +457,40 @@ class Resolution(Settings):
     """Fineness of the grid: given in cells, or chosen for an error or a time."""
 
     cells_across: int = Field(
-        default=4, strict=True, ge=2, le=16,
-        description="Grid cells across a catheter's diameter, a strip's thickness, or the thinnest part; 4 unless given.", examples=[4],
-    )  # fmt: skip
+        default=4,
+        strict=True,
+        ge=2,
+        le=16,
+        description="Grid cells across a catheter's diameter, a strip's thickness, or the thinnest part; 4 unless given.",
+        examples=[4],
+    )
     particles_per_cell: int = Field(
-        default=2, strict=True, ge=2, le=4,
+        default=2,
+        strict=True,
+        ge=2,
+        le=4,
         description="Particles in a cell along each direction; 2 unless given; one point can't carry a cell's second moments.",
         examples=[2],
-    )  # fmt: skip
+    )
     from_tip: Literal[True] | None = Field(
-        default=None, description="Cells are counted from the tip, so that they stay in the material while the inserted length changes; "
-        "the one at the base takes what is left. Unless given, all cells between two materials are equal.", examples=[True],
-    )  # fmt: skip
-    error: Annotated[float | str, BeforeValidator(_read_error), WithJsonSchema(_ERROR)] | None = Field(
-        default=None, description="The largest error wanted, a share of the length or a length: the program chooses the cells, and proves "
-        "the error; give this, `seconds`, or cells_across.", examples=["1 %", "0.1 mm"],
-    )  # fmt: skip
+        default=None,
+        description="Cells are counted from the tip, so that they stay in the material while the inserted length changes; "
+        "the one at the base takes what is left. Unless given, all cells between two materials are equal.",
+        examples=[True],
+    )
+    error: Annotated[float | str, BeforeValidator(_read_error), WithJsonSchema(_ERROR)] | None = (
+        Field(
+            default=None,
+            description="The largest error wanted, a share of the length or a length: the program chooses the cells, and proves "
+            "the error; give this, `seconds`, or cells_across.",
+            examples=["1 %", "0.1 mm"],
+        )
+    )
     of: Literal["centreline", "tip"] = Field(
-        default="centreline", description="Where `error` is meant: anywhere on the centreline (unless given), or at the tip.",
+        default="centreline",
+        description="Where `error` is meant: anywhere on the centreline (unless given), or at the tip.",
         examples=["tip"],
-    )  # fmt: skip
+    )
     seconds: Annotated[float, Quantity("time", above="0 s", at_most="86400 s")] | None = Field(
         default=None,
         description="The best answer within this time, with its error: the program chooses the cells; give this, `error`, or cells_across.",
@@ -384,7 +510,11 @@ class Resolution(Settings):
     @model_validator(mode="after")
     def _one_wish(self) -> Resolution:
         """Cells, an error or a time: one of them decides."""
-        given = [key for key in ("cells_across", "error", "seconds") if key in self.model_fields_set and getattr(self, key) is not None]
+        given = [
+            key
+            for key in ("cells_across", "error", "seconds")
+            if key in self.model_fields_set and getattr(self, key) is not None
+        ]
         if len(given) > 1:
             raise fault(
                 f"give `cells_across`, `error` or `seconds`, one of them: each decides how fine the grid is; this has "
@@ -393,7 +523,11 @@ class Resolution(Settings):
                 (given[-1],),
             )
         if "of" in self.model_fields_set and self.of != "centreline" and not self.requested:
-            raise fault("`of` says where an error is meant, and none is asked for", "add, say, `error: 0.1 mm`, or remove it", ("of",))
+            raise fault(
+                "`of` says where an error is meant, and none is asked for",
+                "add, say, `error: 0.1 mm`, or remove it",
+                ("of",),
+            )
         return self
 
     @model_serializer(mode="wrap")
@@ -401,7 +535,9 @@ class Resolution(Settings):
         """Plain data without what is not said: chosen cells are none yet, and requested errors are reported only where there are any."""
         data: dict[str, Any] = handler(self)
         left_out = ("cells_across",) if self.requested else ("error", "of", "seconds")
-        return {key: value for key, value in data.items() if key not in left_out and value is not None}
+        return {
+            key: value for key, value in data.items() if key not in left_out and value is not None
+        }
 
     @property
     def requested(self) -> bool:
@@ -412,4 +548,8 @@ class Resolution(Settings):
         """The error requested, m, of a body of this length (m); None where none is."""
         if self.error is None:
             return None
-        return self.error * length if isinstance(self.error, float) else float(self.error.removesuffix(" m"))
+        return (
+            self.error * length
+            if isinstance(self.error, float)
+            else float(self.error.removesuffix(" m"))
+        )

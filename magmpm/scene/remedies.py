@@ -14,7 +14,9 @@ RAMPED = {"field_steps": 40, "max_steps": 150}  # of statics: small steps, each 
 FOLLOWED = 60  # equilibria along a ramp of the field
 SHARE = 0.9  # of the load or the time that was reached
 WEAKER = (0.5, 0.1)  # of the load, where it is not known how much was borne
-ENERGY = "energy appeared from nothing"  # how the reason of a motion begins whose steps are too long
+ENERGY = (
+    "energy appeared from nothing"  # how the reason of a motion begins whose steps are too long
+)
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,9 @@ def named(scene: Scene) -> Iterator[None]:
         found = remedies(scene, error)
         if not found:
             raise
-        failed = type(error)(f"{error.reason}; to try: {'; or '.join(remedy.words for remedy in found)}", error.state)
+        failed = type(error)(
+            f"{error.reason}; to try: {'; or '.join(remedy.words for remedy in found)}", error.state
+        )
         failed.remedies = found
         raise failed from None
 
@@ -50,11 +54,15 @@ def remedies(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     """Changes that may bring a failed scene to an answer, the first to try first."""
     if isinstance(error, LeftField):  # smaller steps would go the same way
         return _shorter_or_weaker(scene, error)
-    if isinstance(error, Collapsed):  # of segments that attract each other, which no outside field holds at a distance
+    if isinstance(
+        error, Collapsed
+    ):  # of segments that attract each other, which no outside field holds at a distance
         return _until(scene, error) if scene.in_time else ()
     if isinstance(error, TimeOver):  # smaller steps would take longer
         borne = 0.0 < getattr(error.state, "load_share", 0.0) < 1.0
-        return (_until(scene, error) if scene.in_time else ()) or (_weaker(scene, error) if borne else ())
+        return (_until(scene, error) if scene.in_time else ()) or (
+            _weaker(scene, error) if borne else ()
+        )
     if isinstance(error, BudgetError):  # it says itself what to raise, and nothing else is wrong
         return ()
     if scene.solver.dynamic is not None:
@@ -87,7 +95,10 @@ def _until(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     if not until > 0.0:
         return ()
     if scene.solver.dynamic is not None:
-        more: dict[str, Any] = {"solver.dynamic.duration": until, "solver.dynamic.output_every": until / 10}
+        more: dict[str, Any] = {
+            "solver.dynamic.duration": until,
+            "solver.dynamic.output_every": until / 10,
+        }
         return (Remedy(f"solver.dynamic.duration: {until:g} s, up to which it went well", more),)
     times = scene.path_times()
     # out of time: as many steps as it took so far, for more would take longer; otherwise finer ones
@@ -105,17 +116,30 @@ def _shorter_or_weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
 def _of_equilibria(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     static = Remedy(
         f"solver.static: {{field_steps: {RAMPED['field_steps']}, max_steps: {RAMPED['max_steps']}}}",
-        {"solver.quasi_static": None, "solver.static": {**scene.to_si()["solver"]["static"], **RAMPED}},
+        {
+            "solver.quasi_static": None,
+            "solver.static": {**scene.to_si()["solver"]["static"], **RAMPED},
+        },
     )
     if scene.solver.quasi_static is not None:
         times = scene.path_times()
         steps = {"steps": 4 * (len(times) - 1), "duration": times[-1]}
-        finer = Remedy(f"solver.quasi_static: {{steps: {steps['steps']}}}", {"solver.quasi_static": steps})
+        finer = Remedy(
+            f"solver.quasi_static: {{steps: {steps['steps']}}}", {"solver.quasi_static": steps}
+        )
         # More equilibria helped none of 14 random paths: what falls at one of them finds no rest from nearer either.
-        return *(_until(scene, error) or _weaker(scene, error)), *((finer,) if _begun(error) else ())
-    ramp = {} if scene.field.over_time is not None else {"field.over_time": {"ramp": {"duration": 1.0}}}
+        return *(_until(scene, error) or _weaker(scene, error)), *(
+            (finer,) if _begun(error) else ()
+        )
+    ramp = (
+        {}
+        if scene.field.over_time is not None
+        else {"field.over_time": {"ramp": {"duration": 1.0}}}
+    )
     followed = {"solver.quasi_static": {"steps": FOLLOWED}, "solver.static": {}, **ramp}
-    words = f"solver.quasi_static: {{steps: {FOLLOWED}}}" + (" with field.over_time: {ramp: {duration: 1 s}}" if ramp else "")
+    words = f"solver.quasi_static: {{steps: {FOLLOWED}}}" + (
+        " with field.over_time: {ramp: {duration: 1 s}}" if ramp else ""
+    )
     # Of 38 random scenes a ramp in small steps brought 5 to an answer, a weaker load 32, and equilibria along time none.
     return (static, *_weaker(scene, error), Remedy(words, followed))
 
@@ -126,15 +150,24 @@ def _weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     borne = tuple(float(f"{part * share:.3g}") for part in (SHARE, WEAKER[0]))
     parts = WEAKER if share >= 1.0 else borne if share > 0.0 else (WEAKER[-1], 2e-3)
     over, weight = scene.field.over_time, scene.effects.gravity
-    ramp = Ramp(duration=end_time(scene.field) or 1.0, begin=1.0) if over is None or over.ramp is None else over.ramp
+    ramp = (
+        Ramp(duration=end_time(scene.field) or 1.0, begin=1.0)
+        if over is None or over.ramp is None
+        else over.ramp
+    )
     found = []
     for part in parts:
         scaled = {**ramp.model_dump(), "begin": part * ramp.begin, "end": part * ramp.end}
         changes: dict[str, Any] = {"field.over_time.ramp": scaled}
-        text = ", ".join(f"{key}: {scaled[key]:g}{' s' if key == 'duration' else ''}" for key in ("duration", "begin", "end"))
+        text = ", ".join(
+            f"{key}: {scaled[key]:g}{' s' if key == 'duration' else ''}"
+            for key in ("duration", "begin", "end")
+        )
         words = f"a weaker field, field.over_time: {{ramp: {{{text}}}}}"
         if weight is not None:
-            changes["effects.gravity.acceleration"] = [part * component for component in weight.acceleration]
+            changes["effects.gravity.acceleration"] = [
+                part * component for component in weight.acceleration
+            ]
             words += f", and effects.gravity.acceleration times {part:g}"
         found.append(Remedy(words, changes))
     return tuple(found)

@@ -75,8 +75,12 @@ def _materials_are_there(scene: WholeScene) -> None:
     for at, name in _materials_named(scene):
         if name not in scene.materials:
             near = difflib.get_close_matches(name, scene.materials, n=1)
-            remedy = f'did you mean "{near[0]}"?' if near else "correct the name, or add the material"
-            raise fault(f"must be a name from `materials`: {', '.join(scene.materials)}", remedy, at)
+            remedy = (
+                f'did you mean "{near[0]}"?' if near else "correct the name, or add the material"
+            )
+            raise fault(
+                f"must be a name from `materials`: {', '.join(scene.materials)}", remedy, at
+            )
 
 
 def _materials_named(scene: WholeScene) -> list[tuple[Key, str]]:
@@ -92,13 +96,22 @@ def _materials_named(scene: WholeScene) -> list[tuple[Key, str]]:
 
 def _densities_are_given(scene: WholeScene) -> None:
     """Gravity and motion need the mass of what they act on, and so does contact, whose stiffness is that of motion."""
-    touches = any(effect.PHASE == "contact" and not effect.ONLY_IN_MOTION for effect in scene.effects.named().values())
-    what = "gravity" if scene.effects.gravity is not None else "contact" if scene.static else "motion"
+    touches = any(
+        effect.PHASE == "contact" and not effect.ONLY_IN_MOTION
+        for effect in scene.effects.named().values()
+    )
+    what = (
+        "gravity" if scene.effects.gravity is not None else "contact" if scene.static else "motion"
+    )
     if what == "contact" and not touches:
         return
     for name in dict.fromkeys(region.material_name for region in scene.regions()):
         if scene.materials[name].density is None:
-            raise fault(f"{what} needs the density of each material", "add, say, `density: 1100 kg/m^3`", ("materials", name, "density"))
+            raise fault(
+                f"{what} needs the density of each material",
+                "add, say, `density: 1100 kg/m^3`",
+                ("materials", name, "density"),
+            )
 
 
 def _tip_is_named(scene: WholeScene) -> None:
@@ -114,7 +127,9 @@ def _tip_is_named(scene: WholeScene) -> None:
 
 def _reference_fits(scene: WholeScene) -> None:
     """A reference is no longer than its body."""
-    if scene.reference is not None and scene.reference.centreline[-1][0] > scene.length * (1 + 1e-6):
+    if scene.reference is not None and scene.reference.centreline[-1][0] > scene.length * (
+        1 + 1e-6
+    ):
         kind = scene.body.kind
         raise fault(
             f"s_mm of the reference must not exceed the {kind}'s length, {1e3 * scene.length:g} mm",
@@ -144,7 +159,11 @@ def _feed_can_push(scene: WholeScene) -> None:
     if feed is None:
         return
     if catheter is None:
-        raise fault(f"feed pushes a catheter, and this body is a {scene.body.kind}", "do not name feed", ("effects", "feed"))
+        raise fault(
+            f"feed pushes a catheter, and this body is a {scene.body.kind}",
+            "do not name feed",
+            ("effects", "feed"),
+        )
     least = catheter.diameter
     if not feed.exit >= least:
         raise fault(
@@ -164,7 +183,9 @@ def _feed_can_push(scene: WholeScene) -> None:
 
 def _segments_turn_alone(scene: WholeScene) -> None:
     """Segments act on each other as dipoles that stretch with the material."""
-    for k in np.flatnonzero(rotating(scene)) if scene.effects.magnetic_interaction is not None else ():
+    for k in (
+        np.flatnonzero(rotating(scene)) if scene.effects.magnetic_interaction is not None else ()
+    ):
         raise fault(
             "magnetic_interaction knows only magnetization that stretches with the material",
             "leave magnetization_law out, or do not name magnetic_interaction",
@@ -191,7 +212,10 @@ def _path_has_an_end(scene: WholeScene) -> None:
     options, over = scene.solver.quasi_static, scene.field.over_time
     if options is None or options.steps is None or options.duration is not None:
         return
-    why, moved = None, [move.over_time for move in (scene.move or {}).values() if move.over_time is not None]
+    why, moved = (
+        None,
+        [move.over_time for move in (scene.move or {}).values() if move.over_time is not None],
+    )
     if over is not None and over.endless is not None:
         why = f"the field's {over.endless} has no end"
     elif endless := [one.endless for one in moved if one.endless is not None]:
@@ -199,7 +223,10 @@ def _path_has_an_end(scene: WholeScene) -> None:
     elif over is None and scene.effects.feed is not None:
         why = "feed has no end, and the field does not change"
     elif not scene.path_times()[-1] > 0.0:
-        raise fault(*_nothing_changes("the field has no schedule, and nothing is fed or moved"), ("solver", "quasi_static"))
+        raise fault(
+            *_nothing_changes("the field has no schedule, and nothing is fed or moved"),
+            ("solver", "quasi_static"),
+        )
     if why is not None:
         raise fault(
             f"the steps are equal parts of a time that the scene must give: {why}",
@@ -218,10 +245,17 @@ def _something_changes(scene: WholeScene) -> None:
         return
     places = schedule.places(scene.field, times)
     if len(places) == 1 or (places == places[0]).all():
-        why = "the field is the same at all of its times" if scene.field.over_time is not None else "the field has no schedule"
+        why = (
+            "the field is the same at all of its times"
+            if scene.field.over_time is not None
+            else "the field has no schedule"
+        )
         raise fault(*_nothing_changes(f"{why}, and nothing is fed"), ("solver", "quasi_static"))
     if not scene.effects.in_a_field and not scene.effects.auto:
-        raise fault(*_nothing_changes("no effect of the field is named, and nothing is fed"), ("solver", "quasi_static"))
+        raise fault(
+            *_nothing_changes("no effect of the field is named, and nothing is fed"),
+            ("solver", "quasi_static"),
+        )
 
 
 def _nothing_changes(why: str) -> tuple[str, str]:
@@ -245,7 +279,11 @@ def _field_acts(scene: WholeScene, effect: str) -> None:
     Only required of files: a study or a test may well set the field or all magnetizations to zero.
     """
     if "field" not in scene.model_fields_set:
-        raise fault(f"{effect} needs a field", f"add, say, `field: {{uniform: [0 mT, 6 mT, 8 mT]}}`, or do not name {effect}", ("field",))
+        raise fault(
+            f"{effect} needs a field",
+            f"add, say, `field: {{uniform: [0 mT, 6 mT, 8 mT]}}`, or do not name {effect}",
+            ("field",),
+        )
     if not scene.magnetized_regions():
         raise fault(
             f"{effect} needs a segment with a magnetization whose material has a remanence",
@@ -263,9 +301,13 @@ def warnings(scene: SceneLike) -> list[str]:
     if torque is None and force is None and scene.field.acts and magnetized:
         found.append("effects: magnetic_torque is not named, so the field does nothing")
     elif torque is None and force is not None and scene.field.varies:
-        found.append("effects: magnetic_torque is not named, so the field pulls the segments but does not turn them")
+        found.append(
+            "effects: magnetic_torque is not named, so the field pulls the segments but does not turn them"
+        )
     elif force is None and scene.field.varies and magnetized:
-        found.append("effects: magnetic_force is not named, so the field turns the segments but does not pull them")
+        found.append(
+            "effects: magnetic_force is not named, so the field turns the segments but does not pull them"
+        )
     acting = (torque, force, scene.effects.magnetic_interaction)
     if shape.magnetized_by_region and any(effect is not None for effect in acting):
         found += _left_unmagnetized(scene)
@@ -273,22 +315,38 @@ def warnings(scene: SceneLike) -> list[str]:
         found.append("effects: magnetic_force does nothing, for the field is the same everywhere")
     if not any(effect is not None for _, effect in scene.effects):
         found.append("effects: none is named, so nothing moves")
-    for key in ("ground", "walls") if dynamic is None and (scene.solver.quasi_static is None or scene.effects.feed is not None) else ():
+    for key in (
+        ("ground", "walls")
+        if dynamic is None and (scene.solver.quasi_static is None or scene.effects.feed is not None)
+        else ()
+    ):
         effect = getattr(scene.effects, key)
         if effect is not None and most_friction(scene, effect.friction) > 0.0:
-            found.append(f"effects.{key}: equilibria leave friction out: the body slides until the push of {key} alone holds it")
+            found.append(
+                f"effects.{key}: equilibria leave friction out: the body slides until the push of {key} alone holds it"
+            )
     own = shape.warnings(scene.resolution.cells_across, one_grid=dynamic is None)
     fitted = dynamic is None and scene.body.catheter is not None and scene.body.catheter.round_cells
     found += of_known_error(own) if fitted else own
-    if scene.body.parts is not None and scene.effects.self_contact is not None and scene.body.parts.in_one_piece:
+    if (
+        scene.body.parts is not None
+        and scene.effects.self_contact is not None
+        and scene.body.parts.in_one_piece
+    ):
         gap = f"{1e3 * TOUCHING * shape.length:.2g} mm"
-        found.append(f"effects.self_contact: all parts touch, and stay joined where faces do; what is to slide needs a gap of over {gap}")
+        found.append(
+            f"effects.self_contact: all parts touch, and stay joined where faces do; what is to slide needs a gap of over {gap}"
+        )
     if shape.clamp == "none" and scene.effects.feed is not None:
-        found.append("body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes it, clamped or not")
+        found.append(
+            "body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes it, clamped or not"
+        )
     if shape.in_plane_strain and scene.field.uniform[1] and torque is not None:
         found.append("field: its y component does nothing to a strip in plane strain")
     if shape.in_plane_strain and gravity is not None and gravity.acceleration[1]:
-        found.append("effects.gravity: the y component of its acceleration does nothing to a strip in plane strain")
+        found.append(
+            "effects.gravity: the y component of its acceleration does nothing to a strip in plane strain"
+        )
     used = {region.material_name for region in scene.regions()}
     found += [f"materials: {name} is not used" for name in scene.materials if name not in used]
     return found
@@ -298,7 +356,11 @@ def _left_unmagnetized(scene: SceneLike) -> list[str]:
     """Segments and parts that can move and have no direction, of a material with a remanence: a sentence for each material."""
     bare: dict[str, list[str]] = {}
     for region in scene.regions():
-        if not region.held and not any(region.magnetization) and scene.materials[region.material_name].remanence > 0.0:
+        if (
+            not region.held
+            and not any(region.magnetization)
+            and scene.materials[region.material_name].remanence > 0.0
+        ):
             bare.setdefault(region.material_name, []).append(dotted(("body", *region.at)))
     return [
         f"{', '.join(keys)}: not magnetized, [0, 0, 0], though {name} has a remanence of {quantity(scene.materials[name].remanence, 'T')}; "

@@ -85,7 +85,9 @@ def _refuse_other_files(data: Mapping[str, Any]) -> None:
         raise InputError(place, received="a study", rule=rule, remedy=remedy)
     if "n_segments" in data:
         remedy = f"`magmpm import {place} -o SCENE.yaml` makes a scene of it"
-        raise InputError(place, received="a robot of the magneticMPM format", rule=rule, remedy=remedy)
+        raise InputError(
+            place, received="a robot of the magneticMPM format", rule=rule, remedy=remedy
+        )
 
 
 class Reference(Settings):
@@ -93,9 +95,13 @@ class Reference(Settings):
 
     centreline: Annotated[
         tuple[tuple[float, float, float, float], ...],
-        named_table(lambda path: read_centreline(path).tolist(), "centreline: ../references/shape.csv"), WithJsonSchema({"type": "string"}),
+        named_table(
+            lambda path: read_centreline(path).tolist(), "centreline: ../references/shape.csv"
+        ),
+        WithJsonSchema({"type": "string"}),
     ] = Field(
-        description="Path, relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm.", examples=["../references/shape.csv"]
+        description="Path, relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm.",
+        examples=["../references/shape.csv"],
     )
 
 
@@ -112,11 +118,27 @@ class _OrAuto:
 def _read_effects(value: Any) -> Any:
     """`auto` as Effects; a mapping as it is."""
     if isinstance(value, Mapping) and _AUTO in value and value[_AUTO] not in (None, True):
-        value = {**value, _AUTO: True}  # written among others, which Effects refuses, or alone, which means the same
+        value = {
+            **value,
+            _AUTO: True,
+        }  # written among others, which Effects refuses, or alone, which means the same
     return {_AUTO: True} if value == _AUTO else value
 
 
-OF_STUDIES = {"vary", "match", "trials", "sampler", "seed", "stop", "minimize", "insertion", "schedule", "robust", "stability", "limits"}
+OF_STUDIES = {
+    "vary",
+    "match",
+    "trials",
+    "sampler",
+    "seed",
+    "stop",
+    "minimize",
+    "insertion",
+    "schedule",
+    "robust",
+    "stability",
+    "limits",
+}
 
 
 class Scene(Settings):
@@ -127,36 +149,58 @@ class Scene(Settings):
         """Say where keys of a study, among these values, belong."""
         if plain_word(key) not in OF_STUDIES:
             return None
-        return Instead("it belongs in a study, a file of its own that names this one, `scene: FILE`; `magmpm design STUDY` runs it")
+        return Instead(
+            "it belongs in a study, a file of its own that names this one, `scene: FILE`; `magmpm design STUDY` runs it"
+        )
 
-    name: str = Field(min_length=1, max_length=100, description="Names the folder of results.", examples=["five-segment catheter"])
-    materials: Annotated[dict[str, Material], AfterValidator(FrozenDict)] = Field(
-        min_length=1, description="Materials by name.", examples=[{"silicone": {"shear_modulus": "120 kPa", "bulk_to_shear": 20}}]
+    name: str = Field(
+        min_length=1,
+        max_length=100,
+        description="Names the folder of results.",
+        examples=["five-segment catheter"],
     )
-    body: Body = Field(description="What moves: a catheter, a strip, or parts given as STL meshes.", examples=[{"catheter": CATHETER}])
+    materials: Annotated[dict[str, Material], AfterValidator(FrozenDict)] = Field(
+        min_length=1,
+        description="Materials by name.",
+        examples=[{"silicone": {"shear_modulus": "120 kPa", "bulk_to_shear": 20}}],
+    )
+    body: Body = Field(
+        description="What moves: a catheter, a strip, or parts given as STL meshes.",
+        examples=[{"catheter": CATHETER}],
+    )
     field: FieldSource = Field(
-        default=FieldSource(), description="The outside magnetic field; none unless given.",
+        default=FieldSource(),
+        description="The outside magnetic field; none unless given.",
         examples=[{"uniform": ["0 mT", "6 mT", "8 mT"]}],
-    )  # fmt: skip
+    )
     move: Annotated[dict[str, moves.Move], AfterValidator(FrozenDict)] | None = Field(
-        default=None, description="What holds the body is moved: base, tip (of a strip that both ends hold), or held parts by their names.",
+        default=None,
+        description="What holds the body is moved: base, tip (of a strip that both ends hold), or held parts by their names.",
         examples=[{"tip": {"along": [-1, 0, 0], "distance": "0.47 mm"}}],
-    )  # fmt: skip
+    )
     effects: Annotated[Effects, BeforeValidator(_read_effects), _OrAuto()] = Field(
         default=Effects(),
         description="What is simulated; what is not named is not, and costs nothing. auto: the program chooses, and says what and why.",
         examples=[{"magnetic_torque": {}}],
     )
-    solver: Solver = Field(default=Solver(), description="Static unless given.", examples=[{"static": {}}])
+    solver: Solver = Field(
+        default=Solver(), description="Static unless given.", examples=[{"static": {}}]
+    )
     resolution: Resolution = Field(
-        default=Resolution(), description="How fine the grid is: {cells_across: 4} unless given.", examples=[{"cells_across": 4}]
+        default=Resolution(),
+        description="How fine the grid is: {cells_across: 4} unless given.",
+        examples=[{"cells_across": 4}],
     )
     advice: Literal["on", "off"] = Field(
         default="on",
         description="Whether `magmpm run` warns of effects that are not named and would move the answer: on, unless given, or off.",
         examples=["off"],
     )
-    reference: Reference | None = Field(default=None, description="A known answer.", examples=[{"centreline": "../references/shape.csv"}])
+    reference: Reference | None = Field(
+        default=None,
+        description="A known answer.",
+        examples=[{"centreline": "../references/shape.csv"}],
+    )
 
     @field_validator("name")
     @classmethod
@@ -238,7 +282,10 @@ class Scene(Settings):
         """The outside field around the body, with its tables. Raises SceneError (fields.outside_field)."""
         low, high = self.box()
         far = moves.farthest(self.move or {})
-        box = ((low[0] - far, low[1] - far, low[2] - far), (high[0] + far, high[1] + far, high[2] + far))
+        box = (
+            (low[0] - far, low[1] - far, low[2] - far),
+            (high[0] + far, high[1] + far, high[2] + far),
+        )
         return outside_field(self.field, box, anchored=self.anchored, cell=self.cell)
 
     def region_material(self, index: int) -> Material:
@@ -247,7 +294,12 @@ class Scene(Settings):
 
     def region_remanence(self) -> NDArray[np.float64]:
         """Remanent flux density of each region in the undeformed body, (k, 3) T."""
-        return np.array([[self.materials[p.material_name].remanence * x for x in p.magnetization] for p in self.regions()])
+        return np.array(
+            [
+                [self.materials[p.material_name].remanence * x for x in p.magnetization]
+                for p in self.regions()
+            ]
+        )
 
     def magnetized_regions(self) -> list[int]:
         """Indices of the segments that have a direction and a remanence."""
@@ -263,9 +315,15 @@ class Scene(Settings):
 
     def __repr__(self) -> str:
         """One line: the body, its effects, how it is solved, and the field."""
-        named = " + ".join(name for name, effect in self.effects if effect is not None) or "no effects"
+        named = (
+            " + ".join(name for name, effect in self.effects if effect is not None) or "no effects"
+        )
         dynamic = self.solver.dynamic
-        several = f"{len(self.path_times())} equilibria over {self.duration:g} s" if self.in_time else "equilibrium"
+        several = (
+            f"{len(self.path_times())} equilibria over {self.duration:g} s"
+            if self.in_time
+            else "equilibrium"
+        )
         solved = several if dynamic is None else f"motion of {dynamic.duration:g} s"
         size = f"{1e3 * self.length:g} mm long, {1e3 * self.thickness:g} mm thick, {len(self.regions())} regions"
         cells = f"cells of {1e3 * self.cell:.3g} mm"
@@ -304,7 +362,9 @@ class Scene(Settings):
 
         The same for any layout of the file, order of keys and choice of units; numbers count to 12 digits.
         """
-        content = self.model_dump(mode="json", exclude={"name", "reference", "advice"}, exclude_none=True)
+        content = self.model_dump(
+            mode="json", exclude={"name", "reference", "advice"}, exclude_none=True
+        )
         return hashlib.sha256(json.dumps(_rounded(content), sort_keys=True).encode()).hexdigest()
 
     def with_magnetizations(self, directions: ArrayLike) -> Scene:
@@ -317,7 +377,9 @@ class Scene(Settings):
         if given.shape != (len(regions), 3):
             raise InputError(f"directions have shape {given.shape}; must be {(len(regions), 3)}")
         if not self.body.shape.magnetized_by_region:
-            raise InputError("body: a magnetization_profile has no segments to change; give the strip `segments`")
+            raise InputError(
+                "body: a magnetization_profile has no segments to change; give the strip `segments`"
+            )
         data = self.to_si()
         for region, direction in zip(regions, given.tolist(), strict=True):
             found = data["body"]
@@ -343,7 +405,9 @@ class Scene(Settings):
             rule = "a strength alone needs a field whose direction it keeps, and the scene has none"
             remedy = 'write ["0 mT", "0 mT", "4 mT"]'
             raise InputError("field.uniform", received=repr(strength), rule=rule, remedy=remedy)
-        found: list[float] = (in_si(strength, "flux density", "field.uniform") * before / np.linalg.norm(before)).tolist()
+        found: list[float] = (
+            in_si(strength, "flux density", "field.uniform") * before / np.linalg.norm(before)
+        ).tolist()
         return found
 
     def with_material(self, name: str | None = None, **properties: Any) -> Scene:
@@ -353,18 +417,36 @@ class Scene(Settings):
         """
         data = self.to_si()
         if name is None and len(self.materials) > 1:
-            rule, remedy = "the scene has several materials", f"name one of them: {', '.join(self.materials)}"
+            rule, remedy = (
+                "the scene has several materials",
+                f"name one of them: {', '.join(self.materials)}",
+            )
             raise InputError("materials", received="no name", rule=rule, remedy=remedy)
         key = next(iter(self.materials)) if name is None else name
         if key not in self.materials and "shear_modulus" not in properties:
-            rule, remedy = f"the scene has {', '.join(self.materials)}; a new one needs a shear_modulus", "use one of these names"
+            rule, remedy = (
+                f"the scene has {', '.join(self.materials)}; a new one needs a shear_modulus",
+                "use one of these names",
+            )
             raise InputError("materials", received=repr(key), rule=rule, remedy=remedy)
-        return Scene.from_si({**data, "materials": {**data["materials"], key: {**data["materials"].get(key, {}), **properties}}})
+        return Scene.from_si(
+            {
+                **data,
+                "materials": {
+                    **data["materials"],
+                    key: {**data["materials"].get(key, {}), **properties},
+                },
+            }
+        )
 
     def with_cells(self, cells_across: int) -> Scene:
         """The scene with cells_across its thickness in place of an error, a time or a spacing. Raises InputError."""
         data = self.to_si()
-        kept = {key: value for key, value in data["resolution"].items() if key in ("particles_per_cell", "from_tip")}
+        kept = {
+            key: value
+            for key, value in data["resolution"].items()
+            if key in ("particles_per_cell", "from_tip")
+        }
         if data["body"]["parts"] is not None:
             data["body"]["parts"]["spacing"] = None
         return Scene.from_si({**data, "resolution": {"cells_across": cells_across, **kept}})
@@ -386,7 +468,10 @@ class Scene(Settings):
         Effects not mentioned stay as they are: `scene.with_effects(gravity={}, magnetic_torque=None)`. Raises InputError.
         """
         data = self.to_si()
-        changed = {key: value.model_dump() if isinstance(value, Settings) else value for key, value in effects.items()}
+        changed = {
+            key: value.model_dump() if isinstance(value, Settings) else value
+            for key, value in effects.items()
+        }
         return Scene.from_si({**data, "effects": {**data["effects"], **changed}})
 
 

@@ -1,7 +1,7 @@
 """Time limit of solvers. When the time is over they end by themselves, with what they have.
 
-    with limited(600.0):
-        run(scene, folder="runs/long")
+with limited(600.0):
+    run(scene, folder="runs/long")
 """
 
 import time
@@ -23,7 +23,9 @@ _limits: ContextVar[tuple[_Limit, ...]] = ContextVar("limits", default=())
 
 
 @contextmanager
-def limited(seconds: float | None, clock: Callable[[], float] = time.perf_counter) -> Iterator[None]:
+def limited(
+    seconds: float | None, clock: Callable[[], float] = time.perf_counter
+) -> Iterator[None]:
     """A context in which solvers raise TimeOver, a SolveError, once so many seconds are over; None: they may take what they take.
 
     They look at the clock before each factorization, and after each chunk of a motion's steps; not while kernels are compiled, a field is
@@ -35,7 +37,12 @@ def limited(seconds: float | None, clock: Callable[[], float] = time.perf_counte
         yield
         return
     if not seconds > 0.0:
-        raise InputError("time limit", received=f"{seconds:g} s", rule="must be above zero", remedy="give seconds, or none")
+        raise InputError(
+            "time limit",
+            received=f"{seconds:g} s",
+            rule="must be above zero",
+            remedy="give seconds, or none",
+        )
     before = _limits.set((*_limits.get(), _Limit(seconds, clock() + seconds, clock)))
     try:
         yield

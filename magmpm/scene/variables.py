@@ -66,9 +66,18 @@ def variables(scene: Scene, of: Sequence[str] | None = None) -> tuple[Variable, 
     one for each material that the body uses. length: one for each segment. diameter: one.
     """
     if of is None:
-        return tuple(variable for make in _KINDS.values() if not isinstance(found := make(scene), str) for variable in found)
+        return tuple(
+            variable
+            for make in _KINDS.values()
+            if not isinstance(found := make(scene), str)
+            for variable in found
+        )
     if isinstance(of, str) or not all(isinstance(kind, str) for kind in of):
-        _refuse(repr(of), "must be a list of names", f"write, say, of={[of] if of in _KINDS else ['magnetization', 'field']}")
+        _refuse(
+            repr(of),
+            "must be a list of names",
+            f"write, say, of={[of] if of in _KINDS else ['magnetization', 'field']}",
+        )
     found = []
     for kind in dict.fromkeys(of):
         if kind not in _KINDS:
@@ -105,7 +114,10 @@ def check_differentiable(scene: Scene) -> None:
             "with obstacles, or sources of a field, differentiate runs by differences",
         )
     for key, effect in scene.effects.named().items():
-        if isinstance(effect, Obstacle) and (friction := most_friction(scene, effect.friction)) > 0.0:
+        if (
+            isinstance(effect, Obstacle)
+            and (friction := most_friction(scene, effect.friction)) > 0.0
+        ):
             raise InputError(
                 f"effects.{key}.friction",
                 received=f"{friction:g}, along a path of equilibria",
@@ -137,9 +149,13 @@ def _magnetization(scene: Scene) -> _Found:
     if not on:
         return "no region is magnetized; give one a `magnetization`, and its material a `remanence`"
     return [
-        Variable("magnetization", f"{_word(regions[k].name)}_{angle}", "rad", region=k, direction=tangent)
+        Variable(
+            "magnetization", f"{_word(regions[k].name)}_{angle}", "rad", region=k, direction=tangent
+        )
         for k in on
-        for angle, tangent in zip(("azimuth", "elevation"), tangents(regions[k].magnetization), strict=True)
+        for angle, tangent in zip(
+            ("azimuth", "elevation"), tangents(regions[k].magnetization), strict=True
+        )
     ]
 
 
@@ -152,17 +168,23 @@ def _field(scene: Scene) -> _Found:
     return [Variable("field", f"field_{axis}", "T", component=i) for i, axis in enumerate("xyz")]
 
 
-def _of_materials(kind: str, unit: str, has: Callable[[Scene, str], bool], otherwise: str) -> Callable[[Scene], _Found]:
+def _of_materials(
+    kind: str, unit: str, has: Callable[[Scene, str], bool], otherwise: str
+) -> Callable[[Scene], _Found]:
     def made(scene: Scene) -> _Found:
         used = dict.fromkeys(region.material_name for region in scene.regions())
         names = [name for name in used if has(scene, name)]
-        return [Variable(kind, f"{kind}_{_word(name)}", unit, material=name) for name in names] or otherwise
+        return [
+            Variable(kind, f"{kind}_{_word(name)}", unit, material=name) for name in names
+        ] or otherwise
 
     return made
 
 
 def _turned(scene: Scene, material: str) -> bool:
-    return any(region.material_name == material and any(region.magnetization) for region in scene.regions())
+    return any(
+        region.material_name == material and any(region.magnetization) for region in scene.regions()
+    )
 
 
 def _length(scene: Scene) -> _Found:
@@ -171,7 +193,10 @@ def _length(scene: Scene) -> _Found:
         return f"a body of {scene.body.kind} has no length to change; change its meshes"
     if shape.segments is None:
         return [Variable("length", "length", "m")]
-    return [Variable("length", f"{_word(region.name)}_length", "m", region=k) for k, region in enumerate(scene.regions())]
+    return [
+        Variable("length", f"{_word(region.name)}_length", "m", region=k)
+        for k, region in enumerate(scene.regions())
+    ]
 
 
 def _diameter(scene: Scene) -> _Found:
@@ -184,13 +209,19 @@ _KINDS: dict[str, Callable[[Scene], _Found]] = {
     "magnetization": _magnetization,
     "field": _field,
     "remanence": _of_materials(
-        "remanence", "T", _turned, "no region has a direction of magnetization; give one, say, `magnetization: [1, 0, 0]`"
+        "remanence",
+        "T",
+        _turned,
+        "no region has a direction of magnetization; give one, say, `magnetization: [1, 0, 0]`",
     ),
     "shear_modulus": _of_materials("shear_modulus", "Pa", lambda scene, name: True, ""),
     "length": _length,
     "diameter": _diameter,
     "density": _of_materials(
-        "density", "kg/m^3", lambda scene, name: scene.materials[name].density is not None, "no material has a density; give it one"
+        "density",
+        "kg/m^3",
+        lambda scene, name: scene.materials[name].density is not None,
+        "no material has a density; give it one",
     ),
 }
 KINDS = tuple(_KINDS)
@@ -203,7 +234,9 @@ def _turn(variable: Variable, scene: Scene, amount: float) -> Scene:
     directions: Array = np.array([region.magnetization for region in scene.regions()])
     assert variable.region is not None
     d = directions[variable.region]
-    directions[variable.region] = math.cos(amount) * d + math.sin(amount) * np.array(variable.direction)
+    directions[variable.region] = math.cos(amount) * d + math.sin(amount) * np.array(
+        variable.direction
+    )
     return scene.with_magnetizations(directions)
 
 
@@ -241,6 +274,11 @@ def _thicken(variable: Variable, scene: Scene, amount: float) -> Scene:
 
 
 _CHANGES: dict[str, Callable[[Variable, Scene, float], Scene]] = {
-    "magnetization": _turn, "field": _strengthen, "remanence": _other_material, "shear_modulus": _other_material,
-    "density": _other_material, "length": _lengthen, "diameter": _thicken,
-}  # fmt: skip
+    "magnetization": _turn,
+    "field": _strengthen,
+    "remanence": _other_material,
+    "shear_modulus": _other_material,
+    "density": _other_material,
+    "length": _lengthen,
+    "diameter": _thicken,
+}

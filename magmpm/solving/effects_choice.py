@@ -9,7 +9,9 @@ from magmpm.scene import Scene
 from magmpm.solving.influence import Advice, Variants, advise, variants
 from magmpm.statics.unnamed_loads import SURE, missed
 
-TRIED_LAST = ("self_contact",)  # not among the effects in whose presence the others are tried: it acts in motion alone
+TRIED_LAST = (
+    "self_contact",
+)  # not among the effects in whose presence the others are tried: it acts in motion alone
 
 
 @dataclass(frozen=True)
@@ -40,14 +42,31 @@ def choose_effects(scene: Scene) -> Choice:
     found.update(advised)
     chosen = [key for key in possible if found[key].advice in ("keep", "add")]
     chosen += _together(full, [key for key in possible if key not in chosen], found)
-    if "magnetic_force" in chosen and "magnetic_torque" not in chosen and "magnetic_torque" in possible:
+    if (
+        "magnetic_force" in chosen
+        and "magnetic_torque" not in chosen
+        and "magnetic_torque" in possible
+    ):
         chosen.append("magnetic_torque")  # the two have one energy
-    one_energy = scene.static and full.field.varies and "magnetic_torque" in chosen and "magnetic_force" in possible
+    one_energy = (
+        scene.static
+        and full.field.varies
+        and "magnetic_torque" in chosen
+        and "magnetic_force" in possible
+    )
     if one_energy and "magnetic_force" not in chosen:
         chosen.append("magnetic_force")
     reasons = [
-        {"effect": key, "chosen": key in chosen, "shift_m": one.shift, "uncertainty_m": one.uncertainty, "why": one.why}
-        for key, one in sorted(found.items(), key=lambda item: list(bare.effects.every()).index(item[0]))
+        {
+            "effect": key,
+            "chosen": key in chosen,
+            "shift_m": one.shift,
+            "uncertainty_m": one.uncertainty,
+            "why": one.why,
+        }
+        for key, one in sorted(
+            found.items(), key=lambda item: list(bare.effects.every()).index(item[0])
+        )
     ]
     return Choice(bare.with_effects(**{key: {} for key in chosen}), reasons)
 
@@ -57,12 +76,17 @@ def _together(full: Scene, left: list[str], found: dict[str, Advice]) -> list[st
 
     From the one with the largest shift on, until the rest moves it by less. What is found of them is noted.
     """
-    left = sorted((key for key in left if getattr(full.effects, key) is not None), key=lambda key: -(found[key].shift or 0.0))
+    left = sorted(
+        (key for key in left if getattr(full.effects, key) is not None),
+        key=lambda key: -(found[key].shift or 0.0),
+    )
     if len(left) < 2:
         return []
     runs, chosen = Variants(full), []
     while left:
-        without = full.model_copy(update={"effects": full.effects.model_copy(update=dict.fromkeys(left))})
+        without = full.model_copy(
+            update={"effects": full.effects.model_copy(update=dict.fromkeys(left))}
+        )
         try:
             moved = runs.shift(full, without).value
         except MagmpmError:  # where they act there is a rest and without them none, say: then nothing tells that they matter
@@ -70,12 +94,16 @@ def _together(full: Scene, left: list[str], found: dict[str, Advice]) -> list[st
         if moved <= full.allowed_error:
             break
         key, share = left.pop(0), f"{100 * moved / full.length:.2g} % of its length"
-        found[key] = replace(found[key], why=f"{found[key].why}; but with what else was left out, by {share}")
+        found[key] = replace(
+            found[key], why=f"{found[key].why}; but with what else was left out, by {share}"
+        )
         chosen.append(key)
     return chosen
 
 
-def _advised(bare: Scene, every: dict[str, Any], possible: list[str]) -> tuple[Scene, dict[str, Advice]]:
+def _advised(
+    bare: Scene, every: dict[str, Any], possible: list[str]
+) -> tuple[Scene, dict[str, Advice]]:
     """The scene with every possible effect, and the advice on them in it."""
     full = bare.with_effects(**every)
     runs = Variants(full)
@@ -84,8 +112,13 @@ def _advised(bare: Scene, every: dict[str, Any], possible: list[str]) -> tuple[S
     except SolveError:  # of what can be left out of the others' trial, the segments on each other are the hardest to find a rest with
         if "magnetic_interaction" in every:
             fewer = {key: value for key, value in every.items() if key != "magnetic_interaction"}
-            rest, advised = _advised(bare, fewer, [key for key in possible if key != "magnetic_interaction"])
-            return rest, {**advised, "magnetic_interaction": advise(rest, "magnetic_interaction", Variants(rest))}
+            rest, advised = _advised(
+                bare, fewer, [key for key in possible if key != "magnetic_interaction"]
+            )
+            return rest, {
+                **advised,
+                "magnetic_interaction": advise(rest, "magnetic_interaction", Variants(rest)),
+            }
     return full, {key: advise(full, key, runs) for key in possible}
 
 
@@ -96,9 +129,20 @@ def missed_effects(scene: Scene) -> list[str]:
     """
     named = scene.effects
     supported = any(getattr(named, key) is not None for key in ("ground", "walls", "feed"))
-    if scene.advice == "off" or named.auto or named.gravity is not None or scene.static or supported or not is_cantilever(scene):
+    if (
+        scene.advice == "off"
+        or named.auto
+        or named.gravity is not None
+        or scene.static
+        or supported
+        or not is_cantilever(scene)
+    ):
         return []
     try:
-        return [missed(scene, "gravity")] if weight_in_motion(scene) > SURE * scene.allowed_error else []
+        return (
+            [missed(scene, "gravity")]
+            if weight_in_motion(scene) > SURE * scene.allowed_error
+            else []
+        )
     except MagmpmError:
         return []

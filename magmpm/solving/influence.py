@@ -28,10 +28,15 @@ FAINT = 1e-12  # of an effect's usual strength: as if it were not there, with th
 GRID = 0.05  # of a shift: its uncertainty on the coarsest grid, 0.4 % in the middle and 2.5 % at most of 40 (tests/benchmarks/advice.py)
 CLOSE = 0.2  # of the error: a shift that is no nearer to it is on the same side on every grid
 SMALL = 0.5  # of the error: a smaller shift is not looked at on another grid
-LONGEST = 2.0  # s, that a motion may take which is run for each effect; of a longer one its first part is
+LONGEST = (
+    2.0  # s, that a motion may take which is run for each effect; of a longer one its first part is
+)
 RATE = 15e6  # particle-steps a second, whole runs of motion on two cores of about 2.7 GHz
 FINER = 5.0  # times that long, a motion on a grid with one cell more
-_WHERE = {"walls": "tube or surface", "viscosity": "viscosity or branches"}  # settings of which one is needed
+_WHERE = {
+    "walls": "tube or surface",
+    "viscosity": "viscosity or branches",
+}  # settings of which one is needed
 ONE_ENERGY = ("magnetic_torque", "magnetic_force")
 Word = Literal["keep", "drop", "add", "irrelevant"]
 
@@ -74,7 +79,11 @@ class Variants:
         moved = self._distance(scene, other, 0)
         if moved < SMALL * self.error:
             return Shift(moved, moved / 2)
-        if self.scene.in_time and not self._rough(scene, other) and abs(moved - self.error) > CLOSE * self.error:
+        if (
+            self.scene.in_time
+            and not self._rough(scene, other)
+            and abs(moved - self.error) > CLOSE * self.error
+        ):
             return Shift(moved, GRID * moved)
         try:
             finer = self._distance(scene, other, 1)
@@ -98,7 +107,9 @@ class Variants:
     def _rough(self, scene: Scene, other: Scene) -> bool:
         """True if what distinguishes two variants is resolved only roughly by the coarsest grid: contact, or blocks of its cells' size."""
         kinds = scene.effects.every().items()
-        rough = [key for key, kind in kinds if kind.PHASE == "contact" or key == "magnetic_interaction"]
+        rough = [
+            key for key, kind in kinds if kind.PHASE == "contact" or key == "magnetic_interaction"
+        ]
         return any(getattr(scene.effects, key) != getattr(other.effects, key) for key in rough)
 
     def _distance(self, scene: Scene, other: Scene, finer: int) -> float:
@@ -107,12 +118,27 @@ class Variants:
     def _run(self, scene: Scene, cells: int) -> Frames:
         data = self._sharing_kernels(scene)
         if scene.solver.dynamic is not None:
-            data["solver"]["dynamic"] |= {"duration": self.duration, "output_every": self.duration / FRAMES, "time_step": None}
+            data["solver"]["dynamic"] |= {
+                "duration": self.duration,
+                "output_every": self.duration / FRAMES,
+                "time_step": None,
+            }
         times = scene.path_times()
         if len(times) > MOMENTS:
-            data["solver"]["quasi_static"] = {"at": [times[i] for i in np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)]}
-        coarse, frames = Scene.from_si({**data, "reference": None, "advice": "off"}).with_cells(cells), Frames()
-        if cells > self.cells and coarse.solver.dynamic is not None and motion_seconds(coarse) > FINER * self.longest:
+            data["solver"]["quasi_static"] = {
+                "at": [
+                    times[i] for i in np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)
+                ]
+            }
+        coarse, frames = (
+            Scene.from_si({**data, "reference": None, "advice": "off"}).with_cells(cells),
+            Frames(),
+        )
+        if (
+            cells > self.cells
+            and coarse.solver.dynamic is not None
+            and motion_seconds(coarse) > FINER * self.longest
+        ):
             raise SolveError("a motion on a finer grid takes too long")
         result = solve(coarse, on_frame=frames.see)
         return frames if frames.times else frames_of(result)
@@ -127,8 +153,15 @@ class Variants:
             effects["damping"] = {"rate": FAINT * usual.damping.rate}
         if named.viscosity is None and usual.viscosity is not None and not usual.viscosity.branches:
             effects["viscosity"] = {"viscosity": FAINT * usual.viscosity.viscosity}
-        if named.magnetic_torque is None and named.magnetic_force is None and named.magnetic_interaction is None and scene.field.acts:
-            effects.update({key: {} for key in (ONE_ENERGY if scene.field.varies else ONE_ENERGY[:1])})
+        if (
+            named.magnetic_torque is None
+            and named.magnetic_force is None
+            and named.magnetic_interaction is None
+            and scene.field.acts
+        ):
+            effects.update(
+                {key: {} for key in (ONE_ENERGY if scene.field.varies else ONE_ENERGY[:1])}
+            )
             for material in data["materials"].values():
                 material["remanence"] *= FAINT
         return data
@@ -137,11 +170,18 @@ class Variants:
 def motion_seconds(scene: Scene) -> float:
     """About what a motion takes on the scene's grid, s."""
     used = [scene.materials[region.material_name] for region in scene.regions()]
-    wave = max(math.sqrt(m.shear_modulus * (m.bulk_to_shear + 4 / 3) / (m.density or math.inf)) for m in used)
+    wave = max(
+        math.sqrt(m.shear_modulus * (m.bulk_to_shear + 4 / 3) / (m.density or math.inf))
+        for m in used
+    )
     low, high = scene.box()
-    particles = float(np.prod((np.array(high) - low) / scene.cell)) * scene.resolution.particles_per_cell**3
+    particles = (
+        float(np.prod((np.array(high) - low) / scene.cell)) * scene.resolution.particles_per_cell**3
+    )
     # a step takes 0.72 of the time of a pressure wave through a cell
-    step = min([0.72 * scene.cell / wave, *acting.stable_steps(build(scene)).values()])  # viscosity asks for short ones
+    step = min(
+        [0.72 * scene.cell / wave, *acting.stable_steps(build(scene)).values()]
+    )  # viscosity asks for short ones
     return particles * scene.duration / step / RATE
 
 
@@ -160,15 +200,23 @@ def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:
     if key in _WHERE and named is None:
         return f"the scene does not say its {_WHERE[key]}"
     try:
-        both = key in ONE_ENERGY and scene.static and scene.field.varies  # neither has an equilibrium without the other
+        both = (
+            key in ONE_ENERGY and scene.static and scene.field.varies
+        )  # neither has an equilibrium without the other
         if both or (key == "magnetic_force" and scene.effects.magnetic_torque is None):
-            scene = scene.with_effects(**{one: {} for one in (ONE_ENERGY if both else ONE_ENERGY[:1])})
+            scene = scene.with_effects(
+                **{one: {} for one in (ONE_ENERGY if both else ONE_ENERGY[:1])}
+            )
             named = getattr(scene.effects, key)
         having = scene if named is not None else _naming(scene, key, kind)
-        if key != "self_contact" and not getattr(having.effects, key).records(having, 1.0, np.zeros(1) if scene.in_time else None):
+        if key != "self_contact" and not getattr(having.effects, key).records(
+            having, 1.0, np.zeros(1) if scene.in_time else None
+        ):
             return "nothing here that it could act on"
         left_out = dict.fromkeys(ONE_ENERGY if both else (key,))
-        return having, scene.model_copy(update={"effects": scene.effects.model_copy(update=left_out)})
+        return having, scene.model_copy(
+            update={"effects": scene.effects.model_copy(update=left_out)}
+        )
     except InputError as error:
         return reason(error)
 
@@ -179,13 +227,20 @@ def _naming(scene: Scene, key: str, kind: type[Effect]) -> Scene:
     Without the other rules of scenes, which take a millisecond and which the scene has passed.
     """
     if key == "gravity" and not has_densities(scene):
-        raise SceneError("materials", found="a material has no density", rule="gravity needs one", remedy="add it")
+        raise SceneError(
+            "materials",
+            found="a material has no density",
+            rule="gravity needs one",
+            remedy="add it",
+        )
     return scene.model_copy(update={"effects": scene.effects.model_copy(update={key: kind()})})
 
 
 def has_densities(scene: Scene) -> bool:
     """True if all materials of the body name their densities."""
-    return all(scene.materials[region.material_name].density is not None for region in scene.regions())
+    return all(
+        scene.materials[region.material_name].density is not None for region in scene.regions()
+    )
 
 
 def advise(scene: Scene, key: str, runs: Variants) -> Advice:
@@ -195,7 +250,12 @@ def advise(scene: Scene, key: str, runs: Variants) -> Advice:
         return Advice(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
     try:
         overlap = key == "self_contact" and scene.body.shape.line is not None
-        found = verdict(scene, key, _overlap(runs.frames(both[1]), scene.thickness) if overlap else runs.shift(*both), runs.error)
+        found = verdict(
+            scene,
+            key,
+            _overlap(runs.frames(both[1]), scene.thickness) if overlap else runs.shift(*both),
+            runs.error,
+        )
     except SolveError as failure:
         return unknown(key, named, failure.reason)
     except MagmpmError as failure:
@@ -212,7 +272,11 @@ def verdict(scene: Scene, key: str, moved: Shift, error: float) -> Advice:
     """The advice that follows from a shift."""
     named, matters = getattr(scene.effects, key) is not None, moved.value > error
     word: Word = ("keep" if matters else "drop") if named else ("add" if matters else "irrelevant")
-    near = " (close: within what the estimate is uncertain by)" if abs(moved.value - error) < moved.uncertainty else ""
+    near = (
+        " (close: within what the estimate is uncertain by)"
+        if abs(moved.value - error) < moved.uncertainty
+        else ""
+    )
     why = f"it moves the answer by {in_lengths(moved.value, scene)}, {'more' if matters else 'less'} than {in_lengths(error, scene)}{near}"
     return Advice(key, named, moved.value, moved.uncertainty, word, why)
 
@@ -225,7 +289,9 @@ def in_lengths(way: float, scene: Scene) -> str:
 
 def unknown(key: str, named: bool, why: str) -> Advice:
     """Advice where no estimate can be had: a named effect stays."""
-    return Advice(key, named, None, None, "keep" if named else "irrelevant", f"not estimated: {why}")
+    return Advice(
+        key, named, None, None, "keep" if named else "irrelevant", f"not estimated: {why}"
+    )
 
 
 def _overlap(frames: Frames, thickness: float) -> Shift:
@@ -233,7 +299,16 @@ def _overlap(frames: Frames, thickness: float) -> Shift:
     depth = 0.0
     for axis in frames.points:
         s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(axis, axis=0), axis=1))])
-        depth = max(depth, -gap(axis, np.column_stack([s, 0 * s, 0 * s]), thickness, NEIGHBORS * thickness, thickness))
+        depth = max(
+            depth,
+            -gap(
+                axis,
+                np.column_stack([s, 0 * s, 0 * s]),
+                thickness,
+                NEIGHBORS * thickness,
+                thickness,
+            ),
+        )
     return Shift(depth, 0.1 * thickness if depth > 0 else 0.0)
 
 
@@ -242,4 +317,7 @@ def reason(error: MagmpmError) -> str:
     if isinstance(error, SceneError) and error.found is not None:
         return f"{error.key}: {error.found}"
     lines = str(error).splitlines()
-    return next((line.strip().removeprefix("rule: ") for line in lines if line.startswith("  rule: ")), lines[0])
+    return next(
+        (line.strip().removeprefix("rule: ") for line in lines if line.startswith("  rule: ")),
+        lines[0],
+    )

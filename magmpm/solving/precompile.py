@@ -58,7 +58,12 @@ PATIENCE = 30.0  # s to wait for another process that compiles the same kernels
 REMINDED = 10.0  # s between two lines of who waits
 STEPS = 20.0  # factorizations of the solve that only compiles: where a thousandth of the load is easy, it takes 2 to 8
 ROOM = 20e6  # bytes on the disk, without which compiling ahead is for nothing: a set of kernels takes 2 to 5 MB, while it is written twice
-SOLVE, DERIVATIVES, RODS, PROOFS = "solve", "sensitivities", "rods", "proofs of errors"  # what kernels are for
+SOLVE, DERIVATIVES, RODS, PROOFS = (
+    "solve",
+    "sensitivities",
+    "rods",
+    "proofs of errors",
+)  # what kernels are for
 Tell = Callable[[str], None]
 _ready: set[str] = set()
 
@@ -97,7 +102,9 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLV
             return False
         begun = time.perf_counter()
         if not _has_room():
-            tell(f"no room in {_cache()} for compiled kernels: this run compiles its own, up to a minute; free {ROOM / 1e6:.0f} MB there")
+            tell(
+                f"no room in {_cache()} for compiled kernels: this run compiles its own, up to a minute; free {ROOM / 1e6:.0f} MB there"
+            )
             return True
         what = " and ".join(describe(scene) if use == SOLVE else use for use in missing)
         tell(f"compiling kernels for {what}; once on this machine")
@@ -131,14 +138,24 @@ def _kinds(scene: Scene, use: str = SOLVE) -> str:
     about = [scene.solver.anti_locking, scene.body.kind, knots_of(scene).at_rest, _solver(scene)]
     about += ["moved", *(name for name in scene.move)] if scene.move and not scene.static else []
     about += [use] if use != SOLVE else []
-    return json.dumps([*about, *(str(record.dtype.names) for record, _ in pairs(effects.collect(scene, times=_times(scene))))])
+    return json.dumps(
+        [
+            *about,
+            *(
+                str(record.dtype.names)
+                for record, _ in pairs(effects.collect(scene, times=_times(scene)))
+            ),
+        ]
+    )
 
 
 def _solver(scene: Scene) -> str | bool:
     """Key that distinguishes the kernels of one way to solve a scene from another's."""
     if scene.solver.quasi_static is not None:
         return "quasi_static"
-    return scene.solver.dynamic is not None and ("touches itself" if scene.effects.self_contact is not None else "motion")
+    return scene.solver.dynamic is not None and (
+        "touches itself" if scene.effects.self_contact is not None else "motion"
+    )
 
 
 def _cache() -> Path:
@@ -152,7 +169,15 @@ def _stamp(kinds: str) -> str:
     """
     host = [llvmlite.binding.get_host_cpu_name(), str(llvmlite.binding.get_host_cpu_features())]
     times = [str(path.stat().st_mtime_ns) for path in sorted(PACKAGE.rglob("*.py"))]
-    known = [kinds, str(PACKAGE), sys.version, numba.__version__, llvmlite.__version__, *host, *times]
+    known = [
+        kinds,
+        str(PACKAGE),
+        sys.version,
+        numba.__version__,
+        llvmlite.__version__,
+        *host,
+        *times,
+    ]
     return hashlib.sha256(json.dumps(known).encode()).hexdigest()[:16]
 
 
@@ -178,14 +203,18 @@ def _alone(lock: Path, tell: Tell, until: float) -> Iterator[None]:
             if time.monotonic() - reminded >= REMINDED:
                 reminded = time.monotonic()
                 left = max(until - reminded, 0.0)
-                tell(f"waiting for process {_holder(stream)}, which compiles the same kernels ({left:.0f} s more at most)")
+                tell(
+                    f"waiting for process {_holder(stream)}, which compiles the same kernels ({left:.0f} s more at most)"
+                )
             time.sleep(0.05)
         if mine:
             stream.truncate(0)
             stream.write(str(os.getpid()))
             stream.flush()
         else:
-            tell(f"process {_holder(stream)} still compiles the same kernels; this one goes on with its own")
+            tell(
+                f"process {_holder(stream)} still compiles the same kernels; this one goes on with its own"
+            )
         yield
 
 
@@ -215,12 +244,17 @@ def _compiled_elsewhere(small: Scene, uses: Sequence[str], tell: Tell) -> bool:
         for process in processes[1:]:
             process.end()
         try:
-            return all(processes[0].ask(use) for use in uses)  # what the parts have left out, and proof that they are all there
-        except Exception:  # of whatever kind: the kernels are compiled where it matters, and it is reported there
+            return all(
+                processes[0].ask(use) for use in uses
+            )  # what the parts have left out, and proof that they are all there
+        except (
+            Exception
+        ):  # of whatever kind: the kernels are compiled where it matters, and it is reported there
             return False
 
 
 # What the processes do: the parts of a scene's kernels.
+
 
 def parts_of(small: Scene, use: str = SOLVE) -> list[str]:
     """Names of a scene's parts, longest first."""
@@ -246,7 +280,9 @@ def solve_small(small: Scene) -> None:
             found = solve_static(static_model(build(small)))
             missed_loads(small, found.energy, found.point)
             return
-    if small.solver.dynamic is None:  # what comes after an equilibrium, which may not have been found
+    if (
+        small.solver.dynamic is None
+    ):  # what comes after an equilibrium, which may not have been found
         _stability(small)
 
 
@@ -264,7 +300,12 @@ def _briefly() -> AbstractContextManager[None]:
 
 def _begin(_: object, small: dict[str, Any]) -> Callable[[str], bool]:
     """Begin a process: it compiles parts by their names, and reports whether the disk saved them."""
-    every = {**_WHOLE, **_STATIC, **_MOTION, **{name: do for added in _ADDED.values() for name, do in added.items()}}
+    every = {
+        **_WHOLE,
+        **_STATIC,
+        **_MOTION,
+        **{name: do for added in _ADDED.values() for name, do in added.items()},
+    }
     scene = Scene.from_si(small)
     compile_here()
 
@@ -277,14 +318,18 @@ def _begin(_: object, small: dict[str, Any]) -> Callable[[str], bool]:
 
 
 def _built(small: Scene) -> Model:
-    return build(small, time=small.path_times()[0] if small.solver.quasi_static is not None else None)
+    return build(
+        small, time=small.path_times()[0] if small.solver.quasi_static is not None else None
+    )
 
 
 def _tangent(small: Scene) -> None:
     energy = Energy(arranged(static_model(_built(small)))[0])
     model, n = energy.model, len(energy.model.shear)
     rest = np.broadcast_to(model.axes, (n, 3, 3)).copy()
-    energy.tangent(Point(straight(model), np.zeros((n, 3)), model.particles.position, rest, 0.0, 1.0, 1.0))
+    energy.tangent(
+        Point(straight(model), np.zeros((n, 3)), model.particles.position, rest, 0.0, 1.0, 1.0)
+    )
 
 
 def _energy(small: Scene) -> None:
@@ -292,7 +337,9 @@ def _energy(small: Scene) -> None:
     point = energy.at(straight(energy.model))
     energy.residual(point)
     if point.touched is not None and energy.model.touching is not None:
-        energy.model.touching.add_tangent(point.touched, energy.matrix.target(energy.model.touching.cells))
+        energy.model.touching.add_tangent(
+            point.touched, energy.matrix.target(energy.model.touching.cells)
+        )
     strain_of(energy.model, point.position, point.F)
 
 
@@ -329,7 +376,10 @@ def _solved(matrix: Any, layout: Layout) -> None:
 
 def _stability(small: Scene) -> None:
     energy = Energy(arranged(static_model(_built(small)))[0])
-    energy.products(energy.at(straight(energy.model)), mass(energy, np.zeros((energy.shape[0], 1, energy.shape[1]))))
+    energy.products(
+        energy.at(straight(energy.model)),
+        mass(energy, np.zeros((energy.shape[0], 1, energy.shape[1]))),
+    )
 
 
 def _changes(small: Scene) -> None:
@@ -339,7 +389,9 @@ def _changes(small: Scene) -> None:
 
 def _rods(small: Scene) -> None:
     each, at = np.ones((2, 3)), np.zeros((3, 3))
-    family = RodFamily(RodModel(np.ones(2), each, each, 0.0 * each, at, at), np.zeros((1, 2)))  # two elements without a load
+    family = RodFamily(
+        RodModel(np.ones(2), each, each, 0.0 * each, at, at), np.zeros((1, 2))
+    )  # two elements without a load
     family.relaxed(family.straight(1), each[:1, None], at[:1])
     family.stability(family.straight(1)[0], each[:1], at[0])
 
@@ -374,9 +426,26 @@ def _measured(small: Scene) -> None:
 
 
 _STATIC: dict[str, Callable[[Scene], None]] = {
-    "stability": _stability, "factorization": _factorization, "tangent": _tangent, "rod": _rod, "energy": _energy,
-}  # fmt: skip
-_MOTION: dict[str, Callable[[Scene], None]] = {"steps": _steps, "rest": _rest, "measured": _measured, "rod": _rod}
-_ADDED: dict[str, dict[str, Callable[[Scene], None]]] = {DERIVATIVES: {"changes": _changes}, RODS: {"family": _rods},
-    PROOFS: {"single": _single}}
-_WHOLE: dict[str, Callable[[Scene], None]] = {SOLVE: solve_small, DERIVATIVES: differentiate_small, RODS: _rods, PROOFS: _single}
+    "stability": _stability,
+    "factorization": _factorization,
+    "tangent": _tangent,
+    "rod": _rod,
+    "energy": _energy,
+}
+_MOTION: dict[str, Callable[[Scene], None]] = {
+    "steps": _steps,
+    "rest": _rest,
+    "measured": _measured,
+    "rod": _rod,
+}
+_ADDED: dict[str, dict[str, Callable[[Scene], None]]] = {
+    DERIVATIVES: {"changes": _changes},
+    RODS: {"family": _rods},
+    PROOFS: {"single": _single},
+}
+_WHOLE: dict[str, Callable[[Scene], None]] = {
+    SOLVE: solve_small,
+    DERIVATIVES: differentiate_small,
+    RODS: _rods,
+    PROOFS: _single,
+}

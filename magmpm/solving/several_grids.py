@@ -50,18 +50,39 @@ class Runs(Grids):
         seconds = time.perf_counter() - begun - result.seconds["compile"]
         moved = float(np.abs(result.particle_position - result.particle_reference).max())
         self.results[cells], self.frames[cells] = result, frames
-        self.solved[cells] = Solved(cells, True, seconds, result.iterations, result.dof, result.centreline, result.tip, moved)
+        self.solved[cells] = Solved(
+            cells,
+            True,
+            seconds,
+            result.iterations,
+            result.dof,
+            result.centreline,
+            result.tip,
+            moved,
+        )
 
     def times(self, cells: int) -> float:
         """Cost of a run on a grid together with its error, over that of the run alone."""
-        return 1.0 + sum(work(self.on(n)) for n in needed_for(self.scene, cells)) / work(self.on(cells))
+        return 1.0 + sum(work(self.on(n)) for n in needed_for(self.scene, cells)) / work(
+            self.on(cells)
+        )
 
     def _check_hopeful(self, cells: int, gone: float, at: float) -> None:
         """Raise SceneError at a time (s) of the first grid's motion, `gone` s after it began, if the error requested will take too long."""
         scene, allowed = self.scene, self.scene.resolution.allowed(self.scene.length)
-        if self.solved or not scene.in_time or allowed is None or at <= 0.0 or gone < 0.01 * PATIENCE:  # then the pace is known
+        if (
+            self.solved
+            or not scene.in_time
+            or allowed is None
+            or at <= 0.0
+            or gone < 0.01 * PATIENCE
+        ):  # then the pace is known
             return
-        end = scene.solver.dynamic.duration if scene.solver.dynamic is not None else scene.path_times()[-1]
+        end = (
+            scene.solver.dynamic.duration
+            if scene.solver.dynamic is not None
+            else scene.path_times()[-1]
+        )
         alone, times = gone * end / at, self.times(cells)
         if alone * times > PATIENCE:
             raise SceneError(
@@ -93,7 +114,9 @@ class Runs(Grids):
     def size(self, cells: int) -> float:
         """Bytes of the matrix, or of particles and grid."""
         scene = self.on(cells)
-        return operations(scene)[1] if scene.static else memory.BYTES * memory.fewest_particles(scene)
+        return (
+            operations(scene)[1] if scene.static else memory.BYTES * memory.fewest_particles(scene)
+        )
 
     @property
     def algebraic(self) -> float:
@@ -113,7 +136,9 @@ def grids_of(scene: Scene) -> Grids:
     return Runs(scene) if scene.in_time or scene.body.shape.line is None else Equilibria(scene)
 
 
-def choose_grid(grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], float] | None = None) -> tuple[ChosenGrid, float]:
+def choose_grid(
+    grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], float] | None = None
+) -> tuple[ChosenGrid, float]:
     """The grid for the error or the time that a scene requests (statics.resolution.choose), and the seconds its kernels took to load."""
     compiled = _prepare(grids)
     choice = choose(grids, on_step, extra or (lambda cells: 0.0))
@@ -128,7 +153,10 @@ def error_of_grid(grids: Grids, cells: int) -> ChosenGrid:
 
 
 def _prepare(grids: Grids) -> float:
-    return prepare_kernels(grids.on(coarsest_cells(grids.scene)), uses=(SOLVE, PROOFS) if isinstance(grids, Equilibria) else (SOLVE,))
+    return prepare_kernels(
+        grids.on(coarsest_cells(grids.scene)),
+        uses=(SOLVE, PROOFS) if isinstance(grids, Equilibria) else (SOLVE,),
+    )
 
 
 def _on_the_way(grids: Grids, choice: ChosenGrid) -> dict[str, Any]:
@@ -136,13 +164,20 @@ def _on_the_way(grids: Grids, choice: ChosenGrid) -> dict[str, Any]:
     if not isinstance(grids, Runs) or not grids.scene.in_time:
         return {}
     coarse, fine = choice.cells, choice.report["finer"]["cells_across"]
-    distances, spans = grids.distances(coarse, fine), near_jumps(grids.frames[coarse], grids.frames[fine])
+    distances, spans = (
+        grids.distances(coarse, fine),
+        near_jumps(grids.frames[coarse], grids.frames[fine]),
+    )
     words = [
         f"resolution: the error is not known from t = {first:.6g} to {last:.6g} s, around a jump of the path, which comes sooner or later "
         "on other grids; the error reported is that of the equilibria before and after"
         for first, last in spans
     ]
-    return {"largest_at": max(distances, key=lambda t: distances[t]), "unknown": spans, "warnings": words}
+    return {
+        "largest_at": max(distances, key=lambda t: distances[t]),
+        "unknown": spans,
+        "warnings": words,
+    }
 
 
 def needed_for(scene: Scene, cells: int) -> list[int]:
@@ -184,7 +219,9 @@ def _wave_speed(scene: Scene, name: str) -> float:
     material = scene.materials[name]
     assert material.density is not None  # a motion needs it: scene.rules
     bulk = material.bulk_to_shear * material.shear_modulus
-    return pressure_wave_speed(material.shear_modulus + instant_modulus(scene), bulk, material.density)
+    return pressure_wave_speed(
+        material.shear_modulus + instant_modulus(scene), bulk, material.density
+    )
 
 
 def cost_in_words(scene: Scene) -> str:

@@ -60,7 +60,9 @@ def solve(
     (statics.unnamed_loads); of single ones of bodies that are no cantilevers always.
     """
     if start is not None and scene.in_time:
-        raise ValueError("start: received one for a scene that moves, which begins undeformed; leave it out")
+        raise ValueError(
+            "start: received one for a scene that moves, which begins undeformed; leave it out"
+        )
     if scene.static:
         scene.check_energy()
     with remedies.named(scene):
@@ -75,7 +77,10 @@ def solve(
 
 
 def at_rest(
-    scene: Scene, start: Result | RodShape | Following | None, on_progress: Progress | None, uses: Sequence[str] = (SOLVE,)
+    scene: Scene,
+    start: Result | RodShape | Following | None,
+    on_progress: Progress | None,
+    uses: Sequence[str] = (SOLVE,),
 ) -> tuple[Result, Equilibrium]:
     """The equilibrium of a scene, as a Result and as the solver found it. uses: of the kernels (precompile)."""
     begun = time.perf_counter()
@@ -87,10 +92,24 @@ def at_rest(
     try:
         rod = start if isinstance(start, RodShape) else None
         following = start if isinstance(start, Following) else None
-        found = solve_static(model, correction=_neighbor(model, start), rod=rod, on_step=on_progress, following=following)
+        found = solve_static(
+            model,
+            correction=_neighbor(model, start),
+            rod=rod,
+            on_step=on_progress,
+            following=following,
+        )
     except SolveError as error:
-        raise with_state(error, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}) from None
-    return finite(result_of(model, found, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun})), found
+        raise with_state(
+            error, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}
+        ) from None
+    return finite(
+        result_of(
+            model,
+            found,
+            {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun},
+        )
+    ), found
 
 
 def end_of_path(scene: Scene) -> tuple[Result, Equilibrium]:
@@ -108,7 +127,9 @@ def end_of_path(scene: Scene) -> tuple[Result, Equilibrium]:
     with one_blas_thread():
         factored(energy.alone, point)  # what is refined takes steps with these factors
     still = np.zeros_like(point.grid)
-    return result, Equilibrium(point, result.iterations, still, energy=energy, stability=result.stability)
+    return result, Equilibrium(
+        point, result.iterations, still, energy=energy, stability=result.stability
+    )
 
 
 def with_state(error: SolveError, seconds: dict[str, float]) -> SolveError:
@@ -139,10 +160,16 @@ def _by_time(on_progress: Progress | None) -> Callable[[float, int], None]:
 
 
 def _motion(
-    scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None, on_begin: Callable[[], None] | None,
+    scene: Scene,
+    folder: Path | str | None,
+    resume: bool,
+    on_progress: Progress | None,
+    on_begin: Callable[[], None] | None,
     on_frame: OnFrame | None,
-) -> Result:  # fmt: skip
-    from magmpm.dynamics import time_loop as dynamics  # needs HDF5: 20 MB that static designs do without
+) -> Result:
+    from magmpm.dynamics import (
+        time_loop as dynamics,
+    )  # needs HDF5: 20 MB that static designs do without
 
     begun = time.perf_counter()
     with memory.within(scene):
@@ -157,24 +184,35 @@ def _motion(
 
     try:
         with written_folder(folder, resume, on_begin):
-            moved = dynamics.integrate(moved, folder=folder, resume=resume, on_progress=_by_time(on_progress), on_state=see)
+            moved = dynamics.integrate(
+                moved, folder=folder, resume=resume, on_progress=_by_time(on_progress), on_state=see
+            )
     except SolveError as error:
         seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
         known = isinstance(error.state, dynamics.SimulationState)
-        raise _failed(error, _moved_result(error.state, seconds, error.reason) if known else None) from None
+        raise _failed(
+            error, _moved_result(error.state, seconds, error.reason) if known else None
+        ) from None
     seconds.update(setup=ready - begun - compiled, solve=time.perf_counter() - ready)
     return finite(_moved_result(moved, seconds))
 
 
 def _path(
-    scene: Scene, folder: Path | str | None, resume: bool, on_progress: Progress | None, on_begin: Callable[[], None] | None,
-    on_frame: OnFrame | None, advise: bool,
-) -> tuple[Result, PathState]:  # fmt: skip
+    scene: Scene,
+    folder: Path | str | None,
+    resume: bool,
+    on_progress: Progress | None,
+    on_begin: Callable[[], None] | None,
+    on_frame: OnFrame | None,
+    advise: bool,
+) -> tuple[Result, PathState]:
     from magmpm.dynamics import quasi_static  # single equilibria need neither it nor HDF5
 
     begun = time.perf_counter()
     with memory.within(scene):
-        quasi_static.loads_of(scene, scene.path_times()[0])  # refuses what can't begin, before its kernels are compiled
+        quasi_static.loads_of(
+            scene, scene.path_times()[0]
+        )  # refuses what can't begin, before its kernels are compiled
     compiled = prepare_kernels(scene)
     seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
 
@@ -185,13 +223,25 @@ def _path(
     def see(state: PathState) -> None:
         if on_frame is not None:
             shape = state.shape
-            on_frame(state.time, shape.centreline, shape.tip, measures.region_means(shape.model, shape.position))
+            on_frame(
+                state.time,
+                shape.centreline,
+                shape.tip,
+                measures.region_means(shape.model, shape.position),
+            )
 
     try:
         with written_folder(folder, resume, on_begin), memory.within(scene):
-            state = quasi_static.follow(scene, folder=folder, resume=resume, on_progress=_by_time(on_progress), on_state=see)
+            state = quasi_static.follow(
+                scene, folder=folder, resume=resume, on_progress=_by_time(on_progress), on_state=see
+            )
     except SolveError as error:
-        raise _failed(error, result_of(error.state, error.reason) if isinstance(error.state, quasi_static.PathState) else None) from None
+        raise _failed(
+            error,
+            result_of(error.state, error.reason)
+            if isinstance(error.state, quasi_static.PathState)
+            else None,
+        ) from None
     result = result_of(state)
     if state.branch is not None and advise:
         energy, point = state.branch.energy_at(state.time), state.branch.now.point
@@ -203,9 +253,21 @@ def _path(
 
 def _path_result(state: PathState, seconds: dict[str, float], failure: str = "") -> Result:
     shape = state.shape
-    last: dict[str, Any] = next(reversed(state.rows), {"iterations": state.iterations, "stability": None})
+    last: dict[str, Any] = next(
+        reversed(state.rows), {"iterations": state.iterations, "stability": None}
+    )
     return Result(
-        **_of_any(shape.model, shape.position, shape.F, state.time, state.strain, state.warnings, seconds, failure, last["stability"]),
+        **_of_any(
+            shape.model,
+            shape.position,
+            shape.F,
+            state.time,
+            state.strain,
+            state.warnings,
+            seconds,
+            failure,
+            last["stability"],
+        ),
         grid_correction=np.zeros((0, 0)),
         centreline=shape.centreline,
         tip=shape.tip,
@@ -228,7 +290,16 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
     J = np.linalg.det(moved.F)
     axis, tip, _ = measures.of_particles(model, moved.x)
     return Result(
-        **_of_any(model, moved.x, moved.F, moved.time, moved.strain, moved.warnings + moved.control.warnings(), seconds, failure),
+        **_of_any(
+            model,
+            moved.x,
+            moved.F,
+            moved.time,
+            moved.strain,
+            moved.warnings + moved.control.warnings(),
+            seconds,
+            failure,
+        ),
         grid_correction=np.zeros((0, 0)),
         centreline=axis,
         tip=tip,
@@ -239,7 +310,9 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
         energy=sum(moved.energies.values()) - moved.energies["kinetic"],
         time=moved.time,
         time_step=moved.dt,
-        stable_steps={name: step for name, step in moved.stable.named.items() if math.isfinite(step)},
+        stable_steps={
+            name: step for name, step in moved.stable.named.items() if math.isfinite(step)
+        },
         formulation="total",
         kinetic_energy=moved.energies["kinetic"],
         contacts=_plain(moved.contacts),
@@ -256,9 +329,16 @@ def _neighbor(model: StaticModel, start: object) -> NDArray[np.float64] | None:
 
 
 def _of_any(
-    model: Model, position: Array, F: Array, time: float | None, strain: Strain, warnings: list[str], seconds: dict[str, float],
-    failure: str, stability: float | None = None,
-) -> dict[str, Any]:  # fmt: skip
+    model: Model,
+    position: Array,
+    F: Array,
+    time: float | None,
+    strain: Strain,
+    warnings: list[str],
+    seconds: dict[str, float],
+    failure: str,
+    stability: float | None = None,
+) -> dict[str, Any]:
     """Fields of every result, with the field at the body's center at a time (s; None in statics). warnings: those of this solve."""
     scene, particles = model.scene, model.particles
     of_field = scene.outside_field().warnings if scene.effects.in_a_field else []
@@ -280,23 +360,42 @@ def _of_any(
         "failure": failure,
         "seconds": seconds,
         "warnings": [
-            *scene.warnings(), *effects.warnings(scene), *of_field, *warnings, *strain.warnings(model), *on_the_brink(stability),
+            *scene.warnings(),
+            *effects.warnings(scene),
+            *of_field,
+            *warnings,
+            *strain.warnings(model),
+            *on_the_brink(stability),
         ],
         "largest_stretch": strain.stretch,
         "tightest_radius": strain.radius if math.isfinite(strain.radius) else None,
         "stability": stability,
         "versions": dict(versions()),
-    }  # fmt: skip
+    }
 
 
-def result_of(model: StaticModel, found: Equilibrium, seconds: dict[str, float], failure: str = "") -> Result:
+def result_of(
+    model: StaticModel, found: Equilibrium, seconds: dict[str, float], failure: str = ""
+) -> Result:
     point = found.point
     position, strain = point.position, strain_of(model, point.position, point.F)
     return Result(
-        **_of_any(model, position, point.F, model.time, strain, found.warnings, seconds, failure, found.stability),
+        **_of_any(
+            model,
+            position,
+            point.F,
+            model.time,
+            strain,
+            found.warnings,
+            seconds,
+            failure,
+            found.stability,
+        ),
         grid_correction=found.correction,
         centreline=axis_of_unknowns.centreline(model, point.grid),
-        tip=measures.named_tip(model, position) if model.line is None else axis_of_unknowns.tip(model, point.grid),
+        tip=measures.named_tip(model, position)
+        if model.line is None
+        else axis_of_unknowns.tip(model, point.grid),
         iterations=found.steps,
         dof=model.dof,
         min_det_F=point.min_det_F,
@@ -314,4 +413,7 @@ def _contacts(model: Model, touched: Touched | None) -> dict[str, Any]:
 
 def _plain(contacts: Mapping[str, Contact]) -> dict[str, Any]:
     """Contacts by effect, as plain data."""
-    return {key: {"force": one["force"].tolist(), "count": one["count"], "depth": one["depth"]} for key, one in contacts.items()}
+    return {
+        key: {"force": one["force"].tolist(), "count": one["count"], "depth": one["depth"]}
+        for key, one in contacts.items()
+    }

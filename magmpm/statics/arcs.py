@@ -17,7 +17,13 @@ deformation, IEEE TVCG 17 (2011) 983.
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.kernels.equilibrium import Cells, Particles, add_stresses, gradient_products, grid_to_particles
+from magmpm.kernels.equilibrium import (
+    Cells,
+    Particles,
+    add_stresses,
+    gradient_products,
+    grid_to_particles,
+)
 from magmpm.statics.layout import StaticModel
 from magmpm.statics.tangent_matrix import new_matrix
 
@@ -32,24 +38,32 @@ class TurningParticles:
         self._particles = particles
         self._matrix = new_matrix(model.scene, model.layout)
         self._matrix.clear()
-        gradient_products(cells, particles, model.particles.volume * model.shear, self._matrix.target(cells))
+        gradient_products(
+            cells, particles, model.particles.volume * model.shear, self._matrix.target(cells)
+        )
         self._matrix.finish()
         if not self._matrix.factor():
-            raise ArithmeticError("the gradients of the grid's splines do not tell its coefficients: some node has no material")
+            raise ArithmeticError(
+                "the gradients of the grid's splines do not tell its coefficients: some node has no material"
+            )
 
     def moved(self, grid: Array, F: Array, direction: Array, fraction: float) -> Array:
         """Coefficients (planes, m) m after a fraction of a step `direction` (planes, m) m from `grid`, where particles have F (n, 3, 3)."""
         n = len(F)
         change = np.empty((n, 3, 3))
         nothing = np.zeros((3, 3))
-        grid_to_particles(self._cells, self._particles, fraction * direction, nothing, np.empty((n, 3)), change)
+        grid_to_particles(
+            self._cells, self._particles, fraction * direction, nothing, np.empty((n, 3)), change
+        )
         rate = change @ np.linalg.inv(F)
         turned = _exponential((rate - rate.transpose(0, 2, 1)) / 2)
         stretched = F + (rate + rate.transpose(0, 2, 1)) @ F / 2
         wanted = self._shear[:, None, None] * (turned @ stretched - F)
         right = np.zeros_like(grid)
         add_stresses(self._cells, self._particles, wanted, right)
-        if self._layout.springs is not None:  # they are in the matrix as well, and stretch as along the straight step
+        if (
+            self._layout.springs is not None
+        ):  # they are in the matrix as well, and stretch as along the straight step
             right += self._layout.springs.gradient(fraction * direction)
         right[self._layout.fixed] = 0.0
         return np.asarray(grid + self._matrix.solve(right))
@@ -58,7 +72,11 @@ class TurningParticles:
 def _exponential(skew: Array) -> Array:
     """Rotations (n, 3, 3) of skew matrices (n, 3, 3), by Rodrigues' formula."""
     angle = np.sqrt(0.5 * np.einsum("nij,nij->n", skew, skew))[:, None, None]
-    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * skew + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (skew @ skew))
+    return np.asarray(
+        np.eye(3)
+        + np.sinc(angle / np.pi) * skew
+        + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (skew @ skew)
+    )
 
 
 def rest_nodes(model: StaticModel) -> Array:
@@ -78,12 +96,20 @@ def along_arc(model: StaticModel, grid: Array, direction: Array, fraction: float
     center, shift = x.mean(axis=1), d.mean(axis=1)
     arm, turn = x - center[:, None], d - shift[:, None]
     # The rotation that is nearest to each plane's motion, by least squares: of the sum of |w x arm - turn|^2.
-    inertia = np.einsum("pni,pni->p", arm, arm)[:, None, None] * np.eye(3) - np.einsum("pni,pnj->pij", arm, arm)
-    w = np.einsum("pij,pj->pi", np.linalg.pinv(inertia, rcond=1e-9, hermitian=True), np.cross(arm, turn).sum(axis=1))
+    inertia = np.einsum("pni,pni->p", arm, arm)[:, None, None] * np.eye(3) - np.einsum(
+        "pni,pnj->pij", arm, arm
+    )
+    w = np.einsum(
+        "pij,pj->pi",
+        np.linalg.pinv(inertia, rcond=1e-9, hermitian=True),
+        np.cross(arm, turn).sum(axis=1),
+    )
     section = _turned(fraction * w, arm + fraction * (turn - np.cross(w[:, None], arm)))
     between, change = np.diff(center, axis=0), np.diff(shift, axis=0)
     mean = (w[1:] + w[:-1]) / 2
-    gaps = _turned(fraction * mean, (between + fraction * (change - np.cross(mean, between)))[:, None])[:, 0]
+    gaps = _turned(
+        fraction * mean, (between + fraction * (change - np.cross(mean, between)))[:, None]
+    )[:, 0]
     start = center[:1] + fraction * shift[:1]
     moved = np.concatenate([start, start + np.cumsum(gaps, axis=0)])
     out = (moved[:, None] + section - X).reshape(grid.shape)

@@ -51,7 +51,12 @@ def _each_across(model: StaticModel, points: Array) -> Iterator[tuple[Index, Ind
     if model.plane_strain:  # the middle row of nodes represents all three
         weights[:, 0] = np.array([0.0, 1.0, 0.0])
     for a, b in np.ndindex(3, 3):
-        yield (node[:, 0] + a) % model.grid.nodes[1], node[:, 1] + b, weights[:, 0, a], weights[:, 1, b]
+        yield (
+            (node[:, 0] + a) % model.grid.nodes[1],
+            node[:, 1] + b,
+            weights[:, 0, a],
+            weights[:, 1, b],
+        )
 
 
 def along_axis(model: StaticModel, grid: Array, weights: Array, s: Array) -> Array:
@@ -61,7 +66,9 @@ def along_axis(model: StaticModel, grid: Array, weights: Array, s: Array) -> Arr
         planes = np.concatenate([-planes[:1], planes])  # node 0, eliminated by the clamp
     elif model.driven:  # the first coefficient is the displacement of the base, which moves
         planes[0] = 2.0 * planes[0] - planes[1]
-    if model.scene.body.shape.clamp == "both":  # as at the lower face; the last coefficient is 0 where that face does not move
+    if (
+        model.scene.body.shape.clamp == "both"
+    ):  # as at the lower face; the last coefficient is 0 where that face does not move
         planes[-1] = 2.0 * planes[-1] - planes[-2]
     node, N, _ = model.grid.splines_along(s)
     u = sum(N[:, a, None] * planes[node + a] for a in range(3))
@@ -101,7 +108,11 @@ def carried(coarse: StaticModel, grid: Array, fine: StaticModel) -> Array:
     across = np.einsum("kj,pjc->pkc", _section(coarse, fine), values, optimize=True)
     out = along(coarse, fine, across.reshape(coarse.layout.planes, -1))
     moves = fine.scene.move or {}
-    given = fine.displaced(**{name: move.displacement(fine.time)[0] for name, move in moves.items()}) if fine.driven else np.zeros_like(out)
+    given = (
+        fine.displaced(**{name: move.displacement(fine.time)[0] for name, move in moves.items()})
+        if fine.driven
+        else np.zeros_like(out)
+    )
     out[fine.layout.fixed] = given[fine.layout.fixed]
     return np.ascontiguousarray(out)
 
@@ -113,7 +124,9 @@ def _section(coarse: StaticModel, fine: StaticModel) -> Array:
     points = position[slice_, 1:]
     target, source = (_splines_across(model, points) for model in (fine, coarse))
     normal = target.T @ target
-    normal += 1e-10 * np.trace(normal) / len(normal) * np.eye(len(normal))  # what the points hardly see is kept small
+    normal += (
+        1e-10 * np.trace(normal) / len(normal) * np.eye(len(normal))
+    )  # what the points hardly see is kept small
     return np.asarray(np.linalg.solve(normal, target.T @ source))
 
 
@@ -137,7 +150,10 @@ def along(coarse: StaticModel, fine: StaticModel, values: Array, moved: float = 
     target = splines_along(fine, s)
     used = np.abs(target).max(axis=0) > 0.0  # a far clamp's plane is not
     target = target[:, used]
-    normal, right = target.T @ target, target.T @ (splines_along(coarse, np.clip(s + moved, 0.0, coarse.grid.faces[-1])) @ values)
+    normal, right = (
+        target.T @ target,
+        target.T @ (splines_along(coarse, np.clip(s + moved, 0.0, coarse.grid.faces[-1])) @ values),
+    )
     bands = np.array([np.concatenate([np.zeros(k), np.diagonal(normal, k)]) for k in (2, 1, 0)])
     out = np.zeros((len(used), values.shape[1]))
     out[used] = solveh_banded(bands, right)

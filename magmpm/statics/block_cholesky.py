@@ -99,8 +99,18 @@ def _eliminate(panels, j, one, two, m, fortran, work, sizes, letters):
     """Factor panel j in place and update panels `one` and `two` (its next two planes; negative: none). Returns LAPACK's info."""
     potrf, trsm, syrk, gemm = fortran[0], fortran[1], fortran[2], fortran[3]
     byte = panels.itemsize
-    n, ld, two_n, info = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[2:].ctypes.data, sizes[3:].ctypes.data
-    right, lower, trans, plain = letters[0:].ctypes.data, letters[1:].ctypes.data, letters[2:].ctypes.data, letters[3:].ctypes.data
+    n, ld, two_n, info = (
+        sizes[0:].ctypes.data,
+        sizes[1:].ctypes.data,
+        sizes[2:].ctypes.data,
+        sizes[3:].ctypes.data,
+    )
+    right, lower, trans, plain = (
+        letters[0:].ctypes.data,
+        letters[1:].ctypes.data,
+        letters[2:].ctypes.data,
+        letters[3:].ctypes.data,
+    )
     plus, minus = work[0:].ctypes.data, work[1:].ctypes.data
     top = panels[j].ctypes.data
     call(potrf, (lower, n, top, ld, info))
@@ -113,7 +123,9 @@ def _eliminate(panels, j, one, two, m, fortran, work, sizes, letters):
     call(syrk, (lower, plain, n, n, minus, below, ld, plus, next_top, ld))
     if two >= 0:
         last = below + byte * m
-        call(gemm, (plain, trans, n, n, n, minus, last, ld, below, ld, plus, next_top + byte * m, ld))
+        call(
+            gemm, (plain, trans, n, n, n, minus, last, ld, below, ld, plus, next_top + byte * m, ld)
+        )
         call(syrk, (lower, plain, n, n, minus, last, ld, plus, panels[two].ctypes.data, ld))
     return 0
 
@@ -138,7 +150,9 @@ def _factor(panels, split, fortran):
             for step in range(planes - split - 2):
                 j = planes - 1 - step
                 one, two = j - 1, j - 2
-                one = planes if one == split + 1 else one  # the middle planes: this half has its own copy
+                one = (
+                    planes if one == split + 1 else one
+                )  # the middle planes: this half has its own copy
                 two = planes + (split + 1 - two) if two <= split + 1 else two
                 if _eliminate(panels, j, one, two, m, fortran, work, sizes, letters) != 0:
                     failed[1] = j
@@ -165,7 +179,10 @@ def _factor(panels, split, fortran):
 @compiled
 def _words(panels, x):
     """Arguments of BLAS: sizes, letters and signs."""
-    sizes, letters = np.array([x.shape[2], panels.shape[2], 1, x.shape[1]], np.int32), np.array([76, 84, 78], np.uint8)  # L T N
+    sizes, letters = (
+        np.array([x.shape[2], panels.shape[2], 1, x.shape[1]], np.int32),
+        np.array([76, 84, 78], np.uint8),
+    )  # L T N
     return sizes, letters, _signs(panels)
 
 
@@ -175,13 +192,20 @@ def _reduce(panels, x, j, one, two, back, fortran, words):
     sizes, letters, work = words
     trsm, gemm, trsv, gemv = fortran[1], fortran[3], fortran[4], fortran[5]
     m, columns = x.shape[2], x.shape[1]
-    n, ld, inc, count = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[2:].ctypes.data, sizes[3:].ctypes.data
+    n, ld, inc, count = (
+        sizes[0:].ctypes.data,
+        sizes[1:].ctypes.data,
+        sizes[2:].ctypes.data,
+        sizes[3:].ctypes.data,
+    )
     lower, plain = letters[0:].ctypes.data, letters[2:].ctypes.data
     way = letters[1:].ctypes.data if back else plain
     plus, minus = work[0:].ctypes.data, work[1:].ctypes.data
     top, xj = panels[j].ctypes.data, x[j].ctypes.data
     for turn in range(2):
-        if (turn == 0) == back:  # what the next two planes have to do with this one: before its own triangle on the way back, else after
+        if (
+            (turn == 0) == back
+        ):  # what the next two planes have to do with this one: before its own triangle on the way back, else after
             for k in range(2):
                 other = one if k == 0 else two
                 if other >= 0:
@@ -190,11 +214,16 @@ def _reduce(panels, x, j, one, two, back, fortran, words):
                     if columns == 1:
                         call(gemv, (way, n, n, minus, block, ld, source, inc, plus, target, inc))
                     else:
-                        call(gemm, (way, plain, n, count, n, minus, block, ld, source, n, plus, target, n))
+                        call(
+                            gemm,
+                            (way, plain, n, count, n, minus, block, ld, source, n, plus, target, n),
+                        )
         elif columns == 1:
             call(trsv, (lower, way, plain, n, top, ld, xj, inc))
         else:
-            call(trsm, (lower, lower, way, plain, n, count, plus, top, ld, xj, n))  # the first L: from the left
+            call(
+                trsm, (lower, lower, way, plain, n, count, plus, top, ld, xj, n)
+            )  # the first L: from the left
 
 
 @compiled
@@ -217,7 +246,10 @@ def _solve(panels, split, x, fortran):
     """x (planes + 2, columns, m) in place: right-hand sides -> solutions."""
     planes, columns, m = panels.shape[0] - 2, x.shape[1], x.shape[2]
     x[planes:] = 0.0
-    none, words = -m, _words(panels, x)  # none: not a number known to the compiler, for each of which it would make a function of its own
+    none, words = (
+        -m,
+        _words(panels, x),
+    )  # none: not a number known to the compiler, for each of which it would make a function of its own
     for back in (False, True):
         if back:
             for column in range(columns):
@@ -226,7 +258,16 @@ def _solve(panels, split, x, fortran):
                     x[split, column, a] += x[planes + 1, column, a]
             for turn in range(4):
                 first = turn == 0 or turn == 3
-                _reduce(panels, x, split if first else split + 1, split + 1 if first else none, none, turn > 1, fortran, words)
+                _reduce(
+                    panels,
+                    x,
+                    split if first else split + 1,
+                    split + 1 if first else none,
+                    none,
+                    turn > 1,
+                    fortran,
+                    words,
+                )
         for half in prange(2):
             _reduce_half(panels, x, half, back, split, fortran)
 

@@ -70,7 +70,12 @@ def bonds_of(model: Model) -> Bonds | None:
     known = [each for each in found if each is not None]
     if not known:
         return None
-    return Bonds(*(np.concatenate([getattr(each, name) for each in known]) for name in ("element", "share", "size", "shear", "region")))
+    return Bonds(
+        *(
+            np.concatenate([getattr(each, name) for each in known])
+            for name in ("element", "share", "size", "shear", "region")
+        )
+    )
 
 
 def _held_faces(model: Model) -> Bonds | None:
@@ -79,15 +84,25 @@ def _held_faces(model: Model) -> Bonds | None:
     points = shape.held_surface(model.grid)
     if not len(points.area):
         return None
-    particle = particle_of(points, model.grid, model.particles, shape.part_of(model.particles), model.well_filled)
+    particle = particle_of(
+        points, model.grid, model.particles, shape.part_of(model.particles), model.well_filled
+    )
     cell = model.particles.cell[particle]
     weights = model.grid.splines(points.position, cell)[0]
-    share = np.einsum("ka,kb,kc->kabc", weights[:, 0], weights[:, 1], weights[:, 2]).reshape(len(cell), 27)
+    share = np.einsum("ka,kb,kc->kabc", weights[:, 0], weights[:, 1], weights[:, 2]).reshape(
+        len(cell), 27
+    )
     nodes = cell[:, None].astype(np.int64) + CORNERS
     element = np.concatenate([nodes, nodes[:, :1]], axis=1)
     share = np.pad(share, ((0, 0), (0, 1)))
     size = HELD * points.area / _size(model.grid)
-    return Bonds(element, share, size, model.shear[particle], model.particles.segment[particle].astype(np.int64))
+    return Bonds(
+        element,
+        share,
+        size,
+        model.shear[particle],
+        model.particles.segment[particle].astype(np.int64),
+    )
 
 
 def _size(grid: Grid) -> float:
@@ -97,7 +112,11 @@ def _size(grid: Grid) -> float:
 def _outer_nodes(model: Model) -> Bonds | None:
     """The bonds of outer nodes."""
     grid, particles, moves = model.grid, model.particles, ~model.held
-    cell, segment, shear = particles.cell[moves].astype(np.int64), particles.segment[moves], model.shear[moves]
+    cell, segment, shear = (
+        particles.cell[moves].astype(np.int64),
+        particles.segment[moves],
+        model.shear[moves],
+    )
     number = np.ravel_multi_index(cell.T, grid.cells)
     filled = np.bincount(number, particles.volume[moves]) / float(np.prod(grid.spacing))
     full = filled[number] >= FILLED
@@ -105,7 +124,9 @@ def _outer_nodes(model: Model) -> Bonds | None:
         return None
     inside = np.zeros(grid.nodes, bool)
     touched = np.zeros(grid.nodes, bool)
-    part = np.full(grid.nodes, -1)  # one that touches the node: the last of them, so that it is always the same
+    part = np.full(
+        grid.nodes, -1
+    )  # one that touches the node: the last of them, so that it is always the same
     for shift in CORNERS:
         at = tuple((cell + shift).T)
         touched[at] = True
@@ -117,7 +138,9 @@ def _outer_nodes(model: Model) -> Bonds | None:
         inner &= cell[:, plane.axis] != plane.cell
     if not len(outer) or not inner.any():
         return None
-    chosen = np.flatnonzero(inner)[_nearest(outer, part[tuple(outer.T)], cell[inner], segment[inner])]
+    chosen = np.flatnonzero(inner)[
+        _nearest(outer, part[tuple(outer.T)], cell[inner], segment[inner])
+    ]
     base = cell[chosen]
     shares = [_extrapolated(outer[:, axis] - base[:, axis]) for axis in range(3)]
     share = np.einsum("ka,kb,kc->kabc", *shares).reshape(len(outer), 27)
@@ -156,7 +179,9 @@ class Springs:
         from scipy.sparse import csr_matrix
 
         rows = np.repeat(np.arange(len(node)), node.shape[1])
-        self._stretch: Any = csr_matrix((bonds.share.ravel(), (rows, node.ravel())), shape=(len(node), count))
+        self._stretch: Any = csr_matrix(
+            (bonds.share.ravel(), (rows, node.ravel())), shape=(len(node), count)
+        )
         self._bonds = bonds
         self.stiffness = bonds.stiffness
 
@@ -170,9 +195,13 @@ class Springs:
 
     def gradient(self, grid: Array) -> Array:
         """Gradient of the energy, (planes, m) N: linear in the coefficients, so it is also the tangent times a change of them."""
-        return np.asarray(self._stretch.T @ (self.stiffness[:, None] * self.stretched(grid))).reshape(grid.shape)
+        return np.asarray(
+            self._stretch.T @ (self.stiffness[:, None] * self.stretched(grid))
+        ).reshape(grid.shape)
 
     def gradient_per_shear(self, grid: Array, regions: NDArray[np.bool_]) -> Array:
         """Change (planes, m) m^2 of the gradient with the shear modulus of these regions (regions,)."""
         size = np.where(regions[self._bonds.region], self._bonds.size, 0.0)
-        return np.asarray(self._stretch.T @ (size[:, None] * self.stretched(grid))).reshape(grid.shape)
+        return np.asarray(self._stretch.T @ (size[:, None] * self.stretched(grid))).reshape(
+            grid.shape
+        )

@@ -40,7 +40,9 @@ from magmpm.statics.nearby_minima import NearbyMinima
 from magmpm.statics.newton import OnStep
 from magmpm.statics.stability import NO_LOAD, stability, unloaded
 
-FINEST = 2.0**-10  # of the step requested: attempts are halved down to this, and critical loads known within it
+FINEST = (
+    2.0**-10
+)  # of the step requested: attempts are halved down to this, and critical loads known within it
 GROWTH = 2.0  # of the step after one that was accepted
 Kind = Literal["limit point", "bifurcation"]
 
@@ -91,7 +93,15 @@ class Reached:
 class Branch:
     """Follows equilibria along a path of loads. `now` is the last one."""
 
-    def __init__(self, loads: Loads, now: Reached, *, tolerance: float, max_steps: int, on_step: OnStep | None = None) -> None:
+    def __init__(
+        self,
+        loads: Loads,
+        now: Reached,
+        *,
+        tolerance: float,
+        max_steps: int,
+        on_step: OnStep | None = None,
+    ) -> None:
         self.loads, self.now = loads, now
         self.before: Reached | None = None  # the one before, on the same branch
         self._tolerance, self._max_steps = tolerance, max_steps
@@ -109,15 +119,21 @@ class Branch:
         kept = {"now": self.now, "before": self.before}
         known = {name: one for name, one in kept.items() if one is not None}
         arrays = {name: one.point.grid for name, one in known.items()}
-        numbers = {name: [one.time, one.lowest, one.iterations, one.step] for name, one in known.items()}
+        numbers = {
+            name: [one.time, one.lowest, one.iterations, one.step] for name, one in known.items()
+        }
         return arrays, numbers
 
     @classmethod
-    def restored(cls, loads: Loads, arrays: dict[str, Array], numbers: dict[str, Any], **options: Any) -> Branch:
+    def restored(
+        cls, loads: Loads, arrays: dict[str, Array], numbers: dict[str, Any], **options: Any
+    ) -> Branch:
         """The branch of a `state`."""
         found = {}
         for name, (time, lowest, iterations, step) in numbers.items():
-            found[name] = Reached(time, point_of(loads.at(time), arrays[name]), lowest, iterations, step)
+            found[name] = Reached(
+                time, point_of(loads.at(time), arrays[name]), lowest, iterations, step
+            )
         branch = cls(loads, found["now"], **options)
         branch.before = found.get("before")
         return branch
@@ -131,19 +147,27 @@ class Branch:
         beyond = np.inf  # the earliest time at which an attempt failed
         while self.now.time < until:
             # Where nothing tells that the branch ends, a step may only have been too long: loads may grow a thousandfold within it.
-            ends = beyond < np.inf and (self._near.unstable or _zero_of("limit point", self.before, self.now, beyond) < beyond)
+            ends = beyond < np.inf and (
+                self._near.unstable
+                or _zero_of("limit point", self.before, self.now, beyond) < beyond
+            )
             least = finest if ends else FINEST * finest
             gap = min(until, beyond) - self.now.time
             way = min(gap / 2 if ends else gap, self.now.step)
             if beyond < np.inf and gap <= 1.5 * least:
-                jumps.append(self._jump(beyond, min(until, beyond + 15 * finest)))  # nearer, a new branch is too steep
+                jumps.append(
+                    self._jump(beyond, min(until, beyond + 15 * finest))
+                )  # nearer, a new branch is too steep
                 beyond = np.inf
                 continue
             end = min(until, beyond)
             target = end if self.now.time + way > end - 0.5 * least else self.now.time + way
             found = self._attempt(target)
             if found is None:
-                beyond, growth = target, 1.0  # the next step is no longer than the one that was too long
+                beyond, growth = (
+                    target,
+                    1.0,
+                )  # the next step is no longer than the one that was too long
                 self.now = replace(self.now, step=max(way / 2, 0.5 * least))
                 continue
             self.before, self.now = self.now, replace(found, step=growth * way)
@@ -156,7 +180,9 @@ class Branch:
         """Find the equilibrium of the present time again, under loads that have changed a little. Raises SolveError."""
         found = self._attempt(self.now.time)
         if found is None:
-            raise SolveError("the body slips: with friction there is no equilibrium near; remedy: take more steps of a shorter time")
+            raise SolveError(
+                "the body slips: with friction there is no equilibrium near; remedy: take more steps of a shorter time"
+            )
         self.now = replace(found, step=self.now.step)
 
     def stability(self) -> float:
@@ -214,10 +240,18 @@ class Branch:
         """The end of the branch, between now and a time (s) just past it; the body falls to where it is at `landing`, s."""
         last = self.now
         energy = self.energy_at(last.time)
-        alone = InteractingEnergy(energy.model).alone if acting.feels_itself(energy.model.scene) else energy
-        self._near.definite.made(alone, last.point)  # `last` is a minimum, or of the whole energy one
+        alone = (
+            InteractingEnergy(energy.model).alone
+            if acting.feels_itself(energy.model.scene)
+            else energy
+        )
+        self._near.definite.made(
+            alone, last.point
+        )  # `last` is a minimum, or of the whole energy one
         lowest, mode = lowest_mode(alone, self._near.definite.mass(alone))
-        if alone is energy:  # here the one that vanishes counts, though it may be as good as zero already
+        if (
+            alone is energy
+        ):  # here the one that vanishes counts, though it may be as good as zero already
             last = replace(last, lowest=lowest - self._near.definite.shift)
         energy = alone
         kind = self._kind(energy, last, past, mode)
@@ -231,7 +265,9 @@ class Branch:
         if (lost := outside_domain(energy.model, found)) is not None:
             raise LeftField(f"after a branch ended: {lost.reason}")
         moved = float(np.linalg.norm(found.position - begin.position, axis=1).max())
-        self.now = Reached(landing, found, self._eigenvalue(energy, found), self._near.spent, landing - critical)
+        self.now = Reached(
+            landing, found, self._eigenvalue(energy, found), self._near.spent, landing - critical
+        )
         self.before = None
         released = point_of(energy.model, begin.grid).energy - found.energy
         return Jump(critical, kind, past - last.time, moved, released, landing)
@@ -244,9 +280,13 @@ class Branch:
         mass, layout = self._near.definite.mass(energy), energy.model.layout
         if self.loads.at(past).layout is layout:
             moved, after = self.loads.moved(last.point.grid, last.time, past), self.energy_at(past)
-            direction = moved - last.point.grid - energy.matrix.solve(after.residual(after.at(moved)))
+            direction = (
+                moved - last.point.grid - energy.matrix.solve(after.residual(after.at(moved)))
+            )
         elif self.before is not None:
-            direction = last.point.grid - self.loads.carried(self.before.point.grid, self.before.time, last.time)
+            direction = last.point.grid - self.loads.carried(
+                self.before.point.grid, self.before.time, last.time
+            )
         else:
             return "limit point"
         along = float(np.sum(mass * direction * mode)) ** 2
@@ -257,14 +297,18 @@ class Branch:
         """The minimum that the body falls to from just past the end of a branch."""
         length = float(np.ptp(energy.model.plane_coordinates()))
         push = 1e-3 * length / float(np.abs(mode).max()) * mode
-        if float(push[-1].sum()) < 0.0:  # where nothing else decides: toward +z, as statics.newton does
+        if (
+            float(push[-1].sum()) < 0.0
+        ):  # where nothing else decides: toward +z, as statics.newton does
             push = -push
         one, other = energy.at(begin.grid + push), energy.at(begin.grid - push)
         if other.energy < one.energy - 1e-3 * abs(one.energy + other.energy - 2 * begin.energy):
             one = other
         if acting.feels_itself(energy.model.scene):
             whole = InteractingEnergy(energy.model)
-            return minimize_with_interaction(whole, one.grid, tolerance=self._tolerance, max_steps=self._max_steps).point
+            return minimize_with_interaction(
+                whole, one.grid, tolerance=self._tolerance, max_steps=self._max_steps
+            ).point
 
         def stays_in_the_field(point: Point) -> None:
             if (lost := outside_domain(energy.model, point)) is not None:
@@ -280,7 +324,11 @@ def point_of(model: StaticModel, grid: Array) -> Point:
 
 def outside_domain(model: StaticModel, point: Point) -> SolveError | None:
     """The error if a solve has led into a magnet, to where the field is not known, or through an obstacle; else None."""
-    if model.touching is not None and (through := acting.passed(model.scene, model.touching.positions(point.grid))) is not None:
+    if (
+        model.touching is not None
+        and (through := acting.passed(model.scene, model.touching.positions(point.grid)))
+        is not None
+    ):
         return SolveError(through)
     if not model.scene.effects.in_a_field:
         return None
@@ -290,11 +338,18 @@ def outside_domain(model: StaticModel, point: Point) -> SolveError | None:
 
 def _zero_of(kind: Kind, before: Reached | None, last: Reached, past: float) -> float:
     """Time when the lowest eigenvalue reaches zero, s, at most `past`: by its trend between two equilibria."""
-    if before is None or before.lowest is None or last.lowest is None or not before.lowest > last.lowest:
+    if (
+        before is None
+        or before.lowest is None
+        or last.lowest is None
+        or not before.lowest > last.lowest
+    ):
         return past
     power = 2 if kind == "limit point" else 1
     far, near = before.lowest**power, max(last.lowest, 0.0) ** power
-    return float(np.clip(last.time + near * (last.time - before.time) / (far - near), last.time, past))
+    return float(
+        np.clip(last.time + near * (last.time - before.time) / (far - near), last.time, past)
+    )
 
 
 class Lift:
@@ -312,7 +367,9 @@ class Lift:
 
     def at(self, time: float | None) -> Array:
         """Displacement of the moved parts at a time, s; None: at the end of its schedules."""
-        return np.asarray(sum(move.share(time)[0] * self._whole[name] for name, move in self._moves.items()))
+        return np.asarray(
+            sum(move.share(time)[0] * self._whole[name] for name, move in self._moves.items())
+        )
 
     def on(self, grid: Array, before: float, after: float) -> Array:
         """Coefficients `grid` (planes, m) m of a time, s, as those of another one begin; the same array where nothing is moved."""
@@ -327,7 +384,10 @@ class GrowingLoads:
 
     def at(self, time: float) -> StaticModel:
         """The model under a share of its loads; at 0 under next to none, by the same kernels."""
-        return replace(self._model, effects=acting.collect(self._model.scene, max(time, NO_LOAD), self._model.times))
+        return replace(
+            self._model,
+            effects=acting.collect(self._model.scene, max(time, NO_LOAD), self._model.times),
+        )
 
     def carried(self, grid: Array, before: float, after: float) -> Array:
         """The same coefficients: the grid stays."""

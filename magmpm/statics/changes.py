@@ -52,7 +52,9 @@ class _Slots:
         model = self.energy.model
         region = model.particles.segment[model.layout.cell_first[:-1]]
         column = np.ascontiguousarray(np.concatenate(self.column)[:, region])
-        return self.energy.scattered(column, np.concatenate(self.P), np.concatenate(self.f), columns)
+        return self.energy.scattered(
+            column, np.concatenate(self.P), np.concatenate(self.f), columns
+        )
 
 
 def right_sides(energy: Energy, point: Point, variables: Sequence[Variable]) -> Array:
@@ -75,7 +77,9 @@ def _of_bonds(energy: Energy, point: Point, stiffened: Index, count: int) -> Arr
     out = np.zeros((layout.planes, count, layout.m))
     if layout.springs is not None:
         for k in np.unique(stiffened[stiffened >= 0]):
-            out[:, k] = energy.free(layout.springs.gradient_per_shear(point.grid, stiffened[0] == k))
+            out[:, k] = energy.free(
+                layout.springs.gradient_per_shear(point.grid, stiffened[0] == k)
+            )
     return out
 
 
@@ -87,11 +91,19 @@ def magnet_changes(model: StaticModel, variables: Sequence[Variable]) -> dict[in
         if variable.kind == "magnetization":
             assert variable.region is not None
             change = np.zeros((len(segment), 3))
-            change[segment == variable.region] = model.scene.region_material(variable.region).remanence * np.array(variable.direction)
+            change[segment == variable.region] = model.scene.region_material(
+                variable.region
+            ).remanence * np.array(variable.direction)
             found[k] = model.along_axes(change)
         elif variable.kind == "remanence":
-            directions = model.along_axes(model.scene.body.shape.magnetization(model.particles)) if directions is None else directions
-            made_of_it = np.array([region.material_name == variable.material for region in model.scene.regions()])
+            directions = (
+                model.along_axes(model.scene.body.shape.magnetization(model.particles))
+                if directions is None
+                else directions
+            )
+            made_of_it = np.array(
+                [region.material_name == variable.material for region in model.scene.regions()]
+            )
             found[k] = np.where(made_of_it[segment][:, None], directions, 0.0)
     return found
 
@@ -123,13 +135,23 @@ def _of_loads(slots: _Slots, variables: Sequence[Variable]) -> None:
         change.append(np.concatenate([np.zeros((slots.n, width)), np.ones((slots.n, 1))], axis=1))
     if column:
         P, f = slots.add(np.array(column), len(column))
-        load_changes(energy.particles, model.effects, slots.point.position, slots.point.F, np.array(change), P, f)
+        load_changes(
+            energy.particles,
+            model.effects,
+            slots.point.position,
+            slots.point.F,
+            np.array(change),
+            P,
+            f,
+        )
 
 
 def _of_field(slots: _Slots, variables: Sequence[Variable]) -> None:
     """Slots of the field's uniform part."""
     model, energy = slots.energy.model, slots.energy
-    wanted = [(k, variable.component) for k, variable in enumerate(variables) if variable.kind == "field"]
+    wanted = [
+        (k, variable.component) for k, variable in enumerate(variables) if variable.kind == "field"
+    ]
     if not wanted:
         return
     changes = acting.field_changes(model.scene, model.times)
@@ -138,7 +160,14 @@ def _of_field(slots: _Slots, variables: Sequence[Variable]) -> None:
     for slot, (_, component) in enumerate(wanted):
         assert component is not None
         if changes[component]:
-            loads(energy.particles, changes[component], slots.point.position, slots.point.F, P[slot], f[slot])
+            loads(
+                energy.particles,
+                changes[component],
+                slots.point.position,
+                slots.point.F,
+                P[slot],
+                f[slot],
+            )
 
 
 STEP = 1e-3  # of a cell's width
@@ -153,20 +182,33 @@ class GeometryChange:
     tip: Array
 
 
-def geometry_changes(model: StaticModel, grid: Array, variables: Sequence[Variable]) -> dict[int, GeometryChange]:
+def geometry_changes(
+    model: StaticModel, grid: Array, variables: Sequence[Variable]
+) -> dict[int, GeometryChange]:
     """Change with each variable that is a length or diameter, by its number, at coefficients (planes, m) m."""
-    return {k: _change(model, grid, one) for k, one in enumerate(variables) if one.kind in ("length", "diameter")}
+    return {
+        k: _change(model, grid, one)
+        for k, one in enumerate(variables)
+        if one.kind in ("length", "diameter")
+    }
 
 
-def contact_changes(model: StaticModel, grid: Array, variables: Sequence[Variable]) -> dict[int, Array]:
+def contact_changes(
+    model: StaticModel, grid: Array, variables: Sequence[Variable]
+) -> dict[int, Array]:
     """Change (planes, m) N per unit of the force of contact, whose stiffness goes with the body's own, with each modulus and density, by
     its number: central differences of a force that is nearly linear in them."""
     found: dict[int, Array] = {}
     for k, one in enumerate(variables if model.touching is not None else ()):
         if one.kind in ("shear_modulus", "density"):
-            step, total = STEP * getattr(model.scene.materials[str(one.material)], one.kind), np.zeros((grid.size // 3, 3))
+            step, total = (
+                STEP * getattr(model.scene.materials[str(one.material)], one.kind),
+                np.zeros((grid.size // 3, 3)),
+            )
             for side in (1.0, -1.0):
-                near = arranged(static_model(build(one.changed(model.scene, side * step), time=model.time)))[0]
+                near = arranged(
+                    static_model(build(one.changed(model.scene, side * step), time=model.time))
+                )[0]
                 assert near.touching is not None  # as the model's
                 total -= side * near.touching.force(near.touching.touched(near.effects, grid))
             found[k] = total.reshape(grid.shape) / (2 * step)
@@ -181,8 +223,16 @@ def _change(model: StaticModel, grid: Array, variable: Variable) -> GeometryChan
         for sign in (1.0, -1.0):
             near = _near(model, variable, sign * k * step)
             energy = energy_of(near)
-            sides.append((energy.residual(energy.at(grid)), axis.centreline(near, grid), axis.tip(near, grid)))
-        slope = [weight * (ahead - behind) / (2 * k * step) for ahead, behind in zip(*sides, strict=True)]
+            sides.append(
+                (
+                    energy.residual(energy.at(grid)),
+                    axis.centreline(near, grid),
+                    axis.tip(near, grid),
+                )
+            )
+        slope = [
+            weight * (ahead - behind) / (2 * k * step) for ahead, behind in zip(*sides, strict=True)
+        ]
         total = [a + b for a, b in zip(total, slope, strict=True)] if total else slope
     return GeometryChange(*total)
 
@@ -196,22 +246,40 @@ def _step(model: StaticModel) -> float:
     within = (ends - spans.start[cell]) / spans.width[cell] - spans.index[cell]
     off = np.abs(within - np.round(within))
     least = float(np.min(off[off > 1e-9], initial=1.0))
-    touching = 1.0 if model.touching is None else 1e-2  # in a longer step points begin or cease to touch
+    touching = (
+        1.0 if model.touching is None else 1e-2
+    )  # in a longer step points begin or cease to touch
     return min(STEP, least / 8) * float(model.grid.spacing.min()) * touching
 
 
 def _near(model: StaticModel, variable: Variable, amount: float) -> StaticModel:
     """The model with a shape in which the variable is larger by an amount (m), on as many cells, under the same loads."""
     scene = variable.changed(model.scene, amount)
-    base = Model(**{name: value for name, value in vars(model).items() if name in Model.__dataclass_fields__})
-    touched = [effect.records(scene)[0] for effect in scene.effects.named().values() if effect.PHASE == "contact"]  # as stiff as its cells
+    base = Model(
+        **{name: value for name, value in vars(model).items() if name in Model.__dataclass_fields__}
+    )
+    touched = [
+        effect.records(scene)[0]
+        for effect in scene.effects.named().values()
+        if effect.PHASE == "contact"
+    ]  # as stiff as its cells
     stiff = {record.dtype: record for record in touched}
-    base = replace(base, scene=scene, effects=each_record(lambda record: stiff.get(record.dtype, record), base.effects))
+    base = replace(
+        base,
+        scene=scene,
+        effects=each_record(lambda record: stiff.get(record.dtype, record), base.effects),
+    )
     near = static_model(reshaped(base, scene.body.shape))
-    same = near.layout.planes == model.layout.planes and np.array_equal(near.layout.node_yz, model.layout.node_yz)
+    same = near.layout.planes == model.layout.planes and np.array_equal(
+        near.layout.node_yz, model.layout.node_yz
+    )
     if not (same and np.array_equal(near.layout.fixed, model.layout.fixed)):
-        raise ValueError(f"{variable.name}: the unknowns are others {amount:g} m away, so there is no derivative by differences")
-    if acting.feels_itself(scene) and not np.array_equal(near.remanence[:, 3], model.remanence[:, 3]):
+        raise ValueError(
+            f"{variable.name}: the unknowns are others {amount:g} m away, so there is no derivative by differences"
+        )
+    if acting.feels_itself(scene) and not np.array_equal(
+        near.remanence[:, 3], model.remanence[:, 3]
+    ):
         raise SolveError(
             f"{variable.name}: {amount:g} m away the segments are divided into other dipoles (magnetic_interaction), where a "
             "segment's first or last cell is half full, so the shape jumps and has no derivative; remedy: lengths of whole cells"

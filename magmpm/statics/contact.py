@@ -28,7 +28,9 @@ from magmpm.kernels.equilibrium import STENCIL, Blocks, Cells, Panels
 from magmpm.kernels.surface_contact import contact_to_matrix, touch_at_rest
 from magmpm.model import Model
 
-SETTLED = 1e-3  # of the grip of all points: how much it may still change, and so the force of friction
+SETTLED = (
+    1e-3  # of the grip of all points: how much it may still change, and so the force of friction
+)
 
 
 class Held(NamedTuple):
@@ -40,7 +42,9 @@ class Held(NamedTuple):
     stiffness: Array
 
 
-def held_at(effects: Records, x: Array, mass: Array, grips: Array, begun: tuple[Array, Held] | None) -> Held:
+def held_at(
+    effects: Records, x: Array, mass: Array, grips: Array, begun: tuple[Array, Held] | None
+) -> Held:
     """Find how obstacles hold points at x (n, 3) m; begun: where and how they were as the increment began, or None."""
     f, met = np.zeros((len(x), PARTS)), np.ones(len(x))
     _grips(effects, x, x if begun is None else begun[0], mass, grips, f, met)
@@ -70,7 +74,9 @@ def add_springs(held: Held, x: Array, energy: Array, f: Array, H: Array) -> Arra
     r = np.linalg.norm(s, axis=1)
     k = np.where(slides, held.grip / np.maximum(r, 1e-300), held.stiffness)
     k[held.grip == 0] = 0.0
-    energy += np.where(slides, held.grip * r - held.grip**2 / np.maximum(2 * held.stiffness, 1e-300), k * r**2 / 2)
+    energy += np.where(
+        slides, held.grip * r - held.grip**2 / np.maximum(2 * held.stiffness, 1e-300), k * r**2 / 2
+    )
     f -= k[:, None] * s
     across = np.eye(3) - np.einsum("ni,nj->nij", held.normal, held.normal)
     along = s / np.maximum(r, 1e-300)[:, None] * (slides & (held.grip > 0))[:, None]
@@ -141,7 +147,17 @@ class RestingSurface(ContactSurface):
             held |= self.held.grip > 0.0
             anchor = np.where((self.held.grip > 0.0)[:, None], self.held.anchor, x)
         on = np.flatnonzero(held)
-        return Touched(on, x[on], self.mass[on], anchor[on], self.grip[on], f[on], H[on], slides[on], float(energy.sum()))
+        return Touched(
+            on,
+            x[on],
+            self.mass[on],
+            anchor[on],
+            self.grip[on],
+            f[on],
+            H[on],
+            slides[on],
+            float(energy.sum()),
+        )
 
     def force(self, touched: Touched) -> Array:
         """Force (nodes, 3) N on the grid."""
@@ -157,16 +173,24 @@ class RestingSurface(ContactSurface):
         """The second derivative of the energy times columns (planes, k, m), N."""
         planes, k, m = columns.shape
         splines = self.splines[touched.on]
-        at = (splines @ columns.reshape(planes, k, -1, 3).transpose(0, 2, 3, 1).reshape(-1, 3 * k)).reshape(-1, 3, k)
+        at = (
+            splines @ columns.reshape(planes, k, -1, 3).transpose(0, 2, 3, 1).reshape(-1, 3 * k)
+        ).reshape(-1, 3, k)
         back = splines.T @ np.einsum("tij,tjk->tik", touched.H, at).reshape(-1, 3 * k)
-        return np.asarray(back.reshape(planes, -1, 3, k).transpose(0, 3, 1, 2).reshape(planes, k, m))
+        return np.asarray(
+            back.reshape(planes, -1, 3, k).transpose(0, 3, 1, 2).reshape(planes, k, m)
+        )
 
 
 def contacts_at_rest(model: Model, touched: Touched) -> dict[str, Contact]:
     """The contact of each obstacle with a model."""
-    held = np.column_stack([touched.anchor, np.ones((len(touched.x), 1)), np.zeros((len(touched.x), HELD - 4))])
+    held = np.column_stack(
+        [touched.anchor, np.ones((len(touched.x), 1)), np.zeros((len(touched.x), HELD - 4))]
+    )
     still = Touching(touched.x, np.zeros_like(touched.x), touched.mass, held, touched.grip)
-    found = {key: effect.report(model, still, 1.0) for key, effect in model.scene.effects.named().items()}
+    found = {
+        key: effect.report(model, still, 1.0) for key, effect in model.scene.effects.named().items()
+    }
     return {key: contact for key, contact in found.items() if contact is not None}
 
 
@@ -182,14 +206,35 @@ def resting(surface: ContactSurface, planes: int, node_yz: Index, model: Model) 
     in_plane = np.zeros(nodes[1:], np.int64)
     in_plane[tuple(node_yz.T)] = np.arange(len(node_yz))
     plane: Index = first[:, 0] - int(model.clamped_face)
-    row = np.stack([in_plane[(first[:, 1] + b) % nodes[1], first[:, 2]] for b in ([1, 1, 1] if model.plane_strain else [0, 1, 2])], axis=1)
+    row = np.stack(
+        [
+            in_plane[(first[:, 1] + b) % nodes[1], first[:, 2]]
+            for b in ([1, 1, 1] if model.plane_strain else [0, 1, 2])
+        ],
+        axis=1,
+    )
     slab: Index = plane[begins] // 2
     n, wide = len(first), len(node_yz)
     cells = Cells(
-        np.searchsorted(slab, np.arange(slab[-1] + 2)), np.append(begins, n), plane[begins], np.ascontiguousarray(row[begins]), STENCIL
+        np.searchsorted(slab, np.arange(slab[-1] + 2)),
+        np.append(begins, n),
+        plane[begins],
+        np.ascontiguousarray(row[begins]),
+        STENCIL,
     )
-    at = [np.minimum(plane + a, planes - 1) * wide + row[:, b] + c for a, b, c in product(range(3), repeat=3)]
-    share = [weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c] for a, b, c in product(range(3), repeat=3)]
-    splines = csr_matrix((np.stack(share, 1).ravel(), np.stack(at, 1).ravel(), STENCIL * np.arange(n + 1)), (n, planes * wide))
+    at = [
+        np.minimum(plane + a, planes - 1) * wide + row[:, b] + c
+        for a, b, c in product(range(3), repeat=3)
+    ]
+    share = [
+        weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
+        for a, b, c in product(range(3), repeat=3)
+    ]
+    splines = csr_matrix(
+        (np.stack(share, 1).ravel(), np.stack(at, 1).ravel(), STENCIL * np.arange(n + 1)),
+        (n, planes * wide),
+    )
     mass, particle, grip = surface.mass[order], surface.particle[order], surface.grip[order]
-    return RestingSurface(surface.place[order], first, weights, mass, particle, surface.still, grip, cells, splines)
+    return RestingSurface(
+        surface.place[order], first, weights, mass, particle, surface.still, grip, cells, splines
+    )

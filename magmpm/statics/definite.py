@@ -89,9 +89,13 @@ def lumped_mass(model: StaticModel) -> Array:
     out = np.zeros(size)
     of = np.repeat(np.arange(len(layout.cell_plane)), np.diff(layout.cell_first))
     for a, b, c in np.ndindex(3, 3, 3):
-        share = model.particles.volume * np.abs(model.weights[:, 0, a] * model.weights[:, 1, b] * model.weights[:, 2, c])
+        share = model.particles.volume * np.abs(
+            model.weights[:, 0, a] * model.weights[:, 1, b] * model.weights[:, 2, c]
+        )
         plane = np.minimum(layout.cell_plane[of] + a, layout.planes - 1)
-        out += np.bincount(plane * layout.nodes_per_plane + layout.cell_row[of, b] + c, share, minlength=size)
+        out += np.bincount(
+            plane * layout.nodes_per_plane + layout.cell_row[of, b] + c, share, minlength=size
+        )
     out = np.repeat(out.reshape(layout.planes, -1), 3, axis=1)
     out[layout.fixed] = float(out.max())
     return out
@@ -105,7 +109,11 @@ def lowest_mode(energy: Energy, mass: Array, but: Array | None = None) -> tuple[
     model, layout = energy.model, energy.model.layout
     x = model.plane_coordinates()
     _, second, third = model.order
-    d = 1e-6 * np.random.default_rng(0).standard_normal((layout.planes, layout.m)) * float(np.ptp(x)) ** 2
+    d = (
+        1e-6
+        * np.random.default_rng(0).standard_normal((layout.planes, layout.m))
+        * float(np.ptp(x)) ** 2
+    )
     d[:, third::3] += ((x - x[0]) ** 2)[:, None]
     d[:, second::3] += 1e-3 * ((x - x[0]) ** 2)[:, None]
     energy.free(d)

@@ -19,7 +19,10 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Index
 
-ORDERINGS = ("MMD_AT_PLUS_A", "COLAMD")  # of SuperLU: minimum degree of the pattern; of its square. Neither is always the better one
+ORDERINGS = (
+    "MMD_AT_PLUS_A",
+    "COLAMD",
+)  # of SuperLU: minimum degree of the pattern; of its square. Neither is always the better one
 JOINED = 0.2  # zeros in a front joined with the one above it, over its entries, for which fewer and larger fronts are still quicker
 
 
@@ -92,12 +95,17 @@ def elimination(elements: Sequence[Index], count: int) -> Elimination:
 
 def _coupled(elements: Sequence[Index], count: int) -> Any:
     """The symmetric pattern (nodes, nodes), with its diagonal, as a sparse matrix of ones."""
-    from scipy.sparse import csr_matrix, identity  # 0.1 s to import, and straight bodies do not need it
+    from scipy.sparse import (
+        csr_matrix,
+        identity,
+    )  # 0.1 s to import, and straight bodies do not need it
 
     pattern = identity(count, format="csr")
     for table in elements:
         element, place = np.nonzero(table >= 0)
-        holds = csr_matrix((np.ones(len(element)), (element, table[element, place])), shape=(len(table), count))
+        holds = csr_matrix(
+            (np.ones(len(element)), (element, table[element, place])), shape=(len(table), count)
+        )
         pattern = pattern + holds.T @ holds
     pattern = pattern.tocsr()
     pattern.data[:] = 1.0
@@ -111,9 +119,14 @@ def _orders(coupled: Any) -> list[Index]:
     from scipy.sparse.linalg import splu
 
     count = coupled.shape[0]
-    dominant = (identity(count) * (2.0 * count) - coupled).tocsc()  # needs no pivoting, so that the order is the pattern's
+    dominant = (
+        identity(count) * (2.0 * count) - coupled
+    ).tocsc()  # needs no pivoting, so that the order is the pattern's
     options = {"SymmetricMode": True}
-    return [np.argsort(splu(dominant, permc_spec=name, diag_pivot_thresh=0.0, options=options).perm_c) for name in ORDERINGS]
+    return [
+        np.argsort(splu(dominant, permc_spec=name, diag_pivot_thresh=0.0, options=options).perm_c)
+        for name in ORDERINGS
+    ]
 
 
 def _with_order(coupled: Any, order: Index) -> tuple[Index, Index, list[Index]]:
@@ -183,7 +196,9 @@ def _joined(columns: list[Index]) -> tuple[Index, list[Index]]:
                 break
             fronts[-2:] = [(low, high, boundary, zeros)]
     first = np.array([low for low, *_ in fronts] + [len(columns)], np.int64)
-    return first, [np.concatenate([np.arange(low, high), boundary]) for low, high, boundary, _ in fronts]
+    return first, [
+        np.concatenate([np.arange(low, high), boundary]) for low, high, boundary, _ in fronts
+    ]
 
 
 def _operations(first: Index, rows: Sequence[Index]) -> float:
@@ -191,7 +206,9 @@ def _operations(first: Index, rows: Sequence[Index]) -> float:
     own = 3.0 * np.diff(first)
     whole = 3.0 * np.array([len(each) for each in rows])
     rest = whole - own
-    return float(np.sum((whole * (whole + 1) * (2 * whole + 1) - rest * (rest + 1) * (2 * rest + 1)) / 6))
+    return float(
+        np.sum((whole * (whole + 1) * (2 * whole + 1) - rest * (rest + 1) * (2 * rest + 1)) / 6)
+    )
 
 
 def _laid_out(coupled: Any, number: Index, first: Index, structures: list[Index]) -> Elimination:
@@ -199,7 +216,12 @@ def _laid_out(coupled: Any, number: Index, first: Index, structures: list[Index]
     own, count = np.diff(first), np.array([len(rows) for rows in structures])
     rest = count - own
     front_of = np.repeat(np.arange(len(own)), own)
-    above = np.array([front_of[rows[k]] if len(rows) > k else -1 for rows, k in zip(structures, own, strict=True)])
+    above = np.array(
+        [
+            front_of[rows[k]] if len(rows) > k else -1
+            for rows, k in zip(structures, own, strict=True)
+        ]
+    )
     into = []
     for rows, mine, parent in zip(structures, own, above, strict=True):
         boundary = rows[mine:]
@@ -217,7 +239,9 @@ def _laid_out(coupled: Any, number: Index, first: Index, structures: list[Index]
         passed[level[begin:end]] = ends - sizes
         room = max(room, int(ends[-1]))
     child = np.argsort(above, kind="stable")[int((above < 0).sum()) :]
-    child_first = np.concatenate([[0], np.cumsum(np.bincount(above[above >= 0], minlength=len(own)))])
+    child_first = np.concatenate(
+        [[0], np.cumsum(np.bincount(above[above >= 0], minlength=len(own)))]
+    )
     sizes = 9 * own * count
     row_first = np.concatenate([[0], np.cumsum(count)])
     block_first, later = _upper(coupled, number)
@@ -225,9 +249,20 @@ def _laid_out(coupled: Any, number: Index, first: Index, structures: list[Index]
     holder = front_of[np.repeat(np.arange(len(number)), np.diff(block_first))]
     place = _places(rows, row_first, holder, later, len(number))
     fronts = Fronts(
-        first, row_first, rows, np.concatenate(into), np.cumsum(sizes) - sizes, passed, child_first, child, level_first, level, depth,
-        block_first, place,
-    )  # fmt: skip
+        first,
+        row_first,
+        rows,
+        np.concatenate(into),
+        np.cumsum(sizes) - sizes,
+        passed,
+        child_first,
+        child,
+        level_first,
+        level,
+        depth,
+        block_first,
+        place,
+    )
     return Elimination(number, fronts, int(sizes.sum()), room, _operations(first, structures))
 
 
@@ -263,4 +298,3 @@ def _blocks(elements: Index, block_first: Index, later: Index) -> NDArray[np.int
     if np.any(wanted & (key[found] != pair)):
         raise ValueError("an element couples nodes that no other element couples")
     return np.where(wanted, found, -1).astype(np.int32)
-

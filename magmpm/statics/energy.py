@@ -50,9 +50,18 @@ class Energy:
         layout = model.layout
         self.shape = (layout.planes, layout.m)
         self.matrix = new_matrix(model.scene, layout)
-        self.cells = Cells(layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, layout.most)
+        self.cells = Cells(
+            layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, layout.most
+        )
         self.particles = Particles(
-            model.weights, model.slopes, model.particles.volume, model.shear, model.bulk, model.modes, model.remanence, model.density
+            model.weights,
+            model.slopes,
+            model.particles.volume,
+            model.shear,
+            model.bulk,
+            model.modes,
+            model.remanence,
+            model.density,
         )
         self._fortran = addresses()
         cells = len(layout.cell_plane)
@@ -107,7 +116,9 @@ class Energy:
     def residual(self, point: Point) -> Array:
         """Gradient of the energy, (planes, m) N."""
         out = np.zeros(self.shape)
-        particles_to_grid(self.cells, self.particles, self.model.effects, point.position, point.F, out)
+        particles_to_grid(
+            self.cells, self.particles, self.model.effects, point.position, point.F, out
+        )
         return self._completed(point, out)
 
     def _completed(self, point: Point, residual: Array) -> Array:
@@ -154,13 +165,29 @@ class Energy:
         right = columns.transpose(0, 2, 1).reshape(planes, -1)
         stiff, heavy = np.zeros_like(right), np.zeros_like(right)
         effects = self.model.effects
-        tangent_products(self.cells, self.particles, effects, point.position, point.F, self._fortran, count, right, stiff, heavy)
-        stiff, heavy = (np.ascontiguousarray(one.reshape(planes, -1, count).transpose(0, 2, 1)) for one in (stiff, heavy))
+        tangent_products(
+            self.cells,
+            self.particles,
+            effects,
+            point.position,
+            point.F,
+            self._fortran,
+            count,
+            right,
+            stiff,
+            heavy,
+        )
+        stiff, heavy = (
+            np.ascontiguousarray(one.reshape(planes, -1, count).transpose(0, 2, 1))
+            for one in (stiff, heavy)
+        )
         if point.touched is not None and self.model.touching is not None:
             stiff += self.model.touching.product(point.touched, columns)
         if self.model.layout.springs is not None:
             for k in range(count):
-                stiff[:, k] += self.model.layout.springs.gradient(np.ascontiguousarray(columns[:, k]))
+                stiff[:, k] += self.model.layout.springs.gradient(
+                    np.ascontiguousarray(columns[:, k])
+                )
         return self.free_columns(stiff), self.free_columns(heavy)
 
     def tangent(self, point: Point) -> tuple[Array, Bands | Sparse]:
@@ -169,7 +196,9 @@ class Energy:
         matrix.clear()
         target = matrix.target(self.cells)
         effects = self.model.effects
-        particles_to_grid_with_tangent(self.cells, self.particles, effects, point.position, point.F, target, self._fortran, out)
+        particles_to_grid_with_tangent(
+            self.cells, self.particles, effects, point.position, point.F, target, self._fortran, out
+        )
         if point.touched is not None and self.model.touching is not None:
             self.model.touching.add_tangent(point.touched, matrix.target(self.model.touching.cells))
         matrix.finish()

@@ -33,7 +33,16 @@ from magmpm.statics.stability import Unloaded, stability
 RAMP_STEPS = 8
 PATIENCE = 10  # times as many steps without the start from a rod, since a body may have to turn around: 100 to 300 steps in robots tried
 
-BODY = ("particles.position", "particles.volume", "shear", "bulk", "weights", "modes", "layout.fixed", "layout.cell_first")
+BODY = (
+    "particles.position",
+    "particles.volume",
+    "shear",
+    "bulk",
+    "weights",
+    "modes",
+    "layout.fixed",
+    "layout.cell_first",
+)
 LOADED = ("remanence", "density")  # what loads act on
 
 _controller: ThreadpoolController | None = None
@@ -65,7 +74,9 @@ class Following:
 
 def _alike(one: StaticModel, other: StaticModel, parts: tuple[str, ...]) -> bool:
     """True if two models have the same arrays of these names, to the last bit."""
-    return one.order == other.order and all(np.array_equal(attrgetter(name)(one), attrgetter(name)(other)) for name in parts)
+    return one.order == other.order and all(
+        np.array_equal(attrgetter(name)(one), attrgetter(name)(other)) for name in parts
+    )
 
 
 @dataclass(frozen=True)
@@ -120,8 +131,12 @@ def solve_static(
         )
     model.scene.check_energy()
     body = model.scene.body.shape
-    if rod is not None and (body.clamp != "base" or not isinstance(body, StraightBody) or model.touching is not None):
-        raise ValueError("start: a rod's shape is a start for catheters and strips that are held at the base alone and touch no obstacle")
+    if rod is not None and (
+        body.clamp != "base" or not isinstance(body, StraightBody) or model.touching is not None
+    ):
+        raise ValueError(
+            "start: a rod's shape is a start for catheters and strips that are held at the base alone and touch no obstacle"
+        )
     if rod is not None and abs(rod.s[-1] - model.scene.length) > 1e-6 * model.scene.length:
         lengths = f"the rod is {1e3 * rod.s[-1]:.6g} mm long, and the body {1e3 * model.scene.length:.6g} mm"
         raise ValueError(f"start: {lengths}; give a rod of its length")
@@ -139,7 +154,9 @@ def solve_static(
             state, rest = error.state, straight(model)
             if not isinstance(state, Equilibrium):  # none was found under load
                 state = Equilibrium(Energy(model).at(rest), 0, rest, load_share=0.0)
-            raise type(error)(error.reason, replace(state, point=restored(model, state.point, of), model=given)) from None
+            raise type(error)(
+                error.reason, replace(state, point=restored(model, state.point, of), model=given)
+            ) from None
 
 
 def one_blas_thread() -> AbstractContextManager[object]:
@@ -166,7 +183,9 @@ def _solve(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equilib
         found = (_settle if itself else _branch)(model, start, on_step)
     except SolveError as error:
         at = error.state.point if isinstance(error.state, Equilibrium) else error.state
-        raise _outside_domain(model, at, error.state) or _kinked(model, at, error) or error from None
+        raise (
+            _outside_domain(model, at, error.state) or _kinked(model, at, error) or error
+        ) from None
     outside = _outside_domain(model, found.point, found)
     if outside is not None:
         raise outside
@@ -185,7 +204,9 @@ def _kinked(model: StaticModel, point: object, error: SolveError) -> SolveError 
     if tube is None or not isinstance(point, Point) or type(error) is not SolveError:
         return None
     limit = tube.kink_radius(float(poisson_ratio(model.shear, model.bulk).max()))
-    if not tightest_radius(axis.centreline(model, point.grid)[:, 1:]) < 1.5 * limit:  # then it has most likely met its limit
+    if (
+        not tightest_radius(axis.centreline(model, point.grid)[:, 1:]) < 1.5 * limit
+    ):  # then it has most likely met its limit
         return None
     text = f"the tube kinks: bent to a radius of about {1e3 * limit:.3g} mm its section flattens, and it bears no more (Brazier)"
     return SolveError(f"{text}; thicken the wall, or bend it less ({error.reason})", error.state)
@@ -195,9 +216,13 @@ def _settle(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equili
     """Equilibrium with magnetic interaction within the body, starting from the one without; where that fails, all loads are ramped."""
     options = model.scene.solver.static
 
-    def settled(factor: float, begin: Array, energy: InteractingEnergy | None = None) -> tuple[InteractingEnergy, Minimum]:
+    def settled(
+        factor: float, begin: Array, energy: InteractingEnergy | None = None
+    ) -> tuple[InteractingEnergy, Minimum]:
         energy = energy or InteractingEnergy(model, factor)
-        found = minimize_with_interaction(energy, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
+        found = minimize_with_interaction(
+            energy, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
+        )
         return energy, found
 
     energy = InteractingEnergy(model)
@@ -216,13 +241,19 @@ def _branch(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equili
     """Equilibrium on the branch that grows from zero load, or near the rod's shape that is given."""
     options = model.scene.solver.static
     warnings: list[str] = []
-    energy, chord = (Energy(model), USUAL) if start.following is None else (start.following.loaded(model), FOLLOWING)
+    energy, chord = (
+        (Energy(model), USUAL)
+        if start.following is None
+        else (start.following.loaded(model), FOLLOWING)
+    )
     body = model.scene.body.shape
     if start.rod is not None:
         return _near_rod(energy, start.rod, on_step)
     if model.driven:
         return _along_branch(model, options.field_steps or RAMP_STEPS, on_step)
-    if not isinstance(body, StraightBody):  # by arcs, parts come to rest from the whole load at once
+    if not isinstance(
+        body, StraightBody
+    ):  # by arcs, parts come to rest from the whole load at once
         return _ramp(model, options.field_steps or 1, on_step, warnings)
     if options.field_steps is not None or body.clamp != "base":
         return _ramp(model, options.field_steps or RAMP_STEPS, on_step, warnings)
@@ -232,11 +263,22 @@ def _branch(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equili
         warnings.append(f"{error}; the load was ramped in the 3D solve")
         return _ramp(model, RAMP_STEPS, on_step, warnings)
     steps, starts = 0, _starts(energy, rod, start)
-    if model.touching is not None and any(len(model.touching.touched(model.effects, begin).on) for begin in starts):
-        return _ramp(model, 1, on_step, warnings)  # this rod lies in an obstacle. 135 drawn scenes: at once as in 8 or 32 steps
+    if model.touching is not None and any(
+        len(model.touching.touched(model.effects, begin).on) for begin in starts
+    ):
+        return _ramp(
+            model, 1, on_step, warnings
+        )  # this rod lies in an obstacle. 135 drawn scenes: at once as in 8 or 32 steps
     for begin in starts:
         try:
-            found = minimize(energy, begin, tolerance=options.tolerance, max_steps=_most_steps(model), on_step=on_step, chord=chord)
+            found = minimize(
+                energy,
+                begin,
+                tolerance=options.tolerance,
+                max_steps=_most_steps(model),
+                on_step=on_step,
+                chord=chord,
+            )
         except TimeOver:
             raise
         except SolveError:
@@ -246,7 +288,9 @@ def _branch(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equili
         if _distance(model, found.point, rod) < body.branch_distance:
             correction = local_correction(model, rod, found.point.grid)
             return Equilibrium(found.point, steps, correction, warnings, energy=energy)
-    warnings.append("the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve instead")
+    warnings.append(
+        "the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve instead"
+    )
     return _ramp(model, RAMP_STEPS, on_step, warnings)
 
 
@@ -256,11 +300,18 @@ def _starts(energy: Energy, rod: RodShape, start: _Start) -> list[Array]:
     Where neighbors are followed, what they tell is an extrapolation, which may be worse than the rod: the lower energy is the first.
     """
     model, known = energy.model, start.correction
-    alone, correction = from_rod(model, rod), known if start.following is None else start.following.expected(rod)
+    alone, correction = (
+        from_rod(model, rod),
+        known if start.following is None else start.following.expected(rod),
+    )
     if correction is None or correction.shape != alone.shape:
         return [alone]
     starts = [with_correction(model, rod, correction), alone]
-    return starts if start.following is None else sorted(starts, key=lambda grid: energy.at(grid).energy)
+    return (
+        starts
+        if start.following is None
+        else sorted(starts, key=lambda grid: energy.at(grid).energy)
+    )
 
 
 def _near_rod(energy: Energy, rod: RodShape, on_step: OnStep | None) -> Equilibrium:
@@ -268,11 +319,19 @@ def _near_rod(energy: Energy, rod: RodShape, on_step: OnStep | None) -> Equilibr
     model, options = energy.model, energy.model.scene.solver.static
     body = model.scene.body.shape
     assert isinstance(body, StraightBody)  # solve_static has looked
-    found = minimize(energy, from_rod(model, rod), tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
+    found = minimize(
+        energy,
+        from_rod(model, rod),
+        tolerance=options.tolerance,
+        max_steps=options.max_steps,
+        on_step=on_step,
+    )
     if (distance := _distance(model, found.point, rod)) >= body.branch_distance:
         away = f"it went to one {100 * distance:.2g} % of the length away"
         raise SolveError(f"the body found no equilibrium near the rod that it began from: {away}")
-    return Equilibrium(found.point, found.steps, local_correction(model, rod, found.point.grid), [], energy=energy)
+    return Equilibrium(
+        found.point, found.steps, local_correction(model, rod, found.point.grid), [], energy=energy
+    )
 
 
 def _most_steps(model: StaticModel) -> int:
@@ -284,14 +343,19 @@ def _distance(model: StaticModel, point: Point, rod: RodShape) -> float:
     """Largest distance between the body's axis and the rod, over the length."""
     assert model.line is not None  # only straight bodies are rods
     rows = axis.centreline(model, point.grid)
-    return float(np.linalg.norm(rows[:, 1:] - np.array(model.line.base) - rod.at(rows[:, 0]), axis=1).max() / rod.s[-1])
+    return float(
+        np.linalg.norm(rows[:, 1:] - np.array(model.line.base) - rod.at(rows[:, 0]), axis=1).max()
+        / rod.s[-1]
+    )
 
 
 def _along_branch(model: StaticModel, count: int, on_step: OnStep | None) -> Equilibrium:
     """Equilibrium to which a branch leads as loads, and what is moved, grow in `count` equal steps: a strip that is compressed buckles."""
     options, loads, rest = model.scene.solver.static, GrowingLoads(model), straight(model)
     begin, warnings, steps = Reached(0.0, point_of(loads.at(0.0), rest), None, 0, np.inf), [], 0
-    branch = Branch(loads, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
+    branch = Branch(
+        loads, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
+    )
     try:
         branch.settle_in(rest)
         for part in range(1, count + 1):
@@ -303,25 +367,39 @@ def _along_branch(model: StaticModel, count: int, on_step: OnStep | None) -> Equ
     except SolveError as error:
         last = branch.now
         state = Equilibrium(last.point, steps, np.zeros_like(rest), warnings, last.time)
-        raise type(error)(f"after {100 * last.time:.1f} % of the load: {error.reason}", state) from None
-    return Equilibrium(branch.now.point, steps, np.zeros_like(rest), warnings, energy=branch.energy_at(1.0))
+        raise type(error)(
+            f"after {100 * last.time:.1f} % of the load: {error.reason}", state
+        ) from None
+    return Equilibrium(
+        branch.now.point, steps, np.zeros_like(rest), warnings, energy=branch.energy_at(1.0)
+    )
 
 
-def _ramp(model: StaticModel, count: int, on_step: OnStep | None, warnings: list[str]) -> Equilibrium:
+def _ramp(
+    model: StaticModel, count: int, on_step: OnStep | None, warnings: list[str]
+) -> Equilibrium:
     """Ramp the load from zero in `count` equal steps."""
     options, energy = model.scene.solver.static, Energy(model)
 
     def solved(factor: float, begin: Array) -> tuple[Energy, Minimum]:
         energy.load(replace(model, effects=acting.collect(model.scene, factor, model.times)))
-        return energy, minimize(energy, begin, tolerance=options.tolerance, max_steps=_most_steps(model), on_step=on_step)
+        return energy, minimize(
+            energy,
+            begin,
+            tolerance=options.tolerance,
+            max_steps=_most_steps(model),
+            on_step=on_step,
+        )
 
     return _ramped(model, count, warnings, solved)
 
 
 def _ramped(
-    model: StaticModel, count: int, warnings: list[str],
+    model: StaticModel,
+    count: int,
+    warnings: list[str],
     solved: Callable[[float, Array], tuple[Energy | InteractingEnergy, Minimum]],
-) -> Equilibrium:  # fmt: skip
+) -> Equilibrium:
     """The equilibrium at the end of a load that grows in `count` equal steps, and with it the way of what is moved.
 
     A step that fails is halved, down to 1/32; until one has succeeded it is quartered. After some that were quick it is doubled again.
@@ -336,12 +414,22 @@ def _ramped(
     while reached < 1.0:
         factor = min(1.0, reached + size)
         try:
-            energy, found = solved(factor, grid if moved is None else grid + (factor - reached) * moved)
+            energy, found = solved(
+                factor, grid if moved is None else grid + (factor - reached) * moved
+            )
         except SolveError as error:
             if size <= least or isinstance(error, TimeOver):
-                state = None if last is None else Equilibrium(last, steps, np.zeros_like(last.grid), warnings, reached)
-                raise type(error)(f"at {100 * factor:.1f} % of the load: {error.reason}", state) from None
-            size = max(size / (4 if last is None else 2), least)  # nothing is known of a body's first step
+                state = (
+                    None
+                    if last is None
+                    else Equilibrium(last, steps, np.zeros_like(last.grid), warnings, reached)
+                )
+                raise type(error)(
+                    f"at {100 * factor:.1f} % of the load: {error.reason}", state
+                ) from None
+            size = max(
+                size / (4 if last is None else 2), least
+            )  # nothing is known of a body's first step
             quick, wait, grown = 0, 2 * wait if grown else wait, False
             continue
         grid, last, reached, steps = found.point.grid, found.point, factor, steps + found.steps
@@ -358,7 +446,9 @@ def solve_from(model: StaticModel, start: Array, *, on_step: OnStep | None = Non
     options = model.scene.solver.static
     energy = Energy(model)
     with one_blas_thread():
-        found = minimize(energy, start, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
+        found = minimize(
+            energy, start, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
+        )
     reached = Equilibrium(found.point, found.steps, np.zeros_like(start), energy=energy)
     outside = _outside_domain(model, found.point, reached)
     if outside is not None:

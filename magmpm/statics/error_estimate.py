@@ -17,16 +17,40 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 
 WARY = 0.7
-SOUGHT = (0.05, 16.0, 0.01)  # orders of differences: from, to, and how finely; one decimal is told, and above 4 there is none
-ALGEBRAIC = 0.3  # of the root of the solve's tolerance: error of the solve, over the largest displacement
+SOUGHT = (
+    0.05,
+    16.0,
+    0.01,
+)  # orders of differences: from, to, and how finely; one decimal is told, and above 4 there is none
+ALGEBRAIC = (
+    0.3  # of the root of the solve's tolerance: error of the solve, over the largest displacement
+)
 
 
 # 1.5: the singular stress at the rim of a clamp, docs/design.md; 1: less what the cut of the grid does; 4: bending far from the clamp, in
 # cells that are fine enough. On 95 scenes drawn at random (seeds 0 to 99 of tests/benchmarks/drawn_scenes.py) the bound was too small by up
 # to 1.31 at 2 cells and 1.99 at 3, against the finest grid solved; never at 4. With these factors of safety the worst are 1.05 and 1.47.
-ORDER, LEAST, FASTEST = 1.5, 1.0, 4.0  # the slowest order; that of errors that fall steadily; the fastest
-PROOF = {2: 4, 3: 5, 4: 6, 5: 7, 6: 8, 7: 10, 8: 11, 9: 12, 10: 14, 11: 15, 12: 16}  # cells across: of the grid that tells another's error
-INTERMEDIATE = {2: (3,)}  # grids between that tell whether errors fall steadily: neighbors' differences say little and count for less
+ORDER, LEAST, FASTEST = (
+    1.5,
+    1.0,
+    4.0,
+)  # the slowest order; that of errors that fall steadily; the fastest
+PROOF = {
+    2: 4,
+    3: 5,
+    4: 6,
+    5: 7,
+    6: 8,
+    7: 10,
+    8: 11,
+    9: 12,
+    10: 14,
+    11: 15,
+    12: 16,
+}  # cells across: of the grid that tells another's error
+INTERMEDIATE = {
+    2: (3,)
+}  # grids between that tell whether errors fall steadily: neighbors' differences say little and count for less
 SAFETY = {2: 1.25, 3: 1.35}
 
 
@@ -36,7 +60,11 @@ def bound(coarse: int, fine: int, difference: float, others: Mapping[int, float]
     others: distances (m) of grids in between from the finer one. Where one of these is farther from the finer grid than the coarse one is
     (bodies of large K/G), the two are close by chance, and the finer grid's own error, as the one in between tells it, counts.
     """
-    own = [distance * left(n, fine) / (1.0 - left(n, fine)) for n, distance in others.items() if n > coarse]
+    own = [
+        distance * left(n, fine) / (1.0 - left(n, fine))
+        for n, distance in others.items()
+        if n > coarse
+    ]
     return max(factor(coarse, fine) * difference, difference + WARY * max(own, default=0.0))
 
 
@@ -53,7 +81,9 @@ def left(coarse: int, fine: int) -> float:
 def foretold(errors: Mapping[int, float], cells: int) -> float:
     """The error (m) of a finer grid, from those of one or more grids: at the order that the last two show, or the usual one."""
     order, last = observed_order(errors), max(errors)
-    return errors[last] * (last / cells) ** min(max(2.0 if order is None else order, ORDER), FASTEST)
+    return errors[last] * (last / cells) ** min(
+        max(2.0 if order is None else order, ORDER), FASTEST
+    )
 
 
 def steady(order: float | None) -> bool | None:

@@ -86,7 +86,11 @@ class Grids(ABC):
     @property
     def algebraic(self) -> float:
         """Error that the solves themselves leave, m: they end at a fraction of the energy."""
-        return ALGEBRAIC * float(np.sqrt(self.scene.solver.static.tolerance)) * next(iter(self.solved.values())).moved
+        return (
+            ALGEBRAIC
+            * float(np.sqrt(self.scene.solver.static.tolerance))
+            * next(iter(self.solved.values())).moved
+        )
 
 
 class Equilibria(Grids):
@@ -111,7 +115,9 @@ class Equilibria(Grids):
         """Come so near to an equilibrium that its distance from the grid `against` is known: mostly by one factorization."""
         if cells in self.solved:
             return
-        if acting.feels_itself(self.scene) or self._model(cells).touching is not None:  # one tangent will not do
+        if (
+            acting.feels_itself(self.scene) or self._model(cells).touching is not None
+        ):  # one tangent will not do
             self.solve(cells)
             return
         begun, model, coarse = time.perf_counter(), self._model(cells), self._nearest(cells)
@@ -119,7 +125,14 @@ class Equilibria(Grids):
         start = carried(self.models[coarse], self._grids[coarse], model)
         tell = self.on_step or (lambda step, number: None)
         slenderness = self.scene.length / self.scene.thickness
-        near = approached(Energy(model), start, lambda grid: self._where(model, grid), self._points[against], slenderness, tell)
+        near = approached(
+            Energy(model),
+            start,
+            lambda grid: self._where(model, grid),
+            self._points[against],
+            slenderness,
+            tell,
+        )
         if near is None:
             found = self._solved(model, coarse)
             self._note(cells, found.point.grid, begun, found.steps)
@@ -132,9 +145,16 @@ class Equilibria(Grids):
 
     def takes(self, cells: int, proof: bool) -> float:
         """Seconds, from counted operations and particles, at the pace of the last grids solved."""
-        multiplied, weight = operations(self.on(cells))[0], PARTICLE * memory.fewest_particles(self.on(cells))
-        factorizations = 1.3 if proof else 3.0  # a proof takes one, and now and then a solve; a solve three, with its stability
-        return min(map(self._pace, list(self.solved.values())[-2:])) * (factorizations * (multiplied + weight) + BUILDING * weight)
+        multiplied, weight = (
+            operations(self.on(cells))[0],
+            PARTICLE * memory.fewest_particles(self.on(cells)),
+        )
+        factorizations = (
+            1.3 if proof else 3.0
+        )  # a proof takes one, and now and then a solve; a solve three, with its stability
+        return min(map(self._pace, list(self.solved.values())[-2:])) * (
+            factorizations * (multiplied + weight) + BUILDING * weight
+        )
 
     def size(self, cells: int) -> float:
         """Bytes of the matrix."""
@@ -143,7 +163,9 @@ class Equilibria(Grids):
     def _pace(self, one: Solved) -> float:
         """Seconds of a solved grid per multiply-add."""
         weight = PARTICLE * memory.fewest_particles(self.on(one.cells))
-        return one.seconds / (one.steps * (operations(self.on(one.cells))[0] + weight) + BUILDING * weight)
+        return one.seconds / (
+            one.steps * (operations(self.on(one.cells))[0] + weight) + BUILDING * weight
+        )
 
     def _nearest(self, cells: int) -> int | None:
         """The finest grid that is solved and not finer."""
@@ -158,8 +180,13 @@ class Equilibria(Grids):
     def _note(self, cells: int, grid: Array, begun: float, steps: float) -> None:
         model = self.models[cells]
         self._grids[cells], self._points[cells] = grid, self._where(model, grid)
-        seconds, ends = time.perf_counter() - begun, (axis.centreline(model, grid), axis.tip(model, grid))
-        self.solved[cells] = Solved(cells, cells in self.found, seconds, steps, model.dof, *ends, float(np.abs(grid).max()))
+        seconds, ends = (
+            time.perf_counter() - begun,
+            (axis.centreline(model, grid), axis.tip(model, grid)),
+        )
+        self.solved[cells] = Solved(
+            cells, cells in self.found, seconds, steps, model.dof, *ends, float(np.abs(grid).max())
+        )
 
     def _where(self, model: StaticModel, grid: Array) -> Array:
         """Points where errors are meant, (k, 3) m: along the centreline, or at the tip."""
@@ -172,7 +199,11 @@ class Equilibria(Grids):
         if begin_at is not None and not acting.feels_itself(self.scene):
             grid, same = self._grids[begin_at], self.models[begin_at] is model
             try:
-                return solve_from(model, grid if same else carried(self.models[begin_at], grid, model), on_step=self.on_step)
+                return solve_from(
+                    model,
+                    grid if same else carried(self.models[begin_at], grid, model),
+                    on_step=self.on_step,
+                )
             except TimeOver:
                 raise
             except SolveError:  # from no load, then
@@ -191,7 +222,12 @@ def operations(scene: Scene) -> tuple[float, float]:
 
 
 def approached(
-    energy: Energy, start: Array, points: Callable[[Array], Array], compared: Array, slenderness: float, on_step: OnStep
+    energy: Energy,
+    start: Array,
+    points: Callable[[Array], Array],
+    compared: Array,
+    slenderness: float,
+    on_step: OnStep,
 ) -> Array | None:
     """The equilibrium near grid coefficients `start` (planes, m) m; None where this is not to be had so cheaply: by one factorization.
 

@@ -44,7 +44,9 @@ class InteractingEnergy:
         """share: of all loads, those within the body too."""
         scene = model.scene.with_effects(magnetic_interaction=None)
         self.model = model
-        self.alone = Energy(replace(model, scene=scene, effects=acting.collect(scene, share, model.times)))
+        self.alone = Energy(
+            replace(model, scene=scene, effects=acting.collect(scene, share, model.times))
+        )
         self.named = acting.collect(model.scene, share, model.times)
         self.whole = Energy(replace(model, effects=self.named))
         self._definite = Definite()
@@ -55,7 +57,11 @@ class InteractingEnergy:
         if not point.min_det_F > 0:
             return point
         acting.refresh(self.named, self.model, point.position, point.F)
-        return replace(point, energy=point.energy + acting.shared_energy(self.named, self.model, point.position, point.F))
+        return replace(
+            point,
+            energy=point.energy
+            + acting.shared_energy(self.named, self.model, point.position, point.F),
+        )
 
     def factor(self, point: Point) -> None:
         """Factor the tangent of the other parts, with as much of the mass matrix as that takes, in the matrix of `alone`.
@@ -64,7 +70,10 @@ class InteractingEnergy:
         """
         residual, _ = self._definite.made(self.alone, point)
         if residual is None:
-            raise SolveError("the tangent can't be made positive definite: it holds values that are not finite", point)
+            raise SolveError(
+                "the tangent can't be made positive definite: it holds values that are not finite",
+                point,
+            )
 
     @property
     def shift(self) -> float:
@@ -87,8 +96,17 @@ class InteractingEnergy:
         P, f = np.zeros((count, n, 3, 3)), np.zeros((count, n, 3))
         dx, dF, still = np.empty((n, 3)), np.empty((n, 3, 3)), np.zeros((n, 3))
         for k in range(count):
-            grid_to_particles(alone.cells, alone.particles, np.ascontiguousarray(columns[:, k]), np.zeros_like(model.axes), dx, dF)
-            change = acting.refresh_change(self.named, model, point.position, point.F, BodyChange(still, dx, dF))
+            grid_to_particles(
+                alone.cells,
+                alone.particles,
+                np.ascontiguousarray(columns[:, k]),
+                np.zeros_like(model.axes),
+                dx,
+                dF,
+            )
+            change = acting.refresh_change(
+                self.named, model, point.position, point.F, BodyChange(still, dx, dF)
+            )
             loads(self.whole.particles, change, point.position, point.F, P[k], f[k])
         return self.alone.each_scattered(P, f)
 
@@ -120,7 +138,9 @@ class InteractingEnergy:
             product = Ap - added * p + self.refresh_product(self._point, p)
             curvature = _dots(p, product)
             if np.any(curvature[on] <= 0.0):
-                raise SolveError("the tangent of the whole energy is not positive definite: the equilibrium is at a critical load")
+                raise SolveError(
+                    "the tangent of the whole energy is not positive definite: the equilibrium is at a critical load"
+                )
             step = np.where(on, size / np.where(on, curvature, 1.0), 0.0)[None, :, None]
             x += step * p
             left -= step * product
@@ -128,7 +148,9 @@ class InteractingEnergy:
             before, size = size, _dots(left, z)
             again = (size / np.where(before > 0.0, before, 1.0))[None, :, None]
             p, Ap = z + again * p, left + again * Ap
-        raise SolveError(f"no sensitivities within {MOST_PRODUCTS} conjugate gradients: the equilibrium is too near to a critical load")
+        raise SolveError(
+            f"no sensitivities within {MOST_PRODUCTS} conjugate gradients: the equilibrium is too near to a critical load"
+        )
 
 
 def energy_of(model: StaticModel) -> Energy | InteractingEnergy:
@@ -142,7 +164,12 @@ def _dots(a: Array, b: Array) -> Array:
 
 
 def minimize_with_interaction(
-    energy: InteractingEnergy, start: Array, *, tolerance: float, max_steps: int, on_step: OnStep | None = None
+    energy: InteractingEnergy,
+    start: Array,
+    *,
+    tolerance: float,
+    max_steps: int,
+    on_step: OnStep | None = None,
 ) -> Minimum:
     """A minimum of the whole energy, from grid coefficients `start` (planes, m) m, as newton.minimize.
 
@@ -152,7 +179,9 @@ def minimize_with_interaction(
     rest = energy.at(np.zeros_like(start)).energy
     point = energy.at(start)
     gradient = energy.residual(point)
-    remembered: list[tuple[Array, Array]] = []  # the last twelve steps, and what they changed in the gradient
+    remembered: list[
+        tuple[Array, Array]
+    ] = []  # the last twelve steps, and what they changed in the gradient
     age, decrement, scale = FRESH, np.inf, 1.0
     for step in range(1, MOST_STEPS * max_steps + 1):
         if age >= FRESH:
@@ -173,16 +202,22 @@ def minimize_with_interaction(
         noise = max(ROUNDING * scale, ROUNDING_AT_REST * alone.least_scale())
         while True:
             point = energy.at(before.grid + fraction * direction)
-            if point.min_det_F > 0 and point.energy <= before.energy - 2e-4 * fraction * decrement + noise:
+            if (
+                point.min_det_F > 0
+                and point.energy <= before.energy - 2e-4 * fraction * decrement + noise
+            ):
                 break
             fraction *= 0.5
             if fraction < LEAST_FRACTION:
                 raise SolveError("no step lowers the energy: the line search gave up", before)
-        if point.min_det_F < 1e-3:  # dipoles of neighbors fall onto each other: their energy has no lower bound
+        if (
+            point.min_det_F < 1e-3
+        ):  # dipoles of neighbors fall onto each other: their energy has no lower bound
             raise Collapsed(
                 "the segments attract each other more strongly than their material can bear, and fall onto each other: "
-                f"det F fell to {point.min_det_F:.2g} (bodies bear it up to a Br^2/(mu0 G) of about 1)", before
-            )  # fmt: skip
+                f"det F fell to {point.min_det_F:.2g} (bodies bear it up to a Br^2/(mu0 G) of about 1)",
+                before,
+            )
         after = energy.residual(point)
         pair = point.grid - before.grid, after - gradient
         remembered = [*remembered[-11:], *([pair] if float(np.sum(pair[0] * pair[1])) > 0 else [])]

@@ -39,10 +39,14 @@ class Layout:
     cell_row: Index  # (cells, 3)
     slab_first: Index  # (slabs + 1,) first cell of each slab of two base planes; after them come cells of parts at rest, which add nothing
     node_yz: Index  # (nodes_per_plane, 2) grid index of each node of a plane
-    fixed: NDArray[np.bool_]  # (planes, m) unknowns that are given: zero at nodes without material, at held parts, along y in plane strain
+    fixed: NDArray[
+        np.bool_
+    ]  # (planes, m) unknowns that are given: zero at nodes without material, at held parts, along y in plane strain
     straight: bool = True  # a body whose planes of nodes follow each other: its tangent has bands
     bonds: Bonds | None = None  # of a body of parts
-    bonded: Index | None = None  # (k, 28) number of the nodes of its bonds, among all (planes nodes_per_plane)
+    bonded: Index | None = (
+        None  # (k, 28) number of the nodes of its bonds, among all (planes nodes_per_plane)
+    )
 
     @property
     def m(self) -> int:
@@ -77,7 +81,11 @@ class Layout:
     def nodes_of(self, plane: Index, row: Index) -> Index:
         """Places (cells, 27) in `free_nodes` of the nodes of cells, by their first planes (cells,) and rows (cells, 3); -1: not there."""
         across = np.arange(3)
-        nodes = (plane[:, None, None, None] + across[:, None, None]) * self.nodes_per_plane + row[:, None, :, None] + across
+        nodes = (
+            (plane[:, None, None, None] + across[:, None, None]) * self.nodes_per_plane
+            + row[:, None, :, None]
+            + across
+        )
         return self.places_of(nodes.reshape(len(plane), -1))
 
     def places_of(self, nodes: Index) -> Index:
@@ -127,7 +135,11 @@ class StaticModel(Model):
 
     def along_axes(self, vectors: Array) -> Array:
         """Components (n, 3) along the grid's axes of a vector (n, 3) at each particle."""
-        return vectors @ self.axes if self.axes.ndim == 2 else np.einsum("ni,nij->nj", vectors, self.axes)
+        return (
+            vectors @ self.axes
+            if self.axes.ndim == 2
+            else np.einsum("ni,nij->nj", vectors, self.axes)
+        )
 
 
 def static_model(model: Model) -> StaticModel:
@@ -145,9 +157,18 @@ def static_model(model: Model) -> StaticModel:
         slopes[model.held] = 0.0
     bonds = None if model.line is not None else bonds_of(model)
     axes = model.grid.axes_at(model.particles.position)
-    layout, about = make_layout(model, weights, bonds), {name: vars(model)[name] for name in Model.__dataclass_fields__}
-    touching = None if model.surface is None else resting(model.surface, layout.planes, layout.node_yz, model)
-    made = StaticModel(**about, layout=layout, weights=weights, slopes=slopes, axes=axes, touching=touching)
+    layout, about = (
+        make_layout(model, weights, bonds),
+        {name: vars(model)[name] for name in Model.__dataclass_fields__},
+    )
+    touching = (
+        None
+        if model.surface is None
+        else resting(model.surface, layout.planes, layout.node_yz, model)
+    )
+    made = StaticModel(
+        **about, layout=layout, weights=weights, slopes=slopes, axes=axes, touching=touching
+    )
     if axes.ndim == 2:
         return made
     magnet = np.column_stack([made.along_axes(model.remanence[:, :3]), model.remanence[:, 3:]])
@@ -168,28 +189,43 @@ def make_layout(model: Model, weights: Array, bonds: Bonds | None = None) -> Lay
     _, rows, columns = nodes_along
     still = model.held[cell_first[:-1]] & (not model.driven)
     low, high = np.full(rows, columns), np.full(rows, -1)
-    in_row = [1, 1, 1] if model.plane_strain else [0, 1, 2]  # in plane strain one row represents all three
-    row = [(iy + shift) % rows for shift in in_row]  # around a tube the last row is before the first
+    in_row = (
+        [1, 1, 1] if model.plane_strain else [0, 1, 2]
+    )  # in plane strain one row represents all three
+    row = [
+        (iy + shift) % rows for shift in in_row
+    ]  # around a tube the last row is before the first
     for each in row:
         np.minimum.at(low, each[~still], iz[~still])
         np.maximum.at(high, each[~still], iz[~still] + 2)
     counts = np.maximum(high - low + 1, 0)
     numbered = np.all([(low[each] <= iz) & (iz + 2 <= high[each]) for each in row], axis=0)
-    shared = [(row[0][cell], iz[cell] + k) for cell in np.flatnonzero(~numbered)[:1] for k in range(3)]
+    shared = [
+        (row[0][cell], iz[cell] + k) for cell in np.flatnonzero(~numbered)[:1] for k in range(3)
+    ]
     start = len(shared) + np.concatenate([[0], np.cumsum(counts)])
-    cell_row = np.stack([np.where(numbered, start[each] + iz - low[each], 0) for each in row], axis=1)
+    cell_row = np.stack(
+        [np.where(numbered, start[each] + iz - low[each], 0) for each in row], axis=1
+    )
     node_yz = np.array(shared + [(y, low[y] + k) for y in range(rows) for k in range(counts[y])])
 
     cell_plane = np.maximum(ix - 1, 0) if model.clamped_face else ix
     slab = cell_plane // 2
     moving = int((~still).sum())
-    slab_first = np.searchsorted(slab[:moving] if still[moving:].all() else slab, np.arange(slab.max() + 2))  # see _renumbered
+    slab_first = np.searchsorted(
+        slab[:moving] if still[moving:].all() else slab, np.arange(slab.max() + 2)
+    )  # see _renumbered
     planes, nodes = nodes_along[0] - int(model.clamped_face), int(start[-1])
     of_moving = np.repeat(~still, np.diff(cell_first))
-    touched = _touched(cell_first, cell_plane, cell_row, of_moving[:, None, None] * weights, (planes, nodes))
+    touched = _touched(
+        cell_first, cell_plane, cell_row, of_moving[:, None, None] * weights, (planes, nodes)
+    )
     fixed = np.repeat(~touched, 3, axis=1)  # nodes without material have no equation
     if model.held.any():
-        held, everywhere = model.held[:, None, None] * weights, np.stack([each * columns + iz for each in row], axis=1)
+        held, everywhere = (
+            model.held[:, None, None] * weights,
+            np.stack([each * columns + iz for each in row], axis=1),
+        )
         on = _touched(cell_first, cell_plane, everywhere, held, (planes, rows * columns))
         fixed |= np.repeat(on[:, node_yz @ (columns, 1)], 3, axis=1)
     for _, follows in model.driven:
@@ -201,10 +237,18 @@ def make_layout(model: Model, weights: Array, bonds: Bonds | None = None) -> Lay
         x, y, z = np.moveaxis(bonds.element, -1, 0)
         number = (x - int(model.clamped_face)) * nodes + start[y] + z - low[y]
     return Layout(
-        bonds=bonds, bonded=number, planes=planes, nodes_per_plane=nodes, cell_first=cell_first, cell_plane=cell_plane.astype(np.int64),
-        cell_row=cell_row.astype(np.int64), slab_first=slab_first.astype(np.int64), node_yz=node_yz.astype(np.int64), fixed=fixed,
+        bonds=bonds,
+        bonded=number,
+        planes=planes,
+        nodes_per_plane=nodes,
+        cell_first=cell_first,
+        cell_plane=cell_plane.astype(np.int64),
+        cell_row=cell_row.astype(np.int64),
+        slab_first=slab_first.astype(np.int64),
+        node_yz=node_yz.astype(np.int64),
+        fixed=fixed,
         straight=model.line is not None,
-    )  # fmt: skip
+    )
 
 
 def on_planes(model: Model, nodes: NDArray[np.bool_], node_yz: Index) -> NDArray[np.bool_]:
@@ -212,7 +256,9 @@ def on_planes(model: Model, nodes: NDArray[np.bool_], node_yz: Index) -> NDArray
     return nodes[int(model.clamped_face) :, node_yz[:, 0], node_yz[:, 1]]
 
 
-def _touched(cell_first: Index, cell_plane: Index, cell_row: Index, weights: Array, shape: tuple[int, int]) -> NDArray[np.bool_]:
+def _touched(
+    cell_first: Index, cell_plane: Index, cell_row: Index, weights: Array, shape: tuple[int, int]
+) -> NDArray[np.bool_]:
     """Nodes that any particle touches, True or False (planes, nodes_per_plane)."""
     heaviest = np.maximum.reduceat(np.abs(weights), cell_first[:-1], axis=0) > 0.0
     touched = np.zeros(shape, bool)
@@ -237,7 +283,14 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
     axes = list(order)
     cell = p.cell[:, axes]
     cells = (model.grid.cells[axes[0]], model.grid.cells[axes[1]], model.grid.cells[axes[2]])
-    of = np.lexsort((np.arange(len(cell)), p.segment, np.ravel_multi_index(cell.T, cells), model.held & (not model.driven)))
+    of = np.lexsort(
+        (
+            np.arange(len(cell)),
+            p.segment,
+            np.ravel_multi_index(cell.T, cells),
+            model.held & (not model.driven),
+        )
+    )
     grid = Grid(model.grid.origin[axes], model.grid.spacing[axes], cells)
     particles = Particles(p.position[of], p.volume[of], p.segment[of], cell[of])
     ratio = (model.bulk / model.shear)[of]
@@ -249,11 +302,15 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
         slopes=np.ascontiguousarray(model.slopes[of][:, axes]),
         shear=model.shear[of],
         bulk=model.bulk[of],
-        remanence=np.ascontiguousarray(model.remanence[of][:, [*axes, *range(3, model.remanence.shape[1])]]),  # a mark stays last
+        remanence=np.ascontiguousarray(
+            model.remanence[of][:, [*axes, *range(3, model.remanence.shape[1])]]
+        ),  # a mark stays last
         density=model.density[of],
         modes=volume_modes(grid, particles, ratio) if model.modes.shape[1] else model.modes,
         held=model.held[of],
-        driven=tuple((name, np.ascontiguousarray(nodes.transpose(axes))) for name, nodes in model.driven),
+        driven=tuple(
+            (name, np.ascontiguousarray(nodes.transpose(axes))) for name, nodes in model.driven
+        ),
         axes=np.ascontiguousarray(np.eye(3)[:, axes]),
         order=order,
     )
@@ -262,7 +319,9 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
         bonds = replace(bonds, element=bonds.element[:, :, axes])
     layout, touching = make_layout(turned, turned.weights, bonds), model.touching
     if touching is not None:
-        touching = replace(touching, first=touching.first[:, axes], weights=touching.weights[:, axes])
+        touching = replace(
+            touching, first=touching.first[:, axes], weights=touching.weights[:, axes]
+        )
         touching = resting(touching, layout.planes, layout.node_yz, turned)
     return replace(turned, layout=layout, touching=touching), of
 
@@ -278,7 +337,9 @@ def _all_hang_on_something(model: Model, weights: Array) -> None:
     particles, nodes = model.particles, model.grid.nodes
     number = np.ravel_multi_index(particles.cell.T, nodes)
     _, first, of = np.unique(number, return_index=True, return_inverse=True)
-    seen = np.zeros((len(first), 3, 3), bool)  # nodes along each axis that the free particles of a cell see
+    seen = np.zeros(
+        (len(first), 3, 3), bool
+    )  # nodes along each axis that the free particles of a cell see
     free = ~model.held
     np.logical_or.at(seen, of[free], weights[free] != 0.0)
     held_nodes = np.zeros(nodes, bool)
@@ -288,7 +349,9 @@ def _all_hang_on_something(model: Model, weights: Array) -> None:
     at = []
     for a, b, c in np.ndindex(3, 3, 3):
         place = particles.cell + np.array([a, b, c])
-        by_held = model.held & (weights[:, 0, a] != 0) & (weights[:, 1, b] != 0) & (weights[:, 2, c] != 0)
+        by_held = (
+            model.held & (weights[:, 0, a] != 0) & (weights[:, 1, b] != 0) & (weights[:, 2, c] != 0)
+        )
         held_nodes[tuple(place[by_held].T)] = True
         on = np.flatnonzero(seen[:, 0, a] & seen[:, 1, b] & seen[:, 2, c])
         cells.append(on)
@@ -300,7 +363,10 @@ def _all_hang_on_something(model: Model, weights: Array) -> None:
     _, group = connected_components(graph, directed=False)
     # Where a clamp plane changed a cell's splines they no longer sum to one.
     clamped = free & np.any(np.abs(weights.sum(axis=2) - 1) > 1e-6, axis=1)
-    anchored = {*group[of[clamped]].tolist(), *group[len(first) :][held_nodes.ravel()[named]].tolist()}
+    anchored = {
+        *group[of[clamped]].tolist(),
+        *group[len(first) :][held_nodes.ravel()[named]].tolist(),
+    }
     loose = free & ~np.isin(group[of], list(anchored))
     if loose.any():
         raise _loose(model, loose & (group[of] == group[of[np.flatnonzero(loose)[0]]]))
@@ -315,7 +381,11 @@ def _loose(model: Model, mine: NDArray[np.bool_]) -> SceneError:
     whole = float(particles.volume[particles.segment == k].sum())
     center = particles.volume[mine] @ particles.position[mine] / particles.volume[mine].sum()
     all_of_it = size[k] > (1 - 1e-9) * whole  # sums differ by rounding
-    piece = region.name if all_of_it else f"a piece of {region.name}, {1e9 * size[k]:.3g} of its {1e9 * whole:.3g} mm^3,"
+    piece = (
+        region.name
+        if all_of_it
+        else f"a piece of {region.name}, {1e9 * size[k]:.3g} of its {1e9 * whole:.3g} mm^3,"
+    )
     return SceneError(
         dotted(("body", *region.at)),
         found=f"{piece} touches no part that is held, nor one that hangs on such a part; its center is {lengths(center)}",

@@ -47,12 +47,16 @@ class Linearized:
             self._right = self._right_sides()
 
     def _factor(self) -> None:
-        if not isinstance(self._whole, Energy):  # whether the whole tangent is positive definite, its products tell as it is solved with
+        if not isinstance(
+            self._whole, Energy
+        ):  # whether the whole tangent is positive definite, its products tell as it is solved with
             self._whole.factor(self._point)
             return
         _, matrix = self.energy.tangent(self._point)
         if not matrix.factor():
-            raise SolveError("the equilibrium is at a critical load: its tangent is not positive definite, so it has no sensitivities")
+            raise SolveError(
+                "the equilibrium is at a critical load: its tangent is not positive definite, so it has no sensitivities"
+            )
 
     def _refined(self, grid: Array) -> Point:
         if isinstance(self._whole, Energy):
@@ -66,10 +70,14 @@ class Linearized:
 
     def _right_sides(self) -> Array:
         whole = self._whole
-        right = right_sides(whole if isinstance(whole, Energy) else whole.whole, self._point, self.variables)
+        right = right_sides(
+            whole if isinstance(whole, Energy) else whole.whole, self._point, self.variables
+        )
         changes = magnet_changes(self.model, self.variables)
         if changes and not isinstance(whole, Energy):
-            right[:, list(changes)] += whole.refresh_by_remanence(self._point, np.array(list(changes.values())))
+            right[:, list(changes)] += whole.refresh_by_remanence(
+                self._point, np.array(list(changes.values()))
+            )
         for k, change in self._geometry.items():
             right[:, k] = change.residual
         for k, stiffer in contact_changes(self.model, self._point.grid, self.variables).items():
@@ -98,7 +106,9 @@ class Linearized:
     def centreline(self) -> Array:
         """Derivatives (rows, 3, k), m per unit, of the axis's rows."""
         along, across = self._axis
-        out = np.einsum("rp,pkni,n->rik", along, self._by_node(self.unknowns), across, optimize=True)
+        out = np.einsum(
+            "rp,pkni,n->rik", along, self._by_node(self.unknowns), across, optimize=True
+        )
         for k, change in self._geometry.items():
             out[:, :, k] += change.rows[:, 1:]
         return out
@@ -106,7 +116,9 @@ class Linearized:
     @cached_property
     def stations(self) -> Array:
         """Derivatives (rows, k), m per unit, of the rows' arc lengths."""
-        out = np.zeros((len(self.model.grid.stations) if self.model.line else 0, len(self.variables)))
+        out = np.zeros(
+            (len(self.model.grid.stations) if self.model.line else 0, len(self.variables))
+        )
         for k, change in self._geometry.items():
             out[:, k] = change.rows[:, 0]
         return out
@@ -114,7 +126,9 @@ class Linearized:
     def adjoint(self, gradient: Array) -> Array:
         """dJ/dp (k,) for dJ/d(axis) (rows, 3)."""
         along, across = self._axis
-        right = np.einsum("rp,ri,n->pni", along, gradient, across, optimize=True).reshape(len(self._right), 1, -1)
+        right = np.einsum("rp,ri,n->pni", along, gradient, across, optimize=True).reshape(
+            len(self._right), 1, -1
+        )
         multiplier = self.solve(self.energy.free_columns(right))
         out = -np.einsum("pm,pkm->k", multiplier[:, 0], self._right)
         for k, change in self._geometry.items():
@@ -125,15 +139,21 @@ class Linearized:
     def _axis(self) -> tuple[Array, Array]:
         """Splines along (rows, planes) and weights across (nodes,) that give the axis's rows from the coefficients."""
         if self.model.line is None:
-            return np.zeros((0, self.model.layout.planes)), np.zeros(self.model.layout.nodes_per_plane)
-        return axis.splines_along(self.model, self.model.grid.stations), axis.section_weights(self.model)
+            return np.zeros((0, self.model.layout.planes)), np.zeros(
+                self.model.layout.nodes_per_plane
+            )
+        return axis.splines_along(self.model, self.model.grid.stations), axis.section_weights(
+            self.model
+        )
 
     @cached_property
     def _tip_weights(self) -> Array:
         """Weights (planes, nodes) that give the tip from the coefficients."""
         model = self.model
         if model.line is not None:
-            return axis.splines_along(model, model.grid.stations[-1:])[0][:, None] * axis.end_face_weights(model)
+            return axis.splines_along(model, model.grid.stations[-1:])[0][
+                :, None
+            ] * axis.end_face_weights(model)
         share = model.tip_weights
         assert share is not None  # Sensitivities.tip
         force = (-share / model.particles.volume)[:, None] * np.array([1.0, 0.0, 0.0])
@@ -199,5 +219,7 @@ class Sensitivities:
         """
         gradient, rows = np.asarray(gradient, dtype=float), self.result.centreline
         if gradient.shape != (len(rows), 3):
-            raise ValueError(f"gradient has shape {gradient.shape}; must be {(len(rows), 3)}, a row for each of the centreline's")
+            raise ValueError(
+                f"gradient has shape {gradient.shape}; must be {(len(rows), 3)}, a row for each of the centreline's"
+            )
         return self._near.adjoint(gradient)

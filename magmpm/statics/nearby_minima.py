@@ -40,7 +40,12 @@ class NearbyMinima:
     def contracted(self, energy: Energy, begin: Array) -> Point | None:
         """The minimum to which Newton's steps contract; None where they do not, or lead to where the tangent is not positive definite."""
         self.unstable = False
-        point, rest, allowed, on = energy.at(begin), energy.rest_energy(), np.inf, np.zeros(0, np.int64)
+        point, rest, allowed, on = (
+            energy.at(begin),
+            energy.rest_energy(),
+            np.inf,
+            np.zeros(0, np.int64),
+        )
         length = float(np.ptp(energy.model.plane_coordinates()))
         for step in range(12):
             if not point.min_det_F > 0:
@@ -50,14 +55,18 @@ class NearbyMinima:
                 return None
             direction = -energy.matrix.solve(residual)
             self.spent += 1
-            if point.touched is not None and not np.array_equal(on, point.touched.pattern):  # others touch: another tangent
+            if point.touched is not None and not np.array_equal(
+                on, point.touched.pattern
+            ):  # others touch: another tangent
                 on, allowed = point.touched.pattern, np.inf
             decrement = -float(np.sum(residual * direction)) / 2
             scale = max(abs(point.energy - rest), energy.least_scale())
             if self._tell is not None:
                 self._tell(step + 1, decrement / scale)
             size = float(np.abs(direction).max())
-            if size > max(allowed, 1e-5 * length):  # steps that are shorter may shrink more slowly, down to rounding
+            if size > max(
+                allowed, 1e-5 * length
+            ):  # steps that are shorter may shrink more slowly, down to rounding
                 return None
             allowed = CONTRACTION * (size if allowed == np.inf else allowed)
             if decrement < NEAR * scale:
@@ -98,7 +107,9 @@ class NearbyMinima:
         self.spent += found.steps
         return found.point
 
-    def settled(self, energy: Energy, point: Point, longest: float, check: Callable[[Point], None]) -> Point:
+    def settled(
+        self, energy: Energy, point: Point, longest: float, check: Callable[[Point], None]
+    ) -> Point:
         """End of the overdamped motion from a state, by implicit Euler steps of at most `longest` (m). Raises SolveError.
 
         check: called with each state on the way; may raise SolveError.
@@ -113,7 +124,9 @@ class NearbyMinima:
                 mu *= 4.0
                 continue
             scale = max(abs(trial.energy - rest), energy.least_scale())
-            if mu <= neutral and self._decrement < max(self._tolerance * scale, SOFT * energy.least_scale()):
+            if mu <= neutral and self._decrement < max(
+                self._tolerance * scale, SOFT * energy.least_scale()
+            ):
                 return trial
             check(trial)
             point, mu = trial, max(mu / 4.0, neutral)

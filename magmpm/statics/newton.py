@@ -25,14 +25,21 @@ from magmpm.statics.energy import Energy, Point
 FIRST_SHIFT = 1e-5  # of the largest diagonal entry
 NEAR = 1e-5  # of the energy scale: below this decrement the tangent hardly changes
 PAIRS = 6  # steps that a chord step remembers
-CRAWL = 8  # shifted steps in a row, after which the body goes along the mode that the shift slows down
+CRAWL = (
+    8  # shifted steps in a row, after which the body goes along the mode that the shift slows down
+)
 NEAREST, FARTHEST = 2.0**-6, 16.0  # times as far as `_leave` says
-STALL, STALLED = 15, 0.1  # steps that all together win less than this share of what the next one promises: the solve leads nowhere
+STALL, STALLED = (
+    15,
+    0.1,
+)  # steps that all together win less than this share of what the next one promises: the solve leads nowhere
 MOST_LEFT = 8  # unstable equilibria that one solve may leave
 LEAST_FRACTION = 1e-8  # of a step: below it the line search gives up
 ROUNDING = 1e-13  # of the energy scale: smaller differences of energies are rounding errors
 ROUNDING_AT_REST = 1e3  # of Energy.least_scale, 1e-15 of shear modulus times volume: nor below it, however small the load
-OnStep = Callable[[int, float], None]  # of a solve: called after each step with its number and its energy decrement
+OnStep = Callable[
+    [int, float], None
+]  # of a solve: called after each step with its number and its energy decrement
 
 
 @dataclass(frozen=True)
@@ -52,7 +59,9 @@ class Chord:
 
 
 USUAL = Chord()
-FOLLOWING = Chord(near=1e-3, gain=0.5, corrected=True, trusted=True)  # where many neighbors are solved, each from the last
+FOLLOWING = Chord(
+    near=1e-3, gain=0.5, corrected=True, trusted=True
+)  # where many neighbors are solved, each from the last
 
 
 @dataclass
@@ -65,7 +74,13 @@ class Minimum:
 
 
 def minimize(
-    energy: Energy, start: Array, *, tolerance: float, max_steps: int, on_step: OnStep | None = None, chord: Chord = USUAL
+    energy: Energy,
+    start: Array,
+    *,
+    tolerance: float,
+    max_steps: int,
+    on_step: OnStep | None = None,
+    chord: Chord = USUAL,
 ) -> Minimum:
     """A minimum of the energy, from grid coefficients `start` (planes, m) m.
 
@@ -76,25 +91,40 @@ def minimize(
     rest = energy.rest_energy()
     if not point.min_det_F > 0:
         raise SolveError("the start has det F <= 0", point)
-    left, shifted, least_shift, energies = 0, 0, 0.0 if chord.trusted else _expected_shift(energy, point), [point.energy]
+    left, shifted, least_shift, energies = (
+        0,
+        0,
+        0.0 if chord.trusted else _expected_shift(energy, point),
+        [point.energy],
+    )
     for step in range(1, max_steps + 1):
         residual, direction, shift = _step(energy, point, least_shift)
         least_shift, shifted = 0.0, shifted + 1 if shift > 0.0 else 0
         decrement = -float(np.sum(residual * direction)) / 2
         scale = max(abs(point.energy - rest), energy.least_scale())
-        if tolerance * scale < decrement < NEAR * scale and shift > 0.0:  # only a soft mode is left: FIRST_SHIFT would freeze it
-            residual, direction, shift = _step(energy, point, 1e-9)  # the softest modes, bending and twist, are 1e-7 to 1e-9 as stiff
+        if (
+            tolerance * scale < decrement < NEAR * scale and shift > 0.0
+        ):  # only a soft mode is left: FIRST_SHIFT would freeze it
+            residual, direction, shift = _step(
+                energy, point, 1e-9
+            )  # the softest modes, bending and twist, are 1e-7 to 1e-9 as stiff
             decrement = -float(np.sum(residual * direction)) / 2
         if decrement < chord.near * scale and shift == 0.0:
-            near, reached = _chord_steps(energy, point, residual, direction, decrement, tolerance * scale, chord)
+            near, reached = _chord_steps(
+                energy, point, residual, direction, decrement, tolerance * scale, chord
+            )
             if reached < tolerance * scale:
                 return Minimum(near, step, reached / scale)
             # A soft direction (just past buckling) may be too nonlinear for chord steps. Then the line search continues from here.
-            point = near if reached < decrement else _search(energy, point, direction, decrement, scale)
+            point = (
+                near if reached < decrement else _search(energy, point, direction, decrement, scale)
+            )
         elif decrement < tolerance * scale:
             left += 1
             if left > MOST_LEFT:
-                raise SolveError(f"the solve returned to unstable equilibria {MOST_LEFT} times", point)
+                raise SolveError(
+                    f"the solve returned to unstable equilibria {MOST_LEFT} times", point
+                )
             point = _search(energy, point, _leave(energy, residual, left), 0.0, scale)
         else:
             point = _search(energy, point, direction, decrement, scale)
@@ -103,13 +133,25 @@ def minimize(
         if on_step is not None:
             on_step(step, decrement / scale)
         energies.append(point.energy)
-        if step >= STALL and decrement > NEAR * scale and energies[-1 - STALL] - point.energy < STALLED * decrement:
-            raise _not_found(point, f"after {step} Newton steps, of which the last {STALL} led nowhere", decrement / scale, tolerance)
+        if (
+            step >= STALL
+            and decrement > NEAR * scale
+            and energies[-1 - STALL] - point.energy < STALLED * decrement
+        ):
+            raise _not_found(
+                point,
+                f"after {step} Newton steps, of which the last {STALL} led nowhere",
+                decrement / scale,
+                tolerance,
+            )
     raise _not_found(point, f"within {max_steps} Newton steps", decrement / scale, tolerance)
 
 
 def _not_found(point: Point, after: str, decrement: float, tolerance: float) -> SolveError:
-    return SolveError(f"no equilibrium {after} (energy decrement {decrement:.1e} of the energy, wanted {tolerance:.1e})", point)
+    return SolveError(
+        f"no equilibrium {after} (energy decrement {decrement:.1e} of the energy, wanted {tolerance:.1e})",
+        point,
+    )
 
 
 def _expected_shift(energy: Energy, point: Point) -> float:
@@ -135,11 +177,20 @@ def factored(energy: Energy, point: Point, shift: float = 0.0) -> tuple[Array, f
             return residual, shift
         shift = 10.0 * shift if shift > 0.0 else FIRST_SHIFT
         if shift > 1e3:
-            raise SolveError("the tangent can't be made positive definite: it holds values that are not finite", point)
+            raise SolveError(
+                "the tangent can't be made positive definite: it holds values that are not finite",
+                point,
+            )
 
 
 def _chord_steps(
-    energy: Energy, point: Point, residual: Array, direction: Array, decrement: float, enough: float, chord: Chord = USUAL
+    energy: Energy,
+    point: Point,
+    residual: Array,
+    direction: Array,
+    decrement: float,
+    enough: float,
+    chord: Chord = USUAL,
 ) -> tuple[Point, float]:
     """Take full steps with the last factors, while each gains enough. Returns the last point and its decrement.
 
@@ -163,12 +214,18 @@ def _chord_steps(
         point, decrement = trial, reached
 
 
-def corrected(residual: Array, pairs: list[tuple[Array, Array]], newton: Callable[[Array], Array]) -> Array:
+def corrected(
+    residual: Array, pairs: list[tuple[Array, Array]], newton: Callable[[Array], Array]
+) -> Array:
     """The direction of a step, from the last steps and what they changed in the residual; newton: that of the factors alone.
 
     Steps along which the energy does not curve upward, steps of length zero among them, tell nothing and are left out.
     """
-    usable = [(step, change, curved) for step, change in pairs if (curved := float(np.sum(step * change))) > 0.0]
+    usable = [
+        (step, change, curved)
+        for step, change in pairs
+        if (curved := float(np.sum(step * change))) > 0.0
+    ]
     q, parts = residual, []
     for step, change, curved in reversed(usable):
         parts.append(float(np.sum(step * q)) / curved)
@@ -238,7 +295,9 @@ def _along_mode(energy: Energy, point: Point, residual: Array, attempt: int) -> 
     return best
 
 
-def _search(energy: Energy, point: Point, direction: Array, decrement: float, scale: float) -> Point:
+def _search(
+    energy: Energy, point: Point, direction: Array, decrement: float, scale: float
+) -> Point:
     """Backtrack along a direction, straight or along an arc, until the energy satisfies the Armijo condition."""
     fraction = 1.0
     noise = max(ROUNDING * scale, ROUNDING_AT_REST * energy.least_scale())
@@ -246,7 +305,9 @@ def _search(energy: Energy, point: Point, direction: Array, decrement: float, sc
         enough = point.energy - 2e-4 * fraction * decrement + noise
         trial = energy.at(point.grid + fraction * direction)
         won = point.energy - trial.energy if trial.min_det_F > 0 else -np.inf
-        if won < 0.5 * fraction * decrement:  # half of what it wins in a quadratic: sections that turn far stretch the body
+        if (
+            won < 0.5 * fraction * decrement
+        ):  # half of what it wins in a quadratic: sections that turn far stretch the body
             arc = energy.at(energy.arc(point, direction, fraction))
             trial = arc if arc.min_det_F > 0 and not arc.energy >= trial.energy else trial
         if trial.min_det_F > 0 and trial.energy <= enough:

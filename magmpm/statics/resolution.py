@@ -48,9 +48,13 @@ class _Late(Exception):
 class _Search:
     grids: Grids
     begun: float
-    extra: Callable[[int], float]  # seconds of the time requested that a grid will take once it is chosen
+    extra: Callable[
+        [int], float
+    ]  # seconds of the time requested that a grid will take once it is chosen
     errors: dict[int, float] = field(default_factory=dict)  # m, of the grids that are proven
-    proof: dict[int, int] = field(init=False)  # of a grid, by cells across, the one that tells its error
+    proof: dict[int, int] = field(
+        init=False
+    )  # of a grid, by cells across, the one that tells its error
 
     def __post_init__(self) -> None:
         self.proof = proofs(self.scene)
@@ -66,9 +70,14 @@ class _Search:
         grids.prove(finer, cells)
         for intermediate in law.INTERMEDIATE.get(cells, ()):
             grids.prove(intermediate, cells)
-        others = {n: grids.distance_between(n, finer) for n in grids.solved if n < finer and n != cells}
+        others = {
+            n: grids.distance_between(n, finer) for n in grids.solved if n < finer and n != cells
+        }
         known = law.bound(cells, finer, grids.distance_between(cells, finer), others)
-        self.errors[cells] = caution(self.scene.length / self.scene.thickness, self.wall(cells)) * known + grids.algebraic
+        self.errors[cells] = (
+            caution(self.scene.length / self.scene.thickness, self.wall(cells)) * known
+            + grids.algebraic
+        )
 
     def wall(self, cells: int) -> float:
         """Cells across a tube's wall, where there are so many across its diameter; inf without a bore, and where cells fit it."""
@@ -94,7 +103,9 @@ def known_error(grids: Grids, cells: int) -> ChosenGrid:
     search = _Search(grids, time.perf_counter(), lambda cells: 0.0)
     if cells not in search.proof:
         rule = f"must be at most {max(search.proof)}: the error of finer grids is not known"
-        raise SceneError("resolution.cells_across", received=f"{cells}", rule=rule, remedy="use fewer")
+        raise SceneError(
+            "resolution.cells_across", received=f"{cells}", rule=rule, remedy="use fewer"
+        )
     with one_blas_thread():
         search.prove(cells)
         return _chosen(search, cells)
@@ -110,7 +121,9 @@ def first_cells(scene: Scene) -> int:
     return max(coarsest_cells(scene), min(JOINTED) if knots_of(scene).joints else 0)
 
 
-def choose(grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], float] = lambda cells: 0.0) -> ChosenGrid:
+def choose(
+    grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], float] = lambda cells: 0.0
+) -> ChosenGrid:
     """The coarsest grid that meets the error, or the best within the time, that a scene requests; solved, with its error known.
 
     extra: seconds of the time requested that a grid with so many cells across will take once it is chosen.
@@ -119,7 +132,12 @@ def choose(grids: Grids, on_step: OnStep | None = None, extra: Callable[[int], f
     check_possible(grids.scene)
     with one_blas_thread():  # all along: threads that BLAS started go on spinning for a while, and slow the next kernel to half its pace
         search = _searched(grids, on_step, extra)
-        return _chosen(search, max(search.errors) if search.scene.resolution.error is not None else _best_in_time(search))
+        return _chosen(
+            search,
+            max(search.errors)
+            if search.scene.resolution.error is not None
+            else _best_in_time(search),
+        )
 
 
 def _searched(grids: Grids, on_step: OnStep | None, extra: Callable[[int], float]) -> _Search:
@@ -162,7 +180,11 @@ def _check_met(search: _Search, failed: int, failure: SolveError | None) -> None
     """Raises SceneError where the search ended without what was requested, as `failed` cells across failed or the grids tell nothing."""
     wanted, best = search.scene.resolution.allowed(search.scene.length), min(search.errors.values())
     if wanted is not None and search.errors[max(search.errors)] > wanted:
-        found = "" if failure is None else f"{failed} cells across found no equilibrium ({failure.reason.split('; ')[0]})"
+        found = (
+            ""
+            if failure is None
+            else f"{failed} cells across found no equilibrium ({failure.reason.split('; ')[0]})"
+        )
         raise _out_of_reach(search, wanted, failed=found)
     if wanted is None and best > LARGEST * search.scene.length:
         raise _on_branches(search, f"{search.scene.resolution.seconds:g} s")
@@ -174,7 +196,9 @@ def check_possible(scene: Scene) -> None:
     key = "resolution.error" if wanted is not None else "resolution.seconds"
     if wanted is not None and wanted > LARGEST * scene.length:
         rule = f"must be at most half of the length, {500 * scene.length:g} mm"
-        raise SceneError(key, received=f"{1e3 * wanted:g} mm", rule=rule, remedy="check number and unit")
+        raise SceneError(
+            key, received=f"{1e3 * wanted:g} mm", rule=rule, remedy="check number and unit"
+        )
     if wanted is not None and wanted < FLOOR * scene.length:
         raise SceneError(
             key,
@@ -195,7 +219,9 @@ def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None
     if search.errors[tried] <= wanted:
         return None
     order = observed_order(search.errors)
-    hoped = law.FASTEST if order is None else min(max(order, law.LEAST) + 0.5, law.FASTEST)  # they may fall faster than they did
+    hoped = (
+        law.FASTEST if order is None else min(max(order, law.LEAST) + 0.5, law.FASTEST)
+    )  # they may fall faster than they did
     if not finer or search.errors[tried] * (tried / finer[-1]) ** hoped > wanted:
         # Two coarse grids far from each other may be too coarse, rather than on other branches: then their distance foretells nothing.
         if tried < FIRST_LEAP and search.errors[tried] > LARGEST * search.scene.length:
@@ -206,8 +232,14 @@ def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None
     elif order < law.ORDER:  # errors that don't yet fall as they will tell as little
         finer = [n for n in finer if n <= search.proof[tried]] or finer[:1]
     cells = next((n for n in finer if law.foretold(search.errors, n) <= wanted), finer[-1])
-    solved = search.proof[tried]  # already, to prove the last grid, and what proves it in turn is where the next one would begin
-    if solved < cells and solved in search.proof and search.errors[tried] * (tried / solved) ** hoped <= wanted:
+    solved = search.proof[
+        tried
+    ]  # already, to prove the last grid, and what proves it in turn is where the next one would begin
+    if (
+        solved < cells
+        and solved in search.proof
+        and search.errors[tried] * (tried / solved) ** hoped <= wanted
+    ):
         cells = solved
     if not (search.fits(cells) and search.takes(cells) <= PATIENCE):
         raise _out_of_reach(search, wanted, cells)
@@ -222,28 +254,48 @@ def _next_in_time(search: _Search, tried: int, finer: list[int]) -> int | None:
         raise _too_short(search, gone + search.extra(tried))
     if len(search.errors) == 1:  # whose pace says little: it was the first to run
         finer = [n for n in finer if n <= FIRST_LEAP]
-    return max((n for n in finer if search.fits(n) and search.takes(n) + search.extra(n) <= 0.9 * (limit - gone)), default=None)
+    return max(
+        (
+            n
+            for n in finer
+            if search.fits(n) and search.takes(n) + search.extra(n) <= 0.9 * (limit - gone)
+        ),
+        default=None,
+    )
 
 
 def _too_short(search: _Search, needed: float) -> SceneError:
     """needed: seconds that the coarsest grid takes with its proof, as far as that is known."""
     limit, cells = search.scene.resolution.seconds, first_cells(search.scene)
     if not search.errors and search.grids.solved:
-        needed = sum(one.seconds for one in search.grids.solved.values()) + search.grids.takes(search.proof[cells], proof=True)
+        needed = sum(one.seconds for one in search.grids.solved.values()) + search.grids.takes(
+            search.proof[cells], proof=True
+        )
     known = f"{needed:.2g} s here" if search.grids.solved else "which took longer"
     return SceneError(
-        "resolution.seconds", received=f"{limit:g} s", rule=f"must be enough for the coarsest grid and the proof of its error, {known}",
+        "resolution.seconds",
+        received=f"{limit:g} s",
+        rule=f"must be enough for the coarsest grid and the proof of its error, {known}",
         remedy=f"allow {1.2 * needed:.2g} s or more" if search.grids.solved else "allow much more",
-    )  # fmt: skip
+    )
 
 
-def _out_of_reach(search: _Search, wanted: float, cells: int | None = None, failed: str = "") -> SceneError:
+def _out_of_reach(
+    search: _Search, wanted: float, cells: int | None = None, failed: str = ""
+) -> SceneError:
     """cells: the grid that would do, but for memory or time; failed: what a finer grid failed of."""
     length, tried = search.scene.length, max(search.errors)
-    received, limits = f"{100 * wanted / length:.3g} % of the length", f" of {SHARE * memory.machine() / 1e9:.3g} GB and {PATIENCE:g} s"
+    received, limits = (
+        f"{100 * wanted / length:.3g} % of the length",
+        f" of {SHARE * memory.machine() / 1e9:.3g} GB and {PATIENCE:g} s",
+    )
     if search.errors[tried] > LARGEST * length:
         return _on_branches(search, received, failed)
-    within = [n for n in search.proof if n > tried and search.fits(n) and search.takes(n) <= PATIENCE and not failed]
+    within = [
+        n
+        for n in search.proof
+        if n > tried and search.fits(n) and search.takes(n) <= PATIENCE and not failed
+    ]
     most = max(within, default=tried)
     least = law.foretold(search.errors, most)
     if failed:
@@ -258,7 +310,12 @@ def _out_of_reach(search: _Search, wanted: float, cells: int | None = None, fail
     remedy = f"ask for {_up(100 * search.errors[tried] / length):.2g} % or more, which {tried} cells give"
     if most > tried:
         remedy += f", or try {_up(100 * least / length):.2g} %, which {most} cells give only if its errors fall as they should"
-    return SceneError("resolution.error", received=received, rule=f"must be within reach{limits}: {why}", remedy=remedy)
+    return SceneError(
+        "resolution.error",
+        received=received,
+        rule=f"must be within reach{limits}: {why}",
+        remedy=remedy,
+    )
 
 
 def _up(number: float) -> float:
@@ -270,7 +327,10 @@ def _up(number: float) -> float:
 def _on_branches(search: _Search, received: str, failed: str = "") -> SceneError:
     """Error for two grids too far from each other to tell it. received: what was requested; failed: what a finer grid failed of."""
     tried, length = max(search.errors), search.scene.length
-    key, proof = "seconds" if search.scene.resolution.error is None else "error", search.proof[tried]
+    key, proof = (
+        "seconds" if search.scene.resolution.error is None else "error",
+        search.proof[tried],
+    )
     return SceneError(
         f"resolution.{key}",
         received=received,
@@ -295,13 +355,23 @@ def _chosen(search: _Search, cells: int) -> ChosenGrid:
     report = {
         "cells_across": cells,
         "particles_per_cell": resolution.particles_per_cell,
-        "asked": {key: value for key, value in resolution.model_dump().items() if key in ("error", "of", "seconds")},
+        "asked": {
+            key: value
+            for key, value in resolution.model_dump().items()
+            if key in ("error", "of", "seconds")
+        },
         "error_of_length": error / search.scene.length,
         "algebraic_error": search.grids.algebraic,
         "order": order if law.steady(order) else None,
         "asymptotic": law.steady(order),
         "tried": [
-            {"cells_across": n, "dof": one.dof, "seconds": one.seconds, "factorizations": one.steps, "error": search.errors.get(n)}
+            {
+                "cells_across": n,
+                "dof": one.dof,
+                "seconds": one.seconds,
+                "factorizations": one.steps,
+                "error": search.errors.get(n),
+            }
             for n, one in sorted(solved.items())
         ],
         "seconds_of_answer": last.seconds,

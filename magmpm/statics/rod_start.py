@@ -65,7 +65,10 @@ def from_rod(model: StaticModel, rod: RodShape) -> Array:
 def _second_difference(width: Array) -> tuple[Array, Array, Array]:
     """Weights (planes, 1, 1) of the plane before, the plane and the next one in h^2 f'' for planes of these node widths h (planes,) m."""
     h = width[:, None, None]
-    below, above = (np.concatenate([h[:1], h[:-1]]) + h) / 2, (np.concatenate([h[1:], h[-1:]]) + h) / 2
+    below, above = (
+        (np.concatenate([h[:1], h[:-1]]) + h) / 2,
+        (np.concatenate([h[1:], h[-1:]]) + h) / 2,
+    )
     both = below + above
     return 2 * h * h / (below * both), -2 * h * h / (below * above), 2 * h * h / (above * both)
 
@@ -84,7 +87,9 @@ def local_correction(model: StaticModel, rod: RodShape, grid: Array) -> Array:
 
 def with_correction(model: StaticModel, rod: RodShape, local: Array) -> Array:
     """Coefficients (planes, m) of the rod's shape plus the `local_correction` of a neighboring design, in this rod's frames."""
-    extra = np.einsum("pij,pnj->pni", plane_frames(model, rod), local.reshape(model.layout.planes, -1, 3))
+    extra = np.einsum(
+        "pij,pnj->pni", plane_frames(model, rod), local.reshape(model.layout.planes, -1, 3)
+    )
     return from_rod(model, rod) + extra.reshape(local.shape)
 
 

@@ -29,7 +29,10 @@ def _add_own(front, fronts, blocks, values, n):
 @compiled
 def _add_passed(child, front, fronts, values, below, room, n, own):
     """Add what a child passes on: `below` is the room of its depth, `room` that of the front's depth."""
-    begin, end = fronts.row_first[child] + fronts.first[child + 1] - fronts.first[child], fronts.row_first[child + 1]
+    begin, end = (
+        fronts.row_first[child] + fronts.first[child + 1] - fronts.first[child],
+        fronts.row_first[child + 1],
+    )
     size, rest = 3 * (end - begin), n - own
     for q in range(begin, end):
         column = 3 * fronts.into[q]
@@ -68,8 +71,18 @@ def _eliminate(front, fronts, blocks, values, rooms, fortran):
     sizes = np.array([n, own, rest, 0], np.int32)
     letters = np.array([82, 76, 84, 78], np.uint8)  # R L T N
     signs = np.array([1.0, -1.0])
-    ld, columns, rows, info = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[2:].ctypes.data, sizes[3:].ctypes.data
-    right, lower, trans, plain = letters[0:].ctypes.data, letters[1:].ctypes.data, letters[2:].ctypes.data, letters[3:].ctypes.data
+    ld, columns, rows, info = (
+        sizes[0:].ctypes.data,
+        sizes[1:].ctypes.data,
+        sizes[2:].ctypes.data,
+        sizes[3:].ctypes.data,
+    )
+    right, lower, trans, plain = (
+        letters[0:].ctypes.data,
+        letters[1:].ctypes.data,
+        letters[2:].ctypes.data,
+        letters[3:].ctypes.data,
+    )
     plus, minus = signs[0:].ctypes.data, signs[1:].ctypes.data
     top = values[fronts.at[front] :].ctypes.data
     call(potrf, (lower, columns, top, ld, info))
@@ -102,7 +115,11 @@ def _substitute(front, fronts, values, x, work, back, fortran):
     """One step of the substitution: x (columns, 3 nodes) in place."""
     trsm, gemm, trsv, gemv = fortran[1], fortran[3], fortran[4], fortran[5]
     begin, end = fronts.row_first[front], fronts.row_first[front + 1]
-    n, own, columns = 3 * (end - begin), 3 * (fronts.first[front + 1] - fronts.first[front]), x.shape[0]
+    n, own, columns = (
+        3 * (end - begin),
+        3 * (fronts.first[front + 1] - fronts.first[front]),
+        x.shape[0],
+    )
     for column in range(columns):
         for q in range(begin, end):
             for i in range(3):
@@ -110,7 +127,12 @@ def _substitute(front, fronts, values, x, work, back, fortran):
     sizes = np.array([n, own, n - own, columns, 1], np.int32)
     letters = np.array([76, 84, 78], np.uint8)  # L T N
     signs = np.array([1.0, -1.0])
-    ld, mine, rest, count = sizes[0:].ctypes.data, sizes[1:].ctypes.data, sizes[2:].ctypes.data, sizes[3:].ctypes.data
+    ld, mine, rest, count = (
+        sizes[0:].ctypes.data,
+        sizes[1:].ctypes.data,
+        sizes[2:].ctypes.data,
+        sizes[3:].ctypes.data,
+    )
     inc = sizes[4:].ctypes.data
     left, trans, plain = letters[0:].ctypes.data, letters[1:].ctypes.data, letters[2:].ctypes.data
     plus, minus = signs[0:].ctypes.data, signs[1:].ctypes.data
@@ -118,7 +140,9 @@ def _substitute(front, fronts, values, x, work, back, fortran):
     top, upper = values[fronts.at[front] :].ctypes.data, work.ctypes.data
     under, lower = top + 8 * own, upper + 8 * own
     for turn in range(2):
-        if (turn == 0) == back:  # what the boundary has to do with the own unknowns: before their triangle on the way back, else after it
+        if (
+            (turn == 0) == back
+        ):  # what the boundary has to do with the own unknowns: before their triangle on the way back, else after it
             if n == own:
                 continue
             if columns == 1 and back:
@@ -126,9 +150,15 @@ def _substitute(front, fronts, values, x, work, back, fortran):
             elif columns == 1:
                 call(gemv, (plain, rest, mine, minus, under, ld, upper, inc, plus, lower, inc))
             elif back:
-                call(gemm, (trans, plain, mine, count, rest, minus, under, ld, lower, ld, plus, upper, ld))
+                call(
+                    gemm,
+                    (trans, plain, mine, count, rest, minus, under, ld, lower, ld, plus, upper, ld),
+                )
             else:
-                call(gemm, (plain, plain, rest, count, mine, minus, under, ld, upper, ld, plus, lower, ld))
+                call(
+                    gemm,
+                    (plain, plain, rest, count, mine, minus, under, ld, upper, ld, plus, lower, ld),
+                )
         elif columns == 1:
             call(trsv, (left, way, plain, mine, top, ld, upper, inc))
         else:

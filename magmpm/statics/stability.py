@@ -25,7 +25,9 @@ from magmpm.statics.layout import StaticModel
 MOST_ADDED = 40  # vectors: one or two after usual solves, ten where segments press each other together so that they alone would buckle
 COLUMNS = 3  # soft vectors: of a rod two of bending and one of twist
 ENOUGH = 1e-5  # of the unloaded body's eigenvalue: what one more vector would win; it is subtracted, so a tenth of it is left
-NO_LOAD = 1e-12  # of the load, as good as none: other kernels would have to be compiled for none at all
+NO_LOAD = (
+    1e-12  # of the load, as good as none: other kernels would have to be compiled for none at all
+)
 _rest: OrderedDict[bytes, float] = OrderedDict()
 BRINK = 0.02  # of the unloaded body's least stiffness: below, an equilibrium has a warning
 
@@ -43,7 +45,9 @@ class Unloaded:
     rest: float | None = None
 
 
-def stability(energy: Energy | InteractingEnergy, point: Point, body: Unloaded | None = None) -> float:
+def stability(
+    energy: Energy | InteractingEnergy, point: Point, body: Unloaded | None = None
+) -> float:
     """Smallest eigenvalue of the tangent at an equilibrium over that of the unloaded body, no unit.
 
     energy: of the solve, with its last factors in its matrix, which stay; with interaction, the other parts are factored here.
@@ -54,10 +58,15 @@ def stability(energy: Energy | InteractingEnergy, point: Point, body: Unloaded |
     body.lumped = _lumped(alone) if body.lumped is None else body.lumped
     here = energy.at(point.grid)  # and tables that follow the shape
     stiffer = 1.0
-    if isinstance(energy, InteractingEnergy):  # its last factors are of a tangent with another shift, or several steps old
+    if isinstance(
+        energy, InteractingEnergy
+    ):  # its last factors are of a tangent with another shift, or several steps old
         energy.factor(here)
         stiffer += energy.shift / rest
-    return _smallest(alone, lambda columns: energy.products(here, columns), rest, body.lumped, stiffer) / rest
+    return (
+        _smallest(alone, lambda columns: energy.products(here, columns), rest, body.lumped, stiffer)
+        / rest
+    )
 
 
 def on_the_brink(stability: float | None) -> list[str]:
@@ -82,7 +91,15 @@ def unloaded(model: StaticModel) -> tuple[Energy, Point]:
 def _of_rest(energy: Energy) -> float:
     """Smallest eigenvalue (1/s^2 per kg/m^3) of the unloaded body's tangent, kept for the next solve of the same body."""
     model = energy.model
-    parts = [model.particles.position, model.particles.volume, model.shear, model.bulk, model.weights, model.modes, model.layout.fixed]
+    parts = [
+        model.particles.position,
+        model.particles.volume,
+        model.shear,
+        model.bulk,
+        model.weights,
+        model.modes,
+        model.layout.fixed,
+    ]
     key = hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).digest()
     if key not in _rest:
         bare, at = unloaded(replace(model, touching=None))
@@ -93,7 +110,9 @@ def _of_rest(energy: Energy) -> float:
     return _rest[key]
 
 
-def _smallest(energy: Energy, products: Products, scale: float, lumped: Array, stiffer: float = 1.0) -> float:
+def _smallest(
+    energy: Energy, products: Products, scale: float, lumped: Array, stiffer: float = 1.0
+) -> float:
     """Smallest eigenvalue of the tangent whose products are given; scale: what its error is measured by, 0 for itself; lumped: volumes;
     stiffer: how many times as stiff the factors in the energy's matrix may be in the softest motions."""
     X = _start(energy)
@@ -114,7 +133,9 @@ def _smallest(energy: Energy, products: Products, scale: float, lumped: Array, s
             return value - won
         w /= np.abs(w).max()
         Kw, Mw = products(w)
-        X, KX, MX = (np.concatenate([old, new], axis=1) for old, new in ((X, w), (KX, Kw), (MX, Mw)))
+        X, KX, MX = (
+            np.concatenate([old, new], axis=1) for old, new in ((X, w), (KX, Kw), (MX, Mw))
+        )
     return value
 
 
@@ -134,7 +155,9 @@ def _orthonormal(gram: Array) -> Array:
     size = np.sqrt(np.diag(gram))
     size = np.where(size > 0.0, size, np.inf)  # what can't move: a column of zeros
     values, vectors = np.linalg.eigh(gram / np.outer(size, size))
-    kept = values > 1e-10  # of the squared size: what is nearer to the others' span adds nothing but rounding
+    kept = (
+        values > 1e-10
+    )  # of the squared size: what is nearer to the others' span adds nothing but rounding
     return np.asarray((vectors[:, kept] / np.sqrt(values[kept])) / size[:, None])
 
 
@@ -148,8 +171,14 @@ def _start(energy: Energy) -> Array:
     out = np.zeros((layout.planes, COLUMNS, layout.nodes_per_plane, 3))
     out[:, 0, :, second] = (1.0 + x**2)[:, None]
     out[:, 1, :, third] = (1.0 + x**2)[:, None]
-    middle = [(one - one.mean()) / np.ptp(one) if np.ptp(one) > 0.0 else np.zeros(len(one)) for one in (y, z)]  # in plane strain one y
-    out[:, 2, :, second], out[:, 2, :, third] = -(1.0 + x)[:, None] * middle[1], (1.0 + x)[:, None] * middle[0]
+    middle = [
+        (one - one.mean()) / np.ptp(one) if np.ptp(one) > 0.0 else np.zeros(len(one))
+        for one in (y, z)
+    ]  # in plane strain one y
+    out[:, 2, :, second], out[:, 2, :, third] = (
+        -(1.0 + x)[:, None] * middle[1],
+        (1.0 + x)[:, None] * middle[0],
+    )
     out[:, 2, :, first] = 0.1 * (1.0 + x)[:, None]
     return energy.free_columns(out.reshape(layout.planes, COLUMNS, layout.m))
 
@@ -164,5 +193,12 @@ def mass(energy: Energy, columns: Array) -> Array:
     count, n = columns.shape[1], len(energy.model.shear)
     u, F = np.empty((count, n, 3)), np.empty((n, 3, 3))
     for k in range(count):
-        grid_to_particles(energy.cells, energy.particles, np.ascontiguousarray(columns[:, k]), energy.model.axes, u[k], F)
+        grid_to_particles(
+            energy.cells,
+            energy.particles,
+            np.ascontiguousarray(columns[:, k]),
+            energy.model.axes,
+            u[k],
+            F,
+        )
     return energy.each_scattered(np.zeros((count, n, 3, 3)), -u)

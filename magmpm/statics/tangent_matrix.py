@@ -136,8 +136,13 @@ class Sparse:
         for known, found in self._targets:
             if known is cells:
                 return found
-        found = Blocks(self._order.blocks_of(self._layout.nodes_of(cells.plane, cells.row)), self.blocks)
-        self._targets = [*self._targets[-1:], (cells, found)]  # of particles and of a surface that touches
+        found = Blocks(
+            self._order.blocks_of(self._layout.nodes_of(cells.plane, cells.row)), self.blocks
+        )
+        self._targets = [
+            *self._targets[-1:],
+            (cells, found),
+        ]  # of particles and of a surface that touches
         return found
 
     @cached_property
@@ -168,12 +173,18 @@ class Sparse:
         return out.reshape(self._layout.planes, self._layout.m)
 
     def add_diagonal(self, values: Array | float) -> None:
-        each = np.broadcast_to(values, (self._layout.planes, self._layout.m)).ravel()[self._unknowns].reshape(-1, 3)
+        each = (
+            np.broadcast_to(values, (self._layout.planes, self._layout.m))
+            .ravel()[self._unknowns]
+            .reshape(-1, 3)
+        )
         for axis in range(3):
             self.blocks[self._own, axis, axis] += each[:, axis]
 
     def factor(self) -> bool:
-        return sparse_cholesky.factor(self._order.fronts, self.blocks, self._values, self._rooms) < 0
+        return (
+            sparse_cholesky.factor(self._order.fronts, self.blocks, self._values, self._rooms) < 0
+        )
 
     def solve(self, right: Array) -> Array:
         return self.solve_columns(right[:, None])[:, 0]
@@ -182,7 +193,9 @@ class Sparse:
         planes, count, m = right.shape
         ordered = right.transpose(1, 0, 2).reshape(count, planes * m)[:, self._unknowns]
         out = np.zeros((count, planes * m))
-        out[:, self._unknowns] = sparse_cholesky.solve_columns(self._order.fronts, self._values, ordered)
+        out[:, self._unknowns] = sparse_cholesky.solve_columns(
+            self._order.fronts, self._values, ordered
+        )
         return np.ascontiguousarray(out.reshape(count, planes, m).transpose(1, 0, 2))
 
 

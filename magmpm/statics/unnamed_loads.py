@@ -20,15 +20,24 @@ from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy
 
 SURE = 1.25  # times the error: what a shift to first order must be, to be reported
-WORDS = {"gravity": "the body's weight", "magnetic_interaction": "the segments' field on each other"}
+WORDS = {
+    "gravity": "the body's weight",
+    "magnetic_interaction": "the segments' field on each other",
+}
 
 
-def missed_loads(scene: Scene, energy: Energy | InteractingEnergy | None, point: Point) -> list[str]:
+def missed_loads(
+    scene: Scene, energy: Energy | InteractingEnergy | None, point: Point
+) -> list[str]:
     """Warnings of loads that a scene does not name, which would move its equilibrium by more than its error; energy: with the factors."""
     if scene.advice == "off" or energy is None:
         return []
     alone = energy.alone
-    return [missed(scene, key) for key, P, f in _unnamed(scene, alone, point) if _moved(scene, alone, P, f) > SURE * scene.allowed_error]
+    return [
+        missed(scene, key)
+        for key, P, f in _unnamed(scene, alone, point)
+        if _moved(scene, alone, P, f) > SURE * scene.allowed_error
+    ]
 
 
 def missed(scene: Scene, key: str) -> str:
@@ -44,15 +53,23 @@ def _unnamed(scene: Scene, energy: Energy, point: Point) -> Iterator[tuple[str, 
     """Loads that the scene does not name: stress (n, 3, 3) Pa and force (n, 3) N/m^3 of each, by its effect's key."""
     model, named = energy.model, scene.effects
     none = np.zeros((len(model.shear), 3, 3))
-    if named.gravity is None and all(scene.materials[region.material_name].density is not None for region in scene.regions()):
+    if named.gravity is None and all(
+        scene.materials[region.material_name].density is not None for region in scene.regions()
+    ):
         yield "gravity", none, model.density[:, None] * np.array(Gravity().acceleration)
-    if named.magnetic_interaction is None and len(scene.magnetized_regions()) > 1 and not rotating(scene).any():
+    if (
+        named.magnetic_interaction is None
+        and len(scene.magnetized_regions()) > 1
+        and not rotating(scene).any()
+    ):
         try:
             block = MagneticInteraction().marks(model.particles, model.remanence[:, :3])
         except InputError:  # too many blocks
             return
         particles, of = model.particles, block.astype(int)
-        data = np.zeros(SIZE * (of.max() + 2))  # and a row of zeros at the end, of particles in no block
+        data = np.zeros(
+            SIZE * (of.max() + 2)
+        )  # and a row of zeros at the end, of particles in no block
         marked = MarkedParticles(block, particles.segment, particles.volume, model.remanence)
         MagneticInteraction.refresh(data, marked, point.position, point.F)
         rows = data.reshape(-1, SIZE)[of]
@@ -63,7 +80,11 @@ def _moved(scene: Scene, energy: Energy, P: Array, f: Array) -> float:
     """The farthest (m) that loads move a particle, about."""
     moved = float(np.linalg.norm(first_order(energy, P, f), axis=1).max())
     strip = scene.body.strip
-    return moved if strip is None or scene.body.shape.clamp != "both" else _stretched(moved, strip.thickness)
+    return (
+        moved
+        if strip is None or scene.body.shape.clamp != "both"
+        else _stretched(moved, strip.thickness)
+    )
 
 
 def _stretched(shift: float, thickness: float) -> float:
@@ -81,5 +102,7 @@ def first_order(energy: Energy, P: Array, f: Array) -> Array:
     model, n = energy.model, len(energy.model.shear)
     moved = energy.solve_columns(energy.each_scattered(-P[None], -f[None]))
     shift, F = np.empty((n, 3)), np.empty((n, 3, 3))
-    grid_to_particles(energy.cells, energy.particles, np.ascontiguousarray(moved[:, 0]), model.axes, shift, F)
+    grid_to_particles(
+        energy.cells, energy.particles, np.ascontiguousarray(moved[:, 0]), model.axes, shift, F
+    )
     return shift

@@ -18,11 +18,15 @@ from magmpm.inputs.page_guard import HEADERS, Guard
 SCRIPT = "/static/bundle.js"
 REFUSED = r'"Complete"===\g<trial>.state&&\g<trial>.constraints.some(c=>c>0)'
 # the chip of a trial, in the list and above its details: its color and its label
-CHIP = re.compile(r"color:(?P<color>[\w$]+)\((?P<trial>[\w$]+)\.state\),label:(?P=trial)\.state(?=[,}])")
+CHIP = re.compile(
+    r"color:(?P<color>[\w$]+)\((?P<trial>[\w$]+)\.state\),label:(?P=trial)\.state(?=[,}])"
+)
 NEW_CHIP = rf'color:{REFUSED}?"warning":\g<color>(\g<trial>.state),label:{REFUSED}?"Infeasible":\g<trial>.state'
 # the column of the table
 COLUMN = re.compile(r'\("state",\{header:"State",')
-OF_ROW = '(t=>"Complete"===t.state&&t.constraints.some(c=>c>0)?"Infeasible":t.state)(e.row.original)'
+OF_ROW = (
+    '(t=>"Complete"===t.state&&t.constraints.some(c=>c>0)?"Infeasible":t.state)(e.row.original)'
+)
 NEW_COLUMN = rf'("state",{{header:"State",cell:e=>{OF_ROW},'
 
 Application = Callable[[dict[str, Any], Callable[..., Any]], Iterable[bytes]]
@@ -34,7 +38,9 @@ def with_refused_states(script: str) -> str:
 
 
 # Buttons that are refused without --write are not shown.
-EDITING = ", ".join(f"[aria-label='{label}']" for label in ("delete study", "rename study", "delete artifact"))
+EDITING = ", ".join(
+    f"[aria-label='{label}']" for label in ("delete study", "rename study", "delete artifact")
+)
 READ_ONLY = f'document.head.insertAdjacentHTML("beforeend", "<style>{EDITING} {{display: none !important}}</style>");\n'
 
 
@@ -50,8 +56,13 @@ def page(app: Application, write: bool) -> Application:
             if body is None:
                 return app(environ, start)
             made.append((("" if write else READ_ONLY) + with_refused_states(body)).encode())
-        headers = [("Content-Type", "text/javascript; charset=utf-8"), ("Content-Length", str(len(made[0])))]
-        start("200 OK", [*headers, ("Cache-Control", "no-store")])  # another dashboard at this address has another script
+        headers = [
+            ("Content-Type", "text/javascript; charset=utf-8"),
+            ("Content-Length", str(len(made[0]))),
+        ]
+        start(
+            "200 OK", [*headers, ("Cache-Control", "no-store")]
+        )  # another dashboard at this address has another script
         return made
 
     return serve
@@ -69,40 +80,71 @@ def guarded(app: Application, guard: Guard, start_page: str, write: bool) -> App
 
     def serve(environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
         cookie = f"magmpm-{environ.get('SERVER_PORT')}"
-        secret, method = parse_qs(environ.get("QUERY_STRING", "")).get("secret", [None])[-1], environ.get("REQUEST_METHOD")
+        secret, method = (
+            parse_qs(environ.get("QUERY_STRING", "")).get("secret", [None])[-1],
+            environ.get("REQUEST_METHOD"),
+        )
 
         def refuse(words: str) -> Iterable[bytes]:
-            headers = [("Content-Type", "text/plain; charset=utf-8"), ("Content-Security-Policy", SANDBOX), *HEADERS.items()]
+            headers = [
+                ("Content-Type", "text/plain; charset=utf-8"),
+                ("Content-Security-Policy", SANDBOX),
+                *HEADERS.items(),
+            ]
             start("403 Forbidden", headers)
             return [words.encode()]
 
         def begin(status: str, headers: list[tuple[str, str]], *rest: Any) -> Any:
-            policy = "; ".join([value for name, value in headers if name.lower() == "content-security-policy"] + [ALONE])
+            policy = "; ".join(
+                [value for name, value in headers if name.lower() == "content-security-policy"]
+                + [ALONE]
+            )
             kept = [(name, value) for name, value in headers if name.lower() not in OWN]
             page = environ.get("PATH_INFO", "").startswith("/dashboard")
-            return start(status, [*kept, ("Content-Security-Policy", policy if page else SANDBOX), *HEADERS.items()], *rest)
+            return start(
+                status,
+                [*kept, ("Content-Security-Policy", policy if page else SANDBOX), *HEADERS.items()],
+                *rest,
+            )
 
         if not guard.admits(environ.get("HTTP_HOST"), environ.get("HTTP_ORIGIN")):
             return refuse("This name, or this page, is not the dashboard's own.")
         if method == "GET" and guard.knows(secret):
-            kept = [("Set-Cookie", f"{cookie}={guard.secret}; HttpOnly; SameSite=Strict; Path={path}") for path in SECRET]
-            start("303 See Other", [("Location", start_page), *kept, ("Cache-Control", "no-store"), *HEADERS.items()])
+            kept = [
+                ("Set-Cookie", f"{cookie}={guard.secret}; HttpOnly; SameSite=Strict; Path={path}")
+                for path in SECRET
+            ]
+            start(
+                "303 See Other",
+                [("Location", start_page), *kept, ("Cache-Control", "no-store"), *HEADERS.items()],
+            )
             return []
-        if method == "GET" and environ.get("PATH_INFO") in ("", "/"):  # to where the browser sends the cookie
+        if method == "GET" and environ.get("PATH_INFO") in (
+            "",
+            "/",
+        ):  # to where the browser sends the cookie
             start("302 Found", [("Location", start_page), *HEADERS.items()])
             return []
         if method == "GET" and environ["PATH_INFO"].startswith(PUBLIC):
             return app(environ, begin)
         if not guard.knows(_cookie(environ.get("HTTP_COOKIE", ""), cookie)):
-            return refuse("This address is incomplete: open the whole address that `magmpm dashboard` printed.")
+            return refuse(
+                "This address is incomplete: open the whole address that `magmpm dashboard` printed."
+            )
         if method not in ("GET", "HEAD") and not write:
-            return refuse("Nothing is edited or deleted here unless the dashboard was begun with --write.")
+            return refuse(
+                "Nothing is edited or deleted here unless the dashboard was begun with --write."
+            )
         return app(environ, begin)
 
     return serve
 
 
-OWN = ("content-security-policy", "access-control-allow-origin", *(name.lower() for name in HEADERS))
+OWN = (
+    "content-security-policy",
+    "access-control-allow-origin",
+    *(name.lower() for name in HEADERS),
+)
 
 
 def _cookie(header: str, name: str) -> str | None:
@@ -118,13 +160,20 @@ def _whole(app: Application, environ: dict[str, Any]) -> str | None:
     begun: list[Any] = []
     conditions = ("HTTP_IF_MODIFIED_SINCE", "HTTP_IF_NONE_MATCH", "HTTP_RANGE")
     whole = {name: value for name, value in environ.items() if name not in conditions}
-    chunks = app({**whole, "HTTP_ACCEPT_ENCODING": "identity"}, lambda status, headers, *_: begun.append((status, dict(headers))))
+    chunks = app(
+        {**whole, "HTTP_ACCEPT_ENCODING": "identity"},
+        lambda status, headers, *_: begun.append((status, dict(headers))),
+    )
     try:
         body = b"".join(chunks)
     finally:
         getattr(chunks, "close", lambda: None)()
     status, headers = begun[-1]
     try:
-        return (gzip.decompress(body) if headers.get("Content-Encoding") == "gzip" else body).decode() if status.startswith("200") else None
+        return (
+            (gzip.decompress(body) if headers.get("Content-Encoding") == "gzip" else body).decode()
+            if status.startswith("200")
+            else None
+        )
     except ValueError:
         return None

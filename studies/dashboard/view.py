@@ -48,7 +48,9 @@ def _passed_on(name: str) -> Callable[..., Any]:
     return call
 
 
-_Passing: Any = type("_Passing", (BaseStorage,), {name: _passed_on(name) for name in BaseStorage.__abstractmethods__})
+_Passing: Any = type(
+    "_Passing", (BaseStorage,), {name: _passed_on(name) for name in BaseStorage.__abstractmethods__}
+)
 
 
 class DashboardView(_Passing):  # type: ignore[misc]
@@ -64,12 +66,19 @@ class DashboardView(_Passing):  # type: ignore[misc]
         if study_id not in self._factors:
             names = self.storage.get_study_system_attrs(study_id).get(METRICS) or []
             count = len(self.storage.get_study_directions(study_id))
-            self._factors[study_id] = [SHOWN[name][1] if name in SHOWN else 1.0 for name in names] or [1.0] * count
+            self._factors[study_id] = [
+                SHOWN[name][1] if name in SHOWN else 1.0 for name in names
+            ] or [1.0] * count
         return self._factors[study_id]
 
-    def get_all_trials(self, study_id: int, deepcopy: bool = True, states: Container[TrialState] | None = None) -> list[FrozenTrial]:
+    def get_all_trials(
+        self, study_id: int, deepcopy: bool = True, states: Container[TrialState] | None = None
+    ) -> list[FrozenTrial]:
         """Trials of a study, as they are shown."""
-        shown = [self._shown(trial, study_id) for trial in self.storage.get_all_trials(study_id, deepcopy=False)]
+        shown = [
+            self._shown(trial, study_id)
+            for trial in self.storage.get_all_trials(study_id, deepcopy=False)
+        ]
         return [trial for trial in shown if states is None or trial.state in states]
 
     def get_best_trial(self, study_id: int) -> FrozenTrial:
@@ -79,10 +88,19 @@ class DashboardView(_Passing):  # type: ignore[misc]
             raise ValueError("no trial of this study was solved")
         return min([t for t in done if feasible(t)] or done, key=lambda t: t.values[0])
 
-    def set_trial_state_values(self, trial_id: int, state: TrialState, values: Sequence[float] | None = None) -> bool:
+    def set_trial_state_values(
+        self, trial_id: int, state: TrialState, values: Sequence[float] | None = None
+    ) -> bool:
         """Store the state and values that the dashboard sends, back in SI."""
         factors = self._of_trial.get(trial_id)
-        in_si = None if values is None else [value / factor for value, factor in zip(values, factors or [1.0] * len(values), strict=True)]
+        in_si = (
+            None
+            if values is None
+            else [
+                value / factor
+                for value, factor in zip(values, factors or [1.0] * len(values), strict=True)
+            ]
+        )
         return bool(self.storage.set_trial_state_values(trial_id, state, in_si))
 
     def get_study_system_attrs(self, study_id: int) -> dict[str, Any]:
@@ -107,7 +125,9 @@ class DashboardView(_Passing):  # type: ignore[misc]
         found.values = [value * factor for value, factor in zip(trial.values, factors, strict=True)]
         if not feasible(trial) and "feasible" in trial.user_attrs:
             if refused(trial):
-                found.system_attrs[CONSTRAINTS] = [max(0.0, *trial.constraints.values()) or 1.0] if trial.constraints else [1.0]
+                found.system_attrs[CONSTRAINTS] = (
+                    [max(0.0, *trial.constraints.values()) or 1.0] if trial.constraints else [1.0]
+                )
             else:
                 found.state = TrialState.FAIL
                 found.values = None
@@ -118,7 +138,10 @@ class DashboardView(_Passing):  # type: ignore[misc]
 
 def _renamed(attributes: Mapping[str, Any]) -> dict[str, Any]:
     names = attributes.get(METRICS)
-    return {**attributes, **({METRICS: [SHOWN.get(name, (name, 1.0))[0] for name in names]} if names else {})}
+    return {
+        **attributes,
+        **({METRICS: [SHOWN.get(name, (name, 1.0))[0] for name in names]} if names else {}),
+    }
 
 
 class Notes:
@@ -127,10 +150,14 @@ class Notes:
     Notes that somebody wrote are left alone.
     """
 
-    def __init__(self, study: optuna.Study, folder: Path, store: FileSystemArtifactStore | Boto3ArtifactStore) -> None:
+    def __init__(
+        self, study: optuna.Study, folder: Path, store: FileSystemArtifactStore | Boto3ArtifactStore
+    ) -> None:
         self.study, self.folder, self.store = study, folder, store
         self._done: set[int] = set()
-        self._file = _from_here(Path(self._report().get("study_file") or f"{study.study_name}.yaml"))
+        self._file = _from_here(
+            Path(self._report().get("study_file") or f"{study.study_name}.yaml")
+        )
 
     def keep_up(self) -> threading.Thread:
         """A thread that does so while the study runs."""
@@ -149,7 +176,9 @@ class Notes:
             save_note(self.study, about)
         for trial in self.study.get_trials(deepcopy=False):
             if trial.state.is_finished() and trial.number not in self._done:
-                there = SimpleNamespace(storage=storage_of(self.study), study=self.study, _trial_id=trial_id(trial))
+                there = SimpleNamespace(
+                    storage=storage_of(self.study), study=self.study, _trial_id=trial_id(trial)
+                )
                 if not get_note(there):  # type: ignore[arg-type]
                     save_note(there, self._of_trial(trial))  # type: ignore[arg-type]
                 self._done.add(trial.number)
@@ -180,7 +209,9 @@ class Notes:
             if not path.exists():
                 continue
             if name not in known:
-                known[name] = upload_artifact(artifact_store=self.store, file_path=str(path), study_or_trial=self.study)
+                known[name] = upload_artifact(
+                    artifact_store=self.store, file_path=str(path), study_or_trial=self.study
+                )
             else:
                 with path.open("rb") as stream:
                     self.store.write(known[name], stream)
@@ -198,7 +229,11 @@ class Notes:
             f"Study file: `{_plain(self._file)}`",
             *([f"{_plain(report['why'])}."] if "why" in report else []),
             f"Reproduce:\n\n```\n{_plain(self._command())}\n```",
-            *(f"![{name}](/artifacts/{study_id(self.study)}/{pictures[name]})" for name in OF_STUDY[:3] if name in pictures),
+            *(
+                f"![{name}](/artifacts/{study_id(self.study)}/{pictures[name]})"
+                for name in OF_STUDY[:3]
+                if name in pictures
+            ),
         ]
         return "\n\n".join(lines)
 
@@ -210,7 +245,11 @@ class Notes:
             what = f"{'Refused' if refused(trial) else 'Not solved'}: {attributes.get('reason', 'for a reason that was not told')}."
         else:
             rms, tip = (attributes.get(key) for key in ("rms_m", "tip_error_m"))
-            measures = [f"{name} {1e3 * value:.3f} mm" for name, value in (("rms", rms), ("tip error", tip)) if value is not None]
+            measures = [
+                f"{name} {1e3 * value:.3f} mm"
+                for name, value in (("rms", rms), ("tip error", tip))
+                if value is not None
+            ]
             what = f"Solved: {', '.join(measures)}."
         scene = str(attributes.get("scene_hash", "?"))[:12]
         lines = [
@@ -222,7 +261,9 @@ class Notes:
         return "\n\n".join(lines)
 
     def _command(self) -> str:
-        return f"magmpm design {shlex.quote(self._file)} --out {shlex.quote(_from_here(self.folder))}"
+        return (
+            f"magmpm design {shlex.quote(self._file)} --out {shlex.quote(_from_here(self.folder))}"
+        )
 
 
 MARK = "### "  # how every note of ours begins

@@ -42,8 +42,17 @@ def findings(study: Study, space: SearchSpace, trials: Sequence[FrozenTrial]) ->
     if len(study.minimize) > 1:  # a front says itself what more field brings
         return []
     best = best_trial(trials)
-    good = 0.01 * space.scene.length if study.stop_rms is None else study.stop_rms  # near enough to need no explanation
-    if best is None or best.value is None or best.value <= good or "jacobian" not in best.user_attrs or study.depths or study.keyframes:
+    good = (
+        0.01 * space.scene.length if study.stop_rms is None else study.stop_rms
+    )  # near enough to need no explanation
+    if (
+        best is None
+        or best.value is None
+        or best.value <= good
+        or "jacobian" not in best.user_attrs
+        or study.depths
+        or study.keyframes
+    ):
         return []
     residuals, jacobian = model_of(best)
     coordinates, x = gauss_newton_blocks(space), space.embedded(best.params)
@@ -53,7 +62,9 @@ def findings(study: Study, space: SearchSpace, trials: Sequence[FrozenTrial]) ->
         foreseen = float(np.sqrt(max(rms**2 - step.promised, 0.0)))
         says = f"the search was still getting better when its trials were used up: the next step promises {_mm(foreseen)}"
         kept.append({"what": "trials", "says": says, "rms_m": rms, "promised_rms_m": foreseen})
-    kept += filter(None, (_bound(block, x[at], residuals @ jacobian[:, at] / rms) for block, at in space.parts))
+    kept += filter(
+        None, (_bound(block, x[at], residuals @ jacobian[:, at] / rms) for block, at in space.parts)
+    )
     if any(one["what"] == "field" for one in kept):
         kept += _stronger_field(study, space, good)
     kept += _curvature(study, space, best)
@@ -98,16 +109,32 @@ def _stronger_field(study: Study, space: SearchSpace, good: float) -> list[Findi
     scene = space.scene_at(space.nearest(np.full(space.size, 0.5)))
     reached: list[tuple[float, float]] = []
     for factor in (1.0, 1.5, 2.0, 3.0):
-        designs = rod_designs(scene, study.target, space.segments, factor * space.field_max, seed=study.seed, starts=16)
+        designs = rod_designs(
+            scene,
+            study.target,
+            space.segments,
+            factor * space.field_max,
+            seed=study.seed,
+            starts=16,
+        )
         if designs:
             weaker = reached[-1][1] if reached else np.inf
-            reached.append((factor * space.field_max, min(weaker, *(design.rms for design in designs))))
+            reached.append(
+                (factor * space.field_max, min(weaker, *(design.rms for design in designs)))
+            )
         if reached and reached[-1][1] <= good:
             break
     if not reached:
         return []
     text = ", ".join(f"{_mm(rms)} in {1e3 * field:g} mT" for field, rms in reached)
-    return [{"what": "stronger field", "says": f"by the rod: {text}", "field_T": [f for f, _ in reached], "rms_m": [r for _, r in reached]}]
+    return [
+        {
+            "what": "stronger field",
+            "says": f"by the rod: {text}",
+            "field_T": [f for f, _ in reached],
+            "rms_m": [r for _, r in reached],
+        }
+    ]
 
 
 def _curvature(study: Study, space: SearchSpace, best: FrozenTrial) -> list[Finding]:
@@ -127,7 +154,11 @@ def _curvature(study: Study, space: SearchSpace, best: FrozenTrial) -> list[Find
         f"between s = {a:.3g} and {b:.3g} mm the target bends with a radius of {1e3 / bends[worst]:.3g} mm; all that is beyond it together "
         f"can bend the body there to {1e3 / most[worst]:.3g} mm at the most, in this field"
     )
-    numbers = {"s_m": ends[worst].tolist(), "target_per_m": float(bends[worst]), "reachable_per_m": float(most[worst])}
+    numbers = {
+        "s_m": ends[worst].tolist(),
+        "target_per_m": float(bends[worst]),
+        "reachable_per_m": float(most[worst]),
+    }
     return [{"what": "curvature", "says": says, **numbers}]
 
 
@@ -198,6 +229,8 @@ def _other_starts(trials: Sequence[FrozenTrial], best: FrozenTrial) -> list[Find
         says = "no other start was tried: more trials would begin elsewhere"
         return [{"what": "other starts", "says": says, "rms_m": []}]
     values = sorted(ends.values())
-    text = ", ".join(f"{1e3 * value:.3g}" for value in values[:6]) + (" ..." if len(values) > 6 else "")
+    text = ", ".join(f"{1e3 * value:.3g}" for value in values[:6]) + (
+        " ..." if len(values) > 6 else ""
+    )
     says = f"{len(values)} other start{'s' if len(values) > 1 else ''} ended at rms {text} mm"
     return [{"what": "other starts", "says": says, "rms_m": values}]

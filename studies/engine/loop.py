@@ -70,7 +70,9 @@ from magmpm.studies.search.well_posed import check_search
 LOOK = 1.0  # s between two looks at what other sessions do
 
 
-def check_study(study: Study, workers: int | None = None, time_limit: float | None = None) -> list[str]:
+def check_study(
+    study: Study, workers: int | None = None, time_limit: float | None = None
+) -> list[str]:
     """Warnings about the search of a study, one sentence each. Raises InputError where its sampler can't search it, or nothing can."""
     choice.check_available(study.sampler)
     choice.check_suits(study)
@@ -79,12 +81,25 @@ def check_study(study: Study, workers: int | None = None, time_limit: float | No
 
 
 def run_study(
-    study: Study, *, solve: Solve, differentiate: Differentiate | None = None, out: Path | str, picture: Picture | None = None,
-    on_trial: Callable[[Trial], None] | None = None, on_advice: Callable[[list[str]], None] | None = None, trials: int | None = None,
-    sampler: str | None = None, storage: str | None = None, storage_timeout: float = TIMEOUT, workers: int | None = None,
-    outage: float = OUTAGE, artifacts: str | None = None, time_limit: float | None = None, on_open: Callable[[Study], object] | None = None,
+    study: Study,
+    *,
+    solve: Solve,
+    differentiate: Differentiate | None = None,
+    out: Path | str,
+    picture: Picture | None = None,
+    on_trial: Callable[[Trial], None] | None = None,
+    on_advice: Callable[[list[str]], None] | None = None,
+    trials: int | None = None,
+    sampler: str | None = None,
+    storage: str | None = None,
+    storage_timeout: float = TIMEOUT,
+    workers: int | None = None,
+    outage: float = OUTAGE,
+    artifacts: str | None = None,
+    time_limit: float | None = None,
+    on_open: Callable[[Study], object] | None = None,
     on_note: Note = silent,
-) -> StudyReport:  # fmt: skip
+) -> StudyReport:
     """Runs a study to its end, or resumes it; returns at once when it is done.
 
     solve: from scene to Result; what it raises costs the trial the penalty. differentiate: solves with derivatives, for the samplers that
@@ -102,20 +117,36 @@ def run_study(
     """
     study = study.changed(trials=trials, sampler=sampler)
     if differentiate is None and study.why_sampler is not None:
-        study = dataclasses.replace(study, sampler="tpe", why_sampler="the study names none, and nothing differentiates its solves")
+        study = dataclasses.replace(
+            study,
+            sampler="tpe",
+            why_sampler="the study names none, and nothing differentiates its solves",
+        )
     advice = check_study(study, workers, time_limit)
     if needs_derivatives(study) and differentiate is None:
-        raise ValueError("differentiate: gauss-newton and robust need derivatives; pass magmpm.sensitivities")
+        raise ValueError(
+            "differentiate: gauss-newton and robust need derivatives; pass magmpm.sensitivities"
+        )
     if on_advice is not None:
         on_advice(advice)
     folder = Path(out)
     url = storage_url(folder, storage)
     shared = workers is not None and storage is not None
     artifacts = None if artifacts is None else records.whole_place(artifacts)
-    store = Store(url, storage_timeout, outage, lambda line: None if on_advice is None else on_advice([line]))
+    store = Store(
+        url, storage_timeout, outage, lambda line: None if on_advice is None else on_advice([line])
+    )
     with folder_lock(folder), _trials_kept(url):
         claim_folder(folder, study.name)
-        run = _Run(Evaluator(study, solve, differentiate, picture, folder), folder, store, shared, artifacts, on_open, on_note)
+        run = _Run(
+            Evaluator(study, solve, differentiate, picture, folder),
+            folder,
+            store,
+            shared,
+            artifacts,
+            on_open,
+            on_note,
+        )
         run.time_limit = time_limit
         stop = study.stop_rms if trials is None else None
         try:
@@ -123,15 +154,21 @@ def run_study(
                 ended = run.to_the_end(on_trial, stop)
             else:
                 ended = run.with_workers(workers, on_trial, stop)
-            ended = run.to_the_end(on_trial, stop) if ended == "trials" else ended  # workers leave exchanges, which need one another
+            ended = (
+                run.to_the_end(on_trial, stop) if ended == "trials" else ended
+            )  # workers leave exchanges, which need one another
             if ended != "interrupted":
                 run.keep_best()
-                if not shared:  # where other sessions share the study, each sees to its own pictures
+                if (
+                    not shared
+                ):  # where other sessions share the study, each sees to its own pictures
                     run.mended = store(lambda: run.gallery.mend(run.finished()))
             found = run.report(ended)
         except (DatabaseLost, DatabaseDamaged) as error:
             raise run.saved_elsewhere(error) from None
-        summary = dataclasses.replace(found, artifacts=artifacts, warnings=[*advice, *run.notes, *found.warnings])
+        summary = dataclasses.replace(
+            found, artifacts=artifacts, warnings=[*advice, *run.notes, *found.warnings]
+        )
         summary.save()
     return summary
 
@@ -143,7 +180,11 @@ def allowed_time(durations: list[float]) -> float | None:
 
 def kernel_uses(study: Study) -> list[str]:
     """Uses of a study's kernels (magmpm.solving.precompile): derivatives and families of rods only where it uses them."""
-    rods = study.sampler == "gauss-newton" or study.start == "rod" or bool(study.depths or study.keyframes)
+    rods = (
+        study.sampler == "gauss-newton"
+        or study.start == "rod"
+        or bool(study.depths or study.keyframes)
+    )
     return ["solve", *["sensitivities"] * needs_derivatives(study), *["rods"] * rods]
 
 
@@ -181,14 +222,21 @@ class _Run(StudySession):
         self.time_limit: float | None = None
         self.mended: list[str] = []
         self.look()
-        self.durations = [t.user_attrs["seconds"]["total"] for t in self.finished() if "seconds" in t.user_attrs]
+        self.durations = [
+            t.user_attrs["seconds"]["total"] for t in self.finished() if "seconds" in t.user_attrs
+        ]
 
     @property
     def notes(self) -> list[str]:
         """Notes on trials and workers that were lost on the way, a sentence each."""
         died = f"worker processes that ended and were replaced: {self.deaths}; their designs were solved again"
         hung = f"of these, processes that took too long for a design and were ended (--time-limit): {self.hangs}"
-        return [*self.session.lost, *self.mended, *[died] * (self.deaths > 0), *[hung] * (self.hangs > 0)]
+        return [
+            *self.session.lost,
+            *self.mended,
+            *[died] * (self.deaths > 0),
+            *[hung] * (self.hangs > 0),
+        ]
 
     def look(self) -> None:
         """See what is finished."""
@@ -200,21 +248,43 @@ class _Run(StudySession):
         """Sampler that chooses the trials."""
         study, insertion = self.study, self.evaluator.evaluation
         front, goal = choice.within_bounds(study), study.stop_rms or 0.0
-        improve = improver(self.space, study.target) if front and not (study.depths or study.keyframes) else None
+        improve = (
+            improver(self.space, study.target)
+            if front and not (study.depths or study.keyframes)
+            else None
+        )
 
         def of(number: int) -> BaseSampler:
-            if isinstance(insertion, Insertion) and insertion.projects and study.sampler != "gauss-newton":
+            if (
+                isinstance(insertion, Insertion)
+                and insertion.projects
+                and study.sampler != "gauss-newton"
+            ):
                 from magmpm.studies.search.samplers.optuna_own import FieldsByRod
 
-                return FieldsByRod(choice.make_sampler(study.sampler, insertion.directions_alone(), study.seed, number), insertion)
+                return FieldsByRod(
+                    choice.make_sampler(
+                        study.sampler, insertion.directions_alone(), study.seed, number
+                    ),
+                    insertion,
+                )
             return choice.make_sampler(
-                study.sampler, self.space, study.seed, number, starts=self.starts, goal=goal, front=front, improve=improve
+                study.sampler,
+                self.space,
+                study.seed,
+                number,
+                starts=self.starts,
+                goal=goal,
+                front=front,
+                improve=improve,
             )
 
         inner = of(0)
         self.newton = inner if isinstance(inner, GaussNewtonSampler) and self.starts else None
         first = self.starts if study.sampler != "gauss-newton" else []
-        return PerTrial(of, starts=first, session=self.session.name if self.shared else None, wait=self.shared)
+        return PerTrial(
+            of, starts=first, session=self.session.name if self.shared else None, wait=self.shared
+        )
 
     def ended(self, stop: float | None) -> report.Ended | None:
         """Reason why no more trials are wanted, if so; stop: m."""
@@ -226,13 +296,24 @@ class _Run(StudySession):
 
     def exhausted(self) -> bool:
         """True if only starts elsewhere are left to an insertion whose best design is good: they are on other branches, and win nothing."""
-        sampler, found = self.newton, isinstance(self.evaluator.evaluation, Insertion) and self.best is not None
+        sampler, found = (
+            self.newton,
+            isinstance(self.evaluator.evaluation, Insertion) and self.best is not None,
+        )
         if sampler is None or not found or self.best > choice.POOR * self.space.scene.length:  # type: ignore[operator]
             return False
         trials = self.store(lambda: self.kept.get_trials(deepcopy=False))
-        running = [t for t in trials if t.state == TrialState.RUNNING and set(self.distributions) <= set(t.params)]
-        ended = [t for t in trials if t.state.is_finished() and set(self.distributions) <= set(t.params)]
-        return all(t.state != TrialState.WAITING for t in trials) and sampler.used_up(ended, running)
+        running = [
+            t
+            for t in trials
+            if t.state == TrialState.RUNNING and set(self.distributions) <= set(t.params)
+        ]
+        ended = [
+            t for t in trials if t.state.is_finished() and set(self.distributions) <= set(t.params)
+        ]
+        return all(t.state != TrialState.WAITING for t in trials) and sampler.used_up(
+            ended, running
+        )
 
     def exchange(self) -> bool:
         """Queues the best design of a set of directions with the rest a step on, or one direction exchanged. Returns whether one waits."""
@@ -241,16 +322,22 @@ class _Run(StudySession):
             return False
         trials = self.store(lambda: self.kept.get_trials(deepcopy=False))
         best = report.best_trial([t for t in trials if t.state == TrialState.COMPLETE])
-        if best is None or any(t.state == TrialState.WAITING and EXCHANGED in t.user_attrs for t in trials):
+        if best is None or any(
+            t.state == TrialState.WAITING and EXCHANGED in t.user_attrs for t in trials
+        ):
             return best is not None
         ended = [t for t in trials if t.state.is_finished()]
         params = self.newton.refined(best, ended) if self.newton is not None else None
-        params = params or next_exchange(self.space, self.study.target, best.params, [t.params for t in ended])
+        params = params or next_exchange(
+            self.space, self.study.target, best.params, [t.params for t in ended]
+        )
         if params is not None:
             self.store(lambda: self.kept.enqueue_trial(params, user_attrs={EXCHANGED: best.number}))
         return params is not None
 
-    def to_the_end(self, on_trial: Callable[[Trial], None] | None, stop: float | None) -> report.Ended:
+    def to_the_end(
+        self, on_trial: Callable[[Trial], None] | None, stop: float | None
+    ) -> report.Ended:
         """Runs the remaining trials in this process, or until one comes within `stop`, m. Returns why it ended."""
         with remembered() as check_for_ctrl_c:
             while (ended := self.ended(stop)) is None or (ended == "trials" and self.exchange()):
@@ -273,10 +360,15 @@ class _Run(StudySession):
             self.session.put_back(trial_id(pending))
             raise
 
-    def with_workers(self, workers: int, on_trial: Callable[[Trial], None] | None, stop: float | None) -> report.Ended:
+    def with_workers(
+        self, workers: int, on_trial: Callable[[Trial], None] | None, stop: float | None
+    ) -> report.Ended:
         """Run as `to_the_end` does, with processes that solve. Trials being solved when one comes within `stop` are finished and saved."""
         at_work: dict[int, tuple[optuna.Trial, float]] = {}
-        with remembered() as check_for_ctrl_c, Pool(self.evaluator, workers) if self.ended(stop) is None else nullcontext() as pool:
+        with (
+            remembered() as check_for_ctrl_c,
+            Pool(self.evaluator, workers) if self.ended(stop) is None else nullcontext() as pool,
+        ):
             try:
                 while True:
                     check_for_ctrl_c()
@@ -296,7 +388,11 @@ class _Run(StudySession):
                     pool.limit = self.time_limit or allowed_time(self.durations)
                     for number, answer in pool.answers(LOOK):
                         pending, begun = at_work[number]
-                        outcome = self.evaluator.failed(pending.params, answer) if isinstance(answer, str) else answer
+                        outcome = (
+                            self.evaluator.failed(pending.params, answer)
+                            if isinstance(answer, str)
+                            else answer
+                        )
                         trial = self.keep(pending, outcome, begun)
                         del at_work[number]
                         if trial is not None and on_trial is not None:
@@ -320,7 +416,11 @@ class _Run(StudySession):
         """True if another trial is wanted in addition to those being solved, at_work of them here."""
         if not self.shared:
             return self.count + at_work < self.study.trials
-        known = [t.state for t in self.store(lambda: self.kept.get_trials(deepcopy=False)) if t.state != TrialState.FAIL]
+        known = [
+            t.state
+            for t in self.store(lambda: self.kept.get_trials(deepcopy=False))
+            if t.state != TrialState.FAIL
+        ]
         return len(known) < self.study.trials or TrialState.WAITING in known
 
     def ask(self) -> optuna.Trial:
@@ -366,7 +466,9 @@ class _Run(StudySession):
             self.remember(pending)
         except (DatabaseLost, DatabaseDamaged):
             if self.memory is not None:
-                self.memory.finish(pending.number, lambda study, trial: self.record(study, trial, outcome, begun))
+                self.memory.finish(
+                    pending.number, lambda study, trial: self.record(study, trial, outcome, begun)
+                )
             raise
         return found
 
@@ -377,32 +479,53 @@ class _Run(StudySession):
             note = self.store(lambda: self.gallery.attach(pending, outcome.files))
             known |= {} if note is None else {"picture_note": note}
         if outcome.result is not None and trial.improved:
-            design = {"number": pending.number, "rms_m": outcome.rms, "params": pending.params, **known}
-            records.save_design(self.out / records.IMPROVEMENTS / f"{pending.number:03d}", outcome.result, design)
+            design = {
+                "number": pending.number,
+                "rms_m": outcome.rms,
+                "params": pending.params,
+                **known,
+            }
+            records.save_design(
+                self.out / records.IMPROVEMENTS / f"{pending.number:03d}", outcome.result, design
+            )
         if not self.store(lambda: self.record(self.kept, pending, outcome, begun)):
-            self.session.lost.append(f"trial {pending.number}: taken up by another session while this one could not reach the storage")
+            self.session.lost.append(
+                f"trial {pending.number}: taken up by another session while this one could not reach the storage"
+            )
             return None
         self.count, self.best = self.count + 1, trial.best_rms_m
         self.durations.append(time.perf_counter() - begun)
         del self.durations[:-50]
         left = statistics.median(self.durations) * max(self.study.trials - self.count, 0)
         return dataclasses.replace(
-            trial, finished=self.count, wanted=max(self.study.trials, self.count), seconds=self.durations[-1], seconds_left=left,
-        )  # fmt: skip
+            trial,
+            finished=self.count,
+            wanted=max(self.study.trials, self.count),
+            seconds=self.durations[-1],
+            seconds_left=left,
+        )
 
-    def record(self, kept: optuna.Study, pending: optuna.Trial, outcome: Outcome, begun: float) -> bool:
+    def record(
+        self, kept: optuna.Study, pending: optuna.Trial, outcome: Outcome, begun: float
+    ) -> bool:
         """Writes a trial's attributes and value. Returns whether it counts. May be called again where it is not known what was written."""
         try:
             for key, value in outcome.known.items():
                 pending.set_user_attr(key, value)
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # "already set": by the process that was killed in this trial
+                warnings.simplefilter(
+                    "ignore"
+                )  # "already set": by the process that was killed in this trial
                 for key, value in constraints(outcome, self.study.margin).items():
                     pending.set_constraint(key, value)
             # `total` lacks itself and the value; report.seconds_per_trial has all of a trial
             total = time.perf_counter() - begun
-            pending.set_user_attr("seconds", {"solve": outcome.seconds, "render": outcome.drawing, "total": total})
-            values = trial_values(self.study.minimize, self.space, pending.params, outcome.value, not outcome.accepted)
+            pending.set_user_attr(
+                "seconds", {"solve": outcome.seconds, "render": outcome.drawing, "total": total}
+            )
+            values = trial_values(
+                self.study.minimize, self.space, pending.params, outcome.value, not outcome.accepted
+            )
             kept.tell(pending, values)
         except (UpdateFinishedTrialError, ValueError):
             state = self.storage.get_trial(trial_id(pending)).state

@@ -43,7 +43,10 @@ DESIGN = "design.json"
 def whole_place(place: str) -> str:
     """The place of pictures from wherever it is looked for: an absolute path, or s3://BUCKET. Raises InputError for other addresses."""
     if SCHEME.match(place) and not place.startswith(S3):
-        rule, remedy = "must be a folder, or s3://BUCKET", "--artifacts s3://my-study, or a folder that all machines see"
+        rule, remedy = (
+            "must be a folder, or s3://BUCKET",
+            "--artifacts s3://my-study, or a folder that all machines see",
+        )
         raise InputError("--artifacts", received=shown_url(place), rule=rule, remedy=remedy)
     return place if place.startswith(S3) else str(Path(place).resolve())
 
@@ -64,12 +67,16 @@ def artifact_store(place: str | None, out: Path) -> FileSystemArtifactStore | Bo
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             rule = f"must be a folder that can be made, or s3://BUCKET ({error.strerror})"
-            raise InputError("--artifacts", received=str(folder), rule=rule, remedy="name another folder") from None
+            raise InputError(
+                "--artifacts", received=str(folder), rule=rule, remedy="name another folder"
+            ) from None
         return FileSystemArtifactStore(str(folder))
     bucket = place.removeprefix(S3).rstrip("/")
     if not BUCKET.fullmatch(bucket):
         rule = "must name a bucket alone: 3 to 63 letters a to z, digits, dots and hyphens; keys come from the environment"
-        raise InputError("--artifacts", received="s3://...", rule=rule, remedy="--artifacts s3://my-study")
+        raise InputError(
+            "--artifacts", received="s3://...", rule=rule, remedy="--artifacts s3://my-study"
+        )
     if importlib.util.find_spec("boto3") is None:
         rule, remedy = "an S3-compatible store needs the package boto3", "pip install 'magmpm[s3]'"
         raise InputError("--artifacts", received=place, rule=rule, remedy=remedy)
@@ -79,7 +86,9 @@ def artifact_store(place: str | None, out: Path) -> FileSystemArtifactStore | Bo
 class Gallery:
     """The pictures of a study's trials, as files and as Optuna artifacts."""
 
-    def __init__(self, out: Path, storage: optuna.storages.BaseStorage, url: str, place: str | None = None) -> None:
+    def __init__(
+        self, out: Path, storage: optuna.storages.BaseStorage, url: str, place: str | None = None
+    ) -> None:
         """url: of the storage; place: where artifacts are kept, None for the folder itself."""
         self._out, self._storage, self._url = out, storage, url
         (out / PICTURES).mkdir(parents=True, exist_ok=True)
@@ -94,12 +103,17 @@ class Gallery:
 
         try:
             with storage_faults(self._url):
-                known = {meta.filename: meta.artifact_id for meta in get_all_artifact_meta(trial, storage=self._storage)}
+                known = {
+                    meta.filename: meta.artifact_id
+                    for meta in get_all_artifact_meta(trial, storage=self._storage)
+                }
                 for path in files:
                     if path.name in known:
                         self._put(path, known[path.name])
                     else:
-                        key = upload_artifact(artifact_store=self._store, file_path=str(path), study_or_trial=trial)
+                        key = upload_artifact(
+                            artifact_store=self._store, file_path=str(path), study_or_trial=trial
+                        )
                         self._stored_once(path, key)
         except StorageError:
             raise
@@ -141,14 +155,26 @@ class Gallery:
             for meta in get_all_artifact_meta(trial, storage=self._storage):
                 if any(Path(name).name != name for name in (meta.filename, meta.artifact_id)):
                     continue  # a database is data: what it names stays below the study's folder
-                picture, kept = self._out / PICTURES / meta.filename, self._out / ARTIFACTS / meta.artifact_id
+                picture, kept = (
+                    self._out / PICTURES / meta.filename,
+                    self._out / ARTIFACTS / meta.artifact_id,
+                )
                 if not picture.is_file():
                     if not kept.is_file():
-                        lost.append(f"trial {trial.number}: its artifact {meta.filename} is gone, and so is the file in {PICTURES}")
+                        lost.append(
+                            f"trial {trial.number}: its artifact {meta.filename} is gone, and so is the file in {PICTURES}"
+                        )
                 elif not kept.is_file() or not filecmp.cmp(picture, kept, shallow=False):
                     self._put(picture, meta.artifact_id)
                     mended += 1
-        return [*([f"artifacts that were damaged or gone, and are put back from {PICTURES}: {mended}"] if mended else []), *lost]
+        return [
+            *(
+                [f"artifacts that were damaged or gone, and are put back from {PICTURES}: {mended}"]
+                if mended
+                else []
+            ),
+            *lost,
+        ]
 
 
 def save_design(folder: Path, result: Result, design: dict[str, Any]) -> None:
@@ -163,7 +189,11 @@ def save_design(folder: Path, result: Result, design: dict[str, Any]) -> None:
 def holds(folder: Path, trial: FrozenTrial) -> bool:
     """True if a folder holds the complete result of this trial, readable."""
     design = read_design(folder)
-    return design.get("number") == trial.number and design.get("params") == trial.params and readable(folder)
+    return (
+        design.get("number") == trial.number
+        and design.get("params") == trial.params
+        and readable(folder)
+    )
 
 
 def read_design(folder: Path) -> dict[str, Any]:
@@ -178,7 +208,11 @@ def read_design(folder: Path) -> dict[str, Any]:
 def designs(out: Path) -> dict[int, dict[str, Any]]:
     """Parameters of the designs that a study's folder holds, by their trials' numbers."""
     found = [read_design(folder) for folder in [out / BEST, *(out / IMPROVEMENTS).glob("[0-9]*")]]
-    return {design["number"]: design["params"] for design in found if "number" in design and "params" in design}
+    return {
+        design["number"]: design["params"]
+        for design in found
+        if "number" in design and "params" in design
+    }
 
 
 def replace_folder(source: Path, target: Path) -> None:

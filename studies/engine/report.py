@@ -21,12 +21,28 @@ if TYPE_CHECKING:
     from magmpm.results.result import Result
     from magmpm.studies.problem.study import Study
 
-QUANTITIES = ("segment_lengths_m", "diameter_m", "remanence_T", "shear_modulus_Pa")  # of a trial, where the study varies them
+QUANTITIES = (
+    "segment_lengths_m",
+    "diameter_m",
+    "remanence_T",
+    "shear_modulus_Pa",
+)  # of a trial, where the study varies them
 OF_SEVERAL = (  # of a trial of an insertion or a schedule
-    "exit_error_m", "worst_m", "worst_depth_m", "worst_time_s", "field_largest_change_T", "field_total_variation_T",
-    "insertion", "schedule",
-)  # fmt: skip
-SCATTER = ("measure_m", "mean_rms_m", "sigma_rms_m", "scatter_m")  # of a trial of a study with `robust`
+    "exit_error_m",
+    "worst_m",
+    "worst_depth_m",
+    "worst_time_s",
+    "field_largest_change_T",
+    "field_total_variation_T",
+    "insertion",
+    "schedule",
+)
+SCATTER = (
+    "measure_m",
+    "mean_rms_m",
+    "sigma_rms_m",
+    "scatter_m",
+)  # of a trial of a study with `robust`
 Ended = Literal["stop", "trials", "exhausted", "interrupted"]
 NEARLY = 1.1  # times the least rms: what the more stable design may cost, and how much more than its rms one on the brink counts
 
@@ -61,17 +77,27 @@ class StudyReport:
     failed_trials: list[int]  # places of those in rms_m
     reasons: list[str] = field(default_factory=list)  # why each of them failed, or was refused
     measure_m: list[float] | None = None  # with `robust`: what each counts as, mean plus two sigma
-    front: dict[str, Any] | None = None  # of two objectives: objectives, values, pareto, compromise (objectives.py)
+    front: dict[str, Any] | None = (
+        None  # of two objectives: objectives, values, pareto, compromise (objectives.py)
+    )
     warnings: list[str] = field(default_factory=list)  # what a user should know of the search
     why_sampler: str | None = None  # why this one, where the study's file names none
     artifacts: str | None = None  # where the trials' pictures are, if not in the folder itself
     study_file: str | None = None  # the study's file, from the root
-    limits: list[dict[str, Any]] = field(default_factory=list)  # what holds the best design back (explain_miss), each with what it `says`
+    limits: list[dict[str, Any]] = field(
+        default_factory=list
+    )  # what holds the best design back (explain_miss), each with what it `says`
     exchanged: int = 0
-    judged: list[dict[str, Any]] = field(default_factory=list)  # the best designs on finer grids, best first
+    judged: list[dict[str, Any]] = field(
+        default_factory=list
+    )  # the best designs on finer grids, best first
 
     def __repr__(self) -> str:
-        best = "none" if self.best is None else f"trial {self.best['number']}, rms {1e3 * self.best['rms_m']:.3f} mm"
+        best = (
+            "none"
+            if self.best is None
+            else f"trial {self.best['number']}, rms {1e3 * self.best['rms_m']:.3f} mm"
+        )
         return f"StudyReport({self.name!r}: {self.trials} trial{'s' * (self.trials != 1)} by {self.sampler}; best {best}; in {self.out})"
 
     @property
@@ -109,7 +135,10 @@ def best_trial(trials: Sequence[FrozenTrial]) -> FrozenTrial | None:
     """The feasible trial nearest to the target; of equals, the first. If it is less stable than BRINK: of those whose value is at most
     NEARLY times as large, and not on the brink if one is not, the least value times its cost, 1 + (NEARLY - 1) BRINK / stability."""
     near = nearest_first(trials)
-    stability = {t.number: 1.0 if (known := t.user_attrs.get("stability")) is None else max(known, 1e-9) for t in near}
+    stability = {
+        t.number: 1.0 if (known := t.user_attrs.get("stability")) is None else max(known, 1e-9)
+        for t in near
+    }
     if not near or stability[near[0].number] >= BRINK:
         return next(iter(near), None)
     close = [t for t in near if _rms(t) <= NEARLY * _rms(near[0])]
@@ -121,7 +150,14 @@ def on_the_brink(best: Mapping[str, Any] | None) -> list[str]:
     """A warning where a best design, as `describe` has it, is less stable than BRINK."""
     if best is None or best.get("stability") is None or best["stability"] >= BRINK:
         return []
-    depth = next((f" at {1e3 * row['depth_m']:.4g} mm" for row in best.get("insertion") or () if row["stability"] == best["stability"]), "")
+    depth = next(
+        (
+            f" at {1e3 * row['depth_m']:.4g} mm"
+            for row in best.get("insertion") or ()
+            if row["stability"] == best["stability"]
+        ),
+        "",
+    )
     return [
         f"the best design is on the brink: its stability{depth} is {best['stability']:.2g} (1: at rest, 0: a critical load), so small "
         f"errors of body or field may make it snap; `stability: {{margin: {BRINK:g}}}` in the study refuses such designs"
@@ -145,8 +181,15 @@ def refused(trial: FrozenTrial) -> bool:
 
 def describe(trial: FrozenTrial) -> dict[str, Any]:
     """Describe a trial for a report."""
-    kept = {key: trial.user_attrs.get(key) for key in ("tip_error_m", "stability", "magnetization", "field_T")}
-    varied = {key: trial.user_attrs[key] for key in (*QUANTITIES, *SCATTER, *OF_SEVERAL) if key in trial.user_attrs}
+    kept = {
+        key: trial.user_attrs.get(key)
+        for key in ("tip_error_m", "stability", "magnetization", "field_T")
+    }
+    varied = {
+        key: trial.user_attrs[key]
+        for key in (*QUANTITIES, *SCATTER, *OF_SEVERAL)
+        if key in trial.user_attrs
+    }
     rms = trial.user_attrs.get("rms_m", _rms(trial))  # with `robust`, the value is another
     return {"number": trial.number, "rms_m": rms, "params": dict(trial.params), **kept, **varied}
 
@@ -154,7 +197,11 @@ def describe(trial: FrozenTrial) -> dict[str, Any]:
 def seconds_per_trial(trials: Sequence[FrozenTrial]) -> float | None:
     """Median of the trials' whole seconds, by the storage's clock: from the request for a trial until its value was stored."""
     spans = [(t.datetime_start, t.datetime_complete) for t in trials]
-    seconds = [(end - begin).total_seconds() for begin, end in spans if begin is not None and end is not None]
+    seconds = [
+        (end - begin).total_seconds()
+        for begin, end in spans
+        if begin is not None and end is not None
+    ]
     return statistics.median(seconds) if seconds else None
 
 
@@ -163,9 +210,12 @@ def _rms(trial: FrozenTrial) -> float:
 
 
 def verified(
-    study: Study, designs: Sequence[FrozenTrial], scene_of: Callable[[FrozenTrial], Scene], solve: Callable[[Scene], Result],
+    study: Study,
+    designs: Sequence[FrozenTrial],
+    scene_of: Callable[[FrozenTrial], Scene],
+    solve: Callable[[Scene], Result],
     known: Sequence[dict[str, Any]],
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> list[dict[str, Any]]:
     """The best designs of a study that requests an error, on finer grids, best first.
 
     Trials run on the coarsest grid, which sorts good from bad. At the end every design that its error can't tell from the best one is run
@@ -183,14 +233,29 @@ def verified(
         bars = [one["coarse_error_m"] for one in found if one.get("coarse_error_m") is not None]
         if found and trial.user_attrs["rms_m"] > found[0]["rms_m"] + 2.0 * max(bars, default=0.0):
             break
-        found.append(before.get(trial.number) or _verified_one(study, trial, scene_of(trial), solve))
-    return sorted(found, key=lambda one: (one.get("judged_rms_m") is None, one.get("judged_rms_m", 0.0), one["number"]))
+        found.append(
+            before.get(trial.number) or _verified_one(study, trial, scene_of(trial), solve)
+        )
+    return sorted(
+        found,
+        key=lambda one: (
+            one.get("judged_rms_m") is None,
+            one.get("judged_rms_m", 0.0),
+            one["number"],
+        ),
+    )
 
 
-def _verified_one(study: Study, trial: FrozenTrial, coarse: Scene, solve: Callable[[Scene], Result]) -> dict[str, Any]:
+def _verified_one(
+    study: Study, trial: FrozenTrial, coarse: Scene, solve: Callable[[Scene], Result]
+) -> dict[str, Any]:
     assert study.requested is not None
     first = coarse.resolution.cells_across
-    about: dict[str, Any] = {"number": trial.number, "rms_m": trial.user_attrs["rms_m"], "trial_cells": first}
+    about: dict[str, Any] = {
+        "number": trial.number,
+        "rms_m": trial.user_attrs["rms_m"],
+        "trial_cells": first,
+    }
     try:
         fine = {**study.requested.model_dump(mode="json"), "from_tip": coarse.resolution.from_tip}
         result = solve(Scene.from_si({**coarse.to_si(), "resolution": fine}))
@@ -202,7 +267,10 @@ def _verified_one(study: Study, trial: FrozenTrial, coarse: Scene, solve: Callab
         "judged_rms_m": root_mean_square(gaps(result, study.target)),
         "error_estimate_m": result.error_estimate,
         "cells_across": result.resolution["cells_across"],
-        "coarse_error_m": next((one["error"] for one in result.resolution["tried"] if one["cells_across"] == first), None),
+        "coarse_error_m": next(
+            (one["error"] for one in result.resolution["tried"] if one["cells_across"] == first),
+            None,
+        ),
     }
 
 

@@ -46,7 +46,13 @@ class DatabaseFile:
         """Raises DatabaseLost unless the file is there, whole, may be written, and has so many finished trials of the study."""
         fault = self._fault(finished)
         if fault is not None:
-            raise DatabaseLost(report(f"{self.path}: {fault} while the study ran", rule="must stay as it is", remedy="put it back"))
+            raise DatabaseLost(
+                report(
+                    f"{self.path}: {fault} while the study ran",
+                    rule="must stay as it is",
+                    remedy="put it back",
+                )
+            )
 
     def _fault(self, finished: int) -> str | None:
         try:
@@ -60,7 +66,10 @@ class DatabaseFile:
             return "made read-only"
         if not self._has_its_log():
             return f"robbed of its {self.path.name}{LOG[0]}, which has the last trials,"
-        if (now.st_size, now.st_mtime_ns) != (self._last.st_size, self._last.st_mtime_ns):  # SQLite moves what is in the log now and then
+        if (now.st_size, now.st_mtime_ns) != (
+            self._last.st_size,
+            self._last.st_mtime_ns,
+        ):  # SQLite moves what is in the log now and then
             if not self._is_whole(finished):
                 return "truncated" if now.st_size < self._last.st_size else "overwritten"
             self._last = now
@@ -82,7 +91,9 @@ class DatabaseFile:
     def _is_whole(self, finished: int) -> bool:
         query = "SELECT COUNT(*) FROM trials JOIN studies USING (study_id) WHERE study_name = ? AND state = 'COMPLETE'"
         try:
-            connection = sqlite3.connect(f"file:{quote(str(self.path))}?mode=rw", uri=True, timeout=self._timeout)
+            connection = sqlite3.connect(
+                f"file:{quote(str(self.path))}?mode=rw", uri=True, timeout=self._timeout
+            )
             try:
                 (sound,) = connection.execute("PRAGMA quick_check(1)").fetchone()
                 (found,) = connection.execute(query, [self._study]).fetchone()
@@ -110,7 +121,13 @@ def _writable(path: Path, found: os.stat_result) -> bool:
 class Memory:
     """The trials of a study as this session knows them."""
 
-    def __init__(self, kept: optuna.Study, store: Store, path: Path, distributions: Mapping[str, BaseDistribution]) -> None:
+    def __init__(
+        self,
+        kept: optuna.Study,
+        store: Store,
+        path: Path,
+        distributions: Mapping[str, BaseDistribution],
+    ) -> None:
         """path: the SQLite file, in use from now on."""
         self._kept, self._store, self._distributions = kept, store, distributions
         self._file = DatabaseFile(path, kept.study_name, store.timeout)
@@ -172,10 +189,16 @@ class Memory:
             path = self._written(place.parent, make)
         except (OSError, MagmpmError):
             path = self._written(Path(tempfile.mkdtemp(prefix="magmpm-")), make)
-        if not self._file.deleted or path.parent != place.parent or Path(f"{path}{LOG[0]}").exists():
+        if (
+            not self._file.deleted
+            or path.parent != place.parent
+            or Path(f"{path}{LOG[0]}").exists()
+        ):
             return path
         try:
-            place.hardlink_to(path)  # which another session with the same database may have done before
+            place.hardlink_to(
+                path
+            )  # which another session with the same database may have done before
         except OSError:
             return path
         path.unlink()
@@ -207,4 +230,6 @@ def _as_saved(trial: FrozenTrial | None) -> FrozenTrial:
     design: dict[str, Any] = {FIXED: trial.params} if trial.params else {}
     known = {key: value for key, value in trial.user_attrs.items() if key != SESSION}
     attributes = {**trial.system_attrs, **design}
-    return optuna.trial.create_trial(state=TrialState.WAITING, user_attrs=known, system_attrs=attributes)
+    return optuna.trial.create_trial(
+        state=TrialState.WAITING, user_attrs=known, system_attrs=attributes
+    )

@@ -44,8 +44,12 @@ OUTAGE = 600.0  # s to wait for a server that was there and does not answer any 
 CONNECTING = 10.0  # s to wait for a server's first answer
 # a connection that is cut without a word is noticed within half a minute (libpq's settings; the last in milliseconds)
 _SHORT_WAITS = {
-    "connect_timeout": int(CONNECTING), "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3, "tcp_user_timeout": 30000,
-}  # fmt: skip
+    "connect_timeout": int(CONNECTING),
+    "keepalives_idle": 10,
+    "keepalives_interval": 5,
+    "keepalives_count": 3,
+    "tcp_user_timeout": 30000,
+}
 _CORRUPT = ("malformed", "corrupt", "disk image")
 RESCUED = "-rescued"  # ends the name of a database with the trials of one that was lost while its study ran
 
@@ -77,9 +81,13 @@ def storage_faults(url: str, timeout: float = TIMEOUT) -> Iterator[None]:
     except Exception as error:
         if isinstance(error, (StorageInternalError, SQLAlchemyError, sqlite3.Error, *_of_grpc())):
             raise _explained(error, url, timeout) from None
-        unread = isinstance(error, (ValueError, TypeError, KeyError, AssertionError)) and "Record does not exist" not in str(error)
+        unread = isinstance(
+            error, (ValueError, TypeError, KeyError, AssertionError)
+        ) and "Record does not exist" not in str(error)
         if unread and _in_optuna(error) and not is_server(url):
-            raise _corrupt(url, f"Optuna can't read it: {type(error).__name__} {error}".splitlines()[0]) from None
+            raise _corrupt(
+                url, f"Optuna can't read it: {type(error).__name__} {error}".splitlines()[0]
+            ) from None
         raise
 
 
@@ -102,17 +110,27 @@ def _explained(error: BaseException, url: str, timeout: float) -> MagmpmError:
     cause, away = error, isinstance(error, _of_grpc())
     while not isinstance(cause, sqlite3.Error):
         cut = isinstance(cause, DBAPIError) and cause.connection_invalidated
-        away = away or cut or isinstance(cause, (OperationalError, InterfaceError, PendingRollbackError))
+        away = (
+            away
+            or cut
+            or isinstance(cause, (OperationalError, InterfaceError, PendingRollbackError))
+        )
         if cause.__cause__ is None:
             break
         cause = cause.__cause__
-    message = cause.details() if isinstance(cause, _of_grpc()) and hasattr(cause, "details") else getattr(cause, "orig", cause)
+    message = (
+        cause.details()
+        if isinstance(cause, _of_grpc()) and hasattr(cause, "details")
+        else getattr(cause, "orig", cause)
+    )
     reason = without_passwords((str(message).strip() or type(cause).__name__).splitlines()[0], url)
     if any(word in reason for word in _CORRUPT) and not is_server(url):
         return _corrupt(url, reason)
     if re.search(r"\b(full|No space left)\b", reason):
         rule = f"the database needs room on its disk ({reason})"
-        remedy = "free room, then run this command again: the finished trials are kept, and it resumes"
+        remedy = (
+            "free room, then run this command again: the finished trials are kept, and it resumes"
+        )
     elif not is_server(url) and "disk I/O" in reason:
         rule = f"the disk, or a quota on it, does not take what the database writes ({reason})"
         remedy = "free room or see to the disk, then run this command again: the finished trials are kept, and it resumes"
@@ -120,8 +138,13 @@ def _explained(error: BaseException, url: str, timeout: float) -> MagmpmError:
         rule = f"another process has kept it locked for {timeout:g} s"
         remedy = "end that process, then run this command again: it resumes"
     elif not is_server(url) and "readonly" in reason:
-        rule, remedy = "must be a file that may be written", "make it writable, then run this command again: it resumes"
-        return DatabaseLost(report(f"{shown_url(url)}: can't be written ({reason})", rule=rule, remedy=remedy))
+        rule, remedy = (
+            "must be a file that may be written",
+            "make it writable, then run this command again: it resumes",
+        )
+        return DatabaseLost(
+            report(f"{shown_url(url)}: can't be written ({reason})", rule=rule, remedy=remedy)
+        )
     else:
         rule = reason
         remedy = "see that the database can be reached and written to, then run this command again: it resumes"
@@ -135,7 +158,9 @@ class Store:
     tell: gets a line when the wait begins, and when it ends.
     """
 
-    def __init__(self, url: str, timeout: float, outage: float, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, url: str, timeout: float, outage: float, tell: Callable[[str], None]
+    ) -> None:
         """timeout: s to wait for a locked SQLite file; outage: s to wait for a server."""
         self.url, self.timeout, self.outage, self.tell = url, timeout, outage, tell
         self.storage: optuna.storages.BaseStorage | None = None
@@ -170,7 +195,9 @@ class Store:
                 if begun is None:
                     begun = time.monotonic()
                     reason = str(error).splitlines()[1].strip().removeprefix("rule: ")
-                    self.tell(f"{shown_url(self.url)} does not answer ({reason}); waiting for it up to {self.outage / 60:.0f} min")
+                    self.tell(
+                        f"{shown_url(self.url)} does not answer ({reason}); waiting for it up to {self.outage / 60:.0f} min"
+                    )
                 if time.monotonic() - begun > self.outage:
                     raise
                 self.forget()
@@ -198,7 +225,10 @@ def _corrupt(url: str, reason: str) -> DatabaseDamaged:
 def _rescued(folder: Path) -> str:
     """The beginning of a remedy, where a folder has trials that were saved as their database was lost."""
     found = sorted(folder.glob(f"*{RESCUED}*.db"))
-    return "".join(f"go on with the trials that were saved as it was lost: --storage sqlite:///{path.absolute()}; or " for path in found)
+    return "".join(
+        f"go on with the trials that were saved as it was lost: --storage sqlite:///{path.absolute()}; or "
+        for path in found
+    )
 
 
 def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStorage:
@@ -221,12 +251,20 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
         reason = without_passwords(str(error).splitlines()[0], url)
         rule = f"must be a usable URL: {reason}"
         if isinstance(error, ImportError):
-            named, driver = {"psycopg": "'magmpm[postgresql]'", "mysqldb": "mysqlclient"}, parts.get_driver_name()
-            rule, remedy = f"the database's driver must be installed: {reason}", f"pip install {named.get(driver, driver)}"
+            named, driver = (
+                {"psycopg": "'magmpm[postgresql]'", "mysqldb": "mysqlclient"},
+                parts.get_driver_name(),
+            )
+            rule, remedy = (
+                f"the database's driver must be installed: {reason}",
+                f"pip install {named.get(driver, driver)}",
+            )
         raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy) from None
     sqlite = parts.get_backend_name() == "sqlite"
     refuse_memory(parts, url)
-    options: dict[str, Any] = {"connect_args": {"timeout": timeout}} if sqlite else {"pool_pre_ping": True}
+    options: dict[str, Any] = (
+        {"connect_args": {"timeout": timeout}} if sqlite else {"pool_pre_ping": True}
+    )
     if parts.get_backend_name() == "postgresql":
         options["connect_args"] = dict(_SHORT_WAITS)
     if sqlite:
@@ -259,8 +297,14 @@ def _made(url: str, options: Mapping[str, Any]) -> optuna.storages.RDBStorage:
 def _open_grpc(url: str) -> optuna.storages.BaseStorage:
     """Optuna's gRPC proxy, which serves a database that its own machine can reach."""
     host, port = grpc_address(url)
-    if importlib.util.find_spec("grpc") is None or importlib.util.find_spec("google.protobuf") is None:
-        rule, remedy = "Optuna's gRPC proxy needs the packages grpcio and protobuf", "pip install 'magmpm[grpc]'"
+    if (
+        importlib.util.find_spec("grpc") is None
+        or importlib.util.find_spec("google.protobuf") is None
+    ):
+        rule, remedy = (
+            "Optuna's gRPC proxy needs the packages grpcio and protobuf",
+            "pip install 'magmpm[grpc]'",
+        )
         raise InputError("--storage", received=url, rule=rule, remedy=remedy)
     from optuna.storages import GrpcStorageProxy
 
@@ -279,17 +323,30 @@ def _open_grpc(url: str) -> optuna.storages.BaseStorage:
 def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
     """Checks that the file is a writable database, and puts it into WAL mode."""
     if path.exists() and not path.is_file():
-        rule, remedy = "must be a file: an SQLite database, or one that is to become one", "name a file in it, with --storage or --out"
-        raise InputError(f"{path}: {'a folder' if path.is_dir() else 'no regular file'}", rule=rule, remedy=remedy)
+        rule, remedy = (
+            "must be a file: an SQLite database, or one that is to become one",
+            "name a file in it, with --storage or --out",
+        )
+        raise InputError(
+            f"{path}: {'a folder' if path.is_dir() else 'no regular file'}",
+            rule=rule,
+            remedy=remedy,
+        )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with storage_faults(url, timeout):
             connection = sqlite3.connect(path, timeout=timeout)
             try:
-                code = connection.execute("SELECT type, name FROM sqlite_master WHERE type IN ('trigger', 'view')").fetchone()
+                code = connection.execute(
+                    "SELECT type, name FROM sqlite_master WHERE type IN ('trigger', 'view')"
+                ).fetchone()
                 if code is not None:
                     rule = "a database of trials has tables alone: triggers and views are code, which would run here"
-                    raise InputError(f"{path}: holds the {code[0]} {code[1]}", rule=rule, remedy="use another --out or --storage")
+                    raise InputError(
+                        f"{path}: holds the {code[0]} {code[1]}",
+                        rule=rule,
+                        remedy="use another --out or --storage",
+                    )
                 connection.execute("PRAGMA journal_mode=WAL")
                 (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
                 if found != "ok":
@@ -301,7 +358,10 @@ def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
         raise InputError(str(path.parent), rule=rule, remedy=remedy) from None
     except StorageError as error:
         if "not a database" in str(error):
-            rule, remedy = ("must be an SQLite database", "use another --out or --storage, or move the file away")
+            rule, remedy = (
+                "must be an SQLite database",
+                "use another --out or --storage, or move the file away",
+            )
             raise InputError(str(path), rule=rule, remedy=remedy) from None
         raise
 
@@ -319,8 +379,13 @@ def _commit_without_waiting(backend: optuna.storages.RDBStorage) -> None:
 
 
 def open_study(
-    storage: optuna.storages.BaseStorage, study: Study, definition: Mapping[str, Any], out: Path, url: str, timeout: float = TIMEOUT,
-) -> optuna.Study:  # fmt: skip
+    storage: optuna.storages.BaseStorage,
+    study: Study,
+    definition: Mapping[str, Any],
+    out: Path,
+    url: str,
+    timeout: float = TIMEOUT,
+) -> optuna.Study:
     """The study in its storage, new or resumed, with interrupted trials queued to run again.
 
     Raises InputError, showing the difference, when the storage holds a study of this name with another definition.
@@ -329,7 +394,12 @@ def open_study(
 
     with storage_faults(url, timeout):
         objectives = len(study.minimize)
-        kept = optuna.create_study(storage=storage, study_name=study.name, directions=["minimize"] * objectives, load_if_exists=True)
+        kept = optuna.create_study(
+            storage=storage,
+            study_name=study.name,
+            directions=["minimize"] * objectives,
+            load_if_exists=True,
+        )
         known = kept.user_attrs.get("definition")
         if trials_of(kept, url) and known is None:
             rule = f"holds a study named {study.name} that magmpm did not make"
@@ -338,7 +408,9 @@ def open_study(
             kept.set_user_attr("definition", dict(definition))
             kept.set_user_attr("definition_hash", definition_hash(definition))
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # "experimental": the name of the axis in the dashboard
+                warnings.simplefilter(
+                    "ignore"
+                )  # "experimental": the name of the axis in the dashboard
                 kept.set_metric_names([NAMES[name] for name in study.minimize])
         elif kept.user_attrs.get("definition_hash") != definition_hash(definition):
             changes = "\n".join(f"    {line}" for line in differences(known, definition))
@@ -377,14 +449,23 @@ def must_exist(url: str, out: Path) -> None:
 
 
 def must_hold(
-    storage: optuna.storages.BaseStorage, name: str, held: Mapping[int, Any], out: Path, url: str, timeout: float = TIMEOUT
+    storage: optuna.storages.BaseStorage,
+    name: str,
+    held: Mapping[int, Any],
+    out: Path,
+    url: str,
+    timeout: float = TIMEOUT,
 ) -> None:
     """Raises InputError unless the designs that a folder holds (their parameters by number of the trial) are of trials of this storage."""
     import optuna
 
     with storage_faults(url, timeout):
         known = name in optuna.get_all_study_names(storage)
-        trials = optuna.load_study(study_name=name, storage=storage).get_trials(deepcopy=False) if known else []
+        trials = (
+            optuna.load_study(study_name=name, storage=storage).get_trials(deepcopy=False)
+            if known
+            else []
+        )
     params = {trial.number: trial.params for trial in trials if trial.number in held}
     if held and (not params or any(params[number] != held[number] for number in params)):
         has = f"{len(trials)} trials, which are others" if trials else "no trial of this study"
@@ -395,7 +476,11 @@ def _without_trials(out: Path, found: str) -> InputError:
     written = ""
     with suppress(OSError, ValueError, KeyError, TypeError):  # it was never written, or is damaged
         written = str(json.loads((out / REPORT).read_text(encoding="utf-8"))["storage"])
-    which = f"name their database with --storage ({written} when they ended)" if written else "name their database with --storage"
+    which = (
+        f"name their database with --storage ({written} when they ended)"
+        if written
+        else "name their database with --storage"
+    )
     return InputError(
         f"{out}: holds designs of trials that are not there: {found}",
         rule="the designs in a folder and the trials in its database must belong together",
@@ -410,11 +495,17 @@ def claim_folder(out: Path, name: str) -> None:
     """
     if holds_run(out):
         rule = "a study has a folder of its own: its designs would mix with the run's result"
-        raise InputError(f"{out}: holds the results of a run", rule=rule, remedy=f"use another --out, say, {out}-study")
+        raise InputError(
+            f"{out}: holds the results of a run",
+            rule=rule,
+            remedy=f"use another --out, say, {out}-study",
+        )
     path = out / OWNER
     holder = path.read_text(encoding="utf-8", errors="replace").strip() if path.exists() else name
     if holder and holder != name:
         rule = f"the folder holds the results of another study, {holder} ({OWNER}); a study has a folder of its own"
-        raise InputError(str(out), received=name, rule=rule, remedy=f"use another --out, say, {out}-{name}")
+        raise InputError(
+            str(out), received=name, rule=rule, remedy=f"use another --out, say, {out}-{name}"
+        )
     with naming(path):
         path.write_text(name + "\n", encoding="utf-8")

@@ -21,7 +21,10 @@ GRPC = "grpc://"
 GRPC_PORT = 13000  # Optuna's
 HIDDEN = "***"
 _IN_FRONT = re.compile(r"^(?P<before>[^:/?#\s]+://[^:/?#@]*:)(?P<password>.*)@", re.DOTALL)
-_IN_QUERY = re.compile(r"(?P<before>[?&;][^=&;]*(?:pass|pwd|secret|token|key)[^=&;]*=)(?P<password>[^&;\s]*)", re.IGNORECASE)
+_IN_QUERY = re.compile(
+    r"(?P<before>[?&;][^=&;]*(?:pass|pwd|secret|token|key)[^=&;]*=)(?P<password>[^&;\s]*)",
+    re.IGNORECASE,
+)
 
 
 def storage_url(out: Path | None, url: str | None) -> str:
@@ -35,14 +38,28 @@ def storage_url(out: Path | None, url: str | None) -> str:
         from sqlalchemy.engine import make_url
 
         rule, file = "must be the URL of a database", f"sqlite:///{url}"
-        if re.search(r"[=@;\s]", url):  # another way to say it, such as libpq's, which may hold a password
+        if re.search(
+            r"[=@;\s]", url
+        ):  # another way to say it, such as libpq's, which may hold a password
             remedy = f"write, say, sqlite:///{DATABASE} or postgresql://USER@HOST/DATABASE"
-            raise InputError("--storage", received="a text without ://, not shown for what it may hold", rule=rule, remedy=remedy)
+            raise InputError(
+                "--storage",
+                received="a text without ://, not shown for what it may hold",
+                rule=rule,
+                remedy=remedy,
+            )
         remedy = f"write, say, {f'sqlite:///{DATABASE}' if in_memory(make_url(file)) else file}"
         raise InputError("--storage", received=url or "nothing", rule=rule, remedy=remedy)
     password = _IN_FRONT.match(url.partition("?")[0])
-    if not url.startswith("sqlite") and password is not None and re.search(r"[@/#]", password["password"]):  # a driver would report it
-        rule, remedy = "the signs @ / ? # end a password, so it is written without them", "write %40 for @, %2F for /, %3F for ?, %23 for #"
+    if (
+        not url.startswith("sqlite")
+        and password is not None
+        and re.search(r"[@/#]", password["password"])
+    ):  # a driver would report it
+        rule, remedy = (
+            "the signs @ / ? # end a password, so it is written without them",
+            "write %40 for @, %2F for /, %3F for ?, %23 for #",
+        )
         raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy)
     for plain in ("postgresql://", "postgres://"):
         if url.startswith(plain) and importlib.util.find_spec("psycopg2") is None:
@@ -74,7 +91,11 @@ def given_url(option: str | None, environment: Mapping[str, str]) -> str | None:
 
 def passwords(url: str) -> list[str]:
     """The passwords in a URL, as they stand there."""
-    found = [match["password"] for match in (_IN_FRONT.match(url), *_IN_QUERY.finditer(url)) if match is not None]
+    found = [
+        match["password"]
+        for match in (_IN_FRONT.match(url), *_IN_QUERY.finditer(url))
+        if match is not None
+    ]
     return [password for password in found if password]
 
 
@@ -108,9 +129,14 @@ def sqlite_file(url: str) -> Path | None:
 
 def grpc_address(url: str) -> tuple[str, int]:
     """Host and port of grpc://HOST:PORT. Raises InputError."""
-    match = re.fullmatch(r"grpc://(?P<host>\[[0-9a-fA-F:]+\]|[\w.-]+)(?::(?P<port>[0-9]{1,5}))?/?", url)
+    match = re.fullmatch(
+        r"grpc://(?P<host>\[[0-9a-fA-F:]+\]|[\w.-]+)(?::(?P<port>[0-9]{1,5}))?/?", url
+    )
     if match is None or not 0 < int(match["port"] or GRPC_PORT) < 65536:
-        rule, remedy = "must be grpc://HOST:PORT, as of Optuna's gRPC proxy", f"write, say, grpc://localhost:{GRPC_PORT}"
+        rule, remedy = (
+            "must be grpc://HOST:PORT, as of Optuna's gRPC proxy",
+            f"write, say, grpc://localhost:{GRPC_PORT}",
+        )
         raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy)
     return match["host"], int(match["port"] or GRPC_PORT)
 
@@ -126,4 +152,9 @@ def refuse_memory(parts: URL, url: str) -> None:
     """Raises InputError for a database that would not outlive its process."""
     if parts.get_backend_name() == "sqlite" and in_memory(parts):
         rule = "a database in memory is gone with its process, and with it all trials"
-        raise InputError("--storage", received=shown_url(url), rule=rule, remedy=f"name a file, say, --storage sqlite:///{DATABASE}")
+        raise InputError(
+            "--storage",
+            received=shown_url(url),
+            rule=rule,
+            remedy=f"name a file, say, --storage sqlite:///{DATABASE}",
+        )

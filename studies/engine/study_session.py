@@ -42,7 +42,9 @@ def as_begun(study: Study, storage: BaseStorage) -> Study:
     """A study whose file names no sampler, with the one by which the storage's study of its name was begun, if there is one."""
     if study.why_sampler is None or study.name not in optuna.get_all_study_names(storage):
         return study
-    kept = optuna.load_study(study_name=study.name, storage=storage).user_attrs.get("definition", {})
+    kept = optuna.load_study(study_name=study.name, storage=storage).user_attrs.get(
+        "definition", {}
+    )
     begun = kept.get("sampler", study.sampler)
     if begun == study.sampler:
         return study
@@ -53,11 +55,22 @@ class StudySession:
     """A study and what is known of it."""
 
     def __init__(
-        self, evaluator: Evaluator, out: Path, store: Store, on_open: Callable[[Study], object] | None, note: Note = silent
+        self,
+        evaluator: Evaluator,
+        out: Path,
+        store: Store,
+        on_open: Callable[[Study], object] | None,
+        note: Note = silent,
     ) -> None:
         """on_open: as of run_study; note: is told what is being done between trials."""
         optuna.logging.set_verbosity(optuna.logging.ERROR)
-        self.evaluator, self.study, self.space, self.out, self.store = evaluator, evaluator.study, evaluator.space, out, store
+        self.evaluator, self.study, self.space, self.out, self.store = (
+            evaluator,
+            evaluator.study,
+            evaluator.space,
+            out,
+            store,
+        )
         self.note = note
         self.distributions = self.space.distributions()
         self.starts: list[dict[str, float]] = []
@@ -81,7 +94,9 @@ class StudySession:
 
     def finished(self) -> list[FrozenTrial]:
         """Finished trials in order."""
-        found = self.store(lambda: list(self.kept.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))))
+        found = self.store(
+            lambda: list(self.kept.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)))
+        )
         if self.memory is not None:
             self.memory.note(found)
         return found
@@ -120,8 +135,13 @@ class StudySession:
             records.replace_folder(source, self.out / records.BEST)
         self.verify_best()
         if records.holds(self.out / records.BEST, best):
-            if isinstance(self.evaluator.evaluation, Insertion) and not (self.out / records.BEST / MOVIE).exists():
-                self.evaluator.evaluation.write_moments(self.out / records.BEST, self.evaluator.solve, best.params, self.note)
+            if (
+                isinstance(self.evaluator.evaluation, Insertion)
+                and not (self.out / records.BEST / MOVIE).exists()
+            ):
+                self.evaluator.evaluation.write_moments(
+                    self.out / records.BEST, self.evaluator.solve, best.params, self.note
+                )
             write_best_scene(self.out / records.BEST, self.study, self.space, report.describe(best))
 
     def verify_best(self) -> None:
@@ -131,7 +151,13 @@ class StudySession:
         self.note("the best designs on finer grids")
         known = self.store(lambda: self.kept.user_attrs.get(VERIFIED, []))
         best = report.nearest_first(self.finished())
-        found = verified(self.study, best, lambda trial: self.evaluator.scene_of(trial.params), self.evaluator.solve, known)
+        found = verified(
+            self.study,
+            best,
+            lambda trial: self.evaluator.scene_of(trial.params),
+            self.evaluator.solve,
+            known,
+        )
         self.store(lambda: self.kept.set_user_attr(VERIFIED, found))
 
     def mend_improvements(self) -> None:
@@ -148,8 +174,14 @@ class StudySession:
             try:
                 result = self.evaluator.evaluation.last_result(self.evaluator.solve, trial.params)
             except SolveError:
-                return False  # it has been solved elsewhere; parameters and numbers stay in the report
-            drawn = {key: trial.user_attrs[key] for key in ("shapes", "catheter") if key in trial.user_attrs}
+                return (
+                    False  # it has been solved elsewhere; parameters and numbers stay in the report
+                )
+            drawn = {
+                key: trial.user_attrs[key]
+                for key in ("shapes", "catheter")
+                if key in trial.user_attrs
+            }
             records.save_design(folder, result, report.describe(trial) | drawn)
         return True
 
@@ -157,22 +189,44 @@ class StudySession:
         """The study as it stands."""
         trials = self.finished()
         chosen, stop = report.best_trial(trials), self.study.stop_rms
-        first = next((t for t in trials if stop is not None and report.feasible(t) and t.values[0] <= stop), None)
+        first = next(
+            (t for t in trials if stop is not None and report.feasible(t) and t.values[0] <= stop),
+            None,
+        )
         best = None if chosen is None else report.describe(chosen)
         return StudyReport(
-            name=self.study.name, out=self.out, storage=shown_url(self.store.url), sampler=self.study.sampler,
-            why_sampler=self.study.why_sampler, seed=self.study.seed, wanted=self.study.trials, stop_rms_m=self.study.stop_rms,
-            trials=len(trials), failed=sum(not report.feasible(t) and not report.refused(t) for t in trials),
-            refused=sum(report.refused(t) for t in trials), best=best, exchanged=sum(EXCHANGED in t.user_attrs for t in trials),
-            warnings=report.on_the_brink(best), first_trial_below_stop=None if first is None else first.number,
-            seconds_per_trial=report.seconds_per_trial(trials), ended=ended, rms_m=[t.user_attrs.get("rms_m", t.values[0]) for t in trials],
+            name=self.study.name,
+            out=self.out,
+            storage=shown_url(self.store.url),
+            sampler=self.study.sampler,
+            why_sampler=self.study.why_sampler,
+            seed=self.study.seed,
+            wanted=self.study.trials,
+            stop_rms_m=self.study.stop_rms,
+            trials=len(trials),
+            failed=sum(not report.feasible(t) and not report.refused(t) for t in trials),
+            refused=sum(report.refused(t) for t in trials),
+            best=best,
+            exchanged=sum(EXCHANGED in t.user_attrs for t in trials),
+            warnings=report.on_the_brink(best),
+            first_trial_below_stop=None if first is None else first.number,
+            seconds_per_trial=report.seconds_per_trial(trials),
+            ended=ended,
+            rms_m=[t.user_attrs.get("rms_m", t.values[0]) for t in trials],
             measure_m=[t.values[0] for t in trials] if self.study.robust is not None else None,
             failed_trials=[k for k, t in enumerate(trials) if not report.feasible(t)],
-            reasons=[t.user_attrs.get("reason") or "not told" for t in trials if not report.feasible(t)],
-            judged=self.store(lambda: self.kept.user_attrs.get(VERIFIED, [])), study_file=str(self.study.path.resolve()),
-            limits=findings(self.study, self.space, trials) if self.study.sampler == "gauss-newton" else [],
-            front=pareto_report(self.study.minimize, trials, report.feasible) if len(self.study.minimize) > 1 else None,
-        )  # fmt: skip
+            reasons=[
+                t.user_attrs.get("reason") or "not told" for t in trials if not report.feasible(t)
+            ],
+            judged=self.store(lambda: self.kept.user_attrs.get(VERIFIED, [])),
+            study_file=str(self.study.path.resolve()),
+            limits=findings(self.study, self.space, trials)
+            if self.study.sampler == "gauss-newton"
+            else [],
+            front=pareto_report(self.study.minimize, trials, report.feasible)
+            if len(self.study.minimize) > 1
+            else None,
+        )
 
 
 def rerun(evaluator: Evaluator, store: Store, number: int) -> dict[str, Any]:
@@ -187,19 +241,33 @@ def rerun(evaluator: Evaluator, store: Store, number: int) -> dict[str, Any]:
         try:
             kept = optuna.load_study(study_name=evaluator.study.name, storage=storage)
         except KeyError:
-            rule, remedy = f"holds no study named {evaluator.study.name}", "name the --out or the --storage that it was run with"
+            rule, remedy = (
+                f"holds no study named {evaluator.study.name}",
+                "name the --out or the --storage that it was run with",
+            )
             raise InputError(shown_url(store.url), rule=rule, remedy=remedy) from None
         trials = {t.number: t for t in kept.get_trials(deepcopy=False)}
     trial = trials.get(number)
     if trial is None or trial.values is None:
-        what = "is not finished" if trial is not None else f"is not there; the study has {len(trials)}, numbered from 0"
+        what = (
+            "is not finished"
+            if trial is not None
+            else f"is not there; the study has {len(trials)}, numbered from 0"
+        )
         remedy = "--trial 0, say" if trials else "run the study first"
-        raise InputError("--trial", received=str(number), rule=f"trial {number} {what}", remedy=remedy)
+        raise InputError(
+            "--trial", received=str(number), rule=f"trial {number} {what}", remedy=remedy
+        )
     outcome = evaluator.outcome(number, trial.params)
     stored, now = trial.user_attrs.get("rms_m", trial.values[0]), outcome.rms
     return {
-        "number": number, "params": dict(trial.params), "rms_m": now, "stored_rms_m": stored,
-        "same": bool(stored == now and trial.values[0] == outcome.value), "reason": outcome.reason,
-        "versions": trial.user_attrs.get("versions", {}), "versions_now": outcome.known["versions"],
+        "number": number,
+        "params": dict(trial.params),
+        "rms_m": now,
+        "stored_rms_m": stored,
+        "same": bool(stored == now and trial.values[0] == outcome.value),
+        "reason": outcome.reason,
+        "versions": trial.user_attrs.get("versions", {}),
+        "versions_now": outcome.known["versions"],
         "files": [str(path) for path in outcome.files],
-    }  # fmt: skip
+    }

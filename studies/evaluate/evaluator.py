@@ -42,8 +42,21 @@ def evaluation_of(study: Study, space: SearchSpace) -> Evaluation:
 class Evaluator:
     """Solves and evaluates the designs of a study, and draws them."""
 
-    def __init__(self, study: Study, solve: Solve, differentiate: Differentiate | None, picture: Picture | None, out: Path) -> None:
-        self.study, self.solve, self.differentiate, self.picture, self.out = study, solve, differentiate, picture, out
+    def __init__(
+        self,
+        study: Study,
+        solve: Solve,
+        differentiate: Differentiate | None,
+        picture: Picture | None,
+        out: Path,
+    ) -> None:
+        self.study, self.solve, self.differentiate, self.picture, self.out = (
+            study,
+            solve,
+            differentiate,
+            picture,
+            out,
+        )
         self.space = SearchSpace.of(study)
         self.evaluation = evaluation_of(study, self.space)
 
@@ -58,16 +71,22 @@ class Evaluator:
         known = self._known(outcome, scene, params)
         begun = time.perf_counter()
         files = self._drawn(number, outcome, known)
-        return dataclasses.replace(outcome, known=known, files=files, drawing=time.perf_counter() - begun)
+        return dataclasses.replace(
+            outcome, known=known, files=files, drawing=time.perf_counter() - begun
+        )
 
     def failed(self, params: Mapping[str, Any], reason: str) -> Outcome:
         """The outcome of a design that could not be solved."""
         outcome = Outcome(None, penalty(self.study.scene), None, reason, 0.0)
-        return dataclasses.replace(outcome, known=self._known(outcome, self.scene_of(params), params))
+        return dataclasses.replace(
+            outcome, known=self._known(outcome, self.scene_of(params), params)
+        )
 
     def _known(self, outcome: Outcome, scene: Scene, params: Mapping[str, Any]) -> dict[str, Any]:
         space = self.space
-        return attributes(outcome, scene, space.directions(params), space.field(params)) | space.quantities(params)
+        return attributes(
+            outcome, scene, space.directions(params), space.field(params)
+        ) | space.quantities(params)
 
     def scene_of(self, params: Mapping[str, Any]) -> Scene:
         """The scene of a trial; of an insertion that of its last depth, of a schedule that of its last time."""
@@ -79,7 +98,9 @@ class Evaluator:
             return []
         trial = trial_of(self.study, number, outcome, None)
         try:
-            found = self.picture(outcome.result, self.out / PICTURES / f"trial_{number:03d}.png", trial)
+            found = self.picture(
+                outcome.result, self.out / PICTURES / f"trial_{number:03d}.png", trial
+            )
             return [found] if isinstance(found, Path) else list(found)
         except Exception as error:  # drawing goes through OpenGL, worker processes and disks
             known["picture_note"] = f"{type(error).__name__}: {error}"
@@ -90,6 +111,12 @@ def trial_of(study: Study, number: int, outcome: Outcome, best: float | None) ->
     """A trial as callbacks see it; best: value of the best trial before it."""
     improved = outcome.accepted and (best is None or outcome.value < best)
     return Trial(
-        number, outcome.value, outcome.tip_error, outcome.value if improved else best, improved, outcome.reason, study.target,
+        number,
+        outcome.value,
+        outcome.tip_error,
+        outcome.value if improved else best,
+        improved,
+        outcome.reason,
+        study.target,
         shapes=shapes_of(outcome.model),
-    )  # fmt: skip
+    )

@@ -40,7 +40,9 @@ STATIONS = 25
 SHOWN = 4  # times in the picture of a schedule, at most
 EXIT_WEIGHT = 0.25
 DEPTHS = "insertion"  # user attribute: what is kept of each depth
-CATHETER = "catheter"  # ... the whole catheter, of which the last depth may leave a part in the guide
+CATHETER = (
+    "catheter"  # ... the whole catheter, of which the last depth may leave a part in the guide
+)
 SHAPES = "shapes"  # ... and how it is drawn: axis, and each segment's center and remanence
 MOVIE = "insertion.json"
 NEAR = 0.01  # of the length: a rod's design that is near enough
@@ -51,7 +53,9 @@ class Trajectory(Evaluation, ABC):
     """Several equilibria of each design."""
 
     sought = 24, 3  # of the rod: most random starts, and how many designs are enough
-    end_weight = 0.0  # what the last gap of the last equilibrium counts besides, in what Gauss-Newton reads
+    end_weight = (
+        0.0  # what the last gap of the last equilibrium counts besides, in what Gauss-Newton reads
+    )
 
     @abstractmethod
     def weights(self, number: int) -> Array:
@@ -88,7 +92,15 @@ class Trajectory(Evaluation, ABC):
             return []
         length = self.study.depths[-1] if self.study.depths else space.scene.length
         enough = NEAR * length
-        found = search(self.rods, self.followed, seed=self.study.seed, starts=starts, wanted=wanted, enough=enough, note=note)
+        found = search(
+            self.rods,
+            self.followed,
+            seed=self.study.seed,
+            starts=starts,
+            wanted=wanted,
+            enough=enough,
+            note=note,
+        )
         return [self.parameters(design) for design in found[:wanted]]
 
     def parameters(self, design: RodDesign) -> dict[str, float]:
@@ -101,38 +113,57 @@ class Trajectory(Evaluation, ABC):
 
     def fields(self, params: Mapping[str, Any]) -> Array:
         """The field of each equilibrium (n, 3), T."""
-        return np.array([self.space.field(params, self.field_number(k)) for k in range(len(self.places))])
+        return np.array(
+            [self.space.field(params, self.field_number(k)) for k in range(len(self.places))]
+        )
 
     def penalty(self, params: Mapping[str, Any]) -> float:
         return penalty(self.space.scene)
 
     def mean_squares(self, results: Sequence[Result]) -> Array:
         """The mean squared gap of each equilibrium, m^2."""
-        return np.array([self.weights(k) @ np.sum(self.gaps(result, k) ** 2, axis=1) for k, result in enumerate(results)])
+        return np.array(
+            [
+                self.weights(k) @ np.sum(self.gaps(result, k) ** 2, axis=1)
+                for k, result in enumerate(results)
+            ]
+        )
 
     def rows(self, results: Sequence[Result], params: Mapping[str, Any]) -> list[dict[str, Any]]:
         """The field and the distances of each equilibrium, T and m."""
         each = zip(self.fields(params), self.mean_squares(results), results, strict=True)
         return [
-            {"field_T": np.round(field, 12).tolist(), "rms_m": float(np.sqrt(square)),
-             "tip_error_m": float(np.linalg.norm(self.gaps(result, k)[-1]))}
+            {
+                "field_T": np.round(field, 12).tolist(),
+                "rms_m": float(np.sqrt(square)),
+                "tip_error_m": float(np.linalg.norm(self.gaps(result, k)[-1])),
+            }
             for k, (field, square, result) in enumerate(each)
-        ]  # fmt: skip
+        ]
 
     def field_changes(self, params: Mapping[str, Any]) -> dict[str, float]:
         """Changes of the field from one equilibrium to the next: the largest change, and their sum, T."""
         changes = np.linalg.norm(np.diff(self.fields(params), axis=0), axis=1)
-        return {"field_largest_change_T": float(changes.max(initial=0.0)), "field_total_variation_T": float(changes.sum())}
+        return {
+            "field_largest_change_T": float(changes.max(initial=0.0)),
+            "field_total_variation_T": float(changes.sum()),
+        }
 
     def hidden(self, found: Sensitivities) -> int:
         """Number of segments of the whole body, from its base, that this equilibrium does not have."""
         return 0
 
-    def _derived(self, found: Sensitivities, scene: Scene, params: Mapping[str, Any], number: int) -> Array:
+    def _derived(
+        self, found: Sensitivities, scene: Scene, params: Mapping[str, Any], number: int
+    ) -> Array:
         """Derivatives (3 m, size) of an equilibrium's gaps by the design's embedded coordinates."""
         hidden = self.hidden(found)
-        variables = [v if v.region is None else replace(v, region=v.region + hidden) for v in found.variables]  # type: ignore
-        chain = self.space.chain(variables, self.space.embedded(params), field=self.field_number(number))
+        variables = [
+            v if v.region is None else replace(v, region=v.region + hidden) for v in found.variables
+        ]  # type: ignore
+        chain = self.space.chain(
+            variables, self.space.embedded(params), field=self.field_number(number)
+        )
         slopes = self.slopes(found, number)
         return np.asarray(slopes.reshape(-1, slopes.shape[-1]) @ chain)
 
@@ -144,7 +175,10 @@ class Trajectory(Evaluation, ABC):
         gaps = [self.gaps(result, k).reshape(-1) for k, result in enumerate(results)]
         end = np.sqrt(self.end_weight)
         rows = [*(root * gap for root, gap in zip(roots, gaps, strict=True)), end * gaps[-1][-3:]]
-        columns = [*(root[:, None] * slope for root, slope in zip(roots, derived, strict=True)), end * derived[-1][-3:]]
+        columns = [
+            *(root[:, None] * slope for root, slope in zip(roots, derived, strict=True)),
+            end * derived[-1][-3:],
+        ]
         return stored(np.concatenate(rows), np.concatenate(columns))
 
 
@@ -178,12 +212,18 @@ class Schedule(Trajectory):
 
     def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
         squares = self.mean_squares(results)
-        worst, rows = int(np.argmax(squares)), zip(self.study.keyframes, self.rows(results, params), strict=True)
+        worst, rows = (
+            int(np.argmax(squares)),
+            zip(self.study.keyframes, self.rows(results, params), strict=True),
+        )
         return {
-            "rms_m": float(np.sqrt(squares.mean())), "worst_m": float(np.sqrt(squares[worst])),
-            "worst_time_s": self.study.keyframes[worst].time, **self.field_changes(params),
-            "schedule": [{"time_s": frame.time, **row} for frame, row in rows], SHAPES: self._shown(results, params),
-        }  # fmt: skip
+            "rms_m": float(np.sqrt(squares.mean())),
+            "worst_m": float(np.sqrt(squares[worst])),
+            "worst_time_s": self.study.keyframes[worst].time,
+            **self.field_changes(params),
+            "schedule": [{"time_s": frame.time, **row} for frame, row in rows],
+            SHAPES: self._shown(results, params),
+        }
 
     def _shown(self, results: Sequence[Result], params: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Data that pictures need of the times that they show, m and T."""
@@ -205,7 +245,9 @@ class Schedule(Trajectory):
         times = tuple(_rod(scene, path, len(self.followed.paths)) for path in self.followed.paths)
         movable = np.array(scene.magnetized_regions(), dtype=int)
         rods = RodSchedule(times, self.space.field_max or 0.0, movable, len(scene.regions()))
-        return RodPath(rods, tuple((depth,) * FEWEST for depth in rods.depths))  # of bodies that stay while the field changes
+        return RodPath(
+            rods, tuple((depth,) * FEWEST for depth in rods.depths)
+        )  # of bodies that stay while the field changes
 
     @property
     def followed(self) -> Shapes:
@@ -228,7 +270,10 @@ class RodSchedule(RodTrajectory):
 
     def bent(self, path: Any, share: float) -> RodTrajectory:
         """The rods with other shapes, and this share of the weight."""
-        bent = [replace(rod.weighing(share), path=curve.at(rod.place)) for rod, curve in zip(self.depths, path.paths, strict=True)]
+        bent = [
+            replace(rod.weighing(share), path=curve.at(rod.place))
+            for rod, curve in zip(self.depths, path.paths, strict=True)
+        ]
         return replace(self, depths=tuple(bent))
 
 
@@ -241,7 +286,13 @@ def _rod(scene: Scene, path: Curve, count: int) -> Depth:
     roots = np.where(seen, np.sqrt(1.0 / (count * seen.sum())), 0.0)
     family = RodFamily.of(rod, scene.body.shape.segment_lengths(), scene.magnetized_regions())  # type: ignore[attr-defined]
     segments = np.array(scene.magnetized_regions(), dtype=int)
-    return Depth(rod=family, segments=segments, place=place, path=path.at(np.minimum(place, path.length)), roots=roots)
+    return Depth(
+        rod=family,
+        segments=segments,
+        place=place,
+        path=path.at(np.minimum(place, path.length)),
+        roots=roots,
+    )
 
 
 @dataclass(frozen=True)
@@ -279,7 +330,10 @@ class Insertion(Trajectory):
 
     def scenes(self, params: Mapping[str, Any]) -> list[Scene]:
         """The scene of each depth of a design."""
-        return [self.space.scene_of(params, self.field_number(k)).inserted(length) for k, length in enumerate(self.study.depths)]
+        return [
+            self.space.scene_of(params, self.field_number(k)).inserted(length)
+            for k, length in enumerate(self.study.depths)
+        ]
 
     def gaps(self, result: Result, number: int = -1) -> Array:
         """Vectors (STATIONS, 3) m from the path to one depth's axis."""
@@ -300,27 +354,49 @@ class Insertion(Trajectory):
 
     def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
         """Measures reported of a trajectory, as the class has them."""
-        squares, each = self.mean_squares(results), zip(self.study.depths, self.rows(results, params), results, strict=True)
-        rows = [{"depth_m": depth, **row, "newton_steps": int(one.iterations), "stability": one.stability} for depth, row, one in each]
+        squares, each = (
+            self.mean_squares(results),
+            zip(self.study.depths, self.rows(results, params), results, strict=True),
+        )
+        rows = [
+            {
+                "depth_m": depth,
+                **row,
+                "newton_steps": int(one.iterations),
+                "stability": one.stability,
+            }
+            for depth, row, one in each
+        ]
         return {
-            "rms_m": float(np.sqrt(squares.mean())), "exit_error_m": rows[-1]["tip_error_m"], "worst_m": float(np.sqrt(squares.max())),
-            "worst_depth_m": float(self.study.depths[int(np.argmax(squares))]), **self.field_changes(params), DEPTHS: rows,
-            SHAPES: [shape_of(result) for result in results], CATHETER: self.space.scene_of(params).to_si()["body"]["catheter"],
-        }  # fmt: skip
+            "rms_m": float(np.sqrt(squares.mean())),
+            "exit_error_m": rows[-1]["tip_error_m"],
+            "worst_m": float(np.sqrt(squares.max())),
+            "worst_depth_m": float(self.study.depths[int(np.argmax(squares))]),
+            **self.field_changes(params),
+            DEPTHS: rows,
+            SHAPES: [shape_of(result) for result in results],
+            CATHETER: self.space.scene_of(params).to_si()["body"]["catheter"],
+        }
 
-    def write_moments(self, folder: Path, solve: Solve, params: Mapping[str, Any], note: Note = silent) -> None:
+    def write_moments(
+        self, folder: Path, solve: Solve, params: Mapping[str, Any], note: Note = silent
+    ) -> None:
         """Writes the frames of the movie of a design into a folder: all depths on the way, each in a field between those of its neighbors.
         A depth that finds no equilibrium is left out.
         """
         whole, frames = self.space.scene_of(params), []
         for length, field, start in self._moments(params):
-            note(f"frames of the movie: at {1e3 * length:.1f} of {1e3 * self.study.depths[-1]:.4g} mm")
+            note(
+                f"frames of the movie: at {1e3 * length:.1f} of {1e3 * self.study.depths[-1]:.4g} mm"
+            )
             try:
                 result = solve(whole.with_field(field).inserted(length), start=start)
             except SolveError:
                 continue
             rms = float(np.sqrt(self.mean_squares([result])[0]))
-            frames.append({"depth_m": length, "field_T": field.tolist(), "rms_m": rms, **shape_of(result)})
+            frames.append(
+                {"depth_m": length, "field_T": field.tolist(), "rms_m": rms, **shape_of(result)}
+            )
         content = {"scene": whole.to_si(), "path_m": self.path.rows.tolist(), "frames": frames}
         with whole_file(folder / MOVIE) as part:
             part.write_text(json.dumps(content) + "\n", encoding="utf-8")
@@ -330,8 +406,14 @@ class Insertion(Trajectory):
         fields, way = self.fields(params), self.way(params)
         if way is None:
             depths = np.array(self.study.depths)
-            for length in np.unique(np.concatenate([depths, np.linspace(depths[0], depths[-1], 48)])).tolist():
-                yield length, np.array([np.interp(length, depths, column) for column in fields.T]), None
+            for length in np.unique(
+                np.concatenate([depths, np.linspace(depths[0], depths[-1], 48)])
+            ).tolist():
+                yield (
+                    length,
+                    np.array([np.interp(length, depths, column) for column in fields.T]),
+                    None,
+                )
             return
         directions = directions_of(self.space.scene_of(params))
         for k, stops in enumerate(way.stops(directions, fields)):
@@ -349,13 +431,20 @@ class Insertion(Trajectory):
 
     def _way(self, scene: Scene) -> RodPath:
         most = self.space.field_max or 0.0
-        return RodPath.of(scene, self.path, self.study.depths, max_field=most, exit_weight=EXIT_WEIGHT)
+        return RodPath.of(
+            scene, self.path, self.study.depths, max_field=most, exit_weight=EXIT_WEIGHT
+        )
 
     @property
     def projects(self) -> bool:
         """True if samplers choose directions alone, and the rod each depth's field: where nothing else is varied."""
         space, depths = self.space, len(self.study.depths)
-        return bool(space.segments) and space.field_max is not None and space.fields == depths > 1 and len(space.blocks) == space.count
+        return (
+            bool(space.segments)
+            and space.field_max is not None
+            and space.fields == depths > 1
+            and len(space.blocks) == space.count
+        )
 
     def directions_alone(self) -> SearchSpace:
         """The search space without the fields."""
@@ -372,7 +461,11 @@ class Insertion(Trajectory):
 def shape_of(result: Result) -> dict[str, Any]:
     """Data that pictures need of one equilibrium, m and T."""
     axis = centreline_at(result, _stations(result))
-    rows = {"axis_m": axis, "centers_m": result.segment_center, "remanence_T": result.segment_remanence}
+    rows = {
+        "axis_m": axis,
+        "centers_m": result.segment_center,
+        "remanence_T": result.segment_remanence,
+    }
     return {name: np.round(np.asarray(values), 7).tolist() for name, values in rows.items()}
 
 
@@ -381,7 +474,10 @@ def shapes_of(kept: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
     if DEPTHS not in kept:
         return tuple(kept.get(SHAPES, ()))
     whole = {key: kept[key] for key in (CATHETER,) if key in kept}
-    return tuple({**depth, **shape, **whole} for depth, shape in zip(kept.get(DEPTHS, ()), kept.get(SHAPES, ()), strict=False))
+    return tuple(
+        {**depth, **shape, **whole}
+        for depth, shape in zip(kept.get(DEPTHS, ()), kept.get(SHAPES, ()), strict=False)
+    )
 
 
 def _stations(result: Result) -> Array:

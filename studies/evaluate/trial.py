@@ -34,10 +34,17 @@ if TYPE_CHECKING:
     from magmpm.studies.problem.study_file import Robust
 
 SIGMAS = 2.0  # of the rms, above its mean, in the measure
-STEP, REACH = 0.4, 70.0  # of the integral over log t: the trapezoid rule errs by exp(-2 pi^2 / STEP), the ends by exp(-REACH / 2)
+STEP, REACH = (
+    0.4,
+    70.0,
+)  # of the integral over log t: the trapezoid rule errs by exp(-2 pi^2 / STEP), the ends by exp(-REACH / 2)
 Found = TypeVar("Found")
-Solve = Callable[..., Result]  # from a scene to its equilibrium: magmpm.run(scene, start=a rod's shape near which it is)
-Differentiate = Callable[..., Sensitivities]  # ... and its derivatives: magmpm.sensitivities(scene, of, start=...)
+Solve = Callable[
+    ..., Result
+]  # from a scene to its equilibrium: magmpm.run(scene, start=a rod's shape near which it is)
+Differentiate = Callable[
+    ..., Sensitivities
+]  # ... and its derivatives: magmpm.sensitivities(scene, of, start=...)
 Note = Callable[[str], object]  # is told in words what is being done
 
 
@@ -88,14 +95,22 @@ class Scatter:
         total = float(g @ g + s @ s)  # E[m rms^2]
         if total == 0.0:
             return 0.0, 0.0
-        relative = float(2 * np.sum(s**4) + 4 * np.sum((s * along) ** 2)) / total**2  # variance of rms^2 over its mean squared
+        relative = (
+            float(2 * np.sum(s**4) + 4 * np.sum((s * along) ** 2)) / total**2
+        )  # variance of rms^2 over its mean squared
         if relative < 1e-7:  # the first terms of the root's expansion
-            return float(np.sqrt(total / m) * (1 - relative / 8)), float(np.sqrt(relative / 4 * total / m))
+            return float(np.sqrt(total / m) * (1 - relative / 8)), float(
+                np.sqrt(relative / 4 * total / m)
+            )
         u = np.arange(-REACH, REACH + STEP / 2, STEP)
         t = np.exp(u)[:, None] / total
         wider = 2.0 * t * s**2
-        log_phi = -t[:, 0] * rest - np.sum(0.5 * np.log1p(wider) + t * along**2 / (1.0 + wider), axis=1)
-        mean = STEP * float(np.sum(-np.expm1(log_phi) * np.exp(-u / 2))) / (2.0 * np.sqrt(np.pi))  # of sqrt(m rms^2 / total)
+        log_phi = -t[:, 0] * rest - np.sum(
+            0.5 * np.log1p(wider) + t * along**2 / (1.0 + wider), axis=1
+        )
+        mean = (
+            STEP * float(np.sum(-np.expm1(log_phi) * np.exp(-u / 2))) / (2.0 * np.sqrt(np.pi))
+        )  # of sqrt(m rms^2 / total)
         mean = min(mean, 1.0)
         return float(mean * np.sqrt(total / m)), float(np.sqrt((1.0 - mean**2) * total / m))
 
@@ -108,12 +123,21 @@ class Scatter:
     def attributes(self) -> dict[str, Any]:
         """Attributes that a trial stores of it, m."""
         mean, sigma = self.moments()
-        return {"measure_m": mean + SIGMAS * sigma, "mean_rms_m": mean, "sigma_rms_m": sigma, "scatter_m": self.scatter}
+        return {
+            "measure_m": mean + SIGMAS * sigma,
+            "mean_rms_m": mean,
+            "sigma_rms_m": sigma,
+            "scatter_m": self.scatter,
+        }
 
 
 def kinds(errors: Robust) -> list[str]:
     """Kinds of variables to request of `magmpm.sensitivities`."""
-    named = {"magnetization": errors.direction, "remanence": errors.remanence, "shear_modulus": errors.shear_modulus}
+    named = {
+        "magnetization": errors.direction,
+        "remanence": errors.remanence,
+        "shear_modulus": errors.shear_modulus,
+    }
     return [kind for kind, size in named.items() if size > 0]
 
 
@@ -124,7 +148,10 @@ def deviations(scene: Scene, variables: Sequence[Variable], errors: Robust) -> A
         if variable.kind == "magnetization":
             return errors.direction
         if variable.kind in ("remanence", "shear_modulus"):
-            return float(getattr(errors, variable.kind) * getattr(scene.materials[variable.material or ""], variable.kind))
+            return float(
+                getattr(errors, variable.kind)
+                * getattr(scene.materials[variable.material or ""], variable.kind)
+            )
         return 0.0
 
     return np.array([of(variable) for variable in variables])
@@ -234,7 +261,9 @@ class Evaluation:
     def rod_starts(self, note: Note = silent) -> list[dict[str, float]]:
         """Parameters of the rod's best designs, best first. note: is told what is being done, where it takes long."""
         note("designs of rods")
-        sets = self.study.limits is not None and self.study.limits.directions is not None  # each start is then improved, for a second
+        sets = (
+            self.study.limits is not None and self.study.limits.directions is not None
+        )  # each start is then improved, for a second
         by_bound = "largest_field" in self.study.minimize and not sets
         starts = rod_starts(self.space, self.study.target, self.study.seed, by_bound=by_bound)
         return improved(self.space, self.study.target, starts)
@@ -266,7 +295,13 @@ class Evaluation:
         of = self.space.sensitivities if self.study.sampler == "gauss-newton" else []
         return list(dict.fromkeys([*of, *(kinds(errors) if errors is not None else ())]))
 
-    def evaluate(self, solve: Solve, differentiate: Differentiate | None, params: Mapping[str, Any], log: Path) -> Outcome:
+    def evaluate(
+        self,
+        solve: Solve,
+        differentiate: Differentiate | None,
+        params: Mapping[str, Any],
+        log: Path,
+    ) -> Outcome:
         """Solves all equilibria of a design. differentiate: where derivatives are read.
 
         A solve that fails in any way, or ends in numbers that are not finite, gives the penalty with a reason; interrupts pass through. A
@@ -302,35 +337,73 @@ class Evaluation:
             derived.append(found[1])
         seconds, measures = time.perf_counter() - begun, self.measures(results, params)
         if not np.isfinite(measures["rms_m"]):
-            return failed(f"the {'results hold' if several else 'result holds'} numbers that are not finite")
+            return failed(
+                f"the {'results hold' if several else 'result holds'} numbers that are not finite"
+            )
         known: list[Any] = [getattr(result, "stability", None) for result in results]
-        stability, margin, reason = None if None in known else float(min(known)), self.study.margin, None
+        stability, margin, reason = (
+            None if None in known else float(min(known)),
+            self.study.margin,
+            None,
+        )
         if margin is not None and stability is None:
-            return failed(f"the stability of the result{'s' * several} is not known, and the study has a margin")
+            return failed(
+                f"the stability of the result{'s' * several} is not known, and the study has a margin"
+            )
         if margin is not None and stability is not None and stability < margin:
-            least = f"the stability {self.places[int(np.argmin(known))]}, {stability:.3g}," if several else f"stability {stability:.3g}"
+            least = (
+                f"the stability {self.places[int(np.argmin(known))]}, {stability:.3g},"
+                if several
+                else f"stability {stability:.3g}"
+            )
             reason = f"{least} is below the margin, {margin:g}"
         tip = float(np.linalg.norm(self.gaps(results[-1], len(results) - 1)[-1]))
         model = {**measures, **self._model(results, [one for one in derived if one is not None])}
-        return Outcome(results[-1], measures["rms_m"], tip, reason, seconds, model, stability, reason is not None)
+        return Outcome(
+            results[-1],
+            measures["rms_m"],
+            tip,
+            reason,
+            seconds,
+            model,
+            stability,
+            reason is not None,
+        )
 
-    def _derived(self, found: Sensitivities, scene: Scene, params: Mapping[str, Any], number: int) -> Any:
+    def _derived(
+        self, found: Sensitivities, scene: Scene, params: Mapping[str, Any], number: int
+    ) -> Any:
         """Attributes that gauss-newton reads, and those of the scatter by errors of manufacture.
 
         residuals: the gaps at the target's rows, component by component, over the root of m: their sum of squares is rms^2. jacobian: their
         derivatives by the embedded coordinates of the design (parameters.py).
         """
-        gap, slopes, model, errors = self.gaps(found.result, number), self.slopes(found, number), dict[str, Any](), self.study.robust
+        gap, slopes, model, errors = (
+            self.gaps(found.result, number),
+            self.slopes(found, number),
+            dict[str, Any](),
+            self.study.robust,
+        )
         if self.study.sampler == "gauss-newton":
             share = 1.0 / np.sqrt(len(gap))
-            chain = self.space.chain(found.variables, self.space.embedded(params), params.get("order"))
+            chain = self.space.chain(
+                found.variables, self.space.embedded(params), params.get("order")
+            )
             model = stored(share * gap.reshape(-1), share * slopes.reshape(gap.size, -1) @ chain)
-        return model if errors is None else model | Scatter(gap, slopes * deviations(scene, found.variables, errors)).attributes()
+        return (
+            model
+            if errors is None
+            else model
+            | Scatter(gap, slopes * deviations(scene, found.variables, errors)).attributes()
+        )
 
     def _model(self, results: Sequence[Result], derived: list[Any]) -> dict[str, Any]:
         """The attributes that samplers read."""
         gap = self.gaps(results[0], 0)
-        return {"residuals": _rounded((gap / np.sqrt(len(gap))).reshape(-1)), **(derived[0] if derived else {})}
+        return {
+            "residuals": _rounded((gap / np.sqrt(len(gap))).reshape(-1)),
+            **(derived[0] if derived else {}),
+        }
 
 
 def _near(start: RodShape | None) -> dict[str, RodShape]:
@@ -345,24 +418,35 @@ def constraints(outcome: Outcome, margin: float | None) -> dict[str, float]:
     return {"stability": 1.0 if outcome.stability is None else margin - outcome.stability}
 
 
-def attributes(outcome: Outcome, scene: Scene, directions: NDArray[np.float64], uniform: NDArray[np.float64]) -> dict[str, Any]:
+def attributes(
+    outcome: Outcome, scene: Scene, directions: NDArray[np.float64], uniform: NDArray[np.float64]
+) -> dict[str, Any]:
     """Attributes stored of a trial in addition to its parameters and value: user attributes, plain data in SI.
 
     directions (k, 3): magnetization of each segment; uniform field (3,) T.
     """
     result = outcome.result
     kept: dict[str, Any] = {
-        "feasible": outcome.accepted, "scene_hash": scene.hash(), "magnetization": np.round(directions, 9).tolist(),
-        "field_T": np.round(uniform, 12).tolist(), "versions": {**versions(), **({} if result is None else result.versions)},
-    }  # fmt: skip
+        "feasible": outcome.accepted,
+        "scene_hash": scene.hash(),
+        "magnetization": np.round(directions, 9).tolist(),
+        "field_T": np.round(uniform, 12).tolist(),
+        "versions": {**versions(), **({} if result is None else result.versions)},
+    }
     if result is None:
         return {**kept, "reason": outcome.reason}
     if outcome.refused:
         kept |= {"refused": True, "reason": outcome.reason}
     return {
-        **kept, "stability": outcome.stability, "rms_m": outcome.rms, "tip_error_m": outcome.tip_error,
-        "min_det_F": float(result.min_det_F), "max_det_F": float(result.max_det_F), "newton_steps": int(result.iterations), **outcome.model,
-    }  # fmt: skip
+        **kept,
+        "stability": outcome.stability,
+        "rms_m": outcome.rms,
+        "tip_error_m": outcome.tip_error,
+        "min_det_F": float(result.min_det_F),
+        "max_det_F": float(result.max_det_F),
+        "newton_steps": int(result.iterations),
+        **outcome.model,
+    }
 
 
 def versions() -> Mapping[str, str]:
@@ -383,7 +467,9 @@ def stored(residuals: Array, jacobian: Array) -> dict[str, Any]:
     Optuna keeps an attribute in a column of the type TEXT, which holds anything in SQLite and PostgreSQL, but 65 535 bytes in MySQL. Where
     a Jacobian is longer, its QR factorization is stored in place of both: r = Q r', J = Q J' have the same sums of squares for every step.
     """
-    if jacobian.size > 3600 and len(residuals) > jacobian.shape[1] + 1:  # numbers of at most 18 characters
+    if (
+        jacobian.size > 3600 and len(residuals) > jacobian.shape[1] + 1
+    ):  # numbers of at most 18 characters
         triangle: Array = np.asarray(np.linalg.qr(np.column_stack([jacobian, residuals]), mode="r"))
         residuals, jacobian = triangle[:, -1], triangle[:, :-1]
     return {"residuals": _rounded(residuals), "jacobian": [_rounded(row) for row in jacobian]}

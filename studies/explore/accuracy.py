@@ -35,7 +35,11 @@ GOALS = (1e-2, 1e-3)  # of the length: what the conclusions name the cost of
 CLOSEST = 1.3  # ratio of two cell sizes whose difference tells the coarser one's error (statics.error_estimate)
 
 USUAL_CELLS, MORE_PARTICLES = 4, 3
-SHIFTS = ((0.25, 0.25), (0.5, 0.5), (0.75, 0.25))  # of a cell: other places of the body's axis against the grid
+SHIFTS = (
+    (0.25, 0.25),
+    (0.5, 0.5),
+    (0.75, 0.25),
+)  # of a cell: other places of the body's axis against the grid
 COARSE = 2  # cells across, on which motions are compared
 
 Solve = Callable[[Scene], Result]
@@ -57,7 +61,9 @@ class Rung:
     error_reference: float | None
     split: dict[str, float]  # s: setup, compile, solve, of the last run
     matrix_bytes: float  # of the factorized matrix, the largest part of the memory
-    bar: float | None  # bound of the discretization error over the length, given by a finer rung, or of the finest by a coarser one
+    bar: (
+        float | None
+    )  # bound of the discretization error over the length, given by a finer rung, or of the finest by a coarser one
     pareto: bool  # no other setting is both quicker and more accurate
 
 
@@ -75,8 +81,14 @@ class Model:
     @property
     def line(self) -> str:
         """The model in a line of the table."""
-        known = {"finest": self.error_finest, "reference": self.error_reference, "ladder's answer on the same cells": self.error_same_cells}
-        distances = [f"{percent(error)} from the {of}" for of, error in known.items() if error is not None]
+        known = {
+            "finest": self.error_finest,
+            "reference": self.error_reference,
+            "ladder's answer on the same cells": self.error_same_cells,
+        }
+        distances = [
+            f"{percent(error)} from the {of}" for of, error in known.items() if error is not None
+        ]
         return f"{self.name}: {self.seconds:.3f} s, {', '.join(distances)}"
 
 
@@ -121,19 +133,31 @@ class Ladder:
             lines.append("* another setting is both quicker and more accurate")
         bars = [rung.bar for rung in self.rungs[:-1] if rung.bar is not None]
         if bars != sorted(bars, reverse=True):
-            lines.append("at most: what the finest cells prove; of cells nearly as fine they prove less, so it may rise as errors fall")
+            lines.append(
+                "at most: what the finest cells prove; of cells nearly as fine they prove less, so it may rise as errors fall"
+            )
         lines += [model.line for model in self.beside]
         if self.algebraic_error is not None:
             lines.append(f"the solve's tolerance leaves {100 * self.algebraic_error:.1e} % of L")
         for name, order in (("finest", self.order_finest), ("reference", self.order_reference)):
             if order is not None or name in self.undetermined:
-                told = f"{order:.1f}" if order is not None else f"not determined: {self.undetermined[name]}"
+                told = (
+                    f"{order:.1f}"
+                    if order is not None
+                    else f"not determined: {self.undetermined[name]}"
+                )
                 lines.append(f"order of convergence to the {name}: {told}")
         lines += [f"{name} failed: {reason}" for name, reason in self.failed.items()]
         return "\n".join([*lines, *self.conclusions])
 
 
-def climb(scene: Scene, solve: Solve, cells: Sequence[int] = LADDER, on_progress: Progress | None = None, motion: bool = False) -> Ladder:
+def climb(
+    scene: Scene,
+    solve: Solve,
+    cells: Sequence[int] = LADDER,
+    on_progress: Progress | None = None,
+    motion: bool = False,
+) -> Ladder:
     """Solve the scene at each number of cells across. motion: compare with settled motions as well (`settled`).
 
     Settings whose solve fails are left out, and named. Raises InputError for fewer than two different cell sizes, or sizes that the scene
@@ -141,7 +165,9 @@ def climb(scene: Scene, solve: Solve, cells: Sequence[int] = LADDER, on_progress
     """
     cells = sorted(set(cells))
     if len(cells) < 2:
-        raise InputError(f"--cells: got {cells}; a ladder needs at least two different cell sizes, such as 2,3,4,6")
+        raise InputError(
+            f"--cells: got {cells}; a ladder needs at least two different cell sizes, such as 2,3,4,6"
+        )
     scenes = [scene.with_cells(n) for n in cells]
     solved: dict[int, tuple[Result, float]] = {}
     failed: dict[str, SolveError] = {}
@@ -162,21 +188,44 @@ def climb(scene: Scene, solve: Solve, cells: Sequence[int] = LADDER, on_progress
             on_progress(len(scenes), len(scenes), "motions that settle")
         others += settled(scene, solve, finest, failed)
     errors = {
-        "finest": {rung.cells_across: rung.error_finest for rung in rungs[:-1] if rung.error_finest},
-        "reference": {rung.cells_across: rung.error_reference for rung in rungs if rung.error_reference},
+        "finest": {
+            rung.cells_across: rung.error_finest for rung in rungs[:-1] if rung.error_finest
+        },
+        "reference": {
+            rung.cells_across: rung.error_reference for rung in rungs if rung.error_reference
+        },
     }
-    orders = {"finest": order_to_finest(errors["finest"], cells[-1]), "reference": _order(errors["reference"])}
-    reasons = {name: why_undetermined(order, list(errors[name].values())) for name, order in orders.items()}
+    orders = {
+        "finest": order_to_finest(errors["finest"], cells[-1]),
+        "reference": _order(errors["reference"]),
+    }
+    reasons = {
+        name: why_undetermined(order, list(errors[name].values())) for name, order in orders.items()
+    }
     undetermined = {name: reason for name, reason in reasons.items() if reason is not None}
     told = {name: None if name in undetermined else order for name, order in orders.items()}
-    moved = float(np.abs(finest[:, 1:] - np.array([1.0, 0.0, 0.0]) * finest[:, :1] - finest[0, 1:]).max())
+    moved = float(
+        np.abs(finest[:, 1:] - np.array([1.0, 0.0, 0.0]) * finest[:, :1] - finest[0, 1:]).max()
+    )
     return Ladder(
-        scene=scene.name, length=length, rungs=rungs, order_finest=told["finest"], order_reference=told["reference"],
-        undetermined=undetermined, beside=others,
-        algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length if scene.static and scene.body.shape.line else None,
-        asymptotic=False if "finest" in undetermined else None if len(errors["finest"]) < 3 else True,
-        conclusions=[*_conclusions(rungs, others), *_where(scene)], failed={name: error.reason for name, error in failed.items()},
-    )  # fmt: skip
+        scene=scene.name,
+        length=length,
+        rungs=rungs,
+        order_finest=told["finest"],
+        order_reference=told["reference"],
+        undetermined=undetermined,
+        beside=others,
+        algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length
+        if scene.static and scene.body.shape.line
+        else None,
+        asymptotic=False
+        if "finest" in undetermined
+        else None
+        if len(errors["finest"]) < 3
+        else True,
+        conclusions=[*_conclusions(rungs, others), *_where(scene)],
+        failed={name: error.reason for name, error in failed.items()},
+    )
 
 
 def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, float]]) -> list[Rung]:
@@ -186,15 +235,30 @@ def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, floa
     rungs = []
     for k, (n, (result, seconds)) in enumerate(zip(cells, runs, strict=True)):
         bar = bars[k]
-        better = [j for j, (_, other) in enumerate(runs) if j != k and other <= seconds and errors[j] <= errors[k]]
+        better = [
+            j
+            for j, (_, other) in enumerate(runs)
+            if j != k and other <= seconds and errors[j] <= errors[k]
+        ]
         rungs.append(
             Rung(
-                cells_across=n, cell_size=scene.thickness / n, particles=result.particles, dof=result.dof, iterations=result.iterations,
-                seconds=seconds, error_finest=None if n == cells[-1] else distance(result, finest) / length,
+                cells_across=n,
+                cell_size=scene.thickness / n,
+                particles=result.particles,
+                dof=result.dof,
+                iterations=result.iterations,
+                seconds=seconds,
+                error_finest=None if n == cells[-1] else distance(result, finest) / length,
                 error_reference=None if reference is None else errors[k] / length,
-                split={key: float(result.seconds.get(key, 0.0)) for key in ("setup", "compile", "solve")},
-                matrix_bytes=operations(scene.with_cells(n))[1] if scene.static and scene.body.shape.line is not None else 0.0,
-                bar=None if bar is None else bar / length, pareto=not better,
+                split={
+                    key: float(result.seconds.get(key, 0.0))
+                    for key in ("setup", "compile", "solve")
+                },
+                matrix_bytes=operations(scene.with_cells(n))[1]
+                if scene.static and scene.body.shape.line is not None
+                else 0.0,
+                bar=None if bar is None else bar / length,
+                pareto=not better,
             )
         )
     return rungs
@@ -204,7 +268,11 @@ def _bars(results: Sequence[Result], cells: Sequence[int]) -> list[float | None]
     """Bounds (m) of the discretization errors: of each grid by the finest one, of the finest by the coarsest that is fine enough for it."""
     bars: list[float | None] = []
     for k, n in enumerate(cells):
-        other = len(cells) - 1 if k < len(cells) - 1 else next((j for j in range(k, -1, -1) if cells[j] <= n / CLOSEST), None)
+        other = (
+            len(cells) - 1
+            if k < len(cells) - 1
+            else next((j for j in range(k, -1, -1) if cells[j] <= n / CLOSEST), None)
+        )
         if other is None or max(n, cells[other]) < CLOSEST * min(n, cells[other]):
             bars.append(None)
             continue
@@ -219,13 +287,19 @@ def _bars(results: Sequence[Result], cells: Sequence[int]) -> list[float | None]
 def _conclusions(rungs: Sequence[Rung], others: Sequence[Model]) -> list[str]:
     """Report what 1 % and 0.1 % cost, and whether the rod would be accurate enough."""
     if len(rungs) == 1 and _error(rungs[0]) is None:
-        return [f"Nothing can be told of the error: {rungs[0].cells_across} cells across alone were solved."]
+        return [
+            f"Nothing can be told of the error: {rungs[0].cells_across} cells across alone were solved."
+        ]
     said = []
     for wanted in GOALS:
-        will_do = [rung for rung in rungs if _error(rung) is not None and (_error(rung) or 0.0) <= wanted]
+        will_do = [
+            rung for rung in rungs if _error(rung) is not None and (_error(rung) or 0.0) <= wanted
+        ]
         if will_do:
             cheapest = min(will_do, key=lambda rung: rung.seconds)
-            said.append(f"{100 * wanted:g} % of the length costs {cheapest.seconds:.2g} s here: {cheapest.cells_across} cells across.")
+            said.append(
+                f"{100 * wanted:g} % of the length costs {cheapest.seconds:.2g} s here: {cheapest.cells_across} cells across."
+            )
         else:
             said.append(f"{100 * wanted:g} % of the length is not reached by these cells.")
     for rod in (model for model in others if model.name == "rod"):
@@ -233,8 +307,14 @@ def _conclusions(rungs: Sequence[Rung], others: Sequence[Model]) -> list[str]:
         if error is None:
             continue
         good = [f"{100 * wanted:g} %" for wanted in GOALS if error <= wanted]
-        verdict = f"would do for {' and for '.join(good)}" if good else f"would not do for {100 * GOALS[0]:g} %"
-        said.append(f"The rod {verdict}: it takes {rod.seconds:.2g} s and is off by {percent(error)}.")
+        verdict = (
+            f"would do for {' and for '.join(good)}"
+            if good
+            else f"would not do for {100 * GOALS[0]:g} %"
+        )
+        said.append(
+            f"The rod {verdict}: it takes {rod.seconds:.2g} s and is off by {percent(error)}."
+        )
     return said
 
 
@@ -243,7 +323,9 @@ def _where(scene: Scene) -> list[str]:
     if not scene.in_time:
         return []
     what = "motion" if scene.solver.dynamic is not None else "path"
-    return [f"All this is of the {what}'s end; `resolution: {{error: 1 %}}` bounds the errors of all its frames, which may be larger."]
+    return [
+        f"All this is of the {what}'s end; `resolution: {{error: 1 %}}` bounds the errors of all its frames, which may be larger."
+    ]
 
 
 def _error(rung: Rung) -> float | None:
@@ -287,7 +369,9 @@ def timed(scene: Scene, solve: Solve) -> tuple[Result, float]:
     return result, median(times)
 
 
-def other_models(scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]) -> list[Model]:
+def other_models(
+    scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]
+) -> list[Model]:
     """The rod, and what more particles and another place of the grid change at the usual cells; of equilibria only.
 
     finest: rows [s, x, y, z] m of the ladder's last rung; failed: takes the errors of what found no answer, by name.
@@ -305,11 +389,17 @@ def other_models(scene: Scene, solve: Solve, finest: Array, failed: dict[str, So
 
         def off(rows: Array) -> float:
             """Largest distance over the length, between the rod and rows [s, x, y, z]."""
-            return float(np.linalg.norm(rod.at(rows[:, 0]) - rows[:, 1:], axis=1).max()) / scene.length
+            return (
+                float(np.linalg.norm(rod.at(rows[:, 0]) - rows[:, 1:], axis=1).max()) / scene.length
+            )
 
-        found.append(Model("rod", seconds, off(finest), None if reference is None else off(reference)))
+        found.append(
+            Model("rod", seconds, off(finest), None if reference is None else off(reference))
+        )
     data = scene.with_cells(USUAL_CELLS).to_si()
-    more = Scene.from_si({**data, "resolution": {"cells_across": USUAL_CELLS, "particles_per_cell": MORE_PARTICLES}})
+    more = Scene.from_si(
+        {**data, "resolution": {"cells_across": USUAL_CELLS, "particles_per_cell": MORE_PARTICLES}}
+    )
     name = f"{MORE_PARTICLES} particles a cell along each direction, at {USUAL_CELLS} cells"
     try:
         found.append(_compared(name, *timed(more, solve), finest, reference, scene.length))
@@ -318,12 +408,16 @@ def other_models(scene: Scene, solve: Solve, finest: Array, failed: dict[str, So
     return [*found, *_shifted(scene.with_cells(USUAL_CELLS), finest, reference, failed)]
 
 
-def _compared(name: str, result: Result, seconds: float, finest: Array, reference: Array | None, length: float) -> Model:
+def _compared(
+    name: str, result: Result, seconds: float, finest: Array, reference: Array | None, length: float
+) -> Model:
     to_reference = None if reference is None else distance(result, reference) / length
     return Model(name, seconds, distance(result, finest) / length, to_reference)
 
 
-def _shifted(scene: Scene, finest: Array, reference: Array | None, failed: dict[str, SolveError]) -> list[Model]:
+def _shifted(
+    scene: Scene, finest: Array, reference: Array | None, failed: dict[str, SolveError]
+) -> list[Model]:
     """The worst of some other places of a catheter's axis against the grid: where the grid lies is no part of the physics."""
     body, at = scene.body.catheter, scene.resolution
     if body is None:
@@ -333,7 +427,12 @@ def _shifted(scene: Scene, finest: Array, reference: Array | None, failed: dict[
     times = []
     for shift in SHIFTS:
         begun = perf_counter()
-        model = static_model(build(scene, body.discretize(at.cells_across, at.particles_per_cell, knots_of(scene), shift)))
+        model = static_model(
+            build(
+                scene,
+                body.discretize(at.cells_across, at.particles_per_cell, knots_of(scene), shift),
+            )
+        )
         try:
             found = solve_static(model, with_stability=False)
         except SolveError as error:
@@ -344,11 +443,16 @@ def _shifted(scene: Scene, finest: Array, reference: Array | None, failed: dict[
         for against, other in (("finest", finest), ("reference", reference)):
             if other is not None:
                 moved = linear(other[:, 0], rows[:, 0], rows[:, 1:])
-                worst[against] = max(worst.get(against, 0.0), float(np.linalg.norm(moved - other[:, 1:], axis=1).max()) / scene.length)
+                worst[against] = max(
+                    worst.get(against, 0.0),
+                    float(np.linalg.norm(moved - other[:, 1:], axis=1).max()) / scene.length,
+                )
     return [Model(name, median(times), worst["finest"], worst.get("reference"))]
 
 
-def settled(scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]) -> list[Model]:
+def settled(
+    scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]
+) -> list[Model]:
     """The same answer as a motion that settles, at COARSE cells: with its time step, and with half of it. Of a scene that moves, its own
     motion in the same ways. Empty where the materials have no density. failed: takes the errors of what found no answer, by name."""
     coarse = scene.with_cells(COARSE)
@@ -365,16 +469,23 @@ def settled(scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveEr
     step = None
     for part in (1.0, 0.5):
         data = motion.to_si()
-        dynamic = {**data["solver"]["dynamic"], **({"time_step": part * step} if part < 1.0 and step is not None else {})}
+        dynamic = {
+            **data["solver"]["dynamic"],
+            **({"time_step": part * step} if part < 1.0 and step is not None else {}),
+        }
         try:
-            result, seconds = timed(Scene.from_si({**data, "solver": {**data["solver"], "dynamic": dynamic}}), solve)
+            result, seconds = timed(
+                Scene.from_si({**data, "solver": {**data["solver"], "dynamic": dynamic}}), solve
+            )
         except SolveError as error:
             failed[f"motion{', half the step' if part < 1.0 else ''}, at {COARSE} cells"] = error
             continue
         step = result.time_step if part == 1.0 else step
         name = f"motion, step {1e6 * (result.time_step or 0.0):.3g} us, at {COARSE} cells"
         compared = _compared(name, result, seconds, finest, reference, scene.length)
-        found.append(replace(compared, error_same_cells=distance(result, answer(same)) / scene.length))
+        found.append(
+            replace(compared, error_same_cells=distance(result, answer(same)) / scene.length)
+        )
     return found
 
 
@@ -383,7 +494,11 @@ def _settling(scene: Scene) -> Scene | None:
     used = [scene.materials[region.material_name] for region in scene.regions()]
     if any(material.density is None for material in used):
         return None
-    softest = min(float(young_modulus(m.shear_modulus, m.bulk_to_shear * m.shear_modulus)) / (m.density or math.inf) for m in used)
+    softest = min(
+        float(young_modulus(m.shear_modulus, m.bulk_to_shear * m.shear_modulus))
+        / (m.density or math.inf)
+        for m in used
+    )
     # of a clamped beam: w L^2 root(rho A/(E I)) = 3.516; root(I/A) of a round section is a fourth of its thickness
     frequency = 3.516 / scene.length**2 * math.sqrt(softest) * scene.thickness / 4
     data = scene.to_si()
@@ -400,7 +515,10 @@ def save(ladder: Ladder, folder: Path) -> tuple[Path, Path]:
     as_json, as_csv = folder / "accuracy.json", folder / "accuracy.csv"
     as_json.write_text(json.dumps(ladder.summary(), indent=1) + "\n", encoding="utf-8")
     with as_csv.open("w", newline="", encoding="utf-8") as stream:
-        rows = [{key: value for key, value in asdict(rung).items() if key != "split"} | rung.split for rung in ladder.rungs]
+        rows = [
+            {key: value for key, value in asdict(rung).items() if key != "split"} | rung.split
+            for rung in ladder.rungs
+        ]
         writer = csv.DictWriter(stream, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)

@@ -32,7 +32,12 @@ from magmpm.rod.cantilever import without_motion
 from magmpm.scene import Scene
 
 # Per cent of a step of a particle without effects. Measured by tests/benchmarks/advice.py costs.
-WIDE, NARROW, LANES, NODE = 0.27, 0.5, 80.0, 0.6  # of an operation for eight, for one, of going through eight, of a node's
+WIDE, NARROW, LANES, NODE = (
+    0.27,
+    0.5,
+    80.0,
+    0.6,
+)  # of an operation for eight, for one, of going through eight, of a node's
 # Of an equilibrium: operations in a solve with one particle's share of it, and passes over the particles in one.
 SOLVE, PASSES = 60_000.0, 10
 SQUARE_ROOT = 6  # operations
@@ -77,8 +82,16 @@ def _operators() -> None:
     for name in ("add", "sub", "mul", "truediv", "pow"):
         plain = getattr(operator, name)
         cost = {"truediv": 4, "pow": 2}.get(name, 1)
-        setattr(Counted, f"__{name}__", lambda a, b, f=plain, n=cost: a._with(f(a.value, getattr(b, "value", b)), n))
-        setattr(Counted, f"__r{name}__", lambda a, b, f=plain, n=cost: a._with(f(getattr(b, "value", b), a.value), n))
+        setattr(
+            Counted,
+            f"__{name}__",
+            lambda a, b, f=plain, n=cost: a._with(f(a.value, getattr(b, "value", b)), n),
+        )
+        setattr(
+            Counted,
+            f"__r{name}__",
+            lambda a, b, f=plain, n=cost: a._with(f(getattr(b, "value", b), a.value), n),
+        )
     for name in ("lt", "le", "gt", "ge", "eq", "ne"):
         plain = getattr(operator, name)
         setattr(Counted, f"__{name}__", lambda a, b, f=plain: f(a.value, getattr(b, "value", b)))
@@ -95,7 +108,9 @@ class _Math:
             if name == "sqrt" and isinstance(given[0], Counted):
                 return given[0].sqrt()
             found = getattr(math, name)(*(float(one) for one in given))
-            return given[0]._with(found, 2 * SQUARE_ROOT) if isinstance(given[0], Counted) else found
+            return (
+                given[0]._with(found, 2 * SQUARE_ROOT) if isinstance(given[0], Counted) else found
+            )
 
         return call
 
@@ -121,7 +136,9 @@ def plain(function: Any) -> Callable[..., Any]:
             space[name] = _LANES[name]
     if space.get("math") is math:
         space["math"] = _Math()
-    return FunctionType(source.__code__, space, source.__name__, source.__defaults__, source.__closure__)
+    return FunctionType(
+        source.__code__, space, source.__name__, source.__defaults__, source.__closure__
+    )
 
 
 def _numbers(values: Any) -> Any:
@@ -144,7 +161,11 @@ def operations(records: Any, data: Array, hook: str, *arguments: Any) -> int:
     Counted.done = 0
     plain(function)(_record(records), data, *arguments)
     if hook == "contact":  # and the friction that goes with it
-        plain(hold)(*arguments[:3], np.array([*(0.0 * arguments[0]), STICKS, 0.0, 0.0, 0.0, 0.0]), *arguments[:-3:-1])  # at any depth
+        plain(hold)(
+            *arguments[:3],
+            np.array([*(0.0 * arguments[0]), STICKS, 0.0, 0.0, 0.0, 0.0]),
+            *arguments[:-3:-1],
+        )  # at any depth
     return Counted.done
 
 
@@ -161,7 +182,11 @@ def counted(scene: Scene) -> dict[str, float]:
             continue
         if not records:
             continue
-        found[key] = _step(model, records) if scene.solver.dynamic is not None else _solve(model, records, kind)
+        found[key] = (
+            _step(model, records)
+            if scene.solver.dynamic is not None
+            else _solve(model, records, kind)
+        )
     return found
 
 
@@ -177,7 +202,10 @@ def _records(scene: Scene, key: str) -> Records:
     """Parameters that kernels would take of one effect."""
     named = getattr(scene.effects, key)
     if named is None:
-        named = getattr(validate(Effects, {key: (Effects.model_fields[key].examples or [{}])[0]}, "example"), key)
+        named = getattr(
+            validate(Effects, {key: (Effects.model_fields[key].examples or [{}])[0]}, "example"),
+            key,
+        )
     alone = scene.model_copy(update={"effects": Effects(**{key: named})})
     return tuple(named.records(alone, 1.0, np.zeros(1)))
 
@@ -200,7 +228,9 @@ def _step(model: Model, named: Records) -> float:
             mean = sum(each) / len(chosen)
             if hook == "node":
                 total += NODE * mean * nodes
-            elif hook == "near":  # of points of the surface, as many as one layer of a cell's particles; 117 operations find where one is
+            elif (
+                hook == "near"
+            ):  # of points of the surface, as many as one layer of a cell's particles; 117 operations find where one is
                 total += NARROW * (mean + 117) / model.scene.resolution.particles_per_cell
             elif names in hooks._wide[hook]:
                 total += WIDE * mean
@@ -214,7 +244,9 @@ def _step(model: Model, named: Records) -> float:
 def _near(model: Model, p: int, records: Any, data: Array) -> bool:
     """True if a particle is so near that contact is computed."""
     function = hooks._registry["near"].get(records.dtype.names)
-    return function is None or bool(plain(function)(_record(records), data, model.particles.position[p]) > 0.0)
+    return function is None or bool(
+        plain(function)(_record(records), data, model.particles.position[p]) > 0.0
+    )
 
 
 def _given(model: Model, p: int, hook: str) -> tuple[Any, ...]:

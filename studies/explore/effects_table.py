@@ -42,10 +42,21 @@ def needs(scene: Scene, runs: Variants) -> list[Need]:
     """
     cost = seconds(scene)
     rod = scene.body.shape.line is not None and (not scene.static or is_cantilever(scene))
-    three = _need("three dimensions", scene, runs, "" if rod else "the body is no rod", _three_dimensions, cost - 0.005)
+    three = _need(
+        "three dimensions",
+        scene,
+        runs,
+        "" if rod else "the body is no rod",
+        _three_dimensions,
+        cost - 0.005,
+    )
     if scene.solver.dynamic is None:
         return [three, Need("dynamics", False, 0.0, 0.0, "the scene asks for equilibria")]
-    held = " and ".join(key for key in ("walls", "ground", "self_contact") if getattr(scene.effects, key) is not None)
+    held = " and ".join(
+        key
+        for key in ("walls", "ground", "self_contact")
+        if getattr(scene.effects, key) is not None
+    )
     if scene.body.shape.line is None or scene.body.shape.clamp == "none":
         held = held or "such a body"
     refused = f"{held}: equilibria may miss how it gets there" if held else ""
@@ -54,7 +65,12 @@ def needs(scene: Scene, runs: Variants) -> list[Need]:
 
 
 def _need(
-    question: str, scene: Scene, runs: Variants, refused: str, off: Callable[[Scene, Variants], tuple[float, str]], saved: float
+    question: str,
+    scene: Scene,
+    runs: Variants,
+    refused: str,
+    off: Callable[[Scene, Variants], tuple[float, str]],
+    saved: float,
 ) -> Need:
     """The answer to a question, by how far the scene is off without (m, and in words); refused: why it can't be done without."""
     if refused:
@@ -65,7 +81,9 @@ def _need(
         far, why = off(scene, runs)
     except MagmpmError as failure:
         return Need(question, None, None, None, f"not estimated: {failure}")
-    return Need(question, not far < runs.error, max(saved, 0.0) if far < runs.error else 0.0, far, why)
+    return Need(
+        question, not far < runs.error, max(saved, 0.0) if far < runs.error else 0.0, far, why
+    )
 
 
 def seconds(scene: Scene) -> float:
@@ -81,7 +99,11 @@ def _three_dimensions(scene: Scene, runs: Variants) -> tuple[float, str]:
     shapes = np.array(runs.frames(scene, int(measured)).points)
     off = _off(scene, runs, shapes[0]) if measured else _guessed(scene, shapes)
     how = "is at most" if measured else "may be"
-    why = f"a rod would do for the shape of the axis, and {how}" if off < runs.error else f"a rod {how}"
+    why = (
+        f"a rod would do for the shape of the axis, and {how}"
+        if off < runs.error
+        else f"a rod {how}"
+    )
     flat = "; the axis stays in a plane" if _out_of_plane(shapes) < runs.error else ""
     return off, f"{why} off by {1e3 * off:.2g} mm{flat} (L/D {scene.length / scene.thickness:.3g})"
 
@@ -106,18 +128,31 @@ def _dynamics(scene: Scene, runs: Variants) -> tuple[float, str]:
     times = moving.times[:: len(moving.times) // 5]
     data["solver"]["dynamic"], data["solver"]["quasi_static"] = None, {"at": times}
     for key, kind in scene.effects.every().items():
-        data["effects"][key] = None if kind.ONLY_IN_MOTION and not kind.ALONG_TIME else data["effects"][key]
+        data["effects"][key] = (
+            None if kind.ONLY_IN_MOTION and not kind.ALONG_TIME else data["effects"][key]
+        )
     still = Scene.from_si(data)
     off = max(moving.distances(Variants(still).frames(still)).values())
     good = off < runs.error
-    return off, "equilibria along time (solver.quasi_static) would do" if good else "the body swings, or lags behind its equilibria"
+    return (
+        off,
+        "equilibria along time (solver.quasi_static) would do"
+        if good
+        else "the body swings, or lags behind its equilibria",
+    )
 
 
 def _solve(scene: Scene, cells: int) -> float:
     """About what an equilibrium of the scene's body takes with so many cells across, s; of a strip, with its width."""
     strip = scene.body.strip
-    wide = 1.0 if strip is None or strip.plane_strain else max(1.0, (strip.width / strip.thickness) ** 1.7)
-    return 0.1 * (cells / 4) ** 3.6 * scene.length / (10 * scene.thickness) * wide  # 0.1 s at 4 cells across and L/D 10
+    wide = (
+        1.0
+        if strip is None or strip.plane_strain
+        else max(1.0, (strip.width / strip.thickness) ** 1.7)
+    )
+    return (
+        0.1 * (cells / 4) ** 3.6 * scene.length / (10 * scene.thickness) * wide
+    )  # 0.1 s at 4 cells across and L/D 10
 
 
 def _moved(shapes: Array) -> float:
@@ -175,8 +210,14 @@ class Table:
 
     def text(self, *, every: bool = False) -> str:
         """The table as text; effects that the scene names are marked. every: those that do not matter have rows too, not one line."""
-        lines = [f"  {'effect':21} {'moves mm':>8} {'% of L':>7} {'+- mm':>8} {'cost %':>7}  advice"]
-        little = [row for row in self.effects if not every and row.advice == "irrelevant" and not self._close(row)]
+        lines = [
+            f"  {'effect':21} {'moves mm':>8} {'% of L':>7} {'+- mm':>8} {'cost %':>7}  advice"
+        ]
+        little = [
+            row
+            for row in self.effects
+            if not every and row.advice == "irrelevant" and not self._close(row)
+        ]
         for row in self.effects:
             if row in little:
                 continue
@@ -185,12 +226,20 @@ class Table:
                 f"{_mm(row.shift_m):>8} {'-' if percent is None else significant(percent):>7} "
                 f"{_mm(row.uncertainty_m):>8} {'-' if row.cost_percent is None else fixed(row.cost_percent, 0):>7}"
             )
-            lines.append(f"{'*' if row.named else ' '} {row.effect:21} {numbers}  {row.advice}: {row.why}")
+            lines.append(
+                f"{'*' if row.named else ' '} {row.effect:21} {numbers}  {row.advice}: {row.why}"
+            )
         share = significant(100 * self.error_m / self.length_m)
         return "\n".join(
             [
                 *lines,
-                *([f"  of no matter here: {', '.join(row.effect for row in little)} (--all says why)"] if little else []),
+                *(
+                    [
+                        f"  of no matter here: {', '.join(row.effect for row in little)} (--all says why)"
+                    ]
+                    if little
+                    else []
+                ),
                 "* named in the scene; mm: how far the axis moves with the effect against without it; +-: uncertainty; advice: for an "
                 f"error of {_mm(self.error_m)} mm, {share} % of the length",
                 *(f"  {need.question:21} {_needed(need)}" for need in self.needs),
@@ -199,14 +248,24 @@ class Table:
 
     def _close(self, row: Row) -> bool:
         """True if an effect may matter, since its shift is known no better."""
-        return row.shift_m is not None and row.uncertainty_m is not None and row.shift_m + row.uncertainty_m > self.error_m
+        return (
+            row.shift_m is not None
+            and row.uncertainty_m is not None
+            and row.shift_m + row.uncertainty_m > self.error_m
+        )
 
 
 def _needed(need: Need) -> str:
     """A row of what the scene needs beyond effects."""
     word = {True: "needed", False: "not needed", None: "not known"}[need.needed]
-    saved = f"; without it some {significant(need.seconds_saved)} s less" if need.seconds_saved else ""
-    added = f", {_mm(need.error_added_m)} mm more error" if saved and need.error_added_m is not None else ""
+    saved = (
+        f"; without it some {significant(need.seconds_saved)} s less" if need.seconds_saved else ""
+    )
+    added = (
+        f", {_mm(need.error_added_m)} mm more error"
+        if saved and need.error_added_m is not None
+        else ""
+    )
     return f"{word}: {need.why}{saved}{added}"
 
 
@@ -214,7 +273,9 @@ def _mm(way: float | None) -> str:
     return "-" if way is None else significant(1e3 * way)
 
 
-def survey(scene: Scene, *, measure: bool = True, error: float | None = None, only: str | None = None) -> Table:
+def survey(
+    scene: Scene, *, measure: bool = True, error: float | None = None, only: str | None = None
+) -> Table:
     """Every available effect, or only one, in this scene. measure: count costs too, else cost_percent is None. error: m, what the answer
     may be off by; what the scene's resolution requests, or 1 % of the length, unless given.
 
@@ -225,21 +286,42 @@ def survey(scene: Scene, *, measure: bool = True, error: float | None = None, on
         scene = choose_effects(scene).scene
     if scene.resolution.requested:  # costs are those on the grid that such a run tries first
         scene = scene.with_cells(coarsest_cells(scene))
-    if any(type(effect).check is not Effect.check for effect in scene.effects.named().values()):  # that can't begin, as by model.build
+    if any(
+        type(effect).check is not Effect.check for effect in scene.effects.named().values()
+    ):  # that can't begin, as by model.build
         bare = build(scene.model_copy(update={"effects": Effects()}))
         effects.check(replace(bare, scene=scene))
     spent, runs, rows = counted(scene) if measure else {}, Variants(scene, error), []
-    still, held = Variants(without_motion(scene), error), scene.body.shape.clamp != "none" and scene.effects.feed is None
+    still, held = (
+        Variants(without_motion(scene), error),
+        scene.body.shape.clamp != "none" and scene.effects.feed is None,
+    )
     for key in effects.Effects.every():
         if only in (None, key):
             found = advise(scene, key, runs)
             if held and not scene.static and found.shift is None and found.advice == "irrelevant":
                 rest = advise(still.scene, key, still)
-                if rest.advice == "add":  # the shift in motion is not known, but at rest it is more than the error
-                    found = replace(found, advice="add", why=f"at rest {rest.why}; in motion {found.why}")
-            settles = key in ("damping", "viscosity") and is_cantilever(scene) and has_densities(scene)
+                if (
+                    rest.advice == "add"
+                ):  # the shift in motion is not known, but at rest it is more than the error
+                    found = replace(
+                        found, advice="add", why=f"at rest {rest.why}; in motion {found.why}"
+                    )
+            settles = (
+                key in ("damping", "viscosity") and is_cantilever(scene) and has_densities(scene)
+            )
             why = found.why + (_settling(scene, key) if settles else "")
-            rows.append(Row(key, found.named, found.shift, found.uncertainty, spent.get(key), found.advice, why))
+            rows.append(
+                Row(
+                    key,
+                    found.named,
+                    found.shift,
+                    found.uncertainty,
+                    spent.get(key),
+                    found.advice,
+                    why,
+                )
+            )
     return Table(scene.name, scene.length, error, rows, needs(scene, runs) if only is None else [])
 
 
@@ -248,9 +330,15 @@ def _settling(scene: Scene, key: str) -> str:
     frequency, named = first_frequency(scene), getattr(scene.effects, key)
     if key == "damping":
         best = 2 * frequency
-        of_best = "" if named is None else f", {named.rate:.3g} 1/s is {named.rate / best:.2g} of that"
+        of_best = (
+            "" if named is None else f", {named.rate:.3g} 1/s is {named.rate / best:.2g} of that"
+        )
         return f"; {best:.3g} 1/s settles its first bending soonest{of_best}"
-    critical = 2 * min(scene.materials[region.material_name].shear_modulus for region in scene.regions()) / frequency
+    critical = (
+        2
+        * min(scene.materials[region.material_name].shear_modulus for region in scene.regions())
+        / frequency
+    )
     if named is None:
         return f"; {critical:.3g} Pa s damps its first bending critically"
     return f"; damps its first bending by {100 * named.viscosity / critical:.2g} % of critical"

@@ -39,7 +39,10 @@ class Neighbors:
         known = np.array(self._rods)
         near = np.argsort(np.linalg.norm(known - self._requested, axis=1), kind="stable")[:64]
         among = _covariance(known[near], known[near])
-        share = np.linalg.solve(among + 1e-8 * np.diag(np.diag(among)), _covariance(known[near], self._requested[None])[:, 0])
+        share = np.linalg.solve(
+            among + 1e-8 * np.diag(np.diag(among)),
+            _covariance(known[near], self._requested[None])[:, 0],
+        )
         return np.asarray(np.einsum("k,kpm->pm", share, np.array([self._added[k] for k in near])))
 
     def learn(self, added: Array) -> None:
@@ -56,7 +59,11 @@ class Neighbors:
 def _curvature(rod: RodShape) -> Array:
     """Twist and bending times length at STATIONS places from the clamp on, rad, so scaled that the norm is their mean."""
     at = np.arange(STATIONS) / STATIONS * rod.s[-1]
-    return np.concatenate([np.interp(at, rod.s, column) for column in rod.curvature.T]) * rod.s[-1] / math.sqrt(STATIONS)
+    return (
+        np.concatenate([np.interp(at, rod.s, column) for column in rod.curvature.T])
+        * rod.s[-1]
+        / math.sqrt(STATIONS)
+    )
 
 
 def _covariance(one: Array, other: Array) -> Array:

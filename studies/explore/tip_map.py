@@ -54,7 +54,20 @@ MARKS = {  # from the worst to the best
 }
 STEPS, FINER = 16, 8  # of a field's growth; and how much finer where it is not smooth
 LASTING = 0.6  # of a step's move that is left in the longest of FINER parts of it: 1/8 where smooth, 0.35 at a buckling load, 1 at a snap
-HEAD = ("Bx_mT", "By_mT", "Bz_mT", "x_mm", "y_mm", "z_mm", "stability", "mark", "other_x_mm", "other_y_mm", "other_z_mm", "why")
+HEAD = (
+    "Bx_mT",
+    "By_mT",
+    "Bz_mT",
+    "x_mm",
+    "y_mm",
+    "z_mm",
+    "stability",
+    "mark",
+    "other_x_mm",
+    "other_y_mm",
+    "other_z_mm",
+    "why",
+)
 
 
 @dataclass(frozen=True)
@@ -82,7 +95,12 @@ def on_rays(count: int, largest: float, strengths: int | None = None) -> Fields:
     _check(count, largest)
     strengths = min(8, count) if strengths is None else strengths
     if not 1 <= strengths <= count:
-        raise InputError("--strengths", received=str(strengths), rule=f"must be 1 to the {count} fields", remedy="--strengths 8")
+        raise InputError(
+            "--strengths",
+            received=str(strengths),
+            rule=f"must be 1 to the {count} fields",
+            remedy="--strengths 8",
+        )
     k = max(round(count / strengths), 1)
     z = 1.0 - (2.0 * np.arange(k) + 1.0) / k
     turn = math.pi * (3.0 - math.sqrt(5.0)) * np.arange(k)
@@ -90,8 +108,13 @@ def on_rays(count: int, largest: float, strengths: int | None = None) -> Fields:
     directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
     steps = largest * np.arange(1, strengths + 1) / strengths
     values = (directions[:, None, :] * steps[None, :, None]).reshape(-1, 3)
-    bands = [sorted(band.tolist(), key=lambda j: turn[j] % (2.0 * math.pi)) for band in np.array_split(np.arange(k), min(PATHS, k))]
-    paths = tuple(tuple(j * strengths + step for j in band for step in range(strengths)) for band in bands)
+    bands = [
+        sorted(band.tolist(), key=lambda j: turn[j] % (2.0 * math.pi))
+        for band in np.array_split(np.arange(k), min(PATHS, k))
+    ]
+    paths = tuple(
+        tuple(j * strengths + step for j in band for step in range(strengths)) for band in bands
+    )
     return Fields(values, paths, "rays", (0, 2), (k, strengths))
 
 
@@ -102,22 +125,34 @@ def in_plane(count: int, largest: float, axes: str) -> Fields:
     """
     _check(count, largest)
     if len(axes) != 2 or len(set(axes)) != 2 or not set(axes) <= set(AXES):
-        raise InputError("--plane", received=repr(axes), rule="must be two of x, y and z", remedy="--plane xz")
+        raise InputError(
+            "--plane", received=repr(axes), rule="must be two of x, y and z", remedy="--plane xz"
+        )
     first, second = (AXES.index(axis) for axis in axes)
     n = max(round(math.sqrt(count)), 2)
     marks = np.linspace(-largest, largest, n)
     values = np.zeros((n, n, 3))
     values[:, :, first], values[:, :, second] = marks[None, :], marks[:, None]
     rows = [tuple(range(row * n, (row + 1) * n))[:: -1 if row % 2 else 1] for row in range(n)]
-    paths = tuple(tuple(k for row in band.tolist() for k in rows[row]) for band in np.array_split(np.arange(n), min(PATHS, n)))
+    paths = tuple(
+        tuple(k for row in band.tolist() for k in rows[row])
+        for band in np.array_split(np.arange(n), min(PATHS, n))
+    )
     return Fields(values.reshape(-1, 3), paths, "plane", (first, second), (n, n))
 
 
 def _check(count: int, largest: float) -> None:
     if not 1 <= count <= MOST:
-        raise InputError("--fields", received=str(count), rule=f"must be 1 to {MOST}", remedy="--fields 1000")
+        raise InputError(
+            "--fields", received=str(count), rule=f"must be 1 to {MOST}", remedy="--fields 1000"
+        )
     if not 0.0 < largest <= 20.0:
-        raise InputError("--max", received=f"{1e3 * largest:g} mT", rule="must be above 0 and at most 20 T", remedy="--max 20mT")
+        raise InputError(
+            "--max",
+            received=f"{1e3 * largest:g} mT",
+            rule="must be above 0 and at most 20 T",
+            remedy="--max 20mT",
+        )
 
 
 @dataclass(frozen=True)
@@ -175,7 +210,12 @@ def _along(scene: Scene, model: StaticModel, path: Path_) -> Iterator[Tip]:
             continue
         neighbors.learn(found.correction)
         at = tip(loaded, found.point.grid)
-        yield Tip(index, tuple(at.tolist()), float(found.stability if found.stability is not None else np.nan), found.steps)
+        yield Tip(
+            index,
+            tuple(at.tolist()),
+            float(found.stability if found.stability is not None else np.nan),
+            found.steps,
+        )
 
 
 @dataclass(frozen=True)
@@ -210,9 +250,19 @@ def _relaxed(rod: RodModel, q: Array, fields: Array) -> tuple[Array, NDArray[np.
     position, found = np.empty((m, frames, 3)), np.empty(m, dtype=bool)
     around = np.ascontiguousarray(np.broadcast_to(fields[:, None, :], (m, frames, 3)))
     relax_all(
-        q, rod.length, rod.twist_bend, rod.compliance, np.tile(rod.moment, (m, 1, 1)), around, np.tile(rod.weight, (m, 1, 1)),
-        np.zeros((0, frames - 1)), np.zeros((0, 2, frames)), position, np.zeros((m, 0, 2, frames, 3)), found,
-    )  # fmt: skip
+        q,
+        rod.length,
+        rod.twist_bend,
+        rod.compliance,
+        np.tile(rod.moment, (m, 1, 1)),
+        around,
+        np.tile(rod.weight, (m, 1, 1)),
+        np.zeros((0, frames - 1)),
+        np.zeros((0, 2, frames)),
+        position,
+        np.zeros((m, 0, 2, frames, 3)),
+        found,
+    )
     return position[:, -1].copy(), found & np.isfinite(position).all(axis=(1, 2))
 
 
@@ -223,7 +273,11 @@ def _grown(rod: RodModel, ends: Array, finer: int) -> tuple[Array, Array, Array]
     parts = max(-(-STEPS // k), 1) * finer
     q = np.zeros((rays, len(rod.length) + 1, 4))
     q[:, :, 0] = 1.0
-    shapes, tips, longest = np.empty((rays, k, *q.shape[1:])), np.empty((rays, k, 3)), np.zeros((rays, k))
+    shapes, tips, longest = (
+        np.empty((rays, k, *q.shape[1:])),
+        np.empty((rays, k, 3)),
+        np.zeros((rays, k)),
+    )
     before, found = _relaxed(rod, q, np.zeros((rays, 3)))
     for number in range(k):
         start = ends[:, number - 1] if number else np.zeros((rays, 3))
@@ -231,7 +285,9 @@ def _grown(rod: RodModel, ends: Array, finer: int) -> tuple[Array, Array, Array]
             here = start + share * (ends[:, number] - start)
             tip, found = _relaxed(rod, q, here)
             for _ in range(3):
-                if (left := np.flatnonzero(~found)).size:  # at a critical load: it goes on from where it has got to
+                if (
+                    left := np.flatnonzero(~found)
+                ).size:  # at a critical load: it goes on from where it has got to
                     retried = q[left].copy()
                     tip[left], found[left] = _relaxed(rod, retried, here[left])
                     q[left] = retried
@@ -259,7 +315,11 @@ def _others(rod: RodModel, fields: Array, shapes: Array, tip: Array, distance: f
         now = np.zeros(m, dtype=bool)
         for of in near.T:
             # Near shapes that go over into each other smoothly lead to the same rest: only those at a larger distance are tried.
-            tried = np.flatnonzero(fresh[of] & np.isnan(other[:, 0]) & (np.linalg.norm(place[of] - tip, axis=1) > distance))
+            tried = np.flatnonzero(
+                fresh[of]
+                & np.isnan(other[:, 0])
+                & (np.linalg.norm(place[of] - tip, axis=1) > distance)
+            )
             if not len(tried):
                 continue
             q = passed[of[tried]].copy()
@@ -295,21 +355,41 @@ class TipMap:
         """Plain data, SI, for --json."""
         none = np.isnan(self.tip).any(axis=1)
         return {
-            "fields": len(self.tip), "kind": self.fields.kind,
-            "largest_field": float(np.linalg.norm(self.fields.values, axis=1).max()), "counts": self.counts(),
-            "reach": None if none.all() else [np.nanmin(self.tip, axis=0).tolist(), np.nanmax(self.tip, axis=0).tolist()],
-            "cells_across": self.scene.resolution.cells_across, "seconds": self.seconds, "newton_steps": self.newton_steps,
-        }  # fmt: skip
+            "fields": len(self.tip),
+            "kind": self.fields.kind,
+            "largest_field": float(np.linalg.norm(self.fields.values, axis=1).max()),
+            "counts": self.counts(),
+            "reach": None
+            if none.all()
+            else [np.nanmin(self.tip, axis=0).tolist(), np.nanmax(self.tip, axis=0).tolist()],
+            "cells_across": self.scene.resolution.cells_across,
+            "seconds": self.seconds,
+            "newton_steps": self.newton_steps,
+        }
 
     def rows(self) -> list[list[Any]]:
         """The table, a row a field, as HEAD names its columns."""
+
         def cells(values: Array, factor: float) -> list[str]:
             return ["" if np.isnan(v) else f"{factor * v + 0.0:.6g}" for v in values]
 
         return [
-            [*cells(b, 1e3), *cells(tip, 1e3), *cells(np.array([s]), 1.0), mark, *cells(other, 1e3), why]
+            [
+                *cells(b, 1e3),
+                *cells(tip, 1e3),
+                *cells(np.array([s]), 1.0),
+                mark,
+                *cells(other, 1e3),
+                why,
+            ]
             for b, tip, s, mark, other, why in zip(
-                self.fields.values, self.tip, self.stability, self.mark.tolist(), self.other, self.why, strict=True
+                self.fields.values,
+                self.tip,
+                self.stability,
+                self.mark.tolist(),
+                self.other,
+                self.why,
+                strict=True,
             )
         ]
 
@@ -325,24 +405,50 @@ class TipMap:
         def plain(values: Array) -> list[Any]:
             return [None if np.isnan(v).any() else v.tolist() for v in values]
 
-        arrays = {"field_T": self.fields.values.tolist(), "tip_m": plain(self.tip), "stability": plain(self.stability),
-                  "mark": self.mark.tolist(), "other_m": plain(self.other), "why": self.why}  # fmt: skip
-        write_json(numbers, {**self.summary(), "marks": MARKS, "scene": self.scene.to_si(), "scene_hash": self.scene.hash(), **arrays})
+        arrays = {
+            "field_T": self.fields.values.tolist(),
+            "tip_m": plain(self.tip),
+            "stability": plain(self.stability),
+            "mark": self.mark.tolist(),
+            "other_m": plain(self.other),
+            "why": self.why,
+        }
+        write_json(
+            numbers,
+            {
+                **self.summary(),
+                "marks": MARKS,
+                "scene": self.scene.to_si(),
+                "scene_hash": self.scene.hash(),
+                **arrays,
+            },
+        )
         return [table, numbers]
 
 
-def map_tips(scene: Scene, fields: Fields, on_progress: Callable[[int, int], None] | None = None) -> TipMap:
+def map_tips(
+    scene: Scene, fields: Fields, on_progress: Callable[[int, int], None] | None = None
+) -> TipMap:
     """The map of a scene at rest in uniform fields, which take the place of its own. Raises InputError for scenes that have none."""
     check(scene)
     prepare_kernels(scene)
     begun = time.perf_counter()
     count = len(fields.values)
-    tip, stability, why, steps = np.full((count, 3), np.nan), np.full(count, np.nan), [""] * count, 0
+    tip, stability, why, steps = (
+        np.full((count, 3), np.nan),
+        np.full(count, np.nan),
+        [""] * count,
+        0,
+    )
     paths = [[(k, fields.values[k].tolist()) for k in path] for path in fields.paths]
     for done, found in enumerate(solved(scene, paths, os.cpu_count() or 1)):
         if found.tip is not None:
             tip[found.index] = found.tip
-        stability[found.index], why[found.index], steps = found.stability, found.failure, steps + found.steps
+        stability[found.index], why[found.index], steps = (
+            found.stability,
+            found.failure,
+            steps + found.steps,
+        )
         if on_progress is not None:
             on_progress(done + 1, count)
     rods = rod_tips(scene, fields.values, fields.rays)
@@ -353,7 +459,9 @@ def map_tips(scene: Scene, fields: Fields, on_progress: Callable[[int, int], Non
     mark[rods.snapped] = "snapped"
     mark[stability <= BRINK] = "unstable"
     mark[np.isnan(tip).any(axis=1)] = "failed"
-    return TipMap(scene, fields, tip, stability, mark, other, why, time.perf_counter() - begun, steps)
+    return TipMap(
+        scene, fields, tip, stability, mark, other, why, time.perf_counter() - begun, steps
+    )
 
 
 def check(scene: Scene) -> None:
@@ -363,12 +471,25 @@ def check(scene: Scene) -> None:
         raise InputError("solver", received="a motion", rule=rule, remedy=remedy)
     shape = scene.body.shape
     if not isinstance(shape, StraightBody) or shape.clamp != "base":
-        rule, remedy = "a map follows rods: a catheter or strip that is held at its base alone", "map a scene with such a body"
+        rule, remedy = (
+            "a map follows rods: a catheter or strip that is held at its base alone",
+            "map a scene with such a body",
+        )
         raise InputError(f"body.{scene.body.kind}", rule=rule, remedy=remedy)
     if scene.field.varies or scene.field.over_time is not None:
         rule = "a map is one of uniform fields, which take the place of the scene's own"
         remedy = "leave out dipoles, magnets, coils, maps and schedules; `magmpm view` moves magnets by hand"
-        raise InputError("field", received="a field that varies in space or time", rule=rule, remedy=remedy)
+        raise InputError(
+            "field", received="a field that varies in space or time", rule=rule, remedy=remedy
+        )
     if scene.effects.magnetic_torque is None or not scene.magnetized_regions():
-        rule, remedy = "the field must act on the body", "name `magnetic_torque: {}`, and magnetize a segment"
-        raise InputError("effects.magnetic_torque", received="nothing that a field turns", rule=rule, remedy=remedy)
+        rule, remedy = (
+            "the field must act on the body",
+            "name `magnetic_torque: {}`, and magnetize a segment",
+        )
+        raise InputError(
+            "effects.magnetic_torque",
+            received="nothing that a field turns",
+            rule=rule,
+            remedy=remedy,
+        )

@@ -13,6 +13,20 @@ from magmpm.studies.fitting.search import Fit, Refused, doubtful_fields, fit
 from magmpm.studies.fitting.table import Measured, read_measured, read_split, read_tables, together
 
 __all__ = [
-    "Fit", "HeldOut", "Measured", "Refused", "doubtful_fields", "fit", "fitted_scene", "predict_held_out", "read_measured", "read_split",
-    "read_tables", "residuals_table", "shown", "summary", "text", "together",
-]  # fmt: skip
+    "Fit",
+    "HeldOut",
+    "Measured",
+    "Refused",
+    "doubtful_fields",
+    "fit",
+    "fitted_scene",
+    "predict_held_out",
+    "read_measured",
+    "read_split",
+    "read_tables",
+    "residuals_table",
+    "shown",
+    "summary",
+    "text",
+    "together",
+]

@@ -23,10 +23,22 @@ from magmpm.scene.variables import Variable, tangents, variables
 OF_MATERIALS = ("shear_modulus", "remanence", "density")
 KINDS = (*OF_MATERIALS, "length", "magnetization", "field", "damping", "viscosity")
 GEOMETRY = "diameter"  # taken as exact: a fit frees it to say whether it explains residuals, and never to give it
-LOSSES = {"damping": ("rate", "1/s"), "viscosity": ("viscosity", "Pa s")}  # effects of motions: key and unit
+LOSSES = {
+    "damping": ("rate", "1/s"),
+    "viscosity": ("viscosity", "Pa s"),
+}  # effects of motions: key and unit
 _MILLITESLA = 1e-3
-SHOWN = {"shear_modulus": (1e-3, "kPa"), "remanence": (1e3, "mT"), "density": (1.0, "kg/m^3"), "length": (1e3, "mm"), GEOMETRY: (1e3, "mm"),
-         "magnetization": (180 / math.pi, "deg"), "field": (1e3, "mT"), "damping": (1.0, "1/s"), "viscosity": (1.0, "Pa s")}  # fmt: skip
+SHOWN = {
+    "shear_modulus": (1e-3, "kPa"),
+    "remanence": (1e3, "mT"),
+    "density": (1.0, "kg/m^3"),
+    "length": (1e3, "mm"),
+    GEOMETRY: (1e3, "mm"),
+    "magnetization": (180 / math.pi, "deg"),
+    "field": (1e3, "mT"),
+    "damping": (1.0, "1/s"),
+    "viscosity": (1.0, "Pa s"),
+}
 
 
 @dataclass(frozen=True)
@@ -53,7 +65,11 @@ class Constant:
 
     def slope(self, x: float) -> float:
         """d(value)/dx, SI."""
-        return self.value(x) if self.relative else (1.0 if self.kind == "magnetization" else _MILLITESLA)
+        return (
+            self.value(x)
+            if self.relative
+            else (1.0 if self.kind == "magnetization" else _MILLITESLA)
+        )
 
     def number(self, value: float) -> float:
         """x of a value, SI."""
@@ -69,14 +85,26 @@ def constants_of(scene: Scene, of: Sequence[str] | None = None) -> tuple[Constan
     """
     moving = scene.solver.dynamic is not None
     if of is None:
-        has = [kind for kind in ("shear_modulus", "remanence") if not isinstance(_made(scene, kind), str)]
-        of = [*has, *(kind for kind in LOSSES if moving and not isinstance(_made(scene, kind), str))]
+        has = [
+            kind
+            for kind in ("shear_modulus", "remanence")
+            if not isinstance(_made(scene, kind), str)
+        ]
+        of = [
+            *has,
+            *(kind for kind in LOSSES if moving and not isinstance(_made(scene, kind), str)),
+        ]
     found: dict[str, Constant] = {}
     for word in of:
         for constant in _named(scene, word):
             found[constant.name] = constant
     if not found:
-        raise InputError("--vary", received="nothing", rule="a fit needs a constant to find", remedy="say, --vary shear_modulus")
+        raise InputError(
+            "--vary",
+            received="nothing",
+            rule="a fit needs a constant to find",
+            remedy="say, --vary shear_modulus",
+        )
     return tuple(found.values())
 
 
@@ -94,7 +122,12 @@ def _named(scene: Scene, word: str) -> list[Constant]:
         names = [*KINDS, *(constant.name for constant in every)]
         near = difflib.get_close_matches(word, names, n=1)
         remedy = f'did you mean "{near[0]}"?' if near else "choose among them"
-        raise InputError("--vary", received=repr(word), rule=f"must be of {', '.join(dict.fromkeys(names))}", remedy=remedy)
+        raise InputError(
+            "--vary",
+            received=repr(word),
+            rule=f"must be of {', '.join(dict.fromkeys(names))}",
+            remedy=remedy,
+        )
     return chosen
 
 
@@ -114,8 +147,15 @@ def _made(scene: Scene, kind: str) -> list[Constant] | str:
         return f"{lines[1].partition(': ')[2]}; {lines[2].partition(': ')[2]}"
     if kind == "length":
         shape = scene.body.shape
-        lengths = shape.segment_lengths() if isinstance(shape, StraightBody) and found[0].region is not None else [scene.length]
-        return [Constant(v.name, kind, float(length), v.unit, v) for v, length in zip(found, lengths, strict=True)]
+        lengths = (
+            shape.segment_lengths()
+            if isinstance(shape, StraightBody) and found[0].region is not None
+            else [scene.length]
+        )
+        return [
+            Constant(v.name, kind, float(length), v.unit, v)
+            for v, length in zip(found, lengths, strict=True)
+        ]
     if kind in OF_MATERIALS:
         starts = {v.name: float(getattr(scene.materials[v.material or ""], kind)) for v in found}
         if kind == "remanence" and min(starts.values()) <= 0:
@@ -133,11 +173,23 @@ def diameter_of(scene: Scene) -> list[Constant]:
 def with_known(constants: Sequence[Constant], known: dict[str, float]) -> tuple[Constant, ...]:
     """The constants, with what is known of some: relative standard deviations by name. Raises InputError."""
     for name in known:
-        chosen = [constant for constant in constants if constant.name == name or (constant.kind == name and constant.relative)]
+        chosen = [
+            constant
+            for constant in constants
+            if constant.name == name or (constant.kind == name and constant.relative)
+        ]
         if not chosen:
             names = ", ".join(constant.name for constant in constants if constant.relative)
-            raise InputError("--known", received=name, rule=f"must be among what is varied: {names}", remedy="correct the name")
-    return tuple(replace(c, known=known.get(c.name, known.get(c.kind)) if c.relative else None) for c in constants)
+            raise InputError(
+                "--known",
+                received=name,
+                rule=f"must be among what is varied: {names}",
+                remedy="correct the name",
+            )
+    return tuple(
+        replace(c, known=known.get(c.name, known.get(c.kind)) if c.relative else None)
+        for c in constants
+    )
 
 
 def applied(scene: Scene, constants: Sequence[Constant], x: Array) -> Scene:
@@ -154,7 +206,13 @@ def applied(scene: Scene, constants: Sequence[Constant], x: Array) -> Scene:
     return found if turned is None else found.with_magnetizations(turned)
 
 
-def write(data: dict[str, Any], scene: Scene, constants: Sequence[Constant], x: Array, written: Callable[[str, float], Any]) -> None:
+def write(
+    data: dict[str, Any],
+    scene: Scene,
+    constants: Sequence[Constant],
+    x: Array,
+    written: Callable[[str, float], Any],
+) -> None:
     """Put the constants at x of materials, losses and the field into a scene's data; written: a value of a kind as the data have it."""
     uniform = np.array(scene.field.uniform)
     for constant, number in zip(constants, x.tolist(), strict=True):
@@ -166,7 +224,10 @@ def write(data: dict[str, Any], scene: Scene, constants: Sequence[Constant], x: 
         elif variable is not None and constant.kind == "field":
             uniform[variable.component or 0] += value
     if any(constant.kind == "field" for constant in constants):
-        data["field"] = {**data.get("field", {}), "uniform": [written("field", part) for part in uniform.tolist()]}
+        data["field"] = {
+            **data.get("field", {}),
+            "uniform": [written("field", part) for part in uniform.tolist()],
+        }
 
 
 def directions(scene: Scene, constants: Sequence[Constant], x: Array) -> Array | None:
@@ -188,14 +249,26 @@ def _turned(scene: Scene, constants: Sequence[Constant], x: Array) -> Iterator[t
     start: Array = np.array([region.magnetization for region in scene.regions()])
     turns: dict[int, list[int | None]] = {}
     for k, constant in enumerate(constants):
-        if constant.kind == "magnetization" and constant.variable is not None and constant.variable.region is not None:
+        if (
+            constant.kind == "magnetization"
+            and constant.variable is not None
+            and constant.variable.region is not None
+        ):
             pair = turns.setdefault(constant.variable.region, [None, None])
             pair[0 if constant.name.endswith("_azimuth") else 1] = k
     for region, pair in turns.items():
-        yield region, pair, *(0.0 if k is None else float(x[k]) for k in pair), start[region], *np.array(tangents(start[region]))
+        yield (
+            region,
+            pair,
+            *(0.0 if k is None else float(x[k]) for k in pair),
+            start[region],
+            *np.array(tangents(start[region])),
+        )
 
 
-def chain(scene: Scene, constants: Sequence[Constant], x: Array, there: Sequence[Variable]) -> Array:
+def chain(
+    scene: Scene, constants: Sequence[Constant], x: Array, there: Sequence[Variable]
+) -> Array:
     """Derivatives of the variables (q,) of the scene at x, as `sensitivities` has them, by x: (q, k), SI per unit of x.
 
     scene: the one that the fit began with; there: the variables of applied(scene, constants, x), by the same names.
@@ -206,8 +279,13 @@ def chain(scene: Scene, constants: Sequence[Constant], x: Array, there: Sequence
         if constant.kind != "magnetization":
             out[place[constant.name], k] = constant.slope(float(x[k]))
     for region, pair, a, e, d, t, u in _turned(scene, constants, x):
-        slopes = (np.cos(e) * (np.cos(a) * t - np.sin(a) * d), np.cos(e) * u - np.sin(e) * (np.cos(a) * d + np.sin(a) * t))
-        for variable, i in ((v, place[v.name]) for v in there if v.kind == "magnetization" and v.region == region):
+        slopes = (
+            np.cos(e) * (np.cos(a) * t - np.sin(a) * d),
+            np.cos(e) * u - np.sin(e) * (np.cos(a) * d + np.sin(a) * t),
+        )
+        for variable, i in (
+            (v, place[v.name]) for v in there if v.kind == "magnetization" and v.region == region
+        ):
             for number, slope in zip(pair, slopes, strict=True):
                 if number is not None:
                     out[i, number] = float(np.dot(variable.direction or (0.0, 0.0, 0.0), slope))

@@ -16,7 +16,9 @@ from magmpm.studies.fitting.solve import Minimum
 from magmpm.studies.fitting.table import Measured, Readings
 
 FLAT = 1e-6  # of the largest singular value: below, a direction moves nothing; slopes are exact to some 1e-8
-WIDEST = 1.0  # in x: half a confidence interval longer than a factor of e (or a radian) tells nothing
+WIDEST = (
+    1.0  # in x: half a confidence interval longer than a factor of e (or a radian) tells nothing
+)
 
 
 class Refused(InputError):
@@ -26,17 +28,31 @@ class Refused(InputError):
     """
 
     def __init__(
-        self, place: str, *, rule: str, remedy: str, received: str | None = None, together: Sequence[str] = (), known: Sequence[str] = (),
+        self,
+        place: str,
+        *,
+        rule: str,
+        remedy: str,
+        received: str | None = None,
+        together: Sequence[str] = (),
+        known: Sequence[str] = (),
         advice: Sequence[str] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__(report(place, received=received, rule=rule, remedy=remedy))
         self.together, self.known, self.advice = tuple(together), tuple(known), tuple(advice)
 
 
 def check_identifiable(
-    scene: Scene, measured: Measured, constants: Sequence[Constant], slopes: Array, quantile: float, noise: float, rms: float, *,
+    scene: Scene,
+    measured: Measured,
+    constants: Sequence[Constant],
+    slopes: Array,
+    quantile: float,
+    noise: float,
+    rms: float,
+    *,
     differences: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Raises Refused where a combination of constants moves no measured number by more than its error.
 
     slopes: in standard errors per x; noise: standard deviation of a length, m; rms: of the residuals that are lengths, m.
@@ -73,7 +89,9 @@ def check_identifiable(
         remedy += f"; or --known {(loads or [c.name for c in involved if c.relative])[0]}=2%, if it is known that well"
     if advice:
         remedy += f"; or measure in addition: {'; or '.join(advice)}"
-    raise Refused(measured.named, rule=rule, remedy=remedy, together=names, known=said, advice=advice)
+    raise Refused(
+        measured.named, rule=rule, remedy=remedy, together=names, known=said, advice=advice
+    )
 
 
 def _plain(constant: Constant) -> str:
@@ -98,11 +116,15 @@ def _fewer(constants: Sequence[Constant], slopes: Array, quantile: float, count:
     """Names of at most `count` constants that the data tell if the others are taken as known."""
     kept: list[int] = []
     # remanence, density and fields can be measured by themselves: the others are kept first
-    own = [k for k, c in enumerate(constants) if c.kind in ("shear_modulus", "damping", "viscosity")]
+    own = [
+        k for k, c in enumerate(constants) if c.kind in ("shear_modulus", "damping", "viscosity")
+    ]
     for left in (own, [k for k in range(len(constants)) if k not in own]):
         while left and len(kept) < count:
             basis = np.linalg.qr(slopes[:, kept])[0]
-            unexplained = np.linalg.norm(slopes - basis @ (basis.T @ slopes), axis=0)  # by what the kept ones do not explain
+            unexplained = np.linalg.norm(
+                slopes - basis @ (basis.T @ slopes), axis=0
+            )  # by what the kept ones do not explain
             best = max(left, key=lambda k: unexplained[k])
             if unexplained[best] * WIDEST < quantile:
                 break
@@ -114,11 +136,17 @@ def _fewer(constants: Sequence[Constant], slopes: Array, quantile: float, count:
 def _combination(constants: Sequence[Constant], direction: Array, width: float) -> str:
     """A direction of x that the data do tell, as a product of powers, with its relative interval."""
     size = np.max(np.abs(direction))
-    parts = [(c.name, float(v / size)) for c, v in zip(constants, direction, strict=True) if abs(v) > 0.05 * size]
+    parts = [
+        (c.name, float(v / size))
+        for c, v in zip(constants, direction, strict=True)
+        if abs(v) > 0.05 * size
+    ]
     if parts[0][1] < 0:
         parts = [(name, -power) for name, power in parts]
     if all(c.relative for c in constants if any(name == c.name for name, _ in parts)):
-        words = " * ".join(name if abs(power - 1) < 0.02 else f"{name}^{power:.2g}" for name, power in parts)
+        words = " * ".join(
+            name if abs(power - 1) < 0.02 else f"{name}^{power:.2g}" for name, power in parts
+        )
         return f"{words}, to {100 * width / size:.2g} %"
     words = " ".join(f"{power:+.2g} {name}" for name, power in parts)
     return f"{words}, to {width / size:.2g}"
@@ -133,7 +161,12 @@ class _Candidate:
 
 
 def measurements_that_tell(
-    scene: Scene, measured: Measured, constants: Sequence[Constant], slopes: Array, quantile: float, noise: float
+    scene: Scene,
+    measured: Measured,
+    constants: Sequence[Constant],
+    slopes: Array,
+    quantile: float,
+    noise: float,
 ) -> list[str]:
     """Measurements that would distinguish the constants together with those there are, best first, with the intervals they would give."""
     noise = max(noise, 1e-3 * scene.length)
@@ -157,12 +190,18 @@ def _widths(constants: Sequence[Constant], widths: Array) -> str:
         if constant.relative:
             parts.append(f"{constant.name} to {100 * width:.2g} %")
         else:
-            size = f"{np.degrees(width):.2g} deg" if constant.kind == "magnetization" else f"{width:.2g} mT"
+            size = (
+                f"{np.degrees(width):.2g} deg"
+                if constant.kind == "magnetization"
+                else f"{width:.2g} mT"
+            )
             parts.append(f"{constant.name} to {size}")
     return ", ".join(parts[:4]) + (" ..." if len(parts) > 4 else "")
 
 
-def _shapes(scene: Scene, measured: Measured, constants: Sequence[Constant], noise: float) -> list[_Candidate]:
+def _shapes(
+    scene: Scene, measured: Measured, constants: Sequence[Constant], noise: float
+) -> list[_Candidate]:
     """Tips of the body under other loads, with their slopes from the simulation."""
     if scene.in_time:
         return []
@@ -173,8 +212,19 @@ def _shapes(scene: Scene, measured: Measured, constants: Sequence[Constant], noi
         words = f"the tip under its own weight without field, held level, to {size:.2g} mm (name gravity in the scene)"
         found.append((words, scene.with_effects(gravity={}).with_field([0.0, 0.0, 0.0])))
     elif dense:
-        found.append((f"the tip under its own weight without field, to {size:.2g} mm", scene.with_field([0.0, 0.0, 0.0])))
-    strongest = max((float(np.linalg.norm(s.field or scene.field.uniform)) for s in measured.states), default=0.0) or 5e-3
+        found.append(
+            (
+                f"the tip under its own weight without field, to {size:.2g} mm",
+                scene.with_field([0.0, 0.0, 0.0]),
+            )
+        )
+    strongest = (
+        max(
+            (float(np.linalg.norm(s.field or scene.field.uniform)) for s in measured.states),
+            default=0.0,
+        )
+        or 5e-3
+    )
     for axis, direction in zip("xyz", np.eye(3), strict=True):
         words = f"the tip in a field of {1e3 * strongest:.3g} mT along {axis}, to {size:.2g} mm"
         found.append((words, scene.with_field(strongest * direction)))
@@ -196,8 +246,16 @@ def _numbers(constants: Sequence[Constant]) -> list[_Candidate]:
     found = []
     for words, exact, powers in (
         ("the body's magnetic moment, by a magnetometer to 2 %", 0.02, {"remanence": 1.0}),
-        ("the sag of the tip under a known weight hung on it, to 2 %", 0.02, {"shear_modulus": -1.0}),
-        ("the natural frequency of its bending, to 2 %", 0.02, {"shear_modulus": 0.5, "density": -0.5}),
+        (
+            "the sag of the tip under a known weight hung on it, to 2 %",
+            0.02,
+            {"shear_modulus": -1.0},
+        ),
+        (
+            "the natural frequency of its bending, to 2 %",
+            0.02,
+            {"shear_modulus": 0.5, "density": -0.5},
+        ),
         ("its mass, to 1 %", 0.01, {"density": 1.0}),
     ):
         row = np.array([powers.get(c.kind, 0.0) for c in constants]) / exact
@@ -207,18 +265,32 @@ def _numbers(constants: Sequence[Constant]) -> list[_Candidate]:
     return found
 
 
-def refuse_twins(constants: Sequence[Constant], best: Minimum, others: Sequence[Minimum], quantile: float) -> None:
+def refuse_twins(
+    constants: Sequence[Constant], best: Minimum, others: Sequence[Minimum], quantile: float
+) -> None:
     """Raises Refused where another minimum explains the data about as well: its constants would be in the confidence region.
 
     All in standard errors.
     """
     for other in others:
-        far = float(np.max(np.abs(other.x - best.x))) > 0.05 and float(np.linalg.norm(best.slopes @ (other.x - best.x))) > 3 * quantile
+        far = (
+            float(np.max(np.abs(other.x - best.x))) > 0.05
+            and float(np.linalg.norm(best.slopes @ (other.x - best.x))) > 3 * quantile
+        )
         if far and other.converged and other.cost < best.cost + quantile**2:
             rule = f"two sets of constants explain the data equally well: {_in_words(constants, best.x)} or {_in_words(constants, other.x)}"
             remedy = "measure further coordinates, or at another field (a weaker one bends less, and has one answer)"
-            raise Refused("the measurements", rule=rule, remedy=remedy, together=[c.name for c in constants], advice=["a weaker field"])
+            raise Refused(
+                "the measurements",
+                rule=rule,
+                remedy=remedy,
+                together=[c.name for c in constants],
+                advice=["a weaker field"],
+            )
 
 
 def _in_words(constants: Sequence[Constant], x: Array) -> str:
-    return ", ".join(f"{c.name} = {c.value(float(number)):.4g} {c.unit}" for c, number in zip(constants, x, strict=True))
+    return ", ".join(
+        f"{c.name} = {c.value(float(number)):.4g} {c.unit}"
+        for c, number in zip(constants, x, strict=True)
+    )

@@ -44,7 +44,10 @@ class Suspect:
     def warning(self) -> str:
         """Warning about the suspect."""
         both = zip(self.constants, self.x.tolist(), strict=True)
-        parts = [f"{one.name} {SHOWN[one.kind][0] * one.value(number):.3g} {SHOWN[one.kind][1]}" for one, number in both]
+        parts = [
+            f"{one.name} {SHOWN[one.kind][0] * one.value(number):.3g} {SHOWN[one.kind][1]}"
+            for one, number in both
+        ]
         own = len(self.constants) - (len(self.x) - len(self.errors))
         return (
             f"{self.name} ({', '.join(parts[own:])}) explains the residuals better than chance does (F-test, probability that chance does "
@@ -55,9 +58,14 @@ class Suspect:
         """The intervals (k) with those of the answer in which it is freed."""
         found, halves = [], quantile_of(level, self.degrees) * self.errors
         for one, x, half in zip(intervals, self.x.tolist(), halves.tolist(), strict=False):
-            low, high = (None if one.low is None else min(one.low, x - half)), (None if one.high is None else max(one.high, x + half))
+            low, high = (
+                (None if one.low is None else min(one.low, x - half)),
+                (None if one.high is None else max(one.high, x + half)),
+            )
             known = half <= WIDEST and one.method != "withheld"
-            found.append(Interval(low, high, "widened") if known else Interval(None, None, "withheld"))
+            found.append(
+                Interval(low, high, "widened") if known else Interval(None, None, "withheld")
+            )
         return found
 
 
@@ -75,8 +83,12 @@ def suspects_of(
     slopes = best.slopes.copy()
     if freed:
         wide = replace(prediction, constants=(*constants, *freed), solves=0)
-        slopes = np.zeros((len(best.residuals), k + len(freed)))  # what is known beforehand stands in the last rows
-        slopes[: len(weights), k:] = wide.at(np.concatenate([best.x, np.zeros(len(freed))]))[1][:, k:] * weights[:, None]
+        slopes = np.zeros(
+            (len(best.residuals), k + len(freed))
+        )  # what is known beforehand stands in the last rows
+        slopes[: len(weights), k:] = (
+            wide.at(np.concatenate([best.x, np.zeros(len(freed))]))[1][:, k:] * weights[:, None]
+        )
         slopes[:, :k] = best.slopes
         prediction.solves += wide.solves
     moved = -np.linalg.lstsq(best.slopes, slopes, rcond=None)[0]
@@ -85,7 +97,11 @@ def suspects_of(
         at = [k + freed.index(constant) for constant in group]
         sizes = (moved[:, at[0]] if len(at) == 1 else np.linalg.norm(moved[:, at], axis=1)).tolist()
         most = moves.setdefault(group[0].kind, {})
-        most |= {c.name: max(most.get(c.name, 0.0), size, key=abs) for c, size in zip(constants, sizes, strict=False) if c.relative}
+        most |= {
+            c.name: max(most.get(c.name, 0.0), size, key=abs)
+            for c, size in zip(constants, sizes, strict=False)
+            if c.relative
+        }
         basis, sizes, _ = np.linalg.svd(left[:, at], full_matrices=False)
         basis = basis[:, sizes > FLAT * np.linalg.norm(slopes[:, at])]
         explained, count = float(np.sum((basis.T @ best.residuals) ** 2)), basis.shape[1]
@@ -94,10 +110,22 @@ def suspects_of(
         remaining = np.inf if known_noise else degrees - count
         spread = 1.0 if known_noise else max((best.cost - explained) / remaining, 1e-300)
         about = np.append(best.x, np.zeros(len(at))), np.full(k, np.nan), remaining, spread
-        found.append(Suspect(name, (*constants, *group), _chance(count, remaining, explained, spread), *about))
-    found = sorted((replace(one, probability=min(1.0, len(found) * one.probability)) for one in found), key=attrgetter("probability"))
+        found.append(
+            Suspect(
+                name, (*constants, *group), _chance(count, remaining, explained, spread), *about
+            )
+        )
+    found = sorted(
+        (replace(one, probability=min(1.0, len(found) * one.probability)) for one in found),
+        key=attrgetter("probability"),
+    )
     for _ in found:  # one that explains less than it seemed to leaves others in doubt
-        chosen = [_settled(one, prediction, best, weights, len(found)) if np.isnan(one.errors).all() else one for one in doubted(found)]
+        chosen = [
+            _settled(one, prediction, best, weights, len(found))
+            if np.isnan(one.errors).all()
+            else one
+            for one in doubted(found)
+        ]
         found = sorted((*chosen, *found[len(chosen) :]), key=attrgetter("probability"))
     return tuple(found), moves
 
@@ -106,23 +134,40 @@ def _chance(count: int, degrees: float, explained: float, spread: float) -> floa
     """Probability that chance explains so much of a sum of squares by so many numbers."""
     from scipy.special import chdtrc, fdtrc  # what scipy.stats calls, without its half second
 
-    return float(chdtrc(count, explained) if np.isinf(degrees) else fdtrc(count, degrees, explained / count / spread))
+    return float(
+        chdtrc(count, explained)
+        if np.isinf(degrees)
+        else fdtrc(count, degrees, explained / count / spread)
+    )
 
 
 def doubted(suspects: Sequence[Suspect]) -> list[Suspect]:
     """Suspects that chance does not do as well as, without those to which the likeliest is by as much to be preferred; likeliest first."""
-    return [one for one in suspects if one.probability < DOUBTED and DOUBTED * one.probability <= suspects[0].probability]
+    return [
+        one
+        for one in suspects
+        if one.probability < DOUBTED and DOUBTED * one.probability <= suspects[0].probability
+    ]
 
 
-def _settled(one: Suspect, prediction: Prediction, best: Minimum, weights: Array, tried: int) -> Suspect:
+def _settled(
+    one: Suspect, prediction: Prediction, best: Minimum, weights: Array, tried: int
+) -> Suspect:
     """The suspect with the answer to which a descent leads, and its probability there: some degrees are no longer of first order."""
     k, extra = len(one.errors), len(one.x) - len(one.errors)
-    wide, loose = replace(prediction, constants=one.constants, solves=0), np.sqrt(one.spread) / (WIDEST / 2) * np.eye(len(one.x))[k:]
-    below = np.vstack([np.pad(best.slopes[len(weights) :], ((0, 0), (0, extra))), loose])  # what is known beforehand
+    wide, loose = (
+        replace(prediction, constants=one.constants, solves=0),
+        np.sqrt(one.spread) / (WIDEST / 2) * np.eye(len(one.x))[k:],
+    )
+    below = np.vstack(
+        [np.pad(best.slopes[len(weights) :], ((0, 0), (0, extra))), loose]
+    )  # what is known beforehand
 
     def model(x: Array, slopes: bool) -> tuple[Array, Array]:
         residuals, jacobian = wide.at(x, slopes=slopes)
-        return np.append(residuals * weights, below @ x), np.vstack([jacobian * weights[:, None], below])
+        return np.append(residuals * weights, below @ x), np.vstack(
+            [jacobian * weights[:, None], below]
+        )
 
     there = least_squares(model, one.x, scale=math.sqrt(one.spread))
     prediction.solves += wide.solves
@@ -133,12 +178,22 @@ def _settled(one: Suspect, prediction: Prediction, best: Minimum, weights: Array
     return replace(one, x=there.x, errors=errors, spread=spread, probability=probability)
 
 
-def _groups(scene: Scene, constants: Sequence[Constant]) -> Iterator[tuple[str, tuple[Constant, ...]]]:
+def _groups(
+    scene: Scene, constants: Sequence[Constant]
+) -> Iterator[tuple[str, tuple[Constant, ...]]]:
     """Quantities that are not varied, each with the constants that free it."""
     known = {constant.name for constant in constants}
-    for kind, name in (("field", "a stray field"), ("magnetization", "the direction of {}"), (GEOMETRY, "another diameter")):
+    for kind, name in (
+        ("field", "a stray field"),
+        ("magnetization", "the direction of {}"),
+        (GEOMETRY, "another diameter"),
+    ):
         try:
-            made = [c for c in (diameter_of(scene) if kind == GEOMETRY else constants_of(scene, [kind])) if c.name not in known]
+            made = [
+                c
+                for c in (diameter_of(scene) if kind == GEOMETRY else constants_of(scene, [kind]))
+                if c.name not in known
+            ]
         except InputError:
             continue
         for region in dict.fromkeys(c.variable.region for c in made if c.variable is not None):
@@ -157,7 +212,9 @@ def odd_readings(sizes: Array, labels: Sequence[Label], measured: Measured) -> l
     if not odd:
         return []
     more = f" and {len(odd) - 5} more" if len(odd) > 5 else ""
-    return [f"odd readings, in standard errors: {'; '.join(odd[:5])}{more}: look at them, and at what else could have acted there"]
+    return [
+        f"odd readings, in standard errors: {'; '.join(odd[:5])}{more}: look at them, and at what else could have acted there"
+    ]
 
 
 def unequal_tables(sizes: Array, labels: Sequence[Label], measured: Measured) -> list[str]:
@@ -166,7 +223,13 @@ def unequal_tables(sizes: Array, labels: Sequence[Label], measured: Measured) ->
     Of ten numbers each, that happens by chance to 4 % of pairs.
     """
     parts = [
-        np.array([size for size, label in zip(sizes, labels, strict=True) if label.table == k and not label.angle])
+        np.array(
+            [
+                size
+                for size, label in zip(sizes, labels, strict=True)
+                if label.table == k and not label.angle
+            ]
+        )
         for k in range(len(measured.each))
     ]
     rms = [float(np.sqrt(np.mean(part**2))) if len(part) >= 10 else math.nan for part in parts]

@@ -69,8 +69,15 @@ class Axis:
 def compare(shape: Axis, readings: Readings) -> tuple[Array, Array, list[Label]]:
     """Residuals (r,) m or rad of one state, their derivatives (r, k), and where each comes from."""
     found = list((_along_curve if readings.kind == "curve" else _at_points)(shape, readings))
-    residuals, slopes = np.array([each for each, _, _ in found]), np.array([each for _, each, _ in found])
-    return residuals, slopes.reshape(len(found), shape.tip_change.shape[1]), [label for _, _, label in found]
+    residuals, slopes = (
+        np.array([each for each, _, _ in found]),
+        np.array([each for _, each, _ in found]),
+    )
+    return (
+        residuals,
+        slopes.reshape(len(found), shape.tip_change.shape[1]),
+        [label for _, _, label in found],
+    )
 
 
 def _at_points(shape: Axis, readings: Readings) -> Iterator[tuple[float, Array, Label]]:
@@ -102,7 +109,9 @@ def tip_angle(shape: Axis, plane: int | None) -> tuple[float, Array]:
     if across < 1e-12:
         return 0.0 if t[0] > 0 else np.pi, np.zeros(dt.shape[1])
     dacross = (t[1] * dt[1] + t[2] * dt[2]) / across
-    return float(np.arctan2(across, t[0])), (t[0] * dacross - across * dt[0]) / (across**2 + t[0] ** 2)
+    return float(np.arctan2(across, t[0])), (t[0] * dacross - across * dt[0]) / (
+        across**2 + t[0] ** 2
+    )
 
 
 def _along_curve(shape: Axis, readings: Readings) -> Iterator[tuple[float, Array, Label]]:
@@ -120,10 +129,17 @@ def _along_curve(shape: Axis, readings: Readings) -> Iterator[tuple[float, Array
         size = max(float(np.linalg.norm(slopes[0, axes])), 1e-300)
         tangent, away = slopes[0, axes] / size, places[0, axes] - point
         for k, normal in enumerate(_normals(tangent)):
-            gap, ahead = float(normal @ away), float(tangent @ away) / size  # ahead: not 0 beyond an end alone, where the tangent turns
+            gap, ahead = (
+                float(normal @ away),
+                float(tangent @ away) / size,
+            )  # ahead: not 0 beyond an end alone, where the tangent turns
             what = f"across the curve{f' ({k + 1})' if len(axes) == 3 else ''}"
             both = tuple(point.tolist()), tuple(places[0, axes].tolist())
-            yield gap, normal @ (moved[0, axes] - ahead * turned[0, axes]), Label(int(line), what, False, *both, readings.table)
+            yield (
+                gap,
+                normal @ (moved[0, axes] - ahead * turned[0, axes]),
+                Label(int(line), what, False, *both, readings.table),
+            )
 
 
 def _foot(shape: Axis, axes: list[int], point: Array, fine: Array, curve: Array) -> float:
@@ -132,7 +148,9 @@ def _foot(shape: Axis, axes: list[int], point: Array, fine: Array, curve: Array)
     for _ in range(8):
         places, _, slopes, _ = shape.at(np.array([s]))
         t = slopes[0, axes]
-        new = float(np.clip(s - (places[0, axes] - point) @ t / max(float(t @ t), 1e-12), 0.0, fine[-1]))
+        new = float(
+            np.clip(s - (places[0, axes] - point) @ t / max(float(t @ t), 1e-12), 0.0, fine[-1])
+        )
         if abs(new - s) < 1e-9 * fine[-1]:
             return new
         s = new
@@ -161,15 +179,24 @@ class Prediction:
     labels: list[Label] = field(default_factory=list)
     _found: dict[tuple[bytes, bool], tuple[Array, Array, list[Label]]] = field(default_factory=dict)
     _last: dict[int, Array] = field(default_factory=dict)
-    _following: Following = field(default_factory=lambda: Following(lambda rod: None, with_stability=False))
+    _following: Following = field(
+        default_factory=lambda: Following(lambda rod: None, with_stability=False)
+    )
 
     def __post_init__(self) -> None:
         """Raises InputError where the rows give the length that is to be found."""
         lengths = [constant.name for constant in self.constants if constant.kind == "length"]
-        if lengths and any(readings.apparatus.inserted is not None for readings in self.measured.states):
+        if lengths and any(
+            readings.apparatus.inserted is not None for readings in self.measured.states
+        ):
             rule = "the column inserted_mm says how long the free body is in each row, so its length is no constant to find"
             remedy = "leave length out of --vary; or remove the column, and fit the rows of one inserted length"
-            raise InputError(self.measured.named, received=f"inserted_mm, and --vary {','.join(lengths)}", rule=rule, remedy=remedy)
+            raise InputError(
+                self.measured.named,
+                received=f"inserted_mm, and --vary {','.join(lengths)}",
+                rule=rule,
+                remedy=remedy,
+            )
 
     def at(self, x: Array, *, slopes: bool = True) -> tuple[Array, Array]:
         """Residuals (n,) m or rad, and their derivatives (n, k) per unit of x; without `slopes` they may be missing.
@@ -178,22 +205,40 @@ class Prediction:
         """
         found = self._found.get((x.tobytes(), True)) or self._found.get((x.tobytes(), slopes))
         if found is None:
-            residuals, jacobian = self._in_motion(x, slopes) if self.scene.in_time else self._at_rest(x, slopes)
+            residuals, jacobian = (
+                self._in_motion(x, slopes) if self.scene.in_time else self._at_rest(x, slopes)
+            )
             found = self._found[x.tobytes(), slopes] = residuals, jacobian, self.labels
         self.labels = found[2]
         return found[0], found[1]
 
     def _at_rest(self, x: Array, slopes: bool) -> tuple[Array, Array]:
         loads = [(readings.field, readings.apparatus) for readings in self.measured.states]
-        shapes = {load: self._shape_in(*load, loads.index(load), x, slopes) for load in dict.fromkeys(loads)}
-        parts = [compare(shapes[load], readings) for load, readings in zip(loads, self.measured.states, strict=True)]
+        shapes = {
+            load: self._shape_in(*load, loads.index(load), x, slopes)
+            for load in dict.fromkeys(loads)
+        }
+        parts = [
+            compare(shapes[load], readings)
+            for load, readings in zip(loads, self.measured.states, strict=True)
+        ]
         self.labels = [label for _, _, labels in parts for label in labels]
         return np.concatenate([r for r, _, _ in parts]), np.concatenate([j for _, j, _ in parts])
 
-    def _shape_in(self, field: tuple[float, float, float] | None, apparatus: Apparatus, index: int, x: Array, slopes: bool) -> Axis:
+    def _shape_in(
+        self,
+        field: tuple[float, float, float] | None,
+        apparatus: Apparatus,
+        index: int,
+        x: Array,
+        slopes: bool,
+    ) -> Axis:
         """The shape in a field of an apparatus; tables may share one."""
         base = apparatus.applied(self.scene if field is None else self.scene.with_field(field))
-        scene, kinds = applied(base, self.constants, x), list(dict.fromkeys(constant.kind for constant in self.constants))
+        scene, kinds = (
+            applied(base, self.constants, x),
+            list(dict.fromkeys(constant.kind for constant in self.constants)),
+        )
         self._following.expected = lambda rod: self._last.get(index)
         self.solves += 1
         near = sensitivities(scene, of=kinds, start=self._following) if slopes else None
@@ -209,7 +254,10 @@ class Prediction:
         residuals = self._moved(x)
         if not slopes:
             return residuals, np.zeros((len(residuals), 0))
-        columns = [(self._moved(x + step) - self._moved(x - step)) / (2 * STEP) for step in STEP * np.eye(len(x))]
+        columns = [
+            (self._moved(x + step) - self._moved(x - step)) / (2 * STEP)
+            for step in STEP * np.eye(len(x))
+        ]
         return residuals, np.stack(columns, axis=1)
 
     def _moved(self, x: Array) -> Array:
@@ -220,11 +268,18 @@ class Prediction:
         times, shapes, tips = _frames(applied(self.scene, self.constants, x))
         if len(times) < 4:
             rule = "what is measured over time needs four frames or more to be compared with"
-            raise InputError("solver", received=f"{len(times)} frames", rule=rule, remedy="write a smaller output_every")
+            raise InputError(
+                "solver",
+                received=f"{len(times)} frames",
+                rule=rule,
+                remedy="write a smaller output_every",
+            )
         rows, tip = CubicSpline(times, shapes[:, :, 1:]), CubicSpline(times, tips)
         parts = []
         for readings, t in ((each, each.time) for each in self.measured.states):
-            shape = Axis.alone(np.column_stack([shapes[0, :, 0], rows(t)]) if len(shapes[0]) else shapes[0], tip(t))
+            shape = Axis.alone(
+                np.column_stack([shapes[0, :, 0], rows(t)]) if len(shapes[0]) else shapes[0], tip(t)
+            )
             parts.append(compare(shape, readings))
         self.labels = [label for _, _, labels in parts for label in labels]
         return np.concatenate([r for r, _, _ in parts])
@@ -240,4 +295,8 @@ def _frames(scene: Scene) -> tuple[Array, Array, Array]:
         model = build(scene)
         positions = [np.asarray(motion.position(k), dtype=float) for k in range(len(motion))]
         found = [of_particles(model, position) for position in positions]
-        return np.array(motion.times), np.array([axis for axis, _, _ in found]), np.array([tip for _, tip, _ in found])
+        return (
+            np.array(motion.times),
+            np.array([axis for axis, _, _ in found]),
+            np.array([tip for _, tip, _ in found]),
+        )

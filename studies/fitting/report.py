@@ -37,15 +37,28 @@ class HeldOut:
 
     def summary(self) -> dict[str, Any]:
         """Everything as plain data, SI."""
-        rows = zip(self.found.labels, self.found.residuals.tolist(), self.half.tolist(), strict=True)
+        rows = zip(
+            self.found.labels, self.found.residuals.tolist(), self.half.tolist(), strict=True
+        )
         return {
-            "rms_m": self.found.rms_m, "rms_rad": self.found.rms_rad, "inside": self.inside, "numbers": len(self.found.residuals),
+            "rms_m": self.found.rms_m,
+            "rms_rad": self.found.rms_rad,
+            "inside": self.inside,
+            "numbers": len(self.found.residuals),
             "readings": [
-                {"table": label.table, "line": label.line, "what": label.what, "unit": label.unit,
-                 "measured": label.measured, "predicted": label.simulated, "residual": residual, "half_interval": half}
+                {
+                    "table": label.table,
+                    "line": label.line,
+                    "what": label.what,
+                    "unit": label.unit,
+                    "measured": label.measured,
+                    "predicted": label.simulated,
+                    "residual": residual,
+                    "half_interval": half,
+                }
                 for label, residual, half in rows
             ],
-        }  # fmt: skip
+        }
 
     def text(self) -> str:
         """One line for people."""
@@ -66,40 +79,90 @@ def predict_held_out(found: Fit, measured: Measured) -> HeldOut:
     """
     prediction = Prediction(found.scene, measured, tuple(one.constant for one in found.constants))
     residuals, slopes = prediction.at(found.x)
-    ratios = found.ratios if len(found.ratios) == len(measured.each) else (1.0,) * len(measured.each)
-    there = replace(found, measured=measured, residuals=residuals, labels=tuple(prediction.labels), ratios=ratios)
-    errors = np.array([one.error / abs(one.constant.slope(x)) for one, x in zip(found.constants, found.x.tolist(), strict=True)])
-    of_constants = np.sqrt(np.einsum("ni,ij,nj->n", slopes * errors, found.correlation, slopes * errors))
+    ratios = (
+        found.ratios if len(found.ratios) == len(measured.each) else (1.0,) * len(measured.each)
+    )
+    there = replace(
+        found,
+        measured=measured,
+        residuals=residuals,
+        labels=tuple(prediction.labels),
+        ratios=ratios,
+    )
+    errors = np.array(
+        [
+            one.error / abs(one.constant.slope(x))
+            for one, x in zip(found.constants, found.x.tolist(), strict=True)
+        ]
+    )
+    of_constants = np.sqrt(
+        np.einsum("ni,ij,nj->n", slopes * errors, found.correlation, slopes * errors)
+    )
     quantile = quantile_of(found.level, np.inf if found.noise == "given" else found.degrees)
-    return HeldOut(there, of_constants, quantile * np.hypot(of_constants, [there.sigma_of(label) for label in there.labels]))
+    return HeldOut(
+        there,
+        of_constants,
+        quantile * np.hypot(of_constants, [there.sigma_of(label) for label in there.labels]),
+    )
 
 
 def summary(found: Fit) -> dict[str, Any]:
     """Everything as plain data, SI."""
     both = zip(found.residuals.tolist(), found.labels, strict=True)
     return {
-        "name": found.scene.name, "measured": found.measured.named,
+        "name": found.scene.name,
+        "measured": found.measured.named,
         "tables": [
-            {"path": str(one.path), "kind": one.kind, "numbers": one.numbers, "sigma_m": found.sigma_m * ratio}
+            {
+                "path": str(one.path),
+                "kind": one.kind,
+                "numbers": one.numbers,
+                "sigma_m": found.sigma_m * ratio,
+            }
             for one, ratio in zip(found.measured.each, found.ratios, strict=True)
         ],
-        "constants": [_entry(one) for one in found.constants], "level": found.level,
+        "constants": [_entry(one) for one in found.constants],
+        "level": found.level,
         "noise": {"sigma_m": found.sigma_m, "sigma_rad": found.sigma_rad, "from": found.noise},
-        "rms_m": found.rms_m, "rms_rad": found.rms_rad, "numbers": len(found.residuals), "states": len(found.measured.states),
-        "degrees_of_freedom": found.degrees, "correlation": found.correlation.tolist(),
-        "residuals": [{"table": of.table, "line": of.line, "what": of.what, "value": value, "unit": of.unit} for value, of in both],
-        "suspects": None if found.suspects is None else [{"name": one.name, "probability": one.probability} for one in found.suspects],
+        "rms_m": found.rms_m,
+        "rms_rad": found.rms_rad,
+        "numbers": len(found.residuals),
+        "states": len(found.measured.states),
+        "degrees_of_freedom": found.degrees,
+        "correlation": found.correlation.tolist(),
+        "residuals": [
+            {"table": of.table, "line": of.line, "what": of.what, "value": value, "unit": of.unit}
+            for value, of in both
+        ],
+        "suspects": None
+        if found.suspects is None
+        else [{"name": one.name, "probability": one.probability} for one in found.suspects],
         "moves": {kind: dict(by) for kind, by in found.moves.items()},
-        "warnings": list(found.warnings), "solves": found.solves, "seconds": found.seconds,
-    }  # fmt: skip
+        "warnings": list(found.warnings),
+        "solves": found.solves,
+        "seconds": found.seconds,
+    }
 
 
 def _entry(one: Fitted) -> dict[str, Any]:
     c = one.constant
-    entry: dict[str, Any] = {"name": c.name, "kind": c.kind, "value": one.value, "unit": c.unit, "low": one.low, "high": one.high}
+    entry: dict[str, Any] = {
+        "name": c.name,
+        "kind": c.kind,
+        "value": one.value,
+        "unit": c.unit,
+        "low": one.low,
+        "high": one.high,
+    }
     if c.variable is not None and c.variable.material is not None:
         entry["material"] = c.variable.material
-    return {**entry, "standard_error": one.error, "interval": one.method, "start": c.start, "grid_shift": one.grid_shift}
+    return {
+        **entry,
+        "standard_error": one.error,
+        "interval": one.method,
+        "start": c.start,
+        "grid_shift": one.grid_shift,
+    }
 
 
 def text(found: Fit) -> str:
@@ -108,17 +171,30 @@ def text(found: Fit) -> str:
     head = f"{found.scene.name}: {len(found.residuals)} numbers of {sizes} state{'s' * (sizes != 1)}, {found.measured.named}"
     width = max(len(one.constant.name) for one in found.constants)
     share = f"{100 * found.level:g} % interval"
-    lines = [head, f"  {'':{width}}  {'fitted':>12}  {share:^27}  {'standard error':>15}  {'finer grid':>11}"]
+    lines = [
+        head,
+        f"  {'':{width}}  {'fitted':>12}  {share:^27}  {'standard error':>15}  {'finer grid':>11}",
+    ]
     for one in found.constants:
         (factor, unit), (low, high) = SHOWN[one.constant.kind], _ends(one)
         finer = "" if one.grid_shift is None else f"{factor * one.grid_shift:+.2g}"
         value = f"{factor * one.value:.5g}"
         interval = f"{low:>12} to {high:<11}"
-        lines.append(f"  {one.constant.name:{width}}  {value:>12}  {interval}  {factor * one.error:>15.3g}  {finer:>11}  {unit}")
-    of_each = ", ".join(f"{1e3 * found.sigma_m * ratio:.3g}" for ratio in dict.fromkeys(found.ratios))
-    lengths = () if found.measured.angles_alone else ((f"{1e3 * found.rms_m:.3g} mm", f"{of_each} mm"),)
+        lines.append(
+            f"  {one.constant.name:{width}}  {value:>12}  {interval}  {factor * one.error:>15.3g}  {finer:>11}  {unit}"
+        )
+    of_each = ", ".join(
+        f"{1e3 * found.sigma_m * ratio:.3g}" for ratio in dict.fromkeys(found.ratios)
+    )
+    lengths = (
+        () if found.measured.angles_alone else ((f"{1e3 * found.rms_m:.3g} mm", f"{of_each} mm"),)
+    )
     degrees = math.degrees
-    angles = () if found.sigma_rad is None else ((f"{degrees(found.rms_rad):.3g} deg", f"{degrees(found.sigma_rad):.3g} deg"),)
+    angles = (
+        ()
+        if found.sigma_rad is None
+        else ((f"{degrees(found.rms_rad):.3g} deg", f"{degrees(found.sigma_rad):.3g} deg"),)
+    )
     rms, noise = (" and ".join(words) for words in zip(*lengths, *angles, strict=True))
     lines += [
         f"  residuals        rms {rms}; noise {noise} a number ({found.noise}), "
@@ -133,10 +209,15 @@ def text(found: Fit) -> str:
 def _exact(found: Fit) -> str:
     """Quantities whose error is in no interval, by what they would move the constants, and the outcome of the test of them."""
     parts = []
-    for kind, name, share, of in ((GEOMETRY, "geometry", 1.0, "1 % more diameter in the scene:"),
-                                  ("field", "the field", 10.0, "0.1 mT: up to"),
-                                  ("magnetization", "directions", math.pi / 1.8, "1 deg: up to")):  # fmt: skip
-        moved = [f"{each} {share * by:{'+' * (kind == GEOMETRY)}.2g} %" for each, by in found.moves.get(kind, {}).items()]
+    for kind, name, share, of in (
+        (GEOMETRY, "geometry", 1.0, "1 % more diameter in the scene:"),
+        ("field", "the field", 10.0, "0.1 mT: up to"),
+        ("magnetization", "directions", math.pi / 1.8, "1 deg: up to"),
+    ):
+        moved = [
+            f"{each} {share * by:{'+' * (kind == GEOMETRY)}.2g} %"
+            for each, by in found.moves.get(kind, {}).items()
+        ]
         parts.append(f"{name} ({of} {', '.join(moved)})" if moved else name)
     words = f"{', '.join(parts)}, and all else that is not varied"
     if found.suspects is None:
@@ -149,7 +230,11 @@ def _exact(found: Fit) -> str:
 
 def _method(found: Fit) -> str:
     methods = {one.method for one in found.constants}
-    quantile = "normal quantile (noise given)" if found.noise == "given" else "Student's t (noise from the residuals)"
+    quantile = (
+        "normal quantile (noise given)"
+        if found.noise == "given"
+        else "Student's t (noise from the residuals)"
+    )
     if methods & {"widened", "withheld"}:
         return f"{' and '.join(sorted(methods))}: something taken as exact explains the residuals better than chance does, see the warning"
     if methods == {"linear"}:
@@ -161,7 +246,11 @@ def residuals_table(found: Fit, half: Array | None = None) -> str:
     """The residuals as CSV: line of the measured file, what, simulated minus measured, in standard errors; of several tables, which; of
     readings held out, the prediction and half its interval (n,)."""
     several = bool(found.measured.tables)
-    rows = ["line,what,residual,unit,standard_errors" + ",predicted,half_interval" * (half is not None) + ",table" * several]
+    rows = [
+        "line,what,residual,unit,standard_errors"
+        + ",predicted,half_interval" * (half is not None)
+        + ",table" * several
+    ]
     for k, (value, label) in enumerate(zip(found.residuals, found.labels, strict=True)):
         scale, unit = (math.degrees(1.0), "deg") if label.angle else (1e3, "mm")
         row = f"{label.line},{label.what},{scale * value:.6g},{unit},{value / found.sigma_of(label):.4g}"
@@ -175,12 +264,20 @@ def fitted_scene(found: Fit, source: Path, folder: Path) -> str:
     """The scene's file with the fitted constants, its paths relative to `folder`, and what they are in comments."""
     content = moved_content(source, folder)
     constants = [one.constant for one in found.constants]
-    write(content, found.scene, constants, found.x, lambda kind, value: f"{SHOWN[kind][0] * value:.10g} {SHOWN[kind][1]}")
+    write(
+        content,
+        found.scene,
+        constants,
+        found.x,
+        lambda kind, value: f"{SHOWN[kind][0] * value:.10g} {SHOWN[kind][1]}",
+    )
     if any(constant.kind == "length" for constant in constants):
         shape: Any = applied(found.scene, constants, found.x).body.shape
         body = content["body"][found.scene.body.kind]
         body["length"] = f"{1e3 * shape.length:.10g} mm"
-        for segment, length in zip(body.get("segments") or [], shape.segment_lengths(), strict=False):
+        for segment, length in zip(
+            body.get("segments") or [], shape.segment_lengths(), strict=False
+        ):
             segment.update(length=f"{1e3 * length:.10g} mm")
     turned = directions(found.scene, constants, found.x)
     if turned is not None:
@@ -190,7 +287,10 @@ def fitted_scene(found: Fit, source: Path, folder: Path) -> str:
                 place = place[key]
             place["magnetization"] = [round(part, 9) for part in direction]
     source_names = ", ".join(one.path.name for one in found.measured.each)
-    comment = "".join(f"# {line}\n" for line in (f"Fitted to {source_names} by `magmpm fit`:", *text(found).splitlines()[1:]))
+    comment = "".join(
+        f"# {line}\n"
+        for line in (f"Fitted to {source_names} by `magmpm fit`:", *text(found).splitlines()[1:])
+    )
     return comment + "\n" + as_yaml(content)
 
 
@@ -201,17 +301,29 @@ def shown(found: Fit, held: HeldOut | None = None) -> dict[str, Any]:
     """
     several = bool(found.measured.tables) or held is not None
     both = [found] if held is None else [found, held.found]
-    residuals = [float(r / one.sigma_of(label)) for one in both for r, label in zip(one.residuals, one.labels, strict=True)]
+    residuals = [
+        float(r / one.sigma_of(label))
+        for one in both
+        for r, label in zip(one.residuals, one.labels, strict=True)
+    ]
     return {
         "residuals": residuals,
-        "lines": [*range(1, 1 + len(residuals))] if several else [label.line for label in found.labels],
+        "lines": [*range(1, 1 + len(residuals))]
+        if several
+        else [label.line for label in found.labels],
         "held_out": [k >= len(found.residuals) for k in range(len(residuals))],
         "numbers": [_in_words(one) for one in found.constants],
         "panels": [
-            {**_panel(one, table, k, None if one is found or held is None else held.half), **({"title": title} if several else {})}
+            {
+                **_panel(one, table, k, None if one is found or held is None else held.half),
+                **({"title": title} if several else {}),
+            }
             for one in both
             for k, table in enumerate(one.measured.each)
-            for title in [table.path.name + ("" if one is found else ", held out, with the intervals predicted")]
+            for title in [
+                table.path.name
+                + ("" if one is found else ", held out, with the intervals predicted")
+            ]
         ],
     }
 
@@ -222,11 +334,17 @@ def _panel(found: Fit, table: Measured, number: int, half: Array | None) -> dict
     if table.kind == "curve":
         return _curves(table, labels)
     over, label_of = _over(found, table)
-    halves = iter([h for h, label in zip(half, found.labels, strict=True) if label.table == number] if half is not None else [])
+    halves = iter(
+        [h for h, label in zip(half, found.labels, strict=True) if label.table == number]
+        if half is not None
+        else []
+    )
     series: dict[str, dict[str, Any]] = {}
     for label in labels:
         x, group = over[label.line]
-        one = series.setdefault(f"{label.what.replace('_', ' ')}{group}", {"x": [], "measured": [], "fitted": []})
+        one = series.setdefault(
+            f"{label.what.replace('_', ' ')}{group}", {"x": [], "measured": [], "fitted": []}
+        )
         factor = 180 / math.pi if label.angle else 1e3
         one["x"].append(x)
         one["measured"].append(factor * label.measured[0])
@@ -235,18 +353,29 @@ def _panel(found: Fit, table: Measured, number: int, half: Array | None) -> dict
             one.setdefault("half", []).append(factor * float(next(halves)))
     kept = dict(list(series.items())[:MOST_SERIES])
     some = f" ({len(kept)} of {len(series)} series)" if len(kept) < len(series) else ""
-    y_label = "angle (deg)" if table.angles_alone else "place (mm), angle (deg)" if table.has_angles else "place (mm)"
+    y_label = (
+        "angle (deg)"
+        if table.angles_alone
+        else "place (mm), angle (deg)"
+        if table.has_angles
+        else "place (mm)"
+    )
     return {"series": kept, "x_label": label_of + some, "y_label": y_label}
 
 
 def _ends(one: Fitted) -> tuple[str, ...]:
     """Ends of an interval, as shown."""
-    return tuple("open" if end is None else f"{SHOWN[one.constant.kind][0] * end:.4g}" for end in (one.low, one.high))
+    return tuple(
+        "open" if end is None else f"{SHOWN[one.constant.kind][0] * end:.4g}"
+        for end in (one.low, one.high)
+    )
 
 
 def _in_words(one: Fitted) -> str:
     (factor, unit), (low, high) = SHOWN[one.constant.kind], _ends(one)
-    return f"{one.constant.name.replace('_', ' ')} {factor * one.value:.4g} ({low} to {high}) {unit}"
+    return (
+        f"{one.constant.name.replace('_', ' ')} {factor * one.value:.4g} ({low} to {high}) {unit}"
+    )
 
 
 def _over(found: Fit, table: Measured) -> tuple[dict[int, tuple[float, str]], str]:
@@ -265,15 +394,24 @@ def _over(found: Fit, table: Measured) -> tuple[dict[int, tuple[float, str]], st
             elif table.kind == "places":
                 over[line] = 1e3 * s, f", state {k + 1}" if several else ""
             else:
-                over[line] = (1e3 * float(fields[k] @ direction), "") if named is None else apparatus[k]
+                over[line] = (
+                    (1e3 * float(fields[k] @ direction), "") if named is None else apparatus[k]
+                )
     if states[0].time is not None:
         return over, "time (ms)"
     if table.kind == "places":
         return over, "arc length (mm)"
     if named is not None:
         return over, named
-    straight = np.allclose(np.cross(fields, direction), 0.0, atol=1e-3 * max(float(np.linalg.norm(strongest)), 1e-12))
-    return over, "field (mT)" if straight else f"part of the field along [{', '.join(f'{d:.2f}' for d in direction)}] (mT)"
+    straight = np.allclose(
+        np.cross(fields, direction), 0.0, atol=1e-3 * max(float(np.linalg.norm(strongest)), 1e-12)
+    )
+    return (
+        over,
+        "field (mT)"
+        if straight
+        else f"part of the field along [{', '.join(f'{d:.2f}' for d in direction)}] (mT)",
+    )
 
 
 def _apparatus(table: Measured) -> tuple[list[tuple[float, str]], str | None]:
@@ -281,16 +419,32 @@ def _apparatus(table: Measured) -> tuple[list[tuple[float, str]], str | None]:
     rows = [state.apparatus for state in table.states]
     if (magnet := rows[0].magnet) is not None:
         away = np.array([np.array(row.magnet or magnet) for row in rows])
-        sizes, polar = np.linalg.norm(away, axis=1), np.degrees(np.arctan2(np.hypot(away[:, 1], away[:, 2]), away[:, 0])).round()
+        sizes, polar = (
+            np.linalg.norm(away, axis=1),
+            np.degrees(np.arctan2(np.hypot(away[:, 1], away[:, 2]), away[:, 0])).round(),
+        )
         group = [f" at {angle:.0f} deg" if np.ptp(polar) > 0 else "" for angle in polar]
         if np.ptp(sizes) > 1e-6:
-            return list(zip((1e3 * sizes).tolist(), group, strict=True)), "distance of the magnet's center from the clamp (mm)"
+            return list(
+                zip((1e3 * sizes).tolist(), group, strict=True)
+            ), "distance of the magnet's center from the clamp (mm)"
     if rows[0].axis is not None:
-        turns = [math.degrees(math.atan2(np.linalg.norm(np.cross((1, 0, 0), row.axis or ())), (row.axis or (0.0,))[0])) for row in rows]
+        turns = [
+            math.degrees(
+                math.atan2(
+                    np.linalg.norm(np.cross((1, 0, 0), row.axis or ())), (row.axis or (0.0,))[0]
+                )
+            )
+            for row in rows
+        ]
         return [(turn, "") for turn in turns], "angle of the magnet's axis to the body's (deg)"
     if rows[0].currents:
         return [(row.currents[0][1], "") for row in rows], "current in the first coil (A)"
-    return ([], None) if rows[0].inserted is None else ([(1e3 * (row.inserted or 0.0), "") for row in rows], "inserted length (mm)")
+    return (
+        ([], None)
+        if rows[0].inserted is None
+        else ([(1e3 * (row.inserted or 0.0), "") for row in rows], "inserted length (mm)")
+    )
 
 
 def _curves(table: Measured, labels: list[Label]) -> dict[str, Any]:
@@ -303,4 +457,9 @@ def _curves(table: Measured, labels: list[Label]) -> dict[str, Any]:
         for key, value in zip(keys, (*label.measured[:2], *label.simulated[:2]), strict=True):
             one[key].append(1e3 * value)
     first, second = ("xyz"[i] for i in table.axes[:2])
-    return {"series": dict(list(series.items())[:MOST_SERIES]), "x_label": f"{first} (mm)", "y_label": f"{second} (mm)", "equal": True}
+    return {
+        "series": dict(list(series.items())[:MOST_SERIES]),
+        "x_label": f"{first} (mm)",
+        "y_label": f"{second} (mm)",
+        "equal": True,
+    }

@@ -24,9 +24,22 @@ from magmpm.scene.coarsest import coarsest_cells
 from magmpm.simulate import run
 from magmpm.studies.fitting.constants import Constant, constants_of, with_known
 from magmpm.studies.fitting.identify import Refused, check_identifiable, refuse_twins
-from magmpm.studies.fitting.misfit import Suspect, doubted, odd_readings, suspects_of, unequal_tables
+from magmpm.studies.fitting.misfit import (
+    Suspect,
+    doubted,
+    odd_readings,
+    suspects_of,
+    unequal_tables,
+)
 from magmpm.studies.fitting.prediction import Label, Prediction
-from magmpm.studies.fitting.solve import Interval, Minimum, Model, interval_of, least_squares, quantile_of
+from magmpm.studies.fitting.solve import (
+    Interval,
+    Minimum,
+    Model,
+    interval_of,
+    least_squares,
+    quantile_of,
+)
 from magmpm.studies.fitting.table import Measured
 
 __all__ = ["Fit", "Fitted", "Refused", "doubtful_fields", "fit"]
@@ -99,7 +112,9 @@ class Fit:
 
 
 def _rms(residuals: Array, labels: Sequence[Label], angles: bool = False) -> float:
-    counted = np.array([r for r, label in zip(residuals, labels, strict=True) if label.angle == angles])
+    counted = np.array(
+        [r for r, label in zip(residuals, labels, strict=True) if label.angle == angles]
+    )
     return float(np.sqrt(np.mean(counted**2))) if len(counted) else 0.0
 
 
@@ -113,14 +128,26 @@ class _Noise:
     ratios: tuple[float, ...] = (1.0,)
 
     def of(self, labels: Sequence[Label]) -> Array:
-        return np.array([self.angle if label.angle else self.length * self.ratios[label.table] for label in labels])
+        return np.array(
+            [
+                self.angle if label.angle else self.length * self.ratios[label.table]
+                for label in labels
+            ]
+        )
 
 
 def fit(
-    measured: Measured, scene: Scene, *, vary: Sequence[str] | None = None, noise: float | Sequence[float] | None = None,
-    angle_noise: float | None = None, known: Mapping[str, float] | None = None, level: float = 0.95, thorough: bool = True,
+    measured: Measured,
+    scene: Scene,
+    *,
+    vary: Sequence[str] | None = None,
+    noise: float | Sequence[float] | None = None,
+    angle_noise: float | None = None,
+    known: Mapping[str, float] | None = None,
+    level: float = 0.95,
+    thorough: bool = True,
     on_progress: Callable[[str], None] | None = None,
-) -> Fit:  # fmt: skip
+) -> Fit:
     """The constants of a scene that explain measurements best.
 
     vary: kinds or names of constants (studies.fitting.constants), None: shear moduli, remanences, and a motion's losses. noise: standard
@@ -137,55 +164,109 @@ def fit(
     first, ratios = _of_tables(measured, noise)
     _check_counts(measured, constants, first, angle_noise)
     prediction = Prediction(scene, measured, constants)
-    search = _Search(prediction, constants, first, angle_noise, scene.length, on_progress or (lambda text: None))
+    search = _Search(
+        prediction, constants, first, angle_noise, scene.length, on_progress or (lambda text: None)
+    )
     search.ratios = ratios
     best, sigmas, others = search.best(thorough and not scene.in_time)
     prediction.at(best.x, slopes=False)  # its labels have what is simulated at the best
     labels = tuple(prediction.labels)
     degrees = len(labels) - len(constants) + sum(c.known is not None for c in constants)
-    sigmas, quantile, source, warnings = _scatter(best, sigmas, degrees, level, labels, FLOOR * scene.length)
+    sigmas, quantile, source, warnings = _scatter(
+        best, sigmas, degrees, level, labels, FLOOR * scene.length
+    )
     model = search.whitened(sigmas)
     best = search.weighed(best, sigmas)
     raw = best.residuals[: len(labels)] * sigmas.of(labels)
-    check_identifiable(scene, measured, constants, best.slopes, quantile, sigmas.length, _rms(raw, labels), differences=scene.in_time)
-    refuse_twins(constants, best, [replace(m, residuals=model(m.x, False)[0]) for m in others], quantile)
+    check_identifiable(
+        scene,
+        measured,
+        constants,
+        best.slopes,
+        quantile,
+        sigmas.length,
+        _rms(raw, labels),
+        differences=scene.in_time,
+    )
+    refuse_twins(
+        constants, best, [replace(m, residuals=model(m.x, False)[0]) for m in others], quantile
+    )
     covariance: Array = np.linalg.inv(best.slopes.T @ best.slopes).astype(np.float64)
-    intervals = [interval_of(model, best, covariance, k, quantile, search.say) for k in range(len(constants))]
+    intervals = [
+        interval_of(model, best, covariance, k, quantile, search.say) for k in range(len(constants))
+    ]
     shift, suspects = None, None
     moves: dict[str, dict[str, float]] = {}
     if thorough and not scene.in_time:
         shift = search.on_finer_grid(best, sigmas, covariance)
-        suspects, moves = suspects_of(prediction, best, 1.0 / sigmas.of(labels), degrees, source == "given")
+        suspects, moves = suspects_of(
+            prediction, best, 1.0 / sigmas.of(labels), degrees, source == "given"
+        )
         for one in doubted(suspects):
             intervals, warnings = one.widened(intervals, level), [*warnings, one.warning()]
-    found = tuple(_fitted(c, k, best, covariance, intervals[k], shift) for k, c in enumerate(constants))
+    found = tuple(
+        _fitted(c, k, best, covariance, intervals[k], shift) for k, c in enumerate(constants)
+    )
     deviations = np.sqrt(np.diag(covariance))
-    warnings += _of_values(found) + odd_readings(raw / sigmas.of(labels), labels, measured) + _of_grid(found)
+    warnings += (
+        _of_values(found)
+        + odd_readings(raw / sigmas.of(labels), labels, measured)
+        + _of_grid(found)
+    )
     warnings += unequal_tables(raw / sigmas.of(labels), labels, measured)
     if not best.converged:
-        warnings.append(f"the search stopped after {best.steps} steps before it had settled; start nearer, in the scene's file")
+        warnings.append(
+            f"the search stopped after {best.steps} steps before it had settled; start nearer, in the scene's file"
+        )
     return Fit(
-        scene, measured, found, level, sigmas.length, sigmas.angle if measured.has_angles else None, source, raw, labels,
-        degrees, covariance / np.outer(deviations, deviations), best.x, tuple(warnings), prediction.solves, time.perf_counter() - begun,
-        ratios, suspects, moves,
-    )  # fmt: skip
+        scene,
+        measured,
+        found,
+        level,
+        sigmas.length,
+        sigmas.angle if measured.has_angles else None,
+        source,
+        raw,
+        labels,
+        degrees,
+        covariance / np.outer(deviations, deviations),
+        best.x,
+        tuple(warnings),
+        prediction.solves,
+        time.perf_counter() - begun,
+        ratios,
+        suspects,
+        moves,
+    )
 
 
-def _of_tables(measured: Measured, noise: float | Sequence[float] | None) -> tuple[float | None, tuple[float, ...]]:
+def _of_tables(
+    measured: Measured, noise: float | Sequence[float] | None
+) -> tuple[float | None, tuple[float, ...]]:
     """The first table's standard deviation of lengths (m), and by what each one's is larger. InputError for another number of them."""
     count = len(measured.each)
     if noise is None or isinstance(noise, float | int):
         return noise, (1.0,) * count
     if len(noise) not in (1, count):
         rule = f"one for all tables, or one for each, {count}"
-        raise InputError("--noise", received=f"{len(noise)} of them", rule=rule, remedy='say, --noise "0.2 mm, 0.5 mm"')
-    return noise[0], tuple(each / noise[0] for each in (noise if len(noise) == count else [noise[0]] * count))
+        raise InputError(
+            "--noise",
+            received=f"{len(noise)} of them",
+            rule=rule,
+            remedy='say, --noise "0.2 mm, 0.5 mm"',
+        )
+    return noise[0], tuple(
+        each / noise[0] for each in (noise if len(noise) == count else [noise[0]] * count)
+    )
 
 
 def _on_one_grid(scene: Scene) -> Scene:
     """The scene on the cells that its resolution requests. Raises InputError where effects are still to be chosen."""
     if scene.effects.auto:
-        rule, remedy = "a fit compares runs with the same effects", "name those that `magmpm run` tells it has chosen"
+        rule, remedy = (
+            "a fit compares runs with the same effects",
+            "name those that `magmpm run` tells it has chosen",
+        )
         raise InputError("effects", received="auto", rule=rule, remedy=remedy)
     if not scene.resolution.requested:
         return scene
@@ -194,30 +275,56 @@ def _on_one_grid(scene: Scene) -> Scene:
     return scene.with_cells(int(resolution["cells_across"]))
 
 
-def _check_counts(measured: Measured, constants: Sequence[Constant], noise: float | None, angle_noise: float | None) -> None:
+def _check_counts(
+    measured: Measured,
+    constants: Sequence[Constant],
+    noise: float | None,
+    angle_noise: float | None,
+) -> None:
     """Raises InputError where there are fewer numbers than constants, or too few to tell the noise."""
     if measured.has_angles and angle_noise is None and not measured.angles_alone:
-        rule, remedy = "angles and lengths are weighed by their errors", 'say how exact an angle is: --angle-noise "1 deg"'
+        rule, remedy = (
+            "angles and lengths are weighed by their errors",
+            'say how exact an angle is: --angle-noise "1 deg"',
+        )
         raise InputError("--angle-noise", received="nothing", rule=rule, remedy=remedy)
     unknown = sum(constant.known is None for constant in constants)
     if measured.numbers < unknown:
         names = ", ".join(constant.name for constant in constants)
         rule = f"{unknown} constants ({names}) need {unknown} measured numbers or more"
-        raise Refused(measured.named, received=f"{measured.numbers}", rule=rule, remedy="measure more, or --vary fewer")
+        raise Refused(
+            measured.named,
+            received=f"{measured.numbers}",
+            rule=rule,
+            remedy="measure more, or --vary fewer",
+        )
     if measured.numbers == unknown and (angle_noise if measured.angles_alone else noise) is None:
         rule = "as many numbers as constants leave nothing to tell the errors of measurement by"
         received = f"{measured.numbers} number{'s' * (measured.numbers != 1)}"
-        raise InputError(measured.named, received=received, rule=rule, remedy='say it: --noise "0.2 mm"')
+        raise InputError(
+            measured.named, received=received, rule=rule, remedy='say it: --noise "0.2 mm"'
+        )
 
 
 class _Search:
     """Descents to the least sum of squares."""
 
     def __init__(
-        self, prediction: Prediction, constants: tuple[Constant, ...], noise: float | None, angle: float | None, length: float,
+        self,
+        prediction: Prediction,
+        constants: tuple[Constant, ...],
+        noise: float | None,
+        angle: float | None,
+        length: float,
         say: Callable[[str], None],
-    ) -> None:  # fmt: skip
-        self.prediction, self.constants, self.length, self.noise, self.angle = prediction, constants, length, noise, angle or 1.0
+    ) -> None:
+        self.prediction, self.constants, self.length, self.noise, self.angle = (
+            prediction,
+            constants,
+            length,
+            noise,
+            angle or 1.0,
+        )
         self.given = (angle if prediction.measured.angles_alone else noise) is not None
         self._say = say
         self.ratios: tuple[float, ...] = (1.0,) * len(prediction.measured.each)
@@ -225,7 +332,9 @@ class _Search:
     def say(self) -> None:
         self._say(f"{self.prediction.solves} solves")
 
-    def whitened(self, sigmas: _Noise, on: Prediction | None = None) -> Callable[[Array, bool], tuple[Array, Array]]:
+    def whitened(
+        self, sigmas: _Noise, on: Prediction | None = None
+    ) -> Callable[[Array, bool], tuple[Array, Array]]:
         """Residuals in standard errors, and those of what is known beforehand after them; on: the prediction, if on another grid."""
         beforehand = [(k, c.known) for k, c in enumerate(self.constants) if c.known is not None]
         prediction = on or self.prediction
@@ -242,7 +351,9 @@ class _Search:
                 if slopes:
                     extra[row, k] = 1.0 / deviation
             known = np.array([x[k] / deviation for k, deviation in beforehand])
-            return np.concatenate([residuals * weight, known]), np.concatenate([jacobian * weight[:, None], extra])
+            return np.concatenate([residuals * weight, known]), np.concatenate(
+                [jacobian * weight[:, None], extra]
+            )
 
         return model
 
@@ -251,13 +362,22 @@ class _Search:
         n = len(self.prediction.labels)
         weight = np.ones(len(best.residuals))
         weight[:n] = self._used.of(self.prediction.labels) / sigmas.of(self.prediction.labels)
-        return replace(best, residuals=best.residuals * weight, slopes=best.slopes * weight[:, None])
+        return replace(
+            best, residuals=best.residuals * weight, slopes=best.slopes * weight[:, None]
+        )
 
     def best(self, thorough: bool) -> tuple[Minimum, _Noise, list[Minimum]]:
         """The least minimum, the standard deviations that it was weighed by, and the other minima."""
-        sigmas = _Noise(max(self.noise or 1e-3 * self.length, FLOOR * self.length), self.angle, self.given, self.ratios)
+        sigmas = _Noise(
+            max(self.noise or 1e-3 * self.length, FLOOR * self.length),
+            self.angle,
+            self.given,
+            self.ratios,
+        )
         found = self._descents(sigmas, thorough)
-        mixed = self.prediction.measured.has_angles or any(c.known is not None for c in self.constants)
+        mixed = self.prediction.measured.has_angles or any(
+            c.known is not None for c in self.constants
+        )
         for _ in range(4 if mixed and not sigmas.given else 0):
             new, change = self._estimated(found[0], sigmas)
             if abs(np.log(change)) < 0.02:
@@ -279,7 +399,10 @@ class _Search:
         if not scene.in_time and (cells := coarsest_cells(scene)) < scene.resolution.cells_across:
             coarse = Prediction(scene.with_cells(cells), self.prediction.measured, self.constants)
             with suppress(SolveError):  # the scene's own grid may hold what that one can't
-                starts = [minimum.x for minimum in self._minima(self.whitened(sigmas, coarse), starts, sigmas)]
+                starts = [
+                    minimum.x
+                    for minimum in self._minima(self.whitened(sigmas, coarse), starts, sigmas)
+                ]
         return self._minima(self.whitened(sigmas), starts, sigmas)
 
     def _minima(self, model: Model, starts: Sequence[Array], sigmas: _Noise) -> list[Minimum]:
@@ -291,7 +414,9 @@ class _Search:
 
         for k, start in enumerate(starts):
             try:
-                found.append(least_squares(model, start, scale=1.0 if sigmas.given else None, known=known))
+                found.append(
+                    least_squares(model, start, scale=1.0 if sigmas.given else None, known=known)
+                )
             except MagmpmError as error:
                 failure = failure or error
                 if k == 0 and isinstance(error, InputError):
@@ -299,11 +424,17 @@ class _Search:
         if failure is not None and not found:
             raise failure
         found.sort(key=lambda minimum: minimum.cost)
-        return [m for k, m in enumerate(found) if all(self._differ(m.x, other) for other in found[:k])]
+        return [
+            m for k, m in enumerate(found) if all(self._differ(m.x, other) for other in found[:k])
+        ]
 
     def _differ(self, x: Array, other: Minimum) -> bool:
         """True if x and a minimum differ, and the data can see it: by more than one standard deviation (refuse_twins wants six)."""
-        noise = 1.0 if self.given else float(np.sqrt(other.cost / max(len(other.residuals) - len(self.constants), 1)))
+        noise = (
+            1.0
+            if self.given
+            else float(np.sqrt(other.cost / max(len(other.residuals) - len(self.constants), 1)))
+        )
         change = x - other.x
         return bool(np.max(np.abs(change)) > 1e-3 and np.linalg.norm(other.slopes @ change) > noise)
 
@@ -322,7 +453,9 @@ class _Search:
     def on_finer_grid(self, best: Minimum, sigmas: _Noise, covariance: Array) -> Array:
         """Change (k,) of the constants on a grid with two more cells across: one Gauss-Newton step."""
         cells = self.prediction.scene.resolution.cells_across + 2
-        finer = Prediction(self.prediction.scene.with_cells(cells), self.prediction.measured, self.constants)
+        finer = Prediction(
+            self.prediction.scene.with_cells(cells), self.prediction.measured, self.constants
+        )
         there, _ = finer.at(best.x, slopes=False)
         self.prediction.solves += finer.solves
         weight = 1.0 / sigmas.of(self.prediction.labels)
@@ -359,10 +492,14 @@ def _scatter(
 def doubtful_fields(measured: Measured, scene: Scene) -> list[str]:
     """Warn, before anything is solved, of fields of the table so far from the scene's own that a unit may be wrong."""
     own = max(map(abs, scene.field.uniform))
-    largest = max((abs(part) for state in measured.states for part in state.field or ()), default=0.0)
+    largest = max(
+        (abs(part) for state in measured.states for part in state.field or ()), default=0.0
+    )
     if not (own > 0.0 and largest > 0.0) or 1 / 100 < largest / own < 100:
         return []
-    return [f"the table's fields reach {1e3 * largest:.4g} mT, the scene's own is {1e3 * own:.3g} mT: check the units of its columns"]
+    return [
+        f"the table's fields reach {1e3 * largest:.4g} mT, the scene's own is {1e3 * own:.3g} mT: check the units of its columns"
+    ]
 
 
 def _of_values(found: Sequence[Fitted]) -> list[str]:
@@ -371,15 +508,34 @@ def _of_values(found: Sequence[Fitted]) -> list[str]:
     for one in found:
         ratio = one.value / given if (given := one.constant.value(0.0)) else 1.0
         if not 1 / 10 < ratio < 10:
-            says.append(f"{one.constant.name} is {ratio:.2g} times the scene's: check the units of the table's columns, and the scene's")
+            says.append(
+                f"{one.constant.name} is {ratio:.2g} times the scene's: check the units of the table's columns, and the scene's"
+            )
     return says
 
 
-def _fitted(constant: Constant, k: int, best: Minimum, covariance: Array, interval: Interval, shift: Array | None) -> Fitted:
+def _fitted(
+    constant: Constant,
+    k: int,
+    best: Minimum,
+    covariance: Array,
+    interval: Interval,
+    shift: Array | None,
+) -> Fitted:
     x = float(best.x[k])
-    low, high = (None if end is None else constant.value(end) for end in (interval.low, interval.high))
+    low, high = (
+        None if end is None else constant.value(end) for end in (interval.low, interval.high)
+    )
     moved = None if shift is None else constant.value(x + float(shift[k])) - constant.value(x)
-    return Fitted(constant, constant.value(x), abs(constant.slope(x)) * float(np.sqrt(covariance[k, k])), low, high, interval.method, moved)
+    return Fitted(
+        constant,
+        constant.value(x),
+        abs(constant.slope(x)) * float(np.sqrt(covariance[k, k])),
+        low,
+        high,
+        interval.method,
+        moved,
+    )
 
 
 def _of_grid(found: Sequence[Fitted]) -> list[str]:
@@ -387,8 +543,14 @@ def _of_grid(found: Sequence[Fitted]) -> list[str]:
     coarse = []
     for one in found:
         width = None if one.low is None or one.high is None else one.high - one.low
-        if one.grid_shift is not None and width is not None and abs(one.grid_shift) > max(width / 4, 1e-3 * abs(one.value)):
+        if (
+            one.grid_shift is not None
+            and width is not None
+            and abs(one.grid_shift) > max(width / 4, 1e-3 * abs(one.value))
+        ):
             coarse.append(one.constant.name)
     if not coarse:
         return []
-    return [f"on a finer grid {', '.join(coarse)} would move by more than a quarter of the interval: use more cells_across in the scene"]
+    return [
+        f"on a finer grid {', '.join(coarse)} would move by more than a quarter of the interval: use more cells_across in the scene"
+    ]

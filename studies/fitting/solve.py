@@ -14,7 +14,9 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import MagmpmError
 
 TINY = 1e-8  # in x: likewise
-Model = Callable[[Array, bool], tuple[Array, Array]]  # x, whether with slopes -> residuals in standard errors (n,), slopes (n, k)
+Model = Callable[
+    [Array, bool], tuple[Array, Array]
+]  # x, whether with slopes -> residuals in standard errors (n,), slopes (n, k)
 
 
 def quantile_of(level: float, degrees: float) -> float:
@@ -42,9 +44,14 @@ class Minimum:
 
 
 def least_squares(
-    model: Model, start: Array, *, free: Array | None = None, scale: float | None = None, small: float = 1e-3,
+    model: Model,
+    start: Array,
+    *,
+    free: Array | None = None,
+    scale: float | None = None,
+    small: float = 1e-3,
     known: Callable[[Array], bool] = lambda x: False,
-) -> Minimum:  # fmt: skip
+) -> Minimum:
     """The minimum of the sum of squares that a descent from `start` (k,) reaches; free (k,): which numbers may change.
 
     scale: standard deviation of the residuals, None: as they turn out; small: in units of it, a step below ends the search; known(x):
@@ -57,14 +64,24 @@ def least_squares(
     radius, steps = 1.0, 0  # x changes by a factor of e at most at first
     while steps < 60:
         step = _step(residuals, slopes[:, free], radius)
-        noise = scale if scale is not None else float(np.sqrt(residuals @ residuals / max(len(residuals) - free.sum(), 1)))
-        if np.linalg.norm(slopes[:, free] @ step) <= small * noise or np.linalg.norm(step) <= TINY or known(x):
+        noise = (
+            scale
+            if scale is not None
+            else float(np.sqrt(residuals @ residuals / max(len(residuals) - free.sum(), 1)))
+        )
+        if (
+            np.linalg.norm(slopes[:, free] @ step) <= small * noise
+            or np.linalg.norm(step) <= TINY
+            or known(x)
+        ):
             return Minimum(x, residuals, slopes, steps, True)
         for _ in range(12):
             steps += 1
             there = x.copy()
             there[free] += step
-            promised = float(residuals @ residuals - np.sum((residuals + slopes[:, free] @ step) ** 2))
+            promised = float(
+                residuals @ residuals - np.sum((residuals + slopes[:, free] @ step) ** 2)
+            )
             try:
                 found = model(there, True)
                 gain = float(residuals @ residuals - found[0] @ found[0])
@@ -79,7 +96,10 @@ def least_squares(
                 break
             radius = float(np.linalg.norm(step)) / 4
             step = _step(residuals, slopes[:, free], radius)
-            if np.linalg.norm(step) <= TINY or np.linalg.norm(slopes[:, free] @ step) <= small * noise:
+            if (
+                np.linalg.norm(step) <= TINY
+                or np.linalg.norm(slopes[:, free] @ step) <= small * noise
+            ):
                 return Minimum(x, residuals, slopes, steps, True)
         else:
             return Minimum(x, residuals, slopes, steps, False)
@@ -118,7 +138,9 @@ class Interval:
     method: str
 
 
-def interval_of(model: Model, best: Minimum, covariance: Array, k: int, quantile: float, say: Callable[[], None]) -> Interval:
+def interval_of(
+    model: Model, best: Minimum, covariance: Array, k: int, quantile: float, say: Callable[[], None]
+) -> Interval:
     """The interval of the number k, by the residuals in standard errors and the covariance (k, k) of x at the minimum."""
     error = float(np.sqrt(covariance[k, k]))
     along = covariance[:, k] / error**2  # how the others go along with x_k
@@ -138,7 +160,9 @@ def interval_of(model: Model, best: Minimum, covariance: Array, k: int, quantile
     return Interval(low, high, "profile")
 
 
-def _end(model: Model, best: Minimum, along: Array, k: int, error: float, quantile: float) -> float | None:
+def _end(
+    model: Model, best: Minimum, along: Array, k: int, error: float, quantile: float
+) -> float | None:
     """Point where the root of the rise meets the quantile, by false position; None where it does not within reach. error: with its sign."""
     free = np.arange(len(best.x)) != k
     reach = max(6.0 * quantile * abs(error), 6.0)
@@ -171,5 +195,9 @@ def _end(model: Model, best: Minimum, along: Array, k: int, error: float, quanti
         elif np.isinf(above):
             distance = 0.5 * (inside + outside)
         else:
-            distance = inside + (outside - inside) * float(np.clip((quantile - below) / (above - below), 0.1, 0.9))
-    return float(best.x[k] + np.sign(error) * (inside if outside is None else 0.5 * (inside + outside)))
+            distance = inside + (outside - inside) * float(
+                np.clip((quantile - below) / (above - below), 0.1, 0.9)
+            )
+    return float(
+        best.x[k] + np.sign(error) * (inside if outside is None else 0.5 * (inside + outside))
+    )

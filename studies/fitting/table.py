@@ -23,16 +23,42 @@ from magmpm.scene.apparatus import APPARATUS, OWN, Apparatus, apparatus_of, chec
 
 AXES = "xyz"
 _UNITS = {
-    "length": ("mm", "m", "cm", "um", "in"), "flux density": ("mT", "T", "uT", "G"), "time": ("ms", "s"), "angle": ("deg", "rad"),
-    "current": ("A", "mA"), "number": ("",),
-}  # fmt: skip
-ANGLES = {"tip_angle": None, "tip_angle_xy": 1, "tip_angle_xz": 2}  # columns of the tip's angle; signed, in the plane of x and this axis
+    "length": ("mm", "m", "cm", "um", "in"),
+    "flux density": ("mT", "T", "uT", "G"),
+    "time": ("ms", "s"),
+    "angle": ("deg", "rad"),
+    "current": ("A", "mA"),
+    "number": ("",),
+}
+ANGLES = {
+    "tip_angle": None,
+    "tip_angle_xy": 1,
+    "tip_angle_xz": 2,
+}  # columns of the tip's angle; signed, in the plane of x and this axis
 _QUANTITIES = {
-    **{f"field_{a}": "flux density" for a in AXES}, "field": "flux density", "t": "time", "s": "length",
-    **{f"tip_{a}": "length" for a in AXES}, **dict.fromkeys(ANGLES, "angle"), **dict.fromkeys(AXES, "length"), **APPARATUS,
-}  # fmt: skip
-LABELS = ("marker", "note", "series", "repeat")  # columns for the reader and for what is held out, of any text
-MOST = {"length": 10.0, "flux density": 20.0, "time": 1e4, "angle": math.pi, "current": 1e6, "number": 1e6}  # SI: else a unit is mistaken
+    **{f"field_{a}": "flux density" for a in AXES},
+    "field": "flux density",
+    "t": "time",
+    "s": "length",
+    **{f"tip_{a}": "length" for a in AXES},
+    **dict.fromkeys(ANGLES, "angle"),
+    **dict.fromkeys(AXES, "length"),
+    **APPARATUS,
+}
+LABELS = (
+    "marker",
+    "note",
+    "series",
+    "repeat",
+)  # columns for the reader and for what is held out, of any text
+MOST = {
+    "length": 10.0,
+    "flux density": 20.0,
+    "time": 1e4,
+    "angle": math.pi,
+    "current": 1e6,
+    "number": 1e6,
+}  # SI: else a unit is mistaken
 _START = "begin the file with the names of its columns, say field_z_mT,tip_x_mm,tip_z_mm, then rows of numbers"
 
 
@@ -123,7 +149,12 @@ def read_tables(paths: Sequence[Path | str], scene: Scene) -> Measured:
     known: dict[Path, Path | str] = {}
     for path in paths:
         if known.setdefault(Path(path).resolve(), path) is not path:
-            raise TableError(str(path), received="the same file twice", rule="each reading counts once", remedy="name each table once")
+            raise TableError(
+                str(path),
+                received="the same file twice",
+                rule="each reading counts once",
+                remedy="name each table once",
+            )
     return together([read_measured(path, scene) for path in paths])
 
 
@@ -131,11 +162,18 @@ def together(tables: Sequence[Measured]) -> Measured:
     """Several tables of the same body as one."""
     if len(tables) == 1:
         return tables[0]
-    own = tuple(replace(one, states=tuple(replace(state, table=k) for state in one.states)) for k, one in enumerate(tables))
-    return Measured(own[0].path, "several", tuple(state for one in own for state in one.states), (), (), own)
+    own = tuple(
+        replace(one, states=tuple(replace(state, table=k) for state in one.states))
+        for k, one in enumerate(tables)
+    )
+    return Measured(
+        own[0].path, "several", tuple(state for one in own for state in one.states), (), (), own
+    )
 
 
-def read_split(paths: Sequence[Path | str], scene: Scene, hold_out: str | None) -> tuple[Measured, Measured | None]:
+def read_split(
+    paths: Sequence[Path | str], scene: Scene, hold_out: str | None
+) -> tuple[Measured, Measured | None]:
     """The measurements in files, and those that are held out of them.
 
     Parameters
@@ -179,7 +217,11 @@ def read_split(paths: Sequence[Path | str], scene: Scene, hold_out: str | None) 
             remedy = f"{column} is one of {', '.join(sorted(cells[column])[:12])}"
             rule = f"each value must stand in its column: no row has {column} = {value!r}"
             raise TableError("--hold-out", received=repr(hold_out), rule=rule, remedy=remedy)
-    known = [table for table in (read_measured(path, scene, lambda row: not held(row)) for path in paths) if table.states]
+    known = [
+        table
+        for table in (read_measured(path, scene, lambda row: not held(row)) for path in paths)
+        if table.states
+    ]
     if not known:
         rule, remedy = "some rows must be left to fit, and these are all", "hold out fewer values"
         raise TableError("--hold-out", received=repr(hold_out), rule=rule, remedy=remedy)
@@ -201,7 +243,12 @@ def _held_out(text: str, titles: Sequence[str]) -> list[tuple[str, str]]:
         value = after if begins else part.strip()
         if not column or not value:
             rule = "rows are held out by what their cells hold: COLUMN=VALUE, more values or columns after commas"
-            raise TableError("--hold-out", received=repr(text), rule=rule, remedy=f"the columns are {', '.join(titles)}")
+            raise TableError(
+                "--hold-out",
+                received=repr(text),
+                rule=rule,
+                remedy=f"the columns are {', '.join(titles)}",
+            )
         chosen.append((column, value))
     return chosen
 
@@ -219,7 +266,9 @@ def _as_number(cell: str) -> set[float]:
         return set()
 
 
-def read_measured(path: Path | str, scene: Scene, keep: Callable[[dict[str, str]], bool] | None = None) -> Measured:
+def read_measured(
+    path: Path | str, scene: Scene, keep: Callable[[dict[str, str]], bool] | None = None
+) -> Measured:
     """The measurements in a file, for a scene; `keep` says of which rows, by their cells. Without any, it has no states.
 
     Raises TableError, which names file, row, column, value, rule and remedy.
@@ -228,7 +277,9 @@ def read_measured(path: Path | str, scene: Scene, keep: Callable[[dict[str, str]
     lines = table_lines(path, _START)
     header = next(lines, None)
     if header is None:
-        raise TableError(str(path), received="no rows", rule="a table has a header and rows", remedy=_START)
+        raise TableError(
+            str(path), received="no rows", rule="a table has a header and rows", remedy=_START
+        )
     columns = _columns(header)
     kind = _kind(header, columns)
     named = {column.quantity for column in columns if column.quantity}
@@ -236,21 +287,35 @@ def read_measured(path: Path | str, scene: Scene, keep: Callable[[dict[str, str]
     grouped: dict[tuple[object, object, Apparatus], list[tuple[int, dict[str, float]]]] = {}
     for count, line in enumerate(lines):
         if count >= MAX_ROWS:
-            raise TableError(str(path), rule=f"a table has at most {MAX_ROWS} rows", remedy="leave out rows: a fit needs a few hundred")
+            raise TableError(
+                str(path),
+                rule=f"a table has at most {MAX_ROWS} rows",
+                remedy="leave out rows: a fit needs a few hundred",
+            )
         values = _row(line, columns, named, kind, scene)
         if keep is not None and not keep(dict(zip(header.cells, line.cells, strict=True))):
             continue
         state = _field_of(values, scene), values.get("t"), apparatus_of(line, values, scene)
         grouped.setdefault(state, []).append((int(line.place.rsplit(":", 1)[1]), values))
     if not grouped and keep is None:
-        raise TableError(str(path), received="a header alone", rule="a table has a header and rows", remedy=_START)
+        raise TableError(
+            str(path),
+            received="a header alone",
+            rule="a table has a header and rows",
+            remedy=_START,
+        )
     prefix = "tip_" if kind == "tips" else ""
     axes = tuple(i for i, a in enumerate(AXES) if f"{prefix}{a}" in named)
-    states = tuple(replace(_readings(state, rows, prefix), kind=kind, axes=axes) for state, rows in grouped.items())
+    states = tuple(
+        replace(_readings(state, rows, prefix), kind=kind, axes=axes)
+        for state, rows in grouped.items()
+    )
     return Measured(path, kind, states, tuple(column.title for column in columns), axes)
 
 
-def _readings(state: tuple[object, object, Apparatus], rows: list[tuple[int, dict[str, float]]], prefix: str) -> Readings:
+def _readings(
+    state: tuple[object, object, Apparatus], rows: list[tuple[int, dict[str, float]]], prefix: str
+) -> Readings:
     """The rows of one state."""
 
     def column(name: str) -> Array:
@@ -258,9 +323,13 @@ def _readings(state: tuple[object, object, Apparatus], rows: list[tuple[int, dic
 
     lines = np.array([line for line, _ in rows])
     points = np.stack([column(f"{prefix}{a}") for a in AXES], axis=1)
-    angle = next((name for name in ANGLES if any(name in values for _, values in rows)), "tip_angle")
+    angle = next(
+        (name for name in ANGLES if any(name in values for _, values in rows)), "tip_angle"
+    )
     s = column("s")
-    return Readings(state[0], state[1], lines, s, points, column(angle), apparatus=state[2], plane=ANGLES[angle])  # type: ignore[arg-type]
+    return Readings(
+        state[0], state[1], lines, s, points, column(angle), apparatus=state[2], plane=ANGLES[angle]
+    )  # type: ignore[arg-type]
 
 
 def _columns(header: Line) -> list[_Column]:
@@ -270,11 +339,17 @@ def _columns(header: Line) -> list[_Column]:
         if title in LABELS:
             found.append(_Column(title, "", 1.0))
             continue
-        quantity, _, unit = (title, "", "") if _QUANTITIES.get(title) == "number" else title.rpartition("_")
+        quantity, _, unit = (
+            (title, "", "") if _QUANTITIES.get(title) == "number" else title.rpartition("_")
+        )
         if quantity not in _QUANTITIES or unit not in _UNITS[_QUANTITIES[quantity]]:
             raise _unknown(header, title)
         if quantity in (column.quantity for column in found):
-            raise header.error(f"a column may stand once, and {quantity} stands twice", "remove one of the two", title)
+            raise header.error(
+                f"a column may stand once, and {quantity} stands twice",
+                "remove one of the two",
+                title,
+            )
         factor = float(KINDS[_QUANTITIES[quantity]].plain[unit]) if unit else 1.0
         found.append(_Column(title, quantity, factor))
     return found
@@ -283,14 +358,26 @@ def _columns(header: Line) -> list[_Column]:
 def _unknown(header: Line, title: str) -> TableError:
     """The error for a column that is not known: the nearest name, or all of them."""
     known = [f"{name}_{unit}" for name, kind in _QUANTITIES.items() for unit in _UNITS[kind]]
-    rule = "a column is a quantity with its unit: " + ", ".join(
-        f"{name}_{_UNITS[kind][0]}" for name, kind in _QUANTITIES.items()
-    ) + f" (also in {', '.join(sorted({u for kind in _UNITS.values() for u in kind[1:]}))}), or {' or '.join(LABELS)}"
+    rule = (
+        "a column is a quantity with its unit: "
+        + ", ".join(f"{name}_{_UNITS[kind][0]}" for name, kind in _QUANTITIES.items())
+        + f" (also in {', '.join(sorted({u for kind in _UNITS.values() for u in kind[1:]}))}), or {' or '.join(LABELS)}"
+    )
     if title in _QUANTITIES:
-        return header.error(rule, f'add the unit: "{title}_{_UNITS[_QUANTITIES[title]][0]}"', f'the column "{title}"')
+        return header.error(
+            rule,
+            f'add the unit: "{title}_{_UNITS[_QUANTITIES[title]][0]}"',
+            f'the column "{title}"',
+        )
     usual = [f"{name}_{_UNITS[kind][0]}" for name, kind in _QUANTITIES.items()]
-    near = difflib.get_close_matches(title, usual, n=1, cutoff=0.7) or difflib.get_close_matches(title, known, n=1, cutoff=0.7)
-    return header.error(rule, f'did you mean "{near[0]}"?' if near else "rename or remove the column", f'the column "{title}"')
+    near = difflib.get_close_matches(title, usual, n=1, cutoff=0.7) or difflib.get_close_matches(
+        title, known, n=1, cutoff=0.7
+    )
+    return header.error(
+        rule,
+        f'did you mean "{near[0]}"?' if near else "rename or remove the column",
+        f'the column "{title}"',
+    )
 
 
 def _kind(header: Line, columns: list[_Column]) -> str:
@@ -308,7 +395,10 @@ def _kind(header: Line, columns: list[_Column]) -> str:
         return "curve"
     rule = "something must be measured: tip_x_mm ..., points x_mm ... at s_mm, or a curve in a plane, two of x_mm, y_mm, z_mm"
     if points and "t" in named:
-        raise header.error("points over time need the arc length s_mm of each marker", "add the column s_mm: from the clamped base")
+        raise header.error(
+            "points over time need the arc length s_mm of each marker",
+            "add the column s_mm: from the clamped base",
+        )
     raise header.error(rule, _START)
 
 
@@ -316,50 +406,91 @@ def _fit_together(header: Line, named: set[str], scene: Scene, kind: str) -> Non
     """Raises TableError where the columns do not suit each other, or the scene."""
     fields = {name for name in named if name.startswith("field")}
     if "field" in fields and len(fields) > 1:
-        raise header.error("the field is given by its strength (field_mT) or by components", "remove field_mT, or the components")
+        raise header.error(
+            "the field is given by its strength (field_mT) or by components",
+            "remove field_mT, or the components",
+        )
     if fields and not scene.effects.in_a_field:
-        raise header.error("the scene names no effect of the field", "name one in the scene, `magnetic_torque: {}`, or remove the columns")
+        raise header.error(
+            "the scene names no effect of the field",
+            "name one in the scene, `magnetic_torque: {}`, or remove the columns",
+        )
     if "field" in fields and not any(scene.field.uniform):
         rule = "field_mT is along the scene's uniform field, and it has none"
         raise header.error(rule, "write field_x_mT, field_y_mT, field_z_mT instead")
     if "t" in named and not scene.in_time:
         rule = "the scene is an equilibrium, which has no time"
-        raise header.error(rule, "write `solver: {dynamic: {duration: ...}}` in the scene, or remove t")
+        raise header.error(
+            rule, "write `solver: {dynamic: {duration: ...}}` in the scene, or remove t"
+        )
     if scene.in_time and "t" not in named:
         rule = "the scene runs along time, so the table must say when"
-        raise header.error(rule, "add the column t_ms, or make the scene an equilibrium: `solver: {static: {}}`")
+        raise header.error(
+            rule, "add the column t_ms, or make the scene an equilibrium: `solver: {static: {}}`"
+        )
     if fields and scene.in_time:
-        raise header.error("along time the field is the scene's own", "write the field's schedule in the scene, and remove the columns")
+        raise header.error(
+            "along time the field is the scene's own",
+            "write the field's schedule in the scene, and remove the columns",
+        )
     check_apparatus(header, named, scene)
     if len(angles := named & set(ANGLES)) > 1:
-        raise header.error("a row has one angle of the tip", "remove the others, or make two tables of it", ", ".join(sorted(angles)))
+        raise header.error(
+            "a row has one angle of the tip",
+            "remove the others, or make two tables of it",
+            ", ".join(sorted(angles)),
+        )
     if kind == "tips" and scene.body.parts is not None and scene.body.parts.tip is None:
-        raise header.error("parts have no tip unless the scene names one", "name a part or a point, say `tip: arm` in body.parts")
+        raise header.error(
+            "parts have no tip unless the scene names one",
+            "name a part or a point, say `tip: arm` in body.parts",
+        )
     if kind != "tips" and scene.body.shape.line is None:
-        raise header.error(f"a body of {scene.body.kind} has no axis to mark points on", "measure its tip: tip_x_mm ...")
+        raise header.error(
+            f"a body of {scene.body.kind} has no axis to mark points on",
+            "measure its tip: tip_x_mm ...",
+        )
     if angles and scene.body.shape.line is None:
-        raise header.error(f"a body of {scene.body.kind} has no axis, so its tip has no angle", "measure the tip's place: tip_x_mm ...")
+        raise header.error(
+            f"a body of {scene.body.kind} has no axis, so its tip has no angle",
+            "measure the tip's place: tip_x_mm ...",
+        )
 
 
-def _row(line: Line, columns: list[_Column], named: set[str], kind: str, scene: Scene) -> dict[str, float]:
+def _row(
+    line: Line, columns: list[_Column], named: set[str], kind: str, scene: Scene
+) -> dict[str, float]:
     """The numbers of a row in SI; cells that are empty are left out. Raises TableError."""
     cells = line.cells
     if len(cells) != len(columns):
         rule = f"a row must have {len(columns)} cells, as the header has"
-        raise line.error(rule, "check this row; leave a cell empty where nothing was measured", f"{len(cells)} cells")
+        raise line.error(
+            rule,
+            "check this row; leave a cell empty where nothing was measured",
+            f"{len(cells)} cells",
+        )
     values: dict[str, float] = {}
     for column, text in zip(columns, cells, strict=True):
         if not column.quantity or not text:
             continue
         values[column.quantity] = _number(line, column, text)
-    for quantity in ("s", "t", *(name for name in named if name.startswith("field") or name in APPARATUS)):
+    for quantity in (
+        "s",
+        "t",
+        *(name for name in named if name.startswith("field") or name in APPARATUS),
+    ):
         if quantity in named and quantity not in values:
             title = next(column.title for column in columns if column.quantity == quantity)
             rule = f"{title} says where, when or under what a reading was taken; it can't be empty"
             raise line.error(rule, "fill it in, or remove the row", f"{title} empty")
     measured = [name for name in values if name in AXES or name.startswith("tip_")]
     if not measured or (kind == "curve" and len(measured) < len(named & set(AXES))):
-        raise line.error("a row must hold a measured number" if kind != "curve" else "a point needs all its coordinates", "remove the row")
+        raise line.error(
+            "a row must hold a measured number"
+            if kind != "curve"
+            else "a point needs all its coordinates",
+            "remove the row",
+        )
     _within(line, values, scene)
     return values
 
@@ -372,10 +503,17 @@ def _number(line: Line, column: _Column, text: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         received = f'"{text[:40]}" in {column.title}'
-        raise line.error(f"{column.title} must be a finite number", "correct it, or leave the cell empty", received)
+        raise line.error(
+            f"{column.title} must be a finite number",
+            "correct it, or leave the cell empty",
+            received,
+        )
     if abs(value) > MOST[column.kind] * (1 + 1e-12):
         most = MOST[column.kind] / column.factor
-        rule, remedy = f"{column.title} must be at most {most:g}", "check the number, and the unit in the header"
+        rule, remedy = (
+            f"{column.title} must be at most {most:g}",
+            "check the number, and the unit in the header",
+        )
         raise line.error(rule, remedy, f"{text[:40]} in {column.title}")
     return value
 
@@ -385,13 +523,21 @@ def _within(line: Line, values: dict[str, float], scene: Scene) -> None:
     s, t = values.get("s"), values.get("t")
     if s is not None and not 0 <= s <= scene.length * (1 + 1e-6):
         rule = f"s must lie on the body: 0 to {1e3 * scene.length:g} mm, from the clamped base along the undeformed axis"
-        raise line.error(rule, "check the number, its unit, and the length in the scene", f"s = {1e3 * s:g} mm")
+        raise line.error(
+            rule, "check the number, its unit, and the length in the scene", f"s = {1e3 * s:g} mm"
+        )
     if t is not None and not 0 <= t <= scene.duration * (1 + 1e-9):
         rule = f"t must lie within the scene's time: 0 to {1e3 * scene.duration:g} ms"
         raise line.error(rule, "make the scene longer, or remove the row", f"t = {1e3 * t:g} ms")
     if values.get("tip_angle", 0.0) < 0:
-        rule = "tip_angle is the angle between the tip's axis and the clamped base's, 0 to 180 degrees"
-        raise line.error(rule, "give its size without a sign, and the side by tip_x_mm ...", f"{math.degrees(values['tip_angle']):g} deg")
+        rule = (
+            "tip_angle is the angle between the tip's axis and the clamped base's, 0 to 180 degrees"
+        )
+        raise line.error(
+            rule,
+            "give its size without a sign, and the side by tip_x_mm ...",
+            f"{math.degrees(values['tip_angle']):g} deg",
+        )
 
 
 def _field_of(values: dict[str, float], scene: Scene) -> tuple[float, float, float] | None:
@@ -400,7 +546,12 @@ def _field_of(values: dict[str, float], scene: Scene) -> tuple[float, float, flo
         uniform = np.array(scene.field.uniform)
         found = values["field"] * uniform / np.linalg.norm(uniform)
     elif any(f"field_{a}" in values for a in AXES):
-        found = np.array([values.get(f"field_{a}", own) for a, own in zip(AXES, scene.field.uniform, strict=True)])
+        found = np.array(
+            [
+                values.get(f"field_{a}", own)
+                for a, own in zip(AXES, scene.field.uniform, strict=True)
+            ]
+        )
     else:
         return None
     return float(found[0]), float(found[1]), float(found[2])

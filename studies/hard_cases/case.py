@@ -55,9 +55,17 @@ class Outcome:
 
     def summary(self) -> dict[str, Any]:
         """Plain data; a measure that is not finite is None."""
-        about = {key: getattr(self.case, key) for key in ("name", "weak", "quantity", "bound", "source")}
+        about = {
+            key: getattr(self.case, key) for key in ("name", "weak", "quantity", "bound", "source")
+        }
         measure = self.measure if math.isfinite(self.measure) else None
-        return {**about, "measure": measure, "seconds": self.seconds, "passed": self.passed, "reason": self.reason}
+        return {
+            **about,
+            "measure": measure,
+            "seconds": self.seconds,
+            "passed": self.passed,
+            "reason": self.reason,
+        }
 
 
 def table(outcomes: list[Outcome]) -> str:
@@ -65,7 +73,11 @@ def table(outcomes: list[Outcome]) -> str:
     lines = [f"{'case':<36} {'measure':>9} {'bound':>9}  {'':<6} {'seconds':>7}  what is measured"]
     for o in outcomes:
         word = "ok" if o.passed else "FAILED"
-        lines.append(f"{o.case.name:<36} {o.measure:9.2e} {o.case.bound:9.2e}  {word:<6} {o.seconds:7.1f}  {o.case.quantity}")
+        lines.append(
+            f"{o.case.name:<36} {o.measure:9.2e} {o.case.bound:9.2e}  {word:<6} {o.seconds:7.1f}  {o.case.quantity}"
+        )
         if not o.passed:
-            lines.append(f"    a weak code: {o.case.weak}" + (f"; here: {o.reason}" if o.reason else ""))
+            lines.append(
+                f"    a weak code: {o.case.weak}" + (f"; here: {o.reason}" if o.reason else "")
+            )
     return "\n".join(lines)

@@ -108,7 +108,9 @@ def _promised(scene: Scene, result: Result, cells: int, found: Checked) -> None:
             found.done.append("promised error")
             return
     found.done.append("promised error")
-    found.wrong.append(f"promised error: {promised:.3g} m told, {distances[0]:.3g} and {distances[1]:.3g} m from 2 and 3 more cells across")
+    found.wrong.append(
+        f"promised error: {promised:.3g} m told, {distances[0]:.3g} and {distances[1]:.3g} m from 2 and 3 more cells across"
+    )
 
 
 def _sane(result: Result, found: Checked) -> None:
@@ -130,7 +132,10 @@ def _distance(scene: Scene, one: Result, other: Result, R: np.ndarray = SAME) ->
     ways = []
     for result in (one, other):
         of, volume = result.particle_segment, result.particle_volume
-        begun = [np.bincount(of, volume * x) / np.bincount(of, volume) for x in result.particle_reference.T]
+        begun = [
+            np.bincount(of, volume * x) / np.bincount(of, volume)
+            for x in result.particle_reference.T
+        ]
         gone = result.segment_center - np.stack(begun, axis=1)
         ways.append(gone if result.tip is None else np.vstack([gone, result.tip]))
     return float(np.linalg.norm(ways[0] @ R.T - ways[1], axis=1).max()) / scene.length
@@ -143,7 +148,9 @@ def _soft(result: Result) -> bool:
 
 def _solved_as(scene: Scene, **static: Any) -> Scene:
     """The scene's equilibrium, at the end of its schedule, sought with these options."""
-    return changed(scene, solver={"anti_locking": scene.to_si()["solver"]["anti_locking"], "static": static})
+    return changed(
+        scene, solver={"anti_locking": scene.to_si()["solver"]["anti_locking"], "static": static}
+    )
 
 
 def _try(scene: Scene) -> Result | None:
@@ -155,7 +162,9 @@ def _try(scene: Scene) -> Result | None:
         return None
 
 
-def _compare(scene: Scene, name: str, one: Result, variant: Scene, found: Checked, R: np.ndarray = SAME) -> bool:
+def _compare(
+    scene: Scene, name: str, one: Result, variant: Scene, found: Checked, R: np.ndarray = SAME
+) -> bool:
     """Two solves of one discrete problem, the other that of the scene `variant`; whether it finds an answer. They may end at two
     equilibria, near each other or far away: then each stays where it is as it is sought more closely."""
     other = _try(variant)
@@ -167,7 +176,9 @@ def _compare(scene: Scene, name: str, one: Result, variant: Scene, found: Checke
         return True
     text = f"{name}: {off:.3g} L apart, bound {bound:.3g}; energies {one.energy:.9g}, {other.energy:.9g} J"
     if _stays(scene, one, bound) and _stays(variant, other, bound):
-        found.branches.append(f"{text}; come to in another way, or more closely, each is where it was: two equilibria")
+        found.branches.append(
+            f"{text}; come to in another way, or more closely, each is where it was: two equilibria"
+        )
     else:
         found.wrong.append(text)
     return True
@@ -185,20 +196,30 @@ def _closer(scene: Scene) -> Scene:
     """The scene, its equilibrium solved more closely; or at the end of a path, come to by twice the steps."""
     data = scene.to_si()
     if scene.solver.quasi_static is not None:
-        data["solver"]["quasi_static"] = {"duration": scene.duration, "steps": 2 * (len(scene.path_times()) - 1)}
+        data["solver"]["quasi_static"] = {
+            "duration": scene.duration,
+            "steps": 2 * (len(scene.path_times()) - 1),
+        }
     else:
-        data["solver"]["static"]["tolerance"] = max(data["solver"]["static"]["tolerance"] / CLOSER, 1e-14)
+        data["solver"]["static"]["tolerance"] = max(
+            data["solver"]["static"]["tolerance"] / CLOSER, 1e-14
+        )
     return Scene.from_si(data)
 
 
 def _tolerance(scene: Scene, result: Result) -> float:
     table = TABLE if scene.field.magnet or scene.field.coils else 0.0
-    return (SOLVED * max(1.0, _displaced(scene, result)) + table) / math.sqrt(max(result.stability or 0.0, BRINK))
+    return (SOLVED * max(1.0, _displaced(scene, result)) + table) / math.sqrt(
+        max(result.stability or 0.0, BRINK)
+    )
 
 
 def _displaced(scene: Scene, result: Result) -> float:
     """Largest displacement by the load, over L."""
-    return float(np.linalg.norm(result.particle_position - result.particle_reference, axis=1).max()) / scene.length
+    return (
+        float(np.linalg.norm(result.particle_position - result.particle_reference, axis=1).max())
+        / scene.length
+    )
 
 
 def _twins(scene: Scene, result: Result, found: Checked) -> None:
@@ -221,7 +242,9 @@ def _at_rest(scene: Scene, result: Result, number: int, found: Checked) -> None:
     if _soft(result):  # nothing else is compared with it
         found.done.append("more closely")
         if not _stays(scene, result, bound := _tolerance(scene, result)):
-            found.wrong.append(f"solved {CLOSER:g} times as closely, it is farther away than {bound:.3g} L")
+            found.wrong.append(
+                f"solved {CLOSER:g} times as closely, it is farther away than {bound:.3g} L"
+            )
     _twins(scene, result, found)
     _rod(scene, result, found)
     if number % 3 == 0:
@@ -241,21 +264,34 @@ def _finer(scene: Scene, result: Result, found: Checked) -> None:
         return
     for steps in (8, 30):
         ramped = _try(_solved_as(scene, field_steps=steps, max_steps=200))
-        if ramped is not None and _distance(scene, ramped, other) <= FINER and _stays(scene, result, _tolerance(scene, result)):
-            found.branches.append(f"finer grid: {off:.3g} L apart; a ramp of {steps} steps finds its branch on this grid")
+        if (
+            ramped is not None
+            and _distance(scene, ramped, other) <= FINER
+            and _stays(scene, result, _tolerance(scene, result))
+        ):
+            found.branches.append(
+                f"finer grid: {off:.3g} L apart; a ramp of {steps} steps finds its branch on this grid"
+            )
             return
     found.wrong.append(f"finer grid: {off:.3g} L apart, bound {FINER}")
 
 
 def _rod(scene: Scene, result: Result, found: Checked) -> None:
     """A slender body is near the rod where the rod holds: no strain beyond the model's limits, no wall below a cell (both warn)."""
-    if scene.body.shape.line is None or scene.length < SLENDER * scene.thickness or result.warnings or _soft(result):
+    if (
+        scene.body.shape.line is None
+        or scene.length < SLENDER * scene.thickness
+        or result.warnings
+        or _soft(result)
+    ):
         return
     if scene.body.shape.clamp != "base" or scene.effects.magnetic_interaction is not None:
         return
     stiff = [scene.region_material(k).shear_modulus for k in range(len(scene.regions()))]
     strip = scene.body.strip
-    wide = strip is not None and strip.bends_as_plate and not strip.plane_strain  # between beam and plate
+    wide = (
+        strip is not None and strip.bends_as_plate and not strip.plane_strain
+    )  # between beam and plate
     if max(stiff) > 20 * min(stiff) or wide:
         return
     try:
@@ -268,14 +304,27 @@ def _rod(scene: Scene, result: Result, found: Checked) -> None:
     # two cells across 2 %, rod and solid 0.05 D/L, stiff neighbors 2 %; without anti-locking 4.1 % for 1.4 % (docs/stability, controls)
     known = 0.06 + (0.03 if scene.solver.anti_locking == "none" else 0.0)
     # the cells' stiffness is off by 2 % at two, and in proportion to their area: it moves a soft body by that fraction over its stability
-    cells = 0.02 * (2 / scene.resolution.cells_across) ** 2 * _displaced(scene, result) / max(result.stability or 0.0, BRINK)
+    cells = (
+        0.02
+        * (2 / scene.resolution.cells_across) ** 2
+        * _displaced(scene, result)
+        / max(result.stability or 0.0, BRINK)
+    )
     if off <= (bound := known + cells):
         return
     far = f"rod: tips {off:.3g} L apart, bound {bound:.3g}"
     finer = _try(scene.with_cells(scene.resolution.cells_across + 2))
     left = np.inf if finer is None else float(np.linalg.norm(tip - finer.tip)) / scene.length
-    broad = 0.0 if strip is None or strip.plane_strain else max(strip.width / scene.length - 1 / SLENDER, 0.0)
-    if finer is not None and left <= known + BROAD * broad and _distance(scene, result, finer) <= FINER / 2:
+    broad = (
+        0.0
+        if strip is None or strip.plane_strain
+        else max(strip.width / scene.length - 1 / SLENDER, 0.0)
+    )
+    if (
+        finer is not None
+        and left <= known + BROAD * broad
+        and _distance(scene, result, finer) <= FINER / 2
+    ):
         found.branches.append(f"{far}; two more cells are {left:.3g} L from it")
     else:
         found.wrong.append(far)
@@ -284,7 +333,11 @@ def _rod(scene: Scene, result: Result, found: Checked) -> None:
 def _followed(scene: Scene, result: Result, found: Checked) -> None:
     """Equilibria along time: the mirror image, and the equilibrium at the end, which the last of them must be unless there are several."""
     _twins(scene, result, found)
-    if scene.field.over_time is None or scene.field.over_time.endless is not None or scene.effects.feed is not None:
+    if (
+        scene.field.over_time is None
+        or scene.field.over_time.endless is not None
+        or scene.effects.feed is not None
+    ):
         return
     _compare(scene, "statics at the end", result, _solved_as(scene), found)
 
@@ -297,23 +350,39 @@ def _moved(scene: Scene, result: Result, folder: Path, found: Checked) -> None:
         _stopped(scene, "mirror image", found)
     else:
         found.done.append("mirror image")
-        off, table = _distance(scene, result, other, MIRROR), TABLE if scene.field.magnet or scene.field.coils else 0.0
+        off, table = (
+            _distance(scene, result, other, MIRROR),
+            TABLE if scene.field.magnet or scene.field.coils else 0.0,
+        )
         if off > (bound := 1e-6 + table):  # rounding grows as a motion goes on
-            grown = max((_distance(scene, result, noisy) for noisy in map(_try, _noisy(scene)) if noisy is not None), default=math.inf)
+            grown = max(
+                (
+                    _distance(scene, result, noisy)
+                    for noisy in map(_try, _noisy(scene))
+                    if noisy is not None
+                ),
+                default=math.inf,
+            )
             where = found.wrong if off > max(bound, 5.0 * grown) else found.branches
-            where.append(f"mirror image: {off:.3g} L apart, bound {bound:.3g}; changes of {NOISE:g} of the moduli grow to {grown:.3g} L")
+            where.append(
+                f"mirror image: {off:.3g} L apart, bound {bound:.3g}; changes of {NOISE:g} of the moduli grow to {grown:.3g} L"
+            )
     options = scene.to_si()["solver"]["dynamic"]
     bound = HALF_STEP * largest + 1e-5
     if scene.effects.ground or scene.effects.walls or scene.effects.self_contact:
         bound += 1e-3  # at which step a point touches
     if scene.effects.feed:
         bound = 5 * HALF_STEP * largest + 1e-3  # each node that leaves a guide is a shock
-    other = _try(changed(scene, solver={**scene.to_si()["solver"], "dynamic": {**options, "safety": 0.4}}))
+    other = _try(
+        changed(scene, solver={**scene.to_si()["solver"], "dynamic": {**options, "safety": 0.4}})
+    )
     if other is not None:
         found.done.append("half the step")
         if (off := _distance(scene, result, other)) > bound:
             finer = _try(scene.with_cells(scene.resolution.cells_across + 1))
-            coarse = 0.0 if finer is None else _distance(scene, result, finer)  # a step that moves it less is as good as its grid
+            coarse = (
+                0.0 if finer is None else _distance(scene, result, finer)
+            )  # a step that moves it less is as good as its grid
             text = f"half the step: {off:.3g} L apart, bound {bound:.3g}; largest displacement {largest:.3g} L; grid: {coarse:.3g} L"
             (found.branches if off < coarse else found.wrong).append(text)
 
@@ -331,7 +400,11 @@ def _noisy(scene: Scene) -> list[Scene]:
 
 def _energy(scene: Scene, folder: Path, found: Checked) -> None:
     """Check that, where no load does work in time, the sum of all energies never exceeds that at first."""
-    if scene.field.over_time is not None or scene.effects.feed is not None or scene.effects.magnetic_interaction is not None:
+    if (
+        scene.field.over_time is not None
+        or scene.effects.feed is not None
+        or scene.effects.magnetic_interaction is not None
+    ):
         return
     if scene.field.varies and scene.effects.magnetic_force is None:
         return
@@ -341,4 +414,6 @@ def _energy(scene: Scene, folder: Path, found: Checked) -> None:
     most = max(row["kinetic"] + row["elastic"] for row in rows)
     gained = max(row["total"] for row in rows) - rows[0]["total"]
     if gained > 0.05 * most:  # as the watchdog allows
-        found.wrong.append(f"energy: {gained:.3g} J gained, kinetic and elastic are {most:.3g} J at most")
+        found.wrong.append(
+            f"energy: {gained:.3g} J gained, kinetic and elastic are {most:.3g} J at most"
+        )

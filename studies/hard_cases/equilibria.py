@@ -39,10 +39,17 @@ from magmpm.studies.hard_cases.motions import (
     twisting_field,
 )
 
-SPATIAL = ((1.0, 0.0, 0.0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6))  # magnetizations that bend and twist
+SPATIAL = (
+    (1.0, 0.0, 0.0),
+    (0.7, 0.6, 0.4),
+    (-0.2, -0.8, 0.6),
+)  # magnetizations that bend and twist
 AGAINST = 1.3 * EULER  # load of the part of the field along the strip that snaps
 STRIP, THICK = 20e-3, 1e-3  # m, its length and thickness
-FAR, PAST = 80e-3, 10e-3  # m: next to the tip, where the magnet comes from and goes to; where it has just passed
+FAR, PAST = (
+    80e-3,
+    10e-3,
+)  # m: next to the tip, where the magnet comes from and goes to; where it has just passed
 D = 10e-3  # m: diameter of the magnet that passes, and its distance from the tip
 BASE, ARM, WIDE, HIGH = 4.0, 20.0, 4.0, 2.0  # mm, of the robot made of parts
 PRECISION = np.float64  # in which particles are kept whose order is changed
@@ -101,15 +108,22 @@ def _twist(scene: Scene) -> float:
             return np.stack([y[1], -load * np.cos(y[0])])
 
         s = np.linspace(0.0, 1.0, 41)
-        exact = solve_bvp(slope, lambda a, b: np.array([a[0], b[1]]), s, np.stack([s, 1.0 - s]), tol=1e-8).sol(1.0)[0]
-        worst = max(worst, abs(_tip_turn(scene, run(scene.with_field(twisting_field(load)))) - float(exact)))
+        exact = solve_bvp(
+            slope, lambda a, b: np.array([a[0], b[1]]), s, np.stack([s, 1.0 - s]), tol=1e-8
+        ).sol(1.0)[0]
+        worst = max(
+            worst, abs(_tip_turn(scene, run(scene.with_field(twisting_field(load)))) - float(exact))
+        )
     return worst
 
 
 def _incompressible(scene: Scene) -> float:
     """Largest distance of tips from the rod's, over L, for K/G from 20 to 500."""
     kinds = scene.to_si()["materials"]
-    scenes = [changed(scene, materials={k: {**kind, "bulk_to_shear": r} for k, kind in kinds.items()}) for r in (20.0, 100.0, 500.0)]
+    scenes = [
+        changed(scene, materials={k: {**kind, "bulk_to_shear": r} for k, kind in kinds.items()})
+        for r in (20.0, 100.0, 500.0)
+    ]
     return max(from_rod(other) for other in scenes)
 
 
@@ -129,12 +143,25 @@ def _flux(load: float) -> float:
 def _snapping() -> Scene:
     """A strip in plane strain in a field against it, whose small transverse part goes over to the other side and comes back."""
     against, across = _flux(AGAINST), _flux(0.35 * EULER)
-    frames = [{"time": float(t), "uniform": [-against, 0.0, across * s]} for t, s in ((0, 1), (1, -1), (2, 1))]
-    strip = {"length": STRIP, "width": 5e-3, "thickness": THICK, "material": "silicone", "plane_strain": True}
+    frames = [
+        {"time": float(t), "uniform": [-against, 0.0, across * s]}
+        for t, s in ((0, 1), (1, -1), (2, 1))
+    ]
+    strip = {
+        "length": STRIP,
+        "width": 5e-3,
+        "thickness": THICK,
+        "material": "silicone",
+        "plane_strain": True,
+    }
     return made(
-        {"strip": {**strip, "segments": [{"magnetization": [1.0, 0.0, 0.0]}]}}, {"silicone": SILICONE}, cells=3,
-        field={"over_time": {"keyframes": frames}}, effects={"magnetic_torque": {}}, solver={"quasi_static": {"steps": 40}},
-    )  # fmt: skip
+        {"strip": {**strip, "segments": [{"magnetization": [1.0, 0.0, 0.0]}]}},
+        {"silicone": SILICONE},
+        cells=3,
+        field={"over_time": {"keyframes": frames}},
+        effects={"magnetic_torque": {}},
+        solver={"quasi_static": {"steps": 40}},
+    )
 
 
 def _snap_load(against: float) -> float:
@@ -173,8 +200,15 @@ def _snapped(scene: Scene) -> float:
 
 def _two_ways(scene: Scene) -> float:
     """Distance of tips over L, of the solve from the rod's shape and of a load that grows in 20 steps."""
-    one, two = run(scene), run(changed(scene, solver={"static": {"field_steps": 20, "max_steps": 200}}))
-    return float(np.linalg.norm(tip_of(one) - tip_of(two))) / scene.length if min(one.min_det_F, two.min_det_F) > 0 else np.inf
+    one, two = (
+        run(scene),
+        run(changed(scene, solver={"static": {"field_steps": 20, "max_steps": 200}})),
+    )
+    return (
+        float(np.linalg.norm(tip_of(one) - tip_of(two))) / scene.length
+        if min(one.min_det_F, two.min_det_F) > 0
+        else np.inf
+    )
 
 
 def _past_a_bifurcation(scene: Scene) -> float:
@@ -192,10 +226,18 @@ def _past_a_bifurcation(scene: Scene) -> float:
 def _passing() -> Scene:
     """A magnet, a sphere of neodymium, that goes past the tip, from 80 mm at one side to 80 mm at the other, one diameter beyond it."""
     moment = 1.3 * np.pi * D**3 / 6 / MU0
-    source = {"position": [LENGTH + 1.5 * D, 0.0, 0.0], "moment": [-moment, 0.0, 0.0], "diameter": D}
+    source = {
+        "position": [LENGTH + 1.5 * D, 0.0, 0.0],
+        "moment": [-moment, 0.0, 0.0],
+        "diameter": D,
+    }
     frames = [{"time": float(k), "move": [0.0, 0.0, y]} for k, y in ((0, -FAR), (1, FAR))]
     field = {"dipole": [source], "over_time": {"keyframes": frames}}
-    return changed(rod(effects={"magnetic_torque": {}, "magnetic_force": {}}), field=field, solver={"quasi_static": {"steps": 32}})
+    return changed(
+        rod(effects={"magnetic_torque": {}, "magnetic_force": {}}),
+        field=field,
+        solver={"quasi_static": {"steps": 32}},
+    )
 
 
 def _passed(scene: Scene) -> float:
@@ -228,15 +270,24 @@ def _tube(ratio: float, wall: float = 0.04e-3, field: float = 2e-3) -> Scene:
 def _parts() -> Scene:
     """A held block, and an arm of 2 mm that it holds."""
     sizes = ((0.0, BASE), (BASE, BASE + ARM))
-    meshes = [pack_mesh(block((a, -WIDE / 2, -HIGH / 2), (b, WIDE / 2, HIGH / 2))) for a, b in sizes]
+    meshes = [
+        pack_mesh(block((a, -WIDE / 2, -HIGH / 2), (b, WIDE / 2, HIGH / 2))) for a, b in sizes
+    ]
     parts = [
         {"mesh": meshes[0], "name": "base", "material": "silicone", "clamp": True},
-        {"mesh": meshes[1], "name": "arm", "material": "silicone", "magnetization": [1.0, 0.0, 0.0]},
+        {
+            "mesh": meshes[1],
+            "name": "arm",
+            "material": "silicone",
+            "magnetization": [1.0, 0.0, 0.0],
+        },
     ]
     return made(
-        {"parts": {"unit": "mm", "meshes": parts}}, {"silicone": {**SILICONE, "bulk_to_shear": 200.0}},
-        field={"uniform": [0.0, 0.0, 4e-3]}, effects={"magnetic_torque": {}},
-    )  # fmt: skip
+        {"parts": {"unit": "mm", "meshes": parts}},
+        {"silicone": {**SILICONE, "bulk_to_shear": 200.0}},
+        field={"uniform": [0.0, 0.0, 4e-3]},
+        effects={"magnetic_torque": {}},
+    )
 
 
 def _against_strip(scene: Scene) -> float:
@@ -248,9 +299,16 @@ def _against_strip(scene: Scene) -> float:
     except InputError as error:
         if "spacing" not in str(error):
             return np.inf
-    strip = {"length": 1e-3 * ARM, "width": 1e-3 * WIDE, "thickness": 1e-3 * HIGH, "material": "silicone"}
+    strip = {
+        "length": 1e-3 * ARM,
+        "width": 1e-3 * WIDE,
+        "thickness": 1e-3 * HIGH,
+        "material": "silicone",
+    }
     segments = [{"magnetization": [1.0, 0.0, 0.0]}]
-    alone = run(changed(scene, body={"strip": {**strip, "segments": segments}}, solver={"static": {}}))
+    alone = run(
+        changed(scene, body={"strip": {**strip, "segments": segments}}, solver={"static": {}})
+    )
     middle = run(scene).segment_center[1] - [1e-3 * BASE, 0.0, 0.0]
     return float(np.linalg.norm(middle - alone.segment_center[0])) / (1e-3 * ARM)
 
@@ -264,7 +322,10 @@ def _ringing(scene: Scene) -> float:
     row &= cell[:, 0] > cell[:, 0].max() // 4
     along = cell[row, 0]
     count = np.bincount(along, volume[row])
-    mean = (np.bincount(along, volume[row] * (result.particle_det_F[row] - 1)) / np.where(count > 0, count, 1))[along.min() : along.max()]
+    mean = (
+        np.bincount(along, volume[row] * (result.particle_det_F[row] - 1))
+        / np.where(count > 0, count, 1)
+    )[along.min() : along.max()]
     pressure = scene.materials["material 0"].bulk_to_shear * mean  # of G
     alternating = pressure[1:-1] - 0.5 * (pressure[:-2] + pressure[2:])
     return float(np.sqrt(np.mean(alternating**2)))
@@ -272,12 +333,16 @@ def _ringing(scene: Scene) -> float:
 
 def _permuted(scene: Scene) -> float:
     """Distance of tips over L, where the particles within each cell stand in another order."""
-    made = scene.body.shape.discretize(scene.resolution.cells_across, scene.resolution.particles_per_cell)
+    made = scene.body.shape.discretize(
+        scene.resolution.cells_across, scene.resolution.particles_per_cell
+    )
     p, noise = made.particles, np.random.default_rng(1)
     first = p.cell_first
     order = np.concatenate([a + noise.permutation(b - a) for a, b in itertools.pairwise(first)])
     position = p.position[order].astype(PRECISION).astype(np.float64)
-    mixed = replace(p, position=position, volume=p.volume[order], segment=p.segment[order], cell=p.cell[order])
+    mixed = replace(
+        p, position=position, volume=p.volume[order], segment=p.segment[order], cell=p.cell[order]
+    )
     last = p.position[:, 0] > 0.98 * scene.length
     tips = []
     for particles in (p, mixed):
@@ -289,87 +354,163 @@ def _permuted(scene: Scene) -> float:
 
 CASES = (
     Case(
-        "antiparallel field through buckling", lambda: rod(length=2 * LENGTH, field=bending_field(EULER, np.pi, 2 * LENGTH), cells=4),
-        "stays straight on the unstable branch, or buckles by rounding at any load", "error of the critical load, relative", _buckling,
-        0.03, "Euler: M B A L^2/(E I) = pi^2/4; Wang et al., JMPS 142 (2020) 104045, section 3",
+        "antiparallel field through buckling",
+        lambda: rod(length=2 * LENGTH, field=bending_field(EULER, np.pi, 2 * LENGTH), cells=4),
+        "stays straight on the unstable branch, or buckles by rounding at any load",
+        "error of the critical load, relative",
+        _buckling,
+        0.03,
+        "Euler: M B A L^2/(E I) = pi^2/4; Wang et al., JMPS 142 (2020) 104045, section 3",
     ),
     Case(
-        "twist about the long axis", lambda: rod(directions=[(0.0, 1.0, 0.0)], field=twisting_field(2.0), cells=4),
-        "has no torque without a symmetric stress, or locks", "error of the tip's twist, rad", _twist, 0.03,
+        "twist about the long axis",
+        lambda: rod(directions=[(0.0, 1.0, 0.0)], field=twisting_field(2.0), cells=4),
+        "has no torque without a symmetric stress, or locks",
+        "error of the tip's twist, rad",
+        _twist,
+        0.03,
         "theta'' + (M B A L^2/(G J)) cos(theta) = 0, Saint-Venant's torsion of a disk",
     ),
     Case(
-        "K/G from 20 to 500", lambda: rod(directions=SPATIAL, field=[2e-3, 10e-3, -14e-3], cells=3),
-        "locks: deflections vanish as K/G grows", "distance of tips from the rod's, over L", _incompressible, 0.025,
+        "K/G from 20 to 500",
+        lambda: rod(directions=SPATIAL, field=[2e-3, 10e-3, -14e-3], cells=3),
+        "locks: deflections vanish as K/G grows",
+        "distance of tips from the rod's, over L",
+        _incompressible,
+        0.025,
         "Cosserat rod; it and a solid of L/D = 10 differ by 0.05 D/L of the deflection (tests/validation/test_rod_statics.py)",
     ),
     Case(
-        "no load, begun from a loaded neighbor", lambda: rod(field=bending_field(25.0, np.radians(150)), cells=3),
-        "keeps a part of what it began from", "displacement left, over L", _from_a_loaded_neighbor, 1e-8,
+        "no load, begun from a loaded neighbor",
+        lambda: rod(field=bending_field(25.0, np.radians(150)), cells=3),
+        "keeps a part of what it began from",
+        "displacement left, over L",
+        _from_a_loaded_neighbor,
+        1e-8,
         "elastic: no load, no displacement; statics has no path, motion does (`loaded and unloaded`)",
     ),
     Case(
-        "snap-through, both branches", _snapping, "stays on a branch that has ended, or snaps early and on one side only",
-        "error of the two loads at which it snaps, relative", _snapped, 0.05,
+        "snap-through, both branches",
+        _snapping,
+        "stays on a branch that has ended, or snaps early and on one side only",
+        "error of the two loads at which it snaps, relative",
+        _snapped,
+        0.05,
         "limit points of theta'' + a sin(theta) + b cos(theta) = 0 by shooting; 3 cells across, load known within 1/1000 of its way",
         slow=True,
     ),
     Case(
-        "twist past its critical load", lambda: rod(directions=[(0.0, 1.0, 0.0)], field=twisting_field(1.0), cells=3),
-        "stays untwisted on the unstable branch, or tumbles to any angle", "error of the critical load of twist, relative", _twist_buckles,
-        0.03, "M B A L^2/(G J) = pi^2/4, a third of what bends it: Saint-Venant's torsion of a disk",
+        "twist past its critical load",
+        lambda: rod(directions=[(0.0, 1.0, 0.0)], field=twisting_field(1.0), cells=3),
+        "stays untwisted on the unstable branch, or tumbles to any angle",
+        "error of the critical load of twist, relative",
+        _twist_buckles,
+        0.03,
+        "M B A L^2/(G J) = pi^2/4, a third of what bends it: Saint-Venant's torsion of a disk",
     ),
     Case(
-        "ten times the design load", lambda: rod(directions=SPATIAL, field=[20e-3, 100e-3, -140e-3], cells=3),
-        "diverges, or ends with particles inside out", "distance of tips of two ways to solve it, over L", _two_ways, 1e-4,
+        "ten times the design load",
+        lambda: rod(directions=SPATIAL, field=[20e-3, 100e-3, -140e-3], cells=3),
+        "diverges, or ends with particles inside out",
+        "distance of tips of two ways to solve it, over L",
+        _two_ways,
+        1e-4,
         "one equilibrium: tolerance 1e-11 of the energy, so sqrt(1e-11) of the displacement, thirty times that",
     ),
     Case(
-        "ramp past a bifurcation", lambda: rod(field=bending_field(2 * EULER, np.pi), cells=2), "stays straight on the unstable branch",
-        "distance of the ramped tips from that of statics, over L", _past_a_bifurcation, 1e-3,
-        "one buckled shape, turned about the axis as it may: 1e-4 L along a neutral direction, ten times that", slow=True,
+        "ramp past a bifurcation",
+        lambda: rod(field=bending_field(2 * EULER, np.pi), cells=2),
+        "stays straight on the unstable branch",
+        "distance of the ramped tips from that of statics, over L",
+        _past_a_bifurcation,
+        1e-3,
+        "one buckled shape, turned about the axis as it may: 1e-4 L along a neutral direction, ten times that",
+        slow=True,
     ),
     Case(
-        "magnet passed at one diameter", _passing, "sticks to the magnet, or remembers on which side it was",
-        "last shape from the mirrored first one, or one on the way from that of statics, over L", _passed, 1e-4,
-        "the way of the magnet is its own mirror image; tolerance 1e-11 of the energy", slow=True,
+        "magnet passed at one diameter",
+        _passing,
+        "sticks to the magnet, or remembers on which side it was",
+        "last shape from the mirrored first one, or one on the way from that of statics, over L",
+        _passed,
+        1e-4,
+        "the way of the magnet is its own mirror image; tolerance 1e-11 of the energy",
+        slow=True,
     ),
     Case(
-        "parts of two cells", _parts, "locks or tears where parts are as thin as a cell or two",
-        "middle of a thin part from that of a strip, over L; parts of one cell are refused", _against_strip, 0.002,
+        "parts of two cells",
+        _parts,
+        "locks or tears where parts are as thin as a cell or two",
+        "middle of a thin part from that of a strip, over L; parts of one cell are refused",
+        _against_strip,
+        0.002,
         "the same body as a strip on the same cells; a tenth of the error of two cells across, 1 to 2 % of L",
     ),
     Case(
-        "stiff inclusion", lambda: rod(directions=(X, (0.0, 0.0, 1.0), X), shear=[G, 1000 * G, G], field=[0.0, 0.0, 20e-3], cells=3),
-        "takes hundreds of steps, or stops where the stiff part turns", "tip from the rod's, over L", from_rod, 0.03,
+        "stiff inclusion",
+        lambda: rod(
+            directions=(X, (0.0, 0.0, 1.0), X),
+            shear=[G, 1000 * G, G],
+            field=[0.0, 0.0, 20e-3],
+            cells=3,
+        ),
+        "takes hundreds of steps, or stops where the stiff part turns",
+        "tip from the rod's, over L",
+        from_rod,
+        0.03,
         "Cosserat rod; stiff neighbors restrain soft ends, 1 to 2 % of L (tests/stability)",
     ),
     Case(
-        "needle, L/D 200", _needle, "is too stiff, or stops: bending is 1e-9 as stiff as the stiffest mode", "tip from the rod's, over L",
-        from_rod, 0.003, "Cosserat rod; at two cells across F-bar bends 0.6 % too easily, 0.2 % of L here (tests/stability)",
+        "needle, L/D 200",
+        _needle,
+        "is too stiff, or stops: bending is 1e-9 as stiff as the stiffest mode",
+        "tip from the rod's, over L",
+        from_rod,
+        0.003,
+        "Cosserat rod; at two cells across F-bar bends 0.6 % too easily, 0.2 % of L here (tests/stability)",
     ),
     *(
         Case(
-            f"thin tube, K/G = {ratio:g}", partial(_tube, ratio), "locks: the wall is a fiftieth of a cell", "tip from the rod's, over L",
-            from_rod, 0.002,
+            f"thin tube, K/G = {ratio:g}",
+            partial(_tube, ratio),
+            "locks: the wall is a fiftieth of a cell",
+            "tip from the rod's, over L",
+            from_rod,
+            0.002,
             "Cosserat rod, bent far less than for kinking (Brazier); tubes at K/G 20 are within 0.2 % of L (tests/stability)",
         )
         for ratio in (100.0, 500.0)
     ),
     Case(
-        "thin tube bent until it kinks", lambda: _tube(20.0, 0.1e-3, 7e-3),
+        "thin tube bent until it kinks",
+        lambda: _tube(20.0, 0.1e-3, 7e-3),
         "gives the shape of a tube that stays round: at two cells across, or as a rod, nothing flattens",
-        "1 where the result does not tell that the tube kinks", lambda scene: float("kinks" not in "".join(run(scene).warnings)), 0.5,
+        "1 where the result does not tell that the tube kinks",
+        lambda scene: float("kinks" not in "".join(run(scene).warnings)),
+        0.5,
         "bent to half of Brazier's radius; finer grids soften (1.6 % of L at 6 cells near the limit), and find no equilibrium there",
     ),
     Case(
-        "stress without ringing", lambda: rod(field=bending_field(2.0), ratio=500.0, cells=4),
-        "has pressures that alternate from cell to cell, a checkerboard", "alternating pressure along the body, over G", _ringing, 5e-5,
+        "stress without ringing",
+        lambda: rod(field=bending_field(2.0), ratio=500.0, cells=4),
+        "has pressures that alternate from cell to cell, a checkerboard",
+        "alternating pressure along the body, over G",
+        _ringing,
+        5e-5,
         "pressure of a bent rod is smooth along it, and 0.1 G at most: a two-thousandth of that; a grid that locks has 9e-5",
     ),
     Case(
-        "permuted particles", lambda: rod(directions=((1.0, 0.0, 0.0), (0.0, 0.6, 0.8)), field=bending_field(4.0), length=LENGTH, cells=3),
-        "depends on the order of sums, or on a number's last bit", "distance of tips, over L", _permuted, 1e-8,
+        "permuted particles",
+        lambda: rod(
+            directions=((1.0, 0.0, 0.0), (0.0, 0.6, 0.8)),
+            field=bending_field(4.0),
+            length=LENGTH,
+            cells=3,
+        ),
+        "depends on the order of sums, or on a number's last bit",
+        "distance of tips, over L",
+        _permuted,
+        1e-8,
         "the same sums in another order: rounding of 1e-16, times the condition of bending, 1e7",
     ),
 )

@@ -55,14 +55,18 @@ def advance(motion: TotalMotion, steps: int, dt: float, start: float = 0.0) -> N
     named = effects.collect(motion.model.scene, times=start + dt * np.arange(steps, dtype=float))
     taken, broken = take(motion, named, steps, dt)
     if broken or taken < steps:  # a step in which the body moves too far is the last one
-        raise SolveError(f"the motion {'broke' if broken else 'was stopped'} at step {taken} of {steps}")
+        raise SolveError(
+            f"the motion {'broke' if broken else 'was stopped'} at step {taken} of {steps}"
+        )
 
 
 def energy(motion: TotalMotion, time: float = 0.0) -> float:
     """Kinetic, elastic and the effects' potential energies together, J, of one moment. Raises SolveError where they are not finite."""
     now, model = motion.kinematics(), motion.model
     elastic = energies.elastic_energy(model, now.F)
-    found = now.kinetic + elastic + sum(energies.effect_energies(model, now.x, now.F, time).values())
+    found = (
+        now.kinetic + elastic + sum(energies.effect_energies(model, now.x, now.F, time).values())
+    )
     if not np.isfinite(found):
         raise SolveError("the energy of the motion is not finite")
     return found
@@ -71,7 +75,9 @@ def energy(motion: TotalMotion, time: float = 0.0) -> float:
 def spin(motion: TotalMotion) -> Array:
     """Angular momentum (3,) about the origin, N m s."""
     place = motion.packed.node_place + motion.u.reshape(-1, 3)
-    return np.asarray(np.cross(place, motion.packed.mass.momentum(motion.velocity().reshape(-1, 3))).sum(axis=0))
+    return np.asarray(
+        np.cross(place, motion.packed.mass.momentum(motion.velocity().reshape(-1, 3))).sum(axis=0)
+    )
 
 
 def last_cells(model: Model) -> Array:
@@ -82,12 +88,23 @@ def last_cells(model: Model) -> Array:
 
 
 def made(
-    body: Mapping[str, Any], materials: Mapping[str, Any], *, field: Mapping[str, Any], effects: Mapping[str, Any],
-    solver: Mapping[str, Any] | None = None, cells: int | None = 2,
-) -> Scene:  # fmt: skip
+    body: Mapping[str, Any],
+    materials: Mapping[str, Any],
+    *,
+    field: Mapping[str, Any],
+    effects: Mapping[str, Any],
+    solver: Mapping[str, Any] | None = None,
+    cells: int | None = 2,
+) -> Scene:
     """The scene of these data, an equilibrium unless `solver` says otherwise."""
     resolution = {} if cells is None else {"resolution": {"cells_across": cells}}
-    parts = {"body": body, "materials": materials, "field": field, "effects": effects, "solver": solver or {"static": {}}}
+    parts = {
+        "body": body,
+        "materials": materials,
+        "field": field,
+        "effects": effects,
+        "solver": solver or {"static": {}},
+    }
     return Scene.from_si({"name": "hard case", **parts, **resolution})
 
 
@@ -97,20 +114,42 @@ def changed(scene: Scene, **parts: Any) -> Scene:
 
 
 def rod(
-    *, length: float = LENGTH, directions: Sequence[Sequence[float]] = (X,), shear: Sequence[float] | None = None, ratio: float = RATIO,
-    field: Sequence[float] | None = None, cells: int = 2, clamp: str = "base", effects: Mapping[str, Any] | None = None,
+    *,
+    length: float = LENGTH,
+    directions: Sequence[Sequence[float]] = (X,),
+    shear: Sequence[float] | None = None,
+    ratio: float = RATIO,
+    field: Sequence[float] | None = None,
+    cells: int = 2,
+    clamp: str = "base",
+    effects: Mapping[str, Any] | None = None,
     dynamic: Mapping[str, Any] | None = None,
-) -> Scene:  # fmt: skip
+) -> Scene:
     """A catheter 4 mm thick of equal segments with these magnetizations. field (3,) T; shear: Pa, one a segment."""
     moduli = [G] * len(directions) if shear is None else list(shear)
-    kinds = {f"material {k}": {**SILICONE, "shear_modulus": g, "bulk_to_shear": ratio} for k, g in enumerate(moduli)}
-    segments = [{"magnetization": list(d), "material": name} for d, name in zip(directions, kinds, strict=True)]
-    catheter = {"length": length, "diameter": DIAMETER, "material": "material 0", "clamp": clamp, "segments": segments}
+    kinds = {
+        f"material {k}": {**SILICONE, "shear_modulus": g, "bulk_to_shear": ratio}
+        for k, g in enumerate(moduli)
+    }
+    segments = [
+        {"magnetization": list(d), "material": name}
+        for d, name in zip(directions, kinds, strict=True)
+    ]
+    catheter = {
+        "length": length,
+        "diameter": DIAMETER,
+        "material": "material 0",
+        "clamp": clamp,
+        "segments": segments,
+    }
     return made(
-        {"catheter": catheter}, kinds, field={"uniform": [0.0, 0.0, 0.0] if field is None else [float(b) for b in field]}, cells=cells,
+        {"catheter": catheter},
+        kinds,
+        field={"uniform": [0.0, 0.0, 0.0] if field is None else [float(b) for b in field]},
+        cells=cells,
         effects={**({} if field is None else {"magnetic_torque": {}}), **(effects or {})},
         solver=None if dynamic is None else {"dynamic": {"duration": 1.0, **dynamic}},
-    )  # fmt: skip
+    )
 
 
 def bending_field(load: float, angle: float = np.pi / 2, length: float = LENGTH) -> list[float]:

@@ -47,7 +47,12 @@ def _offsets(count: int) -> Case:
             catheter = scene.body.catheter
             assert catheter is not None  # made by `rod`, below
             at = scene.resolution
-            model = build(scene, catheter.discretize(at.cells_across, at.particles_per_cell, shift=(place[0], place[1])))
+            model = build(
+                scene,
+                catheter.discretize(
+                    at.cells_across, at.particles_per_cell, shift=(place[0], place[1])
+                ),
+            )
             moved = move(model)
             tips.append(last_cells(model) @ (moved.x - model.particles.position))
         spread = np.array(tips)[:, None] - np.array(tips)[None]
@@ -56,10 +61,18 @@ def _offsets(count: int) -> Case:
     return Case(
         f"{count} offsets of body against grid",
         lambda: rod(
-            length=20e-3, field=bending_field(1.0, length=20e-3), cells=4, effects={"damping": {"rate": 240.0}},
+            length=20e-3,
+            field=bending_field(1.0, length=20e-3),
+            cells=4,
+            effects={"damping": {"rate": 240.0}},
             dynamic={"duration": 0.06, "output_every": 0.03},
-        ), "loses slivers of cells, or bends by another amount at every place", "spread of settled tips, over L", measure, 0.005,
-        "the grid is not part of the physics", slow=count > 8,
+        ),
+        "loses slivers of cells, or bends by another amount at every place",
+        "spread of settled tips, over L",
+        measure,
+        0.005,
+        "the grid is not part of the physics",
+        slow=count > 8,
     )
 
 
@@ -113,7 +126,10 @@ def _opened(scene: Scene) -> float:
     if min(widest) > 0.3 * scene.length:
         return math.inf
     rest, x = X - X.mean(axis=0), moved.x - moved.x.mean(axis=0)
-    return float(np.linalg.norm(x - Rotation.align_vectors(x, rest)[0].apply(rest), axis=1).max()) / scene.length
+    return (
+        float(np.linalg.norm(x - Rotation.align_vectors(x, rest)[0].apply(rest), axis=1).max())
+        / scene.length
+    )
 
 
 def _opening_strip() -> Scene:
@@ -123,7 +139,9 @@ def _opening_strip() -> Scene:
     data["body"]["strip"] |= {"length": 12e-3, "thickness": 0.5e-3, "plane_strain": True}
     for segment, along in zip(data["body"]["strip"]["segments"], (-1.0, 1.0), strict=True):
         segment["magnetization"] = [along, 0.0, -0.36]
-    frames = [{"time": t, "strength": s} for t, s in ((0.0, 0.0), (0.05, 1.0), (0.25, 1.0), (0.29, 0.0))]
+    frames = [
+        {"time": t, "strength": s} for t, s in ((0.0, 0.0), (0.05, 1.0), (0.25, 1.0), (0.29, 0.0))
+    ]
     data["field"] = {"uniform": [0.0, 0.0, 20e-3], "over_time": {"keyframes": frames}}
     data["effects"]["damping"] = {"rate": 100.0}
     data["solver"]["dynamic"] = {"duration": 0.45, "output_every": 0.05}
@@ -133,11 +151,21 @@ def _opening_strip() -> Scene:
 def _folding_strip() -> Scene:
     """A free strip of two halves magnetized against each other, folded by three times the field that this takes."""
     halves = [{"magnetization": [1.0, 0.0, 0.0]}, {"magnetization": [-1.0, 0.0, 0.0]}]
-    strip = {"length": 20e-3, "width": 2e-3, "thickness": 1e-3, "material": "silicone", "clamp": "none", "segments": halves}
+    strip = {
+        "length": 20e-3,
+        "width": 2e-3,
+        "thickness": 1e-3,
+        "material": "silicone",
+        "clamp": "none",
+        "segments": halves,
+    }
     return made(
-        {"strip": strip}, {"silicone": SILICONE}, field={"uniform": [0.0, 0.0, 150e-3]},
-        effects={"magnetic_torque": {}, "self_contact": {}, "damping": {"rate": 60.0}}, solver={"dynamic": {"duration": 0.03}},
-    )  # fmt: skip
+        {"strip": strip},
+        {"silicone": SILICONE},
+        field={"uniform": [0.0, 0.0, 150e-3]},
+        effects={"magnetic_torque": {}, "self_contact": {}, "damping": {"rate": 60.0}},
+        solver={"dynamic": {"duration": 0.03}},
+    )
 
 
 def _free(**more: object) -> Scene:
@@ -146,19 +174,34 @@ def _free(**more: object) -> Scene:
 
 def _bodies(meshes: Sequence[Mesh], moduli: Sequence[float] = (), **effects: object) -> Scene:
     """Free bodies with these meshes, mm, the lowest one first, and with these shear moduli, Pa."""
-    parts = [{"mesh": pack_mesh(mesh), "name": f"body {k}", "material": f"material {k if moduli else 0}"} for k, mesh in enumerate(meshes)]
-    kinds = {f"material {k}": {**SILICONE, "shear_modulus": g, "remanence": 0.0} for k, g in enumerate(moduli or [G])}
+    parts = [
+        {"mesh": pack_mesh(mesh), "name": f"body {k}", "material": f"material {k if moduli else 0}"}
+        for k, mesh in enumerate(meshes)
+    ]
+    kinds = {
+        f"material {k}": {**SILICONE, "shear_modulus": g, "remanence": 0.0}
+        for k, g in enumerate(moduli or [G])
+    }
     return made(
-        {"parts": {"unit": "mm", "spacing": 1e-3 * CELL, "meshes": parts}}, kinds, cells=None, field={"uniform": [0.0, 0.0, 0.0]},
-        effects={"self_contact": {}, **effects}, solver={"dynamic": {"duration": 0.05}},
-    )  # fmt: skip
+        {"parts": {"unit": "mm", "spacing": 1e-3 * CELL, "meshes": parts}},
+        kinds,
+        cells=None,
+        field={"uniform": [0.0, 0.0, 0.0]},
+        effects={"self_contact": {}, **effects},
+        solver={"dynamic": {"duration": 0.05}},
+    )
 
 
-def _block(size: Sequence[float] = (SIDE, SIDE, SIDE), turn: Rotation | None = None, rise: float = 0.0) -> Mesh:
+def _block(
+    size: Sequence[float] = (SIDE, SIDE, SIDE), turn: Rotation | None = None, rise: float = 0.0
+) -> Mesh:
     """A block around a place at this height, mm, turned."""
     half = np.array(size) / 2
     mesh = block(tuple(-half), tuple(half))
-    return Mesh((mesh.vertices if turn is None else turn.apply(mesh.vertices)) + np.array([0.0, 0.0, rise]), mesh.faces)
+    return Mesh(
+        (mesh.vertices if turn is None else turn.apply(mesh.vertices)) + np.array([0.0, 0.0, rise]),
+        mesh.faces,
+    )
 
 
 def _over(low: Mesh, high: Mesh) -> Scene:
@@ -178,7 +221,10 @@ def _hit(scene: Scene) -> float:
     interval(moved, 2e-3)  # until the bodies have parted
     x, v, _ = motion.particles()
     mass, high = model.density * model.particles.volume, model.component == last
-    up, distance = (np.subtract(*(mass[on] @ z[on, 2] / (mass[on].sum() or 1.0) for on in (high, ~high))) for z in (v, x))
+    up, distance = (
+        np.subtract(*(mass[on] @ z[on, 2] / (mass[on].sum() or 1.0) for on in (high, ~high)))
+        for z in (v, x)
+    )
     return abs(energy(motion) / begun - 1) if up > 0.1 * FAST and distance > 0.0 else math.inf
 
 
@@ -186,75 +232,146 @@ def _stacked(scene: Scene) -> float:
     """Depth in cells of the contacts of a stack that has settled; infinite if a block is not on the one below it, to 0.02 cells."""
     moved = move(build(scene))
     model = moved.motion.model
-    height = [float(moved.x[model.component == k, 2].mean()) for k in range(model.component.max() + 1)]
+    height = [
+        float(moved.x[model.component == k, 2].mean()) for k in range(model.component.max() + 1)
+    ]
     deepest = max(contact["depth"] for contact in moved.contacts.values())
-    return deepest / (1e-3 * CELL) if abs(np.diff(height) - 0.5e-3 * SIDE).max() < 0.02e-3 * CELL else math.inf
+    return (
+        deepest / (1e-3 * CELL)
+        if abs(np.diff(height) - 0.5e-3 * SIDE).max() < 0.02e-3 * CELL
+        else math.inf
+    )
 
 
 def _stack() -> Scene:
     """Five blocks on the ground, every other one a hundred times as stiff."""
-    blocks, moduli = [_block((SIDE, SIDE, SIDE / 2), rise=k * (SIDE / 2 + GAP)) for k in range(5)], [G, 100 * G, G, 100 * G, G]
-    return _bodies(blocks, moduli, gravity={}, ground={"point": [0.0, 0.0, -0.25e-3 * SIDE]}, damping={"rate": 500.0})
+    blocks, moduli = (
+        [_block((SIDE, SIDE, SIDE / 2), rise=k * (SIDE / 2 + GAP)) for k in range(5)],
+        [G, 100 * G, G, 100 * G, G],
+    )
+    return _bodies(
+        blocks,
+        moduli,
+        gravity={},
+        ground={"point": [0.0, 0.0, -0.25e-3 * SIDE]},
+        damping={"rate": 500.0},
+    )
 
 
 def _folded(scene: Scene) -> float:
     """Largest depth of a fold in itself, in cells, in any frame; infinite if it never touches itself."""
     depths: list[float] = []
-    move(build(scene), on_state=lambda state: depths.append(max((c["depth"] for c in state.contacts.values()), default=0.0)))
+    move(
+        build(scene),
+        on_state=lambda state: depths.append(
+            max((c["depth"] for c in state.contacts.values()), default=0.0)
+        ),
+    )
     return max(depths) / scene.cell or math.inf
 
 
 def _impact(name: str, scene: Callable[[], Scene]) -> Case:
     return Case(
-        name, scene, "passes through, sticks, or bounces with more energy", "energy lost or gained, over that at first", _hit, 0.02,
+        name,
+        scene,
+        "passes through, sticks, or bounces with more energy",
+        "energy lost or gained, over that at first",
+        _hit,
+        0.02,
         "two elastic bodies without friction keep their energy",
-    )  # fmt: skip
+    )
 
 
 CASES = (
     _offsets(8),
     _offsets(64),
     Case(
-        "rotation by 360 degrees", _free, "is strained by rotating, or does not come back", "largest strain F^T F - 1 on the way", _turn,
-        1e-5, f"rigid motion: no strain but the centrifugal one, rho (w L)^2/(8 E) = {DENSITY * (TURN * LENGTH) ** 2 / 8 / (3 * G):.0e}",
+        "rotation by 360 degrees",
+        _free,
+        "is strained by rotating, or does not come back",
+        "largest strain F^T F - 1 on the way",
+        _turn,
+        1e-5,
+        f"rigid motion: no strain but the centrifugal one, rho (w L)^2/(8 E) = {DENSITY * (TURN * LENGTH) ** 2 / 8 / (3 * G):.0e}",
     ),
     *(
         Case(
-            f"det F down to 0.2, K = {ratio:g} G", partial(_free, ratio=ratio),
-            "turns particles inside out, or gains energy while it swells", "energy lost or gained, over that at first", _squeezed, 0.02,
+            f"det F down to 0.2, K = {ratio:g} G",
+            partial(_free, ratio=ratio),
+            "turns particles inside out, or gains energy while it swells",
+            "energy lost or gained, over that at first",
+            _squeezed,
+            0.02,
             f"nothing does work, and no more than {100 * GAINED:g} % may be gained",
         )
         for ratio in (5.0, 20.0)
     ),
     Case(
-        "folded, held and let open", _opening_strip, "keeps a bend, though nothing in it is plastic, or slowly tears while it is held",
-        "distance of particles from the undeformed shape, over L", _opened, 0.002,
-        "a hyperelastic body without load is as it was made; damping leaves exp(-8)", slow=True,
+        "folded, held and let open",
+        _opening_strip,
+        "keeps a bend, though nothing in it is plastic, or slowly tears while it is held",
+        "distance of particles from the undeformed shape, over L",
+        _opened,
+        0.002,
+        "a hyperelastic body without load is as it was made; damping leaves exp(-8)",
+        slow=True,
     ),
-    _impact("a block hits the ground at 2 m/s", lambda: _bodies([_block()], ground={"point": [0.0, 0.0, -0.51e-3 * SIDE]})),
+    _impact(
+        "a block hits the ground at 2 m/s",
+        lambda: _bodies([_block()], ground={"point": [0.0, 0.0, -0.51e-3 * SIDE]}),
+    ),
     _impact("blocks collide at 2 m/s", lambda: _over(_block(), _block())),
-    _impact("a corner hits a face at 2 m/s", lambda: _over(
-        _block((2 * SIDE, 2 * SIDE, SIDE)), _block(turn=Rotation.align_vectors([[0, 0, 1]], [[1, 1, 1]])[0]),
-    )),
-    _impact("edges cross at 2 m/s", lambda: _over(
-        _block((2 * SIDE, SIDE, SIDE), Rotation.from_euler("x", 45, degrees=True)),
-        _block((SIDE, 2 * SIDE, SIDE), Rotation.from_euler("y", 45, degrees=True)),
-    )),
-    _impact("a block hits a sheet of two cells", lambda: _over(_block((3 * SIDE, 3 * SIDE, 2 * CELL)), _block())),
-    Case(
-        "stack of five, stiffness 1:100", _stack, "sinks in, or creeps through", "deepest contact, in cells", _stacked, 0.02,
-        "weight over the stiffness of a layer: a thousandth of a cell", slow=True,
+    _impact(
+        "a corner hits a face at 2 m/s",
+        lambda: _over(
+            _block((2 * SIDE, 2 * SIDE, SIDE)),
+            _block(turn=Rotation.align_vectors([[0, 0, 1]], [[1, 1, 1]])[0]),
+        ),
+    ),
+    _impact(
+        "edges cross at 2 m/s",
+        lambda: _over(
+            _block((2 * SIDE, SIDE, SIDE), Rotation.from_euler("x", 45, degrees=True)),
+            _block((SIDE, 2 * SIDE, SIDE), Rotation.from_euler("y", 45, degrees=True)),
+        ),
+    ),
+    _impact(
+        "a block hits a sheet of two cells",
+        lambda: _over(_block((3 * SIDE, 3 * SIDE, 2 * CELL)), _block()),
     ),
     Case(
-        "a block sticks on a steep slope", lambda: _bodies(
-            [_block((SIDE, SIDE, SIDE / 2))], gravity={"acceleration": [0.99 * 0.7 * 8.0, 0.0, -8.0]},
+        "stack of five, stiffness 1:100",
+        _stack,
+        "sinks in, or creeps through",
+        "deepest contact, in cells",
+        _stacked,
+        0.02,
+        "weight over the stiffness of a layer: a thousandth of a cell",
+        slow=True,
+    ),
+    Case(
+        "a block sticks on a steep slope",
+        lambda: _bodies(
+            [_block((SIDE, SIDE, SIDE / 2))],
+            gravity={"acceleration": [0.99 * 0.7 * 8.0, 0.0, -8.0]},
             ground={"point": [0.0, 0.0, -0.25e-3 * SIDE], "friction": 0.7},
-        ), "flutters as bounce and shear feed each other, and slides", "way, in cells",
-        lambda scene: float((move(build(scene)).x - build(scene).particles.position).mean(axis=0)[0]) / (1e-3 * CELL),
-        0.02, "0.99 of friction's cone",
+        ),
+        "flutters as bounce and shear feed each other, and slides",
+        "way, in cells",
+        lambda scene: (
+            float((move(build(scene)).x - build(scene).particles.position).mean(axis=0)[0])
+            / (1e-3 * CELL)
+        ),
+        0.02,
+        "0.99 of friction's cone",
     ),
     Case(
-        "folding onto itself, in three times the field", _folding_strip, "passes through itself", "deepest contact, in cells", _folded, 0.2,
+        "folding onto itself, in three times the field",
+        _folding_strip,
+        "passes through itself",
+        "deepest contact, in cells",
+        _folded,
+        0.2,
         "pressure of the field over the stiffness of a layer",
     ),
 )

@@ -43,15 +43,27 @@ from magmpm.studies.hard_cases.motions import (
 
 SHAKEN = 4 * 4e-3  # m, length of the body whose steps are at the edge
 SHORT = 20e-3  # m
-FREQUENCY = FIRST**2 * math.sqrt(young_modulus(G, RATIO * G) / DENSITY) * DIAMETER / 4 / SHORT**2 / (2 * math.pi)  # Hz, of bending
-LOADED, SETTLED = 0.05, 0.25  # s: of a rod whose first bending takes 0.03 s, and is damped critically
+FREQUENCY = (
+    FIRST**2
+    * math.sqrt(young_modulus(G, RATIO * G) / DENSITY)
+    * DIAMETER
+    / 4
+    / SHORT**2
+    / (2 * math.pi)
+)  # Hz, of bending
+LOADED, SETTLED = (
+    0.05,
+    0.25,
+)  # s: of a rod whose first bending takes 0.03 s, and is damped critically
 SHORTER = 16e-3  # m
 STUB = 8e-3  # m, of long and broken runs
 FRAMES = 6
 REVERSED = 0.02  # s
 
 
-def energy_kept(motion: TotalMotion, dt: float, steps: int, looks: int, start: float = 0.0) -> float:
+def energy_kept(
+    motion: TotalMotion, dt: float, steps: int, looks: int, start: float = 0.0
+) -> float:
     """Largest change of the energy since the first check, at `start` (s), over the largest kinetic energy."""
     begun, change, most, part = energy(motion, start), 0.0, 0.0, steps // looks
     for k in range(looks):
@@ -104,7 +116,9 @@ def _detected(part: float) -> Callable[[Scene], float]:
             integrate(moved)
         except SolveError as error:
             state = error.state
-            named = all(word in error.reason for word in ("step", "t =", "time_step", f"{bound:.3g}"))
+            named = all(
+                word in error.reason for word in ("step", "t =", "time_step", f"{bound:.3g}")
+            )
             kept = state is not None and bool(np.isfinite(state.x).all())
             return float(error.reason.split()[1].rstrip(",")) if named and kept else math.inf
         return math.inf
@@ -126,7 +140,9 @@ def _settled(scene: Scene, least: float = 0.0) -> float:
 def _rotating() -> Scene:
     turning = {"rotation": {"axis": [0.0, 1.0, 0.0], "frequency": FREQUENCY}}
     field = bending_field(1.0, 0.0, SHORT)
-    return changed(rod(length=SHORT, field=field, dynamic={}), field={"uniform": field, "over_time": turning})
+    return changed(
+        rod(length=SHORT, field=field, dynamic={}), field={"uniform": field, "over_time": turning}
+    )
 
 
 def _resonance(scene: Scene) -> float:
@@ -137,7 +153,9 @@ def _resonance(scene: Scene) -> float:
 
     def moment() -> np.ndarray:
         _, _, F = motion.particles()
-        found: np.ndarray = model.particles.volume @ np.einsum("nij,nj->ni", F, model.remanence[:, :3]) / MU0
+        found: np.ndarray = (
+            model.particles.volume @ np.einsum("nij,nj->ni", F, model.remanence[:, :3]) / MU0
+        )
         return found
 
     begun, m, B = energy(motion, 0.0), moment(), turning.at(place, 0.0)[0]
@@ -157,9 +175,18 @@ def _resonance(scene: Scene) -> float:
 
 def _cycle() -> Scene:
     """A rod that a field bends to a tip deflection of 0.7 of its length, and releases as slowly."""
-    strength = [{"time": 0.0, "strength": 0.0}, {"time": LOADED, "strength": 1.0}, {"time": 2 * LOADED, "strength": 0.0}]
+    strength = [
+        {"time": 0.0, "strength": 0.0},
+        {"time": LOADED, "strength": 1.0},
+        {"time": 2 * LOADED, "strength": 0.0},
+    ]
     field = bending_field(6.0, length=SHORTER)
-    scene = rod(length=SHORTER, field=field, effects={"damping": {"rate": 370.0}}, dynamic={"duration": SETTLED})
+    scene = rod(
+        length=SHORTER,
+        field=field,
+        effects={"damping": {"rate": 370.0}},
+        dynamic={"duration": SETTLED},
+    )
     return changed(scene, field={"uniform": field, "over_time": {"keyframes": strength}})
 
 
@@ -195,7 +222,12 @@ def _reversed(scene: Scene) -> float:
 
 def _moving() -> Scene:
     moving = {"duration": 0.012, "output_every": 0.012 / FRAMES}
-    return rod(length=STUB, field=bending_field(1.0, length=STUB), effects={"damping": {"rate": 100.0}}, dynamic=moving)
+    return rod(
+        length=STUB,
+        field=bending_field(1.0, length=STUB),
+        effects={"damping": {"rate": 100.0}},
+        dynamic=moving,
+    )
 
 
 def _table(folder: Path) -> list[dict[str, Any]]:
@@ -213,10 +245,14 @@ def _pieces(scene: Scene, folder: Path, broken: bool = False) -> Any:
                 raise _Interrupted
 
         with contextlib.suppress(_Interrupted):
-            result = run(scene, folder=folder, resume=(folder / CHECKPOINT).exists(), on_progress=stop)
+            result = run(
+                scene, folder=folder, resume=(folder / CHECKPOINT).exists(), on_progress=stop
+            )
         if broken and k < FRAMES:
             with (folder / ENERGIES).open("a", encoding="utf-8") as stream:
-                stream.write(f"{(k + 0.5) * every!r},1.0")  # a row that the end of the process cut off
+                stream.write(
+                    f"{(k + 0.5) * every!r},1.0"
+                )  # a row that the end of the process cut off
     return result
 
 
@@ -236,79 +272,149 @@ def _frames_lost(scene: Scene) -> float:
         except InputError:  # the run can't go on
             return np.inf
         whole, parts = _table(Path(one)), _table(Path(other))
-    return float(abs(len(whole) - len(parts)) + sum(a != b for a, b in zip(whole, parts, strict=False)))
+    return float(
+        abs(len(whole) - len(parts)) + sum(a != b for a, b in zip(whole, parts, strict=False))
+    )
 
 
 def _field_reversed() -> Scene:
     scene = rod(field=bending_field(2.0), dynamic={})
-    frames = [{"time": t, "strength": s} for t, s in ((0.0, 1.0), (REVERSED - 1e-9, 1.0), (REVERSED, -1.0))]
-    return changed(scene, field={"uniform": list(scene.field.uniform), "over_time": {"keyframes": frames}})
+    frames = [
+        {"time": t, "strength": s}
+        for t, s in ((0.0, 1.0), (REVERSED - 1e-9, 1.0), (REVERSED, -1.0))
+    ]
+    return changed(
+        scene, field={"uniform": list(scene.field.uniform), "over_time": {"keyframes": frames}}
+    )
 
 
 CASES = (
     Case(
-        "field switched on at once", lambda: rod(field=bending_field(10.0), dynamic={}), "blows up on the first swing, or loses it",
-        "change of all energies over 0.1 s, over the largest kinetic", _switched_on, 0.01,
+        "field switched on at once",
+        lambda: rod(field=bending_field(10.0), dynamic={}),
+        "blows up on the first swing, or loses it",
+        "change of all energies over 0.1 s, over the largest kinetic",
+        _switched_on,
+        0.01,
         "nothing does work: a constant field has a potential",
     ),
     Case(
-        "time step 0.9 of the bound", lambda: rod(length=SHAKEN, clamp="none", dynamic={}), "gains energy slowly, or loses it, or its spin",
-        "change in 10^5 steps of energy or of spin, over those at first", stays(0.9, 100_000, 50), 0.1,
+        "time step 0.9 of the bound",
+        lambda: rod(length=SHAKEN, clamp="none", dynamic={}),
+        "gains energy slowly, or loses it, or its spin",
+        "change in 10^5 steps of energy or of spin, over those at first",
+        stays(0.9, 100_000, 50),
+        0.1,
         "symplectic Euler below 2/omega: the energy of a mode swings, and does not grow",
     ),
     Case(
-        "time step 1.2 of the bound", lambda: rod(
-            length=SHAKEN, field=bending_field(2.0, length=SHAKEN), dynamic={"duration": 2.0, "output_every": 0.01, "time_step": 1e-6},
-        ), "ends with values that are not finite, or with wrong ones",
-        "steps until it is stopped, with its reason and last good state", _detected(1.2), 40.0,
+        "time step 1.2 of the bound",
+        lambda: rod(
+            length=SHAKEN,
+            field=bending_field(2.0, length=SHAKEN),
+            dynamic={"duration": 2.0, "output_every": 0.01, "time_step": 1e-6},
+        ),
+        "ends with values that are not finite, or with wrong ones",
+        "steps until it is stopped, with its reason and last good state",
+        _detected(1.2),
+        40.0,
         "the fastest mode grows 3.5-fold a step, by x + sqrt(x^2 - 1), x = 2 1.2^2 - 1: from rounding to 1 in 30",
     ),
     Case(
-        "K/G = 500 in motion", lambda: rod(
-            field=bending_field(2.0), effects={"damping": {"rate": 60.0}}, dynamic={"duration": 0.35}, ratio=500.0
-        ), "locks, or needs a step for which it was not asked",
-        "settled tip from statics, over L", _settled, 0.002, "statics by Newton's method on the same particles",
+        "K/G = 500 in motion",
+        lambda: rod(
+            field=bending_field(2.0),
+            effects={"damping": {"rate": 60.0}},
+            dynamic={"duration": 0.35},
+            ratio=500.0,
+        ),
+        "locks, or needs a step for which it was not asked",
+        "settled tip from statics, over L",
+        _settled,
+        0.002,
+        "statics by Newton's method on the same particles",
     ),
     Case(
         "stiffness contrast 1:100",
         lambda: rod(
-            directions=[(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)] * 2, shear=[G, G / 100, G, G / 100], field=[0.0, 0.0, 0.1e-3],
-            effects={"damping": {"rate": 12.0}}, dynamic={"duration": 2.0, "output_every": 0.1},
-        ), "takes the soft neighbor's step, or tears at the joint", "settled tip from statics, over L", _settled, 0.002,
-        "statics by Newton's method on the same particles", slow=True,
+            directions=[(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)] * 2,
+            shear=[G, G / 100, G, G / 100],
+            field=[0.0, 0.0, 0.1e-3],
+            effects={"damping": {"rate": 12.0}},
+            dynamic={"duration": 2.0, "output_every": 0.1},
+        ),
+        "takes the soft neighbor's step, or tears at the joint",
+        "settled tip from statics, over L",
+        _settled,
+        0.002,
+        "statics by Newton's method on the same particles",
+        slow=True,
     ),
     Case(
-        "loaded and unloaded", _cycle, "remembers the path it came", "displacement left, over L, after a tip deflection of 0.7 L",
-        _left_over, 1e-8, "elastic: no load, no displacement; what is left of the motion falls by exp(-185 t)",
+        "loaded and unloaded",
+        _cycle,
+        "remembers the path it came",
+        "displacement left, over L, after a tip deflection of 0.7 L",
+        _left_over,
+        1e-8,
+        "elastic: no load, no displacement; what is left of the motion falls by exp(-185 t)",
     ),
     Case(
-        "field rotating at the first bending frequency", _rotating, "gains energy that no one gave it, until it breaks",
-        "energy that is not the field's work, over the largest kinetic", _resonance, 0.01, "dE/dt = -m . dB/dt",
+        "field rotating at the first bending frequency",
+        _rotating,
+        "gains energy that no one gave it, until it breaks",
+        "energy that is not the field's work, over the largest kinetic",
+        _resonance,
+        0.01,
+        "dE/dt = -m . dB/dt",
     ),
     Case(
-        "a magnet brought close", _approaching,
+        "a magnet brought close",
+        _approaching,
         "is pulled off by a gradient that its torque knows nothing of, or loses balance as the field grows tenfold",
-        "settled tip from statics, over L", lambda scene: _settled(scene, 0.05), 0.005,
-        f"statics by Newton's method in the magnet's last place; remanence {REMANENCE:g} T", slow=True,
+        "settled tip from statics, over L",
+        lambda scene: _settled(scene, 0.05),
+        0.005,
+        f"statics by Newton's method in the magnet's last place; remanence {REMANENCE:g} T",
+        slow=True,
     ),
 )
 LONG = (
     Case(
-        "field reversed at once", _field_reversed, "blows up, or gains energy as the load changes its sign within a step",
-        "change of all energies after it, over the largest kinetic", _reversed, 0.01,
+        "field reversed at once",
+        _field_reversed,
+        "blows up, or gains energy as the load changes its sign within a step",
+        "change of all energies after it, over the largest kinetic",
+        _reversed,
+        0.01,
         "nothing does work after the reversal: a constant field has a potential",
     ),
     Case(
-        "drift in 10^6 steps", lambda: rod(length=STUB, clamp="none", dynamic={}), "gains or loses energy or spin, a little in each step",
-        "change of energy or spin, over those at first", stays(0.8, 1_000_000, 20), 0.1,
-        "symplectic Euler: the energy of a mode swings within dt w / 2, and does not grow", slow=True,
+        "drift in 10^6 steps",
+        lambda: rod(length=STUB, clamp="none", dynamic={}),
+        "gains or loses energy or spin, a little in each step",
+        "change of energy or spin, over those at first",
+        stays(0.8, 1_000_000, 20),
+        0.1,
+        "symplectic Euler: the energy of a mode swings within dt w / 2, and does not grow",
+        slow=True,
     ),
     Case(
-        "restart at every checkpoint", _moving, "goes on from another state than it saved",
-        "difference from a run that is not interrupted, over L", _restarted, 0.0, "checkpoints hold all bits",
+        "restart at every checkpoint",
+        _moving,
+        "goes on from another state than it saved",
+        "difference from a run that is not interrupted, over L",
+        _restarted,
+        0.0,
+        "checkpoints hold all bits",
     ),
     Case(
-        "frames lost", _moving, "writes frames twice, or goes on after half a row", "frames missing, too many or other", _frames_lost, 0.0,
+        "frames lost",
+        _moving,
+        "writes frames twice, or goes on after half a row",
+        "frames missing, too many or other",
+        _frames_lost,
+        0.0,
         "tables are cut back to the checkpoint",
     ),
 )

@@ -22,7 +22,16 @@ from typing import Any
 
 import yaml
 
-from magmpm.compiled.process import DIED, PARTIAL, RAISED, Died, answers, started, threads_each, with_threads
+from magmpm.compiled.process import (
+    DIED,
+    PARTIAL,
+    RAISED,
+    Died,
+    answers,
+    started,
+    threads_each,
+    with_threads,
+)
 from magmpm.errors import InputError, SolveError
 from magmpm.results.result import Result
 from magmpm.scene import Scene, load_scene
@@ -36,7 +45,14 @@ from magmpm.studies.hard_cases.case import Outcome as CaseOutcome
 from magmpm.studies.hard_cases.checks import checked
 from magmpm.studies.hard_cases.drawn import drawn
 
-CONVERGED, STOPPED, WRONG, REFUSED, TRACEBACK, HUNG = "converged", "stopped", "wrong", "refused", "traceback", "hung"
+CONVERGED, STOPPED, WRONG, REFUSED, TRACEBACK, HUNG = (
+    "converged",
+    "stopped",
+    "wrong",
+    "refused",
+    "traceback",
+    "hung",
+)
 OWN_SHARE = 0.8  # of the limit, after which the solver is to end by itself
 CASES: tuple[Case, ...] = (*equilibria.CASES, *stepping.CASES, *shapes.CASES, *stepping.LONG)
 Outcome = dict[str, Any]  # of a random scene
@@ -48,7 +64,9 @@ ENDS = (CONVERGED, STOPPED, *BROKEN)
 Done = Callable[[int, int, str], None]
 
 
-def run_cases(cases: Sequence[Case], *, processes: int = 2, on_done: Done = lambda done, count, name: None) -> list[CaseOutcome]:
+def run_cases(
+    cases: Sequence[Case], *, processes: int = 2, on_done: Done = lambda done, count, name: None
+) -> list[CaseOutcome]:
     """The outcomes of cases, in their order. The long ones begin first; each process has its share of the cores.
 
     on_done(done, number of cases, name): called after each.
@@ -66,7 +84,10 @@ def run_cases(cases: Sequence[Case], *, processes: int = 2, on_done: Done = lamb
         for name, kind, found in answers(iter(known), pool):
             if kind == RAISED:
                 raise found
-            by_name[name] = CaseOutcome(known[name], *((math.inf, found.seconds, f"the process {found}") if kind == DIED else found))
+            by_name[name] = CaseOutcome(
+                known[name],
+                *((math.inf, found.seconds, f"the process {found}") if kind == DIED else found),
+            )
             on_done(len(by_name), len(cases), name)
     return [by_name[case.name] for case in cases]
 
@@ -100,7 +121,11 @@ def attempt(path: Path, folder: Path, limit: float, tell: Tell) -> Outcome:
     except InputError as error:
         found = {"ended": REFUSED, "reason": str(error)}
     except Exception as error:
-        found = {"ended": TRACEBACK, "reason": f"{type(error).__name__}: {error}", "traceback": traceback.format_exc()}
+        found = {
+            "ended": TRACEBACK,
+            "reason": f"{type(error).__name__}: {error}",
+            "traceback": traceback.format_exc(),
+        }
     finally:
         out_of_time(0.0)
     return {"file": path.name, "seconds": process_time() - begun, **found}
@@ -122,7 +147,12 @@ def _solved(scene: Scene, folder: Path, number: int, limit: float, tell: Tell) -
             raise
         return _out_of_reach(scene, error, limit)
     except SolveError as error:
-        found: Outcome = {"ended": STOPPED, "kind": type(error).__name__, "reason": error.reason, "saved": _kept(error.state, folder)}
+        found: Outcome = {
+            "ended": STOPPED,
+            "kind": type(error).__name__,
+            "reason": error.reason,
+            "saved": _kept(error.state, folder),
+        }
         found |= {"remedies": [remedy.words for remedy in error.remedies], "answered": ""}
         tell(found)
         out_of_time(limit)
@@ -131,7 +161,12 @@ def _solved(scene: Scene, folder: Path, number: int, limit: float, tell: Tell) -
     with limited(OWN_SHARE * limit, process_time):
         done = checked(scene, result, folder, number)
     shutil.rmtree(folder)
-    found = {"warnings": result.warnings, "checks": done.done, "branches": done.branches, "solver": result.formulation}
+    found = {
+        "warnings": result.warnings,
+        "checks": done.done,
+        "branches": done.branches,
+        "solver": result.formulation,
+    }
     return {"ended": WRONG if done.wrong else CONVERGED, "reason": "; ".join(done.wrong), **found}
 
 
@@ -142,8 +177,18 @@ def _out_of_reach(scene: Scene, error: InputError, limit: float) -> Outcome:
     """
     reason = str(error)
     remedy = reason.splitlines()[-1].strip()
-    found: Outcome = {"ended": STOPPED, "kind": "out of reach", "reason": reason, "saved": False, "remedies": [remedy]}
-    data, share, seconds = scene.to_si(), re.search(r"ask for ([\d.e+-]+) %", reason), re.search(r"allow ([\d.e+-]+) s", reason)
+    found: Outcome = {
+        "ended": STOPPED,
+        "kind": "out of reach",
+        "reason": reason,
+        "saved": False,
+        "remedies": [remedy],
+    }
+    data, share, seconds = (
+        scene.to_si(),
+        re.search(r"ask for ([\d.e+-]+) %", reason),
+        re.search(r"allow ([\d.e+-]+) s", reason),
+    )
     if share:
         data["resolution"]["error"] = float(share[1]) / 100
     elif seconds:
@@ -189,7 +234,9 @@ def _kept(state: Any, folder: Path) -> bool:
     return bool((back.particle_position == state.particle_position).all()) and not back.converged
 
 
-def run_random(count: int, seed: int, folder: Path, *, on_done: Callable[[int, int], None] | None = None) -> dict[str, Any]:
+def run_random(
+    count: int, seed: int, folder: Path, *, on_done: Callable[[int, int], None] | None = None
+) -> dict[str, Any]:
     """Draw and solve scenes 0 to count - 1 of a seed, each within 120 s of processor time. Scenes that did not converge stay in
     folder/scenes, their last good states in folder/states, outcomes in folder/outcomes.jsonl; those that are there already are not solved
     again.
@@ -201,7 +248,10 @@ def run_random(count: int, seed: int, folder: Path, *, on_done: Callable[[int, i
     left = [number for number in range(count) if number not in known]
     (folder / SCENES).mkdir(parents=True, exist_ok=True)
     with (folder / OUTCOMES).open("a", encoding="utf-8") as log:
-        jobs = ((number, _written(folder, seed, number), folder / STATES / str(number)) for number in left)
+        jobs = (
+            (number, _written(folder, seed, number), folder / STATES / str(number))
+            for number in left
+        )
         for number, outcome in solved(jobs, min(2, max(1, len(left))), 120.0):
             known[number] = {"number": number, **outcome}
             log.write(json.dumps(known[number]) + "\n")
@@ -210,7 +260,11 @@ def run_random(count: int, seed: int, folder: Path, *, on_done: Callable[[int, i
                 _path(folder, number).unlink(missing_ok=True)
             if on_done is not None:
                 on_done(len(known), count)
-    return summary_of([known[number] for number in sorted(known) if number < count], time.monotonic() - begun, folder)
+    return summary_of(
+        [known[number] for number in sorted(known) if number < count],
+        time.monotonic() - begun,
+        folder,
+    )
 
 
 def solved(jobs: Iterable[Job], processes: int, limit: float) -> Iterator[tuple[int, Outcome]]:
@@ -221,13 +275,18 @@ def solved(jobs: Iterable[Job], processes: int, limit: float) -> Iterator[tuple[
     known: dict[int, Outcome] = {}  # before remedies are tried
     env = {**os.environ, "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "1")}
     with started(processes, _begin, limit, env=env) as pool:
-        for (number, path, _), kind, found in answers(iter(jobs), pool, 20 * limit + 1200):  # it compiles before its limit begins
+        for (number, path, _), kind, found in answers(
+            iter(jobs), pool, 20 * limit + 1200
+        ):  # it compiles before its limit begins
             if kind == RAISED:
                 raise found
             if kind == PARTIAL:
                 known[number] = found
             else:
-                yield number, _without(found, path, known.get(number), limit) if kind == DIED else found
+                yield (
+                    number,
+                    _without(found, path, known.get(number), limit) if kind == DIED else found,
+                )
 
 
 def _begin(pipe: Any, limit: float) -> Callable[[Job], Outcome]:
@@ -240,45 +299,76 @@ def _without(death: Died, path: Path, known: Outcome | None, limit: float) -> Ou
     if late and known is not None:
         return {"file": path.name, "seconds": death.seconds, **known}
     reason = f"no answer within {limit:g} s of processor time" if late else f"the process {death}"
-    return {"file": path.name, "seconds": death.seconds, "ended": HUNG if late or death.status == 0 else TRACEBACK, "reason": reason}
+    return {
+        "file": path.name,
+        "seconds": death.seconds,
+        "ended": HUNG if late or death.status == 0 else TRACEBACK,
+        "reason": reason,
+    }
 
 
 def summary_of(outcomes: list[Outcome], seconds: float, folder: Path) -> dict[str, Any]:
     """Counts by how scenes ended, and number, reason and file of each that did not converge. seconds: of this call."""
     counts = {end: sum(outcome["ended"] == end for outcome in outcomes) for end in ENDS}
     others = [
-        {**{key: value for key, value in outcome.items() if key != "file"}, "file": str(folder / SCENES / outcome["file"])}
+        {
+            **{key: value for key, value in outcome.items() if key != "file"},
+            "file": str(folder / SCENES / outcome["file"]),
+        }
         for outcome in outcomes
         if outcome["ended"] != CONVERGED
     ]
     stopped = [outcome for outcome in outcomes if outcome["ended"] == STOPPED]
     return {
-        "scenes": len(outcomes), **counts, "answered": sum(bool(outcome["answered"]) for outcome in stopped),
+        "scenes": len(outcomes),
+        **counts,
+        "answered": sum(bool(outcome["answered"]) for outcome in stopped),
         "state_saved": sum(outcome["saved"] for outcome in stopped),
         "checks": dict(Counter(name for outcome in outcomes for name in outcome.get("checks", ()))),
-        "other_branch": sum(bool(outcome.get("branches")) for outcome in outcomes), "seconds": seconds, "folder": str(folder),
+        "other_branch": sum(bool(outcome.get("branches")) for outcome in outcomes),
+        "seconds": seconds,
+        "folder": str(folder),
         "not_converged": others,
     }
 
 
 def random_table(summary: dict[str, Any]) -> str:
     """The summary as text."""
-    lines = [f"{summary['scenes']} scenes: " + ", ".join(f"{summary[end]} {end}" for end in ENDS) + f"; {summary['seconds']:.0f} s"]
+    lines = [
+        f"{summary['scenes']} scenes: "
+        + ", ".join(f"{summary[end]} {end}" for end in ENDS)
+        + f"; {summary['seconds']:.0f} s"
+    ]
     saved, answered = summary["state_saved"], summary["answered"]
-    lines.append(f"of {summary['stopped']} stopped, {saved} with a state saved, {answered} answered by a remedy")
-    lines.append("checks: " + ", ".join(f"{count} {name}" for name, count in summary["checks"].items()))
+    lines.append(
+        f"of {summary['stopped']} stopped, {saved} with a state saved, {answered} answered by a remedy"
+    )
+    lines.append(
+        "checks: " + ", ".join(f"{count} {name}" for name, count in summary["checks"].items())
+    )
     for one in summary["not_converged"]:
-        lines.append(f"  {one['number']:>5} {one['ended']:<10} {one['reason'].splitlines()[0][:160]}  {one['file']}")
+        lines.append(
+            f"  {one['number']:>5} {one['ended']:<10} {one['reason'].splitlines()[0][:160]}  {one['file']}"
+        )
     return "\n".join(lines)
 
 
 def _known(folder: Path, seed: int) -> dict[int, Outcome]:
     """Outcomes that a folder holds, by number."""
-    first = json.dumps([drawn(seed, number) for number in range(20)], sort_keys=True)  # which tell whether they are drawn as before
-    order, now = folder / ORDER, {"seed": seed, "first_scenes": hashlib.sha256(first.encode()).hexdigest()}
+    first = json.dumps(
+        [drawn(seed, number) for number in range(20)], sort_keys=True
+    )  # which tell whether they are drawn as before
+    order, now = (
+        folder / ORDER,
+        {"seed": seed, "first_scenes": hashlib.sha256(first.encode()).hexdigest()},
+    )
     held = json.loads(order.read_text(encoding="utf-8")) if order.exists() else now
     if held != now:
-        what = f"of seed {held['seed']}, and this is seed {seed}" if held["seed"] != seed else "drawn by another version"
+        what = (
+            f"of seed {held['seed']}, and this is seed {seed}"
+            if held["seed"] != seed
+            else "drawn by another version"
+        )
         raise InputError(f"--out: {folder} holds the scenes {what}; give another folder")
     folder.mkdir(parents=True, exist_ok=True)
     order.write_text(json.dumps(now), encoding="utf-8")
@@ -301,5 +391,9 @@ def _written(folder: Path, seed: int, number: int) -> Path:
     """The file of a scene, written."""
     path = _path(folder, number)
     head = f"# Scene {number} of `magmpm stability --random N --seed {seed}`\n\n"
-    path.write_text(head + yaml.safe_dump(drawn(seed, number), sort_keys=False, default_flow_style=None, width=140), encoding="utf-8")
+    path.write_text(
+        head
+        + yaml.safe_dump(drawn(seed, number), sort_keys=False, default_flow_style=None, width=140),
+        encoding="utf-8",
+    )
     return path

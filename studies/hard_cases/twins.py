@@ -16,10 +16,15 @@ import numpy as np
 from magmpm.bodies.surface_mesh import Mesh, pack_mesh, unpack_mesh
 from magmpm.scene import Scene
 
-MIRROR = np.diag([1.0, -1.0, 1.0])  # y to -y: the side to which a body buckles if nothing else decides, +z, stays
+MIRROR = np.diag(
+    [1.0, -1.0, 1.0]
+)  # y to -y: the side to which a body buckles if nothing else decides, +z, stays
 QUARTER = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # y to z, z to -y
 VECTORS = ("position", "axis", "acceleration", "point", "normal", "center", "move")
-AXIAL, TURNING = ("magnetization", "uniform", "moment"), ("coils", "rotation")  # the axes of these are axial, too
+AXIAL, TURNING = (
+    ("magnetization", "uniform", "moment"),
+    ("coils", "rotation"),
+)  # the axes of these are axial, too
 
 
 def can_turn(scene: Scene) -> bool:

@@ -23,7 +23,9 @@ class Path:
         rows = np.asarray(rows, dtype=float)
         self.rows = rows if rows[0, 0] == 0 else np.vstack([np.zeros(4), rows])
         straight = np.array([1.0, 0.0, 0.0])
-        self._spline = CubicSpline(self.rows[:, 0], self.rows[:, 1:], bc_type=((1, straight), "not-a-knot"))
+        self._spline = CubicSpline(
+            self.rows[:, 0], self.rows[:, 1:], bc_type=((1, straight), "not-a-knot")
+        )
 
     @property
     def length(self) -> float:
@@ -45,19 +47,26 @@ class Path:
         s = np.linspace(0.0, self.length, FINE + 1)
         tangent = self._spline(s, 1)
         tangent /= np.linalg.norm(tangent, axis=1)[:, None]
-        axes, cosines = np.cross(tangent[:-1], tangent[1:]), np.sum(tangent[:-1] * tangent[1:], axis=1)
+        axes, cosines = (
+            np.cross(tangent[:-1], tangent[1:]),
+            np.sum(tangent[:-1] * tangent[1:], axis=1),
+        )
         quaternions = np.empty((FINE + 1, 4))
         begin, axis = 1.0 + tangent[0, 0], np.cross([1.0, 0.0, 0.0], tangent[0])
         quaternions[0] = np.array([begin, *axis]) / np.linalg.norm([begin, *axis])
         for k in range(FINE):
             a, u, (b, *v) = 1.0 + cosines[k], axes[k], quaternions[k]
-            q = np.array([a * b - u @ v, *(a * np.array(v) + b * u + np.cross(u, v))])  # the product
+            q = np.array(
+                [a * b - u @ v, *(a * np.array(v) + b * u + np.cross(u, v))]
+            )  # the product
             quaternions[k + 1] = q / np.linalg.norm(q)
         return s, quaternions
 
     def flattened(self, share: float) -> Path:
         """The path with this share (0 to 1) of its curvature everywhere: 0 is straight, 1 this path."""
-        from scipy.spatial.transform import Rotation  # 0.2 s to import, and only insertions have paths
+        from scipy.spatial.transform import (
+            Rotation,
+        )  # 0.2 s to import, and only insertions have paths
 
         s = self._fine[0]
         frame, points = np.eye(3), [np.zeros(3)]
@@ -80,5 +89,7 @@ class Path:
         """m; inf where it is straight."""
         s = np.linspace(0.0, self.length, FINE + 1)
         first, second = self._spline(s, 1), self._spline(s, 2)
-        curvature = np.linalg.norm(np.cross(first, second), axis=1) / np.linalg.norm(first, axis=1) ** 3
+        curvature = (
+            np.linalg.norm(np.cross(first, second), axis=1) / np.linalg.norm(first, axis=1) ** 3
+        )
         return float(1.0 / max(curvature.max(), 1e-300))

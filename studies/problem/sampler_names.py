@@ -15,7 +15,15 @@ from magmpm.inputs.settings import fault
 SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "random", "gauss-newton")
 
 PREFIX = "optuna:"
-OPTUNA = ("TPESampler", "RandomSampler", "CmaEsSampler", "GPSampler", "QMCSampler", "NSGAIISampler", "NSGAIIISampler")
+OPTUNA = (
+    "TPESampler",
+    "RandomSampler",
+    "CmaEsSampler",
+    "GPSampler",
+    "QMCSampler",
+    "NSGAIISampler",
+    "NSGAIIISampler",
+)
 SENSELESS = {  # Optuna's other samplers, and why a study can't use them
     "BruteForceSampler": "tries every value, and angles and lengths are continuous",
     "GridSampler": "needs a grid of values, which a study file has no place for",
@@ -25,10 +33,22 @@ SENSELESS = {  # Optuna's other samplers, and why a study can't use them
 }
 NAMES = (*SAMPLERS, *(PREFIX + name for name in OPTUNA))
 
-ONE_OBJECTIVE = frozenset({"gp", "cmaes", "gauss-newton", "optuna:CmaEsSampler"})  # samplers that can't weigh two objectives
-HEED_NO_CONSTRAINTS = frozenset({"cmaes", "optuna:CmaEsSampler"})  # samplers that learn from refused designs as from others
+ONE_OBJECTIVE = frozenset(
+    {"gp", "cmaes", "gauss-newton", "optuna:CmaEsSampler"}
+)  # samplers that can't weigh two objectives
+HEED_NO_CONSTRAINTS = frozenset(
+    {"cmaes", "optuna:CmaEsSampler"}
+)  # samplers that learn from refused designs as from others
 # samplers that also choose among things without an order or a distance
-TAKE_CHOICES = ("tpe", "random", "nsga2", "optuna:TPESampler", "optuna:RandomSampler", "optuna:NSGAIISampler", "optuna:NSGAIIISampler")
+TAKE_CHOICES = (
+    "tpe",
+    "random",
+    "nsga2",
+    "optuna:TPESampler",
+    "optuna:RandomSampler",
+    "optuna:NSGAIISampler",
+    "optuna:NSGAIIISampler",
+)
 
 
 def wrong_name(name: Any) -> tuple[str, str] | None:
@@ -38,7 +58,10 @@ def wrong_name(name: Any) -> tuple[str, str] | None:
     if isinstance(name, str) and name.lower().startswith(PREFIX):
         return _wrong_optuna(name[len(PREFIX) :])
     if name in OPTUNA:
-        return f"samplers of Optuna are named with `{PREFIX}` before them", f'write "{PREFIX}{name}"'
+        return (
+            f"samplers of Optuna are named with `{PREFIX}` before them",
+            f'write "{PREFIX}{name}"',
+        )
     near = difflib.get_close_matches(str(name).lower(), SAMPLERS, n=1, cutoff=0.5)
     rule = f"must be {', '.join(SAMPLERS)}, or {PREFIX}NAME for a sampler of Optuna"
     return rule, f'did you mean "{near[0]}"?' if near else "write, say, `sampler: tpe`"
@@ -50,10 +73,18 @@ def _wrong_optuna(requested: str) -> tuple[str, str]:
     for name, why in SENSELESS.items():
         if small in (name.lower(), name.lower().removesuffix("sampler")) and small:
             return f"Optuna's {name} {why}", f"write, say, `sampler: {PREFIX}QMCSampler`"
-    short = {name.lower().removesuffix("sampler"): name for name in OPTUNA} | {"nsga2": "NSGAIISampler", "nsga3": "NSGAIIISampler"}
+    short = {name.lower().removesuffix("sampler"): name for name in OPTUNA} | {
+        "nsga2": "NSGAIISampler",
+        "nsga3": "NSGAIIISampler",
+    }
     near = difflib.get_close_matches(small.removesuffix("sampler"), short, n=1, cutoff=0.5)
     rule = f"NAME of {PREFIX}NAME must be {', '.join(OPTUNA[:-1])} or {OPTUNA[-1]}"
-    return rule, f'did you mean "{PREFIX}{short[near[0]]}"?' if near else f"write, say, `sampler: {PREFIX}TPESampler`"
+    return (
+        rule,
+        f'did you mean "{PREFIX}{short[near[0]]}"?'
+        if near
+        else f"write, say, `sampler: {PREFIX}TPESampler`",
+    )
 
 
 def known_sampler(value: Any) -> Any:

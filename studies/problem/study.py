@@ -83,9 +83,11 @@ class Study:
         if sampler is not None:
             check_sampler_name(sampler, "--sampler")
         return dataclasses.replace(
-            self, trials=self.trials if trials is None else trials, sampler=self.sampler if sampler is None else sampler,
+            self,
+            trials=self.trials if trials is None else trials,
+            sampler=self.sampler if sampler is None else sampler,
             why_sampler=self.why_sampler if sampler is None else None,
-        )  # fmt: skip
+        )
 
     def definition(self) -> dict[str, Any]:
         """All that decides which trials are made and how they are evaluated, as plain data; numbers in SI, the target in mm.
@@ -94,12 +96,25 @@ class Study:
         """
         vary: dict[str, Any] = {"magnetization": {}} if self.vary_magnetization else {}
         if self.vary.field is not None:
-            vary["field"] = {"max": self.field_max} | ({} if self.vary.field.at == "once" else {"at": self.vary.field.at})
-        vary |= self.vary.model_dump(mode="json", exclude={"magnetization", "field"}, exclude_none=True)
+            vary["field"] = {"max": self.field_max} | (
+                {} if self.vary.field.at == "once" else {"at": self.vary.field.at}
+            )
+        vary |= self.vary.model_dump(
+            mode="json", exclude={"magnetization", "field"}, exclude_none=True
+        )
         match: Any = {"path" if self.depths else "centreline": _rows(self.target)}
         if self.keyframes:
-            match = [{"time": frame.time, "centreline": _rows(frame.target)} for frame in self.keyframes]
-        return {"scene": self._fixed_scene(), "vary": vary, "match": match, "sampler": self.sampler, "seed": self.seed, **self._more()}
+            match = [
+                {"time": frame.time, "centreline": _rows(frame.target)} for frame in self.keyframes
+            ]
+        return {
+            "scene": self._fixed_scene(),
+            "vary": vary,
+            "match": match,
+            "sampler": self.sampler,
+            "seed": self.seed,
+            **self._more(),
+        }
 
     def _fixed_scene(self) -> dict[str, Any]:
         """The scene's data without what varies."""
@@ -107,7 +122,9 @@ class Study:
         if self.vary_magnetization:
             magnetized = np.isin(np.arange(len(scene.regions())), scene.magnetized_regions())
             scene = scene.with_magnetizations(np.outer(magnetized, [1.0, 0.0, 0.0]))
-        content: dict[str, Any] = scene.model_dump(mode="json", exclude={"name", "reference"}, exclude_none=True)
+        content: dict[str, Any] = scene.model_dump(
+            mode="json", exclude={"name", "reference"}, exclude_none=True
+        )
         if self.requested is not None:
             content["resolution"] = self.requested.model_dump(mode="json")
         if self.vary.field is not None:
@@ -130,7 +147,9 @@ class Study:
             "minimize": list(self.minimize) if self.minimize != ("rms",) else None,
             "robust": None if self.robust is None else self.robust.model_dump(mode="json"),
             "stability": None if self.margin is None else {"margin": self.margin},
-            "limits": None if self.limits is None else self.limits.model_dump(mode="json", exclude_none=True),
+            "limits": None
+            if self.limits is None
+            else self.limits.model_dump(mode="json", exclude_none=True),
             "start": self.start,
         }
         return {key: value for key, value in given.items() if value is not None}

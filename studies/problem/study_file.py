@@ -28,11 +28,14 @@ class Match(Settings):
     """Target with which the body's shape is compared: one of these."""
 
     centreline: str | None = Field(
-        default=None, min_length=1, description="Path, relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm.",
+        default=None,
+        min_length=1,
+        description="Path, relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm.",
         examples=["../targets/s_shape.csv"],
-    )  # fmt: skip
+    )
     path: str | None = Field(
-        default=None, min_length=1,
+        default=None,
+        min_length=1,
         description="Of an insertion: path, relative to this file, of a CSV table of the way from the guide's exit on, columns "
         "s_mm,x_mm,y_mm,z_mm.",
         examples=["../targets/vessel_s.csv"],
@@ -43,7 +46,9 @@ class Match(Settings):
         if (self.centreline is None) == (self.path is None):
             raise fault(
                 "must have one of the keys centreline (a shape) and path (the way of an insertion)",
-                "keep one of them" if self.path else "write, say, `centreline: ../targets/s_shape.csv`",
+                "keep one of them"
+                if self.path
+                else "write, say, `centreline: ../targets/s_shape.csv`",
             )
         return self
 
@@ -55,7 +60,8 @@ class MatchAt(Settings):
         description="When the body must have this shape.", examples=["1 s"]
     )
     centreline: str = Field(
-        min_length=1, description="Path, relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm.",
+        min_length=1,
+        description="Path, relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm.",
         examples=["../targets/s_shape.csv"],
     )
 
@@ -64,7 +70,8 @@ class Stop(Settings):
     """Condition under which a study is done before its last trial."""
 
     rms: Annotated[float, Quantity("length", above="0 mm", at_most="10 m")] = Field(
-        description="Root mean square distance to the target that is good enough.", examples=["2 mm"]
+        description="Root mean square distance to the target that is good enough.",
+        examples=["2 mm"],
     )
 
 
@@ -74,7 +81,10 @@ _Depth = Annotated[float, Quantity("length", above="0 mm", at_most="10 m")]
 def _depths(value: Any) -> Any:
     """Checks that depths are a number or a list, before its entries are looked at."""
     if isinstance(value, bool) or not isinstance(value, (int, list, tuple)):
-        raise fault("must be how many depths there are, or a list of lengths", "write, say, `depths: 12` or `depths: [10 mm, 20 mm]`")
+        raise fault(
+            "must be how many depths there are, or a list of lengths",
+            "write, say, `depths: 12` or `depths: [10 mm, 20 mm]`",
+        )
     if isinstance(value, int) and not 1 <= value <= MOST_DEPTHS:
         raise fault(f"there must be 1 to {MOST_DEPTHS} depths", "write, say, `depths: 12`")
     return value
@@ -84,7 +94,8 @@ class Insertion(Settings):
     """Lengths of a catheter outside its guide at which its shape is compared with its path."""
 
     depths: Annotated[
-        Annotated[int, Tag("count")] | Annotated[tuple[_Depth, ...], Field(min_length=1, max_length=MOST_DEPTHS), Tag("list")],
+        Annotated[int, Tag("count")]
+        | Annotated[tuple[_Depth, ...], Field(min_length=1, max_length=MOST_DEPTHS), Tag("list")],
         Discriminator(lambda value: "count" if isinstance(value, int) else "list"),
         BeforeValidator(_depths),
     ] = Field(
@@ -107,7 +118,9 @@ class Schedule(Settings):
     """A field over time that brings the body through the shapes of `match`."""
 
     hold: Annotated[float, Quantity("time", at_least="0 s", at_most="100000 s")] = Field(
-        default=0.0, description="How long the field then stays as it is at the last time; 0 s unless given.", examples=["0.2 s"]
+        default=0.0,
+        description="How long the field then stays as it is at the last time; 0 s unless given.",
+        examples=["0.2 s"],
     )
 
 
@@ -118,19 +131,28 @@ class Robust(Settings):
     """Standard deviations of the errors that a design is made with."""
 
     direction: Annotated[float, Quantity("angle", at_least="0 deg", at_most="45 deg")] = Field(
-        default=0.0, description="Of each segment's direction, along each of two axes across it; 0 deg unless given.", examples=["5 deg"]
+        default=0.0,
+        description="Of each segment's direction, along each of two axes across it; 0 deg unless given.",
+        examples=["5 deg"],
     )
     remanence: _Percentage = Field(
-        default=0.0, description="Of each material's remanence, of its value; 0 % unless given.", examples=["5 %"]
+        default=0.0,
+        description="Of each material's remanence, of its value; 0 % unless given.",
+        examples=["5 %"],
     )
     shear_modulus: _Percentage = Field(
-        default=0.0, description="Of each material's shear modulus, of its value; 0 % unless given.", examples=["5 %"]
+        default=0.0,
+        description="Of each material's shear modulus, of its value; 0 % unless given.",
+        examples=["5 %"],
     )
 
     @model_validator(mode="after")
     def _something(self) -> Robust:
         if not any((self.direction, self.remanence, self.shear_modulus)):
-            raise fault("robust must name an error that is not zero", "write, say, `robust: {direction: 5 deg}`")
+            raise fault(
+                "robust must name an error that is not zero",
+                "write, say, `robust: {direction: 5 deg}`",
+            )
         return self
 
 
@@ -138,23 +160,33 @@ class Stability(Settings):
     """Stability that a design must have to be accepted."""
 
     margin: float = Field(
-        strict=True, ge=0.0, lt=1.0, allow_inf_nan=False,
+        strict=True,
+        ge=0.0,
+        lt=1.0,
+        allow_inf_nan=False,
         description="Least smallest eigenvalue of the tangent, of that of the unloaded body: 1 at rest, 0 at a critical load.",
         examples=[0.1],
-    )  # fmt: skip
+    )
 
 
 class Limits(Settings):
     """Limits of manufacture."""
 
     directions: tuple[Axis, ...] | None = Field(
-        default=None, min_length=1, max_length=100,
+        default=None,
+        min_length=1,
+        max_length=100,
         description="The directions in which segments can be magnetized, each [x, y, z] or {azimuth: ..., elevation: ...}.",
         examples=[[[1, 0, 0], [0, 0, 1]]],
-    )  # fmt: skip
+    )
     at_most: int | None = Field(
-        default=None, strict=True, ge=1, le=1000, description="How many different directions there may be.", examples=[3],
-    )  # fmt: skip
+        default=None,
+        strict=True,
+        ge=1,
+        le=1000,
+        description="How many different directions there may be.",
+        examples=[3],
+    )
 
     @model_validator(mode="after")
     def _something(self) -> Limits:
@@ -175,51 +207,94 @@ class StudyFile(Settings):
             return Instead("it belongs in the scene's file")
         return Instead(f"it belongs in the scene, the file {show(values['scene'])}")
 
-    scene: str = Field(min_length=1, description="Path of the scene, relative to this file.", examples=["../scenes/five_segments.yaml"])
+    scene: str = Field(
+        min_length=1,
+        description="Path of the scene, relative to this file.",
+        examples=["../scenes/five_segments.yaml"],
+    )
     vary: Vary = Field(description="What the study may change.", examples=["{magnetization: {}}"])
     match: Annotated[
-        Annotated[Match, Tag("one")] | Annotated[tuple[MatchAt, ...], Field(min_length=1, max_length=MOST_DEPTHS), Tag("list")],
+        Annotated[Match, Tag("one")]
+        | Annotated[tuple[MatchAt, ...], Field(min_length=1, max_length=MOST_DEPTHS), Tag("list")],
         Discriminator(lambda value: "list" if isinstance(value, (list, tuple)) else "one"),
     ] = Field(
         description="The target shape; of an insertion its path; of a schedule a list of {time, centreline}.",
         examples=["{centreline: ../targets/s_shape.csv}"],
     )
     insertion: Insertion | None = Field(
-        default=None, description="The catheter is pushed along `match.path`: how far, and how often.", examples=["{depths: 12}"]
+        default=None,
+        description="The catheter is pushed along `match.path`: how far, and how often.",
+        examples=["{depths: 12}"],
     )
     schedule: Schedule | None = Field(
-        default=None, description="The field brings the body through the shapes of `match`: {} or {hold: 0.2 s}.", examples=["{}"]
+        default=None,
+        description="The field brings the body through the shapes of `match`: {} or {hold: 0.2 s}.",
+        examples=["{}"],
     )
     minimize: tuple[Literal["rms", "largest_field", "magnetized_volume"], ...] = Field(
-        default=("rms",), min_length=1, max_length=2,
+        default=("rms",),
+        min_length=1,
+        max_length=2,
         description="rms, unless given; or rms and a second objective, largest_field or magnetized_volume.",
         examples=["[rms, largest_field]"],
-    )  # fmt: skip
+    )
     robust: Robust | None = Field(
         default=None,
         description="Judge each design by the mean of its rms plus two standard deviations, for these errors of manufacture.",
         examples=["{direction: 5 deg, remanence: 5 %, shear_modulus: 5 %}"],
     )
     stability: Stability | None = Field(
-        default=None, description="Refuse designs whose equilibrium is nearer to a critical load than this.", examples=["{margin: 0.1}"]
+        default=None,
+        description="Refuse designs whose equilibrium is nearer to a critical load than this.",
+        examples=["{margin: 0.1}"],
     )
-    limits: Limits | None = Field(default=None, description="What can be made.", examples=["{at_most: 3}"])
-    trials: int = Field(default=35, strict=True, ge=1, le=MOST_TRIALS, description="Trials in all; 35 unless given.", examples=[35])
-    sampler: Annotated[str | None, BeforeValidator(known_sampler), WithJsonSchema({"type": "string", "enum": list(NAMES)})] = Field(
-        default=None, description="How trials are chosen; unless given, gauss-newton where what varies has derivatives, else tpe.",
+    limits: Limits | None = Field(
+        default=None, description="What can be made.", examples=["{at_most: 3}"]
+    )
+    trials: int = Field(
+        default=35,
+        strict=True,
+        ge=1,
+        le=MOST_TRIALS,
+        description="Trials in all; 35 unless given.",
+        examples=[35],
+    )
+    sampler: Annotated[
+        str | None,
+        BeforeValidator(known_sampler),
+        WithJsonSchema({"type": "string", "enum": list(NAMES)}),
+    ] = Field(
+        default=None,
+        description="How trials are chosen; unless given, gauss-newton where what varies has derivatives, else tpe.",
         examples=["gauss-newton"],
     )
     start: Literal["rod"] | None = Field(
-        default=None, description="Begin with the best designs of the rod model; not unless given.", examples=["rod"]
+        default=None,
+        description="Begin with the best designs of the rod model; not unless given.",
+        examples=["rod"],
     )
     seed: int = Field(
-        default=1, strict=True, ge=0, le=2**32 - 1, description="The same seed gives the same trials; 1 unless given.", examples=[1],
-    )  # fmt: skip
-    stop: Stop | None = Field(default=None, description="Ends the study early, when it is good enough.", examples=["{rms: 2 mm}"])
+        default=1,
+        strict=True,
+        ge=0,
+        le=2**32 - 1,
+        description="The same seed gives the same trials; 1 unless given.",
+        examples=[1],
+    )
+    stop: Stop | None = Field(
+        default=None,
+        description="Ends the study early, when it is good enough.",
+        examples=["{rms: 2 mm}"],
+    )
 
     @model_validator(mode="after")
     def _go_together(self) -> StudyFile:
-        for broken in (self._of_the_match, self._of_the_field, self._of_the_limits, self._of_the_objectives):
+        for broken in (
+            self._of_the_match,
+            self._of_the_field,
+            self._of_the_limits,
+            self._of_the_objectives,
+        ):
             found = broken()
             if found is not None:
                 raise fault(*found)
@@ -230,15 +305,27 @@ class StudyFile(Settings):
         listed = not isinstance(self.match, Match)
         path = isinstance(self.match, Match) and self.match.path is not None
         if self.insertion is not None and not path:
-            return "an insertion follows a path", "write `match: {path: ...}`, or remove `insertion`", ("insertion",)
+            return (
+                "an insertion follows a path",
+                "write `match: {path: ...}`, or remove `insertion`",
+                ("insertion",),
+            )
         if path and self.insertion is None:
             remedy = "add `insertion: {depths: 12}`, or write `match: {centreline: ...}`"
             return "a path is followed by an insertion", remedy, ("match", "path")
         if self.schedule is not None and not listed:
             rule = "a schedule brings the body through shapes at given times"
-            return rule, "write `match: [{time: 1 s, centreline: ...}, ...]`, or remove `schedule`", ("schedule",)
+            return (
+                rule,
+                "write `match: [{time: 1 s, centreline: ...}, ...]`, or remove `schedule`",
+                ("schedule",),
+            )
         if listed and self.schedule is None:
-            return "shapes at given times need a schedule", "add `schedule: {}`, or write `match: {centreline: ...}`", ("match",)
+            return (
+                "shapes at given times need a schedule",
+                "add `schedule: {}`, or write `match: {centreline: ...}`",
+                ("match",),
+            )
         if isinstance(self.match, tuple):
             for k, (a, b) in enumerate(zip(self.match, self.match[1:], strict=False)):
                 if not a.time < b.time:
@@ -252,9 +339,17 @@ class StudyFile(Settings):
         at = "once" if field is None else field.at
         place: Key = ("vary", "field", "at")
         if at == "each depth" and self.insertion is None:
-            return "a field at each depth needs an insertion", "add `insertion` and `match.path`, or remove `at`", place
+            return (
+                "a field at each depth needs an insertion",
+                "add `insertion` and `match.path`, or remove `at`",
+                place,
+            )
         if at == "each time" and self.schedule is None:
-            return "a field at each time needs a schedule", "add `schedule` and a list in `match`, or remove `at`", place
+            return (
+                "a field at each time needs a schedule",
+                "add `schedule` and a list in `match`, or remove `at`",
+                place,
+            )
         if self.schedule is not None and at != "each time":
             rule = "a schedule varies the field at each time: that is what it is"
             return rule, "write `field: {max: 10 mT, at: each time}` in `vary`", ("vary",)
@@ -262,7 +357,9 @@ class StudyFile(Settings):
             if self.robust is not None and getattr(self, key) is not None:
                 rule = f"robust judges one equilibrium of each design, and {called} has several"
                 return rule, f"remove `robust`, or `{key}`", ("robust",)
-        geometry = [key for key in ("length", "diameter", "order") if getattr(self.vary, key) is not None]
+        geometry = [
+            key for key in ("length", "diameter", "order") if getattr(self.vary, key) is not None
+        ]
         if geometry and self.insertion is not None:
             rule = f"an insertion pushes one catheter to many depths, and so can't vary its {geometry[0]}"
             return rule, f"remove `{geometry[0]}`", ("vary", geometry[0])
@@ -276,24 +373,46 @@ class StudyFile(Settings):
         if self.limits is not None and self.limits.directions is not None:
             different = len(set(self.limits.directions))
             if different < len(self.limits.directions):
-                return "each direction must be there once", "remove those that repeat another", ("limits", "directions")
-            varied = [key for key in type(self.vary).model_fields if getattr(self.vary, key) is not None]
+                return (
+                    "each direction must be there once",
+                    "remove those that repeat another",
+                    ("limits", "directions"),
+                )
+            varied = [
+                key for key in type(self.vary).model_fields if getattr(self.vary, key) is not None
+            ]
             if different == 1 and varied == ["magnetization"]:
                 rule = "a set of one direction leaves one design, and nothing else varies"
-                return rule, "allow two directions or more, or vary the field as well", ("limits", "directions")
+                return (
+                    rule,
+                    "allow two directions or more, or vary the field as well",
+                    ("limits", "directions"),
+                )
         return None
 
     def _of_the_objectives(self) -> tuple[str, str, Key] | None:
         """A second objective must be one that a trial can change, for a sampler that takes two."""
         if self.minimize[0] != "rms" or len(set(self.minimize)) < len(self.minimize):
-            return "the first objective is rms, the second another", "write, say, `minimize: [rms, largest_field]`", ("minimize",)
+            return (
+                "the first objective is rms, the second another",
+                "write, say, `minimize: [rms, largest_field]`",
+                ("minimize",),
+            )
         second = self.minimize[1:]
         if second == ("largest_field",) and self.vary.field is None:
             rule = "largest_field is the same in every trial while the field is not varied"
             return rule, "add `field: {max: 10 mT}` to `vary`", ("minimize",)
-        if second == ("magnetized_volume",) and self.vary.length is None and self.vary.diameter is None:
+        if (
+            second == ("magnetized_volume",)
+            and self.vary.length is None
+            and self.vary.diameter is None
+        ):
             rule = "magnetized_volume is the same in every trial while neither lengths nor the diameter are varied"
-            return rule, "add `length: {min: 4 mm, max: 12 mm}` or `diameter: {...}` to `vary`", ("minimize",)
+            return (
+                rule,
+                "add `length: {min: 4 mm, max: 12 mm}` or `diameter: {...}` to `vary`",
+                ("minimize",),
+            )
         return None
 
 

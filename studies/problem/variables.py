@@ -22,7 +22,8 @@ class VaryField(Settings):
         description="Greatest strength of the field.", examples=["10 mT"]
     )
     at: Literal["once", "each depth", "each time"] = Field(
-        default="once", description="One field (once, unless given), or one at each depth of an `insertion` or each time of a `schedule`.",
+        default="once",
+        description="One field (once, unless given), or one at each depth of an `insertion` or each time of a `schedule`.",
         examples=["each depth"],
     )
 
@@ -66,8 +67,12 @@ class VaryDiameter(Range):
     """The diameter of a catheter."""
 
     kind: ClassVar[str] = "length"
-    min: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(description="Least diameter.", examples=["2 mm"])
-    max: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(description="Greatest diameter.", examples=["4 mm"])
+    min: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
+        description="Least diameter.", examples=["2 mm"]
+    )
+    max: Annotated[float, Quantity("length", above="0 mm", at_most="1 m")] = Field(
+        description="Greatest diameter.", examples=["4 mm"]
+    )
 
 
 class VaryRemanence(Range):
@@ -81,7 +86,8 @@ class VaryRemanence(Range):
         description="Greatest remanence.", examples=["150 mT"]
     )
     per: Literal["material", "segment"] = Field(
-        default="material", description="One value for each magnetic material (unless given) or one for each magnetized segment.",
+        default="material",
+        description="One value for each magnetic material (unless given) or one for each magnetized segment.",
         examples=["segment"],
     )
 
@@ -97,7 +103,9 @@ class VaryShearModulus(Range):
         description="Greatest shear modulus.", examples=["500 kPa"]
     )
     per: Literal["material", "segment"] = Field(
-        default="material", description="One value for each material (unless given) or one for each segment.", examples=["segment"]
+        default="material",
+        description="One value for each material (unless given) or one for each segment.",
+        examples=["segment"],
     )
 
 
@@ -111,21 +119,35 @@ class Vary(Settings):
     magnetization: VaryMagnetization | None = Field(
         default=None, description="The direction of each magnetized segment: {}.", examples=["{}"]
     )
-    field: VaryField | None = Field(default=None, description="The outside field, up to a greatest strength.", examples=["{max: 10 mT}"])
+    field: VaryField | None = Field(
+        default=None,
+        description="The outside field, up to a greatest strength.",
+        examples=["{max: 10 mT}"],
+    )
     length: VaryLength | None = Field(
-        default=None, description="The length of each segment, within bounds.", examples=["{min: 4 mm, max: 12 mm}"]
+        default=None,
+        description="The length of each segment, within bounds.",
+        examples=["{min: 4 mm, max: 12 mm}"],
     )
     diameter: VaryDiameter | None = Field(
-        default=None, description="The catheter's diameter, within bounds.", examples=["{min: 2 mm, max: 4 mm}"]
+        default=None,
+        description="The catheter's diameter, within bounds.",
+        examples=["{min: 2 mm, max: 4 mm}"],
     )
     remanence: VaryRemanence | None = Field(
-        default=None, description="The remanence of the magnetic materials, within bounds.", examples=["{min: 50 mT, max: 150 mT}"]
+        default=None,
+        description="The remanence of the magnetic materials, within bounds.",
+        examples=["{min: 50 mT, max: 150 mT}"],
     )
     shear_modulus: VaryShearModulus | None = Field(
-        default=None, description="The shear modulus of the materials, within bounds.", examples=["{min: 50 kPa, max: 500 kPa}"]
+        default=None,
+        description="The shear modulus of the materials, within bounds.",
+        examples=["{min: 50 kPa, max: 500 kPa}"],
     )
     order: VaryOrder | None = Field(
-        default=None, description="The order of magnetized and plain segments along the body: {}.", examples=["{}"]
+        default=None,
+        description="The order of magnetized and plain segments along the body: {}.",
+        examples=["{}"],
     )
 
     @model_validator(mode="after")

@@ -17,7 +17,9 @@ from magmpm.studies.search.search_space import SearchSpace
 MOST_SOLVES = 1500  # of rods, for one start: a second and a half
 
 
-def improved(space: SearchSpace, target: Array, starts: Sequence[dict[str, float]]) -> list[dict[str, float]]:
+def improved(
+    space: SearchSpace, target: Array, starts: Sequence[dict[str, float]]
+) -> list[dict[str, float]]:
     """Starts (parameters) whose directions are of the set, improved: best first, each once. A choice has no derivative, so it is searched.
 
     From the snapped start, the exchange (_exchanges) that brings the rod nearest to the target rows (m, 4) m is kept, until none brings it
@@ -41,7 +43,9 @@ def improved(space: SearchSpace, target: Array, starts: Sequence[dict[str, float
     return [parameters for _, parameters in sorted(found.values(), key=lambda pair: pair[0])]
 
 
-def next_exchange(space: SearchSpace, target: Array, best: Parameters, tried: Sequence[Parameters]) -> dict[str, Any] | None:
+def next_exchange(
+    space: SearchSpace, target: Array, best: Parameters, tried: Sequence[Parameters]
+) -> dict[str, Any] | None:
     """The best design's parameters with one direction of the set exchanged (_exchanges), as no other trial has had it: of these the one
     that brings the rod nearest to the target. None where all were tried."""
     order = best.get("order")
@@ -50,7 +54,9 @@ def next_exchange(space: SearchSpace, target: Array, best: Parameters, tried: Se
     if not new:
         return None
     turned = space.parameters_at(min(new, key=lambda y: _distance(space, target, y, order)), order)
-    names = {name for block in space.blocks if isinstance(block, Direction) for name in block.bounds()}
+    names = {
+        name for block in space.blocks if isinstance(block, Direction) for name in block.bounds()
+    }
     return {name: turned[name] if name in names else value for name, value in best.items()}
 
 
@@ -60,14 +66,21 @@ def _exchanges(space: SearchSpace, x: Array) -> list[Array]:
     limits, places = space.limits, [at for block, at in space.parts if isinstance(block, Direction)]
     assert limits is not None
     assert limits.allowed is not None
-    sharing = [[at for at in places if np.array_equal(x[at], x[first])] for first in places] if limits.at_most is not None else []
+    sharing = (
+        [[at for at in places if np.array_equal(x[at], x[first])] for first in places]
+        if limits.at_most is not None
+        else []
+    )
     found = {}
     for group in [*([at] for at in places), *sharing]:
         for vector in limits.allowed:
             y = x.copy()
             for at in group:
                 y[at] = vector
-            if limits.at_most is None or len(np.unique([y[at] for at in places], axis=0)) <= limits.at_most:
+            if (
+                limits.at_most is None
+                or len(np.unique([y[at] for at in places], axis=0)) <= limits.at_most
+            ):
                 found[_key(y)] = y
     found.pop(_key(x), None)
     return list(found.values())

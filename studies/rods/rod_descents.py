@@ -49,13 +49,17 @@ class RodDescents:
     def and_those(self, others: RodDescents) -> RodDescents:
         """These descents and others."""
         theirs = vars(others)
-        return RodDescents(**{name: np.concatenate([value, theirs[name]]) for name, value in vars(self).items()})
+        return RodDescents(
+            **{name: np.concatenate([value, theirs[name]]) for name, value in vars(self).items()}
+        )
 
 
 class DescendingRods:
     """Rods of a scene against a target."""
 
-    def __init__(self, scene: Scene, target: Array, regions: Sequence[int], field_max: float | None) -> None:
+    def __init__(
+        self, scene: Scene, target: Array, regions: Sequence[int], field_max: float | None
+    ) -> None:
         rod = rod_model(scene, max(5 * ELEMENTS, ELEMENTS * len(scene.regions())))
         s = rod.places
         if field_max is not None:
@@ -65,12 +69,16 @@ class DescendingRods:
             source, places = scene.outside_field(), _along_target(scene, target, s)
             without = np.zeros(3) if field_max is None else np.array(scene.field.uniform)
             rod = replace(rod, field=source.at(places) - without)
-            self.gradient = source.gradient(places) if scene.effects.magnetic_force is not None else None
+            self.gradient = (
+                source.gradient(places) if scene.effects.magnetic_force is not None else None
+            )
         self.family = RodFamily.of(rod, scene.body.shape.segment_lengths(), regions)  # type: ignore[attr-defined]
         self.field_max, self.count = field_max, len(regions)
         self.target, self.length = target, scene.length
         self.load_steps = 1  # in which the load of a rod grows
-        self.before = np.clip(np.searchsorted(s, target[:, 0], side="right") - 1, 0, len(s) - 2)  # the frames beside each station
+        self.before = np.clip(
+            np.searchsorted(s, target[:, 0], side="right") - 1, 0, len(s) - 2
+        )  # the frames beside each station
         share = (target[:, 0] - s[self.before]) / np.diff(s)[self.before]
         self.shares = np.stack([1 - share, share]) / np.sqrt(len(target))
 
@@ -84,16 +92,24 @@ class DescendingRods:
         """Descents as of `descended`, but each shape relaxes under a load that grows in LOAD_STEPS."""
         other = copy.copy(self)
         other.load_steps = LOAD_STEPS
-        return other.descended(other.state(at.directions, at.field, at.quaternions, at.damping), phases)
+        return other.descended(
+            other.state(at.directions, at.field, at.quaternions, at.damping), phases
+        )
 
     @property
     def unit_field(self) -> float:
         """The field, T, that bends the rod by about a radian: M B L^2 = E I. Infinite for a rod without moments."""
         rod = self.family.rod
         moment = float(np.linalg.norm(rod.moment, axis=1).max())
-        return float(rod.twist_bend[:, 1:].min()) / (moment * self.length**2) if moment > 0.0 else np.inf
+        return (
+            float(rod.twist_bend[:, 1:].min()) / (moment * self.length**2)
+            if moment > 0.0
+            else np.inf
+        )
 
-    def shapes(self, directions: Array, field: Array, before: Array) -> tuple[Array, Array, Array, Array]:
+    def shapes(
+        self, directions: Array, field: Array, before: Array
+    ) -> tuple[Array, Array, Array, Array]:
         """Residuals (s, m) m, slopes (s, m, c) by directions and by shares of the greatest field, found (s,), and the rods' quaternions.
 
         before: quaternions of the shapes in which a field that varies pulls.
@@ -108,15 +124,21 @@ class DescendingRods:
             columns[:, :, -3:] *= self.field_max
         return rows, columns, found, quaternions
 
-    def _relaxed(self, quaternions: Array, directions: Array, fields: Array | None, before: Array) -> tuple[Array, Array, Array]:
+    def _relaxed(
+        self, quaternions: Array, directions: Array, fields: Array | None, before: Array
+    ) -> tuple[Array, Array, Array]:
         """RodFamily.relaxed, under a load that grows in steps, from quaternions that are changed in place.
 
         A pull turns with the moments, so rods relax again in the pull on the shapes that they came to. before: as of `shapes`.
         """
         gradient = self.gradient
-        pull: Array | float = 0.0 if gradient is None else self.family.pull(before, directions, gradient)
+        pull: Array | float = (
+            0.0 if gradient is None else self.family.pull(before, directions, gradient)
+        )
         for step in range(1, self.load_steps):
-            self.family.relaxed(quaternions, directions, fields, pull=pull, share=step / self.load_steps)
+            self.family.relaxed(
+                quaternions, directions, fields, pull=pull, share=step / self.load_steps
+            )
         found = self.family.relaxed(quaternions, directions, fields, pull=pull)
         if gradient is None:
             return found
@@ -128,15 +150,21 @@ class DescendingRods:
     def _at_stations(self, values: Array) -> Array:
         """Values (s, n + 1, ...) at the frames as values (s, m, ...) at the target's m stations, over the root of m."""
         shares = self.shares.reshape(2, -1, *(1,) * (values.ndim - 2))
-        return np.asarray(shares[0] * values[:, self.before] + shares[1] * values[:, self.before + 1])
+        return np.asarray(
+            shares[0] * values[:, self.before] + shares[1] * values[:, self.before + 1]
+        )
 
     def state(self, directions: Array, field: Array, before: Array, damping: Array) -> RodDescents:
         """The descents at these designs; one without a stable shape has an infinite cost. before: as of `shapes`."""
         rows, columns, found, quaternions = self.shapes(directions, field, before)
         basis = across(directions)
         count = 3 * self.count
-        turned = np.einsum("smka,skab->smkb", columns[:, :, :count].reshape(*rows.shape, -1, 3), basis)
-        slopes = np.concatenate([turned.reshape(*rows.shape, 2 * self.count), columns[:, :, count:]], axis=2)
+        turned = np.einsum(
+            "smka,skab->smkb", columns[:, :, :count].reshape(*rows.shape, -1, 3), basis
+        )
+        slopes = np.concatenate(
+            [turned.reshape(*rows.shape, 2 * self.count), columns[:, :, count:]], axis=2
+        )
         cost = np.where(found, np.einsum("sm,sm->s", rows, rows), np.inf)
         return RodDescents(directions, field, quaternions, rows, slopes, basis, cost, damping)
 
@@ -157,7 +185,10 @@ class DescendingRods:
             field = field / np.maximum(np.linalg.norm(field, axis=1, keepdims=True), 1.0)
         new = self.state(directions, field, at.quaternions, np.maximum(at.damping / 5, 1e-9))
         better = new.cost < at.cost
-        kept = {name: np.where(better.reshape(-1, *(1,) * (value.ndim - 1)), getattr(new, name), value) for name, value in vars(at).items()}
+        kept = {
+            name: np.where(better.reshape(-1, *(1,) * (value.ndim - 1)), getattr(new, name), value)
+            for name, value in vars(at).items()
+        }
         kept["damping"] = np.where(better, new.damping, np.minimum(6 * at.damping, 1e6))
         return RodDescents(**kept)
 
@@ -165,7 +196,10 @@ class DescendingRods:
         """The descents after phases of (steps, how many of the best go on); less where DESIGNS of them are at their target."""
         for steps, left in phases:
             for _ in range(steps):
-                if np.sort(at.cost)[min(DESIGNS, len(at.cost)) - 1] < (AT_TARGET * self.length) ** 2:
+                if (
+                    np.sort(at.cost)[min(DESIGNS, len(at.cost)) - 1]
+                    < (AT_TARGET * self.length) ** 2
+                ):
                     break
                 at = self.step(at)
             at = at.best(left)
@@ -186,7 +220,9 @@ def _along_target(scene: Scene, target: Array, s: Array) -> Array:
     end = unit(rows[-1:, 1:] - rows[-2:-1, 1:])
     line = scene.body.shape.line
     assert line is not None  # only straight bodies are rods
-    return np.asarray(np.array(line.base) + places + np.maximum(s - rows[-1, 0], 0.0)[:, None] * end)
+    return np.asarray(
+        np.array(line.base) + places + np.maximum(s - rows[-1, 0], 0.0)[:, None] * end
+    )
 
 
 def _hold_at_the_bound(A: Array, g: Array, field: Array) -> None:

@@ -101,11 +101,15 @@ def _within(designs: Sequence[RodDesign], distance: float) -> bool:
 def _searched(problem: DescendingRods, uniform: Array) -> RodDescents:
     """Descents from points (Problem.begun), the worse ones dropped on the way."""
     starts = len(uniform)
-    at = problem.descended(problem.begun(uniform), [(8, max(starts // 2, 12)), (10, max(starts // 4, 12))])
+    at = problem.descended(
+        problem.begun(uniform), [(8, max(starts // 2, 12)), (10, max(starts // 4, 12))]
+    )
     return problem.carefully(at, [(12, 12)])
 
 
-def rod_designs_by_bound(scene: Scene, target: Array, regions: Sequence[int], field_max: float, *, seed: int = 1) -> list[RodDesign]:
+def rod_designs_by_bound(
+    scene: Scene, target: Array, regions: Sequence[int], field_max: float, *, seed: int = 1
+) -> list[RodDesign]:
     """The rod's best designs within each of a ladder of bounds up to field_max (T), nearest to the target first; else as `rod_designs`."""
     try:
         problem = DescendingRods(scene, target, regions, field_max)
@@ -124,7 +128,9 @@ def _points(problem: DescendingRods, seed: int) -> qmc.Sobol:
     return qmc.Sobol(3 * problem.count + 3, rng=np.random.default_rng([seed]))
 
 
-def _growing_bounds(problem: DescendingRods, uniform: Array, fresh: bool = False) -> Iterator[tuple[DescendingRods, RodDescents]]:
+def _growing_bounds(
+    problem: DescendingRods, uniform: Array, fresh: bool = False
+) -> Iterator[tuple[DescendingRods, RodDescents]]:
     """Descents that begin within a weak field's bound, each next bound with the designs of the one before; the last is the problem's.
 
     Yields the problem within each bound, and its descents. The bounds do not depend on the last one, so what is found within one is found
@@ -142,7 +148,12 @@ def _growing_bounds(problem: DescendingRods, uniform: Array, fresh: bool = False
         before = reached
         reached = min(bound, last)
         there = problem.within(reached)
-        at = there.state(at.directions, at.field * (before / reached), at.quaternions, np.full(len(at.cost), DAMPING))
+        at = there.state(
+            at.directions,
+            at.field * (before / reached),
+            at.quaternions,
+            np.full(len(at.cost), DAMPING),
+        )
         if fresh:
             at = at.and_those(there.descended(there.begun(uniform), [(8, 8)]))
         at = there.descended(at, [(6, 8)])
@@ -150,7 +161,9 @@ def _growing_bounds(problem: DescendingRods, uniform: Array, fresh: bool = False
     yield here, here.carefully(at, [(12, 8)])
 
 
-def rod_starts(space: SearchSpace, target: Array, seed: int, *, by_bound: bool = False) -> list[dict[str, float]]:
+def rod_starts(
+    space: SearchSpace, target: Array, seed: int, *, by_bound: bool = False
+) -> list[dict[str, float]]:
     """The rod's best designs as parameters of a study, best first. Numbers within bounds are in the middle of them.
 
     by_bound: those within each of a ladder of bounds of the field (rod_designs_by_bound).
@@ -196,14 +209,21 @@ def improver(space: SearchSpace, target: Array) -> Improve | None:
         field = x[:, -3:] / (share * field_max)
         field = field / np.maximum(np.linalg.norm(field, axis=1, keepdims=True), 1.0)
         directions = x[:, :-3].reshape(len(x), -1, 3)
-        begun = here.state(directions, field, problem.family.straight(len(x)), np.full(len(x), DAMPING))
+        begun = here.state(
+            directions, field, problem.family.straight(len(x)), np.full(len(x), DAMPING)
+        )
         found = _verified(scene, here, space.segments, here.carefully(begun, [(6, 12), (8, 8)]))
-        return [space.parameters_at(np.concatenate([design.directions.ravel(), design.field])) for design in found]
+        return [
+            space.parameters_at(np.concatenate([design.directions.ravel(), design.field]))
+            for design in found
+        ]
 
     return improved_within
 
 
-def _verified(scene: Scene, problem: DescendingRods, regions: Sequence[int], at: RodDescents) -> list[RodDesign]:
+def _verified(
+    scene: Scene, problem: DescendingRods, regions: Sequence[int], at: RodDescents
+) -> list[RodDesign]:
     """Those designs that are different from better ones, judged by the rod under loads that grow from zero, best first."""
     target, field_max = problem.target, problem.field_max
     fixed = np.array(scene.field.uniform, dtype=float)
@@ -220,7 +240,9 @@ def _verified(scene: Scene, problem: DescendingRods, regions: Sequence[int], at:
         except SolveError:
             continue
         gap = shape.at(target[:, 0]) - target[:, 1:]
-        stability = problem.family.stability(at.quaternions[s], at.directions[s], np.zeros(3) if field_max is None else field)
+        stability = problem.family.stability(
+            at.quaternions[s], at.directions[s], np.zeros(3) if field_max is None else field
+        )
         found.append(RodDesign(at.directions[s], field, root_mean_square(gap), stability))
     return _best_first(found, scene.length)
 
@@ -231,7 +253,10 @@ def _best_first(designs: Sequence[RodDesign], length: float) -> list[RodDesign]:
     Near a critical load the body is hard to solve and its derivatives are large: a design there counts as worse than it is.
     """
     # a stability below 0.15 counts as worse, at a critical load by 0.05 of the length
-    ordered = sorted(designs, key=lambda design: design.rms + max(1.0 - design.stability / 0.15, 0.0) * 0.05 * length)
+    ordered = sorted(
+        designs,
+        key=lambda design: design.rms + max(1.0 - design.stability / 0.15, 0.0) * 0.05 * length,
+    )
     kept: list[RodDesign] = []
     for design in ordered:
         if all(_angle_between(design, other) > 0.3 for other in kept):  # rad

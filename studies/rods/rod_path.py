@@ -52,14 +52,26 @@ class RodPath:
     ways: tuple[tuple[Depth, ...], ...]
 
     @classmethod
-    def of(cls, scene: Scene, path: Path, lengths: Sequence[float], *, max_field: float, exit_weight: float) -> RodPath:
+    def of(
+        cls,
+        scene: Scene,
+        path: Path,
+        lengths: Sequence[float],
+        *,
+        max_field: float,
+        exit_weight: float,
+    ) -> RodPath:
         """The way of a scene's catheter through these inserted lengths (m)."""
         rods = RodTrajectory.of(scene, path, lengths, max_field=max_field, exit_weight=exit_weight)
         before, ways = min(scene.thickness, lengths[0]), []
         for length, depth in zip(lengths, rods.depths, strict=True):
             steps = max(FEWEST, math.ceil(48 * (length - before) / scene.length))
-            between = np.linspace(before, length, steps + 1)[1:-1] if length > before else np.zeros(0)
-            ways.append((*(depth_of(scene, path, float(each), len(lengths)) for each in between), depth))
+            between = (
+                np.linspace(before, length, steps + 1)[1:-1] if length > before else np.zeros(0)
+            )
+            ways.append(
+                (*(depth_of(scene, path, float(each), len(lengths)) for each in between), depth)
+            )
             before = length
         return cls(rods, tuple(ways))
 
@@ -69,7 +81,9 @@ class RodPath:
         for k, way in enumerate(self.ways):
             went = self._go(way, directions, last, fields[k])
             if went is None:
-                raise SolveError("the rod that is pushed on from the depth before finds no equilibrium")
+                raise SolveError(
+                    "the rod that is pushed on from the depth before finds no equilibrium"
+                )
             found.append(went)
             last = went[-1]
         return found
@@ -81,7 +95,10 @@ class RodPath:
         except SolveError:
             return 0.0
         stops = [stop for stops in ways for stop in stops]
-        return min(stop.depth.rod.stability(stop.q, design.directions[stop.depth.segments], stop.field) for stop in stops)
+        return min(
+            stop.depth.rod.stability(stop.q, design.directions[stop.depth.segments], stop.field)
+            for stop in stops
+        )
 
     def mended(self, design: RodDesign, *, turning: bool = True) -> RodDesign | None:
         """The design as its rods find it on the way, changed where they left it. None where they find no equilibrium.
@@ -110,7 +127,11 @@ class RodPath:
         ends, strayed, length = [], False, float(self.rods.depths[-1].place[-1])
         for k, way in enumerate(self.ways):
             went = self._go(way, design.directions, last, design.fields[k])
-            away = np.inf if went is None else float(np.abs(went[-1].position - design.state.positions[k]).max())
+            away = (
+                np.inf
+                if went is None
+                else float(np.abs(went[-1].position - design.state.positions[k]).max())
+            )
             if away > 0.01 * length:  # it has left its branch
                 strayed = True
                 fitted = self._go(way, design.directions, last, None)
@@ -124,19 +145,27 @@ class RodPath:
         state = self.rods.settled(design.directions, fields, tuple(stop.q for stop in ends))
         return None if state is None else (fields, state, strayed)
 
-    def _go(self, way: Sequence[Depth], directions: Array, last: Stop | None, field: Array | None) -> list[Stop] | None:
+    def _go(
+        self, way: Sequence[Depth], directions: Array, last: Stop | None, field: Array | None
+    ) -> list[Stop] | None:
         """Stops from the last one along a way to a field (3,) T; without one the field is fitted in each step. None: no equilibrium."""
         begin = np.zeros(3) if last is None else last.field
         found: list[Stop] = []
         for j, depth in enumerate(way):
             q = depth.rod.straight(1)[0] if last is None else _longer(last, depth)
             one = replace(self.rods, depths=(depth,))
-            now = (found[-1].field if found else begin) if field is None else begin + (j + 1) / len(way) * (field - begin)
+            now = (
+                (found[-1].field if found else begin)
+                if field is None
+                else begin + (j + 1) / len(way) * (field - begin)
+            )
             state = one.settled(directions, now[None], (q,))
             if state is None:
                 return None
             if field is None:
-                fitted = one.least_squares(RodDesign(directions, now[None], np.inf, state), 20, turning=False)
+                fitted = one.least_squares(
+                    RodDesign(directions, now[None], np.inf, state), 20, turning=False
+                )
                 assert fitted.state is not None  # least_squares begins from one
                 now, state = fitted.fields[0], fitted.state
             last = Stop(depth, now, state.shapes[0], state.positions[0], state.squares)
@@ -180,7 +209,12 @@ def search(
         design = None if grown is None else way.mended(grown)
         if design is None:
             continue
-        found.append((design.value * (1.0 if way.least_stability(design) > BRINK else RISKY), design))
-        if sum(counts <= enough for counts, _ in found) >= wanted or sum(each.value <= enough for _, each in found) > wanted:
+        found.append(
+            (design.value * (1.0 if way.least_stability(design) > BRINK else RISKY), design)
+        )
+        if (
+            sum(counts <= enough for counts, _ in found) >= wanted
+            or sum(each.value <= enough for _, each in found) > wanted
+        ):
             break
     return [design for _, design in sorted(found, key=lambda each: each[0])]

@@ -24,7 +24,10 @@ from magmpm.studies.problem.path import Path
 from magmpm.studies.search.parameters import across, unit
 
 ELEMENTS = 48  # of the whole catheter: positions to a tenth of a per cent of the length; designs need no more
-FIRST, LEAST = 1 / 6, 1 / 48  # of the path's curvature: a step with which it grows, and the least one
+FIRST, LEAST = (
+    1 / 6,
+    1 / 48,
+)  # of the path's curvature: a step with which it grows, and the least one
 STEPS = 12  # of least squares at each share of the curvature
 Shapes = tuple[Array, ...]  # the frames of each depth's rod as quaternions (n + 1, 4)
 
@@ -45,15 +48,26 @@ class Depth:
 
     def weighing(self, share: float) -> Depth:
         """The depth with this share of its weight."""
-        return replace(self, rod=replace(self.rod, rod=replace(self.rod.rod, weight=share * self.rod.rod.weight)))
+        return replace(
+            self,
+            rod=replace(self.rod, rod=replace(self.rod.rod, weight=share * self.rod.rod.weight)),
+        )
 
-    def settled(self, q: Array, directions: Array, uniform: Array) -> tuple[Array, Array, Array] | None:
+    def settled(
+        self, q: Array, directions: Array, uniform: Array
+    ) -> tuple[Array, Array, Array] | None:
         """The equilibrium from q (1, n + 1, 4), changed in place: weighted gaps (3 (n + 1),) m, their slopes by directions and field."""
-        position, slopes, found = self.rod.relaxed(q, directions[None, self.segments], uniform[None])
+        position, slopes, found = self.rod.relaxed(
+            q, directions[None, self.segments], uniform[None]
+        )
         if not found[0]:
             return None
         gaps = (position[0] - self.path) * self.roots[:, None]
-        return gaps.ravel(), (slopes[0] * self.roots[:, None, None]).reshape(gaps.size, -1), position[0]
+        return (
+            gaps.ravel(),
+            (slopes[0] * self.roots[:, None, None]).reshape(gaps.size, -1),
+            position[0],
+        )
 
 
 @dataclass(frozen=True)
@@ -91,17 +105,35 @@ class RodTrajectory:
     count: int
 
     @classmethod
-    def of(cls, scene: Scene, path: Path, lengths: Sequence[float], *, max_field: float, exit_weight: float) -> RodTrajectory:
+    def of(
+        cls,
+        scene: Scene,
+        path: Path,
+        lengths: Sequence[float],
+        *,
+        max_field: float,
+        exit_weight: float,
+    ) -> RodTrajectory:
         """The rods of a scene's catheter at these inserted lengths (m). exit_weight: as of evaluate.trajectory.Insertion."""
         depths = [depth_of(scene, path, float(length), len(lengths)) for length in lengths]
         roots = depths[-1].roots.copy()
         roots[-1] = np.sqrt(roots[-1] ** 2 + exit_weight)
         depths[-1] = replace(depths[-1], roots=roots)
-        return cls(tuple(depths), max_field, np.array(scene.magnetized_regions(), dtype=int), len(scene.regions()))
+        return cls(
+            tuple(depths),
+            max_field,
+            np.array(scene.magnetized_regions(), dtype=int),
+            len(scene.regions()),
+        )
 
     def bent(self, path: Path, share: float) -> RodTrajectory:
         """The same along `path`, with this share of the weight."""
-        return replace(self, depths=tuple(replace(depth.weighing(share), path=path.at(depth.place)) for depth in self.depths))
+        return replace(
+            self,
+            depths=tuple(
+                replace(depth.weighing(share), path=path.at(depth.place)) for depth in self.depths
+            ),
+        )
 
     def settled(self, directions: Array, fields: Array, shapes: Shapes | None) -> State | None:
         """Stable equilibria at all depths, begun at `shapes`, or straight; None: not found."""
@@ -128,7 +160,9 @@ class RodTrajectory:
             scale = min(1.0, 0.6 / max(np.abs(p).max(initial=0.0), np.abs(q).max(), 1e-300))
             d_new = self._turned(d, bases, scale * p)
             v_new = v + scale * q
-            v_new *= np.minimum(1.0, 8.0 / np.maximum(np.linalg.norm(v_new, axis=1), 1e-300))[:, None]  # 8: the boundary of the ball, 0.992
+            v_new *= np.minimum(1.0, 8.0 / np.maximum(np.linalg.norm(v_new, axis=1), 1e-300))[
+                :, None
+            ]  # 8: the boundary of the ball, 0.992
             tried = self.settled(d_new, self.max_field * from_ball(v_new), state.shapes)
             if tried is not None and tried.squares < state.squares:
                 little = little + 1 if tried.squares > 0.99 * state.squares else 0
@@ -144,16 +178,28 @@ class RodTrajectory:
         """Bases across the directions, and the blocks of J^T J and J^T r as _arrow_step takes them, in mm."""
         bases = across(d[self.movable])
         m, depths = 2 * len(self.movable) if turning else 0, len(self.depths)
-        A, X, V, g, h = np.zeros((m, m)), np.zeros((depths, m, 3)), np.empty((depths, 3, 3)), np.zeros(m), np.empty((depths, 3))
+        A, X, V, g, h = (
+            np.zeros((m, m)),
+            np.zeros((depths, m, 3)),
+            np.empty((depths, 3, 3)),
+            np.zeros(m),
+            np.empty((depths, 3)),
+        )
         for k, depth in enumerate(self.depths):
             slopes, gaps = 1e3 * state.slopes[k], 1e3 * state.gaps[k]
             root = np.sqrt(1 + v[k] @ v[k])
-            of_v = self.max_field * slopes[:, -3:] @ (np.eye(3) / root - np.outer(v[k], v[k]) / root**3)  # db/dv
+            of_v = (
+                self.max_field
+                * slopes[:, -3:]
+                @ (np.eye(3) / root - np.outer(v[k], v[k]) / root**3)
+            )  # db/dv
             V[k], h[k] = of_v.T @ of_v, of_v.T @ gaps
             if turning:
                 of_d = np.zeros((len(gaps), len(self.movable), 2))
                 at = np.searchsorted(self.movable, depth.segments)
-                of_d[:, at] = np.einsum("rka,kat->rkt", slopes[:, :-3].reshape(len(gaps), -1, 3), bases[at])
+                of_d[:, at] = np.einsum(
+                    "rka,kat->rkt", slopes[:, :-3].reshape(len(gaps), -1, 3), bases[at]
+                )
                 flat = of_d.reshape(len(gaps), m)
                 A += flat.T @ flat
                 g += flat.T @ gaps
@@ -171,18 +217,26 @@ class RodTrajectory:
     def grown(self, path: Path, rng: np.random.Generator) -> RodDesign | None:
         """A design that grows with the path from a random start (see above); None where it can't, or where it is hopeless."""
         d = unit(0.5 * rng.normal(size=(self.count, 3)) + [1.0, 0.0, 0.0])
-        fields = self.max_field * np.tile([0.5, 0.0, 0.0] + 0.2 * rng.normal(size=3), (len(self.depths), 1))
+        fields = self.max_field * np.tile(
+            [0.5, 0.0, 0.0] + 0.2 * rng.normal(size=3), (len(self.depths), 1)
+        )
         fields *= np.minimum(1.0, 0.95 * self.max_field / np.linalg.norm(fields, axis=1))[:, None]
         design = RodDesign(d, fields, 0.0)
         share, step, size = 0.0, FIRST, self.depths[-1].place[-1]
         while share < 1.0:
             now = min(1.0, share + step)
             bent = self.bent(path.flattened(now), now) if now < 1.0 else self
-            state = bent.settled(design.directions, design.fields, None if design.state is None else design.state.shapes)
+            state = bent.settled(
+                design.directions,
+                design.fields,
+                None if design.state is None else design.state.shapes,
+            )
             found = None
             if state is not None:
                 found = bent.least_squares(replace(design, state=state), STEPS if now < 1.0 else 60)
-            fell = found is None or found.value > 1.5 * design.value + 5e-3 * size  # to another branch
+            fell = (
+                found is None or found.value > 1.5 * design.value + 5e-3 * size
+            )  # to another branch
             if fell and step > LEAST:
                 step /= 2
             elif found is None or found.value > 0.1 * size:
@@ -198,10 +252,14 @@ class RodTrajectory:
         """
         found = [RodDesign(directions, np.zeros((len(self.depths), 3)), np.inf)]
         for first in ((1.0, 0.0, 0.0), (0.6, 0.0, 0.8), (-0.6, 0.0, 0.8)):
-            design = RodDesign(directions, 0.5 * self.max_field * np.tile(first, (len(self.depths), 1)), np.inf)
+            design = RodDesign(
+                directions, 0.5 * self.max_field * np.tile(first, (len(self.depths), 1)), np.inf
+            )
             for share in np.linspace(0.0, 1.0, 5)[1:]:
                 bent = self.bent(path.flattened(share), share) if share < 1.0 else self
-                state = bent.settled(directions, design.fields, None if design.state is None else design.state.shapes)
+                state = bent.settled(
+                    directions, design.fields, None if design.state is None else design.state.shapes
+                )
                 if state is None:
                     break
                 design = bent.least_squares(replace(design, state=state), STEPS, turning=False)
@@ -222,7 +280,9 @@ def from_ball(v: Array) -> Array:
     return np.asarray(v / np.sqrt(1 + np.sum(v * v, axis=1))[:, None])
 
 
-def _arrow_step(A: Array, X: Array, V: Array, g: Array, h: Array, damping: float) -> tuple[Array, Array]:
+def _arrow_step(
+    A: Array, X: Array, V: Array, g: Array, h: Array, damping: float
+) -> tuple[Array, Array]:
     """The step of damped least squares (Marquardt's scaling): p (m,) of what depths share, q (D, 3) of each depth's own.
 
     A (m, m), X (D, m, 3), V (D, 3, 3): blocks of J^T J; g (m,), h (D, 3): of J^T r. Each depth is eliminated by itself.
@@ -231,7 +291,11 @@ def _arrow_step(A: Array, X: Array, V: Array, g: Array, h: Array, damping: float
     own = np.einsum("kii->ki", V)
     V = V + np.eye(3) * (damping * (own + small) + 1e-12 * small)[:, None, :]
     Y = np.linalg.solve(V, np.concatenate([X.transpose(0, 2, 1), -h[:, :, None]], axis=2))
-    S = A + np.diag(damping * (np.diag(A) + small) + 1e-12 * small) - np.einsum("kix,kxj->ij", X, Y[:, :, :-1])
+    S = (
+        A
+        + np.diag(damping * (np.diag(A) + small) + 1e-12 * small)
+        - np.einsum("kix,kxj->ij", X, Y[:, :, :-1])
+    )
     p = np.linalg.solve(S, -g - np.einsum("kix,kx->i", X, Y[:, :, -1]))
     return p, Y[:, :, -1] - Y[:, :, :-1] @ p
 
@@ -249,6 +313,8 @@ def depth_of(whole: Scene, path: Path, length: float, count: int) -> Depth:
     share[:-1] += rod.length / 2
     return Depth(
         rod=RodFamily.of(rod, catheter.segment_lengths(), magnetized),
-        segments=np.array(magnetized, dtype=int) + len(whole.regions()) - len(scene.regions()), place=place, path=path.at(place),
+        segments=np.array(magnetized, dtype=int) + len(whole.regions()) - len(scene.regions()),
+        place=place,
+        path=path.at(place),
         roots=np.sqrt(share / place[-1] / count),
-    )  # fmt: skip
+    )

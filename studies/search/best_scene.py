@@ -40,7 +40,9 @@ def moved_content(source: Path, folder: Path) -> dict[str, Any]:
 
 def as_yaml(content: Mapping[str, Any]) -> str:
     """The content of a scene as the text of a file."""
-    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True)
+    return yaml.safe_dump(
+        content, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True
+    )
 
 
 def _mended(value: Any, old: Path, new: Path, key: str | int = "") -> Any:
@@ -59,7 +61,9 @@ def _from_folder(path: Path, folder: Path) -> str:
     return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
 
 
-def write_best_scene(folder: Path, study: Study, space: SearchSpace, best: Mapping[str, Any]) -> Path | None:
+def write_best_scene(
+    folder: Path, study: Study, space: SearchSpace, best: Mapping[str, Any]
+) -> Path | None:
     """Write the scene of a design into a folder. Returns the file, or None for a study that was made in Python.
 
     best: {number, rms_m, params} of the trial. The file is written whole or not at all, and left alone if it says the same. Of an insertion
@@ -79,7 +83,9 @@ def write_best_scene(folder: Path, study: Study, space: SearchSpace, best: Mappi
         )
     else:
         content["name"] = f"{study.name} best"[:100]
-        space.edit(Edits(study.scene, content), space.embedded(best["params"]), best["params"].get("order"))
+        space.edit(
+            Edits(study.scene, content), space.embedded(best["params"]), best["params"].get("order")
+        )
         if study.keyframes:
             _add_schedule(content, study, space, best["params"])
         head = (
@@ -95,7 +101,9 @@ def write_best_scene(folder: Path, study: Study, space: SearchSpace, best: Mappi
     return path
 
 
-def _add_schedule(content: dict[str, Any], study: Study, space: SearchSpace, found: Mapping[str, Any]) -> None:
+def _add_schedule(
+    content: dict[str, Any], study: Study, space: SearchSpace, found: Mapping[str, Any]
+) -> None:
     """The fields of all times as keyframes, from no field at 0 s, and equilibria along them."""
     zero = ["0 mT"] * 3
     frames: list[dict[str, Any]] = [{"time": "0 s", "uniform": zero}]
@@ -110,7 +118,10 @@ def _add_schedule(content: dict[str, Any], study: Study, space: SearchSpace, fou
     content["field"] = {**field, "over_time": {"keyframes": frames}}
     at = [a + (b - a) * i / 10 for a, b in itertools.pairwise(times) for i in range(10)]
     solver = {key: value for key, value in content.get("solver", {}).items() if key != "static"}
-    content["solver"] = {**solver, "quasi_static": {"at": [f"{time:.12g} s" for time in (*at, times[-1])]}}
+    content["solver"] = {
+        **solver,
+        "quasi_static": {"at": [f"{time:.12g} s" for time in (*at, times[-1])]},
+    }
 
 
 def times(depths: Array, diameter: float) -> Array:
@@ -118,35 +129,52 @@ def times(depths: Array, diameter: float) -> Array:
     return (np.asarray(depths) - min(diameter, depths[0])) / SPEED
 
 
-def _add_push(content: dict[str, Any], study: Study, space: SearchSpace, params: Mapping[str, Any]) -> None:
+def _add_push(
+    content: dict[str, Any], study: Study, space: SearchSpace, params: Mapping[str, Any]
+) -> None:
     """The motion of a design."""
     whole = space.scene_of(params)
     shape = whole.body.catheter
     assert shape is not None
     catheter = content["body"]["catheter"]
     segments = [dict(segment) for segment in catheter["segments"]]
-    for segment, length, direction in zip(segments, shape.segment_lengths(), space.directions(params), strict=True):
+    for segment, length, direction in zip(
+        segments, shape.segment_lengths(), space.directions(params), strict=True
+    ):
         segment.update(length=f"{1e3 * length:.12g} mm", magnetization=direction.tolist())
     held, depths = 2.0 * shape.diameter, np.array(study.depths)
     total = study.scene.length + held
     out = min(shape.diameter, float(depths[0]))
-    catheter.update(length=f"{1e3 * total:.12g} mm", segments=[{"length": f"{1e3 * held:.12g} mm"}, *segments])
+    catheter.update(
+        length=f"{1e3 * total:.12g} mm", segments=[{"length": f"{1e3 * held:.12g} mm"}, *segments]
+    )
     catheter.pop("clamp", None)
-    fields = np.array([space.field(params, k if space.fields > 1 else -1) for k in range(len(depths))])
+    fields = np.array(
+        [space.field(params, k if space.fields > 1 else -1) for k in range(len(depths))]
+    )
     reached = times(depths, shape.diameter)
     keyframes = [{"time": "0 s", "uniform": ["0 mT", "0 mT", "0 mT"]}] if reached[0] > 0 else []
     keyframes += [
-        {"time": f"{time:.9g} s", "uniform": [f"{1e3 * x:.12g} mT" for x in field]} for time, field in zip(reached, fields, strict=True)
+        {"time": f"{time:.9g} s", "uniform": [f"{1e3 * x:.12g} mT" for x in field]}
+        for time, field in zip(reached, fields, strict=True)
     ]
     effects = {key: value for key, value in content.get("effects", {}).items() if key != "feed"}
     effects |= _moved_walls(whole, total - out)
-    effects |= {"feed": {"speed": f"{1e3 * SPEED:g} mm/s", "exit": f"{1e3 * (total - out):.12g} mm"}}
+    effects |= {
+        "feed": {"speed": f"{1e3 * SPEED:g} mm/s", "exit": f"{1e3 * (total - out):.12g} mm"}
+    }
     effects.setdefault("damping", {"rate": "30 1/s"})
     content.update(
         name=f"{study.name} push"[:100],
-        field={**content.get("field", {}), "uniform": ["0 mT", "0 mT", "0 mT"], "over_time": {"keyframes": keyframes}}, effects=effects,
-        solver={"dynamic": {"duration": f"{reached[-1]:.9g} s", "output_every": "20 ms"}}, resolution={"cells_across": 2},  # minutes
-    )  # fmt: skip
+        field={
+            **content.get("field", {}),
+            "uniform": ["0 mT", "0 mT", "0 mT"],
+            "over_time": {"keyframes": keyframes},
+        },
+        effects=effects,
+        solver={"dynamic": {"duration": f"{reached[-1]:.9g} s", "output_every": "20 ms"}},
+        resolution={"cells_across": 2},  # minutes
+    )
     content.pop("reference", None)
 
 
@@ -160,7 +188,18 @@ def _moved_walls(scene: Scene, exit_at: float) -> dict[str, Any]:
         return {}
     if walls.tube is None:
         rule = "the push of an insertion moves its walls to the guide's exit, and a surface stays where its file has it"
-        raise InputError("effects.walls.surface", rule=rule, remedy="give the walls as a `tube`, or do not name them")
-    shift = np.array([exit_at - (0.0 if scene.effects.feed is None else scene.effects.feed.exit), 0.0, 0.0])
+        raise InputError(
+            "effects.walls.surface",
+            rule=rule,
+            remedy="give the walls as a `tube`, or do not name them",
+        )
+    shift = np.array(
+        [exit_at - (0.0 if scene.effects.feed is None else scene.effects.feed.exit), 0.0, 0.0]
+    )
     path = [[f"{1e3 * x:.9g} mm" for x in np.asarray(point) + shift] for point in walls.tube.path]
-    return {"walls": {"tube": {"radius": f"{1e3 * walls.tube.radius:.9g} mm", "path": path}, "friction": walls.friction}}
+    return {
+        "walls": {
+            "tube": {"radius": f"{1e3 * walls.tube.radius:.9g} mm", "path": path},
+            "friction": walls.friction,
+        }
+    }

@@ -29,7 +29,15 @@ from magmpm.studies.problem.study_file import Match, StudyFile
 from magmpm.studies.search import study_checks
 from magmpm.studies.search.samplers.choice import best_suited
 
-__all__ = ["SAMPLERS", "Study", "StudyFile", "check_sampler_name", "definition_hash", "differences", "load_study"]
+__all__ = [
+    "SAMPLERS",
+    "Study",
+    "StudyFile",
+    "check_sampler_name",
+    "definition_hash",
+    "differences",
+    "load_study",
+]
 
 SHOWN_DIFFERENCES = 12
 
@@ -54,28 +62,51 @@ def load_study(path: Path | str) -> Study:
         raise study_checks.named_in(error, study_checks.place(document, "scene")) from None
     study_checks.check_scene(scene, file, document)
     requested = None
-    if scene.resolution.requested:  # of the whole shape, which designs are evaluated by: a bound for the tip as well
+    if (
+        scene.resolution.requested
+    ):  # of the whole shape, which designs are evaluated by: a bound for the tip as well
         requested = scene.resolution.model_copy(update={"of": "centreline"})
         scene = scene.with_cells(coarsest_cells(scene))
     study_checks.check_numbers(scene, file, document)
     target, keyframes = _targets(file, document, scene)
     study = Study(
-        path=document.path, name=document.path.stem, scene=scene, target=target, vary=file.vary, trials=file.trials,
-        sampler=file.sampler or "gauss-newton", seed=file.seed, stop_rms=None if file.stop is None else file.stop.rms,
-        scene_file=folder / file.scene, depths=_depths(file, target, scene.thickness), keyframes=keyframes,
-        hold=0.0 if file.schedule is None else file.schedule.hold, minimize=file.minimize, robust=file.robust,
-        margin=None if file.stability is None else file.stability.margin, limits=file.limits, start=file.start, requested=requested,
-    )  # fmt: skip
+        path=document.path,
+        name=document.path.stem,
+        scene=scene,
+        target=target,
+        vary=file.vary,
+        trials=file.trials,
+        sampler=file.sampler or "gauss-newton",
+        seed=file.seed,
+        stop_rms=None if file.stop is None else file.stop.rms,
+        scene_file=folder / file.scene,
+        depths=_depths(file, target, scene.thickness),
+        keyframes=keyframes,
+        hold=0.0 if file.schedule is None else file.schedule.hold,
+        minimize=file.minimize,
+        robust=file.robust,
+        margin=None if file.stability is None else file.stability.margin,
+        limits=file.limits,
+        start=file.start,
+        requested=requested,
+    )
     return study if file.sampler is not None else best_suited(study)
 
 
-def _targets(file: StudyFile, document: Document, scene: Scene) -> tuple[Array, tuple[Keyframe, ...]]:
+def _targets(
+    file: StudyFile, document: Document, scene: Scene
+) -> tuple[Array, tuple[Keyframe, ...]]:
     """The target of a study (the path of an insertion, the last shape of a schedule), and the shapes of a schedule."""
     if isinstance(file.match, Match):
         key = "centreline" if file.match.centreline is not None else "path"
-        return _read_target(str(file.match.centreline or file.match.path), ("match", key), file, document, scene), ()
+        return _read_target(
+            str(file.match.centreline or file.match.path), ("match", key), file, document, scene
+        ), ()
     frames = tuple(
-        Keyframe(shape.time, _read_target(shape.centreline, ("match", k, "centreline"), file, document, scene))
+        Keyframe(
+            shape.time,
+            _read_target(shape.centreline, ("match", k, "centreline"), file, document, scene),
+        )
         for k, shape in enumerate(file.match)
     )
     return frames[-1].target, frames
@@ -84,10 +115,14 @@ def _targets(file: StudyFile, document: Document, scene: Scene) -> tuple[Array, 
 def _must_be_near(document: Document, path: Path, *key: str | int) -> None:
     """Raises InputError for a path that a study may not name."""
     if not is_allowed(path, document.path):
-        raise InputError(study_checks.place(document, *key), received=str(path), rule=RULE, remedy=REMEDY)
+        raise InputError(
+            study_checks.place(document, *key), received=str(path), rule=RULE, remedy=REMEDY
+        )
 
 
-def _read_target(name: str, key: tuple[str | int, ...], file: StudyFile, document: Document, scene: Scene) -> Array:
+def _read_target(
+    name: str, key: tuple[str | int, ...], file: StudyFile, document: Document, scene: Scene
+) -> Array:
     """Rows [s, x, y, z] (m, 4) m of a table that the study names. Raises InputError."""
     csv = document.path.parent / name
     _must_be_near(document, csv, *key)
@@ -105,8 +140,14 @@ def _depths(file: StudyFile, path: Array, thickness: float) -> tuple[float, ...]
         return ()
     if isinstance(file.insertion.depths, tuple):
         return file.insertion.depths
-    first = max(path[-1, 0] / file.insertion.depths, thickness)  # a piece shorter than its diameter is no rod
-    return tuple(np.linspace(first, path[-1, 0], file.insertion.depths).tolist()) if file.insertion.depths > 1 else (float(path[-1, 0]),)
+    first = max(
+        path[-1, 0] / file.insertion.depths, thickness
+    )  # a piece shorter than its diameter is no rod
+    return (
+        tuple(np.linspace(first, path[-1, 0], file.insertion.depths).tolist())
+        if file.insertion.depths > 1
+        else (float(path[-1, 0]),)
+    )
 
 
 def definition_hash(definition: Mapping[str, Any]) -> str:
@@ -118,7 +159,11 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """Differences between two definitions, one line a key: `sampler: tpe -> random`."""
     was, now = dict(_flat(old)), dict(_flat(new))
     keys = [*was, *(key for key in now if key not in was)]
-    lines = [f"{key}: {was.get(key, 'nothing')} -> {now.get(key, 'nothing')}" for key in keys if was.get(key) != now.get(key)]
+    lines = [
+        f"{key}: {was.get(key, 'nothing')} -> {now.get(key, 'nothing')}"
+        for key in keys
+        if was.get(key) != now.get(key)
+    ]
     if len(lines) > SHOWN_DIFFERENCES:
         lines[SHOWN_DIFFERENCES:] = [f"and {len(lines) - SHOWN_DIFFERENCES} more"]
     return lines

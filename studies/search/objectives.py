@@ -18,13 +18,21 @@ from magmpm.studies.search.search_space import SearchSpace
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
 
-NAMES = {"rms": "rms_m", "largest_field": "largest_field_T", "magnetized_volume": "magnetized_volume_m3"}  # with SI units, for reports
+NAMES = {
+    "rms": "rms_m",
+    "largest_field": "largest_field_T",
+    "magnetized_volume": "magnetized_volume_m3",
+}  # with SI units, for reports
 
 
 def second(name: str, space: SearchSpace, parameters: Parameters) -> float:
     """The second objective of a design: the strength of its strongest field, T, or the volume of its magnetized segments, m^3."""
     if name == "largest_field":
-        return max(float(np.linalg.norm(block.read(parameters))) for block in space.blocks if isinstance(block, FieldVector))
+        return max(
+            float(np.linalg.norm(block.read(parameters)))
+            for block in space.blocks
+            if isinstance(block, FieldVector)
+        )
     shape = space.scene_of(parameters).body.shape
     assert isinstance(shape, StraightBody)
     magnetized = np.linalg.norm(space.directions(parameters), axis=1) > 0
@@ -39,7 +47,11 @@ def worst(name: str, space: SearchSpace) -> float:
     assert isinstance(shape, StraightBody)
     highest = {number.what: number.high for number in space.numbers_within}
     thickest = highest.get("diameter", shape.thickness) / shape.thickness
-    return _area(shape) * max(thickest, 1.0) ** 2 * max(shape.length, highest.get("length", 0.0) * len(space.scene.regions()))
+    return (
+        _area(shape)
+        * max(thickest, 1.0) ** 2
+        * max(shape.length, highest.get("length", 0.0) * len(space.scene.regions()))
+    )
 
 
 def _area(shape: StraightBody) -> float:
@@ -47,9 +59,17 @@ def _area(shape: StraightBody) -> float:
     return float(shape.section(one, 3 * one, 0.45 * one).area)  # the moduli do not matter
 
 
-def trial_values(minimize: Sequence[str], space: SearchSpace, parameters: Parameters, first: float, failed: bool) -> list[float]:
+def trial_values(
+    minimize: Sequence[str], space: SearchSpace, parameters: Parameters, first: float, failed: bool
+) -> list[float]:
     """A trial's values, SI, in the order of `minimize`; first: the first of them."""
-    return [first, *(worst(name, space) if failed else second(name, space, parameters) for name in minimize[1:])]
+    return [
+        first,
+        *(
+            worst(name, space) if failed else second(name, space, parameters)
+            for name in minimize[1:]
+        ),
+    ]
 
 
 def front(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
@@ -65,10 +85,14 @@ def compromise(values: Sequence[Sequence[float]]) -> int:
     """Number of the point (a, b) of a front that is nearest to the ideal one, both objectives scaled to the front's extent."""
     points = np.array(values, dtype=float)
     low, extent = points.min(axis=0), np.ptp(points, axis=0)
-    return int(np.argmin(np.linalg.norm((points - low) / np.where(extent > 0, extent, 1.0), axis=1)))
+    return int(
+        np.argmin(np.linalg.norm((points - low) / np.where(extent > 0, extent, 1.0), axis=1))
+    )
 
 
-def pareto_report(minimize: Sequence[str], trials: Sequence[FrozenTrial], feasible: Callable[[FrozenTrial], bool]) -> dict[str, Any]:
+def pareto_report(
+    minimize: Sequence[str], trials: Sequence[FrozenTrial], feasible: Callable[[FrozenTrial], bool]
+) -> dict[str, Any]:
     """The front as reports have it: `objectives`, `values` of every trial (None if it failed), `pareto` with number, values, params,
     and `compromise`, the number of the trial nearest to the ideal point.
     """
@@ -76,7 +100,9 @@ def pareto_report(minimize: Sequence[str], trials: Sequence[FrozenTrial], feasib
     return {
         "objectives": [NAMES[name] for name in minimize],
         "values": [list(t.values) if feasible(t) else None for t in trials],
-        "pareto": [{"number": t.number, "values": list(t.values), "params": dict(t.params)} for t in on_it],
+        "pareto": [
+            {"number": t.number, "values": list(t.values), "params": dict(t.params)} for t in on_it
+        ],
         "compromise": on_it[compromise([t.values for t in on_it])].number if on_it else None,
     }
 

@@ -54,7 +54,13 @@ def corner_of(seed: int, corner: int) -> Array:
 
 def from_azimuth(azimuth: float, elevation: float) -> Array:
     """Unit vector (3,) of a scene file's angles, in rad."""
-    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    return np.array(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ]
+    )
 
 
 @dataclass(frozen=True)
@@ -69,7 +75,9 @@ class Direction:
         return {f"{self.name}_around_deg": (-180.0, 180.0), f"{self.name}_along_deg": (-90.0, 90.0)}
 
     def read(self, parameters: Parameters) -> Array:
-        return direction(parameters[f"{self.name}_around_deg"], parameters[f"{self.name}_along_deg"])
+        return direction(
+            parameters[f"{self.name}_around_deg"], parameters[f"{self.name}_along_deg"]
+        )
 
     def written(self, x: Array) -> dict[str, float]:
         around, along = angles(x)
@@ -95,7 +103,9 @@ class FieldVector:
     size = 3
 
     def bounds(self) -> dict[str, tuple[float, float]]:
-        return dict(zip(self.names, ((0.0, 1e3 * self.max), (-180.0, 180.0), (-90.0, 90.0)), strict=True))
+        return dict(
+            zip(self.names, ((0.0, 1e3 * self.max), (-180.0, 180.0), (-90.0, 90.0)), strict=True)
+        )
 
     def read(self, parameters: Parameters) -> Array:
         strength = 1e-3 * parameters[self.names[0]]
@@ -208,7 +218,9 @@ class Makeable:
         if len(requested) == 0:
             return requested
         if self.allowed is not None:
-            return np.asarray(self._subset(requested)[np.argmax(requested @ self._subset(requested).T, axis=1)])
+            return np.asarray(
+                self._subset(requested)[np.argmax(requested @ self._subset(requested).T, axis=1)]
+            )
         return self._shared(requested)[0]
 
     def derivative(self, requested: Array) -> Array:
@@ -236,7 +248,9 @@ class Makeable:
         cosines = requested @ allowed.T
         if math.comb(len(allowed), k) <= 20_000:  # all are tried
             subsets = np.array(list(itertools.combinations(range(len(allowed)), k)))
-            return np.asarray(allowed[subsets[int(np.argmax(cosines[:, subsets].max(axis=2).sum(axis=0)))]])
+            return np.asarray(
+                allowed[subsets[int(np.argmax(cosines[:, subsets].max(axis=2).sum(axis=0)))]]
+            )
         chosen: list[int] = []
         for _ in range(k):
             reached = cosines[:, chosen].max(axis=1) if chosen else np.full(len(requested), -1.0)

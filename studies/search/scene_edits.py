@@ -16,7 +16,13 @@ from magmpm.studies.problem.variables import Vary
 from magmpm.studies.search.parameters import Number
 
 MOST_ORDERS = 1000
-UNITS = {"length": (1e3, "mm"), "diameter": (1e3, "mm"), "remanence": (1e3, "mT"), "field": (1e3, "mT"), "shear_modulus": (1e-3, "kPa")}
+UNITS = {
+    "length": (1e3, "mm"),
+    "diameter": (1e3, "mm"),
+    "remanence": (1e3, "mT"),
+    "field": (1e3, "mT"),
+    "shear_modulus": (1e-3, "kPa"),
+}
 
 
 class Edits:
@@ -64,13 +70,18 @@ class Edits:
         for segment, length in zip(self._body["segments"], lengths.tolist(), strict=True):
             segment["length"] = self._written("length", length)
         if keep:
-            del self._body["segments"][int(np.argmax(lengths))]["length"]  # it takes the rest, to the last bit
+            del self._body["segments"][int(np.argmax(lengths))][
+                "length"
+            ]  # it takes the rest, to the last bit
         else:
             self._body["length"] = self._written("length", math.fsum(lengths.tolist()))
 
     def field(self, uniform: Array) -> None:
         """The uniform part of the field, (3,) T."""
-        self.data["field"] = {**self.data.get("field", {}), "uniform": [self._written("field", x) for x in uniform.tolist()]}
+        self.data["field"] = {
+            **self.data.get("field", {}),
+            "uniform": [self._written("field", x) for x in uniform.tolist()],
+        }
 
     def order(self, pieces: NDArray[np.int64]) -> None:
         """The segments in this order, by their numbers in the scene."""
@@ -98,15 +109,27 @@ def numbers_of(vary: Vary, scene: Scene) -> tuple[Number, ...]:
     regions, magnetized, names = scene.regions(), scene.magnetized_regions(), segment_names(scene)
     if vary.length is not None:
         low, high = vary.length.min, vary.length.max
-        found += [Number(f"{name}_length_mm", "length", low, high, 1e3, i) for i, name in enumerate(names)]
+        found += [
+            Number(f"{name}_length_mm", "length", low, high, 1e3, i) for i, name in enumerate(names)
+        ]
     if vary.diameter is not None:
         found.append(Number("diameter_mm", "diameter", vary.diameter.min, vary.diameter.max, 1e3))
-    for what, given, of in (("remanence", vary.remanence, magnetized), ("shear_modulus", vary.shear_modulus, range(len(regions)))):
+    for what, given, of in (
+        ("remanence", vary.remanence, magnetized),
+        ("shear_modulus", vary.shear_modulus, range(len(regions))),
+    ):
         if given is not None:
             factor, unit = UNITS[what]
             used = dict.fromkeys(regions[i].material_name for i in of)
-            called = {f"{names[i]}_{what}": i for i in of} if given.per == "segment" else {f"{what}_of_{name}": name for name in used}
-            found += [Number(f"{name}_{unit}", what, given.min, given.max, factor, whose) for name, whose in called.items()]
+            called = (
+                {f"{names[i]}_{what}": i for i in of}
+                if given.per == "segment"
+                else {f"{what}_of_{name}": name for name in used}
+            )
+            found += [
+                Number(f"{name}_{unit}", what, given.min, given.max, factor, whose)
+                for name, whose in called.items()
+            ]
     return tuple(found)
 
 
@@ -131,7 +154,10 @@ def kept_total(requested: Array, low: float, high: float, total: float) -> tuple
 @lru_cache(maxsize=8)
 def _orders(pattern: str) -> tuple[str, ...]:
     places = range(len(pattern))
-    return tuple("".join("M" if i in chosen else "P" for i in places) for chosen in itertools.combinations(places, pattern.count("M")))
+    return tuple(
+        "".join("M" if i in chosen else "P" for i in places)
+        for chosen in itertools.combinations(places, pattern.count("M"))
+    )
 
 
 def orders(scene: Scene, *, own: bool = False) -> tuple[str, ...]:
@@ -144,5 +170,8 @@ def orders(scene: Scene, *, own: bool = False) -> tuple[str, ...]:
 def arrangement(scene: Scene, order: str) -> NDArray[np.int64]:
     """The numbers (k,) of the scene's segments in this order: magnetized ones stay in sequence among themselves, and plain ones too."""
     magnetized = scene.magnetized_regions()
-    pieces = {"M": iter(magnetized), "P": (i for i in range(len(scene.regions())) if i not in magnetized)}
+    pieces = {
+        "M": iter(magnetized),
+        "P": (i for i in range(len(scene.regions())) if i not in magnetized),
+    }
     return np.array([next(pieces[kind]) for kind in order])

@@ -78,20 +78,32 @@ class SearchSpace:
         """The space a study requests."""
         vary, scene, limits = study.vary, study.scene, study.limits
         return cls(
-            scene=scene, segments=tuple(scene.magnetized_regions()) if vary.magnetization is not None else (), field_max=study.field_max,
-            fields=study.fields, numbers_within=numbers_of(vary, scene), keeps_length=vary.length is None or vary.length.total == "keep",
+            scene=scene,
+            segments=tuple(scene.magnetized_regions()) if vary.magnetization is not None else (),
+            field_max=study.field_max,
+            fields=study.fields,
+            numbers_within=numbers_of(vary, scene),
+            keeps_length=vary.length is None or vary.length.total == "keep",
             order=vary.order is not None,
-            limits=None if limits is None else Makeable(None if limits.directions is None else np.array(limits.directions), limits.at_most),
-        )  # fmt: skip
+            limits=None
+            if limits is None
+            else Makeable(
+                None if limits.directions is None else np.array(limits.directions), limits.at_most
+            ),
+        )
 
     # the blocks, and where their embedded coordinates stand
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """The parts of a design, in the order of its parameters and embedded coordinates."""
-        found: list[Block] = [Direction(name, i) for name, i in zip(self.segment_names(), self.segments, strict=True)]
+        found: list[Block] = [
+            Direction(name, i) for name, i in zip(self.segment_names(), self.segments, strict=True)
+        ]
         if self.field_max is not None:
-            found += [FieldVector(names, self.field_max, k) for k, names in enumerate(self._field_names())]
+            found += [
+                FieldVector(names, self.field_max, k) for k, names in enumerate(self._field_names())
+            ]
         found += self.numbers_within
         if self.order:
             found.append(Choice("order", orders(self.scene)))
@@ -101,7 +113,9 @@ class SearchSpace:
     def slices(self) -> tuple[slice, ...]:
         """Slices of each block's embedded coordinates."""
         ends = np.cumsum([block.size for block in self.blocks]).tolist()
-        return tuple(slice(end - block.size, end) for block, end in zip(self.blocks, ends, strict=True))
+        return tuple(
+            slice(end - block.size, end) for block, end in zip(self.blocks, ends, strict=True)
+        )
 
     @cached_property
     def parts(self) -> tuple[tuple[Block, slice], ...]:
@@ -142,7 +156,14 @@ class SearchSpace:
         if self.fields == 1:
             return [FIELD]
         stems = [f"field_{k:0{len(str(self.fields))}d}" for k in range(1, self.fields + 1)]
-        return [(FIELD[0].replace("field", stem), FIELD[1].replace("field", stem), FIELD[2].replace("field", stem)) for stem in stems]
+        return [
+            (
+                FIELD[0].replace("field", stem),
+                FIELD[1].replace("field", stem),
+                FIELD[2].replace("field", stem),
+            )
+            for stem in stems
+        ]
 
     def distributions(self) -> dict[str, BaseDistribution]:
         """The parameters as Optuna requests them."""
@@ -152,7 +173,9 @@ class SearchSpace:
         for block in self.blocks:
             if isinstance(block, Choice):
                 found[block.name] = CategoricalDistribution(block.choices)
-            found |= {name: FloatDistribution(low, high) for name, (low, high) in block.bounds().items()}
+            found |= {
+                name: FloatDistribution(low, high) for name, (low, high) in block.bounds().items()
+            }
         return found
 
     # parameters <-> embedded coordinates
@@ -231,7 +254,12 @@ class SearchSpace:
         if self.limits is None or not self.segments:
             return x
         count = 3 * len(self.segments)  # directions come first
-        return np.concatenate([self.limits.made(np.asarray(x[:count], dtype=float).reshape(-1, 3)).reshape(-1), x[count:]])
+        return np.concatenate(
+            [
+                self.limits.made(np.asarray(x[:count], dtype=float).reshape(-1, 3)).reshape(-1),
+                x[count:],
+            ]
+        )
 
     def scene_of(self, parameters: Parameters, field: int = -1) -> Scene:
         """The scene of a trial, in the field with this number (of one at each depth or time; the last unless given)."""
@@ -255,7 +283,9 @@ class SearchSpace:
             elif isinstance(block, Number):
                 edits.number(block, block.value(x[at]))
         if lengths:
-            edits.lengths(self._lengths(np.array(list(lengths.values())))[0], keep=self.keeps_length)
+            edits.lengths(
+                self._lengths(np.array(list(lengths.values())))[0], keep=self.keeps_length
+            )
         if fields:
             edits.field(x[fields[field]])
         if order is not None:
@@ -284,20 +314,30 @@ class SearchSpace:
         if not varied:
             return {}
         scene = self.scene_of(parameters)
-        shape, materials = scene.body.shape, [scene.region_material(i) for i in range(len(scene.regions()))]
+        shape, materials = (
+            scene.body.shape,
+            [scene.region_material(i) for i in range(len(scene.regions()))],
+        )
         assert isinstance(shape, StraightBody)
         found = {
             "length": ("segment_lengths_m", shape.segment_lengths()),
             "diameter": ("diameter_m", shape.thickness),
             "remanence": ("remanence_T", [material.remanence for material in materials]),
-            "shear_modulus": ("shear_modulus_Pa", [material.shear_modulus for material in materials]),
+            "shear_modulus": (
+                "shear_modulus_Pa",
+                [material.shear_modulus for material in materials],
+            ),
         }
         return dict(found[what] for what in found if what in varied)
 
     def field(self, parameters: Parameters, number: int = -1) -> Array:
         """The uniform part of the field with this number (the last unless given), (3,) T."""
         found = [block for block in self.blocks if isinstance(block, FieldVector)]
-        return found[number].read(parameters) if found else np.array(self.scene.field.uniform, dtype=float)
+        return (
+            found[number].read(parameters)
+            if found
+            else np.array(self.scene.field.uniform, dtype=float)
+        )
 
     # sensitivities -> embedded coordinates
 
@@ -305,42 +345,68 @@ class SearchSpace:
     def sensitivities(self) -> list[str]:
         """Kinds of variables to request of `magmpm.sensitivities`: its `of`."""
         named = [("magnetization", bool(self.segments)), ("field", self.field_max is not None)]
-        named += [(what, any(n.what == what for n in self.numbers_within)) for what in ("length", "diameter", "remanence", "shear_modulus")]
+        named += [
+            (what, any(n.what == what for n in self.numbers_within))
+            for what in ("length", "diameter", "remanence", "shear_modulus")
+        ]
         return [what for what, wanted in named if wanted]
 
-    def chain(self, variables: Sequence[Variable], x: Array, order: str | None = None, field: int = -1) -> Array:
+    def chain(
+        self, variables: Sequence[Variable], x: Array, order: str | None = None, field: int = -1
+    ) -> Array:
         """The derivatives of the variables of a solve by embedded coordinates: (k, size), so that columns (..., k) @ chain are (..., size).
 
         variables: `Sensitivities.variables` of the scene of these coordinates x (size,), order and field. A direction's three columns are
         the gradient on the sphere: they have no part along the direction.
         """
         found = np.zeros((len(variables), self.size))
-        rows: dict[tuple[str, int | str | None], list[int]] = {}  # of the Jacobian: by kind, and by segment or material
+        rows: dict[
+            tuple[str, int | str | None], list[int]
+        ] = {}  # of the Jacobian: by kind, and by segment or material
         for row, variable in enumerate(variables):
-            where = {"magnetization": "region", "length": "region", "remanence": "material", "shear_modulus": "material"}.get(variable.kind)
-            rows.setdefault((variable.kind, None if where is None else getattr(variable, where)), []).append(row)
+            where = {
+                "magnetization": "region",
+                "length": "region",
+                "remanence": "material",
+                "shear_modulus": "material",
+            }.get(variable.kind)
+            rows.setdefault(
+                (variable.kind, None if where is None else getattr(variable, where)), []
+            ).append(row)
         count = len(self.scene.regions())
-        places: NDArray[np.int64] = np.arange(count) if order is None else np.argsort(arrangement(self.scene, order))
+        places: NDArray[np.int64] = (
+            np.arange(count) if order is None else np.argsort(arrangement(self.scene, order))
+        )
         fields = [at for block, at in self.parts if isinstance(block, FieldVector)]
         numbers = [(block, at) for block, at in self.parts if isinstance(block, Number)]
         lengths = [(number, at) for number, at in numbers if number.what == "length"]
         for block, at in self.parts:
             if isinstance(block, Direction):
-                for row in rows.get(("magnetization", int(places[block.segment])), ()):  # none where the remanence is zero
+                for row in rows.get(
+                    ("magnetization", int(places[block.segment])), ()
+                ):  # none where the remanence is zero
                     found[row, at] = variables[row].direction
             elif isinstance(block, Number) and block.what != "length":
                 name = Edits.material_name(self.scene, block) if block.what != "diameter" else None
                 for row in rows.get((block.what, name), ()):
                     found[row, at] = block.high - block.low
         if fields:
-            for row, column in zip(rows["field", None], range(fields[field].start, fields[field].stop), strict=True):
+            for row, column in zip(
+                rows["field", None], range(fields[field].start, fields[field].stop), strict=True
+            ):
                 found[row, column] = 1.0
-        moved = self._lengths(np.array([number.value(x[at]) for number, at in lengths]))[1] if lengths else np.zeros((0, 0))
+        moved = (
+            self._lengths(np.array([number.value(x[at]) for number, at in lengths]))[1]
+            if lengths
+            else np.zeros((0, 0))
+        )
         for i, (number, _) in enumerate(lengths):
             for row in rows["length", int(places[number.of])]:  # type: ignore[index]
                 for j, (other, at) in enumerate(lengths):
                     found[row, at] = (other.high - other.low) * moved[i, j]
         if self.limits is not None:
             count = 3 * len(self.segments)
-            found[:, :count] = found[:, :count] @ self.limits.derivative(x[:count].reshape(-1, 3)).reshape(count, count)
+            found[:, :count] = found[:, :count] @ self.limits.derivative(
+                x[:count].reshape(-1, 3)
+            ).reshape(count, count)
         return found

@@ -27,8 +27,13 @@ def check_file_name(path: Path) -> None:
     """The file's name names the folder of results: `..yaml` would name the folder of all of them."""
     found = folder_fault(path.stem)
     if found is not None:
-        where, received = f"{path}: its name without the ending names the folder of results", f'"{path.stem}"'
-        raise InputError(where, received=received, rule=found[0], remedy=f"rename the file; {found[1]}")
+        where, received = (
+            f"{path}: its name without the ending names the folder of results",
+            f'"{path.stem}"',
+        )
+        raise InputError(
+            where, received=received, rule=found[0], remedy=f"rename the file; {found[1]}"
+        )
 
 
 def named_in(error: InputError, where: str) -> InputError:
@@ -39,7 +44,9 @@ def named_in(error: InputError, where: str) -> InputError:
 
 def place(document: Document, *key: str | int) -> str:
     """Place of a key: file, line and key."""
-    line = next((document.lines[key[:n]] for n in range(len(key), 0, -1) if key[:n] in document.lines), 1)
+    line = next(
+        (document.lines[key[:n]] for n in range(len(key), 0, -1) if key[:n] in document.lines), 1
+    )
     return f"{document.path}:{line}: {dotted(key)}"
 
 
@@ -47,8 +54,12 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
     """A study turns magnets in a field, so the scene must have magnets, and a field unless that is varied."""
     if scene.resolution.seconds is not None:
         rule = "the scene of a study gives its cells or an error, not a time: trials are compared on one grid"
-        remedy = "write `resolution: {cells_across: 4}` or `resolution: {error: 0.1 %}` in the scene"
-    elif scene.resolution.requested and (file.insertion is not None or file.schedule is not None or scene.solver.dynamic is not None):
+        remedy = (
+            "write `resolution: {cells_across: 4}` or `resolution: {error: 0.1 %}` in the scene"
+        )
+    elif scene.resolution.requested and (
+        file.insertion is not None or file.schedule is not None or scene.solver.dynamic is not None
+    ):
         rule = "an error can be asked for where a trial is an equilibrium, or equilibria along time; the best are judged on finer grids"
         remedy = "write `resolution: {cells_across: 4}` in the scene, and run the best design with `resolution: {error: 0.1 %}`"
     elif scene.body.shape.line is None:
@@ -62,12 +73,16 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
         remedy = "add `effects: {magnetic_torque: {}}` to the scene"
     elif not scene.magnetized_regions():
         rule = "the scene of a study must have a magnetized segment"
-        remedy = "give the segments that may be magnetized a direction, say, `magnetization: [1, 0, 0]`"
+        remedy = (
+            "give the segments that may be magnetized a direction, say, `magnetization: [1, 0, 0]`"
+        )
     elif file.vary.field is None and not scene.field.acts:
         rule = "the field of the scene must not be zero while the study does not vary it"
         remedy = "give the scene a field, or add `field: {max: 10 mT}` to `vary`"
     elif file.schedule is not None and (scene.field.over_time is not None or not scene.static):
-        rule = "a schedule makes the field over time itself, and each of its shapes is an equilibrium"
+        rule = (
+            "a schedule makes the field over time itself, and each of its shapes is an equilibrium"
+        )
         remedy = "leave `over_time` out of the scene's field, and `dynamic` and `quasi_static` out of its solver"
     elif file.robust is not None and not scene.static:
         rule = "robust differentiates equilibria, and this scene is a motion"
@@ -76,11 +91,17 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
         key = "an insertion" if file.insertion is not None else "stability"
         rule = f"{key} asks for equilibria, and this scene is a motion"
         remedy = "leave `dynamic` out of the scene's solver"
-    elif file.robust is not None and file.robust.direction > 0 and not scene.body.shape.magnetized_by_region:
+    elif (
+        file.robust is not None
+        and file.robust.direction > 0
+        and not scene.body.shape.magnetized_by_region
+    ):
         rule = "robust tilts the directions of segments, and this strip has a magnetization_profile in their place"
         remedy = "give the strip `segments`, or remove `direction` from `robust`"
     elif file.insertion is not None and scene.body.catheter is None:
-        rule = f"an insertion pushes a catheter out of its guide, and this body is a {scene.body.kind}"
+        rule = (
+            f"an insertion pushes a catheter out of its guide, and this body is a {scene.body.kind}"
+        )
         remedy = "name a scene of a catheter"
     else:
         _check_depths(scene, file, document)
@@ -94,7 +115,12 @@ def _check_depths(scene: Scene, file: StudyFile, document: Document) -> None:
     if isinstance(depths, tuple) and depths and depths[0] < scene.thickness * (1 - 1e-9):
         rule = f"a depth must be at least one diameter of the catheter, {1e3 * scene.thickness:g} mm: a shorter piece is no rod"
         remedy = f"begin with `{1e3 * scene.thickness:g} mm`, or leave it out"
-        raise InputError(place(document, "insertion", "depths"), received=f"{1e3 * depths[0]:g} mm", rule=rule, remedy=remedy)
+        raise InputError(
+            place(document, "insertion", "depths"),
+            received=f"{1e3 * depths[0]:g} mm",
+            rule=rule,
+            remedy=remedy,
+        )
 
 
 def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named: str) -> None:
@@ -104,7 +130,11 @@ def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named:
     the table (units, columns, another catheter), which a search would never reveal.
     """
     bounds, where = file.vary.length, f"{csv} (named in {named})"
-    length = scene.length if bounds is None or bounds.total == "keep" else bounds.max * len(scene.regions())  # at most
+    length = (
+        scene.length
+        if bounds is None or bounds.total == "keep"
+        else bounds.max * len(scene.regions())
+    )  # at most
     rows = check_shape(target, length, where)
     if file.insertion is not None:
         _check_path(rows, scene, file, where)
@@ -121,7 +151,9 @@ def check_shape(target: Array, length: float, where: str) -> Array:
     if len(rows) - 1 < FEWEST_POINTS:
         received = f"{len(rows) - 1} point beyond the base"
         rule = f"a shape needs {FEWEST_POINTS} points or more beyond the base: one says where it is, and not how it bends"
-        raise InputError(where, received=received, rule=rule, remedy="add points, one for each segment or more")
+        raise InputError(
+            where, received=received, rule=rule, remedy="add points, one for each segment or more"
+        )
     if np.linalg.norm(rows[0, 1:]) > 0.01 * length:
         received = f"{1e3 * rows[0, 1:]} mm at s = 0"
         rule = "the target must start at the catheter's base, the origin"
@@ -138,7 +170,9 @@ def check_shape(target: Array, length: float, where: str) -> Array:
     if distance.sum() < 0.2 * along.sum():
         received = f"points that span {1e3 * distance.sum():.4g} mm along {1e3 * along.sum():.4g} mm of catheter"
         rule = "the target's points must follow the catheter"
-        raise InputError(where, received=received, rule=rule, remedy="check units: columns are in mm")
+        raise InputError(
+            where, received=received, rule=rule, remedy="check units: columns are in mm"
+        )
     return rows
 
 
@@ -152,14 +186,18 @@ def _check_path(rows: Array, scene: Scene, file: StudyFile, where: str) -> None:
     thickness = scene.thickness
     chords = np.diff(rows[:, 1:], axis=0)
     lengths = np.linalg.norm(chords, axis=1)
-    along = np.vstack([[1.0, 0.0, 0.0], chords / np.maximum(lengths, 1e-12)[:, None]])  # the guide, then the path
+    along = np.vstack(
+        [[1.0, 0.0, 0.0], chords / np.maximum(lengths, 1e-12)[:, None]]
+    )  # the guide, then the path
     turn = np.arccos(np.clip(np.sum(along[1:] * along[:-1], axis=1), -1.0, 1.0))
     spans = np.concatenate([[lengths[0]], np.minimum(lengths[1:], lengths[:-1])])
     radius = spans / np.maximum(2 * np.tan(np.minimum(turn, np.pi - 1e-9) / 2), 1e-12)
     worst = int(np.argmin(radius))
     if radius[worst] < thickness:
         bend, at = np.rad2deg(turn[worst]), 1e3 * rows[worst, 0]
-        received = f"a bend of {bend:.3g} deg at s_mm = {at:g}, a radius of {1e3 * radius[worst]:.3g} mm"
+        received = (
+            f"a bend of {bend:.3g} deg at s_mm = {at:g}, a radius of {1e3 * radius[worst]:.3g} mm"
+        )
         rule = f"a path must not bend sharper than the catheter's diameter allows, at a radius of {1e3 * thickness:g} mm"
         remedy = "smooth the path, or check its units; at s_mm = 0 it must leave the guide along +x"
         raise InputError(where, received=received, rule=rule, remedy=remedy)
@@ -168,7 +206,9 @@ def _check_path(rows: Array, scene: Scene, file: StudyFile, where: str) -> None:
     if isinstance(depths, tuple) and depths[-1] > rows[-1, 0] * (1 + 1e-6):
         received = f"a path up to s_mm = {1e3 * rows[-1, 0]:g}"
         rule = f"the path must reach as far as the depths: the last one is {1e3 * depths[-1]:g} mm"
-        raise InputError(where, received=received, rule=rule, remedy="give shorter depths, or a longer path")
+        raise InputError(
+            where, received=received, rule=rule, remedy="give shorter depths, or a longer path"
+        )
 
 
 def _check_curve(rows: Array, thickness: float, where: str) -> None:
@@ -176,18 +216,30 @@ def _check_curve(rows: Array, thickness: float, where: str) -> None:
     if rows[-1, 0] < thickness * (1 - 1e-9):
         received = f"a path up to s_mm = {1e3 * rows[-1, 0]:g}"
         rule = f"a path is at least one diameter of the catheter long, {1e3 * thickness:g} mm: a shorter piece is no rod"
-        raise InputError(where, received=received, rule=rule, remedy="give a longer path, and check its units")
+        raise InputError(
+            where, received=received, rule=rule, remedy="give a longer path, and check its units"
+        )
     curve = Curve(rows)
     if (radius := curve.smallest_radius()) < thickness:
         received = f"points whose smooth curve, which leaves the guide along +x, has a radius of {1e3 * radius:.3g} mm"
         rule = f"a path must not bend sharper than the catheter's diameter allows, at a radius of {1e3 * thickness:g} mm"
-        raise InputError(where, received=received, rule=rule, remedy="smooth the path, or give more points where it bends")
+        raise InputError(
+            where,
+            received=received,
+            rule=rule,
+            remedy="smooth the path, or give more points where it bends",
+        )
     points = curve.at(np.linspace(0.0, rows[-1, 0], 1001))
     long = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     if abs(long / rows[-1, 0] - 1.0) > AS_LONG:
         received = f"s_mm up to {1e3 * rows[-1, 0]:g} for a curve that is {1e3 * long:.4g} mm long"
         rule = f"s_mm is the length along the path, to {100 * AS_LONG:g} %"
-        raise InputError(where, received=received, rule=rule, remedy="count s_mm along the points, and check the units")
+        raise InputError(
+            where,
+            received=received,
+            rule=rule,
+            remedy="count s_mm along the points, and check the units",
+        )
 
 
 def check_numbers(scene: Scene, file: StudyFile, document: Document) -> None:
@@ -210,13 +262,25 @@ def _lengths_fault(scene: Scene, file: StudyFile) -> Fault | None:
     count, length, key = len(scene.regions()), scene.length, ("vary", "length")
     received = f"{1e3 * bounds.min:g} to {1e3 * bounds.max:g} mm"
     if not scene.body.shape.magnetized_by_region:
-        return key, received, "a strip with a magnetization_profile has no segments", "give the strip `segments`"
-    if bounds.total == "keep" and not bounds.min * count <= length * (1 + 1e-9) <= bounds.max * count * (1 + 2e-9):
+        return (
+            key,
+            received,
+            "a strip with a magnetization_profile has no segments",
+            "give the strip `segments`",
+        )
+    if bounds.total == "keep" and not bounds.min * count <= length * (
+        1 + 1e-9
+    ) <= bounds.max * count * (1 + 2e-9):
         rule = (
             f"{count} segments of this length are {1e3 * count * bounds.min:g} to {1e3 * count * bounds.max:g} mm long, and must sum "
             f"to the body's length, {1e3 * length:g} mm"
         )
-        return key, received, rule, "change the bounds, or let the length of the body vary too: `total: free`"
+        return (
+            key,
+            received,
+            rule,
+            "change the bounds, or let the length of the body vary too: `total: free`",
+        )
     return None
 
 
@@ -226,26 +290,50 @@ def _diameter_fault(scene: Scene, file: StudyFile) -> Fault | None:
         return None
     received, key = f"{1e3 * bounds.min:g} to {1e3 * bounds.max:g} mm", ("vary", "diameter")
     if catheter is None:
-        return key, received, f"a {scene.body.kind} has no diameter", "remove it, or name a scene of a catheter"
+        return (
+            key,
+            received,
+            f"a {scene.body.kind} has no diameter",
+            "remove it, or name a scene of a catheter",
+        )
     if catheter.inner_diameter >= bounds.min:
         rule = f"the diameter must be greater than that of the bore, {1e3 * catheter.inner_diameter:g} mm"
-        return (*key, "min"), received, rule, f"at least `min: {1.2e3 * catheter.inner_diameter:g} mm`"
+        return (
+            (*key, "min"),
+            received,
+            rule,
+            f"at least `min: {1.2e3 * catheter.inner_diameter:g} mm`",
+        )
     return None
 
 
 def _order_fault(scene: Scene, file: StudyFile) -> Fault | None:
     if file.vary.order is None:
         return None
-    magnetized, count, key = len(scene.magnetized_regions()), len(scene.regions()), ("vary", "order")
+    magnetized, count, key = (
+        len(scene.magnetized_regions()),
+        len(scene.regions()),
+        ("vary", "order"),
+    )
     if magnetized == count:
         rule = f"an order needs magnetized and plain segments, and all {count} of the scene's are magnetized"
-        return key, "{}", rule, "leave some segments of the scene without `magnetization`, or remove `order`"
+        return (
+            key,
+            "{}",
+            rule,
+            "leave some segments of the scene without `magnetization`, or remove `order`",
+        )
     if math.comb(count, magnetized) > MOST_ORDERS:
         rule = f"there may be {MOST_ORDERS} orders, and {magnetized} of {count} places can be chosen in {math.comb(count, magnetized)} ways"
         return key, "{}", rule, "use fewer segments"
     if file.sampler is not None and file.sampler not in TAKE_CHOICES:
         rule = f"the sampler {file.sampler} needs a gradient or distances, and orders have none"
-        return key, "{}", rule, f"`sampler: {TAKE_CHOICES[0]}`; orders are for {', '.join(TAKE_CHOICES)}"
+        return (
+            key,
+            "{}",
+            rule,
+            f"`sampler: {TAKE_CHOICES[0]}`; orders are for {', '.join(TAKE_CHOICES)}",
+        )
     return None
 
 
@@ -257,12 +345,26 @@ def _corner_fault(scene: Scene, file: StudyFile) -> Fault | None:
     keeps = file.vary.length is None or file.vary.length.total == "keep"
     space = SearchSpace(scene, (), None, numbers_within=numbers, keeps_length=keeps)
     thick = np.array([number.what == "diameter" for number in numbers], dtype=float)
-    for name, x in (("least", 0 * thick), ("greatest", 0 * thick + 1), ("longest, thinnest", 1 - thick), ("shortest, thickest", thick)):
+    for name, x in (
+        ("least", 0 * thick),
+        ("greatest", 0 * thick + 1),
+        ("longest, thinnest", 1 - thick),
+        ("shortest, thickest", thick),
+    ):
         try:
             space.scene_at(x)
         except InputError as error:
-            key = next(what for what in ("diameter", "length", "remanence", "shear_modulus") if getattr(file.vary, what, None) is not None)
+            key = next(
+                what
+                for what in ("diameter", "length", "remanence", "shear_modulus")
+                if getattr(file.vary, what, None) is not None
+            )
             said = " ".join(line.strip() for line in str(error).splitlines())
             rule = f"the bounds must be those of scenes there are, and the one with the {name} values is refused ({said})"
-            return ("vary", key), " ".join(f"{n}: {a:g} to {b:g};" for n, (a, b) in space.bounds.items())[:80], rule, "change the bounds"
+            return (
+                ("vary", key),
+                " ".join(f"{n}: {a:g} to {b:g};" for n, (a, b) in space.bounds.items())[:80],
+                rule,
+                "change the bounds",
+            )
     return None

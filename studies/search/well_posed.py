@@ -44,7 +44,9 @@ def check_search(study: Study, space: SearchSpace) -> list[str]:
     length = space.scene.length
     if found.moves.max() < NOTHING * length:
         most, least = 1e3 * found.moves.max(), 1e3 * NOTHING * length
-        count = f"{len(found.moves)} variable{'s that move' if len(found.moves) > 1 else ' that moves'}"
+        count = (
+            f"{len(found.moves)} variable{'s that move' if len(found.moves) > 1 else ' that moves'}"
+        )
         received = f"{count} the shape by at most {most:.2g} mm at the target's points"
         rule = f"something must move the shape, by {least:.2g} mm in a whole step (a radian, the greatest field, a range)"
         remedy = "vary the magnetization or the field, give the target points toward the tip, or the scene a stronger field"
@@ -92,13 +94,19 @@ def _shapes(study: Study, space: SearchSpace) -> list[_Shape]:
         places = [np.linspace(0.0, depth, 13) for depth in study.depths]
         return [_Shape(space, s, float(s[-1]), k if own else -1) for k, s in enumerate(places)]
     if study.keyframes:
-        return [_Shape(space, frame.target[:, 0], None, k if own else -1) for k, frame in enumerate(study.keyframes)]
+        return [
+            _Shape(space, frame.target[:, 0], None, k if own else -1)
+            for k, frame in enumerate(study.keyframes)
+        ]
     return [_Shape(space, study.target[:, 0])]
 
 
 def identifiability(study: Study, space: SearchSpace) -> Identifiability | None:
     """Evaluate a study by the rod at random designs; None where it finds no equilibrium, or there are only choices."""
-    rng, space = np.random.default_rng(2024), replace(space, limits=None)  # directions of a set have no derivatives
+    rng, space = (
+        np.random.default_rng(2024),
+        replace(space, limits=None),
+    )  # directions of a set have no derivatives
     moves, seen, shapes = [], [], _shapes(study, space)
     for _ in range(4 * DESIGNS):
         try:
@@ -109,7 +117,13 @@ def identifiability(study: Study, space: SearchSpace) -> Identifiability | None:
             return None
         points = len(J) / 3
         moves.append(np.sqrt(np.sum(J**2, axis=0) / points))
-        seen.append(int(np.sum(np.linalg.svd(J, compute_uv=False) / np.sqrt(points) > SEEN * space.scene.length)))
+        seen.append(
+            int(
+                np.sum(
+                    np.linalg.svd(J, compute_uv=False) / np.sqrt(points) > SEEN * space.scene.length
+                )
+            )
+        )
         if len(seen) * len(shapes) >= DESIGNS or seen[-1] == space.freedom:
             break
     return Identifiability(np.max(moves, axis=0), space.freedom, max(seen)) if seen else None
@@ -125,8 +139,13 @@ def _jacobian(space: SearchSpace, x: Array, shapes: list[_Shape]) -> Array:
         for step in _steps(block, x[at]):
             moved = x.copy()
             moved[at] += STEP * step
-            moves = [shape.field in (-1, field) or not isinstance(block, FieldVector) for shape in shapes]
-            changes = [shape.at(moved) - known if can else 0.0 * known for shape, known, can in zip(shapes, here, moves, strict=True)]
+            moves = [
+                shape.field in (-1, field) or not isinstance(block, FieldVector) for shape in shapes
+            ]
+            changes = [
+                shape.at(moved) - known if can else 0.0 * known
+                for shape, known, can in zip(shapes, here, moves, strict=True)
+            ]
             columns.append(np.concatenate(changes) / STEP)
     return np.array(columns).reshape(len(columns), -1).T
 

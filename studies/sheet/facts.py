@@ -28,7 +28,14 @@ from magmpm.studies.search.best_scene import SCENE
 from magmpm.studies.search.definition import definition_hash, load_study
 from magmpm.studies.search.samplers.choice import whole_definition
 from magmpm.studies.search.search_space import SearchSpace
-from magmpm.studies.sheet.verified_best import SHARE, allowed, in_time, last_equilibrium, together, verified
+from magmpm.studies.sheet.verified_best import (
+    SHARE,
+    allowed,
+    in_time,
+    last_equilibrium,
+    together,
+    verified,
+)
 
 if TYPE_CHECKING:
     import optuna
@@ -39,10 +46,15 @@ def best_rows(trials: Sequence[FrozenTrial]) -> list[dict[str, Any]]:
     """The feasible trials nearest to the target: number, value_m, rms_m, tip_error_m, stability, values."""
     good = sorted((t for t in trials if feasible(t)), key=lambda t: (t.values[0], t.number))[:10]
     return [
-        {"number": t.number, "value_m": float(t.values[0]), "rms_m": float(t.user_attrs.get("rms_m", t.values[0])),
-         **{key: t.user_attrs.get(key) for key in ("tip_error_m", "stability")}, "values": [float(v) for v in t.values]}
+        {
+            "number": t.number,
+            "value_m": float(t.values[0]),
+            "rms_m": float(t.user_attrs.get("rms_m", t.values[0])),
+            **{key: t.user_attrs.get(key) for key in ("tip_error_m", "stability")},
+            "values": [float(v) for v in t.values],
+        }
         for t in good
-    ]  # fmt: skip
+    ]
 
 
 def reasons(trials: Sequence[FrozenTrial]) -> list[tuple[str, str, int]]:
@@ -50,9 +62,15 @@ def reasons(trials: Sequence[FrozenTrial]) -> list[tuple[str, str, int]]:
     counted: dict[tuple[str, str], int] = {}
     for trial in trials:
         if not feasible(trial):
-            key = ("refused" if refused(trial) else "failed", str(trial.user_attrs.get("reason") or "not told"))
+            key = (
+                "refused" if refused(trial) else "failed",
+                str(trial.user_attrs.get("reason") or "not told"),
+            )
             counted[key] = counted.get(key, 0) + 1
-    return [(kind, reason, count) for (kind, reason), count in sorted(counted.items(), key=lambda item: -item[1])]
+    return [
+        (kind, reason, count)
+        for (kind, reason), count in sorted(counted.items(), key=lambda item: -item[1])
+    ]
 
 
 def importances(kept: optuna.Study, trials: Sequence[FrozenTrial]) -> dict[str, Any]:
@@ -68,7 +86,9 @@ def importances(kept: optuna.Study, trials: Sequence[FrozenTrial]) -> dict[str, 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # experimental
         try:
-            found = get_param_importances(kept, evaluator=PedAnovaImportanceEvaluator(), target=lambda t: t.values[0])
+            found = get_param_importances(
+                kept, evaluator=PedAnovaImportanceEvaluator(), target=lambda t: t.values[0]
+            )
         except (ValueError, RuntimeError) as error:
             return {"why": f"not known: {error}"}
     if not found or not sum(found.values()) > 0:
@@ -79,14 +99,25 @@ def importances(kept: optuna.Study, trials: Sequence[FrozenTrial]) -> dict[str, 
 def when(trials: Sequence[FrozenTrial]) -> dict[str, Any]:
     """`began` and `ended` (ISO dates), of the trials that say so."""
     began = min((t.datetime_start for t in trials if t.datetime_start is not None), default=None)
-    ended = max((t.datetime_complete for t in trials if t.datetime_complete is not None), default=None)
-    return {name: at and at.isoformat(" ", "seconds") for name, at in (("began", began), ("ended_at", ended))}
+    ended = max(
+        (t.datetime_complete for t in trials if t.datetime_complete is not None), default=None
+    )
+    return {
+        name: at and at.isoformat(" ", "seconds")
+        for name, at in (("began", began), ("ended_at", ended))
+    }
 
 
 def gather(
-    folder: Path, report: Mapping[str, Any], *, run: Callable[..., Result], differentiate: Callable[..., Any], storage: str | None = None,
-    quick: bool = False, motion: bool = False,
-) -> dict[str, Any]:  # fmt: skip
+    folder: Path,
+    report: Mapping[str, Any],
+    *,
+    run: Callable[..., Result],
+    differentiate: Callable[..., Any],
+    storage: str | None = None,
+    quick: bool = False,
+    motion: bool = False,
+) -> dict[str, Any]:
     """Gather what is known of the study in a folder. report: what `magmpm design` wrote there (study.json).
 
     run, differentiate: magmpm.run and magmpm.sensitivities, by which the best design is evaluated again, unless quick. storage: the URL of
@@ -95,11 +126,17 @@ def gather(
     import optuna
 
     notes: list[str] = []
-    facts: dict[str, Any] = {**report, "notes": notes, "versions": {**versions(), "optuna": optuna.__version__}}
+    facts: dict[str, Any] = {
+        **report,
+        "notes": notes,
+        "versions": {**versions(), "optuna": optuna.__version__},
+    }
     facts |= _of_trials(folder, report, storage, notes)
     study = _study(facts, notes)
     facts["command"] = _command(facts)
-    facts["kind"] = next((kind for kind in ("insertion", "schedule") if kind in (report.get("best") or {})), "shape")
+    facts["kind"] = next(
+        (kind for kind in ("insertion", "schedule") if kind in (report.get("best") or {})), "shape"
+    )
     facts["files"] = {} if study is None else _files(study)
     facts["target"] = None if study is None else study.target
     best = records.read_design(folder / records.BEST)
@@ -112,8 +149,20 @@ def gather(
     except MagmpmError:
         scene = Scene.from_si(result.scene)
     body = without_guide(describe_body(scene), len(best.get("magnetization") or ()))
-    names = ("converged", "iterations", "particles", "dof", "min_det_F", "max_det_F", "largest_stretch", "warnings", "versions")
-    numbers = {name: getattr(result, name) for name in names} | {"tip_m": [float(x) for x in tip_of(result)]}
+    names = (
+        "converged",
+        "iterations",
+        "particles",
+        "dof",
+        "min_det_F",
+        "max_det_F",
+        "largest_stretch",
+        "warnings",
+        "versions",
+    )
+    numbers = {name: getattr(result, name) for name in names} | {
+        "tip_m": [float(x) for x in tip_of(result)]
+    }
     facts |= {"body": body, "best_scene": _text(folder / records.BEST / SCENE), "result": numbers}
     if motion:
         facts["motion"] = in_time(folder, best, study)
@@ -131,11 +180,15 @@ def _limits_of_errors(facts: Mapping[str, Any], length: float) -> dict[str, Any]
     moves = {f"1 % of the length ({1e3 * SHARE * length:.3g} mm)": SHARE * length}
     if facts.get("stop_rms_m"):
         moves[f"the study's stop ({1e3 * facts['stop_rms_m']:.3g} mm)"] = float(facts["stop_rms_m"])
-    limited = [{**row, "allowed": [allowed(row, distance) for distance in moves.values()]} for row in rows]
+    limited = [
+        {**row, "allowed": [allowed(row, distance) for distance in moves.values()]} for row in rows
+    ]
     return {"tolerances": limited, "moves": list(moves), "together_m": together(rows)}
 
 
-def _of_trials(folder: Path, report: Mapping[str, Any], storage: str | None, notes: list[str]) -> dict[str, Any]:
+def _of_trials(
+    folder: Path, report: Mapping[str, Any], storage: str | None, notes: list[str]
+) -> dict[str, Any]:
     """Facts in the storage; a note where it can't be read."""
     import optuna
 
@@ -144,11 +197,20 @@ def _of_trials(folder: Path, report: Mapping[str, Any], storage: str | None, not
         must_exist(url, folder)
         with storage_faults(url):
             kept = optuna.load_study(study_name=report["name"], storage=open_storage(url))
-            trials = [trial for trial in trials_of(kept, url) if trial.state == optuna.trial.TrialState.COMPLETE]
-            found: dict[str, Any] = {"definition": kept.user_attrs.get("definition"), "hash": kept.user_attrs.get("definition_hash")}
+            trials = [
+                trial
+                for trial in trials_of(kept, url)
+                if trial.state == optuna.trial.TrialState.COMPLETE
+            ]
+            found: dict[str, Any] = {
+                "definition": kept.user_attrs.get("definition"),
+                "hash": kept.user_attrs.get("definition_hash"),
+            }
             shares = importances(kept, trials)
     except (MagmpmError, KeyError) as error:
-        notes.append(f"The trials could not be read, so their table and the parameters' importances are missing: {error}")
+        notes.append(
+            f"The trials could not be read, so their table and the parameters' importances are missing: {error}"
+        )
         return {}
     of_trials = {"best_trials": best_rows(trials), "why_not": reasons(trials), **when(trials)}
     return found | of_trials | {"importances": shares}
@@ -168,7 +230,9 @@ def _study(facts: dict[str, Any], notes: list[str]) -> Study | None:
         return None
     definition = whole_definition(study, SearchSpace.of(study).distributions())
     if facts.get("hash") not in (None, definition_hash(definition)):
-        notes.append(f"{Path(path).name} or a file that it names has changed since the study was begun; its stored definition is below.")
+        notes.append(
+            f"{Path(path).name} or a file that it names has changed since the study was begun; its stored definition is below."
+        )
         return None
     return study
 
@@ -176,7 +240,11 @@ def _study(facts: dict[str, Any], notes: list[str]) -> Study | None:
 def _command(facts: Mapping[str, Any]) -> str:
     """The one line that makes the study again, from the folder in which the report was made where that holds the file."""
     path = Path(str(facts.get("study_file") or "STUDY.yaml"))
-    shown = os.path.relpath(path) if path.is_absolute() and path.is_relative_to(Path.cwd()) else path.name
+    shown = (
+        os.path.relpath(path)
+        if path.is_absolute() and path.is_relative_to(Path.cwd())
+        else path.name
+    )
     words = ["magmpm", "design", str(shown)]
     if facts["ended"] != "stop":
         words += ["--trials", str(facts["trials"])]
@@ -190,9 +258,14 @@ def _files(study: Study) -> dict[str, str]:
     found = {study.path.name: _text(study.path)}
     if study.scene_file is not None:
         found[Path(study.scene_file).name] = _text(Path(study.scene_file))
-    targets = {f"at {frame.time:g} s": frame.target for frame in study.keyframes} or {"": study.target}
+    targets = {f"at {frame.time:g} s": frame.target for frame in study.keyframes} or {
+        "": study.target
+    }
     for when, rows in targets.items():
-        lines = ["s_mm,x_mm,y_mm,z_mm", *(",".join(f"{x:.9g}" for x in row) for row in (1e3 * rows + 0.0).tolist())]
+        lines = [
+            "s_mm,x_mm,y_mm,z_mm",
+            *(",".join(f"{x:.9g}" for x in row) for row in (1e3 * rows + 0.0).tolist()),
+        ]
         found[" ".join(["the target", when]).strip()] = "\n".join(lines)
     return {name: text for name, text in found.items() if text}
 
@@ -214,13 +287,29 @@ def describe_body(scene: Scene) -> dict[str, Any]:
     segments = []
     for k, (region, length) in enumerate(zip(scene.regions(), lengths, strict=True)):
         material, magnetized = scene.region_material(k), any(region.magnetization)
-        segments.append({
-            "number": k + 1, "from_m": float(begins[k]), "length_m": float(length), "material": region.material_name,
-            "direction": [float(x) for x in region.magnetization], "remanence_T": float(material.remanence) if magnetized else 0.0,
-            "shear_modulus_Pa": float(material.shear_modulus),
-        })  # fmt: skip
-    section = {name: float(getattr(shape, name)) for name in ("diameter", "inner_diameter", "width", "thickness") if hasattr(shape, name)}
-    return {"kind": shape.kind, "length_m": float(shape.length), "section_m": section, "clamp": shape.clamp, "segments": segments}
+        segments.append(
+            {
+                "number": k + 1,
+                "from_m": float(begins[k]),
+                "length_m": float(length),
+                "material": region.material_name,
+                "direction": [float(x) for x in region.magnetization],
+                "remanence_T": float(material.remanence) if magnetized else 0.0,
+                "shear_modulus_Pa": float(material.shear_modulus),
+            }
+        )
+    section = {
+        name: float(getattr(shape, name))
+        for name in ("diameter", "inner_diameter", "width", "thickness")
+        if hasattr(shape, name)
+    }
+    return {
+        "kind": shape.kind,
+        "length_m": float(shape.length),
+        "section_m": section,
+        "clamp": shape.clamp,
+        "segments": segments,
+    }
 
 
 def without_guide(body: dict[str, Any], segments: int) -> dict[str, Any]:
@@ -228,12 +317,19 @@ def without_guide(body: dict[str, Any], segments: int) -> dict[str, Any]:
     extra = max(len(body["segments"]) - segments, 0) if segments else 0
     kept = body["segments"][extra:]
     begin = kept[0]["from_m"]
-    moved = [{**segment, "number": k, "from_m": segment["from_m"] - begin} for k, segment in enumerate(kept, 1)]
+    moved = [
+        {**segment, "number": k, "from_m": segment["from_m"] - begin}
+        for k, segment in enumerate(kept, 1)
+    ]
     return {**body, "length_m": body["length_m"] - begin, "segments": moved}
 
 
 def _verified(
-    result: Result, best: Mapping[str, Any], study: Study | None, run: Callable[..., Result], differentiate: Callable[..., Any]
+    result: Result,
+    best: Mapping[str, Any],
+    study: Study | None,
+    run: Callable[..., Result],
+    differentiate: Callable[..., Any],
 ) -> dict[str, Any]:
     try:
         last = last_equilibrium(result, best, study)

@@ -38,7 +38,11 @@ if TYPE_CHECKING:
     from magmpm.statics.linearized import Sensitivities
 
 SHARE = 0.01  # of the length: how far the tip may move
-LARGEST = {"deg": 30.0, "%": 30.0, "mm": float("inf")}  # beyond which the first order says no more than that
+LARGEST = {
+    "deg": 30.0,
+    "%": 30.0,
+    "mm": float("inf"),
+}  # beyond which the first order says no more than that
 SAME = 0.05  # of the length: at a larger distance, two answers are two equilibria
 
 
@@ -57,17 +61,29 @@ def tolerances(scene: Scene, found: Sensitivities, hidden: int = 0) -> list[dict
     rows: list[dict[str, Any]] = []
     for (kind, whose), places in columns.items():
         rows += _rows(kind, whose, tip[:, places], scene, variables[places[0]], hidden)
-    return [row for row in rows if row["tip_m_per_unit"] > 0.0]  # without weight the density does nothing
+    return [
+        row for row in rows if row["tip_m_per_unit"] > 0.0
+    ]  # without weight the density does nothing
 
 
-def _rows(kind: str, whose: Any, columns: Array, scene: Scene, variable: Any, hidden: int) -> list[dict[str, Any]]:
+def _rows(
+    kind: str, whose: Any, columns: Array, scene: Scene, variable: Any, hidden: int
+) -> list[dict[str, Any]]:
     def row(what: str, of: str, unit: str, moved: Any) -> dict[str, Any]:
-        return {"what": what, "of": of, "unit": unit, "tip_m_per_unit": float(moved), "segment": segment}
+        return {
+            "what": what,
+            "of": of,
+            "unit": unit,
+            "tip_m_per_unit": float(moved),
+            "segment": segment,
+        }
 
     segment = None if variable.region is None else variable.region + hidden + 1
     degree = np.deg2rad(1.0)
     if kind == "magnetization":
-        return [row("direction", f"segment {segment}", "deg", degree * np.linalg.norm(columns, ord=2))]
+        return [
+            row("direction", f"segment {segment}", "deg", degree * np.linalg.norm(columns, ord=2))
+        ]
     if kind == "field":
         field = np.array(scene.field.uniform, dtype=float)
         strength = float(np.linalg.norm(field))
@@ -76,7 +92,12 @@ def _rows(kind: str, whose: Any, columns: Array, scene: Scene, variable: Any, hi
         across = np.eye(3) - np.outer(field, field) / strength**2  # the field as it turns
         return [
             row("strength", "field", "%", 0.01 * np.linalg.norm(columns @ field)),
-            row("direction", "field", "deg", degree * strength * np.linalg.norm(columns @ across, ord=2)),
+            row(
+                "direction",
+                "field",
+                "deg",
+                degree * strength * np.linalg.norm(columns @ across, ord=2),
+            ),
         ]
     moved = float(np.linalg.norm(columns))
     if kind in ("length", "diameter"):
@@ -92,14 +113,24 @@ def allowed(row: dict[str, Any], distance: float) -> float | None:
     return float(distance / row["tip_m_per_unit"])
 
 
-def together(rows: Sequence[dict[str, Any]], direction: float = 5.0, materials: float = 5.0) -> float:
+def together(
+    rows: Sequence[dict[str, Any]], direction: float = 5.0, materials: float = 5.0
+) -> float:
     """Standard deviation (m, in space) of the tip for independent errors of manufacture, to first order: an upper bound.
 
     direction: standard deviation, deg, of each segment's turn along each of two axes; materials: of remanence and shear modulus, %.
     Each direction counts both axes with the derivative of the worse one.
     """
-    parts = [np.sqrt(2.0) * direction * row["tip_m_per_unit"] for row in rows if row["what"] == "direction" and row["segment"] is not None]
-    parts += [materials * row["tip_m_per_unit"] for row in rows if row["what"] in ("remanence", "shear modulus")]
+    parts = [
+        np.sqrt(2.0) * direction * row["tip_m_per_unit"]
+        for row in rows
+        if row["what"] == "direction" and row["segment"] is not None
+    ]
+    parts += [
+        materials * row["tip_m_per_unit"]
+        for row in rows
+        if row["what"] in ("remanence", "shear modulus")
+    ]
     return float(np.linalg.norm(parts)) if parts else 0.0
 
 
@@ -111,10 +142,14 @@ class LastEquilibrium:
     scene: Scene
     start: RodShape | None
     hidden: int
-    gaps: Callable[[Result], Array] | None  # from the target, (m, 3) m; None where the study is not at hand
+    gaps: (
+        Callable[[Result], Array] | None
+    )  # from the target, (m, 3) m; None where the study is not at hand
 
 
-def last_equilibrium(result: Result, design: Mapping[str, Any], study: Study | None) -> LastEquilibrium:
+def last_equilibrium(
+    result: Result, design: Mapping[str, Any], study: Study | None
+) -> LastEquilibrium:
     """Find out how to solve for the equilibrium of a saved result again. Raises SolveError where the rod does not get there.
 
     design: what is stored of it (params, magnetization of each segment of the whole body).
@@ -128,10 +163,18 @@ def last_equilibrium(result: Result, design: Mapping[str, Any], study: Study | N
     return LastEquilibrium(scene, start, hidden, lambda found: evaluation.gaps(found, last))
 
 
-def verified(result: Result, last: LastEquilibrium, run: Callable[..., Result], differentiate: Callable[..., Any]) -> dict[str, Any]:
+def verified(
+    result: Result,
+    last: LastEquilibrium,
+    run: Callable[..., Result],
+    differentiate: Callable[..., Any],
+) -> dict[str, Any]:
     """Verify a best design by solving it again: `tolerances` (rows) and `finer`, or in their place why not (texts)."""
     found: dict[str, Any] = {}
-    for name, ask in (("tolerances", lambda: _tolerances(result, last, differentiate)), ("finer", lambda: finer(result, last, run))):
+    for name, ask in (
+        ("tolerances", lambda: _tolerances(result, last, differentiate)),
+        ("finer", lambda: finer(result, last, run)),
+    ):
         try:
             found[name] = ask()
         except MagmpmError as error:
@@ -139,14 +182,21 @@ def verified(result: Result, last: LastEquilibrium, run: Callable[..., Result], 
     return found
 
 
-def _tolerances(result: Result, last: LastEquilibrium, differentiate: Callable[..., Any]) -> list[dict[str, Any]] | str:
+def _tolerances(
+    result: Result, last: LastEquilibrium, differentiate: Callable[..., Any]
+) -> list[dict[str, Any]] | str:
     found = differentiate(last.scene, start=last.start)
-    if max(frames_of(result).distances(frames_of(found.result)).values()) > SAME * last.scene.length:
+    if (
+        max(frames_of(result).distances(frames_of(found.result)).values())
+        > SAME * last.scene.length
+    ):
         return "not known: solved again, the design has another equilibrium than the one that the study found"
     return tolerances(last.scene, found, last.hidden)
 
 
-def finer(result: Result, last: LastEquilibrium, run: Callable[..., Result]) -> dict[str, Any] | str:
+def finer(
+    result: Result, last: LastEquilibrium, run: Callable[..., Result]
+) -> dict[str, Any] | str:
     """The best design on the grid that tells its error (magmpm.statics.error_estimate), SI; a text where that is not known.
 
     cells, finer_cells; moved_m and tip_moved_m: the largest distance of the axes and of the tips; error_estimate_m: the bound that follows
@@ -163,24 +213,43 @@ def finer(result: Result, last: LastEquilibrium, run: Callable[..., Result]) -> 
     moved = max(frames_of(result).distances(frames_of(found)).values())
     if moved > SAME * last.scene.length:
         return f"not known: on {proof} cells across the design has another equilibrium, {1e3 * moved:.3g} mm away"
-    rms = [None if last.gaps is None else float(root_mean_square(last.gaps(one))) for one in (result, found)]
+    rms = [
+        None if last.gaps is None else float(root_mean_square(last.gaps(one)))
+        for one in (result, found)
+    ]
     tip = float(np.linalg.norm(np.asarray(result.tip) - found.tip))
-    known = {"cells": cells, "finer_cells": proof, "moved_m": moved, "tip_moved_m": tip, "error_estimate_m": factor(cells, proof) * moved}
+    known = {
+        "cells": cells,
+        "finer_cells": proof,
+        "moved_m": moved,
+        "tip_moved_m": tip,
+        "error_estimate_m": factor(cells, proof) * moved,
+    }
     return {**known, "rms_m": rms[0], "finer_rms_m": rms[1]}
 
 
 def in_time(folder: Path, design: Mapping[str, Any], study: Study | None) -> list[dict[str, float]]:
     """Run the best design along time; one row each depth or time, SI. Raises InputError, SolveError."""
-    scene, out = load_scene(folder / BEST / SCENE), folder / "motion" / f"trial_{design['number']:04d}"
+    scene, out = (
+        load_scene(folder / BEST / SCENE),
+        folder / "motion" / f"trial_{design['number']:04d}",
+    )
     if "insertion" in design:
         return _pushed(_motion(scene, out), design)
     if study is None:
         rule = "the schedule's shapes are those of its study file, which is gone or has changed"
         raise InputError("--motion", rule=rule, remedy="leave it out")
     paths = {"quasi_static_m": scene, "motion_m": in_motion(scene, study)}
-    ways = {name: _distances(study, path, _motion(path, out / name.removesuffix("_m"))) for name, path in paths.items()}
+    ways = {
+        name: _distances(study, path, _motion(path, out / name.removesuffix("_m")))
+        for name, path in paths.items()
+    }
     return [
-        {"time_s": frame.time, "design_m": row["rms_m"], **{name: way[k] for name, way in ways.items()}}
+        {
+            "time_s": frame.time,
+            "design_m": row["rms_m"],
+            **{name: way[k] for name, way in ways.items()},
+        }
         for k, (frame, row) in enumerate(zip(study.keyframes, design["schedule"], strict=True))
     ]
 
@@ -194,19 +263,33 @@ def _distances(study: Study, scene: Scene, motion: Motion) -> list[float]:
     """The rms distance (m) from each of the study's shapes at its time."""
     model, found = build(scene), []
     for frame in study.keyframes:
-        axis = axis_of_particles(model, np.asarray(motion.position(motion.nearest(frame.time)), dtype=float))
-        found.append(root_mean_square(linear(frame.target[:, 0], axis[:, 0], axis[:, 1:]) - frame.target[:, 1:]))
+        axis = axis_of_particles(
+            model, np.asarray(motion.position(motion.nearest(frame.time)), dtype=float)
+        )
+        found.append(
+            root_mean_square(
+                linear(frame.target[:, 0], axis[:, 0], axis[:, 1:]) - frame.target[:, 1:]
+            )
+        )
     return found
 
 
 def in_motion(scene: Scene, study: Study) -> Scene:
     """The scene as a motion, with a frame at each of the study's times."""
     end = study.keyframes[-1].time + study.hold
-    moments = [Fraction(t).limit_denominator(100_000) for t in (*(frame.time for frame in study.keyframes), end)]
+    moments = [
+        Fraction(t).limit_denominator(100_000)
+        for t in (*(frame.time for frame in study.keyframes), end)
+    ]
     common = math.lcm(*(t.denominator for t in moments))
-    every = max(float(Fraction(math.gcd(*(int(t * common) for t in moments)), common)) / 10, end / 1000)
+    every = max(
+        float(Fraction(math.gcd(*(int(t * common) for t in moments)), common)) / 10, end / 1000
+    )
     data = scene.to_si()
-    data["solver"] = {"anti_locking": data["solver"]["anti_locking"], "dynamic": {"duration": end, "output_every": every}}
+    data["solver"] = {
+        "anti_locking": data["solver"]["anti_locking"],
+        "dynamic": {"duration": end, "output_every": every},
+    }
     return Scene.from_si(data)
 
 
@@ -220,10 +303,23 @@ def _pushed(motion: Motion, design: Mapping[str, Any]) -> list[dict[str, float]]
     reference = np.asarray(motion.reference, dtype=float)
     rows = []
     for depth, when, shape in zip(depths, times(depths, diameter), design["shapes"], strict=True):
-        s, axis = _outside(reference, np.asarray(motion.position(motion.nearest(when)), dtype=float), length - depth)
+        s, axis = _outside(
+            reference,
+            np.asarray(motion.position(motion.nearest(when)), dtype=float),
+            length - depth,
+        )
         known = np.array(shape["axis_m"])
-        away = np.linalg.norm(axis - linear(s, np.linspace(0.0, depth, len(known)), known) - np.array([exit_at, 0.0, 0.0]), axis=1)
-        size = {"largest_m": float(away.max()), "rms_m": float(np.sqrt(np.mean(away**2))), "tip_m": float(away[-1])}
+        away = np.linalg.norm(
+            axis
+            - linear(s, np.linspace(0.0, depth, len(known)), known)
+            - np.array([exit_at, 0.0, 0.0]),
+            axis=1,
+        )
+        size = {
+            "largest_m": float(away.max()),
+            "rms_m": float(np.sqrt(np.mean(away**2))),
+            "tip_m": float(away[-1]),
+        }
         rows.append({"depth_m": float(depth), **size, "contact_N": _contact(motion, when)})
     return rows
 

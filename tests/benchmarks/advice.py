@@ -48,7 +48,9 @@ def drawn(number: int) -> Scene:
     strength = load * bending * MU0 / (max(remanence, 0.02) * length**2)
     direction = draw.normal(size=3)
     field: dict[str, Any] = {"uniform": (strength * direction / np.linalg.norm(direction)).tolist()}
-    segments = [{"magnetization": draw.normal(size=3).tolist()} for _ in range(int(draw.integers(1, 4)))]
+    segments = [
+        {"magnetization": draw.normal(size=3).tolist()} for _ in range(int(draw.integers(1, 4)))
+    ]
     effects: dict[str, Any] = {"magnetic_torque": {}} if remanence else {}
     first = 3.516 * np.sqrt(bending / (density * length**4))
     solver: dict[str, Any] = {"static": {}}
@@ -56,28 +58,60 @@ def drawn(number: int) -> Scene:
         field["over_time"] = {"ramp": {"duration": 0.1}}
         solver = {"quasi_static": {"steps": 4}}
     if kind in ("motion", "fed"):
-        solver = {"dynamic": {"duration": 2 * np.pi / first * between(0.3, 1.0), "output_every": None}}
+        solver = {
+            "dynamic": {"duration": 2 * np.pi / first * between(0.3, 1.0), "output_every": None}
+        }
         effects["damping"] = {"rate": first * between(0.03, 3.0)}
     gravity = bool(draw.random() < 0.4)
     if gravity:
         effects["gravity"] = {}
     if kind == "motion" and draw.random() < 0.5:
-        effects["ground"] = {"point": [0.0, 0.0, -thickness * between(0.55, 6.0)], "friction": float(draw.uniform(0, 0.5))}
+        effects["ground"] = {
+            "point": [0.0, 0.0, -thickness * between(0.55, 6.0)],
+            "friction": float(draw.uniform(0, 0.5)),
+        }
     if kind == "fed":
         duration, radius = solver["dynamic"]["duration"], thickness * between(0.8, 2.0)
         field, exit_ = {"uniform": [0.0, 0.0, 0.0]}, 0.6 * length
         side = between(0.02, 1.0) * length
-        effects["feed"] = {"speed": between(0.1, 0.5) * (exit_ - thickness) / duration, "exit": exit_}
-        path = [[-length, 0, 0], [0.5 * exit_, 0, 0], [exit_ + 0.3 * length, 0, 0.05 * side], [exit_ + length, 0, side]]
-        effects["walls"] = {"tube": {"radius": radius, "path": path}, "friction": float(draw.uniform(0, 0.3))}
-    material = {"shear_modulus": shear, "bulk_to_shear": 20.0, "density": density, "remanence": remanence}
+        effects["feed"] = {
+            "speed": between(0.1, 0.5) * (exit_ - thickness) / duration,
+            "exit": exit_,
+        }
+        path = [
+            [-length, 0, 0],
+            [0.5 * exit_, 0, 0],
+            [exit_ + 0.3 * length, 0, 0.05 * side],
+            [exit_ + length, 0, side],
+        ]
+        effects["walls"] = {
+            "tube": {"radius": radius, "path": path},
+            "friction": float(draw.uniform(0, 0.3)),
+        }
+    material = {
+        "shear_modulus": shear,
+        "bulk_to_shear": 20.0,
+        "density": density,
+        "remanence": remanence,
+    }
     return Scene.from_si(
         {
-            "name": f"advice {number} ({kind})", "materials": {"m": material}, "field": field, "effects": effects, "solver": solver,
-            "body": {"catheter": {"length": length, "diameter": thickness, "material": "m", "segments": segments}},
+            "name": f"advice {number} ({kind})",
+            "materials": {"m": material},
+            "field": field,
+            "effects": effects,
+            "solver": solver,
+            "body": {
+                "catheter": {
+                    "length": length,
+                    "diameter": thickness,
+                    "material": "m",
+                    "segments": segments,
+                }
+            },
             "resolution": {"cells_across": 2},
         }
-    )  # fmt: skip
+    )
 
 
 def calls(number: int) -> list[dict[str, Any]]:
@@ -87,19 +121,36 @@ def calls(number: int) -> list[dict[str, Any]]:
     begun = time.perf_counter()
     table = survey(scene)
     seconds = time.perf_counter() - begun
-    fine, finer = Variants(scene, error, math.inf), 2 if scene.static or scene.effects.walls is not None else 1
+    fine, finer = (
+        Variants(scene, error, math.inf),
+        2 if scene.static or scene.effects.walls is not None else 1,
+    )
     for row in table.effects:
         both = variants(scene, row.effect)
         if isinstance(both, str) or row.effect == "self_contact":
             continue
-        about = {"scene": number, "name": scene.name, "effect": row.effect, "named": row.named, "error": error, "seconds": seconds}
-        about |= {"advice": row.advice, "shift": row.shift_m, "uncertainty": row.uncertainty_m, "length": scene.length}
+        about = {
+            "scene": number,
+            "name": scene.name,
+            "effect": row.effect,
+            "named": row.named,
+            "error": error,
+            "seconds": seconds,
+        }
+        about |= {
+            "advice": row.advice,
+            "shift": row.shift_m,
+            "uncertainty": row.uncertainty_m,
+            "length": scene.length,
+        }
         try:
             true = max(fine.frames(both[0], finer).distances(fine.frames(both[1], finer)).values())
         except MagmpmError as trouble:
             out.append({**about, "true": None, "why": str(trouble)[:200]})
             continue
-        out.append({**about, "true": true, "right": (true > error) == (row.advice in ("keep", "add"))})
+        out.append(
+            {**about, "true": true, "right": (true > error) == (row.advice in ("keep", "add"))}
+        )
     return out
 
 
@@ -109,15 +160,29 @@ def report() -> None:
     done = [row for row in rows if row["true"] is not None]
     for row in done:
         if not row["right"]:
-            given = "-" if row["shift"] is None else f"{1e3 * row['shift']:.3g} +- {1e3 * row['uncertainty']:.2g}"
-            print(f"wrong: {row['name']:24} {row['effect']:21} {row['advice']:10} {given} mm, full runs {1e3 * row['true']:.3g} mm, "
-                  f"asked {1e3 * row['error']:.3g} mm")  # fmt: skip
+            given = (
+                "-"
+                if row["shift"] is None
+                else f"{1e3 * row['shift']:.3g} +- {1e3 * row['uncertainty']:.2g}"
+            )
+            print(
+                f"wrong: {row['name']:24} {row['effect']:21} {row['advice']:10} {given} mm, full runs {1e3 * row['true']:.3g} mm, "
+                f"asked {1e3 * row['error']:.3g} mm"
+            )
     right = sum(row["right"] for row in done)
     known = [row for row in done if row["shift"] is not None]
-    within = [row for row in known if abs(row["shift"] - row["true"]) <= row["uncertainty"] + 1e-3 * row["length"]]
+    within = [
+        row
+        for row in known
+        if abs(row["shift"] - row["true"]) <= row["uncertainty"] + 1e-3 * row["length"]
+    ]
     share = 100 / max(len(done), 1)
-    print(f"{len({row['scene'] for row in rows})} scenes, {len(done)} calls, {len(rows) - len(done)} without a full run")
-    print(f"right: {right} = {share * right:.1f} %; true shift within the uncertainty (or 0.1 % of L): {share * len(within):.0f} %")
+    print(
+        f"{len({row['scene'] for row in rows})} scenes, {len(done)} calls, {len(rows) - len(done)} without a full run"
+    )
+    print(
+        f"right: {right} = {share * right:.1f} %; true shift within the uncertainty (or 0.1 % of L): {share * len(within):.0f} %"
+    )
 
 
 def costs() -> None:

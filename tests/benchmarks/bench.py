@@ -43,8 +43,18 @@ from reference.differences import differences  # noqa: E402
 SCENE = ROOT / "data/scenes/five_segments.yaml"
 TRIALS, REPEATS = 35, 15  # of a study; of a solve
 ERRORS = (0.01, 0.001, 0.0002)  # of the length
-MULTIPLES: tuple[float, ...] = (2.5, 5.0, 10.0)  # of the seconds that the coarsest grid and the proof of its error take on this machine
-KINDS = ["magnetization", "field", "remanence", "shear_modulus", "density"]  # 16 variables of this scene
+MULTIPLES: tuple[float, ...] = (
+    2.5,
+    5.0,
+    10.0,
+)  # of the seconds that the coarsest grid and the proof of its error take on this machine
+KINDS = [
+    "magnetization",
+    "field",
+    "remanence",
+    "shear_modulus",
+    "density",
+]  # 16 variables of this scene
 NOTHING = 1e-15  # m per unit: a derivative below it is rounding
 
 
@@ -67,9 +77,19 @@ def static_cold() -> float:
 
 def trial() -> float:
     """A trial of the S-shape study by tpe, from the request for a design to its value on disk, with its picture: median."""
-    design = ["design", "data/studies/s_shape.yaml", "--sampler", "tpe", "--trials", str(TRIALS), "--json"]
+    design = [
+        "design",
+        "data/studies/s_shape.yaml",
+        "--sampler",
+        "tpe",
+        "--trials",
+        str(TRIALS),
+        "--json",
+    ]
     with tempfile.TemporaryDirectory() as folder:
-        out = subprocess.check_output([sys.executable, "-m", "magmpm.cli", *design, "--out", folder], cwd=ROOT)
+        out = subprocess.check_output(
+            [sys.executable, "-m", "magmpm.cli", *design, "--out", folder], cwd=ROOT
+        )
     return float(json.loads(out)["seconds_per_trial"])
 
 
@@ -110,7 +130,9 @@ def kept_seconds() -> dict[str, float]:
     }
     found = {}
     for kind, scene in kinds.items():
-        least = median_seconds(partial(grid_error, asked(scene, cells_across=first_cells(Scene.from_si(scene)))), 1)
+        least = median_seconds(
+            partial(grid_error, asked(scene, cells_across=first_cells(Scene.from_si(scene)))), 1
+        )
         for multiple in MULTIPLES:
             taken = median_seconds(partial(run, asked(scene, seconds=multiple * least)), 1)
             found[f"{kind}, {multiple * least:.2g} s"] = taken / (multiple * least)
@@ -145,7 +167,12 @@ def jacobian_over_solve_percent() -> float:
         found.tip, found.centreline  # noqa: B018  (made when they are read)
 
     derivatives()
-    times = np.array([[machine.seconds(lambda: run(scene)), machine.seconds(derivatives)] for _ in range(REPEATS)])
+    times = np.array(
+        [
+            [machine.seconds(lambda: run(scene)), machine.seconds(derivatives)]
+            for _ in range(REPEATS)
+        ]
+    )
     solve, both = np.median(times, axis=0)
     return float(100 * (both / solve - 1))
 
@@ -180,12 +207,16 @@ def derivative_error() -> dict[str, float]:
             scene = Scene.from_si(data)
             found = sensitivities(scene)
             for k, variable in enumerate(found.variables):
-                rows, tip = differences(scene, variable, 1 / 30 if found.result.contacts else 1.0)  # so that no other point touches
+                rows, tip = differences(
+                    scene, variable, 1 / 30 if found.result.contacts else 1.0
+                )  # so that no other point touches
                 made = found.centreline[..., k] if len(rows) else found.tip[:, k]
                 expected = rows if len(rows) else tip
                 size = np.abs(expected).max()
                 if size > NOTHING:
-                    worst[name] = max(worst.get(name, 0.0), float(np.abs(made - expected).max() / size))
+                    worst[name] = max(
+                        worst.get(name, 0.0), float(np.abs(made - expected).max() / size)
+                    )
     return worst
 
 
@@ -214,7 +245,12 @@ def shorten() -> None:
     """Measure everything once, with less of it."""
     global TRIALS, REPEATS, MULTIPLES
     TRIALS, REPEATS, MULTIPLES = 2, 1, MULTIPLES[:1]
-    motion_rates.SECONDS, motion_rates.REPEATS, motion_rates.PAIRS, motion_rates.SETTLING = 0.02, 1, 1, 20
+    motion_rates.SECONDS, motion_rates.REPEATS, motion_rates.PAIRS, motion_rates.SETTLING = (
+        0.02,
+        1,
+        1,
+        20,
+    )
     motion_rates.PAIRED = 2
 
 
@@ -225,15 +261,22 @@ def main(names: list[str], out: Path = ROOT / "runs/bench") -> int:
         shorten()
     unknown = [name for name in names if name not in FIGURES]
     if unknown:
-        print(f"unknown figures: {', '.join(unknown)}; known are {', '.join(FIGURES)}", file=sys.stderr)
+        print(
+            f"unknown figures: {', '.join(unknown)}; known are {', '.join(FIGURES)}",
+            file=sys.stderr,
+        )
         return 2
     out.mkdir(parents=True, exist_ok=True)
     path = out / "bench.json"
     found = json.loads(path.read_text()) if names and path.exists() else {}
     failed: list[str] = []
     found["machine"] = host = machine.described()
-    print(f"{host['cpu']}, {host['cores']} cores, {host['threads']} threads, commit {host['commit']}, load {host['load']:g}")
-    print(f"dgemm {host['dgemm_flop_per_s'] / 1e9:.4g} Gflop/s, copy {host['copy_bytes_per_s'] / 1e9:.4g} GB/s")
+    print(
+        f"{host['cpu']}, {host['cores']} cores, {host['threads']} threads, commit {host['commit']}, load {host['load']:g}"
+    )
+    print(
+        f"dgemm {host['dgemm_flop_per_s'] / 1e9:.4g} Gflop/s, copy {host['copy_bytes_per_s'] / 1e9:.4g} GB/s"
+    )
     print(f"{'figure':<48} {'value':>9} {'bound':>9} {'aim':>9}")
     for name, figure in FIGURES.items():
         if names and name not in names:
@@ -243,9 +286,16 @@ def main(names: list[str], out: Path = ROOT / "runs/bench") -> int:
         except Exception as failure:  # the other figures are measured all the same
             traceback.print_exc()
             failed.append(name)
-            print(f"{name:<48} FAILED: {' '.join(str(failure).split()) or repr(failure)}", flush=True)
+            print(
+                f"{name:<48} FAILED: {' '.join(str(failure).split()) or repr(failure)}", flush=True
+            )
             continue
-        found[name] = {"value": value, "unit": figure.unit, "bound": figure.bound, "aim": figure.aim}
+        found[name] = {
+            "value": value,
+            "unit": figure.unit,
+            "bound": figure.bound,
+            "aim": figure.aim,
+        }
         found[name] |= {"commit": host["commit"], "load": machine.load()}
         if figure.unit == "1/s" and not isinstance(value, dict):
             found[name]["per_gflop"] = 1e9 * value / host["dgemm_flop_per_s"]

@@ -69,7 +69,10 @@ class Claim:
 
     def agrees(self, measured: float) -> bool:
         """Return True if the page agrees with the measurement, within its digits and the tolerance."""
-        return abs(measured - self.value) <= self.tolerance * max(abs(measured), abs(self.value)) + 1.001 * self.rounding
+        return (
+            abs(measured - self.value)
+            <= self.tolerance * max(abs(measured), abs(self.value)) + 1.001 * self.rounding
+        )
 
     def written(self, measured: float) -> str:
         """The measured value with the digits of the page; with one more digit if otherwise none would remain."""
@@ -106,13 +109,18 @@ class Place:
         page = (root / self.page).read_text(encoding="utf-8")
         matches = list(self.pattern.finditer(page))
         if len(matches) != 1:
-            raise ValueError(f"{self.page}: the text {self.text!r} of {TABLE} is there {len(matches)} times; it must be there once")
+            raise ValueError(
+                f"{self.page}: the text {self.text!r} of {TABLE} is there {len(matches)} times; it must be there once"
+            )
         return matches[0]
 
     def claims(self, root: Path = ROOT) -> list[Claim]:
         """Its figures as on the page."""
         match = self.found(root)
-        return [Claim(self.group, self.page, name, text, self.tolerance) for name, text in zip(self.names, match.groups(), strict=True)]
+        return [
+            Claim(self.group, self.page, name, text, self.tolerance)
+            for name, text in zip(self.names, match.groups(), strict=True)
+        ]
 
 
 def groups(root: Path = ROOT) -> dict[str, dict[str, Any]]:
@@ -125,7 +133,11 @@ def places(name: str, group: Mapping[str, Any]) -> Iterator[Place]:
     """The texts of a group."""
     for page, texts in group["figures"].items():
         for entry in texts:
-            text, tolerance = (entry, group.get("tolerance", 0.1)) if isinstance(entry, str) else (entry["text"], entry["tolerance"])
+            text, tolerance = (
+                (entry, group.get("tolerance", 0.1))
+                if isinstance(entry, str)
+                else (entry["text"], entry["tolerance"])
+            )
             yield Place(name, page, text, float(tolerance))
 
 
@@ -137,7 +149,11 @@ def accuracy() -> Figures:
     found: Figures = {}
     for rung in _ladder()["rungs"]:
         n = rung["cells_across"]
-        found |= {f"unknowns {n}": rung["dof"], f"seconds {n}": rung["seconds"], f"error {n}": 100 * (rung["error_finest"] or 0.0)}
+        found |= {
+            f"unknowns {n}": rung["dof"],
+            f"seconds {n}": rung["seconds"],
+            f"error {n}": 100 * (rung["error_finest"] or 0.0),
+        }
     return found
 
 
@@ -162,7 +178,9 @@ def references() -> Figures:
             result = run(problem.scene(n))
             row.append(100 * largest_distance(result, problem.centreline) / problem.length)
             steps = max(steps, result.iterations)
-        orders.append(-np.polyfit(np.log(list(errors)), np.log([row[-1] for row in errors.values()]), 1)[0])
+        orders.append(
+            -np.polyfit(np.log(list(errors)), np.log([row[-1] for row in errors.values()]), 1)[0]
+        )
     found: Figures = {"least order": min(orders), "largest order": max(orders), "steps": steps}
     for n, row in errors.items():
         found |= {f"least {n}": min(row), f"largest {n}": max(row)}
@@ -184,8 +202,12 @@ def promised() -> Figures:
     found: Figures = {}
     for name, problem in PROBLEMS.items():
         for percent in (1.0, 0.1):
-            result = run(Scene.from_si({**problem.scene(2).to_si(), "resolution": {"error": percent / 100}}))
-            found[f"{name} {percent:g}"] = largest_distance(result, problem.centreline) / float(result.error_estimate or 0.0)
+            result = run(
+                Scene.from_si({**problem.scene(2).to_si(), "resolution": {"error": percent / 100}})
+            )
+            found[f"{name} {percent:g}"] = largest_distance(result, problem.centreline) / float(
+                result.error_estimate or 0.0
+            )
     return found
 
 
@@ -193,7 +215,10 @@ def effects_costs() -> Figures:
     """Cost of each effect for a catheter in motion, %."""
     from magmpm.studies.explore.effects_costs import counted
 
-    return {name: round(percent) for name, percent in counted(importlib.import_module("advice").drawn(2)).items()}
+    return {
+        name: round(percent)
+        for name, percent in counted(importlib.import_module("advice").drawn(2)).items()
+    }
 
 
 def insertion() -> Figures:
@@ -207,7 +232,10 @@ def insertion() -> Figures:
     for name, file in (("planar", "insertion_s"), ("spatial", "insertion_spatial")):
         with tempfile.TemporaryDirectory() as folder:
             study = load_study(ROOT / f"data/studies/{file}.yaml")
-            best = run_study(study, solve=run, differentiate=sensitivities, out=folder, trials=1).best or {}
+            best = (
+                run_study(study, solve=run, differentiate=sensitivities, out=folder, trials=1).best
+                or {}
+            )
         found |= {f"{name} rms": 1e3 * best["rms_m"], f"{name} exit": 1e3 * best["exit_error_m"]}
     return found
 
@@ -217,11 +245,17 @@ def locking() -> Figures:
     problem = PROBLEMS["axial_transverse_5mT"]
     usual, found = model.LINEAR_STIFFNESS, {}
     try:
-        for name, kind, stiffness in (("none", "none", usual), ("10 G", "f-bar", 10.0), ("5 G", "f-bar", 5.0)):
+        for name, kind, stiffness in (
+            ("none", "none", usual),
+            ("10 G", "f-bar", 10.0),
+            ("5 G", "f-bar", 5.0),
+        ):
             model.LINEAR_STIFFNESS = stiffness
             for n in (3, 4, 6, 8):
                 result = run(problem.scene(n, anti_locking=kind))
-                found[f"{name} {n}"] = 100 * largest_distance(result, problem.centreline) / problem.length
+                found[f"{name} {n}"] = (
+                    100 * largest_distance(result, problem.centreline) / problem.length
+                )
     finally:
         model.LINEAR_STIFFNESS = usual
     return found
@@ -251,7 +285,11 @@ def sampler() -> Figures:
     for name, letter in (("c_shape", "C"), ("s_shape", "S")):
         reached = [row["reached_in"] or 36 for row in rows_of("tpe", name, 10)]
         found |= {f"{letter} {seed}": trial for seed, trial in enumerate(reached, start=1)}
-        found |= {f"{letter} least": min(reached[:5]), f"{letter} most": max(reached[:5]), f"{letter} hits": sum(k <= 35 for k in reached)}
+        found |= {
+            f"{letter} least": min(reached[:5]),
+            f"{letter} most": max(reached[:5]),
+            f"{letter} hits": sum(k <= 35 for k in reached),
+        }
     return found
 
 
@@ -264,7 +302,12 @@ def designs() -> Figures:
     """Solves (median) that Gauss-Newton needs to 0.5 mm of the twelve shapes that finite elements made."""
     design = importlib.import_module("design")
     files = sorted(design.TARGETS.glob("reachable_*.csv"))
-    studies = [design.cached(design.study_of(file, "gauss-newton", design.MOST["gauss-newton"]), design.sources()) for file in files]
+    studies = [
+        design.cached(
+            design.study_of(file, "gauss-newton", design.MOST["gauss-newton"]), design.sources()
+        )
+        for file in files
+    ]
     return {"targets": len(files), "solves": design.summary(studies)["0.5 mm"]["solves"][0]}
 
 
@@ -275,9 +318,19 @@ def robust() -> Figures:
     found: Figures = {}
     for row in json.loads((ROOT / "runs/bench/robust.json").read_text()):
         name, first, sampled = row["design"], row["first_order_m"], row["sampled_m"]
-        found |= {f"rms {name}": 1e3 * row["rms_m"], f"scatter {name}": 1e3 * first[0], f"measure {name}": 1e3 * first[3]}
-        found |= {f"sampled scatter {name}": 1e3 * sampled[0], f"sampled measure {name}": 1e3 * sampled[3]}
-        found |= {f"apart {name}": 100 * row["apart"][0], f"measure apart {name}": 100 * row["apart"][3]}
+        found |= {
+            f"rms {name}": 1e3 * row["rms_m"],
+            f"scatter {name}": 1e3 * first[0],
+            f"measure {name}": 1e3 * first[3],
+        }
+        found |= {
+            f"sampled scatter {name}": 1e3 * sampled[0],
+            f"sampled measure {name}": 1e3 * sampled[3],
+        }
+        found |= {
+            f"apart {name}": 100 * row["apart"][0],
+            f"measure apart {name}": 100 * row["apart"][3],
+        }
     return found
 
 
@@ -306,7 +359,10 @@ def settles() -> Figures:
     still = run(scene)
     moved = run(moving(scene, {"damping": {"rate": 60.0}}, duration=0.3))
     tip = float(np.linalg.norm(moved.tip - still.tip))
-    return {"axis": 100 * largest_distance(moved, still.centreline) / scene.length, "tip": 100 * tip / scene.length}
+    return {
+        "axis": 100 * largest_distance(moved, still.centreline) / scene.length,
+        "tip": 100 * tip / scene.length,
+    }
 
 
 def memory() -> Figures:
@@ -317,7 +373,10 @@ def memory() -> Figures:
 
 def rates() -> Figures:
     """Million particle-steps per second, and thousand per Gflop of dgemm."""
-    machine, motion_rates = importlib.import_module("machine"), importlib.import_module("motion_rates")
+    machine, motion_rates = (
+        importlib.import_module("machine"),
+        importlib.import_module("motion_rates"),
+    )
     flops, value = machine.dgemm(), motion_rates.all_threads()
     return {"rate": value / 1e6, "rate per Gflop": value / flops * 1e6}
 
@@ -332,7 +391,9 @@ def drawn() -> Path:
     path, rungs = ROOT / ACCURACY_IMAGE, _ladder()["rungs"]
     plot(rungs, path, title="five-segment catheter")
     text = PngInfo()
-    text.add_text("errors", json.dumps({rung["cells_across"]: rung["error_finest"] for rung in rungs}))
+    text.add_text(
+        "errors", json.dumps({rung["cells_across"]: rung["error_finest"] for rung in rungs})
+    )
     with Image.open(path) as image:
         image.load()
         image.save(path, pnginfo=text, optimize=True)
@@ -355,16 +416,27 @@ def replaced(place: Place, measured: Figures, root: Path = ROOT) -> None:
 
 def main(arguments: list[str], root: Path = ROOT) -> int:
     """Measure, and report differences."""
-    parser = argparse.ArgumentParser(description="Make the measured figures of README and docs again, and say what differs.")
-    parser.add_argument("groups", metavar="GROUP", nargs="*", help="only these groups of docs/claims.yaml")
+    parser = argparse.ArgumentParser(
+        description="Make the measured figures of README and docs again, and say what differs."
+    )
+    parser.add_argument(
+        "groups", metavar="GROUP", nargs="*", help="only these groups of docs/claims.yaml"
+    )
     parser.add_argument("--quick", action="store_true", help="leave out what takes minutes")
     parser.add_argument("--write", action="store_true", help="put new figures into the pages")
     options = parser.parse_args(arguments)
     table = {name: group for name, group in groups(root).items() if "held_by" not in group}
     if unknown := [name for name in options.groups if name not in table]:
-        print(f"unknown groups: {', '.join(unknown)}; known are {', '.join(table)}", file=sys.stderr)
+        print(
+            f"unknown groups: {', '.join(unknown)}; known are {', '.join(table)}", file=sys.stderr
+        )
         return 2
-    chosen = [name for name in table if (name in options.groups or not options.groups) and not (options.quick and table[name].get("slow"))]
+    chosen = [
+        name
+        for name in table
+        if (name in options.groups or not options.groups)
+        and not (options.quick and table[name].get("slow"))
+    ]
     differing = 0
     for name in chosen:
         begun = time.perf_counter()
@@ -382,12 +454,17 @@ def main(arguments: list[str], root: Path = ROOT) -> int:
                 value = measured.get(claim.name, math.nan)  # a case that had no answer, say
                 same = math.isfinite(value) and claim.agrees(value)
                 differing += not same
-                print(f"  {'' if same else 'DIFFERS':<8}{claim.page:<20} {claim.name:<44} says {claim.text:>8}   now {value:.4g}")
+                print(
+                    f"  {'' if same else 'DIFFERS':<8}{claim.page:<20} {claim.name:<44} says {claim.text:>8}   now {value:.4g}"
+                )
             if options.write:
                 replaced(place, measured, root)
         if name == "accuracy" and options.write:
             print(f"  drawn {drawn().relative_to(ROOT)}")
-    print(f"{differing} figure{'s differ' if differing != 1 else ' differs'}" + (": written anew" if options.write and differing else ""))
+    print(
+        f"{differing} figure{'s differ' if differing != 1 else ' differs'}"
+        + (": written anew" if options.write and differing else "")
+    )
     return int(differing > 0 and not options.write)
 
 

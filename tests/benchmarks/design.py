@@ -63,10 +63,21 @@ def solved(study: Study) -> dict[str, Any]:
 
     with tempfile.TemporaryDirectory() as folder:
         report = run_study(study, solve=run, differentiate=sensitivities, out=folder)
-        kept = optuna.load_study(study_name=study.name, storage=f"sqlite:///{folder}/study.db").get_trials(deepcopy=False)
+        kept = optuna.load_study(
+            study_name=study.name, storage=f"sqlite:///{folder}/study.db"
+        ).get_trials(deepcopy=False)
         begun = min(t.datetime_start for t in kept if t.datetime_start is not None)
-        seconds = [(t.datetime_complete - begun).total_seconds() for t in kept if t.datetime_complete is not None]
-    found: dict[str, Any] = {"rms_mm": [1e3 * rms for rms in report.rms_m], "seconds": seconds, "best_mm": None, "finer_mm": None}
+        seconds = [
+            (t.datetime_complete - begun).total_seconds()
+            for t in kept
+            if t.datetime_complete is not None
+        ]
+    found: dict[str, Any] = {
+        "rms_mm": [1e3 * rms for rms in report.rms_m],
+        "seconds": seconds,
+        "best_mm": None,
+        "finer_mm": None,
+    }
     if report.best is not None:
         scene = SearchSpace.of(study).scene_of(report.best["params"]).with_cells(FINER)
         found["best_mm"] = 1e3 * report.best["rms_m"]
@@ -77,7 +88,11 @@ def solved(study: Study) -> dict[str, Any]:
 def cached(study: Study, code: str) -> dict[str, Any]:
     """`solved`, or what is kept of the same study by the same code."""
     key = json.dumps([study.definition(), study.trials, code], sort_keys=True)
-    path = OUT / "design" / f"{study.name}_{study.sampler}_{hashlib.sha256(key.encode()).hexdigest()[:16]}.json"
+    path = (
+        OUT
+        / "design"
+        / f"{study.name}_{study.sampler}_{hashlib.sha256(key.encode()).hexdigest()[:16]}.json"
+    )
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, solved(study))
@@ -95,7 +110,9 @@ def summary(studies: list[dict[str, Any]]) -> dict[str, Any]:
     rows: dict[str, Any] = {}
     for goal in GOALS:
         pairs = np.array([reached(found, goal) for found in studies])
-        solves, seconds = (np.quantile(column, [0.5, 0.9], method="higher").tolist() for column in pairs.T)
+        solves, seconds = (
+            np.quantile(column, [0.5, 0.9], method="higher").tolist() for column in pairs.T
+        )
         rows[f"{goal:g} mm"] = {
             "share": float(np.isfinite(pairs[:, 0]).mean()),
             "solves": [None if np.isinf(x) else x for x in solves],
@@ -109,7 +126,11 @@ def summary(studies: list[dict[str, Any]]) -> dict[str, Any]:
 
 def table(results: dict[str, dict[str, Any]]) -> str:
     """The results as a table of Markdown."""
-    head = "| sampler | targets | " + " | ".join(f"solves to {g:g} mm | share | s" for g in GOALS) + " | best rms | at 6 cells |"
+    head = (
+        "| sampler | targets | "
+        + " | ".join(f"solves to {g:g} mm | share | s" for g in GOALS)
+        + " | best rms | at 6 cells |"
+    )
     lines = [head, "| --- " * (head.count("|") - 1) + "|"]
     for name, kinds in results.items():
         for kind, rows in kinds.items():
@@ -119,31 +140,56 @@ def table(results: dict[str, dict[str, Any]]) -> str:
                 solves = ", ".join("-" if x is None else f"{x:g}" for x in row["solves"])
                 seconds = "-" if row["seconds"][0] is None else f"{row['seconds'][0]:.1f}"
                 cells += [solves, f"{100 * row['share']:.0f} %", seconds]
-            ends = ["-" if rows[key] is None else f"{rows[key]:.2f} mm" for key in ("best_mm", "finer_mm")]
+            ends = [
+                "-" if rows[key] is None else f"{rows[key]:.2f} mm"
+                for key in ("best_mm", "finer_mm")
+            ]
             lines.append(f"| {name} | {kind} | " + " | ".join([*cells, *ends]) + " |")
     return "\n".join(lines)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("samplers", nargs="*", default=[], metavar="SAMPLER", help=f"of {', '.join(SAMPLERS)}, each also with +rod")
-    parser.add_argument("--quick", action="store_true", help="three targets of each kind, 10 trials")
+    parser.add_argument(
+        "samplers",
+        nargs="*",
+        default=[],
+        metavar="SAMPLER",
+        help=f"of {', '.join(SAMPLERS)}, each also with +rod",
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="three targets of each kind, 10 trials"
+    )
     options = parser.parse_args()
     code, results, details = sources(), {}, {}
     for name in options.samplers or SAMPLERS:
         trials = QUICK_TRIALS if options.quick else MOST.get(name.partition("+")[0], TRIALS)
         results[name] = {}
         for kind in ("reachable", "free"):
-            files = sorted(TARGETS.glob(f"{kind}_*.csv"))[:: 12 // QUICK_TARGETS if options.quick else 1]
+            files = sorted(TARGETS.glob(f"{kind}_*.csv"))[
+                :: 12 // QUICK_TARGETS if options.quick else 1
+            ]
             studies = []
             for file in files:
                 studies.append(cached(study_of(file, name, trials), code))
                 details[f"{name} {file.stem}"] = studies[-1]
-                print(f"{name:<14} {file.stem:<14} best {studies[-1]['best_mm'] or float('nan'):.3f} mm", file=sys.stderr, flush=True)
+                print(
+                    f"{name:<14} {file.stem:<14} best {studies[-1]['best_mm'] or float('nan'):.3f} mm",
+                    file=sys.stderr,
+                    flush=True,
+                )
             results[name][kind] = summary(studies)
     print("solves: median, 90th percentile; s: median seconds; - where fewer came that near")
     print(table(results))
-    machine.save("design", {"machine": machine.described(), "quick": options.quick, "results": results, "studies": details})
+    machine.save(
+        "design",
+        {
+            "machine": machine.described(),
+            "quick": options.quick,
+            "results": results,
+            "studies": details,
+        },
+    )
     return 0
 
 

@@ -31,7 +31,11 @@ STIFF = (50.0, 200.0)  # K/G between the ranges
 def main() -> None:
     options = options_of(__doc__, 0, SCENES, "drawn_convergence.json", jointed=True)
     draw_scene = jointed if options.jointed else drawn
-    rows = rows_of(options, lambda seed: solved(draw_scene(seed), seed), lambda row: f"{row['seed']} {row['errors']}")
+    rows = rows_of(
+        options,
+        lambda seed: solved(draw_scene(seed), seed),
+        lambda row: f"{row['seed']} {row['errors']}",
+    )
     print(percentiles(rows) if options.jointed else summary(rows))
 
 
@@ -47,38 +51,69 @@ def solved(scene: Scene, seed: int) -> dict[str, Any]:
         except MagmpmError as error:
             print(f"{seed}, {cells} cells: {error}")
     finest = max(results)
-    errors = {n: largest_distance(result, results[finest].centreline) / scene.length for n, result in results.items() if n != finest}
+    errors = {
+        n: largest_distance(result, results[finest].centreline) / scene.length
+        for n, result in results.items()
+        if n != finest
+    }
     ratio = next(iter(scene.materials.values())).bulk_to_shear
     kind = scene.name.split("(")[1].rstrip(")")
-    about = {"seed": seed, "kind": kind, "bulk_to_shear": ratio, "slender": scene.length / scene.thickness}
+    about = {
+        "seed": seed,
+        "kind": kind,
+        "bulk_to_shear": ratio,
+        "slender": scene.length / scene.thickness,
+    }
     return {**about, "finest": finest, "errors": errors}
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> str:
     """The table."""
-    lines = ["| body | K/G | scenes | " + " | ".join(f"{n} cells" for n in CELLS[:4]) + " | order |", "| --- " * 8 + "|"]
+    lines = [
+        "| body | K/G | scenes | " + " | ".join(f"{n} cells" for n in CELLS[:4]) + " | order |",
+        "| --- " * 8 + "|",
+    ]
     for kind in ("catheter", "tube", "strip"):
         for low, high in ((0.0, STIFF[0]), STIFF, (STIFF[1], np.inf)):
-            some = [row for row in rows if row["kind"] == kind and low <= row["bulk_to_shear"] < high and row["finest"] >= FINEST]
+            some = [
+                row
+                for row in rows
+                if row["kind"] == kind
+                and low <= row["bulk_to_shear"] < high
+                and row["finest"] >= FINEST
+            ]
             if not some:
                 continue
             cells = []
             for n in CELLS[:4]:
-                known = np.array([float(row["errors"].get(str(n), row["errors"].get(n, np.nan))) for row in some])
+                known = np.array(
+                    [float(row["errors"].get(str(n), row["errors"].get(n, np.nan))) for row in some]
+                )
                 cells.append(f"{100 * np.nanmedian(known):.3f} ({100 * np.nanmax(known):.3f}) %")
             orders = [order(row["errors"]) for row in some]
             span = f"{low:g} to {high:g}" if np.isfinite(high) else f"above {low:g}"
-            lines.append(f"| {kind} | {span} | {len(some)} | {' | '.join(cells)} | {np.median(orders):.1f} |")
+            lines.append(
+                f"| {kind} | {span} | {len(some)} | {' | '.join(cells)} | {np.median(orders):.1f} |"
+            )
     return "\n".join(lines)
 
 
 def percentiles(rows: Sequence[dict[str, Any]]) -> str:
     """Medians and 90th percentiles of the errors of bodies whose finest grid has at least FINEST cells across."""
-    lines = [f"| of {len(rows)} bodies | median | 90th percentile | largest |", "| --- | --- | --- | --- |"]
+    lines = [
+        f"| of {len(rows)} bodies | median | 90th percentile | largest |",
+        "| --- | --- | --- | --- |",
+    ]
     for n in CELLS[:5]:
-        known = [float(row["errors"].get(str(n), row["errors"].get(n, np.nan))) for row in rows if row["finest"] >= max(FINEST, n + 2)]
+        known = [
+            float(row["errors"].get(str(n), row["errors"].get(n, np.nan)))
+            for row in rows
+            if row["finest"] >= max(FINEST, n + 2)
+        ]
         low, high, most = 100 * np.nanquantile(known, [0.5, 0.9, 1.0])
-        lines.append(f"| {n} cells, {len(known)} bodies | {low:.4f} % | {high:.4f} % | {most:.4f} % |")
+        lines.append(
+            f"| {n} cells, {len(known)} bodies | {low:.4f} % | {high:.4f} % | {most:.4f} % |"
+        )
     return "\n".join(lines)
 
 

@@ -28,7 +28,17 @@ FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (
 
 def box_stl(low: np.ndarray, high: np.ndarray, turn: np.ndarray, path: Path) -> None:
     """Write a box between two corners (3,) mm, turned about the origin, as an STL file."""
-    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]) @ turn.T
+    corners = (
+        np.array(
+            [
+                [x, y, z]
+                for x in (low[0], high[0])
+                for y in (low[1], high[1])
+                for z in (low[2], high[2])
+            ]
+        )
+        @ turn.T
+    )
     lines = ["solid box"]
     for a, b, c, d in FACES:
         for triangle in ((a, b, c), (a, c, d)):
@@ -54,11 +64,15 @@ def boxes(rng: np.random.Generator) -> list[tuple[np.ndarray, np.ndarray]]:
             low[axis], high[axis] = ends
             low[across] -= np.array([wide, thin]) / 2
             high[across] += np.array([wide, thin]) / 2
-            if any(np.all(low < other[1] - 1e-9) and np.all(high > other[0] + 1e-9) for other in made):
+            if any(
+                np.all(low < other[1] - 1e-9) and np.all(high > other[0] + 1e-9) for other in made
+            ):
                 break
             made.append((low, high))
             center[axis] += sign * length
-            if rng.random() < 0.3:  # around a corner: the next box stands on a side of this one, near its end
+            if (
+                rng.random() < 0.3
+            ):  # around a corner: the next box stands on a side of this one, near its end
                 center[axis] -= sign * thin / 2
                 side = across[1]
                 turn = rng.choice([-1.0, 1.0])
@@ -75,7 +89,11 @@ def draw(seed: int, folder: Path) -> Scene:
     for k, (low, high) in enumerate(boxes(rng)):
         box_stl(low, high, turn, folder / f"part{k}.stl")
         magnet = rng.standard_normal(3)
-        about = {"clamp": True} if k == 0 else {"magnetization": (magnet / np.linalg.norm(magnet)).tolist()}
+        about = (
+            {"clamp": True}
+            if k == 0
+            else {"magnetization": (magnet / np.linalg.norm(magnet)).tolist()}
+        )
         meshes.append({"mesh": f"part{k}.stl", "material": "silicone", **about})
     field = rng.standard_normal(3)
     field *= rng.uniform(1, 8) / np.linalg.norm(field)
@@ -83,14 +101,17 @@ def draw(seed: int, folder: Path) -> Scene:
         "name": f"robot {seed}",
         "materials": {
             "silicone": {
-                "shear_modulus": f"{rng.uniform(60, 300):.4g} kPa", "bulk_to_shear": 20, "density": "1882 kg/m^3", "remanence": "100 mT",
+                "shear_modulus": f"{rng.uniform(60, 300):.4g} kPa",
+                "bulk_to_shear": 20,
+                "density": "1882 kg/m^3",
+                "remanence": "100 mT",
             },
         },
         "body": {"parts": {"unit": "mm", "meshes": meshes}},
         "field": {"uniform": [f"{value:.6g} mT" for value in field]},
         "effects": {"magnetic_torque": {}, "gravity": {}},
         "resolution": {"cells_across": 2},
-    }  # fmt: skip
+    }
     (folder / "scene.yaml").write_text(json.dumps(scene))
     return load_scene(folder / "scene.yaml")
 
@@ -115,15 +136,29 @@ def judge(seed: int, slow: bool) -> dict[str, object]:
     with tempfile.TemporaryDirectory() as folder:
         scene = draw(seed, Path(folder))
         found, seconds = solved(scene)
-        row: dict[str, object] = {"seed": seed, "parts": len(scene.regions()), "converged": found is not None, "seconds": round(seconds, 2)}
+        row: dict[str, object] = {
+            "seed": seed,
+            "parts": len(scene.regions()),
+            "converged": found is not None,
+            "seconds": round(seconds, 2),
+        }
         if found is None:
             return row
         size = float(np.ptp(found.point.position, axis=0).max())
         moved = float(np.linalg.norm(found.point.displacement, axis=1).max()) / size
-        row |= {"steps": found.steps, "moved": round(moved, 4), "stability": round(found.stability or 0.0, 4)}
+        row |= {
+            "steps": found.steps,
+            "moved": round(moved, 4),
+            "stability": round(found.stability or 0.0, 4),
+        }
         path = solved(with_load_steps(scene, SLOW))[0] if slow else None
         if path is not None:
-            away = float(np.linalg.norm(path.point.displacement - found.point.displacement, axis=1).max()) / size
+            away = (
+                float(
+                    np.linalg.norm(path.point.displacement - found.point.displacement, axis=1).max()
+                )
+                / size
+            )
             row |= {"path_steps": path.steps, "away": round(away, 5), "same": away < SAME}
         return row
 
@@ -138,8 +173,15 @@ def main() -> None:
     for seed in range(given.first, given.first + given.robots):
         rows.append(judge(seed, not given.quick))
         print(rows[-1], flush=True)
-    print(json.dumps({"robots": len(rows), "converged": sum(bool(row["converged"]) for row in rows),
-                      "same": sum(bool(row.get("same")) for row in rows)}))  # fmt: skip
+    print(
+        json.dumps(
+            {
+                "robots": len(rows),
+                "converged": sum(bool(row["converged"]) for row in rows),
+                "same": sum(bool(row.get("same")) for row in rows),
+            }
+        )
+    )
 
 
 if __name__ == "__main__":

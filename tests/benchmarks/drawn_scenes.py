@@ -21,9 +21,13 @@ Row = dict[str, Any]
 BOUNDS, WORST = (0.3, 1.0), 1.5  # of the true error over the promised one
 
 
-def options_of(about: str | None, first: int, scenes: int, out: str, jointed: bool = False) -> argparse.Namespace:
+def options_of(
+    about: str | None, first: int, scenes: int, out: str, jointed: bool = False
+) -> argparse.Namespace:
     """The options of a benchmark over seeds; out: a file in runs/bench; jointed: whether bodies can be of soft and stiff segments."""
-    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=about, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     if jointed:
         parser.add_argument("--jointed", action="store_true")
     parser.add_argument("--first", type=int, default=first)
@@ -33,7 +37,10 @@ def options_of(about: str | None, first: int, scenes: int, out: str, jointed: bo
 
 
 def rows_of(
-    options: argparse.Namespace, made: Callable[[int], Row], line: Callable[[Row], str], seeds: Iterable[int] | None = None
+    options: argparse.Namespace,
+    made: Callable[[int], Row],
+    line: Callable[[Row], str],
+    seeds: Iterable[int] | None = None,
 ) -> list[Row]:
     """A row for each seed, by default `scenes` from `first`: from the file, or made, saved and printed now."""
     rows = json.loads(options.out.read_text()) if options.out.exists() else []
@@ -64,19 +71,48 @@ def drawn(seed: int) -> Scene:
         return float(np.exp(draw.uniform(np.log(low), np.log(high))))
 
     kind = ("catheter", "tube", "strip")[int(draw.integers(3))]
-    thickness, slenderness, ratio, shear = between(0.5e-3, 4e-3), between(3, 80), between(5, 500), between(50e3, 1e6)
+    thickness, slenderness, ratio, shear = (
+        between(0.5e-3, 4e-3),
+        between(3, 80),
+        between(5, 500),
+        between(50e3, 1e6),
+    )
     length, wide, bore = slenderness * thickness, between(1, 6), float(draw.uniform(0.2, 0.8))
     width = min(wide, max(slenderness / 2, 1.0)) * thickness
-    second = thickness**4 / 12 * (width / thickness) if kind == "strip" else np.pi / 64 * thickness**4 * (1 - bore**4 * (kind == "tube"))
-    area = width * thickness if kind == "strip" else np.pi / 4 * thickness**2 * (1 - bore**2 * (kind == "tube"))
+    second = (
+        thickness**4 / 12 * (width / thickness)
+        if kind == "strip"
+        else np.pi / 64 * thickness**4 * (1 - bore**4 * (kind == "tube"))
+    )
+    area = (
+        width * thickness
+        if kind == "strip"
+        else np.pi / 4 * thickness**2 * (1 - bore**2 * (kind == "tube"))
+    )
     bending = young_modulus(shear, ratio * shear) * second
     load = between(0.1, STRONGEST)
     field = _direction(draw) * load * bending * MU0 / (REMANENCE * area * length**2)
-    materials = {"magnetic": {"shear_modulus": shear, "bulk_to_shear": ratio, "density": DENSITY, "remanence": REMANENCE}}
-    segments: list[dict[str, Any]] = [{"magnetization": _direction(draw).tolist()} for _ in range(int(draw.integers(1, 7)))]
+    materials = {
+        "magnetic": {
+            "shear_modulus": shear,
+            "bulk_to_shear": ratio,
+            "density": DENSITY,
+            "remanence": REMANENCE,
+        }
+    }
+    segments: list[dict[str, Any]] = [
+        {"magnetization": _direction(draw).tolist()} for _ in range(int(draw.integers(1, 7)))
+    ]
     if len(segments) > 2 and draw.random() < 0.25:  # one stiffer, plain
-        materials["plain"] = {**materials["magnetic"], "shear_modulus": shear * between(1, 5), "remanence": 0.0}
-        segments[int(draw.integers(len(segments)))] = {"magnetization": [0.0, 0.0, 0.0], "material": "plain"}
+        materials["plain"] = {
+            **materials["magnetic"],
+            "shear_modulus": shear * between(1, 5),
+            "remanence": 0.0,
+        }
+        segments[int(draw.integers(len(segments)))] = {
+            "magnetization": [0.0, 0.0, 0.0],
+            "material": "plain",
+        }
     segments = [{**segment, "length": length / len(segments)} for segment in segments]
     effects: dict[str, Any] = {"magnetic_torque": {}}
     if draw.random() < 0.4:  # weight that bends as much as a field could, at most
@@ -86,7 +122,10 @@ def drawn(seed: int) -> Scene:
     if kind == "strip":
         body |= {"width": width, "thickness": thickness}
     else:
-        body |= {"diameter": thickness, "inner_diameter": bore * thickness if kind == "tube" else 0.0}
+        body |= {
+            "diameter": thickness,
+            "inner_diameter": bore * thickness if kind == "tube" else 0.0,
+        }
     content = {
         "name": f"drawn {seed} ({kind})",
         "materials": materials,
@@ -119,19 +158,49 @@ def jointed(seed: int) -> Scene:
     soft_share = sum(share for share, rigid in zip(shares, stiff, strict=True) if not rigid)
     bending = young_modulus(shear, ratio * shear) * thickness**2 / (12 if flat else 16) / soft_share
     field = direction() * load * bending * MU0 / (REMANENCE * length**2)
-    soft = {"shear_modulus": shear, "bulk_to_shear": ratio, "density": DENSITY, "remanence": REMANENCE}
-    materials = {"soft": soft, "stiff": {**soft, "shear_modulus": contrast * shear, "remanence": REMANENCE * int(draw.random() < 0.5)}}
+    soft = {
+        "shear_modulus": shear,
+        "bulk_to_shear": ratio,
+        "density": DENSITY,
+        "remanence": REMANENCE,
+    }
+    materials = {
+        "soft": soft,
+        "stiff": {
+            **soft,
+            "shear_modulus": contrast * shear,
+            "remanence": REMANENCE * int(draw.random() < 0.5),
+        },
+    }
     segments = [
-        {"length": float(share) * length, "material": "stiff" if rigid else "soft", "magnetization": direction().tolist()}
+        {
+            "length": float(share) * length,
+            "material": "stiff" if rigid else "soft",
+            "magnetization": direction().tolist(),
+        }
         for share, rigid in zip(shares, stiff, strict=True)
     ]
     for segment in segments:
         if not materials[segment["material"]]["remanence"]:
             segment["magnetization"] = [0.0, 0.0, 0.0]
     body = {"length": length, "material": "soft", "segments": segments}
-    body |= {"width": width, "thickness": thickness, "plane_strain": True} if flat else {"diameter": thickness}
-    content = {"name": f"jointed {seed} ({'strip' if flat else 'catheter'})", "materials": materials, "effects": {"magnetic_torque": {}}}
-    return Scene.from_si({**content, "body": {"strip" if flat else "catheter": body}, "field": {"uniform": field.tolist()}})
+    body |= (
+        {"width": width, "thickness": thickness, "plane_strain": True}
+        if flat
+        else {"diameter": thickness}
+    )
+    content = {
+        "name": f"jointed {seed} ({'strip' if flat else 'catheter'})",
+        "materials": materials,
+        "effects": {"magnetic_torque": {}},
+    }
+    return Scene.from_si(
+        {
+            **content,
+            "body": {"strip" if flat else "catheter": body},
+            "field": {"uniform": field.tolist()},
+        }
+    )
 
 
 def along_path(seed: int) -> Scene:
@@ -141,23 +210,52 @@ def along_path(seed: int) -> Scene:
     data, thickness = plain.to_si(), plain.thickness
     length = float(np.clip(plain.length, 4 * thickness, 12 * thickness))
     shape = next(one for one in data["body"].values() if one is not None)
-    shape["segments"] = [{**segment, "length": segment["length"] * length / plain.length} for segment in shape["segments"]]
+    shape["segments"] = [
+        {**segment, "length": segment["length"] * length / plain.length}
+        for segment in shape["segments"]
+    ]
     shape["length"] = length
     strength = float(np.linalg.norm(data["field"]["uniform"])) * (plain.length / length) ** 2
     times = np.arange(int(draw.integers(3, 7)), dtype=float)
     if seed % 2 == 0:
-        frames = [{"time": t, "uniform": (strength * draw.uniform(0.1, 1) * _direction(draw)).tolist()} for t in times]
-        field: dict[str, Any] = {"uniform": frames[0]["uniform"], "over_time": {"keyframes": frames}}
+        frames = [
+            {"time": t, "uniform": (strength * draw.uniform(0.1, 1) * _direction(draw)).tolist()}
+            for t in times
+        ]
+        field: dict[str, Any] = {
+            "uniform": frames[0]["uniform"],
+            "over_time": {"keyframes": frames},
+        }
     else:
         moment = strength * (2.5 * length) ** 3 * 2 * np.pi / MU0 * _direction(draw)
         away = [_direction(draw) for _ in times]
-        places = [np.array([length, 0.0, 0.0]) + length * draw.uniform(2, 4) * np.array([abs(d[0]), d[1], d[2]]) for d in away]
-        frames = [{"time": t, "move": place.tolist()} for t, place in zip(times, places, strict=True)]
-        field = {"dipole": {"position": [0.0, 0.0, 0.0], "moment": moment.tolist()}, "over_time": {"keyframes": frames}}
+        places = [
+            np.array([length, 0.0, 0.0])
+            + length * draw.uniform(2, 4) * np.array([abs(d[0]), d[1], d[2]])
+            for d in away
+        ]
+        frames = [
+            {"time": t, "move": place.tolist()} for t, place in zip(times, places, strict=True)
+        ]
+        field = {
+            "dipole": {"position": [0.0, 0.0, 0.0], "moment": moment.tolist()},
+            "over_time": {"keyframes": frames},
+        }
         data["effects"]["magnetic_force"] = {}
-    share, of = float(np.exp(draw.uniform(np.log(5e-4), np.log(2e-1)))), ("centreline", "tip")[int(draw.random() < 0.5)]
+    share, of = (
+        float(np.exp(draw.uniform(np.log(5e-4), np.log(2e-1)))),
+        ("centreline", "tip")[int(draw.random() < 0.5)],
+    )
     solver = {**data["solver"], "quasi_static": {"steps": int(draw.integers(8, 20))}}
-    return Scene.from_si({**data, "field": field, "solver": solver, "resolution": {"error": share, "of": of}, "name": f"path {seed}"})
+    return Scene.from_si(
+        {
+            **data,
+            "field": field,
+            "solver": solver,
+            "resolution": {"error": share, "of": of},
+            "name": f"path {seed}",
+        }
+    )
 
 
 def _direction(draw: np.random.Generator) -> Any:

@@ -36,7 +36,11 @@ def scene(poses: bool) -> Any:
     data["materials"]["magnetic silicone"]["density"] = 1882.0
     if not poses:
         return type(found).from_si(data).with_effects(gravity={})
-    magnet = {"cylinder": {"diameter": 0.02, "length": 0.02}, "position": [0.0, 0.0, 0.1], "remanence": 1.3}
+    magnet = {
+        "cylinder": {"diameter": 0.02, "length": 0.02},
+        "position": [0.0, 0.0, 0.1],
+        "remanence": 1.3,
+    }
     data["field"] = {"magnet": [magnet]}
     return type(found).from_si(data).with_effects(gravity={}, magnetic_force={})
 
@@ -56,23 +60,44 @@ def one(number: int, poses: str = "") -> dict[str, Any]:
         material[name] *= float(np.exp(rng.uniform(-0.22, 0.22)))
     truth = {name: material[name] for name in vary}
     body = type(start).from_si(data)
-    rows, last = ["magnet_z_mm,tip_angle_xz_deg" if poses else "field_z_mT,tip_x_mm,tip_y_mm,tip_z_mm"], None
+    rows, last = (
+        ["magnet_z_mm,tip_angle_xz_deg" if poses else "field_z_mT,tip_x_mm,tip_y_mm,tip_z_mm"],
+        None,
+    )
     for size in DISTANCES if poses else FIELDS:
         noise, off = rng.normal(0.0, NOISE, 3), rng.normal(0.0, ANGLE_NOISE)
-        there = Apparatus((0.0, 0.0, 1e-3 * size)).applied(body) if poses else body.with_field([0.0, 0.0, 1e-3 * size])
+        there = (
+            Apparatus((0.0, 0.0, 1e-3 * size)).applied(body)
+            if poses
+            else body.with_field([0.0, 0.0, 1e-3 * size])
+        )
         last = run(there, start=last)
-        tip, angle = 1e3 * (last.tip + noise), math.degrees(tip_angle(Axis.alone(last.centreline, last.tip), 2)[0]) + off
-        rows.append(f"{size},{angle:.6f}" if poses else f"{size},{tip[0]:.6f},{tip[1]:.6f},{tip[2]:.6f}")
+        tip, angle = (
+            1e3 * (last.tip + noise),
+            math.degrees(tip_angle(Axis.alone(last.centreline, last.tip), 2)[0]) + off,
+        )
+        rows.append(
+            f"{size},{angle:.6f}" if poses else f"{size},{tip[0]:.6f},{tip[1]:.6f},{tip[2]:.6f}"
+        )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "tips.csv"
         path.write_text("\n".join(rows) + "\n", encoding="utf-8")
         given = NOISE if number % 4 >= 2 else None
-        known = {"angle_noise": math.radians(ANGLE_NOISE) if given else None} if poses else {"noise": given}
+        known = (
+            {"angle_noise": math.radians(ANGLE_NOISE) if given else None}
+            if poses
+            else {"noise": given}
+        )
         found = fit(read_measured(path, start), start, vary=vary, **known, thorough=False)
     held = {}
     for each in found.constants:
         low, high = each.low or 0.0, math.inf if each.high is None else each.high
-        held[each.constant.kind] = {"true": truth[each.constant.kind], "low": low, "high": high, "method": each.method}
+        held[each.constant.kind] = {
+            "true": truth[each.constant.kind],
+            "low": low,
+            "high": high,
+            "method": each.method,
+        }
     about = {"number": number, "noise": "given" if given else "estimated"}
     return {**about, "constants": held, "seconds": found.seconds, "solves": found.solves}
 
@@ -84,22 +109,35 @@ def main(fits: str = "1000", first: str = "0", poses: str = "") -> int:
     begun = time.perf_counter()
     one(1, poses)  # kernels
     with multiprocessing.get_context("spawn").Pool(2) as pool:
-        done = list(pool.imap_unordered(partial(one, poses=poses), range(int(first), int(first) + int(fits)), chunksize=4))
+        done = list(
+            pool.imap_unordered(
+                partial(one, poses=poses), range(int(first), int(first) + int(fits)), chunksize=4
+            )
+        )
     groups: dict[tuple[str, str], list[bool]] = {}
     for each in done:
         for name, interval in each["constants"].items():
             held = interval["low"] <= interval["true"] <= interval["high"]
-            groups.setdefault((f"{name} of {len(each['constants'])}", each["noise"]), []).append(held)
+            groups.setdefault((f"{name} of {len(each['constants'])}", each["noise"]), []).append(
+                held
+            )
     print(f"{'constant':<24}{'noise':<12}{'intervals':>10}{'hold the truth':>16}")
     for (name, noise), held in sorted(groups.items()):
         print(f"{name:<24}{noise:<12}{len(held):>10}{100 * np.mean(held):>14.1f} %")
     every = [held for group in groups.values() for held in group]
     share, scatter = float(np.mean(every)), math.sqrt(0.95 * 0.05 / len(every))
     seconds = float(np.median([each["seconds"] for each in done]))
-    print(f"{len(done)} fits, {len(every)} intervals: {100 * share:.1f} % hold the truth (95 % +- {100 * scatter:.1f} % expected)")
+    print(
+        f"{len(done)} fits, {len(every)} intervals: {100 * share:.1f} % hold the truth (95 % +- {100 * scatter:.1f} % expected)"
+    )
     solves = np.median([each["solves"] for each in done])
-    print(f"median {seconds:.2f} s and {solves:.0f} solves a fit; {time.perf_counter() - begun:.0f} s in all")
-    machine.save(f"fit{'_' * bool(poses)}{poses}", {"share": share, "intervals": len(every), "seconds_per_fit": seconds, "fits": done})
+    print(
+        f"median {seconds:.2f} s and {solves:.0f} solves a fit; {time.perf_counter() - begun:.0f} s in all"
+    )
+    machine.save(
+        f"fit{'_' * bool(poses)}{poses}",
+        {"share": share, "intervals": len(every), "seconds_per_fit": seconds, "fits": done},
+    )
     return 0
 
 

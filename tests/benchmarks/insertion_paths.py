@@ -56,7 +56,9 @@ def path(kind: str, number: int) -> np.ndarray:
         size = np.pi / LENGTH * np.where(x < 0.5, first, second) * np.sin(2 * np.pi * x)
     else:
         size = np.deg2rad(rng.uniform(30.0, 110.0)) * np.pi / (2 * LENGTH) * np.sin(np.pi * x)
-    turn = rng.choice([-1.0, 1.0]) * np.deg2rad(rng.uniform(30.0, 120.0)) if kind == "spatial" else 0.0
+    turn = (
+        rng.choice([-1.0, 1.0]) * np.deg2rad(rng.uniform(30.0, 120.0)) if kind == "spatial" else 0.0
+    )
     angle = rng.uniform(0.0, 2 * np.pi) + turn * x
     rows = curve(size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), LENGTH / STEPS)
     return np.asarray(rows[:: STEPS // (ROWS - 1)])
@@ -68,7 +70,18 @@ def study_of(kind: str, number: int) -> Study:
     depths = tuple((LENGTH * np.arange(1, DEPTHS + 1) / DEPTHS).tolist())
     vary = Vary(magnetization=VaryMagnetization(), field=VaryField(max=MAX_FIELD, at="each depth"))
     name = f"{kind.replace(' ', '_')}_{number:02d}"
-    return Study(File(f"{name}.yaml"), name, scene, path(kind, number), vary, 4, "gauss-newton", 1, None, depths=depths)
+    return Study(
+        File(f"{name}.yaml"),
+        name,
+        scene,
+        path(kind, number),
+        vary,
+        4,
+        "gauss-newton",
+        1,
+        None,
+        depths=depths,
+    )
 
 
 def by_rods(study: Study) -> dict[str, object]:
@@ -82,17 +95,36 @@ def by_rods(study: Study) -> dict[str, object]:
     best = found[0]
     ends = [stops[-1] for stops in way.stops(best.directions, best.fields)]
     gaps = [np.linalg.norm(stop.position - stop.depth.path, axis=1) for stop in ends]
-    mean = float(np.mean([np.trapezoid(gap, end.depth.place) / end.depth.place[-1] for gap, end in zip(gaps, ends, strict=True)]))
+    mean = float(
+        np.mean(
+            [
+                np.trapezoid(gap, end.depth.place) / end.depth.place[-1]
+                for gap, end in zip(gaps, ends, strict=True)
+            ]
+        )
+    )
     bound = int(np.sum(np.linalg.norm(best.fields, axis=1) > BOUND * MAX_FIELD))
-    return {"mean_m": mean, "exit_m": float(gaps[-1][-1]), "rms_m": best.value, "bound": bound, "designs": len(found)}
+    return {
+        "mean_m": mean,
+        "exit_m": float(gaps[-1][-1]),
+        "rms_m": best.value,
+        "bound": bound,
+        "designs": len(found),
+    }
 
 
 def by_bodies(study: Study, out: File) -> dict[str, object]:
     """Error that the best trial of a study reaches, after the first with which it is solved, or after all."""
     row: dict[str, object] = {}
     for trials in range(1, study.trials + 1):
-        report = run_study(study, solve=run, differentiate=sensitivities, out=out / study.name, trials=trials)
-        row = _of_best(study, out / study.name, report.trials) if report.best is not None else NOT_FOUND
+        report = run_study(
+            study, solve=run, differentiate=sensitivities, out=out / study.name, trials=trials
+        )
+        row = (
+            _of_best(study, out / study.name, report.trials)
+            if report.best is not None
+            else NOT_FOUND
+        )
         if solved(row):
             break
     return row
@@ -109,13 +141,24 @@ def _of_best(study: Study, folder: File, trials: int) -> dict[str, object]:
         means.append(np.trapezoid(gap) / (len(gap) - 1))
         fields.append(np.linalg.norm(depth["field_T"]))
     bound = int(np.sum(np.array(fields) > BOUND * MAX_FIELD))
-    return {"mean_m": float(np.mean(means)), "exit_m": kept["exit_error_m"], "rms_m": kept["rms_m"], "bound": bound, "trials": trials}
+    return {
+        "mean_m": float(np.mean(means)),
+        "exit_m": kept["exit_error_m"],
+        "rms_m": kept["rms_m"],
+        "bound": bound,
+        "trials": trials,
+    }
 
 
 def solved(row: dict[str, object]) -> bool:
     """Return True if a path counts as solved."""
     mean, away = row["mean_m"], row["exit_m"]
-    return isinstance(mean, float) and isinstance(away, float) and mean <= MEAN * LENGTH and away <= EXIT
+    return (
+        isinstance(mean, float)
+        and isinstance(away, float)
+        and mean <= MEAN * LENGTH
+        and away <= EXIT
+    )
 
 
 def why(row: dict[str, object]) -> str:
@@ -128,14 +171,24 @@ def why(row: dict[str, object]) -> str:
 def rows_of(options: argparse.Namespace) -> Iterator[dict[str, object]]:
     """A row for each path, from the file or solved now."""
     file = options.out / "insertion_paths.jsonl"
-    known = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()] if file.exists() else []
+    known = (
+        [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+        if file.exists()
+        else []
+    )
     done = {(row["class"], row["number"]): row for row in known if row["rods"] == options.rods}
     for number in range(options.each):
         for kind in CLASSES:
             if (kind, number) not in done:
                 study, begun = study_of(kind, number), time.perf_counter()
                 found = by_rods(study) if options.rods else by_bodies(study, options.out)
-                row = {"class": kind, "number": number, "rods": options.rods, "seconds": time.perf_counter() - begun, **found}
+                row = {
+                    "class": kind,
+                    "number": number,
+                    "rods": options.rods,
+                    "seconds": time.perf_counter() - begun,
+                    **found,
+                }
                 with file.open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps(row) + "\n")
                 done[kind, number] = row
@@ -144,7 +197,9 @@ def rows_of(options: argparse.Namespace) -> Iterator[dict[str, object]]:
 
 def table(rows: list[dict[str, object]]) -> str:
     """The table of what is solved."""
-    lines = ["| class | paths | solved | mean deviation, % of length (median, mean) | exit error, mm (median) | not solved: why |"]
+    lines = [
+        "| class | paths | solved | mean deviation, % of length (median, mean) | exit error, mm (median) | not solved: why |"
+    ]
     lines.append("| --- | --- | --- | --- | --- | --- |")
     for kind in (*CLASSES, "all"):
         some = [row for row in rows if kind in ("all", row["class"])]
@@ -173,8 +228,13 @@ def main() -> None:
     for row in rows_of(options):
         rows.append(row)
         if len(rows) % len(CLASSES) == 0:
-            print(f"{len(rows)} of {options.each * len(CLASSES)}: {sum(map(solved, rows))} solved", flush=True)
-    print(f"exit counts {EXIT_WEIGHT} of the body in the search; solved: mean at most {100 * MEAN:g} %, exit at most {1e3 * EXIT:g} mm")
+            print(
+                f"{len(rows)} of {options.each * len(CLASSES)}: {sum(map(solved, rows))} solved",
+                flush=True,
+            )
+    print(
+        f"exit counts {EXIT_WEIGHT} of the body in the search; solved: mean at most {100 * MEAN:g} %, exit at most {1e3 * EXIT:g} mm"
+    )
     print(table(rows))
 
 

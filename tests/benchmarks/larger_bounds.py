@@ -61,14 +61,27 @@ def drawn(number: int) -> tuple[Scene, np.ndarray, list[float]]:
     unit = young_modulus(shear, 20 * shear) * second * MU0 / (remanence * area * length**2)
     bounds = [float(load * unit) for load in LOADS]
     body: dict[str, Any] = {"length": length, "material": "magnetic"}
-    body["segments"] = [{"magnetization": [1.0, 0.0, 0.0], "length": length / segments} for _ in range(segments)]
-    body |= {"width": width, "thickness": thickness} if strip else {"diameter": thickness, "inner_diameter": 0.0}
+    body["segments"] = [
+        {"magnetization": [1.0, 0.0, 0.0], "length": length / segments} for _ in range(segments)
+    ]
+    body |= (
+        {"width": width, "thickness": thickness}
+        if strip
+        else {"diameter": thickness, "inner_diameter": 0.0}
+    )
     effects: dict[str, Any] = {"magnetic_torque": {}}
     if draw.random() < 0.5:
         effects["gravity"] = {"acceleration": [0.0, 0.0, -9.81]}
     content = {
         "name": f"drawn {number}",
-        "materials": {"magnetic": {"shear_modulus": shear, "bulk_to_shear": 20, "density": 1900.0, "remanence": remanence}},
+        "materials": {
+            "magnetic": {
+                "shear_modulus": shear,
+                "bulk_to_shear": 20,
+                "density": 1900.0,
+                "remanence": remanence,
+            }
+        },
         "body": {"strip" if strip else "catheter": body},
         "field": {"uniform": [0.0, 0.0, bounds[0]]},
         "effects": effects,
@@ -120,7 +133,9 @@ def by_bodies(number: int, seed: int) -> list[float | None]:
     found: list[float | None] = []
     for bound in bounds:
         vary = Vary(magnetization=VaryMagnetization(), field=VaryField(max=bound))
-        study = Study(Path("drawn.yaml"), "drawn", scene, target, vary, TRIALS, "gauss-newton", seed, None)
+        study = Study(
+            Path("drawn.yaml"), "drawn", scene, target, vary, TRIALS, "gauss-newton", seed, None
+        )
         with tempfile.TemporaryDirectory() as folder:
             best = run_study(study, solve=run, differentiate=sensitivities, out=folder).best
         found.append(None if best is None else best["rms_m"])
@@ -144,13 +159,22 @@ def made(kind: str, number: int, seed: int) -> dict[str, Any]:
     begun = time.process_time()
     rms = by_rods(number, seed) if kind == "rods" else by_bodies(number, seed)
     scene = drawn(number)[0]
-    row = {"kind": kind, "target": number, "seed": seed, "body": scene.body.kind, "length_m": scene.length, "rms_m": rms}
+    row = {
+        "kind": kind,
+        "target": number,
+        "seed": seed,
+        "body": scene.body.kind,
+        "length_m": scene.length,
+        "rms_m": rms,
+    }
     return {**row, "cpu_s": round(time.process_time() - begun, 2)}
 
 
 def described(row: dict[str, Any]) -> str:
     """A row as a line."""
-    shares = ", ".join("none" if rms is None else f"{100 * rms / row['length_m']:.2f}" for rms in row["rms_m"])
+    shares = ", ".join(
+        "none" if rms is None else f"{100 * rms / row['length_m']:.2f}" for rms in row["rms_m"]
+    )
     places = worse(row["rms_m"], row["length_m"], FLOOR)
     verdict = f"; worse at load {', '.join(f'{LOADS[k]:g}' for k in places)}" if places else ""
     return f"{row['kind']}, target {row['target']} ({row['body']}), seed {row['seed']}: rms {shares} % of the length{verdict}"
@@ -160,7 +184,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--targets", type=int, default=40)
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--bodies", type=int, default=0, help="so many of the targets also by studies of bodies")
+    parser.add_argument(
+        "--bodies", type=int, default=0, help="so many of the targets also by studies of bodies"
+    )
     options = parser.parse_args()
     rows = json.loads(OUT.read_text()) if OUT.exists() else []
     known = {(row["kind"], row["target"], row["seed"]): row for row in rows}
@@ -179,8 +205,10 @@ def main() -> int:
         count = sum(len(worse(row["rms_m"], row["length_m"], FLOOR)) for row in counted)
         every = sum(len(worse(row["rms_m"], row["length_m"], 0.0)) for row in counted)
         if counted:
-            print(f"{kind}: {targets} targets, {options.seeds} seeds, {len(LOADS)} bounds: worse by more than {100 * RATIO - 100:.0f} % "
-                  f"within a larger bound: {count}; counting those within {100 * FLOOR:g} % of the length too: {every}")
+            print(
+                f"{kind}: {targets} targets, {options.seeds} seeds, {len(LOADS)} bounds: worse by more than {100 * RATIO - 100:.0f} % "
+                f"within a larger bound: {count}; counting those within {100 * FLOOR:g} % of the length too: {every}"
+            )
         status = status or int(count > 0)
     return status
 

@@ -20,7 +20,11 @@ from magmpm.scene import Scene, load_scene
 from magmpm.studies.explore.effects_costs import _records, counted
 
 SCENE = Path(__file__).resolve().parents[2] / "data/scenes/five_segments.yaml"
-SECONDS, REPEATS, PAIRS = 0.25, 9, 5  # steps of one measurement; number of measurements, and of pairs of them
+SECONDS, REPEATS, PAIRS = (
+    0.25,
+    9,
+    5,
+)  # steps of one measurement; number of measurements, and of pairs of them
 SETTLING = 2000  # steps until the body is bent and moves
 
 
@@ -115,7 +119,12 @@ def effect_costs() -> dict[str, float]:
     bare = build(lying)  # scenes whose bodies begin inside the ground or a wall are refused
     touching = {
         "ground": {"point": [0.0, 0.0, -0.4 * radius]},
-        "walls": {"tube": {"radius": 0.9 * radius, "path": [[-lying.length, 0.0, 0.0], [2 * lying.length, 0.0, 0.0]]}},
+        "walls": {
+            "tube": {
+                "radius": 0.9 * radius,
+                "path": [[-lying.length, 0.0, 0.0], [2 * lying.length, 0.0, 0.0]],
+            }
+        },
     }
     for effect, settings in touching.items():
         touches = lying.with_effects(**{effect: settings})
@@ -130,13 +139,20 @@ def touching_share(touches: Scene, effect: str) -> float:
     """Share of the points of the undeformed body's surface that are in contact."""
     from magmpm.effects.contact_law import at_rest, contact_of
 
-    named, model = touches.effects.named()[effect].records(touches), build(touches.with_effects(**{effect: None}))
+    named, model = (
+        touches.effects.named()[effect].records(touches),
+        build(touches.with_effects(**{effect: None})),
+    )
     x = touches.body.shape.surface(model.grid, base=not model.clamped_face).position
     return float(contact_of(named, at_rest(x), 1e-6)["count"]) / len(x)
 
 
 # Time that an effect adds to a step, by short runs in pairs on one thread: a busy machine disturbs them little.
-PAIRED, PART, STILL = 60, 0.004, 1e-12  # pairs of short runs; s, each; s, a step in which nothing moves
+PAIRED, PART, STILL = (
+    60,
+    0.004,
+    1e-12,
+)  # pairs of short runs; s, each; s, a step in which nothing moves
 
 
 def measured(scene: Scene, key: str, model: Model | None = None) -> float:
@@ -144,7 +160,10 @@ def measured(scene: Scene, key: str, model: Model | None = None) -> float:
 
     model: of the scene, or of one with the same body."""
     model, records = model or build(scene), _records(scene, key)
-    motion, bare = TotalMotion(replace(model, effects=records)), TotalMotion(replace(model, effects=()))
+    motion, bare = (
+        TotalMotion(replace(model, effects=records)),
+        TotalMotion(replace(model, effects=())),
+    )
     numba.set_num_threads(1)
     motion.advance(1, STILL, records)
     bare.advance(1, STILL, ())

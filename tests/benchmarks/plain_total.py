@@ -32,10 +32,14 @@ def particles_to_grid(cell, cells, particles, state, room, P, f, spare, high, ch
         det = load(room.J, 8 * (group - first))
         swollen = det - 1.0
         if particles.mode_count > 0:
-            swollen = _projected(particles.modes, particles.moments[group], particles.mode_count, room.c)
+            swollen = _projected(
+                particles.modes, particles.moments[group], particles.mode_count, room.c
+            )
         pressure = swollen * cells.bulk[cell]
         scale, I1, I2 = neo_hookean(room.F, at, det, cells.shear[cell], pressure, P)
-        stiff = stiffest(det, scale, I1, I2, pressure, cells.bulk[cell]) / load(particles.density, 8 * group)
+        stiff = stiffest(det, scale, I1, I2, pressure, cells.bulk[cell]) / load(
+            particles.density, 8 * group
+        )
         high = larger(stiff, high)
         change = larger(magnitude(stiff - load(state.stiffness, 8 * group)), change)
         store(state.stiffness, 8 * group, stiff)
@@ -65,12 +69,16 @@ def _sum_forces(most, cells, particles, state, slabs):
     for color in range(2):
         for half in prange((count + 1 - color) // 2):
             slab = 2 * half + color
-            room = CellRoom(np.empty(72 * most), np.empty(8 * most), np.empty(24 * most), np.empty(4))
+            room = CellRoom(
+                np.empty(72 * most), np.empty(8 * most), np.empty(24 * most), np.empty(4)
+            )
             P, f, spare = np.empty(72), np.zeros(24), np.empty(72)
             least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
                 least, bad = grid_to_particles(cell, cells, particles, state, room, least, bad)
-                high, change = particles_to_grid(cell, cells, particles, state, room, P, f, spare, high, change)
+                high, change = particles_to_grid(
+                    cell, cells, particles, state, room, P, f, spare, high, change
+                )
             see(slabs, slab, least, bad, high, change)
 
 
@@ -97,5 +105,18 @@ def advance(steps, dt, cells, particles, nodes, correction, state, watch, slabs)
 
 def steps_of(motion, steps, dt, u, v):  # type: ignore[no-untyped-def]
     """So many steps of dt (s) of a TotalMotion's body without effects, on displacements u and velocities v (3 nodes,), in place."""
-    p, state = motion.packed, State(u, v, motion.force, motion.stiffness, motion.anchor, motion.memory)
-    return advance(steps, dt, p.cells, p.particles, p.nodes, p.mass.correction, state, motion.watch, motion.slabs)
+    p, state = (
+        motion.packed,
+        State(u, v, motion.force, motion.stiffness, motion.anchor, motion.memory),
+    )
+    return advance(
+        steps,
+        dt,
+        p.cells,
+        p.particles,
+        p.nodes,
+        p.mass.correction,
+        state,
+        motion.watch,
+        motion.slabs,
+    )

@@ -35,13 +35,21 @@ def main() -> None:
 def asked(seed: int, draw_scene: Callable[[int], Scene] = drawn) -> Scene:
     """The scene of a seed, with the error it is asked for."""
     draw = np.random.default_rng([7, seed])
-    share, of = float(np.exp(draw.uniform(np.log(2e-4), np.log(2e-2)))), ("centreline", "tip")[int(draw.random() < 0.25)]
+    share, of = (
+        float(np.exp(draw.uniform(np.log(2e-4), np.log(2e-2)))),
+        ("centreline", "tip")[int(draw.random() < 0.25)],
+    )
     return Scene.from_si({**draw_scene(seed).to_si(), "resolution": {"error": share, "of": of}})
 
 
 def judged(scene: Scene, seed: int) -> dict[str, Any]:
     """One scene: asked, promised and true error (m), or why there is none."""
-    row: dict[str, Any] = {"seed": seed, "name": scene.name, "slenderness": scene.length / scene.thickness, "asked": scene.resolution.error}
+    row: dict[str, Any] = {
+        "seed": seed,
+        "name": scene.name,
+        "slenderness": scene.length / scene.thickness,
+        "asked": scene.resolution.error,
+    }
     begun = perf_counter()
     try:
         result = run(scene)
@@ -49,11 +57,26 @@ def judged(scene: Scene, seed: int) -> dict[str, Any]:
         return {**row, "failed": str(error)}
     assert result.resolution is not None
     cells = result.resolution["cells_across"]
-    row |= {"cells": cells, "promised": result.error_estimate, "length": scene.length, "of": scene.resolution.of}
-    row |= {"seconds": perf_counter() - begun - result.seconds["compile"], "proof": result.resolution["seconds_of_proof"]}
+    row |= {
+        "cells": cells,
+        "promised": result.error_estimate,
+        "length": scene.length,
+        "of": scene.resolution.of,
+    }
+    row |= {
+        "seconds": perf_counter() - begun - result.seconds["compile"],
+        "proof": result.resolution["seconds_of_proof"],
+    }
     row |= {"answer": result.resolution["seconds_of_answer"]}
     proof = result.resolution["finer"]["cells_across"]
-    reference = next((n for n in range(min(2 * proof, 16), proof, -1) if operations(scene.with_cells(n))[0] <= MOST_OPERATIONS), proof)
+    reference = next(
+        (
+            n
+            for n in range(min(2 * proof, 16), proof, -1)
+            if operations(scene.with_cells(n))[0] <= MOST_OPERATIONS
+        ),
+        proof,
+    )
     if reference < FINER * proof:
         return {**row, "failed": "no reference: a grid finer than the proof takes too long"}
     row["reference"] = reference
@@ -62,7 +85,9 @@ def judged(scene: Scene, seed: int) -> dict[str, Any]:
     except MagmpmError as error:
         return {**row, "failed": f"no reference: {error}"}
     tip = float(np.linalg.norm(result.tip - truth.tip))
-    row["true"] = tip if scene.resolution.of == "tip" else largest_distance(truth, result.centreline)
+    row["true"] = (
+        tip if scene.resolution.of == "tip" else largest_distance(truth, result.centreline)
+    )
     return {**row, "ratio": row["true"] / row["promised"]}
 
 

@@ -27,7 +27,10 @@ from magmpm.results.measures import centreline_at
 from magmpm.scene import Scene
 
 SLENDER, WALL = 15.0, 0.2  # most L/D; least wall over the outer radius
-MESHES = (0.32, 0.22)  # size of elements over the diameter; the second where the first knows too little
+MESHES = (
+    0.32,
+    0.22,
+)  # size of elements over the diameter; the second where the first knows too little
 KNOWN = 10.0  # times the promised error: orders 3 and 4 that differ by more need the second mesh
 PLACES = 21
 
@@ -36,7 +39,12 @@ def main() -> None:
     make_fem.ngs.SetNumThreads(1)
     make_fem.say = lambda *words: None
     options = options_of(__doc__, FIRST, 10, "promised_error_fem.json")
-    rows_of(options, judged, told, islice((seed for seed in count(options.first) if suits(asked(seed))), options.scenes))
+    rows_of(
+        options,
+        judged,
+        told,
+        islice((seed for seed in count(options.first) if suits(asked(seed))), options.scenes),
+    )
 
 
 def suits(scene: Scene) -> bool:
@@ -52,15 +60,32 @@ def case_of(scene: Scene) -> make_fem.Case:
     body, materials = scene.body.catheter, scene.materials
     segments = []
     for region, length in zip(scene.regions(), body.segment_lengths(), strict=True):
-        material, direction = materials[region.material_name], tuple(map(float, region.magnetization))
-        segments.append(make_fem.Segment(direction, float(length), material.shear_modulus, material.remanence * any(direction)))
+        material, direction = (
+            materials[region.material_name],
+            tuple(map(float, region.magnetization)),
+        )
+        segments.append(
+            make_fem.Segment(
+                direction,
+                float(length),
+                material.shear_modulus,
+                material.remanence * any(direction),
+            )
+        )
     gravity: Gravity | None = scene.effects.gravity
     first = next(iter(materials.values()))
     pull = (0.0, 0.0, 0.0) if gravity is None else tuple(map(float, gravity.acceleration))
     return make_fem.Case(
-        tuple(segments), body.diameter, tuple(map(float, scene.field.uniform)), pull, body.inner_diameter, first.bulk_to_shear,
-        first.density, steps=8, ramp_order=2 if first.bulk_to_shear < 50 else 3,
-    )  # fmt: skip
+        tuple(segments),
+        body.diameter,
+        tuple(map(float, scene.field.uniform)),
+        pull,
+        body.inner_diameter,
+        first.bulk_to_shear,
+        first.density,
+        steps=8,
+        ramp_order=2 if first.bulk_to_shear < 50 else 3,
+    )
 
 
 def judged(seed: int) -> dict[str, Any]:
@@ -68,7 +93,12 @@ def judged(seed: int) -> dict[str, Any]:
     scene = asked(seed)
     result = run(scene)
     assert result.resolution is not None
-    row: dict[str, Any] = {"seed": seed, "name": scene.name, "cells": result.resolution["cells_across"], "length": scene.length}
+    row: dict[str, Any] = {
+        "seed": seed,
+        "name": scene.name,
+        "cells": result.resolution["cells_across"],
+        "length": scene.length,
+    }
     row["promised"] = result.error_estimate
     case = case_of(scene)
     s = np.linspace(0.02, 0.98, PLACES) * scene.length
@@ -84,7 +114,9 @@ def judged(seed: int) -> dict[str, Any]:
     if scene.resolution.of == "tip":
         row["true"] = float(np.linalg.norm(result.tip - tips[-1]))
     else:
-        row["true"] = float(np.linalg.norm(centreline_at(result, s) - now.centreline(s), axis=1).max())
+        row["true"] = float(
+            np.linalg.norm(centreline_at(result, s) - now.centreline(s), axis=1).max()
+        )
     return {**row, "ratio": row["true"] / row["promised"]}
 
 

@@ -31,7 +31,11 @@ def main() -> None:
 
 def judged(scene: Scene, seed: int) -> dict[str, Any]:
     """One path: the largest true over the promised error, or why there is none."""
-    row: dict[str, Any] = {"seed": seed, "slenderness": scene.length / scene.thickness, "of": scene.resolution.of}
+    row: dict[str, Any] = {
+        "seed": seed,
+        "slenderness": scene.length / scene.thickness,
+        "of": scene.resolution.of,
+    }
     try:
         with limited(LIMIT, process_time):
             result = run(scene)
@@ -39,17 +43,27 @@ def judged(scene: Scene, seed: int) -> dict[str, Any]:
         assert result.error_estimate is not None
         cells = row["cells"] = result.resolution["cells_across"]
         row |= {"promised": result.error_estimate / scene.length, "jumps": len(result.jumps)}
-        row |= {"largest_at": result.resolution["largest_at"], "seconds": result.seconds["setup"] + result.seconds["solve"]}
+        row |= {
+            "largest_at": result.resolution["largest_at"],
+            "seconds": result.seconds["setup"] + result.seconds["solve"],
+        }
         runs = Runs(scene)
         for n in (cells, cells + MORE):
             with limited(LIMIT, process_time):
                 runs.solve(n)
     except MagmpmError as error:
         return {**row, "failed": str(error)}
-    skip = [*near_jumps(runs.frames[cells], runs.frames[cells + MORE]), *map(tuple, result.resolution["unknown"])]
+    skip = [
+        *near_jumps(runs.frames[cells], runs.frames[cells + MORE]),
+        *map(tuple, result.resolution["unknown"]),
+    ]
     off = runs.frames[cells].distances(runs.frames[cells + MORE], scene.resolution.of, skip)
     row["at"] = max(off, key=lambda t: off[t])
-    return {**row, "ratio": off[row["at"]] / result.error_estimate, "answer_seconds": runs.solved[cells].seconds}
+    return {
+        **row,
+        "ratio": off[row["at"]] / result.error_estimate,
+        "answer_seconds": runs.solved[cells].seconds,
+    }
 
 
 def told(row: dict[str, Any]) -> str:

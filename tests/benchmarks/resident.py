@@ -52,7 +52,9 @@ def main() -> int:
 
     from magmpm.solving.precompile import prepare_kernels
 
-    prepare_kernels(scene(cells=4))  # in other processes: otherwise the memory of the compiler would be the peak
+    prepare_kernels(
+        scene(cells=4)
+    )  # in other processes: otherwise the memory of the compiler would be the peak
     kept, few, _ = _moved(4)  # kernels, libraries
     del kept
     gc.collect()
@@ -61,7 +63,11 @@ def main() -> int:
     gc.collect()
     now = _resident() - before
     peak = _highest() - before
-    print(json.dumps({"now": now / many, "peak": peak / many, "counted": counted / many, "particles": many}))
+    print(
+        json.dumps(
+            {"now": now / many, "peak": peak / many, "counted": counted / many, "particles": many}
+        )
+    )
     assert few < many
     assert kept is not None
     return 0

@@ -29,23 +29,40 @@ def designs() -> list[tuple[str, Scene, np.ndarray]]:
     rng = np.random.default_rng(4)
     found = []
     for k, name in enumerate(("random", "near", "on target", "all alike", "gravity")):
-        directions = rng.normal(size=(5, 3)) if name != "all alike" else np.tile([1.0, 0.2, 0.1], (5, 1))
+        directions = (
+            rng.normal(size=(5, 3)) if name != "all alike" else np.tile([1.0, 0.2, 0.1], (5, 1))
+        )
         made = scene.with_magnetizations(directions)
         if name == "gravity":
             made = made.with_effects(gravity={})
         target = run(made).centreline[8::8]
-        away = {"random": 3e-3, "near": 5e-4, "on target": 0.0, "all alike": 2e-3, "gravity": 1e-3}[name]
+        away = {"random": 3e-3, "near": 5e-4, "on target": 0.0, "all alike": 2e-3, "gravity": 1e-3}[
+            name
+        ]
         share = (target[:, :1] / target[-1, 0]) ** 2
-        found.append((name, made, target + away * np.hstack([0 * share, share * np.random.default_rng(k).normal(size=3)])))
+        found.append(
+            (
+                name,
+                made,
+                target
+                + away * np.hstack([0 * share, share * np.random.default_rng(k).normal(size=3)]),
+            )
+        )
     return found
 
 
-def made_with_errors(scene: Scene, variables: tuple[Variable, ...], sizes: np.ndarray, rng: np.random.Generator) -> Scene:
+def made_with_errors(
+    scene: Scene, variables: tuple[Variable, ...], sizes: np.ndarray, rng: np.random.Generator
+) -> Scene:
     """The scene with errors drawn: directions tilted along great circles, materials multiplied."""
     data, errors = scene.to_si(), sizes * rng.normal(size=len(sizes))
     directions = np.array([region.magnetization for region in scene.regions()])
     for region in {v.region for v in variables if v.kind == "magnetization"}:
-        first, second = (errors[i] for i, v in enumerate(variables) if v.kind == "magnetization" and v.region == region)
+        first, second = (
+            errors[i]
+            for i, v in enumerate(variables)
+            if v.kind == "magnetization" and v.region == region
+        )
         across = np.array(tangents(directions[region])).T @ [first, second]
         angle = np.linalg.norm(across)
         directions[region] = math.cos(angle) * directions[region] + math.sin(angle) / angle * across
@@ -58,7 +75,9 @@ def made_with_errors(scene: Scene, variables: tuple[Variable, ...], sizes: np.nd
 def main(samples: str = "300") -> int:
     """Print the table, and write runs/bench/robust.json."""
     rows = []
-    print(f"{'design':<12}{'rms':>8}{'':>12}{'scatter':>9}{'mean rms':>10}{'sigma':>8}{'mean + 2 sigma':>16}   (mm)")
+    print(
+        f"{'design':<12}{'rms':>8}{'':>12}{'scatter':>9}{'mean rms':>10}{'sigma':>8}{'mean + 2 sigma':>16}   (mm)"
+    )
     for name, scene, target in designs():
         begun = time.perf_counter()
         found = sensitivities(scene, of=kinds(ERRORS))
@@ -66,24 +85,46 @@ def main(samples: str = "300") -> int:
         expected = Scatter(gaps(found.result, target), gap_derivatives(found, target) * sizes)
         seconds = time.perf_counter() - begun
         rng = np.random.default_rng([7, len(rows)])
-        shapes = [gaps(run(made_with_errors(scene, found.variables, sizes, rng)), target) for _ in range(int(samples))]
+        shapes = [
+            gaps(run(made_with_errors(scene, found.variables, sizes, rng)), target)
+            for _ in range(int(samples))
+        ]
         values = np.array([root_mean_square(g) for g in shapes])
         apart = np.array([np.mean(np.sum((g - expected.gaps) ** 2, axis=1)) for g in shapes])
-        sampled = np.array([math.sqrt(apart.mean()), values.mean(), values.std(ddof=1), values.mean() + 2 * values.std(ddof=1)])
+        sampled = np.array(
+            [
+                math.sqrt(apart.mean()),
+                values.mean(),
+                values.std(ddof=1),
+                values.mean() + 2 * values.std(ddof=1),
+            ]
+        )
         first_order = np.array([expected.scatter, *expected.moments(), expected.measure])
         off = first_order / sampled - 1
         nominal = 1e3 * root_mean_square(expected.gaps)
-        print(f"{name:<12}{nominal:>8.3f}{'first order':>12}" + _row(1e3 * first_order) + f"   {seconds:.2f} s")
+        print(
+            f"{name:<12}{nominal:>8.3f}{'first order':>12}"
+            + _row(1e3 * first_order)
+            + f"   {seconds:.2f} s"
+        )
         print(f"{'':<20}{samples + ' solves':>12}" + _row(1e3 * sampled))
         print(f"{'':<20}{'apart':>12}" + _row(100 * off, "+", 1) + " %", flush=True)
-        row = {"design": name, "rms_m": nominal / 1e3, "first_order_m": first_order.tolist(), "sampled_m": sampled.tolist()}
+        row = {
+            "design": name,
+            "rms_m": nominal / 1e3,
+            "first_order_m": first_order.tolist(),
+            "sampled_m": sampled.tolist(),
+        }
         rows.append({**row, "apart": off.tolist()})
     machine.save("robust", rows)
     return 0
 
 
 def _row(values: np.ndarray, sign: str = "-", digits: int = 3) -> str:
-    return "".join(f"{value:>{sign}{width}.{digits}f}" for value, width in zip(values, (9, 10, 8, 16), strict=True))
+    return "".join(
+        f"{value:>{sign}{width}.{digits}f}"
+        for value, width in zip(values, (9, 10, 8, 16), strict=True)
+    )
 
 
 if __name__ == "__main__":

@@ -19,7 +19,20 @@ import numpy as np
 
 DATA = Path(__file__).resolve().parents[2] / "data"
 TRIALS = 3  # of each study
-UNTOLD = ("seconds", "wall", "compile", "rate", "per_second", "version", "path", "folder", "files", "memory", "threads", "hash")
+UNTOLD = (
+    "seconds",
+    "wall",
+    "compile",
+    "rate",
+    "per_second",
+    "version",
+    "path",
+    "folder",
+    "files",
+    "memory",
+    "threads",
+    "hash",
+)
 
 
 def run_all(folder: Path, only: str) -> None:
@@ -27,12 +40,24 @@ def run_all(folder: Path, only: str) -> None:
     for scene in sorted(path for path in (DATA / "scenes").rglob("*.yaml") if only in path.stem):
         run(["run", str(scene), "--out", str(folder / scene.stem)])
     for study in sorted(path for path in (DATA / "studies").glob("*.yaml") if only in path.stem):
-        run(["design", str(study), "--no-pictures", "--trials", str(TRIALS), "--out", str(folder / study.stem)])
+        run(
+            [
+                "design",
+                str(study),
+                "--no-pictures",
+                "--trials",
+                str(TRIALS),
+                "--out",
+                str(folder / study.stem),
+            ]
+        )
 
 
 def run(words: list[str]) -> None:
     print("magmpm", *words, flush=True)
-    done = subprocess.run([sys.executable, "-m", "magmpm.cli", *words], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "magmpm.cli", *words], capture_output=True, text=True, check=False
+    )
     if done.returncode:
         print(f"status {done.returncode}: {done.stderr.strip()}", flush=True)
 
@@ -43,14 +68,25 @@ def numbers(folder: Path) -> Iterator[tuple[str, np.ndarray]]:
         name = str(path.relative_to(folder))
         if path.suffix == ".npz":
             with np.load(path, allow_pickle=False) as arrays:
-                yield from ((f"{name}:{key}", arrays[key]) for key in arrays.files if arrays[key].dtype.kind in "fiub")
+                yield from (
+                    (f"{name}:{key}", arrays[key])
+                    for key in arrays.files
+                    if arrays[key].dtype.kind in "fiub"
+                )
         elif path.suffix == ".vtkhdf":
             with h5py.File(path) as file:
                 keys: list[str] = []
                 file.visit(keys.append)
-                yield from ((f"{name}:{key}", file[key][()]) for key in keys if getattr(file[key], "dtype", np.dtype("O")).kind in "fiub")
+                yield from (
+                    (f"{name}:{key}", file[key][()])
+                    for key in keys
+                    if getattr(file[key], "dtype", np.dtype("O")).kind in "fiub"
+                )
         elif path.name == "result.json":
-            yield from ((f"{name}:{key}", np.array([value])) for key, value in leaves(json.loads(path.read_text()), ""))
+            yield from (
+                (f"{name}:{key}", np.array([value]))
+                for key, value in leaves(json.loads(path.read_text()), "")
+            )
         elif path.suffix == ".db":
             with sqlite3.connect(path) as base:
                 for table, column in (("trial_params", "param_value"), ("trial_values", "value")):
@@ -85,21 +121,28 @@ def compare(old: Path, new: Path, tolerance: float) -> int:
     """Print one line per results folder; return 1 if one differs by more than the tolerance or is missing, else 0."""
     bad = 0
     for folder in sorted(p for p in old.iterdir() if p.is_dir()):
-        before, after = dict(numbers(folder)), dict(numbers(new / folder.name)) if (new / folder.name).exists() else {}
+        before, after = (
+            dict(numbers(folder)),
+            dict(numbers(new / folder.name)) if (new / folder.name).exists() else {},
+        )
         apart = {key: difference(before[key], after[key]) for key in before if key in after}
         missing = [key for key in before if key not in after]
         worst = max(apart, key=lambda key: apart[key], default="")
         failed = not before or missing or apart.get(worst, np.inf) > tolerance
         bad += bool(failed)
         word, size = "DIFFERS" if failed else "same", apart.get(worst, np.inf)
-        print(f"{word:<8} {folder.name:<24} {len(apart):5d} arrays, largest difference {size:.1e} {worst if size else ''}")
+        print(
+            f"{word:<8} {folder.name:<24} {len(apart):5d} arrays, largest difference {size:.1e} {worst if size else ''}"
+        )
         if missing:
             print("    missing:", ", ".join(missing[:5]))
     return int(bad > 0)
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     words = parser.add_subparsers(dest="word", required=True)
     one = words.add_parser("run")
     one.add_argument("folder", type=Path)

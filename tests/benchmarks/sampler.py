@@ -27,10 +27,19 @@ def rows_of(sampler: str, name: str, seeds: int) -> list[dict[str, Any]]:
     for seed in range(1, seeds + 1):
         with tempfile.TemporaryDirectory() as folder:
             asked = replace(study, seed=seed, start=start or None, stop_rms=2e-3)
-            report = run_study(asked, solve=run, differentiate=sensitivities, out=folder, sampler=chosen)
+            report = run_study(
+                asked, solve=run, differentiate=sensitivities, out=folder, sampler=chosen
+            )
         first = report.first_trial_below_stop
         best = None if report.best is None else 1e3 * report.best["rms_m"]
-        rows.append({"study": name, "seed": seed, "reached_in": None if first is None else first + 1, "best_mm": best})
+        rows.append(
+            {
+                "study": name,
+                "seed": seed,
+                "reached_in": None if first is None else first + 1,
+                "best_mm": best,
+            }
+        )
         reached = "not within 35" if first is None else f"trial {first + 1}"
         print(f"{name:<10} seed {seed}: {reached:<14} best {best:.2f} mm", flush=True)
     return rows

@@ -21,12 +21,18 @@ from pathlib import Path
 import machine
 
 ROOT = machine.ROOT
-STUDY, SCENE = str(ROOT / "data/studies/s_shape.yaml"), str(ROOT / "data/scenes/axial_transverse.yaml")
+STUDY, SCENE = (
+    str(ROOT / "data/studies/s_shape.yaml"),
+    str(ROOT / "data/scenes/axial_transverse.yaml"),
+)
 REPEATS = 5
 BOUND = 1.0  # s, for all but --help
 NOTHING = {  # what makes each command begin, with a file that is not there
     "--help": [],
-    **{key: ["no.yaml"] for key in ("run", "design", "accuracy", "effects", "view", "map", "prepare")},
+    **{
+        key: ["no.yaml"]
+        for key in ("run", "design", "accuracy", "effects", "view", "map", "prepare")
+    },
     **{key: ["no"] for key in ("render", "dashboard", "report")},
     "fit": ["no.csv", "no.yaml"],
     "doctor": ["--help"],
@@ -46,7 +52,13 @@ def begun(arguments: list[str], folder: str, env: Mapping[str, str]) -> tuple[fl
     best = (float("inf"), float("inf"))
     for _ in range(REPEATS):
         before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        subprocess.run([sys.executable, "-m", "magmpm.cli", *arguments], capture_output=True, check=False, cwd=folder, env=env)
+        subprocess.run(
+            [sys.executable, "-m", "magmpm.cli", *arguments],
+            capture_output=True,
+            check=False,
+            cwd=folder,
+            env=env,
+        )
         wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
         used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
         best = min(best[0], wall), min(best[1], used)
@@ -56,9 +68,13 @@ def begun(arguments: list[str], folder: str, env: Mapping[str, str]) -> tuple[fl
 def main() -> int:
     """Print the table, and write runs/bench/startup.json."""
     rows = []
-    print(f"{'command':<24}{'wall (s)':>10}{'processor (s)':>15}{'bound (s)':>11}{'no bytecode (s)':>17}")
+    print(
+        f"{'command':<24}{'wall (s)':>10}{'processor (s)':>15}{'bound (s)':>11}{'no bytecode (s)':>17}"
+    )
     with tempfile.TemporaryDirectory() as folder:
-        Path(folder, "tips.csv").write_text("field_z_mT,tip_x_mm,tip_z_mm\n5,20,5\n", encoding="utf-8")
+        Path(folder, "tips.csv").write_text(
+            "field_z_mT,tip_x_mm,tip_z_mm\n5,20,5\n", encoding="utf-8"
+        )
         kept = {**os.environ, "PYTHONPYCACHEPREFIX": str(Path(folder, "bytecode"))}
         kept.pop("PYTHONDONTWRITEBYTECODE", None)
         bare = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
@@ -68,7 +84,15 @@ def main() -> int:
             wall, used = begun(arguments, folder, kept)
             without = begun(arguments, folder, bare)[0]
             bound = 0.3 if name == "--help" else BOUND
-            rows.append({"command": name, "wall_s": wall, "processor_s": used, "bound_s": bound, "no_bytecode_s": without})
+            rows.append(
+                {
+                    "command": name,
+                    "wall_s": wall,
+                    "processor_s": used,
+                    "bound_s": bound,
+                    "no_bytecode_s": without,
+                }
+            )
             print(f"{name:<24}{wall:>10.2f}{used:>15.2f}{bound:>11.1f}{without:>17.2f}", flush=True)
     machine.save("startup", rows)
     return 0

@@ -18,8 +18,14 @@ CELLS = (2, 3, 4, 6, 8)
 
 def main() -> int:
     """Print the table."""
-    print("largest distance of the axis, % of length (Newton steps), by cells across; order fitted from 4 to 8")
-    print(f"{'case':<38}{'F-bar':>6}{'of reference':>14}" + "".join(f"{n:>14}" for n in CELLS) + f"{'order':>8}")
+    print(
+        "largest distance of the axis, % of length (Newton steps), by cells across; order fitted from 4 to 8"
+    )
+    print(
+        f"{'case':<38}{'F-bar':>6}{'of reference':>14}"
+        + "".join(f"{n:>14}" for n in CELLS)
+        + f"{'order':>8}"
+    )
     for name, problem in finite_element_problems(ROOT / "data/references/fem.json").items():
         for locking in ("f-bar", "none"):
             row, errors = [], []
@@ -34,7 +40,10 @@ def main() -> int:
             known = len(errors) == len(CELLS)
             order = np.polyfit(np.log(CELLS[2:]), np.log(errors[2:]), 1)[0] if known else np.nan
             yes = "yes" if locking == "f-bar" else "no"
-            print(f"{name:<38}{yes:>6}{100 * problem.error:14.4f}" + "".join(row) + f"{-order:8.1f}", flush=True)
+            print(
+                f"{name:<38}{yes:>6}{100 * problem.error:14.4f}" + "".join(row) + f"{-order:8.1f}",
+                flush=True,
+            )
     return 0
 
 

@@ -63,7 +63,15 @@ def measured(count: int) -> dict[str, Any]:
     out: dict[str, Any] = {"drawn_per_second": rates["drawn"], "solved_per_second": rates["solved"]}
     for state in ("preview", "solved"):
         of = [one["ms"] for one in times if one["state"] == state]
-        out[state] = {"median_ms": float(np.median(of)), "p95_ms": float(np.quantile(of, 0.95)), "count": len(of)} if of else None
+        out[state] = (
+            {
+                "median_ms": float(np.median(of)),
+                "p95_ms": float(np.quantile(of, 0.95)),
+                "count": len(of),
+            }
+            if of
+            else None
+        )
     return out
 
 

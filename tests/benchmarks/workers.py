@@ -31,17 +31,36 @@ def rate(workers: int | None, pictures: bool) -> float:
     fill_cache(study.scene, uses=kernel_uses(study))
     with tempfile.TemporaryDirectory() as folder, Renderer() as renderer:
         picture = TrialPicture(study, False, renderer) if pictures else None
-        run_study(study, solve=run, differentiate=sensitivities, picture=picture, out=folder, trials=TRIALS, workers=workers)
+        run_study(
+            study,
+            solve=run,
+            differentiate=sensitivities,
+            picture=picture,
+            out=folder,
+            trials=TRIALS,
+            workers=workers,
+        )
         kept = optuna.load_study(study_name=study.name, storage=f"sqlite:///{folder}/study.db")
-        ends = sorted(trial.datetime_complete for trial in kept.trials if trial.datetime_complete is not None)
+        ends = sorted(
+            trial.datetime_complete for trial in kept.trials if trial.datetime_complete is not None
+        )
         return (len(ends) - WARM) / (ends[-1] - ends[WARM - 1]).total_seconds()
 
 
 def on_one_thread(pictures: bool) -> float:
     """Trials a second of one process that solves with one thread. Threads are counted once, when a process loads them: it is a new one."""
-    env = {**os.environ, "NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    env = {
+        **os.environ,
+        "NUMBA_NUM_THREADS": "1",
+        "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+    }
     command = [sys.executable, __file__, "--pictures" if pictures else "--alone"]
-    return float(subprocess.run(command, env=env, capture_output=True, text=True, check=True).stdout.split()[-1])
+    return float(
+        subprocess.run(command, env=env, capture_output=True, text=True, check=True).stdout.split()[
+            -1
+        ]
+    )
 
 
 def main() -> int:
@@ -54,8 +73,17 @@ def main() -> int:
     for pictures in (False, True):
         one, two, single = rate(None, pictures), rate(2, pictures), on_one_thread(pictures)
         what = "with pictures" if pictures else "without pictures"
-        found[what] = {"one": one, "two": two, "ratio": two / one, "one_thread": single, "ratio_to_one_thread": two / single}
-        print(f"{what}: one {one:.2f}, two {two:.2f} trials a second; {two / one:.2f} times", flush=True)
+        found[what] = {
+            "one": one,
+            "two": two,
+            "ratio": two / one,
+            "one_thread": single,
+            "ratio_to_one_thread": two / single,
+        }
+        print(
+            f"{what}: one {one:.2f}, two {two:.2f} trials a second; {two / one:.2f} times",
+            flush=True,
+        )
         print(f"    one on one thread {single:.2f}; two {two / single:.2f} times that", flush=True)
     machine.save("workers", found)
     return 0

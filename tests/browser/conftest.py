@@ -17,15 +17,23 @@ ROOT = Path(__file__).resolve().parents[2]
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 # No display and no graphics card is needed: SwiftShader draws. What else a browser would ask the network for is switched off.
 FLAGS = [
-    "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-]  # fmt: skip
+    "--no-sandbox",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+]
 
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
     """Playwright's browser."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed: make test-browser")
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="Playwright is not installed: make test-browser"
+    )
     found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     if found is None:
         pytest.skip("no Chromium: apt-get install chromium")
@@ -43,12 +51,19 @@ def view(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Any]]:
     def open_page(scene: Path, *options: str) -> Any:
         usual = ["--json", "--port", "0", "--out", str(tmp_path / "out")]
         command = [sys.executable, "-m", "magmpm.cli", "view", str(scene), *usual, *options]
-        server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT)
+        server = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
+        )
         servers.append(server)
         line = server.stdout.readline()
         assert line, server.stderr.read() if server.stderr else ""
         page = browser.new_page(viewport={"width": 1280, "height": 800})
-        page.on("console", lambda message: troubles.append(message.text) if message.type in ("error", "warning") else None)
+        page.on(
+            "console",
+            lambda message: (
+                troubles.append(message.text) if message.type in ("error", "warning") else None
+            ),
+        )
         page.on("pageerror", lambda error: troubles.append(str(error)))
         page.goto(json.loads(line)["url"])
         return page

@@ -29,7 +29,13 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from magmpm.studies.search.definition import load_study
 
     folder = tmp_path_factory.mktemp("study")
-    study = load_study(write_study(folder, STUDY + "stability: {margin: 0.1}\n", SCENE.replace("cells_across: 4", "cells_across: 2")))
+    study = load_study(
+        write_study(
+            folder,
+            STUDY + "stability: {margin: 0.1}\n",
+            SCENE.replace("cells_across: 4", "cells_across: 2"),
+        )
+    )
     calls: list[Scene] = []
 
     def sometimes(scene: Scene, **options: Any) -> Any:
@@ -42,7 +48,13 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
             return found
         return run(scene)
 
-    run_study(study, solve=sometimes, picture=TrialPicture(study, smooth=False), out=folder / "out", trials=6)
+    run_study(
+        study,
+        solve=sometimes,
+        picture=TrialPicture(study, smooth=False),
+        out=folder / "out",
+        trials=6,
+    )
     return folder / "out"
 
 
@@ -82,7 +94,9 @@ def test_what_the_dashboard_is_told(served: Any, out: Path) -> None:
     _, detail = study_of(served)
     states = [trial["state"] for trial in detail["trials"]]
     assert states == ["Complete", "Complete", "Fail", "Complete", "Complete", "Complete"]
-    assert [max(trial["constraints"], default=0.0) > 0 for trial in detail["trials"]] == [False] * 4 + [True, False]
+    assert [max(trial["constraints"], default=0.0) > 0 for trial in detail["trials"]] == [
+        False
+    ] * 4 + [True, False]
     assert "Not solved: the body &#60;b&#62;folded" in detail["trials"][2]["note"]["body"]
     assert "Refused: stability 0.01 is below the margin" in detail["trials"][4]["note"]["body"]
     for trial in detail["trials"]:
@@ -119,7 +133,11 @@ def test_what_failed_and_what_is_infeasible(page: Any, served: Any) -> None:
         page.goto(f"{served.address}/dashboard/studies/{number}/trials?numbers={trial}")
         page.get_by_text(f"Trial {trial} (trial_id=").first.wait_for(timeout=60000)
         chips = page.locator(".MuiChip-label").all_inner_texts()
-        assert [chips.count(name) for name in ("Complete", "Fail", "Infeasible")] == [4 + (trial == 0), 1 + (trial == 2), 1 + (trial == 4)]
+        assert [chips.count(name) for name in ("Complete", "Fail", "Infeasible")] == [
+            4 + (trial == 0),
+            1 + (trial == 2),
+            1 + (trial == 4),
+        ]
         assert state in chips
     page.goto(f"{served.address}/dashboard/studies/{number}/smartSelection")
     page.get_by_role("cell", name="Infeasible").wait_for(timeout=60000)
@@ -137,7 +155,9 @@ def test_the_study(page: Any, served: Any) -> None:
     page.get_by_text("Reproduce:").first.wait_for(timeout=30000)
 
 
-@pytest.mark.parametrize("place", ["", "/graph", "/trials?numbers=0", "/trialTable", "/smartSelection", "/note"])
+@pytest.mark.parametrize(
+    "place", ["", "/graph", "/trials?numbers=0", "/trialTable", "/smartSelection", "/note"]
+)
 def test_on_a_phone_nothing_scrolls_sideways(place: str, page: Any, served: Any) -> None:
     """420 px wide. What is wide, such as the table of trials, scrolls in a box of its own."""
     number, _ = study_of(served)
@@ -151,7 +171,9 @@ def test_on_a_phone_nothing_scrolls_sideways(place: str, page: Any, served: Any)
         page.set_viewport_size({"width": 1400, "height": 1000})
 
 
-def test_the_list_of_studies_has_no_button_that_would_be_refused(page: Any, browser: Any, served: Any, out: Path, tmp_path: Path) -> None:
+def test_the_list_of_studies_has_no_button_that_would_be_refused(
+    page: Any, browser: Any, served: Any, out: Path, tmp_path: Path
+) -> None:
     """Begun with --write, it has."""
     from dashboard_client import dashboard
 

@@ -29,13 +29,16 @@ def settled(page: Any, kind: str = "solved") -> None:
 
 def pixels(page: Any) -> np.ndarray:
     """The picture without the panel."""
-    return np.asarray(Image.open(io.BytesIO(page.locator("#stage").screenshot())).convert("RGB"), dtype=int)
+    return np.asarray(
+        Image.open(io.BytesIO(page.locator("#stage").screenshot())).convert("RGB"), dtype=int
+    )
 
 
 def turn(page: Any, slider: str, value: float) -> None:
     """Move a slider as a hand does."""
     page.locator(f'input[data-id="{slider}"]').evaluate(
-        "(slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input', { bubbles: true })); }", value
+        "(slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input', { bubbles: true })); }",
+        value,
     )
 
 
@@ -57,7 +60,9 @@ def test_a_slider_moves_the_body(view: View) -> None:
     np.testing.assert_allclose(tip(page), run(scene).tip, atol=SAID)
     before = pixels(page)
     turn(page, "field.z", -6.0)
-    assert page.locator("#state").get_attribute("class") != "solved"  # at once: what is shown is not yet that of the new value
+    assert (
+        page.locator("#state").get_attribute("class") != "solved"
+    )  # at once: what is shown is not yet that of the new value
     settled(page)
     moved = np.abs(pixels(page) - before).max(axis=2) > 40
     assert moved.mean() > 0.01  # of the picture: the body is elsewhere
@@ -70,9 +75,13 @@ def test_strength_and_direction_turn_the_components(view: View) -> None:
     settled(page)
     turn(page, "polar.strength", 5.0)
     for axis, value in (("x", 0.0), ("y", 3.0), ("z", 4.0)):  # of [0, 6, 8] mT
-        assert float(page.locator(f'input[data-number="field.{axis}"]').input_value()) == pytest.approx(value, abs=0.02)
+        assert float(
+            page.locator(f'input[data-number="field.{axis}"]').input_value()
+        ) == pytest.approx(value, abs=0.02)
     turn(page, "field.z", 0.0)
-    assert float(page.locator('input[data-number="polar.elevation"]').input_value()) == pytest.approx(0.0, abs=0.5)
+    assert float(
+        page.locator('input[data-number="polar.elevation"]').input_value()
+    ) == pytest.approx(0.0, abs=0.5)
     settled(page)
 
 
@@ -99,7 +108,9 @@ def test_old_shapes_are_never_told_as_new(view: View) -> None:
     assert wrong == []
     settled(page)
     scene = load_scene(FIVE)
-    np.testing.assert_allclose(tip(page), run(scene.with_field([0.0, 6e-3, 0.55e-3])).tip, atol=SAID)
+    np.testing.assert_allclose(
+        tip(page), run(scene.with_field([0.0, 6e-3, 0.55e-3])).tip, atol=SAID
+    )
 
 
 def test_a_saved_scene_gives_the_same_shape(view: View) -> None:
@@ -152,7 +163,9 @@ def test_a_magnet_can_be_moved(view: View) -> None:
     before = tip(page)
     turn(page, "magnet.0.z", -20.0)
     settled(page)
-    np.testing.assert_allclose(tip(page), before * [1, 1, -1], atol=2e-5)  # its mirror image, to the table's error
+    np.testing.assert_allclose(
+        tip(page), before * [1, 1, -1], atol=2e-5
+    )  # its mirror image, to the table's error
     turn(page, "magnet.0.z", 0.0)
     turn(page, "magnet.0.x", 30.0)
     settled(page, "failed")
@@ -161,8 +174,13 @@ def test_a_magnet_can_be_moved(view: View) -> None:
 
 def test_a_motion_plays_pauses_and_scrubs(view: View, tmp_path: Path) -> None:
     """It is run first; frames appear while it runs."""
-    solver, field = "{dynamic: {duration: 10 ms, output_every: 0.2 ms}}", "{uniform: [0 mT, 0 mT, 27 mT]}"
-    (tmp_path / "swing.yaml").write_text(scene_text("swing", field=field, solver=solver, advice="off"), encoding="utf-8")
+    solver, field = (
+        "{dynamic: {duration: 10 ms, output_every: 0.2 ms}}",
+        "{uniform: [0 mT, 0 mT, 27 mT]}",
+    )
+    (tmp_path / "swing.yaml").write_text(
+        scene_text("swing", field=field, solver=solver, advice="off"), encoding="utf-8"
+    )
     page = view(tmp_path / "swing.yaml")
     settled(page)
     assert "51 frames" in page.locator("#state").inner_text()
@@ -176,7 +194,9 @@ def test_a_motion_plays_pauses_and_scrubs(view: View, tmp_path: Path) -> None:
     page.locator("#scrub").evaluate("(s) => { s.value = 0; s.dispatchEvent(new Event('input')); }")
     page.wait_for_timeout(500)
     first = pixels(page)
-    page.locator("#scrub").evaluate("(s) => { s.value = s.max; s.dispatchEvent(new Event('input')); }")
+    page.locator("#scrub").evaluate(
+        "(s) => { s.value = s.max; s.dispatchEvent(new Event('input')); }"
+    )
     page.wait_for_timeout(500)
     assert "10.0 ms" in page.locator("#player .time").inner_text()
     assert (np.abs(pixels(page) - first).max(axis=2) > 40).mean() > 0.005
@@ -198,7 +218,12 @@ def test_a_narrow_window_shows_body_and_sliders(view: View) -> None:
     page = view(FIVE, "--cells", "2")
     page.set_viewport_size({"width": 420, "height": 800})
     settled(page)
-    assert page.evaluate("Math.max(document.documentElement.scrollWidth, document.getElementById('panel').scrollWidth)") <= 420
+    assert (
+        page.evaluate(
+            "Math.max(document.documentElement.scrollWidth, document.getElementById('panel').scrollWidth)"
+        )
+        <= 420
+    )
     box = page.locator("#view").bounding_box()
     assert box["width"] >= 400
     assert box["height"] >= 200
@@ -211,7 +236,10 @@ def test_a_narrow_window_shows_body_and_sliders(view: View) -> None:
     page.get_by_role("button", name="Save this scene").scroll_into_view_if_needed()
     settled(page)
     labels = page.locator("label.slider:visible input[type=number]")
-    assert all(labels.nth(k).bounding_box()["x"] + labels.nth(k).bounding_box()["width"] <= 420 for k in range(3))
+    assert all(
+        labels.nth(k).bounding_box()["x"] + labels.nth(k).bounding_box()["width"] <= 420
+        for k in range(3)
+    )
 
 
 def test_html_in_names_is_shown_as_text(view: View, tmp_path: Path) -> None:

@@ -26,7 +26,9 @@ PATIENCE = 120.0  # s until a server answers
 def command(words: list[str], quick: bool) -> list[str]:
     """Command that is run for a line of a page."""
     if words[0] == "magmpm":
-        fewer = ["--trials", "2"] if quick and words[1] == "design" and "--trials" not in words else []
+        fewer = (
+            ["--trials", "2"] if quick and words[1] == "design" and "--trials" not in words else []
+        )
         return [*MAGMPM, *words[1:], *fewer]
     if words[0] == "python":
         return [sys.executable, *words[1:]]
@@ -43,7 +45,14 @@ def serve(words: list[str]) -> None:
     browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
     try:
         assert server.stderr is not None
-        begun, address = time.monotonic(), next(found[0] for line in server.stderr if (found := re.search(rf"http://\S+:{port}\S*", line)))
+        begun, address = (
+            time.monotonic(),
+            next(
+                found[0]
+                for line in server.stderr
+                if (found := re.search(rf"http://\S+:{port}\S*", line))
+            ),
+        )
         while True:
             try:
                 with browser.open(address, timeout=10) as answer:
@@ -78,7 +87,10 @@ def main(arguments: list[str]) -> int:
                 else:
                     subprocess.run(command(words, quick), check=True, timeout=1800)
         except Exception as error:
-            print(f"line {line}: {kind}: {text.strip().splitlines()[0]}: {type(error).__name__}: {error}", file=sys.stderr)
+            print(
+                f"line {line}: {kind}: {text.strip().splitlines()[0]}: {type(error).__name__}: {error}",
+                file=sys.stderr,
+            )
             return 1
         print(f"line {line}: {kind}: {time.monotonic() - begun:.1f} s", file=sys.stderr)
     return 0

@@ -16,9 +16,25 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
-SETUP = ("make", "pip", "apt-get", "sudo", ".", "cd", "git", "python3", "docker", "sbatch", "kubectl", "paraview")
+SETUP = (
+    "make",
+    "pip",
+    "apt-get",
+    "sudo",
+    ".",
+    "cd",
+    "git",
+    "python3",
+    "docker",
+    "sbatch",
+    "kubectl",
+    "paraview",
+)
 SERVERS = ("dashboard", "view")  # commands that serve until they are ended
-FENCE = re.compile(r"^(?:<!-- test: (?P<how>.*?) -->\n)?```(?P<kind>\w+)\n(?P<text>.*?)^```", re.DOTALL | re.MULTILINE)
+FENCE = re.compile(
+    r"^(?:<!-- test: (?P<how>.*?) -->\n)?```(?P<kind>\w+)\n(?P<text>.*?)^```",
+    re.DOTALL | re.MULTILINE,
+)
 
 
 @dataclass(frozen=True)
@@ -49,7 +65,11 @@ def steps(page: Path) -> list[Step]:
             raise ValueError(f"{page.name}:{line}: a test can't be told {how!r}")
         elif kind == "sh":
             lines = block.replace("\\\n", " ").splitlines()
-            found += [Step("sh", each, line + k) for k, each in enumerate(lines) if shlex.split(each, comments=True)]
+            found += [
+                Step("sh", each, line + k)
+                for k, each in enumerate(lines)
+                if shlex.split(each, comments=True)
+            ]
         elif kind in ("python", "yaml"):
             found.append(Step(kind, block, line))
     return [step for step in found if step.kind != "sh" or step.words[0] not in SETUP]
@@ -58,7 +78,10 @@ def steps(page: Path) -> list[Step]:
 def plan(page: Path, folder: Path) -> Path:
     """The file of steps that follow.py takes."""
     file = folder / "steps.json"
-    file.write_text(json.dumps([[s.kind, s.text, s.line, s.name] for s in steps(page) if s.kind != "yaml"]), encoding="utf-8")
+    file.write_text(
+        json.dumps([[s.kind, s.text, s.line, s.name] for s in steps(page) if s.kind != "yaml"]),
+        encoding="utf-8",
+    )
     return file
 
 

@@ -56,7 +56,11 @@ def parts(text: str) -> list[str]:
 
 MATERIALS = "\n".join(
     f"  {name}: {{shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: {remanence} mT}}"
-    for name, remanence in (("magnetic silicone", 138), ("magnetic elastomer", 140), ("plain silicone", 0))
+    for name, remanence in (
+        ("magnetic silicone", 138),
+        ("magnetic elastomer", 140),
+        ("plain silicone", 0),
+    )
 )
 AROUND = {  # what a part of a scene is put into, where the part does not say it itself
     "name": "name: page\n",
@@ -67,8 +71,14 @@ AROUND = {  # what a part of a scene is put into, where the part does not say it
 }
 IN_ONE_OF = (  # a field with a gradient needs its force; contact and losses need motion
     {"effects": "effects: {magnetic_torque: {}}\n", "solver": "solver: {static: {}}\n"},
-    {"effects": "effects: {magnetic_torque: {}, magnetic_force: {}}\n", "solver": "solver: {static: {}}\n"},
-    {"effects": "effects: {magnetic_torque: {}, magnetic_force: {}}\n", "solver": "solver: {dynamic: {duration: 0.3 s}}\n"},
+    {
+        "effects": "effects: {magnetic_torque: {}, magnetic_force: {}}\n",
+        "solver": "solver: {static: {}}\n",
+    },
+    {
+        "effects": "effects: {magnetic_torque: {}, magnetic_force: {}}\n",
+        "solver": "solver: {dynamic: {duration: 0.3 s}}\n",
+    },
 )
 
 
@@ -80,7 +90,10 @@ def whole_scenes(text: str, keys: set[str]) -> list[str]:
 
     if keys <= set(Effects.model_fields):
         text, keys = indented("effects"), {"effects"}
-    return ["".join(part for key, part in {**AROUND, **more}.items() if key not in keys) + text for more in IN_ONE_OF]
+    return [
+        "".join(part for key, part in {**AROUND, **more}.items() if key not in keys) + text
+        for more in IN_ONE_OF
+    ]
 
 
 def load(text: str, folder: Path) -> Any:
@@ -113,7 +126,9 @@ def load(text: str, folder: Path) -> Any:
 YAML = [(page, step) for page in PAGES for step in steps(page) if step.kind == "yaml"]
 
 
-@pytest.mark.parametrize(("page", "step"), YAML, ids=lambda x: name(x) if isinstance(x, Path) else f"{x.line}")
+@pytest.mark.parametrize(
+    ("page", "step"), YAML, ids=lambda x: name(x) if isinstance(x, Path) else f"{x.line}"
+)
 def test_scenes_and_studies_load(page: Path, step: Step, tmp_path: Path) -> None:
     for text in parts(step.text):
         assert load(text, tmp_path) is not None
@@ -131,12 +146,16 @@ def test_commands_can_be_typed(page: Path, capsys: pytest.CaptureFixture[str]) -
                 assert (ROOT / word).exists(), f"line {step.line}: {word}"
 
 
-def follow(page: Path, folder: Path, python: str = sys.executable, *options: str) -> subprocess.CompletedProcess[str]:
+def follow(
+    page: Path, folder: Path, python: str = sys.executable, *options: str
+) -> subprocess.CompletedProcess[str]:
     """Do what a page says, in a folder that has the repository's data."""
     for inside in ("data", "docs"):
         (folder / inside).symlink_to(ROOT / inside)
     command = [python, ROOT / "tests/docs/follow.py", plan(page, folder), *options]
-    return subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True, check=False)
+    return subprocess.run(
+        command, cwd=folder, env=environment(), capture_output=True, text=True, check=False
+    )
 
 
 @pytest.mark.slow
@@ -222,12 +241,25 @@ def test_all_of_it_runs(tmp_path: Path) -> None:
 
         os.environ["PYTHONPATH"] = str(ROOT)  # of the kernel
         notebook = nbformat.read(NOTEBOOK, as_version=4)  # type: ignore[no-untyped-call]
-        done = nbclient.NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
-        shown = [output for cell in done.cells if cell.cell_type == "code" for output in cell.outputs]
-        pictures = [output for output in shown if "<svg" in str(output.get("data", {}).get("text/html", ""))]
+        done = nbclient.NotebookClient(
+            notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}
+        ).execute()
+        shown = [
+            output for cell in done.cells if cell.cell_type == "code" for output in cell.outputs
+        ]
+        pictures = [
+            output for output in shown if "<svg" in str(output.get("data", {}).get("text/html", ""))
+        ]
         assert len(pictures) == 3  # the scene, the result, the best design
     else:
         script = tmp_path / "cells.py"
         script.write_text("\n".join(CODE), encoding="utf-8")
-        ran = subprocess.run([sys.executable, script], cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
+        ran = subprocess.run(
+            [sys.executable, script],
+            cwd=tmp_path,
+            env=environment(),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         assert ran.returncode == 0, ran.stderr[-3000:]

@@ -60,7 +60,9 @@ class BadScene:
     table: str | None = None
 
 
-def edit(name: str, old: str, new: str, key: str, received: str, *says: str, **more: object) -> BadScene:
+def edit(
+    name: str, old: str, new: str, key: str, received: str, *says: str, **more: object
+) -> BadScene:
     """A case that replaces one piece of text of GOOD."""
     return BadScene(name, ((old, new),), key, received, says, **more)  # type: ignore[arg-type]
 
@@ -70,14 +72,29 @@ def whole(name: str, content: bytes | None, *says: str, **more: object) -> BadSc
     return BadScene(name, says=says, content=content, **more)  # type: ignore[arg-type]
 
 
-def effect(name: str, settings: str, key: str, received: str, *says: str, **more: object) -> BadScene:
+def effect(
+    name: str, settings: str, key: str, received: str, *says: str, **more: object
+) -> BadScene:
     """A case that names an effect of motion, with settings on its line."""
     return edit(name, GRAVITY, f"  {settings}\n", f"effects.{key}", received, *says, **more)
 
 
-def field(name: str, settings: str, key: str, received: str, *says: str, force: bool = True, **more: object) -> BadScene:
+def field(
+    name: str,
+    settings: str,
+    key: str,
+    received: str,
+    *says: str,
+    force: bool = True,
+    **more: object,
+) -> BadScene:
     """A scene in this field, by default with magnetic_force."""
-    edits = [("  uniform: [0 mT, 6 mT, 8 mT]\n", "".join(f"  {line}\n" for line in settings.splitlines()))]
+    edits = [
+        (
+            "  uniform: [0 mT, 6 mT, 8 mT]\n",
+            "".join(f"  {line}\n" for line in settings.splitlines()),
+        )
+    ]
     if force:
         edits.append(("  gravity: {}", "  gravity: {}\n  magnetic_force: {}"))
     line = 22 if "\n" not in settings else 23  # the error is last
@@ -86,7 +103,14 @@ def field(name: str, settings: str, key: str, received: str, *says: str, force: 
 
 def motion(name: str, settings: str, key: str, received: str, *says: str) -> BadScene:
     """A scene whose dynamic solver has these settings."""
-    return edit(name, "  static: {tolerance: 1e-9, max_steps: 60}", f"  dynamic: {{{settings}}}", f"solver.dynamic.{key}", received, *says)
+    return edit(
+        name,
+        "  static: {tolerance: 1e-9, max_steps: 60}",
+        f"  dynamic: {{{settings}}}",
+        f"solver.dynamic.{key}",
+        received,
+        *says,
+    )
 
 
 def text_of(case: BadScene) -> str:
@@ -94,7 +118,9 @@ def text_of(case: BadScene) -> str:
     text = GOOD
     for old, new in case.edits:
         if text.count(old) != 1:
-            raise ValueError(f"{case.name}: {old!r} stands {text.count(old)} times in the good scene")
+            raise ValueError(
+                f"{case.name}: {old!r} stands {text.count(old)} times in the good scene"
+            )
         text = text.replace(old, new)
     return text
 
@@ -117,7 +143,9 @@ def expected(case: BadScene, path: Path) -> list[str]:
     """Phrases that the message must contain: file and line, key path, received value, rule and remedy."""
     phrases = [str(path), *case.says]
     if case.edits:
-        line = case.line or 1 + GOOD[: GOOD.index(case.edits[0][0])].count("\n") + _lines_kept(*case.edits[0])
+        line = case.line or 1 + GOOD[: GOOD.index(case.edits[0][0])].count("\n") + _lines_kept(
+            *case.edits[0]
+        )
         place = f"{path}:{line}: {case.key}: " if case.key else f"{path}:{line}: "
         phrases.append(f"{place}received {case.received}")
     return phrases

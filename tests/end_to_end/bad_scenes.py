@@ -428,4 +428,18 @@ IN_OTHER_WORDS = [  # constants of data sheets and papers; the numbers by hand: 
 ]
 
 # fmt: on
-CASES = [*FILES, *UNITS, *BOUNDS, *KEYS, *SHAPES, *TOGETHER, *REFERENCES, *SURROUNDINGS, *FIELDS, *MOTION, *MOVED, *RESOLUTION, *IN_OTHER_WORDS]
+CASES = [
+    *FILES,
+    *UNITS,
+    *BOUNDS,
+    *KEYS,
+    *SHAPES,
+    *TOGETHER,
+    *REFERENCES,
+    *SURROUNDINGS,
+    *FIELDS,
+    *MOTION,
+    *MOVED,
+    *RESOLUTION,
+    *IN_OTHER_WORDS,
+]

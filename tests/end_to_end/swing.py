@@ -8,7 +8,9 @@ from reference.commands import scene_text
 def text(dynamic: str | None = None, **more: str) -> str:
     """In motion with these settings of the solver, or at rest."""
     solver = {} if dynamic is None else {"solver": f"{{dynamic: {{{dynamic}}}}}"}
-    return scene_text("swing", length="16 mm", **{"field": "{uniform: [0 mT, 2 mT, 20 mT]}", **solver, **more})
+    return scene_text(
+        "swing", length="16 mm", **{"field": "{uniform: [0 mT, 2 mT, 20 mT]}", **solver, **more}
+    )
 
 
 def scene(folder: Path, dynamic: str) -> Path:

@@ -134,7 +134,10 @@ def meshes(folder: Path) -> None:
         "inverted": Mesh(arm.vertices, arm.faces[:, ::-1]),
         "crossed": Mesh(crossed, arm.faces),
         "mixed": Mesh(arm.vertices, mixed),
-        "pieces": Mesh(np.concatenate([arm.vertices, piece.vertices]), np.concatenate([arm.faces, 8 + piece.faces[:, ::-1]])),
+        "pieces": Mesh(
+            np.concatenate([arm.vertices, piece.vertices]),
+            np.concatenate([arm.faces, 8 + piece.faces[:, ::-1]]),
+        ),
         "shifted": box((-0.5, 0, 0), (3, 1, 1)),
         "sheet": box((0, 0, 0), (3, 1, 0.2)),
         "absurd": box((0, 0, 0), (1e30, 1e30, 1e30)),
@@ -145,8 +148,13 @@ def meshes(folder: Path) -> None:
         write_stl(mesh, folder / f"{name}.stl")
     (folder / "spoilt.stl").write_text(stl_text(arm).replace("vertex 3 ", "vertex 3.5.1 ", 1))
     # Two triangles back to back: closed, without volume.
-    lines = [f"facet normal 0 0 0\nouter loop\n{corners}\nendloop\nendfacet" for corners in (
-        "vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0", "vertex 0 0 0\nvertex 0 1 0\nvertex 1 0 0")]  # fmt: skip
+    lines = [
+        f"facet normal 0 0 0\nouter loop\n{corners}\nendloop\nendfacet"
+        for corners in (
+            "vertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0",
+            "vertex 0 0 0\nvertex 0 1 0\nvertex 1 0 0",
+        )
+    ]
     (folder / "flat.stl").write_text("solid flat\n" + "\n".join(lines) + "\nendsolid flat\n")
 
 
@@ -173,13 +181,20 @@ def test_what_is_wrong_is_said(good: str, case: BadScene, tmp_path: Path) -> Non
     message = str(caught.value)
     same = next((n for n, (a, b) in enumerate(zip(old, new, strict=False)) if a != b), 0)
     line = case.line or 1 + good[: good.index(old)].count("\n") + new[:same].count("\n")
-    phrases = [f"{path}:{line}: {case.key}: received {case.received}", "\n  rule: ", "\n  remedy: ", *case.says]
+    phrases = [
+        f"{path}:{line}: {case.key}: received {case.received}",
+        "\n  rule: ",
+        "\n  remedy: ",
+        *case.says,
+    ]
     missing = [phrase for phrase in phrases if phrase not in message]
     assert not missing, f"not said: {missing}\nin:\n{message}"
     assert "problems in" not in message, f"one mistake, one problem:\n{message}"
 
 
-def test_a_part_far_from_the_others_is_refused_before_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_part_far_from_the_others_is_refused_before_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A part in another unit is far away: the box around all parts has too many cells."""
     meshes(tmp_path)
     write_stl(box((5000, 4000, 3000), (5003, 4001, 3001)), tmp_path / "arm.stl")
@@ -204,33 +219,79 @@ TURNING = (
 )
 
 
-@pytest.mark.parametrize(("field", "effect", "where", "says"), [
-    (FIELD, "ground: {point: [0 mm, 0 mm, 1 mm]}", '9: effects.ground: received {"point": ["0 mm", "0 mm", "1 mm"]}; ',
-     ("the body begins 3 mm inside", "just touching", "away from the body")),
-    (FIELD, TUBE, '9: effects.walls: received {"tube": {"radius": "3 mm"',
-     ("outside the lumen, farthest with segment 1 (body.catheter.segments[0]), at (", "make the lumen wider")),
-    (NEAR, EFFECT, '7: field.dipole[1]: received {"position": ["8 mm", "0 mm", "0 mm"]', ("nearer than a cell", "move the dipole")),
-    (TURNING, EFFECT, '5: field.magnet: received {"cylinder": {',
-     ("the magnet, center (", " s, is in the box around the body", "move the magnet")),
-], ids=["ground", "walls", "dipole", "magnet"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("field", "effect", "where", "says"),
+    [
+        (
+            FIELD,
+            "ground: {point: [0 mm, 0 mm, 1 mm]}",
+            '9: effects.ground: received {"point": ["0 mm", "0 mm", "1 mm"]}; ',
+            ("the body begins 3 mm inside", "just touching", "away from the body"),
+        ),
+        (
+            FIELD,
+            TUBE,
+            '9: effects.walls: received {"tube": {"radius": "3 mm"',
+            (
+                "outside the lumen, farthest with segment 1 (body.catheter.segments[0]), at (",
+                "make the lumen wider",
+            ),
+        ),
+        (
+            NEAR,
+            EFFECT,
+            '7: field.dipole[1]: received {"position": ["8 mm", "0 mm", "0 mm"]',
+            ("nearer than a cell", "move the dipole"),
+        ),
+        (
+            TURNING,
+            EFFECT,
+            '5: field.magnet: received {"cylinder": {',
+            ("the magnet, center (", " s, is in the box around the body", "move the magnet"),
+        ),
+    ],
+    ids=["ground", "walls", "dipole", "magnet"],
+)
 def test_file_line_and_value_are_named(field, effect, where, says, tmp_path, told) -> None:
     if "magnet:" in field:
         pytest.importorskip("magpylib")
     path = tmp_path / "scene.yaml"
     effects = f"\n  magnetic_torque: {{}}\n  magnetic_force: {{}}\n  {effect}"
-    path.write_text(scene_text("late", length="16 mm", field=f"\n  {field}", effects=effects, solver="{dynamic: {duration: 1 ms}}"))
-    told("run", path, "--out", tmp_path / "out", status=2, says=(f"{path}:{where}", "\n  rule: ", "\n  remedy: ", *says))
+    path.write_text(
+        scene_text(
+            "late",
+            length="16 mm",
+            field=f"\n  {field}",
+            effects=effects,
+            solver="{dynamic: {duration: 1 ms}}",
+        )
+    )
+    told(
+        "run",
+        path,
+        "--out",
+        tmp_path / "out",
+        status=2,
+        says=(f"{path}:{where}", "\n  rule: ", "\n  remedy: ", *says),
+    )
 
 
 def test_keys_are_read_as_they_are_written() -> None:
-    for key in [("field", "dipole", 1, "position"), ("materials", "magnetic silicone", "density"), ("solver", "dynamic", "time_step"), ()]:
+    for key in [
+        ("field", "dipole", 1, "position"),
+        ("materials", "magnetic silicone", "density"),
+        ("solver", "dynamic", "time_step"),
+        (),
+    ]:
         assert undotted(dotted(key)) == key
 
 
 # A pipe, a device, a folder or a huge file instead of a scene, mesh, table or study is refused at once
 
 
-PATIENCE = 30  # s for a command that takes one; without the check it waits forever, or fills the memory
+PATIENCE = (
+    30  # s for a command that takes one; without the check it waits forever, or fills the memory
+)
 
 
 @pytest.fixture
@@ -265,14 +326,26 @@ def odd(kind: str, path: Path) -> str:
 
 
 @pytest.mark.parametrize("kind", ["pipe", "device", "folder", "huge"])
-@pytest.mark.parametrize("place", ["scene", "mesh", "reference", "study", "target", "robot", "segment"])
+@pytest.mark.parametrize(
+    "place", ["scene", "mesh", "reference", "study", "target", "robot", "segment"]
+)
 @pytest.mark.usefixtures("_impatient")
-def test_what_is_no_usable_file_is_refused_at_once(place, kind, tmp_path, monkeypatch, told) -> None:
+def test_what_is_no_usable_file_is_refused_at_once(
+    place, kind, tmp_path, monkeypatch, told
+) -> None:
     monkeypatch.chdir(tmp_path)
-    names = {"scene": "scene.yaml", "mesh": "base.stl", "reference": "reference.csv", "study": "study.yaml", "target": "target.csv"}
+    names = {
+        "scene": "scene.yaml",
+        "mesh": "base.stl",
+        "reference": "reference.csv",
+        "study": "study.yaml",
+        "target": "target.csv",
+    }
     path = tmp_path / names.get(place, "tiny.yaml" if place == "robot" else "meshes/tip.STL")
     command: list[object] = ["run", "scene.yaml"]
-    Path("scene.yaml").write_text(PARTS if place == "mesh" else SCENE + "reference: {centreline: reference.csv}\n")
+    Path("scene.yaml").write_text(
+        PARTS if place == "mesh" else SCENE + "reference: {centreline: reference.csv}\n"
+    )
     if place in ("study", "target"):
         for name, text in bad_studies.FILES.items():
             (tmp_path / name).write_text(text)

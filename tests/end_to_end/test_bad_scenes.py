@@ -40,7 +40,18 @@ def test_what_is_wrong_is_said_by_loader_and_command(case: BadScene, tmp_path: P
     assert "\n  remedy: " in message
     assert "problems in" not in message, f"one mistake, one problem:\n{message}"
     assert not isinstance(caught.value, NotThereYet)
-    assert told("run", path, "--json", "--out", tmp_path / "out", status=2, says=tuple(expected(case, path))).out == ""
+    assert (
+        told(
+            "run",
+            path,
+            "--json",
+            "--out",
+            tmp_path / "out",
+            status=2,
+            says=tuple(expected(case, path)),
+        ).out
+        == ""
+    )
     assert not (tmp_path / "out").exists()
 
 
@@ -58,7 +69,9 @@ def test_what_stands_for_young_and_poisson_is_the_same_material() -> None:
     """Through the conversions and back, at any ratio that a material may have; 1e-12: rounding."""
     for ratio in (0.7, 1.0, 5.0, 20.0, 500.0, 1e4):
         nu, young = poisson_ratio(1.0, ratio), young_modulus(120e3, 120e3 * ratio)
-        assert bulk_over_shear(nu) == pytest.approx(ratio, rel=1e-12 * ratio + 1e-12)  # 1 - 2 nu has lost a digit for each factor of ten
+        assert bulk_over_shear(nu) == pytest.approx(
+            ratio, rel=1e-12 * ratio + 1e-12
+        )  # 1 - 2 nu has lost a digit for each factor of ten
         assert shear_of_young(young, nu) == pytest.approx(120e3, rel=1e-12)
 
 
@@ -67,11 +80,28 @@ def test_another_kind_of_file_gets_its_command(tmp_path: Path, told) -> None:
     scene = tmp_path / yaml.safe_load(study.read_text())["scene"]
     robot.write_text("name: gripper\nn_segments: 1\nremenance: 0.1\nsegments: []\n")
     for command in ("run", "accuracy", "effects"):
-        told(command, study, status=2, says=(str(study), "received a study", f"magmpm design {study}", scene.name))
+        told(
+            command,
+            study,
+            status=2,
+            says=(str(study), "received a study", f"magmpm design {study}", scene.name),
+        )
     told("run", robot, status=2, says=("received a robot", f"magmpm import {robot}"))
-    told("design", scene, "--no-pictures", status=2, says=(str(scene), "received a scene", f"magmpm run {scene}"))
+    told(
+        "design",
+        scene,
+        "--no-pictures",
+        status=2,
+        says=(str(scene), "received a scene", f"magmpm run {scene}"),
+    )
     study.write_text(study.read_text() + "materials: {}\n")
-    told("design", study, "--no-pictures", status=2, says=("materials", f'it belongs in the scene, the file "{scene.name}"'))
+    told(
+        "design",
+        study,
+        "--no-pictures",
+        status=2,
+        says=("materials", f'it belongs in the scene, the file "{scene.name}"'),
+    )
 
 
 def test_thousands_of_problems_are_counted_and_the_first_put_into_words(tmp_path: Path) -> None:
@@ -83,7 +113,9 @@ def test_thousands_of_problems_are_counted_and_the_first_put_into_words(tmp_path
     assert lines[-1] == "... and 2980 more"
 
 
-@pytest.mark.parametrize("text", ["1" * 5000, "1" + "e1" * 5000, "1 " + "m" * 5000, "1 m" + "*m" * 5000])
+@pytest.mark.parametrize(
+    "text", ["1" * 5000, "1" + "e1" * 5000, "1 " + "m" * 5000, "1 m" + "*m" * 5000]
+)
 def test_a_text_without_end_is_not_told_in_full(text: str, tmp_path: Path) -> None:
     path = tmp_path / "probe.yaml"
     path.write_text(GOOD.replace("40 mm", f"'{text}'"))
@@ -92,11 +124,19 @@ def test_a_text_without_end_is_not_told_in_full(text: str, tmp_path: Path) -> No
 
 def test_all_problems_are_listed_in_the_order_of_the_file(tmp_path: Path) -> None:
     path = tmp_path / "probe.yaml"
-    path.write_text(GOOD.replace("40 mm", "40").replace("6 mT", "6 mm").replace("cells_across: 4", "seconds: -2 s"))
+    path.write_text(
+        GOOD.replace("40 mm", "40")
+        .replace("6 mT", "6 mm")
+        .replace("cells_across: 4", "seconds: -2 s")
+    )
     lines = refusal(path).splitlines()
     assert lines[0] == f"3 problems in {path}"
     places = [line.split(": received")[0] for line in lines[1::3]]
-    assert places == [f"{path}:12: body.catheter.length", f"{path}:22: field.uniform[1]", f"{path}:28: resolution.seconds"]
+    assert places == [
+        f"{path}:12: body.catheter.length",
+        f"{path}:22: field.uniform[1]",
+        f"{path}:28: resolution.seconds",
+    ]
 
 
 # Every broken study is refused with a message that names file, line, key, value, rule and remedy, before anything runs
@@ -114,7 +154,9 @@ def test_the_good_study_is_good(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("case", bad_studies.CASES, ids=lambda case: case.name.replace(" ", "-"))
-def test_what_is_wrong_in_a_study_is_said_by_loader_and_command(case: BadStudy, tmp_path: Path, told) -> None:
+def test_what_is_wrong_in_a_study_is_said_by_loader_and_command(
+    case: BadStudy, tmp_path: Path, told
+) -> None:
     path, out = bad_studies.write(case, tmp_path), tmp_path / "out"
     with pytest.raises(InputError) as caught:
         load_study(path)
@@ -129,7 +171,9 @@ def test_what_is_wrong_in_a_study_is_said_by_loader_and_command(case: BadStudy, 
 
 
 @pytest.mark.parametrize("name", ["..yaml", "...yaml", "a\tb.yaml"])
-def test_a_study_is_named_as_a_folder_can_be(name: str, tmp_path: Path, told, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_study_is_named_as_a_folder_can_be(
+    name: str, tmp_path: Path, told, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """`..yaml` would write its results into runs/ itself, `...yaml` beside it."""
     monkeypatch.chdir(tmp_path)
     write_good(tmp_path).rename(tmp_path / name)
@@ -139,13 +183,34 @@ def test_a_study_is_named_as_a_folder_can_be(name: str, tmp_path: Path, told, mo
     assert sorted(tmp_path.rglob("*")) == before
 
 
-@pytest.mark.parametrize(("arguments", "says"), [
-    (["--sampler", "annealing"], ("--sampler", "annealing", "tpe, gp, cmaes, nsga2, random, gauss-newton, or optuna:NAME")),
-    (["--sampler", "optuna:CMAES"], ("--sampler", 'did you mean "optuna:CmaEsSampler"?')),
-    (["--trials", "0"], ("--trials", "received 0", "at least 1")),
-    (["--trials", "99999999999"], ("--trials", "received 99999999999", "rule: must be at most 1000000", "remedy: --trials")),
-    (["--storage", "nodatabase://here"], ("--storage", "nodatabase", "usable URL")),
-], ids=lambda value: "-".join(value) if isinstance(value, list) else None)  # fmt: skip
-def test_bad_options_end_with_status_2(arguments: list[str], says: tuple[str, ...], tmp_path: Path, told) -> None:
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (
+            ["--sampler", "annealing"],
+            (
+                "--sampler",
+                "annealing",
+                "tpe, gp, cmaes, nsga2, random, gauss-newton, or optuna:NAME",
+            ),
+        ),
+        (["--sampler", "optuna:CMAES"], ("--sampler", 'did you mean "optuna:CmaEsSampler"?')),
+        (["--trials", "0"], ("--trials", "received 0", "at least 1")),
+        (
+            ["--trials", "99999999999"],
+            (
+                "--trials",
+                "received 99999999999",
+                "rule: must be at most 1000000",
+                "remedy: --trials",
+            ),
+        ),
+        (["--storage", "nodatabase://here"], ("--storage", "nodatabase", "usable URL")),
+    ],
+    ids=lambda value: "-".join(value) if isinstance(value, list) else None,
+)
+def test_bad_options_end_with_status_2(
+    arguments: list[str], says: tuple[str, ...], tmp_path: Path, told
+) -> None:
     out = ["--out", tmp_path / "out", "--no-pictures"]
     assert told("design", write_good(tmp_path), *out, *arguments, status=2, says=says).out == ""

@@ -34,22 +34,35 @@ def _null_inside(path: Path) -> None:
     path.write_text(path.read_text().replace('"converged": true', '"converged": null'))
 
 
-@pytest.mark.parametrize(("name", "damage"), [
-    ("state.npz", cut_short), ("state.npz", emptied),
-    ("result.json", cut_short), ("result.json", emptied), ("result.json", null), ("result.json", _null_inside),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        ("state.npz", cut_short),
+        ("state.npz", emptied),
+        ("result.json", cut_short),
+        ("result.json", emptied),
+        ("result.json", null),
+        ("result.json", _null_inside),
+    ],
+)
 def test_a_damaged_result_is_refused_by_its_file(name, damage, result, tmp_path, told) -> None:
     """`render` refuses it; a new run replaces it."""
     folder = tmp_path / "out"
     shutil.copytree(result, folder)
     damage(folder / name)
-    says = f"{folder / name}: the saved result can't be read (", "\n  rule: ", "\n  remedy: run the scene again"
+    says = (
+        f"{folder / name}: the saved result can't be read (",
+        "\n  rule: ",
+        "\n  remedy: run the scene again",
+    )
     told("render", folder, status=2, says=says)
     told("run", result.parent / "scene.yaml", "--out", folder)
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
-def test_a_full_disk_names_file_and_remedy(number: int, result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told) -> None:
+def test_a_full_disk_names_file_and_remedy(
+    number: int, result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told
+) -> None:
     """Status 1, because the input is not wrong; earlier files are kept, and no partial file remains."""
     folder = tmp_path / "out"
     shutil.copytree(result, folder)
@@ -62,10 +75,15 @@ def test_a_full_disk_names_file_and_remedy(number: int, result: Path, tmp_path: 
     monkeypatch.setattr("magmpm.results.result.np.savez_compressed", no_room)
     says = f"{folder}/state.npz: {os.strerror(number)}\n  rule: ", "\n  remedy: free room"
     told("run", result.parent / "scene.yaml", "--out", folder, status=1, says=says)
-    assert {path.name: path.read_bytes() for path in folder.iterdir() if path.name != ".lock"} == before
+    assert {
+        path.name: path.read_bytes() for path in folder.iterdir() if path.name != ".lock"
+    } == before
 
 
-@pytest.mark.parametrize("command", [["run", "scene.yaml"], ["render", "out"], ["accuracy", "scene.yaml", "--cells", "2,3"]])
+@pytest.mark.parametrize(
+    "command",
+    [["run", "scene.yaml"], ["render", "out"], ["accuracy", "scene.yaml", "--cells", "2,3"]],
+)
 def test_a_read_only_folder_is_refused(command, result, tmp_path, monkeypatch, told) -> None:
     """Before the computation, with status 2; also if the lock file can be opened, but no other file can be created."""
     shutil.copytree(result, tmp_path / "out")
@@ -87,10 +105,15 @@ def test_a_read_only_folder_is_refused(command, result, tmp_path, monkeypatch, t
         told(*command, "--out", "out", status=2, says="out\n  rule: the folder must be writable")
 
 
-def test_an_unknown_renderer_is_refused_before_the_run(result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told) -> None:
+def test_an_unknown_renderer_is_refused_before_the_run(
+    result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told
+) -> None:
     monkeypatch.setenv("MAGMPM_RENDER", "crayons")
     says = "MAGMPM_RENDER: received crayons\n  rule: must be one of pyvista, matplotlib\n  remedy: "
-    for command in (["run", result.parent / "scene.yaml", "--render", "--out", tmp_path / "new"], ["render", result]):
+    for command in (
+        ["run", result.parent / "scene.yaml", "--render", "--out", tmp_path / "new"],
+        ["render", result],
+    ):
         assert told(*command, status=2, says=says).out == ""
     assert not (tmp_path / "new").exists()
 
@@ -107,8 +130,12 @@ def good() -> Result:
     return run(load_scene(HOLLOW).with_cells(2))
 
 
-@pytest.mark.parametrize("broken", ["tip", "stable_steps", "energy", "particle_position", "section"])
-def test_what_is_not_finite_is_named_and_not_saved(broken: str, good: Result, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "broken", ["tip", "stable_steps", "energy", "particle_position", "section"]
+)
+def test_what_is_not_finite_is_named_and_not_saved(
+    broken: str, good: Result, tmp_path: Path
+) -> None:
     values = {
         "tip": np.array([0.0, np.nan, 0.0]),
         "stable_steps": {"wave": np.inf},
@@ -127,7 +154,10 @@ def test_what_is_not_finite_is_named_and_not_saved(broken: str, good: Result, tm
 def test_a_run_that_ends_in_nan_ends_with_status_3(tmp_path, capsys, monkeypatch) -> None:
     """As for means over a segment without particles: no result is written, and the reason names the value that is not finite."""
     scene = tmp_path / "scene.yaml"
-    scene.write_text(HOLLOW.read_text(encoding="utf-8").replace("cells_across: 4", "cells_across: 2"), encoding="utf-8")
+    scene.write_text(
+        HOLLOW.read_text(encoding="utf-8").replace("cells_across: 4", "cells_across: 2"),
+        encoding="utf-8",
+    )
     monkeypatch.setattr(measures, "region_means", lambda model, values: np.full((1, 3), np.nan))
     assert main(["run", str(scene), "--out", str(tmp_path / "out"), "--json"]) == 3
     printed = capsys.readouterr()

@@ -30,7 +30,11 @@ def test_two_motions_into_one_folder(tmp_path: Path, told) -> None:
     with started("run", path, "--out", out) as first:
         try:
             wait_for((out / CHECKPOINT).exists, first)
-            says = f"{out}: in use by process {first.pid} on ", "\n  rule: ", "\n  remedy: wait for it, end it, or use another --out"
+            says = (
+                f"{out}: in use by process {first.pid} on ",
+                "\n  rule: ",
+                "\n  remedy: wait for it, end it, or use another --out",
+            )
             for more in ((), ("--resume",)):
                 told("run", path, "--out", out, *more, status=2, says=says)
             seen = len(Motion.load(out))
@@ -44,10 +48,18 @@ def test_two_motions_into_one_folder(tmp_path: Path, told) -> None:
     assert times[0] == 0.0
 
 
-@pytest.mark.parametrize("command", [
-    ["run", "scene.yaml"], ["accuracy", "scene.yaml", "--cells", "2,3"], ["design", "study.yaml", "--no-pictures"], ["render", "out"],
-])  # fmt: skip
-def test_every_command_that_writes_a_folder_waits_its_turn(command, tmp_path, monkeypatch, told) -> None:
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["run", "scene.yaml"],
+        ["accuracy", "scene.yaml", "--cells", "2,3"],
+        ["design", "study.yaml", "--no-pictures"],
+        ["render", "out"],
+    ],
+)
+def test_every_command_that_writes_a_folder_waits_its_turn(
+    command, tmp_path, monkeypatch, told
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MAGMPM_RENDER", "matplotlib")
     Path("scene.yaml").write_text(SCENE)
@@ -58,8 +70,19 @@ def test_every_command_that_writes_a_folder_waits_its_turn(command, tmp_path, mo
         told("run", "scene.yaml", "--out", "out")
     before = sorted(Path("out").iterdir())
     with holding(tmp_path / "out") as pid:
-        assert told(*command, "--out", "out", status=2, says=(f"in use by process {pid} on ", " since 20")).out == ""
-    assert [path for path in sorted(Path("out").iterdir()) if path.name != LOCK] == [path for path in before if path.name != LOCK]
+        assert (
+            told(
+                *command,
+                "--out",
+                "out",
+                status=2,
+                says=(f"in use by process {pid} on ", " since 20"),
+            ).out
+            == ""
+        )
+    assert [path for path in sorted(Path("out").iterdir()) if path.name != LOCK] == [
+        path for path in before if path.name != LOCK
+    ]
 
 
 def test_the_lock_goes_with_its_process(tmp_path: Path) -> None:
@@ -97,7 +120,10 @@ def test_a_lock_of_someone_unknown(tmp_path: Path) -> None:
     with holding(tmp_path):
         for text in ("", "null", "{", "4711"):
             (tmp_path / LOCK).write_text(text)
-            with pytest.raises(FolderInUse, match="in use by another process"), folder_lock(tmp_path):
+            with (
+                pytest.raises(FolderInUse, match="in use by another process"),
+                folder_lock(tmp_path),
+            ):
                 pass
 
 

@@ -14,12 +14,29 @@ from tests.end_to_end.small_study import finished, study_file
 
 ROOT = Path(__file__).parents[2]
 SCENES = sorted((ROOT / "data/scenes").rglob("*.yaml"))
-FROM_TABLES = {"pulled_by_map", "walking_strip"}  # a measured map, and a schedule that a table gives
+FROM_TABLES = {
+    "pulled_by_map",
+    "walking_strip",
+}  # a measured map, and a schedule that a table gives
 
 SHORT = {
     "name": "short",
-    "materials": {"silicone": {"shear_modulus": "120 kPa", "bulk_to_shear": 20, "density": "1882 kg/m^3", "remanence": 0.138}},
-    "body": {"catheter": {"length": "24 mm", "diameter": 4e-3, "material": "silicone", "segments": [{"magnetization": [1, 0, 0]}]}},
+    "materials": {
+        "silicone": {
+            "shear_modulus": "120 kPa",
+            "bulk_to_shear": 20,
+            "density": "1882 kg/m^3",
+            "remanence": 0.138,
+        }
+    },
+    "body": {
+        "catheter": {
+            "length": "24 mm",
+            "diameter": 4e-3,
+            "material": "silicone",
+            "segments": [{"magnetization": [1, 0, 0]}],
+        }
+    },
     "field": {"uniform": ["0 mT", "0 mT", "8 mT"]},
     "effects": {"magnetic_torque": {}},
     "resolution": {"cells_across": 2},
@@ -29,13 +46,26 @@ SHORT = {
 def test_a_scene_is_made_of_a_dict_with_units_or_in_si() -> None:
     scene = magmpm.load_scene(SHORT)
     assert (scene.length, scene.thickness, scene.field.uniform[2]) == (0.024, 0.004, 0.008)
-    with pytest.raises(magmpm.InputError, match=r"materials.silicone.shear_modulus.*\n.*needs a unit"):
-        magmpm.load_scene({**SHORT, "materials": {"silicone": {**SHORT["materials"]["silicone"], "shear_modulus": "120"}}})  # type: ignore[index]
+    with pytest.raises(
+        magmpm.InputError, match=r"materials.silicone.shear_modulus.*\n.*needs a unit"
+    ):
+        magmpm.load_scene(
+            {
+                **SHORT,
+                "materials": {
+                    "silicone": {**SHORT["materials"]["silicone"], "shear_modulus": "120"}
+                },
+            }
+        )  # type: ignore[index]
 
 
 def test_numbers_may_be_text_with_units() -> None:
     scene = magmpm.load_scene(SHORT)
-    assert scene.with_field(["0 mT", "1 mT", "4 mT"]) == scene.with_field([0, 1e-3, 4e-3]) == scene.with_field(np.array([0, 1e-3, 4e-3]))
+    assert (
+        scene.with_field(["0 mT", "1 mT", "4 mT"])
+        == scene.with_field([0, 1e-3, 4e-3])
+        == scene.with_field(np.array([0, 1e-3, 4e-3]))
+    )
     assert scene.with_field("4 mT") == scene.with_field(4e-3) == scene.with_field([0, 0, 4e-3])
     assert scene.with_material(shear_modulus="90 kPa").materials["silicone"].shear_modulus == 90e3
     assert scene.with_material("silicone", remanence=0.1).materials["silicone"].remanence == 0.1
@@ -46,7 +76,10 @@ def test_numbers_may_be_text_with_units() -> None:
     with pytest.raises(magmpm.InputError, match="direction"):
         scene.with_field([0, 0, 0]).with_field("4 mT")
     two = scene.with_material("stiff", shear_modulus="1 MPa", bulk_to_shear=20, density="2 g/cm^3")
-    for unclear in ({"shear_modulus": "1 MPa"}, {"name": "silicon", "remanence": 0.1}):  # none of two, and none of them
+    for unclear in (
+        {"shear_modulus": "1 MPa"},
+        {"name": "silicon", "remanence": 0.1},
+    ):  # none of two, and none of them
         with pytest.raises(magmpm.InputError, match="silicone, stiff"):
             two.with_material(**unclear)
 
@@ -65,13 +98,19 @@ def test_a_saved_scene_is_read_back_as_an_equal_one(path: Path, tmp_path: Path) 
 
 
 def test_numbers_without_a_short_text_are_saved_exactly(tmp_path: Path) -> None:
-    scene = magmpm.load_scene(SHORT).with_field([1e-12 / 3, -np.pi * 1e-3, 0.1 + 0.2]).with_effects(gravity={"acceleration": [0, 0, -9.81]})
+    scene = (
+        magmpm.load_scene(SHORT)
+        .with_field([1e-12 / 3, -np.pi * 1e-3, 0.1 + 0.2])
+        .with_effects(gravity={"acceleration": [0, 0, -9.81]})
+    )
     assert magmpm.load_scene(scene.save(tmp_path / "x.yaml")) == scene
 
 
 def test_a_result_is_a_table_and_a_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
     result = magmpm.run(magmpm.load_scene(SHORT))
-    monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=lambda rows, columns: (rows, columns)))  # type: ignore[arg-type]
+    monkeypatch.setitem(
+        sys.modules, "pandas", SimpleNamespace(DataFrame=lambda rows, columns: (rows, columns))
+    )  # type: ignore[arg-type]
     rows, columns = result.to_dataframe()
     assert rows is result.centreline
     assert columns == ["s_m", "x_m", "y_m", "z_m"]
@@ -81,8 +120,12 @@ def test_a_result_is_a_table_and_a_mesh(monkeypatch: pytest.MonkeyPatch) -> None
     pytest.importorskip("pyvista")
     mesh = result.mesh()
     volume = np.pi / 4 * 4e-3**2 * 24e-3
-    assert mesh.volume == pytest.approx(volume, rel=0.02)  # a circle of 40 chords has 0.4 % less; det F differs from 1 by up to a per cent
-    np.testing.assert_allclose(mesh.points[np.argmax(mesh.points[:, 2])], result.tip, atol=2.5e-3)  # within a radius and the tip's tilt
+    assert mesh.volume == pytest.approx(
+        volume, rel=0.02
+    )  # a circle of 40 chords has 0.4 % less; det F differs from 1 by up to a per cent
+    np.testing.assert_allclose(
+        mesh.points[np.argmax(mesh.points[:, 2])], result.tip, atol=2.5e-3
+    )  # within a radius and the tip's tilt
 
 
 def test_a_design_and_the_influence_of_an_effect(tmp_path: Path) -> None:
@@ -106,7 +149,12 @@ def test_constants_are_fitted(tmp_path: Path) -> None:
         x, y, z = 1e3 * magmpm.run(scene.with_field(f"{strength} mT")).tip
         lines.append(f"{strength},{x:.6f},{y:.6f},{z:.6f}")
     (tmp_path / "tips.csv").write_text("\n".join(lines) + "\n")
-    found = magmpm.fit(tmp_path / "tips.csv", scene.with_material(shear_modulus="150 kPa"), vary=["shear_modulus"], thorough=False)
+    found = magmpm.fit(
+        tmp_path / "tips.csv",
+        scene.with_material(shear_modulus="150 kPa"),
+        vary=["shear_modulus"],
+        thorough=False,
+    )
     assert found.constants[0].value == pytest.approx(120e3, rel=1e-3)  # the tips have 6 digits
     assert repr(found).startswith("Fit('short': shear_modulus")
 
@@ -123,9 +171,17 @@ def test_users_own_studies_and_viz_are_in_nobodys_way(tmp_path: Path) -> None:
     out = finished(tmp_path, trials=1)
     code = f"import magmpm\nprint(magmpm.design({str(study_file(tmp_path))!r}, folder={str(out)!r}, trials=1))\n"
     path = f"{tmp_path}:{tmp_path / 'packages'}"
-    for arguments in (["-m", "magmpm", "design", str(study_file(tmp_path)), "--out", str(out), "--trials", "1"], ["-c", code]):
+    for arguments in (
+        ["-m", "magmpm", "design", str(study_file(tmp_path)), "--out", str(out), "--trials", "1"],
+        ["-c", code],
+    ):
         done = subprocess.run(
-            [sys.executable, *arguments], cwd=tmp_path, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False
+            [sys.executable, *arguments],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": path},
+            capture_output=True,
+            text=True,
+            check=False,
         )
         assert done.returncode == 0, done.stderr
         assert "a file of the user" not in done.stderr
@@ -137,7 +193,11 @@ def test_the_shell_completes_the_whole_command_line(monkeypatch: pytest.MonkeyPa
     from magmpm.cli import main
 
     asked: list[str] = []
-    monkeypatch.setitem(sys.modules, "argcomplete", SimpleNamespace(autocomplete=lambda parser: asked.append(parser.format_help())))  # type: ignore[arg-type]
+    monkeypatch.setitem(
+        sys.modules,
+        "argcomplete",
+        SimpleNamespace(autocomplete=lambda parser: asked.append(parser.format_help())),
+    )  # type: ignore[arg-type]
     for variables in ({}, {"_ARGCOMPLETE": "1"}):
         for name, value in variables.items():
             monkeypatch.setenv(name, value)

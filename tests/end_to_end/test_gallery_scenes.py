@@ -56,7 +56,9 @@ def one_thread() -> Iterator[None]:
     numba.set_num_threads(before)
 
 
-def test_a_swept_beam_ends_where_statics_and_finite_elements_have_it(measure: ModuleType, tmp_path: Path, one_thread: None) -> None:
+def test_a_swept_beam_ends_where_statics_and_finite_elements_have_it(
+    measure: ModuleType, tmp_path: Path, one_thread: None
+) -> None:
     """Plane strain, coarse, and swept in 0.1 s; measured: 0.14 % from statics on the same grid, 0.5 % from finite elements."""
     frames = [
         {"time": 0.0, "uniform": [0.0, 0.0, 2e-3]},
@@ -77,14 +79,19 @@ def test_a_swept_beam_ends_where_statics_and_finite_elements_have_it(measure: Mo
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["zhao_beam", "zhao_beam_5mm"])
-def test_the_swept_beams_of_the_gallery_are_where_finite_elements_have_them(measure, tmp_path, name, one_thread) -> None:
+def test_the_swept_beams_of_the_gallery_are_where_finite_elements_have_them(
+    measure, tmp_path, name, one_thread
+) -> None:
     found, fem = measure.against_finite_elements(moved(scene(name), tmp_path))
     assert np.abs(found - fem).max() < ZHAO
 
 
 def test_the_two_swept_beams_differ_in_their_width_alone() -> None:
     plane, wide = (scene(name).to_si() for name in ("zhao_beam", "zhao_beam_5mm"))
-    assert (plane["body"]["strip"].pop("plane_strain"), wide["body"]["strip"].pop("plane_strain")) == (True, False)
+    assert (
+        plane["body"]["strip"].pop("plane_strain"),
+        wide["body"]["strip"].pop("plane_strain"),
+    ) == (True, False)
     for key in ("body", "materials", "field", "effects", "solver"):
         assert plane[key] == wide[key]
 
@@ -96,10 +103,14 @@ SETTLED = 0.002
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["tentacle_hook", "tentacle_spiral"])
-def test_the_tentacles_of_the_gallery_settle_where_statics_has_them(measure: ModuleType, tmp_path: Path, name: str) -> None:
+def test_the_tentacles_of_the_gallery_settle_where_statics_has_them(
+    measure: ModuleType, tmp_path: Path, name: str
+) -> None:
     what = scene(name)
     result = run(what, folder=tmp_path)
-    assert max(measure.distance_from(result, measure.equilibrium_of(what))) < SETTLED  # of axis and tip
+    assert (
+        max(measure.distance_from(result, measure.equilibrium_of(what))) < SETTLED
+    )  # of axis and tip
     assert np.linalg.norm(result.tip - [what.length, 0, 0]) > 0.2 * what.length  # it bends
 
 
@@ -133,16 +144,25 @@ def mirror_of(what: Scene) -> Scene:
 
 
 @pytest.mark.slow
-def test_a_strip_that_comes_to_rest_in_each_cycle_takes_equal_steps(measure: ModuleType, tmp_path: Path) -> None:
+def test_a_strip_that_comes_to_rest_in_each_cycle_takes_equal_steps(
+    measure: ModuleType, tmp_path: Path
+) -> None:
     damped = {"effects__damping__rate": 400.0, "solver__dynamic__duration": 4 * measure.PERIOD}
-    what = scene("walking_strip", body__strip__plane_strain=True, resolution__cells_across=4, **damped)
+    what = scene(
+        "walking_strip", body__strip__plane_strain=True, resolution__cells_across=4, **damped
+    )
     steps = measure.steps_along_x(moved(what, tmp_path), measure.PERIOD)[1:]
     assert np.ptp(steps) < 1e-3 * steps.mean()  # 7e-5 measured
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="with its own damping a strip still swings as a cycle begins: 1.9, 4.9 % on 3, 4 cells")
-def test_a_strip_walks_by_friction_and_back_in_the_mirrored_field(measure: ModuleType, tmp_path: Path) -> None:
+@pytest.mark.xfail(
+    strict=True,
+    reason="with its own damping a strip still swings as a cycle begins: 1.9, 4.9 % on 3, 4 cells",
+)
+def test_a_strip_walks_by_friction_and_back_in_the_mirrored_field(
+    measure: ModuleType, tmp_path: Path
+) -> None:
     walks(measure, tmp_path, 4, 0.01, body__strip__plane_strain=True, resolution__cells_across=4)
 
 
@@ -168,14 +188,20 @@ def test_the_gripper_is_what_its_script_writes_and_alike_on_six_sides(tmp_path: 
     directions = np.array([part.magnetization for part in parts.meshes[2:]]).reshape(6, 2, 3)
     c, s = np.cos(np.pi / 3), np.sin(np.pi / 3)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    assert directions[1:] == pytest.approx(directions[:-1] @ turn.T, abs=1e-4)  # written with 4 digits
+    assert directions[1:] == pytest.approx(
+        directions[:-1] @ turn.T, abs=1e-4
+    )  # written with 4 digits
     volumes = [part.volume for part in parts.meshes]
-    assert volumes[1] == pytest.approx(4 / 3 * np.pi * 2.5**3, rel=1e-5)  # single precision in the file
+    assert volumes[1] == pytest.approx(
+        4 / 3 * np.pi * 2.5**3, rel=1e-5
+    )  # single precision in the file
     assert np.ptp(volumes[2::2]) < 1e-5 * volumes[2]
 
 
 @pytest.mark.slow
-def test_the_gripper_of_the_gallery_closes_lifts_the_ball_and_lets_it_go(measure: ModuleType, tmp_path: Path) -> None:
+def test_the_gripper_of_the_gallery_closes_lifts_the_ball_and_lets_it_go(
+    measure: ModuleType, tmp_path: Path
+) -> None:
     motion = moved(scene("gripper"), tmp_path)
     closed = motion.nearest(0.1)
     angles = [measure.turned(motion, closed, arm) for arm in measure.ARMS]
@@ -198,13 +224,19 @@ def test_the_gripper_of_the_gallery_closes_lifts_the_ball_and_lets_it_go(measure
 def pulled(move: float, cells: int) -> Scene:
     """The equilibrium scene with the magnet moved nearer by `move` (m)."""
     frames = [{"time": 0.0, "move": (0, 0, 0)}, {"time": 1.0, "move": (0, 0, -move)}]
-    changes = {"field__over_time": {"keyframes": frames}, "solver__dynamic": None, "effects__damping": None}
+    changes = {
+        "field__over_time": {"keyframes": frames},
+        "solver__dynamic": None,
+        "effects__damping": None,
+    }
     return scene("pulled_catheter", **changes, resolution__cells_across=cells)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("move", "cells"), [(0.0, 3), (0.0, 4), (0.07, 4)])
-def test_a_magnet_pulls_a_catheter_as_a_dipole_pulls_a_rod(measure: ModuleType, move: float, cells: int) -> None:
+def test_a_magnet_pulls_a_catheter_as_a_dipole_pulls_a_rod(
+    measure: ModuleType, move: float, cells: int
+) -> None:
     what = pulled(move, cells)
     rod = measure.rod_pulled(what, np.array([0.0, 0.0, -move]))
     assert rod[1] > 0.01 * what.length
@@ -215,21 +247,29 @@ def test_a_magnet_pulls_a_catheter_as_a_dipole_pulls_a_rod(measure: ModuleType, 
 
 
 @pytest.mark.slow
-def test_the_folding_strip_of_the_gallery_meets_itself_and_opens(measure: ModuleType, tmp_path: Path) -> None:
+def test_the_folding_strip_of_the_gallery_meets_itself_and_opens(
+    measure: ModuleType, tmp_path: Path
+) -> None:
     what = scene("folding_strip")
     motion = moved(what, tmp_path)
     gap, when = measure.smallest_gap(motion, what)
-    assert -0.2 < gap < 0.2  # cells: the halves met, and particles of pressed cells are nearer to their surface
+    assert (
+        -0.2 < gap < 0.2
+    )  # cells: the halves met, and particles of pressed cells are nearer to their surface
     assert 0.03 < when < 0.12
     assert max(measure.farthest(motion, k) for k in range(len(motion))) > 0.35 * what.length
-    assert measure.farthest(motion, -1) < 0.005 * what.length  # measured: 0.0021, mostly undamped oscillation
+    assert (
+        measure.farthest(motion, -1) < 0.005 * what.length
+    )  # measured: 0.0021, mostly undamped oscillation
 
 
 # The builder of the gallery on one tiny scene: its files, what it keeps, and what it does not repeat
 
 
 ABOUT = "# A short rod in a field,\n# let go at once.\n"
-SCENE = ABOUT + scene_text("rod let go", length="10 mm", solver="{dynamic: {duration: 2 ms, output_every: 1 ms}}")
+SCENE = ABOUT + scene_text(
+    "rod let go", length="10 mm", solver="{dynamic: {duration: 2 ms, output_every: 1 ms}}"
+)
 
 
 @pytest.fixture(scope="module")
@@ -246,7 +286,9 @@ def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_scene_becomes_a_page_with_poster_movie_and_numbers(build: ModuleType, root: Path) -> None:
+def test_a_scene_becomes_a_page_with_poster_movie_and_numbers(
+    build: ModuleType, root: Path
+) -> None:
     assert build.main([], root) == 0
     page = (root / "docs/gallery/rod.md").read_text()
     assert page.startswith("# Rod let go\n\nA short rod in a field, let go at once.\n")
@@ -262,7 +304,9 @@ def test_a_scene_becomes_a_page_with_poster_movie_and_numbers(build: ModuleType,
     # Second build: nothing is run, text written by hand stays, and the numbers are restored.
     written = root / "docs/gallery/rod.md"
     before, after = page.split("| particles |")[0], "\n<!-- /measured -->\n\nBy hand, below.\n"
-    written.write_text(before.replace("A short rod", "By hand: a short rod") + "| particles | 3 |" + after)
+    written.write_text(
+        before.replace("A short rod", "By hand: a short rod") + "| particles | 3 |" + after
+    )
     result = root / "runs/gallery/rod/result.json"
     stamp = result.stat().st_mtime_ns
     assert build.main(["rod"], root) == 0
@@ -278,13 +322,19 @@ def test_a_scene_becomes_a_page_with_poster_movie_and_numbers(build: ModuleType,
 
 
 @pytest.mark.slow
-def test_a_scene_shown_beside_another_is_on_its_page(build: ModuleType, root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scene_shown_beside_another_is_on_its_page(
+    build: ModuleType, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """One poster, one movie, a column of numbers for each scene; no separate page."""
-    short = SCENE.replace("body: {", "body: {strip: {width: 4 mm, thickness: 2 mm, clamp: base, ").replace("catheter: {", "", 1)
+    short = SCENE.replace(
+        "body: {", "body: {strip: {width: 4 mm, thickness: 2 mm, clamp: base, "
+    ).replace("catheter: {", "", 1)
     short = short.replace("diameter: 4 mm, ", "")
     scenes = root / "data/scenes/gallery"
     (scenes / "rod.yaml").write_text(short)
-    (scenes / "thick.yaml").write_text(short.replace("rod let go", "thick one").replace("thickness: 2", "thickness: 3"))
+    (scenes / "thick.yaml").write_text(
+        short.replace("rod let go", "thick one").replace("thickness: 2", "thickness: 3")
+    )
     monkeypatch.setitem(build.BESIDE, "rod", ("thick",))
     monkeypatch.setitem(build.MOMENTS, "rod", (0.0, 0.002))
     assert build.main(["thick"], root) == 0
@@ -298,8 +348,12 @@ def test_a_scene_shown_beside_another_is_on_its_page(build: ModuleType, root: Pa
         assert poster.width > 1500
 
 
-def test_a_scene_that_is_wrong_ends_with_its_status_and_the_others_are_built(build, root, capsys) -> None:
-    (root / "data/scenes/gallery/a_wrong_one.yaml").write_text(SCENE.replace("length: 10 mm", "length: 10"))
+def test_a_scene_that_is_wrong_ends_with_its_status_and_the_others_are_built(
+    build, root, capsys
+) -> None:
+    (root / "data/scenes/gallery/a_wrong_one.yaml").write_text(
+        SCENE.replace("length: 10 mm", "length: 10")
+    )
     assert build.main([], root) == 2
     assert "a_wrong_one.yaml" in capsys.readouterr().err
     assert (root / "docs/gallery/rod.md").exists()

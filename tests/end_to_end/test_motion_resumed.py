@@ -63,9 +63,13 @@ def test_a_motion_resumed_at_its_first_frames_goes_on(tmp_path: Path) -> None:
 def test_a_checkpoint_that_the_disk_does_not_take_is_warned_of(tmp_path: Path) -> None:
     """The motion itself is complete."""
     begun = begin(build(load_scene(scene(tmp_path, "duration: 1 ms, output_every: 0.5 ms"))))
-    moved = integrate(begun, folder=tmp_path, on_state=lambda _: (tmp_path / CHECKPOINT).mkdir(exist_ok=True))
+    moved = integrate(
+        begun, folder=tmp_path, on_state=lambda _: (tmp_path / CHECKPOINT).mkdir(exist_ok=True)
+    )
     assert len(moved.warnings) == 1
-    assert moved.warnings[0].startswith(f"{tmp_path / CHECKPOINT}: Is a directory: --resume can only go on")
+    assert moved.warnings[0].startswith(
+        f"{tmp_path / CHECKPOINT}: Is a directory: --resume can only go on"
+    )
     assert len(Motion.load(tmp_path)) == 3
 
 
@@ -73,15 +77,24 @@ def test_resuming_another_scene_is_refused(tmp_path: Path, told) -> None:
     out, path = tmp_path / "out", scene(tmp_path, "duration: 1 ms, output_every: 1 ms")
     told("run", path, "--out", out)
     path.write_text(path.read_text(encoding="utf-8").replace("20 mT", "19 mT"), encoding="utf-8")
-    says = f"{out / CHECKPOINT}: received the checkpoint of another scene", "\n  rule: ", "\n  remedy: "
+    says = (
+        f"{out / CHECKPOINT}: received the checkpoint of another scene",
+        "\n  rule: ",
+        "\n  remedy: ",
+    )
     told("run", path, "--out", out, "--resume", status=2, says=says)
 
 
-@pytest.mark.parametrize(("short", "long"), [("2 ms, output_every: 1 ms", "4 ms, output_every: 1 ms"), ("0.5 ms", "0.6 ms")])
+@pytest.mark.parametrize(
+    ("short", "long"),
+    [("2 ms, output_every: 1 ms", "4 ms, output_every: 1 ms"), ("0.5 ms", "0.6 ms")],
+)
 def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path, told) -> None:
     """It continues from its end, with the same frame interval, and equals a motion of that length."""
     out, whole = tmp_path / "out", tmp_path / "whole"
-    frames = long if "every" in long else f"{long}, output_every: 5 us"  # a hundredth of the short one
+    frames = (
+        long if "every" in long else f"{long}, output_every: 5 us"
+    )  # a hundredth of the short one
     told("run", scene(tmp_path, f"duration: {short}"), "--out", out)
     told("run", scene(tmp_path, f"duration: {long}"), "--out", out, "--resume")
     told("run", scene(tmp_path, f"duration: {frames}"), "--out", whole)
@@ -89,17 +102,39 @@ def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path, told) -> 
     np.testing.assert_array_equal(one.times, two.times)
     np.testing.assert_array_equal(one.energies["total"], two.energies["total"])
     for k in range(len(one)):
-        np.testing.assert_array_equal(one[k].quantities["cauchy_stress"], two[k].quantities["cauchy_stress"])
-    assert Result.load(out).particle_position.tobytes() == Result.load(whole).particle_position.tobytes()
-    assert one.scene["solver"]["dynamic"]["duration"] == Result.load(out).scene["solver"]["dynamic"]["duration"] > 5e-4
+        np.testing.assert_array_equal(
+            one[k].quantities["cauchy_stress"], two[k].quantities["cauchy_stress"]
+        )
+    assert (
+        Result.load(out).particle_position.tobytes()
+        == Result.load(whole).particle_position.tobytes()
+    )
+    assert (
+        one.scene["solver"]["dynamic"]["duration"]
+        == Result.load(out).scene["solver"]["dynamic"]["duration"]
+        > 5e-4
+    )
 
 
-@pytest.mark.parametrize(("short", "long", "rule"), [
-    ("2 ms, output_every: 1 ms", "1 ms, output_every: 1 ms", "must be no shorter than what the motion has done, 0.002 s"),
-    ("2.5 ms, output_every: 1 ms", "4 ms, output_every: 1 ms", "it ended between two"),
-    ("2 ms, output_every: 1 ms", "4 ms, output_every: 2 ms", "its duration alone may be longer, and its budgets"),
-])  # fmt: skip
-def test_what_can_t_be_lengthened_is_refused(short: str, long: str, rule: str, tmp_path: Path, told) -> None:
+@pytest.mark.parametrize(
+    ("short", "long", "rule"),
+    [
+        (
+            "2 ms, output_every: 1 ms",
+            "1 ms, output_every: 1 ms",
+            "must be no shorter than what the motion has done, 0.002 s",
+        ),
+        ("2.5 ms, output_every: 1 ms", "4 ms, output_every: 1 ms", "it ended between two"),
+        (
+            "2 ms, output_every: 1 ms",
+            "4 ms, output_every: 2 ms",
+            "its duration alone may be longer, and its budgets",
+        ),
+    ],
+)
+def test_what_can_t_be_lengthened_is_refused(
+    short: str, long: str, rule: str, tmp_path: Path, told
+) -> None:
     out = tmp_path / "out"
     told("run", scene(tmp_path, f"duration: {short}"), "--out", out)
     before = Result.load(out)
@@ -109,7 +144,14 @@ def test_what_can_t_be_lengthened_is_refused(short: str, long: str, rule: str, t
 
 def test_a_motion_goes_on_with_a_larger_budget(tmp_path: Path, told) -> None:
     out, length = tmp_path / "out", "duration: 4 ms, output_every: 0.1 ms"
-    told("run", scene(tmp_path, f"{length}, max_disk: 600 kB"), "--out", out, status=3, says="raise max_disk")
+    told(
+        "run",
+        scene(tmp_path, f"{length}, max_disk: 600 kB"),
+        "--out",
+        out,
+        status=3,
+        says="raise max_disk",
+    )
     kept, frames = Result.load(out), Motion.load(out)
     assert 2 < len(frames) < 41, "whole frames before the limit"
     assert kept.time == pytest.approx(frames.times[-1], abs=1e-12)
@@ -118,12 +160,22 @@ def test_a_motion_goes_on_with_a_larger_budget(tmp_path: Path, told) -> None:
     assert len(Motion.load(out)) == 41
 
 
-@pytest.mark.parametrize(("damage", "name"), [
-    (lambda out, earlier: shutil.copy(earlier / MOTION, out / MOTION), MOTION),
-    (lambda out, _: (out / ENERGIES).write_bytes((out / ENERGIES).read_bytes()[:150]), ENERGIES),
-    (lambda out, _: (out / ENERGIES).unlink(), ENERGIES), (lambda out, _: (out / ENERGIES).write_text("null\nnull\n"), ENERGIES),
-], ids=["frames", "rows cut", "no rows", "garbage"])  # fmt: skip
-def test_a_motion_with_holes_is_not_resumed(damage: Callable[[Path, Path], None], name: str, tmp_path: Path, told) -> None:
+@pytest.mark.parametrize(
+    ("damage", "name"),
+    [
+        (lambda out, earlier: shutil.copy(earlier / MOTION, out / MOTION), MOTION),
+        (
+            lambda out, _: (out / ENERGIES).write_bytes((out / ENERGIES).read_bytes()[:150]),
+            ENERGIES,
+        ),
+        (lambda out, _: (out / ENERGIES).unlink(), ENERGIES),
+        (lambda out, _: (out / ENERGIES).write_text("null\nnull\n"), ENERGIES),
+    ],
+    ids=["frames", "rows cut", "no rows", "garbage"],
+)
+def test_a_motion_with_holes_is_not_resumed(
+    damage: Callable[[Path, Path], None], name: str, tmp_path: Path, told
+) -> None:
     """Frames or rows before the checkpoint are missing: the continuation would not fit. Tables with missing rows are not drawn either."""
     out, earlier = tmp_path / "out", tmp_path / "earlier"
     told("run", scene(tmp_path, "duration: 2 ms, output_every: 1 ms"), "--out", out)
@@ -157,13 +209,25 @@ def _without_state(path: Path) -> None:
     np.savez(path, about=about)
 
 
-@pytest.mark.parametrize("damage", [cut_short, emptied, byte_changed, _of_another_version, _no_archive, _without_state])
-def test_a_damaged_checkpoint_is_refused(damage: Callable[[Path], None], tmp_path: Path, told) -> None:
+@pytest.mark.parametrize(
+    "damage", [cut_short, emptied, byte_changed, _of_another_version, _no_archive, _without_state]
+)
+def test_a_damaged_checkpoint_is_refused(
+    damage: Callable[[Path], None], tmp_path: Path, told
+) -> None:
     """With file and remedy; never a traceback."""
     path, out = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms"), tmp_path / "out"
     told("run", path, "--out", out)
     damage(out / CHECKPOINT)
-    told("run", path, "--out", out, "--resume", status=2, says=(str(out / CHECKPOINT), "remedy: remove it"))
+    told(
+        "run",
+        path,
+        "--out",
+        out,
+        "--resume",
+        status=2,
+        says=(str(out / CHECKPOINT), "remedy: remove it"),
+    )
 
 
 def test_a_motion_begun_afresh_leaves_no_older_checkpoint(tmp_path: Path, told) -> None:
@@ -180,7 +244,11 @@ def test_resuming_from_nothing_is_said(tmp_path: Path, told) -> None:
     resumed = ["run", path, "--out", out, "--resume"]
     told(*resumed, says=f"{out} holds no checkpoint.npz; the motion begins at the start")
     assert "--resume" not in told(*resumed).err
-    path.write_text(path.read_text(encoding="utf-8").replace("dynamic: {duration: 0.4 ms, output_every: 0.4 ms}", "static: {}"))
+    path.write_text(
+        path.read_text(encoding="utf-8").replace(
+            "dynamic: {duration: 0.4 ms, output_every: 0.4 ms}", "static: {}"
+        )
+    )
     told(*resumed, says="a static scene has no checkpoints")
 
 
@@ -196,7 +264,15 @@ def test_damaged_files_beside_a_motion(content: str, tmp_path: Path, told) -> No
     told("run", path, "--out", out, "--resume")
     assert len(Motion.load(out)) == 3
     (out / ENERGIES).write_text("t,kinetic\nnever,0\n")
-    told("run", path, "--out", out, "--resume", status=2, says=f"{out / ENERGIES}: received what can't be read as one (")
+    told(
+        "run",
+        path,
+        "--out",
+        out,
+        "--resume",
+        status=2,
+        says=f"{out / ENERGIES}: received what can't be read as one (",
+    )
 
 
 # `magmpm run` of motions that are refused, or fail: message, exit status, and files on disk
@@ -211,9 +287,23 @@ def test_a_step_above_the_bound_is_refused(tmp_path: Path, told) -> None:
     path = scene(tmp_path, "duration: 0.4 ms")
     largest = begin(build(load_scene(path))).stable.largest
     too_long = scene(tmp_path, f"duration: 0.4 ms, time_step: {1.01e6 * largest:.6g} us")
-    received = f'{too_long}:7: solver.dynamic.time_step: received "{1.01e6 * largest:.6g} us"\n  rule: '
-    told("run", too_long, "--out", tmp_path / "out", status=2, says=(f"{largest:.4g} s", received, "\n  remedy: "))
-    told("run", scene(tmp_path, f"duration: 0.4 ms, time_step: {0.99e6 * largest:.6g} us"), "--out", tmp_path / "out")
+    received = (
+        f'{too_long}:7: solver.dynamic.time_step: received "{1.01e6 * largest:.6g} us"\n  rule: '
+    )
+    told(
+        "run",
+        too_long,
+        "--out",
+        tmp_path / "out",
+        status=2,
+        says=(f"{largest:.4g} s", received, "\n  remedy: "),
+    )
+    told(
+        "run",
+        scene(tmp_path, f"duration: 0.4 ms, time_step: {0.99e6 * largest:.6g} us"),
+        "--out",
+        tmp_path / "out",
+    )
 
 
 def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(tmp_path: Path, told) -> None:
@@ -221,7 +311,9 @@ def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(tmp_path: Path, 
     path, out = tmp_path / "scene.yaml", tmp_path / "out"
     path.write_text(WILD)
     says = "step ", "t = ", "time step is", "stable bound", "remedy", str(out)
-    assert not json.loads(told("run", path, "--json", "--out", out, status=3, says=says).out)["converged"]
+    assert not json.loads(told("run", path, "--json", "--out", out, status=3, says=says).out)[
+        "converged"
+    ]
     kept = Result.load(out)
     assert not kept.converged
     assert np.isfinite(kept.particle_position).all()
@@ -233,21 +325,30 @@ def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(tmp_path: Path, 
 
 def test_too_little_memory_is_refused(tmp_path: Path, told) -> None:
     path = scene(tmp_path, "duration: 1 ms, max_memory: 80 kB")
-    says = f'{path}:7: solver.dynamic.max_memory: received "80 kB"', "\n  remedy: raise it, or use fewer cells_across"
+    says = (
+        f'{path}:7: solver.dynamic.max_memory: received "80 kB"',
+        "\n  remedy: raise it, or use fewer cells_across",
+    )
     told("run", path, "--out", tmp_path / "out", status=2, says=says)
 
 
 def test_far_too_little_memory_is_refused_before_anything_is_built(tmp_path: Path, told) -> None:
     """By an estimate from below, in no time."""
     path = scene(tmp_path, "duration: 1 ms, max_memory: 1 MB")
-    path.write_text(path.read_text().replace("length: 16 mm", "length: 0.4 m").replace("cells_across: 2", "cells_across: 16"))
+    path.write_text(
+        path.read_text()
+        .replace("length: 16 mm", "length: 0.4 m")
+        .replace("cells_across: 2", "cells_across: 16")
+    )
     received = f'{path}:7: solver.dynamic.max_memory: received "1 MB"\n  rule: must be at least'
     needed = "at least 2.29 GB for 2.87e+06 particles"  # 224 cells of 16^2, 1600 along the length, 2^3 particles in each
     told("run", path, "--out", tmp_path / "out", status=2, says=(received, needed))
 
 
 @pytest.mark.parametrize("solver", ["dynamic: {duration: 1 ms}", "static: {}"])
-def test_a_body_that_memory_can_t_hold_is_refused(solver: str, tmp_path: Path, told, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_body_that_memory_can_t_hold_is_refused(
+    solver: str, tmp_path: Path, told, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """By the memory of the machine: key, value, rule and remedy instead of a traceback."""
     path = scene(tmp_path, "duration: 1 ms")
     path.write_text(path.read_text().replace("dynamic: {duration: 1 ms}", solver))
@@ -258,12 +359,16 @@ def test_a_body_that_memory_can_t_hold_is_refused(solver: str, tmp_path: Path, t
 
 
 def test_an_allocation_that_fails_is_refused_as_well(tmp_path: Path) -> None:
-    refused = pytest.raises(SceneError, match=r"take at least 0\.205 MB for 256 particles, which could not be had")
+    refused = pytest.raises(
+        SceneError, match=r"take at least 0\.205 MB for 256 particles, which could not be had"
+    )
     with refused, within(load_scene(scene(tmp_path, "duration: 1 ms"))):
         np.empty(2**55)  # numpy's own MemoryError
 
 
-@pytest.mark.parametrize("over", ["oscillation: {frequency: 26 kHz}", "rotation: {axis: [0, 1, 0], frequency: -26 kHz}"])
+@pytest.mark.parametrize(
+    "over", ["oscillation: {frequency: 26 kHz}", "rotation: {axis: [0, 1, 0], frequency: -26 kHz}"]
+)
 def test_the_step_resolves_a_field_that_changes_fast(over: str, tmp_path: Path) -> None:
     """With steps of 1/26 ms a field of 26 kHz would look constant: the largest step is 1/20 of the period, and is named."""
     path = scene(tmp_path, "duration: 1 ms")
@@ -275,6 +380,8 @@ def test_the_step_resolves_a_field_that_changes_fast(over: str, tmp_path: Path) 
     assert moved.dt <= moved.stable.largest
     path.write_text(slow.replace("26 kHz", "5 Hz"), encoding="utf-8")
     assert begin(build(load_scene(path))).stable.largest > moved.stable.largest
-    path.write_text(slow.replace("duration: 1 ms", "duration: 1 ms, time_step: 3 us"), encoding="utf-8")
+    path.write_text(
+        slow.replace("duration: 1 ms", "duration: 1 ms, time_step: 3 us"), encoding="utf-8"
+    )
     with pytest.raises(InputError, match=r"time_step: received 3e-06 s.*\n?.*schedule 1.923e-06 s"):
         begin(build(load_scene(path)))

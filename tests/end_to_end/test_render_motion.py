@@ -26,20 +26,46 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.parametrize("kind", ["svg", pytest.param("pdf", marks=pytest.mark.slow)])
 def test_pictures_for_papers(folder: Path, kind: str, told) -> None:
-    files = json.loads(told("render", "runs/bending", "--json", "--frames", "0", "--format", kind).out)["files"]
-    names = ["movie.mp4", *(f"{name}.{kind}" for name in ("frames/frame_0000", "picture", "moments", "energies"))]
+    files = json.loads(
+        told("render", "runs/bending", "--json", "--frames", "0", "--format", kind).out
+    )["files"]
+    names = [
+        "movie.mp4",
+        *(f"{name}.{kind}" for name in ("frames/frame_0000", "picture", "moments", "energies")),
+    ]
     assert files == [f"runs/bending/{name}" for name in names]
     begins = {"svg": b"<?xml", "pdf": b"%PDF-"}[kind]
     assert all(Path(file).read_bytes().startswith(begins) for file in files[1:])
     assert not list(folder.glob("**/*.png"))
     if kind == "svg":
-        assert "energy since the start" in (folder / "energies.svg").read_text(encoding="utf-8"), "text as text"
+        assert "energy since the start" in (folder / "energies.svg").read_text(encoding="utf-8"), (
+            "text as text"
+        )
 
 
 def test_a_motion_gets_a_movie_moments_a_picture_and_its_energies(folder: Path, told) -> None:
     """In the motion's folder, or where --out says."""
-    files = json.loads(told("render", "runs/bending", "--json", "--frames", "0,-1", "--fps", "10", "--out", "elsewhere").out)["files"]
-    names = ["movie.mp4", "frames/frame_0000.png", "frames/frame_0006.png", "picture.png", "moments.png", "energies.png"]
+    files = json.loads(
+        told(
+            "render",
+            "runs/bending",
+            "--json",
+            "--frames",
+            "0,-1",
+            "--fps",
+            "10",
+            "--out",
+            "elsewhere",
+        ).out
+    )["files"]
+    names = [
+        "movie.mp4",
+        "frames/frame_0000.png",
+        "frames/frame_0006.png",
+        "picture.png",
+        "moments.png",
+        "energies.png",
+    ]
     assert files == [f"elsewhere/{name}" for name in names]
     for file in files:
         assert Path(file).stat().st_size > 5000
@@ -51,15 +77,23 @@ def test_a_motion_gets_a_movie_moments_a_picture_and_its_energies(folder: Path, 
     assert not (folder / "movie.mp4").exists()
 
 
-@pytest.mark.parametrize(("options", "says"), [
-    (["--frames", "7"], ("--frames", "'7'", "0 to 6")), (["--frames", "first"], ("--frames", "'first'", "all")),
-])  # fmt: skip
-def test_bad_options_end_with_status_2(options: list[str], says: tuple[str, ...], folder: Path, told) -> None:
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--frames", "7"], ("--frames", "'7'", "0 to 6")),
+        (["--frames", "first"], ("--frames", "'first'", "all")),
+    ],
+)
+def test_bad_options_end_with_status_2(
+    options: list[str], says: tuple[str, ...], folder: Path, told
+) -> None:
     told("render", "runs/bending", *options, status=2, says=says)
     assert not (folder / "movie.mp4").exists()
 
 
-def test_a_frame_rate_that_is_none_ends_with_status_2(folder: Path, told, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_frame_rate_that_is_none_ends_with_status_2(
+    folder: Path, told, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as ended:
         told("render", "runs/bending", "--fps", "0")
     assert ended.value.code == 2
@@ -74,7 +108,9 @@ def test_a_motion_without_frames_is_said_to_be_one(folder: Path, told) -> None:
 # Folders of results from others: links and HDF5 files that would make a command read or write files outside the folder
 
 
-@pytest.mark.parametrize("name", [LOCK, ".picture.png", "energies.csv", "best/result.json", "study.db", "frames"])
+@pytest.mark.parametrize(
+    "name", [LOCK, ".picture.png", "energies.csv", "best/result.json", "study.db", "frames"]
+)
 def test_a_link_out_of_the_folder_is_refused(name: str, folder: Path, told) -> None:
     """The lock alone would empty the file it leads to."""
     precious, link = folder.parent / "precious.txt", folder / name
@@ -82,7 +118,12 @@ def test_a_link_out_of_the_folder_is_refused(name: str, folder: Path, told) -> N
     link.parent.mkdir(exist_ok=True)
     link.unlink(missing_ok=True)
     link.symlink_to(folder.parent if name == "frames" else precious)
-    told("render", folder, status=2, says=(f"{link}: received a link to", "  remedy: remove the link"))
+    told(
+        "render",
+        folder,
+        status=2,
+        says=(f"{link}: received a link to", "  remedy: remove the link"),
+    )
     assert precious.read_text() == "precious"
 
 
@@ -105,7 +146,9 @@ def test_a_motion_whose_data_are_in_another_file_is_refused(kind: str, folder: P
         if kind == "external link":
             of["x"] = h5py.ExternalLink(str(folder.parent / "other.h5"), "secret")
         elif kind == "external storage":
-            of.create_dataset("x", (8,), "u1", external=[(str(folder.parent / "precious.txt"), 0, 8)])
+            of.create_dataset(
+                "x", (8,), "u1", external=[(str(folder.parent / "precious.txt"), 0, 8)]
+            )
         else:
             layout = h5py.VirtualLayout((3,), "f8")
             layout[:] = h5py.VirtualSource(str(folder.parent / "other.h5"), "secret", (3,))

@@ -34,7 +34,11 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
         self.tags.add(tag)
-        self.loads += [value or "" for name, value in attributes if name in ("src", "href", "srcset", "data", "action", "poster")]
+        self.loads += [
+            value or ""
+            for name, value in attributes
+            if name in ("src", "href", "srcset", "data", "action", "poster")
+        ]
         assert not any(name.startswith("on") for name, _ in attributes)
         if tag not in self.VOID:
             self.open.append(tag)
@@ -56,7 +60,9 @@ def reported(folder: Path, *options: str) -> tuple[Page, dict[str, Any]]:
     return page, json.loads((folder / "study.json").read_text())
 
 
-def test_a_page_of_a_study_has_what_a_workshop_needs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_page_of_a_study_has_what_a_workshop_needs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Every number of the sheet against the design's own files; tolerances against a solve with that error."""
     folder = finished(tmp_path, trials=5)
     page, report = reported(folder)
@@ -68,7 +74,14 @@ def test_a_page_of_a_study_has_what_a_workshop_needs(tmp_path: Path, capsys: pyt
     assert "not magnetized" in page.words
     assert f"trial {report['best']['number']}" in page.words
     assert f"magmpm design {Path(report['study_file']).name}" in page.words
-    for heading in ("ready to make", "How exactly", "How accurate", "Which parameters", "Settings and versions", "How to cite"):
+    for heading in (
+        "ready to make",
+        "How exactly",
+        "How accurate",
+        "Which parameters",
+        "Settings and versions",
+        "How to cite",
+    ):
         assert heading in page.words
     assert "seed" in page.words
     assert "svg" in page.tags
@@ -78,8 +91,12 @@ def test_a_page_of_a_study_has_what_a_workshop_needs(tmp_path: Path, capsys: pyt
     percent = float(told[1])
     stronger = magmpm.run(scene.with_field(np.array(scene.field.uniform) * (1 + 0.01 * percent)))
     moved = float(np.linalg.norm(stronger.tip - best.tip))
-    assert moved == pytest.approx(0.01 * scene.length, rel=0.15)  # two digits are shown, and the shape is not linear in the field
-    finer = re.search(r"rms from the target (\S+) mm on the study's grid, (\S+) mm on the finer", page.words)
+    assert moved == pytest.approx(
+        0.01 * scene.length, rel=0.15
+    )  # two digits are shown, and the shape is not linear in the field
+    finer = re.search(
+        r"rms from the target (\S+) mm on the study's grid, (\S+) mm on the finer", page.words
+    )
     assert finer
     assert float(finer[1]) == pytest.approx(1e3 * report["best"]["rms_m"], rel=1e-3)
     assert "2 cells across" in page.words
@@ -104,11 +121,15 @@ def test_a_study_whose_designs_are_all_refused_says_why(tmp_path: Path) -> None:
     def about_to_snap(*arguments: Any, **options: Any) -> Result:
         return dataclasses.replace(magmpm.run(*arguments, **options), stability=0.05)
 
-    page, report = reported(finished(tmp_path, trials=3, solve=about_to_snap, more="stability: {margin: 0.1}\n"))
+    page, report = reported(
+        finished(tmp_path, trials=3, solve=about_to_snap, more="stability: {margin: 0.1}\n")
+    )
     assert report["best"] is None
     assert report["refused"] == 3
     assert "no feasible design" in page.words
-    assert "3 trials, of which 0 failed, 3 were refused as less stable than the margin" in page.words
+    assert (
+        "3 trials, of which 0 failed, 3 were refused as less stable than the margin" in page.words
+    )
     assert "stability 0.05 is below the margin, 0.1" in page.words
     assert "ready to make" not in page.words
 
@@ -139,17 +160,23 @@ def test_a_study_file_that_has_changed_is_not_shown_as_this_study(tmp_path: Path
     assert "The definition of the study as stored" in page.words
 
 
-def test_a_folder_without_a_study_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_without_a_study_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["report", str(tmp_path)]) == 2
     assert "holds no study" in capsys.readouterr().err
 
 
-def test_a_page_that_cannot_be_printed_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_that_cannot_be_printed_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from magmpm.viz.sheet import PrintError, printed
 
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setitem(__import__("sys").modules, "weasyprint", None)
-    with pytest.raises(PrintError, match=r"WeasyPrint is not at hand.*no Chromium.*magmpm\[report\]"):
+    with pytest.raises(
+        PrintError, match=r"WeasyPrint is not at hand.*no Chromium.*magmpm\[report\]"
+    ):
         printed("<p>page</p>", tmp_path / "page.pdf")
     assert list(tmp_path.iterdir()) == []
 
@@ -159,7 +186,9 @@ def test_a_page_is_printed_where_a_printer_is(tmp_path: Path) -> None:
     """By WeasyPrint or Chromium; skipped where neither is: pip install 'magmpm[report]', or apt-get install chromium."""
     from magmpm.viz.sheet import printed, printing
 
-    if importlib.util.find_spec("weasyprint") is None and not any(shutil.which(name) for name in printing.BROWSERS):
+    if importlib.util.find_spec("weasyprint") is None and not any(
+        shutil.which(name) for name in printing.BROWSERS
+    ):
         pytest.skip("no printer here: pip install 'magmpm[report]', or apt-get install chromium")
     folder = finished(tmp_path, trials=2)
     reported(folder, "--quick")

@@ -26,7 +26,9 @@ from magmpm.viz.from_result import Still, trial_snapshot
 MOVING = swing.text("duration: 0.4 ms, output_every: 0.2 ms")
 RESTING = swing.text(solver="{static: {field_steps: 4}}")
 # Its ramp ends at 70 % of the load: three of Newton's steps are too few.
-FAILING = RESTING.replace("[0 mT, 2 mT, 20 mT]", "[-60 mT, 2 mT, 6 mT]").replace("field_steps: 4", "field_steps: 4, max_steps: 3")
+FAILING = RESTING.replace("[0 mT, 2 mT, 20 mT]", "[-60 mT, 2 mT, 6 mT]").replace(
+    "field_steps: 4", "field_steps: 4, max_steps: 3"
+)
 OUT = Path("runs/swing")
 
 
@@ -34,7 +36,9 @@ OUT = Path("runs/swing")
 def _inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each look at the clock of --time-limit counts as a second."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("magmpm.cli.run.limited", lambda seconds: limited(seconds, clock=count().__next__))
+    monkeypatch.setattr(
+        "magmpm.cli.run.limited", lambda seconds: limited(seconds, clock=count().__next__)
+    )
     monkeypatch.setenv("MAGMPM_RENDER", "matplotlib")
 
 
@@ -70,7 +74,9 @@ def test_a_run_without_pictures_leaves_no_older_ones(run) -> None:
     assert not (OUT / PICTURE).exists()
     assert "replaced        the equilibrium of 20" in said
     assert ", with its pictures" in said
-    assert json.loads(run(RESTING, "--render", "--json").out)["replaced"].startswith("the equilibrium of 20")
+    assert json.loads(run(RESTING, "--render", "--json").out)["replaced"].startswith(
+        "the equilibrium of 20"
+    )
     assert (OUT / PICTURE).stat().st_mtime_ns > drawn
 
 
@@ -85,7 +91,16 @@ def test_an_equilibrium_after_a_motion_leaves_no_movie_of_it(run) -> None:
     assert sorted(files(OUT)) == ["notes.txt", "result.json", "scene-file.json", "state.npz"]
     run(MOVING)
     assert sorted(files(OUT)) == sorted(
-        ["checkpoint.npz", "energies.csv", "motion.json", "motion.vtkhdf", "notes.txt", "result.json", "scene-file.json", "state.npz"]
+        [
+            "checkpoint.npz",
+            "energies.csv",
+            "motion.json",
+            "motion.vtkhdf",
+            "notes.txt",
+            "result.json",
+            "scene-file.json",
+            "state.npz",
+        ]
     )
 
 
@@ -107,7 +122,13 @@ def test_another_scene_of_the_same_name_is_refused(run, told) -> None:
     run(RESTING.replace("20 mT", "5 mT"), file="one/a.yaml")  # edited
     run(RESTING.replace("20 mT", "5 mT"), file="two/b.yaml")  # copied
     before = files(OUT)
-    says = f"{OUT}: holds the results of another scene, swing (", "two/b.yaml)", "\n  rule: ", "--out runs/c;", "--overwrite"
+    says = (
+        f"{OUT}: holds the results of another scene, swing (",
+        "two/b.yaml)",
+        "\n  rule: ",
+        "--out runs/c;",
+        "--overwrite",
+    )
     for text in (RESTING, MOVING):
         run(text, file="one/c.yaml", status=2, says=says)
     Path("one/d.yaml").write_text(RESTING)
@@ -128,7 +149,12 @@ def test_a_result_saved_by_python_code_is_somebody_s_as_well(run) -> None:
 def test_two_robots_of_one_name_do_not_replace_one_another(tmp_path: Path, told) -> None:
     """Both are imported as "Tiny"."""
     for folder, strength in (("A", 0.1), ("F", 0.138)):
-        told("import", str(robot_file(tmp_path / folder, remenance=strength)), "-o", f"robot{folder}.yaml")
+        told(
+            "import",
+            str(robot_file(tmp_path / folder, remenance=strength)),
+            "-o",
+            f"robot{folder}.yaml",
+        )
     told("run", "robotA.yaml")
     says = "runs/Tiny: holds the results of another scene, Tiny (", "--out runs/robotF;"
     told("run", "robotF.yaml", status=2, says=says)
@@ -143,14 +169,38 @@ def test_studies_and_runs_do_not_share_a_folder(run, told) -> None:
         mark.write_text("{}")
         Path("scene.yaml").write_text(SCENE)
         for out in ([], ["--out", "runs/small"]):
-            told("accuracy", "scene.yaml", "--cells", "2,3", *out, status=2, says="runs/small: holds a study")
+            told(
+                "accuracy",
+                "scene.yaml",
+                "--cells",
+                "2,3",
+                *out,
+                status=2,
+                says="runs/small: holds a study",
+            )
         assert list(files(Path("runs/small"))) == [kept]
         mark.unlink()
     run(SCENE)
-    told("design", "study.yaml", "--no-pictures", "--out", "runs/small", status=2, says="runs/small: holds the results of a run")
+    told(
+        "design",
+        "study.yaml",
+        "--no-pictures",
+        "--out",
+        "runs/small",
+        status=2,
+        says="runs/small: holds the results of a run",
+    )
     told("design", "study.yaml", "--no-pictures")
     for overwrite in ([], ["--overwrite"]):
-        told("run", "scene.yaml", "--out", "runs/study", *overwrite, status=2, says="runs/study: holds a study")
+        told(
+            "run",
+            "scene.yaml",
+            "--out",
+            "runs/study",
+            *overwrite,
+            status=2,
+            says="runs/study: holds a study",
+        )
 
 
 # runs that fail
@@ -159,7 +209,11 @@ def test_studies_and_runs_do_not_share_a_folder(run, told) -> None:
 def test_a_failed_equilibrium_is_marked(run) -> None:
     """In the result and in its picture: the share of the load, and that it is no equilibrium; the field is the one at that load."""
     remedy = "; to try: solver.static: {field_steps: 40, max_steps: 150}"
-    says = "of the load: no equilibrium within 3 Newton steps", remedy, f"; the last good state is in {OUT}"
+    says = (
+        "of the load: no equilibrium within 3 Newton steps",
+        remedy,
+        f"; the last good state is in {OUT}",
+    )
     summary = json.loads(run(FAILING, "--render", "--json", status=3, says=says).out)
     assert Path(summary["folder"]) == OUT
     share = summary["load_share"]
@@ -172,7 +226,9 @@ def test_a_failed_equilibrium_is_marked(run) -> None:
     assert not found.converged
     assert found.tip[2] > 0.5e-3  # bent along the field
     assert trial_snapshot(found).caption() == f"NOT THE ANSWER: at {100 * share:.3g} % of the load"
-    assert trial_snapshot(found).field == pytest.approx([-60e-3 * share, 2e-3 * share, 6e-3 * share])
+    assert trial_snapshot(found).field == pytest.approx(
+        [-60e-3 * share, 2e-3 * share, 6e-3 * share]
+    )
     assert Still(found).snapshot().caption() == trial_snapshot(found).caption()
 
 
@@ -182,7 +238,11 @@ def test_a_failed_equilibrium_keeps_what_was_there(run, told) -> None:
     (OUT / "movie.mp4").write_text("its movie")
     before = files(OUT)
     failed = OUT / FAILED
-    run(FAILING, status=3, says=f"the last good state is in {failed}; the results in {OUT} are as they were")
+    run(
+        FAILING,
+        status=3,
+        says=f"the last good state is in {failed}; the results in {OUT} are as they were",
+    )
     after = files(OUT)
     assert {name: after.get(name) for name in before} == before
     assert not Result.load(failed).converged
@@ -196,7 +256,11 @@ def test_a_motion_that_fails_keeps_what_was_there(run) -> None:
     """A good equilibrium; the frames up to the failure are beside it."""
     run(RESTING, "--render")
     before = files(OUT)
-    run(WILD, status=3, says=f"the last good state is in {OUT / FAILED}; the results in {OUT} are as they were")
+    run(
+        WILD,
+        status=3,
+        says=f"the last good state is in {OUT / FAILED}; the results in {OUT} are as they were",
+    )
     after = files(OUT)
     assert {name: after.get(name) for name in before} == before
     assert not (OUT / MOTION).exists()
@@ -222,7 +286,9 @@ def test_a_motion_that_is_killed_keeps_what_was_there_aside(run, told) -> None:
     assert Result.load(OUT).time == pytest.approx(0.03)
 
 
-def test_a_motion_that_is_interrupted_before_its_first_frames_leaves_all_as_it_was(run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_motion_that_is_interrupted_before_its_first_frames_leaves_all_as_it_was(
+    run, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run(RESTING)
     before = files(OUT)
 
@@ -244,7 +310,14 @@ def test_pictures_are_not_put_beside_other_results(tmp_path: Path, told) -> None
         (folder / "scene-file.json").write_text("{}")
     (study / "study.db").write_text("")
     for out in (other, study):
-        told("render", str(one), "--out", str(out), status=2, says=f"{out}: received a folder that holds other results")
+        told(
+            "render",
+            str(one),
+            "--out",
+            str(out),
+            status=2,
+            says=f"{out}: received a folder that holds other results",
+        )
     told("render", str(study), status=2, says="run `magmpm design` again")
     (one / "result.json").unlink()
     os.mkfifo(one / "result.json")
@@ -254,7 +327,9 @@ def test_pictures_are_not_put_beside_other_results(tmp_path: Path, told) -> None
 def ramped(steps: int, resolution: str) -> str:
     """Equilibria along a field that grows for a second."""
     grown = "{over_time: {ramp: {duration: 1 s}}, uniform: [0 mT, 2 mT, 20 mT]}"
-    return swing.text(field=grown, solver=f"{{quasi_static: {{steps: {steps}}}}}", resolution=f"{{{resolution}}}")
+    return swing.text(
+        field=grown, solver=f"{{quasi_static: {{steps: {steps}}}}}", resolution=f"{{{resolution}}}"
+    )
 
 
 HURRIED, TIMED = ramped(50, "seconds: 0.02 s"), ramped(400, "seconds: 500 s")
@@ -279,7 +354,9 @@ def test_a_time_that_is_refused_on_the_way_leaves_what_was_there(run) -> None:
     assert not any((Path("runs/new") / name).exists() for name in (CHECKPOINT, MOTION, NUMBERS))
 
 
-def test_a_time_that_is_refused_or_stopped_keeps_a_motion_that_waits_beside_earlier_results(run) -> None:
+def test_a_time_that_is_refused_or_stopped_keeps_a_motion_that_waits_beside_earlier_results(
+    run,
+) -> None:
     """Both: the motion, which --resume goes on with, and what it will replace. If time stops it, the state goes to FOLDER/failed."""
     run(RESTING)
     before = waiting(run)
@@ -287,14 +364,25 @@ def test_a_time_that_is_refused_or_stopped_keeps_a_motion_that_waits_beside_earl
     for options in ((), ("--resume",)):
         run(HURRIED, *options, status=2, says="must be enough for the coarsest grid")
         assert files(OUT) == before
-    run(TIMED, "--resume", "--time-limit", "200", status=3, says="with resolution.seconds begins at the start")
+    run(
+        TIMED,
+        "--resume",
+        "--time-limit",
+        "200",
+        status=3,
+        says="with resolution.seconds begins at the start",
+    )
     assert not Result.load(OUT / FAILED).converged
     assert not (OUT / FAILED / MOTION).exists()
-    assert {name: content for name, content in files(OUT).items() if not name.startswith(FAILED)} == before
+    assert {
+        name: content for name, content in files(OUT).items() if not name.startswith(FAILED)
+    } == before
 
 
 @pytest.mark.parametrize("first", [None, RESTING], ids=["empty", "with a result"])
-def test_a_time_that_is_stopped_leaves_the_last_grid_as_failed_and_nothing_to_resume(first: str | None, run) -> None:
+def test_a_time_that_is_stopped_leaves_the_last_grid_as_failed_and_nothing_to_resume(
+    first: str | None, run
+) -> None:
     """Its first attempt is no earlier result, and leaves no checkpoint from which a run could go on."""
     if first is not None:
         run(first)
@@ -313,11 +401,18 @@ def test_a_time_that_is_refused_before_it_begins_removes_nothing(run) -> None:
     """A motion that waits to be resumed stays where it is: nothing was written over it."""
     before = waiting(run)
     for options in ((), ("--resume",)):
-        run(WAITING.replace("{cells_across: 2}", "{seconds: 0.1 s}"), *options, status=2, says="must be enough for the coarsest grid")
+        run(
+            WAITING.replace("{cells_across: 2}", "{seconds: 0.1 s}"),
+            *options,
+            status=2,
+            says="must be enough for the coarsest grid",
+        )
         assert files(OUT) == before
 
 
-def test_a_path_that_fails_with_an_asked_error_keeps_its_coarse_run_beside_what_was_there(monkeypatch, run) -> None:
+def test_a_path_that_fails_with_an_asked_error_keeps_its_coarse_run_beside_what_was_there(
+    monkeypatch, run
+) -> None:
     """Nothing of it was written: earlier results stay, be they a result or a motion that waits, and the state goes to FOLDER/failed."""
 
     def fails(*_: Any, **__: Any) -> Any:
@@ -329,5 +424,7 @@ def test_a_path_that_fails_with_an_asked_error_keeps_its_coarse_run_beside_what_
     before = waiting(run)
     run(ramped(3, "error: 1 %"), status=3)
     assert not Result.load(OUT / FAILED).converged
-    assert {name: content for name, content in files(OUT).items() if not name.startswith(FAILED)} == before
+    assert {
+        name: content for name, content in files(OUT).items() if not name.startswith(FAILED)
+    } == before
     assert not (OUT / FAILED / CHECKPOINT).exists()

@@ -17,7 +17,9 @@ from magmpm.results.result import CITATION
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_examples_are_copied_once_and_changes_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_examples_are_copied_once_and_changes_are_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["examples", str(tmp_path)]) == 0
     assert "magmpm run" in capsys.readouterr().out
     scene = tmp_path / "data/scenes/five_segments.yaml"
@@ -49,7 +51,9 @@ def test_the_paper_is_as_long_as_its_journal_wants() -> None:
     import re
 
     _, head, text = (ROOT / "paper.md").read_text(encoding="utf-8").split("---\n", 2)
-    assert {"title", "tags", "authors", "affiliations", "date", "bibliography"} <= set(yaml.safe_load(head))
+    assert {"title", "tags", "authors", "affiliations", "date", "bibliography"} <= set(
+        yaml.safe_load(head)
+    )
     assert 250 <= len(re.findall(r"\w+", re.sub(r"\[@[^\]]*\]", "", text))) <= 1000
     for section in ("# Summary", "# Statement of need", "# State of the field"):
         assert section in text
@@ -61,7 +65,14 @@ def run(*words: str | Path, cwd: Path) -> str:
     """A command's output; fails with all it said."""
     names = ("PYTHONPATH", "VIRTUAL_ENV", "NUMBA_CACHE_DIR")
     environment = {name: value for name, value in os.environ.items() if name not in names}
-    done = subprocess.run([str(word) for word in words], cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [str(word) for word in words],
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, f"{words}\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
     return done.stdout
 
@@ -79,21 +90,45 @@ def test_the_wheel_works_in_an_empty_environment(tmp_path: Path) -> None:
     (wheel,) = wheels.glob("magmpm-*.whl")
     with zipfile.ZipFile(wheel) as content:
         held = {name.partition("/data/share/magmpm/")[2] for name in content.namelist()}
-        assert {"magmpm/py.typed", "magmpm/scene.schema.json", "magmpm/studies/study.schema.json"} <= set(content.namelist())
+        assert {
+            "magmpm/py.typed",
+            "magmpm/scene.schema.json",
+            "magmpm/studies/study.schema.json",
+        } <= set(content.namelist())
     assert {name for name in known if name.startswith("data/")} <= held
     run(sys.executable, "-m", "venv", tmp_path / "empty", cwd=home)
     bin_folder = tmp_path / "empty/bin"
-    run(bin_folder / "python", "-m", "pip", "install", "-c", ROOT / "constraints.txt", f"{wheel}[render]", cwd=home)
+    run(
+        bin_folder / "python",
+        "-m",
+        "pip",
+        "install",
+        "-c",
+        ROOT / "constraints.txt",
+        f"{wheel}[render]",
+        cwd=home,
+    )
     magmpm = bin_folder / "magmpm"
     run(magmpm, "examples", ".", cwd=home)
     for name in ("studies.py", "viz.py"):  # a user's own modules, with names like our folders
-        (home / name).write_text("raise SystemExit('a module of the user was imported')", encoding="utf-8")
-    told = json.loads(run(magmpm, "run", "data/scenes/five_segments.yaml", "--render", "--json", cwd=home))
+        (home / name).write_text(
+            "raise SystemExit('a module of the user was imported')", encoding="utf-8"
+        )
+    told = json.loads(
+        run(magmpm, "run", "data/scenes/five_segments.yaml", "--render", "--json", cwd=home)
+    )
     assert told["converged"]
     assert (home / "runs/five-segment-catheter/picture.png").stat().st_size > 10_000
-    where = run(bin_folder / "python", "-c", "import magmpm.viz; print(magmpm.__file__, magmpm.viz.__file__)", cwd=home)
+    where = run(
+        bin_folder / "python",
+        "-c",
+        "import magmpm.viz; print(magmpm.__file__, magmpm.viz.__file__)",
+        cwd=home,
+    )
     assert all(str(tmp_path / "empty") in path for path in where.split())
-    design = json.loads(run(magmpm, "design", "data/studies/c_shape.yaml", "--trials", "2", "--json", cwd=home))
+    design = json.loads(
+        run(magmpm, "design", "data/studies/c_shape.yaml", "--trials", "2", "--json", cwd=home)
+    )
     assert design["trials"] == 2
     run(magmpm, "report", "runs/c_shape", "--no-pdf", cwd=home)
     assert (home / "runs/c_shape/report.html").exists()

@@ -15,7 +15,13 @@ from swing import scene as motion_scene
 from swing import text
 
 ROOT = Path(__file__).parents[2]
-ENDS = {".png": b"IEND\xaeB`\x82", ".html": b"</html>\n", ".csv": b"\n", ".json": b"}\n", ".yaml": b"\n"}  # of whole files
+ENDS = {
+    ".png": b"IEND\xaeB`\x82",
+    ".html": b"</html>\n",
+    ".csv": b"\n",
+    ".json": b"}\n",
+    ".yaml": b"\n",
+}  # of whole files
 
 
 def kills_of_commands(base: Path, count: int, drawn: random.Random) -> list[Row]:
@@ -24,22 +30,44 @@ def kills_of_commands(base: Path, count: int, drawn: random.Random) -> list[Row]
     After each, every file is whole: as it was, or as it becomes. Run again, the command ends well and leaves the same files."""
     static, table = base / "rest.yaml", base / "tips.csv"
     static.write_text(text(), encoding="utf-8")
-    table.write_text("field_z_mT,tip_x_mm,tip_z_mm\n10,14.92,4.64\n15,13.7,6.5\n20,12.5,8.1\n", encoding="utf-8")
+    table.write_text(
+        "field_z_mT,tip_x_mm,tip_z_mm\n10,14.92,4.64\n15,13.7,6.5\n20,12.5,8.1\n", encoding="utf-8"
+    )
     study = base / "insertion.yaml"
     shutil.copy(ROOT / "data" / "targets" / "vessel_s.csv", base / "vessel.csv")
     guide = (ROOT / "data" / "scenes" / "insertion.yaml").read_text(encoding="utf-8")
-    (base / "guide.yaml").write_text(re.sub(r"cells_across: \d+", "cells_across: 2", guide), encoding="utf-8")
+    (base / "guide.yaml").write_text(
+        re.sub(r"cells_across: \d+", "cells_across: 2", guide), encoding="utf-8"
+    )
     study.write_text(
         "scene: guide.yaml\nvary: {magnetization: {}, field: {max: 10 mT, at: each depth}}\nmatch: {path: vessel.csv}\n"
-        "insertion: {depths: 4}\nsampler: gauss-newton\ntrials: 2\n", encoding="utf-8")  # fmt: skip
-    motion, swung, inserted = motion_scene(base, "duration: 20 ms, output_every: 1 ms"), base / "swung", base / "inserted"
+        "insertion: {depths: 4}\nsampler: gauss-newton\ntrials: 2\n",
+        encoding="utf-8",
+    )
+    motion, swung, inserted = (
+        motion_scene(base, "duration: 20 ms, output_every: 1 ms"),
+        base / "swung",
+        base / "inserted",
+    )
     for before in (["run", motion, "--out", swung], ["design", study, "--out", inserted]):
         subprocess.run(_command(before), env=environment(), check=True, capture_output=True)
     return [
-        _killed("accuracy", ["accuracy", static, "--cells", "2,3", "--overwrite"], base / "accuracy", count, drawn),
-        _killed("map", ["map", static, "--fields", "40", "--cells", "2"], base / "map", count, drawn),
-        _killed("fit", ["fit", table, static, "--vary", "shear_modulus"], base / "fit", count, drawn),
-        _killed("report", ["report", inserted, "--quick", "--no-pdf"], base / "report", count, drawn),
+        _killed(
+            "accuracy",
+            ["accuracy", static, "--cells", "2,3", "--overwrite"],
+            base / "accuracy",
+            count,
+            drawn,
+        ),
+        _killed(
+            "map", ["map", static, "--fields", "40", "--cells", "2"], base / "map", count, drawn
+        ),
+        _killed(
+            "fit", ["fit", table, static, "--vary", "shear_modulus"], base / "fit", count, drawn
+        ),
+        _killed(
+            "report", ["report", inserted, "--quick", "--no-pdf"], base / "report", count, drawn
+        ),
         _killed("render", ["render", swung, "--frames", "0,20"], base / "render", count, drawn),
         _killed("design, insertion", ["design", study], base / "design", count, drawn),
     ]
@@ -61,9 +89,16 @@ def _killed(kind: str, words: list[object], out: Path, count: int, drawn: random
     for _ in range(count):
         if "insertion" in kind:  # a finished study has nothing to do: kills meet its trials
             shutil.rmtree(out)
-        child = subprocess.Popen(command, env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        child = subprocess.Popen(
+            command, env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
         moment = begun = time.monotonic()
-        while child.poll() is None and "insertion" in kind and not finished(out) and moment < begun + 120:
+        while (
+            child.poll() is None
+            and "insertion" in kind
+            and not finished(out)
+            and moment < begun + 120
+        ):
             time.sleep(0.01)
             moment = time.monotonic()
         time.sleep(drawn.uniform(0.0, 0.3 if "insertion" in kind else 0.9) * seconds)
@@ -73,21 +108,36 @@ def _killed(kind: str, words: list[object], out: Path, count: int, drawn: random
         child.communicate()
         whole = {name for name, path in _files(out).items() if _whole(path)}
         kept = set(_files(out)) if "insertion" in kind else set(wanted)
-        row.met, row.completed, row.lost = row.met + bool(whole), row.completed + len(kept), row.lost + len(kept - whole)
+        row.met, row.completed, row.lost = (
+            row.met + bool(whole),
+            row.completed + len(kept),
+            row.lost + len(kept - whole),
+        )
         row.wrong += [f"{name} is cut" for name in sorted(kept - whole)]
     again = subprocess.run(command, env=environment(), capture_output=True, text=True)
     _note(row, again.stderr)
     left = set(_files(out)) ^ set(wanted)
     if again.returncode or left or "Traceback" in again.stderr:
-        row.wrong.append(f"afterwards: status {again.returncode}, files {sorted(left)}, {again.stderr[-200:]}")
-    row.wrong += [f"{name} is cut afterwards" for name, path in _files(out).items() if not _whole(path)]
+        row.wrong.append(
+            f"afterwards: status {again.returncode}, files {sorted(left)}, {again.stderr[-200:]}"
+        )
+    row.wrong += [
+        f"{name} is cut afterwards" for name, path in _files(out).items() if not _whole(path)
+    ]
     return row
 
 
 def _files(out: Path) -> dict[str, Path]:
     """Results by name, without numbers that Optuna draws for its artifacts."""
-    found = {str(path.relative_to(out)): path for path in out.rglob("*") if path.is_file() and path.name != ".lock"}
-    return {re.sub(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}", "ID", name): path for name, path in found.items()}
+    found = {
+        str(path.relative_to(out)): path
+        for path in out.rglob("*")
+        if path.is_file() and path.name != ".lock"
+    }
+    return {
+        re.sub(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}", "ID", name): path
+        for name, path in found.items()
+    }
 
 
 def _whole(path: Path) -> bool:
@@ -98,4 +148,6 @@ def _whole(path: Path) -> bool:
             json.loads(content)
         except ValueError:
             return False
-    return path.name.startswith(".") or (bool(content) and content.rstrip(b"\n").endswith(ENDS.get(path.suffix, b"").rstrip(b"\n")))
+    return path.name.startswith(".") or (
+        bool(content) and content.rstrip(b"\n").endswith(ENDS.get(path.suffix, b"").rstrip(b"\n"))
+    )

@@ -26,16 +26,26 @@ PARTS = ("single", "motions", "commands", "studies", "workers")
 Fault = Callable[[], Row | list[Row]]
 
 
-def faults(base: Path, kills: int, drawn: random.Random, parts: tuple[str, ...] = PARTS) -> dict[str, Fault]:
+def faults(
+    base: Path, kills: int, drawn: random.Random, parts: tuple[str, ...] = PARTS
+) -> dict[str, Fault]:
     """The faults by name: a third of the kills for motions, the rest for studies."""
     single = [kinds.disk_full, kinds.read_only, kinds.quota, kinds.clock_set_back]
     third = max(kills // 3, 1)
     known: dict[str, dict[str, Fault]] = {
         "single": {fault.__name__: partial(fault, base) for fault in single},
         "motions": {"kills_of_motions": partial(kinds.kills_of_motions, base, third, drawn)},
-        "commands": {"kills_of_commands": partial(commands.kills_of_commands, base, max(kills // 60, 2), drawn)},
+        "commands": {
+            "kills_of_commands": partial(
+                commands.kills_of_commands, base, max(kills // 60, 2), drawn
+            )
+        },
         "studies": {"kills_of_studies": partial(kinds.kills_of_studies, base, third, drawn, 0)},
-        "workers": {"kills_of_workers": partial(kinds.kills_of_studies, base, max(kills - 2 * third, 1), drawn, 2)},
+        "workers": {
+            "kills_of_workers": partial(
+                kinds.kills_of_studies, base, max(kills - 2 * third, 1), drawn, 2
+            )
+        },
     }
     return {name: fault for part in parts for name, fault in known[part].items()}
 
@@ -69,7 +79,10 @@ def add(found: list[Row], row: Row) -> None:
 def show(row: Row) -> None:
     """A row of the table."""
     said = "; ".join(row.said)[:110]
-    print(f"{row.kind:<38} {row.injected:>8} {row.met:>4} {row.completed:>9} {row.lost:>4}  {said}", flush=True)
+    print(
+        f"{row.kind:<38} {row.injected:>8} {row.met:>4} {row.completed:>9} {row.lost:>4}  {said}",
+        flush=True,
+    )
     for what in row.wrong:
         print(f"    WRONG: {what}", flush=True)
 
@@ -77,26 +90,45 @@ def show(row: Row) -> None:
 def main() -> int:
     """Inject them. Returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--kills", type=int, default=500, help="SIGKILLs that meet completed trials or frames, in all [500]")
+    parser.add_argument(
+        "--kills",
+        type=int,
+        default=500,
+        help="SIGKILLs that meet completed trials or frames, in all [500]",
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("runs/faults"))
-    parser.add_argument("--only", choices=PARTS, action="append", help="these parts of the table alone")
+    parser.add_argument(
+        "--only", choices=PARTS, action="append", help="these parts of the table alone"
+    )
     options = parser.parse_args()
     table = options.out / "faults.json"
-    known = json.loads(table.read_text()) if table.exists() and options.only else {"seconds": 0.0, "rows": []}
+    known = (
+        json.loads(table.read_text())
+        if table.exists() and options.only
+        else {"seconds": 0.0, "rows": []}
+    )
     begun, found, new = time.monotonic(), [Row(**one) for one in known["rows"]], []
     base = Path(tempfile.mkdtemp(prefix="magmpm-faults-"))
     base.chmod(0o755)
     options.out.mkdir(parents=True, exist_ok=True)
-    print(f"{'fault':<38} {'injected':>8} {'met':>4} {'completed':>9} {'lost':>4}  what was said", flush=True)
+    print(
+        f"{'fault':<38} {'injected':>8} {'met':>4} {'completed':>9} {'lost':>4}  what was said",
+        flush=True,
+    )
     try:
-        chosen = faults(base, options.kills, random.Random(options.seed), tuple(options.only or PARTS))
+        chosen = faults(
+            base, options.kills, random.Random(options.seed), tuple(options.only or PARTS)
+        )
         for row in rows(chosen):
             show(row)
             new.append(row)
             add(found, row)
             seconds = known["seconds"] + time.monotonic() - begun
-            table.write_text(json.dumps({"seconds": seconds, "rows": [asdict(one) for one in found]}, indent=1) + "\n")
+            table.write_text(
+                json.dumps({"seconds": seconds, "rows": [asdict(one) for one in found]}, indent=1)
+                + "\n"
+            )
     finally:
         shutil.rmtree(base, ignore_errors=True)
     if len(found) > len(new):
@@ -104,8 +136,10 @@ def main() -> int:
         for row in found:
             show(row)
     lost, wrong = sum(row.lost for row in found), sum(len(row.wrong) for row in found)
-    print(f"{sum(row.injected for row in found)} faults, {sum(row.met for row in found)} of them met completed trials and frames, "
-          f"{sum(row.completed for row in found)} looked at, {lost} lost, {wrong} wrong, {seconds:.0f} s")  # fmt: skip
+    print(
+        f"{sum(row.injected for row in found)} faults, {sum(row.met for row in found)} of them met completed trials and frames, "
+        f"{sum(row.completed for row in found)} looked at, {lost} lost, {wrong} wrong, {seconds:.0f} s"
+    )
     return 1 if lost or wrong else 0
 
 

@@ -48,18 +48,32 @@ class Row:
 
 def environment(**more: str) -> dict[str, str]:
     path = [str(TESTS.parent), *(str(TESTS / folder) for folder in ("", "studies", "workers"))]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join([*path, os.environ.get("PYTHONPATH", "")]), **more}
+    return {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([*path, os.environ.get("PYTHONPATH", "")]),
+        **more,
+    }
 
 
 def study_of(folder: Path, trials: int) -> Path:
-    return write_study(folder, STUDY.replace("trials: 8", f"trials: {trials}").replace("sampler: random", "sampler: tpe"))
+    return write_study(
+        folder,
+        STUDY.replace("trials: 8", f"trials: {trials}").replace("sampler: random", "sampler: tpe"),
+    )
 
 
 def begin(study: Path, out: Path, workers: int, **more: str) -> subprocess.Popen[str]:
     """A session; workers: 0 for one that solves by itself."""
     limits = {"preexec_fn": _limited(int(more.pop("LIMIT")))} if "LIMIT" in more else {}
     command = [sys.executable, str(SESSION), str(study), str(out), str(workers)]
-    return subprocess.Popen(command, env=environment(**more), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **limits)  # type: ignore
+    return subprocess.Popen(
+        command,
+        env=environment(**more),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **limits,
+    )  # type: ignore
 
 
 def _limited(size: int) -> Callable[[], None]:
@@ -86,8 +100,13 @@ def finished(out: Path) -> int:
     """How many trials are complete, asked for again and again, so without Optuna."""
     if not (out / "study.db").exists():
         return 0
-    with suppress(sqlite3.Error), closing(sqlite3.connect(f"file:{out}/study.db?mode=ro", uri=True)) as connection:
-        return int(connection.execute("SELECT count(*) FROM trials WHERE state = 'COMPLETE'").fetchone()[0])
+    with (
+        suppress(sqlite3.Error),
+        closing(sqlite3.connect(f"file:{out}/study.db?mode=ro", uri=True)) as connection,
+    ):
+        return int(
+            connection.execute("SELECT count(*) FROM trials WHERE state = 'COMPLETE'").fetchone()[0]
+        )
     return 0  # it was killed before the tables were there
 
 
@@ -112,8 +131,14 @@ def ended(row: Row, study: Path, out: Path, workers: int, trials: int, **more: s
     child = begin(study, out, workers, **more)
     said = awaited(row, child)
     found = complete(out)
-    if child.returncode != 0 or len(found) != trials or len({params for params, _ in found.values()}) != trials:
-        row.wrong.append(f"afterwards: status {child.returncode}, {len(found)} of {trials} trials; {said[-200:]}")
+    if (
+        child.returncode != 0
+        or len(found) != trials
+        or len({params for params, _ in found.values()}) != trials
+    ):
+        row.wrong.append(
+            f"afterwards: status {child.returncode}, {len(found)} of {trials} trials; {said[-200:]}"
+        )
     if "Traceback" in said:
         row.wrong.append("a traceback")
 
@@ -142,7 +167,9 @@ def kills_of_studies(base: Path, count: int, drawn: random.Random, workers: int)
                 break
             child = begin(study, out, workers, TEST_SECONDS="0.02")
             begun, known = time.monotonic(), finished(out)
-            early = drawn.random() < 0.2  # some kills meet the start: tables, locks, the first trial
+            early = (
+                drawn.random() < 0.2
+            )  # some kills meet the start: tables, locks, the first trial
             while child.poll() is None and time.monotonic() < begun + 90:
                 if (out / ".lock").exists() and (early or finished(out) > known):
                     break
@@ -188,13 +215,20 @@ def kills_of_motions(base: Path, count: int, drawn: random.Random) -> Row:
             frames = _frames(out)
             child.kill()
             child.communicate()
-            row.injected, more = row.injected + 1, ["--resume"] if (out / CHECKPOINT).exists() else ["--overwrite"]
+            row.injected, more = (
+                row.injected + 1,
+                ["--resume"] if (out / CHECKPOINT).exists() else ["--overwrite"],
+            )
             row.met += frames > 0
             row.completed += frames
             row.lost += max(0, frames - _frames(out))
         _, said = (child := _motion(scene, out, *more)).communicate()
         found = Motion.load(out)
-        if child.returncode or len(found) != len(wanted) or not (found.position(-1) == wanted.position(-1)).all():
+        if (
+            child.returncode
+            or len(found) != len(wanted)
+            or not (found.position(-1) == wanted.position(-1)).all()
+        ):
             row.wrong.append(f"the motion is another one: {said[-200:]}")
     return row
 
@@ -221,7 +255,13 @@ def _note(row: Row, said: str) -> None:
 def small_disk(folder: Path, size: str, row: Row) -> Iterator[bool]:
     """A file system of its own at a folder; False where this machine does not allow that, which the row says."""
     folder.mkdir(parents=True)
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)], capture_output=True).returncode == 0
+    mounted = (
+        subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)],
+            capture_output=True,
+        ).returncode
+        == 0
+    )
     if not mounted:
         row.said.append("not injected: this machine lets nobody mount a disk")
     try:
@@ -232,7 +272,12 @@ def small_disk(folder: Path, size: str, row: Row) -> Iterator[bool]:
 
 
 def refused_then_run(
-    row: Row, study: Path, out: Path, trials: int, begin_it: Callable[[], subprocess.Popen[str]], mend: Callable[[], Any]
+    row: Row,
+    study: Path,
+    out: Path,
+    trials: int,
+    begin_it: Callable[[], subprocess.Popen[str]],
+    mend: Callable[[], Any],
 ) -> None:
     """A run that fails with a message, then, with the fault gone, one that ends."""
     before = complete(out)
@@ -257,7 +302,9 @@ def disk_full(base: Path) -> Row:
         if not mounted:
             return row
         more = [lambda: subprocess.run(["mount", "-o", "remount,size=64m", str(disk)], check=True)]
-        refused_then_run(row, study, disk / "out", 60, lambda: begin(study, disk / "out", 0), more[0])
+        refused_then_run(
+            row, study, disk / "out", 60, lambda: begin(study, disk / "out", 0), more[0]
+        )
     return row
 
 

@@ -13,7 +13,12 @@ from typing import Any
 
 import atheris
 
-WATCHED = ["magmpm.inputs", "magmpm.bodies.surface_mesh", "magmpm.fields.measured_map", "magmpm.studies.fitting.table"]
+WATCHED = [
+    "magmpm.inputs",
+    "magmpm.bodies.surface_mesh",
+    "magmpm.fields.measured_map",
+    "magmpm.studies.fitting.table",
+]
 with atheris.instrument_imports(include=WATCHED):
     from magmpm import load_scene
     from magmpm.bodies.shells import MeshError
@@ -37,25 +42,54 @@ READERS: dict[str, Callable[[Path], Any]] = {
 BOX = [f"{x},{y},{z},0,{x + y},{z + 1}" for z in range(4) for y in range(4) for x in range(4)]
 SEEDS: dict[str, list[bytes]] = {
     "stl": [(ROOT / "data/scenes/gallery/meshes/gripper_inner_1.stl").read_bytes()],
-    "axis": [(ROOT / "data/targets/s_shape.csv").read_bytes(), b"s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n20,20,0,0\n40,39,1,0\n"],
+    "axis": [
+        (ROOT / "data/targets/s_shape.csv").read_bytes(),
+        b"s_mm,x_mm,y_mm,z_mm\n0,0,0,0\n20,20,0,0\n40,39,1,0\n",
+    ],
     "map": ["\n".join(["x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT", *BOX, ""]).encode()],
     "schedule": [b"time_s,strength\n0,0\n1,1\n", b"time_ms,Bx_mT,By_mT,Bz_mT\n0,0,0,1\n1,1,0,2\n"],
     "measured": [
-        b"field_z_mT,tip_x_mm,tip_z_mm,tip_angle_deg,marker\n3,36,14,50,a\n4,35,,55,b\n", b"field_mT,s_mm,x_mm,y_mm,z_mm\n3,13,12,0.1,2\n",
+        b"field_z_mT,tip_x_mm,tip_z_mm,tip_angle_deg,marker\n3,36,14,50,a\n4,35,,55,b\n",
+        b"field_mT,s_mm,x_mm,y_mm,z_mm\n3,13,12,0.1,2\n",
         b"x_mm,z_mm\n10,1\n30,8\n# note\n",
     ],
-}  # fmt: skip
-QUANTITIES = ("tip_x", "tip_angle", "field", "field_z", "s", "x", "y", "z", "t", "time", "Bx", "By", "Bz")
+}
+QUANTITIES = (
+    "tip_x",
+    "tip_angle",
+    "field",
+    "field_z",
+    "s",
+    "x",
+    "y",
+    "z",
+    "t",
+    "time",
+    "Bx",
+    "By",
+    "Bz",
+)
 UNITS = ("mm", "m", "mT", "T", "deg", "s", "ms")
 WORDS = [f"{name}_{unit}" for name in QUANTITIES for unit in UNITS] + [
-    "strength", "solid", "facet normal", "vertex", "endfacet", "nan", "1e999",
-]  # fmt: skip
+    "strength",
+    "solid",
+    "facet normal",
+    "vertex",
+    "endfacet",
+    "nan",
+    "1e999",
+]
 
 
 def main(kind: str, *options: str) -> None:
     """Runs until libFuzzer stops; anything but a value, MeshError or InputError ends it with a traceback and the input in a file."""
     folder = Path(tempfile.mkdtemp(prefix="magmpm-fuzz-"))
-    path, corpus, words, broken = folder / "input", folder / "corpus", folder / "words", ROOT / "runs/fuzz"
+    path, corpus, words, broken = (
+        folder / "input",
+        folder / "corpus",
+        folder / "words",
+        ROOT / "runs/fuzz",
+    )
     corpus.mkdir()
     broken.mkdir(parents=True, exist_ok=True)
     for k, seed in enumerate(SEEDS[kind]):
@@ -70,7 +104,17 @@ def main(kind: str, *options: str) -> None:
         except (InputError, MeshError):
             return
 
-    atheris.Setup([sys.argv[0], f"-dict={words}", f"-artifact_prefix={broken}/{kind}-", "-max_len=4096", *options, str(corpus)], one)
+    atheris.Setup(
+        [
+            sys.argv[0],
+            f"-dict={words}",
+            f"-artifact_prefix={broken}/{kind}-",
+            "-max_len=4096",
+            *options,
+            str(corpus),
+        ],
+        one,
+    )
     atheris.Fuzz()
 
 

@@ -25,7 +25,18 @@ from hypothesis import strategies as st
 from reference.solids import box
 
 import magmpm
-from fuzz.hostile import PARTS, REAL_ROBOTS, ROBOTS, ROOT, SCENES, STUDIES, damaged, documents, table, tables
+from fuzz.hostile import (
+    PARTS,
+    REAL_ROBOTS,
+    ROBOTS,
+    ROOT,
+    SCENES,
+    STUDIES,
+    damaged,
+    documents,
+    table,
+    tables,
+)
 from magmpm.bodies.surface_mesh import write_stl
 from magmpm.errors import InputError
 from magmpm.inputs.csv_tables import read_centreline
@@ -38,16 +49,27 @@ INPUTS = int(os.environ.get("INPUTS", "0"))
 SEED = int(os.environ.get("SEED", "1"))
 LONGEST = 60.0  # s for one input: readers take milliseconds
 SHARES = {
-    "scene": 0.27, "study": 0.12, "axis": 0.1, "measured": 0.1, "in time": 0.04, "map": 0.07, "schedule": 0.05, "stl": 0.12,
-    "part": 0.05, "robot": 0.04, "result": 0.04,
-}  # fmt: skip
+    "scene": 0.27,
+    "study": 0.12,
+    "axis": 0.1,
+    "measured": 0.1,
+    "in time": 0.04,
+    "map": 0.07,
+    "schedule": 0.05,
+    "stl": 0.12,
+    "part": 0.05,
+    "robot": 0.04,
+    "result": 0.04,
+}
 SMALLEST = 25  # of each kind, in `make test`
 
 
 BAD: dict[str, dict[str, str]] = {}  # kind -> where it went wrong -> the input that did it
 DONE: dict[str, int] = dict.fromkeys(SHARES, 0)
 ACCEPTED: dict[str, int] = dict.fromkeys(SHARES, 0)
-CHECKS: dict[str, Callable[..., bool]] = {}  # kind -> whether an input is accepted; an AssertionError where it is nonsense
+CHECKS: dict[
+    str, Callable[..., bool]
+] = {}  # kind -> whether an input is accepted; an AssertionError where it is nonsense
 BASES: dict[str, list[dict[str, Any]]] = {}  # kind -> inputs before any change
 
 
@@ -55,7 +77,11 @@ def inputs(kind: str) -> Callable[[Any], Any]:
     """As many inputs of a kind as are asked for, as a decorator. All are tried; those that go wrong are kept in BAD."""
     count = max(SMALLEST, math.ceil(SHARES[kind] * INPUTS))
     every = settings(
-        max_examples=count, deadline=None, suppress_health_check=list(HealthCheck), derandomize=not INPUTS, database=None,
+        max_examples=count,
+        deadline=None,
+        suppress_health_check=list(HealthCheck),
+        derandomize=not INPUTS,
+        database=None,
         phases=[Phase.generate],
     )
 
@@ -78,7 +104,9 @@ def inputs(kind: str) -> Callable[[Any], Any]:
         def whole() -> None:
             run = every(given(**test.strategies)(tried))
             (seed(SEED)(run) if INPUTS else run)()
-            assert not BAD.get(kind), "\n\n".join(f"{where}\n{what}" for where, what in BAD[kind].items())
+            assert not BAD.get(kind), "\n\n".join(
+                f"{where}\n{what}" for where, what in BAD[kind].items()
+            )
 
         whole.__name__, whole.__doc__ = test.__name__, test.__doc__
         return whole
@@ -135,7 +163,9 @@ def sound(value: Any) -> bool:
 
 def written(name: str, content: str | bytes) -> Path:
     path = Path(name)
-    path.write_bytes(content.encode("utf-8", "surrogatepass") if isinstance(content, str) else content)
+    path.write_bytes(
+        content.encode("utf-8", "surrogatepass") if isinstance(content, str) else content
+    )
     return path
 
 
@@ -167,7 +197,10 @@ def test_studies(text: str) -> bool:
 
 def of_tables(headers: list[str], rows: list[list[str]]) -> dict[str, Any]:
     """Bases of tables with these headers, and what is drawn from them."""
-    return {"bases": [{"content": table(header, rows).encode()} for header in headers], "content": tables(headers, rows)}
+    return {
+        "bases": [{"content": table(header, rows).encode()} for header in headers],
+        "content": tables(headers, rows),
+    }
 
 
 AXIS = [["0", "0", "0", "0"], ["10", "9", "0", "1"], ["20", "18", "0", "3"]]
@@ -185,12 +218,35 @@ def test_tables_of_axes(content: bytes) -> bool:
 
 
 AT_REST = of_tables(
-    ["field_z_mT,tip_x_mm,tip_z_mm", "field_mT,tip_x_mm,tip_angle_deg", "s_mm,x_mm,y_mm,z_mm", "field_x_mT,field_y_mT,x_mm,z_mm",
-     "x_mm,z_mm", "marker,s_mm,x_mm"], [["1", "39", "5"], ["2", "38", "10"], ["3", "36", "15"]])  # fmt: skip
-IN_MOTION = of_tables(["t_ms,s_mm,x_mm,y_mm,z_mm", "t_ms,tip_x_mm"], [["1", "39", "5"], ["2", "38", "10"], ["3", "36", "15"]])
+    [
+        "field_z_mT,tip_x_mm,tip_z_mm",
+        "field_mT,tip_x_mm,tip_angle_deg",
+        "s_mm,x_mm,y_mm,z_mm",
+        "field_x_mT,field_y_mT,x_mm,z_mm",
+        "x_mm,z_mm",
+        "marker,s_mm,x_mm",
+    ],
+    [["1", "39", "5"], ["2", "38", "10"], ["3", "36", "15"]],
+)
+IN_MOTION = of_tables(
+    ["t_ms,s_mm,x_mm,y_mm,z_mm", "t_ms,tip_x_mm"],
+    [["1", "39", "5"], ["2", "38", "10"], ["3", "36", "15"]],
+)
 STATIC = load_scene(ROOT / "data/scenes/axial_transverse.yaml")
-MOVING = Scene.from_si({**STATIC.to_si(), "solver": {"dynamic": {"duration": 0.1}}, "materials": {
-    "magnetic silicone": {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "remanence": 0.1, "density": 1882.0}}})  # fmt: skip
+MOVING = Scene.from_si(
+    {
+        **STATIC.to_si(),
+        "solver": {"dynamic": {"duration": 0.1}},
+        "materials": {
+            "magnetic silicone": {
+                "shear_modulus": 120e3,
+                "bulk_to_shear": 20.0,
+                "remanence": 0.1,
+                "density": 1882.0,
+            }
+        },
+    }
+)
 
 
 def measured_by(content: bytes, scene: Scene) -> bool:
@@ -217,7 +273,9 @@ def test_measurements_in_time(content: bytes) -> bool:
     return measured_by(content, MOVING)
 
 
-MAP = [[str(x), str(y), str(z), "1", "0", "2"] for x in range(4) for y in range(4) for z in range(4)]
+MAP = [
+    [str(x), str(y), str(z), "1", "0", "2"] for x in range(4) for y in range(4) for z in range(4)
+]
 
 
 @inputs("map")
@@ -231,7 +289,12 @@ def test_maps(content: bytes) -> bool:
 
 
 @inputs("schedule")
-@drawn(**of_tables(["time_s,strength", "time_ms,Bx_mT,By_mT,Bz_mT"], [["0", "0", "0", "1"], ["1", "1", "0", "2"]]))
+@drawn(
+    **of_tables(
+        ["time_s,strength", "time_ms,Bx_mT,By_mT,Bz_mT"],
+        [["0", "0", "0", "1"], ["1", "1", "0", "2"]],
+    )
+)
 def test_schedules(content: bytes) -> bool:
     from magmpm.fields.measured_map import read_schedule
 
@@ -244,10 +307,17 @@ def cube(text: bool) -> bytes:
     sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     faces = [corner for a, b, c, d in sides for corner in ((a, b, c), (a, c, d))]
     if text:
-        of = ("\n".join("vertex " + " ".join(f"{x:g}" for x in corners[v]) for v in face) for face in faces)
-        facets = "\n".join(f"facet normal 0 0 0\nouter loop\n{loop}\nendloop\nendfacet" for loop in of)
+        of = (
+            "\n".join("vertex " + " ".join(f"{x:g}" for x in corners[v]) for v in face)
+            for face in faces
+        )
+        facets = "\n".join(
+            f"facet normal 0 0 0\nouter loop\n{loop}\nendloop\nendfacet" for loop in of
+        )
         return f"solid cube\n{facets}\nendsolid".encode()
-    records = b"".join(struct.pack("<12fH", 0, 0, 0, *corners[list(face)].ravel(), 0) for face in faces)
+    records = b"".join(
+        struct.pack("<12fH", 0, 0, 0, *corners[list(face)].ravel(), 0) for face in faces
+    )
     return bytes(80) + struct.pack("<I", 12) + records
 
 
@@ -291,7 +361,11 @@ def test_meshes(content: bytes) -> bool:
 
 
 @inputs("part")
-@drawn([{"text": PARTS, **base} for base in CUBES], text=st.just(PARTS) | documents([PARTS]), content=meshes())
+@drawn(
+    [{"text": PARTS, **base} for base in CUBES],
+    text=st.just(PARTS) | documents([PARTS]),
+    content=meshes(),
+)
 def test_parts(text: str, content: bytes) -> bool:
     """Bodies of two parts, one of them this mesh."""
     written("part.stl", content)
@@ -301,24 +375,43 @@ def test_parts(text: str, content: bytes) -> bool:
 @inputs("robot")
 @drawn([{"text": text} for text in ROBOTS], text=documents(ROBOTS))
 def test_robots(text: str) -> bool:
-    return judged(lambda: import_robot(written("robot.yaml", text), Path("made.yaml"), overwrite=True)) is not None
+    return (
+        judged(lambda: import_robot(written("robot.yaml", text), Path("made.yaml"), overwrite=True))
+        is not None
+    )
 
 
 def saved() -> dict[str, bytes]:
     """Both files of a result that has a small value of each field's type."""
-    small = {"str": "x", "bool": True, "int": 1, "float": 1.0, "dict": {}, "list": [], "Array": np.ones((2, 4)), "NDArray": np.ones(2, int)}
+    small = {
+        "str": "x",
+        "bool": True,
+        "int": 1,
+        "float": 1.0,
+        "dict": {},
+        "list": [],
+        "Array": np.ones((2, 4)),
+        "NDArray": np.ones(2, int),
+    }
     folder = Path(tempfile.mkdtemp(prefix="magmpm-fuzz-"))
-    Result(**{f.name: small[str(f.type).split("[")[0].split(" ")[0]] for f in fields(Result)}).save(folder)  # type: ignore[arg-type]
+    Result(**{f.name: small[str(f.type).split("[")[0].split(" ")[0]] for f in fields(Result)}).save(
+        folder
+    )  # type: ignore[arg-type]
     return {"content": (folder / NUMBERS).read_bytes(), "arrays": (folder / ARRAYS).read_bytes()}
 
 
 SAVED = saved()
-nonsense = st.recursive(st.none() | st.floats() | st.text(), st.lists).map(lambda data: json.dumps(data).encode())
+nonsense = st.recursive(st.none() | st.floats() | st.text(), st.lists).map(
+    lambda data: json.dumps(data).encode()
+)
 
 
 @inputs("result")
-@drawn([SAVED], content=st.just(SAVED["content"]) | damaged(SAVED["content"]) | nonsense,
-       arrays=st.just(SAVED["arrays"]) | damaged(SAVED["arrays"]) | st.binary(max_size=200))  # fmt: skip
+@drawn(
+    [SAVED],
+    content=st.just(SAVED["content"]) | damaged(SAVED["content"]) | nonsense,
+    arrays=st.just(SAVED["arrays"]) | damaged(SAVED["arrays"]) | st.binary(max_size=200),
+)
 def test_saved_results(content: bytes, arrays: bytes) -> bool:
     folder = Path("run")
     folder.mkdir(exist_ok=True)
@@ -342,7 +435,11 @@ def coarse(scene: Scene) -> Scene:
     return Scene.from_si(data)
 
 
-RUN = [(kind, number) for kind in ("scene", "part", "robot", "study") for number in range(len(BASES[kind]))]
+RUN = [
+    (kind, number)
+    for kind in ("scene", "part", "robot", "study")
+    for number in range(len(BASES[kind]))
+]
 
 
 @pytest.mark.slow
@@ -363,7 +460,10 @@ def test_bases_run(kind: str, number: int, tmp_path: Path) -> None:
 
 def test_table_of_all() -> None:
     """Table that `make fuzz` prints: inputs of each kind, how many were accepted, and the kinds of failure."""
-    rows = [f"{kind:<12}{DONE[kind]:>8}{ACCEPTED[kind]:>10}{len(BAD.get(kind, {})):>8}" for kind in SHARES]
+    rows = [
+        f"{kind:<12}{DONE[kind]:>8}{ACCEPTED[kind]:>10}{len(BAD.get(kind, {})):>8}"
+        for kind in SHARES
+    ]
     total = f"{'all':<12}{sum(DONE.values()):>8}{sum(ACCEPTED.values()):>10}{sum(map(len, BAD.values())):>8}"
     print("\n".join(["", f"{'inputs':<12}{'tried':>8}{'accepted':>10}{'bad':>8}", *rows, total]))
     assert not BAD

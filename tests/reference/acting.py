@@ -27,7 +27,10 @@ from magmpm.model import Model, build
 from magmpm.scene import Scene
 
 KEYS = list(effects.Effects.every())
-ROTATING = ["magnetic_torque rotates", "magnetic_force rotates"]  # the same effects on magnetization that does not stretch
+ROTATING = [
+    "magnetic_torque rotates",
+    "magnetic_force rotates",
+]  # the same effects on magnetization that does not stretch
 USUAL = """
 name: acting
 materials:
@@ -50,7 +53,8 @@ field:
 # What the scene of an effect adds to the usual one; {name} in it is a file of `box` that is written beside the scene.
 SCENES = {
     "magnetic_torque": "field: {uniform: [2 mT, -3 mT, 5 mT]}",
-    "magnetic_force": NEAR_A_MAGNET + "effects: {magnetic_torque: {}, magnetic_force: {}}",  # which counts its energy
+    "magnetic_force": NEAR_A_MAGNET
+    + "effects: {magnetic_torque: {}, magnetic_force: {}}",  # which counts its energy
     # The body starts 2 to 12 um inside.
     "ground": "effects: {ground: {point: [8 mm, 0 mm, -1.99 mm], normal: [-0.1, 0.05, 1], friction: 0.3}}",
     "walls": "effects: {walls: {tube: {radius: 1.998 mm, path: [[-10 mm, 0 mm, 0 mm], [20 mm, 0 mm, 0 mm]]}, friction: 0.2}}",
@@ -68,7 +72,10 @@ body:
     meshes: [{mesh: lower.stl, material: m}, {mesh: upper.stl, material: m}]
 """,
 }
-MESHES = {"lower.stl": box((0, 0, -3), (4, 4, 0)), "upper.stl": box((0.3, 0, 0.1), (3.3, 3, 3))}  # mm
+MESHES = {
+    "lower.stl": box((0, 0, -3), (4, 4, 0)),
+    "upper.stl": box((0.3, 0, 0.1), (3.3, 3, 3)),
+}  # mm
 
 
 @dataclass(frozen=True)
@@ -105,7 +112,14 @@ def acting(key: str) -> Acting:
     effect = model.scene.effects.named()[key.partition(" ")[0]]
     of = effect.records(model.scene)
     names = of[0].dtype.names if of else None
-    own = next(((record, data) for record, data in hooks.pairs(model.effects) if record.dtype.names == names), ())
+    own = next(
+        (
+            (record, data)
+            for record, data in hooks.pairs(model.effects)
+            if record.dtype.names == names
+        ),
+        (),
+    )
     return Acting(effect, model, own, model.effects)
 
 
@@ -117,7 +131,9 @@ def hook(named: tuple[np.ndarray, ...], name: str) -> Any:
 
 def having(*wanted: str) -> list[str]:
     """Keys of the effects that have at least one of these hooks."""
-    return [key for key in (*KEYS, *ROTATING) if any(hook(acting(key).own, name) for name in wanted)]
+    return [
+        key for key in (*KEYS, *ROTATING) if any(hook(acting(key).own, name) for name in wanted)
+    ]
 
 
 class Point:

@@ -24,7 +24,9 @@ def s_shape(s: float) -> tuple[float, float]:
     return -95.0 * np.cos(np.pi * s / 0.036), 70.0 * np.sin(np.pi * s / 0.03)
 
 
-def bent_axis(curvature: Curvature, length: float, count: int = 81) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def bent_axis(
+    curvature: Curvature, length: float, count: int = 81
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Axis of a rod with given curvature, clamped at the origin along +x, without twist.
 
     Returns s (count,) m, positions (count, 3) m, frames (count, 3, 3) whose columns are the section's axes."""
@@ -61,7 +63,12 @@ def catheter(
     s, position, frame = bent_axis(curvature, length)
     section = np.stack([np.zeros_like(y), y, z], axis=1)
     at = np.searchsorted(s, along)
-    particles = np.concatenate([position[i] + section @ frame[i].T - (s[i] - a) * frame[i][:, 0] for i, a in zip(at, along)])
+    particles = np.concatenate(
+        [
+            position[i] + section @ frame[i].T - (s[i] - a) * frame[i][:, 0]
+            for i, a in zip(at, along)
+        ]
+    )
     middle = np.searchsorted(s, (np.arange(segments) + 0.5) * length / segments)
     angles = np.linspace(0.0, 1.5 * np.pi, segments)
     remanence = 0.138 * np.stack([np.cos(angles), 0.5 * np.sin(angles), np.sin(angles)], axis=1)
@@ -71,14 +78,32 @@ def catheter(
     plate = tube([depth], style.CLAMP_RADIUS * diameter, 0.0, depth, 48)
     arrows = segment_arrows(position, position[middle], deformed, length, diameter)
     return Snapshot(
-        body=Particles(particles.astype(np.float32), np.repeat((along * segments / length).astype(np.int32), len(y)), spacing),
-        magnetized=np.linalg.norm(remanence, axis=1) > 0, length=length, thickness=diameter, axis=position,
-        target=None if target is None else bent_axis(target, length)[1][4::4], arrows=arrows, arrow_width=style.ARROW_WIDTH * diameter,
-        obstacles=(Obstacle("clamp", plate.points - [depth, 0.0, 0.0], plate.triangles, style.CLAMP),),
-        field=np.array([0.0, 6e-3, 8e-3]), gravity=np.array([0.0, 0.0, -9.81]), title=title, trial=trial, rms=rms, insets=True,
-    )  # fmt: skip
+        body=Particles(
+            particles.astype(np.float32),
+            np.repeat((along * segments / length).astype(np.int32), len(y)),
+            spacing,
+        ),
+        magnetized=np.linalg.norm(remanence, axis=1) > 0,
+        length=length,
+        thickness=diameter,
+        axis=position,
+        target=None if target is None else bent_axis(target, length)[1][4::4],
+        arrows=arrows,
+        arrow_width=style.ARROW_WIDTH * diameter,
+        obstacles=(
+            Obstacle("clamp", plate.points - [depth, 0.0, 0.0], plate.triangles, style.CLAMP),
+        ),
+        field=np.array([0.0, 6e-3, 8e-3]),
+        gravity=np.array([0.0, 0.0, -9.81]),
+        title=title,
+        trial=trial,
+        rms=rms,
+        insets=True,
+    )
 
 
 def plain(snapshot: Snapshot) -> Snapshot:
     """The same body without magnetization."""
-    return replace(snapshot, magnetized=np.zeros_like(snapshot.magnetized), arrows=np.zeros((0, 2, 3)))
+    return replace(
+        snapshot, magnetized=np.zeros_like(snapshot.magnetized), arrows=np.zeros((0, 2, 3))
+    )

@@ -26,7 +26,10 @@ class Column:
         The field B turns each tangent by the couple P sin(angle) per length, P = moment B: EI angle'' + P angle = 0, angle(0) = 0 and
         angle'(L) = 0, so P = pi^2 EI/(4 L^2). The force P in each section also shears and shortens the rod, which puts
         P (1 + P/(k GA) - P/(EA)) in the place of P: the potential of magmpm.rod.cosserat to second order in the angle."""
-        euler, more = np.pi**2 * self.bending / (4 * self.length**2), 1 / self.shear - 1 / self.tension
+        euler, more = (
+            np.pi**2 * self.bending / (4 * self.length**2),
+            1 / self.shear - 1 / self.tension,
+        )
         force = (np.sqrt(1 + 4 * more * euler) - 1) / (2 * more)
         return float(force / self.moment)
 

@@ -12,16 +12,24 @@ ROOT = Path(__file__).parents[2]
 
 def environment(**more: str) -> dict[str, str]:
     """Variables of a process that finds this checkout."""
-    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]), **more}
+    return {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
+        **more,
+    }
 
 
 def started(*words: object, output: int = subprocess.DEVNULL, **env: str) -> subprocess.Popen[str]:
     """The command, begun; output: what becomes of what it prints."""
     command = [sys.executable, "-m", "magmpm.cli", *map(str, words)]
-    return subprocess.Popen(command, env=environment(**env), stdout=output, stderr=output, text=True)
+    return subprocess.Popen(
+        command, env=environment(**env), stdout=output, stderr=output, text=True
+    )
 
 
-def wait_for(condition: Callable[[], object], child: subprocess.Popen[str], seconds: float = 120.0) -> None:
+def wait_for(
+    condition: Callable[[], object], child: subprocess.Popen[str], seconds: float = 120.0
+) -> None:
     """Until the condition holds, the process ends, or so long."""
     until = time.monotonic() + seconds
     while not condition() and child.poll() is None and time.monotonic() < until:
@@ -29,7 +37,12 @@ def wait_for(condition: Callable[[], object], child: subprocess.Popen[str], seco
 
 
 def scene_text(
-    name: str = "small", *, length: str = "20 mm", segments: str = "{magnetization: [1, 0, 0]}", material: str = "magnetic", **more: str
+    name: str = "small",
+    *,
+    length: str = "20 mm",
+    segments: str = "{magnetization: [1, 0, 0]}",
+    material: str = "magnetic",
+    **more: str,
 ) -> str:
     """A scene file of a catheter, 4 mm thick, on two cells, a key a line; more: keys in place of the usual ones, or besides."""
     keys = {

@@ -13,8 +13,14 @@ from magmpm.statics import axis
 from magmpm.statics.linearized import Linearized
 
 STEPS = {
-    "magnetization": 2e-3, "field": 2e-5, "remanence": 3e-4, "shear_modulus": 200.0, "length": 2e-6, "diameter": 2e-6, "density": 10.0,
-}  # fmt: skip
+    "magnetization": 2e-3,
+    "field": 2e-5,
+    "remanence": 3e-4,
+    "shear_modulus": 200.0,
+    "length": 2e-6,
+    "diameter": 2e-6,
+    "density": 10.0,
+}
 
 
 def tight(scene: Scene) -> Scene:
@@ -28,7 +34,9 @@ def tight(scene: Scene) -> Scene:
 
 def solution(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Axis (rows, 3) m and tip (3,) m of the equilibrium, or of a path's last one, refined."""
-    _, found = solve.end_of_path(scene) if scene.in_time else solve.at_rest(tight(scene), None, None)
+    _, found = (
+        solve.end_of_path(scene) if scene.in_time else solve.at_rest(tight(scene), None, None)
+    )
     for _ in range(2):
         near = Linearized(found, ())
         found.point = near._point
@@ -40,10 +48,17 @@ def solution(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros((0, 3)), volume @ found.point.position[last] / volume.sum()
 
 
-def differences(scene: Scene, variable: Variable, share: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def differences(
+    scene: Scene, variable: Variable, share: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of axis (rows, 3) and tip (3,) by 3 D(h) - 3 D(2 h) + D(3 h), without errors of h, h^2; share: h over its usual size."""
     h = share * STEPS[variable.kind]
-    sides = [[solution(variable.changed(scene, sign * k * h)) for sign in (1, -1)] for k in (1, 2, 3)]
-    slopes = [[(ahead[i] - behind[i]) / (2 * k * h) for k, (ahead, behind) in enumerate(sides, start=1)] for i in range(2)]
+    sides = [
+        [solution(variable.changed(scene, sign * k * h)) for sign in (1, -1)] for k in (1, 2, 3)
+    ]
+    slopes = [
+        [(ahead[i] - behind[i]) / (2 * k * h) for k, (ahead, behind) in enumerate(sides, start=1)]
+        for i in range(2)
+    ]
     rows, tip = (3 * one - 3 * two + three for one, two, three in slopes)
     return rows, tip

@@ -31,8 +31,13 @@ def hook_of(record: np.ndarray, name: str) -> Any:
 
 def call(model: Model, hook: str, *arguments: Any, step: int = 0) -> list[Any]:
     """One hook of every effect that has it, in the order of the model: function(effect, data, *arguments). Returns what each returns."""
-    having = [(hook_of(record, hook), record[min(step, len(record) - 1)], data) for record, data in hooks.pairs(model.effects)]
-    return [function(one, data, *arguments) for function, one, data in having if function is not None]
+    having = [
+        (hook_of(record, hook), record[min(step, len(record) - 1)], data)
+        for record, data in hooks.pairs(model.effects)
+    ]
+    return [
+        function(one, data, *arguments) for function, one, data in having if function is not None
+    ]
 
 
 def push_time(model: Model, dt: float, step: int = 0) -> float:
@@ -66,7 +71,9 @@ def elastic_stress(model: Model, F: np.ndarray) -> np.ndarray:
     return shape + (model.bulk * change * J)[:, None, None] * H
 
 
-def held(x: np.ndarray, v: np.ndarray, depth: float, before: np.ndarray, f: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def held(
+    x: np.ndarray, v: np.ndarray, depth: float, before: np.ndarray, f: np.ndarray, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
     """The force (3,) N of contact with friction on a point at x (3,) m with velocity v (3,) m/s, and what it remembers next; f (9,): of
     effects.contact_force; before (8,): anchor, 1 where it sticks, -1 where it slides, 0 where it does not touch, mean grip N, time s, the
     mean of the mean N, and the way since it stuck m.
@@ -89,10 +96,14 @@ def held(x: np.ndarray, v: np.ndarray, depth: float, before: np.ndarray, f: np.n
     slides = pull > most
     stretch *= most / pull if slides else 1.0
     way = way + (pull - most) / rigidity if slides else 0.0
-    return f[:3] - rigidity * stretch, np.array([*(x - stretch), -1.0 if slides else 1.0, mean, time, again, way])
+    return f[:3] - rigidity * stretch, np.array(
+        [*(x - stretch), -1.0 if slides else 1.0, mean, time, again, way]
+    )
 
 
-def particle_forces(model: Model, x: np.ndarray, F: np.ndarray, dF: np.ndarray, step: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def particle_forces(
+    model: Model, x: np.ndarray, F: np.ndarray, dF: np.ndarray, step: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
     """Stress P (n, 3, 3) Pa and force (n, 3) N of every particle, with all effects but contact. dF (n, 3, 3) 1/s: rate of F."""
     P, force = elastic_stress(model, F), np.zeros_like(x)
     for p, volume in enumerate(model.particles.volume):
@@ -141,7 +152,16 @@ class Total:
             node = np.ravel_multi_index((surface.first + np.array([a, b, c])).T, shape)
             w = surface.weights
             on[np.arange(len(on)), node] += w[:, 0, a] * w[:, 1, b] * w[:, 2, c]
-        return cls(model, N, dN, X, N.T @ (model.density * model.particles.volume), fixed, on, np.zeros((len(on), 8)))
+        return cls(
+            model,
+            N,
+            dN,
+            X,
+            N.T @ (model.density * model.particles.volume),
+            fixed,
+            on,
+            np.zeros((len(on), 8)),
+        )
 
     def gradient(self, c: np.ndarray) -> np.ndarray:
         """sum c_a (x) grad N_a (n, 3, 3)."""
@@ -150,21 +170,32 @@ class Total:
     def force(self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0) -> np.ndarray:
         """Force on every node, (nodes, 3) N."""
         V, x = self.model.particles.volume, self.model.particles.position + self.N @ c
-        P, force = particle_forces(self.model, x, np.eye(3) + self.gradient(c), self.gradient(v), step)
-        return self.N.T @ force - np.einsum("n,nkj,jna->ak", V, P, self.dN) + self.contact(c, v, dt, step)
+        P, force = particle_forces(
+            self.model, x, np.eye(3) + self.gradient(c), self.gradient(v), step
+        )
+        return (
+            self.N.T @ force
+            - np.einsum("n,nkj,jna->ak", V, P, self.dN)
+            + self.contact(c, v, dt, step)
+        )
 
     def contact(self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0) -> np.ndarray:
         """Contact of the surface's points on every node, (nodes, 3) N. The dashpot acts on those that did not stick before."""
         forces = np.zeros((len(self.on), 3))
         for p, (splines, held_at) in enumerate(zip(self.on, self.anchor, strict=True)):
-            x, f = self.model.surface.place[p] + splines @ c, np.append(np.zeros(7), self.model.surface.grip[p, 1:])
+            x, f = (
+                self.model.surface.place[p] + splines @ c,
+                np.append(np.zeros(7), self.model.surface.grip[p, 1:]),
+            )
             speed = splines @ v if held_at[3] != 1 else np.zeros(3)
             call(self.model, "contact", x, speed, self.model.surface.mass[p], dt, f, step=step)
             if not f[:7].any():
                 held_at[3], held_at[5] = 0, max(held_at[5] - dt, 0.0)
                 held_at *= held_at[5] > 0
                 continue
-            forces[p], held_at[:] = held(x, speed, max(call(self.model, "near", x, step=step)), held_at, f, dt)
+            forces[p], held_at[:] = held(
+                x, speed, max(call(self.model, "near", x, step=step)), held_at, f, dt
+            )
         return self.on.T @ forces
 
     def fields(self) -> np.ndarray:
@@ -183,7 +214,9 @@ class Total:
                 spaces = max(1, round((len(planes) - 1) / 2))
                 at = planes[np.round(np.linspace(0, len(planes) - 1, spaces + 1)).astype(int)]
                 hats = [np.interp(x, at, row) for row in np.eye(len(at))]
-                columns_of += [on * hat * field for hat in hats for field in (np.ones_like(x), y, z)]
+                columns_of += [
+                    on * hat * field for hat in hats for field in (np.ones_like(x), y, z)
+                ]
             else:
                 columns_of += [on * field for field in (*hats, y, z)]
         return np.column_stack(columns_of) if columns_of else np.zeros((len(free), 0))
@@ -193,17 +226,30 @@ class Total:
         A, weight = self.fields(), self.model.density * self.model.particles.volume
         lumped, values = A.T @ (self.mass[:, None] * A), self.N @ A
         consistent = values.T @ (weight[:, None] * values)
-        inverse = [np.linalg.pinv(matrix, rcond=1e-10, hermitian=True) for matrix in (consistent, lumped)]
+        inverse = [
+            np.linalg.pinv(matrix, rcond=1e-10, hermitian=True) for matrix in (consistent, lumped)
+        ]
         on = np.where(self.mass > 0, self.mass, np.inf)
         return np.asarray(np.diag(1.0 / on) + A @ (inverse[0] - inverse[1]) @ A.T)
 
-    def step(self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    def step(
+        self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Displacement and velocity of the nodes after a time dt. Nodes without mass stay at rest."""
         on = self.mass > 0
         after = np.zeros_like(v)
         push = push_time(self.model, dt, step)
         after[on] = v[on] + push * (self.inverse_mass() @ self.force(c, v, push, step))[on]
         for node in np.flatnonzero(on):
-            call(self.model, "node", self.X[node], c[node], after[node], not self.fixed[node], dt, step=step)
+            call(
+                self.model,
+                "node",
+                self.X[node],
+                c[node],
+                after[node],
+                not self.fixed[node],
+                dt,
+                step=step,
+            )
         after[self.fixed] = 0.0
         return c + dt * after, after

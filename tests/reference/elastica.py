@@ -27,7 +27,15 @@ class Elastica:
         def slope(_: float, y: np.ndarray) -> list[float]:
             return [np.cos(y[2]), np.sin(y[2]), y[3], -self.load * np.sin(self.field_angle - y[2])]
 
-        solved = solve_ivp(slope, (0, 1), [0, 0, 0, self.clamp_curvature], method="DOP853", rtol=1e-12, atol=1e-13, t_eval=s)
+        solved = solve_ivp(
+            slope,
+            (0, 1),
+            [0, 0, 0, self.clamp_curvature],
+            method="DOP853",
+            rtol=1e-12,
+            atol=1e-13,
+            t_eval=s,
+        )
         return solved.y[:3].T
 
 
@@ -52,7 +60,14 @@ def elastica(load: float, field_angle: float) -> Elastica:
 
     tip = brentq(lambda a: integral("length", a) - 1, 1e-6, field_angle - 1e-4, xtol=1e-14)
     curvature = np.sqrt(2 * load * (np.cos(field_angle - tip) - np.cos(field_angle)))
-    return Elastica(load, field_angle, integral("deflection", tip), integral("axial", tip), tip, float(curvature))
+    return Elastica(
+        load,
+        field_angle,
+        integral("deflection", tip),
+        integral("axial", tip),
+        tip,
+        float(curvature),
+    )
 
 
 def heavy_elastica(weight: float, s: np.ndarray) -> np.ndarray:
@@ -66,7 +81,9 @@ def heavy_elastica(weight: float, s: np.ndarray) -> np.ndarray:
 
     mesh = np.linspace(0, 1, 41)
     guess = np.zeros((4, len(mesh)))
-    for part in np.linspace(0.2, 1, 5) * weight:  # continuation in the load, to stay on the branch that starts from zero
+    for part in (
+        np.linspace(0.2, 1, 5) * weight
+    ):  # continuation in the load, to stay on the branch that starts from zero
 
         def slope(s: np.ndarray, y: np.ndarray, part: float = part) -> np.ndarray:
             return np.stack([y[1], -part * (1 - s) * np.cos(y[0]), np.cos(y[0]), np.sin(y[0])])

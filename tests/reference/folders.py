@@ -19,7 +19,9 @@ with folder_lock(sys.argv[1]):
 def holding(path: Path, script: str = _HOLDER) -> Iterator[int]:
     """Another process holds the folder, or what another script holds, until the context ends or it is killed. Yields its process number."""
     command = [sys.executable, "-c", script, str(path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as child:
         assert child.stdout.readline() == "held\n"
         try:
             yield child.pid

@@ -60,7 +60,9 @@ def quantities(motion: TotalMotion) -> Quantities:
     """Momentum and angular momentum of the nodes."""
     p, v = motion.packed, motion.v.reshape(-1, 3)
     momentum = p.mass.momentum(v)
-    return Quantities(momentum.sum(axis=0), np.cross(p.node_place + motion.u.reshape(-1, 3), momentum).sum(axis=0))
+    return Quantities(
+        momentum.sum(axis=0), np.cross(p.node_place + motion.u.reshape(-1, 3), momentum).sum(axis=0)
+    )
 
 
 def tip_height(model: Model) -> Callable[[np.ndarray], float]:

@@ -33,14 +33,20 @@ def body(spacing: float = 1e-3, segments: int = 3) -> SimpleNamespace:
     """A stand-in for a catheter's model of LENGTH and DIAMETER along +x: particles with this spacing (m), magnetized along x, y, x, ..."""
     along = (np.arange(round(LENGTH / spacing)) + 0.5) * spacing
     across = (np.arange(round(DIAMETER / spacing)) + 0.5) * spacing - DIAMETER / 2
-    X = np.stack([grid.ravel() for grid in np.meshgrid(along, across, across, indexing="ij")], axis=1)
+    X = np.stack(
+        [grid.ravel() for grid in np.meshgrid(along, across, across, indexing="ij")], axis=1
+    )
     X = X[np.hypot(X[:, 1], X[:, 2]) < DIAMETER / 2]
     segment = (X[:, 0] * segments / LENGTH).astype(np.int32)
     particles = SimpleNamespace(position=X, volume=np.full(len(X), spacing**3), segment=segment)
-    return SimpleNamespace(particles=particles, remanence=0.138 * np.eye(3)[segment % 2], scene=None)
+    return SimpleNamespace(
+        particles=particles, remanence=0.138 * np.eye(3)[segment % 2], scene=None
+    )
 
 
-def bending(model: SimpleNamespace, times: Array, most: float = 60.0, period: float = 0.4) -> Iterator[Moment]:
+def bending(
+    model: SimpleNamespace, times: Array, most: float = 60.0, period: float = 0.4
+) -> Iterator[Moment]:
     """Circular bending in the x-z plane with the curvature most sin(2 pi t / period) (1/m): sections stay plane and undistorted."""
     X = model.particles.position
     V = model.particles.volume
@@ -53,11 +59,25 @@ def bending(model: SimpleNamespace, times: Array, most: float = 60.0, period: fl
         v = (ahead - behind) / 2e-4 * rate
         P = SHEAR * (F - np.linalg.inv(F).transpose(0, 2, 1))
         field = 8e-3 * np.array([np.cos(phase), 0.0, np.sin(phase)])
-        elastic = 0.5 * SHEAR * np.sum(V * (np.einsum("nij,nij->n", F, F) - 3 - 2 * np.log(np.linalg.det(F))))
+        elastic = (
+            0.5
+            * SHEAR
+            * np.sum(V * (np.einsum("nij,nij->n", F, F) - 3 - 2 * np.log(np.linalg.det(F))))
+        )
         down = max(float(-(x[:, 2] + 0.006).min()), 0.0)
         kinetic = 0.5 * DENSITY * float(V @ (v**2).sum(axis=1))
-        energies = {"kinetic": kinetic, "elastic": float(elastic), "magnetic_torque": -1e-6 * float(np.sin(phase))}
-        contacts = {"ground": {"force": np.array([0.0, 0.0, 1e3 * down]), "count": int(1e6 * down), "depth": down}}
+        energies = {
+            "kinetic": kinetic,
+            "elastic": float(elastic),
+            "magnetic_torque": -1e-6 * float(np.sin(phase)),
+        }
+        contacts = {
+            "ground": {
+                "force": np.array([0.0, 0.0, 1e3 * down]),
+                "count": int(1e6 * down),
+                "depth": down,
+            }
+        }
         yield Moment(float(time), x, v, F, P, energies, contacts, field)
 
 

@@ -19,13 +19,28 @@ DENSITY = 1882.0
 
 
 def moving_scene(
-    body: dict[str, Any], effects: dict[str, Any], *, cells: int = 2, shear: float = G, duration: float = 1.0, **more: Any
+    body: dict[str, Any],
+    effects: dict[str, Any],
+    *,
+    cells: int = 2,
+    shear: float = G,
+    duration: float = 1.0,
+    **more: Any,
 ) -> Scene:
     """A scene with a body of the material `m`, or `stiff`, ten times as stiff, in SI. more: other keys of the scene."""
     material = {"shear_modulus": shear, "bulk_to_shear": 20.0, "density": DENSITY, "remanence": BR}
-    materials = {"m": material, **({"stiff": {**material, "shear_modulus": 10 * shear}} if "stiff" in str(body) else {})}
-    about = {"name": "test", "solver": {"dynamic": {"duration": duration}}, "resolution": {"cells_across": cells}}
-    return Scene.from_si({**about, "materials": materials, "body": body, "effects": effects, **more})
+    materials = {
+        "m": material,
+        **({"stiff": {**material, "shear_modulus": 10 * shear}} if "stiff" in str(body) else {}),
+    }
+    about = {
+        "name": "test",
+        "solver": {"dynamic": {"duration": duration}},
+        "resolution": {"cells_across": cells},
+    }
+    return Scene.from_si(
+        {**about, "materials": materials, "body": body, "effects": effects, **more}
+    )
 
 
 def resting_scene(body: dict[str, Any], effects: dict[str, Any], **more: Any) -> Scene:
@@ -35,7 +50,12 @@ def resting_scene(body: dict[str, Any], effects: dict[str, Any], **more: Any) ->
 
 def block(size: Sequence[float], **strip: Any) -> dict[str, Any]:
     """A free block of this size (m); by default it stands on z = 0."""
-    usual = {**dict(zip(("length", "width", "thickness"), size)), "material": "m", "clamp": "none", "position": [0.0, 0.0, size[2] / 2]}
+    usual = {
+        **dict(zip(("length", "width", "thickness"), size)),
+        "material": "m",
+        "clamp": "none",
+        "position": [0.0, 0.0, size[2] / 2],
+    }
     return {"strip": {**usual, "segments": [{"magnetization": [0.0, 0.0, 0.0]}], **strip}}
 
 
@@ -52,7 +72,10 @@ NEUTRAL = (
 
 def filled(model: Model) -> Model:
     """The model plus the missing effects of motion at zero strength, so that one compiled kernel serves many tests."""
-    having = {model.effects[k].dtype.names: model.effects[k : k + 2] for k in range(0, len(model.effects), 2)}
+    having = {
+        model.effects[k].dtype.names: model.effects[k : k + 2]
+        for k in range(0, len(model.effects), 2)
+    }
     named = [having.pop(neutral[0].dtype.names, neutral) for neutral in NEUTRAL]
     assert not having, "NEUTRAL knows them all"
     return replace(model, effects=tuple(part for pair in named for part in pair))
@@ -68,7 +91,9 @@ class Moment:
     contacts: dict[str, Any]
 
 
-def follow(scene: Scene | Model, times: Sequence[float], motion: TotalMotion | None = None) -> Iterator[Moment]:
+def follow(
+    scene: Scene | Model, times: Sequence[float], motion: TotalMotion | None = None
+) -> Iterator[Moment]:
     """The moments at the given times (s), from rest or from the state of `motion`."""
     model = filled(scene if isinstance(scene, Model) else build(scene))
     begun = begin(model)
@@ -86,5 +111,7 @@ def follow(scene: Scene | Model, times: Sequence[float], motion: TotalMotion | N
         contacts = {}
         for key in ("ground", "walls"):
             if getattr(model.scene.effects, key) is not None:
-                contacts[key] = model.scene.effects.named()[key].report(model, motion.touching_points(), dt)
+                contacts[key] = model.scene.effects.named()[key].report(
+                    model, motion.touching_points(), dt
+                )
         yield Moment(time, x, v, contacts)

@@ -16,10 +16,14 @@ from magmpm.bodies.polar_grid import PolarGrid
 from magmpm.fields.dipole import MU0
 from magmpm.statics.layout import StaticModel
 
-LINEAR_STIFFNESS = 5.0  # times G, from docs/design.md; not imported from the model, which is compared with it
+LINEAR_STIFFNESS = (
+    5.0  # times G, from docs/design.md; not imported from the model, which is compared with it
+)
 
 
-def spline_matrix(x: np.ndarray, origin: float, h: float, cells: int, derivative: int = 0) -> np.ndarray:
+def spline_matrix(
+    x: np.ndarray, origin: float, h: float, cells: int, derivative: int = 0
+) -> np.ndarray:
     """Values or derivatives of all quadratic B-splines of one axis at x: (points, cells + 2)."""
     knots = origin + h * np.arange(-2, cells + 3)
     columns = []
@@ -38,27 +42,41 @@ def along_matrix(x: np.ndarray, grid: Grid, derivative: int = 0) -> np.ndarray:
     return BSpline(knots, np.eye(len(knots) - 3), 2)(x, nu=derivative)
 
 
-def around_matrix(angle: np.ndarray, origin: float, w: float, cells: int, derivative: int = 0) -> np.ndarray:
+def around_matrix(
+    angle: np.ndarray, origin: float, w: float, cells: int, derivative: int = 0
+) -> np.ndarray:
     """Values or derivatives at angles (n,) rad of the splines around: (n, cells). Node k is nonzero in the three cells from k - 2 to k.
 
     In each of the three it is a + b cos t + c sin t. It begins and ends with value and slope 0, has no jump of either, and is 1/2 on the
     two faces between: there two nodes are nonzero, and sum to 1."""
 
     def row(t: float, slope: bool) -> np.ndarray:
-        return np.array([0.0, -np.sin(t), np.cos(t)]) if slope else np.array([1.0, np.cos(t), np.sin(t)])
+        return (
+            np.array([0.0, -np.sin(t), np.cos(t)])
+            if slope
+            else np.array([1.0, np.cos(t), np.sin(t)])
+        )
 
     rules, right = [], []
     for cell, place, slope, value in (
-        (0, 0.0, False, 0.0), (0, 0.0, True, 0.0), (0, w, False, 0.5), (1, w, False, 0.5), (1, 2 * w, False, 0.5),
-        (2, 2 * w, False, 0.5), (2, 3 * w, False, 0.0), (2, 3 * w, True, 0.0),
-    ):  # fmt: skip
+        (0, 0.0, False, 0.0),
+        (0, 0.0, True, 0.0),
+        (0, w, False, 0.5),
+        (1, w, False, 0.5),
+        (1, 2 * w, False, 0.5),
+        (2, 2 * w, False, 0.5),
+        (2, 3 * w, False, 0.0),
+        (2, 3 * w, True, 0.0),
+    ):
         rule = np.zeros((3, 3))
         rule[cell] = row(place, slope)
         rules.append(rule.ravel())
         right.append(value)
     smooth = np.zeros((3, 3))
     smooth[0], smooth[1] = row(w, True), -row(w, True)
-    piece = np.linalg.solve(np.array([*rules, smooth.ravel()]), np.array([*right, 0.0])).reshape(3, 3)
+    piece = np.linalg.solve(np.array([*rules, smooth.ravel()]), np.array([*right, 0.0])).reshape(
+        3, 3
+    )
     out = np.zeros((len(angle), cells))
     for node in range(cells):
         t = (angle - origin - (node - 2) * w) % (2 * np.pi)
@@ -95,7 +113,15 @@ class Reference:
                 if axis == 0:
                     table.append(along_matrix(places[:, 0] - grid.origin[0], grid, derivative))
                 else:
-                    table.append(matrix(places[:, axis], grid.origin[axis], grid.spacing[axis], grid.cells[axis], derivative))
+                    table.append(
+                        matrix(
+                            places[:, axis],
+                            grid.origin[axis],
+                            grid.spacing[axis],
+                            grid.cells[axis],
+                            derivative,
+                        )
+                    )
         if isinstance(grid, PolarGrid):
             slopes[1] /= places[:, 2:]
         for table in (values, slopes):  # the clamp: coefficient of node 0 = - that of node 1
@@ -122,7 +148,9 @@ class Reference:
         H = A.transpose(0, 2, 1) @ P @ C.transpose(0, 2, 1)
         turned = A @ ((H - H.transpose(0, 2, 1)) / (S[:, :, None] + S[:, None])) @ C
         on = law[:, :1] > 0 if law.shape[1] else np.zeros((len(F), 1), bool)
-        return np.where(on, np.einsum("nij,nj->ni", A @ C, b), m), np.where(on[..., None], turned, P)
+        return np.where(on, np.einsum("nij,nj->ni", A @ C, b), m), np.where(
+            on[..., None], turned, P
+        )
 
     def gather(self, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """u = sum N_a c_a (n, 3) and F = I + sum c_a (x) grad N_a (n, 3, 3), for coefficients c (planes, m)."""
@@ -153,10 +181,15 @@ class Reference:
             W = np.diag(V[cell])
             stiff, line = (
                 B @ np.linalg.pinv(B.T @ W @ B) @ B.T @ W
-                for B in (np.column_stack([one, x[:, 2]] if isinstance(model.grid, PolarGrid) else [one]), np.column_stack([one, x]))
+                for B in (
+                    np.column_stack([one, x[:, 2]] if isinstance(model.grid, PolarGrid) else [one]),
+                    np.column_stack([one, x]),
+                )
             )
             slope, k, g = line - stiff, K[cell[0]], G[cell[0]]
-            Q[np.ix_(cell, cell)] = k * stiff.T @ W @ stiff + min(k, LINEAR_STIFFNESS * g) * slope.T @ W @ slope
+            Q[np.ix_(cell, cell)] = (
+                k * stiff.T @ W @ stiff + min(k, LINEAR_STIFFNESS * g) * slope.T @ W @ slope
+            )
         return Q
 
     def energy_parts(self, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -166,7 +199,9 @@ class Reference:
         J = np.linalg.det(F)
         W = model.shear / 2 * (J ** (-2 / 3) * np.einsum("nij,nij->n", F, F) - 3)
         B, g = loads(model)
-        W -= self.magnetization(F, B / MU0)[0] @ B / MU0 + model.density * ((model.particles.position + u) @ g)
+        W -= self.magnetization(F, B / MU0)[0] @ B / MU0 + model.density * (
+            (model.particles.position + u) @ g
+        )
         return model.particles.volume * W + (J - 1) * (self.volume_stiffness() @ (J - 1)) / 2, J
 
     def _terms(self, c: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -174,7 +209,16 @@ class Reference:
         (_, F), V, Q = self.gather(c), self.model.particles.volume, self.volume_stiffness()
         J = np.linalg.det(F)
         scaled = self.model.shear * J ** (-2 / 3)
-        return F, J, np.linalg.inv(F).transpose(0, 2, 1), V, np.einsum("nij,nij->n", F, F), scaled, Q, Q @ (J - 1) / V
+        return (
+            F,
+            J,
+            np.linalg.inv(F).transpose(0, 2, 1),
+            V,
+            np.einsum("nij,nij->n", F, F),
+            scaled,
+            Q,
+            Q @ (J - 1) / V,
+        )
 
     def residual(self, c: np.ndarray) -> np.ndarray:
         """dE/dc (planes, m): sum over particles of V (P grad N - f N)."""
@@ -192,12 +236,16 @@ class Reference:
         F, J, H, V, I1, g, Q, p = self._terms(c)
         eye = np.eye(3)
 
-        def outer(scale: np.ndarray, left: np.ndarray, right: np.ndarray, indices: str) -> np.ndarray:
+        def outer(
+            scale: np.ndarray, left: np.ndarray, right: np.ndarray, indices: str
+        ) -> np.ndarray:
             return np.einsum(f"n,{indices}->niJkL", scale, left, right)
 
         A = np.einsum("n,ik,JL->niJkL", g, eye, eye)
         A -= outer(2 / 3 * g, F, H, "niJ,nkL") + outer(2 / 3 * g, H, F, "niJ,nkL")
-        A += outer(2 / 9 * g * I1 + p * J, H, H, "niJ,nkL") + outer(g * I1 / 3 - p * J, H, H, "niL,nkJ")
+        A += outer(2 / 9 * g * I1 + p * J, H, H, "niJ,nkL") + outer(
+            g * I1 / 3 - p * J, H, H, "niL,nkJ"
+        )
         nodes = self.N.shape[1]
         full = np.einsum("n,niJkL,Jna,Lnb->aibk", V, A, self.dN, self.dN, optimize=True)
         dJ = np.einsum("n,nkL,Lna->nak", J, H, self.dN).reshape(len(J), -1)

@@ -14,13 +14,26 @@ from magmpm.scene import Scene
 
 
 def parts_scene(
-    folder: Path, meshes: Mapping[str, Mesh], effects: dict[str, Any], cell: float, *, held: Collection[str] = (), **more: Any
+    folder: Path,
+    meshes: Mapping[str, Mesh],
+    effects: dict[str, Any],
+    cell: float,
+    *,
+    held: Collection[str] = (),
+    **more: Any,
 ) -> Scene:
     """A motion of parts with these meshes (m) and cell (m); more: of moving_scene."""
     parts = []
     for name, mesh in meshes.items():
         write_stl(mesh, folder / f"{name}.stl")
-        parts.append({"mesh": str(folder / f"{name}.stl"), "name": name, "material": "m", "clamp": name in held})
+        parts.append(
+            {
+                "mesh": str(folder / f"{name}.stl"),
+                "name": name,
+                "material": "m",
+                "clamp": name in held,
+            }
+        )
     return moving_scene({"parts": {"unit": "m", "spacing": cell, "meshes": parts}}, effects, **more)
 
 

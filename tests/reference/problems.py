@@ -37,7 +37,9 @@ class Problem:
     def scene(self, cells_across: int, anti_locking: str = "f-bar", **static: Any) -> Scene:
         """The scene at this resolution; anti_locking: of `solver`; static: settings of `solver.static`."""
         solver = {"anti_locking": anti_locking, "static": static}
-        return Scene.from_si({**self.content, "resolution": {"cells_across": cells_across}, "solver": solver})
+        return Scene.from_si(
+            {**self.content, "resolution": {"cells_across": cells_across}, "solver": solver}
+        )
 
 
 def finite_element_problems(path: Path) -> dict[str, Problem]:
@@ -58,7 +60,9 @@ def _finite_element_problem(name: str, case: dict[str, Any], folder: Path) -> Pr
         own = {key: segment[key] for key in ("shear_modulus", "remanence")}
         materials[material] = own | {key: case[key] for key in ("bulk_to_shear", "density")}
         direction = segment["direction"] if segment["remanence"] else [0.0, 0.0, 0.0]
-        segments.append({"magnetization": direction, "material": material, "length": segment["length"]})
+        segments.append(
+            {"magnetization": direction, "material": material, "length": segment["length"]}
+        )
     effects: dict[str, Any] = {}
     if any(case["field"]):
         effects["magnetic_torque"] = {}
@@ -66,7 +70,13 @@ def _finite_element_problem(name: str, case: dict[str, Any], folder: Path) -> Pr
         effects["gravity"] = {"acceleration": case["gravity"]}
     sizes = {key: case[key] for key in ("length", "diameter", "inner_diameter")}
     body = {"catheter": {**sizes, "material": next(iter(materials)), "segments": segments}}
-    content = {"name": name, "materials": materials, "body": body, "field": {"uniform": case["field"]}, "effects": effects}
+    content = {
+        "name": name,
+        "materials": materials,
+        "body": body,
+        "field": {"uniform": case["field"]},
+        "effects": effects,
+    }
     error = 1e-3 * case["centreline_error_mm"] / case["length"]
     rows = case["centreline"]  # a table's name, or the rows themselves in mm
     centreline = read_centreline(folder / rows) if isinstance(rows, str) else 1e-3 * np.array(rows)

@@ -34,13 +34,21 @@ def rod_scene(
 ) -> Scene:
     """A clamped catheter. shear: one value, or one per segment; field (3,) T, gravity (3,) m/s^2: None omits the effect."""
     moduli = np.broadcast_to(np.asarray(shear, dtype=float), (len(directions),)).tolist()
-    segments: list[dict[str, Any]] = [{"magnetization": list(map(float, d)), "material": f"m{k}"} for k, d in enumerate(directions)]
-    for segment, part in zip(segments, [None] * len(segments) if lengths is None else lengths, strict=True):
+    segments: list[dict[str, Any]] = [
+        {"magnetization": list(map(float, d)), "material": f"m{k}"}
+        for k, d in enumerate(directions)
+    ]
+    for segment, part in zip(
+        segments, [None] * len(segments) if lengths is None else lengths, strict=True
+    ):
         if part is not None:
             segment["length"] = float(part)
     usual = {"bulk_to_shear": bulk_to_shear, "density": density, "remanence": remanence}
     laws = [law] * len(moduli) if isinstance(law, str) else law
-    materials = {f"m{k}": {"shear_modulus": g, "magnetization_law": laws[k], **usual} for k, g in enumerate(moduli)}
+    materials = {
+        f"m{k}": {"shear_modulus": g, "magnetization_law": laws[k], **usual}
+        for k, g in enumerate(moduli)
+    }
     sizes = {"length": length, "diameter": diameter, "inner_diameter": inner_diameter}
     effects: dict[str, Any] = {}
     if field is not None:
@@ -49,8 +57,11 @@ def rod_scene(
         effects["gravity"] = {"acceleration": list(map(float, gravity))}
     return Scene.from_si(
         {
-            "name": "test", "materials": materials,
-            "body": {"catheter": {**sizes, "material": "m0", "clamp": "base", "segments": segments}},
+            "name": "test",
+            "materials": materials,
+            "body": {
+                "catheter": {**sizes, "material": "m0", "clamp": "base", "segments": segments}
+            },
             "field": {"uniform": [0.0, 0.0, 0.0] if field is None else list(map(float, field))},
             "effects": effects,
             "solver": {"anti_locking": anti_locking, "static": static},
@@ -59,7 +70,9 @@ def rod_scene(
     )
 
 
-def field_for_load(load: float, angle: float, *, length: float, diameter: float, bulk_to_shear: float = 20.0) -> np.ndarray:
+def field_for_load(
+    load: float, angle: float, *, length: float, diameter: float, bulk_to_shear: float = 20.0
+) -> np.ndarray:
     """Field (3,) T at `angle` to +x, in the x-z plane, that gives an axially magnetized solid rod this elastica load.
 
     load = (Br/mu0) B A L^2 / (E I), A / I = 16 / D^2."""

@@ -19,7 +19,9 @@ def ball(center: tuple[float, float, float], radius: float, rings: int = 12) -> 
     polar = np.pi * np.arange(1, rings) / rings
     around = np.pi * np.arange(2 * rings) / rings
     p, a = np.meshgrid(polar, around, indexing="ij")
-    middle = np.stack([np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)], axis=-1).reshape(-1, 3)
+    middle = np.stack([np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)], axis=-1).reshape(
+        -1, 3
+    )
     vertices = np.concatenate([middle, [[0, 0, 1], [0, 0, -1]]])
     n, faces = 2 * rings, []
     top, bottom = len(middle), len(middle) + 1

@@ -14,4 +14,6 @@ def slopes(remainder: Callable[[float], Any], steps: Sequence[float]) -> np.ndar
 
 def convergence_order(h: Sequence[float], error: Sequence[float]) -> float:
     """Order of error against h: slope of the least-squares line through their logarithms."""
-    return float(np.polyfit(np.log(np.asarray(h, dtype=float)), np.log(np.asarray(error, dtype=float)), 1)[0])
+    return float(
+        np.polyfit(np.log(np.asarray(h, dtype=float)), np.log(np.asarray(error, dtype=float)), 1)[0]
+    )

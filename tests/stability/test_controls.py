@@ -65,8 +65,12 @@ def _full_step(energy: Any, point: Any, direction: Any, *_: Any) -> Any:
 def _at_once(model: Any, _: int, on_step: Any, warnings: list[str]) -> Any:
     energy, options = Energy(model), model.scene.solver.static
     begin = straight(model)
-    found = newton.minimize(energy, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step)
-    return equilibrium.Equilibrium(found.point, found.steps, np.zeros_like(begin), warnings, energy=energy)
+    found = newton.minimize(
+        energy, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
+    )
+    return equilibrium.Equilibrium(
+        found.point, found.steps, np.zeros_like(begin), warnings, energy=energy
+    )
 
 
 def _stay(energy: Energy, point: Point, residual: Array, attempt: int) -> Point:
@@ -78,7 +82,12 @@ def _stay(energy: Energy, point: Point, residual: Array, attempt: int) -> Point:
 def _no_way_from_the_rod() -> Iterator[None]:
     """Statics begins with the straight body and the whole load, and takes full Newton steps."""
     at_once = put(equilibrium, "_ramp", _at_once)
-    with put(equilibrium, "solve_rod", _refuse), at_once, put(newton, "_search", _full_step), put(newton, "_along_mode", _stay):
+    with (
+        put(equilibrium, "solve_rod", _refuse),
+        at_once,
+        put(newton, "_search", _full_step),
+        put(newton, "_along_mode", _stay),
+    ):
         yield
 
 
@@ -98,7 +107,10 @@ def _stops_short() -> Iterator[None]:
 @contextmanager
 def _stays_where_it_is() -> Iterator[None]:
     """Newton's method never leaves a stationary point that is no minimum, and no rod has buckled before."""
-    with put(equilibrium, "solve_rod", _refuse), put(newton, "_leave", lambda energy, residual, attempt: 0.0 * residual):
+    with (
+        put(equilibrium, "solve_rod", _refuse),
+        put(newton, "_leave", lambda energy, residual, attempt: 0.0 * residual),
+    ):
         yield
 
 
@@ -110,7 +122,9 @@ def _equal_particles() -> Iterator[None]:
     def alike(self: Catheter, *given: Any, **named: Any) -> Any:
         found = made(self, *given, **named)
         volume = found.particles.volume
-        return replace(found, particles=replace(found.particles, volume=np.full_like(volume, volume.mean())))
+        return replace(
+            found, particles=replace(found.particles, volume=np.full_like(volume, volume.mean()))
+        )
 
     with put(Catheter, "discretize", alike):
         yield
@@ -124,7 +138,9 @@ def _no_reason() -> Iterator[None]:
 
 def _as_it_was(self: branch.Branch, target: float) -> branch.Reached:
     begin = self.loads.carried(self.now.point.grid, self.now.time, target)
-    return branch.Reached(target, branch.point_of(self.loads.at(target), begin), self.now.lowest, 0, self.now.step)
+    return branch.Reached(
+        target, branch.point_of(self.loads.at(target), begin), self.now.lowest, 0, self.now.step
+    )
 
 
 def _scene(change: Callable[[dict[str, Any]], None]) -> Callable[[Scene], Scene]:
@@ -153,48 +169,93 @@ def off(owner: Any, name: str, value: Any) -> Callable[[], AbstractContextManage
 
 
 TWICE = Control("a step below the bound: here twice the bound", off(motions, "FACTOR", 2.5))
-AT_ONCE = Control("a delay of friction, and its soft spring", off(model, "grips", lambda scene: grips(scene) * [1.0, 0.0, 0.0]))
-LOCKS = Control("anti-locking (F-bar)", scene=_scene(lambda data: data["solver"].update(anti_locking="none")))
+AT_ONCE = Control(
+    "a delay of friction, and its soft spring",
+    off(model, "grips", lambda scene: grips(scene) * [1.0, 0.0, 0.0]),
+)
+LOCKS = Control(
+    "anti-locking (F-bar)", scene=_scene(lambda data: data["solver"].update(anti_locking="none"))
+)
 TOUCHING = Control("self-contact", scene=_no_effect("self_contact"))
 FROM_STRAIGHT = Control("start from the rod, load ramp and line search", _no_way_from_the_rod)
 
 CONTROLS = {  # by the beginning of a case's name
-    "antiparallel field through buckling": Control("leaving equilibria that are not minima", _stays_where_it_is),
-    "twist about the long axis": Control("the torque as a stress that is not symmetric", scene=_no_effect("magnetic_torque")),
+    "antiparallel field through buckling": Control(
+        "leaving equilibria that are not minima", _stays_where_it_is
+    ),
+    "twist about the long axis": Control(
+        "the torque as a stress that is not symmetric", scene=_no_effect("magnetic_torque")
+    ),
     "K/G from 20 to 500": LOCKS,
-    "no load, begun from a loaded neighbor": Control("steps to the minimum: here a thousandth of the way is left", _stops_short),
-    "loaded and unloaded": Control("damping that lets the body settle", scene=_no_effect("damping")),
+    "no load, begun from a loaded neighbor": Control(
+        "steps to the minimum: here a thousandth of the way is left", _stops_short
+    ),
+    "loaded and unloaded": Control(
+        "damping that lets the body settle", scene=_no_effect("damping")
+    ),
     "field switched on at once": TWICE,
     "time step 0.9 of the bound": TWICE,
     "time step 1.2 of the bound": Control("the reason of a stop, with step and bound", _no_reason),
     "K/G = 500 in motion": LOCKS,  # of the motion: statics, with which it is compared, keeps it
-    "stiffness contrast 1:100": Control("damping that lets the body settle", scene=_no_effect("damping")),
+    "stiffness contrast 1:100": Control(
+        "damping that lets the body settle", scene=_no_effect("damping")
+    ),
     "field rotating at the first bending frequency": TWICE,
-    "a magnet brought close": Control("damping that lets the body settle", scene=_no_effect("damping")),
+    "a magnet brought close": Control(
+        "damping that lets the body settle", scene=_no_effect("damping")
+    ),
     "8 offsets": Control("particles by exact quadrature of cut cells", _equal_particles),
     "64 offsets": Control("particles by exact quadrature of cut cells", _equal_particles),
     "rotation by 360 degrees": TWICE,
     "det F down to 0.2": Control("a step that adapts to large strain", scene=_given_step),
     "a block sticks on a steep slope": AT_ONCE,
     "a block hits the ground": Control("the ground", scene=_no_effect("ground")),
-    **dict.fromkeys(("blocks collide", "a corner hits", "edges cross", "a block hits a sheet", "stack of five", "folding onto"), TOUCHING),
-    "folded, held and let open": Control("damping that lets the body settle", scene=_no_effect("damping")),
-    "snap-through": Control("the fall from the end of a branch", off(branch.Branch, "_fall", _refuse)),
-    "twist past its critical load": Control("leaving equilibria that are not minima", _stays_where_it_is),
+    **dict.fromkeys(
+        (
+            "blocks collide",
+            "a corner hits",
+            "edges cross",
+            "a block hits a sheet",
+            "stack of five",
+            "folding onto",
+        ),
+        TOUCHING,
+    ),
+    "folded, held and let open": Control(
+        "damping that lets the body settle", scene=_no_effect("damping")
+    ),
+    "snap-through": Control(
+        "the fall from the end of a branch", off(branch.Branch, "_fall", _refuse)
+    ),
+    "twist past its critical load": Control(
+        "leaving equilibria that are not minima", _stays_where_it_is
+    ),
     "ten times the design load": FROM_STRAIGHT,
     "parts of two cells": LOCKS,
     "stiff inclusion": FROM_STRAIGHT,
     "needle, L/D 200": FROM_STRAIGHT,
-    "thin tube bent until it kinks": Control("the limit of thin tubes (Brazier)", off(Catheter, "kink_radius", lambda self, poisson: 0.0)),
+    "thin tube bent until it kinks": Control(
+        "the limit of thin tubes (Brazier)", off(Catheter, "kink_radius", lambda self, poisson: 0.0)
+    ),
     "thin tube": LOCKS,
     "stress without ringing": LOCKS,
-    "magnet passed at one diameter": Control("equilibrium iterations at each moment", off(branch.Branch, "_attempt", _as_it_was)),
+    "magnet passed at one diameter": Control(
+        "equilibrium iterations at each moment", off(branch.Branch, "_attempt", _as_it_was)
+    ),
     "field reversed at once": TWICE,
     "drift in 10^6 steps": TWICE,
-    "restart at every checkpoint": Control("velocities in checkpoints", lambda: put(motions.TotalMotion, "restore", _without_velocity)),
-    "frames lost": Control("tables cut back to the checkpoint", off(GrowingTable, "cut", lambda self, last: None)),
-    "permuted particles": Control("particles in double precision: here in single", off(equilibria, "PRECISION", np.float32)),
-    "ramp past a bifurcation": Control("leaving equilibria that are not minima", _stays_where_it_is),
+    "restart at every checkpoint": Control(
+        "velocities in checkpoints", lambda: put(motions.TotalMotion, "restore", _without_velocity)
+    ),
+    "frames lost": Control(
+        "tables cut back to the checkpoint", off(GrowingTable, "cut", lambda self, last: None)
+    ),
+    "permuted particles": Control(
+        "particles in double precision: here in single", off(equilibria, "PRECISION", np.float32)
+    ),
+    "ramp past a bifurcation": Control(
+        "leaving equilibria that are not minima", _stays_where_it_is
+    ),
 }
 
 
@@ -215,4 +276,6 @@ def test_control_fails(case: Case) -> None:
     """With the remedy switched off that it is about, a case fails: otherwise it would tell nothing. The switch is back afterwards."""
     control = control_of(case.name)
     measure = control.measured(case)
-    assert not measure <= case.bound, f"{control.remedy}: {measure:.3g}, at most {case.bound:.3g} all the same"
+    assert not measure <= case.bound, (
+        f"{control.remedy}: {measure:.3g}, at most {case.bound:.3g} all the same"
+    )

@@ -32,7 +32,9 @@ def test_drawn_scenes_are_valid_and_various(tmp_path: Path) -> None:
     scenes = [as_file(tmp_path, 7, number) for number in range(40)]
     assert {scene.body.kind for scene in scenes} == {"catheter", "strip", "parts"}
     assert {scene.static for scene in scenes} == {True, False}
-    assert {"magnetic_torque", "magnetic_force", "gravity"} <= {name for scene in scenes for name in scene.effects.named()}
+    assert {"magnetic_torque", "magnetic_force", "gravity"} <= {
+        name for scene in scenes for name in scene.effects.named()
+    }
     assert len({scene.hash() for scene in scenes}) == len(scenes)
     assert as_file(tmp_path, 7, 3).hash() == scenes[3].hash() != as_file(tmp_path, 8, 3).hash()
 
@@ -47,7 +49,16 @@ def test_profiles_turn_within_whole_cells(tmp_path: Path, number: int) -> None:
 @pytest.mark.slow
 def test_three_hundred_random_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """None is wrong, hangs, is refused or ends with a traceback; an order that is given again solves nothing again."""
-    order = ["stability", "--random", "300", "--seed", "1", "--json", "--out", str(tmp_path / "random")]
+    order = [
+        "stability",
+        "--random",
+        "300",
+        "--seed",
+        "1",
+        "--json",
+        "--out",
+        str(tmp_path / "random"),
+    ]
     status = main(order)
     found = json.loads(capsys.readouterr().out)
     assert found["scenes"] == 300
@@ -61,14 +72,19 @@ def test_three_hundred_random_scenes(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (tmp_path / "random/outcomes.jsonl").read_text(encoding="utf-8") == outcomes
 
 
-@pytest.mark.parametrize(("given", "named"), [
-    (["--random", "0"], "--random"),
-    (["--random", "3", "--seed", "-1"], "--seed"),
-    (["--seed", "3"], "--seed"),
-    (["--out", "here"], "--out"),
-    (["--random", "3", "--case", "needle"], "--case"),
-])  # fmt: skip
-def test_orders_that_make_no_sense_are_refused(given: list[str], named: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        (["--random", "0"], "--random"),
+        (["--random", "3", "--seed", "-1"], "--seed"),
+        (["--seed", "3"], "--seed"),
+        (["--out", "here"], "--out"),
+        (["--random", "3", "--case", "needle"], "--case"),
+    ],
+)
+def test_orders_that_make_no_sense_are_refused(
+    given: list[str], named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["stability", *given]) == 2
     assert named in capsys.readouterr().err
 
@@ -81,14 +97,23 @@ def test_twins_are_told_apart(tmp_path: Path) -> None:
         again = twin(image, MIRROR)
         assert np.allclose(again.region_remanence(), scene.region_remanence(), atol=1e-12)
         point = scene.box()[1] + np.array([0.1, 0.2, 0.3]) * scene.thickness
-        if not scene.field.coils and not scene.field.magnet:  # those are on tables, which are made again
+        if (
+            not scene.field.coils and not scene.field.magnet
+        ):  # those are on tables, which are made again
             there = scene.outside_field().at(point)[0]
-            assert np.allclose(image.outside_field().at(MIRROR @ point)[0], -(MIRROR @ there), rtol=1e-9, atol=1e-15)
+            assert np.allclose(
+                image.outside_field().at(MIRROR @ point)[0],
+                -(MIRROR @ there),
+                rtol=1e-9,
+                atol=1e-15,
+            )
             assert np.allclose(again.outside_field().at(point)[0], there, rtol=1e-9, atol=1e-15)
 
 
 def test_checks_that_run_out_of_time_refute_nothing_and_say_so(tmp_path: Path) -> None:
-    scene = rod_scene(length=16e-3, directions=[(1, 0, 0), (0.7, 0.6, 0.4)], field=(1e-3, 4e-3, 6e-3), cells=2)
+    scene = rod_scene(
+        length=16e-3, directions=[(1, 0, 0), (0.7, 0.6, 0.4)], field=(1e-3, 4e-3, 6e-3), cells=2
+    )
     result = run(scene)
     for looks in (1, 3, 5, 7):
         with limited(looks, clock=count().__next__):
@@ -98,15 +123,23 @@ def test_checks_that_run_out_of_time_refute_nothing_and_say_so(tmp_path: Path) -
 
 def test_a_wrong_answer_is_found(tmp_path: Path) -> None:
     """A check refutes an equilibrium that was moved by a part in a thousand; the answer itself passes."""
-    scene = rod_scene(length=16e-3, directions=[(1, 0, 0), (0.7, 0.6, 0.4)], field=(1e-3, 4e-3, 6e-3), cells=2)
+    scene = rod_scene(
+        length=16e-3, directions=[(1, 0, 0), (0.7, 0.6, 0.4)], field=(1e-3, 4e-3, 6e-3), cells=2
+    )
     result = run(scene)
     assert checked(scene, result, tmp_path, 2).wrong == []
     off = replace(result, tip=result.tip + np.array([0.0, 1e-3 * scene.length, 0.0]))
     found = checked(scene, off, tmp_path, 2)
     assert any("mirror image" in text for text in found.wrong)
     assert checked(scene, replace(result, stability=-0.1), tmp_path, 2).wrong
-    for number in range(3):  # far away as well, where two equilibria are usual: this is none, though its energy is another
-        far = replace(result, tip=result.tip + np.array([0.0, 0.4 * scene.length, 0.0]), energy=1.05 * result.energy)
+    for number in range(
+        3
+    ):  # far away as well, where two equilibria are usual: this is none, though its energy is another
+        far = replace(
+            result,
+            tip=result.tip + np.array([0.0, 0.4 * scene.length, 0.0]),
+            energy=1.05 * result.energy,
+        )
         assert any("mirror image" in text for text in checked(scene, far, tmp_path, number).wrong)
     soft = replace(far, stability=0.015)  # nothing else is compared with it
     assert any("as closely" in text for text in checked(scene, soft, tmp_path, 2).wrong)
@@ -119,7 +152,12 @@ def test_an_answer_far_from_the_rod_is_wrong(tmp_path: Path) -> None:
     result = run(scene)
     found = checked(scene, result, tmp_path, 2)
     assert (found.wrong, found.branches) == ([], [])
-    off = checked(scene, replace(result, tip=result.tip + np.array([0.0, 0.0, FINER * scene.length])), tmp_path, 2)
+    off = checked(
+        scene,
+        replace(result, tip=result.tip + np.array([0.0, 0.0, FINER * scene.length])),
+        tmp_path,
+        2,
+    )
     assert any(text.startswith("rod") for text in off.wrong)
 
 
@@ -136,10 +174,16 @@ def test_each_remedy_has_its_share_of_the_time() -> None:
 @pytest.mark.slow
 def test_ends_of_processes(tmp_path: Path) -> None:
     """A scene that takes too long ends its process, which is replaced; the next one, which is not valid, is refused."""
-    good = next(drawn(7, k) for k in range(40) if "static" in drawn(7, k)["solver"] and "uniform" in drawn(7, k)["field"])
+    good = next(
+        drawn(7, k)
+        for k in range(40)
+        if "static" in drawn(7, k)["solver"] and "uniform" in drawn(7, k)["field"]
+    )
     for number, content in enumerate((good, {**good, "materials": {}})):
         (tmp_path / f"{number:06d}.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
-    jobs = [(number, tmp_path / f"{number:06d}.yaml", tmp_path / f"state{number}") for number in (0, 1)]
+    jobs = [
+        (number, tmp_path / f"{number:06d}.yaml", tmp_path / f"state{number}") for number in (0, 1)
+    ]
     (first, late), (second, refused) = solved(jobs, 1, 0.001)
     assert (first, late["ended"]) == (0, "hung")
     assert (second, refused["ended"]) == (1, "refused")

@@ -27,12 +27,18 @@ class Dashboard:
     def address(self) -> str:
         return f"http://127.0.0.1:{self.port}"
 
-    def request(self, method: str, path: str, body: str | None = None, **headers: str) -> tuple[int, dict[str, str], bytes]:
+    def request(
+        self, method: str, path: str, body: str | None = None, **headers: str
+    ) -> tuple[int, dict[str, str], bytes]:
         """Without its secret, unless a Cookie is given."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
         connection.request(method, path, body, {"Content-Type": "application/json", **headers})
         answer = connection.getresponse()
-        return answer.status, {name.lower(): ", ".join(answer.headers.get_all(name, [])) for name in answer.headers}, answer.read()
+        return (
+            answer.status,
+            {name.lower(): ", ".join(answer.headers.get_all(name, [])) for name in answer.headers},
+            answer.read(),
+        )
 
     @property
     def cookie(self) -> str:

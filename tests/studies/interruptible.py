@@ -47,7 +47,14 @@ def main(study: str, out: str, sampler: str, at: str = "0", where: str = "solve"
         return tell(*args, **options)
 
     optuna.Study.tell = counted_tell  # type: ignore[method-assign]
-    run_study(load_study(study), solve=counted_solve, differentiate=counted_differentiate, picture=draw, out=out, sampler=sampler)  # type: ignore[arg-type]
+    run_study(
+        load_study(study),
+        solve=counted_solve,
+        differentiate=counted_differentiate,
+        picture=draw,
+        out=out,
+        sampler=sampler,
+    )  # type: ignore[arg-type]
 
 
 def _wait(out: Path) -> NoReturn:

@@ -74,7 +74,9 @@ class RodResult:
 def solve(scene: Scene, *, start: RodShape | None = None) -> RodResult:
     """Solves the rod model of the scene; start: near this shape, not on the branch that grows from zero load."""
     shape = solve_rod(scene, elements=20) if start is None else _near(scene, start)
-    s = np.linspace(0.0, scene.body.catheter.length, 41)  # rows at the faces and centers of cells, as the measures require
+    s = np.linspace(
+        0.0, scene.body.catheter.length, 41
+    )  # rows at the faces and centers of cells, as the measures require
     return RodResult(scene.to_si(), np.column_stack([s, shape.at(s)]), iterations=shape.iterations)
 
 
@@ -113,25 +115,38 @@ class RodSensitivities:
 
     def at(self, s: Array) -> Array:
         rows = self.centreline.reshape(len(self.centreline), -1)
-        return on_rows(self.result.centreline[:, 0], rows, s)[0].reshape(len(s), *self.centreline.shape[1:])
+        return on_rows(self.result.centreline[:, 0], rows, s)[0].reshape(
+            len(s), *self.centreline.shape[1:]
+        )
 
 
-def differentiate(scene: Scene, of: Sequence[str], *, start: RodShape | None = None) -> RodSensitivities:
+def differentiate(
+    scene: Scene, of: Sequence[str], *, start: RodShape | None = None
+) -> RodSensitivities:
     """As `solve`, with the rod's own derivatives by directions and the field."""
     found, regions = variables(scene, of), scene.magnetized_regions()
     family, directions = _family(scene)
     quaternions = family.straight(1) if start is None else _quaternions(family, start)
-    for share in np.linspace(0, 1, 7)[1:] if start is None else [1.0]:  # as solve_rod: on the branch that grows from zero load
+    for share in (
+        np.linspace(0, 1, 7)[1:] if start is None else [1.0]
+    ):  # as solve_rod: on the branch that grows from zero load
         _, slopes, stable = family.relaxed(quaternions, directions, np.zeros((1, 3)), share=share)
     assert stable.all()
     columns = []
     for variable in found:
         place = 3 * (len(regions) if variable.kind == "field" else regions.index(variable.region))
-        along = np.eye(3)[variable.component] if variable.kind == "field" else np.array(variable.direction)
+        along = (
+            np.eye(3)[variable.component]
+            if variable.kind == "field"
+            else np.array(variable.direction)
+        )
         columns.append(slopes[0, :, :, place : place + 3] @ along)
     result = solve(scene, start=start)
     of_rod, of_rows = np.concatenate([[0.0], np.cumsum(family.rod.length)]), result.centreline[:, 0]
-    rows = [np.stack([np.interp(of_rows, of_rod, column[:, i]) for i in range(3)], axis=1) for column in columns]
+    rows = [
+        np.stack([np.interp(of_rows, of_rod, column[:, i]) for i in range(3)], axis=1)
+        for column in columns
+    ]
     return RodSensitivities(result, found, np.stack(rows, axis=2))
 
 
@@ -142,7 +157,10 @@ def write_study(folder: Path, text: str = STUDY, scene: str | None = None) -> Pa
     s = np.linspace(0.0, 0.04, 21)
     radius = 0.04 / np.deg2rad(60)
     bend = radius * (1 - np.cos(s / radius))
-    write_centreline(folder / "target.csv", np.column_stack([s, radius * np.sin(s / radius), 0.6 * bend, 0.8 * bend]))
+    write_centreline(
+        folder / "target.csv",
+        np.column_stack([s, radius * np.sin(s / radius), 0.6 * bend, 0.8 * bend]),
+    )
     path = folder / "probe.yaml"
     path.write_text(text)
     return path

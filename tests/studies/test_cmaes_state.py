@@ -23,7 +23,9 @@ class Owned:
 
 def study_of(sampler: optuna.samplers.BaseSampler, trials: int) -> optuna.Study:
     study = optuna.create_study(sampler=sampler)
-    study.optimize(lambda trial: sum(trial.suggest_float(name, -1, 1) ** 2 for name in "xyz"), n_trials=trials)
+    study.optimize(
+        lambda trial: sum(trial.suggest_float(name, -1, 1) ** 2 for name in "xyz"), n_trials=trials
+    )
     return study
 
 
@@ -32,7 +34,9 @@ def test_the_same_trials_as_optuna() -> None:
     from magmpm.studies.search.samplers.optuna_own import DataOnlyCmaEsSampler
 
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-    plain, ours = (study_of(kind(seed=3), 30) for kind in (optuna.samplers.CmaEsSampler, DataOnlyCmaEsSampler))
+    plain, ours = (
+        study_of(kind(seed=3), 30) for kind in (optuna.samplers.CmaEsSampler, DataOnlyCmaEsSampler)
+    )
     assert [t.params for t in plain.trials] == [t.params for t in ours.trials]
 
 
@@ -45,7 +49,11 @@ def test_code_in_a_database_is_refused(tmp_path: Path) -> None:
     last = study.trials[-1]
     hostile = pickle.dumps(Owned(tmp_path / "owned")).hex()
     last.system_attrs[f"{sampler._attr_key_optimizer}:0"] = hostile
-    for key in [key for key in last.system_attrs if key.startswith(sampler._attr_key_optimizer) and not key.endswith(":0")]:
+    for key in [
+        key
+        for key in last.system_attrs
+        if key.startswith(sampler._attr_key_optimizer) and not key.endswith(":0")
+    ]:
         del last.system_attrs[key]
     with pytest.raises(InputError, match="as Optuna wrote it"):
         sampler._restore_optimizer([last])

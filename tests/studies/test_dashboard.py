@@ -21,7 +21,9 @@ pytest.importorskip("optuna_dashboard", reason="an extra: pip install -e '.[dash
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a study of four trials, each with its picture."""
     folder = tmp_path_factory.mktemp("study")
-    run_study(load_study(write_study(folder)), solve=solve, picture=draw, out=folder / "out", trials=4)
+    run_study(
+        load_study(write_study(folder)), solve=solve, picture=draw, out=folder / "out", trials=4
+    )
     return folder / "out"
 
 
@@ -42,7 +44,9 @@ def test_pictures_are_listed_and_can_be_downloaded(served: Dashboard, out: Path)
         (artifact,) = trial["artifacts"]
         assert artifact["filename"] == f"trial_{trial['number']:03d}.png"
         assert artifact["mimetype"] == "image/png"
-        content = served.get(f"/artifacts/{study['study_id']}/{trial['trial_id']}/{artifact['artifact_id']}")
+        content = served.get(
+            f"/artifacts/{study['study_id']}/{trial['trial_id']}/{artifact['artifact_id']}"
+        )
         assert content == (out / "pictures" / artifact["filename"]).read_bytes()
 
 
@@ -54,7 +58,15 @@ def test_numbers_are_shown(served: Dashboard) -> None:
         (stored,) = (float(a["value"]) for a in trial["user_attrs"] if a["key"] == "rms_m")
         assert trial["values"][0] == pytest.approx(1e3 * stored, rel=1e-12)
     names = {attribute["key"] for attribute in detail["trials"][0]["user_attrs"]}
-    assert {"rms_m", "tip_error_m", "min_det_F", "max_det_F", "newton_steps", "feasible", "seconds"} <= names
+    assert {
+        "rms_m",
+        "tip_error_m",
+        "min_det_F",
+        "max_det_F",
+        "newton_steps",
+        "feasible",
+        "seconds",
+    } <= names
     assert len(detail["trials"][0]["params"]) == 10
 
 
@@ -64,7 +76,9 @@ def test_the_page_tells_what_was_refused(served: Dashboard) -> None:
 
     from magmpm.studies.dashboard.page import CHIP, COLUMN, READ_ONLY, SCRIPT
 
-    script = (Path(optuna_dashboard.__file__).parent / "public/bundle.js").read_text(encoding="utf-8")
+    script = (Path(optuna_dashboard.__file__).parent / "public/bundle.js").read_text(
+        encoding="utf-8"
+    )
     assert len(CHIP.findall(script)) == 2
     assert len(COLUMN.findall(script)) == 1
     told = served.get(SCRIPT).decode()
@@ -99,13 +113,23 @@ def test_a_study_without_its_database_is_refused(out: Path, tmp_path: Path, told
 STUDIES = "/api/studies"
 
 
-@pytest.mark.parametrize(("headers", "words"), [
-    ({"Host": "evil.example"}, "name"), ({"Host": "evil.example:8080"}, "name"), ({"Host": "127.0.0.1.evil.example"}, "name"),
-    ({"Origin": "http://evil.example"}, "page"), ({"Origin": "null"}, "page"), ({"Origin": "http://127.0.0.1:1"}, "page"),
-    ({"Cookie": ""}, "whole address"), ({"Cookie": "magmpm-{port}=wrong"}, "whole address"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("headers", "words"),
+    [
+        ({"Host": "evil.example"}, "name"),
+        ({"Host": "evil.example:8080"}, "name"),
+        ({"Host": "127.0.0.1.evil.example"}, "name"),
+        ({"Origin": "http://evil.example"}, "page"),
+        ({"Origin": "null"}, "page"),
+        ({"Origin": "http://127.0.0.1:1"}, "page"),
+        ({"Cookie": ""}, "whole address"),
+        ({"Cookie": "magmpm-{port}=wrong"}, "whole address"),
+    ],
+)
 @pytest.mark.parametrize("method", ["GET", "DELETE"])
-def test_only_its_own_page_is_answered(served: Dashboard, method: str, headers: dict[str, str], words: str) -> None:
+def test_only_its_own_page_is_answered(
+    served: Dashboard, method: str, headers: dict[str, str], words: str
+) -> None:
     """Another name that leads here (DNS rebinding), another page, another user of this machine."""
     asked = {name: value.format(port=served.port) for name, value in headers.items()}
     status, told, content = served.request(method, STUDIES, **{"Cookie": served.cookie, **asked})
@@ -115,10 +139,19 @@ def test_only_its_own_page_is_answered(served: Dashboard, method: str, headers: 
     assert told["x-content-type-options"] == "nosniff"
 
 
-@pytest.mark.parametrize(("method", "path"), [
-    ("DELETE", "/api/studies/1"), ("POST", "/api/studies/1/rename"), ("PUT", "/api/studies/1/note"), ("POST", "/api/trials/1/tell"),
-    ("DELETE", "/api/artifacts/1/1/0"), ("POST", "/api/studies"), ("PATCH", "/api/studies/1"), ("OPTIONS", "/api/studies/1"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        ("DELETE", "/api/studies/1"),
+        ("POST", "/api/studies/1/rename"),
+        ("PUT", "/api/studies/1/note"),
+        ("POST", "/api/trials/1/tell"),
+        ("DELETE", "/api/artifacts/1/1/0"),
+        ("POST", "/api/studies"),
+        ("PATCH", "/api/studies/1"),
+        ("OPTIONS", "/api/studies/1"),
+    ],
+)
 def test_nothing_is_edited_unless_asked_for(served: Dashboard, method: str, path: str) -> None:
     """Not even by who has the secret."""
     status, _, content = served.request(method, path, "{}", Cookie=served.cookie)
@@ -132,25 +165,47 @@ def test_the_printed_address_opens_the_study(served: Dashboard) -> None:
     status, headers, _ = served.request("GET", served.url.removeprefix(served.address))
     assert status == 303
     assert headers["location"].startswith("/dashboard/studies/")
-    paths = [line.removeprefix(f"{served.cookie}; HttpOnly; SameSite=Strict; Path=") for line in headers["set-cookie"].split(", ")]
-    assert paths == ["/api", "/artifacts", "/csv", "/dashboard"], "not /, which other servers of this machine have"
-    without = {path: served.request("GET", path)[0] for path in (STUDIES, "/artifacts/1", "/csv/1", "/dashboard", "/", "/static/bundle.js")}
-    assert {path: status for path, status in without.items() if status != 403} == {"/": 302, "/static/bundle.js": 200}, "they show no study"
+    paths = [
+        line.removeprefix(f"{served.cookie}; HttpOnly; SameSite=Strict; Path=")
+        for line in headers["set-cookie"].split(", ")
+    ]
+    assert paths == ["/api", "/artifacts", "/csv", "/dashboard"], (
+        "not /, which other servers of this machine have"
+    )
+    without = {
+        path: served.request("GET", path)[0]
+        for path in (STUDIES, "/artifacts/1", "/csv/1", "/dashboard", "/", "/static/bundle.js")
+    }
+    assert {path: status for path, status in without.items() if status != 403} == {
+        "/": 302,
+        "/static/bundle.js": 200,
+    }, "they show no study"
     status, page, _ = served.request("GET", headers["location"], Cookie=served.cookie)
     assert status == 200
     assert page["x-content-type-options"] == "nosniff"
     assert "script-src 'self'" in page["content-security-policy"]
     assert "frame-ancestors 'none'" in page["content-security-policy"]
-    assert served.request("GET", STUDIES, Cookie=served.cookie)[1]["content-security-policy"].startswith("sandbox; default-src 'none'")
+    assert served.request("GET", STUDIES, Cookie=served.cookie)[1][
+        "content-security-policy"
+    ].startswith("sandbox; default-src 'none'")
 
 
 def test_with_write_a_study_can_be_deleted(tmp_path: Path) -> None:
     """By its own page alone."""
     run_study(load_study(write_study(tmp_path)), solve=solve, out=tmp_path / "out", trials=1)
     with dashboard(tmp_path / "out", "--write") as served:
-        evil = served.request("DELETE", "/api/studies/1", Cookie=served.cookie, Origin="http://evil.example")
+        evil = served.request(
+            "DELETE", "/api/studies/1", Cookie=served.cookie, Origin="http://evil.example"
+        )
         assert evil[0] == 403
-        assert served.request("DELETE", "/api/studies/1", Origin=served.address)[0] == 403  # no secret
+        assert (
+            served.request("DELETE", "/api/studies/1", Origin=served.address)[0] == 403
+        )  # no secret
         assert len(served.ask(STUDIES)["study_summaries"]) == 1
-        assert served.request("DELETE", "/api/studies/1", Cookie=served.cookie, Origin=served.address)[0] == 204
+        assert (
+            served.request("DELETE", "/api/studies/1", Cookie=served.cookie, Origin=served.address)[
+                0
+            ]
+            == 204
+        )
         assert served.ask(STUDIES)["study_summaries"] == []

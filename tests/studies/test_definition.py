@@ -47,14 +47,22 @@ def test_schema_knows_what_is_wrong() -> None:
     assert not validator.is_valid({**good, "stop": {"rms": "2"}})
 
 
-@pytest.mark.parametrize(("study", "scene"), [
-    (STUDY.replace("trials: 8", "trials: 99"), SCENE),
-    (STUDY + "stop: {rms: 1 mm}\n", SCENE),
-    ("# a remark\n" + STUDY.replace("{centreline: target.csv}", "\n  centreline: ./target.csv"), SCENE),
-    (STUDY, SCENE.replace("name: five segments", "name: another name")),
-    (STUDY, SCENE.replace("length: 40 mm", "length: 4 cm").replace("120 kPa", "0.12 MPa")),
-    (STUDY, SCENE.replace("[-1, 0, 0.5]", "[0, 1, 0]")),  # the start of the search is not used
-], ids=["trials", "stop", "layout", "name", "units", "varied magnetisation"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("study", "scene"),
+    [
+        (STUDY.replace("trials: 8", "trials: 99"), SCENE),
+        (STUDY + "stop: {rms: 1 mm}\n", SCENE),
+        (
+            "# a remark\n"
+            + STUDY.replace("{centreline: target.csv}", "\n  centreline: ./target.csv"),
+            SCENE,
+        ),
+        (STUDY, SCENE.replace("name: five segments", "name: another name")),
+        (STUDY, SCENE.replace("length: 40 mm", "length: 4 cm").replace("120 kPa", "0.12 MPa")),
+        (STUDY, SCENE.replace("[-1, 0, 0.5]", "[0, 1, 0]")),  # the start of the search is not used
+    ],
+    ids=["trials", "stop", "layout", "name", "units", "varied magnetisation"],
+)
 def test_what_does_not_change_the_definition(study: str, scene: str, tmp_path: Path) -> None:
     path = write_study(tmp_path)
     before = load_study(path).definition()
@@ -68,18 +76,55 @@ def test_what_does_not_change_the_definition(study: str, scene: str, tmp_path: P
     [
         (STUDY.replace("seed: 3", "seed: 4"), SCENE, "seed: 3 -> 4"),
         (STUDY.replace("random", "tpe"), SCENE, "sampler: random -> tpe"),
-        (STUDY.replace("{}", "{}\n  field: {max: 9 mT}"), SCENE, "vary.field.max: nothing -> 0.009"),
-        (STUDY, SCENE.replace("120 kPa", "121 kPa"), "materials.magnetic.shear_modulus: 120000 -> 121000"),
+        (
+            STUDY.replace("{}", "{}\n  field: {max: 9 mT}"),
+            SCENE,
+            "vary.field.max: nothing -> 0.009",
+        ),
+        (
+            STUDY,
+            SCENE.replace("120 kPa", "121 kPa"),
+            "materials.magnetic.shear_modulus: 120000 -> 121000",
+        ),
         (STUDY, SCENE.replace("6 mT", "5 mT"), "scene.field.uniform[1]: 0.006 -> 0.005"),
         (STUDY, SCENE.replace("[-1, 0, 0.5]", "[0, 0, 0]"), "segments[3].magnetization[0]: 1 -> 0"),
-        (STUDY, SCENE.replace("cells_across: 4", "cells_across: 5"), "scene.resolution.cells_across: 4 -> 5"),
-        (STUDY, SCENE + "solver: {static: {tolerance: 1e-6}}\n", "scene.solver.static.tolerance: 1e-11 -> 1e-06"),
-        (STUDY, SCENE + "solver: {anti_locking: none}\n", "scene.solver.anti_locking: f-bar -> none"),
-        (STUDY, SCENE.replace("torque: {}", "torque: {}, gravity: {}"), "gravity.acceleration[2]: nothing -> -9.81"),
+        (
+            STUDY,
+            SCENE.replace("cells_across: 4", "cells_across: 5"),
+            "scene.resolution.cells_across: 4 -> 5",
+        ),
+        (
+            STUDY,
+            SCENE + "solver: {static: {tolerance: 1e-6}}\n",
+            "scene.solver.static.tolerance: 1e-11 -> 1e-06",
+        ),
+        (
+            STUDY,
+            SCENE + "solver: {anti_locking: none}\n",
+            "scene.solver.anti_locking: f-bar -> none",
+        ),
+        (
+            STUDY,
+            SCENE.replace("torque: {}", "torque: {}, gravity: {}"),
+            "gravity.acceleration[2]: nothing -> -9.81",
+        ),
     ],
-    ids=["seed", "sampler", "field", "material", "scene's field", "unmagnetised", "resolution", "tolerance", "anti-locking", "effect"],
+    ids=[
+        "seed",
+        "sampler",
+        "field",
+        "material",
+        "scene's field",
+        "unmagnetised",
+        "resolution",
+        "tolerance",
+        "anti-locking",
+        "effect",
+    ],
 )
-def test_another_definition_is_refused_and_the_difference_shown(study: str, scene: str, shown: str, tmp_path: Path) -> None:
+def test_another_definition_is_refused_and_the_difference_shown(
+    study: str, scene: str, shown: str, tmp_path: Path
+) -> None:
     path, out = write_study(tmp_path), tmp_path / "out"
     run_study(load_study(path), solve=solve, out=out, trials=1)
     write_study(tmp_path, study, scene)
@@ -90,7 +135,9 @@ def test_another_definition_is_refused_and_the_difference_shown(study: str, scen
     assert "--out" in message
     assert "old values" in message
     write_study(tmp_path)
-    assert run_study(load_study(path), solve=solve, out=out, trials=2).trials == 2, "put back, it resumes"
+    assert run_study(load_study(path), solve=solve, out=out, trials=2).trials == 2, (
+        "put back, it resumes"
+    )
 
 
 def test_another_target_is_refused(tmp_path: Path) -> None:
@@ -98,7 +145,9 @@ def test_another_target_is_refused(tmp_path: Path) -> None:
     run_study(load_study(path), solve=solve, out=out, trials=1)
     table = (tmp_path / "target.csv").read_text()
     last = table.rstrip().splitlines()[-1]
-    (tmp_path / "target.csv").write_text(table.replace(last, last.replace(last.split(",")[3], "15")))
+    (tmp_path / "target.csv").write_text(
+        table.replace(last, last.replace(last.split(",")[3], "15"))
+    )
     with pytest.raises(InputError, match=r"match\.centreline\[20\]: 40 .* -> 40 .* 15\n"):
         run_study(load_study(path), solve=solve, out=out, trials=2)
 
@@ -150,13 +199,19 @@ def _null_inside(path: Path) -> None:
 
 
 DAMAGES = [
-    *((name, damage) for name in ("state.npz", "result.json", "design.json") for damage in (cut_short, garbage, Path.unlink)),
+    *(
+        (name, damage)
+        for name in ("state.npz", "result.json", "design.json")
+        for damage in (cut_short, garbage, Path.unlink)
+    ),
     *((name, damage) for name in ("result.json", "design.json") for damage in (null, _null_inside)),
 ]
 
 
 @pytest.mark.parametrize(("name", "damage"), DAMAGES)
-def test_a_damaged_design_is_made_again(name: str, damage: Callable[[Path], None], tmp_path: Path) -> None:
+def test_a_damaged_design_is_made_again(
+    name: str, damage: Callable[[Path], None], tmp_path: Path
+) -> None:
     """Best and improvements: a study continues, and repairs what can be solved again."""
     study = load_study(write_study(tmp_path))
     out = tmp_path / "out"
@@ -169,7 +224,9 @@ def test_a_damaged_design_is_made_again(name: str, damage: Callable[[Path], None
     assert run_study(study, solve=solve, out=out, trials=5).trials == 5
     for folder, text in zip(folders[1:], good[1:]):
         found = json.loads((folder / "design.json").read_text())
-        assert {key: found[key] for key in ("number", "params", "rms_m")} == {k: json.loads(text)[k] for k in ("number", "params", "rms_m")}
+        assert {key: found[key] for key in ("number", "params", "rms_m")} == {
+            k: json.loads(text)[k] for k in ("number", "params", "rms_m")
+        }
     assert all(readable(folder) for folder in folders)
 
 
@@ -178,12 +235,26 @@ def test_a_damaged_design_is_made_again(name: str, damage: Callable[[Path], None
 
 def _refused(study: Study, out: Path, *says: str, **options: Any) -> None:
     gc.collect()  # connections of the study before are closed now, and not while the folder is compared
-    before = {path: path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file() and path.name != ".lock"}
+    before = {
+        path: path.read_bytes()
+        for path in sorted(out.rglob("*"))
+        if path.is_file() and path.name != ".lock"
+    }
     with pytest.raises(InputError) as caught:
         run_study(study, solve=solve, out=out, **options)
-    for part in (f"{out}: holds designs of trials that are not there", "rule: ", "remedy: ", f"--out {out}-2", *says):
+    for part in (
+        f"{out}: holds designs of trials that are not there",
+        "rule: ",
+        "remedy: ",
+        f"--out {out}-2",
+        *says,
+    ):
         assert part in str(caught.value)
-    after = {path: path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file() and path.name != ".lock"}
+    after = {
+        path: path.read_bytes()
+        for path in sorted(out.rglob("*"))
+        if path.is_file() and path.name != ".lock"
+    }
     assert after == before
 
 
@@ -200,7 +271,9 @@ def test_a_deleted_or_empty_database_is_not_begun_anew_over_its_designs(tmp_path
     _refused(study, out, f"{out}/study.db is empty")
     for path in kept.iterdir():
         path.rename(out / path.name)
-    assert run_study(study, solve=solve, out=out, trials=5).trials == 5, "with its trials back, it goes on"
+    assert run_study(study, solve=solve, out=out, trials=5).trials == 5, (
+        "with its trials back, it goes on"
+    )
 
 
 def test_another_database_is_refused_over_the_designs_of_the_first(tmp_path: Path) -> None:
@@ -208,11 +281,16 @@ def test_another_database_is_refused_over_the_designs_of_the_first(tmp_path: Pat
     study, out = load_study(write_study(tmp_path)), tmp_path / "out"
     run_study(study, solve=solve, out=out, trials=4)
     new, other = f"sqlite:///{tmp_path}/new.db", f"sqlite:///{tmp_path}/other.db"
-    _refused(study, out, "new.db is missing", f"(sqlite:///{out}/study.db when they ended)", storage=new)
+    _refused(
+        study, out, "new.db is missing", f"(sqlite:///{out}/study.db when they ended)", storage=new
+    )
     assert not (tmp_path / "new.db").exists()
     seeded = load_study(write_study(tmp_path / "other", STUDY.replace("seed: 3", "seed: 4")))
     run_study(seeded, solve=solve, out=tmp_path / "elsewhere", trials=4, storage=other)
     _refused(seeded, out, "other.db has 4 trials, which are others", storage=other)
-    assert run_study(study, solve=solve, out=out, trials=5, storage=f"sqlite:///{out}/study.db").trials == 5
+    assert (
+        run_study(study, solve=solve, out=out, trials=5, storage=f"sqlite:///{out}/study.db").trials
+        == 5
+    )
     out.rename(tmp_path / "moved")
     assert run_study(study, solve=solve, out=tmp_path / "moved", trials=6).trials == 6

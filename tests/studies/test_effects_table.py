@@ -46,7 +46,9 @@ def test_every_effect_has_its_row() -> None:
     assert all(row.effect in table.text() for row in table.effects)
     rows = [row for row in table.effects if f" {row.effect:21} " in table.text()]
     assert len(rows) < len(table.effects)
-    assert {row.effect for row in table.effects if row.advice != "irrelevant"} <= {row.effect for row in rows}
+    assert {row.effect for row in table.effects if row.advice != "irrelevant"} <= {
+        row.effect for row in rows
+    }
     assert "of no matter here: " in table.text()
     assert "of no matter here: " not in table.text(every=True)
 
@@ -66,8 +68,14 @@ def test_shifts_are_those_of_finer_runs() -> None:
     loaded = rod_scene(field=(0.0, 0.0, 1e-3), gravity=DOWN)
     lying = rod_scene(gravity=DOWN).with_effects(ground={"point": [0.0, 0.0, -4e-3]})
     for scene, key in ((loaded, "magnetic_torque"), (loaded, "gravity"), (lying, "ground")):
-        found, fine, other = row(scene, key), scene.with_cells(4), scene.with_effects(**{key: None}).with_cells(4)
-        assert found.shift_m == pytest.approx(distance(run(fine), run(other)), abs=found.uncertainty_m or 0.0), key
+        found, fine, other = (
+            row(scene, key),
+            scene.with_cells(4),
+            scene.with_effects(**{key: None}).with_cells(4),
+        )
+        assert found.shift_m == pytest.approx(
+            distance(run(fine), run(other)), abs=found.uncertainty_m or 0.0
+        ), key
         assert found.advice == "keep"
     light = row(rod_scene(field=FIELD), "gravity")
     assert light.advice == "add"
@@ -88,11 +96,19 @@ def test_costs_are_counted_and_always_the_same() -> None:
     the segments on each other."""
     scene = moving_scene(BODY, {"damping": {"rate": 60.0}}, field={"uniform": [0.0, 0.0, 3e-3]})
     found = counted(scene)
-    for key, measured in (("magnetic_torque", 7.0), ("gravity", 3.0), ("viscosity", 40.0), ("walls", 35.0), ("damping", 3.0)):
+    for key, measured in (
+        ("magnetic_torque", 7.0),
+        ("gravity", 3.0),
+        ("viscosity", 40.0),
+        ("walls", 35.0),
+        ("damping", 3.0),
+    ):
         assert found[key] == pytest.approx(measured, abs=3.0, rel=0.33), key
     assert counted(scene) == found
     assert "self_contact" not in found
-    still = counted(rod_scene(field=FIELD, directions=[[1, 0, 0], [1, 0, 0]], density=None, tolerance=1e-9))  # type: ignore[arg-type]
+    still = counted(
+        rod_scene(field=FIELD, directions=[[1, 0, 0], [1, 0, 0]], density=None, tolerance=1e-9)
+    )  # type: ignore[arg-type]
     assert still["magnetic_torque"] < 1.0
     assert still["magnetic_interaction"] > 50.0
 
@@ -102,14 +118,23 @@ def test_the_command(tmp_path: Path, told) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text(scene_text())
     found = json.loads(told("effects", scene, "--json", "--quick").out)
-    assert {"effect", "named", "shift_m", "uncertainty_m", "cost_percent", "advice", "why"} <= set(found["effects"][0])
+    assert {"effect", "named", "shift_m", "uncertainty_m", "cost_percent", "advice", "why"} <= set(
+        found["effects"][0]
+    )
     assert found["length_m"] == 0.02
     assert "magnetic_torque" in told("effects", scene, "--quick").out
     scene.write_text("name: small\n")
     told("effects", scene, status=2, says="body: received nothing")
 
 
-BODY = {"catheter": {"length": 40e-3, "diameter": 4e-3, "material": "m", "segments": [{"magnetization": [1, 0, 0]}]}}
+BODY = {
+    "catheter": {
+        "length": 40e-3,
+        "diameter": 4e-3,
+        "material": "m",
+        "segments": [{"magnetization": [1, 0, 0]}],
+    }
+}
 
 
 @pytest.mark.slow
@@ -117,12 +142,20 @@ def test_walls_of_a_vessel_are_not_without_effect(told) -> None:
     """They move the fed catheter's axis by 5.729 and 5.718 mm at the end of runs on 3 and 4 cells, where it moves farthest; gravity by
     0.25 mm there and a millimeter before it meets the wall, and damping hardly matters."""
     path = str(Path(__file__).parents[2] / "data/scenes/fed_into_vessel.yaml")
-    found = {row["effect"]: row for row in json.loads(told("effects", path, "--quick", "--json").out)["effects"]}
+    found = {
+        row["effect"]: row
+        for row in json.loads(told("effects", path, "--quick", "--json").out)["effects"]
+    }
     assert {key: found[key]["advice"] for key in ("walls", "feed", "gravity", "damping")} == {
-        "walls": "keep", "feed": "keep", "gravity": "add", "damping": "drop",
-    }  # fmt: skip
+        "walls": "keep",
+        "feed": "keep",
+        "gravity": "add",
+        "damping": "drop",
+    }
     walls = found["walls"]
-    assert abs(walls["shift_m"] - 5.72e-3) < walls["uncertainty_m"] < 0.2e-3  # looked at with one cell more, as all contact is
+    assert (
+        abs(walls["shift_m"] - 5.72e-3) < walls["uncertainty_m"] < 0.2e-3
+    )  # looked at with one cell more, as all contact is
     assert found["feed"]["shift_m"] == pytest.approx(60e-3 * 0.25, rel=0.05)  # speed times duration
     for key in ("magnetic_torque", "magnetic_interaction", "ground", "viscosity"):
         assert found[key]["advice"] == "irrelevant", key
@@ -134,7 +167,10 @@ def test_motions_tell_whether_a_body_touches_the_ground() -> None:
     low = -float(solve_rod(rod_scene(gravity=DOWN, shear=240e3)).position[:, 2].min())
     depths = [-low - 2e-3 - gap for gap in (1e-3, 30e-3)]
     effects = {"gravity": {}, "damping": {"rate": 1e-6}}
-    scenes = [moving_scene(BODY, {**effects, "ground": {"point": [0, 0, z]}}, duration=0.1, shear=240e3) for z in depths]
+    scenes = [
+        moving_scene(BODY, {**effects, "ground": {"point": [0, 0, z]}}, duration=0.1, shear=240e3)
+        for z in depths
+    ]
     near, far = (row(scene, "ground") for scene in scenes)
     assert (near.advice, far.advice) == ("keep", "drop")
     assert far.shift_m == 0.0
@@ -145,7 +181,10 @@ def test_advice_for_a_body_that_nothing_holds() -> None:
     body = {"catheter": {**BODY["catheter"], "clamp": "none"}}
     effects = {"gravity": {}, "damping": {"rate": 1e-6}, "ground": {"point": [0, 0, -5e-3]}}
     scene = moving_scene(body, effects, field={"uniform": [0, 0, 3e-3]}, duration=0.05)
-    assert {key: row(scene, key).advice for key in ("ground", "magnetic_torque")} == {"ground": "keep", "magnetic_torque": "add"}
+    assert {key: row(scene, key).advice for key in ("ground", "magnetic_torque")} == {
+        "ground": "keep",
+        "magnetic_torque": "add",
+    }
 
 
 def test_a_body_that_can_not_begin_has_no_table(tmp_path: Path, told) -> None:
@@ -153,16 +192,33 @@ def test_a_body_that_can_not_begin_has_no_table(tmp_path: Path, told) -> None:
     path = tmp_path / "scene.yaml"
     far = "walls: {tube: {radius: 5 mm, path: [[480 mm, 0 mm, 0 mm], [560 mm, 0 mm, 0 mm]]}}"
     effects = f"\n  magnetic_torque: {{}}\n  damping: {{rate: 60 1/s}}\n  {far}"
-    path.write_text(scene_text("far tube", length="40 mm", effects=effects, solver="{dynamic: {duration: 0.1 s}}"))
-    says = f"{path}:8: effects.walls: ", "the body begins outside the lumen, before an open end of its tube"
+    path.write_text(
+        scene_text(
+            "far tube", length="40 mm", effects=effects, solver="{dynamic: {duration: 0.1 s}}"
+        )
+    )
+    says = (
+        f"{path}:8: effects.walls: ",
+        "the body begins outside the lumen, before an open end of its tube",
+    )
     for command in (["effects", path, "--quick"], ["run", path, "--out", tmp_path / "out"]):
         assert told(*command, status=2, says=says).out == ""
 
 
 def test_contact_that_touches_is_counted_with_its_friction() -> None:
     """A ground through the body: half of its particles touch, and cost more than where none does."""
-    body = {"catheter": {"length": 12e-3, "diameter": 4e-3, "material": "m", "segments": [{"magnetization": [1, 0, 0]}]}}
-    costs = [counted(having(moving_scene(body, {}), ground={"point": ["0 mm", "0 mm", z]}))["ground"] for z in ("-1 m", "0 mm")]
+    body = {
+        "catheter": {
+            "length": 12e-3,
+            "diameter": 4e-3,
+            "material": "m",
+            "segments": [{"magnetization": [1, 0, 0]}],
+        }
+    }
+    costs = [
+        counted(having(moving_scene(body, {}), ground={"point": ["0 mm", "0 mm", z]}))["ground"]
+        for z in ("-1 m", "0 mm")
+    ]
     assert costs[1] > 3 * costs[0]
 
 
@@ -170,10 +226,22 @@ def strip(width: float, clamp: str = "base", shear: float = 7e6, length: float =
     """A strip 1 mm thick, magnetized along its length, across a field of 1 mT; where both ends are held, one half against the other."""
     body = {"length": length, "width": width, "thickness": 1e-3, "material": "m", "clamp": clamp}
     half = {"magnetization": [1.0, 0.0, 0.0], "length": length / 2}
-    segments = [half, {"magnetization": [-1.0 if clamp == "both" else 1.0, 0.0, 0.0], "length": length / 2}]
-    materials = {"m": {"shear_modulus": shear, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.1}}
-    about = {"name": "strip", "effects": {"magnetic_torque": {}}, "field": {"uniform": [0.0, 0.0, 1e-3]}, "resolution": {"cells_across": 2}}
-    return Scene.from_si({**about, "materials": materials, "body": {"strip": {**body, "segments": segments}}})
+    segments = [
+        half,
+        {"magnetization": [-1.0 if clamp == "both" else 1.0, 0.0, 0.0], "length": length / 2},
+    ]
+    materials = {
+        "m": {"shear_modulus": shear, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.1}
+    }
+    about = {
+        "name": "strip",
+        "effects": {"magnetic_torque": {}},
+        "field": {"uniform": [0.0, 0.0, 1e-3]},
+        "resolution": {"cells_across": 2},
+    }
+    return Scene.from_si(
+        {**about, "materials": materials, "body": {"strip": {**body, "segments": segments}}}
+    )
 
 
 @pytest.mark.slow
@@ -181,7 +249,10 @@ def test_shifts_of_a_strip_held_at_both_ends_are_those_of_whole_runs() -> None:
     """With and without each effect, within what the table says that it is uncertain by."""
     asked = strip(5e-3, "both", 1e6, 30e-3)
     for key in ("magnetic_torque", "gravity"):
-        moved, found = distance(run(asked.with_effects(**{key: {}})), run(asked.with_effects(**{key: None}))), row(asked, key)
+        moved, found = (
+            distance(run(asked.with_effects(**{key: {}})), run(asked.with_effects(**{key: None}))),
+            row(asked, key),
+        )
         assert found.shift_m == pytest.approx(moved, abs=found.uncertainty_m or 0.0), key
 
 
@@ -212,8 +283,13 @@ def test_a_motion_that_takes_too_long_is_judged_by_its_rest() -> None:
     assert row(slow, "viscosity").advice == "keep"
 
 
-@pytest.mark.parametrize(("shift", "finer", "value", "uncertainty"), [(0.4, 9.9, 0.4, 0.2), (0.9, 1.2, 1.2, 0.3), (1.6, 1.2, 1.2, 0.4)])
-def test_what_may_matter_is_looked_at_with_one_cell_more(shift: float, finer: float, value: float, uncertainty: float) -> None:
+@pytest.mark.parametrize(
+    ("shift", "finer", "value", "uncertainty"),
+    [(0.4, 9.9, 0.4, 0.2), (0.9, 1.2, 1.2, 0.3), (1.6, 1.2, 1.2, 0.4)],
+)
+def test_what_may_matter_is_looked_at_with_one_cell_more(
+    shift: float, finer: float, value: float, uncertainty: float
+) -> None:
     """A shift below half of the error is not; of others the grid's part is known, and the uncertainty is no smaller (mm)."""
 
     class Known(Variants):
@@ -229,7 +305,11 @@ def test_what_may_matter_is_looked_at_with_one_cell_more(shift: float, finer: fl
 def test_a_rod_would_do_where_it_was_found_to() -> None:
     """Compared with equilibria: 1.1 % of this catheter's deflection."""
     scene = rod_scene(field=FIELD)
-    [need] = [one for one in needs(scene, Variants(scene, scene.allowed_error)) if one.question == "three dimensions"]
+    [need] = [
+        one
+        for one in needs(scene, Variants(scene, scene.allowed_error))
+        if one.question == "three dimensions"
+    ]
     fine, rod = run(scene.with_cells(5)).centreline, solve_rod(scene)
     off = float(np.linalg.norm(fine[:, 1:] - fine[0, 1:] - rod.at(fine[:, 0]), axis=1).max())
     assert need.error_added_m is not None
@@ -243,5 +323,7 @@ def test_a_slow_feed_needs_no_dynamics() -> None:
     data = rod_scene(field=(0.0, 0.0, 0.5e-3)).to_si()
     data["effects"].update(feed={"speed": 0.002, "exit": 0.02}, damping={"rate": 300.0})
     slow = Scene.from_si({**data, "solver": {"dynamic": {"duration": 0.2}}})
-    [need] = [one for one in needs(slow, Variants(slow, slow.allowed_error)) if one.question == "dynamics"]
+    [need] = [
+        one for one in needs(slow, Variants(slow, slow.allowed_error)) if one.question == "dynamics"
+    ]
     assert "can only be had in motion" not in need.why

@@ -46,11 +46,16 @@ def with_modulus(scene: Scene, modulus: float) -> Scene:
     return Scene.from_si(data)
 
 
-def tips(folder: Path, modulus: float = 100e3, fields: tuple[float, ...] = (2.0, 4.0), noise: float = 0.0) -> Path:
+def tips(
+    folder: Path, modulus: float = 100e3, fields: tuple[float, ...] = (2.0, 4.0), noise: float = 0.0
+) -> Path:
     """Tips of the body with another modulus, mm, in fields along z, mT."""
     rng, rows = np.random.default_rng(5), ["field_z_mT,tip_x_mm,tip_z_mm"]
     for strength in fields:
-        tip = 1e3 * run(with_modulus(SCENE, modulus).with_field([0, 0, 1e-3 * strength])).tip + rng.normal(0, noise, 3) * 1e3
+        tip = (
+            1e3 * run(with_modulus(SCENE, modulus).with_field([0, 0, 1e-3 * strength])).tip
+            + rng.normal(0, noise, 3) * 1e3
+        )
         rows.append(f"{strength},{tip[0]:.9f},{tip[2]:.9f}")
     return table(folder, "\n".join(rows) + "\n")
 
@@ -65,20 +70,30 @@ def test_units_and_columns(tmp_path: Path) -> None:
     assert found.states[0].lines.tolist() == [3, 4]
 
 
-@pytest.mark.parametrize(("column", "field"), [
-    ("field_mT", (6e-3, 0.0, 8e-3)),  # along the scene's
-    ("field_y_mT", (3e-3, 10e-3, 4e-3)),  # components without a column are the scene's
-    ("s_mm", None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("column", "field"),
+    [
+        ("field_mT", (6e-3, 0.0, 8e-3)),  # along the scene's
+        ("field_y_mT", (3e-3, 10e-3, 4e-3)),  # components without a column are the scene's
+        ("s_mm", None),
+    ],
+)
 def test_the_field_of_a_row(column: str, field: tuple[float, ...] | None, tmp_path: Path) -> None:
-    scene, measured = SCENE.with_field([3e-3, 0.0, 4e-3]), "x_mm" if column == "s_mm" else "tip_x_mm"
+    scene, measured = (
+        SCENE.with_field([3e-3, 0.0, 4e-3]),
+        "x_mm" if column == "s_mm" else "tip_x_mm",
+    )
     (state,) = read_measured(table(tmp_path, f"{column},{measured}\n10,38\n10,39\n"), scene).states
-    assert state.field == (None if field is None else pytest.approx(field, rel=1e-14))  # to rounding
+    assert state.field == (
+        None if field is None else pytest.approx(field, rel=1e-14)
+    )  # to rounding
     assert len(state.lines) == 2, "one state of the body"
 
 
 @pytest.mark.parametrize(("separator", "point"), [(";", "."), (";", ","), ("\t", "."), ("\t", ",")])
-def test_spreadsheets_separate_by_semicolons_and_tabs(tmp_path: Path, separator: str, point: str) -> None:
+def test_spreadsheets_separate_by_semicolons_and_tabs(
+    tmp_path: Path, separator: str, point: str
+) -> None:
     """With decimal commas too, as in most of Europe: the same numbers."""
     text = "field_z_mT,tip_x_mm,tip_z_mm\n2.5,38.25,-4.125\n4,,9\n"
     usual = read_measured(table(tmp_path, text), SCENE)
@@ -134,7 +149,9 @@ def test_slopes_are_those_of_the_residuals(tmp_path: Path, text: str) -> None:
     residuals, slopes = prediction.at(x)
     weights = residuals[None] if text == IN_SPACE else np.eye(len(residuals))
     for k, step in enumerate(1e-3 * np.eye(len(x))):
-        central = (prediction.at(x + step, slopes=False)[0] - prediction.at(x - step, slopes=False)[0]) / 2e-3
+        central = (
+            prediction.at(x + step, slopes=False)[0] - prediction.at(x - step, slopes=False)[0]
+        ) / 2e-3
         atol = 2e-5 * np.abs(weights @ slopes).max()
         np.testing.assert_allclose(weights @ slopes[:, k], weights @ central, rtol=0, atol=atol)
 
@@ -146,18 +163,30 @@ def test_constants_of_exact_tips_are_found(tmp_path: Path) -> None:
     assert found.rms_m < 1e-6 * SCENE.length
 
 
-def test_further_descents_run_on_the_coarsest_grid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_further_descents_run_on_the_coarsest_grid(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The scene's own grid descends from their minimum alone, in at most two steps; its minimum is that of a descent on it from afar."""
     scene, solved = SCENE.with_cells(4), []
     measured = read_measured(tips(tmp_path, noise=1e-4), scene)
-    monkeypatch.setattr(prediction, "sensitivities", lambda at, **k: solved.append(at.resolution.cells_across) or sensitivities(at, **k))
+    monkeypatch.setattr(
+        prediction,
+        "sensitivities",
+        lambda at, **k: solved.append(at.resolution.cells_across) or sensitivities(at, **k),
+    )
     found = fit(measured, scene, vary=["shear_modulus"], noise=1e-4)
     assert solved == sorted(solved)
     assert solved.count(2) > 12
     assert solved.count(4) <= 2 * 3 + 2, "of the two fields, and to free the suspects"
     alone = Prediction(scene, measured, constants_of(scene, ["shear_modulus"]))
-    far = least_squares(lambda x, slopes: tuple(1e4 * part for part in alone.at(x, slopes=slopes)), np.array([np.log(4.0)]), scale=1.0)
-    assert found.x == pytest.approx(far.x, abs=2e-3 * found.constants[0].error / found.constants[0].value)  # each search ends 1e-3 away
+    far = least_squares(
+        lambda x, slopes: tuple(1e4 * part for part in alone.at(x, slopes=slopes)),
+        np.array([np.log(4.0)]),
+        scale=1.0,
+    )
+    assert found.x == pytest.approx(
+        far.x, abs=2e-3 * found.constants[0].error / found.constants[0].value
+    )  # each search ends 1e-3 away
 
 
 def test_tips_without_any_error_have_an_interval(tmp_path: Path) -> None:
@@ -173,10 +202,17 @@ def test_tips_without_any_error_have_an_interval(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_no_constant_moves_is_refused_without_an_error_of_measurement_too(tmp_path: Path) -> None:
+def test_what_no_constant_moves_is_refused_without_an_error_of_measurement_too(
+    tmp_path: Path,
+) -> None:
     words = "do not determine the magnetic silicone.s shear modulus: it can change without moving any measured number"
     with pytest.raises(Refused, match=words):
-        fit(read_measured(table(tmp_path, "field_z_mT,tip_z_mm\n0,0\n0,0\n0,0\n"), SCENE), SCENE, vary=["shear_modulus"], thorough=False)
+        fit(
+            read_measured(table(tmp_path, "field_z_mT,tip_z_mm\n0,0\n0,0\n0,0\n"), SCENE),
+            SCENE,
+            vary=["shear_modulus"],
+            thorough=False,
+        )
 
 
 def test_a_constant_far_from_the_scenes_is_told(tmp_path: Path) -> None:
@@ -184,30 +220,51 @@ def test_a_constant_far_from_the_scenes_is_told(tmp_path: Path) -> None:
     path = tips(tmp_path, noise=1e-5)
     head, *rows = path.read_text().splitlines()
     wrong = [f"{20 * float(row.split(',')[0])},{row.partition(',')[2]}" for row in rows]
-    found = fit(read_measured(table(tmp_path, "\n".join([head, *wrong]) + "\n"), SCENE), SCENE, vary=["shear_modulus"], thorough=False)
+    found = fit(
+        read_measured(table(tmp_path, "\n".join([head, *wrong]) + "\n"), SCENE),
+        SCENE,
+        vary=["shear_modulus"],
+        thorough=False,
+    )
     assert any("times the scene's: check the units" in said for said in found.warnings)
 
 
 def test_fields_far_from_the_scenes_are_told_before_the_fit(tmp_path: Path) -> None:
     """Fields of 3 mT and 3000 mT beside the scene's own: a unit off by a thousand is reported, fields of the same size are not."""
     own = SCENE.with_field([0.0, 0.0, 3e-3])
-    said = "the table's fields reach 3000 mT, the scene's own is 3 mT: check the units of its columns"
+    said = (
+        "the table's fields reach 3000 mT, the scene's own is 3 mT: check the units of its columns"
+    )
     for strength, told in ((4.0, []), (3000.0, [said])):
-        assert doubtful_fields(read_measured(table(tmp_path, f"field_z_mT,tip_z_mm\n{strength},5\n0,0\n"), own), own) == told
+        assert (
+            doubtful_fields(
+                read_measured(table(tmp_path, f"field_z_mT,tip_z_mm\n{strength},5\n0,0\n"), own),
+                own,
+            )
+            == told
+        )
 
 
-def three_tables(folder: Path, modulus: float, noises: tuple[float, float, float], seed: int = 3) -> list[Path]:
+def three_tables(
+    folder: Path, modulus: float, noises: tuple[float, float, float], seed: int = 3
+) -> list[Path]:
     """Tips in two fields, places of the axis in one of these, and a curve in another field, of the body with a modulus; noises in mm."""
     rng, real = np.random.default_rng(seed), with_modulus(SCENE, modulus)
     shapes = {strength: run(real.with_field([0, 0, 1e-3 * strength])) for strength in (2.0, 4.0)}
-    rows: list[list[str]] = [["field_z_mT,tip_x_mm,tip_z_mm"], ["field_z_mT,s_mm,x_mm,z_mm"], ["field_z_mT,x_mm,z_mm"]]
+    rows: list[list[str]] = [
+        ["field_z_mT,tip_x_mm,tip_z_mm"],
+        ["field_z_mT,s_mm,x_mm,z_mm"],
+        ["field_z_mT,x_mm,z_mm"],
+    ]
     for strength, result in shapes.items():
         tip = 1e3 * result.tip + rng.normal(0, noises[0], 3)
         rows[0].append(f"{strength},{tip[0]:.9f},{tip[2]:.9f}")
         for s, *point in 1e3 * result.centreline[4::3]:
             k = 2 if strength == 2.0 else 1
             x, _, z = np.array(point) + rng.normal(0, noises[k], 3)
-            rows[k].append(f"{strength},{x:.9f},{z:.9f}" if k == 2 else f"{strength},{s:.9f},{x:.9f},{z:.9f}")
+            rows[k].append(
+                f"{strength},{x:.9f},{z:.9f}" if k == 2 else f"{strength},{s:.9f},{x:.9f},{z:.9f}"
+            )
     paths = [folder / name for name in ("tips.csv", "places.csv", "curve.csv")]
     for path, lines in zip(paths, rows, strict=True):
         path.write_text("\n".join(lines) + "\n")
@@ -224,9 +281,15 @@ def test_tables_of_three_kinds_are_explained_together(tmp_path: Path) -> None:
     assert both.solves == 2
     assert both.at(x)[0] is residuals, "what was solved is known"
     alone = [Prediction(SCENE, read_measured(path, SCENE), constants).at(x) for path in paths]
-    np.testing.assert_allclose(residuals, np.concatenate([one for one, _ in alone]), rtol=0, atol=1e-9 * SCENE.length)
-    np.testing.assert_allclose(slopes, np.concatenate([one for _, one in alone]), rtol=0, atol=1e-6 * np.abs(slopes).max())
-    assert [label.table for label in both.labels] == [k for k, (one, _) in enumerate(alone) for _ in one]
+    np.testing.assert_allclose(
+        residuals, np.concatenate([one for one, _ in alone]), rtol=0, atol=1e-9 * SCENE.length
+    )
+    np.testing.assert_allclose(
+        slopes, np.concatenate([one for _, one in alone]), rtol=0, atol=1e-6 * np.abs(slopes).max()
+    )
+    assert [label.table for label in both.labels] == [
+        k for k, (one, _) in enumerate(alone) for _ in one
+    ]
     assert measured.numbers == len(residuals)
     found = fit(measured, SCENE, vary=["shear_modulus"], thorough=False)
     assert found.constants[0].value == pytest.approx(100e3, rel=1e-4)
@@ -268,21 +331,32 @@ def test_tables_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
 def test_what_is_known_beforehand_widens_the_interval(tmp_path: Path) -> None:
     """A tip in a uniform field tells the ratio: with a remanence known to 5 %, the modulus is known to 5 % as well, and no better."""
     measured = read_measured(tips(tmp_path, noise=1e-5), SCENE)
-    found = fit(measured, SCENE, vary=["shear_modulus", "remanence"], known={"remanence": 0.05}, noise=1e-5, thorough=False)
+    found = fit(
+        measured,
+        SCENE,
+        vary=["shear_modulus", "remanence"],
+        known={"remanence": 0.05},
+        noise=1e-5,
+        thorough=False,
+    )
     modulus = found.constants[0]
     assert modulus.error / modulus.value == pytest.approx(0.05, rel=0.02)
     assert modulus.value == pytest.approx(100e3, rel=1e-2)
     assert abs(found.correlation[0, 1]) > 0.99
 
 
-def test_modulus_and_remanence_are_not_told_apart_by_tips_in_a_uniform_field(tmp_path: Path) -> None:
+def test_modulus_and_remanence_are_not_told_apart_by_tips_in_a_uniform_field(
+    tmp_path: Path,
+) -> None:
     """The answer depends on their ratio alone. Refused, with the ratio's accuracy and measurements that would tell."""
     silicone = "the magnetic silicone.s"
     words = f"these tips do not tell {silicone} shear modulus and {silicone} remanence apart: they can change together"
     with pytest.raises(Refused, match=words) as refused:
         fit(read_measured(tips(tmp_path, noise=2e-4), SCENE), SCENE, thorough=False)
     assert len(refused.value.together) == 2
-    assert "shear_modulus_magnetic_silicone * remanence_magnetic_silicone^-1" in refused.value.known[0]
+    assert (
+        "shear_modulus_magnetic_silicone * remanence_magnetic_silicone^-1" in refused.value.known[0]
+    )
     assert any("moment" in words for words in refused.value.advice)
     assert any("weight" in words for words in refused.value.advice)
 
@@ -291,7 +365,9 @@ def test_constants_that_are_left_to_vary_are_those_that_the_data_tell() -> None:
     """A soft tip that bears nothing: neither its modulus, which moves nothing, nor the remanence, which moves what the modulus does."""
     of = [("soft", "shear_modulus"), ("stiff", "shear_modulus"), ("Br", "remanence")]
     constants = [Constant(name, kind, 1.0, "") for name, kind in of]
-    assert _fewer(constants, np.array([[1e-3, 50.0, -50.0], [0.0, 20.0, -20.0]]), 1.96, 2) == "stiff"
+    assert (
+        _fewer(constants, np.array([[1e-3, 50.0, -50.0], [0.0, 20.0, -20.0]]), 1.96, 2) == "stiff"
+    )
 
 
 def test_fewer_numbers_than_constants_are_refused(tmp_path: Path) -> None:
@@ -313,39 +389,67 @@ def test_turns_are_turns() -> None:
     """A quarter turn of azimuth brings +x to +y, one of elevation to +z."""
     constants = constants_of(SCENE, ["magnetization"])
     for x, expected in (([math.pi / 2, 0], [0, 1, 0]), ([0, math.pi / 2], [0, 0, 1])):
-        np.testing.assert_allclose(applied(SCENE, constants, np.array(x)).regions()[0].magnetization, expected, atol=1e-15)
+        np.testing.assert_allclose(
+            applied(SCENE, constants, np.array(x)).regions()[0].magnetization, expected, atol=1e-15
+        )
 
 
-def missing(folder: Path, stray: tuple[float, float, float] = (0.0, 0.0, 0.0), turn: float = 0.0, larger: float = 0.0) -> Path:
+def missing(
+    folder: Path,
+    stray: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    turn: float = 0.0,
+    larger: float = 0.0,
+) -> Path:
     """Tips to 0.1 mm of a body with 118 kPa that is not quite the scene's: stray field (mT), turn of its direction (rad), diameter."""
     data = with_modulus(SCENE, 118e3).to_si()
     data["body"]["catheter"]["diameter"] *= 1 + larger
     for segment in data["body"]["catheter"]["segments"]:
         segment["magnetization"] = [math.cos(turn), math.sin(turn), 0.0]
-    real, rng, rows = Scene.from_si(data), np.random.default_rng(5), ["field_z_mT,tip_x_mm,tip_y_mm,tip_z_mm"]
+    real, rng, rows = (
+        Scene.from_si(data),
+        np.random.default_rng(5),
+        ["field_z_mT,tip_x_mm,tip_y_mm,tip_z_mm"],
+    )
     for strength in (1, 2, 3, 4, 5):
-        tip = run(real.with_field([1e-3 * stray[0], 1e-3 * stray[1], 1e-3 * (strength + stray[2])])).tip + rng.normal(0, 0.1e-3, 3)
+        tip = run(
+            real.with_field([1e-3 * stray[0], 1e-3 * stray[1], 1e-3 * (strength + stray[2])])
+        ).tip + rng.normal(0, 0.1e-3, 3)
         rows.append(f"{strength},{1e3 * tip[0]:.4f},{1e3 * tip[1]:.4f},{1e3 * tip[2]:.4f}")
     return table(folder, "\n".join(rows) + "\n")
 
 
-@pytest.mark.parametrize(("lacks", "name"), [
-    ({"stray": (0.1, 0.17, -0.28)}, "a stray field"),  # 0.34 mT
-    pytest.param({"stray": (0.2, 0.34, -0.56)}, "a stray field", marks=pytest.mark.slow),  # to first order the modulus is too high then
-    pytest.param({"turn": math.radians(6.0)}, "the direction of segment 1", marks=pytest.mark.slow),
-])  # fmt: skip
-def test_what_the_scene_lacks_is_named_and_the_interval_holds_the_truth(lacks: dict[str, Any], name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("lacks", "name"),
+    [
+        ({"stray": (0.1, 0.17, -0.28)}, "a stray field"),  # 0.34 mT
+        pytest.param(
+            {"stray": (0.2, 0.34, -0.56)}, "a stray field", marks=pytest.mark.slow
+        ),  # to first order the modulus is too high then
+        pytest.param(
+            {"turn": math.radians(6.0)}, "the direction of segment 1", marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_what_the_scene_lacks_is_named_and_the_interval_holds_the_truth(
+    lacks: dict[str, Any], name: str, tmp_path: Path
+) -> None:
     found = fit(read_measured(missing(tmp_path, **lacks), SCENE), SCENE, vary=["shear_modulus"])
     (one,) = found.constants
     assert found.suspects[0].name == name
     assert found.suspects[0].probability < 0.01
-    assert not any(np.isnan(suspect.errors).any() for suspect in doubted(found.suspects)), "each was fitted, not only to first order"
-    assert any(name in warning and "explains the residuals better" in warning for warning in found.warnings)
+    assert not any(np.isnan(suspect.errors).any() for suspect in doubted(found.suspects)), (
+        "each was fitted, not only to first order"
+    )
+    assert any(
+        name in warning and "explains the residuals better" in warning for warning in found.warnings
+    )
     assert one.method in ("widened", "withheld")
     assert one.low is None or one.low < 118e3
     assert one.high is None or one.high > 118e3
     if "turn" in lacks:  # to first order, what a fit says that varies the direction as well
-        freed = fit(found.measured, SCENE, vary=["shear_modulus", "magnetization"], thorough=False).constants[0]
+        freed = fit(
+            found.measured, SCENE, vary=["shear_modulus", "magnetization"], thorough=False
+        ).constants[0]
         assert found.suspects[0].errors[0] == pytest.approx(freed.error / freed.value, rel=0.04)
 
 
@@ -355,9 +459,15 @@ def test_geometry_is_told_to_be_exact(tmp_path: Path) -> None:
     found = fit(read_measured(missing(tmp_path, larger=0.1), SCENE), SCENE, vary=["shear_modulus"])
     (one,) = found.constants
     assert one.method == "linear", "nothing else explains the residuals"
-    assert one.value == pytest.approx(1.21 * 118e3, rel=0.02)  # d^4 over d^2, less the clamp's share of the length, d/L
-    finer = fit(found.measured, SCENE.with_cells(4), vary=["shear_modulus"], thorough=False).constants[0]
-    assert one.grid_shift == pytest.approx(finer.value - one.value, rel=0.1)  # one Gauss-Newton step
+    assert one.value == pytest.approx(
+        1.21 * 118e3, rel=0.02
+    )  # d^4 over d^2, less the clamp's share of the length, d/L
+    finer = fit(
+        found.measured, SCENE.with_cells(4), vary=["shear_modulus"], thorough=False
+    ).constants[0]
+    assert one.grid_shift == pytest.approx(
+        finer.value - one.value, rel=0.1
+    )  # one Gauss-Newton step
     assert found.moves["diameter"][one.constant.name] == pytest.approx(-2.0, abs=0.1)  # likewise
     assert "1 % more diameter in the scene: shear_modulus_magnetic_silicone -2 %" in text(found)
 
@@ -367,9 +477,15 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told) -> N
     monkeypatch.chdir(tmp_path)
     scene = tmp_path / "scene.yaml"
     text = (ROOT / "data/scenes/axial_transverse.yaml").read_text(encoding="utf-8")
-    scene.write_text(text.split("reference:")[0].replace("cells_across: 4", "cells_across: 2"), encoding="utf-8")
+    scene.write_text(
+        text.split("reference:")[0].replace("cells_across: 4", "cells_across: 2"), encoding="utf-8"
+    )
     measured = tips(tmp_path, noise=1e-4)
-    found = json.loads(told("fit", measured, scene, "--vary", "shear_modulus", "--quick", "--json", "--out", "found").out)
+    found = json.loads(
+        told(
+            "fit", measured, scene, "--vary", "shear_modulus", "--quick", "--json", "--out", "found"
+        ).out
+    )
     constant = found["constants"][0]
     assert constant["low"] < 100e3 < constant["high"]
     assert all(Path(name).stat().st_size > 0 for name in found["files"])
@@ -380,8 +496,21 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told) -> N
     (x, _, z) = load_scene("turned/fitted_scene.yaml").regions()[0].magnetization
     assert math.atan2(z, x) == pytest.approx(turned["constants"][1]["value"], abs=1e-8)
     several = [*three_tables(tmp_path, 100e3, (0.1, 0.2, 0.2)), scene, "--out", "all"]
-    assert "tips.csv, " in told("fit", *several, "--vary", "shear_modulus", "--quick", "--noise", "0.1 mm, 0.2 mm, 0.2 mm").out
-    assert json.loads(told("fit", measured, scene, "--quick", "--json", "--out", "found", status=2).out)["measure"]
+    assert (
+        "tips.csv, "
+        in told(
+            "fit",
+            *several,
+            "--vary",
+            "shear_modulus",
+            "--quick",
+            "--noise",
+            "0.1 mm, 0.2 mm, 0.2 mm",
+        ).out
+    )
+    assert json.loads(
+        told("fit", measured, scene, "--quick", "--json", "--out", "found", status=2).out
+    )["measure"]
     told("fit", measured, scene, "--noise", "0.2", status=2, says="needs a unit")
 
 
@@ -395,13 +524,23 @@ def test_damping_and_modulus_from_a_marker_that_swings(tmp_path: Path) -> None:
     data["field"]["uniform"] = [0.0, 0.0, 1.5e-3]
     start = Scene.from_si(data)
     constants, truth = constants_of(start, ["shear_modulus", "damping"]), np.log([0.9, 1.25])
-    measured = table(tmp_path, "t_ms,s_mm,x_mm,z_mm\n" + "".join(f"{t},{s},0,0\n" for t in range(5, 60, 5) for s in (25, 40)))
+    measured = table(
+        tmp_path,
+        "t_ms,s_mm,x_mm,z_mm\n"
+        + "".join(f"{t},{s},0,0\n" for t in range(5, 60, 5) for s in (25, 40)),
+    )
     empty = read_measured(measured, start)
     shapes, _ = Prediction(start, empty, constants).at(truth, slopes=False)
     noisy = 1e3 * (shapes + np.random.default_rng(1).normal(0, 5e-5, len(shapes))).reshape(-1, 2)
     rows = [(t, s) for t in range(5, 60, 5) for s in (25, 40)]
-    lines = "".join(f"{t},{s},{x:.6f},{z:.6f}\n" for (t, s), (x, z) in zip(rows, noisy, strict=True))
-    found = fit(read_measured(table(tmp_path, "t_ms,s_mm,x_mm,z_mm\n" + lines), start), start, vary=["shear_modulus", "damping"])
+    lines = "".join(
+        f"{t},{s},{x:.6f},{z:.6f}\n" for (t, s), (x, z) in zip(rows, noisy, strict=True)
+    )
+    found = fit(
+        read_measured(table(tmp_path, "t_ms,s_mm,x_mm,z_mm\n" + lines), start),
+        start,
+        vary=["shear_modulus", "damping"],
+    )
     for one, true in zip(found.constants, (0.9 * 120e3, 1.25 * 40.0), strict=True):
         assert abs(one.value - true) < 4 * one.error
         assert one.error < 0.1 * true

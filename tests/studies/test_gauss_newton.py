@@ -8,8 +8,20 @@ import numpy as np
 import optuna
 import pytest
 
-from magmpm.studies.search.samplers.gauss_newton import LEAST_GAIN, PLAN, Ball, GaussNewtonSampler, _judged
-from magmpm.studies.search.samplers.gauss_newton_steps import Array, Block, Coordinates, Direction, Number
+from magmpm.studies.search.samplers.gauss_newton import (
+    LEAST_GAIN,
+    PLAN,
+    Ball,
+    GaussNewtonSampler,
+    _judged,
+)
+from magmpm.studies.search.samplers.gauss_newton_steps import (
+    Array,
+    Block,
+    Coordinates,
+    Direction,
+    Number,
+)
 from magmpm.studies.search.samplers.optuna_ids import other_trials
 
 Model = Callable[[Array], tuple[Array, Array]]
@@ -23,13 +35,20 @@ def curved(blocks: list[Block], seed: int = 0, rows: int = 40) -> tuple[Model, A
     """Residuals that are curved functions of the coordinates and vanish at a design; that design's coordinates."""
     rng, space = np.random.default_rng(seed), Coordinates(blocks)
     goal = space.anywhere(0.2 + 0.6 * rng.random(space.size))
-    scale = np.concatenate([np.full(block.size, 1.0 / block.radius if isinstance(block, Ball) else 1.0) for block in blocks])
+    scale = np.concatenate(
+        [
+            np.full(block.size, 1.0 / block.radius if isinstance(block, Ball) else 1.0)
+            for block in blocks
+        ]
+    )
     matrix = rng.normal(size=(rows, space.size))
     at_goal = matrix @ (goal * scale)
 
     def model(x: Array) -> tuple[Array, Array]:
         y = matrix @ (x * scale)
-        return y + 0.3 * np.sin(y) - at_goal - 0.3 * np.sin(at_goal), (1 + 0.3 * np.cos(y))[:, None] * matrix * scale
+        return y + 0.3 * np.sin(y) - at_goal - 0.3 * np.sin(at_goal), (1 + 0.3 * np.cos(y))[
+            :, None
+        ] * matrix * scale
 
     return model, goal
 
@@ -55,7 +74,9 @@ def trial(study: optuna.Study, blocks: list[Block], model: Model, fails: bool = 
     return value
 
 
-def run(blocks: list[Block], model: Model, trials: int, seed: int = 1, **options: Any) -> tuple[optuna.Study, list[float]]:
+def run(
+    blocks: list[Block], model: Model, trials: int, seed: int = 1, **options: Any
+) -> tuple[optuna.Study, list[float]]:
     study = optuna.create_study(sampler=GaussNewtonSampler(blocks, seed, **options))
     return study, [trial(study, blocks, model) for _ in range(trials)]
 
@@ -64,26 +85,39 @@ def plans(study: optuna.Study) -> list[dict[str, Any]]:
     return [t.system_attrs[PLAN] for t in study.trials]
 
 
-@pytest.mark.parametrize("block", [DIRECTIONS[0], BALL, Number("length", 4.0, 12.0)], ids=["direction", "ball", "number"])
+@pytest.mark.parametrize(
+    "block", [DIRECTIONS[0], BALL, Number("length", 4.0, 12.0)], ids=["direction", "ball", "number"]
+)
 def test_coordinates_and_parameters_are_inverse(block: Any, rng: np.random.Generator) -> None:
     for _ in range(20):
         x = block.anywhere(rng.random(block.size))
         np.testing.assert_allclose(block.read(block.write(x)), x, rtol=0, atol=1e-14)
-        assert all(kind.low <= block.write(x)[name] <= kind.high for name, kind in block.distributions().items())
+        assert all(
+            kind.low <= block.write(x)[name] <= kind.high
+            for name, kind in block.distributions().items()
+        )
 
 
-@pytest.mark.parametrize("block", [DIRECTIONS[0], BALL, Number("length", 4.0, 12.0)], ids=["direction", "ball", "number"])
-def test_steps_go_along_the_tangent_and_stay_in_the_block(block: Any, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize(
+    "block", [DIRECTIONS[0], BALL, Number("length", 4.0, 12.0)], ids=["direction", "ball", "number"]
+)
+def test_steps_go_along_the_tangent_and_stay_in_the_block(
+    block: Any, rng: np.random.Generator
+) -> None:
     """A small step changes the coordinates by basis times step, to second order; a large one is cut to what the block allows."""
     for _ in range(20):
         x = block.anywhere(rng.random(block.size))
         basis, low, high = block.tangent(x)
         p = 1e-5 * rng.normal(size=len(low))
         scale = np.abs(basis).max()
-        np.testing.assert_allclose(block.moved(x, block.within(x, p)) - x, basis @ p, rtol=0, atol=1e-8 * scale)
+        np.testing.assert_allclose(
+            block.moved(x, block.within(x, p)) - x, basis @ p, rtol=0, atol=1e-8 * scale
+        )
         far = block.within(x, np.clip(2.0 * rng.normal(size=len(low)), low, high))
         there = block.moved(x, far)
-        np.testing.assert_allclose(block.read(block.write(there)), there, rtol=0, atol=1e-12 * scale)
+        np.testing.assert_allclose(
+            block.read(block.write(there)), there, rtol=0, atol=1e-12 * scale
+        )
 
 
 def test_a_ball_may_be_at_its_center() -> None:
@@ -130,7 +164,9 @@ def test_bounds_hold_and_are_reached_where_the_least_lies_beyond() -> None:
     study, _ = run(blocks, model, 12)
     best = Coordinates(blocks).read(study.best_params)
     least = float(np.sum(model(np.array([8e-3, 6e-3, 0.0, 1.0]))[0] ** 2))
-    assert least <= study.best_value**2 <= (1 + LEAST_GAIN) * least  # where less is left to gain, a descent ends
+    assert (
+        least <= study.best_value**2 <= (1 + LEAST_GAIN) * least
+    )  # where less is left to gain, a descent ends
     np.testing.assert_allclose(best, [8e-3, 6e-3, 0.0, 1.0], rtol=0, atol=1e-3)
     assert best[3] == 1.0, "the end of the interval exactly"
 
@@ -176,7 +212,9 @@ def test_stuck_above_the_goal_it_begins_elsewhere_and_repeats_no_design() -> Non
 def test_given_designs_come_first_and_the_best_of_three_poor_ones_is_improved() -> None:
     model, goal = curved(ALL)
     space = Coordinates(ALL)
-    given = [space.write(space.anywhere(np.random.default_rng(k).random(space.size))) for k in range(5)]
+    given = [
+        space.write(space.anywhere(np.random.default_rng(k).random(space.size))) for k in range(5)
+    ]
     study, values = run(ALL, model, 4, starts=given, poor=0.0)
     assert [t.params for t in study.trials[:3]] == given[:3]
     assert plans(study)[3]["from"] == int(np.argmin(values[:3]))
@@ -221,9 +259,13 @@ def test_optimize_with_an_objective_works_as_with_any_sampler() -> None:
 
 
 @pytest.mark.parametrize(("curvature", "step"), [(0.0, -0.3), (5.0, -0.2)])
-def test_a_step_is_weighed_against_what_the_linear_model_does_not_know(curvature: float, step: float) -> None:
+def test_a_step_is_weighed_against_what_the_linear_model_does_not_know(
+    curvature: float, step: float
+) -> None:
     """The least of (0.6 + 2 p)^2 + (curvature p^2)^2, at 0.6 + 2 p + curvature^2 p^3 = 0."""
-    found = Coordinates([Number("length", 4.0, 12.0)]).step(np.array([0.5]), np.array([0.6]), np.array([[2.0]]), 1.0, curvature)
+    found = Coordinates([Number("length", 4.0, 12.0)]).step(
+        np.array([0.5]), np.array([0.6]), np.array([[2.0]]), 1.0, curvature
+    )
     assert found.p[0] == pytest.approx(step, rel=0.02)
     assert found.promised == pytest.approx(0.6**2 - (0.6 + 2 * found.p[0]) ** 2)
 
@@ -236,36 +278,66 @@ def test_directions_without_effect_stay_as_they_are() -> None:
     def model(x: Array) -> tuple[Array, Array]:
         return x[:3] - goal, np.hstack([np.eye(3), np.zeros((3, 3))])
 
-    study, values = run(blocks, model, 6, starts=[{"around_0": 10.0, "along_0": 20.0, "around_1": 50.0, "along_1": 60.0}])
+    study, values = run(
+        blocks,
+        model,
+        6,
+        starts=[{"around_0": 10.0, "along_0": 20.0, "around_1": 50.0, "along_1": 60.0}],
+    )
     assert values[4] < 1e-6
     found = DIRECTIONS[1].read(study.trials[4].params)
     np.testing.assert_allclose(found, DIRECTIONS[1].read(study.trials[0].params), rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize(("cost", "radius"), [(0.0, 4.0), (0.5, 3.0), (0.9, 2.0 / 1.9), (2.0, 2.0 / 3.0)])
+@pytest.mark.parametrize(
+    ("cost", "radius"), [(0.0, 4.0), (0.5, 3.0), (0.9, 2.0 / 1.9), (2.0, 2.0 / 3.0)]
+)
 def test_the_radius_follows_how_well_a_step_was_foreseen(cost: float, radius: float) -> None:
     """A step of length 2 within the radius 3 that promised to take all of a cost of 1; a poor one is cut at the parabola's least."""
-    before, last = (SimpleNamespace(user_attrs={"residuals": [c**0.5], "jacobian": []}, constraints={}) for c in (1.0, cost))
+    before, last = (
+        SimpleNamespace(user_attrs={"residuals": [c**0.5], "jacobian": []}, constraints={})
+        for c in (1.0, cost)
+    )
     better, found = _judged(before, last, {"length": 2.0, "promised": 1.0, "radius": 3.0})  # type: ignore[arg-type]
     assert better is (last if cost < 1.0 else before)
     assert found == pytest.approx(min(radius, 1.0) if cost > 0.75 else radius)
 
 
 @pytest.mark.parametrize(("seen", "taken"), [(0.01, 0.1), (0.5, 0.5), (100.0, 10.0)])
-def test_the_curvature_is_what_the_last_step_showed_within_ten_of_the_guess(seen: float, taken: float) -> None:
+def test_the_curvature_is_what_the_last_step_showed_within_ten_of_the_guess(
+    seen: float, taken: float
+) -> None:
     """A step of length 1 that the linear model left at 0.5, and that ended `seen` guesses above it."""
-    sampler, x, jacobian = GaussNewtonSampler([BALL], 1), np.array([0.0, 0.0, 5e-3]), 2e2 * np.eye(3)
+    sampler, x, jacobian = (
+        GaussNewtonSampler([BALL], 1),
+        np.array([0.0, 0.0, 5e-3]),
+        2e2 * np.eye(3),
+    )
     guess = sampler._space.curvature(x, jacobian)
-    kept: Any = {"constraints": {}, "system_attrs": {PLAN: {"from": 0, "promised": 0.75, "length": 1.0}}}
-    before, last = (SimpleNamespace(user_attrs={"residuals": [r], "jacobian": []}, **kept) for r in (1.0, 0.5 + seen * guess))
+    kept: Any = {
+        "constraints": {},
+        "system_attrs": {PLAN: {"from": 0, "promised": 0.75, "length": 1.0}},
+    }
+    before, last = (
+        SimpleNamespace(user_attrs={"residuals": [r], "jacobian": []}, **kept)
+        for r in (1.0, 0.5 + seen * guess)
+    )
     assert sampler._curvature(last, {0: before}, x, jacobian) == pytest.approx(taken * guess)  # type: ignore[arg-type,dict-item]
 
 
-@pytest.mark.parametrize(("cost", "promised", "stuck"), [(0.55, 1.0, False), (0.58, 1.0, True), (0.55, 0.01, True)])
+@pytest.mark.parametrize(
+    ("cost", "promised", "stuck"), [(0.55, 1.0, False), (0.58, 1.0, True), (0.55, 0.01, True)]
+)
 def test_a_descent_that_hardly_moves_is_left(cost: float, promised: float, stuck: bool) -> None:
     """Five accepted steps have to bring the value below three quarters, its square below 9/16; of two steps one promises something."""
-    chain = {k: SimpleNamespace(values=[1.0], user_attrs={"residuals": [1.0 if k < 5 else cost**0.5]},
-                                system_attrs={PLAN: {"from": k - 1 if k else None, "promised": promised}}) for k in range(6)}  # fmt: skip
+    chain = {
+        k: SimpleNamespace(
+            values=[1.0],
+            user_attrs={"residuals": [1.0 if k < 5 else cost**0.5]},
+            system_attrs={PLAN: {"from": k - 1 if k else None, "promised": promised}},
+        )
+        for k in range(6)
+    }
     step, sampler = SimpleNamespace(promised=promised * cost), GaussNewtonSampler([BALL], 1)
     args: Any = (chain[5], step, 1.0, chain, None, np.array([cost**0.5]), None, chain[5])
     assert sampler._stuck(*args) is stuck
@@ -279,7 +351,12 @@ def test_workers_follow_a_descent_each() -> None:
         study.tell(asked, evaluated(asked, ALL, model))
     for _ in range(2):
         study.ask(parameters(ALL))
-    assert [(plan["start"], plan["from"]) for plan in plans(study)] == [(0, None), (1, None), (1, 1), (0, 0)]
+    assert [(plan["start"], plan["from"]) for plan in plans(study)] == [
+        (0, None),
+        (1, None),
+        (1, 1),
+        (0, 0),
+    ]
 
 
 def test_a_trial_that_ends_while_the_others_are_read_is_one_of_them() -> None:

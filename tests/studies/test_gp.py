@@ -44,11 +44,18 @@ def test_the_expected_square_is_that_of_samples_and_its_slope_is_exact() -> None
     assert value == pytest.approx(mean @ mean + variance, rel=1e-12)
     assert model.expected(at, caution=0.0)[0] == pytest.approx(mean @ mean, rel=1e-12)
     h = 1e-5
-    found = [(model.expected(at + h * e)[0] - model.expected(at - h * e)[0]) / (2 * h) for e in np.eye(13)]
-    np.testing.assert_allclose(slope, found, atol=1e-7 * np.abs(slope).max())  # h^2 times a third derivative of order 100
+    found = [
+        (model.expected(at + h * e)[0] - model.expected(at - h * e)[0]) / (2 * h)
+        for e in np.eye(13)
+    ]
+    np.testing.assert_allclose(
+        slope, found, atol=1e-7 * np.abs(slope).max()
+    )  # h^2 times a third derivative of order 100
     # the expectation over normal components, by its definition
     scores, spread, *_ = model._at(at)
-    drawn = scores + np.random.default_rng(3).normal(size=(400_000, len(scores))) * np.sqrt(spread * model._amplitude)
+    drawn = scores + np.random.default_rng(3).normal(size=(400_000, len(scores))) * np.sqrt(
+        spread * model._amplitude
+    )
     squares = np.sum((drawn @ model._basis + model._mean) ** 2, axis=1)
     assert squares.mean() == pytest.approx(value, abs=5 * squares.std() / np.sqrt(len(squares)))
 
@@ -60,7 +67,9 @@ def test_more_designs_teach_more() -> None:
     for n in (6, 60):
         model = ShapeModel(LAYOUT, *designs(n))
         found = [model.predicted(at) for at in others]
-        errors.append(np.mean([np.sum((mean - at) ** 2) for (mean, _), at in zip(found, true, strict=True)]))
+        errors.append(
+            np.mean([np.sum((mean - at) ** 2) for (mean, _), at in zip(found, true, strict=True)])
+        )
         told.append(np.mean([variance for _, variance in found]))
     assert errors[1] < 0.3 * errors[0]
     assert 0.3 < told[1] / errors[1] < 3  # a model of the true spread has 1
@@ -75,13 +84,22 @@ def test_designs_alike_are_a_model_too() -> None:
     assert np.isfinite(slope).all()
 
 
-VARIED = {"field": "  field: {max: 10 mT}\n", "all": "  magnetization: {}\n  field: {max: 10 mT}\n  diameter: {min: 3 mm, max: 4 mm}\n"}
+VARIED = {
+    "field": "  field: {max: 10 mT}\n",
+    "all": "  magnetization: {}\n  field: {max: 10 mT}\n  diameter: {min: 3 mm, max: 4 mm}\n",
+}
 
 
 @pytest.mark.parametrize("varied", VARIED)
-def test_every_suggestion_is_a_design_and_the_search_gets_nearer(varied: str, tmp_path: Path) -> None:
+def test_every_suggestion_is_a_design_and_the_search_gets_nearer(
+    varied: str, tmp_path: Path
+) -> None:
     """Any blocks: the parameters lie within their bounds, and the best of ten trials is well below the median of ten random ones."""
-    text = STUDY.replace("  magnetization: {}\n", VARIED[varied]).replace("trials: 8", "trials: 10").replace("seed: 3", "seed: 1")
+    text = (
+        STUDY.replace("  magnetization: {}\n", VARIED[varied])
+        .replace("trials: 8", "trials: 10")
+        .replace("seed: 3", "seed: 1")
+    )
     study = load_study(write_study(tmp_path, text))
     bounds = SearchSpace.of(study).bounds
     report = run_study(study, solve=solve, out=tmp_path / "gp", sampler="gp")
@@ -128,5 +146,8 @@ def test_the_choice_depends_on_seed_and_trials_alone(tmp_path: Path) -> None:
         trial = study.ask(space.distributions())
         trial.set_user_attr("residuals", rng.normal(size=12).tolist())
         study.tell(trial, float(k))
-    chosen = [ShapeSampler(space, seed, 5).sample_relative(study, study.trials[-1], space.distributions()) for seed in (3, 3, 4)]
+    chosen = [
+        ShapeSampler(space, seed, 5).sample_relative(study, study.trials[-1], space.distributions())
+        for seed in (3, 3, 4)
+    ]
     assert chosen[0] == chosen[1] != chosen[2]

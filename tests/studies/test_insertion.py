@@ -27,13 +27,31 @@ MAX = 10e-3
 def arc(length=30e-3, rows=31):
     """A circle of RADIUS in the x-z plane, rows [s, x, y, z]."""
     s = np.linspace(0.0, length, rows)
-    return np.column_stack([s, RADIUS * np.sin(s / RADIUS), 0 * s, RADIUS * (1 - np.cos(s / RADIUS))])
+    return np.column_stack(
+        [s, RADIUS * np.sin(s / RADIUS), 0 * s, RADIUS * (1 - np.cos(s / RADIUS))]
+    )
 
 
 def catheter():
-    body = {"length": 30e-3, "diameter": 3e-3, "material": "silicone", "segments": 3 * [{"magnetization": [1, 0, 0]}]}
-    materials = {"silicone": {"shear_modulus": 120e3, "bulk_to_shear": 20, "density": 1882.0, "remanence": 0.138}}
-    about = {"name": "three", "effects": {"magnetic_torque": {}, "gravity": {}}, "resolution": {"cells_across": 2}}
+    body = {
+        "length": 30e-3,
+        "diameter": 3e-3,
+        "material": "silicone",
+        "segments": 3 * [{"magnetization": [1, 0, 0]}],
+    }
+    materials = {
+        "silicone": {
+            "shear_modulus": 120e3,
+            "bulk_to_shear": 20,
+            "density": 1882.0,
+            "remanence": 0.138,
+        }
+    }
+    about = {
+        "name": "three",
+        "effects": {"magnetic_torque": {}, "gravity": {}},
+        "resolution": {"cells_across": 2},
+    }
     return Scene.from_si({**about, "materials": materials, "body": {"catheter": body}})
 
 
@@ -48,8 +66,12 @@ def insertion(depths=(10e-3, 20e-3, 30e-3)):
 def test_a_path_follows_its_rows_and_leaves_along_x():
     path = Path(arc())
     s = np.linspace(0, 30e-3, 77)
-    exact = np.stack([RADIUS * np.sin(s / RADIUS), 0 * s, RADIUS * (1 - np.cos(s / RADIUS))], axis=1)
-    np.testing.assert_allclose(path.at(s), exact, atol=1e-8)  # cubic: the fourth power of 1 mm over the radius
+    exact = np.stack(
+        [RADIUS * np.sin(s / RADIUS), 0 * s, RADIUS * (1 - np.cos(s / RADIUS))], axis=1
+    )
+    np.testing.assert_allclose(
+        path.at(s), exact, atol=1e-8
+    )  # cubic: the fourth power of 1 mm over the radius
     assert path.smallest_radius() == pytest.approx(RADIUS, rel=1e-3)
 
 
@@ -59,7 +81,11 @@ def test_a_flattened_path_has_that_share_of_the_curvature(share):
     flat = Path(arc()).flattened(share)
     assert flat.length == pytest.approx(30e-3)
     angle = share * 30e-3 / RADIUS
-    end = [30e-3 * np.sinc(angle / np.pi), 0.0, 0.0 if share == 0 else RADIUS / share * (1 - np.cos(angle))]
+    end = [
+        30e-3 * np.sinc(angle / np.pi),
+        0.0,
+        0.0 if share == 0 else RADIUS / share * (1 - np.cos(angle)),
+    ]
     np.testing.assert_allclose(flat.end, end, atol=2e-5)
 
 
@@ -107,15 +133,35 @@ def fake(found, depth, shift):
     """A result whose axis is the path, shifted along y."""
     s = np.linspace(0.0, depth, 61)
     axis = found.path.at(s) + np.array([0.0, shift, 0.0])
-    segment = {"particle_segment": np.array([0]), "segment_center": axis[:1], "segment_remanence": np.ones((1, 3))}
-    return SimpleNamespace(centreline=np.column_stack([s, axis]), tip=axis[-1], iterations=3, converged=True, stability=0.5, **segment)
+    segment = {
+        "particle_segment": np.array([0]),
+        "segment_center": axis[:1],
+        "segment_remanence": np.ones((1, 3)),
+    }
+    return SimpleNamespace(
+        centreline=np.column_stack([s, axis]),
+        tip=axis[-1],
+        iterations=3,
+        converged=True,
+        stability=0.5,
+        **segment,
+    )
 
 
 def test_measures_are_what_they_say():
     """Each depth counts the same, whatever its length; the exit is the last depth's tip."""
     found = insertion()
-    params = found.parameters(RodDesign(np.tile([1.0, 0, 0], (3, 1)), MAX * np.array([[0.5, 0, 0], [0.5, 0, 0.3], [0.5, 0, 0]]), 0.0))
-    results = [fake(found, depth, shift) for depth, shift in zip(found.study.depths, (1e-3, 2e-3, 2e-3), strict=True)]
+    params = found.parameters(
+        RodDesign(
+            np.tile([1.0, 0, 0], (3, 1)),
+            MAX * np.array([[0.5, 0, 0], [0.5, 0, 0.3], [0.5, 0, 0]]),
+            0.0,
+        )
+    )
+    results = [
+        fake(found, depth, shift)
+        for depth, shift in zip(found.study.depths, (1e-3, 2e-3, 2e-3), strict=True)
+    ]
     kept = found.measures(results, params)
     assert json.loads(json.dumps(kept)) == kept, "it can be stored"
     assert kept["rms_m"] == pytest.approx(np.sqrt((1 + 4 + 4) / 3) * 1e-3, rel=1e-6)
@@ -145,7 +191,9 @@ def test_parameters_and_scenes_agree():
     assert [len(scene.regions()) for scene in scenes] == [1, 2, 3]
     for scene, field, count in zip(scenes, fields, (1, 2, 3), strict=True):
         np.testing.assert_allclose(scene.field.uniform, field, atol=1e-12)
-        np.testing.assert_allclose([region.magnetization for region in scene.regions()], d[3 - count :], atol=1e-9)
+        np.testing.assert_allclose(
+            [region.magnetization for region in scene.regions()], d[3 - count :], atol=1e-9
+        )
 
 
 def test_the_stored_model_is_the_derivative_of_the_gaps():
@@ -153,7 +201,9 @@ def test_the_stored_model_is_the_derivative_of_the_gaps():
     from magmpm import run, sensitivities
 
     found = insertion((12e-3, 30e-3))
-    design = RodDesign(np.tile([0.8, 0, 0.6], (3, 1)), MAX * np.array([[0.4, 0, 0.3], [0.5, 0.1, 0.2]]), 0.0)
+    design = RodDesign(
+        np.tile([0.8, 0, 0.6], (3, 1)), MAX * np.array([[0.4, 0, 0.3], [0.5, 0.1, 0.2]]), 0.0
+    )
     x = found.space.embedded(found.parameters(design))
     params = found.space.parameters_at(x)
     outcome = found.evaluate(run, sensitivities, params, None)
@@ -161,7 +211,10 @@ def test_the_stored_model_is_the_derivative_of_the_gaps():
     residuals, jacobian = np.array(outcome.model["residuals"]), np.array(outcome.model["jacobian"])
 
     def gaps(params):
-        results = [run(scene, start=start) for scene, start in zip(found.scenes(params), found.starts(params), strict=True)]
+        results = [
+            run(scene, start=start)
+            for scene, start in zip(found.scenes(params), found.starts(params), strict=True)
+        ]
         return found._model(results, [np.zeros((3 * STATIONS, 1))] * 2)["residuals"]
 
     raw = np.array(gaps(params))
@@ -172,7 +225,10 @@ def test_the_stored_model_is_the_derivative_of_the_gaps():
         up[k] += step
         down[k] -= step
         squares = [np.sum(np.square(gaps(found.space.parameters_at(v)))) for v in (up, down)]
-        moved = (found.space.embedded(found.space.parameters_at(up)) - found.space.embedded(found.space.parameters_at(down))) / (2 * step)
+        moved = (
+            found.space.embedded(found.space.parameters_at(up))
+            - found.space.embedded(found.space.parameters_at(down))
+        ) / (2 * step)
         slope = (squares[0] - squares[1]) / (2 * step)
         assert slope == pytest.approx(2 * residuals @ jacobian @ moved, rel=2e-3)
 
@@ -203,7 +259,12 @@ def test_the_least_stable_depth_counts_and_is_named():
         result.stability = {10: 0.5, 20: 0.1, 30: 0.4}[round(1e3 * scene.length)]
         return result
 
-    outcome = found.evaluate(solve, None, found.parameters(RodDesign(np.tile([1.0, 0, 0], (3, 1)), np.zeros((3, 3)), 0.0)), None)
+    outcome = found.evaluate(
+        solve,
+        None,
+        found.parameters(RodDesign(np.tile([1.0, 0, 0], (3, 1)), np.zeros((3, 3)), 0.0)),
+        None,
+    )
     assert (outcome.refused, outcome.stability) == (True, 0.1)
     assert outcome.reason == "the stability at 20 mm, 0.1, is below the margin, 0.3"
 
@@ -222,7 +283,10 @@ def test_the_end_does_not_depend_on_the_steps():
     found = insertion()
     d, fields = turning_back()
     coarse = found.rods
-    fine = RodPath(coarse.rods, tuple(tuple(each for depth in way for each in (depth, depth)) for way in coarse.ways))
+    fine = RodPath(
+        coarse.rods,
+        tuple(tuple(each for depth in way for each in (depth, depth)) for way in coarse.ways),
+    )
     ends = [[stops[-1].position for stops in way.stops(d, fields)] for way in (coarse, fine)]
     for one, other in zip(*ends, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-9)
@@ -289,11 +353,21 @@ def test_a_fitted_field_is_taken_where_it_is_nearer(squares, taken):
 
     class Left(RodPath):
         def _go(self, way, directions, last, field):
-            here = {"squares": 2.0, "field": field} if field is not None else {"squares": squares, "field": np.full(3, 5.0)}
+            here = (
+                {"squares": 2.0, "field": field}
+                if field is not None
+                else {"squares": squares, "field": np.full(3, 5.0)}
+            )
             return [SimpleNamespace(position=np.ones((2, 3)), q=None, **here)]
 
-    rods = SimpleNamespace(depths=[SimpleNamespace(place=np.array([0.0, 1.0]))], settled=lambda *_: "state")
-    design = SimpleNamespace(directions=None, fields=np.zeros((1, 3)), state=SimpleNamespace(positions=[np.zeros((2, 3))]))
+    rods = SimpleNamespace(
+        depths=[SimpleNamespace(place=np.array([0.0, 1.0]))], settled=lambda *_: "state"
+    )
+    design = SimpleNamespace(
+        directions=None,
+        fields=np.zeros((1, 3)),
+        state=SimpleNamespace(positions=[np.zeros((2, 3))]),
+    )
     fields, _, strayed = Left(rods, ((),))._followed(design)
     assert strayed
     assert fields[0, 0] == taken
@@ -317,21 +391,30 @@ def test_no_equilibrium_on_the_way_is_an_error():
 
 
 def test_a_design_near_the_end_of_a_branch_comes_after_a_safe_one() -> None:
-    risky, safe = (SimpleNamespace(value=value, stability=stability) for value, stability in ((1.0, 0.0), (2.0, 1.0)))
+    risky, safe = (
+        SimpleNamespace(value=value, stability=stability)
+        for value, stability in ((1.0, 0.0), (2.0, 1.0))
+    )
     grown = iter([risky, safe])
     way = SimpleNamespace(
-        rods=SimpleNamespace(grown=lambda path, rng: next(grown)), mended=lambda one: one, least_stability=lambda one: one.stability
+        rods=SimpleNamespace(grown=lambda path, rng: next(grown)),
+        mended=lambda one: one,
+        least_stability=lambda one: one.stability,
     )
     assert search(way, None, seed=1, starts=2) == [safe, risky]
     grown = iter([risky] * 3)
-    assert search(way, None, seed=1, starts=3, enough=1.5) == [risky] * 2, "one more of its kind ends the search"
+    assert search(way, None, seed=1, starts=3, enough=1.5) == [risky] * 2, (
+        "one more of its kind ends the search"
+    )
 
 
 @pytest.mark.slow
 def test_an_insertion_ends_when_only_other_branches_are_left(tmp_path):
     """No descent from the rod's designs gets better: the study ends by itself, says so, and does nothing when it is begun again."""
     shipped = load_study(ROOT / "data/studies/insertion_s.yaml")
-    study = replace(shipped, scene=shipped.scene.with_cells(2), depths=(15e-3, 30e-3, 45e-3), trials=20)
+    study = replace(
+        shipped, scene=shipped.scene.with_cells(2), depths=(15e-3, 30e-3, 45e-3), trials=20
+    )
     report = magmpm.design(study, folder=tmp_path)
     assert report.ended == "exhausted"
     assert 2 <= report.trials < 20

@@ -18,13 +18,26 @@ from magmpm.scene import Scene
 from magmpm.statics.layout import static_model
 from magmpm.studies.explore.live import Preview, Solver, changed, checked, controls, ready, saved
 from magmpm.studies.explore.neighbors import Neighbors
-from magmpm.studies.explore.tip_map import MARKS, _along, in_plane, map_tips, on_rays, rod_tips, solved
+from magmpm.studies.explore.tip_map import (
+    MARKS,
+    _along,
+    in_plane,
+    map_tips,
+    on_rays,
+    rod_tips,
+    solved,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT / "data" / "scenes"
 FIVE = SCENES / "five_segments.yaml"
 TURNS = {  # of each scene, values of sliders
-    "five_segments": {"field.x": -2.5, "field.z": 6.125, "direction.1.azimuth": 47.0, "direction.4.elevation": 12.5},
+    "five_segments": {
+        "field.x": -2.5,
+        "field.z": 6.125,
+        "direction.1.azimuth": 47.0,
+        "direction.4.elevation": 12.5,
+    },
     "three_segments_3d": {"inserted": 17.3, "field.y": 4.0, "direction.0.azimuth": -30.0},
     "pulled_by_magnet": {"magnet.0.x": 80.0, "magnet.0.z": 25.0},
     "snap_through": {"direction.0.azimuth": 175.0},
@@ -36,7 +49,10 @@ def sliders(scene: Scene) -> dict:
     return {control.id: control for control in controls(scene)}
 
 
-@pytest.mark.parametrize("name", sorted(path.relative_to(SCENES).with_suffix("").as_posix() for path in SCENES.rglob("*.yaml")))
+@pytest.mark.parametrize(
+    "name",
+    sorted(path.relative_to(SCENES).with_suffix("").as_posix() for path in SCENES.rglob("*.yaml")),
+)
 def test_untouched_sliders_change_nothing(name: str) -> None:
     """Their values are the scene's, within their ranges, in every scene at rest that there is."""
     scene = load_scene(SCENES / f"{name}.yaml")
@@ -74,17 +90,25 @@ def test_one_turned_number_leaves_the_others_words(tmp_path: Path) -> None:
 def test_chosen_effects_and_cells_are_written(tmp_path: Path) -> None:
     """With `effects: auto` and a requested error the file has what is shown: the effects that were chosen, and the cells."""
     text = FIVE.read_text(encoding="utf-8")
-    text = text[: text.index("      - magnetization: {azimuth: 30 deg")] + text[text.index("field:") :]  # one segment: none act on others
+    text = (
+        text[: text.index("      - magnetization: {azimuth: 30 deg")] + text[text.index("field:") :]
+    )  # one segment: none act on others
     begin, end = text.index("effects:"), text.index("solver:")
     path = tmp_path / "auto.yaml"
-    path.write_text(text[:begin] + "effects: auto\n" + text[end:].replace("{cells_across: 4}", "{error: 1 %}"), encoding="utf-8")
+    path.write_text(
+        text[:begin] + "effects: auto\n" + text[end:].replace("{cells_across: 4}", "{error: 1 %}"),
+        encoding="utf-8",
+    )
     scene = ready(load_scene(path), 3)
     again = saved(scene, path, scene, sliders(scene), {}, tmp_path / "view.yaml")
     assert again.hash() == scene.hash()
     assert again.resolution.cells_across == 3
 
 
-@pytest.mark.parametrize("values", [None, [], {"nonsense": 1.0}, {"field.x": "1"}, {"field.x": float("nan")}, {"field.x": True}])
+@pytest.mark.parametrize(
+    "values",
+    [None, [], {"nonsense": 1.0}, {"field.x": "1"}, {"field.x": float("nan")}, {"field.x": True}],
+)
 def test_wrong_values_are_refused(values: object) -> None:
     """Whatever a page may send."""
     with pytest.raises(InputError):
@@ -143,7 +167,9 @@ def test_rays_cover_the_sphere_in_equal_steps() -> None:
     assert fields.values.shape == (1000, 3)
     assert fields.shape == (125, 8)
     rays = fields.values.reshape(125, 8, 3)
-    np.testing.assert_allclose(np.linalg.norm(rays, axis=2), np.tile(2e-3 * np.arange(1, 9), (125, 1)), rtol=1e-12)
+    np.testing.assert_allclose(
+        np.linalg.norm(rays, axis=2), np.tile(2e-3 * np.arange(1, 9), (125, 1)), rtol=1e-12
+    )
     directions = rays[:, -1] / 16e-3
     assert np.abs(directions.mean(axis=0)).max() < 0.02
     # Covered evenly: second moments of the sphere are 1/3.
@@ -156,15 +182,27 @@ def test_a_planes_rows_run_to_and_fro() -> None:
     assert len(fields.paths) == 8
     assert sorted(k for path in fields.paths for k in path) == list(range(100))
     for path in fields.paths:
-        np.testing.assert_allclose(np.linalg.norm(np.diff(fields.values[list(path)], axis=0), axis=1), 2e-3, rtol=1e-9)
+        np.testing.assert_allclose(
+            np.linalg.norm(np.diff(fields.values[list(path)], axis=0), axis=1), 2e-3, rtol=1e-9
+        )
     assert not fields.values[:, 1].any()
-    np.testing.assert_allclose(fields.values.reshape(10, 10, 3)[3], [[b, 0.0, -3e-3] for b in np.linspace(-9e-3, 9e-3, 10)], atol=1e-15)
+    np.testing.assert_allclose(
+        fields.values.reshape(10, 10, 3)[3],
+        [[b, 0.0, -3e-3] for b in np.linspace(-9e-3, 9e-3, 10)],
+        atol=1e-15,
+    )
 
 
-@pytest.mark.parametrize(("make", "place"), [
-    (lambda: on_rays(0, 1e-3), "--fields"), (lambda: on_rays(10, 0.0), "--max"), (lambda: on_rays(10, 1e-3, 11), "--strengths"),
-    (lambda: in_plane(10, 1e-3, "xx"), "--plane"), (lambda: in_plane(10, 1e-3, "xw"), "--plane"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("make", "place"),
+    [
+        (lambda: on_rays(0, 1e-3), "--fields"),
+        (lambda: on_rays(10, 0.0), "--max"),
+        (lambda: on_rays(10, 1e-3, 11), "--strengths"),
+        (lambda: in_plane(10, 1e-3, "xx"), "--plane"),
+        (lambda: in_plane(10, 1e-3, "xw"), "--plane"),
+    ],
+)
 def test_wrong_fields_are_refused(make, place: str) -> None:
     with pytest.raises(InputError, match=place):
         make()
@@ -184,7 +222,12 @@ def test_tips_are_those_of_runs(tmp_path: Path) -> None:
     table, numbers = found.save(tmp_path)
     rows = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))
     kept = json.loads(numbers.read_text(encoding="utf-8"))
-    np.testing.assert_allclose([[float(row[f"{a}_mm"]) for a in "xyz"] for row in rows], 1e3 * found.tip, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(
+        [[float(row[f"{a}_mm"]) for a in "xyz"] for row in rows],
+        1e3 * found.tip,
+        rtol=1e-5,
+        atol=1e-9,
+    )
     np.testing.assert_allclose(kept["tip_m"], found.tip)
 
 
@@ -231,21 +274,43 @@ def test_a_rod_against_the_field_has_two_shapes() -> None:
     along the field, there is one shape. Critical load of a clamped rod under a following compass torque: B A Br L^2/(mu0 E I) = pi^2/4."""
     scene = load_scene(SCENE).with_cells(2)
     E, r = 2.951 * 120e3, 2e-3
-    critical = (np.pi**2 / 4) * E * (np.pi * r**4 / 4) * 4e-7 * np.pi / (np.pi * r**2 * 0.1 * scene.length**2)
-    fields = np.array([[x * critical, 0.0, z * critical] for x in (-1.6, -0.5, 0.5) for z in (-0.2, -0.1, 0.0, 0.1, 0.2)])
+    critical = (
+        (np.pi**2 / 4)
+        * E
+        * (np.pi * r**4 / 4)
+        * 4e-7
+        * np.pi
+        / (np.pi * r**2 * 0.1 * scene.length**2)
+    )
+    fields = np.array(
+        [
+            [x * critical, 0.0, z * critical]
+            for x in (-1.6, -0.5, 0.5)
+            for z in (-0.2, -0.1, 0.0, 0.1, 0.2)
+        ]
+    )
     rods = rod_tips(scene, fields, len(fields))
     assert np.isfinite(rods.tip).all()
     two = np.isfinite(rods.other).all(axis=1).reshape(3, 5)
     assert two[0, 2]
     assert not two[1:].any()
-    own, other = rods.tip[2], rods.other[2]  # turned to the other side by as much; a round rod is free to turn about its axis
-    np.testing.assert_allclose([other[0], np.hypot(*other[1:])], [own[0], np.hypot(*own[1:])], atol=1e-3 * scene.length)
+    own, other = (
+        rods.tip[2],
+        rods.other[2],
+    )  # turned to the other side by as much; a round rod is free to turn about its axis
+    np.testing.assert_allclose(
+        [other[0], np.hypot(*other[1:])], [own[0], np.hypot(*own[1:])], atol=1e-3 * scene.length
+    )
     assert other[1:] @ own[1:] < -0.9 * (own[1:] @ own[1:])
 
 
 def test_scenes_without_a_map_are_refused(told) -> None:
     """With what to do about it, and exit status 2."""
-    for name, words in [("pulled_by_magnet", "uniform fields"), ("fed_into_vessel", "at rest"), ("gallery/gripper", "shapes at rest")]:
+    for name, words in [
+        ("pulled_by_magnet", "uniform fields"),
+        ("fed_into_vessel", "at rest"),
+        ("gallery/gripper", "shapes at rest"),
+    ]:
         told("map", ROOT / f"data/scenes/{name}.yaml", status=2, says=words)
 
 
@@ -253,13 +318,17 @@ def test_scenes_without_a_map_are_refused(told) -> None:
 
 
 RNG = np.random.default_rng(3)
-MAP = RNG.normal(size=(6, 4, 6))  # from six numbers of a rod to what is added (4 planes, 6 coefficients)
+MAP = RNG.normal(
+    size=(6, 4, 6)
+)  # from six numbers of a rod to what is added (4 planes, 6 coefficients)
 
 
 def rod(numbers: np.ndarray) -> Any:
     """A rod of length 2 whose curvature is linear along it, by six numbers."""
     s = np.linspace(0.0, 2.0, 61)
-    return SimpleNamespace(s=s, curvature=np.stack([s**0, s - 1.0], axis=1) @ numbers.reshape(2, 3) / 3)
+    return SimpleNamespace(
+        s=s, curvature=np.stack([s**0, s - 1.0], axis=1) @ numbers.reshape(2, 3) / 3
+    )
 
 
 def added(numbers: np.ndarray) -> np.ndarray:
@@ -284,14 +353,19 @@ def test_nothing_is_expected_before_something_is_known() -> None:
 def test_what_is_known_is_expected_again() -> None:
     """To the nugget, 1e-8 of the variance, times what the inverse of the covariance makes of it."""
     first = np.random.default_rng(5).normal(size=(12, 6))[4]
-    np.testing.assert_allclose(taught(12).expected(rod(first)), added(first), atol=1e-5 * np.abs(MAP).max())
+    np.testing.assert_allclose(
+        taught(12).expected(rod(first)), added(first), atol=1e-5 * np.abs(MAP).max()
+    )
 
 
 @pytest.mark.parametrize(("far", "share"), [(0.5, 0.25), (0.25, 0.25), (3.0, 0.75)])
 def test_what_is_linear_is_found(far: float, share: float) -> None:
     """Forty solves tell six numbers: among them a new one is expected with less than a quarter of the error of the nearest known one. Far
     beyond all of them, where it goes on along a plane, with less than three quarters."""
-    known, new = np.random.default_rng(5).normal(size=(40, 6)), far * np.random.default_rng(6).normal(size=6)
+    known, new = (
+        np.random.default_rng(5).normal(size=(40, 6)),
+        far * np.random.default_rng(6).normal(size=6),
+    )
     nearest = known[np.argmin(np.linalg.norm(known - new, axis=1))]
     found = taught(40).expected(rod(new))
     assert found is not None

@@ -30,12 +30,16 @@ def unsteady(scene: Scene) -> RodResult:
 
 def unsteady_derivatives(scene: Scene, of: Any) -> RodSensitivities:
     found = differentiate(scene, of)
-    return dataclasses.replace(found, result=dataclasses.replace(found.result, stability=stability_of(scene)))
+    return dataclasses.replace(
+        found, result=dataclasses.replace(found.result, stability=stability_of(scene))
+    )
 
 
 def run(folder: Path, how: Any = unsteady, text: str = MARGIN, **options: Any) -> StudyReport:
     study = load_study(write_study(folder, text))
-    return run_study(study, solve=how, differentiate=unsteady_derivatives, out=folder / "out", **options)
+    return run_study(
+        study, solve=how, differentiate=unsteady_derivatives, out=folder / "out", **options
+    )
 
 
 @pytest.mark.parametrize("sampler", ["random", "tpe", "gauss-newton"])
@@ -44,14 +48,20 @@ def test_a_refused_design_is_never_the_best(sampler: str, tmp_path: Path) -> Non
     trials = trials_of(tmp_path / "out")
     below = [t.number for t in trials if t.user_attrs["stability"] < 0.1]
     assert [t.number for t in trials if t.constraints["stability"] > 0] == below
-    assert [t.number for t in trials if t.user_attrs["feasible"] is False] == below == report.failed_trials
+    assert (
+        [t.number for t in trials if t.user_attrs["feasible"] is False]
+        == below
+        == report.failed_trials
+    )
     assert all(t.constraints["stability"] == 0.1 - t.user_attrs["stability"] for t in trials)
     assert (report.refused, report.failed) == (len(below), 0)
     assert report.best["rms_m"] == min(t.value for t in trials if t.number not in below)
     assert report.best["stability"] >= 0.1
     saved = json.loads((tmp_path / "out" / "best" / "design.json").read_text())
     assert saved["number"] == report.best["number"]
-    assert all(t.value == t.user_attrs["rms_m"] for t in trials), "a refused design keeps its distance"
+    assert all(t.value == t.user_attrs["rms_m"] for t in trials), (
+        "a refused design keeps its distance"
+    )
 
 
 def test_the_reason_is_kept(tmp_path: Path) -> None:
@@ -59,7 +69,10 @@ def test_the_reason_is_kept(tmp_path: Path) -> None:
     refused = [t for t in trials_of(tmp_path / "out") if t.user_attrs.get("refused")]
     assert refused, "half of random designs are"
     for trial in refused:
-        assert trial.user_attrs["reason"] == f"stability {trial.user_attrs['stability']:.3g} is below the margin, 0.1"
+        assert (
+            trial.user_attrs["reason"]
+            == f"stability {trial.user_attrs['stability']:.3g} is below the margin, 0.1"
+        )
 
 
 def test_every_trial_has_the_constraint_however_it_ended(tmp_path: Path) -> None:
@@ -84,8 +97,15 @@ def test_without_a_margin_stability_is_stored_and_nothing_is_refused(tmp_path: P
     assert min(t.user_attrs["stability"] for t in trials) < 0.1
 
 
-def test_a_result_that_does_not_know_its_stability_fails_where_there_is_a_margin(tmp_path: Path) -> None:
-    report = run(tmp_path, lambda scene: dataclasses.replace(solve(scene), stability=None), sampler="random", trials=2)
+def test_a_result_that_does_not_know_its_stability_fails_where_there_is_a_margin(
+    tmp_path: Path,
+) -> None:
+    report = run(
+        tmp_path,
+        lambda scene: dataclasses.replace(solve(scene), stability=None),
+        sampler="random",
+        trials=2,
+    )
     assert report.failed == 2
     assert "not known" in trials_of(tmp_path / "out")[0].user_attrs["reason"]
 
@@ -107,7 +127,11 @@ def test_gauss_newton_steps_from_stable_designs_alone(tmp_path: Path) -> None:
 
 def test_a_study_with_a_margin_resumes_bit_for_bit(tmp_path: Path) -> None:
     for trials in (12, 5, 12):
-        run(tmp_path / ("whole" if trials == 12 and not (tmp_path / "parts").exists() else "parts"), sampler="tpe", trials=trials)
+        run(
+            tmp_path / ("whole" if trials == 12 and not (tmp_path / "parts").exists() else "parts"),
+            sampler="tpe",
+            trials=trials,
+        )
     same(trials_of(tmp_path / "whole" / "out"), trials_of(tmp_path / "parts" / "out"))
 
 
@@ -137,7 +161,9 @@ class Grid:
             return result
         assert scene.resolution.cells_across == 2, "trials run on the coarsest grid"
         result = solve(scene)
-        result.centreline[:, 3] -= COARSE * (result.centreline[:, 0] / result.centreline[-1, 0]) ** 2
+        result.centreline[:, 3] -= (
+            COARSE * (result.centreline[:, 0] / result.centreline[-1, 0]) ** 2
+        )
         return result
 
 
@@ -150,12 +176,20 @@ def test_the_best_designs_are_judged_with_their_errors(tmp_path: Path) -> None:
     report = studied(tmp_path, grid)
     first = min(report.judged, key=lambda one: one["rms_m"])
     assert first["number"] == report.best["number"]
-    assert [one["judged_rms_m"] for one in report.judged] == sorted(one["judged_rms_m"] for one in report.judged)
+    assert [one["judged_rms_m"] for one in report.judged] == sorted(
+        one["judged_rms_m"] for one in report.judged
+    )
     for one in report.judged:
-        assert (one["error_estimate_m"], one["cells_across"], one["coarse_error_m"]) == (2e-5, 4, COARSE)
+        assert (one["error_estimate_m"], one["cells_across"], one["coarse_error_m"]) == (
+            2e-5,
+            4,
+            COARSE,
+        )
         assert abs(one["judged_rms_m"] - one["rms_m"]) < COARSE
     near = sorted(rms for rms in report.rms_m if rms <= report.best["rms_m"] + 2 * COARSE)
-    assert sorted(one["rms_m"] for one in report.judged) == near[:5], "those that the coarse grid can't tell from the best, and no others"
+    assert sorted(one["rms_m"] for one in report.judged) == near[:5], (
+        "those that the coarse grid can't tell from the best, and no others"
+    )
     assert all(scene.resolution.error == 0.001 for scene in grid.solved)
 
     before = len(grid.solved)
@@ -173,7 +207,9 @@ def test_a_design_that_fails_on_finer_grids_keeps_the_reason(tmp_path: Path) -> 
 def test_another_error_is_another_study(tmp_path: Path) -> None:
     study = load_study(write_study(tmp_path, STUDY, ASKED))
     other = load_study(write_study(tmp_path / "other", STUDY, ASKED.replace("0.1 %", "1 %")))
-    plain = load_study(write_study(tmp_path / "plain", STUDY, SCENE.replace("cells_across: 4", "cells_across: 2")))
+    plain = load_study(
+        write_study(tmp_path / "plain", STUDY, SCENE.replace("cells_across: 4", "cells_across: 2"))
+    )
     assert study.requested is not None
     assert plain.requested is None
     assert study.scene.resolution == plain.scene.resolution
@@ -183,5 +219,10 @@ def test_another_error_is_another_study(tmp_path: Path) -> None:
 
 def test_designs_are_judged_by_their_whole_shape(tmp_path: Path) -> None:
     """The bound of a tip says nothing of a shape, nor of the distance from it."""
-    study = load_study(write_study(tmp_path, STUDY, SCENE.replace("{cells_across: 4}", "{error: 0.1 mm, of: tip}")))
-    assert (study.requested.of, study.requested.allowed(study.scene.length)) == ("centreline", pytest.approx(1e-4))
+    study = load_study(
+        write_study(tmp_path, STUDY, SCENE.replace("{cells_across: 4}", "{error: 0.1 mm, of: tip}"))
+    )
+    assert (study.requested.of, study.requested.allowed(study.scene.length)) == (
+        "centreline",
+        pytest.approx(1e-4),
+    )

@@ -22,16 +22,29 @@ from magmpm.studies.search.objectives import compromise, front, ranked, second, 
 from magmpm.studies.search.search_space import SearchSpace
 from magmpm.studies.sheet.verified_best import in_motion, in_time
 
-FIELD = STUDY.replace("  magnetization: {}\n", "  magnetization: {}\n  field: {max: 10 mT}\n") + "minimize: [rms, largest_field]\n"
+FIELD = (
+    STUDY.replace("  magnetization: {}\n", "  magnetization: {}\n  field: {max: 10 mT}\n")
+    + "minimize: [rms, largest_field]\n"
+)
 THICKNESS = "  magnetization: {}\n  diameter: {min: 3 mm, max: 5 mm}\n"
 VOLUME = STUDY.replace("  magnetization: {}\n", THICKNESS) + "minimize: [rms, magnetized_volume]\n"
 
 
 def trial(number: int, *values: float) -> optuna.trial.FrozenTrial:
     return optuna.trial.create_trial(values=list(values), user_attrs={"feasible": True}).__class__(
-        number=number, state=optuna.trial.TrialState.COMPLETE, value=None, values=list(values), datetime_start=None, datetime_complete=None,
-        params={}, distributions={}, user_attrs={}, system_attrs={}, intermediate_values={}, trial_id=number,
-    )  # fmt: skip
+        number=number,
+        state=optuna.trial.TrialState.COMPLETE,
+        value=None,
+        values=list(values),
+        datetime_start=None,
+        datetime_complete=None,
+        params={},
+        distributions={},
+        user_attrs={},
+        system_attrs={},
+        intermediate_values={},
+        trial_id=number,
+    )
 
 
 def test_the_front_is_what_nothing_dominates(rng: np.random.Generator) -> None:
@@ -46,7 +59,13 @@ def test_the_front_is_what_nothing_dominates(rng: np.random.Generator) -> None:
 
 
 def test_ranks_go_front_by_front() -> None:
-    trials = [trial(0, 3.0, 3.0), trial(1, 1.0, 2.0), trial(2, 2.0, 1.0), trial(3, 2.0, 3.0), trial(4, 3.0, 2.0)]
+    trials = [
+        trial(0, 3.0, 3.0),
+        trial(1, 1.0, 2.0),
+        trial(2, 2.0, 1.0),
+        trial(3, 2.0, 3.0),
+        trial(4, 3.0, 2.0),
+    ]
     order = ranked(trials)
     assert set(order[:2]) == {1, 2}
     assert set(order[2:4]) == {3, 4}
@@ -64,13 +83,22 @@ def test_second_objectives_are_what_they_are_called(tmp_path: Path) -> None:
     space = SearchSpace.of(load_study(write_study(tmp_path / "volume", VOLUME, plain)))
     (name,) = [name for name in space.bounds if "diameter" in name]
     parameters = space.parameters_at(space.drawn(np.random.default_rng(1))) | {name: 3.5}
-    assert second("magnetized_volume", space, parameters) == pytest.approx(4 * 8e-3 * math.pi / 4 * 3.5e-3**2, rel=1e-12)
+    assert second("magnetized_volume", space, parameters) == pytest.approx(
+        4 * 8e-3 * math.pi / 4 * 3.5e-3**2, rel=1e-12
+    )
     # the whole body at its thickest: never less than the volume of any design
-    assert worst("magnetized_volume", space) == pytest.approx(40e-3 * math.pi / 4 * 5e-3**2, rel=1e-12)
+    assert worst("magnetized_volume", space) == pytest.approx(
+        40e-3 * math.pi / 4 * 5e-3**2, rel=1e-12
+    )
 
 
-@pytest.mark.parametrize("sampler", ["nsga2", *(pytest.param(name, marks=pytest.mark.slow) for name in ("tpe", "random"))])
-def test_a_study_with_two_objectives_reports_its_front_and_resumes(sampler: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "sampler",
+    ["nsga2", *(pytest.param(name, marks=pytest.mark.slow) for name in ("tpe", "random"))],
+)
+def test_a_study_with_two_objectives_reports_its_front_and_resumes(
+    sampler: str, tmp_path: Path
+) -> None:
     """Failed trials, every fifth, are never on the front; interrupted, it has the same trials."""
     study = load_study(write_study(tmp_path, FIELD.replace("trials: 8", "trials: 22")))
     calls: list[str] = []
@@ -86,7 +114,10 @@ def test_a_study_with_two_objectives_reports_its_front_and_resumes(sampler: str,
 
     report = run_study(study, solve=sometimes, out=tmp_path / "whole", sampler=sampler)  # type: ignore[arg-type]
     calls, stop_at = [], 21
-    assert run_study(study, solve=sometimes, out=tmp_path / "parts", sampler=sampler).ended == "interrupted"  # type: ignore[arg-type]
+    assert (
+        run_study(study, solve=sometimes, out=tmp_path / "parts", sampler=sampler).ended
+        == "interrupted"
+    )  # type: ignore[arg-type]
     run_study(study, solve=sometimes, out=tmp_path / "parts", sampler=sampler)  # type: ignore[arg-type]
     trials = trials_of(tmp_path / "whole")
     for one, other in zip(trials, trials_of(tmp_path / "parts"), strict=True):
@@ -100,17 +131,25 @@ def test_a_study_with_two_objectives_reports_its_front_and_resumes(sampler: str,
         a, b = entry["values"]
         assert (a, b) == tuple(trials[entry["number"]].values)
         assert b == pytest.approx(1e-3 * entry["params"]["field_mT"], rel=1e-9)
-        better = [v for v in summary["values"] if v is not None and v[0] <= a and v[1] <= b and v != [a, b]]
+        better = [
+            v
+            for v in summary["values"]
+            if v is not None and v[0] <= a and v[1] <= b and v != [a, b]
+        ]
         assert better == []
     for k in report.failed_trials:
         assert trials[k].values == [0.04, 0.01]
         assert summary["values"][k] is None
     assert summary["compromise"] in on_it
-    assert summary["best"]["number"] == on_it[0], "the nearest to the target is the first of the front"
+    assert summary["best"]["number"] == on_it[0], (
+        "the nearest to the target is the first of the front"
+    )
 
 
 def test_the_dashboard_knows_the_objectives_by_name(tmp_path: Path) -> None:
-    run_study(load_study(write_study(tmp_path, FIELD)), solve=solve, out=tmp_path / "out", sampler="nsga2")  # type: ignore[arg-type]
+    run_study(
+        load_study(write_study(tmp_path, FIELD)), solve=solve, out=tmp_path / "out", sampler="nsga2"
+    )  # type: ignore[arg-type]
     kept = optuna.load_study(study_name="probe", storage=f"sqlite:///{tmp_path}/out/study.db")
     assert kept.metric_names == ["rms_m", "largest_field_T"]
     assert [d.name for d in kept.directions] == ["MINIMIZE", "MINIMIZE"]
@@ -121,7 +160,9 @@ def test_the_dashboard_knows_the_objectives_by_name(tmp_path: Path) -> None:
     [("gp", FIELD), ("cmaes", FIELD), ("gauss-newton", VOLUME), ("optuna:CmaEsSampler", FIELD)],
     ids=["gp", "cmaes", "gauss-newton", "optuna"],
 )
-def test_a_sampler_of_one_objective_is_refused_before_any_trial(sampler: str, text: str, tmp_path: Path) -> None:
+def test_a_sampler_of_one_objective_is_refused_before_any_trial(
+    sampler: str, text: str, tmp_path: Path
+) -> None:
     """gauss-newton takes a bound as its second objective, and a volume is none."""
     study = load_study(write_study(tmp_path, text))
     with pytest.raises(InputError, match="looks for the least of one objective") as caught:
@@ -156,7 +197,9 @@ def test_a_bound_as_second_objective_is_a_ladder_of_bounds(tmp_path: Path) -> No
     assert len(set(bounds)) >= 5
     for trial_of, bound in zip(trials, bounds, strict=True):
         assert trial_of.values[1] <= 10e-3 * bound * (1 + 1e-9)
-    assert len({tuple(t.params.values()) for t in trials}) == len(trials), "no design is solved twice"
+    assert len({tuple(t.params.values()) for t in trials}) == len(trials), (
+        "no design is solved twice"
+    )
     values = [entry["values"] for entry in report.summary()["pareto"]]
     assert min(rms for rms, field in values if field <= 6.5e-3) < 0.01 * 0.04
     assert report.limits == []
@@ -166,7 +209,9 @@ def test_a_front_resumes_as_the_same_study(tmp_path: Path) -> None:
     study = load_study(reachable_in(tmp_path, 6e-3, 9))
     run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "whole")
     for trials in (1, 4, 9):
-        run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "parts", trials=trials)
+        run_study(
+            study, solve=solve, differentiate=differentiate, out=tmp_path / "parts", trials=trials
+        )
     whole, parts = trials_of(tmp_path / "whole"), trials_of(tmp_path / "parts")
     assert [(t.params, t.values) for t in whole] == [(t.params, t.values) for t in parts]
 
@@ -183,7 +228,9 @@ FIELDS = np.array([[5e-3, 2e-3, 6e-3], [-2e-3, 7e-3, -3e-3]])
 
 def reachable(folder: Path, sampler: str = "gauss-newton", trials: int = 8) -> Path:
     """A study of two shapes that the rod takes with one magnetization in two fields."""
-    path = write_study(folder, TEXT.replace("random", sampler).replace("trials: 8", f"trials: {trials}"))
+    path = write_study(
+        folder, TEXT.replace("random", sampler).replace("trials: 8", f"trials: {trials}")
+    )
     scene = load_scene(folder / "scene.yaml")
     for name, field in zip("ab", FIELDS, strict=True):
         write_centreline(folder / f"{name}.csv", solve(scene.with_field(field)).centreline[::2])
@@ -197,10 +244,15 @@ def test_gauss_newton_finds_what_can_be_reached(tmp_path: Path) -> None:
     run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out", trials=2)
     report = run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out")
     assert report.best["rms_m"] < 1e-4
-    assert run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "once").rms_m == report.rms_m
+    assert (
+        run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "once").rms_m
+        == report.rms_m
+    )
     rows = report.best["schedule"]
     assert [row["time_s"] for row in rows] == [0.5, 2.0]
-    assert report.best["rms_m"] == pytest.approx(np.sqrt(np.mean([row["rms_m"] ** 2 for row in rows])), rel=1e-12)
+    assert report.best["rms_m"] == pytest.approx(
+        np.sqrt(np.mean([row["rms_m"] ** 2 for row in rows])), rel=1e-12
+    )
     assert report.best["worst_m"] == max(row["rms_m"] for row in rows)
 
 
@@ -213,12 +265,20 @@ def test_the_best_scene_has_the_fields_as_keyframes(tmp_path: Path) -> None:
     assert [frame.time for frame in frames] == [0.0, 0.5, 2.0, 2.25]
     assert frames[0].uniform == (0.0, 0.0, 0.0)
     fields = [row["field_T"] for row in report.best["schedule"]]
-    np.testing.assert_allclose([frame.uniform for frame in frames[1:]], [*fields, fields[-1]], atol=1e-12)
+    np.testing.assert_allclose(
+        [frame.uniform for frame in frames[1:]], [*fields, fields[-1]], atol=1e-12
+    )
     assert {0.0, 0.5, 2.0, 2.25} <= set(scene.solver.quasi_static.at)
-    np.testing.assert_allclose([region.magnetization for region in scene.regions()], report.best["magnetization"], atol=1e-8)
+    np.testing.assert_allclose(
+        [region.magnetization for region in scene.regions()],
+        report.best["magnetization"],
+        atol=1e-8,
+    )
     dynamic = in_motion(scene, study).solver.dynamic
     assert dynamic.duration == 2.25
-    assert all((time / dynamic.output_every) % 1 == pytest.approx(0, abs=1e-9) for time in (0.5, 2.0, 2.25))
+    assert all(
+        (time / dynamic.output_every) % 1 == pytest.approx(0, abs=1e-9) for time in (0.5, 2.0, 2.25)
+    )
 
 
 def test_each_field_moves_its_own_shape_alone(tmp_path: Path) -> None:
@@ -230,7 +290,9 @@ def test_each_field_moves_its_own_shape_alone(tmp_path: Path) -> None:
 
     def residuals(at: np.ndarray) -> np.ndarray:
         params = space.parameters_at(at)
-        return np.array(schedule.evaluate(solve, differentiate, params, tmp_path / "log").model["residuals"])
+        return np.array(
+            schedule.evaluate(solve, differentiate, params, tmp_path / "log").model["residuals"]
+        )
 
     params = space.parameters_at(x)
     model = schedule.evaluate(solve, differentiate, params, tmp_path / "log").model
@@ -275,7 +337,13 @@ def test_scenes_of_a_schedule_are_static(tmp_path: Path) -> None:
 def test_the_best_design_runs_in_time(tmp_path: Path) -> None:
     """Equilibria along time are near the rod's design; a motion too quick for the body is far from it. A second report reads the runs."""
     path = reachable(tmp_path, "tpe", 2)
-    path.write_text(path.read_text().replace("0.5 s", "2 ms").replace("time: 2 s", "time: 4 ms").replace("0.25 s", "0 s"), encoding="utf-8")
+    path.write_text(
+        path.read_text()
+        .replace("0.5 s", "2 ms")
+        .replace("time: 2 s", "time: 4 ms")
+        .replace("0.25 s", "0 s"),
+        encoding="utf-8",
+    )
     study = load_study(path)
     run_study(study, solve=solve, out=tmp_path / "out")
     rows = in_time(tmp_path / "out", read_design(tmp_path / "out/best"), study)

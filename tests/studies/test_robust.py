@@ -23,7 +23,10 @@ ROBUST = STUDY + "robust: {direction: 5 deg, remanence: 5 %, shear_modulus: 4 %}
 def differentiate(scene: Scene, of: Sequence[str]) -> RodSensitivities:
     """Central differences of the rod by every variable."""
     found, step = variables(scene, of), {"rad": 1e-4, "T": 1e-6, "Pa": 10.0, "m": 1e-6}
-    pairs = [[solve(v.changed(scene, sign * step[v.unit])).centreline[:, 1:] for sign in (1, -1)] for v in found]
+    pairs = [
+        [solve(v.changed(scene, sign * step[v.unit])).centreline[:, 1:] for sign in (1, -1)]
+        for v in found
+    ]
     columns = [(a - b) / (2 * step[v.unit]) for (a, b), v in zip(pairs, found, strict=True)]
     return RodSensitivities(solve(scene), found, np.stack(columns, axis=2))
 
@@ -32,7 +35,9 @@ def differentiate(scene: Scene, of: Sequence[str]) -> RodSensitivities:
 def test_moments_are_those_of_samples(away: float) -> None:
     """200 000 samples: their mean is known to 0.2 % of sigma, their sigma to 0.2 %; four of these."""
     rng = np.random.default_rng(1)
-    scatter = Scatter(away * rng.normal(size=(9, 3)), rng.normal(size=(9, 3, 4)) * [3.0, 1.0, 0.2, 0.0])
+    scatter = Scatter(
+        away * rng.normal(size=(9, 3)), rng.normal(size=(9, 3, 4)) * [3.0, 1.0, 0.2, 0.0]
+    )
     z = rng.normal(size=(200_000, 4))
     made = scatter.gaps.reshape(-1) + z @ scatter.spread.reshape(27, 4).T
     rms = np.sqrt(np.sum(made**2, axis=1) / 9)
@@ -40,16 +45,24 @@ def test_moments_are_those_of_samples(away: float) -> None:
     assert mean == pytest.approx(rms.mean(), abs=0.01 * rms.std())
     assert sigma == pytest.approx(rms.std(), rel=0.01)
     assert scatter.measure == mean + 2 * sigma
-    assert scatter.scatter**2 == pytest.approx(np.mean(np.sum((made - scatter.gaps.reshape(-1)) ** 2, axis=1)) / 9, rel=0.02)
-    assert mean**2 + sigma**2 == pytest.approx(root_mean_square(scatter.gaps) ** 2 + scatter.scatter**2, rel=1e-12), "exactly E[rms^2]"
+    assert scatter.scatter**2 == pytest.approx(
+        np.mean(np.sum((made - scatter.gaps.reshape(-1)) ** 2, axis=1)) / 9, rel=0.02
+    )
+    assert mean**2 + sigma**2 == pytest.approx(
+        root_mean_square(scatter.gaps) ** 2 + scatter.scatter**2, rel=1e-12
+    ), "exactly E[rms^2]"
 
 
 def test_moments_in_closed_form() -> None:
     """On target with one error the rms is |z| of a normal z; with three alike at one point it is Maxwell's; without errors it is sure."""
     one = Scatter(np.zeros((1, 3)), np.array([[[2.0], [0.0], [0.0]]]))
-    assert one.moments() == pytest.approx((2 * math.sqrt(2 / math.pi), 2 * math.sqrt(1 - 2 / math.pi)), rel=1e-12)
+    assert one.moments() == pytest.approx(
+        (2 * math.sqrt(2 / math.pi), 2 * math.sqrt(1 - 2 / math.pi)), rel=1e-12
+    )
     three = Scatter(np.zeros((1, 3)), 2.0 * np.eye(3)[None])
-    assert three.moments() == pytest.approx((4 * math.sqrt(2 / math.pi), 2 * math.sqrt(3 - 8 / math.pi)), rel=1e-12)
+    assert three.moments() == pytest.approx(
+        (4 * math.sqrt(2 / math.pi), 2 * math.sqrt(3 - 8 / math.pi)), rel=1e-12
+    )
     sure = Scatter(np.ones((2, 3)), np.zeros((2, 3, 1)))
     assert sure.moments() == (math.sqrt(3), 0.0)
     assert Scatter(np.zeros((2, 3)), np.zeros((2, 3, 1))).moments() == (0.0, 0.0)
@@ -61,7 +74,9 @@ def test_far_from_the_target_sigma_is_that_of_the_gradient() -> None:
     g, M = rng.normal(size=(7, 3)), rng.normal(size=(7, 3, 5))
     along = np.einsum("mi,mik->k", g, M) / (np.sqrt(7) * np.linalg.norm(g))
     for size in (1e-2, 1e-3, 1e-4, 1e-5):  # by the integral, and by the expansion
-        assert Scatter(g, size * M).moments()[1] == pytest.approx(size * np.linalg.norm(along), rel=20 * size)
+        assert Scatter(g, size * M).moments()[1] == pytest.approx(
+            size * np.linalg.norm(along), rel=20 * size
+        )
 
 
 def test_each_error_has_its_size(tmp_path: Path) -> None:
@@ -81,15 +96,21 @@ def test_scatter_of_the_rod_is_that_of_rods_made_with_errors(tmp_path: Path) -> 
     scene, rng = study.scene, np.random.default_rng(3)
     found = differentiate(scene, kinds(ERRORS))
     sizes = deviations(scene, found.variables, ERRORS)
-    expected = Scatter(gaps(found.result, study.target), gap_derivatives(found, study.target) * sizes)
+    expected = Scatter(
+        gaps(found.result, study.target), gap_derivatives(found, study.target) * sizes
+    )
     shapes = []
     for _ in range(400):
         made, errors = scene, sizes * rng.normal(size=len(sizes))
         for variable, error in zip(found.variables, errors, strict=True):
-            made = variable.changed(made, error)  # tilts one after the other: the same to first order
+            made = variable.changed(
+                made, error
+            )  # tilts one after the other: the same to first order
         shapes.append(gaps(solve(made), study.target))
     rms = np.array([root_mean_square(shape) for shape in shapes])
-    moved = math.sqrt(np.mean([np.mean(np.sum((shape - expected.gaps) ** 2, axis=1)) for shape in shapes]))
+    moved = math.sqrt(
+        np.mean([np.mean(np.sum((shape - expected.gaps) ** 2, axis=1)) for shape in shapes])
+    )
     mean, sigma = expected.moments()
     assert expected.scatter == pytest.approx(moved, rel=0.1)
     assert sigma == pytest.approx(rms.std(ddof=1), rel=0.1)

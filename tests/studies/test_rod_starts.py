@@ -55,9 +55,15 @@ def test_shapes_of_rods_are_found_again(seed: int, tmp_path: Path) -> None:
     assert found[0].rms < 3e-3 * scene.length
     assert [d.rms for d in found] == sorted(d.rms for d in found)
     np.testing.assert_array_equal(found[0].field, scene.field.uniform)
-    np.testing.assert_allclose([np.linalg.norm(d.directions, axis=1) for d in found], 1, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        [np.linalg.norm(d.directions, axis=1) for d in found], 1, rtol=0, atol=1e-12
+    )
     assert found[0].rms == pytest.approx(rms(found[0], scene, [0, 1, 2, 3, 4], target), rel=1e-9)
-    assert all(np.abs(a.directions - b.directions).max() > 0.1 for i, a in enumerate(found) for b in found[:i])
+    assert all(
+        np.abs(a.directions - b.directions).max() > 0.1
+        for i, a in enumerate(found)
+        for b in found[:i]
+    )
 
 
 def test_a_varied_field_stays_within_its_bound_and_plain_segments_plain(tmp_path: Path) -> None:
@@ -125,20 +131,34 @@ def test_designs_of_rods_are_on_the_branch_that_grows_from_no_load(tmp_path: Pat
     scene = arm_in(tmp_path)
     found = rod_designs(scene, FOLDED, [0, 1], 8e-3, seed=1)
     straight = FOLDED[:, 1:] - np.column_stack([FOLDED[:, 0], 0 * FOLDED[:, :2]])
-    assert found[0].rms < 0.2 * np.sqrt(np.mean(np.sum(straight**2, axis=1))), "nearer than the straight body, which is 8.9 mm away"
+    assert found[0].rms < 0.2 * np.sqrt(np.mean(np.sum(straight**2, axis=1))), (
+        "nearer than the straight body, which is 8.9 mm away"
+    )
 
 
 def test_the_same_seed_gives_the_same_designs(tmp_path: Path) -> None:
     scene = scene_of(tmp_path)
     target = shape_of(scene)
-    one, same_seed, other = (rod_designs(scene, target, range(5), None, seed=s, starts=16) for s in (1, 1, 2))
+    one, same_seed, other = (
+        rod_designs(scene, target, range(5), None, seed=s, starts=16) for s in (1, 1, 2)
+    )
     assert [d.directions.tolist() for d in one] == [d.directions.tolist() for d in same_seed]
     assert one[0].directions.tolist() != other[0].directions.tolist()
 
 
 def test_studies_begin_with_them_and_say_so(tmp_path: Path) -> None:
-    report = run_study(load_study(write_study(tmp_path, START)), solve=solve, out=tmp_path / "out", sampler="random")
-    plain = run_study(load_study(write_study(tmp_path / "plain")), solve=solve, out=tmp_path / "plain/out", sampler="random")
+    report = run_study(
+        load_study(write_study(tmp_path, START)),
+        solve=solve,
+        out=tmp_path / "out",
+        sampler="random",
+    )
+    plain = run_study(
+        load_study(write_study(tmp_path / "plain")),
+        solve=solve,
+        out=tmp_path / "plain/out",
+        sampler="random",
+    )
     trials = trials_of(tmp_path / "out")
     begun = [t for t in trials if t.user_attrs.get("start") == "rod"]
     assert [t.number for t in begun] == list(range(len(begun)))
@@ -146,7 +166,9 @@ def test_studies_begin_with_them_and_say_so(tmp_path: Path) -> None:
     assert max(t.value for t in begun) < 0.05 * 0.04, "the tests' solve is a rod, a coarser one"
     assert report.trials == plain.trials == 8
     rest = [t.params for t in trials[len(begun) :]]
-    assert rest == [t.params for t in trials_of(tmp_path / "plain" / "out")[len(begun) :]], "the others are those of the sampler"
+    assert rest == [t.params for t in trials_of(tmp_path / "plain" / "out")[len(begun) :]], (
+        "the others are those of the sampler"
+    )
 
 
 def test_parameters_stand_for_the_designs(tmp_path: Path) -> None:
@@ -164,10 +186,14 @@ def test_parameters_stand_for_the_designs(tmp_path: Path) -> None:
 def test_killed_among_its_starts_it_resumes_as_the_same_study(sampler: str, tmp_path: Path) -> None:
     path = write_study(tmp_path, START)
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    run_study(load_study(path), solve=solve, differentiate=differentiate, out=whole, sampler=sampler)
+    run_study(
+        load_study(path), solve=solve, differentiate=differentiate, out=whole, sampler=sampler
+    )
     kill_in_trial(path, parts, sampler, 2, "solve")
     kill_in_trial(path, parts, sampler, 1, "tell")
-    run_study(load_study(path), solve=solve, differentiate=differentiate, out=parts, sampler=sampler)
+    run_study(
+        load_study(path), solve=solve, differentiate=differentiate, out=parts, sampler=sampler
+    )
     same(trials_of(whole), trials_of(parts))
 
 
@@ -179,10 +205,14 @@ NEWTON = STUDY.replace("sampler: random", "sampler: gauss-newton") + "stop: {rms
 WEAK = NEWTON.replace("magnetization: {}", "magnetization: {}\n  field: {max: 1 mT}")
 
 
-def study_of(folder: Path, target: Array, text: str = NEWTON, scene: str = SCENE, **options: Any) -> StudyReport:
+def study_of(
+    folder: Path, target: Array, text: str = NEWTON, scene: str = SCENE, **options: Any
+) -> StudyReport:
     path = write_study(folder, text, scene)
     write_centreline(folder / "target.csv", target)
-    return run_study(load_study(path), solve=solve, differentiate=differentiate, out=folder / "out", **options)
+    return run_study(
+        load_study(path), solve=solve, differentiate=differentiate, out=folder / "out", **options
+    )
 
 
 def shape(scene: Scene) -> Array:
@@ -200,7 +230,9 @@ def said(report: StudyReport) -> dict[str, Any]:
 
 
 def test_a_target_that_is_reached_needs_no_explanation(tmp_path: Path) -> None:
-    target = shape(scene_of(tmp_path).with_magnetizations(np.random.default_rng(1).normal(size=(5, 3))))
+    target = shape(
+        scene_of(tmp_path).with_magnetizations(np.random.default_rng(1).normal(size=(5, 3)))
+    )
     report = study_of(tmp_path, target)
     assert report.ended == "stop"
     assert report.limits == []
@@ -208,7 +240,11 @@ def test_a_target_that_is_reached_needs_no_explanation(tmp_path: Path) -> None:
 
 def test_a_field_at_its_bound_is_said_with_what_more_would_bring(tmp_path: Path) -> None:
     """A shape made in 8 mT, searched in 1: the multiplier foretells what a bound 0.05 mT higher brings."""
-    scene = scene_of(tmp_path).with_magnetizations(np.eye(3)[[1, 1, 1, 1, 1]]).with_field([-3e-3, 0, 7.4e-3])
+    scene = (
+        scene_of(tmp_path)
+        .with_magnetizations(np.eye(3)[[1, 1, 1, 1, 1]])
+        .with_field([-3e-3, 0, 7.4e-3])
+    )
     report = study_of(tmp_path / "a", shape(scene), WEAK)
     found = said(report)
     assert found["field"]["bound_T"] == 1e-3
@@ -217,19 +253,33 @@ def test_a_field_at_its_bound_is_said_with_what_more_would_bring(tmp_path: Path)
     stronger = found["stronger field"]
     assert stronger["field_T"][0] == 1e-3
     assert stronger["rms_m"][-1] <= 1e-4, "in some stronger field the rod reaches it"
-    assert stronger["rms_m"] == sorted(stronger["rms_m"], reverse=True), "what a field reaches, every stronger one reaches too"
+    assert stronger["rms_m"] == sorted(stronger["rms_m"], reverse=True), (
+        "what a field reaches, every stronger one reaches too"
+    )
     more = study_of(tmp_path / "b", shape(scene), WEAK.replace("max: 1 mT", "max: 1.05 mT"))
     gained = report.best["rms_m"] - more.best["rms_m"]
-    assert gained == pytest.approx(-0.05e-3 * found["field"]["rms_per_T"], rel=0.3)  # second order, and where descents stop
+    assert gained == pytest.approx(
+        -0.05e-3 * found["field"]["rms_per_T"], rel=0.3
+    )  # second order, and where descents stop
 
 
 @pytest.mark.parametrize(
     ("at", "slope", "says"),
-    [(1.0, -2e-3, "upper bound, 20:"), (0.0, 2e-3, "lower bound, 10:"), (1.0, 2e-3, None), (0.0, -2e-3, None), (0.5, -2e-3, None)],
+    [
+        (1.0, -2e-3, "upper bound, 20:"),
+        (0.0, 2e-3, "lower bound, 10:"),
+        (1.0, 2e-3, None),
+        (0.0, -2e-3, None),
+        (0.5, -2e-3, None),
+    ],
 )
-def test_a_number_is_said_to_be_at_its_bound_where_beyond_it_would_be_better(at: float, slope: float, says: str | None) -> None:
+def test_a_number_is_said_to_be_at_its_bound_where_beyond_it_would_be_better(
+    at: float, slope: float, says: str | None
+) -> None:
     """By 2 mm of rms a whole range, 10 mm: by 0.2 mm of rms a millimeter."""
-    found = _bound(Number("length_mm", "length", 10e-3, 20e-3, 1e3), np.array([at]), np.array([slope]))
+    found = _bound(
+        Number("length_mm", "length", 10e-3, 20e-3, 1e3), np.array([at]), np.array([slope])
+    )
     assert (found is None) is (says is None)
     if found is not None:
         assert f"length_mm is at its {says}" in found["says"]
@@ -246,19 +296,27 @@ def test_curvature_beyond_the_segments_is_said_with_its_place(tmp_path: Path) ->
     assert "bends with a radius of 8.49 mm" in found["says"]
 
 
-def test_no_rod_bends_more_than_is_said_to_be_reachable(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_no_rod_bends_more_than_is_said_to_be_reachable(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
     scene = scene_of(tmp_path)
     for gravity in (None, {}):
         s, most = reachable_curvature(scene.with_effects(gravity=gravity), None)
         for _ in range(20):
-            rod = solve_rod(scene.with_effects(gravity=gravity).with_magnetizations(rng.normal(size=(5, 3))))
+            rod = solve_rod(
+                scene.with_effects(gravity=gravity).with_magnetizations(rng.normal(size=(5, 3)))
+            )
             bends = np.linalg.norm(rod.curvature[:, 1:], axis=1)
             # frames average the elements beside them; the bound falls toward the tip
             assert (bends[1:-1] <= np.interp(rod.s[1:-1], s, most) * (1 + 1e-6) + most[-1]).all()
     across = scene.with_magnetizations(np.tile([0, 0.8, -0.6], (5, 1))).with_field([1e-3, 0, 0])
-    s, most = reachable_curvature(across, None)  # across the axis and the field, and hardly bent: the torque is all that it can be
+    s, most = reachable_curvature(
+        across, None
+    )  # across the axis and the field, and hardly bent: the torque is all that it can be
     assert np.linalg.norm(solve_rod(across).curvature[0, 1:]) > 0.95 * most[0]
-    np.testing.assert_allclose(most / most[0], (scene.length - s) / (scene.length - s[0]), rtol=1e-9)  # torques of what is beyond alone
+    np.testing.assert_allclose(
+        most / most[0], (scene.length - s) / (scene.length - s[0]), rtol=1e-9
+    )  # torques of what is beyond alone
 
 
 def test_bends_of_a_circle_are_one_over_its_radius() -> None:
@@ -271,9 +329,13 @@ def test_bends_of_a_circle_are_one_over_its_radius() -> None:
 
 def test_a_direction_that_moves_nothing_is_named(tmp_path: Path) -> None:
     """The last segment is all but free of remanence."""
-    material = "{shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 0.01 mT}"
+    material = (
+        "{shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 0.01 mT}"
+    )
     weak = SCENE.replace("remanence: 138 mT}", f"remanence: 138 mT}}\n  weak: {material}")
-    weak = weak.replace("- magnetization: [0, 0, -1]", "- {magnetization: [0, 0, -1], material: weak}")
+    weak = weak.replace(
+        "- magnetization: [0, 0, -1]", "- {magnetization: [0, 0, -1], material: weak}"
+    )
     found = said(study_of(tmp_path, arc(0.5 * np.pi), scene=weak))
     assert "segment_5" in found
     assert found["segment_5"]["m_per_rad"] < 1e-5
@@ -289,7 +351,9 @@ def test_where_other_starts_ended_is_told(tmp_path: Path) -> None:
 
 
 def test_a_search_that_was_cut_short_says_so(tmp_path: Path) -> None:
-    found = said(study_of(tmp_path, shape(scene_of(tmp_path)), NEWTON.replace("0.1 mm", "1e-6 mm"), trials=1))
+    found = said(
+        study_of(tmp_path, shape(scene_of(tmp_path)), NEWTON.replace("0.1 mm", "1e-6 mm"), trials=1)
+    )
     assert "still getting better" in found["trials"]["says"]
 
 
@@ -305,7 +369,10 @@ def test_directions_of_a_set_are_not_called_without_effect(tmp_path: Path) -> No
 
 
 STRAIGHT = SCENE.replace("[0 mT, 6 mT, 8 mT]", "[9 mT, 0 mT, 0 mT]")
-ALONG = "\n".join("      - magnetization: [1, 0, 0]" if "- magnetization" in line else line for line in STRAIGHT.split("\n"))
+ALONG = "\n".join(
+    "      - magnetization: [1, 0, 0]" if "- magnetization" in line else line
+    for line in STRAIGHT.split("\n")
+)
 
 
 def varied_study(folder: Path, vary: str, scene: str = SCENE, points: int = 20):
@@ -325,8 +392,16 @@ def test_a_good_study_has_nothing_to_say(tmp_path: Path) -> None:
 
 def test_nothing_that_varies_moves_the_shape(tmp_path: Path, told) -> None:
     """A field along a catheter that is magnetized along its axis bends nothing, whatever its remanence; it stretches less than counts."""
-    study, out = varied_study(tmp_path, "{remanence: {min: 10 mT, max: 10.1 mT}}", ALONG), tmp_path / "out"
-    parts = ("probe.yaml: vary: received 1 variable that moves", "at most", "something must move the shape", "remedy")
+    study, out = (
+        varied_study(tmp_path, "{remanence: {min: 10 mT, max: 10.1 mT}}", ALONG),
+        tmp_path / "out",
+    )
+    parts = (
+        "probe.yaml: vary: received 1 variable that moves",
+        "at most",
+        "something must move the shape",
+        "remedy",
+    )
     assert told("design", study.path, "--out", out, "--no-pictures", status=2, says=parts).out == ""
     assert not out.exists()
 
@@ -349,12 +424,25 @@ def test_a_field_and_directions_share_a_turn_only_if_all_turn(tmp_path: Path) ->
     assert 11 <= found.seen <= 13
 
 
-@pytest.mark.parametrize(("sampler", "extra", "said"), [
-    ("gauss-newton", "", "gauss-newton differentiates equilibria, and the scene is a motion"),
-    ("tpe", "minimize: [rms, largest_field]\nrobust: {direction: 5 deg}\n", "`robust` judges a design by one objective"),
-    ("cmaes", "stability: {margin: 0.1}\n", "cmaes would learn from designs that `stability` refuses"),
-])  # fmt: skip
-def test_the_command_leaves_nothing_of_what_its_sampler_cannot_search(sampler: str, extra: str, said: str, tmp_path: Path, told) -> None:
+@pytest.mark.parametrize(
+    ("sampler", "extra", "said"),
+    [
+        ("gauss-newton", "", "gauss-newton differentiates equilibria, and the scene is a motion"),
+        (
+            "tpe",
+            "minimize: [rms, largest_field]\nrobust: {direction: 5 deg}\n",
+            "`robust` judges a design by one objective",
+        ),
+        (
+            "cmaes",
+            "stability: {margin: 0.1}\n",
+            "cmaes would learn from designs that `stability` refuses",
+        ),
+    ],
+)
+def test_the_command_leaves_nothing_of_what_its_sampler_cannot_search(
+    sampler: str, extra: str, said: str, tmp_path: Path, told
+) -> None:
     """With the sampler of the command line, too; the message names the study file."""
     study = varied_study(tmp_path, "{magnetization: {}, field: {max: 10 mT}}").path
     study.write_text(study.read_text() + extra)
@@ -362,7 +450,17 @@ def test_the_command_leaves_nothing_of_what_its_sampler_cannot_search(sampler: s
         scene = tmp_path / "scene.yaml"
         scene.write_text(scene.read_text() + "\nsolver: {dynamic: {duration: 1 ms}}\n")
     out = tmp_path / "out"
-    told("design", study, "--sampler", sampler, "--out", out, "--no-pictures", status=2, says=(said, "probe.yaml: "))
+    told(
+        "design",
+        study,
+        "--sampler",
+        sampler,
+        "--out",
+        out,
+        "--no-pictures",
+        status=2,
+        says=(said, "probe.yaml: "),
+    )
     assert not out.exists()
 
 
@@ -394,7 +492,11 @@ def test_an_insertion_that_nothing_moves_is_refused() -> None:
     from magmpm.studies.problem.variables import Vary, VaryRemanence
 
     found = insertion()
-    assert found.study.scene.field.uniform == (0.0, 0.0, 0.0), "a remanence that varies needs a field to move anything"
-    study = replace(found.study, vary=Vary(remanence=VaryRemanence(min=0.1, max=0.1001)), sampler="tpe")
+    assert found.study.scene.field.uniform == (0.0, 0.0, 0.0), (
+        "a remanence that varies needs a field to move anything"
+    )
+    study = replace(
+        found.study, vary=Vary(remanence=VaryRemanence(min=0.1, max=0.1001)), sampler="tpe"
+    )
     with pytest.raises(InputError, match="something must move the shape"):
         check_search(study, SearchSpace.of(study))

@@ -28,7 +28,9 @@ def test_angles_mean_what_they_are_called() -> None:
     np.testing.assert_allclose(direction(around=0, along=0), [0, 1, 0], **tight)
     np.testing.assert_allclose(direction(around=90, along=0), [0, 0, 1], **tight)
     np.testing.assert_allclose(direction(around=123, along=90), [1, 0, 0], **tight)
-    np.testing.assert_allclose(direction(around=0, along=-45), [-np.sqrt(0.5), np.sqrt(0.5), 0], **tight)
+    np.testing.assert_allclose(
+        direction(around=0, along=-45), [-np.sqrt(0.5), np.sqrt(0.5), 0], **tight
+    )
 
 
 @given(around=st.floats(-180, 180), along=st.floats(-89.9, 89.9))
@@ -41,13 +43,17 @@ def test_angles_and_directions_are_inverse(around: float, along: float) -> None:
 
 def test_two_angles_a_magnetised_segment_and_none_for_others(tmp_path: Path) -> None:
     space = space_of(tmp_path, scene=SCENE.replace("[-1, 0, 0.5]", "[0, 0, 0]"))  # the fourth
-    assert list(space.bounds) == [f"segment_{n}_{a}_deg" for n in (1, 2, 3, 5) for a in ("around", "along")]
+    assert list(space.bounds) == [
+        f"segment_{n}_{a}_deg" for n in (1, 2, 3, 5) for a in ("around", "along")
+    ]
     parameters = {name: 10.0 * k for k, name in enumerate(space.bounds)}
     found = space.directions(parameters)
     np.testing.assert_array_equal(found[3], [0, 0, 0])
     np.testing.assert_allclose(found[4], direction(60.0, 70.0))
     scene = space.scene_of(parameters)
-    np.testing.assert_allclose([s.magnetization for s in scene.body.catheter.segments], found, atol=1e-15)
+    np.testing.assert_allclose(
+        [s.magnetization for s in scene.body.catheter.segments], found, atol=1e-15
+    )
     assert scene.field == space.scene.field
 
 
@@ -68,7 +74,9 @@ def test_only_the_field_can_be_varied(tmp_path: Path) -> None:
     assert list(space.bounds) == ["field_mT", "field_azimuth_deg", "field_elevation_deg"]
     parameters = {"field_mT": 5.0, "field_azimuth_deg": 0.0, "field_elevation_deg": 90.0}
     scene = space.scene_of(parameters)
-    assert [s.magnetization for s in scene.body.catheter.segments] == [s.magnetization for s in space.scene.body.catheter.segments]
+    assert [s.magnetization for s in scene.body.catheter.segments] == [
+        s.magnetization for s in space.scene.body.catheter.segments
+    ]
 
 
 def test_names_sort_from_base_to_tip(tmp_path: Path) -> None:
@@ -95,14 +103,20 @@ def test_tpe_begins_with_four_bends_that_surround_the_catheter(tmp_path: Path) -
         corners.append(directions[0])
         study.tell(trial, k)
     np.testing.assert_allclose(np.sum(corners, axis=0), 0, atol=1e-12)
-    np.testing.assert_allclose(np.array(corners) @ np.array(corners).T, np.eye(4) * 4 / 3 - 1 / 3, atol=1e-12)
+    np.testing.assert_allclose(
+        np.array(corners) @ np.array(corners).T, np.eye(4) * 4 / 3 - 1 / 3, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("text", [STUDY, FIELD], ids=["magnetisation", "and field"])
-def test_tpe_stays_in_bounds_and_gathers_about_good_designs(text: str, tmp_path: Path, rng: np.random.Generator) -> None:
+def test_tpe_stays_in_bounds_and_gathers_about_good_designs(
+    text: str, tmp_path: Path, rng: np.random.Generator
+) -> None:
     """For a smooth objective over directions, the designs of later trials are far nearer to its minimum than random ones."""
     space = space_of(tmp_path, text)
-    goal, _ = space.design({name: rng.uniform(low, high) for name, (low, high) in space.bounds.items()})
+    goal, _ = space.design(
+        {name: rng.uniform(low, high) for name, (low, high) in space.bounds.items()}
+    )
     study = optuna.create_study()
     values = []
     for k in range(60):
@@ -110,7 +124,9 @@ def test_tpe_stays_in_bounds_and_gathers_about_good_designs(text: str, tmp_path:
         trial = study.ask(space.distributions())
         assert all(low <= trial.params[name] <= high for name, (low, high) in space.bounds.items())
         directions, _ = space.design(trial.params)
-        values.append(float(np.mean(1 - np.sum(directions * goal, axis=1))))  # random designs: mean 1
+        values.append(
+            float(np.mean(1 - np.sum(directions * goal, axis=1)))
+        )  # random designs: mean 1
         study.tell(trial, values[-1])
     # with 5 or 6 directions the value of a random design is 1 +- 0.25, so 0.5 is two standard deviations away
     assert np.mean(values[-20:]) < 0.5
@@ -125,9 +141,13 @@ def test_tpe_sees_that_angles_go_round(tmp_path: Path) -> None:
         return Designs(np.tile(direction(around, along), (1, 5, 1)), np.zeros((1, 0)))
 
     of = at(179.0, 20.0)
-    assert tpe._density(at(-179.0, 20.0), of, 1.0) == pytest.approx(tpe._density(at(177.0, 20.0), of, 1.0))
+    assert tpe._density(at(-179.0, 20.0), of, 1.0) == pytest.approx(
+        tpe._density(at(177.0, 20.0), of, 1.0)
+    )
     pole = at(0.0, 90.0)
-    assert tpe._density(at(10.0, 80.0), pole, 1.0) == pytest.approx(tpe._density(at(130.0, 80.0), pole, 1.0))
+    assert tpe._density(at(10.0, 80.0), pole, 1.0) == pytest.approx(
+        tpe._density(at(130.0, 80.0), pole, 1.0)
+    )
 
 
 def test_tpe_kernels_are_normalised_and_drawn_from(tmp_path: Path) -> None:
@@ -155,12 +175,16 @@ def test_another_seed_makes_tpe_choose_otherwise_in_each_of_its_stages(tmp_path:
     for seed in (1, 2):
         for finished in (0, 1):
             tpe = DirectionTPE(space, seed, finished)
-            corners[seed, finished] = tpe._alike(finished)[0][:5]  # of the segments; the field is drawn
+            corners[seed, finished] = tpe._alike(finished)[0][
+                :5
+            ]  # of the segments; the field is drawn
             chosen[seed, finished] = DirectionTPE(space, seed, finished).choose(of, of).directions
     for seed in (1, 2):
         first, second = corners[seed, 0], corners[seed, 1]
         np.testing.assert_array_equal(first, np.tile(first[0], (5, 1)))
-        assert first[0] @ second[0] == pytest.approx(-1 / 3, abs=1e-12), "two corners of one tetrahedron"
+        assert first[0] @ second[0] == pytest.approx(-1 / 3, abs=1e-12), (
+            "two corners of one tetrahedron"
+        )
         assert np.abs(chosen[seed, 0] - chosen[seed, 1]).max() > 0.01
     assert np.abs(corners[1, 0] - corners[2, 0]).max() > 0.01
     assert np.abs(chosen[1, 0] - chosen[2, 0]).max() > 0.01

@@ -36,15 +36,21 @@ def study_of(vary: str) -> str:
 
 
 def space_of(folder: Path, total: str = "keep", per: str = "segment") -> SearchSpace:
-    return SearchSpace.of(load_study(write_study(folder, study_of(EVERYTHING % (total, per, per)), MIXED)))
+    return SearchSpace.of(
+        load_study(write_study(folder, study_of(EVERYTHING % (total, per, per)), MIXED))
+    )
 
 
 def tip(scene: Scene) -> np.ndarray:
     return solve_rod(scene, 60).position[-1]
 
 
-@pytest.mark.parametrize(("total", "per"), [("keep", "segment"), ("free", "material"), ("keep", "material")])
-def test_the_chain_rule_is_the_derivative_of_the_scenes(total: str, per: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("total", "per"), [("keep", "segment"), ("free", "material"), ("keep", "material")]
+)
+def test_the_chain_rule_is_the_derivative_of_the_scenes(
+    total: str, per: str, tmp_path: Path
+) -> None:
     """Columns of the scene's variables times the chain, against central differences along the embedded coordinates; both of the rod's tip.
 
     Steps of 1e-5 of a range: differences are good to 1e-10 / 1e-5 = 1e-5 of the largest derivative of a block, here of 1."""
@@ -54,15 +60,25 @@ def test_the_chain_rule_is_the_derivative_of_the_scenes(total: str, per: str, tm
     found = variables(scene, space.sensitivities)
     step = {"rad": 1e-4, "T": 1e-6, "m": 1e-6, "Pa": 10.0}
     pairs = [[tip(v.changed(scene, sign * step[v.unit])) for sign in (1, -1)] for v in found]
-    columns = np.stack([(plus - minus) / (2 * step[v.unit]) for (plus, minus), v in zip(pairs, found, strict=True)], 1)
+    columns = np.stack(
+        [
+            (plus - minus) / (2 * step[v.unit])
+            for (plus, minus), v in zip(pairs, found, strict=True)
+        ],
+        1,
+    )
     chained = columns @ space.chain(found, x, order)
     for block, at in zip(space.blocks, space.slices, strict=True):
         largest = np.abs(chained[:, at]).max(initial=0.0)
         for j in range(at.start, at.stop):
             h = 1e-7 if block.bounds().keys() & {"field_mT"} else 1e-5
             step_j = h * np.eye(space.size)[j]
-            difference = (tip(space.scene_at(x + step_j, order)) - tip(space.scene_at(x - step_j, order))) / (2 * h)
-            np.testing.assert_allclose(chained[:, j], difference, atol=1e-5 * largest, err_msg=f"{block}")
+            difference = (
+                tip(space.scene_at(x + step_j, order)) - tip(space.scene_at(x - step_j, order))
+            ) / (2 * h)
+            np.testing.assert_allclose(
+                chained[:, j], difference, atol=1e-5 * largest, err_msg=f"{block}"
+            )
 
 
 @pytest.mark.parametrize("total", ["keep", "free"])
@@ -74,7 +90,10 @@ def test_parameters_and_coordinates_are_inverse(total: str, tmp_path: Path) -> N
         x = space.drawn(rng)
         parameters = space.parameters_at(x, "MMMPP")
         assert set(parameters) == set(space.distributions())
-        assert all(space.distributions()[name]._contains(space.distributions()[name].to_internal_repr(v)) for name, v in parameters.items())
+        assert all(
+            space.distributions()[name]._contains(space.distributions()[name].to_internal_repr(v))
+            for name, v in parameters.items()
+        )
         np.testing.assert_allclose(space.embedded(parameters), x, atol=1e-12)  # rounding of angles
         again = space.parameters(*space.design(parameters))
         np.testing.assert_allclose(space.embedded(again), x, atol=1e-12)
@@ -86,23 +105,39 @@ def test_a_scene_has_the_values_of_its_design(tmp_path: Path) -> None:
     parameters = space.parameters_at(x, "PPMMM")
     scene = space.scene_of(parameters)
     assert 1e3 * scene.thickness == pytest.approx(parameters["diameter_mm"], rel=1e-14)
-    lengths = [parameters[f"segment_{i}_length_mm"] for i in (2, 5, 1, 3, 4)]  # the plain ones, 2 and 5, are first
-    assert scene.body.shape.segment_lengths() == pytest.approx([1e-3 * length for length in lengths], rel=1e-14)
+    lengths = [
+        parameters[f"segment_{i}_length_mm"] for i in (2, 5, 1, 3, 4)
+    ]  # the plain ones, 2 and 5, are first
+    assert scene.body.shape.segment_lengths() == pytest.approx(
+        [1e-3 * length for length in lengths], rel=1e-14
+    )
     assert scene.length == pytest.approx(1e-3 * sum(lengths), rel=1e-14)
     known = space.quantities(parameters)
-    assert known["segment_lengths_m"] == pytest.approx(scene.body.shape.segment_lengths(), rel=1e-14)
+    assert known["segment_lengths_m"] == pytest.approx(
+        scene.body.shape.segment_lengths(), rel=1e-14
+    )
     for i, piece in enumerate((2, 5, 1, 3, 4)):
         material = scene.region_material(i)
-        assert 1e-3 * material.shear_modulus == pytest.approx(parameters[f"segment_{piece}_shear_modulus_kPa"], rel=1e-14)
+        assert 1e-3 * material.shear_modulus == pytest.approx(
+            parameters[f"segment_{piece}_shear_modulus_kPa"], rel=1e-14
+        )
         if piece not in (2, 5):
-            assert 1e3 * material.remanence == pytest.approx(parameters[f"segment_{piece}_remanence_mT"], rel=1e-14)
+            assert 1e3 * material.remanence == pytest.approx(
+                parameters[f"segment_{piece}_remanence_mT"], rel=1e-14
+            )
     assert scene.magnetized_regions() == [2, 3, 4]
-    np.testing.assert_allclose(space.directions(parameters), [r.magnetization for r in scene.regions()], atol=1e-15)
+    np.testing.assert_allclose(
+        space.directions(parameters), [r.magnetization for r in scene.regions()], atol=1e-15
+    )
 
 
 def test_values_per_material_are_shared(tmp_path: Path) -> None:
     space = space_of(tmp_path, per="material")
-    assert {"remanence_of_magnetic_mT", "shear_modulus_of_magnetic_kPa", "shear_modulus_of_plain_kPa"} <= set(space.bounds)
+    assert {
+        "remanence_of_magnetic_mT",
+        "shear_modulus_of_magnetic_kPa",
+        "shear_modulus_of_plain_kPa",
+    } <= set(space.bounds)
     scene = space.scene_at(space.drawn(np.random.default_rng(2)))
     assert set(scene.materials) == {"magnetic", "plain"}
 
@@ -122,14 +157,19 @@ def test_kept_lengths_are_the_nearest_that_sum(tmp_path: Path) -> None:
         assert (asked - found) @ (other - found) <= 1e-12
         np.testing.assert_allclose(derivative.sum(axis=0), 0.0, atol=1e-15)
         step = 1e-6 * rng.normal(size=5)
-        np.testing.assert_allclose(kept_total(asked + step, low, high, total)[0], found + derivative @ step, atol=1e-12)
+        np.testing.assert_allclose(
+            kept_total(asked + step, low, high, total)[0], found + derivative @ step, atol=1e-12
+        )
 
 
 def test_orders_are_all_ways_to_place_the_magnets(tmp_path: Path) -> None:
     space = space_of(tmp_path)
     assert len(orders(space.scene)) == len(set(orders(space.scene))) == 10  # 3 of 5 places
     assert orders(space.scene, own=True) == ("MPMMP",)
-    same, own = space.scene_at(x := space.drawn(np.random.default_rng(0)), "MPMMP"), space.scene_at(x)
+    same, own = (
+        space.scene_at(x := space.drawn(np.random.default_rng(0)), "MPMMP"),
+        space.scene_at(x),
+    )
     assert same.hash() == own.hash()
 
 
@@ -146,7 +186,9 @@ def test_a_body_that_is_shorter_than_its_target_is_compared_with_its_tip(tmp_pat
 
 
 @pytest.mark.parametrize("sampler", ["random", "tpe"])
-def test_a_study_of_everything_writes_its_best_design(sampler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_study_of_everything_writes_its_best_design(
+    sampler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Also its report has the values; the file is a scene with units that has the trial's rms."""
     text = study_of(EVERYTHING % ("keep", "segment", "segment")).replace("random", sampler)
     path = write_study(tmp_path, text, MIXED)
@@ -154,7 +196,9 @@ def test_a_study_of_everything_writes_its_best_design(sampler: str, tmp_path: Pa
     monkeypatch.chdir("/")
     scene = load_scene(tmp_path / "out/best/scene.yaml")
     assert scene.length == 0.04
-    assert report.best["segment_lengths_m"] == pytest.approx(scene.body.shape.segment_lengths(), rel=1e-9)
+    assert report.best["segment_lengths_m"] == pytest.approx(
+        scene.body.shape.segment_lengths(), rel=1e-9
+    )
     assert report.best["diameter_m"] == pytest.approx(scene.thickness, rel=1e-12)
     rms = root_mean_square(gaps(solve(scene), load_study(path).target))
     assert rms == pytest.approx(report.best["rms_m"], rel=1e-9)  # 15 digits are written
@@ -162,13 +206,19 @@ def test_a_study_of_everything_writes_its_best_design(sampler: str, tmp_path: Pa
 
 def test_tpe_returns_to_good_orders(tmp_path: Path) -> None:
     """Nine of ten orders can't reach a target made with the tenth: the good order is chosen more often than the tenth part of trials."""
-    text = study_of("{magnetization: {}, order: {}}").replace("random", "tpe").replace("trials: 8", "trials: 40")
+    text = (
+        study_of("{magnetization: {}, order: {}}")
+        .replace("random", "tpe")
+        .replace("trials: 8", "trials: 40")
+    )
     path = write_study(tmp_path, text, MIXED)
     study = load_study(path)
     report = run_study(study, solve=solve, out=tmp_path / "out")
     import optuna
 
-    kept = optuna.load_study(study_name=study.name, storage=f"sqlite:///{tmp_path / 'out/study.db'}")
+    kept = optuna.load_study(
+        study_name=study.name, storage=f"sqlite:///{tmp_path / 'out/study.db'}"
+    )
     chosen = [trial.params["order"] for trial in kept.trials[10:]]
     assert chosen.count(report.best["params"]["order"]) > len(chosen) / 10
 
@@ -197,7 +247,10 @@ def test_at_most_of_a_set_is_the_best_of_all_subsets() -> None:
         asked = unit(rng, 6)
         made = Makeable(AXES, 2).made(asked)
         assert len(np.unique(made, axis=0)) <= 2
-        best = max((asked @ AXES[list(pair)].T).max(axis=1).sum() for pair in itertools.combinations(range(6), 2))
+        best = max(
+            (asked @ AXES[list(pair)].T).max(axis=1).sum()
+            for pair in itertools.combinations(range(6), 2)
+        )
         assert np.sum(made * asked) == pytest.approx(best, rel=1e-14)
 
 
@@ -247,41 +300,68 @@ def test_the_chain_rule_goes_through_the_limits(tmp_path: Path) -> None:
     for j in range(space.size):
         step = 1e-5 * np.eye(space.size)[j]
         ends = [solve(space.scene_at(x + sign * step)).centreline[-1, 1:] for sign in (1, -1)]
-        np.testing.assert_allclose(chained[:, j], (ends[0] - ends[1]) / 2e-5, atol=1e-5 * np.abs(chained).max())
+        np.testing.assert_allclose(
+            chained[:, j], (ends[0] - ends[1]) / 2e-5, atol=1e-5 * np.abs(chained).max()
+        )
 
 
-GAUSS_NEWTON = [("gauss-newton", limits) for limits in (SET + "}", SET + ", at_most: 2}", "limits: {at_most: 2}")]
+GAUSS_NEWTON = [
+    ("gauss-newton", limits)
+    for limits in (SET + "}", SET + ", at_most: 2}", "limits: {at_most: 2}")
+]
 
 
-@pytest.mark.parametrize(("sampler", "limits"), [("random", SET + ", at_most: 2}"), *GAUSS_NEWTON[1:]])
+@pytest.mark.parametrize(
+    ("sampler", "limits"), [("random", SET + ", at_most: 2}"), *GAUSS_NEWTON[1:]]
+)
 def test_every_trial_can_be_made(sampler: str, limits: str, tmp_path: Path) -> None:
     text = STUDY.replace("random", sampler) + limits + "\n"
     study = load_study(write_study(tmp_path, text))
     report = run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out")
     import optuna
 
-    kept = optuna.load_study(study_name=study.name, storage=f"sqlite:///{tmp_path / 'out/study.db'}")
+    kept = optuna.load_study(
+        study_name=study.name, storage=f"sqlite:///{tmp_path / 'out/study.db'}"
+    )
     allowed = {tuple(row) for row in AXES.tolist()}
     for trial in kept.trials:
         made = {tuple(np.round(row, 9) + 0.0) for row in trial.user_attrs["magnetization"]}
         assert "at_most" not in limits or len(made) <= 2
         assert "directions" not in limits or made <= allowed
     scene = load_scene(tmp_path / "out/best/scene.yaml")
-    np.testing.assert_allclose([region.magnetization for region in scene.regions()], report.best["magnetization"], atol=1e-8)
+    np.testing.assert_allclose(
+        [region.magnetization for region in scene.regions()],
+        report.best["magnetization"],
+        atol=1e-8,
+    )
 
 
 def test_gauss_newton_is_better_than_snapping(tmp_path: Path) -> None:
     """Against 300 random designs of the set: the search from the rod's designs finds one as near as the best of these, in 6 trials."""
-    study = load_study(write_study(tmp_path, STUDY.replace("random", "gauss-newton").replace("trials: 8", "trials: 6") + SET + "}\n"))
-    best = run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out").best["rms_m"]
+    study = load_study(
+        write_study(
+            tmp_path,
+            STUDY.replace("random", "gauss-newton").replace("trials: 8", "trials: 6") + SET + "}\n",
+        )
+    )
+    best = run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out").best[
+        "rms_m"
+    ]
     space, rng = SearchSpace.of(study), np.random.default_rng(1)
-    others = [root_mean_square(gaps(solve(space.scene_at(space.drawn(rng))), study.target)) for _ in range(300)]
+    others = [
+        root_mean_square(gaps(solve(space.scene_at(space.drawn(rng))), study.target))
+        for _ in range(300)
+    ]
     assert best <= min(others) + 1e-5
 
 
-@pytest.mark.parametrize(("more", "field"), [("}", ""), (", at_most: 2}", ""), (", at_most: 2}", "  field: {max: 20 mT}\n")])
+@pytest.mark.parametrize(
+    ("more", "field"),
+    [("}", ""), (", at_most: 2}", ""), (", at_most: 2}", "  field: {max: 20 mT}\n")],
+)
 def test_no_single_exchange_is_better_on_the_body(more: str, field: str, tmp_path: Path) -> None:
     """The body is softer than the rod by which starts are found, so its best exchange is not the body's. A field that varies goes on."""
+
     def soft(scene: Scene) -> Scene:
         data = scene.to_si()
         data["materials"]["magnetic"]["shear_modulus"] *= 0.6
@@ -290,14 +370,22 @@ def test_no_single_exchange_is_better_on_the_body(more: str, field: str, tmp_pat
     def body(scene: Scene) -> Any:
         return solve(soft(scene))
 
-    text = STUDY.replace("trials: 8", "trials: 2").replace("{}\n", "{}\n" + field) + SET + more + "\n"
-    study = load_study(write_study(tmp_path, text.replace("random", "gauss-newton" if field else "random")))
+    text = (
+        STUDY.replace("trials: 8", "trials: 2").replace("{}\n", "{}\n" + field) + SET + more + "\n"
+    )
+    study = load_study(
+        write_study(tmp_path, text.replace("random", "gauss-newton" if field else "random"))
+    )
     solves = {"solve": body, "differentiate": lambda scene, of: differentiate(soft(scene), of)}
     report = run_study(study, **solves, out=tmp_path / "out")
     space = SearchSpace.of(study)
     x = space.made(space.embedded(report.best["params"]))
-    others = [root_mean_square(gaps(body(space.scene_at(y)), study.target)) for y in _exchanges(space, x)]
-    assert not field or report.best["rms_m"] < 0.75 * min(report.rms_m[:2]), "no exchange is better, but another field is"
+    others = [
+        root_mean_square(gaps(body(space.scene_at(y)), study.target)) for y in _exchanges(space, x)
+    ]
+    assert not field or report.best["rms_m"] < 0.75 * min(report.rms_m[:2]), (
+        "no exchange is better, but another field is"
+    )
     assert len(others) >= 5
     assert report.best["rms_m"] <= min(others)
     assert report.trials == 2 + report.exchanged

@@ -54,7 +54,9 @@ sys.stdin.read()
 
 
 def run(folder: Path, how: Any = solve, text: str = STUDY, **options: Any) -> StudyReport:
-    return run_study(load_study(write_study(folder, text)), solve=how, **{"out": folder / "out", **options})
+    return run_study(
+        load_study(write_study(folder, text)), solve=how, **{"out": folder / "out", **options}
+    )
 
 
 def test_sqlite_is_in_wal_mode_and_lets_others_read_and_write(tmp_path: Path) -> None:
@@ -88,7 +90,9 @@ def test_a_locked_database_is_waited_for_then_said(tmp_path: Path) -> None:
 
 def test_a_lock_that_goes_in_time_is_not_noticed(tmp_path: Path) -> None:
     run(tmp_path, trials=2)
-    holder = sqlite3.connect(tmp_path / "out/study.db", isolation_level=None, check_same_thread=False)
+    holder = sqlite3.connect(
+        tmp_path / "out/study.db", isolation_level=None, check_same_thread=False
+    )
     holder.execute("BEGIN EXCLUSIVE")
     threading.Timer(0.7, lambda: holder.execute("COMMIT")).start()
     assert run(tmp_path, storage_timeout=20).trials == 8
@@ -116,25 +120,74 @@ def test_locked_in_mid_study_keeps_what_is_finished(tmp_path: Path) -> None:
     assert [t.params for t in trials_of(tmp_path / "out")] == [t.params for t in trials_of(whole)]
 
 
-@pytest.mark.parametrize(("url", "kind", "says"), [
-    ("study.db", InputError, ("--storage", "must be the URL", "sqlite:///study.db")),
-    ("nodatabase://x", InputError, ("usable URL", "nodatabase")),
-    ("postgresql+nodriver://x/y", InputError, ("usable URL", "nodriver")),
-    ("sqlite:////proc/no/study.db", InputError, ("/proc/no", "writable")),
-    ("sqlite:///:memory:", InputError, ("--storage: received sqlite:///:memory:", "gone with its process", "sqlite:///study.db")),
-    ("sqlite://", InputError, ("--storage: received sqlite://", "gone with its process")),
-    ("sqlite:///file:x?mode=memory&uri=true", InputError, ("--storage: received sqlite:///file:x?", "gone with its process")),
-    ("sqlite:///file::memory:?cache=shared&uri=true", InputError, ("--storage: received sqlite:///file:", "gone with its process")),
-    ("sqlite:///file:/x?vfs=memdb&uri=true", InputError, ("--storage: received sqlite:///file:", "gone with its process")),
-    ("", InputError, ("--storage: received nothing", "must be the URL", "sqlite:///study.db")),
-    (":memory:", InputError, ("--storage: received :memory:", "must be the URL", "sqlite:///study.db")),
-    ("postgresql://me:se@cret@host/db", InputError, ("--storage: received postgresql://me:***@host/db", "write %40 for @")),
-    ("postgresql://me:se/c@host/db?x=1", InputError, ("received postgresql://me:***@host/db", "%2F for /")),
-    ("host=here user=me password=cret", InputError, ("a text without ://", "postgresql://USER@HOST/DATABASE")),
-    ("sqlite:////tmp", InputError, ("/tmp: a folder", "must be a file", "remedy: ")),
-    ("mysql://me:secret@host/db", InputError, ("--storage: received mysql://me:***@host/db", "driver must be", "pip install mysqlclient")),
-])  # fmt: skip
-def test_unusable_storage_is_said_before_any_trial(url: str, kind: type[Exception], says: tuple[str, ...], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("url", "kind", "says"),
+    [
+        ("study.db", InputError, ("--storage", "must be the URL", "sqlite:///study.db")),
+        ("nodatabase://x", InputError, ("usable URL", "nodatabase")),
+        ("postgresql+nodriver://x/y", InputError, ("usable URL", "nodriver")),
+        ("sqlite:////proc/no/study.db", InputError, ("/proc/no", "writable")),
+        (
+            "sqlite:///:memory:",
+            InputError,
+            (
+                "--storage: received sqlite:///:memory:",
+                "gone with its process",
+                "sqlite:///study.db",
+            ),
+        ),
+        ("sqlite://", InputError, ("--storage: received sqlite://", "gone with its process")),
+        (
+            "sqlite:///file:x?mode=memory&uri=true",
+            InputError,
+            ("--storage: received sqlite:///file:x?", "gone with its process"),
+        ),
+        (
+            "sqlite:///file::memory:?cache=shared&uri=true",
+            InputError,
+            ("--storage: received sqlite:///file:", "gone with its process"),
+        ),
+        (
+            "sqlite:///file:/x?vfs=memdb&uri=true",
+            InputError,
+            ("--storage: received sqlite:///file:", "gone with its process"),
+        ),
+        ("", InputError, ("--storage: received nothing", "must be the URL", "sqlite:///study.db")),
+        (
+            ":memory:",
+            InputError,
+            ("--storage: received :memory:", "must be the URL", "sqlite:///study.db"),
+        ),
+        (
+            "postgresql://me:se@cret@host/db",
+            InputError,
+            ("--storage: received postgresql://me:***@host/db", "write %40 for @"),
+        ),
+        (
+            "postgresql://me:se/c@host/db?x=1",
+            InputError,
+            ("received postgresql://me:***@host/db", "%2F for /"),
+        ),
+        (
+            "host=here user=me password=cret",
+            InputError,
+            ("a text without ://", "postgresql://USER@HOST/DATABASE"),
+        ),
+        ("sqlite:////tmp", InputError, ("/tmp: a folder", "must be a file", "remedy: ")),
+        (
+            "mysql://me:secret@host/db",
+            InputError,
+            (
+                "--storage: received mysql://me:***@host/db",
+                "driver must be",
+                "pip install mysqlclient",
+            ),
+        ),
+    ],
+)
+def test_unusable_storage_is_said_before_any_trial(
+    url: str, kind: type[Exception], says: tuple[str, ...], tmp_path: Path
+) -> None:
     opened: list[Study] = []
     with pytest.raises(kind) as caught:
         run(tmp_path, storage=url, on_open=opened.append)
@@ -146,12 +199,20 @@ def test_unusable_storage_is_said_before_any_trial(url: str, kind: type[Exceptio
 def test_what_a_study_needs_is_prepared_before_it_is_written(tmp_path: Path) -> None:
     """Whoever ends the command while kernels are compiled may change the file, and begin it anew."""
     url, seen = f"sqlite:///{tmp_path}/out/study.db", []
-    run(tmp_path, trials=1, on_open=lambda study: seen.append((study.name, optuna.get_all_study_names(url))))
+    run(
+        tmp_path,
+        trials=1,
+        on_open=lambda study: seen.append((study.name, optuna.get_all_study_names(url))),
+    )
     assert seen == [("probe", [])]
 
 
-@pytest.mark.parametrize("url", ["sqlite://", "sqlite:///:memory:", "sqlite:///file:x?mode=memory&uri=true"])
-def test_a_database_in_memory_is_refused_in_a_folder_that_has_designs_too(url: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "url", ["sqlite://", "sqlite:///:memory:", "sqlite:///file:x?mode=memory&uri=true"]
+)
+def test_a_database_in_memory_is_refused_in_a_folder_that_has_designs_too(
+    url: str, tmp_path: Path
+) -> None:
     """No file can be missing, because such a database has none."""
     run(tmp_path, trials=1)
     with pytest.raises(InputError, match="gone with its process"):
@@ -174,11 +235,14 @@ def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path: Path) ->
     assert (tmp_path / "out/study.db").read_text().startswith("minutes")
 
 
-@pytest.mark.parametrize("code", [
-    "CREATE TRIGGER t AFTER INSERT ON trials BEGIN DELETE FROM trials; END",
-    "ALTER TABLE trial_values RENAME TO v; "
-    "CREATE VIEW trial_values AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT * FROM c",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "code",
+    [
+        "CREATE TRIGGER t AFTER INSERT ON trials BEGIN DELETE FROM trials; END",
+        "ALTER TABLE trial_values RENAME TO v; "
+        "CREATE VIEW trial_values AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT * FROM c",
+    ],
+)
 def test_code_in_a_database_is_refused(code: str, tmp_path: Path) -> None:
     """It would delete trials, or keep a reader busy without end."""
     run(tmp_path, trials=1)
@@ -207,11 +271,20 @@ def test_a_damaged_database_is_told_as_such(tmp_path: Path) -> None:
         with pytest.raises(InputError) as caught:
             run(tmp_path)
         said = str(caught.value)
-        for part in (f"{path}: the database of trials is damaged (", "rule: ", f"sqlite3 {path} .recover", "another --out"):
+        for part in (
+            f"{path}: the database of trials is damaged (",
+            "rule: ",
+            f"sqlite3 {path} .recover",
+            "another --out",
+        ):
             assert part in said
         assert "it resumes" not in said
         assert path.read_bytes() == damaged, "left as it is"
-    cells = ("trial_user_attributes SET value_json = '{'", "trial_params SET distribution_json = '{}'", "trial_values SET value = 'abc'")
+    cells = (
+        "trial_user_attributes SET value_json = '{'",
+        "trial_params SET distribution_json = '{}'",
+        "trial_values SET value = 'abc'",
+    )
     for cell in cells:
         shutil.rmtree(tmp_path / "out")
         shutil.copytree(whole, tmp_path / "out")
@@ -227,7 +300,9 @@ def test_a_damaged_database_is_told_as_such(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("file", ["design.json", "study.json"])
-def test_a_full_disk_keeps_the_trials(file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_keeps_the_trials(
+    file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The message gives file and remedy and says that trials are kept; with free space the study continues unchanged."""
     run(tmp_path, trials=3)
     shutil.rmtree(tmp_path / "out/best")
@@ -244,15 +319,23 @@ def test_a_full_disk_keeps_the_trials(file: str, tmp_path: Path, monkeypatch: py
         with pytest.raises(StorageError) as caught:
             run(tmp_path)
     said = str(caught.value)
-    for part in (f"{file}: No space left on device\n  rule: ", "remedy: free room", f"the finished trials are kept in sqlite:///{tmp_path}"):
+    for part in (
+        f"{file}: No space left on device\n  rule: ",
+        "remedy: free room",
+        f"the finished trials are kept in sqlite:///{tmp_path}",
+    ):
         assert part in said
     assert said.startswith(str(tmp_path / "out"))
     assert run(tmp_path).trials == 8
     run(tmp_path, out=tmp_path / "whole")
-    assert [t.params for t in trials_of(tmp_path / "out")] == [t.params for t in trials_of(tmp_path / "whole")]
+    assert [t.params for t in trials_of(tmp_path / "out")] == [
+        t.params for t in trials_of(tmp_path / "whole")
+    ]
 
 
-def test_a_database_without_room_keeps_the_trials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_database_without_room_keeps_the_trials(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run(tmp_path, trials=3)
 
     def full(*_: Any, **__: Any) -> Any:
@@ -263,7 +346,13 @@ def test_a_database_without_room_keeps_the_trials(tmp_path: Path, monkeypatch: p
         with pytest.raises(StorageError) as caught:
             run(tmp_path)
     said = str(caught.value)
-    for part in ("study.db", "database or disk is full", "free room", "the finished trials are kept", "it resumes"):
+    for part in (
+        "study.db",
+        "database or disk is full",
+        "free room",
+        "the finished trials are kept",
+        "it resumes",
+    ):
         assert part in said
     assert run(tmp_path).trials == 8
 
@@ -271,7 +360,10 @@ def test_a_database_without_room_keeps_the_trials(tmp_path: Path, monkeypatch: p
 def test_the_storage_of_a_saved_study() -> None:
     """As saved; with its password hidden, the variable's; never a password from the command line."""
     hidden, whole = "postgresql://me:***@host/db", "postgresql+psycopg://me:secret@host/db"
-    assert known_url("sqlite:////a/study.db", None, {"MAGMPM_STORAGE": whole}) == "sqlite:////a/study.db"
+    assert (
+        known_url("sqlite:////a/study.db", None, {"MAGMPM_STORAGE": whole})
+        == "sqlite:////a/study.db"
+    )
     assert known_url(hidden, None, {"MAGMPM_STORAGE": whole}) == whole
     assert known_url(hidden, None, {}) is None
     assert known_url(hidden, "sqlite:////b.db", {"MAGMPM_STORAGE": whole}) == "sqlite:////b.db"
@@ -279,13 +371,20 @@ def test_the_storage_of_a_saved_study() -> None:
         known_url(hidden, whole, {})
 
 
-def test_a_place_for_pictures_that_is_no_folder_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_place_for_pictures_that_is_no_folder_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     for place in ("ftp://x", "gs://bucket", "S3://bucket"):
         with pytest.raises(InputError, match="must be a folder, or s3://BUCKET"):
             artifact_store(place, tmp_path)
         with pytest.raises(InputError, match="must be a folder, or s3://BUCKET"):
-            run_study(load_study(write_study(tmp_path / "study")), solve=solve, out=tmp_path / "study/out", artifacts=place)
+            run_study(
+                load_study(write_study(tmp_path / "study")),
+                solve=solve,
+                out=tmp_path / "study/out",
+                artifacts=place,
+            )
         shutil.rmtree(tmp_path / "study")
     assert list(tmp_path.iterdir()) == []
 
@@ -330,22 +429,32 @@ def left_running(folder: Path, **owner: Any) -> str:
 
 def test_a_trial_that_runs_elsewhere_is_not_taken(tmp_path: Path) -> None:
     began = int(Path(f"/proc/{os.getppid()}/stat").read_text().rpartition(")")[2].split()[19])
-    url = left_running(tmp_path, pid=os.getppid(), started=began, out="/elsewhere")  # on this machine, running
+    url = left_running(
+        tmp_path, pid=os.getppid(), started=began, out="/elsewhere"
+    )  # on this machine, running
     with pytest.raises(StorageError, match=r"trial 3 is being run by process \d+ on "):
         run(tmp_path, storage=url)
-    url = left_running(tmp_path / "b", host="another", out="/elsewhere")  # on another machine, just started
+    url = left_running(
+        tmp_path / "b", host="another", out="/elsewhere"
+    )  # on another machine, just started
     with pytest.raises(StorageError, match=r"trial 3 is being run by process \d+ on another"):
         run(tmp_path / "b", storage=url)
 
 
-def test_a_trial_left_behind_elsewhere_is_taken_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_trial_left_behind_elsewhere_is_taken_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     url = left_running(tmp_path, pid=ended.pid, out="/elsewhere")  # on this machine, ended
     assert run(tmp_path, storage=url).trials == 8
-    url = left_running(tmp_path / "c", pid=os.getppid(), started=1, out="/elsewhere")  # ended, and its number given to another
+    url = left_running(
+        tmp_path / "c", pid=os.getppid(), started=1, out="/elsewhere"
+    )  # ended, and its number given to another
     assert run(tmp_path / "c", storage=url).trials == 8
-    url = left_running(tmp_path / "b", host="another", out="/elsewhere")  # on another machine, started long ago
+    url = left_running(
+        tmp_path / "b", host="another", out="/elsewhere"
+    )  # on another machine, started long ago
 
     class Later(datetime):
         @classmethod
@@ -358,7 +467,9 @@ def test_a_trial_left_behind_elsewhere_is_taken_up(tmp_path: Path, monkeypatch: 
     assert json.loads((tmp_path / "b/out/study.json").read_text())["trials"] == 8
 
 
-def test_a_process_that_has_ended_and_that_nobody_has_waited_for_is_not_alive(tmp_path: Path) -> None:
+def test_a_process_that_has_ended_and_that_nobody_has_waited_for_is_not_alive(
+    tmp_path: Path,
+) -> None:
     child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     owner = {**this_process(tmp_path), "pid": child.pid, "started": _started(child.pid)}
     assert alive(owner, tmp_path / "elsewhere", 1.0)
@@ -392,7 +503,9 @@ def taken_up(one: Session, beat: int) -> list[int]:
     return found
 
 
-def test_a_session_elsewhere_is_dead_once_its_lease_is_over_and_so_is_a_trial_that_is_nobodys() -> None:
+def test_a_session_elsewhere_is_dead_once_its_lease_is_over_and_so_is_a_trial_that_is_nobodys() -> (
+    None
+):
     assert taken_up(session(looked=0.5), 7) == []
     assert taken_up(session(looked=1.5), 7) == [3, 4]
     assert taken_up(session(looked=1.5), 8) == [4]
@@ -423,7 +536,10 @@ def test_a_session_that_waits_says_for_what() -> None:
         one.tell_wait()
         one.tell_wait()
     assert len(said) == 2
-    assert "trial 3, by process 4711 on elsewhere; trial 4, which no session has named as its own" in said[0]
+    assert (
+        "trial 3, by process 4711 on elsewhere; trial 4, which no session has named as its own"
+        in said[0]
+    )
     assert "queued again in 1 s" in said[0]
 
 
@@ -455,7 +571,9 @@ def struck(database: Path, how: str) -> None:
         database.with_name(f"{database.name}-wal").unlink()
     elif how == "replaced":
         other = database.with_name("other.db")
-        sqlite3.connect(other).executescript("CREATE TABLE notes (line TEXT); INSERT INTO notes VALUES ('mine');")
+        sqlite3.connect(other).executescript(
+            "CREATE TABLE notes (line TEXT); INSERT INTO notes VALUES ('mine');"
+        )
         other.replace(database)
     elif how == "truncated":
         os.truncate(database, 0)
@@ -469,14 +587,23 @@ def struck(database: Path, how: str) -> None:
 
 
 STRIKES = {
-    "deleted": "deleted while", "deleted alone": "deleted while", "log deleted": "robbed of its study.db-wal",
-    "replaced": "replaced by another file", "truncated": "truncated while", "cut in half": "truncated while",
-    "overwritten": "overwritten while", "read-only": "made read-only",
-}  # fmt: skip
+    "deleted": "deleted while",
+    "deleted alone": "deleted while",
+    "log deleted": "robbed of its study.db-wal",
+    "replaced": "replaced by another file",
+    "truncated": "truncated while",
+    "cut in half": "truncated while",
+    "overwritten": "overwritten while",
+    "read-only": "made read-only",
+}
 
 
-@pytest.mark.parametrize(("how", "sampler"), [*((how, "random") for how in STRIKES), ("deleted", "gauss-newton")])
-def test_a_database_that_is_lost_during_a_study_is_told_and_its_trials_are_saved(how: str, sampler: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("how", "sampler"), [*((how, "random") for how in STRIKES), ("deleted", "gauss-newton")]
+)
+def test_a_database_that_is_lost_during_a_study_is_told_and_its_trials_are_saved(
+    how: str, sampler: str, tmp_path: Path
+) -> None:
     """At the next trial, and with the one that was being solved; the study goes on as if nothing had happened."""
     database, solved = tmp_path / "out/study.db", []
     text = STUDY.replace("sampler: random", f"sampler: {sampler}")
@@ -495,10 +622,16 @@ def test_a_database_that_is_lost_during_a_study_is_told_and_its_trials_are_saved
     assert said.startswith(f"{database}: {STRIKES[how]}"), said
     assert "its finished trials (4) are saved in" in said
     assert len(solved) == 4, "noticed at the next trial"
-    (place,) = (tmp_path / "out").glob("*rescued*.db") if not how.startswith("deleted") else [database]
-    assert f"--storage sqlite:///{place}" in said or (place == database and "a new file of that name; run this command again" in said)
+    (place,) = (
+        (tmp_path / "out").glob("*rescued*.db") if not how.startswith("deleted") else [database]
+    )
+    assert f"--storage sqlite:///{place}" in said or (
+        place == database and "a new file of that name; run this command again" in said
+    )
     if how == "replaced":
-        assert sqlite3.connect(database).execute("SELECT line FROM notes").fetchall() == [("mine",)], "left alone"
+        assert sqlite3.connect(database).execute("SELECT line FROM notes").fetchall() == [
+            ("mine",)
+        ], "left alone"
         with pytest.raises(InputError, match=f"--storage sqlite:///{place}"):
             run(tmp_path, text=text, **options)
     url = None if place == database else f"sqlite:///{place}"
@@ -509,7 +642,9 @@ def test_a_database_that_is_lost_during_a_study_is_told_and_its_trials_are_saved
     run(whole, text=text, picture=draw, differentiate=differentiate)
     here = optuna.load_study(study_name="probe", storage=f"sqlite:///{place}").trials
     there = optuna.load_study(study_name="probe", storage=f"sqlite:///{whole}/out/study.db").trials
-    assert [(t.number, t.params, t.values) for t in here] == [(t.number, t.params, t.values) for t in there]
+    assert [(t.number, t.params, t.values) for t in here] == [
+        (t.number, t.params, t.values) for t in there
+    ]
     assert [t.constraints for t in here] == [t.constraints for t in there]
 
 
@@ -531,6 +666,7 @@ def test_a_database_that_is_deleted_while_workers_solve_keeps_their_designs(tmp_
 
 def test_a_database_that_others_tidy_up_is_not_lost(tmp_path: Path) -> None:
     """VACUUM and a checkpoint change size and time of the file, and are nobody's loss."""
+
     def tidy(scene: Scene) -> RodResult:
         other = sqlite3.connect(tmp_path / "out/study.db", timeout=5, isolation_level=None)
         other.execute("VACUUM")

@@ -29,7 +29,9 @@ PENALTY = 0.04  # length of the catheter
 
 
 def run(folder: Path, how: Any = solve, text: str = STUDY, **options: Any) -> StudyReport:
-    return run_study(load_study(write_study(folder, text)), solve=how, out=folder / "out", **options)
+    return run_study(
+        load_study(write_study(folder, text)), solve=how, out=folder / "out", **options
+    )
 
 
 def test_every_trial_keeps_its_numbers(tmp_path: Path) -> None:
@@ -42,7 +44,11 @@ def test_every_trial_keeps_its_numbers(tmp_path: Path) -> None:
         result = solve(scene)
         assert trial.value == kept["rms_m"] == root_mean_square(gaps(result, study.target))
         assert kept["tip_error_m"] == np.linalg.norm(gaps(result, study.target)[-1])
-        assert (kept["min_det_F"], kept["max_det_F"], kept["newton_steps"]) == (0.9, 1.1, result.iterations)
+        assert (kept["min_det_F"], kept["max_det_F"], kept["newton_steps"]) == (
+            0.9,
+            1.1,
+            result.iterations,
+        )
         assert kept["feasible"] is True
         assert kept["scene_hash"] == scene.hash()
         assert set(kept["seconds"]) == {"solve", "render", "total"}
@@ -69,14 +75,23 @@ def test_the_best_designs_result_is_kept(tmp_path: Path) -> None:
     assert root_mean_square(gaps(solve(scene), study.target)) == report.best["rms_m"]
 
 
-@pytest.mark.parametrize(("error", "reason"), [
-    (SolveError("no equilibrium at 60 % of the load"), "no equilibrium at 60 % of the load"),
-    (FloatingPointError("overflow encountered in exp"), "FloatingPointError: overflow encountered in exp"),
-    (np.linalg.LinAlgError("Singular matrix"), "LinAlgError: Singular matrix"),
-    (ValueError("shapes differ"), "ValueError: shapes differ"),
-    (MemoryError(), "MemoryError: "),
-], ids=lambda value: type(value).__name__)  # fmt: skip
-def test_a_failed_solve_costs_a_trial_and_not_the_study(error: Exception, reason: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (SolveError("no equilibrium at 60 % of the load"), "no equilibrium at 60 % of the load"),
+        (
+            FloatingPointError("overflow encountered in exp"),
+            "FloatingPointError: overflow encountered in exp",
+        ),
+        (np.linalg.LinAlgError("Singular matrix"), "LinAlgError: Singular matrix"),
+        (ValueError("shapes differ"), "ValueError: shapes differ"),
+        (MemoryError(), "MemoryError: "),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_failed_solve_costs_a_trial_and_not_the_study(
+    error: Exception, reason: str, tmp_path: Path
+) -> None:
     calls: list[Scene] = []
 
     def sometimes(scene: Scene) -> RodResult:
@@ -106,12 +121,19 @@ def test_a_study_whose_solves_all_fail_ends_and_says_so(sampler: str, tmp_path: 
     def never(scene: Scene) -> RodResult:
         raise SolveError("unstable")
 
-    report = run(tmp_path, never, STUDY.replace("trials: 8", "trials: 14") + "stop: {rms: 1 m}\n", sampler=sampler)
+    report = run(
+        tmp_path,
+        never,
+        STUDY.replace("trials: 8", "trials: 14") + "stop: {rms: 1 m}\n",
+        sampler=sampler,
+    )
     assert (report.trials, report.failed, report.ended) == (14, 14, "trials")
     assert report.best is None
     assert report.first_trial_below_stop is None
     assert not (tmp_path / "out/best").exists()
-    assert len({json.dumps(t.params) for t in trials_of(tmp_path / "out")}) == 14, ("it keeps looking elsewhere")
+    assert len({json.dumps(t.params) for t in trials_of(tmp_path / "out")}) == 14, (
+        "it keeps looking elsewhere"
+    )
 
 
 @pytest.mark.parametrize("broken", ["nan", "inf", "unconverged"])
@@ -171,7 +193,9 @@ def test_memory_does_not_grow_with_trials(tmp_path: Path) -> None:
     assert used[-1] - used[10] < 20e6
 
 
-def test_seconds_a_trial_hold_all_of_its_storage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_seconds_a_trial_hold_all_of_its_storage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Including its value: on a slow disk that can take longer than the solve."""
     value = optuna.Study.tell
 
@@ -205,14 +229,22 @@ def test_errors_are_shares_of_the_length(tmp_path: Path) -> None:
     shape = solve(scene).centreline
     ladder = climb(scene, off, (2, 4))
     assert ladder.length == 40e-3
-    assert [rung.error_finest for rung in ladder.rungs] == [pytest.approx((0.04e-3 - 0.01e-3) / 40e-3, rel=1e-6), None]
+    assert [rung.error_finest for rung in ladder.rungs] == [
+        pytest.approx((0.04e-3 - 0.01e-3) / 40e-3, rel=1e-6),
+        None,
+    ]
     assert [rung.error_reference for rung in ladder.rungs] == [None, None]
     assert ladder.rungs[0].cell_size == 2e-3
     # 0.03 mm apart, at the slowest order 1.5 and with a safety of 1.25; the finer one has 2^-1.5 of that
     bar = 1.25 * 0.03 / 40 / (1 - 2**-1.5)
-    assert [rung.bar for rung in ladder.rungs] == [pytest.approx(bar, rel=1e-6), pytest.approx(bar * 2**-1.5, rel=1e-6)]
+    assert [rung.bar for rung in ladder.rungs] == [
+        pytest.approx(bar, rel=1e-6),
+        pytest.approx(bar * 2**-1.5, rel=1e-6),
+    ]
     rod, more, places = ladder.beside
-    assert 0.0 < rod.error_finest < 6e-4  # the finest is a rod itself, 0.01 mm off at the tip; the rows between stations are another 2e-4
+    assert (
+        0.0 < rod.error_finest < 6e-4
+    )  # the finest is a rod itself, 0.01 mm off at the tip; the rows between stations are another 2e-4
     assert rod.error_reference is None
     assert more.error_finest < 1e-12
     assert places.name == "3 other places of the grid, at 4 cells, the worst"
@@ -225,25 +257,35 @@ def test_errors_are_shares_of_the_length(tmp_path: Path) -> None:
     (tmp_path / "scene.yaml").write_text(text)
     ladder = climb(load_scene(tmp_path / "scene.yaml"), off, (2, 4))
     rows = 1e-4  # the table has few digits: 4e-9 m of the smallest error
-    np.testing.assert_allclose([rung.error_reference for rung in ladder.rungs], [1e-3, 0.25e-3], rtol=10 * rows)
+    np.testing.assert_allclose(
+        [rung.error_reference for rung in ladder.rungs], [1e-3, 0.25e-3], rtol=10 * rows
+    )
     assert ladder.order_reference == pytest.approx(2.0, abs=0.01)
 
 
 @pytest.mark.parametrize(("order", "told"), [(2.0, 2.0), (4.0, 4.0), (7.6, None), (0.4, None)])
 @pytest.mark.parametrize("cells", [(2, 3, 4), (2, 3, 4, 6, 8)])
-def test_the_order_to_the_finest_is_that_of_the_errors(order: float, told: float | None, cells: tuple[int, ...], tmp_path: Path) -> None:
+def test_the_order_to_the_finest_is_that_of_the_errors(
+    order: float, told: float | None, cells: tuple[int, ...], tmp_path: Path
+) -> None:
     """Errors of c n^-p: three grids tell p, though the finest has an error itself; 0.02: p is sought in steps of 0.01. One that the method
     can't have is no number, but a sentence."""
     write_study(tmp_path)
 
     def wrong(scene: Scene) -> RodResult:
         found = solve(scene)
-        found.centreline[:, 3] += 0.4e-3 * scene.resolution.cells_across**-order * found.centreline[:, 0] / 40e-3
+        found.centreline[:, 3] += (
+            0.4e-3 * scene.resolution.cells_across**-order * found.centreline[:, 0] / 40e-3
+        )
         found.__dict__.update(seconds={}, particles=1, dof=1)
         return found
 
     ladder = climb(load_scene(tmp_path / "scene.yaml"), wrong, cells)
-    (line,) = (line for line in ladder.table().splitlines() if line.startswith("order of convergence to the finest"))
+    (line,) = (
+        line
+        for line in ladder.table().splitlines()
+        if line.startswith("order of convergence to the finest")
+    )
     if told is not None:
         assert ladder.order_finest == pytest.approx(told, abs=0.02)
         assert line.endswith(f": {told:.1f}")
@@ -260,7 +302,11 @@ def test_errors_that_rise_show_no_order(tmp_path: Path) -> None:
 
     def odd(scene: Scene) -> RodResult:
         found = solve(scene)
-        found.centreline[:, 3] += {2: 0.1e-3, 3: 0.2e-3, 4: 0.05e-3, 6: 0.0}[scene.resolution.cells_across] * found.centreline[:, 0] / 40e-3
+        found.centreline[:, 3] += (
+            {2: 0.1e-3, 3: 0.2e-3, 4: 0.05e-3, 6: 0.0}[scene.resolution.cells_across]
+            * found.centreline[:, 0]
+            / 40e-3
+        )
         found.__dict__.update(seconds={}, particles=1, dof=1)
         return found
 
@@ -306,25 +352,46 @@ def test_cells_that_find_no_answer_are_named_and_the_others_kept(tmp_path: Path)
     scene = load_scene(tmp_path / "scene.yaml")
     whole, ladder = climb(scene, off, (2, 5)), climb(scene, failing(3), (2, 3, 5))
     assert [rung.cells_across for rung in ladder.rungs] == [2, 5]
-    assert [rung.error_finest for rung in ladder.rungs] == [rung.error_finest for rung in whole.rungs]
+    assert [rung.error_finest for rung in ladder.rungs] == [
+        rung.error_finest for rung in whole.rungs
+    ]
     assert ladder.failed == {"3 cells across": "nothing at 3"}
     assert "3 cells across failed: nothing at 3" in ladder.table()
 
     more = climb(scene, failing(4), (2, 5))  # what is compared beside the ladder has 4
-    assert [name.partition(",")[0] for name in more.failed] == ["3 particles a cell along each direction"]
+    assert [name.partition(",")[0] for name in more.failed] == [
+        "3 particles a cell along each direction"
+    ]
     assert more.beside[0].name == "rod"
 
     alone = climb(scene, failing(3, 5), (2, 3, 5))
-    assert alone.conclusions == ["Nothing can be told of the error: 2 cells across alone were solved."]
+    assert alone.conclusions == [
+        "Nothing can be told of the error: 2 cells across alone were solved."
+    ]
     with pytest.raises(SolveError, match="nothing at 2"):
         climb(scene, failing(2, 3, 5), (2, 3, 5))
 
 
-def test_one_size_alone_ends_with_3(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_size_alone_ends_with_3(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Solved grids are kept."""
     write_study(tmp_path)
     monkeypatch.setattr("magmpm.simulate.run", failing(3))
-    assert main(["accuracy", str(tmp_path / "scene.yaml"), "--cells", "2,3", "--out", str(tmp_path / "ladder"), "--json"]) == 3
+    assert (
+        main(
+            [
+                "accuracy",
+                str(tmp_path / "scene.yaml"),
+                "--cells",
+                "2,3",
+                "--out",
+                str(tmp_path / "ladder"),
+                "--json",
+            ]
+        )
+        == 3
+    )
     told = json.loads(capsys.readouterr().out)
     kept = json.loads((tmp_path / "ladder/accuracy.json").read_text())
     assert told["failed"] == kept["failed"] == {"3 cells across": "nothing at 3"}
@@ -337,6 +404,13 @@ def test_along_a_path_it_is_told_what_the_errors_are_of(tmp_path: Path) -> None:
     write_study(tmp_path)
     data = load_scene(tmp_path / "scene.yaml").to_si()
     field = {**data["field"], "over_time": {"ramp": {"duration": 1.0}}}
-    ladder = climb(Scene.from_si({**data, "field": field, "solver": {"quasi_static": {"steps": 4}}}), off, (2, 5))
+    ladder = climb(
+        Scene.from_si({**data, "field": field, "solver": {"quasi_static": {"steps": 4}}}),
+        off,
+        (2, 5),
+    )
     assert "of the path's end" in ladder.conclusions[-1]
-    assert not any("of the path's end" in said for said in climb(load_scene(tmp_path / "scene.yaml"), off, (2, 5)).conclusions)
+    assert not any(
+        "of the path's end" in said
+        for said in climb(load_scene(tmp_path / "scene.yaml"), off, (2, 5)).conclusions
+    )

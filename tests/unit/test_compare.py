@@ -31,7 +31,14 @@ def along_a_ramp(steps: int = 3, **resolution: Any) -> Scene:
     """The short catheter in a field that is switched on, as equilibria along time."""
     data = PLAIN.to_si()
     field = {**data["field"], **RAMP}
-    return Scene.from_si({**data, "field": field, "solver": {"quasi_static": {"steps": steps}}, "resolution": resolution})
+    return Scene.from_si(
+        {
+            **data,
+            "field": field,
+            "solver": {"quasi_static": {"steps": steps}},
+            "resolution": resolution,
+        }
+    )
 
 
 def moving(**resolution: Any) -> Scene:
@@ -39,7 +46,9 @@ def moving(**resolution: Any) -> Scene:
     data = PLAIN.to_si()
     dynamic = {"duration": 2e-3, "output_every": 1e-3}
     effects = {"magnetic_torque": {}, "damping": {"rate": 60.0}}
-    return Scene.from_si({**data, "effects": effects, "solver": {"dynamic": dynamic}, "resolution": resolution})
+    return Scene.from_si(
+        {**data, "effects": effects, "solver": {"dynamic": dynamic}, "resolution": resolution}
+    )
 
 
 def test_distance_of_two_results_is_that_of_their_axes_and_tips() -> None:
@@ -50,7 +59,9 @@ def test_distance_of_two_results_is_that_of_their_axes_and_tips() -> None:
     assert apart == distance(fine, coarse)
     ends = float(np.linalg.norm(coarse.centreline[-1, 1:] - fine.centreline[-1, 1:]))
     assert apart >= ends > 0.0
-    assert distance(coarse, fine, of="tip") == pytest.approx(float(np.linalg.norm(coarse.tip - fine.tip)))
+    assert distance(coarse, fine, of="tip") == pytest.approx(
+        float(np.linalg.norm(coarse.tip - fine.tip))
+    )
 
 
 def test_distance_of_two_motions_is_that_of_all_frames(tmp_path: Path) -> None:
@@ -60,11 +71,18 @@ def test_distance_of_two_motions_is_that_of_all_frames(tmp_path: Path) -> None:
     data["field"]["over_time"] = {"keyframes": frames}
     pulse = Scene.from_si(data)
     data["field"]["over_time"] = {"keyframes": [{**frame, "strength": 0.02} for frame in frames]}
-    ends = [run(scene, folder=tmp_path / name) for scene, name in ((pulse, "a"), (Scene.from_si(data), "b"))]
+    ends = [
+        run(scene, folder=tmp_path / name)
+        for scene, name in ((pulse, "a"), (Scene.from_si(data), "b"))
+    ]
     a, b = (Motion.load(tmp_path / name) for name in "ab")
-    assert distance(*ends) < 1e-6 * LENGTH  # both end in the same field; equilibria are known to 1e-6 of the length
+    assert (
+        distance(*ends) < 1e-6 * LENGTH
+    )  # both end in the same field; equilibria are known to 1e-6 of the length
     middle = float(np.linalg.norm(np.subtract(ends[0].steps[1]["tip"], ends[1].steps[1]["tip"])))
-    assert distance(a, b) == pytest.approx(middle, rel=1e-2)  # the tip goes farthest; sections' means, in single precision
+    assert distance(a, b) == pytest.approx(
+        middle, rel=1e-2
+    )  # the tip goes farthest; sections' means, in single precision
 
 
 def test_a_path_and_an_equilibrium_have_the_same_error() -> None:
@@ -86,7 +104,9 @@ def refused_before(kind: str, folder: Path) -> Scene:
         data["effects"] |= {"gravity": {}, "damping": {"rate": 1e-6}}
     if kind == "self_contact":
         data["effects"]["ground"] = {"point": [0.0, 0.0, -0.1]}
-        data["effects"]["gravity"] = {"acceleration": [0.0, 0.0, -3000.0]}  # the upper block falls onto the held one
+        data["effects"]["gravity"] = {
+            "acceleration": [0.0, 0.0, -3000.0]
+        }  # the upper block falls onto the held one
         data["body"]["parts"]["meshes"][0]["clamp"] = True
     elif kind == "free body":
         del data["body"]["catheter"]["clamp"]
@@ -96,7 +116,9 @@ def refused_before(kind: str, folder: Path) -> Scene:
         meshes = []
         for name, ends in {"held": ((0, 0, 0), (2, 3, 3)), "end": ((2, 0, 0), (9, 3, 3))}.items():
             write_stl(box(*ends), folder / f"{name}.stl")
-            meshes.append({"mesh": str(folder / f"{name}.stl"), "material": "m", "clamp": name == "held"})
+            meshes.append(
+                {"mesh": str(folder / f"{name}.stl"), "material": "m", "clamp": name == "held"}
+            )
         data["body"] = {"parts": {"unit": "mm", "spacing": 1.5e-3, "meshes": meshes}}
         data["effects"], data["solver"] = {"magnetic_torque": {}, "gravity": {}}, {"static": {}}
     return Scene.from_si(data)
@@ -105,7 +127,9 @@ def refused_before(kind: str, folder: Path) -> Scene:
 KINDS = ["ground", "self_contact", "free body", "endless field", "parts at rest"]
 
 
-@pytest.mark.parametrize("kind", [*KINDS, *(pytest.param(name, marks=pytest.mark.slow) for name in ("walls", "feed"))])
+@pytest.mark.parametrize(
+    "kind", [*KINDS, *(pytest.param(name, marks=pytest.mark.slow) for name in ("walls", "feed"))]
+)
 def test_an_error_is_known_where_it_was_refused(kind: str, tmp_path: Path) -> None:
     """The whole runs are compared, and the bound holds against 5 cells."""
     scene = refused_before(kind, tmp_path)
@@ -117,12 +141,16 @@ def test_an_error_is_known_where_it_was_refused(kind: str, tmp_path: Path) -> No
     assert found.report.get("largest_at", 1.0) > 0.0
 
 
-def test_an_error_that_would_take_longer_than_an_hour_is_refused_while_its_first_run_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_that_would_take_longer_than_an_hour_is_refused_while_its_first_run_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """With an hour of a hundredth of a second: two grids would take longer, and only a part of the first one was run."""
     monkeypatch.setattr(several_grids, "PATIENCE", 1e-2)
     seen: list[float] = []
     scene = moving(error=0.01)
-    with pytest.raises(SceneError, match=r"within reach of 0\.01 s: a run on 2 cells across takes .* times as long") as refused:
+    with pytest.raises(
+        SceneError, match=r"within reach of 0\.01 s: a run on 2 cells across takes .* times as long"
+    ) as refused:
         run(scene, on_progress=lambda step, at: seen.append(at))
     assert "resolution.error" in str(refused.value)
     assert "give cells_across: 2" in str(refused.value)
@@ -133,7 +161,11 @@ def test_an_error_that_would_take_longer_than_an_hour_is_refused_while_its_first
 def test_the_pace_of_a_first_run_tells_how_long_all_take(share: float, refused: bool) -> None:
     """A tenth of it in 40 s: 400 s for all of it, over two hours with two finer grids; nine tenths in 40 s: a quarter of an hour."""
     scene = moving(error=0.01)
-    with pytest.raises(SceneError, match=r"a run on 2 cells across takes 4e\+02 s") if refused else nullcontext():
+    with (
+        pytest.raises(SceneError, match=r"a run on 2 cells across takes 4e\+02 s")
+        if refused
+        else nullcontext()
+    ):
         Runs(scene)._check_hopeful(2, 40.0, share * scene.duration)
 
 
@@ -160,12 +192,16 @@ def test_a_time_for_what_runs_along_time() -> None:
         result = run(scene)
         assert result.error_estimate is not None
         cells = result.resolution["cells_across"]
-        np.testing.assert_allclose(result.tip, run(scene.with_cells(cells)).tip, atol=1e-9 * LENGTH)  # the same run
+        np.testing.assert_allclose(
+            result.tip, run(scene.with_cells(cells)).tip, atol=1e-9 * LENGTH
+        )  # the same run
         with pytest.raises(SceneError, match="must be enough for the coarsest grid"):
             run(Scene.from_si({**scene.to_si(), "resolution": {"seconds": 1e-6}}))
 
 
-def test_a_path_that_fails_on_every_grid_leaves_files_of_one_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_path_that_fails_on_every_grid_leaves_files_of_one_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its last good state, in place of the results that were there; no grid was chosen, so there are no frames."""
     assert run(along_a_ramp(error=0.05), folder=tmp_path).converged
     switched_off(monkeypatch, 0.6)
@@ -179,7 +215,10 @@ def test_a_path_that_fails_on_every_grid_leaves_files_of_one_run(tmp_path: Path,
 def test_where_grids_jump_no_error_is_known() -> None:
     """From jump to jump and as long on either side; of a jump that one grid alone has, all is compared."""
     times = [0.1 * k for k in range(11)]
-    one, other = (Frames(times, [np.full((1, 3), x * (t > at)) for t in times], [], [at]) for x, at in ((1.0, 0.45), (1.0, 0.55)))
+    one, other = (
+        Frames(times, [np.full((1, 3), x * (t > at)) for t in times], [], [at])
+        for x, at in ((1.0, 0.45), (1.0, 0.55))
+    )
     (span,) = near_jumps(one, other)
     assert span == (pytest.approx(0.35), pytest.approx(0.65))
     assert max(one.distances(other).values()) > 1.0
@@ -191,4 +230,6 @@ def test_where_grids_jump_no_error_is_known() -> None:
 def test_the_cost_of_knowing_an_error_is_said() -> None:
     """A motion on 4 cells takes 16 times as long as on 2, on 3 cells 5 times, about."""
     assert cost_in_words(PLAIN) == ""
-    assert "the whole motion is run on 2, 3 and 4 cells across: about 2" in cost_in_words(moving(error=0.01))
+    assert "the whole motion is run on 2, 3 and 4 cells across: about 2" in cost_in_words(
+        moving(error=0.01)
+    )

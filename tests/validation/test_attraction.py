@@ -19,8 +19,13 @@ EDGE, CELL, MU0 = 2e-3, 1e-3, 4e-7 * np.pi
 
 def cubes(folder: Path, apart: float, effects: dict[str, Any], duration: float) -> Scene:
     """Two free cubes, magnetized along the line through their centers, which are so far apart (m)."""
-    meshes = {"a": box((0.0, 0.0, 0.0), (EDGE, EDGE, EDGE)), "b": box((apart, 0.0, 0.0), (apart + EDGE, EDGE, EDGE))}
-    data = parts_scene(folder, meshes, {"magnetic_interaction": {}, **effects}, CELL, duration=duration).to_si()
+    meshes = {
+        "a": box((0.0, 0.0, 0.0), (EDGE, EDGE, EDGE)),
+        "b": box((apart, 0.0, 0.0), (apart + EDGE, EDGE, EDGE)),
+    }
+    data = parts_scene(
+        folder, meshes, {"magnetic_interaction": {}, **effects}, CELL, duration=duration
+    ).to_si()
     for part in data["body"]["parts"]["meshes"]:
         part["magnetization"] = [1.0, 0.0, 0.0]
     return Scene.from_si(data)
@@ -35,20 +40,26 @@ def pull(apart: float, points: int = 12) -> float:
     for own in (0.0, EDGE):
         for other in (apart, apart + EDGE):
             r = np.sqrt((own - other) ** 2 + (y - other_y) ** 2 + (z - other_z) ** 2)
-            total += (1 if (own > 0) == (other > apart) else -1) * np.einsum("abcd,a,b,c,d", (own - other) / r**3, *[weight] * 4)
+            total += (1 if (own > 0) == (other > apart) else -1) * np.einsum(
+                "abcd,a,b,c,d", (own - other) / r**3, *[weight] * 4
+            )
     return float(total * BR**2 / (4 * np.pi * MU0))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("apart", "share"), [(8e-3, 0.002), (4e-3, 0.01), (3e-3, 0.03)])
-def test_cubes_attract_as_the_charges_on_their_faces(tmp_path: Path, apart: float, share: float) -> None:
+def test_cubes_attract_as_the_charges_on_their_faces(
+    tmp_path: Path, apart: float, share: float
+) -> None:
     """Blocks stand for 2 x 2 x 2 parts of a cube: the nearer, the less exact. Momentum is kept to rounding."""
     time = 2e-4
     state = move(build(cubes(tmp_path, apart, {}, time)))
     model = state.motion.model
     way = of_part(model, 0, state.x - model.particles.position)[0]
     assert DENSITY * EDGE**3 * 2 * way / time**2 == pytest.approx(pull(apart), rel=share)
-    assert np.abs(momenta(state.motion)[:3]).max() < 1e-12 * DENSITY * EDGE**3 * np.abs(state.v).max()
+    assert (
+        np.abs(momenta(state.motion)[:3]).max() < 1e-12 * DENSITY * EDGE**3 * np.abs(state.v).max()
+    )
 
 
 @pytest.mark.slow
@@ -56,17 +67,30 @@ def test_cubes_that_meet_stay_together(tmp_path: Path) -> None:
     """With damping the sum of all energies only falls, and at rest they press each other."""
     rows: list[float] = []
     effects = {"self_contact": {}, "damping": {"rate": 400.0}}
-    state = move(build(cubes(tmp_path, 3e-3, effects, 0.03)), on_state=lambda now: rows.append(sum(now.energies.values())))
+    state = move(
+        build(cubes(tmp_path, 3e-3, effects, 0.03)),
+        on_state=lambda now: rows.append(sum(now.energies.values())),
+    )
     assert np.diff(rows).max() < 1e-3 * (rows[0] - rows[-1])
     touching = state.contacts["self_contact: a, b"]
     assert touching["force"][0] < -0.9 * pull(2.4e-3, 20)
     assert state.contacts["self_contact"]["depth"] < 0.1 * CELL
 
 
-def magnets(folder: Path, apart: float, remanence: float, cells: int, duration: float, effects: dict[str, Any]) -> Scene:
+def magnets(
+    folder: Path,
+    apart: float,
+    remanence: float,
+    cells: int,
+    duration: float,
+    effects: dict[str, Any],
+) -> Scene:
     """Two free cubes of 3 mm with a gap (m) between them, of silicone with G = 300 kPa, magnetized along the line between them."""
     low, edge = (0.0, 0.0, 0.0), 3e-3
-    meshes = {"a": box(low, (edge, edge, edge)), "b": box((edge + apart, 0.0, 0.0), (2 * edge + apart, edge, edge))}
+    meshes = {
+        "a": box(low, (edge, edge, edge)),
+        "b": box((edge + apart, 0.0, 0.0), (2 * edge + apart, edge, edge)),
+    }
     every = {"magnetic_interaction": {}, "self_contact": {}, **effects}
     data = parts_scene(folder, meshes, every, edge / cells, shear=300e3, duration=duration).to_si()
     data["materials"]["m"]["remanence"] = remanence
@@ -98,8 +122,12 @@ def test_cubes_that_bounce_keep_their_energy(tmp_path: Path) -> None:
     assert np.abs(total - total[0]).max() < BALANCE * kinetic.max()
     mass = 2 * DENSITY * (3e-3) ** 3
     speed = np.sqrt(2 * kinetic.max() / mass)
-    assert np.abs(moments[:3]).max() < 1e-10 * mass * speed, "of sums of some thousand products over some hundred steps"
-    assert np.abs(moments[3:]).max() < 1e-6 * mass * speed * 3e-3, "held loads turn the body by what their error turns it"
+    assert np.abs(moments[:3]).max() < 1e-10 * mass * speed, (
+        "of sums of some thousand products over some hundred steps"
+    )
+    assert np.abs(moments[3:]).max() < 1e-6 * mass * speed * 3e-3, (
+        "held loads turn the body by what their error turns it"
+    )
 
 
 @pytest.mark.slow
@@ -116,6 +144,8 @@ def test_magnets_that_meet_gain_no_energy(tmp_path: Path, remanence: float, cell
 @pytest.mark.parametrize("remanence", [0.1, 0.3, 0.5])
 def test_magnets_that_meet_come_to_rest(tmp_path: Path, remanence: float, cells: int) -> None:
     """With damping, whose energies decay by exp(-20 t / s): after 0.3 s they are below the 1 % asserted (0.15 to 0.54 % measured)."""
-    total, kinetic, _ = energies(magnets(tmp_path, 6e-3, remanence, cells, 0.3, {"damping": {"rate": 20.0}}))
+    total, kinetic, _ = energies(
+        magnets(tmp_path, 6e-3, remanence, cells, 0.3, {"damping": {"rate": 20.0}})
+    )
     assert kinetic[-10:].max() < 0.01 * kinetic.max()
     assert np.diff(total).max() < BALANCE * kinetic.max()

@@ -33,7 +33,10 @@ def shifted(mesh: Mesh, by: tuple[float, float, float]) -> Mesh:
 def two_blocks(folder: Path, **contact: float) -> Scene:
     """Two cubes with a small gap between faces that do not lie square on each other."""
     other = turned(box((0.0, 0.0, 0.0), (CUBE, CUBE, CUBE)), (1.0, 0.0, 0.0), 0.2)
-    meshes = {"a": box((0.0, 0.0, 0.0), (CUBE, CUBE, CUBE)), "b": shifted(other, (CUBE + 0.1e-3, 0.3e-3, 0.4e-3))}
+    meshes = {
+        "a": box((0.0, 0.0, 0.0), (CUBE, CUBE, CUBE)),
+        "b": shifted(other, (CUBE + 0.1e-3, 0.3e-3, 0.4e-3)),
+    }
     return parts_scene(folder, meshes, {"self_contact": contact}, CELL)
 
 
@@ -66,10 +69,12 @@ def test_what_touches_at_the_start_rests(tmp_path: Path) -> None:
     By its table alone the slot's solid was 0.04 cells off in its corners: the peg jumped out at 0.07 m/s."""
     clear = 1e-6
     meshes = {
-        "below": box((0.0, -4e-3, 0.0), (6e-3, 4e-3, 2e-3)), "near": box((0.0, -4e-3, 2e-3), (6e-3, -1.5e-3, 5e-3)),
-        "far": box((0.0, 1.5e-3, 2e-3), (6e-3, 4e-3, 5e-3)), "peg": box((1e-3, clear - 1.5e-3, 2e-3 + clear), (5e-3, 1.5e-3 - clear, 6e-3)),
+        "below": box((0.0, -4e-3, 0.0), (6e-3, 4e-3, 2e-3)),
+        "near": box((0.0, -4e-3, 2e-3), (6e-3, -1.5e-3, 5e-3)),
+        "far": box((0.0, 1.5e-3, 2e-3), (6e-3, 4e-3, 5e-3)),
+        "peg": box((1e-3, clear - 1.5e-3, 2e-3 + clear), (5e-3, 1.5e-3 - clear, 6e-3)),
         "on edge": box((6e-3, -4e-3, 5e-3), (8e-3, 4e-3, 7e-3)),
-    }  # fmt: skip
+    }
     begun = begin(build(parts_scene(tmp_path, meshes, {"self_contact": {}}, 1e-3)))
     assert int(begun.motion.model.component.max()) == 2
     contact = begun.motion.body_contacts()["self_contact"]
@@ -95,7 +100,10 @@ def impact(scene: Scene, time: float) -> tuple[float, float]:
 
 def test_an_impact_of_a_ball(tmp_path: Path) -> None:
     """On a sheet at 2 m/s: 0.15 cells deep at most, and 0.5 % of the energy gained."""
-    sheet = {"a": box((-4e-3, -4e-3, -1e-3), (4e-3, 4e-3, 0.0)), "b": ball((0.1e-3, 0.07e-3, 1.52e-3), 1.5e-3, 24)}
+    sheet = {
+        "a": box((-4e-3, -4e-3, -1e-3), (4e-3, 4e-3, 0.0)),
+        "b": ball((0.1e-3, 0.07e-3, 1.52e-3), 1.5e-3, 24),
+    }
     depth, change = impact(parts_scene(tmp_path, sheet, {"self_contact": {}}, FINE), 3e-3)
     assert depth < 0.15
     assert -0.02 < change < 0.005
@@ -117,13 +125,18 @@ def test_edges_do_not_pass_through_each_other(tmp_path: Path) -> None:
 def test_a_sliver_of_a_cell_does_not_feed_a_collision(tmp_path: Path, sliver: float) -> None:
     """A face just beyond a plane of the grid, whose outer nodes are light: at 2 m/s 0.5 % of the energy is gained at most (19 % once)."""
     edge, start = 2e-3, 3e-3 * (1 - sliver / 3)
-    meshes = {"a": box((0.0, 0.0, 0.0), (edge, edge, edge)), "b": box((start, 0.3e-3, 0.2e-3), (start + edge, 2.3e-3, 2.2e-3))}
+    meshes = {
+        "a": box((0.0, 0.0, 0.0), (edge, edge, edge)),
+        "b": box((start, 0.3e-3, 0.2e-3), (start + edge, 2.3e-3, 2.2e-3)),
+    }
     begun = begin(build(parts_scene(tmp_path, meshes, {"self_contact": {}}, 1e-3)))
     motion = begun.motion
     throw_part(motion, 0, (2.0, 0.3, 0.0))
     kinetic = motion.kinetic_energy()
     interval(begun, 2e-3)
-    change = (motion.kinetic_energy() + energies.elastic_energy(motion.model, motion.particles()[2])) / kinetic - 1
+    change = (
+        motion.kinetic_energy() + energies.elastic_energy(motion.model, motion.particles()[2])
+    ) / kinetic - 1
     assert -0.01 < change < 0.005
     assert of_part(motion.model, 1, motion.particles()[1])[0] > 1.0
 
@@ -155,14 +168,28 @@ def test_the_same_bits_on_any_number_of_threads_and_after_a_restart(tmp_path: Pa
 
 def test_what_lies_on_another_presses_on_it_with_its_weight(tmp_path: Path) -> None:
     """A cube at rest on a cube on the ground: force, normal and point in the report, to 2 %; less than 0.02 cells deep."""
-    meshes = {"below": box((0.0, 0.0, 0.0), (CUBE, CUBE, CUBE)), "above": box((0.0, 0.0, CUBE + 0.05e-3), (CUBE, CUBE, 2 * CUBE + 0.05e-3))}
-    effects = {"gravity": {}, "damping": {"rate": 500.0}, "ground": {"point": [0.0, 0.0, 0.0]}, "self_contact": {}}
+    meshes = {
+        "below": box((0.0, 0.0, 0.0), (CUBE, CUBE, CUBE)),
+        "above": box((0.0, 0.0, CUBE + 0.05e-3), (CUBE, CUBE, 2 * CUBE + 0.05e-3)),
+    }
+    effects = {
+        "gravity": {},
+        "damping": {"rate": 500.0},
+        "ground": {"point": [0.0, 0.0, 0.0]},
+        "self_contact": {},
+    }
     state = move(build(parts_scene(tmp_path, meshes, effects, CELL, duration=0.05)))
     model, contacts = state.motion.model, state.contacts
     weight = EARTH * model.density * model.particles.volume
     pressed = contacts["self_contact: below, above"]
-    np.testing.assert_allclose(pressed["force"], [0, 0, -weight[model.particles.segment == 1].sum()], atol=0.02 * weight.sum())
-    np.testing.assert_allclose(contacts["ground"]["force"], [0, 0, weight.sum()], atol=0.02 * weight.sum())
+    np.testing.assert_allclose(
+        pressed["force"],
+        [0, 0, -weight[model.particles.segment == 1].sum()],
+        atol=0.02 * weight.sum(),
+    )
+    np.testing.assert_allclose(
+        contacts["ground"]["force"], [0, 0, weight.sum()], atol=0.02 * weight.sum()
+    )
     np.testing.assert_allclose(pressed["normal"], [0, 0, -1], atol=1e-2)
     np.testing.assert_allclose(pressed["point"], [CUBE / 2, CUBE / 2, CUBE], atol=0.02e-3)
     assert 0 < pressed["depth"] < 0.02 * model.scene.cell
@@ -170,26 +197,45 @@ def test_what_lies_on_another_presses_on_it_with_its_weight(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(("friction", "tangent", "share"), [(0.3, 1.0, 0.7), (0.5, 0.3, 0.0)])
-def test_a_block_slides_or_sticks_on_a_slope_of_another_part(tmp_path: Path, friction: float, tangent: float, share: float) -> None:
+def test_a_block_slides_or_sticks_on_a_slope_of_another_part(
+    tmp_path: Path, friction: float, tangent: float, share: float
+) -> None:
     """At 45 degrees it accelerates by g (sin - mu cos), to 2 % with its fall; inside the cone it stops within 0.1 cell of where it fell."""
     angle, time, thick = np.arctan(tangent), 0.04, 3e-3
-    meshes = {"slope": box((-6e-3, -6e-3, -3e-3), (18e-3, 6e-3, 0.0)), "block": box((0.0, -3e-3, 0.03e-3), (6e-3, 3e-3, thick + 0.03e-3))}
+    meshes = {
+        "slope": box((-6e-3, -6e-3, -3e-3), (18e-3, 6e-3, 0.0)),
+        "block": box((0.0, -3e-3, 0.03e-3), (6e-3, 3e-3, thick + 0.03e-3)),
+    }
     pull = [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]
     effects = {**NOTHING, "gravity": {"acceleration": pull}, "self_contact": {"friction": friction}}
     if not share:
         effects["damping"] = {"rate": 300.0}
-    state = move(build(parts_scene(tmp_path, meshes, effects, 1.5e-3, held=["slope"], duration=time)))
+    state = move(
+        build(parts_scene(tmp_path, meshes, effects, 1.5e-3, held=["slope"], duration=time))
+    )
     model = state.motion.model
     way = of_part(model, 1, state.x - model.particles.position)[0]
-    assert way == pytest.approx(share * EARTH * np.sin(angle) * time**2 / 2, abs=0.1 * 1.5e-3 if share == 0 else 0.02 * 5e-3)
+    assert way == pytest.approx(
+        share * EARTH * np.sin(angle) * time**2 / 2, abs=0.1 * 1.5e-3 if share == 0 else 0.02 * 5e-3
+    )
 
 
 def test_a_slippery_block_slides_over_a_free_one_at_its_speed(tmp_path: Path) -> None:
     """To 0.1 % over its length, as points of the lower one pass under its edges; it is two that hold together. By tables it lost 6 %."""
-    meshes = {"below": box((0.0, -6e-3, 0.0), (24e-3, 6e-3, 3e-3)), "above": box((6e-3, -3e-3, 3.006e-3), (9e-3, 3e-3, 6.006e-3))}
+    meshes = {
+        "below": box((0.0, -6e-3, 0.0), (24e-3, 6e-3, 3e-3)),
+        "above": box((6e-3, -3e-3, 3.006e-3), (9e-3, 3e-3, 6.006e-3)),
+    }
     meshes["front"] = box((9e-3, -3e-3, 3.006e-3), (12e-3, 3e-3, 6.006e-3))
-    effects = {"gravity": {}, "ground": {"point": [0.0, 0.0, 0.0], "friction": 0.4}, "self_contact": {}}
-    damped, model = (build(parts_scene(tmp_path, meshes, {**effects, "damping": {"rate": rate}}, 1.5e-3)) for rate in (300.0, 1e-6))
+    effects = {
+        "gravity": {},
+        "ground": {"point": [0.0, 0.0, 0.0], "friction": 0.4},
+        "self_contact": {},
+    }
+    damped, model = (
+        build(parts_scene(tmp_path, meshes, {**effects, "damping": {"rate": rate}}, 1.5e-3))
+        for rate in (300.0, 1e-6)
+    )
     motion, dt = begin(damped).motion, begin(damped).dt
     advance(motion, round(0.03 / dt), dt)
     throw_part(motion, 1, (0.3, 0.0, 0.0))
@@ -202,7 +248,9 @@ def prism(profile: list[tuple[float, float]], half: float) -> Mesh:
     """A prism along y, from -half to half (m), over four corners (x, z) m."""
     corners = np.array([(x, y, z) for y in (-half, half) for x, z in profile])
     quads = [(0, 1, 2, 3), (7, 6, 5, 4), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)]
-    return Mesh(corners, np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]))
+    return Mesh(
+        corners, np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
+    )
 
 
 @pytest.mark.slow
@@ -210,14 +258,22 @@ def test_a_block_is_pushed_up_a_wedge(tmp_path: Path) -> None:
     """Force over load is (tan a + mu) / (1 - mu tan a), to 0.5 % (NAFEMS, Benchmark tests for contact and sliding, CGS-4: 0.412371)."""
     slope, mu, lift = 0.1, 0.3, 0.02e-3
     expected = (slope + mu) / (1 - mu * slope)
-    wedge = prism([(-6e-3, -3e-3), (12e-3, -3e-3), (12e-3, slope * 12e-3), (-6e-3, -slope * 6e-3)], 3e-3)
-    block = prism([(0.0, lift), (4e-3, 4e-3 * slope + lift), (4e-3, 3e-3 + lift), (0.0, 3e-3 + lift)], 2e-3)
+    wedge = prism(
+        [(-6e-3, -3e-3), (12e-3, -3e-3), (12e-3, slope * 12e-3), (-6e-3, -slope * 6e-3)], 3e-3
+    )
+    block = prism(
+        [(0.0, lift), (4e-3, 4e-3 * slope + lift), (4e-3, 3e-3 + lift), (0.0, 3e-3 + lift)], 2e-3
+    )
     pull = {"acceleration": [5 * EARTH * expected, 0.0, -5 * EARTH]}
     effects = {**NOTHING, "gravity": pull, "self_contact": {"friction": mu}}
-    model = build(parts_scene(tmp_path, {"wedge": wedge, "block": block}, effects, 1.3e-3, held=["wedge"]))
+    model = build(
+        parts_scene(tmp_path, {"wedge": wedge, "block": block}, effects, 1.3e-3, held=["wedge"])
+    )
     motion, dt, forces = begin(model).motion, begin(model).dt, []
     throw_part(motion, int(model.component[~model.held][0]), (0.1, 0.0, 0.01))
-    for _ in range(600):  # friction follows the push, which trembles, with a delay: their ratio is that of their means
+    for _ in range(
+        600
+    ):  # friction follows the push, which trembles, with a delay: their ratio is that of their means
         advance(motion, round(1e-4 / dt), dt)
         touching = motion.body_contacts().get("self_contact: wedge, block")
         forces.append(np.abs(touching["force"]) if touching else np.zeros(3))
@@ -227,17 +283,25 @@ def test_a_block_is_pushed_up_a_wedge(tmp_path: Path) -> None:
 
 def test_a_ball_just_above_a_held_plate_is_not_joined_to_it(tmp_path: Path) -> None:
     """A gap of 5 um, a thousandth of a cell, and boxes that overlap: the ball moves aside."""
-    meshes = {"plate": box((-4e-3, -4e-3, -3e-3), (4e-3, 4e-3, 0.0)), "ball": ball((0.0, 0.0, 1.505e-3), 1.5e-3, 24)}
+    meshes = {
+        "plate": box((-4e-3, -4e-3, -3e-3), (4e-3, 4e-3, 0.0)),
+        "ball": ball((0.0, 0.0, 1.505e-3), 1.5e-3, 24),
+    }
     effects = {"gravity": {"acceleration": [5.0, 0.0, 0.0]}, "damping": {"rate": 1e-6}}
     scene = parts_scene(tmp_path, meshes, effects, FINE, held=["plate"], duration=0.01)
     state = move(build(scene))
-    assert of_part(state.motion.model, 1, state.x - state.motion.model.particles.position)[0] == pytest.approx(0.25e-3, rel=0.02)
+    assert of_part(state.motion.model, 1, state.x - state.motion.model.particles.position)[
+        0
+    ] == pytest.approx(0.25e-3, rel=0.02)
 
 
 def test_a_ball_rolls_down_another_part(tmp_path: Path) -> None:
     """5/7 g sin t^2 / 2 on 3 cells, to 5 %."""
     angle, time, radius = np.deg2rad(11.5), 0.05, 1.5e-3
-    meshes = {"slope": box((-2e-3, -2e-3, -2e-3), (6e-3, 2e-3, 0.0)), "ball": ball((0.0, 0.0, radius + 0.03e-3), radius, 24)}
+    meshes = {
+        "slope": box((-2e-3, -2e-3, -2e-3), (6e-3, 2e-3, 0.0)),
+        "ball": ball((0.0, 0.0, radius + 0.03e-3), radius, 24),
+    }
     pull = [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]
     effects = {**NOTHING, "gravity": {"acceleration": pull}, "self_contact": {"friction": 0.5}}
     state = move(build(parts_scene(tmp_path, meshes, effects, 1e-3, held=["slope"], duration=time)))
@@ -249,14 +313,25 @@ def test_a_ball_rolls_down_another_part(tmp_path: Path) -> None:
 def test_halves_of_a_folding_sheet_meet_and_part_again() -> None:
     """Pressed together by a field they touch, less than 0.1 cell deep, and open again without it."""
     strip = {
-        "length": 12e-3, "width": 3e-3, "thickness": 0.5e-3, "clamp": "none", "plane_strain": True, "material": "m",
+        "length": 12e-3,
+        "width": 3e-3,
+        "thickness": 0.5e-3,
+        "clamp": "none",
+        "plane_strain": True,
+        "material": "m",
         "segments": [{"magnetization": [-1.0, 0.0, -0.36]}, {"magnetization": [1.0, 0.0, -0.36]}],
-    }  # fmt: skip
-    moments = [{"time": time, "strength": strength} for time, strength in ((0.0, 0.0), (0.02, 1.0), (0.06, 1.0), (0.07, 0.0))]
+    }
+    moments = [
+        {"time": time, "strength": strength}
+        for time, strength in ((0.0, 0.0), (0.02, 1.0), (0.06, 1.0), (0.07, 0.0))
+    ]
     scene = moving_scene(
-        {"strip": strip}, {"magnetic_torque": {}, "damping": {"rate": 300.0}, "self_contact": {}}, shear=30e3, duration=0.14,
+        {"strip": strip},
+        {"magnetic_torque": {}, "damping": {"rate": 300.0}, "self_contact": {}},
+        shear=30e3,
+        duration=0.14,
         field={"uniform": [0.0, 0.0, 0.04], "over_time": {"keyframes": moments}},
-    )  # fmt: skip
+    )
     seen: list[tuple[float, int, float]] = []
 
     def see(state: SimulationState) -> None:
@@ -274,15 +349,28 @@ def test_halves_of_a_folding_sheet_meet_and_part_again() -> None:
 @pytest.mark.slow
 def test_legs_of_a_compressed_strip_touch() -> None:
     """Its clamped ends come within two thicknesses of each other: the legs of the arch meet in the middle, at most 0.15 cells deep."""
-    body = {"length": 12e-3, "width": 3e-3, "thickness": 0.5e-3, "clamp": "both", "plane_strain": True, "material": "m",
-            "segments": [{"magnetization": [0.0, 0.0, 0.0]}]}  # fmt: skip
-    move_tip = {"tip": {"along": [-1, 0, 0], "distance": 11e-3, "over_time": {"ramp": {"duration": 0.025}}}}
+    body = {
+        "length": 12e-3,
+        "width": 3e-3,
+        "thickness": 0.5e-3,
+        "clamp": "both",
+        "plane_strain": True,
+        "material": "m",
+        "segments": [{"magnetization": [0.0, 0.0, 0.0]}],
+    }
+    move_tip = {
+        "tip": {"along": [-1, 0, 0], "distance": 11e-3, "over_time": {"ramp": {"duration": 0.025}}}
+    }
     effects = {"gravity": {}, "damping": {"rate": 300.0}, "self_contact": {}}
     scene = moving_scene({"strip": body}, effects, shear=100e3, duration=0.035, move=move_tip)
     depth: list[float] = []
-    state = move(build(scene), on_state=lambda state: depth.append(state.contacts["self_contact"]["depth"]))
+    state = move(
+        build(scene), on_state=lambda state: depth.append(state.contacts["self_contact"]["depth"])
+    )
     assert 0 < max(depth) < 0.15 * scene.cell
-    assert state.contacts["self_contact: segment 1, itself"]["point"][0] == pytest.approx(0.5e-3, abs=0.05e-3)
+    assert state.contacts["self_contact: segment 1, itself"]["point"][0] == pytest.approx(
+        0.5e-3, abs=0.05e-3
+    )
 
 
 @pytest.mark.parametrize("speed", [2.0, 30.0])
@@ -303,14 +391,18 @@ def test_forces_do_not_depend_on_when_pairs_were_listed(tmp_path: Path, speed: f
             before, way = motion.u.reshape(-1, 3).copy(), contact.meeting.memory[-1]
             motion.advance(1, dt, model.effects)
             moved = contact._splines @ (motion.u.reshape(-1, 3) - before)
-            assert np.linalg.norm(moved, axis=1).max() <= (contact.meeting.memory[-1] - way) * (1 + 1e-9)
+            assert np.linalg.norm(moved, axis=1).max() <= (contact.meeting.memory[-1] - way) * (
+                1 + 1e-9
+            )
         lists, last = lists + (begun[0].contact._then is not last), begun[0].contact._then
         often, seldom = (depths(motion)[depths(motion) > 0] for motion in begun)
         np.testing.assert_allclose(often, seldom, rtol=1e-6)
         touched += len(often)
     assert touched > 100
     assert 0 < lists < 20
-    np.testing.assert_allclose(begun[0].particles()[0], begun[1].particles()[0], rtol=0, atol=1e-9 * CELL)
+    np.testing.assert_allclose(
+        begun[0].particles()[0], begun[1].particles()[0], rtol=0, atol=1e-9 * CELL
+    )
 
 
 # Friction that a material names, in place of what the contact names: the ground, parts, a coated tip in a lumen
@@ -332,22 +424,36 @@ def test_a_material_stands_for_what_the_ground_names() -> None:
     """The same bits as on a ground that names it."""
     moved = []
     for ground, own in ((0.3, None), (0.0, 0.3), (0.7, 0.3)):
-        effects = {"gravity": DOWN, "damping": UNDAMPED, "ground": {"point": [0.0, 0.0, 0.0], "friction": ground}}
+        effects = {
+            "gravity": DOWN,
+            "damping": UNDAMPED,
+            "ground": {"point": [0.0, 0.0, 0.0], "friction": ground},
+        }
         scene = moving_scene(block((4e-3, 4e-3, 2e-3)), effects, duration=0.01)
         state = move(build(scene if own is None else named(scene, m=own)))
         moved.append((state.x, state.contacts["ground"]["force"]))
     for x, force in moved[1:]:
         np.testing.assert_array_equal(x, moved[0][0])
         np.testing.assert_array_equal(force, moved[0][1])
-    assert moved[0][1][0] == pytest.approx(-0.3 * moved[0][1][2], rel=0.05), "to what a delay of friction leaves at one moment"
+    assert moved[0][1][0] == pytest.approx(-0.3 * moved[0][1][2], rel=0.05), (
+        "to what a delay of friction leaves at one moment"
+    )
 
 
 def test_the_smaller_of_two_materials_counts(tmp_path: Path) -> None:
     """The same bits as where self_contact names it; a part that names none has the other's."""
-    meshes = {"slope": box((-2e-3, -2e-3, -2e-3), (6e-3, 4e-3, 0.0)), "slider": box((0.0, 0.0, 0.03e-3), (2e-3, 2e-3, 2.03e-3))}
+    meshes = {
+        "slope": box((-2e-3, -2e-3, -2e-3), (6e-3, 4e-3, 0.0)),
+        "slider": box((0.0, 0.0, 0.03e-3), (2e-3, 2e-3, 2.03e-3)),
+    }
 
     def run(friction: float, **own: float) -> np.ndarray:
-        effects = {"gravity": DOWN, "damping": UNDAMPED, "ground": {"point": [0.0, 0.0, -0.1]}, "self_contact": {"friction": friction}}
+        effects = {
+            "gravity": DOWN,
+            "damping": UNDAMPED,
+            "ground": {"point": [0.0, 0.0, -0.1]},
+            "self_contact": {"friction": friction},
+        }
         scene = parts_scene(tmp_path, meshes, effects, 1e-3, held=["slope"], duration=0.01)
         data = scene.to_si()
         data["materials"]["slippery"] = dict(data["materials"]["m"])
@@ -363,16 +469,24 @@ def test_the_smaller_of_two_materials_counts(tmp_path: Path) -> None:
 
 def test_a_coated_tip_slides_where_the_rest_grips() -> None:
     """In a lumen each point of the surface has the grip of its own material."""
-    parts = [{"magnetization": [0.0, 0.0, 0.0]}, {"magnetization": [0.0, 0.0, 0.0], "material": "stiff"}]
+    parts = [
+        {"magnetization": [0.0, 0.0, 0.0]},
+        {"magnetization": [0.0, 0.0, 0.0], "material": "stiff"},
+    ]
     catheter = {"diameter": 2e-3, "length": 12e-3, "material": "m", "segments": parts}
-    lumen = {"tube": {"radius": 3e-3, "path": [[-5e-3, 0.0, 0.0], [20e-3, 0.0, 0.0]]}, "friction": 0.4}
+    lumen = {
+        "tube": {"radius": 3e-3, "path": [[-5e-3, 0.0, 0.0], [20e-3, 0.0, 0.0]]},
+        "friction": 0.4,
+    }
     model = build(named(moving_scene({"catheter": catheter}, {"walls": lumen}), stiff=0.05))
     own = grips(model.scene)
     np.testing.assert_array_equal(own[:, 0], [np.nan, 0.05])
     x = np.array([[3e-3, 0.0, -3.02e-3], [9e-3, 0.0, -3.02e-3]])
     still = at_rest(x, np.full(2, 1e-9))
     for k, friction in enumerate((0.4, 0.05)):
-        dragged = still._replace(held=np.column_stack([x - [1e-3, 0, 0], [1.0, 1.0], still.held[:, 4:]]), grip=own)
+        dragged = still._replace(
+            held=np.column_stack([x - [1e-3, 0, 0], [1.0, 1.0], still.held[:, 4:]]), grip=own
+        )
         told = contact_of(model.effects, type(still)(*(part[k : k + 1] for part in dragged)), 1e-6)
         assert told["force"][0] == pytest.approx(-friction * told["force"][2], rel=1e-3)
     tip = model.particles.segment[model.surface.particle] == 1
@@ -387,7 +501,10 @@ def test_energy_of_contact_is_counted() -> None:
     scene = moving_scene(block((2e-3, 2e-3, 2e-3)), effects, duration=0.04)
     rows: list[dict[str, float]] = []
     move(build(scene), on_state=lambda state: rows.append(state.energies))
-    total, ground = np.array([sum(row.values()) for row in rows]), np.array([row["ground"] for row in rows])
+    total, ground = (
+        np.array([sum(row.values()) for row in rows]),
+        np.array([row["ground"] for row in rows]),
+    )
     fall = max(row["kinetic"] for row in rows)
     assert (total - total[0]).max() < 5e-3 * fall
     assert (total - total[0]).min() > -2e-2 * fall

@@ -23,37 +23,75 @@ SIZE = (6e-3, 6e-3, 3e-3)  # m, a block of 4 x 4 x 2 cells
 
 
 def sloped(
-    angle: float, friction: float = FRICTION, size: Sequence[float] = SIZE, g: float = EARTH, cells: int = 2, stiffness: float = 1.0,
-    shear: float = G, **more: Any,
-) -> Model:  # fmt: skip
+    angle: float,
+    friction: float = FRICTION,
+    size: Sequence[float] = SIZE,
+    g: float = EARTH,
+    cells: int = 2,
+    stiffness: float = 1.0,
+    shear: float = G,
+    **more: Any,
+) -> Model:
     """The block on a slope: gravity g (m/s^2) rotated by the angle (rad); stiffness of its contact; more: other effects."""
     pull = {"acceleration": [g * np.sin(angle), 0.0, -g * np.cos(angle)]}
     ground = {"point": [0, 0, 0], "friction": friction, "stiffness": stiffness}
-    return build(moving_scene(block(size), {"gravity": pull, "ground": ground, **more}, cells=cells, shear=shear))
+    return build(
+        moving_scene(
+            block(size), {"gravity": pull, "ground": ground, **more}, cells=cells, shear=shear
+        )
+    )
 
 
-@pytest.mark.parametrize(("size", "friction", "duration", "cells", "share", "stiffness"), [
-    ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 2, 0.95, 1.0),
-    *(pytest.param(*case, marks=pytest.mark.slow) for case in (
-        ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 3, 0.95, 1.0), ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 5, 0.95, 8.0),
-        ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 3, 0.95, 8.0), ((6e-3, 6e-3, 3e-3), 0.8, 0.2, 3, 0.8, 8.0),
-    )),
-])  # fmt: skip
-def test_an_undamped_block_sticks_on_a_slope(size, friction, duration, cells, share, stiffness) -> None:
+@pytest.mark.parametrize(
+    ("size", "friction", "duration", "cells", "share", "stiffness"),
+    [
+        ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 2, 0.95, 1.0),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (
+                ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 3, 0.95, 1.0),
+                ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 5, 0.95, 8.0),
+                ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 3, 0.95, 8.0),
+                ((6e-3, 6e-3, 3e-3), 0.8, 0.2, 3, 0.8, 8.0),
+            )
+        ),
+    ],
+)
+def test_an_undamped_block_sticks_on_a_slope(
+    size, friction, duration, cells, share, stiffness
+) -> None:
     """Weight at once, tan at 0.8 or 0.95 of friction: within 0.02 cell. On a spring as stiff as a cell it slides by millimeters."""
-    model = sloped(np.arctan(share * friction), friction, size=size, cells=cells, stiffness=stiffness)
-    ways = [mean(model, m.x - model.particles.position)[0] for m in follow(model, [duration / 2, duration])]
+    model = sloped(
+        np.arctan(share * friction), friction, size=size, cells=cells, stiffness=stiffness
+    )
+    ways = [
+        mean(model, m.x - model.particles.position)[0]
+        for m in follow(model, [duration / 2, duration])
+    ]
     assert max(np.abs(ways)) < 0.02 * model.scene.cell
 
 
-@pytest.mark.parametrize(("share", "friction", "cells", "duration"), [
-    (1.01, 0.45, 2, 0.3),
-    *(pytest.param(*case, marks=pytest.mark.slow) for case in (
-        (0.99, 0.45, 2, 0.3), (1.02, 0.45, 2, 0.3), (0.99, 0.7, 3, 0.3), (1.02, 0.7, 3, 0.3), (1.2, 0.7, 3, 0.3), (1.7, 0.7, 3, 0.15),
-        (1.02, 0.45, 3, 0.9),
-    )),
-])  # fmt: skip
-def test_an_undamped_block_near_the_cone_moves_as_a_rigid_one(share: float, friction: float, cells: int, duration: float) -> None:
+@pytest.mark.parametrize(
+    ("share", "friction", "cells", "duration"),
+    [
+        (1.01, 0.45, 2, 0.3),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (
+                (0.99, 0.45, 2, 0.3),
+                (1.02, 0.45, 2, 0.3),
+                (0.99, 0.7, 3, 0.3),
+                (1.02, 0.7, 3, 0.3),
+                (1.2, 0.7, 3, 0.3),
+                (1.7, 0.7, 3, 0.15),
+                (1.02, 0.45, 3, 0.9),
+            )
+        ),
+    ],
+)
+def test_an_undamped_block_near_the_cone_moves_as_a_rigid_one(
+    share: float, friction: float, cells: int, duration: float
+) -> None:
     """Weight at once: to 0.02 cell below the cone; above it to 2.5 %, which it gains while its weight comes onto the ground. Where
     friction follows the push at once it flutters, and goes 20 mm at 0.99 and friction 0.7."""
     slope = np.arctan(share * friction)
@@ -64,11 +102,16 @@ def test_an_undamped_block_near_the_cone_moves_as_a_rigid_one(share: float, fric
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="it swings by its own elasticity, and slips where it does: docs/effects.md")
+@pytest.mark.xfail(
+    strict=True, reason="it swings by its own elasticity, and slips where it does: docs/effects.md"
+)
 def test_a_large_soft_block_sticks_near_the_cone() -> None:
     """To 0.02 cell, which is missed."""
     model = sloped(np.arctan(0.45 * 0.95), 0.45, size=(16e-3, 10e-3, 8e-3), shear=15e3)
-    assert all(mean(model, m.x - model.particles.position)[0] < 0.02 * model.scene.cell for m in follow(model, [0.3]))
+    assert all(
+        mean(model, m.x - model.particles.position)[0] < 0.02 * model.scene.cell
+        for m in follow(model, [0.3])
+    )
 
 
 @pytest.mark.parametrize(("share", "way"), [(0.99, 0.0), (1.02, 3.63e-3)])
@@ -77,7 +120,9 @@ def test_a_block_slides_once_its_slope_has_grown_beyond_the_cone(share: float, w
     rigid one, by integrals of g cos(a) mu (s - 1) over time, to 5 %. A tilt at once makes it slip: docs/effects.md."""
 
     def tilted(share: float, damping: float = 1e-6) -> Model:
-        return sloped(np.arctan(0.45 * share), 0.45, size=(8e-3, 5e-3, 4e-3), damping={"rate": damping})
+        return sloped(
+            np.arctan(0.45 * share), 0.45, size=(8e-3, 5e-3, 4e-3), damping={"rate": damping}
+        )
 
     level = tilted(0.0, 400.0)
     motion, dt = begin(level).motion, begin(level).dt
@@ -86,7 +131,9 @@ def test_a_block_slides_once_its_slope_has_grown_beyond_the_cone(share: float, w
     for part in range(100):
         motion.advance(round(1e-3 / dt), dt, tilted(share * (part + 0.5) / 100).effects)
     motion.advance(round(0.3 / dt), dt, tilted(share).effects)
-    assert mean(level, motion.particles()[0])[0] - begun == pytest.approx(way, rel=0.05, abs=0.02 * level.scene.cell)
+    assert mean(level, motion.particles()[0])[0] - begun == pytest.approx(
+        way, rel=0.05, abs=0.02 * level.scene.cell
+    )
 
 
 def mean(model: Model, values: np.ndarray) -> np.ndarray:
@@ -109,7 +156,10 @@ def test_a_block_sticks_on_a_gentle_slope() -> None:
 
     Friction that at most stops a particle within a step creeps by (M / m) g sin dt, 10 um in these 0.03 s."""
     model = sloped(np.arctan(0.25))
-    early, late = (mean(model, moment.x - model.particles.position)[0] for moment in follow(model, [0.03, 0.06]))
+    early, late = (
+        mean(model, moment.x - model.particles.position)[0]
+        for moment in follow(model, [0.03, 0.06])
+    )
     assert 0 < early < 3e-6
     assert abs(late - early) < 2e-7
 
@@ -121,7 +171,9 @@ def test_a_stuck_block_does_not_depend_on_the_time_step() -> None:
     Friction that at most stops a particle within a step lets it creep by 3.7 mm, and by 2.1 mm at half the step."""
 
     def moved(friction: float, halves: int, cells: int = 2) -> float:
-        model = sloped(np.arctan(0.25), friction, g=1000 * EARTH, cells=cells, damping={"rate": 1000.0})
+        model = sloped(
+            np.arctan(0.25), friction, g=1000 * EARTH, cells=cells, damping={"rate": 1000.0}
+        )
         motion, dt = begin(model).motion, begin(model).dt / halves
         motion.advance(round(0.02 / dt), dt, model.effects)
         return float(mean(model, motion.particles()[0] - model.particles.position)[0])
@@ -129,15 +181,22 @@ def test_a_stuck_block_does_not_depend_on_the_time_step() -> None:
     ends = [moved(FRICTION, halves) for halves in (1, 2)]
     assert abs(ends[1] - ends[0]) < 0.02 * abs(ends[0])
     assert moved(10.0, 1) < ends[0]
-    assert [ends[0], moved(FRICTION, 1, cells=3)] == pytest.approx([moved(FRICTION, 1, cells=5)] * 2, rel=0.1)
+    assert [ends[0], moved(FRICTION, 1, cells=3)] == pytest.approx(
+        [moved(FRICTION, 1, cells=5)] * 2, rel=0.1
+    )
 
 
 def test_a_sliding_block_stops_where_friction_has_taken_its_energy() -> None:
     """With initial speed v on level ground it stops after v^2 / (2 mu g), to 1 %, and does not move back."""
     model = sloped(0.0)
     motion = begin(model).motion
-    motion.v.reshape(-1, 3)[:, 0] = 0.1 * (motion.packed.nodes.inverse_mass.reshape(-1, 3)[:, 0] > 0)
-    stopped, later = (mean(model, m.x - model.particles.position)[0] for m in follow(model, [0.036, 0.045], motion))
+    motion.v.reshape(-1, 3)[:, 0] = 0.1 * (
+        motion.packed.nodes.inverse_mass.reshape(-1, 3)[:, 0] > 0
+    )
+    stopped, later = (
+        mean(model, m.x - model.particles.position)[0]
+        for m in follow(model, [0.036, 0.045], motion)
+    )
     assert stopped == pytest.approx(0.1**2 / (2 * FRICTION * EARTH), rel=0.01)
     assert later == pytest.approx(stopped, rel=1e-3)
 
@@ -154,7 +213,9 @@ def test_a_dropped_block_comes_to_rest_with_its_weight_on_the_ground() -> None:
     low = model.surface.place[:, 2] == model.surface.place[:, 2].min()
     assert told["count"] == low.sum()
     law = model.effects[-2][0]
-    even = weight / (law["ground_stiffness"] * model.surface.mass[low].sum())  # of a spring that is stiff at once
+    even = weight / (
+        law["ground_stiffness"] * model.surface.mass[low].sum()
+    )  # of a spring that is stiff at once
     soft, knee = law["ground_layer"] / SIZE[2], law["ground_knee"]
     depth = (np.sqrt(soft**2 + 2 * (1 - soft) * even / knee) - soft) * knee / (1 - soft)
     assert told["depth"] == pytest.approx(depth, rel=0.2)
@@ -169,11 +230,17 @@ def with_ball(folder: Path, mesh: Mesh, effects: dict[str, Any], **more: Any) ->
 
 def test_a_ball_rests_with_its_centre_at_its_radius(tmp_path: Path) -> None:
     """From an STL mesh, with no particle on its surface: height to the depth from which contact is stiff, 2 % of a cell, and the weight."""
-    effects = {"gravity": {}, "damping": {"rate": 300.0}, "ground": {"point": [0.0, 0.0, 0.0], "friction": FRICTION}}
+    effects = {
+        "gravity": {},
+        "damping": {"rate": 300.0},
+        "ground": {"point": [0.0, 0.0, 0.0], "friction": FRICTION},
+    }
     model = with_ball(tmp_path, ball((0.0, 0.0, 1.0), 1.0), effects)
     (rest,) = follow(model, [0.03])
     weight = EARTH * float((model.density * model.particles.volume).sum())
-    np.testing.assert_allclose(rest.contacts["ground"]["force"], [0, 0, weight], rtol=0, atol=0.02 * weight)
+    np.testing.assert_allclose(
+        rest.contacts["ground"]["force"], [0, 0, weight], rtol=0, atol=0.02 * weight
+    )
     assert mean(model, rest.x) == pytest.approx([0, 0, 1e-3], abs=0.02e-3)
 
 
@@ -181,14 +248,24 @@ def test_a_ball_rolls_down_a_slope(tmp_path: Path) -> None:
     """A soft ball on 11.5 degrees with friction 0.5 covers 5/7 g sin t^2 / 2 on 3 cells, within 3 %; by its particles, 0.2 %."""
     angle, time = np.deg2rad(11.5), 0.05
     pull = [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]
-    effects = {"gravity": {"acceleration": pull}, "ground": {"point": [0.0, 0.0, -1.5e-3], "friction": 0.5}}
+    effects = {
+        "gravity": {"acceleration": pull},
+        "ground": {"point": [0.0, 0.0, -1.5e-3], "friction": 0.5},
+    }
     model = with_ball(tmp_path, ball((0.0, 0.0, 0.0), 1.5, 40), effects, cells=3)
     (then,) = follow(model, [time])
     way = mean(model, then.x - model.particles.position)[0]
     assert way == pytest.approx(5 / 7 * EARTH * np.sin(angle) * time**2 / 2, rel=0.03)
 
 
-CATHETER = {"catheter": {"length": 12e-3, "diameter": 2e-3, "material": "m", "segments": [{"magnetization": [0.0, 0.0, 0.0]}]}}
+CATHETER = {
+    "catheter": {
+        "length": 12e-3,
+        "diameter": 2e-3,
+        "material": "m",
+        "segments": [{"magnetization": [0.0, 0.0, 0.0]}],
+    }
+}
 
 
 def test_a_catheter_lies_in_a_bent_tube() -> None:
@@ -216,7 +293,9 @@ def test_feed_pushes_by_speed_times_time_and_keeps_the_guide_straight() -> None:
     held = then.x[:, 0] < 6e-3 - 2 * model.grid.spacing[0]
     assert held.sum() > 100
     moved = then.x - X
-    np.testing.assert_allclose(moved[held], np.tile([0.02 * 0.02, 0, 0], (held.sum(), 1)), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(
+        moved[held], np.tile([0.02 * 0.02, 0, 0], (held.sum(), 1)), rtol=0, atol=1e-6
+    )
     assert moved[X[:, 0] > 11e-3, 2].mean() < -20e-6
 
 
@@ -230,7 +309,11 @@ def test_the_guide_ends_within_half_a_cell_of_its_exit() -> None:
     end = places[:, 0] > whole_length - 1e-3
     whole = -(run(clamped).particle_position - places)[end, 2].mean()
     for beyond in np.arange(3) * cell / 3:
-        effects = {"gravity": {}, "damping": {"rate": 600.0}, "feed": {"speed": 0.0, "exit": 6e-3 + beyond}}
+        effects = {
+            "gravity": {},
+            "damping": {"rate": 600.0},
+            "feed": {"speed": 0.0, "exit": 6e-3 + beyond},
+        }
         model = build(moving_scene(CATHETER, effects))
         then = list(follow(model, [0.04, 0.05]))
         fall = [-(moment.x - model.particles.position)[end, 2].mean() for moment in then]
@@ -245,7 +328,10 @@ def test_feed_holds_a_base_that_is_not_clamped_and_says_so() -> None:
     effects = {"gravity": {}, "feed": {"speed": 0.02, "exit": 6e-3}}
     free = {"catheter": {**CATHETER["catheter"], "clamp": "none"}}
     clamped, loose = (moving_scene(body, effects, duration=0.02) for body in (CATHETER, free))
-    assert not any("clamp" in text for text in clamped.warnings() + moving_scene(free, {"gravity": {}}).warnings())
+    assert not any(
+        "clamp" in text
+        for text in clamped.warnings() + moving_scene(free, {"gravity": {}}).warnings()
+    )
     assert [text for text in loose.warnings() if "clamp" in text] == [
         "body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes it, clamped or not"
     ]
@@ -262,7 +348,9 @@ def test_the_shipped_vessel_turns_the_catheter_that_is_fed_into_it() -> None:
     for moment in follow(model, [0.1, 0.2]):
         assert distance.to_path(moment.x, axis).max() < 2.5e-3
     base, tip = model.particles.position[:, 0] < 2e-3, model.particles.position[:, 0] > 39e-3
-    assert (moment.x - model.particles.position)[base].mean(axis=0) == pytest.approx([12e-3, 0, 0], abs=1e-6)
+    assert (moment.x - model.particles.position)[base].mean(axis=0) == pytest.approx(
+        [12e-3, 0, 0], abs=1e-6
+    )
     assert moment.x[tip, 2].mean() > 2e-3
     assert moment.contacts["walls"]["force"][0] < 0 < moment.contacts["walls"]["force"][2]
     assert moment.contacts["walls"]["depth"] < 0.02 * scene.cell

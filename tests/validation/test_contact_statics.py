@@ -22,69 +22,147 @@ from magmpm.statics.layout import static_model
 DENSITY, RATIO = 1882.0, 20.0
 
 
-def scene(body: dict[str, Any], effects: dict[str, Any], *, cells: int = 2, settle: float = 0.0, rate: float = 150.0, **more: Any) -> Scene:
+def scene(
+    body: dict[str, Any],
+    effects: dict[str, Any],
+    *,
+    cells: int = 2,
+    settle: float = 0.0,
+    rate: float = 150.0,
+    **more: Any,
+) -> Scene:
     """A clamped body of the material `m`; settle: s of a damped motion in place of the equilibrium, 0 for none."""
     material = {"shear_modulus": G, "bulk_to_shear": RATIO, "density": DENSITY, "remanence": 0.1}
     damped = {"damping": {"rate": rate}} if settle else {}
     return Scene.from_si(
         {
-            "name": "touching", "materials": {"m": material}, "body": body, "effects": {**effects, **damped},
-            "solver": {"dynamic": {"duration": settle}} if settle else {}, "resolution": {"cells_across": cells}, **more,
+            "name": "touching",
+            "materials": {"m": material},
+            "body": body,
+            "effects": {**effects, **damped},
+            "solver": {"dynamic": {"duration": settle}} if settle else {},
+            "resolution": {"cells_across": cells},
+            **more,
         }
-    )  # fmt: skip
+    )
 
 
 def rod(length: float = 16e-3, diameter: float = 2e-3, **more: Any) -> dict[str, Any]:
     segments = [{}, {"magnetization": [1.0, 0.0, 0.0]}]
-    return {"catheter": {"length": length, "diameter": diameter, "material": "m", "clamp": "base", "segments": segments, **more}}
+    return {
+        "catheter": {
+            "length": length,
+            "diameter": diameter,
+            "material": "m",
+            "clamp": "base",
+            "segments": segments,
+            **more,
+        }
+    }
 
 
-def strip(length: float = 16e-3, width: float = 3e-3, thickness: float = 1.5e-3, **more: Any) -> dict[str, Any]:
-    return {"strip": {"length": length, "width": width, "thickness": thickness, "material": "m", "clamp": "base", "segments": [{}], **more}}
+def strip(
+    length: float = 16e-3, width: float = 3e-3, thickness: float = 1.5e-3, **more: Any
+) -> dict[str, Any]:
+    return {
+        "strip": {
+            "length": length,
+            "width": width,
+            "thickness": thickness,
+            "material": "m",
+            "clamp": "base",
+            "segments": [{}],
+            **more,
+        }
+    }
 
 
-LUMEN = {"tube": {"radius": 1.4e-3, "path": [[-4e-3, 0.0, 0.0], [6e-3, 0.0, 0.05e-3], [12e-3, 0.0, 0.2e-3], [24e-3, 0.0, 0.6e-3]]}}
-HEAVY: dict[str, Any] = {"gravity": {"acceleration": [0.0, 0.0, -40.0]}, "ground": {"point": [0.0, 0.0, -1e-3]}}
+LUMEN = {
+    "tube": {
+        "radius": 1.4e-3,
+        "path": [
+            [-4e-3, 0.0, 0.0],
+            [6e-3, 0.0, 0.05e-3],
+            [12e-3, 0.0, 0.2e-3],
+            [24e-3, 0.0, 0.6e-3],
+        ],
+    }
+}
+HEAVY: dict[str, Any] = {
+    "gravity": {"acceleration": [0.0, 0.0, -40.0]},
+    "ground": {"point": [0.0, 0.0, -1e-3]},
+}
 CASES: dict[str, dict[str, Any]] = {
     "a magnetized tip is pressed onto a plane": {
-        "body": rod(), "field": {"uniform": [0.0, 0.0, -15e-3]},
+        "body": rod(),
+        "field": {"uniform": [0.0, 0.0, -15e-3]},
         "effects": {"magnetic_torque": {}, "ground": {"point": [0.0, 0.0, -1.4e-3]}},
     },
     "on a slope, sideways": {
-        "body": rod(), "field": {"uniform": [0.0, 8e-3, -15e-3]},
-        "effects": {"magnetic_torque": {}, "ground": {"point": [0.0, 0.0, -1.4e-3], "normal": [0.1, -0.4, 1.0]}},
+        "body": rod(),
+        "field": {"uniform": [0.0, 8e-3, -15e-3]},
+        "effects": {
+            "magnetic_torque": {},
+            "ground": {"point": [0.0, 0.0, -1.4e-3], "normal": [0.1, -0.4, 1.0]},
+        },
     },
     "on the wall of a curved lumen": {
-        "body": rod(), "effects": {"magnetic_torque": {}, "walls": LUMEN}, "field": {"uniform": [0.0, 8e-3, -15e-3]},
+        "body": rod(),
+        "effects": {"magnetic_torque": {}, "walls": LUMEN},
+        "field": {"uniform": [0.0, 8e-3, -15e-3]},
     },
     "a strip lies down": {"body": strip(), "effects": HEAVY},
-    "a strip lies on the ground": {"body": strip(), "effects": {"gravity": {}, "ground": {"point": [0.0, 0.0, -0.75e-3]}}},
-}  # fmt: skip
+    "a strip lies on the ground": {
+        "body": strip(),
+        "effects": {"gravity": {}, "ground": {"point": [0.0, 0.0, -0.75e-3]}},
+    },
+}
 
 
 def apart(one: Result, other: Result) -> float:
     """The largest distance of a particle of two results, over the length."""
-    return float(np.linalg.norm(one.particle_position - other.particle_position, axis=1).max() / one.centreline[-1, 0])
+    return float(
+        np.linalg.norm(one.particle_position - other.particle_position, axis=1).max()
+        / one.centreline[-1, 0]
+    )
 
 
-*LONG, QUICK = [(name, cells) for name in list(CASES)[:3] for cells in (2, 3, 4)] + [(name, 2) for name in list(CASES)[3:]]
+*LONG, QUICK = [(name, cells) for name in list(CASES)[:3] for cells in (2, 3, 4)] + [
+    (name, 2) for name in list(CASES)[3:]
+]
 
 
-@pytest.mark.parametrize(("name", "cells"), [QUICK, *(pytest.param(*one, marks=pytest.mark.slow) for one in LONG)])
+@pytest.mark.parametrize(
+    ("name", "cells"), [QUICK, *(pytest.param(*one, marks=pytest.mark.slow) for one in LONG)]
+)
 def test_a_damped_motion_settles_at_the_equilibrium(name: str, cells: int) -> None:
     """Within 0.02 % of the length, and with the same forces to 1e-3."""
-    still, moved = run(scene(**CASES[name], cells=cells)), run(scene(**CASES[name], cells=cells, settle=0.25))
+    still, moved = (
+        run(scene(**CASES[name], cells=cells)),
+        run(scene(**CASES[name], cells=cells, settle=0.25)),
+    )
     assert apart(still, moved) < 2e-4
     (told,), (then,) = still.contacts.values(), moved.contacts.values()
     assert told["count"] > 0
-    assert np.linalg.norm(np.subtract(told["force"], then["force"])) < 1e-3 * np.linalg.norm(told["force"])
+    assert np.linalg.norm(np.subtract(told["force"], then["force"])) < 1e-3 * np.linalg.norm(
+        told["force"]
+    )
     assert told["depth"] == pytest.approx(then["depth"], rel=1e-2)
 
 
 def propped(cells: int, gap: float, pull: float) -> Result:
     """A strip of L/t 20 in plane strain, whose tip rests on a plane `gap` (m) below it."""
     body = strip(20e-3, 1e-3, 1e-3, plane_strain=True)
-    return run(scene(body, {"gravity": {"acceleration": [0.0, 0.0, -pull]}, "ground": {"point": [0.0, 0.0, -0.5e-3 - gap]}}, cells=cells))
+    return run(
+        scene(
+            body,
+            {
+                "gravity": {"acceleration": [0.0, 0.0, -pull]},
+                "ground": {"point": [0.0, 0.0, -0.5e-3 - gap]},
+            },
+            cells=cells,
+        )
+    )
 
 
 @pytest.mark.parametrize("gap", [0.1e-3, 0.2e-3])
@@ -108,7 +186,9 @@ def test_ground_and_clamp_bear_the_weight() -> None:
     _, P = energies.elastic(model, found.point.F)
     body, weight = model.particles, 40.0 * model.density * model.particles.volume
     first, (splines, slopes) = body.cell[:, 0] == 0, model.grid.splines(body.position, body.cell)
-    clamp = 2.0 * (body.volume * P[:, 2, 0] * slopes[:, 0, 0] + weight * splines[:, 0, 0])[first].sum()
+    clamp = (
+        2.0 * (body.volume * P[:, 2, 0] * slopes[:, 0, 0] + weight * splines[:, 0, 0])[first].sum()
+    )
     pressed = run(there).contacts["ground"]["force"][2]
     assert 0.1 * weight.sum() < pressed < 0.9 * weight.sum()
     assert clamp + pressed == pytest.approx(weight.sum(), rel=1e-5)
@@ -130,11 +210,19 @@ def along(steps: int, body: dict[str, Any], effects: dict[str, Any], **more: Any
 
 def pressed(steps: int, friction: float) -> Scene:
     """A tip that is pressed onto a plane by a field that grows, and falls to less than half."""
-    return along(steps, rod(), {"magnetic_torque": {}, "ground": {**PLANE, "friction": friction}}, field=growing(1.0))
+    return along(
+        steps,
+        rod(),
+        {"magnetic_torque": {}, "ground": {**PLANE, "friction": friction}},
+        field=growing(1.0),
+    )
 
 
 def growing(time: float) -> dict[str, Any]:
-    moments = [{"time": share * time, "strength": strength} for share, strength in ((0.0, 0.0), (0.5, 1.0), (1.0, 0.4))]
+    moments = [
+        {"time": share * time, "strength": strength}
+        for share, strength in ((0.0, 0.0), (0.5, 1.0), (1.0, 0.4))
+    ]
     return {"uniform": [0.0, 0.0, -25e-3], "over_time": {"keyframes": moments}}
 
 
@@ -147,8 +235,17 @@ def contact(state: PathState) -> Any:
 
 def test_a_strip_that_is_dragged_feels_friction_times_its_push() -> None:
     """A moved base drags it: every point slides, so the ground pulls back by 0.3 of what it bears."""
-    ramp = {"base": {"along": [1.0, 0.0, 0.0], "distance": 0.1e-3, "over_time": {"ramp": {"duration": 1.0}}}}
-    heavy = {"gravity": {"acceleration": [0.0, 0.0, -40.0]}, "ground": {"point": [0.0, 0.0, -0.75e-3], "friction": 0.3}}
+    ramp = {
+        "base": {
+            "along": [1.0, 0.0, 0.0],
+            "distance": 0.1e-3,
+            "over_time": {"ramp": {"duration": 1.0}},
+        }
+    }
+    heavy = {
+        "gravity": {"acceleration": [0.0, 0.0, -40.0]},
+        "ground": {"point": [0.0, 0.0, -0.75e-3], "friction": 0.3},
+    }
     told = contact(follow(along(3, strip(), heavy, move=ramp)))
     assert told["force"][0] == pytest.approx(-0.3 * told["force"][2], rel=1e-6)
     assert abs(told["force"][1]) < 1e-9 * told["force"][2]
@@ -160,7 +257,10 @@ def test_a_pressed_tip_has_hysteresis() -> None:
     increments change no force by more than 0.1 % of the largest, once it has landed."""
     forces: dict[int, list[np.ndarray]] = {10: [], 20: []}
     for steps, found in forces.items():
-        follow(pressed(steps, FRICTION), on_state=lambda state, found=found: found.append(contact(state)["force"]))
+        follow(
+            pressed(steps, FRICTION),
+            on_state=lambda state, found=found: found.append(contact(state)["force"]),
+        )
     force = np.array(forces[10])
     np.testing.assert_allclose(force[2:], forces[20][4::2], rtol=0, atol=1e-3 * force.max())
     assert (np.abs(force[:, 0]) <= FRICTION * force[:, 2] * (1 + 1e-3) + 1e-9).all()
@@ -183,15 +283,26 @@ def test_a_path_goes_on_from_a_checkpoint_bit_for_bit(tmp_path: Path) -> None:
         follow(pressed(6, FRICTION), folder=tmp_path / "cut", on_state=stop)
     follow(pressed(6, FRICTION), folder=tmp_path / "cut", resume=True)
     for name in ("energies.csv", "contacts.csv", "steps.csv"):
-        assert (tmp_path / "cut" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
+        assert (tmp_path / "cut" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), (
+            name
+        )
 
 
 @pytest.mark.slow
 def test_the_path_is_that_of_a_slow_motion() -> None:
     """The forces of a damped motion of 0.6 s, which drags a little, differ by less than 4 % of the largest at any time."""
-    slow = scene(rod(), {"magnetic_torque": {}, "ground": {**PLANE, "friction": FRICTION}}, field=growing(0.6), settle=0.6, rate=60.0)
+    slow = scene(
+        rod(),
+        {"magnetic_torque": {}, "ground": {**PLANE, "friction": FRICTION}},
+        field=growing(0.6),
+        settle=0.6,
+        rate=60.0,
+    )
     moved: list[tuple[float, np.ndarray]] = []
-    integrate(begin(build(slow)), on_state=lambda state: moved.append((state.time / 0.6, state.contacts["ground"]["force"])))
+    integrate(
+        begin(build(slow)),
+        on_state=lambda state: moved.append((state.time / 0.6, state.contacts["ground"]["force"])),
+    )
     times, force = np.array([time for time, _ in moved]), np.array([one for _, one in moved])
     found: list[np.ndarray] = []
     follow(pressed(20, FRICTION), on_state=lambda state: found.append(contact(state)["force"]))

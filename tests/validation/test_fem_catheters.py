@@ -25,7 +25,10 @@ SCENES = ["axial_transverse", "three_segments_3d"]
 
 
 @pytest.mark.parametrize("problem", PROBLEMS.values(), ids=PROBLEMS)
-@pytest.mark.parametrize(("cells", "bound"), [(4, 0.15e-2), (6, 0.06e-2), pytest.param(8, 0.03e-2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("cells", "bound"),
+    [(4, 0.15e-2), (6, 0.06e-2), pytest.param(8, 0.03e-2, marks=pytest.mark.slow)],
+)
 def test_centreline(problem: Problem, cells: int, bound: float) -> None:
     """At 4 cells also the elastic, magnetic and gravitational energy together: it is a minimum, so an error e of the shape changes it by
     the order of e^2. What remains is the excess stiffness of the coarse grid, 0.1 to 0.3 % by the deflections."""
@@ -34,7 +37,9 @@ def test_centreline(problem: Problem, cells: int, bound: float) -> None:
     assert not result.warnings
     assert largest_distance(result, problem.centreline) <= (bound + problem.error) * problem.length
     if cells == 4:
-        assert result.energy == pytest.approx(json.loads(FEM.read_text())["cases"][problem.name]["energy"]["total"], rel=5e-3)
+        assert result.energy == pytest.approx(
+            json.loads(FEM.read_text())["cases"][problem.name]["energy"]["total"], rel=5e-3
+        )
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -47,7 +52,9 @@ def test_shipped_scene(name: str) -> None:
     length = scene.body.catheter.length
     assert largest_distance(result, target) <= 0.3e-2 * length
     twin = PROBLEMS["axial_transverse_5mT" if name == "axial_transverse" else name].scene(4)
-    np.testing.assert_allclose(twin.region_remanence(), scene.region_remanence(), rtol=1e-12, atol=1e-16)
+    np.testing.assert_allclose(
+        twin.region_remanence(), scene.region_remanence(), rtol=1e-12, atol=1e-16
+    )
     assert twin.field == scene.field
     assert twin.body.catheter.diameter == pytest.approx(scene.body.catheter.diameter)
 
@@ -56,7 +63,9 @@ def test_shipped_scene(name: str) -> None:
 
 
 SEGMENTED = finite_element_problems(DATA / "references/jointed_catheters.json")
-TUBES = {name: problem for name, problem in SEGMENTED.items() if len(problem.content["materials"]) == 1}
+TUBES = {
+    name: problem for name, problem in SEGMENTED.items() if len(problem.content["materials"]) == 1
+}
 JOINTED = {name: problem for name, problem in SEGMENTED.items() if name not in TUBES}
 
 
@@ -87,7 +96,10 @@ given_problem = pytest.mark.parametrize("problem", GIVEN.values(), ids=GIVEN)
 
 def errors(problem: Problem, cells: list[int], **solver: object) -> list[float]:
     """Largest distance to the finite elements over the length, at each number of cells."""
-    return [largest_distance(run(problem.scene(n, **solver)), problem.centreline) / problem.length for n in cells]
+    return [
+        largest_distance(run(problem.scene(n, **solver)), problem.centreline) / problem.length
+        for n in cells
+    ]
 
 
 @given_problem
@@ -137,7 +149,9 @@ def test_extrapolates_to_the_finite_elements(problem: Problem) -> None:
     p = orders[np.abs((a - b) / (b - c) - one / two).argmin()]
     assert 1.3 <= p <= 2.5
     limit = axis[2] + (axis[2] - axis[1]) / ((8 / 6) ** p - 1)
-    assert np.linalg.norm(limit - problem.centreline[:, 1:], axis=1).max() < 0.02e-2 * problem.length
+    assert (
+        np.linalg.norm(limit - problem.centreline[:, 1:], axis=1).max() < 0.02e-2 * problem.length
+    )
 
 
 @pytest.mark.parametrize("ratio", [20, 500])
@@ -151,7 +165,14 @@ def test_f_bar_wins_when_nearly_incompressible(ratio: float, load: float) -> Non
     field = field_for_load(load, np.pi / 2, length=length, diameter=diameter, bulk_to_shear=ratio)
     gap = {}
     for choice in ("f-bar", "none"):
-        scene = rod_scene(length=length, diameter=diameter, bulk_to_shear=ratio, field=field, cells=3, anti_locking=choice)
+        scene = rod_scene(
+            length=length,
+            diameter=diameter,
+            bulk_to_shear=ratio,
+            field=field,
+            cells=3,
+            anti_locking=choice,
+        )
         axis = run(scene).centreline / length
         gap[choice] = np.linalg.norm(axis[:, [1, 3]] - exact.curve(axis[:, 0])[:, :2], axis=1).max()
     assert gap["f-bar"] < 0.25e-2

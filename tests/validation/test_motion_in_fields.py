@@ -42,7 +42,9 @@ def test_a_gradient_pulls_and_turns_a_free_body() -> None:
         size += dt * np.array([np.linalg.norm(force), np.linalg.norm(torque)])
         advance(motion, 1, dt)
         if step == 0:
-            np.testing.assert_allclose(quantities(motion).momentum / mass, dt * force / mass, rtol=1e-9)
+            np.testing.assert_allclose(
+                quantities(motion).momentum / mass, dt * force / mass, rtol=1e-9
+            )
             assert np.linalg.norm(force) / mass > 1.0, "m/s^2"
     now = quantities(motion)
     assert np.linalg.norm(now.momentum - pushed) < 1e-6 * size[0]
@@ -60,7 +62,9 @@ def test_segments_that_pull_each_other_move_no_centre() -> None:
         effects.refresh(model.effects, model, x, F)
         load = model.effects[1].reshape(-1, 6)[model.remanence[:, 3].astype(int)]
         force = model.particles.volume[:, None] * load[:, 3:]
-        torque = model.particles.volume[:, None] * np.cross(np.einsum("nij,nj->ni", F, model.remanence[:, :3]), load[:, :3])
+        torque = model.particles.volume[:, None] * np.cross(
+            np.einsum("nij,nj->ni", F, model.remanence[:, :3]), load[:, :3]
+        )
         exchanged += 64 * dt * float(np.abs(force).sum())
         turned += 64 * dt * float(np.abs(torque).sum())
         advance(motion, 64, dt)
@@ -80,7 +84,9 @@ def test_motion_comes_to_rest_where_statics_is(named: str) -> None:
         still = in_field(rod_scene(length=length), {"dipole": sphere}, BOTH)
     else:
         directions = [(1, 0, 0), (0, 0, 1), (-1, 0, 0)]
-        still = rod_scene(length=length, directions=directions, field=(0, 1e-3, 10e-3)).with_effects(magnetic_interaction={})
+        still = rod_scene(
+            length=length, directions=directions, field=(0, 1e-3, 10e-3)
+        ).with_effects(magnetic_interaction={})
     rest = run(still)
     settled = run(moving(still, {"damping": {"rate": 160.0}}, duration=0.12, output_every=0.03))
     assert np.linalg.norm(rest.tip - [length, 0, 0]) > 0.02 * length
@@ -92,7 +98,10 @@ def test_a_magnet_that_is_brought_too_close_stops_the_motion() -> None:
     """The magnet moves through the catheter: the run ends with a message (time, magnet, place) and the last good state."""
     frames = [{"time": 0.0, "move": (0, 0, 0)}, {"time": 4e-3, "move": (-25e-3, 0, 0)}]
     field = {"dipole": {**SPHERE, "position": (30e-3, 0, 0)}, "over_time": {"keyframes": frames}}
-    with pytest.raises(SolveError, match=r"t = 0.00\d+ s: the body's point at .* is inside field.dipole, center \(.*, 0, 0\) mm") as caught:
+    with pytest.raises(
+        SolveError,
+        match=r"t = 0.00\d+ s: the body's point at .* is inside field.dipole, center \(.*, 0, 0\) mm",
+    ) as caught:
         run(moving(in_field(rod_scene(length=8e-3), field, BOTH), duration=4e-3, output_every=1e-3))
     assert caught.value.state.time < 4e-3
 
@@ -113,7 +122,9 @@ def test_momentum_and_spin_stay() -> None:
     motion, dt = set_off(free_rod(**BODY), thrown)
     before = quantities(motion)
     advance(motion, 4, dt)
-    assert np.abs(np.linalg.det(motion.particles()[2]) - 1).max() > 1e-3, "the body does not stay rigid"
+    assert np.abs(np.linalg.det(motion.particles()[2]) - 1).max() > 1e-3, (
+        "the body does not stay rigid"
+    )
     advance(motion, 1996, dt)
     after = quantities(motion)
     for a, b in zip(after, before, strict=True):
@@ -123,24 +134,34 @@ def test_momentum_and_spin_stay() -> None:
 def test_inertia_is_the_body_s() -> None:
     """Momentum and angular momentum of a rigid motion are those of the particles, to rounding, and no warning is given."""
     for cells in (2, 4):
-        motion, _ = set_off(free_rod(cells=cells, **BODY), lambda x: np.array([0.3, -0.2, 0.1]) + np.cross(SPIN, x))
+        motion, _ = set_off(
+            free_rod(cells=cells, **BODY), lambda x: np.array([0.3, -0.2, 0.1]) + np.cross(SPIN, x)
+        )
         model = motion.model
         mass, (x, v, _) = model.density * model.particles.volume, motion.particles()
         now = quantities(motion)
-        np.testing.assert_allclose(now.momentum, mass @ v, rtol=0, atol=1e-12 * np.linalg.norm(mass @ v))
+        np.testing.assert_allclose(
+            now.momentum, mass @ v, rtol=0, atol=1e-12 * np.linalg.norm(mass @ v)
+        )
         spin = mass @ np.cross(x, v)
         np.testing.assert_allclose(now.spin, spin, rtol=0, atol=1e-12 * np.linalg.norm(spin))
-        assert motion.kinetic_energy() == pytest.approx(0.5 * float(mass @ (v**2).sum(axis=1)), rel=1e-12)
+        assert motion.kinetic_energy() == pytest.approx(
+            0.5 * float(mass @ (v**2).sum(axis=1)), rel=1e-12
+        )
     assert begin(build(free_rod(cells=2, **BODY))).warnings == []
 
 
 def test_weight_alone_accelerates_by_g() -> None:
     """To 1e-10, and without stress: all particles fall equally."""
     g = np.array([1.0, -2.0, -9.81])
-    motion, dt = set_off(free_rod({"damping": {"rate": 1e-9}}, gravity=g, **BODY), np.zeros_like)  # of nothing: kernels of other tests
+    motion, dt = set_off(
+        free_rod({"damping": {"rate": 1e-9}}, gravity=g, **BODY), np.zeros_like
+    )  # of nothing: kernels of other tests
     steps = 500
     advance(motion, steps, dt)
     x, _, F = motion.particles()
     fallen = g * dt**2 * steps * (steps + 1) / 2  # g t^2/2 as symplectic Euler integrates it
-    np.testing.assert_allclose(x - motion.model.particles.position, np.tile(fallen, (len(x), 1)), rtol=1e-10)
+    np.testing.assert_allclose(
+        x - motion.model.particles.position, np.tile(fallen, (len(x), 1)), rtol=1e-10
+    )
     np.testing.assert_allclose(F, np.tile(np.eye(3), (len(x), 1, 1)), atol=1e-11)

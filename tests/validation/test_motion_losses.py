@@ -38,7 +38,11 @@ def test_viscous_stress_is_its_formula(rng: np.random.Generator) -> None:
     one = acting("viscosity")
     eta = 50.0  # Pa s, of its scene
     for _ in range(5):
-        F, dF, P = np.eye(3) + 0.3 * rng.standard_normal((3, 3)), rng.standard_normal((3, 3)), np.zeros((3, 3))
+        F, dF, P = (
+            np.eye(3) + 0.3 * rng.standard_normal((3, 3)),
+            rng.standard_normal((3, 3)),
+            np.zeros((3, 3)),
+        )
         hook(one.own, "rate_stress")(1000.0, F, dF, P)
         L = dF @ np.linalg.inv(F)
         wanted = eta * np.linalg.det(F) * (L + L.T) @ np.linalg.inv(F).T
@@ -74,14 +78,19 @@ def test_a_falling_body_tells_the_velocity_that_it_has() -> None:
     moved = interval(begin(model), t)
     v = -9.81 / rate * (1 - np.exp(-rate * t))
     x = -9.81 / rate * (t - (1 - np.exp(-rate * t)) / rate)
-    np.testing.assert_allclose(moved.v[:, 2], v, rtol=2e-3)  # second order in rate dt = 0.06: 1e-4; it was 3 % with what is told too late
+    np.testing.assert_allclose(
+        moved.v[:, 2], v, rtol=2e-3
+    )  # second order in rate dt = 0.06: 1e-4; it was 3 % with what is told too late
     np.testing.assert_allclose((moved.x - model.particles.position)[:, 2], x, rtol=2e-3)
 
 
 def test_damped_motion_is_of_second_order() -> None:
     """A short rod under a field that is switched on, damped strongly: half the step, a quarter of the error, and little of it at
     0.75 of the usual step. Forces that push before the decay, or after it, make it first order: half the error, 2 % of the way."""
-    scene = moving(rod_scene(length=4e-3, diameter=2e-3, field=(0.0, 0.0, 20e-3)), {"damping": {"rate": 3000.0}})
+    scene = moving(
+        rod_scene(length=4e-3, diameter=2e-3, field=(0.0, 0.0, 20e-3)),
+        {"damping": {"rate": 3000.0}},
+    )
     model = build(scene)
     far = model.particles.cell[:, 0] == model.particles.cell[:, 0].max()
     tips = []
@@ -108,7 +117,9 @@ def test_where_the_step_changes_velocities_are_damped_for_the_time_they_are_shif
         assert motion.advance(steps, dt, model.effects) == (steps, False)
         t += steps * dt
         v = -9.81 / rate * (1 - np.exp(-rate * t))
-        np.testing.assert_allclose(motion.kinematics().v[:, 2], v, rtol=3e-3)  # (rate dt)^2 / 8, with each change
+        np.testing.assert_allclose(
+            motion.kinematics().v[:, 2], v, rtol=3e-3
+        )  # (rate dt)^2 / 8, with each change
 
 
 def decay(effects: dict[str, Any]) -> tuple[float, float]:
@@ -118,7 +129,9 @@ def decay(effects: dict[str, Any]) -> tuple[float, float]:
     height, frequency = tip_height(model), timoshenko(LENGTH, 2e-3, E, G, DENSITY)
     peak = 0.01 * LENGTH * frequency
     free = motion.packed.nodes.inverse_mass[2::3] > 0
-    motion.v[2::3] = np.where(free, peak / 2 * cantilever_mode(motion.packed.node_place[:, 0], LENGTH), 0)
+    motion.v[2::3] = np.where(
+        free, peak / 2 * cantilever_mode(motion.packed.node_place[:, 0], LENGTH), 0
+    )
     times = np.linspace(0, 2 * 2 * np.pi / frequency, 81)[1:]
     heights = np.array([height(moment.x) for moment in follow(model, times, motion)])
 
@@ -160,7 +173,11 @@ def free_body(shape: str, cells: int, folder: Path) -> Scene:
     if shape in size:
         body = block(size[shape], segments=[{"magnetization": [1.0, 0.0, 0.0]}])
     else:
-        mesh = ball((0.0, 0.0, 0.0), 1.5) if shape == "sphere" else box((-1.5, -1.5, -1.5), (1.5, 1.5, 1.5))
+        mesh = (
+            ball((0.0, 0.0, 0.0), 1.5)
+            if shape == "sphere"
+            else box((-1.5, -1.5, -1.5), (1.5, 1.5, 1.5))
+        )
         write_stl(mesh, folder / "body.stl")
         part = {"mesh": str(folder / "body.stl"), "material": "m", "magnetization": [1.0, 0.0, 0.0]}
         body = {"parts": {"unit": "mm", "meshes": [part]}}
@@ -176,9 +193,13 @@ def angle_over_theory(scene: Scene, turn: float = 0.3) -> float:
     second = DENSITY * (V @ (arm[:, 0] ** 2 + arm[:, 2] ** 2))
     torque = V.sum() * BR * WEAK / MU0
     rigid = solve_ivp(
-        lambda _, y: [y[1], torque / second * np.cos(y[0])], (0.0, 1.0), [0.0, 0.0],
-        rtol=1e-9, atol=1e-12, events=_reached(turn),
-    )  # fmt: skip
+        lambda _, y: [y[1], torque / second * np.cos(y[0])],
+        (0.0, 1.0),
+        [0.0, 0.0],
+        rtol=1e-9,
+        atol=1e-12,
+        events=_reached(turn),
+    )
     steps = int(np.ceil(rigid.t[-1] / begun.dt))
     dt = rigid.t[-1] / steps
     motion.set_off(dt, model.effects)
@@ -195,9 +216,13 @@ def _reached(turn: float):  # type: ignore[no-untyped-def]
     return event
 
 
-@pytest.mark.parametrize(("cells", "bound"), [(2, 0.02), (3, 0.01), pytest.param(4, 0.01, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("cells", "bound"), [(2, 0.02), (3, 0.01), pytest.param(4, 0.01, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("shape", ["cube", "bar", "sphere", "mesh of a cube"])
-def test_a_free_body_turns_under_a_torque_as_a_rigid_body(shape: str, cells: int, bound: float, tmp_path: Path) -> None:
+def test_a_free_body_turns_under_a_torque_as_a_rigid_body(
+    shape: str, cells: int, bound: float, tmp_path: Path
+) -> None:
     assert angle_over_theory(free_body(shape, cells, tmp_path)) == pytest.approx(1.0, abs=bound)
 
 
@@ -221,14 +246,23 @@ def tumble() -> float:
         return np.concatenate([(R @ turning).ravel(), np.linalg.solve(I, np.cross(I @ w, w))])
 
     times = np.linspace(0.0, 3 * 2 * np.pi / 200.0, 31)
-    exact = solve_ivp(rate, (0.0, times[-1]), np.concatenate([np.eye(3).ravel(), spin]), t_eval=times, rtol=1e-9, atol=1e-9).y.T
+    exact = solve_ivp(
+        rate,
+        (0.0, times[-1]),
+        np.concatenate([np.eye(3).ravel(), spin]),
+        t_eval=times,
+        rtol=1e-9,
+        atol=1e-9,
+    ).y.T
     steps = int(np.ceil(times[1] / begun.dt))
     dt, off = times[1] / steps, []
     motion.set_off(dt, ())
     for state in exact[1:]:
         advance(motion, steps, dt)
         R = turned(motion.particles()[2], V)
-        off.append(np.degrees(np.arccos(np.clip((np.trace(R.T @ state[:9].reshape(3, 3)) - 1) / 2, -1, 1))))
+        off.append(
+            np.degrees(np.arccos(np.clip((np.trace(R.T @ state[:9].reshape(3, 3)) - 1) / 2, -1, 1)))
+        )
     return float(max(off))
 
 
@@ -240,12 +274,23 @@ def test_a_body_tumbles_as_euler_says() -> None:
 def frequency_over_theory(kind: str, cells: int = 2) -> float:
     """First frequency of a clamped rod, 4 mm thick, over that of a beam: torsion of 20 mm, bending of 40 mm."""
     length = 20e-3 if kind == "torsion" else 40e-3
-    expected = np.pi / 2 / length * np.sqrt(G / DENSITY) if kind == "torsion" else timoshenko(length, 2e-3, E, G, DENSITY)
+    expected = (
+        np.pi / 2 / length * np.sqrt(G / DENSITY)
+        if kind == "torsion"
+        else timoshenko(length, 2e-3, E, G, DENSITY)
+    )
 
     def velocity(x: np.ndarray) -> np.ndarray:
         if kind == "torsion":
-            return 0.01 * expected * np.sin(np.pi / 2 * x[:, :1] / length) * np.cross([1.0, 0.0, 0.0], x)
-        return np.outer(0.005 * length * expected * cantilever_mode(x[:, 0], length), [0.0, 0.0, 1.0])
+            return (
+                0.01
+                * expected
+                * np.sin(np.pi / 2 * x[:, :1] / length)
+                * np.cross([1.0, 0.0, 0.0], x)
+            )
+        return np.outer(
+            0.005 * length * expected * cantilever_mode(x[:, 0], length), [0.0, 0.0, 1.0]
+        )
 
     motion, dt = set_off(moving(rod_scene(length=length, cells=cells, density=DENSITY)), velocity)
     X = motion.model.particles.position

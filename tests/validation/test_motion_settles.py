@@ -32,7 +32,9 @@ def test_settled_motion_is_statics() -> None:
     assert far.max() < 0.2e-2 * LENGTH
     energy = moved.energies["elastic"] + moved.energies["magnetic_torque"]
     rest = moved.motion.model.particles
-    unloaded = -float(np.array(field) @ (moved.motion.model.remanence.T @ rest.volume)) / (4e-7 * np.pi)
+    unloaded = -float(np.array(field) @ (moved.motion.model.remanence.T @ rest.volume)) / (
+        4e-7 * np.pi
+    )
     assert energy - unloaded == pytest.approx(still.energy, rel=1e-3)
 
 
@@ -43,13 +45,22 @@ CLAMPED = 1e-6  # of the length; measured: 3e-7
 def test_a_strip_clamped_at_both_ends_settles_where_statics_has_it() -> None:
     """Magnetized outward from its center, it bows in a transverse field; its far end stays in place."""
     halves = [{"magnetization": [sign, 0.0, 0.0]} for sign in (1.0, -1.0)]
-    strip = {"length": 20e-3, "width": 4e-3, "thickness": 2e-3, "material": "m", "clamp": "both", "segments": halves}
+    strip = {
+        "length": 20e-3,
+        "width": 4e-3,
+        "thickness": 2e-3,
+        "material": "m",
+        "clamp": "both",
+        "segments": halves,
+    }
     _settles({"strip": strip}, length=20e-3, field=20e-3)
 
 
 def test_a_jointed_catheter_settles_where_statics_has_it() -> None:
     """Its middle third is ten times as stiff: knots are repeated at its ends, in motion as in statics."""
-    segments = [{"magnetization": [1.0, 0.0, 0.0], "material": name} for name in ("m", "stiff", "m")]
+    segments = [
+        {"magnetization": [1.0, 0.0, 0.0], "material": name} for name in ("m", "stiff", "m")
+    ]
     catheter = {"length": 20e-3, "diameter": 4e-3, "material": "m", "segments": segments}
     _settles({"catheter": catheter}, length=20e-3, field=20e-3, bound=JOINTED)
 
@@ -62,17 +73,23 @@ def test_a_beam_on_a_held_base_settles_where_statics_has_it(tmp_path: Path) -> N
         {"mesh": str(tmp_path / "base.stl"), "material": "m", "clamp": True},
         {"mesh": str(tmp_path / "beam.stl"), "material": "m", "magnetization": [1.0, 0.0, 0.0]},
     ]
-    moved = _settles({"parts": {"unit": "mm", "spacing": 2e-3, "meshes": meshes}}, length=20e-3, field=10e-3)
+    moved = _settles(
+        {"parts": {"unit": "mm", "spacing": 2e-3, "meshes": meshes}}, length=20e-3, field=10e-3
+    )
     held = moved.motion.model.held
     assert np.array_equal(moved.x[held], moved.motion.model.particles.position[held])
     assert np.array_equal(moved.F[held], np.tile(np.eye(3), (held.sum(), 1, 1)))
 
 
-def _settles(body: dict[str, Any], length: float, field: float, bound: float = CLAMPED) -> SimulationState:
+def _settles(
+    body: dict[str, Any], length: float, field: float, bound: float = CLAMPED
+) -> SimulationState:
     effects = {"magnetic_torque": {}, "damping": {"rate": 200.0}}
     scene = moving_scene(body, effects, duration=0.12, field={"uniform": [0.0, 0.0, field]})
     data = scene.to_si()
-    still = run(Scene.from_si({**data, "solver": {"static": {}}, "effects": {"magnetic_torque": {}}}))
+    still = run(
+        Scene.from_si({**data, "solver": {"static": {}}, "effects": {"magnetic_torque": {}}})
+    )
     moved = move(build(scene))
     far = np.linalg.norm(moved.x - still.particle_position, axis=1).max()
     risen = np.abs(still.particle_position - moved.motion.model.particles.position).max()

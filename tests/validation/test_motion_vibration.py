@@ -28,11 +28,15 @@ def swing(length: float, cells: int) -> tuple[TotalMotion, float, float]:
     expected = timoshenko(length, 2e-3, E, G, DENSITY)
     peak = 0.01 * length * expected
     scene = moving(rod_scene(length=length, cells=cells, density=DENSITY))
-    motion, dt = set_off(scene, lambda x: np.outer(peak * cantilever_mode(x[:, 0], length) / 2, [0, 0, 1]))
+    motion, dt = set_off(
+        scene, lambda x: np.outer(peak * cantilever_mode(x[:, 0], length) / 2, [0, 0, 1])
+    )
     return motion, dt, expected
 
 
-def measured(motion: TotalMotion, dt: float, expected: float, periods: float, looks: int) -> tuple[np.ndarray, ...]:
+def measured(
+    motion: TotalMotion, dt: float, expected: float, periods: float, looks: int
+) -> tuple[np.ndarray, ...]:
     """Times (s), heights of the tip (m) and total energies (J) of an oscillation, at `looks` samples per period."""
     every = int(2 * np.pi / expected / looks / dt)
     height = tip_height(motion.model)
@@ -84,9 +88,17 @@ def test_order_of_convergence_in_the_time_step() -> None:
 def test_order_of_convergence_under_a_sudden_load() -> None:
     """The same for a field that acts from the first step on, with the time loop of the solver: order 2."""
     found = []
-    for step in (8e-6, 4e-6, 1e-6):  # the bound is 34e-6: velocities of the fastest waves are of second order from a quarter of it on
+    for step in (
+        8e-6,
+        4e-6,
+        1e-6,
+    ):  # the bound is 34e-6: velocities of the fastest waves are of second order from a quarter of it on
         data = rod_scene(length=16e-3, field=(0, 0, 20e-3), density=DENSITY)
-        found.append(move(build(moving(data, duration=64 * 32e-6, output_every=64 * 32e-6, time_step=step))))
+        found.append(
+            move(build(moving(data, duration=64 * 32e-6, output_every=64 * 32e-6, time_step=step)))
+        )
     for one in ("x", "v"):
         rough, finer, best = (getattr(moved, one) for moved in found)
-        assert np.log2(np.abs(rough - best).max() / np.abs(finer - best).max()) == pytest.approx(2.0, abs=0.25)
+        assert np.log2(np.abs(rough - best).max() / np.abs(finer - best).max()) == pytest.approx(
+            2.0, abs=0.25
+        )

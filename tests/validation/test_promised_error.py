@@ -8,7 +8,9 @@ from reference.problems import Problem, finite_element_problems
 from magmpm import Scene, run
 from magmpm.results.measures import largest_distance
 
-PROBLEMS = finite_element_problems(Path(__file__).resolve().parents[2] / "data" / "references" / "fem.json")
+PROBLEMS = finite_element_problems(
+    Path(__file__).resolve().parents[2] / "data" / "references" / "fem.json"
+)
 
 
 @pytest.mark.slow
@@ -21,5 +23,7 @@ def test_the_promise_holds_against_finite_elements(problem: Problem, asked: floa
     assert result.error_estimate is not None
     assert result.error_estimate <= asked * problem.length
     true = largest_distance(result, problem.centreline)
-    print(f"{problem.name}: asked {asked:.3%}, true over promised {true / result.error_estimate:.2f}, own error {problem.error:.4%}")
+    print(
+        f"{problem.name}: asked {asked:.3%}, true over promised {true / result.error_estimate:.2f}, own error {problem.error:.4%}"
+    )
     assert true <= result.error_estimate + problem.error * problem.length

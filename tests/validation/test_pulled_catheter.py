@@ -19,7 +19,12 @@ from magmpm.simulate import run
 pytest.importorskip("magpylib")
 ROOT = Path(__file__).parents[2]
 L = 40e-3
-MAGNET = {"cylinder": {"diameter": 20e-3, "length": 20e-3}, "position": (75e-3, 0.0, 20e-3), "axis": (1.0, 0.0, 0.0), "remanence": 1.3}
+MAGNET = {
+    "cylinder": {"diameter": 20e-3, "length": 20e-3},
+    "position": (75e-3, 0.0, 20e-3),
+    "axis": (1.0, 0.0, 0.0),
+    "remanence": 1.3,
+}
 
 
 def pulled(field: dict[str, Any], **more: Any) -> Scene:
@@ -31,8 +36,24 @@ def pulled(field: dict[str, Any], **more: Any) -> Scene:
 CASES = {
     "beside and beyond": {"magnet": MAGNET},
     "repelled": {"magnet": {**MAGNET, "position": (30e-3, 5e-3, 45e-3)}},
-    "coil": {"coils": {"position": (80e-3, 0, 20e-3), "axis": (0.6, 0, 0.8), "diameter": 60e-3, "current": 20.0, "turns": 300}},
-    "inside a coil": {"coils": {"position": (20e-3, 0, 0), "axis": (0, 0, 1), "diameter": 120e-3, "current": 10.0, "turns": 300}},
+    "coil": {
+        "coils": {
+            "position": (80e-3, 0, 20e-3),
+            "axis": (0.6, 0, 0.8),
+            "diameter": 60e-3,
+            "current": 20.0,
+            "turns": 300,
+        }
+    },
+    "inside a coil": {
+        "coils": {
+            "position": (20e-3, 0, 0),
+            "axis": (0, 0, 1),
+            "diameter": 120e-3,
+            "current": 10.0,
+            "turns": 300,
+        }
+    },
     "dipole in a uniform field": {
         "uniform": (0, 4e-3, 0),
         "dipole": {"position": (70e-3, 0, 15e-3), "moment": (4.0, 0, 0), "diameter": 18e-3},
@@ -59,7 +80,10 @@ def test_rod_and_solve_agree(name: str) -> None:
 
 def test_a_measured_map_gives_the_magnets_answer() -> None:
     """The example map, with 4 mm spacing and the noise of a Hall probe, against the magnet itself: 0.1 % of the length."""
-    magnet, field_map = (load_scene(ROOT / f"data/scenes/pulled_by_{kind}.yaml").with_cells(2) for kind in ("magnet", "map"))
+    magnet, field_map = (
+        load_scene(ROOT / f"data/scenes/pulled_by_{kind}.yaml").with_cells(2)
+        for kind in ("magnet", "map")
+    )
     one, other = run(magnet), run(field_map)
     assert np.linalg.norm(one.tip - other.tip) < 1e-3 * L
     assert not other.warnings
@@ -69,7 +93,14 @@ def test_a_magnet_as_table_cloud_and_dipole() -> None:
     """The same magnet as a table; as a cloud of dipoles, if it rotates (here by a full turn); from twice the distance, as one dipole."""
     table = run(pulled({"magnet": MAGNET}))
     field = {"magnet": MAGNET}
-    once = {"rotation": {"axis": (0, 0, 1), "frequency": 1.0, "turns": 1.0, "center": MAGNET["position"]}}
+    once = {
+        "rotation": {
+            "axis": (0, 0, 1),
+            "frequency": 1.0,
+            "turns": 1.0,
+            "center": MAGNET["position"],
+        }
+    }
     turning = pulled({**field, "over_time": once})
     assert turning.outside_field().data[0] > 1, "dipoles"
     assert turning.outside_field().data[1] == 0, "no table"
@@ -77,14 +108,22 @@ def test_a_magnet_as_table_cloud_and_dipole() -> None:
     assert np.linalg.norm(cloud.tip - table.tip) < 1e-4 * L
     away = (110e-3, 0.0, 20e-3)
     moment = (1.3 * np.pi * 1e-4 * 20e-3 / (4e-7 * np.pi), 0, 0)
-    far, dipole = run(pulled({"magnet": {**MAGNET, "position": away}})), run(pulled({"dipole": {"position": away, "moment": moment}}))
+    far, dipole = (
+        run(pulled({"magnet": {**MAGNET, "position": away}})),
+        run(pulled({"dipole": {"position": away, "moment": moment}})),
+    )
     apart = np.linalg.norm(far.tip - dipole.tip)
-    assert apart < 0.02 * np.linalg.norm(far.tip - [L, 0, 0]), "(radius/distance)^2, the magnet's next moment"
+    assert apart < 0.02 * np.linalg.norm(far.tip - [L, 0, 0]), (
+        "(radius/distance)^2, the magnet's next moment"
+    )
 
 
 def test_a_catheter_that_snaps_to_the_magnet_is_an_error_that_says_so() -> None:
     """A strong pull from 20 mm leaves no equilibrium before contact: the message names the magnet and where the body met it."""
-    with pytest.raises(SolveError, match=r"the body's point at .* mm is (inside|outside of the box where) field.magnet"):
+    with pytest.raises(
+        SolveError,
+        match=r"the body's point at .* mm is (inside|outside of the box where) field.magnet",
+    ):
         run(pulled({"magnet": {**MAGNET, "position": (30e-3, 0, 32e-3), "axis": (0, 0, 1)}}))
 
 
@@ -107,7 +146,9 @@ def test_a_map_that_covers_the_body_to_rounding_is_taken() -> None:
     """Grid planes with errors of a millionth of a millimeter, as in tables with rounded coordinates."""
     data = load_scene(ROOT / "data/scenes/pulled_by_map.yaml").with_cells(2).to_si()
     grid = data["field"]["map"]["table"]
-    data["field"]["map"]["position"][0] -= grid["lower"][0] + data["field"]["map"]["position"][0] + grid["spacing"][0]  # exactly the margin
+    data["field"]["map"]["position"][0] -= (
+        grid["lower"][0] + data["field"]["map"]["position"][0] + grid["spacing"][0]
+    )  # exactly the margin
     build(Scene.from_si(data))
     data["field"]["map"]["position"][0] += 1e-9
     build(Scene.from_si(data))
@@ -121,7 +162,9 @@ def test_a_map_with_curl_is_warned_of() -> None:
     data = load_scene(ROOT / "data/scenes/pulled_by_map.yaml").with_cells(2).to_si()
     grid = Grid3.model_validate(data["field"]["map"]["table"])
     swapped = np.ascontiguousarray(grid.array()[..., [1, 0, 2]])
-    data["field"]["map"]["table"]["values"] = base64.b64encode(swapped.astype("<f8").tobytes()).decode()
+    data["field"]["map"]["table"]["values"] = base64.b64encode(
+        swapped.astype("<f8").tobytes()
+    ).decode()
     told = Scene.from_si(data).outside_field().warnings
     assert len(told) == 2
     assert "curl" in told[0]

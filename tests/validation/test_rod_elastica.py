@@ -33,9 +33,13 @@ def test_tip(angle: int, load: float) -> None:
     assert shape.stable
     assert np.hypot(y, z) == pytest.approx(exact.deflection, abs=1e-4)
     assert x == pytest.approx(exact.axial, abs=1e-4)
-    assert np.arctan2(np.hypot(tangent[1], tangent[2]), tangent[0]) == pytest.approx(exact.angle, abs=1e-4)
+    assert np.arctan2(np.hypot(tangent[1], tangent[2]), tangent[0]) == pytest.approx(
+        exact.angle, abs=1e-4
+    )
     assert z > 0
-    assert abs(y) < 3e-3, ("toward +z; above buckling every azimuth costs the same, and rounding turns it a little")
+    assert abs(y) < 3e-3, (
+        "toward +z; above buckling every azimuth costs the same, and rounding turns it a little"
+    )
 
 
 def test_the_exact_answers_are_the_published_ones() -> None:

@@ -25,9 +25,18 @@ def scene(kind: str, slenderness: float, cells: int) -> Scene:
     given = {
         "field": {"directions": SPATIAL, "field": field},
         "gravity": {"gravity": gravity},
-        "both": {"directions": SPATIAL, "lengths": [0.2 * L, 0.5 * L, 0.3 * L], "field": field * [1, -1, 1], "gravity": gravity},
+        "both": {
+            "directions": SPATIAL,
+            "lengths": [0.2 * L, 0.5 * L, 0.3 * L],
+            "field": field * [1, -1, 1],
+            "gravity": gravity,
+        },
         "tube": {"directions": SPATIAL, "inner_diameter": 0.6 * D, "field": field},
-        "soft joint": {"directions": [(1, 0, 0), (0, 0, 0), (0.3, -0.8, 0.4)], "shear": [G, 0.3 * G, G], "field": field},
+        "soft joint": {
+            "directions": [(1, 0, 0), (0, 0, 0), (0.3, -0.8, 0.4)],
+            "shear": [G, 0.3 * G, G],
+            "field": field,
+        },
     }[kind]
     return rod_scene(length=L, diameter=D, cells=cells, **given)
 

@@ -64,7 +64,9 @@ def lowest_curvature(load: float, slenderness: float, cells: int) -> float:
     _, matrix = energy.tangent(point)
     shape = (model.layout.planes, model.layout.m)
     assert matrix.factor(), "below the critical load the straight body is stable"
-    inverse = LinearOperator((model.dof, model.dof), matvec=lambda b: matrix.solve(b.reshape(shape)).ravel(), dtype=float)
+    inverse = LinearOperator(
+        (model.dof, model.dof), matvec=lambda b: matrix.solve(b.reshape(shape)).ravel(), dtype=float
+    )
     values = eigsh(inverse, 2, which="LM", v0=np.ones(model.dof), return_eigenvectors=False)
     return float(1 / values.max())
 

@@ -24,7 +24,14 @@ def scene_of(modulus: str, **more: object) -> Scene:
     data = {
         "name": "stiff wire",
         "materials": {"metal": {"shear_modulus": modulus, **STEEL}},
-        "body": {"catheter": {"length": "100 mm", "diameter": "1 mm", "material": "metal", "segments": [{}]}},
+        "body": {
+            "catheter": {
+                "length": "100 mm",
+                "diameter": "1 mm",
+                "material": "metal",
+                "segments": [{}],
+            }
+        },
         "resolution": {"cells_across": 2},
     }
     return validate(Scene, data | more)
@@ -47,7 +54,12 @@ def test_a_wire_bends_under_its_weight_as_a_beam_does(gigapascals: float) -> Non
 def test_a_magnet_in_its_tip_bends_it(gigapascals: float) -> None:
     """A couple, spread evenly over the magnet at the end of a wire. Within 0.1 %, as above."""
     stiff = f"{gigapascals} GPa"
-    magnet = {"shear_modulus": stiff, "bulk_to_shear": 2.17, "density": "7500 kg/m^3", "remanence": "1.2 T"}
+    magnet = {
+        "shear_modulus": stiff,
+        "bulk_to_shear": 2.17,
+        "density": "7500 kg/m^3",
+        "remanence": "1.2 T",
+    }
     scene = scene_of(
         stiff,
         materials={"metal": {"shear_modulus": stiff, **STEEL}, "magnet": magnet},
@@ -79,9 +91,14 @@ def test_it_moves_as_a_soft_one_does_but_sooner() -> None:
     Deflections are small: the soft beam turns by 1e-3, so they are linear to 1e-6.
     """
     ratio = 1e6
-    soft, stiff = (moving(f"{modulus} kPa", duration) for modulus, duration in ((120.0, 2e-3), (120.0 * ratio, 2e-6)))
+    soft, stiff = (
+        moving(f"{modulus} kPa", duration)
+        for modulus, duration in ((120.0, 2e-3), (120.0 * ratio, 2e-6))
+    )
     one, other = magmpm.run(soft), magmpm.run(stiff)
-    assert other.iterations == pytest.approx(one.iterations, abs=2)  # the same number of steps, to how they end with frames
+    assert other.iterations == pytest.approx(
+        one.iterations, abs=2
+    )  # the same number of steps, to how they end with frames
     sag = one.tip[2]
     assert sag < -1e-6
     # their steps differ by rounding and by how they fit into frames: 1e-4 of the motion
@@ -93,8 +110,21 @@ def moving(modulus: str, duration: float) -> Scene:
         Scene,
         {
             "name": "short beam",
-            "materials": {"elastic": {"shear_modulus": modulus, "bulk_to_shear": 2.17, "density": "1000 kg/m^3"}},
-            "body": {"catheter": {"length": "8 mm", "diameter": "2 mm", "material": "elastic", "segments": [{}]}},
+            "materials": {
+                "elastic": {
+                    "shear_modulus": modulus,
+                    "bulk_to_shear": 2.17,
+                    "density": "1000 kg/m^3",
+                }
+            },
+            "body": {
+                "catheter": {
+                    "length": "8 mm",
+                    "diameter": "2 mm",
+                    "material": "elastic",
+                    "segments": [{}],
+                }
+            },
             "effects": {"gravity": {}},
             "solver": {"dynamic": {"duration": duration}},
             "resolution": {"cells_across": 2},
@@ -114,7 +144,9 @@ def test_before_a_motion_it_says_what_the_stiff_material_costs() -> None:
 
 
 def test_what_no_material_has_is_refused() -> None:
-    with pytest.raises(magmpm.InputError, match=r"(?s)shear_modulus: received .600 GPa.*must be at most 500 GPa"):
+    with pytest.raises(
+        magmpm.InputError, match=r"(?s)shear_modulus: received .600 GPa.*must be at most 500 GPa"
+    ):
         scene_of("600 GPa")
 
 
@@ -123,8 +155,17 @@ def test_in_a_file_it_is_accepted(tmp_path) -> None:  # type: ignore[no-untyped-
     file = tmp_path / "wire.yaml"
     data = {
         "name": "wire",
-        "materials": {"steel": {"shear_modulus": "79 GPa", "bulk_to_shear": 2.1, "density": "7800 kg/m^3"}},
-        "body": {"catheter": {"length": "50 mm", "diameter": "1 mm", "material": "steel", "segments": [{}]}},
+        "materials": {
+            "steel": {"shear_modulus": "79 GPa", "bulk_to_shear": 2.1, "density": "7800 kg/m^3"}
+        },
+        "body": {
+            "catheter": {
+                "length": "50 mm",
+                "diameter": "1 mm",
+                "material": "steel",
+                "segments": [{}],
+            }
+        },
         "effects": {"gravity": {}},
     }
     file.write_text(yaml.safe_dump(data))

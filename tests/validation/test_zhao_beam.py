@@ -17,7 +17,10 @@ DATA = Path(__file__).parents[2] / "data"
 REFERENCE = json.loads((DATA / "references/zhao_beam.json").read_text())
 L = REFERENCE["length"]
 FIELDS = REFERENCE["field_mT"][1:]
-ACROSS, ALONG = 0.003, 0.008  # of L: measured 0.0016 and 0.0042 in plane strain, 0.0017 and 0.0075 with the width
+ACROSS, ALONG = (
+    0.003,
+    0.008,
+)  # of L: measured 0.0016 and 0.0042 in plane strain, 0.0017 and 0.0075 with the width
 
 
 def tip_over_length(scene: Scene, field: float) -> tuple[float, float]:
@@ -27,9 +30,13 @@ def tip_over_length(scene: Scene, field: float) -> tuple[float, float]:
     return float(tip[2]), float(tip[0] - 1)
 
 
-@pytest.mark.parametrize(("name", "key"), [
-    ("zhao_plane_strain", "plane_strain"), pytest.param("zhao_width_5mm", "width_5mm", marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [
+        ("zhao_plane_strain", "plane_strain"),
+        pytest.param("zhao_width_5mm", "width_5mm", marks=pytest.mark.slow),
+    ],
+)
 def test_the_tip_is_where_finite_elements_have_it(name: str, key: str) -> None:
     """From 7 to 40 mT, on the branch toward +z, for the scene as it is: within 0.3 % of L across the beam, 0.8 % along it."""
     scene = load_scene(DATA / f"scenes/{name}.yaml")
@@ -42,7 +49,13 @@ def test_the_tip_is_where_finite_elements_have_it(name: str, key: str) -> None:
 def test_a_width_of_5_mm_on_a_coarse_grid() -> None:
     """Two cells through the thickness: within 0.5 % of L across the beam at 10 and 25 mT (measured 0.1 and 0.3 %)."""
     scene = load_scene(DATA / "scenes/zhao_width_5mm.yaml").with_cells(2)
-    want = dict(zip(REFERENCE["field_mT"], REFERENCE["finite_elements"]["width_5mm"]["deflection"], strict=True))
+    want = dict(
+        zip(
+            REFERENCE["field_mT"],
+            REFERENCE["finite_elements"]["width_5mm"]["deflection"],
+            strict=True,
+        )
+    )
     for field in (10, 25):
         assert tip_over_length(scene, field)[0] == pytest.approx(want[field], abs=0.005)
 
@@ -53,7 +66,9 @@ def test_the_mirror_image_is_the_other_branch() -> None:
     up, down = (run(scene.with_field([-25e-3, 0.0, side * 0.25e-3])).tip / L for side in (1, -1))
     assert up[2] == pytest.approx(-down[2], abs=1e-6)
     assert up[0] == pytest.approx(down[0], abs=1e-6)
-    assert up[2] == pytest.approx(REFERENCE["finite_elements"]["plane_strain"]["deflection"][4], abs=0.01)
+    assert up[2] == pytest.approx(
+        REFERENCE["finite_elements"]["plane_strain"]["deflection"][4], abs=0.01
+    )
 
 
 def test_below_the_threshold_it_stays_straight() -> None:

@@ -22,7 +22,9 @@ USER, PASSWORD, NAME = "magmpm", "kept-to-ourselves", "trials"
 
 def program(name: str) -> str | None:
     """A program of PostgreSQL: Debian keeps them out of the path."""
-    return shutil.which(name) or next(iter(sorted(glob(f"/usr/lib/postgresql/*/bin/{name}"), reverse=True)), None)
+    return shutil.which(name) or next(
+        iter(sorted(glob(f"/usr/lib/postgresql/*/bin/{name}"), reverse=True)), None
+    )
 
 
 def free_port() -> int:
@@ -49,12 +51,23 @@ class Postgres:
         if self._as:
             for path in (folder, folder / "password"):
                 shutil.chown(path, "nobody", "nogroup")
-        how = ["-U", USER, "--pwfile", str(folder / "password"), "-A", "scram-sha-256", "-E", "UTF8"]
+        how = [
+            "-U",
+            USER,
+            "--pwfile",
+            str(folder / "password"),
+            "-A",
+            "scram-sha-256",
+            "-E",
+            "UTF8",
+        ]
         self._run([initdb, "-D", str(folder / "data"), *how])
         self.start()
         import psycopg
 
-        with psycopg.connect(self.url("postgres").replace("+psycopg", ""), autocommit=True) as connection:
+        with psycopg.connect(
+            self.url("postgres").replace("+psycopg", ""), autocommit=True
+        ) as connection:
             connection.execute(f"CREATE DATABASE {NAME}")
 
     def _run(self, command: list[str]) -> None:
@@ -71,7 +84,9 @@ class Postgres:
 
         until = time.monotonic() + 60
         while True:
-            if self.process is None or self.process.poll() is not None:  # processes of a server that was stopped may still hold its memory
+            if (
+                self.process is None or self.process.poll() is not None
+            ):  # processes of a server that was stopped may still hold its memory
                 self.process = self._started()
             try:
                 psycopg.connect(self.url("postgres"), connect_timeout=2).close()
@@ -81,14 +96,23 @@ class Postgres:
                 time.sleep(0.1)
 
     def _started(self) -> subprocess.Popen[bytes]:
-        settings = {"listen_addresses": "127.0.0.1", "unix_socket_directories": self.folder, "fsync": "off", "max_connections": 60}
+        settings = {
+            "listen_addresses": "127.0.0.1",
+            "unix_socket_directories": self.folder,
+            "fsync": "off",
+            "max_connections": 60,
+        }
         options = [word for name, value in settings.items() for word in ("-c", f"{name}={value}")]
         log = (self.folder / "log").open("ab")
         with log:
             return subprocess.Popen(  # type: ignore[call-overload, no-any-return]
-                [self._program, "-D", str(self.folder / "data"), "-p", str(self.port), *options], cwd="/",
-                stdout=log, stderr=log, env={**os.environ, "LC_ALL": "C"}, **self._as,
-            )  # fmt: skip
+                [self._program, "-D", str(self.folder / "data"), "-p", str(self.port), *options],
+                cwd="/",
+                stdout=log,
+                stderr=log,
+                env={**os.environ, "LC_ALL": "C"},
+                **self._as,
+            )
 
     def stop(self) -> None:
         """Stop it at once, as in a crash: connections are cut."""
@@ -101,7 +125,9 @@ class Postgres:
 
         with psycopg.connect(self.url(), autocommit=True) as connection:
             others = "pid <> pg_backend_pid() AND datname IS NOT NULL"
-            connection.execute(f"SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE {others}")  # type: ignore[arg-type]
+            connection.execute(
+                f"SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE {others}"
+            )  # type: ignore[arg-type]
 
 
 @contextmanager
@@ -124,8 +150,16 @@ def postgres() -> Iterator[Postgres]:
 def grpc_proxy(url: str) -> Iterator[str]:
     """Optuna's gRPC proxy of a database; its URL."""
     port = free_port()
-    command = [sys.executable, "-m", "magmpm.studies.engine.workers.grpc_proxy", "--port", str(port)]
-    with subprocess.Popen(command, env={**os.environ, "MAGMPM_STORAGE": url}, stderr=subprocess.PIPE, text=True) as child:
+    command = [
+        sys.executable,
+        "-m",
+        "magmpm.studies.engine.workers.grpc_proxy",
+        "--port",
+        str(port),
+    ]
+    with subprocess.Popen(
+        command, env={**os.environ, "MAGMPM_STORAGE": url}, stderr=subprocess.PIPE, text=True
+    ) as child:
         try:
             said = child.stderr.readline()
             assert said.startswith(f"grpc://localhost:{port} serves "), said
@@ -135,9 +169,21 @@ def grpc_proxy(url: str) -> Iterator[str]:
             child.terminate()
 
 
-def session(study: Path, out: Path, workers: int, url: str, seconds: float = 0.1, **env: str) -> subprocess.Popen[str]:
+def session(
+    study: Path, out: Path, workers: int, url: str, seconds: float = 0.1, **env: str
+) -> subprocess.Popen[str]:
     """A session with its workers, in a process of its own (session.py)."""
-    path = os.pathsep.join([str(HERE), str(HERE.parent / "studies"), os.environ.get("PYTHONPATH", "")])
-    known = {**os.environ, "PYTHONPATH": path, "MAGMPM_STORAGE": url, "TEST_SECONDS": str(seconds), **env}
+    path = os.pathsep.join(
+        [str(HERE), str(HERE.parent / "studies"), os.environ.get("PYTHONPATH", "")]
+    )
+    known = {
+        **os.environ,
+        "PYTHONPATH": path,
+        "MAGMPM_STORAGE": url,
+        "TEST_SECONDS": str(seconds),
+        **env,
+    }
     command = [sys.executable, str(HERE / "session.py"), str(study), str(out), str(workers)]
-    return subprocess.Popen(command, env=known, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(
+        command, env=known, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )

@@ -94,9 +94,15 @@ def main(study: str, out: str, workers: str) -> int:
     how = None if workers == "0" else int(workers)
     try:
         report = run_study(
-            load_study(study), solve=session.slow, differentiate=rod_solve.differentiate, picture=draw, out=out,
-            storage=os.environ.get("MAGMPM_STORAGE"), workers=how, on_advice=lambda lines: print(*lines, file=sys.stderr, sep="\n"),
-        )  # fmt: skip
+            load_study(study),
+            solve=session.slow,
+            differentiate=rod_solve.differentiate,
+            picture=draw,
+            out=out,
+            storage=os.environ.get("MAGMPM_STORAGE"),
+            workers=how,
+            on_advice=lambda lines: print(*lines, file=sys.stderr, sep="\n"),
+        )
     except MagmpmError as error:
         print(f"magmpm: {error}", file=sys.stderr)
         return error.exit_status

@@ -14,7 +14,9 @@ from magmpm.studies.engine.storage_url import storage_url
 
 STATE = optuna.trial.TrialState
 LEASE = 4.0  # s, as session.py has it
-FEW = STUDY.replace("magnetization: {}", "field: {max: 10 mT}").replace("trials: 8", "trials: 4")  # each parameter is a commit
+FEW = STUDY.replace("magnetization: {}", "field: {max: 10 mT}").replace(
+    "trials: 8", "trials: 4"
+)  # each parameter is a commit
 pytestmark = pytest.mark.slow
 
 
@@ -52,13 +54,19 @@ def test_a_kill_at_any_commit_of_a_request_costs_a_lease_at_most(url: str, tmp_p
         _, said = rerun.communicate(timeout=120)
         assert rerun.returncode == 0, said
         trials = trials_of(url, study.stem)
-        done = sorted((t for t in trials if t.state == STATE.COMPLETE), key=lambda t: t.datetime_complete)
+        done = sorted(
+            (t for t in trials if t.state == STATE.COMPLETE), key=lambda t: t.datetime_complete
+        )
         assert len(done) == 4
         assert len({tuple(sorted(t.params.items())) for t in done}) == 4, "no design twice"
         assert all(set(t.params) == set(done[0].params) for t in done), "no design in part"
-        assert {t.state for t in trials} <= {STATE.COMPLETE, STATE.FAIL}, "nothing is left running or waiting"
+        assert {t.state for t in trials} <= {STATE.COMPLETE, STATE.FAIL}, (
+            "nothing is left running or waiting"
+        )
         # a session looks once a second: it first sees the trial up to a second late, and the end of the lease as well
         assert done[-1].datetime_start - done[-2].datetime_complete < timedelta(seconds=LEASE + 3.0)
         at += 1
     assert at == commits + 1
-    assert owners == {False, True}, "trials that a session had named as its own, and some that it had not yet"
+    assert owners == {False, True}, (
+        "trials that a session had named as its own, and some that it had not yet"
+    )

@@ -30,9 +30,17 @@ from magmpm.studies.search.definition import load_study
 TRIALS = 16
 
 
-def run(folder: Path, sampler: str = "tpe", solve: Any = rod_solve.solve, **options: Any) -> StudyReport:
+def run(
+    folder: Path, sampler: str = "tpe", solve: Any = rod_solve.solve, **options: Any
+) -> StudyReport:
     path = write_study(folder, STUDY.replace("trials: 8", f"trials: {TRIALS}"))
-    how: dict[str, Any] = {"differentiate": rod_solve.differentiate, "picture": draw, "sampler": sampler, "out": folder / "out", **options}
+    how: dict[str, Any] = {
+        "differentiate": rod_solve.differentiate,
+        "picture": draw,
+        "sampler": sampler,
+        "out": folder / "out",
+        **options,
+    }
     return run_study(load_study(path), solve=solve, **how)
 
 
@@ -64,7 +72,10 @@ def test_two_that_wait_for_the_same_dead_session_choose_one_after_the_other() ->
 
     def get_trials(**_: Any) -> list[SimpleNamespace]:
         known = {sessions.READY: True} if time.monotonic() > begun + 0.3 else {}
-        return [SimpleNamespace(number=0, user_attrs={}), SimpleNamespace(number=1, user_attrs=known)]
+        return [
+            SimpleNamespace(number=0, user_attrs={}),
+            SimpleNamespace(number=1, user_attrs=known),
+        ]
 
     study, trial = SimpleNamespace(get_trials=get_trials), SimpleNamespace(number=2)
     sessions._wait_for_smaller(study, trial, silent, patience=0.2)  # type: ignore[arg-type]
@@ -83,7 +94,9 @@ def test_one_worker_process_gives_the_study_that_none_gives(tmp_path: Path) -> N
         assert [t.value for t in one] == [t.value for t in other]
 
 
-def poisoned(variable: str, says: str, folder: Path, monkeypatch: pytest.MonkeyPatch, **options: Any) -> list[str]:
+def poisoned(
+    variable: str, says: str, folder: Path, monkeypatch: pytest.MonkeyPatch, **options: Any
+) -> list[str]:
     """Let one design of a study be bad once, which it says; then again, as often as one may be. Returns why that one failed."""
     poison = folder / "poison"
     monkeypatch.setenv(variable, str(poison))
@@ -97,8 +110,16 @@ def poisoned(variable: str, says: str, folder: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.slow
-def test_a_worker_that_dies_costs_nothing_and_a_deadly_design_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (reason,) = poisoned(session.DEADLY, "worker processes that ended and were replaced: 1", tmp_path, monkeypatch, workers=2)
+def test_a_worker_that_dies_costs_nothing_and_a_deadly_design_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (reason,) = poisoned(
+        session.DEADLY,
+        "worker processes that ended and were replaced: 1",
+        tmp_path,
+        monkeypatch,
+        workers=2,
+    )
     assert "ended by SIGSEGV" in reason
 
 
@@ -110,17 +131,24 @@ def test_a_design_that_ended_two_processes_is_given_up_and_the_next_one_begins_a
     for number in (5, 6):
         worker.job = (number, {})
         assert many._replaced(worker, "ended by SIGKILL") is None
-        assert many._replaced(worker, "ended by SIGKILL") == "the process that solved it ended by SIGKILL, 2 times"
+        assert (
+            many._replaced(worker, "ended by SIGKILL")
+            == "the process that solved it ended by SIGKILL, 2 times"
+        )
         assert worker.job is None
     assert (worker.given, many.deaths) == ([(5, {}), (6, {})], 4)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_worker_that_hangs_is_ended_and_its_design_taken_up(workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_that_hangs_is_ended_and_its_design_taken_up(
+    workers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """And a design that hangs as often as it may counts as failed, with the reason."""
     says = "took too long for a design and were ended (--time-limit): 1"
-    (reason,) = poisoned(session.HANGING, says, tmp_path, monkeypatch, workers=workers, time_limit=3.0)
+    (reason,) = poisoned(
+        session.HANGING, says, tmp_path, monkeypatch, workers=workers, time_limit=3.0
+    )
     assert reason == "the process that solved it ended after 3 s without an answer, 1 times"
 
 
@@ -149,17 +177,25 @@ LIMITS = [(None, 60.0), (2, 0.0), (2, -1.0), (2, float("nan")), (2, float("inf")
 
 
 @pytest.mark.parametrize(("workers", "limit"), [*LIMITS, (0, None), (-1, None), (257, None)])
-def test_a_time_limit_or_a_number_of_workers_that_cant_be_is_refused(workers: int | None, limit: float | None, tmp_path: Path) -> None:
-    option, rule = ("--workers", "must be from 1 to 256") if limit is None else ("--time-limit", ".*")
+def test_a_time_limit_or_a_number_of_workers_that_cant_be_is_refused(
+    workers: int | None, limit: float | None, tmp_path: Path
+) -> None:
+    option, rule = (
+        ("--workers", "must be from 1 to 256") if limit is None else ("--time-limit", ".*")
+    )
     with pytest.raises(InputError, match=rf"{option}: received .*\n  rule: {rule}\n  remedy: "):
         run(tmp_path, workers=workers, time_limit=limit)
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow
-def test_the_command_solves_with_workers_and_a_trial_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_solves_with_workers_and_a_trial_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The real solver: a trial that a worker with one thread has solved gives the same bits in this process."""
-    path = write_study(tmp_path, STUDY, rod_solve.SCENE.replace("cells_across: 4", "cells_across: 2"))
+    path = write_study(
+        tmp_path, STUDY, rod_solve.SCENE.replace("cells_across: 4", "cells_across: 2")
+    )
     common = [str(path), "--out", str(tmp_path / "out"), "--json"]
     assert main(["design", *common, "--trials", "5", "--workers", "2", "--no-pictures"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -170,14 +206,25 @@ def test_the_command_solves_with_workers_and_a_trial_again(tmp_path: Path, capsy
         assert again["same"] is True
         assert again["rms_m"] == found["rms_m"][number]
     assert main(["design", *common, "--trial", "5"]) == 2
-    assert "--trial: received 5\n  rule: trial 5 is not there; the study has 5, numbered from 0" in capsys.readouterr().err
+    assert (
+        "--trial: received 5\n  rule: trial 5 is not there; the study has 5, numbered from 0"
+        in capsys.readouterr().err
+    )
 
 
 URLS = [
     ("postgresql://me:secret@host/db", "postgresql://me:***@host/db", ["secret"]),
     ("postgresql://me:se@c/r:t@host:5/db", "postgresql://me:***@host:5/db", ["se@c/r:t"]),
-    ("postgresql://me@host/db?password=secret&sslmode=require", "postgresql://me@host/db?password=***&sslmode=require", ["secret"]),
-    ("postgresql://host/db?sslpassword=a&passfile=/x", "postgresql://host/db?sslpassword=***&passfile=***", ["a", "/x"]),
+    (
+        "postgresql://me@host/db?password=secret&sslmode=require",
+        "postgresql://me@host/db?password=***&sslmode=require",
+        ["secret"],
+    ),
+    (
+        "postgresql://host/db?sslpassword=a&passfile=/x",
+        "postgresql://host/db?sslpassword=***&passfile=***",
+        ["a", "/x"],
+    ),
     ("postgresql://me@host/db", "postgresql://me@host/db", []),
     ("sqlite:////a/b:c@d.db", "sqlite:////a/b:c@d.db", []),
     ("grpc://host:13000", "grpc://host:13000", []),
@@ -185,14 +232,18 @@ URLS = [
 
 
 @pytest.mark.parametrize(("url", "shown", "secret"), URLS)
-def test_passwords_are_hidden_and_refused_on_the_command_line(url: str, shown: str, secret: list[str]) -> None:
+def test_passwords_are_hidden_and_refused_on_the_command_line(
+    url: str, shown: str, secret: list[str]
+) -> None:
     assert shown_url(url) == shown
     assert passwords(url) == secret
     assert given_url(None, {"MAGMPM_STORAGE": url}) == url
     if not secret:
         assert given_url(url, {}) == url
         return
-    with pytest.raises(InputError, match="everybody on this machine can read a command line") as caught:
+    with pytest.raises(
+        InputError, match="everybody on this machine can read a command line"
+    ) as caught:
         given_url(url, {})
     for word in secret:
         assert len(word) < 3 or word not in str(caught.value)
@@ -203,15 +254,19 @@ def test_a_password_with_a_percent_sign_is_hidden_in_either_form() -> None:
 
 
 @pytest.mark.slow
-def test_artifacts_in_an_s3_compatible_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_artifacts_in_an_s3_compatible_store(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     boto3 = pytest.importorskip("boto3")
     server = pytest.importorskip("moto.server").ThreadedMotoServer(ip_address="127.0.0.1", port=0)
     server.start()
     host, port = server.get_host_and_port()
     for name, value in {
-        "AWS_ENDPOINT_URL": f"http://{host}:{port}", "AWS_ACCESS_KEY_ID": "key-of-a-test", "AWS_SECRET_ACCESS_KEY": "secret-of-a-test",
+        "AWS_ENDPOINT_URL": f"http://{host}:{port}",
+        "AWS_ACCESS_KEY_ID": "key-of-a-test",
+        "AWS_SECRET_ACCESS_KEY": "secret-of-a-test",
         "AWS_DEFAULT_REGION": "us-east-1",
-    }.items():  # fmt: skip
+    }.items():
         monkeypatch.setenv(name, value)
     try:
         client = boto3.client("s3")
@@ -242,7 +297,9 @@ def test_pictures_are_put_back(tmp_path: Path) -> None:
     files[1].unlink()
     report = run(tmp_path, "random")
     assert [path.read_bytes() for path in files] == before
-    assert report.warnings == ["artifacts that were damaged or gone, and are put back from pictures: 2"]
+    assert report.warnings == [
+        "artifacts that were damaged or gone, and are put back from pictures: 2"
+    ]
     (number,) = np.flatnonzero([t.number == 3 for t in trials_of(tmp_path)])
     (tmp_path / "out/pictures/trial_003.png").unlink()
     for path in files:

@@ -17,7 +17,12 @@ from magmpm.studies.engine.storage_url import storage_url
 from magmpm.studies.engine.workers.sessions import RERUN_OF
 
 WANTED = 40
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(program("initdb") is None, reason="needs PostgreSQL: apt-get install postgresql")]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        program("initdb") is None, reason="needs PostgreSQL: apt-get install postgresql"
+    ),
+]
 pytest.importorskip("psycopg", reason="an extra: pip install -e '.[postgresql]'")
 
 
@@ -28,17 +33,23 @@ def server() -> Iterator[Postgres]:
 
 
 def trials_of(url: str, name: str) -> list[optuna.trial.FrozenTrial]:
-    return optuna.load_study(study_name=name, storage=open_storage(storage_url(None, url))).get_trials(deepcopy=False)
+    return optuna.load_study(
+        study_name=name, storage=open_storage(storage_url(None, url))
+    ).get_trials(deepcopy=False)
 
 
-def nothing_lost_or_doubled(trials: list[optuna.trial.FrozenTrial], seen: dict[int, tuple[float, ...]], wanted: int) -> None:
+def nothing_lost_or_doubled(
+    trials: list[optuna.trial.FrozenTrial], seen: dict[int, tuple[float, ...]], wanted: int
+) -> None:
     """As many trials as were asked for, each design once, and every trial that was complete when it was looked at still as it was."""
     done = [t for t in trials if t.state == optuna.trial.TrialState.COMPLETE]
     assert len(done) == wanted
     assert len({tuple(sorted(t.params.items())) for t in done}) == wanted, "no design twice"
     assert {t.number: tuple(t.values) for t in trials if t.number in seen} == seen, "nothing lost"
     states = {t.state for t in trials}
-    assert states <= {optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.FAIL}, "nothing is left running or waiting"
+    assert states <= {optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.FAIL}, (
+        "nothing is left running or waiting"
+    )
     rerun = [t.user_attrs[RERUN_OF] for t in trials if RERUN_OF in t.user_attrs]
     assert len(rerun) == len(set(rerun)), "no design is queued again twice"
     for trial in done:
@@ -48,12 +59,18 @@ def nothing_lost_or_doubled(trials: list[optuna.trial.FrozenTrial], seen: dict[i
 
 def seen_now(url: str, name: str) -> dict[int, tuple[float, ...]]:
     try:
-        return {t.number: tuple(t.values) for t in trials_of(url, name) if t.state == optuna.trial.TrialState.COMPLETE}
+        return {
+            t.number: tuple(t.values)
+            for t in trials_of(url, name)
+            if t.state == optuna.trial.TrialState.COMPLETE
+        }
     except KeyError:
         return {}  # the study has not begun
 
 
-def killed_now_and_then(study: Path, folder: Path, url: str, look: str, kills: int, sampler_seed: int) -> list[str]:
+def killed_now_and_then(
+    study: Path, folder: Path, url: str, look: str, kills: int, sampler_seed: int
+) -> list[str]:
     """Two sessions of two workers each on one storage; workers and sessions are killed at random moments, sessions begun again.
 
     look: a URL by which the test itself sees the database. Returns what sessions said."""
@@ -71,7 +88,11 @@ def killed_now_and_then(study: Path, folder: Path, url: str, look: str, kills: i
         k = drawn.randrange(2)
         try:
             family = psutil.Process(sessions[k].pid)
-            workers = [child for child in family.children() if "magmpm.studies.engine.workers.pool" in " ".join(child.cmdline())]
+            workers = [
+                child
+                for child in family.children()
+                if "magmpm.studies.engine.workers.pool" in " ".join(child.cmdline())
+            ]
             victim = family if drawn.random() < 0.5 or not workers else drawn.choice(workers)
             victim.send_signal(signal.SIGKILL)
             done += 1
@@ -91,8 +112,15 @@ def killed_now_and_then(study: Path, folder: Path, url: str, look: str, kills: i
 
 @pytest.mark.parametrize("by", ["postgresql", "grpc"])
 @pytest.mark.parametrize("sampler", ["tpe", "gauss-newton"])
-def test_kills_lose_and_double_nothing(by: str, sampler: str, server: Postgres, tmp_path: Path) -> None:
-    study = write_study(tmp_path, STUDY.replace("trials: 8", f"trials: {WANTED}").replace("sampler: random", f"sampler: {sampler}"))
+def test_kills_lose_and_double_nothing(
+    by: str, sampler: str, server: Postgres, tmp_path: Path
+) -> None:
+    study = write_study(
+        tmp_path,
+        STUDY.replace("trials: 8", f"trials: {WANTED}").replace(
+            "sampler: random", f"sampler: {sampler}"
+        ),
+    )
     study = study.rename(tmp_path / f"kills_{by}_{sampler.replace('-', '_')}.yaml")
     if by == "postgresql":
         said = killed_now_and_then(study, tmp_path, server.url(), server.url(), 6, 1)
@@ -105,8 +133,12 @@ def test_kills_lose_and_double_nothing(by: str, sampler: str, server: Postgres, 
         assert not path.is_file() or PASSWORD.encode() not in path.read_bytes(), path
 
 
-def test_a_server_that_is_stopped_and_started_is_waited_for(server: Postgres, tmp_path: Path) -> None:
-    study = write_study(tmp_path, STUDY.replace("trials: 8", "trials: 30")).rename(tmp_path / "outage.yaml")
+def test_a_server_that_is_stopped_and_started_is_waited_for(
+    server: Postgres, tmp_path: Path
+) -> None:
+    study = write_study(tmp_path, STUDY.replace("trials: 8", "trials: 30")).rename(
+        tmp_path / "outage.yaml"
+    )
     child = session(study, tmp_path / "out", 2, server.url())
     seen: dict[int, tuple[float, ...]] = {}
     while len(seen) < 5 and child.poll() is None:
@@ -126,15 +158,21 @@ def test_a_server_that_is_stopped_and_started_is_waited_for(server: Postgres, tm
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_and_sigterm_put_the_trials_at_work_back(how: signal.Signals, server: Postgres, tmp_path: Path) -> None:
-    study = write_study(tmp_path, STUDY.replace("trials: 8", "trials: 60")).rename(tmp_path / f"ended_{how.name}.yaml")
+def test_ctrl_c_and_sigterm_put_the_trials_at_work_back(
+    how: signal.Signals, server: Postgres, tmp_path: Path
+) -> None:
+    study = write_study(tmp_path, STUDY.replace("trials: 8", "trials: 60")).rename(
+        tmp_path / f"ended_{how.name}.yaml"
+    )
     child = session(study, tmp_path / "out", 2, server.url(), seconds=0.5)
     while len(seen_now(server.url(), study.stem)) < 3 and child.poll() is None:
         time.sleep(0.05)
     family = psutil.Process(child.pid).children(recursive=True)
     child.send_signal(how)
     child.communicate(timeout=30)
-    if how == signal.SIGINT:  # SIGTERM is the command's to handle: this session has no command, and dies of it
+    if (
+        how == signal.SIGINT
+    ):  # SIGTERM is the command's to handle: this session has no command, and dies of it
         assert child.returncode == 1
         states = [t.state.name for t in trials_of(server.url(), study.stem)]
         assert "RUNNING" not in states

@@ -31,9 +31,18 @@ class MotionStage:
         for number in range(len(self._trace), len(self.motion)):
             position = self.motion.position(number)
             whole = position[np.isfinite(position).all(axis=1)]
-            self._low, self._high = np.fmin(self._low, whole.min(axis=0)), np.fmax(self._high, whole.max(axis=0))
-            self._trace.append([] if self._traced is None else position[self._traced].mean(axis=0, dtype=float).tolist())
-        energies = {name: values.tolist() for name, values in self.motion.energies.items() if name in CURVES}
+            self._low, self._high = (
+                np.fmin(self._low, whole.min(axis=0)),
+                np.fmax(self._high, whole.max(axis=0)),
+            )
+            self._trace.append(
+                []
+                if self._traced is None
+                else position[self._traced].mean(axis=0, dtype=float).tolist()
+            )
+        energies = {
+            name: values.tolist() for name, values in self.motion.energies.items() if name in CURVES
+        }
         return {
             "times": self.motion.times.tolist(),
             "box": [self._low.tolist(), self._high.tolist()],
@@ -47,12 +56,18 @@ class MotionStage:
         frame = self.motion[number]
         field = np.zeros(3) if frame.field is None else frame.field
         header: dict[str, Any] = {
-            "state": "frame", "number": number, "time": frame.time, "surface": "motion", "field": field,
+            "state": "frame",
+            "number": number,
+            "time": frame.time,
+            "surface": "motion",
+            "field": field,
             "arrow_width": self._body.arrow_width,
-        }  # fmt: skip
+        }
         arrays = {
             "points": np.nan_to_num(self._body.points(frame.position)),
-            "arrows": self._body.arrows(frame.position, frame.quantities.get("magnetisation", self.motion.remanence)),
+            "arrows": self._body.arrows(
+                frame.position, frame.quantities.get("magnetisation", self.motion.remanence)
+            ),
         }
         if known != "motion":
             arrays |= surface_arrays(self._body)

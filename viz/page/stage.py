@@ -53,11 +53,22 @@ class Stage:
     def __init__(self) -> None:
         self._bodies: dict[str, Body] = {}
 
-    def message(self, scene: Scene, shape: DeformedBody, known: str, about: dict[str, Any]) -> bytes:
+    def message(
+        self, scene: Scene, shape: DeformedBody, known: str, about: dict[str, Any]
+    ) -> bytes:
         """A shape of a scene. known: name of the surface that the page has; about: what else its header says."""
         name, body = self._body(scene, shape)
-        arrays = {"points": np.nan_to_num(body.points(shape.position)), "axis": shape.axis, "arrows": self._arrows(scene, body, shape)}
-        header = {**about, "surface": name, "field": shape.field, "arrow_width": style.ARROW_WIDTH * body.thickness}
+        arrays = {
+            "points": np.nan_to_num(body.points(shape.position)),
+            "axis": shape.axis,
+            "arrows": self._arrows(scene, body, shape),
+        }
+        header = {
+            **about,
+            "surface": name,
+            "field": shape.field,
+            "arrow_width": style.ARROW_WIDTH * body.thickness,
+        }
         if name != known:
             arrays |= surface_arrays(body)
         if name != known or scene.field.varies:
@@ -67,26 +78,40 @@ class Stage:
     def _body(self, scene: Scene, shape: DeformedBody) -> tuple[str, Body]:
         """The surface of this undeformed body, made at its first sight."""
         magnetized = np.linalg.norm(scene.region_remanence(), axis=1) > 0
-        name = f"{scene.length:.9g}/{len(shape.reference)}/{''.join(str(int(m)) for m in magnetized)}"
+        name = (
+            f"{scene.length:.9g}/{len(shape.reference)}/{''.join(str(int(m)) for m in magnetized)}"
+        )
         if name not in self._bodies:
-            while len(self._bodies) >= 24:  # surfaces of bodies: one for each length outside a guide that was seen
+            while (
+                len(self._bodies) >= 24
+            ):  # surfaces of bodies: one for each length outside a guide that was seen
                 self._bodies.pop(next(iter(self._bodies)))
-            self._bodies[name] = Body(scene, shape.reference, shape.volume, shape.part, _remanence(scene, shape))
+            self._bodies[name] = Body(
+                scene, shape.reference, shape.volume, shape.part, _remanence(scene, shape)
+            )
         return name, self._bodies[name]
 
     @staticmethod
     def _arrows(scene: Scene, body: Body, shape: DeformedBody) -> np.ndarray:
         """One arrow a region; where the magnetization turns within one, several along it."""
         if len(shape.axis) > 1 and scene.body.shape.magnetized_by_region:
-            return segment_arrows(shape.axis, shape.center, shape.remanence, body.length, body.thickness)
+            return segment_arrows(
+                shape.axis, shape.center, shape.remanence, body.length, body.thickness
+            )
         turned = gradients(shape.reference, shape.position)
-        return body.arrows(shape.position, np.einsum("nij,nj->ni", turned, _remanence(scene, shape)))
+        return body.arrows(
+            shape.position, np.einsum("nij,nj->ni", turned, _remanence(scene, shape))
+        )
 
 
 def _remanence(scene: Scene, shape: DeformedBody) -> np.ndarray:
     """(n, 3) T of the undeformed particles."""
-    strength = np.array([scene.materials[region.material_name].remanence for region in scene.regions()])
-    return strength[shape.part, None] * scene.body.shape.magnetization(_Places(shape.reference, shape.part))  # type: ignore[arg-type]
+    strength = np.array(
+        [scene.materials[region.material_name].remanence for region in scene.regions()]
+    )
+    return strength[shape.part, None] * scene.body.shape.magnetization(
+        _Places(shape.reference, shape.part)
+    )  # type: ignore[arg-type]
 
 
 class _Places:
@@ -108,12 +133,22 @@ def obstacles_of(scene: Scene, time: float | None = None) -> list[Obstacle]:
     return [*standing(scene), *sources(scene, time)]
 
 
-def put_obstacles(obstacles: list[Obstacle], header: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+def put_obstacles(
+    obstacles: list[Obstacle], header: dict[str, Any], arrays: dict[str, np.ndarray]
+) -> None:
     """Put obstacles into a message."""
     header["obstacles"] = []
     for k, one in enumerate(obstacles):
         name = f"obstacle{k}"
-        header["obstacles"].append({"id": name, "name": one.name, "color": one.color, "hollow": one.hollow, "framed": one.framed})
+        header["obstacles"].append(
+            {
+                "id": name,
+                "name": one.name,
+                "color": one.color,
+                "hollow": one.hollow,
+                "framed": one.framed,
+            }
+        )
         arrays[f"{name}.points"], arrays[f"{name}.triangles"] = one.points, one.triangles
 
 
@@ -121,7 +156,10 @@ def _region_colors(scene: Scene) -> dict[str, str]:
     """The color of each region by its name, as the sliders' groups are named."""
     colors = style.segment_colors(np.linalg.norm(scene.region_remanence(), axis=1) > 0)
     names = [region.name[:1].upper() + region.name[1:] for region in scene.regions()]
-    return {name: "#" + "".join(f"{round(255 * c):02x}" for c in color) for name, color in zip(names, colors.tolist(), strict=True)}
+    return {
+        name: "#" + "".join(f"{round(255 * c):02x}" for c in color)
+        for name, color in zip(names, colors.tolist(), strict=True)
+    }
 
 
 def about_scene(scene: Scene, target: np.ndarray | None, target_name: str) -> dict[str, Any]:
@@ -135,15 +173,23 @@ def about_scene(scene: Scene, target: np.ndarray | None, target_name: str) -> di
         "thickness": scene.thickness,
         "box": [low.tolist(), high.tolist()],
         "gravity": None if gravity is None else gravity.tolist(),
-        "ground": None if plane is None else {"point": plane.point.tolist(), "normal": plane.normal.tolist()},
+        "ground": None
+        if plane is None
+        else {"point": plane.point.tolist(), "normal": plane.normal.tolist()},
         "target": None if target is None else spread(np.asarray(target)[:, -3:]).tolist(),
         "target_name": target_name,
         "region_colors": _region_colors(scene),
         "colors": {
-            "target": style.TARGET, "magnetization": style.MAGNETIZATION, "field": style.FIELD, "ink": style.INK, "faint": style.FAINT_INK,
-            "alarm": style.ALARM, "floor": style.GRID, "trace": style.TRACE,
+            "target": style.TARGET,
+            "magnetization": style.MAGNETIZATION,
+            "field": style.FIELD,
+            "ink": style.INK,
+            "faint": style.FAINT_INK,
+            "alarm": style.ALARM,
+            "floor": style.GRID,
+            "trace": style.TRACE,
         },
-    }  # fmt: skip
+    }
 
 
 def packed(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes:
@@ -153,13 +199,20 @@ def packed(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes
     says of each its name, kind (f: 32-bit float, u: 32-bit whole number) and count. Numbers of the header that are not finite become null.
     """
     flat = {
-        name: np.ascontiguousarray(array, dtype="<u4" if np.issubdtype(array.dtype, np.integer) else "<f4").ravel()
+        name: np.ascontiguousarray(
+            array, dtype="<u4" if np.issubdtype(array.dtype, np.integer) else "<f4"
+        ).ravel()
         for name, array in arrays.items()
     }
-    about = [{"name": name, "kind": "u" if array.dtype.kind == "u" else "f", "count": len(array)} for name, array in flat.items()]
+    about = [
+        {"name": name, "kind": "u" if array.dtype.kind == "u" else "f", "count": len(array)}
+        for name, array in flat.items()
+    ]
     head = json.dumps(finite({**header, "arrays": about})).encode()
     head += b" " * (-len(head) % 4)
-    return b"".join([struct.pack("<I", len(head)), head, *(array.tobytes() for array in flat.values())])
+    return b"".join(
+        [struct.pack("<I", len(head)), head, *(array.tobytes() for array in flat.values())]
+    )
 
 
 def finite(value: Any) -> Any:

@@ -14,7 +14,9 @@ from magmpm.viz.sheet.markup import NOTHING, Markup, joined, table, tag
 def sheet(facts: Mapping[str, Any]) -> Markup:
     """Drawing, segments, field and tolerances of the best design."""
     body, best = facts["body"], facts["design"]
-    picture = tag("figure", Markup(drawing(body)), tag("figcaption", _caption(body)), class_="drawing")
+    picture = tag(
+        "figure", Markup(drawing(body)), tag("figcaption", _caption(body)), class_="drawing"
+    )
     parts = [
         tag("h2", f"The design, ready to make (trial {best['number']})"),
         picture,
@@ -44,11 +46,24 @@ def _words_of_directions() -> str:
 
 
 def _segments(facts: Mapping[str, Any]) -> Markup:
-    head = ["", "from \u2013 to, mm", "length, mm", "material", "G, kPa", "remanence, mT", "direction (x, y, z)", "azimuth", "elevation"]
+    head = [
+        "",
+        "from \u2013 to, mm",
+        "length, mm",
+        "material",
+        "G, kPa",
+        "remanence, mT",
+        "direction (x, y, z)",
+        "azimuth",
+        "elevation",
+    ]
     rows = []
     for s in facts["body"]["segments"]:
         begin, length = 1e3 * s["from_m"], 1e3 * s["length_m"]
-        extent, shear = f"{begin:.2f} \u2013 {begin + length:.2f}", f"{s['shear_modulus_Pa'] / 1e3:.4g}"
+        extent, shear = (
+            f"{begin:.2f} \u2013 {begin + length:.2f}",
+            f"{s['shear_modulus_Pa'] / 1e3:.4g}",
+        )
         rows.append([s["number"], extent, f"{length:.3f}", s["material"], shear, *_direction(s)])
     return table(head, rows, class_="numbers")
 
@@ -57,19 +72,35 @@ def _direction(segment: Mapping[str, Any]) -> list[str]:
     x, y, z = segment["direction"]
     if not any((x, y, z)):
         return ["0", "not magnetized", "", ""]
-    azimuth, elevation = math.degrees(math.atan2(y, x)), math.degrees(math.asin(max(-1.0, min(1.0, z))))
+    azimuth, elevation = (
+        math.degrees(math.atan2(y, x)),
+        math.degrees(math.asin(max(-1.0, min(1.0, z)))),
+    )
     vector = ", ".join(f"{fixed(c, 4):>7}" for c in (x, y, z))
-    return [f"{1e3 * segment['remanence_T']:.4g}", f"({vector})", f"{fixed(azimuth, 1)}\u00b0", f"{fixed(elevation, 1)}\u00b0"]
+    return [
+        f"{1e3 * segment['remanence_T']:.4g}",
+        f"({vector})",
+        f"{fixed(azimuth, 1)}\u00b0",
+        f"{fixed(elevation, 1)}\u00b0",
+    ]
 
 
 def _field(facts: Mapping[str, Any]) -> Markup:
     """One field, or one for each depth or time."""
     design = facts["design"]
-    for key, place, unit, scale in (("insertion", "depth_m", "depth, mm", 1e3), ("schedule", "time_s", "time, s", 1.0)):
+    for key, place, unit, scale in (
+        ("insertion", "depth_m", "depth, mm", 1e3),
+        ("schedule", "time_s", "time, s", 1.0),
+    ):
         if design.get(key):
             head = [unit, "Bx, mT", "By, mT", "Bz, mT", "|B|, mT", "rms, mm", "tip error, mm"]
             rows = [
-                [f"{scale * row[place]:.4g}", *_flux(row["field_T"]), _mm(row.get("rms_m")), _mm(row.get("tip_error_m"))]
+                [
+                    f"{scale * row[place]:.4g}",
+                    *_flux(row["field_T"]),
+                    _mm(row.get("rms_m")),
+                    _mm(row.get("tip_error_m")),
+                ]
                 for row in design[key]
             ]
             return table(head, rows, class_="numbers")
@@ -78,13 +109,20 @@ def _field(facts: Mapping[str, Any]) -> Markup:
         return tag("p", "As in the scene's file below.")
     varied = "field_mT" in design.get("params", {})
     words = "Found by the study." if varied else "Given by the scene; the study did not vary it."
-    more = "" if varied else " Magnets, coils and maps of the scene, if any, come in addition: see its file below."
+    more = (
+        ""
+        if varied
+        else " Magnets, coils and maps of the scene, if any, come in addition: see its file below."
+    )
     numbers = table(["Bx, mT", "By, mT", "Bz, mT", "|B|, mT"], [_flux(field)], class_="numbers")
     return numbers + tag("p", f"Uniform. {words}{more}", class_="note")
 
 
 def _flux(field: Sequence[float]) -> list[str]:
-    return [*(fixed(1e3 * part, 3) for part in field), f"{1e3 * math.sqrt(sum(part * part for part in field)):.3f}"]
+    return [
+        *(fixed(1e3 * part, 3) for part in field),
+        f"{1e3 * math.sqrt(sum(part * part for part in field)):.3f}",
+    ]
 
 
 def _mm(value: float | None) -> str:
@@ -97,12 +135,18 @@ def _tolerances(facts: Mapping[str, Any]) -> Markup:
     if not isinstance(rows, list):
         return tag("p", rows or "Not asked for (--quick).")
     moves = facts["moves"]
-    head = ["", "tip moves by, of 1 unit", *(f"error that moves the tip by {name}" for name in moves)]
+    head = [
+        "",
+        "tip moves by, of 1 unit",
+        *(f"error that moves the tip by {name}" for name in moves),
+    ]
     lines = []
     for row in rows:
         name = f"{row['what']} of {row['of']}" if row["what"] not in ("diameter",) else "diameter"
         limits = [_limit(value, row["unit"]) for value in row["allowed"]]
-        lines.append([name, f"{1e3 * row['tip_m_per_unit']:.3g} mm per {_unit(row['unit'])}", *limits])
+        lines.append(
+            [name, f"{1e3 * row['tip_m_per_unit']:.3g} mm per {_unit(row['unit'])}", *limits]
+        )
     tightest = _tightest(rows)
     return (
         (tag("p", tightest) if tightest else NOTHING)
@@ -120,7 +164,13 @@ def _tolerances(facts: Mapping[str, Any]) -> Markup:
 
 def _tightest(rows: Sequence[Mapping[str, Any]]) -> str:
     """The segment whose direction matters most, in words."""
-    turned = [row for row in rows if row["what"] == "direction" and row["segment"] is not None and row["allowed"][0] is not None]
+    turned = [
+        row
+        for row in rows
+        if row["what"] == "direction"
+        and row["segment"] is not None
+        and row["allowed"][0] is not None
+    ]
     if not turned:
         return ""
     row = min(turned, key=lambda each: each["allowed"][0])

@@ -19,8 +19,14 @@ WIDTH, LEFT, RIGHT = 860.0, 96.0, 150.0  # of the drawing and its margins, px
 LEAST, MOST = 44.0, 120.0  # height of the body, px
 NARROW = 30.0  # px: a segment in which its number finds room
 
-VIEWS = (("side", "x", "z", (0, 2), 1), ("top", "x", "y", (0, 1), 2))  # name, axes, their indices, the one along the line of sight
-TOWARD = {"side": -1.0, "top": 1.0}  # the sign of that component that points toward the reader: side looks along +y, top along -z
+VIEWS = (
+    ("side", "x", "z", (0, 2), 1),
+    ("top", "x", "y", (0, 1), 2),
+)  # name, axes, their indices, the one along the line of sight
+TOWARD = {
+    "side": -1.0,
+    "top": 1.0,
+}  # the sign of that component that points toward the reader: side looks along +y, top along -z
 
 
 def drawing(body: Mapping[str, Any]) -> str:
@@ -57,10 +63,19 @@ def _heights(sizes: Sequence[tuple[str, float]], scale: float) -> tuple[dict[str
     """Height of each view, px, and how many times thicker than to scale the thinnest is drawn."""
     true = [scale * across for _, across in sizes]
     heights = [min(max(px, LEAST), MOST) for px in true]
-    return dict(zip((view[0] for view in VIEWS), heights, strict=True)), max(h / px for h, px in zip(heights, true, strict=True))
+    return dict(zip((view[0] for view in VIEWS), heights, strict=True)), max(
+        h / px for h, px in zip(heights, true, strict=True)
+    )
 
 
-def _view(body: Mapping[str, Any], view: tuple[Any, ...], top: float, height: float, scale: float, across: str) -> list[str]:
+def _view(
+    body: Mapping[str, Any],
+    view: tuple[Any, ...],
+    top: float,
+    height: float,
+    scale: float,
+    across: str,
+) -> list[str]:
     """The body seen from the side or from above, with its dimensions."""
     name, horizontal, vertical, (i, j), k = view
     middle, right = top + 20 + height / 2, LEFT + scale * body["length_m"]
@@ -68,12 +83,29 @@ def _view(body: Mapping[str, Any], view: tuple[Any, ...], top: float, height: fl
     parts = [_text(4, top + 2, f"{name} view", weight="bold")]
     for segment, color in zip(body["segments"], _colors(body), strict=True):
         x, width = LEFT + scale * segment["from_m"], scale * segment["length_m"]
-        parts.append(f'<rect x="{x:.2f}" y="{high:.2f}" width="{width:.2f}" height="{height:.2f}" fill="{color}" stroke="{style.INK}"/>')
+        parts.append(
+            f'<rect x="{x:.2f}" y="{high:.2f}" width="{width:.2f}" height="{height:.2f}" fill="{color}" stroke="{style.INK}"/>'
+        )
         d = np.array(segment["direction"], dtype=float)
         if d.any():
-            parts += _arrow(x + width / 2, middle, d[i], d[j], d[k] * TOWARD[name], min(0.84 * width, 0.8 * height))
+            parts += _arrow(
+                x + width / 2,
+                middle,
+                d[i],
+                d[j],
+                d[k] * TOWARD[name],
+                min(0.84 * width, 0.8 * height),
+            )
         if name == "side" and width > NARROW:
-            parts.append(_text(x + width / 2, high - 5, str(segment["number"]), anchor="middle", color=style.FAINT_INK))
+            parts.append(
+                _text(
+                    x + width / 2,
+                    high - 5,
+                    str(segment["number"]),
+                    anchor="middle",
+                    color=style.FAINT_INK,
+                )
+            )
     parts += _bore(body, middle, height, right)
     parts += _clamp(body, low, high, right)
     parts += _axes(30, low - 4, horizontal, vertical)
@@ -81,14 +113,21 @@ def _view(body: Mapping[str, Any], view: tuple[Any, ...], top: float, height: fl
         parts += _lengths(body, low + 20, low, scale)
         parts += _measure(LEFT, right, low + 44, low, _mm(body["length_m"]))
     x = right + 16
-    parts += [_line(right + 3, high, x + 6, high), _line(right + 3, low, x + 6, low), _line(x, high, x, low, both=True)]
+    parts += [
+        _line(right + 3, high, x + 6, high),
+        _line(right + 3, low, x + 6, low),
+        _line(x, high, x, low, both=True),
+    ]
     parts.append(_text(x + 8, middle + 4, across))
     return parts
 
 
 def _colors(body: Mapping[str, Any]) -> list[str]:
     magnetized = np.array([any(segment["direction"]) for segment in body["segments"]])
-    return ["#" + "".join(f"{round(255 * part):02x}" for part in color) for color in style.segment_colors(magnetized)]
+    return [
+        "#" + "".join(f"{round(255 * part):02x}" for part in color)
+        for color in style.segment_colors(magnetized)
+    ]
 
 
 def _arrow(x: float, y: float, along: float, up: float, toward: float, size: float) -> list[str]:
@@ -103,14 +142,29 @@ def _arrow(x: float, y: float, along: float, up: float, toward: float, size: flo
         points = f"{x + dx:.1f},{y + dy:.1f} {bx - wing * uy:.1f},{by + wing * ux:.1f} {bx + wing * uy:.1f},{by - wing * ux:.1f}"
         parts.append(_line(x - dx, y - dy, bx, by, color=style.MAGNETIZATION, width=2.0))
         parts.append(f'<polygon points="{points}" fill="{style.MAGNETIZATION}"/>')
-    if abs(toward) >= 0.35:  # of the direction is along the line of sight: a dot or a cross stands next to its arrow
+    if (
+        abs(toward) >= 0.35
+    ):  # of the direction is along the line of sight: a dot or a cross stands next to its arrow
         px, py = (x - dx, y - dy) if length > 6.0 else (x, y)
-        parts.append(f'<circle cx="{px:.1f}" cy="{py:.1f}" r="5" fill="white" stroke="{style.MAGNETIZATION}" stroke-width="1.4"/>')
+        parts.append(
+            f'<circle cx="{px:.1f}" cy="{py:.1f}" r="5" fill="white" stroke="{style.MAGNETIZATION}" stroke-width="1.4"/>'
+        )
         if toward > 0:
-            parts.append(f'<circle cx="{px:.1f}" cy="{py:.1f}" r="1.8" fill="{style.MAGNETIZATION}"/>')
+            parts.append(
+                f'<circle cx="{px:.1f}" cy="{py:.1f}" r="1.8" fill="{style.MAGNETIZATION}"/>'
+            )
         else:
             for s in (1, -1):
-                parts.append(_line(px - 3.3, py - 3.3 * s, px + 3.3, py + 3.3 * s, color=style.MAGNETIZATION, width=1.4))
+                parts.append(
+                    _line(
+                        px - 3.3,
+                        py - 3.3 * s,
+                        px + 3.3,
+                        py + 3.3 * s,
+                        color=style.MAGNETIZATION,
+                        width=1.4,
+                    )
+                )
     return parts
 
 
@@ -120,7 +174,10 @@ def _bore(body: Mapping[str, Any], middle: float, height: float, right: float) -
         return []
     half = 0.5 * height * inner / body["section_m"]["diameter"]
     dashed = f'stroke="{style.INK}" stroke-dasharray="7 4"'
-    return [f'<line x1="{LEFT:g}" y1="{y:.1f}" x2="{right:.1f}" y2="{y:.1f}" {dashed}/>' for y in (middle - half, middle + half)]
+    return [
+        f'<line x1="{LEFT:g}" y1="{y:.1f}" x2="{right:.1f}" y2="{y:.1f}" {dashed}/>'
+        for y in (middle - half, middle + half)
+    ]
 
 
 def _clamp(body: Mapping[str, Any], low: float, high: float, right: float) -> list[str]:
@@ -143,16 +200,22 @@ def _lengths(body: Mapping[str, Any], y: float, low: float, scale: float) -> lis
         return []
     if max(lengths) - min(lengths) < 1e-6 * sum(lengths):
         right = LEFT + scale * lengths[0]
-        return _measure(LEFT, right, y, low, f"{len(lengths)} \u00d7 {_mm(lengths[0])}", beside=True)
+        return _measure(
+            LEFT, right, y, low, f"{len(lengths)} \u00d7 {_mm(lengths[0])}", beside=True
+        )
     parts = []
     for segment in segments:
         x = LEFT + scale * segment["from_m"]
         width = scale * segment["length_m"]
-        parts += _measure(x, x + width, y, low, _mm(segment["length_m"], unit=False) if width > NARROW else "")
+        parts += _measure(
+            x, x + width, y, low, _mm(segment["length_m"], unit=False) if width > NARROW else ""
+        )
     return parts
 
 
-def _measure(left: float, right: float, y: float, edge: float, text: str, beside: bool = False) -> list[str]:
+def _measure(
+    left: float, right: float, y: float, edge: float, text: str, beside: bool = False
+) -> list[str]:
     """A dimension line from `left` to `right` below an edge, with its text."""
     parts = [_line(x, edge + 3, x, y + 5) for x in (left, right)]
     parts.append(_line(left, y, right, y, both=True))
@@ -162,7 +225,9 @@ def _measure(left: float, right: float, y: float, edge: float, text: str, beside
             parts.append(_text(right + 6, y + 4, text))
         else:
             middle = (left + right) / 2
-            parts.append(f'<rect x="{middle - wide / 2:.1f}" y="{y - 8:.1f}" width="{wide:.1f}" height="16" fill="white"/>')
+            parts.append(
+                f'<rect x="{middle - wide / 2:.1f}" y="{y - 8:.1f}" width="{wide:.1f}" height="16" fill="white"/>'
+            )
             parts.append(_text(middle, y + 4, text, anchor="middle"))
     return parts
 
@@ -175,16 +240,22 @@ def _section(body: Mapping[str, Any], top: float, height: float) -> list[str]:
     parts = [_text(4, top + 2, "section, seen from the tip", weight="bold")]
     color = _colors(body)[-1]
     if "diameter" in section:
-        parts.append(f'<circle cx="{x:.1f}" cy="{middle:.1f}" r="{size / 2:.1f}" fill="{color}" stroke="{style.INK}"/>')
+        parts.append(
+            f'<circle cx="{x:.1f}" cy="{middle:.1f}" r="{size / 2:.1f}" fill="{color}" stroke="{style.INK}"/>'
+        )
         words = f"\u00d8 {_mm(section['diameter'])}"
         if section["inner_diameter"]:
             inner = size / 2 * section["inner_diameter"] / section["diameter"]
-            parts.append(f'<circle cx="{x:.1f}" cy="{middle:.1f}" r="{inner:.1f}" fill="white" stroke="{style.INK}"/>')
+            parts.append(
+                f'<circle cx="{x:.1f}" cy="{middle:.1f}" r="{inner:.1f}" fill="white" stroke="{style.INK}"/>'
+            )
             words += f", bore \u00d8 {_mm(section['inner_diameter'])}"
         wide = size
     else:
         share = max(section["width"], section["thickness"])
-        wide, tall = (max(1.6 * size * section[name] / share, 5.0) for name in ("width", "thickness"))
+        wide, tall = (
+            max(1.6 * size * section[name] / share, 5.0) for name in ("width", "thickness")
+        )
         x = LEFT + wide / 2
         parts.append(
             f'<rect x="{LEFT:.1f}" y="{middle - tall / 2:.1f}" width="{wide:.1f}" height="{tall:.1f}" fill="{color}" stroke="{style.INK}"/>'
@@ -197,13 +268,23 @@ def _section(body: Mapping[str, Any], top: float, height: float) -> list[str]:
 
 def _axes(x: float, y: float, horizontal: str, vertical: str) -> list[str]:
     return [
-        _line(x, y, x + 26, y, end=True), _line(x, y, x, y - 26, end=True),
-        _text(x + 30, y + 4, horizontal, style_="italic"), _text(x - 4, y - 30, vertical, style_="italic"),
-    ]  # fmt: skip
+        _line(x, y, x + 26, y, end=True),
+        _line(x, y, x, y - 26, end=True),
+        _text(x + 30, y + 4, horizontal, style_="italic"),
+        _text(x - 4, y - 30, vertical, style_="italic"),
+    ]
 
 
 def _line(
-    x1: float, y1: float, x2: float, y2: float, *, both: bool = False, end: bool = False, color: str = style.INK, width: float = 0.9
+    x1: float,
+    y1: float,
+    x2: float,
+    y2: float,
+    *,
+    both: bool = False,
+    end: bool = False,
+    color: str = style.INK,
+    width: float = 0.9,
 ) -> str:
     """A line, with small arrow heads at its end or at both."""
     text = f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}" stroke="{color}" stroke-width="{width:g}"/>'
@@ -220,7 +301,13 @@ def _line(
 
 
 def _text(
-    x: float, y: float, words: str, anchor: str = "start", color: str = style.INK, weight: str = "normal", style_: str = "normal"
+    x: float,
+    y: float,
+    words: str,
+    anchor: str = "start",
+    color: str = style.INK,
+    weight: str = "normal",
+    style_: str = "normal",
 ) -> str:
     return (
         f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{color}" font-weight="{weight}" font-style="{style_}">'

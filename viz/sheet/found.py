@@ -10,7 +10,11 @@ from magmpm.errors import length, significant
 from magmpm.results.result import CITATION, SOURCES
 from magmpm.viz.sheet.markup import NOTHING, Markup, joined, pairs, safe, table, tag, wide
 
-WORDS = {"insertion": "insertion along a path", "schedule": "shapes at given times", "shape": "one target shape"}
+WORDS = {
+    "insertion": "insertion along a path",
+    "schedule": "shapes at given times",
+    "shape": "one target shape",
+}
 LONGEST = 60_000  # characters of a file or a definition on the page
 
 
@@ -18,9 +22,13 @@ def heading(facts: Mapping[str, Any]) -> Markup:
     """Name of the study, what it sought, and when."""
     sought = WORDS[facts["kind"]]
     robust = ", robust to errors of manufacture" if facts.get("measure_m") else ""
-    two = f", two objectives ({' and '.join(facts['objectives'])})" if facts.get("objectives") else ""
+    two = (
+        f", two objectives ({' and '.join(facts['objectives'])})" if facts.get("objectives") else ""
+    )
     ran = f" \u00b7 {facts['began']} to {facts['ended_at']}" if facts.get("began") else ""
-    return tag("h1", facts["name"]) + tag("p", f"A design study by magmpm: {sought}{robust}{two}{ran}", class_="lead")
+    return tag("h1", facts["name"]) + tag(
+        "p", f"A design study by magmpm: {sought}{robust}{two}{ran}", class_="lead"
+    )
 
 
 def answer(facts: Mapping[str, Any]) -> Markup:
@@ -28,8 +36,17 @@ def answer(facts: Mapping[str, Any]) -> Markup:
     best = facts.get("best")
     boxes: list[tuple[str, str]] = []
     if best:
-        boxes.append((length(best["rms_m"]), "rms from the target" if facts["kind"] == "shape" else "rms over all equilibria"))
-        for key, words in (("tip_error_m", "tip error"), ("exit_error_m", "exit error"), ("worst_m", "worst equilibrium, rms")):
+        boxes.append(
+            (
+                length(best["rms_m"]),
+                "rms from the target" if facts["kind"] == "shape" else "rms over all equilibria",
+            )
+        )
+        for key, words in (
+            ("tip_error_m", "tip error"),
+            ("exit_error_m", "exit error"),
+            ("worst_m", "worst equilibrium, rms"),
+        ):
             if best.get(key) is not None and not (key == "tip_error_m" and "exit_error_m" in best):
                 boxes.append((length(best[key]), words))
         if "measure_m" in best:
@@ -38,48 +55,77 @@ def answer(facts: Mapping[str, Any]) -> Markup:
         if best.get("stability") is not None:
             boxes.append((significant(best["stability"], 2), "stability (1: at rest, 0: critical)"))
         boxes.append((f"{best['number']}", "its trial"))
-    boxes.append((f"{facts['trials']}", f"trial{'s' * (facts['trials'] != 1)} by {facts['sampler']}"))
+    boxes.append(
+        (f"{facts['trials']}", f"trial{'s' * (facts['trials'] != 1)} by {facts['sampler']}")
+    )
     if facts.get("seconds_per_trial") is not None:
         boxes.append((f"{significant(facts['seconds_per_trial'], 2)} s", "a trial (median)"))
-    return tag("div", *(tag("div", tag("b", value), tag("span", words)) for value, words in boxes), class_="answer")
+    return tag(
+        "div",
+        *(tag("div", tag("b", value), tag("span", words)) for value, words in boxes),
+        class_="answer",
+    )
 
 
 def alarms(facts: Mapping[str, Any]) -> Markup:
     """Alarms that a reader must not overlook: no design at all, a target that was missed, warnings of the search and of the best solve."""
     says = []
     if not facts.get("best"):
-        says.append("This study has no feasible design: no trial was solved and accepted, so there is nothing to make.")
+        says.append(
+            "This study has no feasible design: no trial was solved and accepted, so there is nothing to make."
+        )
     elif not facts.get("body"):
-        says.append("The files of the best design are missing or damaged in this folder; run `magmpm design` again: it makes them anew.")
+        says.append(
+            "The files of the best design are missing or damaged in this folder; run `magmpm design` again: it makes them anew."
+        )
     stop, best = facts.get("stop_rms_m"), facts.get("best")
     if best and stop is not None and facts.get("first_trial_below_stop") is None:
         says.append(f"The study's stop, {length(stop)}, was not reached.")
     says += [str(one["says"]) for one in facts.get("limits") or []]
-    says += list(facts.get("warnings") or []) + list((facts.get("result") or {}).get("warnings") or [])
+    says += list(facts.get("warnings") or []) + list(
+        (facts.get("result") or {}).get("warnings") or []
+    )
     return joined(tag("div", text, class_="alarm") for text in says)
 
 
 def search(facts: Mapping[str, Any]) -> Markup:
     """Counts, why it ended, why trials failed, and the best of them."""
-    refused = f", {facts['refused']} were refused as less stable than the margin" if facts.get("refused") else ""
+    refused = (
+        f", {facts['refused']} were refused as less stable than the margin"
+        if facts.get("refused")
+        else ""
+    )
     failed = f"{facts['failed']} failed{refused}"
-    parts = [tag("p", f"{facts['trials']} trial{'s' * (facts['trials'] != 1)}, of which {failed}. The study {_why(facts)}.")]
+    parts = [
+        tag(
+            "p",
+            f"{facts['trials']} trial{'s' * (facts['trials'] != 1)}, of which {failed}. The study {_why(facts)}.",
+        )
+    ]
     if facts.get("why_not"):
         head = ["", "why", "trials"]
-        parts.append(table(head, [[kind, reason, count] for kind, reason, count in facts["why_not"][:12]]))
+        parts.append(
+            table(head, [[kind, reason, count] for kind, reason, count in facts["why_not"][:12]])
+        )
     rows = facts.get("best_trials") or []
     if rows:
         robust, two = bool(facts.get("measure_m")), bool(facts.get("objectives"))
-        more = [*(["mean + 2 sigma, mm"] if robust else []), *(facts["objectives"][1:] if two else [])]
+        more = [
+            *(["mean + 2 sigma, mm"] if robust else []),
+            *(facts["objectives"][1:] if two else []),
+        ]
         head = ["trial", "rms, mm", "tip error, mm", "stability", *more]
         lines = [
             [
-                row["number"], _mm(row["rms_m"]), _mm(row["tip_error_m"]),
+                row["number"],
+                _mm(row["rms_m"]),
+                _mm(row["tip_error_m"]),
                 "" if row["stability"] is None else f"{row['stability']:.3f}",
-                *([_mm(row["value_m"])] if robust else []), *([f"{v:.4g}" for v in row["values"][1:]] if two else []),
+                *([_mm(row["value_m"])] if robust else []),
+                *([f"{v:.4g}" for v in row["values"][1:]] if two else []),
             ]
             for row in rows
-        ]  # fmt: skip
+        ]
         parts += [tag("h3", "The best trials"), table(head, lines, class_="numbers")]
     return joined(parts)
 
@@ -91,7 +137,11 @@ def _why(facts: Mapping[str, Any]) -> str:
         return f"stopped at trial {facts['first_trial_below_stop']}, the first within its stop of {length(facts['stop_rms_m'])}"
     if ended == "exhausted":
         return "stopped because no descent from the rod's designs gets better"
-    return "was interrupted" if ended == "interrupted" else f"made all trials that were asked for ({facts['wanted']})"
+    return (
+        "was interrupted"
+        if ended == "interrupted"
+        else f"made all trials that were asked for ({facts['wanted']})"
+    )
 
 
 def importances(facts: Mapping[str, Any]) -> Markup:
@@ -103,8 +153,18 @@ def importances(facts: Mapping[str, Any]) -> Markup:
         return tag("p", shares["why"][:1].upper() + shares["why"][1:] + ".")
     shown = list(shares["values"].items())[:16]
     largest = max(share for _, share in shown) or 1.0
-    rows = [[name, Markup(f'<i style="width:{100 * share / largest:.1f}%"></i>'), f"{100 * share:.1f} %"] for name, share in shown]
-    body = [tag("tr", tag("td", name), tag("td", bar, class_="bar"), tag("td", text)) for name, bar, text in rows]
+    rows = [
+        [
+            name,
+            Markup(f'<i style="width:{100 * share / largest:.1f}%"></i>'),
+            f"{100 * share:.1f} %",
+        ]
+        for name, share in shown
+    ]
+    body = [
+        tag("tr", tag("td", name), tag("td", bar, class_="bar"), tag("td", text))
+        for name, bar, text in rows
+    ]
     left = len(shares["values"]) - len(shown)
     words = (
         f"Shares by PED-ANOVA over {shares['trials']} trials: how differently the best tenth lies along each parameter, compared with all. "
@@ -124,24 +184,54 @@ def accuracy(facts: Mapping[str, Any]) -> Markup:
     rows = [
         ("grid of the study", f"{finer['cells']} cells across"),
         ("solved again on", f"{finer['finer_cells']} cells across"),
-        ("the axis moves by", f"at most {length(finer['moved_m'])} ({100 * finer['moved_m'] / whole:.2g} % of the length)"),
+        (
+            "the axis moves by",
+            f"at most {length(finer['moved_m'])} ({100 * finer['moved_m'] / whole:.2g} % of the length)",
+        ),
         ("the tip moves by", length(finer["tip_moved_m"])),
-        ("error of the study's grid", f"at most {length(finer['error_estimate_m'])}, estimated as docs/accuracy.md says"),
+        (
+            "error of the study's grid",
+            f"at most {length(finer['error_estimate_m'])}, estimated as docs/accuracy.md says",
+        ),
     ]
     if finer["rms_m"] is not None:
-        which = {"insertion": " at full insertion", "schedule": " at the last time"}.get(facts["kind"], "")
+        which = {"insertion": " at full insertion", "schedule": " at the last time"}.get(
+            facts["kind"], ""
+        )
         both = f"{length(finer['rms_m'], 4)} on the study's grid, {length(finer['finer_rms_m'], 4)} on the finer one"
         rows.append((f"rms from the target{which}", both))
     result = facts["result"]
-    rows.append(("det F", f"{result['min_det_F']:.4f} to {result['max_det_F']:.4f} (1: no change of volume)"))
+    rows.append(
+        (
+            "det F",
+            f"{result['min_det_F']:.4f} to {result['max_det_F']:.4f} (1: no change of volume)",
+        )
+    )
     rows.append(("largest stretch", f"{result['largest_stretch']:.3f}"))
     verified = [
-        [one["number"], _mm(one["rms_m"]), _mm(one["judged_rms_m"]), _mm(one.get("error_estimate_m")), one.get("cells_across", "")]
+        [
+            one["number"],
+            _mm(one["rms_m"]),
+            _mm(one["judged_rms_m"]),
+            _mm(one.get("error_estimate_m")),
+            one.get("cells_across", ""),
+        ]
         for one in facts.get("judged") or []
         if one.get("judged_rms_m") is not None
     ]
-    head = ["trial", "rms of the trial, mm", "rms on a finer grid, mm", "shape right to, mm", "cells across"]
-    more = tag("h3", "Judged by the error that the study asks for") + table(head, verified, class_="numbers") if verified else NOTHING
+    head = [
+        "trial",
+        "rms of the trial, mm",
+        "rms on a finer grid, mm",
+        "shape right to, mm",
+        "cells across",
+    ]
+    more = (
+        tag("h3", "Judged by the error that the study asks for")
+        + table(head, verified, class_="numbers")
+        if verified
+        else NOTHING
+    )
     note = "Not in these errors: the material's law, effects that the scene does not name, and errors of manufacture."
     return pairs(rows) + more + tag("p", note, class_="note")
 
@@ -169,12 +259,21 @@ def settings(facts: Mapping[str, Any]) -> Markup:
         ("stop", "none" if facts.get("stop_rms_m") is None else length(facts["stop_rms_m"])),
         ("storage", facts["storage"]),
         ("definition (SHA-256)", facts.get("hash") or "not known"),
-        ("versions of the best solve", ", ".join(f"{name} {number}" for name, number in solved.items()) or "not known"),
-        ("versions of this page", ", ".join(f"{name} {number}" for name, number in facts["versions"].items())),
+        (
+            "versions of the best solve",
+            ", ".join(f"{name} {number}" for name, number in solved.items()) or "not known",
+        ),
+        (
+            "versions of this page",
+            ", ".join(f"{name} {number}" for name, number in facts["versions"].items()),
+        ),
     ]
     parts = [pairs(rows)]
     if best.get("params"):
-        found = [(name, f"{value:.8g}" if isinstance(value, float) else str(value)) for name, value in best["params"].items()]
+        found = [
+            (name, f"{value:.8g}" if isinstance(value, float) else str(value))
+            for name, value in best["params"].items()
+        ]
         parts.append(_folded("Parameters of the best trial", pairs(found)))
     return joined(parts)
 
@@ -190,10 +289,17 @@ def reproduce(facts: Mapping[str, Any]) -> Markup:
     for name, text in (facts.get("files") or {}).items():
         parts.append(_folded(name, tag("pre", _short(text))))
     if facts.get("best_scene"):
-        parts.append(_folded("best/scene.yaml: the best design as a scene (magmpm run)", tag("pre", _short(facts["best_scene"]))))
+        parts.append(
+            _folded(
+                "best/scene.yaml: the best design as a scene (magmpm run)",
+                tag("pre", _short(facts["best_scene"])),
+            )
+        )
     if facts.get("definition") and not facts.get("files"):
         text = _short(json.dumps(facts["definition"], indent=1))
-        parts.append(_folded("The definition of the study as stored with its trials, SI", tag("pre", text)))
+        parts.append(
+            _folded("The definition of the study as stored with its trials, SI", tag("pre", text))
+        )
     return joined(parts)
 
 

@@ -12,7 +12,11 @@ from typing import Any
 from magmpm.errors import MagmpmError
 
 KINDS = {".png": "image/png", ".svg": "image/svg+xml", ".mp4": "video/mp4", ".gif": "image/gif"}
-BEGINS = {".png": (b"\x89PNG\r\n\x1a\n",), ".svg": (b"<?xml", b"<svg"), ".gif": (b"GIF8",)}  # of a file that is what its name says
+BEGINS = {
+    ".png": (b"\x89PNG\r\n\x1a\n",),
+    ".svg": (b"<?xml", b"<svg"),
+    ".gif": (b"GIF8",),
+}  # of a file that is what its name says
 MOST = 32_000_000  # bytes of a picture or movie within a page
 
 
@@ -45,7 +49,11 @@ def joined(parts: Iterable[Markup], between: str = "\n") -> Markup:
 
 def tag(name: str, *content: Any, **attributes: Any) -> Markup:
     """An element; `class_` is its class."""
-    words = "".join(f' {key.rstrip("_").replace("_", "-")}="{safe(value)}"' for key, value in attributes.items() if value is not None)
+    words = "".join(
+        f' {key.rstrip("_").replace("_", "-")}="{safe(value)}"'
+        for key, value in attributes.items()
+        if value is not None
+    )
     return Markup(f"<{name}{words}>{''.join(safe(part) for part in content)}</{name}>")
 
 
@@ -57,12 +65,25 @@ def wide(content: Markup) -> Markup:
 def table(head: Sequence[Any], rows: Iterable[Sequence[Any]], class_: str | None = None) -> Markup:
     """A table; cells that are numbers in text are aligned by the style sheet's class `n`."""
     body = [tag("tr", *(tag("td", cell) for cell in row)) for row in rows]
-    return wide(tag("table", tag("thead", tag("tr", *(tag("th", cell) for cell in head))), tag("tbody", *body), class_=class_))
+    return wide(
+        tag(
+            "table",
+            tag("thead", tag("tr", *(tag("th", cell) for cell in head))),
+            tag("tbody", *body),
+            class_=class_,
+        )
+    )
 
 
 def pairs(rows: Iterable[tuple[Any, Any]]) -> Markup:
     """A table of names and what they are."""
-    return wide(tag("table", tag("tbody", *(tag("tr", tag("th", name), tag("td", value)) for name, value in rows)), class_="pairs"))
+    return wide(
+        tag(
+            "table",
+            tag("tbody", *(tag("tr", tag("th", name), tag("td", value)) for name, value in rows)),
+            class_="pairs",
+        )
+    )
 
 
 def data_uri(path: Path) -> str:
@@ -71,10 +92,16 @@ def data_uri(path: Path) -> str:
         kind = KINDS[path.suffix]
         content = _read(path)
     except KeyError:
-        raise PictureError(f"{path}: is no picture that a page can hold ({', '.join(KINDS)})") from None
+        raise PictureError(
+            f"{path}: is no picture that a page can hold ({', '.join(KINDS)})"
+        ) from None
     except OSError as error:
         raise PictureError(f"{path}: can't go into the page ({error.strerror or error})") from None
-    whole = content[4:8] == b"ftyp" if path.suffix == ".mp4" else content.startswith(BEGINS[path.suffix])
+    whole = (
+        content[4:8] == b"ftyp"
+        if path.suffix == ".mp4"
+        else content.startswith(BEGINS[path.suffix])
+    )
     if not whole:
         raise PictureError(f"{path}: is not the {path.suffix[1:]} file that its name says")
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
@@ -97,5 +124,7 @@ def movie(path: Path, caption: str) -> Markup:
     """A movie with its controls; on paper its caption says that it is in the page."""
     if path.suffix == ".gif":
         return figure(path, caption)
-    video = Markup(f'<video controls muted loop playsinline preload="metadata" src="{data_uri(path)}"></video>')
+    video = Markup(
+        f'<video controls muted loop playsinline preload="metadata" src="{data_uri(path)}"></video>'
+    )
     return tag("figure", video, tag("figcaption", caption), class_="movie")

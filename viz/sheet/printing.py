@@ -11,11 +11,25 @@ from pathlib import Path
 from magmpm.errors import MagmpmError
 from magmpm.results.whole_file import whole_file
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge", "msedge")
+BROWSERS = (
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
+    "microsoft-edge",
+    "msedge",
+)
 QUIET = (
-    "--headless", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",
-    "--disable-sync", "--no-pdf-header-footer",
-)  # fmt: skip
+    "--headless",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-pdf-header-footer",
+)
 PATIENCE = 120.0  # s
 REMEDY = "pip install 'magmpm[report]' (WeasyPrint), or install Chromium (apt-get install chromium), or print the page from a browser"
 
@@ -26,7 +40,9 @@ class PrintError(MagmpmError):
 
 def printed(html: str, path: Path) -> str:
     """Write a page as PDF. Returns what printed it. Raises PrintError where nothing here can."""
-    html = html.replace("<details>", "<details open>")  # paper can't be clicked; user texts are escaped and hold no such tag
+    html = html.replace(
+        "<details>", "<details open>"
+    )  # paper can't be clicked; user texts are escaped and hold no such tag
     reasons = []
     for printer in (_by_weasyprint, _by_browser):
         try:
@@ -59,10 +75,18 @@ def _by_browser(html: str, path: Path) -> str:
     with tempfile.TemporaryDirectory(prefix="magmpm-print-") as folder:
         page, made = Path(folder) / "page.html", Path(folder) / "page.pdf"
         page.write_text(html, encoding="utf-8")
-        unsafe = ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []  # its sandbox does not run as root
+        unsafe = (
+            ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []
+        )  # its sandbox does not run as root
         options = [*QUIET, *unsafe, f"--user-data-dir={folder}/profile", f"--print-to-pdf={made}"]
         try:
-            done = subprocess.run([browser, *options, page.as_uri()], capture_output=True, text=True, timeout=PATIENCE, check=False)
+            done = subprocess.run(
+                [browser, *options, page.as_uri()],
+                capture_output=True,
+                text=True,
+                timeout=PATIENCE,
+                check=False,
+            )
         except (OSError, subprocess.TimeoutExpired) as error:
             raise PrintError(f"{browser} did not print ({error})") from None
         if done.returncode or not made.exists() or not made.read_bytes().startswith(b"%PDF"):

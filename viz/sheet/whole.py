@@ -90,16 +90,28 @@ def page(facts: Mapping[str, Any], pictures: Pictures) -> str:
     if facts.get("body"):
         parts += [shown["best"], design.sheet(facts), shown["movies"]]
     parts += [
-        section("How the search went", found.search(facts), shown["convergence"], shown["pareto"], shown["trials"]),
+        section(
+            "How the search went",
+            found.search(facts),
+            shown["convergence"],
+            shown["pareto"],
+            shown["trials"],
+        ),
         section("Which parameters mattered", found.importances(facts)),
-        section("How accurate the best design is", found.accuracy(facts)) if facts.get("body") else NOTHING,
+        section("How accurate the best design is", found.accuracy(facts))
+        if facts.get("body")
+        else NOTHING,
         section("The best design in motion", found.motion(facts)),
         section("Settings and versions", found.settings(facts)),
         section("Reproduce it", found.reproduce(facts)),
         section("How to cite", found.cite()),
     ]
     if notes:
-        parts.append(section("What is missing on this page", *(tag("p", note, class_="note") for note in notes)))
+        parts.append(
+            section(
+                "What is missing on this page", *(tag("p", note, class_="note") for note in notes)
+            )
+        )
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{safe(POLICY)}">\n'
@@ -129,10 +141,17 @@ def _shown(pictures: Pictures, notes: list[str]) -> dict[str, Markup]:
         return made
 
     best = "The best design at its equilibrium. Arrows: magnetization; blue dots: the target."
-    front = "The two objectives of every trial, and the front of those that no other is better than."
+    front = (
+        "The two objectives of every trial, and the front of those that no other is better than."
+    )
     return {
         "best": one(pictures.best, figure, best, class_="best"),
-        "convergence": one(pictures.convergence, figure, "Distance from the target, trial by trial, and the best so far.", class_="plot"),
+        "convergence": one(
+            pictures.convergence,
+            figure,
+            "Distance from the target, trial by trial, and the best so far.",
+            class_="plot",
+        ),
         "pareto": one(pictures.pareto, figure, front, class_="plot"),
         "movies": joined(one(path, movie, words) for path, words in pictures.movies),
         "trials": _strip([one(path, figure, words) for path, words in pictures.trials]),
@@ -141,4 +160,8 @@ def _shown(pictures: Pictures, notes: list[str]) -> dict[str, Markup]:
 
 def _strip(figures: list[Markup]) -> Markup:
     figures = [each for each in figures if each.text]
-    return tag("h3", "Designs that were the best when they ran") + tag("div", *figures, class_="strip") if figures else NOTHING
+    return (
+        tag("h3", "Designs that were the best when they ran") + tag("div", *figures, class_="strip")
+        if figures
+        else NOTHING
+    )

@@ -116,7 +116,8 @@ def ball(levels: int = 3) -> Mesh:
                 if key not in middle:
                     middle[key] = len(points)
                     points.append(
-                        points[a] / np.linalg.norm(points[a]) + points[b] / np.linalg.norm(points[b])
+                        points[a] / np.linalg.norm(points[a])
+                        + points[b] / np.linalg.norm(points[b])
                     )
                 between.append(middle[key])
             a, b, c = face
@@ -125,7 +126,9 @@ def ball(levels: int = 3) -> Mesh:
         faces = split
     unit = np.array([p / np.linalg.norm(p) for p in points])
     triangles = unit[np.array(faces)]
-    volume = np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
+    volume = (
+        np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6
+    )
     radius = BALL * (4 / 3 * math.pi / volume) ** (1 / 3)
     return Mesh(radius * unit + [0, 0, BALL_AT], np.array(faces))
 
@@ -138,8 +141,13 @@ if __name__ == "__main__":
     outer = math.radians(TILT)
     for k in range(6):
         angle = k * math.pi / 3
-        for name, begin, length, tilt in (("inner", HUB, INNER, 0.0), ("outer", HUB + INNER, OUTER, outer)):
-            half = box(np.array([begin, -WIDTH / 2, 0]), np.array([begin + length, WIDTH / 2, THICKNESS]))
+        for name, begin, length, tilt in (
+            ("inner", HUB, INNER, 0.0),
+            ("outer", HUB + INNER, OUTER, outer),
+        ):
+            half = box(
+                np.array([begin, -WIDTH / 2, 0]), np.array([begin + length, WIDTH / 2, THICKNESS])
+            )
             write_stl(turned(half, angle), folder / f"gripper_{name}_{k + 1}.stl")
             m = (math.cos(tilt) * math.cos(angle), math.cos(tilt) * math.sin(angle), math.sin(tilt))
             text = ", ".join(f"{x:.4f}" for x in m)

@@ -33,4 +33,6 @@ def rows(begin: float, end: float) -> list[str]:
 if __name__ == "__main__":
     for name, begin, end in (("walking_field", 180, 225), ("walking_field_back", 270, 225)):
         table = Path(__file__).with_name(f"{name}.csv")
-        table.write_text("\n".join(["time_s,Bx_mT,By_mT,Bz_mT", *rows(begin, end)]) + "\n", encoding="utf-8")
+        table.write_text(
+            "\n".join(["time_s,Bx_mT,By_mT,Bz_mT", *rows(begin, end)]) + "\n", encoding="utf-8"
+        )

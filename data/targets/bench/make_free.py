@@ -32,7 +32,9 @@ KNOTS, STEPS, ROWS = 5, 2000, 21
 def most_curvature(s: np.ndarray) -> np.ndarray:
     """Largest curvature (1/m) at s (m) that the field can give, with E = 9 K G / (3 K + G) at K = 20 G and A / I = 16 / d^2."""
     young = 9 * 20 / 61 * SHEAR
-    return np.asarray(REMANENCE * FIELD / (4e-7 * math.pi) * 16 / DIAMETER**2 / young * (LENGTH - s))
+    return np.asarray(
+        REMANENCE * FIELD / (4e-7 * math.pi) * 16 / DIAMETER**2 / young * (LENGTH - s)
+    )
 
 
 def curvature(number: int) -> np.ndarray:

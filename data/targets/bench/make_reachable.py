@@ -28,8 +28,12 @@ SEED = 9
 COUNT = 12
 SPREAD = 0.7
 LENGTH, DIAMETER, REMANENCE, FIELD = 40e-3, 4e-3, 0.138, (0.0, 6e-3, 8e-3)
-MESH_SIZE = 0.32  # of the diameter: the coarser mesh of make_fem.py, within 0.003 mm of the finer one
-STATIONS = np.append(np.arange(1, 20) * 2e-3, 39.8e-3)  # m; the face of the tip itself is not inside the mesh
+MESH_SIZE = (
+    0.32  # of the diameter: the coarser mesh of make_fem.py, within 0.003 mm of the finer one
+)
+STATIONS = np.append(
+    np.arange(1, 20) * 2e-3, 39.8e-3
+)  # m; the face of the tip itself is not inside the mesh
 
 
 def directions(rng: np.random.Generator, alike: bool) -> np.ndarray:
@@ -50,7 +54,9 @@ def make(number: int) -> None:
         design = directions(rng, number > COUNT // 2)
         segments = fem.equal_segments(LENGTH, REMANENCE, *(tuple(map(float, d)) for d in design))
         try:
-            found, _, _ = fem.solve(fem.Case(segments, DIAMETER, FIELD, ramp_order=3), MESH_SIZE * DIAMETER)
+            found, _, _ = fem.solve(
+                fem.Case(segments, DIAMETER, FIELD, ramp_order=3), MESH_SIZE * DIAMETER
+            )
         except RuntimeError as error:
             refused += 1
             print(f"reachable_{number:02d}: {error}", flush=True)

@@ -21,10 +21,18 @@ from magmpm.studies.engine.storage_url import GRPC_PORT, VARIABLE, given_url, sh
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until SIGTERM or Ctrl-C. Returns the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m magmpm.studies.engine.workers.grpc_proxy", description=__doc__, allow_abbrev=False)
+    parser = argparse.ArgumentParser(
+        prog="python -m magmpm.studies.engine.workers.grpc_proxy",
+        description=__doc__,
+        allow_abbrev=False,
+    )
     parser.add_argument("--storage", metavar="URL", help=f"the database [the variable {VARIABLE}]")
-    parser.add_argument("--host", default="localhost", help="address to listen on [localhost: this machine alone]")
-    parser.add_argument("--port", type=int, default=GRPC_PORT, help=f"port to listen on [{GRPC_PORT}]")
+    parser.add_argument(
+        "--host", default="localhost", help="address to listen on [localhost: this machine alone]"
+    )
+    parser.add_argument(
+        "--port", type=int, default=GRPC_PORT, help=f"port to listen on [{GRPC_PORT}]"
+    )
     options = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
@@ -38,7 +46,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return error.exit_status
     from optuna.storages import run_grpc_proxy_server
 
-    print(f"grpc://{options.host}:{options.port} serves {shown_url(url)}; Ctrl-C ends it", file=sys.stderr, flush=True)
+    print(
+        f"grpc://{options.host}:{options.port} serves {shown_url(url)}; Ctrl-C ends it",
+        file=sys.stderr,
+        flush=True,
+    )
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # "experimental"

@@ -113,7 +113,15 @@ class _Worker(Process):
         self.job: tuple[int, dict[str, Any]] | None = None
         self.tries = 0
         env = {name: value for name, value in with_threads(threads).items() if name not in SECRETS}
-        super().__init__(_begin, evaluator.study, evaluator.solve, evaluator.differentiate, evaluator.picture, evaluator.out, env=env)
+        super().__init__(
+            _begin,
+            evaluator.study,
+            evaluator.solve,
+            evaluator.differentiate,
+            evaluator.picture,
+            evaluator.out,
+            env=env,
+        )
 
 
 def _begin(_: object, *given: Any) -> Callable[[tuple[int, dict[str, Any]]], Outcome]:

@@ -43,9 +43,13 @@ if TYPE_CHECKING:
 
 SESSION = "session"  # user attribute of a trial: the session that runs it
 RERUN_OF = "again"  # ... and the number of the trial, left behind by a session that died, whose design it has
-EXCHANGED = "exchanged"  # ... and the number of the trial whose design it has, but for one direction
+EXCHANGED = (
+    "exchanged"  # ... and the number of the trial whose design it has, but for one direction
+)
 READY = "asked"  # ... and whether its parameters are all there
-PATIENCE = 5.0  # s to wait for the parameters of a trial with a smaller number: its session may have died
+PATIENCE = (
+    5.0  # s to wait for the parameters of a trial with a smaller number: its session may have died
+)
 STALE = 600.0  # s after which a trial begun on another machine counts as left behind, if its session writes no beat
 BEAT = 10.0  # s between two beats of a session
 LEASE = 60.0  # s without a beat after which a session counts as dead
@@ -63,9 +67,13 @@ class PerTrial(BaseSampler):
     """
 
     def __init__(
-        self, make: Callable[[int], BaseSampler], *, starts: Sequence[Mapping[str, Any]] = (), session: str | None = None,
+        self,
+        make: Callable[[int], BaseSampler],
+        *,
+        starts: Sequence[Mapping[str, Any]] = (),
+        session: str | None = None,
         wait: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._make, self._starts, self._session, self._wait = make, starts, session, wait
         self._inner: BaseSampler | None = None
         self._given = False
@@ -81,12 +89,16 @@ class PerTrial(BaseSampler):
             _wait_for_smaller(study, trial, self._silent)
         self._inner.before_trial(study, trial)
 
-    def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
+    def infer_relative_search_space(
+        self, study: Study, trial: FrozenTrial
+    ) -> dict[str, BaseDistribution]:
         """Search space that the sampler chooses from together; nothing where the design is given."""
         assert self._inner is not None
         return {} if self._given else self._inner.infer_relative_search_space(study, trial)
 
-    def sample_relative(self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
+    def sample_relative(
+        self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+    ) -> dict[str, Any]:
         """The design of a trial."""
         assert self._inner is not None
         if self._given:
@@ -94,29 +106,52 @@ class PerTrial(BaseSampler):
         found = self._inner.sample_relative(study, trial, search_space)
         if trial.number < len(self._starts):
             storage_of(study).set_trial_user_attr(trial_id(trial), "start", "rod")
-            return {name: value for name, value in self._starts[trial.number].items() if name in search_space}
+            return {
+                name: value
+                for name, value in self._starts[trial.number].items()
+                if name in search_space
+            }
         return found
 
-    def sample_independent(self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> Any:
+    def sample_independent(
+        self,
+        study: Study,
+        trial: FrozenTrial,
+        param_name: str,
+        param_distribution: BaseDistribution,
+    ) -> Any:
         """Value that the sampler chooses by itself."""
         assert self._inner is not None
-        if not self._given and trial.number < len(self._starts) and param_name in self._starts[trial.number]:
+        if (
+            not self._given
+            and trial.number < len(self._starts)
+            and param_name in self._starts[trial.number]
+        ):
             return self._starts[trial.number][param_name]
         return self._inner.sample_independent(study, trial, param_name, param_distribution)
 
-    def after_trial(self, study: Study, trial: FrozenTrial, state: TrialState, values: Sequence[float] | None) -> None:
+    def after_trial(
+        self, study: Study, trial: FrozenTrial, state: TrialState, values: Sequence[float] | None
+    ) -> None:
         """Pass a trial that has ended to the sampler, which takes notes of it."""
         self._make(trial.number).after_trial(study, trial, state, values)
 
 
-def _wait_for_smaller(study: Study, trial: FrozenTrial, silent: set[int], patience: float = PATIENCE) -> None:
+def _wait_for_smaller(
+    study: Study, trial: FrozenTrial, silent: set[int], patience: float = PATIENCE
+) -> None:
     """Wait until running trials with smaller numbers have all their parameters, `patience` s for each, which is silent if it has not."""
+
     def missing() -> set[int]:
         trials = study.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
-        return {t.number for t in trials if t.number < trial.number and READY not in t.user_attrs} - silent
+        return {
+            t.number for t in trials if t.number < trial.number and READY not in t.user_attrs
+        } - silent
 
     begun = time.monotonic()
-    while time.monotonic() - begun < patience * len(left := missing()):  # two that wait for the same dead session must not choose at once
+    while time.monotonic() - begun < patience * len(
+        left := missing()
+    ):  # two that wait for the same dead session must not choose at once
         time.sleep(0.02)
     silent |= left
 
@@ -131,7 +166,9 @@ class Session:
         self.name = uuid.uuid4().hex[:12]
         self.lost: list[str] = []  # what became of trials, a sentence each
         self._beats, self._beaten = 0, -BEAT
-        self._silence: dict[str, tuple[Any, float]] = {}  # by who runs a trial: the last beat, and for how long it has not changed, s
+        self._silence: dict[
+            str, tuple[Any, float]
+        ] = {}  # by who runs a trial: the last beat, and for how long it has not changed, s
         self._looked = time.monotonic()
         self._said = self._looked
 
@@ -154,7 +191,9 @@ class Session:
     def sweep(self, mine: set[int]) -> None:
         """Ends the trials of dead sessions and queues their designs again; mine: numbers of the trials that are being solved here."""
         records = self.store(lambda: self.kept.user_attrs)
-        running = self.store(lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,)))
+        running = self.store(
+            lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
+        )
         self._listen(running, records)
         for trial in running:
             if trial.number in mine:
@@ -171,10 +210,14 @@ class Session:
             return
         self._said = now + LEASE - PATIENCE
         records = self.store(lambda: self.kept.user_attrs)
-        running = self.store(lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,)))
+        running = self.store(
+            lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
+        )
         if running:
             what = "; ".join(self._described(trial, records) for trial in running)
-            self.store.tell(f"waiting for other sessions, which have begun all trials that are left: {what}")
+            self.store.tell(
+                f"waiting for other sessions, which have begun all trials that are left: {what}"
+            )
 
     def works(self) -> None:
         """Note that this session has something to do."""
@@ -207,6 +250,7 @@ class Session:
 
     def put_back(self, trial_id: int) -> None:
         """Lets `ask` take up a trial again, with the same number and parameters, unless it has ended. It is no session's until then."""
+
         def back() -> None:
             with suppress(UpdateFinishedTrialError):
                 if self.storage.get_trial(trial_id).user_attrs.get(SESSION) is not None:
@@ -217,12 +261,15 @@ class Session:
 
     def put_all_back(self) -> None:
         """Puts back every trial that this session has requested and not finished."""
-        for trial in self.store(lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))):
+        for trial in self.store(
+            lambda: self.kept.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
+        ):
             if not self.shared or trial.user_attrs.get(SESSION) == self.name:
                 self.put_back(trial_id(trial))
 
     def withdraw(self, trial_id: int) -> None:
         """Ends a trial that nobody needs."""
+
         def end() -> None:
             with suppress(UpdateFinishedTrialError):
                 self.storage.set_trial_user_attr(trial_id, "reason", SURPLUS)
@@ -236,33 +283,49 @@ class Session:
         owner = records.get("process" if by is None else RECORD + by, {})
         if by is not None and (owner.get("host") == here() or (owner and "beat" not in owner)):
             return not alive(owner, self.out, _age(trial))
-        if by is None and alive(owner, self.out, _age(trial)):  # a process that works on the study alone
+        if by is None and alive(
+            owner, self.out, _age(trial)
+        ):  # a process that works on the study alone
             return False
         return self._silence[_runner(trial)][1] >= LEASE
 
     def _take_up(self, trial: FrozenTrial) -> None:
         """End a trial of a dead session, and queue its design, unless another session has."""
+
         def end() -> bool:
             try:
                 with _one_at_a_time(self.store.url):
                     if self.storage.get_trial(trial_id(trial)).state != TrialState.RUNNING:
                         return False
-                    return bool(self.storage.set_trial_state_values(trial_id(trial), state=TrialState.FAIL))
+                    return bool(
+                        self.storage.set_trial_state_values(trial_id(trial), state=TrialState.FAIL)
+                    )
             except UpdateFinishedTrialError:
                 return False
 
         if not self.store(end):
             return
         design = {**trial.system_attrs.get("fixed_params", {}), **trial.params}
-        whole = READY in trial.user_attrs or "fixed_params" in trial.system_attrs  # some parameters alone are no design
-        self.lost.append(f"trial {trial.number}: its session died; {'its design is queued again' if whole else 'it had no design yet'}")
+        whole = (
+            READY in trial.user_attrs or "fixed_params" in trial.system_attrs
+        )  # some parameters alone are no design
+        self.lost.append(
+            f"trial {trial.number}: its session died; {'its design is queued again' if whole else 'it had no design yet'}"
+        )
         if not whole:
             return
-        known = {key: value for key, value in trial.system_attrs.items() if not key.startswith("artifacts:")}
+        known = {
+            key: value
+            for key, value in trial.system_attrs.items()
+            if not key.startswith("artifacts:")
+        }
         rerun = optuna.trial.create_trial(
             state=TrialState.WAITING,
             system_attrs={**known, "fixed_params": design},
-            user_attrs={RERUN_OF: trial.number, **{key: trial.user_attrs[key] for key in ("start",) if key in trial.user_attrs}},
+            user_attrs={
+                RERUN_OF: trial.number,
+                **{key: trial.user_attrs[key] for key in ("start",) if key in trial.user_attrs},
+            },
         )
         self.store(lambda: self.storage.create_new_trial(study_id(self.kept), template_trial=rerun))
 
@@ -278,7 +341,9 @@ class Session:
             if alive(owner, self.out, _age(trial)):
                 rule = f"trial {trial.number} is being run by process {owner['pid']} on {owner['host']}"
                 remedy = "wait for it or end it, then run this command again: it resumes; or share the work with it: --workers 1"
-                raise StorageError(report(f"study {self.kept.study_name}", rule=rule, remedy=remedy))
+                raise StorageError(
+                    report(f"study {self.kept.study_name}", rule=rule, remedy=remedy)
+                )
             self.put_back(trial_id(trial))
 
 
@@ -289,7 +354,12 @@ def _runner(trial: FrozenTrial) -> str:
 
 def this_process(out: Path) -> dict[str, Any]:
     """Identity of this process: its number means something on its own host alone, and there until the number is given to another."""
-    return {"host": here(), "pid": os.getpid(), "started": _started(os.getpid()), "out": str(out.resolve())}
+    return {
+        "host": here(),
+        "pid": os.getpid(),
+        "started": _started(os.getpid()),
+        "out": str(out.resolve()),
+    }
 
 
 def here() -> str:
@@ -303,7 +373,10 @@ def here() -> str:
 def alive(owner: Mapping[str, Any], out: Path, age: float) -> bool:
     """True if the process that last took up a study may still be running its trial, begun `age` seconds ago."""
     mine = this_process(out)
-    if owner.get("host") not in (mine["host"], socket.gethostname()):  # without a number of a namespace: by an earlier version
+    if owner.get("host") not in (
+        mine["host"],
+        socket.gethostname(),
+    ):  # without a number of a namespace: by an earlier version
         return bool(owner) and age < STALE
     if owner.get("out") == mine["out"] or owner.get("pid") == mine["pid"]:
         return False  # we hold that folder's lock, so nobody else runs
@@ -357,7 +430,10 @@ def remembered() -> Iterator[Callable[[], None]]:
     Libraries of databases have both. Only the main thread gets Ctrl-C, and a handler of somebody else's is left to do as it does.
     """
     before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or before is not signal.default_int_handler:
+    if (
+        threading.current_thread() is not threading.main_thread()
+        or before is not signal.default_int_handler
+    ):
         yield lambda: None
         return
     asked: list[int] = []

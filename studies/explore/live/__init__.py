@@ -3,4 +3,16 @@
 from magmpm.studies.explore.live.sliders import Control, changed, checked, controls, ready, saved
 from magmpm.studies.explore.live.solver import Overtaken, Preview, Shape, Solved, Solver
 
-__all__ = ["Control", "Overtaken", "Preview", "Shape", "Solved", "Solver", "changed", "checked", "controls", "ready", "saved"]
+__all__ = [
+    "Control",
+    "Overtaken",
+    "Preview",
+    "Shape",
+    "Solved",
+    "Solver",
+    "changed",
+    "checked",
+    "controls",
+    "ready",
+    "saved",
+]

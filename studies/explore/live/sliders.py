@@ -59,19 +59,36 @@ def checked(known: Mapping[str, Control], values: Any) -> dict[str, float]:
     """Values that came from outside: names of controls with finite numbers. Their ranges are the sliders', not the scene's, but a number
     can be typed, so that anything the scene itself allows is. Raises InputError."""
     if not isinstance(values, Mapping):
-        raise InputError("values", received=type(values).__name__, rule="must be numbers by name", remedy="move a slider")
+        raise InputError(
+            "values",
+            received=type(values).__name__,
+            rule="must be numbers by name",
+            remedy="move a slider",
+        )
     out = {}
     for name, value in values.items():
         if name not in known:
-            rule, remedy = "this scene has no such slider", f"use one of {', '.join(list(known)[:8])}"
+            rule, remedy = (
+                "this scene has no such slider",
+                f"use one of {', '.join(list(known)[:8])}",
+            )
             raise InputError("values", received=repr(name)[:80], rule=rule, remedy=remedy)
         try:
-            out[name] = math.nan if isinstance(value, bool) or not isinstance(value, (int, float)) else float(value)
+            out[name] = (
+                math.nan
+                if isinstance(value, bool) or not isinstance(value, (int, float))
+                else float(value)
+            )
         except OverflowError:  # a whole number of more than 308 digits
             out[name] = math.inf
         if not math.isfinite(out[name]):
             place = f"{known[name].group.lower()} {known[name].label}"
-            raise InputError(place, received=repr(value)[:80], rule="must be a finite number", remedy="type a number")
+            raise InputError(
+                place,
+                received=repr(value)[:80],
+                rule="must be a finite number",
+                remedy="type a number",
+            )
     return out
 
 
@@ -107,7 +124,16 @@ def _field(scene: Scene) -> Iterator[Control]:
     largest = nice(1e3 * max(20e-3, 2 * float(np.linalg.norm(field.uniform))))
     group = "Uniform field" if field.varies else "Field"
     for axis, value in zip(AXES, field.uniform, strict=True):
-        yield Control(f"field.{axis}", group, f"B{axis}", "mT", -largest, largest, largest / 400, shown(1e3 * value))
+        yield Control(
+            f"field.{axis}",
+            group,
+            f"B{axis}",
+            "mT",
+            -largest,
+            largest,
+            largest / 400,
+            shown(1e3 * value),
+        )
 
 
 def _uniform_counts(scene: Scene) -> bool:
@@ -124,8 +150,16 @@ def _inserted(scene: Scene) -> Iterator[Control]:
         return
     low, high = 1e3 * catheter.diameter, 1e3 * catheter.length
     if high > 1.5 * low:
-        yield Control("inserted", "Length outside the guide", "length", "mm", shown(low), shown(high), 10.0 ** math.floor(
-            math.log10(high / 300)), shown(high))
+        yield Control(
+            "inserted",
+            "Length outside the guide",
+            "length",
+            "mm",
+            shown(low),
+            shown(high),
+            10.0 ** math.floor(math.log10(high / 300)),
+            shown(high),
+        )
 
 
 def _sources(scene: Scene) -> Iterator[Control]:
@@ -136,7 +170,16 @@ def _sources(scene: Scene) -> Iterator[Control]:
             name = {"coils": "Coil"}.get(kind, kind.capitalize())
             for axis, value in zip(AXES, source.position, strict=True):
                 at = shown(1e3 * value)
-                yield Control(f"{kind}.{k}.{axis}", f"{name} {k + 1}", axis, "mm", at - way, at + way, way / 400, at)
+                yield Control(
+                    f"{kind}.{k}.{axis}",
+                    f"{name} {k + 1}",
+                    axis,
+                    "mm",
+                    at - way,
+                    at + way,
+                    way / 400,
+                    at,
+                )
 
 
 def _directions(scene: Scene) -> Iterator[Control]:
@@ -147,8 +190,12 @@ def _directions(scene: Scene) -> Iterator[Control]:
     for k in scene.magnetized_regions():
         azimuth, elevation = (round(angle, 9) for angle in angles(regions[k].magnetization))
         group = regions[k].name[:1].upper() + regions[k].name[1:]
-        yield Control(f"direction.{k}.azimuth", group, "azimuth", "deg", -180.0, 180.0, 1.0, azimuth)
-        yield Control(f"direction.{k}.elevation", group, "elevation", "deg", -90.0, 90.0, 1.0, elevation)
+        yield Control(
+            f"direction.{k}.azimuth", group, "azimuth", "deg", -180.0, 180.0, 1.0, azimuth
+        )
+        yield Control(
+            f"direction.{k}.elevation", group, "elevation", "deg", -90.0, 90.0, 1.0, elevation
+        )
 
 
 def changed(scene: Scene, known: Mapping[str, Control], values: Values) -> Scene:
@@ -160,7 +207,9 @@ def changed(scene: Scene, known: Mapping[str, Control], values: Values) -> Scene
         return _changed(scene, new)
     except InputError as error:
         alone = [name for name in new if _refused(scene, {name: new[name]})]
-        raise InputError(f"{', '.join(known[name].said(new[name]) for name in alone or new)}\n  {error}") from error
+        raise InputError(
+            f"{', '.join(known[name].said(new[name]) for name in alone or new)}\n  {error}"
+        ) from error
 
 
 def _refused(scene: Scene, new: Values) -> bool:
@@ -179,7 +228,14 @@ def _changed(scene: Scene, new: Values) -> Scene:
     return out.inserted(1e-3 * new["inserted"]) if "inserted" in new else out
 
 
-def saved(scene: Scene, source: Path, shown: Scene, known: Mapping[str, Control], values: Values, path: Path) -> Scene:
+def saved(
+    scene: Scene,
+    source: Path,
+    shown: Scene,
+    known: Mapping[str, Control],
+    values: Values,
+    path: Path,
+) -> Scene:
     """Write the scene as it is shown to a file; the scene that the file gives when it is read.
 
     scene: what the sliders began with; source: its file; shown: what they made of it. Raises InputError, OSError.
@@ -188,9 +244,13 @@ def saved(scene: Scene, source: Path, shown: Scene, known: Mapping[str, Control]
     content = moved_content(source.resolve(), path.parent)
     content["name"] = f"{scene.name} viewed"[:100]
     content.pop("reference", None) if "inserted" in new else None
-    if scene.effects != load_scene(source).effects:  # `auto`: those that were chosen are what is shown
+    if (
+        scene.effects != load_scene(source).effects
+    ):  # `auto`: those that were chosen are what is shown
         content["effects"] = {key: {} for key in scene.effects.named()}
-    known_resolution = scene.resolution.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    known_resolution = scene.resolution.model_dump(
+        mode="json", exclude_none=True, exclude_defaults=True
+    )
     content["resolution"] = {**known_resolution, "cells_across": scene.resolution.cells_across}
     if any(name.startswith(("field.", *SOURCES)) for name in new):
         content["field"] = dict(content.get("field") or {})
@@ -207,18 +267,25 @@ def saved(scene: Scene, source: Path, shown: Scene, known: Mapping[str, Control]
 
 def _put_field(field: Data, scene: Scene, new: Values, as_text: bool) -> None:
     """The uniform part and the places of sources, into the data of a field: in SI, or as text with units."""
+
     def write(value: float, unit: str) -> Any:
         return f"{value:.15g} {unit}" if as_text else 1e-3 * value
 
     if any(f"field.{axis}" in new for axis in AXES):
         own = field.get("uniform", ["0 mT"] * 3 if as_text else scene.field.uniform)
-        field["uniform"] = [write(new[f"field.{a}"], "mT") if f"field.{a}" in new else old for a, old in zip(AXES, own, strict=True)]
+        field["uniform"] = [
+            write(new[f"field.{a}"], "mT") if f"field.{a}" in new else old
+            for a, old in zip(AXES, own, strict=True)
+        ]
     for kind in SOURCES:
         for k in range(len(getattr(scene.field, kind) or ())):
             names = [f"{kind}.{k}.{axis}" for axis in AXES]
             if any(name in new for name in names):
                 own = field[kind] if isinstance(field[kind], Mapping) else field[kind][k]
-                place = [write(new[name], "mm") if name in new else old for name, old in zip(names, own["position"], strict=True)]
+                place = [
+                    write(new[name], "mm") if name in new else old
+                    for name, old in zip(names, own["position"], strict=True)
+                ]
                 own["position"] = place
 
 
@@ -231,10 +298,17 @@ def _put_directions(body: Data, scene: Scene, new: Values, as_text: bool) -> Non
         found: Any = body
         for key in region.at:
             found = found[key]
-        azimuth, elevation = (new.get(name, round(angle, 9)) for name, angle in zip(names, angles(region.magnetization), strict=True))
+        azimuth, elevation = (
+            new.get(name, round(angle, 9))
+            for name, angle in zip(names, angles(region.magnetization), strict=True)
+        )
         a, e = math.radians(azimuth), math.radians(elevation)
         unit = [math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)]
-        found["magnetization"] = {"azimuth": f"{azimuth:.15g} deg", "elevation": f"{elevation:.15g} deg"} if as_text else unit
+        found["magnetization"] = (
+            {"azimuth": f"{azimuth:.15g} deg", "elevation": f"{elevation:.15g} deg"}
+            if as_text
+            else unit
+        )
 
 
 def _put_inserted(content: Data, shown: Scene) -> None:
@@ -243,12 +317,21 @@ def _put_inserted(content: Data, shown: Scene) -> None:
     assert catheter is not None  # only catheters are inserted
     lengths = catheter.segment_lengths()
     own = content["body"]["catheter"]["segments"][-len(lengths) :]
-    segments = [{**dict(old), "length": f"{1e3 * length:.15g} mm"} for old, length in zip(own, lengths, strict=True)]
-    content["body"]["catheter"].update(length=f"{1e3 * catheter.length:.15g} mm", segments=segments, clamp="base")
+    segments = [
+        {**dict(old), "length": f"{1e3 * length:.15g} mm"}
+        for old, length in zip(own, lengths, strict=True)
+    ]
+    content["body"]["catheter"].update(
+        length=f"{1e3 * catheter.length:.15g} mm", segments=segments, clamp="base"
+    )
     content["resolution"]["from_tip"] = True
     kept = shown.effects.named()
     content["effects"] = {key: value for key, value in content["effects"].items() if key in kept}
-    content["solver"] = {key: value for key, value in (content.get("solver") or {}).items() if key in ("anti_locking", "static")}
+    content["solver"] = {
+        key: value
+        for key, value in (content.get("solver") or {}).items()
+        if key in ("anti_locking", "static")
+    }
 
 
 def ready(scene: Scene, cells: int | None = None) -> Scene:
@@ -257,12 +340,17 @@ def ready(scene: Scene, cells: int | None = None) -> Scene:
     Raises InputError where nothing holds its body, or the cells don't fit it.
     """
     if scene.body.shape.clamp == "none":
-        rule, remedy = "only a body that is held somewhere has a rest", "name a clamp, or view a motion: `solver: {dynamic: ...}`"
+        rule, remedy = (
+            "only a body that is held somewhere has a rest",
+            "name a clamp, or view a motion: `solver: {dynamic: ...}`",
+        )
         raise InputError(f"body.{scene.body.kind}.clamp", received="none", rule=rule, remedy=remedy)
     if scene.effects.auto:
         scene = choose_effects(scene).scene
     if cells is not None and not 2 <= cells <= 16:
-        raise InputError("--cells", received=str(cells), rule="must be from 2 to 16", remedy="--cells 4")
+        raise InputError(
+            "--cells", received=str(cells), rule="must be from 2 to 16", remedy="--cells 4"
+        )
     if cells is not None or scene.resolution.requested:
         scene = scene.with_cells(cells or 4)
     return scene

@@ -53,9 +53,15 @@ class Shape:
     def of(cls, result: Result) -> Shape:
         """Shape of a result."""
         return cls(
-            result.particle_reference, result.particle_position, result.particle_volume, result.particle_segment, result.centreline[:, 1:4],
-            result.segment_center, result.segment_remanence, np.asarray(result.field),
-        )  # fmt: skip
+            result.particle_reference,
+            result.particle_position,
+            result.particle_volume,
+            result.particle_segment,
+            result.centreline[:, 1:4],
+            result.segment_center,
+            result.segment_remanence,
+            np.asarray(result.field),
+        )
 
 
 class Preview:
@@ -92,10 +98,15 @@ class Preview:
         point = Energy(model).at(grid)
         position, particles = point.position, model.particles
         return Shape(
-            particles.position, position, particles.volume, particles.segment, centreline(model, grid)[:, 1:4],
-            region_means(model, position), region_means(model, np.einsum("nij,nj->ni", point.F, model.remanence[:, :3])),
+            particles.position,
+            position,
+            particles.volume,
+            particles.segment,
+            centreline(model, grid)[:, 1:4],
+            region_means(model, position),
+            region_means(model, np.einsum("nij,nj->ni", point.F, model.remanence[:, :3])),
             np.asarray(rod.field[len(rod.s) // 2]),
-        )  # fmt: skip
+        )
 
 
 class Overtaken(Exception):
@@ -135,9 +146,17 @@ class Solver:
                 kind, answer, rms = self._answer(ticket)
             except Died as death:
                 self.process.start()
-                kind, answer, rms = "failure", f"the process that solves {death} and was started anew; move a slider to go on", None
+                kind, answer, rms = (
+                    "failure",
+                    f"the process that solves {death} and was started anew; move a slider to go on",
+                    None,
+                )
             seconds = time.perf_counter() - begun
-            return Solved(answer, rms, "", seconds) if kind == "result" else Solved(None, None, answer, seconds)
+            return (
+                Solved(answer, rms, "", seconds)
+                if kind == "result"
+                else Solved(None, None, answer, seconds)
+            )
 
     def _answer(self, ticket: int) -> tuple[str, Any, float | None]:
         """Answer of the process to the scene that it was given. Raises Overtaken, Died."""
@@ -167,7 +186,9 @@ def _begin(pipe: Any, target: Array | None) -> Callable[[Scene | None], Any]:
     following = Following(neighbors.expected)
 
     def answer(scene: Scene | None) -> Any:
-        found: Any = ("overtaken", "", None) if scene is None else _answer(scene, following, target, pipe)
+        found: Any = (
+            ("overtaken", "", None) if scene is None else _answer(scene, following, target, pipe)
+        )
         if found[0] == "result":
             neighbors.learn(found[1].grid_correction)
         return found
@@ -175,7 +196,9 @@ def _begin(pipe: Any, target: Array | None) -> Callable[[Scene | None], Any]:
     return answer
 
 
-def _answer(scene: Scene, following: Following, target: Array | None, pipe: Any) -> tuple[str, Any, float | None]:
+def _answer(
+    scene: Scene, following: Following, target: Array | None, pipe: Any
+) -> tuple[str, Any, float | None]:
     """("result", Result, rms) or ("failure" or "overtaken", words, None)."""
 
     def look(step: int, decrement: float) -> None:

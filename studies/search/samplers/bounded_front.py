@@ -35,7 +35,9 @@ from magmpm.studies.search.samplers.optuna_ids import other_trials, storage_of, 
 
 Improve = Callable[[float, Sequence[Mapping[str, float]]], list[dict[str, float]]]
 
-BOUND = "bound"  # in a trial's plan: the bound within which it was sought, as a share of the greatest
+BOUND = (
+    "bound"  # in a trial's plan: the bound within which it was sought, as a share of the greatest
+)
 EACH = 4  # trials of a bound, at most: a start and its steps
 FLAT = 0.05  # of the distance, about: a bound is left after a step that wins less, and a gap between two in which it changes less
 NARROWEST = 1 / 64  # of the greatest bound: gaps below are not looked into
@@ -70,20 +72,36 @@ class BoundedFront(optuna.samplers.BaseSampler):
         self._far = far
         self._improve = improve
 
-    def infer_relative_search_space(self, study: optuna.Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
-        return {name: kind for block in self._blocks for name, kind in block.distributions().items()}
+    def infer_relative_search_space(
+        self, study: optuna.Study, trial: FrozenTrial
+    ) -> dict[str, BaseDistribution]:
+        return {
+            name: kind for block in self._blocks for name, kind in block.distributions().items()
+        }
 
-    def sample_relative(self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
+    def sample_relative(
+        self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+    ) -> dict[str, Any]:
         ended, running, _ = other_trials(study, trial, search_space)
         params, kept = self._plan([t for t in ended if set(search_space) <= set(t.params)], running)
         storage_of(study).set_trial_system_attr(trial_id(trial), PLAN, kept)
         return params
 
-    def sample_independent(self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> Any:
+    def sample_independent(
+        self,
+        study: optuna.Study,
+        trial: FrozenTrial,
+        param_name: str,
+        param_distribution: BaseDistribution,
+    ) -> Any:
         """Values of single parameters, as of GaussNewtonSampler."""
-        return GaussNewtonSampler(self._blocks, self._seed).sample_independent(study, trial, param_name, param_distribution)
+        return GaussNewtonSampler(self._blocks, self._seed).sample_independent(
+            study, trial, param_name, param_distribution
+        )
 
-    def _plan(self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial]) -> tuple[dict[str, float], dict[str, Any]]:
+    def _plan(
+        self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial]
+    ) -> tuple[dict[str, float], dict[str, Any]]:
         """Parameters of the next trial, and what is kept with it."""
         busy = {_bound_of(t) for t in running}
         last = _bound_of(trials[-1]) if trials else None
@@ -95,7 +113,9 @@ class BoundedFront(optuna.samplers.BaseSampler):
         found = None if bound is None else self._within(bound, trials, running)
         if found is not None:
             return found
-        params, kept = self._sampler(1.0).plan(trials, running)  # nothing is left between bounds: on within the greatest
+        params, kept = self._sampler(1.0).plan(
+            trials, running
+        )  # nothing is left between bounds: on within the greatest
         return params, {**kept, BOUND: 1.0}
 
     def _within(
@@ -118,7 +138,9 @@ class BoundedFront(optuna.samplers.BaseSampler):
                 return start, {"start": len(here), "from": None, BOUND: bound}
         return None
 
-    def _origins_and(self, here: list[FrozenTrial], best: FrozenTrial | None, trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    def _origins_and(
+        self, here: list[FrozenTrial], best: FrozenTrial | None, trials: Sequence[FrozenTrial]
+    ) -> list[FrozenTrial]:
         """The trials of a bound and the designs that they began from; last the best one, where another bound's is better than the start."""
         origins = {t.system_attrs[PLAN]["from"] for t in here} - {t.number for t in here}
         own = [*(_given(t) for t in trials if t.number in origins), *here]
@@ -127,7 +149,10 @@ class BoundedFront(optuna.samplers.BaseSampler):
 
     def _sampler(self, bound: float) -> GaussNewtonSampler:
         """The sampler of one bound's steps."""
-        blocks = [dataclasses.replace(b, most=bound * b.most) if isinstance(b, Ball) else b for b in self._blocks]
+        blocks = [
+            dataclasses.replace(b, most=bound * b.most) if isinstance(b, Ball) else b
+            for b in self._blocks
+        ]
         return GaussNewtonSampler(blocks, self._seed, goal=self._near, poor=self._poor)
 
     def _strength(self, params: Mapping[str, float]) -> float:
@@ -136,7 +161,9 @@ class BoundedFront(optuna.samplers.BaseSampler):
 
     def _best(self, trials: Sequence[FrozenTrial], bound: float) -> FrozenTrial | None:
         """The trial nearest to the target that a bound allows."""
-        allowed = [t for t in trials if counted(t) and self._strength(t.params) <= bound * (1 + 1e-9)]
+        allowed = [
+            t for t in trials if counted(t) and self._strength(t.params) <= bound * (1 + 1e-9)
+        ]
         return min(allowed, key=cost_of, default=None)
 
     def _starts_within(self, bound: float, trials: Sequence[FrozenTrial]) -> list[dict[str, float]]:
@@ -149,7 +176,11 @@ class BoundedFront(optuna.samplers.BaseSampler):
         if self._improve is not None:
             return self._improve(bound, [*self._starts, *neighbors])
         below = max((b for b in bounds if b < bound), default=0.0)
-        found = [start for start in self._starts if below * (1 + 1e-9) < self._strength(start) <= bound * (1 + 1e-9)]
+        found = [
+            start
+            for start in self._starts
+            if below * (1 + 1e-9) < self._strength(start) <= bound * (1 + 1e-9)
+        ]
         if stronger is not None:
             shortened = dict(stronger.params)
             for ball in self._balls:
@@ -157,7 +188,9 @@ class BoundedFront(optuna.samplers.BaseSampler):
             found.append(shortened)
         return found or [self._sampler(bound).plan([])[0]]
 
-    def _next_bound(self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial]) -> float | None:
+    def _next_bound(
+        self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial]
+    ) -> float | None:
         """The middle of the gap between bounds in which there is most to find; None where there is none left."""
         known = sorted({b for b in map(_bound_of, [*trials, *running]) if b is not None})
         if not known or known[-1] < 1.0:
@@ -179,7 +212,9 @@ def _wins_little(trial: FrozenTrial, trials: Sequence[FrozenTrial]) -> bool:
     """True if a trial is a step that was hardly better than what it began from."""
     origin = trial.system_attrs[PLAN]["from"]
     before = next((t for t in trials if t.number == origin), None)
-    return before is not None and not (counted(trial) and trial.values[0] < (1.0 - FLAT) * before.values[0])
+    return before is not None and not (
+        counted(trial) and trial.values[0] < (1.0 - FLAT) * before.values[0]
+    )
 
 
 def _is_among(params: Mapping[str, float], known: Sequence[Mapping[str, Any]]) -> bool:

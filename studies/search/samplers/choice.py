@@ -33,15 +33,24 @@ if TYPE_CHECKING:
     from magmpm.studies.search.samplers.bounded_front import Improve
     from magmpm.studies.search.samplers.gauss_newton_steps import Coordinates
 
-POOR = 0.04  # of the length: a rod's design whose body is farther from the target is on another branch
+POOR = (
+    0.04  # of the length: a rod's design whose body is farther from the target is on another branch
+)
 NEAR = 0.01  # of the length: designs of a front that are nearer are about as good as each other
 MOST_WORKERS = 256  # processes of one session
 POPULATION = 20  # of the genetic samplers; Optuna's 50 would be more trials than most studies have
 
 # of samplers that are Optuna's own, besides the seed
 _GENETIC: dict[str, Any] = {"population_size": POPULATION}
-_OPTIONS = {"NSGAIISampler": _GENETIC, "NSGAIIISampler": _GENETIC, "GPSampler": {"deterministic_objective": True}}
-_TORCH, _CMAES = ("torch", "gp"), ("cmaes", "cmaes")  # package, and the extra of magmpm that brings it
+_OPTIONS = {
+    "NSGAIISampler": _GENETIC,
+    "NSGAIIISampler": _GENETIC,
+    "GPSampler": {"deterministic_objective": True},
+}
+_TORCH, _CMAES = (
+    ("torch", "gp"),
+    ("cmaes", "cmaes"),
+)  # package, and the extra of magmpm that brings it
 _EXTRAS = {"cmaes": _CMAES, "optuna:GPSampler": _TORCH, "optuna:CmaEsSampler": _CMAES}
 
 
@@ -62,7 +71,9 @@ def check_suits(study: Study) -> None:
         raise InputError(f"{study.path}: sampler", received=study.sampler, rule=rule, remedy=remedy)
     if len(study.minimize) > 1 and study.robust is not None:
         rule, remedy = "`robust` judges a design by one objective", "remove `robust` or `minimize`"
-        raise InputError(f"{study.path}: minimize", received=str(list(study.minimize)), rule=rule, remedy=remedy)
+        raise InputError(
+            f"{study.path}: minimize", received=str(list(study.minimize)), rule=rule, remedy=remedy
+        )
 
 
 def _unsuited(study: Study) -> tuple[str, str] | None:
@@ -96,22 +107,33 @@ def best_suited(study: Study) -> Study:
         if within_bounds(newton):
             why += "; within each of a ladder of bounds of the field, the rms alone is minimized"
         return dataclasses.replace(newton, why_sampler=why)
-    return dataclasses.replace(study.changed(sampler="tpe"), why_sampler=f"the file names none, and {found[0]}")
+    return dataclasses.replace(
+        study.changed(sampler="tpe"), why_sampler=f"the file names none, and {found[0]}"
+    )
 
 
 def check_workers(workers: int | None, time_limit: float | None = None) -> None:
     """Raises InputError for a number of workers, or a time limit of their solves (s), that can't be."""
     if workers is not None and not 1 <= workers <= MOST_WORKERS:
         rule = f"must be from 1 to {MOST_WORKERS}"
-        raise InputError("--workers", received=str(workers), rule=rule, remedy="--workers 2, or as many as there are cores")
+        raise InputError(
+            "--workers",
+            received=str(workers),
+            rule=rule,
+            remedy="--workers 2, or as many as there are cores",
+        )
     if time_limit is None:
         return
     if workers is None:
         rule = "ends worker processes; without --workers there is none"
-        raise InputError("--time-limit", received=f"{time_limit:g}", rule=rule, remedy="--workers 1 as well")
+        raise InputError(
+            "--time-limit", received=f"{time_limit:g}", rule=rule, remedy="--workers 1 as well"
+        )
     if not 0.0 < time_limit < math.inf:
         rule = "must be a number of seconds above 0"
-        raise InputError("--time-limit", received=f"{time_limit:g}", rule=rule, remedy="--time-limit 600")
+        raise InputError(
+            "--time-limit", received=f"{time_limit:g}", rule=rule, remedy="--time-limit 600"
+        )
 
 
 def settings(name: str) -> dict[str, Any]:
@@ -131,7 +153,10 @@ def settings(name: str) -> dict[str, Any]:
 
 def whole_definition(study: Study, parameters: Iterable[str]) -> dict[str, Any]:
     """All that decides which trials are made: the study's definition, with its parameters and its sampler's settings."""
-    return {**study.definition(), "search": {"parameters": list(parameters), **settings(study.sampler)}}
+    return {
+        **study.definition(),
+        "search": {"parameters": list(parameters), **settings(study.sampler)},
+    }
 
 
 def make_sampler(
@@ -151,7 +176,9 @@ def make_sampler(
     ladder of bounds of the field, each of which begins with the designs that `improve` makes (bounded_front.BoundedFront).
     """
     check_sampler_name(name, "sampler")
-    number = int(np.random.SeedSequence([seed, finished]).generate_state(1)[0])  # a seed of 32 bits for one trial
+    number = int(
+        np.random.SeedSequence([seed, finished]).generate_state(1)[0]
+    )  # a seed of 32 bits for one trial
     with warnings.catch_warnings():
         # Optuna calls samplers experimental, or announces changes of defaults, on every construction
         warnings.simplefilter("ignore")
@@ -160,12 +187,16 @@ def make_sampler(
 
             blocks, length = gauss_newton_blocks(space).blocks, space.scene.length
             near, poor = goal or NEAR * length, POOR * length
-            return BoundedFront(blocks, seed, starts=starts, near=near, poor=poor, far=length, improve=improve)
+            return BoundedFront(
+                blocks, seed, starts=starts, near=near, poor=poor, far=length, improve=improve
+            )
         if name == "gauss-newton":
             from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler
 
             blocks = gauss_newton_blocks(space).blocks
-            return GaussNewtonSampler(blocks, seed, starts=starts, goal=goal, poor=POOR * space.scene.length)
+            return GaussNewtonSampler(
+                blocks, seed, starts=starts, goal=goal, poor=POOR * space.scene.length
+            )
         if name == "tpe":
             from magmpm.studies.search.samplers.tpe import DirectionTPE
 
@@ -182,7 +213,9 @@ def make_sampler(
             return optuna_own.SobolSampler(space, seed, finished)
         import optuna
 
-        kind = {"nsga2": "NSGAIISampler", "random": "RandomSampler"}.get(name, name.removeprefix(PREFIX))
+        kind = {"nsga2": "NSGAIISampler", "random": "RandomSampler"}.get(
+            name, name.removeprefix(PREFIX)
+        )
         found: BaseSampler = getattr(optuna.samplers, kind)(seed=number, **_OPTIONS.get(kind, {}))
         return found
 
@@ -197,7 +230,9 @@ def gauss_newton_blocks(space: SearchSpace) -> Coordinates:
         if isinstance(block, Direction):
             blocks.append(gn.Direction(*names))
         elif isinstance(block, FieldVector):
-            blocks.append(gn.Ball(names[0], names[1], names[2], 1e3 * block.max, unit=1e-3))  # T for each mT
+            blocks.append(
+                gn.Ball(names[0], names[1], names[2], 1e3 * block.max, unit=1e-3)
+            )  # T for each mT
         elif isinstance(block, Number):
             blocks.append(gn.Number(names[0], *block.bounds()[names[0]]))
     return gn.Coordinates(blocks)

@@ -58,27 +58,51 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
     """
 
     def __init__(
-        self, blocks: Sequence[Block], seed: int, *, starts: Sequence[Mapping[str, float]] = (), goal: float = 0.0, poor: float = math.inf,
-    ) -> None:  # fmt: skip
+        self,
+        blocks: Sequence[Block],
+        seed: int,
+        *,
+        starts: Sequence[Mapping[str, float]] = (),
+        goal: float = 0.0,
+        poor: float = math.inf,
+    ) -> None:
         self._space, self._seed = Coordinates(blocks), seed
         self._starts, self._goal, self._poor = [dict(start) for start in starts], goal, poor
 
-    def infer_relative_search_space(self, study: optuna.Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
-        return {name: kind for block in self._space.blocks for name, kind in block.distributions().items()}
+    def infer_relative_search_space(
+        self, study: optuna.Study, trial: FrozenTrial
+    ) -> dict[str, BaseDistribution]:
+        return {
+            name: kind
+            for block in self._space.blocks
+            for name, kind in block.distributions().items()
+        }
 
-    def sample_relative(self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
+    def sample_relative(
+        self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+    ) -> dict[str, Any]:
         ended, running, _ = other_trials(study, trial, search_space)
         params, kept = self.plan([t for t in ended if set(search_space) <= set(t.params)], running)
         storage_of(study).set_trial_system_attr(trial_id(trial), PLAN, kept)
         return params
 
-    def sample_independent(self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> Any:
+    def sample_independent(
+        self,
+        study: optuna.Study,
+        trial: FrozenTrial,
+        param_name: str,
+        param_distribution: BaseDistribution,
+    ) -> Any:
         """The middle of the range of a parameter that no block names."""
         if not isinstance(param_distribution, FloatDistribution):
-            raise ValueError(f"{param_name}: no block of the Gauss-Newton sampler names it, and it is not a plain number")
+            raise ValueError(
+                f"{param_name}: no block of the Gauss-Newton sampler names it, and it is not a plain number"
+            )
         return (param_distribution.low + param_distribution.high) / 2
 
-    def plan(self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()) -> tuple[dict[str, float], dict[str, Any]]:
+    def plan(
+        self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()
+    ) -> tuple[dict[str, float], dict[str, Any]]:
         """Parameters of the next trial, and what is kept with it: a step from the descent's best design so far, or a start. Descents with a
         running trial wait for it."""
         known = {t.number: t for t in trials}
@@ -89,10 +113,19 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         if found is not None:
             base, radius = found
             x, residuals, jacobian = self._space.read(base.params), *model_of(base)
-            step = self._space.step(x, residuals, jacobian, radius, self._curvature(free[-1], known, x, jacobian))
+            step = self._space.step(
+                x, residuals, jacobian, radius, self._curvature(free[-1], known, x, jacobian)
+            )
             there = self._space.write(self._space.moved(x, step.p))
-            if not self._stuck(base, step, radius, known, x, residuals, jacobian, free[-1]) and not self._seen(there, trials):
-                kept = {"start": start_of(base), "from": base.number, "radius": radius, "length": step.length}
+            if not self._stuck(
+                base, step, radius, known, x, residuals, jacobian, free[-1]
+            ) and not self._seen(there, trials):
+                kept = {
+                    "start": start_of(base),
+                    "from": base.number,
+                    "radius": radius,
+                    "length": step.length,
+                }
                 return there, {**kept, "promised": step.promised}
         index = 1 + max((start_of(t) for t in trials), default=-1)
         while self._seen(params := self._start_at(index), trials):
@@ -108,7 +141,9 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         radius = RADIUS if counted(base) else 0.0
         while radius > LEAST_RADIUS:
             x, residuals, jacobian = self._space.read(base.params), *model_of(base)
-            step = self._space.step(x, residuals, jacobian, radius, self._space.curvature(x, jacobian))
+            step = self._space.step(
+                x, residuals, jacobian, radius, self._space.curvature(x, jacobian)
+            )
             if step.promised < LEAST_GAIN * cost_of(base):
                 break
             if not self._seen(there := self._space.write(self._space.moved(x, step.p)), trials):
@@ -116,7 +151,9 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
             radius = step.length / 4
         return None
 
-    def _base(self, trials: Sequence[FrozenTrial], known: Mapping[int, FrozenTrial]) -> tuple[FrozenTrial, float] | None:
+    def _base(
+        self, trials: Sequence[FrozenTrial], known: Mapping[int, FrozenTrial]
+    ) -> tuple[FrozenTrial, float] | None:
         """The design to step from and the radius, after the last trial; None: a start is due."""
         if not trials:
             return None
@@ -124,16 +161,24 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         plan = last.system_attrs.get(PLAN)
         if plan is not None and plan["from"] is not None:
             return _judged(known[plan["from"]], last, plan)
-        given = [t for t in trials if counted(t) and t.system_attrs.get(PLAN, {"from": None})["from"] is None]
+        given = [
+            t
+            for t in trials
+            if counted(t) and t.system_attrs.get(PLAN, {"from": None})["from"] is None
+        ]
         if plan is None:  # not ours: enqueued, or of another sampler
             return (min(given, key=cost_of), RADIUS) if given else None
         looked_at = min(3, len(self._starts))
         fresh = [t for t in given if t is last or 0 <= start_of(t) <= plan["start"] < looked_at]
-        if not fresh or (_value(best := min(fresh, key=cost_of)) > self._poor and plan["start"] + 1 < looked_at):
+        if not fresh or (
+            _value(best := min(fresh, key=cost_of)) > self._poor and plan["start"] + 1 < looked_at
+        ):
             return None
         return best, RADIUS
 
-    def _curvature(self, last: FrozenTrial, known: Mapping[int, FrozenTrial], x: Array, jacobian: Array) -> float:
+    def _curvature(
+        self, last: FrozenTrial, known: Mapping[int, FrozenTrial], x: Array, jacobian: Array
+    ) -> float:
         """Deviation of the residuals from the linear model, over a step's length squared: as the last step showed, or a guess."""
         guess, plan = self._space.curvature(x, jacobian), last.system_attrs.get(PLAN)
         if plan is None or plan["from"] is None or not counted(last):
@@ -143,14 +188,23 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         return min(max(seen, guess / 10), 10 * guess)
 
     def _stuck(
-        self, base: FrozenTrial, step: Step, radius: float, known: Mapping[int, FrozenTrial], x: Array, residuals: Array, jacobian: Array,
+        self,
+        base: FrozenTrial,
+        step: Step,
+        radius: float,
+        known: Mapping[int, FrozenTrial],
+        x: Array,
+        residuals: Array,
+        jacobian: Array,
         last: FrozenTrial,
-    ) -> bool:  # fmt: skip
+    ) -> bool:
         """True if this descent, of which `last` is the last trial, should be left."""
         cost = float(residuals @ residuals)
         if radius < LEAST_RADIUS or step.promised <= 0.0:
             return True
-        if step.promised < LEAST_GAIN * cost:  # because it is short, once, or because the end is near
+        if (
+            step.promised < LEAST_GAIN * cost
+        ):  # because it is short, once, or because the end is near
             plan = last.system_attrs.get(PLAN) or {}
             if plan.get("promised", math.inf) < LEAST_GAIN * cost:
                 return True
@@ -174,14 +228,18 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         for _ in range(60):  # the root of ratio^(size + 1) = ratio + 1
             ratio = (1.0 + ratio) ** (1.0 / (size + 1))
         shift = np.random.default_rng([self._seed]).random(size)
-        return self._space.write(self._space.anywhere((shift + (index + 1) * ratio ** -np.arange(1.0, size + 1)) % 1.0))
+        return self._space.write(
+            self._space.anywhere((shift + (index + 1) * ratio ** -np.arange(1.0, size + 1)) % 1.0)
+        )
 
     def _seen(self, params: Mapping[str, float], trials: Sequence[FrozenTrial]) -> bool:
         """True if a finished trial had this design."""
         return any(all(t.params[name] == value for name, value in params.items()) for t in trials)
 
 
-def _judged(before: FrozenTrial, last: FrozenTrial, plan: Mapping[str, Any]) -> tuple[FrozenTrial, float]:
+def _judged(
+    before: FrozenTrial, last: FrozenTrial, plan: Mapping[str, Any]
+) -> tuple[FrozenTrial, float]:
     """The better of the two designs, and the next radius, from how well the linear model foresaw the last one."""
     length = plan["length"]
     if not counted(last):
@@ -198,13 +256,19 @@ def _judged(before: FrozenTrial, last: FrozenTrial, plan: Mapping[str, Any]) -> 
 def counted(trial: FrozenTrial) -> bool:
     """True if a trial counts: solved, with derivatives, and no constraint violated."""
     attrs = trial.user_attrs
-    return "residuals" in attrs and "jacobian" in attrs and not any(c > 0.0 for c in trial.constraints.values())
+    return (
+        "residuals" in attrs
+        and "jacobian" in attrs
+        and not any(c > 0.0 for c in trial.constraints.values())
+    )
 
 
 def model_of(trial: FrozenTrial) -> tuple[Array, Array]:
     """A trial's residuals (m,) and their Jacobian (m, k)."""
     residuals = np.array(trial.user_attrs["residuals"], dtype=float)
-    return residuals, np.array(trial.user_attrs["jacobian"], dtype=float).reshape(len(residuals), -1)
+    return residuals, np.array(trial.user_attrs["jacobian"], dtype=float).reshape(
+        len(residuals), -1
+    )
 
 
 def cost_of(trial: FrozenTrial) -> float:

@@ -27,7 +27,10 @@ class Direction:
     size = 3
 
     def distributions(self) -> dict[str, BaseDistribution]:
-        return {self.around: FloatDistribution(-180.0, 180.0), self.along: FloatDistribution(-90.0, 90.0)}
+        return {
+            self.around: FloatDistribution(-180.0, 180.0),
+            self.along: FloatDistribution(-90.0, 90.0),
+        }
 
     def read(self, params: Mapping[str, float]) -> Array:
         a, b = math.radians(params[self.around]), math.radians(params[self.along])
@@ -56,7 +59,9 @@ class Direction:
     def anywhere(self, u: Array) -> Array:
         """The point of uniform density for numbers u (size,) in 0 to 1."""
         x, turn = 2 * u[0] - 1, 2 * math.pi * u[1]
-        return np.array([x, math.sqrt(1 - x * x) * math.cos(turn), math.sqrt(1 - x * x) * math.sin(turn)])
+        return np.array(
+            [x, math.sqrt(1 - x * x) * math.cos(turn), math.sqrt(1 - x * x) * math.sin(turn)]
+        )
 
 
 @dataclass(frozen=True)
@@ -79,24 +84,39 @@ class Ball:
         return self.most * self.unit
 
     def distributions(self) -> dict[str, BaseDistribution]:
-        angles = {self.azimuth: FloatDistribution(-180.0, 180.0), self.elevation: FloatDistribution(-90.0, 90.0)}
+        angles = {
+            self.azimuth: FloatDistribution(-180.0, 180.0),
+            self.elevation: FloatDistribution(-90.0, 90.0),
+        }
         return {self.strength: FloatDistribution(0.0, self.most), **angles}
 
     def read(self, params: Mapping[str, float]) -> Array:
         a, b = math.radians(params[self.azimuth]), math.radians(params[self.elevation])
-        return params[self.strength] * self.unit * np.array([math.cos(b) * math.cos(a), math.cos(b) * math.sin(a), math.sin(b)])
+        return (
+            params[self.strength]
+            * self.unit
+            * np.array([math.cos(b) * math.cos(a), math.cos(b) * math.sin(a), math.sin(b)])
+        )
 
     def write(self, x: Array) -> dict[str, float]:
         strength = min(float(np.linalg.norm(x)) / self.unit, self.most)
         elevation = math.atan2(x[2], math.hypot(x[0], x[1]))
-        return {self.strength: strength, self.azimuth: math.degrees(math.atan2(x[1], x[0])), self.elevation: math.degrees(elevation)}
+        return {
+            self.strength: strength,
+            self.azimuth: math.degrees(math.atan2(x[1], x[0])),
+            self.elevation: math.degrees(elevation),
+        }
 
     def tangent(self, x: Array) -> tuple[Array, Array, Array]:
         size = float(np.linalg.norm(x))
         outward = np.asarray(x / size) if size > 0.0 else np.array([1.0, 0.0, 0.0])
         basis = self.radius * np.column_stack([outward, _across(outward)])
         inside = size / self.radius
-        return basis, np.array([-1.0 - inside, -2.0, -2.0]), np.array([max(1.0 - inside, 0.0), 2.0, 2.0])
+        return (
+            basis,
+            np.array([-1.0 - inside, -2.0, -2.0]),
+            np.array([max(1.0 - inside, 0.0), 2.0, 2.0]),
+        )
 
     def within(self, x: Array, p: Array) -> Array:
         basis = self.tangent(x)[0] / self.radius
@@ -127,7 +147,11 @@ class Number:
         return np.array([(params[self.name] - self.low) / (self.high - self.low)])
 
     def write(self, x: Array) -> dict[str, float]:
-        return {self.name: min(max(self.low + float(x[0]) * (self.high - self.low), self.low), self.high)}
+        return {
+            self.name: min(
+                max(self.low + float(x[0]) * (self.high - self.low), self.low), self.high
+            )
+        }
 
     def tangent(self, x: Array) -> tuple[Array, Array, Array]:
         return np.eye(1), np.minimum(-x, 0.0), np.maximum(1.0 - x, 0.0)
@@ -169,7 +193,10 @@ class Coordinates:
     def __init__(self, blocks: Sequence[Block]) -> None:
         self.blocks = tuple(blocks)
         ends = np.cumsum([block.size for block in self.blocks])
-        self.places = [slice(int(end) - block.size, int(end)) for block, end in zip(self.blocks, ends, strict=True)]
+        self.places = [
+            slice(int(end) - block.size, int(end))
+            for block, end in zip(self.blocks, ends, strict=True)
+        ]
         self.size = int(ends[-1])
 
     def read(self, params: Mapping[str, float]) -> Array:
@@ -185,20 +212,33 @@ class Coordinates:
 
     def anywhere(self, u: Array) -> Array:
         """A point for numbers u (k,) in 0 to 1; uniform in them is uniform on spheres, in balls and between bounds."""
-        return np.concatenate([block.anywhere(u[place]) for block, place in zip(self.blocks, self.places, strict=True)])
+        return np.concatenate(
+            [
+                block.anywhere(u[place])
+                for block, place in zip(self.blocks, self.places, strict=True)
+            ]
+        )
 
     def tangent(self, x: Array) -> tuple[Array, Array, Array]:
         """Basis (k, q) of the steps at x, and their lower and upper bounds (q,)."""
-        parts = [block.tangent(x[place]) for block, place in zip(self.blocks, self.places, strict=True)]
+        parts = [
+            block.tangent(x[place]) for block, place in zip(self.blocks, self.places, strict=True)
+        ]
         basis = np.zeros((self.size, sum(part[0].shape[1] for part in parts)))
         column = 0
         for place, (part, _, _) in zip(self.places, parts, strict=True):
             basis[place, column : column + part.shape[1]] = part
             column += part.shape[1]
-        return basis, np.concatenate([part[1] for part in parts]), np.concatenate([part[2] for part in parts])
+        return (
+            basis,
+            np.concatenate([part[1] for part in parts]),
+            np.concatenate([part[2] for part in parts]),
+        )
 
     def _split(self, p: Array) -> list[Array]:
-        ends = np.cumsum([2 if isinstance(block, Direction) else block.size for block in self.blocks])
+        ends = np.cumsum(
+            [2 if isinstance(block, Direction) else block.size for block in self.blocks]
+        )
         return np.split(p, ends[:-1])
 
     def moved(self, x: Array, p: Array) -> Array:
@@ -206,7 +246,9 @@ class Coordinates:
         parts = zip(self.blocks, self.places, self._split(p), strict=True)
         return np.concatenate([block.moved(x[place], part) for block, place, part in parts])
 
-    def step(self, x: Array, residuals: Array, jacobian: Array, radius: float, curvature: float = 0.0) -> Step:
+    def step(
+        self, x: Array, residuals: Array, jacobian: Array, radius: float, curvature: float = 0.0
+    ) -> Step:
         """The step that promises most within the bounds and the radius. curvature: see `_trusted`."""
         basis, low, high = self.tangent(x)
         J = jacobian @ basis
@@ -221,7 +263,9 @@ class Coordinates:
         return float(np.mean(np.linalg.norm(jacobian @ self.tangent(x)[0], axis=0))) / 2
 
 
-def _trusted(J: Array, r: Array, bounds: tuple[Array, Array], radius: float, curvature: float) -> Array:
+def _trusted(
+    J: Array, r: Array, bounds: tuple[Array, Array], radius: float, curvature: float
+) -> Array:
     """The best of the steps (J^T J + damping) p = -J^T r on the free variables, within bounds and |p| <= radius, over all dampings.
 
     The best has the least |r + J p|^2 + (curvature |p|^2)^2: what the linear model leaves, and what it does not know. Without the second
@@ -240,7 +284,9 @@ def _trusted(J: Array, r: Array, bounds: tuple[Array, Array], radius: float, cur
         matrix = np.vstack([J, root * np.eye(J.shape[1])])
         from scipy.optimize import lsq_linear  # 0.3 s to import, and only this sampler steps
 
-        return np.asarray(lsq_linear(matrix, np.concatenate([-r, np.zeros(J.shape[1])]), bounds, method="bvls").x)
+        return np.asarray(
+            lsq_linear(matrix, np.concatenate([-r, np.zeros(J.shape[1])]), bounds, method="bvls").x
+        )
 
     def expected(p: Array) -> float:
         size, left = float(p @ p), r + J @ p

@@ -28,7 +28,9 @@ from magmpm.studies.search.samplers.optuna_ids import other_trials
 from magmpm.studies.search.search_space import SearchSpace
 
 # of the parameters: five of the axes, correlation and power of the place, factor of the others, weight, range
-PRIOR = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, -1.0, 1.0])  # their means: logarithms, but for shears and the power
+PRIOR = np.array(
+    [0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, -1.0, 1.0]
+)  # their means: logarithms, but for shears and the power
 SPREAD = np.array([1.0, 1.0, 0.5, 0.5, 0.5, 1.0, 0.7, 1.0, 1.5, 1.0])  # and standard deviations
 OWN = 0.5  # weight of the sample's variance in an amplitude, in designs
 
@@ -50,11 +52,16 @@ class Layout:
         found = np.zeros((size, size))
         k = len(self.directions)
         if k:
-            axes = np.array([[np.exp(p[0]), 0, 0], [p[2], np.exp(p[1]), 0], [p[3], p[4], np.exp(-p[0] - p[1])]])
+            axes = np.array(
+                [[np.exp(p[0]), 0, 0], [p[2], np.exp(p[1]), 0], [p[3], p[4], np.exp(-p[0] - p[1])]]
+            )
             place = (np.arange(k) + 0.5) / k
             distance = np.abs(np.subtract.outer(place, place))
             correlation, power = p[5], p[6]
-            along = np.linalg.cholesky(np.exp(-distance * np.exp(-correlation))) * (place**power)[:, None]
+            along = (
+                np.linalg.cholesky(np.exp(-distance * np.exp(-correlation)))
+                * (place**power)[:, None]
+            )
             both = np.kron(along, axes)
             both *= np.sqrt(3 * k / np.sum(both**2))
             rows = np.concatenate([np.arange(first, first + 3) for first in self.directions])
@@ -90,14 +97,22 @@ class ShapeModel:
         self._basis = basis[:kept]
         self._scores = (residuals - self._mean) @ self._basis.T
         self._variance = self._scores.var(axis=0) + 1e-300
-        found = minimize(self._cost, PRIOR, method="L-BFGS-B", bounds=[(-4.0, 4.0)] * len(PRIOR), options={"maxiter": 30})
+        found = minimize(
+            self._cost,
+            PRIOR,
+            method="L-BFGS-B",
+            bounds=[(-4.0, 4.0)] * len(PRIOR),
+            options={"maxiter": 30},
+        )
         self._p = np.asarray(found.x, dtype=float)
         self._a = layout.matrix(self._p, x.shape[1])
         self._z = x @ self._a
         self._factor, white = self._whitened(self._z, self._p)
         self._amplitude = self._amplitudes(white)
         self._weights: Array = np.asarray(cho_solve((self._factor, True), self._scores))
-        self._left = -self._basis @ self._mean  # scores at which the residuals within the basis vanish
+        self._left = (
+            -self._basis @ self._mean
+        )  # scores at which the residuals within the basis vanish
         self._beyond = float(self._mean @ self._mean - self._left @ self._left)
 
     def _whitened(self, z: Array, p: Array) -> tuple[Array, Array]:
@@ -113,14 +128,19 @@ class ShapeModel:
         """Negative logarithm of the posterior density of the parameters, to a constant."""
         factor, white = self._whitened(self._x @ self._layout.matrix(p, self._x.shape[1]), p)
         n, count = self._scores.shape
-        likelihood = count * np.sum(np.log(np.diag(factor))) + 0.5 * (n + OWN) * np.sum(np.log(self._amplitudes(white)))
+        likelihood = count * np.sum(np.log(np.diag(factor))) + 0.5 * (n + OWN) * np.sum(
+            np.log(self._amplitudes(white))
+        )
         return float(likelihood + 0.5 * np.sum(((p - PRIOR) / SPREAD) ** 2))
 
     def _kernel(self, a: Array, b: Array, p: Array) -> Array:
         product = a @ b.T
         squares = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2 * product
         r = np.sqrt(5 * np.maximum(squares, 0.0)) / np.exp(p[9])
-        return np.asarray((1 + product) / (1 + self._layout.count) + np.exp(p[8]) * (1 + r + r * r / 3) * np.exp(-r))
+        return np.asarray(
+            (1 + product) / (1 + self._layout.count)
+            + np.exp(p[8]) * (1 + r + r * r / 3) * np.exp(-r)
+        )
 
     def predicted(self, x: Array) -> tuple[Array, Array]:
         """Mean (m,) of the residuals of a design (size,), and the variance of their whole."""
@@ -146,7 +166,9 @@ class ShapeModel:
         difference = z - self._z
         r = np.sqrt(5 * np.sum(difference**2, axis=1)) / range_
         slopes = self._z / (1 + self._layout.count)
-        slopes = slopes - (weight * 5 / (3 * range_**2) * (1 + r) * np.exp(-r))[:, None] * difference
+        slopes = (
+            slopes - (weight * 5 / (3 * range_**2) * (1 + r) * np.exp(-r))[:, None] * difference
+        )
         back = np.asarray(solve_triangular(self._factor, white, lower=True, trans=1))
         of_variance = 2 * z / (1 + self._layout.count) - 2 * back @ slopes
         gradient = 2 * off @ (self._weights.T @ slopes) + total * of_variance
@@ -196,24 +218,38 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         for block, at in space.parts:
             if isinstance(block, FieldVector):
                 self._scale[at] = block.max
-        self._layout = layout_of([(isinstance(block, Direction), block.size) for block in space.blocks])
+        self._layout = layout_of(
+            [(isinstance(block, Direction), block.size) for block in space.blocks]
+        )
 
-    def infer_relative_search_space(self, study: optuna.Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
+    def infer_relative_search_space(
+        self, study: optuna.Study, trial: FrozenTrial
+    ) -> dict[str, BaseDistribution]:
         return self._space.distributions()
 
-    def sample_independent(self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> Any:
+    def sample_independent(
+        self,
+        study: optuna.Study,
+        trial: FrozenTrial,
+        param_name: str,
+        param_distribution: BaseDistribution,
+    ) -> Any:
         """A value of a parameter that is not of the search space, of which a study has none. Drawn evenly, as by the other samplers."""
         drawn = optuna.samplers.RandomSampler(seed=int(self._rng.integers(2**32)))
         return drawn.sample_independent(study, trial, param_name, param_distribution)
 
-    def sample_relative(self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
+    def sample_relative(
+        self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+    ) -> dict[str, Any]:
         ended, running, before = other_trials(study, trial, search_space)
         trials = [t for t in ended if t.state == TrialState.COMPLETE]
         order = self._order(trials)
         if len(trials) + before < self._settings.alike:
             return self._space.parameters_at(self._alike(len(trials) + before) * self._scale, order)
         running = [t for t in running if t.params.get("order") == order]
-        known = [t for t in trials if "residuals" in t.user_attrs and t.params.get("order") == order]
+        known = [
+            t for t in trials if "residuals" in t.user_attrs and t.params.get("order") == order
+        ]
         done = [self._embedded(t) for t in trials if t.params.get("order") == order]
         pending = np.array([self._embedded(t) for t in running]).reshape(-1, self._space.size)
         tried = np.concatenate([np.array(done).reshape(-1, self._space.size), pending])
@@ -226,12 +262,18 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         self._caution = 1.0 if values[-1] <= min(values) else 0.0
         residuals = np.array([t.user_attrs["residuals"] for t in known], dtype=float)
         model = ShapeModel(self._layout, x, residuals)
-        if len(pending):  # what is being solved counts as found where the model expects it (the kriging believer, Ginsbourger et al. 2010)
+        if len(
+            pending
+        ):  # what is being solved counts as found where the model expects it (the kriging believer, Ginsbourger et al. 2010)
             expected = np.array([model.predicted(one)[0] for one in pending])
-            model = ShapeModel(self._layout, np.concatenate([x, pending]), np.concatenate([residuals, expected]))
+            model = ShapeModel(
+                self._layout, np.concatenate([x, pending]), np.concatenate([residuals, expected])
+            )
         if self._stuck(values):
             drawn = [self._drawn() for _ in range(self._settings.drawn)]
-            chosen = drawn[int(np.argmax([model.predicted(one)[1] for one in drawn]))]  # that the model knows least of
+            chosen = drawn[
+                int(np.argmax([model.predicted(one)[1] for one in drawn]))
+            ]  # that the model knows least of
         else:
             chosen = self._least(model, x, tried)
         return self._space.parameters_at(chosen * self._scale, order)
@@ -248,7 +290,10 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         starts = [x[k] + 0.05 * self._rng.normal(size=x.shape[1]) for k in range(min(best, len(x)))]
         starts += [self._drawn() for _ in range(random)]
         options = {"maxiter": self._settings.steps}
-        found = [minimize(self._folded, s, args=(model,), jac=True, method="L-BFGS-B", options=options) for s in starts]
+        found = [
+            minimize(self._folded, s, args=(model,), jac=True, method="L-BFGS-B", options=options)
+            for s in starts
+        ]
         for one in sorted(found, key=lambda one: float(one.fun)):
             design = self._nearest(one.x)
             if np.all(np.abs(tried - design).max(axis=1) > 1e-3):
@@ -265,7 +310,9 @@ class ShapeSampler(optuna.samplers.BaseSampler):
             if isinstance(block, Direction) or (isinstance(block, FieldVector) and length > 1.0):
                 gradient[at] = (gradient[at] - (gradient[at] @ x[at]) * x[at]) / max(length, 1e-12)
         # a pull back toward the design, without which the search would wander where nothing changes
-        return float(np.log(value) + 0.5 * np.sum((u - x) ** 2)), gradient * (1.0 - self._outside(u)) + (u - x)
+        return float(np.log(value) + 0.5 * np.sum((u - x) ** 2)), gradient * (
+            1.0 - self._outside(u)
+        ) + (u - x)
 
     def _outside(self, u: Array) -> Array:
         """1 at plain numbers outside their bounds, where the nearest design stays the same."""

@@ -31,9 +31,18 @@ def trial_id(trial: optuna.Trial | FrozenTrial) -> int:
     return trial._trial_id
 
 
-def other_trials(study: optuna.Study, trial: FrozenTrial, names: Iterable[str]) -> tuple[list[FrozenTrial], list[FrozenTrial], int]:
+def other_trials(
+    study: optuna.Study, trial: FrozenTrial, names: Iterable[str]
+) -> tuple[list[FrozenTrial], list[FrozenTrial], int]:
     """The trials that have ended, the running ones whose designs are known, and how many running ones have smaller numbers."""
-    trials, requested = study.get_trials(deepcopy=False), set(names)  # at once: one that ends between two readings would be in neither
+    trials, requested = (
+        study.get_trials(deepcopy=False),
+        set(names),
+    )  # at once: one that ends between two readings would be in neither
     running = [t for t in trials if t.state == TrialState.RUNNING and t.number != trial.number]
     known = [t for t in running if requested <= set(t.params)]
-    return [t for t in trials if t.state.is_finished()], known, sum(t.number < trial.number for t in running)
+    return (
+        [t for t in trials if t.state.is_finished()],
+        known,
+        sum(t.number < trial.number for t in running),
+    )

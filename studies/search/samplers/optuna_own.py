@@ -16,12 +16,18 @@ from magmpm.studies.search.parameters import Direction
 from magmpm.studies.search.search_space import SearchSpace
 
 _ALLOWED = {  # module -> names
-    "cmaes": {"CMA", "SepCMA", "CMAwM"}, "cmaes._cma": {"CMA"}, "cmaes._sepcma": {"SepCMA"}, "cmaes._cmawm": {"CMAwM"},
-    "numpy": {"ndarray", "dtype", "float64", "int64", "bool"}, "numpy.random._mt19937": {"MT19937"},
-    "numpy._core.multiarray": {"_reconstruct", "scalar"}, "numpy.core.multiarray": {"_reconstruct", "scalar"},
-    "numpy._core.numeric": {"_frombuffer"}, "numpy.core.numeric": {"_frombuffer"},
+    "cmaes": {"CMA", "SepCMA", "CMAwM"},
+    "cmaes._cma": {"CMA"},
+    "cmaes._sepcma": {"SepCMA"},
+    "cmaes._cmawm": {"CMAwM"},
+    "numpy": {"ndarray", "dtype", "float64", "int64", "bool"},
+    "numpy.random._mt19937": {"MT19937"},
+    "numpy._core.multiarray": {"_reconstruct", "scalar"},
+    "numpy.core.multiarray": {"_reconstruct", "scalar"},
+    "numpy._core.numeric": {"_frombuffer"},
+    "numpy.core.numeric": {"_frombuffer"},
     "numpy.random._pickle": {"__randomstate_ctor", "__bit_generator_ctor", "__generator_ctor"},
-}  # fmt: skip
+}
 
 
 class _Unpickler(pickle.Unpickler):
@@ -44,15 +50,27 @@ class DataOnlyCmaEsSampler(CmaEsSampler):
     def _restore_optimizer(self, completed_trials: list[FrozenTrial]) -> Any:
         key = self._attr_key_optimizer
         for trial in reversed(completed_trials):
-            parts = {name: value for name, value in trial.system_attrs.items() if name.startswith(key)}
+            parts = {
+                name: value for name, value in trial.system_attrs.items() if name.startswith(key)
+            }
             if not parts:
                 continue
             try:
-                return _Unpickler(io.BytesIO(bytes.fromhex(self._concat_optimizer_attrs(parts)))).load()
+                return _Unpickler(
+                    io.BytesIO(bytes.fromhex(self._concat_optimizer_attrs(parts)))
+                ).load()
             except Exception as error:  # a damaged pickle raises a dozen kinds
-                rule, remedy = "the state of cmaes must be as Optuna wrote it", "take up the study with another sampler, say, --sampler tpe"
+                rule, remedy = (
+                    "the state of cmaes must be as Optuna wrote it",
+                    "take up the study with another sampler, say, --sampler tpe",
+                )
                 place = f"the study's database: trial {trial.number}: {key}"
-                raise InputError(place, received=f"a state that can't be read ({error})", rule=rule, remedy=remedy) from None
+                raise InputError(
+                    place,
+                    received=f"a state that can't be read ({error})",
+                    rule=rule,
+                    remedy=remedy,
+                ) from None
         return None
 
 
@@ -67,7 +85,9 @@ class SobolSampler(QMCSampler):
         super().__init__(seed=seed, scramble=True, warn_independent_sampling=False)
         self._space, self._finished = space, finished
 
-    def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
+    def infer_relative_search_space(
+        self, study: Study, trial: FrozenTrial
+    ) -> dict[str, BaseDistribution]:
         return self._space.distributions()  # of the first trial too, which Optuna draws at random
 
     def _find_sample_id(self, study: Study, search_space: dict[str, BaseDistribution]) -> int:
@@ -83,12 +103,21 @@ class FieldsByRod(BaseSampler):
 
     def __init__(self, base: BaseSampler, insertion: Any) -> None:
         self.base, self.insertion = base, insertion
-        self.names = {name for block in insertion.space.blocks if isinstance(block, Direction) for name in block.bounds()}
+        self.names = {
+            name
+            for block in insertion.space.blocks
+            if isinstance(block, Direction)
+            for name in block.bounds()
+        }
 
-    def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
+    def infer_relative_search_space(
+        self, study: Study, trial: FrozenTrial
+    ) -> dict[str, BaseDistribution]:
         return self.insertion.space.distributions()
 
-    def sample_relative(self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
+    def sample_relative(
+        self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+    ) -> dict[str, Any]:
         chosen = {name: kind for name, kind in search_space.items() if name in self.names}
         found = self.base.sample_relative(study, trial, chosen)
         for name, kind in chosen.items():
@@ -96,5 +125,11 @@ class FieldsByRod(BaseSampler):
                 found[name] = self.base.sample_independent(study, trial, name, kind)
         return self.insertion.with_fields(found)
 
-    def sample_independent(self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> Any:
+    def sample_independent(
+        self,
+        study: Study,
+        trial: FrozenTrial,
+        param_name: str,
+        param_distribution: BaseDistribution,
+    ) -> Any:
         return self.base.sample_independent(study, trial, param_name, param_distribution)

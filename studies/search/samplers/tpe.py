@@ -66,24 +66,38 @@ class DirectionTPE(optuna.samplers.BaseSampler):
     The choice depends on the study's seed, and on the finished and the running trials alone: running ones count as bad.
     """
 
-    def __init__(self, space: SearchSpace, seed: int, finished: int, settings: Settings | None = None) -> None:
+    def __init__(
+        self, space: SearchSpace, seed: int, finished: int, settings: Settings | None = None
+    ) -> None:
         self._space, self._settings = space, settings or Settings()
         self._seed, self._rng = seed, np.random.default_rng([seed, finished])
 
-    def infer_relative_search_space(self, study: optuna.Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
+    def infer_relative_search_space(
+        self, study: optuna.Study, trial: FrozenTrial
+    ) -> dict[str, BaseDistribution]:
         return self._space.distributions()
 
-    def sample_relative(self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]) -> dict[str, Any]:
+    def sample_relative(
+        self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+    ) -> dict[str, Any]:
         ended, running, before = other_trials(study, trial, search_space)
         trials = [t for t in ended if t.state == TrialState.COMPLETE]
         if len(trials) + before < len(TETRAHEDRON):
-            return self._with_choices(self._space.parameters(*self._alike(len(trials) + before)), trials)
+            return self._with_choices(
+                self._space.parameters(*self._alike(len(trials) + before)), trials
+            )
         if not trials:
-            anywhere = unit(self._rng.normal(size=(self._space.count, 3))), self._rng.random(self._space.numbers)
+            anywhere = (
+                unit(self._rng.normal(size=(self._space.count, 3))),
+                self._rng.random(self._space.numbers),
+            )
             return self._with_choices(self._space.parameters(*anywhere), trials)
         designs = self._read(trials)
         # trials that violate a constraint are worse than all others, by how far (as in Optuna's TPE)
-        order = sorted(ranked(trials), key=lambda i: sum(max(value, 0.0) for value in trials[i].constraints.values()))
+        order = sorted(
+            ranked(trials),
+            key=lambda i: sum(max(value, 0.0) for value in trials[i].constraints.values()),
+        )
         count = math.ceil(self._settings.good * len(trials))
         others = designs[order[count:]]
         if running:  # as if they had turned out badly: a constant liar (Ginsbourger et al. 2010)
@@ -91,9 +105,14 @@ class DirectionTPE(optuna.samplers.BaseSampler):
             pairs = (others.directions, more.directions), (others.numbers, more.numbers)
             others = Designs(*(np.concatenate(pair) for pair in pairs))
         chosen = self.choose(designs[order[:count]], others)
-        return self._with_choices(self._space.parameters(chosen.directions[0], chosen.numbers[0]), [trials[i] for i in order])
+        return self._with_choices(
+            self._space.parameters(chosen.directions[0], chosen.numbers[0]),
+            [trials[i] for i in order],
+        )
 
-    def _with_choices(self, parameters: dict[str, Any], ordered: Sequence[FrozenTrial]) -> dict[str, Any]:
+    def _with_choices(
+        self, parameters: dict[str, Any], ordered: Sequence[FrozenTrial]
+    ) -> dict[str, Any]:
         """The parameters with a value of each choice: that of a good trial, or any.
 
         Any has the weight PRIOR_OF_CHOICES next to the good trials' weight of 1 each; `ordered`: the trials, best first. A choice has no
@@ -107,7 +126,13 @@ class DirectionTPE(optuna.samplers.BaseSampler):
             parameters[choice.name] = known[int(self._rng.integers(len(known)))]
         return parameters
 
-    def sample_independent(self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution) -> float:
+    def sample_independent(
+        self,
+        study: optuna.Study,
+        trial: FrozenTrial,
+        param_name: str,
+        param_distribution: BaseDistribution,
+    ) -> float:
         """A value of a parameter that is not of the search space; a study has none."""
         assert isinstance(param_distribution, FloatDistribution)
         return float(self._rng.uniform(param_distribution.low, param_distribution.high))
@@ -115,9 +140,13 @@ class DirectionTPE(optuna.samplers.BaseSampler):
     def choose(self, good: Designs, others: Designs) -> Designs:
         """One design, where good designs are dense and the others are not."""
         k, q = good.directions.shape[1], good.numbers.shape[1]
-        narrower = len(good) ** (1 / (2 * k + q + 4))  # Scott's rule: kernels of n points in d dimensions
+        narrower = len(good) ** (
+            1 / (2 * k + q + 4)
+        )  # Scott's rule: kernels of n points in d dimensions
         candidates = self._draw(good, narrower)
-        ratio = self._density(candidates, good, narrower) - self._density(candidates, others, narrower)
+        ratio = self._density(candidates, good, narrower) - self._density(
+            candidates, others, narrower
+        )
         best = int(np.argmax(ratio))
         return candidates[best : best + 1]
 

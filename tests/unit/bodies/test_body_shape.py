@@ -16,17 +16,46 @@ from magmpm.results import measures
 from magmpm.scene import Scene
 from magmpm.simulate import run
 
-SEGMENTS = [{"magnetization": [1, 0, 0]}, {"magnetization": [0, 0, 0]}, {"magnetization": [0, 0.6, 0.8]}]
+SEGMENTS = [
+    {"magnetization": [1, 0, 0]},
+    {"magnetization": [0, 0, 0]},
+    {"magnetization": [0, 0.6, 0.8]},
+]
 PLATE = {"length": 8e-3, "width": 4e-3, "thickness": 1e-3, "material": "soft"}
 BODIES: dict[str, dict[str, Any]] = {
-    "tube": {"catheter": {"length": 8e-3, "diameter": 2e-3, "inner_diameter": 0.8e-3, "material": "soft", "segments": SEGMENTS}},
-    "strip": {"strip": {**PLATE, "position": [1e-3, 2e-3, 3e-3], "clamp": "both", "segments": SEGMENTS}},
-    "sheet": {"strip": {**PLATE, "plane_strain": True, "magnetization_profile": {"harmonic": {"periods": 1.0}}}},
-    "parts": {"parts": {"unit": "mm", "meshes": [
-        {"mesh": pack_mesh(box((0, 0, 0), (1, 1, 1))), "material": "soft", "clamp": True},
-        {"mesh": pack_mesh(box((1, 0, 0), (4, 1, 1))), "material": "soft", "magnetization": [0, 0, 1]},
-        {"mesh": pack_mesh(box((0, 3, 0), (4, 4, 1))), "material": "soft"},
-    ]}},
+    "tube": {
+        "catheter": {
+            "length": 8e-3,
+            "diameter": 2e-3,
+            "inner_diameter": 0.8e-3,
+            "material": "soft",
+            "segments": SEGMENTS,
+        }
+    },
+    "strip": {
+        "strip": {**PLATE, "position": [1e-3, 2e-3, 3e-3], "clamp": "both", "segments": SEGMENTS}
+    },
+    "sheet": {
+        "strip": {
+            **PLATE,
+            "plane_strain": True,
+            "magnetization_profile": {"harmonic": {"periods": 1.0}},
+        }
+    },
+    "parts": {
+        "parts": {
+            "unit": "mm",
+            "meshes": [
+                {"mesh": pack_mesh(box((0, 0, 0), (1, 1, 1))), "material": "soft", "clamp": True},
+                {
+                    "mesh": pack_mesh(box((1, 0, 0), (4, 1, 1))),
+                    "material": "soft",
+                    "magnetization": [0, 0, 1],
+                },
+                {"mesh": pack_mesh(box((0, 3, 0), (4, 4, 1))), "material": "soft"},
+            ],
+        }
+    },
 }
 ACROSS, COUNT = 3, 2
 
@@ -45,11 +74,17 @@ def test_the_grid_is_that_of_the_particles(shape: BodyShape, made: Discretizatio
     """One grid a body; particles are in the cells they name, in their order; cells are about as wide as asked for through the thickness."""
     grid = shape.grid(ACROSS)
     assert (grid.origin.tobytes(), grid.spacing.tobytes(), grid.cells) == (
-        made.grid.origin.tobytes(), made.grid.spacing.tobytes(), made.grid.cells,
-    )  # fmt: skip
+        made.grid.origin.tobytes(),
+        made.grid.spacing.tobytes(),
+        made.grid.cells,
+    )
     made.grid.locate(made.particles.position, made.particles.cell)
-    assert np.all(np.diff(np.ravel_multi_index(made.particles.cell.T, made.grid.cells)) >= 0), "sorted"
-    assert made.grid.spacing[2] == pytest.approx(shape.cell_size(ACROSS), rel=1e-9)  # every body here is a whole number of cells high
+    assert np.all(np.diff(np.ravel_multi_index(made.particles.cell.T, made.grid.cells)) >= 0), (
+        "sorted"
+    )
+    assert made.grid.spacing[2] == pytest.approx(
+        shape.cell_size(ACROSS), rel=1e-9
+    )  # every body here is a whole number of cells high
 
 
 def test_particles_fill_the_body(shape: BodyShape, made: Discretization) -> None:
@@ -64,7 +99,9 @@ def test_particles_fill_the_body(shape: BodyShape, made: Discretization) -> None
 def test_magnetization_has_length_one_or_none(shape: BodyShape, made: Discretization) -> None:
     """And is that of each region, where a region has one."""
     found = np.linalg.norm(shape.magnetization(made.particles), axis=1)
-    wanted = np.array([np.linalg.norm(region.magnetization) for region in shape.regions()])[made.particles.segment]
+    wanted = np.array([np.linalg.norm(region.magnetization) for region in shape.regions()])[
+        made.particles.segment
+    ]
     np.testing.assert_allclose(found, wanted, atol=1e-12)
 
 
@@ -89,12 +126,16 @@ def test_a_kind_must_answer_everything() -> None:
 L, B, T = 8e-3, 3e-3, 1e-3
 
 
-def strip_scene(*, field: tuple[float, ...] = (0.0, 0.0, 3e-3), cells: int = 2, **strip: Any) -> Scene:
+def strip_scene(
+    *, field: tuple[float, ...] = (0.0, 0.0, 3e-3), cells: int = 2, **strip: Any
+) -> Scene:
     """A strip of 8 x 3 x 1 mm; strip: keys to add or replace."""
     shape = {"length": L, "width": B, "thickness": T, "material": "m", **strip}
     if "magnetization_profile" not in strip:
         shape.setdefault("segments", [{"magnetization": [1, 0, 0]}])
-    return resting_scene({"strip": shape}, {"magnetic_torque": {}}, cells=cells, field={"uniform": list(field)})
+    return resting_scene(
+        {"strip": shape}, {"magnetic_torque": {}}, cells=cells, field={"uniform": list(field)}
+    )
 
 
 def test_volume_centroid_and_second_moments_are_exact_anywhere() -> None:
@@ -114,14 +155,22 @@ def test_where_it_stands_does_not_matter() -> None:
     """The result moves with the strip, to rounding of 1e-12 of its length."""
     here = run(strip_scene())
     there = run(strip_scene(position=[0.01, 0.02, -0.03]))
-    np.testing.assert_allclose(there.centreline[:, 1:] - [0.01, 0.02, -0.03], here.centreline[:, 1:], atol=1e-12)
+    np.testing.assert_allclose(
+        there.centreline[:, 1:] - [0.01, 0.02, -0.03], here.centreline[:, 1:], atol=1e-12
+    )
     np.testing.assert_allclose(there.tip - [0.01, 0.02, -0.03], here.tip, atol=1e-12)
 
 
-@pytest.mark.parametrize(("plane_strain", "y", "warned"), [(True, 9.81, True), (True, 0.0, False), (False, 9.81, False)])
-def test_gravity_across_a_plane_strain_strip_is_warned_of(plane_strain: bool, y: float, warned: bool) -> None:
+@pytest.mark.parametrize(
+    ("plane_strain", "y", "warned"), [(True, 9.81, True), (True, 0.0, False), (False, 9.81, False)]
+)
+def test_gravity_across_a_plane_strain_strip_is_warned_of(
+    plane_strain: bool, y: float, warned: bool
+) -> None:
     """Nothing moves along y in plane strain; the same warning as for a y component of the field."""
-    scene = strip_scene(plane_strain=plane_strain).with_effects(gravity={"acceleration": [0.0, y, -1.0]})
+    scene = strip_scene(plane_strain=plane_strain).with_effects(
+        gravity={"acceleration": [0.0, y, -1.0]}
+    )
     assert [text for text in scene.warnings() if "gravity" in text] == [
         "effects.gravity: the y component of its acceleration does nothing to a strip in plane strain"
     ] * warned
@@ -133,11 +182,17 @@ def test_plane_strain_is_plane() -> None:
     plane = run(strip_scene(width=T, plane_strain=True))
     moved = plane.particle_position - plane.particle_reference
     assert not moved[:, 1].any()
-    assert plane.tip[2] < 0.95 * free.tip[2]  # E/(1 - nu^2) = 1.32 E, minus the effect of the clamp in both
+    assert (
+        plane.tip[2] < 0.95 * free.tip[2]
+    )  # E/(1 - nu^2) = 1.32 E, minus the effect of the clamp in both
 
 
 def test_clamped_at_both_ends_both_ends_stay() -> None:
-    result = run(strip_scene(clamp="both", segments=[{"magnetization": [1, 0, 0]}, {"magnetization": [-1, 0, 0]}]))
+    result = run(
+        strip_scene(
+            clamp="both", segments=[{"magnetization": [1, 0, 0]}, {"magnetization": [-1, 0, 0]}]
+        )
+    )
     np.testing.assert_allclose(result.centreline[[0, -1], 1:], [[0, 0, 0], [L, 0, 0]], atol=1e-15)
     np.testing.assert_allclose(result.tip, [L, 0, 0], atol=1e-15)
     assert result.centreline[len(result.centreline) // 2, 3] > 1e-5  # the center rises
@@ -163,7 +218,9 @@ def test_axis_from_particles_is_the_axis() -> None:
     moved = x + np.outer(x[:, 0] ** 2, [1.0, 2.0, 30.0]) + np.outer(x[:, 2], [0.1, 0, 0])
     rows = measures.axis_of_particles(model, moved)
     s = rows[:, 0]
-    np.testing.assert_allclose(rows[:, 1:], np.outer(s, [1, 0, 0]) + np.outer(s**2, [1, 2, 30]), atol=1e-13)
+    np.testing.assert_allclose(
+        rows[:, 1:], np.outer(s, [1, 0, 0]) + np.outer(s**2, [1, 2, 30]), atol=1e-13
+    )
 
 
 def test_torsion_constant_of_a_square_and_of_a_thin_strip() -> None:

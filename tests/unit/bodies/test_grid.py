@@ -33,7 +33,9 @@ def test_same_splines_as_scipy() -> None:
             np.testing.assert_allclose(ours, theirs[:, cell : cell + 3], rtol=0, atol=1e-14 / h)
             assert np.all(np.delete(theirs, [cell, cell + 1, cell + 2], axis=1) == 0)
     peak = spline_matrix(grid.node_coordinates(0)[1:-1], origin, h, cells)
-    assert np.all(peak.argmax(axis=1) == np.arange(1, cells + 1)), ("a spline is largest at its node's coordinate")
+    assert np.all(peak.argmax(axis=1) == np.arange(1, cells + 1)), (
+        "a spline is largest at its node's coordinate"
+    )
 
 
 def test_clamp_holds_the_face_exactly() -> None:
@@ -56,7 +58,9 @@ def test_grid_refuses_a_point_outside_its_cell() -> None:
     """An index outside the grid would corrupt memory in a kernel."""
     grid = Grid(np.zeros(3), np.ones(3), (3, 3, 3))
     inside_cell = np.array([[1.25, 0.5, 2.75]])
-    np.testing.assert_array_equal(grid.locate(inside_cell, np.array([[1, 0, 2]])), [[0.25, 0.5, 0.75]])
+    np.testing.assert_array_equal(
+        grid.locate(inside_cell, np.array([[1, 0, 2]])), [[0.25, 0.5, 0.75]]
+    )
     with pytest.raises(ValueError, match="outside the cell"):
         grid.locate(inside_cell, np.array([[0, 0, 2]]))
     with pytest.raises(ValueError, match="outside the cell"):
@@ -92,7 +96,9 @@ def by_scipy(made: Grid, repeated: list[float]) -> list[BSpline]:
         ([3.3e-3, 4.1e-3, 9e-3], Knots((0, 1)), [3.3e-3, 4.1e-3]),  # a segment of less than a cell
     ],
 )
-def test_splines_are_those_of_the_knot_vector(ends: list[float], knots: Knots, repeated: list[float]) -> None:
+def test_splines_are_those_of_the_knot_vector(
+    ends: list[float], knots: Knots, repeated: list[float]
+) -> None:
     made = grid(ends, knots)
     x = np.random.default_rng(0).uniform(0.0, ends[-1], 200)
     node, values, slopes = made.splines_along(x)
@@ -102,15 +108,21 @@ def test_splines_are_those_of_the_knot_vector(ends: list[float], knots: Knots, r
         steep[np.arange(len(x)), node + a] = slopes[:, a]
     splines = by_scipy(made, repeated)
     assert len(splines) == made.nodes[0]
-    np.testing.assert_allclose(dense, np.stack([one(x) for one in splines], 1), atol=1e-13)  # rounding of values up to 1
-    np.testing.assert_allclose(steep, np.stack([one.derivative()(x) for one in splines], 1), atol=1e-13 * 4 / H)  # of slopes up to 4/h
+    np.testing.assert_allclose(
+        dense, np.stack([one(x) for one in splines], 1), atol=1e-13
+    )  # rounding of values up to 1
+    np.testing.assert_allclose(
+        steep, np.stack([one.derivative()(x) for one in splines], 1), atol=1e-13 * 4 / H
+    )  # of slopes up to 4/h
     # A straight line is the sum of its values at the splines' centers (Greville).
     np.testing.assert_allclose(dense @ made.node_coordinates(0), x, atol=1e-13 * ends[-1])
 
 
 def test_joints_too_near_to_another_or_to_an_end_get_no_knot() -> None:
     """Chosen from the tip on, so that what is in the guide changes nothing beyond it."""
-    starts = [run.start for run in grid([0.4e-3, 3e-3, 3.3e-3, 6e-3, 6.4e-3], Knots((0, 1, 2, 3))).runs]
+    starts = [
+        run.start for run in grid([0.4e-3, 3e-3, 3.3e-3, 6e-3, 6.4e-3], Knots((0, 1, 2, 3))).runs
+    ]
     assert starts == pytest.approx([0.0, 3.3e-3])
 
 
@@ -119,7 +131,9 @@ def test_twice_as_many_cells_across_are_twice_as_many_in_each_run(rng: np.random
     for _ in range(50):
         ends = np.cumsum(rng.uniform(0.5e-3, 9e-3, 3)).tolist()
         for cells in (2, 3, 5):
-            one, two = (grid(ends, Knots((0, 1), at_rest=True), across) for across in (cells, 2 * cells))
+            one, two = (
+                grid(ends, Knots((0, 1), at_rest=True), across) for across in (cells, 2 * cells)
+            )
             assert [2 * run.cells for run in one.runs] == [run.cells for run in two.runs]
             for made, across in ((one, cells), (two, 2 * cells)):
                 assert max(run.width for run in made.runs) <= (1 + THIN) * 4 * H / across

@@ -21,13 +21,17 @@ def rectangles(edges_y: np.ndarray, edges_z: np.ndarray) -> tuple[np.ndarray, np
     return low, high
 
 
-def check_section(low: np.ndarray, high: np.ndarray, outer: float, inner: float, count: int, dropped: float = 0.0) -> None:
+def check_section(
+    low: np.ndarray, high: np.ndarray, outer: float, inner: float, count: int, dropped: float = 0.0
+) -> None:
     """Areas and moments of a ring on rectangles. dropped: the most area of slivers that the quadrature may leave out."""
     points, areas, home = bodies.section_points(low, high, outer, inner, count)
     area, moment = np.pi * (outer**2 - inner**2), np.pi / 4 * (outer**4 - inner**4)
     y, z = points.T
     assert areas.min() > 0
-    slack = 1e-9 * (high - low)[home]  # rounding error of a point on a face; Grid.locate refuses more
+    slack = (
+        1e-9 * (high - low)[home]
+    )  # rounding error of a point on a face; Grid.locate refuses more
     assert np.all(points >= low[home] - slack)
     assert np.all(points <= high[home] + slack)
     assert np.all(np.diff(home) >= 0), "sorted by rectangle"
@@ -39,7 +43,9 @@ def check_section(low: np.ndarray, high: np.ndarray, outer: float, inner: float,
     assert areas @ z == pytest.approx(0, abs=EXACT * area * outer + dropped * outer)
 
 
-@given(st.integers(2, 16), st.one_of(st.just(0.0), st.floats(1e-3, 0.999)), st.sampled_from([2, 3, 4]))
+@given(
+    st.integers(2, 16), st.one_of(st.just(0.0), st.floats(1e-3, 0.999)), st.sampled_from([2, 3, 4])
+)
 @example(7, 0.999, 2)  # a wall of 1/285 of a cell
 @example(6, 0.0, 3)  # slivers at the corners
 @settings(max_examples=60)
@@ -56,13 +62,17 @@ def test_section_is_exact(cells: int, ratio: float, count: int) -> None:
 )
 @example([0.96875], [0.24687], 0.0)  # a sliver of 2e-10 of the largest rectangle
 @settings(max_examples=60)
-def test_section_is_exact_on_any_rectangles(cuts_y: list[float], cuts_z: list[float], ratio: float) -> None:
+def test_section_is_exact_on_any_rectangles(
+    cuts_y: list[float], cuts_z: list[float], ratio: float
+) -> None:
     """Unequal rectangles, off the center of the disc: the result does not depend on symmetry.
 
     A cut less than 1e-9 of the largest rectangle is left out. On a scene's grid, whose cells are alike, there is none: the test above."""
     edges = [np.unique(np.round([-1.3, *cuts, 1.3], 3)) for cuts in (cuts_y, cuts_z)]
     low, high = rectangles(*edges)
-    check_section(low, high, 1.0, ratio, 2, dropped=len(low) * 1e-9 * float(np.prod(high - low, axis=1).max()))
+    check_section(
+        low, high, 1.0, ratio, 2, dropped=len(low) * 1e-9 * float(np.prod(high - low, axis=1).max())
+    )
 
 
 @given(st.tuples(*[st.floats(-1.5, 1.5)] * 4))
@@ -81,24 +91,36 @@ def test_disk_moments_against_a_fine_sum(corners: tuple[float, float, float, flo
     np.testing.assert_allclose(bodies.disk_moments(low, high, 1.0)[0], expected, atol=2e-4)
 
 
-@pytest.mark.parametrize("radius", [0.000676558326395903, 0.005520024078098786, 0.00861724779971481, 0.0038367353394736224])
+@pytest.mark.parametrize(
+    "radius",
+    [0.000676558326395903, 0.005520024078098786, 0.00861724779971481, 0.0038367353394736224],
+)
 def test_a_radius_whose_square_rounds_two_ways(radius: float) -> None:
     """The square of a float (by libm's pow) and of an array's element differ in the last bit: the root at the circle's edge was NaN."""
     low, high = rectangles(*[np.array([-radius, 0.0, radius])] * 2)
-    assert bodies.disk_moments(low, high, radius)[:, 0].sum() == pytest.approx(np.pi * radius**2, rel=1e-12)
+    assert bodies.disk_moments(low, high, radius)[:, 0].sum() == pytest.approx(
+        np.pi * radius**2, rel=1e-12
+    )
 
 
 @given(
-    st.lists(st.floats(0.05, 1.0), min_size=1, max_size=6), st.integers(2, 5), st.sampled_from([2, 3]), st.sampled_from([0.0, 0.6, 0.95]),
-)  # fmt: skip
+    st.lists(st.floats(0.05, 1.0), min_size=1, max_size=6),
+    st.integers(2, 5),
+    st.sampled_from([2, 3]),
+    st.sampled_from([0.0, 0.6, 0.95]),
+)
 @settings(max_examples=30)
-def test_volumes_and_centres_of_segments(shares: list[float], cells: int, count: int, ratio: float) -> None:
+def test_volumes_and_centres_of_segments(
+    shares: list[float], cells: int, count: int, ratio: float
+) -> None:
     """Segments of any length, whose ends cut cells: volume, centroid and axial second moment of each are exact."""
     lengths = np.array(shares) / np.sum(shares) * 20e-3
     ends = np.cumsum(lengths)
     outer, inner = 2e-3, 2e-3 * ratio
     grid = bodies.rod_grid(np.asarray(ends), 2 * outer, cells)
-    p = bodies.rod_particles(grid, outer=outer, inner=inner, segment_ends=ends, particles_per_cell=count)
+    p = bodies.rod_particles(
+        grid, outer=outer, inner=inner, segment_ends=ends, particles_per_cell=count
+    )
     grid.locate(p.position, p.cell)  # raises if a particle lies outside its cell
     area = np.pi * (outer**2 - inner**2)
     for k, length in enumerate(lengths):
@@ -106,9 +128,15 @@ def test_volumes_and_centres_of_segments(shares: list[float], cells: int, count:
         x, v = p.position[mine, 0], p.volume[mine]
         assert np.all((x > ends[k] - length) & (x < ends[k]))
         assert v.sum() == pytest.approx(area * length, rel=EXACT)
-        assert v @ x == pytest.approx(area * (ends[k] ** 2 - (ends[k] - length) ** 2) / 2, rel=EXACT)
-        assert v @ x**2 == pytest.approx(area * (ends[k] ** 3 - (ends[k] - length) ** 3) / 3, rel=EXACT)
-    assert np.all(np.diff(p.cell[:, 0]) >= 0), "sorted along the axis: the kernels' slabs rely on it"
+        assert v @ x == pytest.approx(
+            area * (ends[k] ** 2 - (ends[k] - length) ** 2) / 2, rel=EXACT
+        )
+        assert v @ x**2 == pytest.approx(
+            area * (ends[k] ** 3 - (ends[k] - length) ** 3) / 3, rel=EXACT
+        )
+    assert np.all(np.diff(p.cell[:, 0]) >= 0), (
+        "sorted along the axis: the kernels' slabs rely on it"
+    )
 
 
 def test_a_segment_end_within_rounding_of_a_face_is_that_face() -> None:
@@ -116,7 +144,9 @@ def test_a_segment_end_within_rounding_of_a_face_is_that_face() -> None:
     grid = bodies.rod_grid(np.array([3e-3]), 1e-3, 4)  # faces every 0.25 mm
     ends = np.array([1e-3 * (1 + 4e-16), 2e-3 * (1 - 4e-16), 3e-3])
     p = bodies.rod_particles(grid, outer=0.5e-3, inner=0.0, segment_ends=ends, particles_per_cell=2)
-    one = bodies.rod_particles(grid, outer=0.5e-3, inner=0.0, segment_ends=ends[-1:], particles_per_cell=2)
+    one = bodies.rod_particles(
+        grid, outer=0.5e-3, inner=0.0, segment_ends=ends[-1:], particles_per_cell=2
+    )
     np.testing.assert_array_equal(p.position, one.position)
     np.testing.assert_array_equal(np.bincount(p.segment), [len(p.volume) // 3] * 3)
 
@@ -124,7 +154,9 @@ def test_a_segment_end_within_rounding_of_a_face_is_that_face() -> None:
 def test_section_errors_see_a_wrong_section() -> None:
     """The printed value is measured on the particles: points moved inward by 1 % give moments that are 2 % too small."""
     grid = bodies.rod_grid(np.array([8e-3]), 4e-3, 4)
-    p = bodies.rod_particles(grid, outer=2e-3, inner=0.0, segment_ends=np.array([8e-3]), particles_per_cell=2)
+    p = bodies.rod_particles(
+        grid, outer=2e-3, inner=0.0, segment_ends=np.array([8e-3]), particles_per_cell=2
+    )
     wrong = bodies.Particles(p.position * [1, 0.99, 0.99], p.volume * 1.003, p.segment, p.cell)
     errors = bodies.section_errors(wrong, outer=2e-3, inner=0.0, length=8e-3)
     assert errors["area_error"] == pytest.approx(0.003, rel=1e-9)

@@ -42,7 +42,9 @@ def linked(folder: Path, names: str) -> str:
     """What a process of its own prints of these functions, or kinds of records, with a cache in this folder."""
     (folder / "linked.py").write_text(LINKED)
     space = {**os.environ, "NUMBA_CACHE_DIR": str(folder), "PYTHONHASHSEED": "0"}
-    return subprocess.check_output([sys.executable, "linked.py", *names.split()], cwd=folder, env=space, text=True)
+    return subprocess.check_output(
+        [sys.executable, "linked.py", *names.split()], cwd=folder, env=space, text=True
+    )
 
 
 @pytest.fixture
@@ -58,7 +60,9 @@ def loaded(folder: Path) -> ModuleType:
     return module_of(folder / "doubled.py", "doubled", kept=False)
 
 
-def test_a_function_is_kept_and_loaded(module: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_function_is_kept_and_loaded(
+    module: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert module.twice(2.0) == 4.0
     again = loaded(tmp_path)
     assert again.twice(2.0) == 4.0
@@ -67,7 +71,9 @@ def test_a_function_is_kept_and_loaded(module: ModuleType, tmp_path: Path, capsy
     assert kept_all()
 
 
-def test_two_processes_that_save_at_once_keep_both(module: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_processes_that_save_at_once_keep_both(
+    module: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Another signature is saved while the first is being written: each is found, and is the right one."""
     other, dump = loaded(tmp_path), kernel_cache._SealedFiles._dump
 
@@ -83,7 +89,9 @@ def test_two_processes_that_save_at_once_keep_both(module: ModuleType, tmp_path:
     assert sum(again.twice.stats.cache_hits.values()) == 2
 
 
-def test_one_bit_is_noticed(module: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_bit_is_noticed(
+    module: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """At any place: otherwise content that unpickles, but differs from what was compiled, would be run."""
     assert module.twice(2.0) == 4.0
     (path,) = (tmp_path / "cache").rglob("*twice*.nbc")
@@ -93,7 +101,10 @@ def test_one_bit_is_noticed(module: ModuleType, tmp_path: Path, capsys: pytest.C
     again = loaded(tmp_path)
     assert again.twice(2.0) == 4.0
     assert sum(again.twice.stats.cache_misses.values()) == 1
-    assert capsys.readouterr().err == f"magmpm: compiled kernels on disk: {path}: damaged; what belongs there is compiled anew\n"
+    assert (
+        capsys.readouterr().err
+        == f"magmpm: compiled kernels on disk: {path}: damaged; what belongs there is compiled anew\n"
+    )
     assert kept_all()
     third = loaded(tmp_path)
     assert third.twice(2.0) == 4.0
@@ -117,7 +128,9 @@ def test_a_full_disk_ends_nothing_and_is_said_once(
     assert not kept_all()
 
 
-def test_neither_cache_nor_temporary_folder(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_neither_cache_nor_temporary_folder(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """magmpm can still be imported."""
     monkeypatch.setattr(Path, "mkdir", no_room)
     environment._cache_folder()
@@ -131,4 +144,8 @@ def test_code_for_one_record_is_not_taken_for_that_of_another(tmp_path: Path) ->
 
 def test_what_calls_a_loaded_parallel_kernel_starts_threads(tmp_path: Path) -> None:
     """A process compiles the kernel, one what calls it, and a third loads that alone: its first call was one to nowhere."""
-    assert [linked(tmp_path, name) for name in ("parallel", "caller", "caller")] == ["18.0 ", "36.0 ", "36.0 "]
+    assert [linked(tmp_path, name) for name in ("parallel", "caller", "caller")] == [
+        "18.0 ",
+        "36.0 ",
+        "36.0 ",
+    ]

@@ -14,7 +14,17 @@ import numba
 import pytest
 
 from magmpm.compiled import thread_count as threads
-from magmpm.compiled.process import DIED, DONE, PARTIAL, RAISED, Died, Process, answers, started, threads_each
+from magmpm.compiled.process import (
+    DIED,
+    DONE,
+    PARTIAL,
+    RAISED,
+    Died,
+    Process,
+    answers,
+    started,
+    threads_each,
+)
 from magmpm.compiled.thread_count import Threads
 
 STARTS = 120.0  # s, on a busy machine
@@ -49,9 +59,16 @@ def test_jobs_are_answered_and_what_ends_a_process_is_named() -> None:
     jobs = deque([1, "killed", 2, "ended", "raises", 3])
     with started(2, begin, 10) as processes:
         found = {(job, kind): content for job, kind, content in answers(jobs, processes)}
-    assert {job: content for (job, kind), content in found.items() if kind == DONE} == {1: 11, 2: 12, 3: 13}
+    assert {job: content for (job, kind), content in found.items() if kind == DONE} == {
+        1: 11,
+        2: 12,
+        3: 13,
+    }
     assert {job for job, kind in found if kind == PARTIAL} == {1, 2, 3}
-    assert (str(found["killed", DIED]), found["killed", DIED].status) == ("ended by SIGPROF", -signal.SIGPROF)
+    assert (str(found["killed", DIED]), found["killed", DIED].status) == (
+        "ended by SIGPROF",
+        -signal.SIGPROF,
+    )
     assert (str(found["ended", DIED]), found["ended", DIED].status) == ("ended with status 3", 3)
     assert str(found["raises", RAISED]) == "Unsendable: 1 and 2"
     assert all(process.process.returncode is not None for process in processes)
@@ -64,7 +81,11 @@ def test_one_that_takes_too_long_is_replaced() -> None:
             process.ask("slow", timeout=1.0)
         process.start()
         assert process.ask(5, timeout=STARTS) == 15
-        [late, done] = [(job, kind) for job, kind, _ in answers(iter(["slow", 6]), [process], limit=1.0) if kind != PARTIAL]
+        [late, done] = [
+            (job, kind)
+            for job, kind, _ in answers(iter(["slow", 6]), [process], limit=1.0)
+            if kind != PARTIAL
+        ]
         assert (late, done) == (("slow", DIED), (6, DONE))
         with pytest.raises(Exception, match=r"[Pp]ickle"):
             process.ask(lambda: None)
@@ -84,10 +105,27 @@ def test_it_ends_with_its_caller_in_the_middle_of_a_job() -> None:
         "process = Process(test_process.begin, 1)\nprocess.ask()\nprocess.give('slow')\n"
         "print(process.process.pid, flush=True)\ntime.sleep(0.5)\nos.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])}
-    child = int(subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=env, check=False, timeout=STARTS).stdout)
+    env = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(
+            [str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
+        ),
+    }
+    child = int(
+        subprocess.run(
+            [sys.executable, "-c", script],
+            capture_output=True,
+            text=True,
+            env=env,
+            check=False,
+            timeout=STARTS,
+        ).stdout
+    )
     until = time.monotonic() + STARTS
-    while Path(f"/proc/{child}/stat").exists() and Path(f"/proc/{child}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z":
+    while (
+        Path(f"/proc/{child}/stat").exists()
+        and Path(f"/proc/{child}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    ):
         assert time.monotonic() < until
         time.sleep(0.1)
 

@@ -18,7 +18,15 @@ from magmpm.model import build
 from magmpm.results.file_names import ARRAYS, CHECKPOINT, ENERGIES, JUMPS, MOTION, NUMBERS, STEPS
 from magmpm.simulate import simulated
 
-BODY = {"catheter": {"length": 8e-3, "diameter": 4e-3, "material": "m", "clamp": "base", "segments": [{"magnetization": [0.0, 0.0, 1.0]}]}}
+BODY = {
+    "catheter": {
+        "length": 8e-3,
+        "diameter": 4e-3,
+        "material": "m",
+        "clamp": "base",
+        "segments": [{"magnetization": [0.0, 0.0, 1.0]}],
+    }
+}
 # All kinds of effects: a field that turns; viscous stress, which needs the velocity gradient; contact with the ground; a guide that pushes.
 EFFECTS: dict[str, Any] = {
     "magnetic_torque": {},
@@ -29,7 +37,10 @@ EFFECTS: dict[str, Any] = {
     "walls": {"tube": {"radius": 3e-3, "path": [[-5e-3, 0, 0], [20e-3, 0, 0]]}},
     "feed": {"speed": 20e-3, "exit": 6e-3},
 }
-TURNING = {"uniform": [0.0, 2e-3, 20e-3], "over_time": {"rotation": {"axis": [0.0, 1.0, 0.0], "frequency": 200.0}}}
+TURNING = {
+    "uniform": [0.0, 2e-3, 20e-3],
+    "over_time": {"rotation": {"axis": [0.0, 1.0, 0.0], "frequency": 200.0}},
+}
 FRAMES, STEPS_EACH = 6, 230  # checkpoints late in a motion too, after more than a thousand steps
 
 
@@ -43,19 +54,37 @@ def motion() -> Scene:
     data["field"] = TURNING
     data["materials"]["m"] |= {"remanence": 0.1, "magnetization_law": "rotates"}
     step = begin(build(Scene.from_si(data))).control.step
-    data["solver"]["dynamic"] |= {"duration": (FRAMES - 0.5) * STEPS_EACH * step, "output_every": STEPS_EACH * step}
+    data["solver"]["dynamic"] |= {
+        "duration": (FRAMES - 0.5) * STEPS_EACH * step,
+        "output_every": STEPS_EACH * step,
+    }
     return Scene.from_si(data)
 
 
 def column(length: float = 20e-3, **more: Any) -> Scene:
     """A column that its field, along its axis, pushes together: it buckles where the field grows."""
     more = {"resolution": {"cells_across": 2}} | more
-    silicone = {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1100.0, "remanence": 138e-3}
-    catheter = {"length": length, "diameter": 2e-3, "material": "m", "segments": [{"magnetization": [1.0, 0.0, 0.0]}]}
-    return Scene.from_si({
-        "name": "column", "materials": {"m": silicone}, "body": {"catheter": catheter}, "effects": {"magnetic_torque": {}},
-        **more,
-    })  # fmt: skip
+    silicone = {
+        "shear_modulus": 120e3,
+        "bulk_to_shear": 20.0,
+        "density": 1100.0,
+        "remanence": 138e-3,
+    }
+    catheter = {
+        "length": length,
+        "diameter": 2e-3,
+        "material": "m",
+        "segments": [{"magnetization": [1.0, 0.0, 0.0]}],
+    }
+    return Scene.from_si(
+        {
+            "name": "column",
+            "materials": {"m": silicone},
+            "body": {"catheter": catheter},
+            "effects": {"magnetic_torque": {}},
+            **more,
+        }
+    )
 
 
 def timeless(value: Any) -> Any:
@@ -70,7 +99,11 @@ def finished(scene: Scene, folder: Path) -> dict[str, Any]:
     run(scene, folder=folder, resume=True).save(folder)
     with np.load(folder / ARRAYS) as stored:
         arrays = {name: stored[name].tobytes() for name in stored.files}
-    tables = {name: (folder / name).read_text() for name in (ENERGIES, STEPS, JUMPS) if (folder / name).exists()}
+    tables = {
+        name: (folder / name).read_text()
+        for name in (ENERGIES, STEPS, JUMPS)
+        if (folder / name).exists()
+    }
     saved = [folder / name for name in (CHECKPOINT, MOTION) if (folder / name).exists()]
     frames = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in saved}
     return {**timeless(json.loads((folder / NUMBERS).read_text())), **arrays, **tables, **frames}
@@ -94,13 +127,21 @@ ASKED = {"resolution": {"error": 2e-4}}
 SCENES: dict[str, Callable[[], Scene]] = {
     "motion": motion,
     "quasi-static": partial(column, **PATH, field=RAMP),
-    "quasi-static, error": partial(column, 8e-3, **PATH, field=RAMP | {"uniform": STEADY["uniform"]}, **ASKED),
+    "quasi-static, error": partial(
+        column, 8e-3, **PATH, field=RAMP | {"uniform": STEADY["uniform"]}, **ASKED
+    ),
     "static": partial(column, field=STEADY),
     "static, error": partial(column, field=STEADY, **ASKED),
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] if name == "quasi-static, error" else []) for name in SCENES])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name == "quasi-static, error" else [])
+        for name in SCENES
+    ],
+)
 def test_a_result_is_that_of_a_run_without_interruptions(name: str, tmp_path: Path) -> None:
     scene, drawn = SCENES[name](), np.random.default_rng(26)
     whole = finished(scene, tmp_path / "whole")

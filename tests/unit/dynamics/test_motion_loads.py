@@ -30,7 +30,9 @@ ROUNDING = 1e-9  # of the largest value: about ten steps, in which the load of a
 def ramped(duration: float) -> Scene:
     """A short clamped catheter in a field that rises from zero in `duration` (s)."""
     data = moving(rod_scene(length=8e-3, field=(0, 0, 20e-3))).to_si()
-    return Scene.from_si({**data, "field": {"uniform": (0, 0, 20e-3), "over_time": {"ramp": {"duration": duration}}}})
+    return Scene.from_si(
+        {**data, "field": {"uniform": (0, 0, 20e-3), "over_time": {"ramp": {"duration": duration}}}}
+    )
 
 
 def test_a_schedule_goes_on_within_a_chunk_of_steps() -> None:
@@ -45,7 +47,9 @@ def test_a_schedule_goes_on_within_a_chunk_of_steps() -> None:
     for step in range(moved.steps):
         c, v = total.step(c, v, moved.dt, step)
     assert np.abs(c).max() > 1e-9  # m
-    np.testing.assert_allclose(moved.motion.u.reshape(-1, 3), c, rtol=0, atol=ROUNDING * np.abs(c).max() + 1e-16)
+    np.testing.assert_allclose(
+        moved.motion.u.reshape(-1, 3), c, rtol=0, atol=ROUNDING * np.abs(c).max() + 1e-16
+    )
 
 
 def segments_that_turn() -> Model:
@@ -61,20 +65,29 @@ def by_hand(model: Model, dt: float, held: int) -> np.ndarray:
     before: list[np.ndarray] = []
     for step in range(8):
         if step % held == 0:
-            acting.refresh(model.effects, model, model.particles.position + total.N @ c, np.eye(3) + total.gradient(c))
+            acting.refresh(
+                model.effects,
+                model,
+                model.particles.position + total.N @ c,
+                np.eye(3) + total.gradient(c),
+            )
             tables = acting.own_tables(model.effects)
             now = [table.copy() for table in tables]
             for table, old in zip(tables, before, strict=bool(before)):
                 table += (table - old) * (held - 1) / 2 / held
             before = now
         if step == 0:
-            v = -total.step(c, v, dt / 2)[1]  # a load from the first step on: velocities are those of half a step before
+            v = -total.step(c, v, dt / 2)[
+                1
+            ]  # a load from the first step on: velocities are those of half a step before
         c, v = total.step(c, v, dt)
     return np.asarray(c)
 
 
 @pytest.mark.parametrize(("single", "held"), [(own_loads.SINGLE, 1), (0, 2)])
-def test_what_segments_do_to_each_other_follows_the_shape(monkeypatch: pytest.MonkeyPatch, single: int, held: int) -> None:
+def test_what_segments_do_to_each_other_follows_the_shape(
+    monkeypatch: pytest.MonkeyPatch, single: int, held: int
+) -> None:
     """A load acts at the shape for which it was computed: of one step at its start, where leapfrog pushes; of two in their middle."""
     for name, value in {"SINGLE": single, "MOST": held, "CHANGE": 1e9, "ADDED": 1e9}.items():
         monkeypatch.setattr(own_loads, name, value)
@@ -137,7 +150,9 @@ def test_loads_that_change_slowly_are_held(monkeypatch: pytest.MonkeyPatch) -> N
     held, changed = Spring(monkeypatch, 1.0, 2 * np.pi / 5000).swing(own, 10)
     assert np.mean(held[:200]) > 4
     assert own.added < 1.1 * own_loads.ADDED * own.scale
-    assert own.added / 0.5 == pytest.approx(changed, abs=0.01 * own_loads.ADDED)  # of the half J that it has in all
+    assert own.added / 0.5 == pytest.approx(
+        changed, abs=0.01 * own_loads.ADDED
+    )  # of the half J that it has in all
 
 
 def test_loads_of_a_vibration_are_computed_at_each_step(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -153,7 +168,9 @@ def test_loads_of_a_vibration_are_computed_at_each_step(monkeypatch: pytest.Monk
     assert abs(changed) > 1.0
 
 
-def test_a_motion_whose_own_loads_add_energy_is_stopped(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_motion_whose_own_loads_add_energy_is_stopped(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """The sum of all energies is watched where the body acts on itself: here loads that are five times those of their energy."""
     compute = acting.refresh
 
@@ -176,7 +193,10 @@ def test_a_motion_with_interaction_resumes_to_the_bit(tmp_path: Path) -> None:
     data["solver"]["dynamic"].update(duration=2e-3, output_every=2.5e-4)
     scene = Scene.from_si(data)
     interrupted(scene, tmp_path, 0.8e-3)
-    again, whole = integrate(begin(build(scene)), folder=tmp_path, resume=True), integrate(begin(build(scene)))
+    again, whole = (
+        integrate(begin(build(scene)), folder=tmp_path, resume=True),
+        integrate(begin(build(scene))),
+    )
     assert again.x.tobytes() == whole.x.tobytes()
     assert again.energies == whole.energies
     assert again.motion.own is not None
@@ -190,10 +210,17 @@ def test_a_motion_with_interaction_does_not_depend_on_the_time_step() -> None:
     Loads that are held for 256 steps, as computed, change it by 21 %."""
 
     def scene(safety: float) -> Scene:
-        segments = [{"magnetization": [0.0, 0.3, 1.0], "length": 6e-3}, {"magnetization": [0.0, -1.0, 0.3]}]
-        body = {"catheter": {"length": 12e-3, "diameter": 2e-3, "material": "m", "segments": segments}}
+        segments = [
+            {"magnetization": [0.0, 0.3, 1.0], "length": 6e-3},
+            {"magnetization": [0.0, -1.0, 0.3]},
+        ]
+        body = {
+            "catheter": {"length": 12e-3, "diameter": 2e-3, "material": "m", "segments": segments}
+        }
         effects = {"magnetic_interaction": {"blocks_across": 2}, "magnetic_torque": {}}
-        data = moving_scene(body, effects, shear=1e4, duration=0.02, field={"uniform": [0.02, 0.02, 0.0]}).to_si()
+        data = moving_scene(
+            body, effects, shear=1e4, duration=0.02, field={"uniform": [0.02, 0.02, 0.0]}
+        ).to_si()
         data["solver"]["dynamic"].update(safety=safety, output_every=0.02)
         return Scene.from_si(data)
 
@@ -209,7 +236,9 @@ FIELD, RISE = np.array([0.0, 5e-3, 20e-3]), 2e-3  # T, s: twice as long as the m
 def scene() -> Scene:
     """A short clamped catheter in a field that rises throughout the motion."""
     data = moving(rod_scene(length=8e-3, field=FIELD), duration=1e-3, output_every=5e-4).to_si()
-    return Scene.from_si({**data, "field": {"uniform": FIELD.tolist(), "over_time": {"ramp": {"duration": RISE}}}})
+    return Scene.from_si(
+        {**data, "field": {"uniform": FIELD.tolist(), "over_time": {"ramp": {"duration": RISE}}}}
+    )
 
 
 def energies(model: Model, moved: SimulationState) -> dict[str, float]:
@@ -233,11 +262,19 @@ def test_stress_field_and_energies_are_those_of_the_moment(tmp_path: Path) -> No
     B = FIELD * moved.time / RISE
     magnetic = -np.einsum("i,nj->nij", B, model.remanence) / MU0
     elastic = elastic_stress(model, moved.F)
-    np.testing.assert_allclose(moved.P, elastic + magnetic, rtol=0, atol=1e-10 * np.abs(elastic).max())  # sums of about ten products
+    np.testing.assert_allclose(
+        moved.P, elastic + magnetic, rtol=0, atol=1e-10 * np.abs(elastic).max()
+    )  # sums of about ten products
     assert np.abs(magnetic).max() > 0.05 * np.abs(elastic).max(), "to leave it out would be seen"
     wanted = energies(model, moved)
     for name, value in wanted.items():
-        assert moved.energies[name] == pytest.approx(value, rel=1e-6)  # of J^(-2/3) I1 - 3, a difference of 1e-4 of its parts
-    np.testing.assert_allclose(Motion.load(tmp_path).fields, np.outer([0.0, 0.25, 0.5], FIELD), rtol=0, atol=1e-9)
+        assert moved.energies[name] == pytest.approx(
+            value, rel=1e-6
+        )  # of J^(-2/3) I1 - 3, a difference of 1e-4 of its parts
+    np.testing.assert_allclose(
+        Motion.load(tmp_path).fields, np.outer([0.0, 0.25, 0.5], FIELD), rtol=0, atol=1e-9
+    )
     assert result.energy == pytest.approx(sum(wanted.values()), rel=1e-6)
-    assert result.kinetic_energy == moved.energies["kinetic"] > 1e-3 * abs(result.energy), "to add it would be seen"
+    assert result.kinetic_energy == moved.energies["kinetic"] > 1e-3 * abs(result.energy), (
+        "to add it would be seen"
+    )

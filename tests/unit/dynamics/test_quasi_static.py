@@ -21,12 +21,31 @@ from magmpm.rod.kernels import frames_of, relax
 ALONG = [{"magnetization": [1, 0, 0]}]
 
 
-def scene(path: dict[str, Any], *, length: float = 20e-3, cells: int = 3, segments: Any = ALONG, **more: Any) -> Scene:
+def scene(
+    path: dict[str, Any],
+    *,
+    length: float = 20e-3,
+    cells: int = 3,
+    segments: Any = ALONG,
+    **more: Any,
+) -> Scene:
     """A catheter 2 mm thick; path: of solver.quasi_static."""
-    silicone = {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1100.0, "remanence": 138e-3}
+    silicone = {
+        "shear_modulus": 120e3,
+        "bulk_to_shear": 20.0,
+        "density": 1100.0,
+        "remanence": 138e-3,
+    }
     catheter = {"length": length, "diameter": 2e-3, "material": "m", "segments": segments}
-    given = {"body": {"catheter": catheter}, "effects": {"magnetic_torque": {}}, "materials": {"m": silicone}}
-    given |= {"field": {"uniform": [0.0, 0.0, 3e-3], "over_time": {"ramp": {"duration": 1.0}}}, "solver": {"quasi_static": path}}
+    given = {
+        "body": {"catheter": catheter},
+        "effects": {"magnetic_torque": {}},
+        "materials": {"m": silicone},
+    }
+    given |= {
+        "field": {"uniform": [0.0, 0.0, 3e-3], "over_time": {"ramp": {"duration": 1.0}}},
+        "solver": {"quasi_static": path},
+    }
     return moving_scene(**given | more, cells=cells)
 
 
@@ -47,18 +66,29 @@ def test_a_ramp_ends_where_the_static_solve_does() -> None:
     np.testing.assert_allclose(result.centreline, alone.centreline, atol=1e-6 * path.length)
     np.testing.assert_allclose(result.tip, alone.tip, atol=1e-6 * path.length)
     assert result.field == pytest.approx([0, 0, 3e-3])
-    assert result.steps[-1]["stability"] == pytest.approx(alone.stability, rel=1e-5)  # what the iterations for it may leave
+    assert result.steps[-1]["stability"] == pytest.approx(
+        alone.stability, rel=1e-5
+    )  # what the iterations for it may leave
     first = result.steps[0]  # gravity acts in full from the first equilibrium on
-    np.testing.assert_allclose(first["tip"], at_rest(path.with_field([0, 0, 1e-12])).tip, atol=1e-6 * path.length)
+    np.testing.assert_allclose(
+        first["tip"], at_rest(path.with_field([0, 0, 1e-12])).tip, atol=1e-6 * path.length
+    )
 
 
 def test_steps_in_between_are_single_equilibria_too() -> None:
     """In a field that turns each step is the equilibrium in the field of its time."""
-    turning = {"uniform": [3e-3, 0.0, 0.0], "over_time": {"rotation": {"axis": [0, 1, 0], "frequency": -1.0, "turns": 0.25}}}
+    turning = {
+        "uniform": [3e-3, 0.0, 0.0],
+        "over_time": {"rotation": {"axis": [0, 1, 0], "frequency": -1.0, "turns": 0.25}},
+    }
     path = scene({"at": [0.0, 0.1, 0.2]}, field=turning)
     result = run(path)
     for step in result.steps:
-        alone = run(Scene.from_si({**path.to_si(), "field": {"uniform": step["field"]}, "solver": {"static": {}}}))
+        alone = run(
+            Scene.from_si(
+                {**path.to_si(), "field": {"uniform": step["field"]}, "solver": {"static": {}}}
+            )
+        )
         np.testing.assert_allclose(step["tip"], alone.tip, atol=1e-6 * 20e-3)
     angle = 2 * np.pi * 0.2
     assert result.field == pytest.approx([3e-3 * np.cos(angle), 0, 3e-3 * np.sin(angle)])
@@ -77,24 +107,42 @@ def test_a_straight_catheter_buckles_at_its_load() -> None:
     assert jump["field"] == pytest.approx(8e-3 * jump["time"], rel=1e-12)
     assert jump["within"] < 2e-3 * jump["time"]
     assert jump["released"] > 0
-    before, after = (step for step in result.steps if step["time"] in (0.6, 0.8) or abs(step["time"] - 0.6) < 1e-12)
+    before, after = (
+        step
+        for step in result.steps
+        if step["time"] in (0.6, 0.8) or abs(step["time"] - 0.6) < 1e-12
+    )
     assert abs(before["tip"][2]) < 1e-9
     assert after["tip"][2] > 0.3 * 20e-3
     alone = at_rest(path)
-    np.testing.assert_allclose(result.tip, alone.tip, atol=1e-4 * 20e-3)  # along the neutral direction only to this (docs/design.md)
+    np.testing.assert_allclose(
+        result.tip, alone.tip, atol=1e-4 * 20e-3
+    )  # along the neutral direction only to this (docs/design.md)
     assert "bifurcation" in " ".join(result.warnings)
     shares = [step["stability"] for step in result.steps]
     assert shares[0] == pytest.approx(1.0, abs=1e-6)
-    assert shares[1] == pytest.approx(1 - 1.6 / (1e3 * jump["field"]), abs=0.02)  # linear in the load, to zero at the critical one
+    assert shares[1] == pytest.approx(
+        1 - 1.6 / (1e3 * jump["field"]), abs=0.02
+    )  # linear in the load, to zero at the critical one
 
 
 def strip(frames: list[dict[str, Any]], steps: int) -> Scene:
     """A strip in plane strain, which can only bend up and down, in a uniform field that keyframes give."""
-    body = {"length": 20e-3, "width": 5e-3, "thickness": 1e-3, "material": "m", "plane_strain": True, "segments": ALONG}
+    body = {
+        "length": 20e-3,
+        "width": 5e-3,
+        "thickness": 1e-3,
+        "material": "m",
+        "plane_strain": True,
+        "segments": ALONG,
+    }
     return scene({"steps": steps}, field={"over_time": {"keyframes": frames}}, body={"strip": body})
 
 
-BX, BZ = 2.8e-3, 0.6e-3  # T: 1.3 times the buckling load, and a transverse field that is enough to press the strip to the other side
+BX, BZ = (
+    2.8e-3,
+    0.6e-3,
+)  # T: 1.3 times the buckling load, and a transverse field that is enough to press the strip to the other side
 
 
 @pytest.mark.slow
@@ -119,7 +167,9 @@ def test_a_step_far_too_long_is_no_jump() -> None:
     """1 T across in one step, some 300 times what turns the body along the field: a step of a thousandth of it is still too long where the
     body begins to bend, and was taken for the end of a branch. It ends where smaller steps end, without one."""
     ramp = {"uniform": [0.0, 8e-3, 1.0], "over_time": {"ramp": {"duration": 1.0}}}
-    long, short = (run(scene({"steps": steps}, length=40e-3, field=ramp, cells=2)) for steps in (1, 40))
+    long, short = (
+        run(scene({"steps": steps}, length=40e-3, field=ramp, cells=2)) for steps in (1, 40)
+    )
     assert [jump for jump in long.jumps if jump["time"] < 0.1] == []
     assert np.linalg.norm(long.tip - short.tip) < 1e-4 * 40e-3
 
@@ -132,47 +182,76 @@ def _rod_snaps(path: Scene) -> float:
     for field in np.linspace(BZ, -BZ, 401):
         now = replace(rod, field=np.tile([-BX, 0.0, field], (len(rod.length) + 1, 1)))
         relax(shape, now.length, now.twist_bend, now.compliance, now.moment, now.field, now.weight)
-        if frames_of(shape, now.length, now.compliance, now.moment, now.field, now.weight)[0][-1, 2] < 0:
+        if (
+            frames_of(shape, now.length, now.compliance, now.moment, now.field, now.weight)[0][
+                -1, 2
+            ]
+            < 0
+        ):
             return float(field)
     raise AssertionError("the rod did not snap")
 
 
 def test_a_round_catheter_turns_about_its_axis_instead() -> None:
     """Nothing holds the plane of a buckled round rod: as soon as the transverse field points the other way, it is unstable to a turn."""
-    frames = [{"time": 0.0, "uniform": [-7e-3, 0.0, 0.6e-3]}, {"time": 1.0, "uniform": [-7e-3, 0.0, -0.6e-3]}]
+    frames = [
+        {"time": 0.0, "uniform": [-7e-3, 0.0, 0.6e-3]},
+        {"time": 1.0, "uniform": [-7e-3, 0.0, -0.6e-3]},
+    ]
     result = run(scene({"steps": 5}, field={"over_time": {"keyframes": frames}}, cells=2))
     (jump,) = result.jumps
     assert jump["kind"] == "bifurcation"
-    assert jump["time"] == pytest.approx(0.5, abs=0.1)  # cells are a little stiffer along diagonals: 2 of them hold it for a while
+    assert jump["time"] == pytest.approx(
+        0.5, abs=0.1
+    )  # cells are a little stiffer along diagonals: 2 of them hold it for a while
     assert result.tip[2] < -0.3 * 20e-3
 
 
-SEGMENTS = [{"length": 6e-3}, {"magnetization": [0, 0, 1], "length": 6e-3}, {"magnetization": [1, 0, 0], "length": 8e-3}]
+SEGMENTS = [
+    {"length": 6e-3},
+    {"magnetization": [0, 0, 1], "length": 6e-3},
+    {"magnetization": [1, 0, 0], "length": 8e-3},
+]
 
 
 def fed(**path: Any) -> Scene:
     """A catheter that is pushed out of a guide."""
     effects = {"magnetic_torque": {}, "gravity": {}, "feed": {"speed": 12e-3, "exit": 20.5e-3}}
-    return scene({"at": [0.0, 0.2, 0.4, 0.9], **path}, segments=SEGMENTS, effects=effects, field={"uniform": [0.0, 0.0, 3e-3]})
+    return scene(
+        {"at": [0.0, 0.2, 0.4, 0.9], **path},
+        segments=SEGMENTS,
+        effects=effects,
+        field={"uniform": [0.0, 0.0, 3e-3]},
+    )
 
 
 def test_what_is_fed_is_the_equilibrium_of_the_part_outside_the_guide() -> None:
     """At each length that of `Scene.inserted`, moved to the exit; straight while less than a diameter is out."""
     path = fed()
     result = run(path)
-    assert [step["inserted"] for step in result.steps] == pytest.approx([0.0, 1.9e-3, 4.3e-3, 10.3e-3])
+    assert [step["inserted"] for step in result.steps] == pytest.approx(
+        [0.0, 1.9e-3, 4.3e-3, 10.3e-3]
+    )
     assert result.steps[1]["tip"] == pytest.approx([22.4e-3, 0, 0])
     for step in result.steps[2:]:
         part = run(path.inserted(step["inserted"]))
-        np.testing.assert_allclose(step["tip"], part.tip + np.array([20.5e-3, 0, 0]), atol=1e-6 * path.length)
+        np.testing.assert_allclose(
+            step["tip"], part.tip + np.array([20.5e-3, 0, 0]), atol=1e-6 * path.length
+        )
     x = result.particle_position
     held = result.particle_reference[:, 0] < 20e-3 - 10.3e-3
-    np.testing.assert_allclose(x[held], result.particle_reference[held] + [10.8e-3, 0, 0], atol=1e-15)
+    np.testing.assert_allclose(
+        x[held], result.particle_reference[held] + [10.8e-3, 0, 0], atol=1e-15
+    )
     np.testing.assert_allclose(result.particle_det_F[held], 1.0)
-    assert result.centreline[-1, 1:] == pytest.approx(result.tip, abs=2e-5)  # the axis at the end, and the mean of the end's face
+    assert result.centreline[-1, 1:] == pytest.approx(
+        result.tip, abs=2e-5
+    )  # the axis at the end, and the mean of the end's face
 
 
-def test_a_fed_path_that_stops_between_two_equilibria_keeps_the_last(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fed_path_that_stops_between_two_equilibria_keeps_the_last(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """It stops where another length is outside, whose grid is not that of the last: its state once could not be told (171: 94)."""
     path = fed(at=[0.5, 0.6, 0.9])
     switched_off(monkeypatch, 0.75)
@@ -189,7 +268,9 @@ def test_the_particles_of_a_fed_part_move_as_its_own_do() -> None:
     path = fed(at=[0.0, 0.9])
     whole, part = run(path), run(path.inserted(10.3e-3))
     free = whole.particle_reference[:, 0] > 20e-3 - 10.3e-3
-    assert whole.particle_position[free, 2].max() == pytest.approx(part.particle_position[:, 2].max(), abs=0.05e-3)
+    assert whole.particle_position[free, 2].max() == pytest.approx(
+        part.particle_position[:, 2].max(), abs=0.05e-3
+    )
     means = [
         np.average(np.abs(one.particle_det_F - 1)[some], weights=build(of).particles.volume[some])
         for one, of, some in ((whole, path, free), (part, path.inserted(10.3e-3), slice(None)))
@@ -200,8 +281,13 @@ def test_the_particles_of_a_fed_part_move_as_its_own_do() -> None:
 def test_a_path_that_fails_keeps_its_frames(tmp_path: Path) -> None:
     """A dipole that comes too near: the frames up to then stay, and the last good state is the result."""
     moves = [{"time": 0.0, "move": [0.0, 0.0, 0.0]}, {"time": 1.0, "move": [0.0, 0.0, -30e-3]}]
-    field = {"dipole": [{"position": [18e-3, 0.0, 30e-3], "moment": [0.0, 0.0, 0.02]}], "over_time": {"keyframes": moves}}
-    path = scene({"steps": 10}, field=field, effects={"magnetic_torque": {}, "magnetic_force": {}}, cells=2)
+    field = {
+        "dipole": [{"position": [18e-3, 0.0, 30e-3], "moment": [0.0, 0.0, 0.02]}],
+        "over_time": {"keyframes": moves},
+    }
+    path = scene(
+        {"steps": 10}, field=field, effects={"magnetic_torque": {}, "magnetic_force": {}}, cells=2
+    )
     with pytest.raises(SolveError, match=r"equilibrium at t = 0\.\d* s: .*dipole") as caught:
         run(path, folder=tmp_path)
     state = caught.value.state
@@ -226,9 +312,14 @@ def test_a_path_without_a_first_equilibrium_keeps_what_its_load_reached(tmp_path
     good = scene({"steps": 1}, cells=2)
     run(good, folder=tmp_path)
     assert (tmp_path / MOTION).exists()
-    field = {"uniform": [-20e-3, 0.0, 2e-3], "over_time": {"ramp": {"duration": 1.0, "begin": 1.0, "end": 0.5}}}
+    field = {
+        "uniform": [-20e-3, 0.0, 2e-3],
+        "over_time": {"ramp": {"duration": 1.0, "begin": 1.0, "end": 0.5}},
+    }
     bad = Scene.from_si({**good.to_si(), "field": field})
-    with pytest.raises(SolveError, match=r"equilibrium at t = 0 s: at .* % of the load: .*; to try: a weaker field") as caught:
+    with pytest.raises(
+        SolveError, match=r"equilibrium at t = 0 s: at .* % of the load: .*; to try: a weaker field"
+    ) as caught:
         run(hurried(bad, 3), folder=tmp_path)
     state = caught.value.state
     assert isinstance(state, Result)
@@ -240,7 +331,9 @@ def test_a_path_without_a_first_equilibrium_keeps_what_its_load_reached(tmp_path
     assert not (tmp_path / MOTION).exists()
     saved = Result.load(tmp_path)
     assert saved.failure == state.failure != ""
-    assert not any("quasi_static" in remedy.words for remedy in caught.value.remedies)  # more of them change nothing at the first
+    assert not any(
+        "quasi_static" in remedy.words for remedy in caught.value.remedies
+    )  # more of them change nothing at the first
     np.testing.assert_array_equal(saved.particle_position, state.particle_position)
 
 
@@ -250,8 +343,13 @@ def test_a_round_rod_buckles_once_and_then_turns_freely() -> None:
     What is followed in its place grows from the critical load on: an eigenvalue that falls linearly before a bifurcation rises twice as
     fast behind it.
     """
-    against = {"uniform": [-0.000_179_562_364_95, 0.0, 0.0], "over_time": {"ramp": {"duration": 1.0}}}
-    data = scene({"at": [0.0, 0.75, 0.7625, 0.775, 0.7875]}, length=60e-3, cells=2, field=against).to_si()
+    against = {
+        "uniform": [-0.000_179_562_364_95, 0.0, 0.0],
+        "over_time": {"ramp": {"duration": 1.0}},
+    }
+    data = scene(
+        {"at": [0.0, 0.75, 0.7625, 0.775, 0.7875]}, length=60e-3, cells=2, field=against
+    ).to_si()
     data["body"]["catheter"]["diameter"] = 1e-3
     data["materials"]["m"]["density"] = 1882.0
     state = quasi_static.follow(Scene.from_si(data))

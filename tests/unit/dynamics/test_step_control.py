@@ -36,7 +36,9 @@ def strained(motion: TotalMotion, rng: np.random.Generator) -> None:
 
 def test_kernels_and_formula_agree_on_the_stiffness(rng: np.random.Generator) -> None:
     """The kernels compare step_control.stiffness of the stiffest particle with the limit."""
-    motion = TotalMotion(build(rod_scene(length=8e-3, shear=[120e3, 60e3], directions=[(1, 0, 0)] * 2)))
+    motion = TotalMotion(
+        build(rod_scene(length=8e-3, shear=[120e3, 60e3], directions=[(1, 0, 0)] * 2))
+    )
     strained(motion, rng)
     wanted = stiffness(motion.model, motion.particles()[2]).max()
     motion.advance(1, 1e-12, ())
@@ -62,11 +64,15 @@ def test_the_stiffness_is_an_upper_bound(ratio: float, rng: np.random.Generator)
         materials.tangent(one, cof, J, G, materials.volume_pressure(J, K), K, A)
         true = np.linalg.eigvalsh(A)[-1] / rho
         assert true <= told[p] * (1 + 1e-12)
-        assert told[p] <= 6 * true, "and not so far above that the bound would be looked for at every step"
+        assert told[p] <= 6 * true, (
+            "and not so far above that the bound would be looked for at every step"
+        )
 
 
 def test_going_back_gives_the_same_bits(rng: np.random.Generator) -> None:
-    motion = TotalMotion(build(moving(rod_scene(length=8e-3, gravity=(0, 0, -9.81)), {"damping": {"rate": 1.0}})))
+    motion = TotalMotion(
+        build(moving(rod_scene(length=8e-3, gravity=(0, 0, -9.81)), {"damping": {"rate": 1.0}}))
+    )
     strained(motion, rng)
     motion.advance(600, 1e-6, motion.model.effects)
     kept, found = motion.kept(), []
@@ -100,7 +106,14 @@ def test_a_stiffer_body_takes_shorter_steps_before_they_are_too_long() -> None:
     first = bent.control.step
     interval(bent, 2e-3)
     assert bent.control.step == first, "bending makes it no stiffer"
-    pulled = begin(build(moving(rod_scene(length=8e-3, shear=30e3, bulk_to_shear=5.0, gravity=(3e3, 0, 0)), {"damping": {"rate": 1e-6}})))
+    pulled = begin(
+        build(
+            moving(
+                rod_scene(length=8e-3, shear=30e3, bulk_to_shear=5.0, gravity=(3e3, 0, 0)),
+                {"damping": {"rate": 1e-6}},
+            )
+        )
+    )
     first = pulled.control.step
     interval(pulled, 6e-3)
     assert pulled.control.step < first
@@ -114,13 +127,17 @@ def test_a_step_of_the_scene_is_kept_or_refused() -> None:
     options = scene.solver.dynamic.model_copy(update={"time_step": moved.control.step})
     moved.control = StepControl(moved.motion, moved.stable, options)
     remedy = r"remedy: lower solver\.dynamic\.time_step, or leave it out"
-    with pytest.raises(SolveError, match=rf"(changes too much within a step|has become stiffer).*{remedy}"):
+    with pytest.raises(
+        SolveError, match=rf"(changes too much within a step|has become stiffer).*{remedy}"
+    ):
         interval(moved, 1e-3)
 
 
 def test_shortened_steps_are_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A motion that shortens and lengthens its steps, resumed from a checkpoint in between, equals an uninterrupted one bit for bit."""
-    monkeypatch.setattr(step_control, "CHANGE", 1e-5)  # of a calm motion; a violent one would work too, but slower
+    monkeypatch.setattr(
+        step_control, "CHANGE", 1e-5
+    )  # of a calm motion; a violent one would work too, but slower
     rod = rod_scene(length=8e-3, field=(0.0, 0.0, 20e-3))
     scene = moving(rod, duration=2e-3, output_every=2e-4)
     whole = integrate(begin(build(scene)))
@@ -148,7 +165,9 @@ def test_a_particle_faster_than_waves_is_told(model: Model) -> None:
     model = replace(model, scene=model.scene.with_field([0.0, 0.0, 0.0]))
     x, v = model.particles.position, np.zeros_like(model.particles.position)
     waves = speed_of_waves(model)
-    v[7] = 0.99 * 2.0 * waves * np.array([0.6, 0.0, -0.8])  # twice as fast where a wave comes back from a surface
+    v[7] = (
+        0.99 * 2.0 * waves * np.array([0.6, 0.0, -0.8])
+    )  # twice as fast where a wave comes back from a surface
     assert watchdog.check(model, x, v) is None
     v[7] *= 1.02 / 0.99
     trouble = watchdog.check(model, x, v)
@@ -159,8 +178,12 @@ def test_a_particle_faster_than_waves_is_told(model: Model) -> None:
 def test_loads_may_drive_a_body_faster_than_waves(model: Model) -> None:
     """sqrt(2 WHIP g h) more under a weight g along a way h; sqrt(2 WHIP 4 M B / rho) in a field."""
     waves, density, still = speed_of_waves(model), float(model.density[0]), model.scene.to_si()
-    heavy = Scene.from_si({**still, "field": {}, "effects": {"gravity": {"acceleration": [0.0, 0.0, -1e4]}}})
-    turned = Scene.from_si({**still, "field": {"uniform": [0.0, 0.0, 5e-3]}, "effects": {"magnetic_torque": {}}})
+    heavy = Scene.from_si(
+        {**still, "field": {}, "effects": {"gravity": {"acceleration": [0.0, 0.0, -1e4]}}}
+    )
+    turned = Scene.from_si(
+        {**still, "field": {"uniform": [0.0, 0.0, 5e-3]}, "effects": {"magnetic_torque": {}}}
+    )
     moment = float(np.linalg.norm(model.remanence[0, :3])) / MU0
     x = model.particles.position + np.array([0.0, 0.0, -3e-3])
     for scene, work in ((heavy, 1e4 * 3e-3), (turned, 4 * moment * 5e-3 / density)):
@@ -198,11 +221,16 @@ def test_energy_from_nothing_is_told_from_a_twentieth_of_what_moves() -> None:
 
     def told(*sums: tuple[float, float]) -> list[bool]:
         balance = watchdog.EnergyBalance()
-        return [balance.check({"kinetic": kinetic, "elastic": elastic}) is not None for kinetic, elastic in sums]
+        return [
+            balance.check({"kinetic": kinetic, "elastic": elastic}) is not None
+            for kinetic, elastic in sums
+        ]
 
     assert told((1.0, 0.0), (0.3, 0.7), (1.0, 0.049)) == [False, False, False]
     assert told((1.0, 0.0), (0.3, 0.7), (1.0, 0.06)) == [False, False, True]
-    assert told((1.0, 0.0), (0.2, 0.6), (0.849, 0.0), (0.86, 0.0)) == [False, False, False, True], "0.8 J is the least"
+    assert told((1.0, 0.0), (0.2, 0.6), (0.849, 0.0), (0.86, 0.0)) == [False, False, False, True], (
+        "0.8 J is the least"
+    )
     assert told((1.0, 0.0), (np.nan, 0.0)) == [False, True]
 
 

@@ -20,7 +20,14 @@ from magmpm.kernels import total_lagrangian_step as steps
 from magmpm.model import Model, build
 from magmpm.simulate import run
 
-BODY = {"catheter": {"length": 12e-3, "diameter": 4e-3, "material": "m", "segments": [{"magnetization": [1, 0, 0]}]}}
+BODY = {
+    "catheter": {
+        "length": 12e-3,
+        "diameter": 4e-3,
+        "material": "m",
+        "segments": [{"magnetization": [1, 0, 0]}],
+    }
+}
 WEIGHT = one_record(gravity.DTYPE, gravity=np.array([0.0, 0.0, -9.81]))
 
 
@@ -30,9 +37,13 @@ def test_a_bare_scene_gives_its_kernels_nothing() -> None:
         model = build(scene)
         assert model.effects == ()
         assert model.remanence.shape[1] == 3
-    named = build(moving_scene(BODY, {"gravity": {}}))  # one effect: its record, and no table where it has none
+    named = build(
+        moving_scene(BODY, {"gravity": {}})
+    )  # one effect: its record, and no table where it has none
     assert [part.nbytes for part in named.effects] == [24, 0]
-    assert build(moving_scene(BODY, {})).particles.position.nbytes == named.particles.position.nbytes
+    assert (
+        build(moving_scene(BODY, {})).particles.position.nbytes == named.particles.position.nbytes
+    )
 
 
 def with_hooks(effects, magnet, rho, x, F, P, f, A):
@@ -66,19 +77,35 @@ def fresh(function: Any, *given: Any) -> str:
     compiled = numba.njit(fastmath=FASTMATH, error_model="numpy")(function)
     compiled(*given)
     whole = str(next(iter(compiled.inspect_llvm().values())))
-    return next(part for part in whole.split("define ")[1:] if "%retptr" in part).partition("\n}")[0]  # not what wraps it for Python
+    return next(part for part in whole.split("define ")[1:] if "%retptr" in part).partition("\n}")[
+        0
+    ]  # not what wraps it for Python
 
 
 def test_without_effects_the_code_is_that_of_a_loop_that_never_heard_of_them() -> None:
     """The same instructions, in number and kind, and nothing allocated; with gravity there are more, so the look can fail."""
-    given = (np.ones(3), 1.0, np.ones(3), np.ones((3, 3)), np.ones((3, 3)), np.ones(3), np.ones((9, 9)))
-    bare, plain, heavy = fresh(with_hooks, (), *given), fresh(without_hooks, (), *given), fresh(with_hooks, WEIGHT, *given)
+    given = (
+        np.ones(3),
+        1.0,
+        np.ones(3),
+        np.ones((3, 3)),
+        np.ones((3, 3)),
+        np.ones(3),
+        np.ones((9, 9)),
+    )
+    bare, plain, heavy = (
+        fresh(with_hooks, (), *given),
+        fresh(without_hooks, (), *given),
+        fresh(with_hooks, WEIGHT, *given),
+    )
     assert opcodes(bare) == opcodes(plain)
     assert opcodes(heavy)["fmul"] > opcodes(bare)["fmul"]
     assert "NRT" not in bare  # Numba's functions that allocate
 
 
-def given_to_steps(monkeypatch: pytest.MonkeyPatch, moved: list[tuple[Model, tuple[Any, ...]]]) -> list[tuple[Any, ...]]:
+def given_to_steps(
+    monkeypatch: pytest.MonkeyPatch, moved: list[tuple[Model, tuple[Any, ...]]]
+) -> list[tuple[Any, ...]]:
     """Arguments of the kernel for each of these models with these effects."""
     seen: list[tuple[Any, ...]] = []
     with monkeypatch.context() as patch:
@@ -89,7 +116,9 @@ def given_to_steps(monkeypatch: pytest.MonkeyPatch, moved: list[tuple[Model, tup
 
 
 @pytest.mark.slow
-def test_the_kernel_of_motion_holds_no_effect_that_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_kernel_of_motion_holds_no_effect_that_is_not_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The real one, compiled here and now: for a bare scene it has as many operations on numbers (within 1 %) as its twin without effects,
     and no symbol of any effect; for weight it has gravity's and no other's."""
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
@@ -98,11 +127,18 @@ def test_the_kernel_of_motion_holds_no_effect_that_is_not_named(monkeypatch: pyt
     seen = given_to_steps(monkeypatch, [(model, ()), (model, WEIGHT)])
     bare, heavy = (compiled_code(steps._sum_forces, forces_of(given)) for given in seen)
     _, _, cells, particles, *_, state, _, _, slabs = seen[0]
-    plain = compiled_code(twin._sum_forces, (1, cells, particles, state, slabs))  # no surface, no effects
+    plain = compiled_code(
+        twin._sum_forces, (1, cells, particles, state, slabs)
+    )  # no surface, no effects
     for key in Effects.every():
         assert key not in bare, key
         assert (key in heavy) == (key == "gravity"), key
-    for one in ("fadd", "fmul", "fdiv", "fsub"):  # not the same number: LLVM unrolls what it inlines by how much there is around it
+    for one in (
+        "fadd",
+        "fmul",
+        "fdiv",
+        "fsub",
+    ):  # not the same number: LLVM unrolls what it inlines by how much there is around it
         assert opcodes(bare)[one] == pytest.approx(opcodes(plain)[one], rel=0.01), one
     assert opcodes(heavy)["fmul"] > opcodes(bare)["fmul"]
 
@@ -112,9 +148,14 @@ def test_contact_that_does_not_touch_counts_no_references(monkeypatch: pytest.Mo
     """Numba counts references in 32 places of the kernel of forces, with a ground in 77: once a slab or a point.
 
     With 114 more, a step took half as long again."""
-    models = [build(moving_scene(BODY, effects)) for effects in ({}, {"ground": {"point": [0.0, 0.0, -1.0]}})]
+    models = [
+        build(moving_scene(BODY, effects))
+        for effects in ({}, {"ground": {"point": [0.0, 0.0, -1.0]}})
+    ]
     seen = given_to_steps(monkeypatch, [(model, model.effects) for model in models])
-    bare, ground = (compiled_code(steps._sum_forces, forces_of(given)).count("@NRT_incref(") for given in seen)
+    bare, ground = (
+        compiled_code(steps._sum_forces, forces_of(given)).count("@NRT_incref(") for given in seen
+    )
     assert bare <= 35
     assert ground <= 80
 
@@ -127,12 +168,18 @@ def forces_of(given: tuple[Any, ...]) -> tuple[Any, ...]:
 
 def compiled_code(function: Any, given: tuple[Any, ...]) -> str:
     """Optimized LLVM code of a compiled function for these arguments, not from the cache."""
-    found = numba.njit(parallel=True, fastmath=FASTMATH, error_model="numpy", nogil=True)(function.py_func)
+    found = numba.njit(parallel=True, fastmath=FASTMATH, error_model="numpy", nogil=True)(
+        function.py_func
+    )
     found.compile(tuple(numba.typeof(one) for one in given))
     return str(next(iter(found.inspect_llvm().values())))
 
 
-B, BR, G_EARTH = np.array([2e-3, -3e-3, 5e-3]), np.array([0.1, 0.05, -0.08]), np.array([0.3, 0.2, -9.81])
+B, BR, G_EARTH = (
+    np.array([2e-3, -3e-3, 5e-3]),
+    np.array([0.1, 0.05, -0.08]),
+    np.array([0.3, 0.2, -9.81]),
+)
 RHO, U = 1882.0, np.array([1e-3, 2e-3, -3e-3])
 
 
@@ -144,7 +191,9 @@ def _nothing(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
 @pytest.mark.usefixtures("own_registry")
 def test_unknown_hook_is_refused_and_leaves_no_trace() -> None:
     dtype = np.dtype([("test_unknown", np.float64)])
-    with pytest.raises(ValueError, match=r"unknown hook 'friction'; hooks are energy, stress, force, tangent"):
+    with pytest.raises(
+        ValueError, match=r"unknown hook 'friction'; hooks are energy, stress, force, tangent"
+    ):
         hooks.register(dtype, energy=_nothing, friction=_nothing)
     hooks.register(dtype, energy=_nothing)  # a refused registration has no effect
 
@@ -165,7 +214,10 @@ def test_python_is_told_that_only_compiled_code_calls_hooks() -> None:
         hooks.add_energy((), 0, np.zeros(3), 1.0, np.zeros(3), np.eye(3))
 
 
-STRENGTHLESS = {"field": {"field": (0, 0, 0), "gravity": (0, 0, -9.81)}, "gravity": {"field": (1e-3, 0, 3e-3), "gravity": (0, 0, 0)}}
+STRENGTHLESS = {
+    "field": {"field": (0, 0, 0), "gravity": (0, 0, -9.81)},
+    "gravity": {"field": (1e-3, 0, 3e-3), "gravity": (0, 0, 0)},
+}
 
 
 @pytest.mark.parametrize("absent", STRENGTHLESS)
@@ -174,7 +226,9 @@ def test_zero_strength_is_bitwise_the_effect_absent(absent: str) -> None:
     zero = rod_scene(length=12e-3, **STRENGTHLESS[absent])
     key = {"field": "magnetic_torque", "gravity": "gravity"}[absent]
     a, b = run(zero), run(zero.with_effects(**{key: None}))
-    assert np.abs(a.particle_position - a.particle_reference).max() > 1e-5, "the other effect moves the body"
+    assert np.abs(a.particle_position - a.particle_reference).max() > 1e-5, (
+        "the other effect moves the body"
+    )
     assert np.array_equal(a.particle_position, b.particle_position)
     assert np.array_equal(a.particle_det_F, b.particle_det_F)
     assert (a.energy, a.iterations) == (b.energy, b.iterations)

@@ -49,7 +49,9 @@ def test_a_bent_tube_goes_on_straight(rng: np.random.Generator) -> None:
     ring = np.hypot(np.hypot(x[:, 0], x[:, 1] - 20e-3) - 20e-3, x[:, 2])
     np.testing.assert_allclose(distance.to_path(x, path), ring, rtol=0, atol=5e-6)
     before = np.column_stack([-rng.uniform(1e-3, 5e-3, 50), rng.uniform(-2e-3, 2e-3, (50, 2))])
-    np.testing.assert_allclose(distance.to_path(before, path), np.hypot(before[:, 1], before[:, 2]), rtol=0, atol=3e-5)
+    np.testing.assert_allclose(
+        distance.to_path(before, path), np.hypot(before[:, 1], before[:, 2]), rtol=0, atol=3e-5
+    )
 
 
 def test_inside_of_a_closed_surface(rng: np.random.Generator) -> None:
@@ -65,9 +67,16 @@ def test_inside_of_a_closed_surface(rng: np.random.Generator) -> None:
     assert near.sum() > 1000
     assert np.abs(d - exact)[near].max() < 0.2 * spacing
     second = np.sort(beyond, axis=1)[:, 1]
-    face = (near & (second < beyond.max(axis=1) - 4 * spacing) & (second < -4 * spacing) & (np.abs(exact) < 1.5 * spacing))
+    face = (
+        near
+        & (second < beyond.max(axis=1) - 4 * spacing)
+        & (second < -4 * spacing)
+        & (np.abs(exact) < 1.5 * spacing)
+    )
     assert face.sum() > 100
-    np.testing.assert_allclose(d[face], exact[face], rtol=0, atol=3e-3 * spacing)  # the band's end rings
+    np.testing.assert_allclose(
+        d[face], exact[face], rtol=0, atol=3e-3 * spacing
+    )  # the band's end rings
     np.testing.assert_allclose(np.linalg.norm(slope[face], axis=1), 1.0, rtol=0, atol=1e-2)
     away = np.isfinite(d) & (np.abs(exact) > 0.2 * spacing)
     assert np.array_equal(d[away] > 0, exact[away] > 0)
@@ -76,7 +85,9 @@ def test_inside_of_a_closed_surface(rng: np.random.Generator) -> None:
 def test_push_and_grip_have_the_numbers_of_their_formulas() -> None:
     """m w^2 depth - m r v upward, not below 0, mu times that as grip, m w^2 as stiffness; nothing above; speed counts with a dashpot."""
 
-    def force(z: float, v: list[float], friction: float = 0.4, rate: float = 2 * np.sqrt(STIFFNESS)) -> np.ndarray:
+    def force(
+        z: float, v: list[float], friction: float = 0.4, rate: float = 2 * np.sqrt(STIFFNESS)
+    ) -> np.ndarray:
         law = {"friction": friction, "stiffness": STIFFNESS, "damping": rate}
         named = ground.parameters(point=[0, 0, 1.1e-3], normal=[0, 0, 2], **law)
         f = np.zeros(PARTS)
@@ -86,23 +97,38 @@ def test_push_and_grip_have_the_numbers_of_their_formulas() -> None:
     assert not force(1.2e-3, [1, 0, 0]).any()
     normal = MASS * STIFFNESS * 3e-4
     slow = 0.1 * np.sqrt(STIFFNESS) * 3e-4  # m/s: the dashpot takes a fifth of the push
-    for v, push in (([3.0, 4.0, 0.0], normal), ([3.0, 4.0, slow], 0.8 * normal), ([0, 0, -slow], 1.2 * normal), ([0, 0, 6 * slow], 0.0)):
-        np.testing.assert_allclose(force(0.8e-3, v), [0, 0, push, 0, 0, 0.4 * push, MASS * STIFFNESS, 0, 0], rtol=1e-12)
-        np.testing.assert_allclose(force(0.8e-3, v, 0.0, 0.0), [0, 0, normal, 0, 0, 0, MASS * STIFFNESS, 0, 0], rtol=1e-12)
+    for v, push in (
+        ([3.0, 4.0, 0.0], normal),
+        ([3.0, 4.0, slow], 0.8 * normal),
+        ([0, 0, -slow], 1.2 * normal),
+        ([0, 0, 6 * slow], 0.0),
+    ):
+        np.testing.assert_allclose(
+            force(0.8e-3, v), [0, 0, push, 0, 0, 0.4 * push, MASS * STIFFNESS, 0, 0], rtol=1e-12
+        )
+        np.testing.assert_allclose(
+            force(0.8e-3, v, 0.0, 0.0), [0, 0, normal, 0, 0, 0, MASS * STIFFNESS, 0, 0], rtol=1e-12
+        )
 
 
 def test_the_spring_of_friction_begins_soft(rng: np.random.Generator) -> None:
     """Its push has the slope of layer over thickness times the stiffness at the surface, of all of it from the knee on; no jump."""
-    named = ground.parameters(point=[0, 0, 0], normal=[0, 0, 1], friction=0.0, stiffness=STIFFNESS, layer=2e-4, knee=1e-5)
+    named = ground.parameters(
+        point=[0, 0, 0], normal=[0, 0, 1], friction=0.0, stiffness=STIFFNESS, layer=2e-4, knee=1e-5
+    )
 
     def push(depth: float) -> float:
         f = np.append(np.zeros(PARTS - 2), [2e-3, 0.0])
-        ground.contact(named[0][0], named[1], np.array([0.0, 0.0, -depth]), np.zeros(3), MASS, 1e-6, f)
+        ground.contact(
+            named[0][0], named[1], np.array([0.0, 0.0, -depth]), np.zeros(3), MASS, 1e-6, f
+        )
         return float(f[2]) / (MASS * STIFFNESS)
 
     assert push(1e-9) == pytest.approx(0.1e-9, rel=1e-3)
     for depth, slope in ((5e-6, 0.55), (1e-5, 1.0), (3e-5, 1.0)):
-        assert (push(depth * (1 + 1e-6)) - push(depth * (1 - 1e-6))) / (2e-6 * depth) == pytest.approx(slope, rel=1e-5)
+        assert (push(depth * (1 + 1e-6)) - push(depth * (1 - 1e-6))) / (
+            2e-6 * depth
+        ) == pytest.approx(slope, rel=1e-5)
 
 
 def test_stiffness_is_that_of_the_stiffest_material() -> None:
@@ -110,12 +136,20 @@ def test_stiffness_is_that_of_the_stiffest_material() -> None:
     scene = rod_scene(shear=[G, 3 * G], directions=[(1, 0, 0), (0, 1, 0)], cells=4)
     wave = np.sqrt(3 * G * (20 + 4 / 3) / 1882)
     slippery = {"stiffness": 2 * wave**2 / (1e-3) ** 2}
-    np.testing.assert_allclose(contact.grips(scene), [[np.nan, 4e-3, 4e-3 / np.sqrt(k * G / 1882)] for k in (1, 3)], rtol=1e-12)
+    np.testing.assert_allclose(
+        contact.grips(scene),
+        [[np.nan, 4e-3, 4e-3 / np.sqrt(k * G / 1882)] for k in (1, 3)],
+        rtol=1e-12,
+    )
     assert contact.law(scene, 2.0, 0.0) == pytest.approx(slippery)
-    assert contact.law(scene, 2.0, 0.1) == pytest.approx(slippery | {"layer": 1e-3 / 6, "knee": 2e-5, "damping": wave / 1e-3})
+    assert contact.law(scene, 2.0, 0.1) == pytest.approx(
+        slippery | {"layer": 1e-3 / 6, "knee": 2e-5, "damping": wave / 1e-3}
+    )
     data = scene.to_si()
     data["materials"]["steel"] = {"shear_modulus": 8e9, "bulk_to_shear": 2.0, "density": 7850.0}
-    assert contact.law(Scene.from_si(data), 2.0, 0.0) == contact.law(scene, 2.0, 0.0), "of what the body is made of"
+    assert contact.law(Scene.from_si(data), 2.0, 0.0) == contact.law(scene, 2.0, 0.0), (
+        "of what the body is made of"
+    )
 
 
 def scene(**effects: dict[str, Any]) -> Scene:
@@ -133,29 +167,58 @@ def test_a_catheter_may_begin_on_the_ground(normal: list[float]) -> None:
 @pytest.mark.parametrize(
     ("obstacle", "inside", "at"),
     [
-        ({"ground": {"point": ["0 mm", "0 mm", "-2 mm"], "normal": [-0.2, 0, 1]}}, "the ground", lambda x: x[0] > 0 and x[2] < 0),
-        ({"walls": {"tube": {"radius": "3 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["30 mm", "0 mm", "3 mm"]]}}},
-         "the wall", lambda x: x[0] > 6 and x[2] < 0),
+        (
+            {"ground": {"point": ["0 mm", "0 mm", "-2 mm"], "normal": [-0.2, 0, 1]}},
+            "the ground",
+            lambda x: x[0] > 0 and x[2] < 0,
+        ),
+        (
+            {
+                "walls": {
+                    "tube": {
+                        "radius": "3 mm",
+                        "path": [["-10 mm", "0 mm", "0 mm"], ["30 mm", "0 mm", "3 mm"]],
+                    }
+                }
+            },
+            "the wall",
+            lambda x: x[0] > 6 and x[2] < 0,
+        ),
     ],
     ids=["ground", "walls"],
-)  # fmt: skip
+)
 def test_where_a_body_begins_inside_is_said(obstacle: dict[str, Any], inside: str, at: Any) -> None:
     """The message names the obstacle, the segment by its key, and the place, the tip's lower side, where a plane or tube rises."""
     named = validate(Effects, obstacle, "example.yaml")
     with pytest.raises(InputError) as caught:
-        build(rod_scene(length=12e-3, cells=4, directions=[(1, 0, 0)] * 3).model_copy(update={"effects": named}))
-    found = re.search(rf"inside {inside}, deepest with segment 3 \(body.catheter.segments\[2\]\), at \(([^)]*)\) mm", str(caught.value))
+        build(
+            rod_scene(length=12e-3, cells=4, directions=[(1, 0, 0)] * 3).model_copy(
+                update={"effects": named}
+            )
+        )
+    found = re.search(
+        rf"inside {inside}, deepest with segment 3 \(body.catheter.segments\[2\]\), at \(([^)]*)\) mm",
+        str(caught.value),
+    )
     assert found is not None, str(caught.value)
     assert at([float(c) for c in found[1].split(", ")])
 
 
 def test_a_body_may_begin_just_touching_its_tube() -> None:
     def tube(height: str) -> dict[str, Any]:
-        return {"tube": {"radius": "3 mm", "path": [["-10 mm", "0 mm", height], ["30 mm", "0 mm", height]]}}
+        return {
+            "tube": {
+                "radius": "3 mm",
+                "path": [["-10 mm", "0 mm", height], ["30 mm", "0 mm", height]],
+            }
+        }
 
     build(scene(walls=tube("0 mm")))
     build(scene(walls=tube("-1 mm")))
-    with pytest.raises(InputError, match=r"effects.walls: the body begins 0\.\d+ mm inside.*\n.*\n.*remedy: make the lumen wider"):
+    with pytest.raises(
+        InputError,
+        match=r"effects.walls: the body begins 0\.\d+ mm inside.*\n.*\n.*remedy: make the lumen wider",
+    ):
         build(scene(walls=tube("1.4 mm")))
 
 
@@ -168,7 +231,10 @@ def test_a_lumen_from_a_mesh(tmp_path: Path) -> None:
 
     model = build(scene(walls=lumen("mm")))
     x = np.array([[6e-3, 0, 0], [6e-3, 0, 3.2e-3], [6e-3, -3.2e-3, 0.5e-3]])
-    told = [contact.contact_of(model.effects, contact.at_rest(x[k : k + 1], np.full(1, MASS)), 1e-6) for k in range(3)]
+    told = [
+        contact.contact_of(model.effects, contact.at_rest(x[k : k + 1], np.full(1, MASS)), 1e-6)
+        for k in range(3)
+    ]
     assert [t["count"] for t in told] == [0, 1, 1]
     pushes = MASS * contact.law(model.scene, 1.0, 0.0)["stiffness"] * 0.2e-3
     np.testing.assert_allclose(told[1]["force"], [0, 0, -pushes], rtol=0, atol=0.02 * pushes)
@@ -223,7 +289,9 @@ def plane(below: float) -> dict[str, Any]:
     ],
     ids=["ground", "far ground", "tube", "wide tube", "vessel", "wide vessel"],
 )
-def test_what_a_held_body_can_not_reach_is_warned_of(named: dict[str, Any], far: str | None) -> None:
+def test_what_a_held_body_can_not_reach_is_warned_of(
+    named: dict[str, Any], far: str | None
+) -> None:
     """A body inside the lumen and above the ground: the run is the same without them, and says so."""
     found = effects.warnings(placed(named))
     assert len(found) == (far is not None)
@@ -265,7 +333,9 @@ def test_distance_from_a_tube() -> None:
     np.testing.assert_allclose(found, [4e-3, 4e-3, 3e-3, 5e-3], atol=1e-6)
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "data/scenes").rglob("*.yaml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "data/scenes").rglob("*.yaml")), ids=lambda path: path.stem
+)
 def test_the_scenes_that_come_along_reach_what_they_name(path: Path) -> None:
     assert effects.warnings(load_scene(path)) == []
 

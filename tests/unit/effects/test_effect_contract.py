@@ -24,8 +24,11 @@ from magmpm.model import build
 DT = 1e-6  # s
 STATIC = ("energy", "stress", "force", "tangent", "softening")
 OUTPUTS: dict[str, tuple[tuple[int, ...], ...]] = {
-    "stress": ((3, 3),), "force": ((3,),), "tangent": ((9, 9),), "softening": ((3, 3), (3, 9)),
-}  # fmt: skip
+    "stress": ((3, 3),),
+    "force": ((3,),),
+    "tangent": ((9, 9),),
+    "softening": ((3, 3), (3, 9)),
+}
 
 
 @pytest.mark.parametrize("key", KEYS)
@@ -33,7 +36,9 @@ def test_it_is_described_and_has_records(key: str) -> None:
     """In its scene and with its first example; only self_contact, an effect without hooks, has none."""
     kind = effects.Effects.every()[key]
     assert kind.key() == key, "the file's name"
-    assert (sys.modules[kind.__module__].__doc__ or "").startswith(f"{key}: "), "the first words of the file are its key"
+    assert (sys.modules[kind.__module__].__doc__ or "").startswith(f"{key}: "), (
+        "the first words of the file are its key"
+    )
     assert kind.PHASE in PHASES
     example = (Effects.model_fields[key].examples or [{}])[0]
     assert getattr(validate(Effects, {key: example}, "example.yaml"), key) is not None
@@ -47,20 +52,36 @@ def test_it_is_described_and_has_records(key: str) -> None:
     assert data.ndim == 1
 
 
-@pytest.mark.parametrize("key", [key for key in KEYS if key != "self_contact"])  # without hooks: tested below
+@pytest.mark.parametrize(
+    "key", [key for key in KEYS if key != "self_contact"]
+)  # without hooks: tested below
 def test_it_acts(key: str) -> None:
     """In its scene the plain reference moves differently than without it, by far more than rounding."""
     found = []
     for there in (True, False):
         one = acting(key)
-        total = Total.of(replace(one.model, effects=one.all if there else effects.collect(one.model.scene.with_effects(**{key: None}))))
-        L = np.array([[0.0, 1.0, -2.0], [3.0, 0.0, 1.0], [2.0, 1.0, -1.0]])  # 1/s: a motion with viscous stress
-        c, v = np.zeros((len(total.X), 3)), np.where(total.mass[:, None] > 0, 1e-3 + total.X @ L.T, 0.0)
+        total = Total.of(
+            replace(
+                one.model,
+                effects=one.all
+                if there
+                else effects.collect(one.model.scene.with_effects(**{key: None})),
+            )
+        )
+        L = np.array(
+            [[0.0, 1.0, -2.0], [3.0, 0.0, 1.0], [2.0, 1.0, -1.0]]
+        )  # 1/s: a motion with viscous stress
+        c, v = (
+            np.zeros((len(total.X), 3)),
+            np.where(total.mass[:, None] > 0, 1e-3 + total.X @ L.T, 0.0),
+        )
         for _ in range(2):
             c, v = total.step(c, v, DT)
         assert np.isfinite(c).all()
         found.append(v)
-    assert np.abs(found[0] - found[1]).max() > 1e-8 * np.abs(found[1]).max()  # rounding error: 1e-13
+    assert (
+        np.abs(found[0] - found[1]).max() > 1e-8 * np.abs(found[1]).max()
+    )  # rounding error: 1e-13
 
 
 def test_self_contact_acts() -> None:
@@ -74,7 +95,9 @@ def test_self_contact_acts() -> None:
             motion = begin(body).motion
             motion.v.reshape(-1, 3)[np.prod(body.grid.nodes) :, 2] = speed
             assert take(motion, (), 40, 5e-6) == (40, False)
-            assert bool(motion.body_contacts().get("self_contact", {"count": 0})["count"]) == (named and speed < 0)
+            assert bool(motion.body_contacts().get("self_contact", {"count": 0})["count"]) == (
+                named and speed < 0
+            )
             moved[named, speed] = motion.particles()[1][lower, 2].mean()
     assert moved[True, -1.0] < -0.03
     assert moved[True, 1.0] == moved[False, 1.0] == moved[False, -1.0] == 0.0
@@ -101,7 +124,9 @@ def test_order_is_by_phase_not_by_file() -> None:
     assert phases == sorted(phases)
 
 
-def derivatives(named: tuple[np.ndarray, ...], at: Point, x: np.ndarray, F: np.ndarray) -> tuple[Any, ...]:
+def derivatives(
+    named: tuple[np.ndarray, ...], at: Point, x: np.ndarray, F: np.ndarray
+) -> tuple[Any, ...]:
     """W, P = dW/dF (9,), f = -dW/dx (3,), A = d2W/dF2 (9, 9), H = d2W/dx2 (3, 3), M = d2W/dxdF (3, 9), summed over effects."""
     sums = {name: tuple(np.zeros(s) for s in shapes) for name, shapes in OUTPUTS.items()}
     W = 0.0
@@ -133,7 +158,9 @@ def falls(left: np.ndarray, order: int, rounding: float) -> bool:
 def test_it_has_an_energy_and_its_law_is_not_zero(key: str, rng: np.random.Generator) -> None:
     """Each of its static hooks is nonzero at some particle; magnetic_force's energy is counted in magnetic_torque; its scene has both."""
     one = acting(key)
-    assert any(hook(own, "energy") for own in hooks.pairs(one.all)), "a stress or force has an energy"
+    assert any(hook(own, "energy") for own in hooks.pairs(one.all)), (
+        "a stress or force has an energy"
+    )
     at = Point(one, rng)
     for name in STATIC:
         if (function := hook(one.own, name)) is None:
@@ -173,11 +200,18 @@ def test_derivatives_belong_to_the_energy(key: str, rng: np.random.Generator) ->
         np.testing.assert_allclose(H, H.T, rtol=0, atol=1e-12 * np.abs(H).max())
 
 
-@pytest.mark.parametrize("key", [key for key, kind in effects.Effects.every().items() if issubclass(kind, BodyEffect)])
-def test_what_depends_on_the_whole_body_belongs_to_its_shared_energy(key: str, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize(
+    "key", [key for key, kind in effects.Effects.every().items() if issubclass(kind, BodyEffect)]
+)
+def test_what_depends_on_the_whole_body_belongs_to_its_shared_energy(
+    key: str, rng: np.random.Generator
+) -> None:
     """With tables computed for every shape: dE = sum V (P : dF - f . dx), at order 2; the energy of the hooks uses the current loads."""
     model = acting(key).model
-    x, F = model.particles.position, np.eye(3) + 0.05 * rng.standard_normal((len(model.density), 3, 3))
+    x, F = (
+        model.particles.position,
+        np.eye(3) + 0.05 * rng.standard_normal((len(model.density), 3, 3)),
+    )
     dx, dF = 1e-3 * rng.standard_normal(x.shape), 0.3 * rng.standard_normal(F.shape)
     effects.refresh(model.effects, model, x, F)
     slope = 0.0

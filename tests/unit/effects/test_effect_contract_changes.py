@@ -14,7 +14,13 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects import acting as effects
 from magmpm.effects import hooks
 from magmpm.effects.base import BodyChange, BodyEffect
-from magmpm.effects.hooks import add_force, add_force_change, add_stress, add_stress_change, register
+from magmpm.effects.hooks import (
+    add_force,
+    add_force_change,
+    add_stress,
+    add_stress_change,
+    register,
+)
 
 STATIC = having("stress", "force")
 STEPS = np.array([0.04, 0.02, 0.01])
@@ -81,25 +87,42 @@ def test_change_with_the_field(key: str, rng: np.random.Generator) -> None:
     uniform, moves = np.array(scene.field.uniform), 0
     for component, slope in enumerate(slopes):
         e = 1e-2 * np.eye(3)[component]  # T
-        moved = [load(one.effect.records(scene.with_field(uniform + t * e)), at, at.magnet, at.rho) for t in STEPS]
+        moved = [
+            load(one.effect.records(scene.with_field(uniform + t * e)), at, at.magnet, at.rho)
+            for t in STEPS
+        ]
         if not isinstance(one.effect, BodyEffect):  # its table is not of the field
             assert_derivative(moved, was, 1e-2 * load(slope, at, at.magnet, at.rho))
         moves += bool(np.abs(moved[0] - was).max() > ROUNDING * max(np.abs(was).max(), 1.0))
     assert moves == (3 if "magnetic_torque" in key else 0)
 
 
-@pytest.mark.parametrize("key", [key for key in KEYS if issubclass(effects.Effects.every()[key], BodyEffect)])
+@pytest.mark.parametrize(
+    "key", [key for key in KEYS if issubclass(effects.Effects.every()[key], BodyEffect)]
+)
 def test_tables_change_with_the_body(key: str, rng: np.random.Generator) -> None:
     """The table's change with remanence, place and deformation; and the loads are linear in the table."""
     one = acting(key)
     model, (record, data) = one.model, one.own
-    x, F = model.particles.position, np.eye(3) + 0.05 * rng.standard_normal((len(model.density), 3, 3))
-    by = BodyChange(0.05 * rng.standard_normal((len(x), 3)), 1e-3 * rng.standard_normal(x.shape), 0.3 * rng.standard_normal(F.shape))
+    x, F = (
+        model.particles.position,
+        np.eye(3) + 0.05 * rng.standard_normal((len(model.density), 3, 3)),
+    )
+    by = BodyChange(
+        0.05 * rng.standard_normal((len(x), 3)),
+        1e-3 * rng.standard_normal(x.shape),
+        0.3 * rng.standard_normal(F.shape),
+    )
     particles = effects._particles(model)
 
     def table(t: float) -> np.ndarray:
         out = np.zeros_like(data)
-        one.effect.refresh(out, particles._replace(remanence=particles.remanence + t * by.remanence), x + t * by.x, F + t * by.F)
+        one.effect.refresh(
+            out,
+            particles._replace(remanence=particles.remanence + t * by.remanence),
+            x + t * by.x,
+            F + t * by.F,
+        )
         return out
 
     (_, slope) = effects.refresh_change((record, data), model, x, F, by)
@@ -108,8 +131,13 @@ def test_tables_change_with_the_body(key: str, rng: np.random.Generator) -> None
         assert np.abs(pick(slope)).max() > 0
         assert_derivative([pick(table(t)) for t in STEPS], pick(table(0.0)), pick(slope))
     at = Point(one, rng)
-    two = [load((record, values), at, at.magnet, at.rho) for values in (table(0.0), slope, table(0.0) + slope)]
-    np.testing.assert_allclose(two[0] + two[1], two[2], rtol=0, atol=ROUNDING * np.abs(two[2]).max())
+    two = [
+        load((record, values), at, at.magnet, at.rho)
+        for values in (table(0.0), slope, table(0.0) + slope)
+    ]
+    np.testing.assert_allclose(
+        two[0] + two[1], two[2], rtol=0, atol=ROUNDING * np.abs(two[2]).max()
+    )
 
 
 DTYPE = np.dtype([("test_saturates", np.float64)])

@@ -38,10 +38,16 @@ def test_viscous_stress(key: str, rng: np.random.Generator) -> None:
 
     for _ in range(5):
         F = Point(one, rng).F
-        dF, Q, w = rng.standard_normal((3, 3)), special_ortho_group.rvs(3, random_state=rng), rng.standard_normal((3, 3))
+        dF, Q, w = (
+            rng.standard_normal((3, 3)),
+            special_ortho_group.rvs(3, random_state=rng),
+            rng.standard_normal((3, 3)),
+        )
         W, P = w - w.T, stress(F, dF)
         scale = np.abs(P).max()
-        np.testing.assert_allclose(stress(Q @ F, Q @ dF + W @ Q @ F), Q @ P, rtol=0, atol=1e-12 * scale)
+        np.testing.assert_allclose(
+            stress(Q @ F, Q @ dF + W @ Q @ F), Q @ P, rtol=0, atol=1e-12 * scale
+        )
         np.testing.assert_allclose(stress(F, W @ F), 0.0, rtol=0, atol=1e-12 * scale)
         np.testing.assert_allclose(P @ F.T, F @ P.T, rtol=0, atol=1e-12 * scale)
         assert np.sum(P * dF) > 0
@@ -50,7 +56,9 @@ def test_viscous_stress(key: str, rng: np.random.Generator) -> None:
 CONTACT = [key for key in having("contact") if effects.Effects.every()[key].PHASE == "contact"]
 
 
-def pushed(function: Any, x: np.ndarray, v: np.ndarray = REST, mass: float = MASS, grip: np.ndarray = REST) -> np.ndarray:
+def pushed(
+    function: Any, x: np.ndarray, v: np.ndarray = REST, mass: float = MASS, grip: np.ndarray = REST
+) -> np.ndarray:
     """What contact gives a point at x with velocity v; grip: contact_law.grips."""
     f = np.append(np.zeros(PARTS - 2), grip[1:])
     function(x, v, mass, DT, f)
@@ -72,7 +80,9 @@ def touching(key: str, rng: np.random.Generator) -> np.ndarray:
     function, place = hook(acting(key).own, "contact"), acting(key).model.surface.place
     places: list[np.ndarray] = []
     while len(places) < 20:
-        found = [x for x in place + 5e-4 * rng.uniform(-1, 1, place.shape) if pushed(function, x).any()]
+        found = [
+            x for x in place + 5e-4 * rng.uniform(-1, 1, place.shape) if pushed(function, x).any()
+        ]
         assert found, "in its scene it touches nothing"
         places += found
     return np.array(places[:20])
@@ -84,12 +94,21 @@ def test_contact_is_conservative_without_friction(key: str, rng: np.random.Gener
     function = hook(acting(key).own, "contact")
     for x in touching(key, rng):
         step = 1e-8  # of a depth of about 1 mm, so that differences have 7 digits, and away from kinks of a table
-        J = np.stack([(pushed(function, x + step * e)[:3] - pushed(function, x - step * e)[:3]) / (2 * step) for e in np.eye(3)], axis=1)
+        J = np.stack(
+            [
+                (pushed(function, x + step * e)[:3] - pushed(function, x - step * e)[:3])
+                / (2 * step)
+                for e in np.eye(3)
+            ],
+            axis=1,
+        )
         assert np.abs(J - J.T).max() <= 1e-4 * np.abs(J).max()
         assert np.linalg.eigvalsh((J + J.T) / 2)[0] < 0
 
 
-@pytest.mark.parametrize("key", [key for key in CONTACT if not effects.Effects.every()[key].ONLY_IN_MOTION])
+@pytest.mark.parametrize(
+    "key", [key for key in CONTACT if not effects.Effects.every()[key].ONLY_IN_MOTION]
+)
 def test_at_rest_contact_has_the_energy_of_its_push(key: str, rng: np.random.Generator) -> None:
     """Without friction: the force of `touch` is that of `contact` on what stays in place, minus the slope of its energy; H is its own."""
     slippery = scene(key, {"friction": 0.0})
@@ -111,7 +130,9 @@ def test_at_rest_contact_has_the_energy_of_its_push(key: str, rng: np.random.Gen
 
 
 @pytest.mark.parametrize("key", CONTACT)
-def test_friction_pulls_toward_the_anchor_by_at_most_the_grip(key: str, rng: np.random.Generator) -> None:
+def test_friction_pulls_toward_the_anchor_by_at_most_the_grip(
+    key: str, rng: np.random.Generator
+) -> None:
     """Friction is perpendicular to the normal, opposes the way from the anchor, and is at most friction times the push, which it reaches.
 
     The next anchor is where the same spring would pull with the same force: a second look at the same place changes nothing."""
@@ -129,10 +150,14 @@ def test_friction_pulls_toward_the_anchor_by_at_most_the_grip(key: str, rng: np.
             assert drag @ away <= 0
             assert abs(drag @ alone[:3]) <= 1e-12 * push**2 * max(1.0, friction)
             assert np.linalg.norm(drag) <= friction * push * (1 + 1e-12)
-            largest = max(largest, np.linalg.norm(drag) / push) if push > 0 else largest  # the dashpot lets go of what leaves quickly
+            largest = (
+                max(largest, np.linalg.norm(drag) / push) if push > 0 else largest
+            )  # the dashpot lets go of what leaves quickly
             again = alone.copy()
             hold(x, v, 1e-6, remembered, again, DT)
-            np.testing.assert_allclose(again, f, rtol=0, atol=1e-9 * push)  # places carry 1e-16 m of a stretch of some 1e-8 m
+            np.testing.assert_allclose(
+                again, f, rtol=0, atol=1e-9 * push
+            )  # places carry 1e-16 m of a stretch of some 1e-8 m
         assert largest == pytest.approx(friction, rel=1e-12) if friction < 1 else largest > 1.0
 
 
@@ -142,9 +167,17 @@ def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> 
     function = hook(found, "contact")
     x = np.concatenate([touching(key, rng), np.full((5, 3), 4.0)])  # and five that are far away
     v, mass = SPEED * rng.standard_normal(x.shape), MASS * (1 + rng.random(len(x)))
-    before = np.column_stack([x + 1e-5 * rng.standard_normal(x.shape), np.ones((len(x), 5)) * [1.0, 1e-3, 3 * DT, 1e-10, 1e-5]])
+    before = np.column_stack(
+        [
+            x + 1e-5 * rng.standard_normal(x.shape),
+            np.ones((len(x), 5)) * [1.0, 1e-3, 3 * DT, 1e-10, 1e-5],
+        ]
+    )
     grip = np.tile([np.nan, 2e-3, 3 * DT], (len(x), 1))
-    forces = [held(x[p], v[p], 0.0, before[p], pushed(function, x[p], v[p], mass[p], grip[p]), DT)[0] for p in range(len(x))]
+    forces = [
+        held(x[p], v[p], 0.0, before[p], pushed(function, x[p], v[p], mass[p], grip[p]), DT)[0]
+        for p in range(len(x))
+    ]
     told = contact_of(found, Touching(x, v, mass, before, grip), DT)
     np.testing.assert_allclose(told["force"], np.sum(forces, axis=0), rtol=1e-12)
     assert told["count"] == 20
@@ -159,7 +192,9 @@ def test_near_is_above_zero_wherever_contact_pushes(key: str, rng: np.random.Gen
     own, model = acting(key).own, acting(key).model
     near, contact = hook(own, "near"), hook(own, "contact")
     assert contact, "near tells where contact acts"
-    places = np.concatenate([touching(key, rng), model.surface.place, 6e-3 * rng.uniform(-1, 1, (2000, 3))])
+    places = np.concatenate(
+        [touching(key, rng), model.surface.place, 6e-3 * rng.uniform(-1, 1, (2000, 3))]
+    )
     acted = np.array([pushed(contact, x, SPEED * np.ones(3)).any() for x in places])
     told = np.array([near(x) for x in places]) > 0
     assert told[acted].all()
@@ -168,10 +203,14 @@ def test_near_is_above_zero_wherever_contact_pushes(key: str, rng: np.random.Gen
 
 
 @pytest.mark.parametrize("key", having("near"))
-def test_nothing_touches_within_the_distance_that_near_tells(key: str, rng: np.random.Generator) -> None:
+def test_nothing_touches_within_the_distance_that_near_tells(
+    key: str, rng: np.random.Generator
+) -> None:
     """Kernels do not look again before a point has moved that far. A tenth of the table's spacing is its error."""
     near, checked = hook(acting(key).own, "near"), 0
-    for x, way in zip(3e-3 * rng.uniform(-1, 1, (3000, 3)), rng.standard_normal((3000, 3)), strict=True):
+    for x, way in zip(
+        3e-3 * rng.uniform(-1, 1, (3000, 3)), rng.standard_normal((3000, 3)), strict=True
+    ):
         gap = -near(x)
         if 0 < gap < math.inf:
             assert near(x + gap * way / np.linalg.norm(way)) < 0.1 * 2e-3 / 6
@@ -179,7 +218,9 @@ def test_nothing_touches_within_the_distance_that_near_tells(key: str, rng: np.r
     assert checked > 200
 
 
-@pytest.mark.parametrize("key", [k for k in having("node") if effects.Effects.every()[k].PHASE == "damping"])
+@pytest.mark.parametrize(
+    "key", [k for k in having("node") if effects.Effects.every()[k].PHASE == "damping"]
+)
 def test_damping_only_brakes(key: str, rng: np.random.Generator) -> None:
     """It removes energy, along the velocity, and none in zero time."""
     function = hook(acting(key).own, "node")
@@ -219,7 +260,10 @@ def test_the_step_of_contact_is_that_of_its_stiffness(key: str, rng: np.random.G
     stiffest, damped = 0.0, 0.0
     for x in touching(key, rng):
         small = 1e-8 * np.eye(3)
-        J = np.array([pushed(function, x + e)[:3] - pushed(function, x - e)[:3] for e in small]) / 2e-8
+        J = (
+            np.array([pushed(function, x + e)[:3] - pushed(function, x - e)[:3] for e in small])
+            / 2e-8
+        )
         D = np.array([pushed(function, x, e)[:3] - pushed(function, x)[:3] for e in small]) / 1e-8
         stiffest = max(stiffest, -np.linalg.eigvalsh((J + J.T) / 2)[0] / MASS)
         damped = max(damped, -np.linalg.eigvalsh((D + D.T) / 2)[0] / MASS)
@@ -249,7 +293,14 @@ def growth(one: Acting, dt: float) -> float:
 
 
 # The plain reference has no pairs; walls have the law of contact that the ground has.
-@pytest.mark.parametrize("key", [pytest.param(key, marks=[pytest.mark.slow] * (key == "walls")) for key in STIFF if key != "self_contact"])
+@pytest.mark.parametrize(
+    "key",
+    [
+        pytest.param(key, marks=[pytest.mark.slow] * (key == "walls"))
+        for key in STIFF
+        if key != "self_contact"
+    ],
+)
 def test_a_body_with_it_bears_the_step_it_allows(key: str) -> None:
     """At the default 0.8 of the smaller bound of body and effect no small motion grows."""
     one = acting(key)
@@ -270,11 +321,24 @@ def test_the_step_of_viscous_stress_is_that_of_its_fastest_decay(key: str) -> No
         function(rho, np.eye(3), np.eye(9)[k].reshape(3, 3), P)
         viscous[k] = P.ravel()
     fastest = 0.0
-    for place in (1e-4, 0.1, 0.3, 0.5):  # of the cell; a node with a small share in the particle moves most easily
+    for place in (
+        1e-4,
+        0.1,
+        0.3,
+        0.5,
+    ):  # of the cell; a node with a small share in the particle moves most easily
         xi = np.full((1, 3), place)
         N, slope = spline_weights(xi)[0], spline_slopes(xi)[0] / h[:, None]
         a, b, c = np.indices((3, 3, 3)).reshape(3, -1)
-        gradient = np.stack([slope[0, a] * N[1, b] * N[2, c], N[0, a] * slope[1, b] * N[2, c], N[0, a] * N[1, b] * slope[2, c]])
-        strain = np.einsum("ik,Ja->iJak", np.eye(3), gradient).reshape(9, -1) / np.repeat(np.sqrt(N[0, a] * N[1, b] * N[2, c]), 3)
+        gradient = np.stack(
+            [
+                slope[0, a] * N[1, b] * N[2, c],
+                N[0, a] * slope[1, b] * N[2, c],
+                N[0, a] * N[1, b] * slope[2, c],
+            ]
+        )
+        strain = np.einsum("ik,Ja->iJak", np.eye(3), gradient).reshape(9, -1) / np.repeat(
+            np.sqrt(N[0, a] * N[1, b] * N[2, c]), 3
+        )
         fastest = max(fastest, np.linalg.eigvalsh(strain.T @ viscous @ strain)[-1] / rho)
     assert 0.9 / 4 < fastest * one.effect.stable_step(one.model) <= 0.9

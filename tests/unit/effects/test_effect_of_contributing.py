@@ -77,22 +77,31 @@ def test_the_line_names_it(drag: ModuleType) -> None:
     assert record["drag_rate"] == RATE
     assert not len(data)
     assert named({"drag": {"rate": "0 1/s"}}) == ()
-    assert [r.dtype.names[0] for r in named({"drag": {"rate": "5 1/s"}, "gravity": {}})[::2]] == ["gravity", "drag_rate"]
-    with pytest.raises(InputError, match=r"drag\.rate: received \"5 mm\"[^@]*is not a unit of rate"):
+    assert [r.dtype.names[0] for r in named({"drag": {"rate": "5 1/s"}, "gravity": {}})[::2]] == [
+        "gravity",
+        "drag_rate",
+    ]
+    with pytest.raises(
+        InputError, match=r"drag\.rate: received \"5 mm\"[^@]*is not a unit of rate"
+    ):
         named({"drag": {"rate": "5 mm"}})
 
 
 def test_the_file_brakes(drag: ModuleType) -> None:
     """A free body without stiffness slows by 1 - rate dt per step; and its step is stable."""
     model = build(dragged("5 1/s"))
-    assert effects.stable_steps(replace(model, shear=0 * model.shear, bulk=0 * model.bulk, clamped_face=False)) == {"drag": 1 / RATE}
+    assert effects.stable_steps(
+        replace(model, shear=0 * model.shear, bulk=0 * model.bulk, clamped_face=False)
+    ) == {"drag": 1 / RATE}
     total = Total.of(model)
     v = np.where(total.mass[:, None] > 0, np.array([0.1, 0.0, -0.2]), 0.0)  # m/s
     _, after = total.step(np.zeros_like(v), v, DT)  # no strain and no stress; the clamp is left out
     np.testing.assert_allclose(after, (1 - RATE * DT) * v, rtol=0, atol=1e-15)
 
 
-def test_the_file_brakes_in_a_compiled_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_file_brakes_in_a_compiled_kernel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Three steps of the solver's kernel, compiled with the example, equal those of the plain reference.
 
     Compiled kernels are cached on disk by the field names of their effects: a name that changes with the text avoids outdated ones."""
@@ -110,7 +119,9 @@ def test_the_file_brakes_in_a_compiled_kernel(tmp_path: Path, monkeypatch: pytes
         for _ in range(3):
             c, v = total.step(c, v, 1e-6)
         assert motion.advance(3, 1e-6, loads) == (3, False)
-        np.testing.assert_allclose(motion.v.reshape(-1, 3), v, rtol=0, atol=1e-12 * np.abs(v).max())  # sums over some hundred particles
+        np.testing.assert_allclose(
+            motion.v.reshape(-1, 3), v, rtol=0, atol=1e-12 * np.abs(v).max()
+        )  # sums over some hundred particles
         found[bool(loads)] = v
     assert np.abs(found[True] - found[False]).max() > 1e-4 * np.abs(v).max(), "the drag is felt"
 
@@ -118,7 +129,9 @@ def test_the_file_brakes_in_a_compiled_kernel(tmp_path: Path, monkeypatch: pytes
 # Kernels are cached on disk by the field names of their effects: a name that changes with this file avoids
 # outdated ones.
 _STAMP = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:8]
-DTYPE = np.dtype([("stiffness", np.float64), ("pull", np.float64, (3,)), (f"test_{_STAMP}", np.int8)])
+DTYPE = np.dtype(
+    [("stiffness", np.float64), ("pull", np.float64, (3,)), (f"test_{_STAMP}", np.int8)]
+)
 
 
 def parameters(stiffness: float, pull: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -139,7 +152,9 @@ def squares(F):  # type: ignore[no-untyped-def]
 @compiled
 def energy(effect, data, magnet, rho, x, F):  # type: ignore[no-untyped-def]
     a = effect.pull
-    return 0.25 * effect.stiffness * (squares(F) - 3.0) ** 2 - rho * (a[0] * x[0] + a[1] * x[1] + a[2] * x[2])
+    return 0.25 * effect.stiffness * (squares(F) - 3.0) ** 2 - rho * (
+        a[0] * x[0] + a[1] * x[1] + a[2] * x[2]
+    )
 
 
 @compiled
@@ -173,18 +188,24 @@ def model() -> StaticModel:
     return static_model(build(rod_scene(length=6e-3)))
 
 
-def test_gradient_and_tangent_belong_to_its_energy(model: StaticModel, rng: np.random.Generator) -> None:
+def test_gradient_and_tangent_belong_to_its_energy(
+    model: StaticModel, rng: np.random.Generator
+) -> None:
     """Taylor test of the whole model, with only the new effect, as stiff as the material: orders 2 and 3."""
     named = Energy(replace(model, effects=parameters(G, (3.0, 2.0, -9.81))))
     c, d = 2e-5 * rng.standard_normal((2, *named.shape))
     point = named.at(c)
     gradient, matrix = named.tangent(point)
-    np.testing.assert_allclose(gradient, named.residual(point), rtol=0, atol=1e-12 * np.abs(gradient).max())
+    np.testing.assert_allclose(
+        gradient, named.residual(point), rtol=0, atol=1e-12 * np.abs(gradient).max()
+    )
     linear = float(np.sum(gradient * d))
     quadratic = float(d.ravel() @ to_dense(matrix.panels, model.layout.split) @ d.ravel()) / 2
     steps = [0.4, 0.2, 0.1, 0.05]
     first = slopes(lambda t: named.at(c + t * d).energy - point.energy - t * linear, steps)
-    second = slopes(lambda t: named.at(c + t * d).energy - point.energy - t * linear - t**2 * quadratic, steps)
+    second = slopes(
+        lambda t: named.at(c + t * d).energy - point.energy - t * linear - t**2 * quadratic, steps
+    )
     # Strains here reach 0.1, and the next term of the series changes the slope by about as much at the first
     # step.
     np.testing.assert_allclose(first[-1], 2.0, atol=0.1)

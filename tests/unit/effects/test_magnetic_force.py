@@ -32,7 +32,9 @@ NEAR = {"position": (16e-3, 2e-3, 4e-3), "moment": (0.3, 0.2, -0.4)}
 def scene_in(field: dict[str, Any], *names: str, length: float = 8e-3, **more: Any) -> Scene:
     """A short catheter in a field, with these effects."""
     data = rod_scene(length=length, **more).to_si()
-    return Scene.from_si({**data, "field": field, "effects": {**data["effects"], **{name: {} for name in names}}})
+    return Scene.from_si(
+        {**data, "field": field, "effects": {**data["effects"], **{name: {} for name in names}}}
+    )
 
 
 BOTH = ("magnetic_torque", "magnetic_force")
@@ -70,7 +72,12 @@ def test_gradient_and_tangent_of_a_model(kind: str, rng: np.random.Generator) ->
     """Residual and tangent of the model are the first and second derivative of its energy, also for the loads alone."""
     if kind == "magnet":
         pytest.importorskip("magpylib")
-        magnet = {"position": (24e-3, 2e-3, 3e-3), "cylinder": {"diameter": 10e-3, "length": 8e-3}, "axis": (1, 0, 0.3), "remanence": 1.3}
+        magnet = {
+            "position": (24e-3, 2e-3, 3e-3),
+            "cylinder": {"diameter": 10e-3, "length": 8e-3},
+            "axis": (1, 0, 0.3),
+            "remanence": 1.3,
+        }
         scene = scene_in({"magnet": magnet}, *BOTH)
     else:
         scene = SCENE
@@ -80,20 +87,28 @@ def test_gradient_and_tangent_of_a_model(kind: str, rng: np.random.Generator) ->
     point = loaded.at(c)
     gradient, matrix = loaded.tangent(point)
     K = to_dense(matrix.panels, model.layout.split)
-    np.testing.assert_allclose(gradient, loaded.residual(point), rtol=0, atol=1e-13 * np.abs(gradient).max())
+    np.testing.assert_allclose(
+        gradient, loaded.residual(point), rtol=0, atol=1e-13 * np.abs(gradient).max()
+    )
     linear, quadratic = float(np.sum(gradient * v)), float(v.ravel() @ K @ v.ravel()) / 2
     steps = [0.4, 0.2, 0.1, 0.05]
     first = slopes(lambda t: loaded.at(c + t * v).energy - point.energy - t * linear, steps)
-    second = slopes(lambda t: loaded.at(c + t * v).energy - point.energy - t * linear - t**2 * quadratic, steps)
+    second = slopes(
+        lambda t: loaded.at(c + t * v).energy - point.energy - t * linear - t**2 * quadratic, steps
+    )
     assert first[-1] == pytest.approx(2.0, abs=0.02)
     assert second[-1] == pytest.approx(3.0, abs=0.05)
     # the loads alone: their part of the tangent is the derivative of their part of the residual
     small = 1e-2 * v
-    change = [(e.residual(e.at(c + small)) - e.residual(e.at(c - small))) / 2 for e in (loaded, bare)]
+    change = [
+        (e.residual(e.at(c + small)) - e.residual(e.at(c - small))) / 2 for e in (loaded, bare)
+    ]
     K0 = to_dense(bare.tangent(bare.at(c))[1].panels, model.layout.split)
     share = (K - K0) @ small.ravel()
     # central differences of fields that vary over millimeters, at steps of 2e-7 m: 1e-6, and rounding of the body's own stiffness
-    np.testing.assert_allclose((change[0] - change[1]).ravel(), share, rtol=0, atol=1e-5 * np.abs(share).max())
+    np.testing.assert_allclose(
+        (change[0] - change[1]).ravel(), share, rtol=0, atol=1e-5 * np.abs(share).max()
+    )
 
 
 def test_a_uniform_field_does_not_pull() -> None:
@@ -106,13 +121,17 @@ def test_records_over_time() -> None:
     """One record for every step, one table for all; a uniform field keeps its short kernel."""
     times = np.linspace(0.0, 1.0, 5)
     over = {"ramp": {"duration": 1.0}}
-    record, data, pulls, same = effects.collect(scene_in({"dipole": NEAR, "over_time": over}, *BOTH), times=times)
+    record, data, pulls, same = effects.collect(
+        scene_in({"dipole": NEAR, "over_time": over}, *BOTH), times=times
+    )
     assert record.dtype == magnetic_torque.VARYING
     assert pulls.dtype == magnetic_force.DTYPE
     np.testing.assert_allclose(record["strength"], times)
     np.testing.assert_allclose(pulls["strength"], times)
     assert data is same
-    (uniform, nothing) = effects.collect(scene_in({"uniform": (0, 0, 1e-3), "over_time": over}, "magnetic_torque"), times=times)
+    (uniform, nothing) = effects.collect(
+        scene_in({"uniform": (0, 0, 1e-3), "over_time": over}, "magnetic_torque"), times=times
+    )
     assert uniform.dtype == magnetic_torque.DTYPE
     np.testing.assert_allclose(uniform["field_over_mu0"][:, 2], 1e-3 * times / MU0)
     assert len(nothing) == 0
@@ -125,23 +144,41 @@ def test_equilibrium_needs_both(alone: str) -> None:
     missing = next(name for name in BOTH if name != alone)
     assert without_energy(scene) == missing
     assert len(scene.warnings()) == 1
-    with pytest.raises(InputError, match=rf"effects.{missing}: received nothing\n.*either alone has no energy"):
+    with pytest.raises(
+        InputError, match=rf"effects.{missing}: received nothing\n.*either alone has no energy"
+    ):
         run(scene)
 
 
 def test_a_magnet_in_the_body_is_refused_before_the_run() -> None:
     sphere = {"position": (7e-3, 0, 2e-3), "moment": (0.1, 0, 0), "diameter": 2e-3}
-    with pytest.raises(InputError, match=r"field.dipole: the body's point at .* is inside field.dipole, center \(7, 0, 2\) mm"):
+    with pytest.raises(
+        InputError,
+        match=r"field.dipole: the body's point at .* is inside field.dipole, center \(7, 0, 2\) mm",
+    ):
         build(scene_in({"dipole": sphere}, *BOTH))
 
 
-@pytest.mark.parametrize("place", [(3e-3, 0, 0), (4e-3, 0.7e-3, -1.1e-3), (4e-3, 0, 2.3e-3)], ids=["axis", "inside", "at the surface"])
+@pytest.mark.parametrize(
+    "place",
+    [(3e-3, 0, 0), (4e-3, 0.7e-3, -1.1e-3), (4e-3, 0, 2.3e-3)],
+    ids=["axis", "inside", "at the surface"],
+)
 def test_a_point_dipole_in_or_at_the_body_is_refused(place: tuple[float, float, float]) -> None:
     """Nearer than a cell, 2 mm, its field has no meaning: the message says which dipole, where, and the remedy."""
     near = {"position": place, "moment": (0.1, 0, 0)}
-    with pytest.raises(InputError, match=r"field.dipole\[1\]: the body's .* mm from the point dipole field.dipole\[1\] at ") as caught:
+    with pytest.raises(
+        InputError,
+        match=r"field.dipole\[1\]: the body's .* mm from the point dipole field.dipole\[1\] at ",
+    ) as caught:
         build(scene_in({"dipole": [NEAR, near]}, *BOTH))
-    for part in ("nearer than a cell of the grid, 2 mm", "rule: ", "remedy: move the dipole away", "`diameter`", "`magnet`"):
+    for part in (
+        "nearer than a cell of the grid, 2 mm",
+        "rule: ",
+        "remedy: move the dipole away",
+        "`diameter`",
+        "`magnet`",
+    ):
         assert part in str(caught.value)
     build(scene_in({"dipole": [NEAR, {**near, "position": (4e-3, 0, 4.5e-3)}]}, *BOTH))
 
@@ -157,7 +194,13 @@ def test_a_point_dipole_in_or_at_the_body_is_refused(place: tuple[float, float, 
 def test_a_magnet_that_comes_too_near_is_met_in_time(source: dict[str, Any], says: str) -> None:
     """Outside at first, too near or inside later: the check at a given time says where, and names the magnet."""
     moves = {"keyframes": [{"time": 0, "move": (0, 0, 0)}, {"time": 1, "move": (-40e-3, 0, 0)}]}
-    scene = scene_in({"dipole": {"position": (30e-3, 0, 0), "moment": (0.1, 0, 0), **source}, "over_time": moves}, *BOTH)
+    scene = scene_in(
+        {
+            "dipole": {"position": (30e-3, 0, 0), "moment": (0.1, 0, 0), **source},
+            "over_time": moves,
+        },
+        *BOTH,
+    )
     x, field = build(scene).particles.position, scene.outside_field()
     field.check(x, 0.0)
     with pytest.raises(SolveError, match=re.escape(says.format("(6, 0, 0) mm"))):

@@ -24,7 +24,9 @@ X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 MIXED = [X, (0.0, 1.0, 0.0), Z, (0.0, -1.0, 0.0), (1.0, 0.0, 1.0)]
 
 
-def scene(directions: list[tuple[float, float, float]], *, across: int = 3, **more: object) -> Scene:
+def scene(
+    directions: list[tuple[float, float, float]], *, across: int = 3, **more: object
+) -> Scene:
     """Segments of 4 mm diameter, 8 mm long, Br 0.1 T."""
     given = rod_scene(length=8e-3 * len(directions), directions=directions, **more)  # type: ignore[arg-type]
     return given.with_effects(magnetic_interaction={"blocks_across": across})
@@ -33,7 +35,9 @@ def scene(directions: list[tuple[float, float, float]], *, across: int = 3, **mo
 def acting(model: Model, x: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, ...]:
     """Places, moments, volumes, segments, fields and forces of the blocks."""
     p = model.particles
-    X, M, V, of = interaction.dipoles(MarkedParticles(model.remanence[:, 3], p.segment, p.volume, model.remanence[:, :3]), x, F)
+    X, M, V, of = interaction.dipoles(
+        MarkedParticles(model.remanence[:, 3], p.segment, p.volume, model.remanence[:, :3]), x, F
+    )
     B, f = np.zeros_like(X), np.zeros_like(X)
     interaction._act(X, M, np.cbrt(V), of, B, f)
     return X, M, V, of, B, f
@@ -43,8 +47,12 @@ def at_rest(model: Model) -> tuple[np.ndarray, np.ndarray]:
     return model.particles.position, np.tile(np.eye(3), (len(model.density), 1, 1))
 
 
-@pytest.mark.parametrize(("direction", "axis", "want"), [(X, 0, 8.34e-3), (Z, 2, -4.17e-3)], ids=["axial", "transverse"])
-def test_a_neighbours_mean_field(direction: tuple[float, float, float], axis: int, want: float) -> None:
+@pytest.mark.parametrize(
+    ("direction", "axis", "want"), [(X, 0, 8.34e-3), (Z, 2, -4.17e-3)], ids=["axial", "transverse"]
+)
+def test_a_neighbours_mean_field(
+    direction: tuple[float, float, float], axis: int, want: float
+) -> None:
     """Mean over a cylinder of its neighbor's field: 8.34 mT axial, 4.17 mT transverse, by magpylib; blocks of 1 mm 0.7 % off, 2 mm 3 %."""
     for cells, bound in ((4, 0.01), (2, 0.035)):
         model = build(scene([direction, direction], cells=cells))
@@ -56,7 +64,11 @@ def test_a_neighbours_mean_field(direction: tuple[float, float, float], axis: in
 
 def pair(r: float, moments: np.ndarray) -> tuple[float, np.ndarray]:
     """Energy (J) of two cubes of 1 mm at the distance r (m) along x, and the force (3,) N on the second."""
-    places, field, force = np.array([[0.0, 0.0, 0.0], [r, 0.0, 0.0]]), np.zeros((2, 3)), np.zeros((2, 3))
+    places, field, force = (
+        np.array([[0.0, 0.0, 0.0], [r, 0.0, 0.0]]),
+        np.zeros((2, 3)),
+        np.zeros((2, 3)),
+    )
     interaction._act(places, moments, np.full(2, 1e-3), np.arange(2), field, force)
     return -0.5 * float(np.sum(moments * field)), force[1]
 
@@ -67,7 +79,9 @@ def test_the_energy_of_blocks_that_overlap_is_bounded(rng: np.random.Generator) 
     touching = pair(1e-3, along)[0]
     near = [pair(r, along)[0] / touching for r in np.linspace(1e-6, 1e-3, 200)]
     assert min(near) >= 0.0
-    assert max(near) < 2.0, "the work of two cubes that fall together is less than that of two which meet"
+    assert max(near) < 2.0, (
+        "the work of two cubes that fall together is less than that of two which meet"
+    )
     moments = 1e-3 * rng.standard_normal((2, 3))
     step = 1e-7
     for r in (0.2e-3, 0.7e-3, 0.999e-3, 1.001e-3, 1.2e-3, 1.349e-3, 1.351e-3, 3e-3):
@@ -81,7 +95,9 @@ def test_the_energy_of_blocks_that_overlap_is_bounded(rng: np.random.Generator) 
 def test_momentum_and_angular_momentum_stay(rng: np.random.Generator) -> None:
     """Forces cancel, and so do torques (of forces and of fields on moments)."""
     model = static_model(build(scene(MIXED)))
-    x, F = bent(model.particles.position, 0.7 / model.particles.position[:, 0].max())  # by about 40 degrees
+    x, F = bent(
+        model.particles.position, 0.7 / model.particles.position[:, 0].max()
+    )  # by about 40 degrees
     places, moments, _, _, B, f = acting(model, x, F + 0.01 * rng.standard_normal(F.shape))
     np.testing.assert_allclose(f.sum(axis=0), 0.0, atol=1e-13 * np.abs(f).sum())
     torque = np.cross(places, f) + np.cross(moments, B)
@@ -102,7 +118,9 @@ def test_loads_are_the_derivatives_of_the_energy(rng: np.random.Generator, share
     linear = float(np.sum((gradient - bare) * v))
     shared = lambda t: whole.at(c + t * v).energy - whole.alone.at(c + t * v).energy  # noqa: E731
     start = shared(0.0)
-    assert slopes(lambda t: shared(t) - start - t * linear, [0.4, 0.2, 0.1, 0.05])[-1] == pytest.approx(2.0, abs=0.05)
+    assert slopes(lambda t: shared(t) - start - t * linear, [0.4, 0.2, 0.1, 0.05])[
+        -1
+    ] == pytest.approx(2.0, abs=0.05)
 
 
 @pytest.mark.slow  # it compiles for most of its 40 s
@@ -112,7 +130,12 @@ def test_equilibrium_is_a_stationary_point_below_where_it_began() -> None:
     named = alone.with_effects(magnetic_interaction={})
     found, without = (solve_static(static_model(build(one))) for one in (named, alone))
     whole = InteractingEnergy(static_model(build(named)))
-    assert np.linalg.norm(axis.tip(whole.model, found.point.grid) - axis.tip(whole.model, without.point.grid)) > 1e-4
+    assert (
+        np.linalg.norm(
+            axis.tip(whole.model, found.point.grid) - axis.tip(whole.model, without.point.grid)
+        )
+        > 1e-4
+    )
     start, end = whole.at(without.point.grid), whole.at(found.point.grid)
     loads = np.abs(whole.residual(start)).max()
     assert end.energy < start.energy
@@ -152,9 +175,13 @@ def test_blocks_are_their_own_mirror_image(cells: int, across: int) -> None:
     place = {tuple(at): k for k, at in enumerate(key.tolist())}
     image = np.array([place[x, -y, z] for x, y, z in key.tolist()])
     pairs = set(zip(blocks.tolist(), blocks[image].tolist(), strict=True))
-    assert len(pairs) == len(set(blocks.tolist())), "a block and its image are cut in different ways"
+    assert len(pairs) == len(set(blocks.tolist())), (
+        "a block and its image are cut in different ways"
+    )
 
 
 def test_too_many_blocks_are_refused() -> None:
-    with pytest.raises(InputError, match=r"blocks_across: received 5; the segments make [3-9]\d\d\d blocks"):
+    with pytest.raises(
+        InputError, match=r"blocks_across: received 5; the segments make [3-9]\d\d\d blocks"
+    ):
         build(scene([X] * 20, across=5, cells=5))

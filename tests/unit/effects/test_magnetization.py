@@ -7,7 +7,13 @@ from reference.scenes import G, rod_scene
 
 from magmpm.compiled import simd_views
 from magmpm.effects import acting as effects
-from magmpm.effects.magnetic_torque import DTYPE, energy, parameters, rotating_energy, rotating_stress
+from magmpm.effects.magnetic_torque import (
+    DTYPE,
+    energy,
+    parameters,
+    rotating_energy,
+    rotating_stress,
+)
 from magmpm.effects.magnetization import add_stress, rotation
 from magmpm.errors import InputError
 from magmpm.fields.dipole import MU0
@@ -31,8 +37,12 @@ def deformed(rng: np.random.Generator, count: int, most: float) -> np.ndarray:
     return np.einsum("nij,nj,njk->nik", turns(rng, count), stretches, turns(rng, count))
 
 
-@pytest.mark.parametrize(("most", "rounding"), [(1.0, 2e-15), (1.0 + 1e-8, 1e-14), (2.0, 1e-14), (10.0, 1e-11)])
-def test_rotation_is_that_of_the_polar_decomposition(most: float, rounding: float, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize(
+    ("most", "rounding"), [(1.0, 2e-15), (1.0 + 1e-8, 1e-14), (2.0, 1e-14), (10.0, 1e-11)]
+)
+def test_rotation_is_that_of_the_polar_decomposition(
+    most: float, rounding: float, rng: np.random.Generator
+) -> None:
     """From no stretch to ratios of 100 between stretches, whose square is lost of the digits."""
     for F in deformed(rng, 200, most):
         left, stretches, right = np.linalg.svd(F)
@@ -43,7 +53,12 @@ def test_rotation_is_that_of_the_polar_decomposition(most: float, rounding: floa
 
 @numba.njit
 def _stress_of_eight(h, magnet, F, P):  # type: ignore[no-untyped-def]
-    add_stress((h[0], h[1], h[2]), simd_views.vector(magnet, 0), simd_views.matrix(F, 0), simd_views.matrix(P, 0))
+    add_stress(
+        (h[0], h[1], h[2]),
+        simd_views.vector(magnet, 0),
+        simd_views.matrix(F, 0),
+        simd_views.matrix(P, 0),
+    )
 
 
 def test_eight_particles_are_each_like_one(rng: np.random.Generator) -> None:
@@ -54,13 +69,19 @@ def test_eight_particles_are_each_like_one(rng: np.random.Generator) -> None:
     _stress_of_eight(B / MU0, magnet.T.ravel(), F.transpose(1, 2, 0).ravel(), P)
     for p in range(8):
         one = np.zeros((3, 3))
-        rotating_stress(parameters(B, True)[0][0], np.zeros(0), magnet[p], 0.0, np.zeros(3), F[p], one)
-        np.testing.assert_allclose(P.reshape(3, 3, 8)[:, :, p], one, rtol=0, atol=1e-13 * np.abs(one).max())
+        rotating_stress(
+            parameters(B, True)[0][0], np.zeros(0), magnet[p], 0.0, np.zeros(3), F[p], one
+        )
+        np.testing.assert_allclose(
+            P.reshape(3, 3, 8)[:, :, p], one, rtol=0, atol=1e-13 * np.abs(one).max()
+        )
 
 
 def density(field: np.ndarray, F: np.ndarray, law: float = 1.0) -> float:
     """Energy per volume, J/m^3."""
-    return rotating_energy(parameters(field, True)[0][0], np.zeros(0), np.append(BR, law), 0.0, np.zeros(3), F)
+    return rotating_energy(
+        parameters(field, True)[0][0], np.zeros(0), np.append(BR, law), 0.0, np.zeros(3), F
+    )
 
 
 def test_energy_is_frame_indifferent_and_blind_to_stretch(rng: np.random.Generator) -> None:
@@ -68,7 +89,12 @@ def test_energy_is_frame_indifferent_and_blind_to_stretch(rng: np.random.Generat
     for F, Q in zip(deformed(rng, 20, 1.5), turns(rng, 20), strict=True):
         W = density(B, F)
         assert density(Q @ B, Q @ F) == pytest.approx(W, rel=1e-12)
-        assert pytest.approx(-B @ magnetization(np.array([True]), BR[None], F[None])[0] / MU0, rel=1e-12) == W
+        assert (
+            pytest.approx(
+                -B @ magnetization(np.array([True]), BR[None], F[None])[0] / MU0, rel=1e-12
+            )
+            == W
+        )
         plain = energy(parameters(B)[0][0], np.zeros(0), BR, 0.0, np.zeros(3), F)
         assert density(B, F, law=0.0) == pytest.approx(plain, rel=1e-12)
     n = BR / np.linalg.norm(BR)
@@ -84,10 +110,14 @@ def test_only_stretching_magnetization_lengthens_a_rod() -> None:
     L, Br = 40e-3, 0.1
 
     def apart(*field: float) -> np.ndarray:
-        return (run(rod_scene(field=field)).tip - run(rod_scene(field=field, law="rotates")).tip) / L
+        return (
+            run(rod_scene(field=field)).tip - run(rod_scene(field=field, law="rotates")).tip
+        ) / L
 
     assert abs(run(rod_scene(field=(20e-3, 0, 0), law="rotates")).tip[0] - L) < 1e-12
-    assert apart(20e-3, 0, 0)[0] == pytest.approx(20e-3 * Br / MU0 / young_modulus(G, 20 * G), rel=0.01)
+    assert apart(20e-3, 0, 0)[0] == pytest.approx(
+        20e-3 * Br / MU0 / young_modulus(G, 20 * G), rel=0.01
+    )
     assert apart(20e-3, 0, 0)[0] == pytest.approx(0.448e-2, abs=0.001e-2)
     assert np.linalg.norm(apart(0, 0, 10e-3)) == pytest.approx(10e-3 * Br / MU0 / (2 * G), rel=0.01)
     assert np.linalg.norm(apart(0, 0, 10e-3)) == pytest.approx(0.33e-2, abs=0.005e-2)
@@ -103,5 +133,10 @@ def test_what_is_not_named_costs_nothing() -> None:
 
 
 def test_segments_that_act_on_each_other_stretch() -> None:
-    with pytest.raises(InputError, match=r"materials\.m1\.magnetization_law(?s:.*)knows only magnetization that stretches"):
-        rod_scene(directions=[(1, 0, 0), (0, 0, 1)], law=["stretches", "rotates"]).with_effects(magnetic_interaction={})
+    with pytest.raises(
+        InputError,
+        match=r"materials\.m1\.magnetization_law(?s:.*)knows only magnetization that stretches",
+    ):
+        rod_scene(directions=[(1, 0, 0), (0, 0, 1)], law=["stretches", "rotates"]).with_effects(
+            magnetic_interaction={}
+        )

@@ -35,7 +35,10 @@ def lanes(values: np.ndarray) -> np.ndarray:
 @pytest.fixture
 def strained(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """F (8, 3, 3), and Cv (8, 12) of two branches, each of det 1 and far from F."""
-    F, V = np.eye(3) + 0.3 * rng.standard_normal((8, 3, 3)), np.eye(3) + 0.3 * rng.standard_normal((8, 2, 3, 3))
+    F, V = (
+        np.eye(3) + 0.3 * rng.standard_normal((8, 3, 3)),
+        np.eye(3) + 0.3 * rng.standard_normal((8, 2, 3, 3)),
+    )
     F *= np.sign(np.linalg.det(F))[:, None, None]
     V = V @ V.transpose(0, 1, 3, 2)
     V /= np.cbrt(np.linalg.det(V))[..., None, None]
@@ -51,27 +54,41 @@ def test_a_step_is_the_plain_one(dt: float, strained: tuple[np.ndarray, np.ndarr
     expected = stored(BRANCHES, F, memory, dt / 2)[1]
     np.testing.assert_allclose(P[0], lanes(expected), rtol=0, atol=1e-12 * 600e3)
     after = C.reshape(12, 8).T
-    assert np.linalg.det(after.reshape(8, 2, 6)[..., [[0, 3, 4], [3, 1, 5], [4, 5, 2]]]) == pytest.approx(1.0, rel=1e-13)
+    assert np.linalg.det(
+        after.reshape(8, 2, 6)[..., [[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+    ) == pytest.approx(1.0, rel=1e-13)
 
 
-def test_stress_is_that_of_an_energy_and_frame_indifferent(strained: tuple[np.ndarray, np.ndarray]) -> None:
+def test_stress_is_that_of_an_energy_and_frame_indifferent(
+    strained: tuple[np.ndarray, np.ndarray],
+) -> None:
     """P = dW/dF at fixed Cv; P(Q F) = Q P(F), so that it exerts no torque."""
     F, memory = strained
     W, P = stored(BRANCHES, F, memory, 0.0)
     for k in range(9):
         d = 1e-6 * np.eye(9)[k].reshape(3, 3)
-        slope = (stored(BRANCHES, F + d, memory, 0.0)[0] - stored(BRANCHES, F - d, memory, 0.0)[0]) / 2e-6
-        np.testing.assert_allclose(slope, P.reshape(8, 9)[:, k], rtol=0, atol=1e-8 * np.abs(P).max())
+        slope = (
+            stored(BRANCHES, F + d, memory, 0.0)[0] - stored(BRANCHES, F - d, memory, 0.0)[0]
+        ) / 2e-6
+        np.testing.assert_allclose(
+            slope, P.reshape(8, 9)[:, k], rtol=0, atol=1e-8 * np.abs(P).max()
+        )
     Q = Rotation.from_rotvec([0.4, -1.0, 2.0]).as_matrix()
     np.testing.assert_allclose(stored(BRANCHES, Q @ F, memory, 0.0)[0], W, rtol=1e-12)
-    np.testing.assert_allclose(stored(BRANCHES, Q @ F, memory, 0.0)[1], Q @ P, rtol=0, atol=1e-12 * np.abs(P).max())
-    np.testing.assert_allclose(P @ F.transpose(0, 2, 1), F @ P.transpose(0, 2, 1), rtol=0, atol=1e-12 * np.abs(P).max())
+    np.testing.assert_allclose(
+        stored(BRANCHES, Q @ F, memory, 0.0)[1], Q @ P, rtol=0, atol=1e-12 * np.abs(P).max()
+    )
+    np.testing.assert_allclose(
+        P @ F.transpose(0, 2, 1), F @ P.transpose(0, 2, 1), rtol=0, atol=1e-12 * np.abs(P).max()
+    )
 
 
 def test_it_only_loses_energy(strained: tuple[np.ndarray, np.ndarray]) -> None:
     """At fixed F, W falls with the length of the step, from any Cv, to zero: the branch has relaxed."""
     F, memory = strained
-    along = np.array([stored(BRANCHES, F, memory, lag)[0] for lag in (0.0, *np.geomspace(1e-7, 1.0, 40))])
+    along = np.array(
+        [stored(BRANCHES, F, memory, lag)[0] for lag in (0.0, *np.geomspace(1e-7, 1.0, 40))]
+    )
     assert (np.diff(along, axis=0) <= 1e-9).all()
     assert (along >= -1e-9).all()
     np.testing.assert_allclose(along[-1], 0.0, atol=1e-6)
@@ -79,7 +96,10 @@ def test_it_only_loses_energy(strained: tuple[np.ndarray, np.ndarray]) -> None:
 
 def sheared(strain: np.ndarray, dt: float) -> np.ndarray:
     """Shear stress (steps,) Pa along a path of small shear strains (steps,)."""
-    F, P = np.tile(lanes(np.tile(np.eye(3), (8, 1, 1))), (len(strain), 1)), np.zeros((len(strain), 72))
+    F, P = (
+        np.tile(lanes(np.tile(np.eye(3), (8, 1, 1))), (len(strain), 1)),
+        np.zeros((len(strain), 72)),
+    )
     F[:, 8:16] = strain[:, None]
     follow(RECORD, TABLE, dt, F, np.repeat(np.tile(AT_REST, 2), 8), P)
     return P[:, 8]
@@ -89,7 +109,9 @@ def test_stress_after_a_step_of_strain() -> None:
     """It falls as sum G exp(-t/T), to 0.2 % of the first value, over six decades of time in steps of a hundredth of the shortest T."""
     t = 1e-5 * np.arange(5000)
     expected = sum(one.shear_modulus * np.exp(-t / one.time) for one in BRANCHES)
-    np.testing.assert_allclose(sheared(np.full(5000, 1e-5), 1e-5)[1:] / 1e-5, expected[1:], rtol=0, atol=2e-3 * 600e3)
+    np.testing.assert_allclose(
+        sheared(np.full(5000, 1e-5), 1e-5)[1:] / 1e-5, expected[1:], rtol=0, atol=2e-3 * 600e3
+    )
 
 
 @pytest.mark.parametrize("turn", [0.05, 0.3, 1.0, 3.0, 20.0])
@@ -100,7 +122,9 @@ def test_storage_and_loss(turn: float) -> None:
     t = dt * np.arange(max(5 * period, 8000))
     wave = np.stack([np.sin(w * t), np.cos(w * t)], axis=1)[-period:]
     found = np.linalg.lstsq(wave, sheared(1e-4 * np.sin(w * t), dt)[-period:] / 1e-4, rcond=None)[0]
-    expected = sum(one.shear_modulus * 1j * w * one.time / (1 + 1j * w * one.time) for one in BRANCHES)
+    expected = sum(
+        one.shear_modulus * 1j * w * one.time / (1 + 1j * w * one.time) for one in BRANCHES
+    )
     np.testing.assert_allclose(found, [expected.real, expected.imag], rtol=2e-4)
 
 
@@ -113,7 +137,9 @@ def moving(**losses: object) -> Scene:
 
 def total_energies(scene: Scene) -> np.ndarray:
     found: list[float] = []
-    integrate(begin(build(scene)), on_state=lambda state: found.append(sum(state.energies.values())))
+    integrate(
+        begin(build(scene)), on_state=lambda state: found.append(sum(state.energies.values()))
+    )
     return np.array(found)
 
 
@@ -127,7 +153,9 @@ def test_a_motion_loses_what_its_branches_lose() -> None:
 
 def test_restart_is_bit_for_bit(tmp_path) -> None:  # type: ignore[no-untyped-def]
     scene = moving(branches=TWO)
-    half = Scene.from_si(scene.to_si() | {"solver": {"dynamic": {"duration": 2e-3, "output_every": 0.5e-3}}})
+    half = Scene.from_si(
+        scene.to_si() | {"solver": {"dynamic": {"duration": 2e-3, "output_every": 0.5e-3}}}
+    )
     integrate(begin(build(half)), folder=tmp_path)
     one = integrate(begin(build(scene))).motion.state()
     two = integrate(begin(build(scene)), folder=tmp_path, resume=True).motion.state()
@@ -138,16 +166,32 @@ def test_restart_is_bit_for_bit(tmp_path) -> None:  # type: ignore[no-untyped-de
 def test_what_is_not_named_costs_nothing() -> None:
     plain = moving(viscosity=5.0)
     assert TotalMotion(build(plain)).memory.nbytes == 0
-    assert [record.dtype.names for record in build(plain).effects[::2]] == [("viscosity",), ("field_over_mu0",)][::-1]
-    assert Scene.from_si(plain.to_si()).hash() == plain.hash() != moving(viscosity=5.0, branches=TWO).hash()
+    assert [record.dtype.names for record in build(plain).effects[::2]] == [
+        ("viscosity",),
+        ("field_over_mu0",),
+    ][::-1]
+    assert (
+        Scene.from_si(plain.to_si()).hash()
+        == plain.hash()
+        != moving(viscosity=5.0, branches=TWO).hash()
+    )
 
 
-@pytest.mark.parametrize(("losses", "text"), [
-    ({"branches": [{"shear_modulus": "500 kPa", "time": "0 s"}]}, r"branches\[0\]\.time(?s:.*)must be greater than 0 s"),
-    ({"branches": [{"shear_modulus": "-5 kPa", "time": "1 s"}]}, r"branches\[0\]\.shear_modulus(?s:.*)must be greater than 0 kPa"),
-    ({"branches": []}, r"branches"),
-    ({}, r"give `viscosity` or `branches`, or both"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("losses", "text"),
+    [
+        (
+            {"branches": [{"shear_modulus": "500 kPa", "time": "0 s"}]},
+            r"branches\[0\]\.time(?s:.*)must be greater than 0 s",
+        ),
+        (
+            {"branches": [{"shear_modulus": "-5 kPa", "time": "1 s"}]},
+            r"branches\[0\]\.shear_modulus(?s:.*)must be greater than 0 kPa",
+        ),
+        ({"branches": []}, r"branches"),
+        ({}, r"give `viscosity` or `branches`, or both"),
+    ],
+)
 def test_bad_input_is_refused(losses: dict[str, object], text: str) -> None:
     with pytest.raises(InputError, match=text):
         validate(Viscosity, losses, "scene.yaml")

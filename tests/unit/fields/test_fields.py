@@ -21,13 +21,26 @@ magpylib = pytest.importorskip("magpylib")
 
 POSITION, MOMENT = np.array([50e-3, 10e-3, 20e-3]), np.array([1.0, 2.0, -1.0])
 M = np.array([0.3, 0.2, -0.5])  # A m^2, the moment on which a field acts
-CYLINDER = {"cylinder": {"diameter": 20e-3, "length": 16e-3}, "position": (60e-3, 5e-3, 8e-3), "remanence": 1.3}
-BLOCK = {"cuboid": {"size": (20e-3, 16e-3, 12e-3)}, "position": (60e-3, 5e-3, 8e-3), "remanence": 1.3}
+CYLINDER = {
+    "cylinder": {"diameter": 20e-3, "length": 16e-3},
+    "position": (60e-3, 5e-3, 8e-3),
+    "remanence": 1.3,
+}
+BLOCK = {
+    "cuboid": {"size": (20e-3, 16e-3, 12e-3)},
+    "position": (60e-3, 5e-3, 8e-3),
+    "remanence": 1.3,
+}
 TILTED = {"axis": (0.6, 0.0, 0.8), "magnetization": (0.0, 1.0, 0.0)}
 BOX = Box(np.full(3, -20e-3), np.full(3, 20e-3))
 
 
-def place(frame: np.ndarray | None = None, strength: float = 1.0, origin: object = (0, 0, 0), uniform: object = (0, 0, 0)) -> np.void:
+def place(
+    frame: np.ndarray | None = None,
+    strength: float = 1.0,
+    origin: object = (0, 0, 0),
+    uniform: object = (0, 0, 0),
+) -> np.void:
     record = np.zeros(1, np.dtype(evaluate.PLACE))
     record["frame"] = (np.eye(3) if frame is None else frame).ravel()
     record["strength"], record["origin"], record["uniform"] = strength, origin, uniform
@@ -86,12 +99,18 @@ def test_dipole_is_magpylibs(rng: np.random.Generator) -> None:
     """To 2e-10: mu0 has been a measured number since 2019, and magpylib uses it; ours is 4 pi 1e-7."""
     x = some_points(rng)
     exact = magpylib.misc.Dipole(moment=MOMENT, position=POSITION).getB(x)
-    np.testing.assert_allclose(at(place(), ONE, x)[0], exact, rtol=0, atol=2e-10 * np.abs(exact).max())
+    np.testing.assert_allclose(
+        at(place(), ONE, x)[0], exact, rtol=0, atol=2e-10 * np.abs(exact).max()
+    )
 
 
 @pytest.mark.parametrize("source", ["dipole", "table", "turned table"])
 def test_derivatives_are_those_of_the_field(
-    source: str, spline_data: np.ndarray, turned_table: np.ndarray, turned: np.void, rng: np.random.Generator
+    source: str,
+    spline_data: np.ndarray,
+    turned_table: np.ndarray,
+    turned: np.void,
+    rng: np.random.Generator,
 ) -> None:
     """Taylor: the remainder of B after the slope has order 2, of m . B after slope and curvature order 3, in a rotated, moved frame."""
     data = {"dipole": ONE, "table": spline_data, "turned table": turned_table}[source]
@@ -141,7 +160,11 @@ def cubic(x: np.ndarray) -> np.ndarray:
 
 def test_spline_meets_cubics_exactly(rng: np.random.Generator) -> None:
     """Up to the faces of the box: the not-a-knot ends. Value, slope and curvature."""
-    lower, spacing, shape = np.array([-20e-3, -10e-3, 5e-3]), np.array([4e-3, 3e-3, 2e-3]), (9, 7, 6)
+    lower, spacing, shape = (
+        np.array([-20e-3, -10e-3, 5e-3]),
+        np.array([4e-3, 3e-3, 2e-3]),
+        (9, 7, 6),
+    )
     nodes = table.grid_points(lower, spacing, shape)
     data = tabulated(spline.packed(lower, spacing, cubic(nodes).reshape(*shape, 3)))
     upper = lower + spacing * (np.array(shape) - 1)
@@ -153,10 +176,14 @@ def test_spline_meets_cubics_exactly(rng: np.random.Generator) -> None:
     for k in range(3):
         step = h * np.eye(3)[k]
         differences = (cubic(x + step) - cubic(x - step)) / (2 * h)
-        np.testing.assert_allclose(G[:, :, k], differences, rtol=0, atol=1e-7 * np.abs(differences).max())
+        np.testing.assert_allclose(
+            G[:, :, k], differences, rtol=0, atol=1e-7 * np.abs(differences).max()
+        )
 
 
-def test_a_table_along_its_own_axes_has_the_same_field(turned_table: np.ndarray, spline_data: np.ndarray) -> None:
+def test_a_table_along_its_own_axes_has_the_same_field(
+    turned_table: np.ndarray, spline_data: np.ndarray
+) -> None:
     """As near to the dipole's as the table along the axes of space; the worst of either differ by the places of their nodes, not by 3."""
     x = np.random.default_rng(6).uniform(-9e-3, 9e-3, (200, 3))
     exact, slope = at(place(), ONE, x)
@@ -170,7 +197,9 @@ def test_a_table_along_its_own_axes_has_the_same_field(turned_table: np.ndarray,
 
 def test_beyond_the_box_the_value_stays(spline_data: np.ndarray) -> None:
     """Beyond the box the value of its nearest point, with zero slope: finite, so that a check can report it."""
-    x = np.array([[30e-3, 1e-3, 2e-3], [20e-3, 1e-3, 2e-3], [-50e-3, 90e-3, 2e-3], [-20e-3, 20e-3, 2e-3]])
+    x = np.array(
+        [[30e-3, 1e-3, 2e-3], [20e-3, 1e-3, 2e-3], [-50e-3, 90e-3, 2e-3], [-20e-3, 20e-3, 2e-3]]
+    )
     B, G = at(place(), spline_data, x)
     np.testing.assert_allclose(B[[0, 2]], B[[1, 3]], rtol=1e-12)
     assert not G[0, :, 0].any()
@@ -191,7 +220,12 @@ COILS = {"position": (0, 0, -50e-3), "diameter": 60e-3, "current": 5.0, "turns":
 
 @pytest.mark.parametrize(
     "given",
-    [{"magnet": CYLINDER}, {"magnet": {**BLOCK, **TILTED}}, {"coils": COILS}, {"magnet": [CYLINDER], "coils": [COILS]}],
+    [
+        {"magnet": CYLINDER},
+        {"magnet": {**BLOCK, **TILTED}},
+        {"coils": COILS},
+        {"magnet": [CYLINDER], "coils": [COILS]},
+    ],
     ids=["cylinder", "block", "coil", "both"],
 )
 def test_table_is_as_exact_as_it_says(given: dict[str, object], rng: np.random.Generator) -> None:
@@ -214,11 +248,25 @@ def test_orientation_and_magnetisation_of_a_magnet(rng: np.random.Generator) -> 
     x = 0.5 * np.array([1.0, 0.2, -0.3]) + 0.01 * rng.standard_normal((5, 3))
     block = source(magnet={**BLOCK, **TILTED, "position": (0, 0, 0)})
     volume = 20e-3 * 16e-3 * 12e-3
-    far = dipoles(np.concatenate([np.zeros(3), np.array([0, 1, 0]) * 1.3 * volume / (4e-7 * np.pi), [POINT]]))
-    np.testing.assert_allclose(solids.exact(block)(x), at(place(), far, x)[0], rtol=0, atol=2e-3 * np.abs(at(place(), far, x)[0]).max())
+    far = dipoles(
+        np.concatenate([np.zeros(3), np.array([0, 1, 0]) * 1.3 * volume / (4e-7 * np.pi), [POINT]])
+    )
+    np.testing.assert_allclose(
+        solids.exact(block)(x),
+        at(place(), far, x)[0],
+        rtol=0,
+        atol=2e-3 * np.abs(at(place(), far, x)[0]).max(),
+    )
     coil = source(coils={**COILS, "position": (0, 0, 0), "axis": (1, 0, 0), "diameter": 20e-3})
-    ring = dipoles(np.concatenate([np.zeros(3), np.array([1, 0, 0]) * 1000 * np.pi * 1e-4, [POINT]]))
-    np.testing.assert_allclose(solids.exact(coil)(x), at(place(), ring, x)[0], rtol=0, atol=2e-3 * np.abs(at(place(), ring, x)[0]).max())
+    ring = dipoles(
+        np.concatenate([np.zeros(3), np.array([1, 0, 0]) * 1000 * np.pi * 1e-4, [POINT]])
+    )
+    np.testing.assert_allclose(
+        solids.exact(coil)(x),
+        at(place(), ring, x)[0],
+        rtol=0,
+        atol=2e-3 * np.abs(at(place(), ring, x)[0]).max(),
+    )
 
 
 def test_frame_carries_z_onto_the_axis(rng: np.random.Generator) -> None:
@@ -233,11 +281,18 @@ def test_frame_carries_z_onto_the_axis(rng: np.random.Generator) -> None:
 def test_a_table_too_near_to_a_magnet_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(table, "MAX_NODES", 40_000)
     near = Box(np.array([-10e-3, -10e-3, -10e-3]), np.array([49.9e-3, 10e-3, 10e-3]))
-    with pytest.raises(InputError, match=r"field.magnet: a table over .* can't be as exact as 0.2 %.*\n.*\n.*smaller box"):
+    with pytest.raises(
+        InputError,
+        match=r"field.magnet: a table over .* can't be as exact as 0.2 %.*\n.*\n.*smaller box",
+    ):
         table.tabulate(solids.exact(source(magnet=CYLINDER)), near, 2e-3, "field.magnet")
 
 
-@pytest.mark.parametrize("given", [CYLINDER, {**BLOCK, **TILTED}, {**CYLINDER, **TILTED}], ids=["cylinder", "block", "tilted"])
+@pytest.mark.parametrize(
+    "given",
+    [CYLINDER, {**BLOCK, **TILTED}, {**CYLINDER, **TILTED}],
+    ids=["cylinder", "block", "tilted"],
+)
 def test_cloud_of_dipoles(given: dict[str, object], rng: np.random.Generator) -> None:
     """Meets the requested accuracy from the requested distance on, at points its own check did not use; it has the magnet's moment."""
     field = source(magnet=given)
@@ -248,19 +303,29 @@ def test_cloud_of_dipoles(given: dict[str, object], rng: np.random.Generator) ->
     B, want = at(place(), dipoles(*rows), x)[0], exact(x)
     assert (np.linalg.norm(B - want, axis=1) / np.linalg.norm(want, axis=1)).max() <= 2 * 2e-3
     volume = 20e-3 * 16e-3 * 12e-3 if "cuboid" in given else np.pi * 10e-3**2 * 16e-3
-    np.testing.assert_allclose(np.linalg.norm(rows[:, 3:6].sum(axis=0)), 1.3 * volume / (4e-7 * np.pi), rtol=1e-12)
+    np.testing.assert_allclose(
+        np.linalg.norm(rows[:, 3:6].sum(axis=0)), 1.3 * volume / (4e-7 * np.pi), rtol=1e-12
+    )
 
 
 def test_a_cloud_too_near_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(table, "MAX_DIPOLES", 50)
     field = source(magnet=CYLINDER)
     with pytest.raises(InputError, match=r"field.magnet: within 0.5 mm .* can't be as exact"):
-        table.cloud(solids.taken(field)[0], solids.polarization(field.magnet[0]), solids.exact(field), 0.5e-3, 2e-3)
+        table.cloud(
+            solids.taken(field)[0],
+            solids.polarization(field.magnet[0]),
+            solids.exact(field),
+            0.5e-3,
+            2e-3,
+        )
 
 
 def test_without_magpylib_the_message_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "magpylib", None)
-    with pytest.raises(InputError, match=r"magpylib, which is not installed\n.*\n.*pip install 'magmpm\[magnets\]'") as caught:
+    with pytest.raises(
+        InputError, match=r"magpylib, which is not installed\n.*\n.*pip install 'magmpm\[magnets\]'"
+    ) as caught:
         solids.exact(source(magnet=CYLINDER))
     assert caught.value.exit_status == 2
 
@@ -284,16 +349,26 @@ def test_box_is_cut_between_body_and_magnet() -> None:
     assert np.all(box.lower <= BODY.lower)
     assert not box.meets(*magnet[0].box())
     reach = solids.reach(BODY, True)
-    beside = solids.taken(source(magnet={**CYLINDER, "position": (reach.upper[0] + 10.1e-3, 5e-3, 8e-3)}))
+    beside = solids.taken(
+        source(magnet={**CYLINDER, "position": (reach.upper[0] + 10.1e-3, 5e-3, 8e-3)})
+    )
     assert solids.cut_for(reach, BODY, beside) is reach
     near = solids.cut_for(reach, BODY, beside, keeps_off=0.0)
-    assert near.upper[0] < reach.upper[0], "no table is exact a tenth of a millimeter beside a magnet's edge"
+    assert near.upper[0] < reach.upper[0], (
+        "no table is exact a tenth of a millimeter beside a magnet's edge"
+    )
     assert near.volume > 0.5 * reach.volume
-    aside = solids.taken(source(magnet={**CYLINDER, "position": (reach.upper[0] + 10.1e-3, 30e-3, 8e-3)}))
+    aside = solids.taken(
+        source(magnet={**CYLINDER, "position": (reach.upper[0] + 10.1e-3, 30e-3, 8e-3)})
+    )
     kept = [solids.cut_for(reach, BODY, aside, keeps_off=off) for off in (0.0, 3e-3)]
     low = aside[0].box()[0]
-    assert low[0] - kept[0].upper[0] == pytest.approx(0.25 * (low[0] - BODY.upper[0]))  # the least that a cut loses
-    assert low[1] - kept[1].upper[1] == pytest.approx(0.25 * (low[1] - BODY.upper[1]))  # where more than 3 mm are kept
+    assert low[0] - kept[0].upper[0] == pytest.approx(
+        0.25 * (low[0] - BODY.upper[0])
+    )  # the least that a cut loses
+    assert low[1] - kept[1].upper[1] == pytest.approx(
+        0.25 * (low[1] - BODY.upper[1])
+    )  # where more than 3 mm are kept
     far = solids.cut_for(solids.reach(BODY, True), BODY, solids.taken(source(magnet=CYLINDER)))
     assert not far.cut, "out of reach: nothing to cut"
     inside = solids.taken(source(magnet={**CYLINDER, "position": (20e-3, 0, 0)}))
@@ -321,13 +396,21 @@ def test_a_tilted_magnet_that_is_clear_of_the_body_has_its_field(number: int) ->
     """Drawn directions: a wire beside a magnet three times as large, 9 to 15 mm from it. The field is as exact as it says, 0.2 %."""
     rng = np.random.default_rng(number)
     axis, way = (one / np.linalg.norm(one) for one in rng.standard_normal((2, 3)))
-    shape = {"cylinder": {"diameter": 50e-3, "length": 50e-3}} if number % 2 else {"cuboid": {"size": (50e-3, 50e-3, 30e-3)}}
+    shape = (
+        {"cylinder": {"diameter": 50e-3, "length": 50e-3}}
+        if number % 2
+        else {"cuboid": {"size": (50e-3, 50e-3, 30e-3)}}
+    )
     wire = Box(np.array([0.0, -2e-4, -2e-4]), np.array([18e-3, 2e-4, 2e-4]))
     given = beside(way, rng.uniform(9e-3, 15e-3), wire, **shape, axis=tuple(axis))
-    field = outside_field(given, (tuple(wire.lower.tolist()), tuple(wire.upper.tolist())), anchored=True, cell=1e-4)
+    field = outside_field(
+        given, (tuple(wire.lower.tolist()), tuple(wire.upper.tolist())), anchored=True, cell=1e-4
+    )
     x = on_the_axis_of(wire)
     exact = solids.exact(given)(x)
-    assert (np.linalg.norm(field.at(x) - exact, axis=1) / np.linalg.norm(exact, axis=1)).max() <= 2e-3
+    assert (
+        np.linalg.norm(field.at(x) - exact, axis=1) / np.linalg.norm(exact, axis=1)
+    ).max() <= 2e-3
     assert field.outside_domain(x) is None
     assert field.limits, "a table, not a cloud, whose errors grow toward the magnet"
     (solid,) = solids.taken(given)
@@ -355,7 +438,9 @@ def test_a_given_box_may_lie_beside_a_tilted_magnet() -> None:
     x = on_the_axis_of(BODY)
     exact = solids.exact(given)(x)
     found = outside_field(given, corners, anchored=True, cell=1e-3).at(x)
-    assert (np.linalg.norm(found - exact, axis=1) / np.linalg.norm(exact, axis=1)).max() <= 1e-2  # the tolerance asked for
+    assert (
+        np.linalg.norm(found - exact, axis=1) / np.linalg.norm(exact, axis=1)
+    ).max() <= 1e-2  # the tolerance asked for
     larger = {**box, "upper": (56e-3, 44e-3, 56e-3), "tolerance": 1e-2}
     with pytest.raises(InputError, match=r"field.magnet is in the box"):
         outside_field(source(magnet=magnet, tabulation=larger), corners, anchored=True, cell=1e-3)
@@ -370,23 +455,45 @@ def test_sources_that_turn_see_the_body_all_round() -> None:
 
 
 def at_times(over: dict[str, object], times: object, **more: object) -> np.ndarray:
-    return places(source(uniform=(0, 0, 1e-2), over_time=over, **more), np.asarray(times, dtype=float))
+    return places(
+        source(uniform=(0, 0, 1e-2), over_time=over, **more), np.asarray(times, dtype=float)
+    )
 
 
 @pytest.mark.parametrize(
     ("over", "times", "strength"),
     [
-        ({"ramp": {"start": 1.0, "duration": 2.0, "begin": 0.5, "end": 2.0}}, [0, 1, 2, 3, 9], [0.5, 0.5, 1.25, 2, 2]),
-        ({"oscillation": {"frequency": 5.0, "amplitude": 2.0, "mean": 1.0, "phase": np.pi / 2, "start": 0.1, "cycles": 1.5}},
-         [0, 0.1, 0.2, 0.3, 0.4, 7], [3, 3, -1, 3, -1, -1]),
+        (
+            {"ramp": {"start": 1.0, "duration": 2.0, "begin": 0.5, "end": 2.0}},
+            [0, 1, 2, 3, 9],
+            [0.5, 0.5, 1.25, 2, 2],
+        ),
+        (
+            {
+                "oscillation": {
+                    "frequency": 5.0,
+                    "amplitude": 2.0,
+                    "mean": 1.0,
+                    "phase": np.pi / 2,
+                    "start": 0.1,
+                    "cycles": 1.5,
+                }
+            },
+            [0, 0.1, 0.2, 0.3, 0.4, 7],
+            [3, 3, -1, 3, -1, -1],
+        ),
     ],
     ids=["ramp", "oscillation"],
-)  # fmt: skip
-def test_strength_over_time(over: dict[str, object], times: list[float], strength: list[float]) -> None:
+)
+def test_strength_over_time(
+    over: dict[str, object], times: list[float], strength: list[float]
+) -> None:
     found = at_times(over, times)
     np.testing.assert_allclose(found["strength"], strength, atol=1e-12)
     np.testing.assert_allclose(found["uniform"][:, 2], 1e-2 * found["strength"])
-    assert len(places(source(uniform=(0, 0, 1e-2)), np.arange(5.0))) == 1, "a field that does not change has one record"
+    assert len(places(source(uniform=(0, 0, 1e-2)), np.arange(5.0))) == 1, (
+        "a field that does not change has one record"
+    )
 
 
 def test_rotation_is_right_handed_and_stops() -> None:
@@ -417,7 +524,9 @@ def test_keyframes_move_and_multiply() -> None:
         {"time": 3, "move": (2e-3, 0, 0), "uniform": (1e-3, 0, 0)},
     ]
     over = {"keyframes": frames, "ramp": {"duration": 2.0}}
-    found = at_times(over, [0.5, 1, 2, 3, 4], dipole={"position": (60e-3, 0, 0), "moment": (1, 0, 0)})
+    found = at_times(
+        over, [0.5, 1, 2, 3, 4], dipole={"position": (60e-3, 0, 0), "moment": (1, 0, 0)}
+    )
     np.testing.assert_allclose(found["strength"], [0.125, 0.5, 1, 1, 1])
     np.testing.assert_allclose(found["origin"][:, 0], [0, 0, 1e-3, 2e-3, 2e-3])
     np.testing.assert_allclose(found["uniform"][-1], [1e-3, 0, 0])
@@ -435,9 +544,26 @@ def test_strength_scales_all(strength: float) -> None:
 
 STARTED_LATE: dict[str, tuple[dict[str, Any], float]] = {
     "ramp": ({"ramp": {"start": 0.3, "duration": 0.2, "end": 0.5}}, 0.5),
-    "rotation": ({"rotation": {"axis": (0, 1, 0), "frequency": 2.0, "start": 1.0, "turns": 0.75}}, 1.375),
-    "rotation the other way": ({"rotation": {"axis": (0, 1, 0), "frequency": -2.0, "start": 1.0, "turns": 0.75}}, 1.375),
-    "oscillation": ({"oscillation": {"frequency": 5.0, "amplitude": 2.0, "mean": 1.0, "start": 0.1, "cycles": 1.25}}, 0.35),
+    "rotation": (
+        {"rotation": {"axis": (0, 1, 0), "frequency": 2.0, "start": 1.0, "turns": 0.75}},
+        1.375,
+    ),
+    "rotation the other way": (
+        {"rotation": {"axis": (0, 1, 0), "frequency": -2.0, "start": 1.0, "turns": 0.75}},
+        1.375,
+    ),
+    "oscillation": (
+        {
+            "oscillation": {
+                "frequency": 5.0,
+                "amplitude": 2.0,
+                "mean": 1.0,
+                "start": 0.1,
+                "cycles": 1.25,
+            }
+        },
+        0.35,
+    ),
     "keyframes": ({"keyframes": [{"time": 0, "strength": 0}, {"time": 0.7, "strength": 1}]}, 0.7),
 }
 
@@ -452,10 +578,14 @@ def test_the_end_counts_from_the_start_of_each_part(part: str) -> None:
     over, end = STARTED_LATE[part]
     given = field(over)
     assert end_time(given) == pytest.approx(end, rel=1e-12)
-    before, at, after, long_after = places(given, np.array([end - 0.01, end, end + 0.01, 1e5]))["uniform"]
+    before, at, after, long_after = places(given, np.array([end - 0.01, end, end + 0.01, 1e5]))[
+        "uniform"
+    ]
     assert np.abs(before - at).max() > 1e-5  # T
     np.testing.assert_allclose([after, long_after], [at, at], rtol=0, atol=1e-14)
-    np.testing.assert_array_equal(places(given)["uniform"][0], places(given, np.array([end_time(given)]))["uniform"][0])
+    np.testing.assert_array_equal(
+        places(given)["uniform"][0], places(given, np.array([end_time(given)]))["uniform"][0]
+    )
 
 
 def test_the_last_part_to_end_counts() -> None:

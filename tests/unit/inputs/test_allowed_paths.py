@@ -39,7 +39,15 @@ def test_the_folder_above_is_near(project: Path) -> None:
     assert load_scene(scene(project, "../references/known.csv")).reference is not None
 
 
-@pytest.mark.parametrize("path", ["../../elsewhere/known.csv", "/etc/passwd", "../references/link.csv", "../references/.hidden/known.csv"])
+@pytest.mark.parametrize(
+    "path",
+    [
+        "../../elsewhere/known.csv",
+        "/etc/passwd",
+        "../references/link.csv",
+        "../references/.hidden/known.csv",
+    ],
+)
 def test_others_are_refused(project: Path, path: str) -> None:
     """Also those that a link leads to, and hidden ones; the message quotes nothing of the file."""
     (project / "references/link.csv").symlink_to(project.parent / "elsewhere/known.csv")
@@ -62,14 +70,18 @@ def test_what_the_user_allows(project: Path, monkeypatch: pytest.MonkeyPatch) ->
     allow(other)
     allow(other)
     assert is_allowed(other / "known.csv", file)
-    assert (project.parent / "settings/magmpm/allowed-folders").read_text(encoding="utf-8") == f"{other}\n"
+    assert (project.parent / "settings/magmpm/allowed-folders").read_text(
+        encoding="utf-8"
+    ) == f"{other}\n"
     monkeypatch.setenv("XDG_CONFIG_HOME", str(project))
     assert not is_allowed(other / "known.csv", file)
     monkeypatch.chdir(other)
     assert is_allowed(other / "known.csv", file)
 
 
-def test_the_option(project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_option(
+    project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = scene(project, "../../elsewhere/known.csv")
     assert main(["effects", "--quick", str(file)]) == 2
     assert "rule: a path in a file must stay" in capsys.readouterr().err

@@ -22,7 +22,8 @@ PLAIN = [
     (kind.name, unit)
     for kind in KINDS.values()
     for unit in kind.plain
-    if unit not in {"G", "mG", "kG", "gauss"} and kind.name != "percentage"  # never read by pint, for which it has no dimension
+    if unit not in {"G", "mG", "kG", "gauss"}
+    and kind.name != "percentage"  # never read by pint, for which it has no dimension
 ]
 
 
@@ -42,7 +43,10 @@ def test_table_and_pint_give_the_same_float(number: object, which: tuple[str, st
 
 
 VALUES = {
-    "length": {0.04: ("40 mm", "40mm", " 4.0e1  mm ", "4 cm", ".04 m", "+40000 um", "40 millimeters"), 0.0254: ("1 inch",)},
+    "length": {
+        0.04: ("40 mm", "40mm", " 4.0e1  mm ", "4 cm", ".04 m", "+40000 um", "40 millimeters"),
+        0.0254: ("1 inch",),
+    },
     "percentage": {0.05: ("5 %",), 0.025: ("2.5 percent",)},
     "rate": {60.0: ("60 1/s", "60 /s", "0.06 1/ms")},
     "speed": {0.005: ("5 mm/s",)},
@@ -52,14 +56,20 @@ VALUES = {
     "viscosity": {5.0: ("5 Pa s", "5000 mPa*s")},
     "pressure": {120e3: ("120 kPa", "0.12 N/mm^2"), 6894.757293168361: ("1 psi",)},
     "density": {1882.0: ("1.882 g/cm^3", "1882 kg m^-3", "1.882 g/ml")},
-    "flux density": {-8e-3: ("-8 mT",), 8e-3: ("80 G", "80 gauss", "80000 mG", "0.08 kG", "8 millitesla")},
+    "flux density": {
+        -8e-3: ("-8 mT",),
+        8e-3: ("80 G", "80 gauss", "80000 mG", "0.08 kG", "8 millitesla"),
+    },
     "angle": {math.pi: ("180 deg", "0.5 turn"), -math.pi / 6: ("-30°",)},
     "acceleration": {9.81: ("9.81 m/s^2",), 9.80665: ("1 standard_gravity",)},
     "time": {5e-3: ("5 ms",)},
 }
 
 
-@pytest.mark.parametrize(("kind", "text", "si"), [(kind, text, si) for kind, of in VALUES.items() for si in of for text in of[si]])
+@pytest.mark.parametrize(
+    ("kind", "text", "si"),
+    [(kind, text, si) for kind, of in VALUES.items() for si in of for text in of[si]],
+)
 def test_values(kind: str, text: str, si: float) -> None:
     # exact, except where the expected value itself is rounded: psi above, pi in Python's floats
     exact = kind != "angle" and "psi" not in text
@@ -83,7 +93,9 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize(("text", "rule"), [(text, rule) for rule, texts in BAD.items() for text in texts])
+@pytest.mark.parametrize(
+    ("text", "rule"), [(text, rule) for rule, texts in BAD.items() for text in texts]
+)
 def test_bad_quantities(text: str, rule: str) -> None:
     with pytest.raises(BadQuantity, match=r".") as caught:
         parse_quantity(text, KINDS["length"])

@@ -8,7 +8,14 @@ from reference.parts import parts_scene
 from reference.solids import ball, box
 from scipy.spatial.transform import Rotation
 
-from magmpm.bodies.contact_solid import FINE, NEEDLE, box_solid, mesh_solids, rod_solid, solid_distance
+from magmpm.bodies.contact_solid import (
+    FINE,
+    NEEDLE,
+    box_solid,
+    mesh_solids,
+    rod_solid,
+    solid_distance,
+)
 from magmpm.bodies.signed_distance import solid
 from magmpm.bodies.surface_mesh import Mesh, outline, pack_mesh
 from magmpm.dynamics.body_contact import SHARE
@@ -26,8 +33,13 @@ F = np.array([[1.1, 0.0, 0.0], [0.1, 0.95, 0.05], [0.02, 0.0, 1.0]])
 @pytest.fixture(scope="module")
 def motion(tmp_path_factory: pytest.TempPathFactory) -> TotalMotion:
     """Two cubes with a gap of 0.1 mm along x."""
-    meshes = {"a": box((0.0, 0.0, 0.0), (SIZE,) * 3), "b": box((SIZE + 0.1e-3, 0.2e-3, 0.3e-3), (2 * SIZE + 0.1e-3, 3.2e-3, 3.3e-3))}
-    found = begin(build(parts_scene(tmp_path_factory.mktemp("parts"), meshes, {"self_contact": {}}, CELL))).motion
+    meshes = {
+        "a": box((0.0, 0.0, 0.0), (SIZE,) * 3),
+        "b": box((SIZE + 0.1e-3, 0.2e-3, 0.3e-3), (2 * SIZE + 0.1e-3, 3.2e-3, 3.3e-3)),
+    }
+    found = begin(
+        build(parts_scene(tmp_path_factory.mktemp("parts"), meshes, {"self_contact": {}}, CELL))
+    ).motion
     assert isinstance(found, TotalMotion)
     return found
 
@@ -62,13 +74,22 @@ def test_places_and_depths_in_a_deformed_solid(motion: TotalMotion) -> None:
     x = motion.packed.surface.place.reshape(-1, 3)[contact.meeting.point[on]]  # a is not deformed
     X = np.linalg.solve(F, (x - shift).T).T
     np.testing.assert_allclose(memory[on, PLACE : PLACE + 3], X, rtol=0, atol=1e-12 * CELL)
-    low, high = np.array([SIZE + 0.1e-3, 0.2e-3, 0.3e-3]), np.array([2 * SIZE + 0.1e-3, 3.2e-3, 3.3e-3])
+    low, high = (
+        np.array([SIZE + 0.1e-3, 0.2e-3, 0.3e-3]),
+        np.array([2 * SIZE + 0.1e-3, 3.2e-3, 3.3e-3]),
+    )
     nearest = np.sort(np.minimum(X - low, high - X), axis=1)
-    np.testing.assert_allclose(memory[on, DEPTH], nearest[:, 0], rtol=0, atol=1e-7 * SIZE)  # of single precision, as STL has
+    np.testing.assert_allclose(
+        memory[on, DEPTH], nearest[:, 0], rtol=0, atol=1e-7 * SIZE
+    )  # of single precision, as STL has
     reports = [contact.report(np.append(memory, 0.0), u, 0.0 * u)["self_contact: a, b"]]
-    memory[:, FORCE : FORCE + 3] += 1e3 * memory[:, [DEPTH]] * np.cross(memory[:, NORMAL : NORMAL + 3], [0.3, 1.0, X[0, 0]])
+    memory[:, FORCE : FORCE + 3] += (
+        1e3 * memory[:, [DEPTH]] * np.cross(memory[:, NORMAL : NORMAL + 3], [0.3, 1.0, X[0, 0]])
+    )
     reports.append(contact.report(np.append(memory, 0.0), u, 0.0 * u)["self_contact: a, b"])
-    np.testing.assert_allclose(reports[1]["point"], reports[0]["point"], rtol=0, atol=1e-9 * SIZE)  # of the push: friction moves it not
+    np.testing.assert_allclose(
+        reports[1]["point"], reports[0]["point"], rtol=0, atol=1e-9 * SIZE
+    )  # of the push: friction moves it not
 
 
 def test_forces_are_the_slope_of_the_energy_and_cancel(motion: TotalMotion) -> None:
@@ -94,14 +115,27 @@ def test_forces_are_the_slope_of_the_energy_and_cancel(motion: TotalMotion) -> N
 @pytest.mark.parametrize("kind", ["box", "rod", "ball"])
 def test_distances_of_solids(kind: str) -> None:
     """Signed distances and slopes within 0.2 cells of a face: of a box and a rod, exact; and of a mesh without edges, by its table."""
-    low, high, fine = np.array([0.0, -1e-3, -1e-3]), np.array([4e-3, 1e-3, 1e-3]), ball((2e-3, 0.0, 0.0), 1e-3, 60).triangles
-    solids = {"box": box_solid(low.tolist(), high.tolist()), "rod": rod_solid(0.0, 4e-3, 1e-3), "ball": mesh_solids([[fine]], 0.5e-3)}[kind]
-    off_by, turned_by = (1e-3 * (np.pi / 60) ** 2, np.pi / 60) if kind == "ball" else (1e-12, 1e-12)  # its triangles, across and along
+    low, high, fine = (
+        np.array([0.0, -1e-3, -1e-3]),
+        np.array([4e-3, 1e-3, 1e-3]),
+        ball((2e-3, 0.0, 0.0), 1e-3, 60).triangles,
+    )
+    solids = {
+        "box": box_solid(low.tolist(), high.tolist()),
+        "rod": rod_solid(0.0, 4e-3, 1e-3),
+        "ball": mesh_solids([[fine]], 0.5e-3),
+    }[kind]
+    off_by, turned_by = (
+        (1e-3 * (np.pi / 60) ** 2, np.pi / 60) if kind == "ball" else (1e-12, 1e-12)
+    )  # its triangles, across and along
     assert solids.near.max(initial=0) <= len(solids.coefficients) + 1
     rng, normal = np.random.default_rng(0), np.empty(3)
     for off in rng.uniform(-0.1e-3, 0.1e-3, 50):
         angle = rng.uniform(0, 2 * np.pi)
-        around, flat = np.array([np.cos(angle), np.sin(angle)]) * (1e-3 + off), np.array([rng.uniform(-0.5e-3, 0.5e-3), 1e-3 + off])
+        around, flat = (
+            np.array([np.cos(angle), np.sin(angle)]) * (1e-3 + off),
+            np.array([rng.uniform(-0.5e-3, 0.5e-3), 1e-3 + off]),
+        )
         aside = flat if kind == "box" else around
         x = np.array([2e-3 if kind == "ball" else rng.uniform(1e-3, 3e-3), *aside])
         assert solid_distance(solids, 0, x, normal) == pytest.approx(off, abs=off_by)
@@ -110,25 +144,53 @@ def test_distances_of_solids(kind: str) -> None:
 
 
 @pytest.mark.parametrize("gap", [0.0, 1e-7])
-@pytest.mark.parametrize(("upper", "left_out"), [((0, 6e-3), []), ((0, 3e-3), [(3e-3, 1)]), ((2e-3, 4e-3), [(-1, 2e-3), (4e-3, 1)])])
-def test_edges_of_solids_are_sharp(upper: tuple[float, float], left_out: list[tuple[float, float]], gap: float) -> None:
+@pytest.mark.parametrize(
+    ("upper", "left_out"),
+    [((0, 6e-3), []), ((0, 3e-3), [(3e-3, 1)]), ((2e-3, 4e-3), [(-1, 2e-3), (4e-3, 1)])],
+)
+def test_edges_of_solids_are_sharp(
+    upper: tuple[float, float], left_out: list[tuple[float, float]], gap: float
+) -> None:
     """A box, an L and a T, of two boxes that hold together; a plane of the table's points is in the gap between: depths beside edges and
     corners are those of the box around without what is left out, and lead to the surface. By faces exact, by the table to 0.01 spacings."""
-    boxes = [(0.0, 0.0, 0.0), (6e-3, 3e-3, 1.5e-3 - gap / 2)], [(upper[0], 0.0, 1.5e-3 + gap / 2), (upper[1], 3e-3, 3e-3)]
-    solids, normal, spacing = mesh_solids([[box(*each).triangles for each in boxes]], 0.75e-3), np.empty(3), 0.75e-3 / FINE
-    whole, others = ((0, 0, 0), (6e-3, 3e-3, 3e-3)), [((low, -1, 1.5e-3 - gap / 2), (high, 1, 1)) for low, high in left_out]
+    boxes = (
+        [(0.0, 0.0, 0.0), (6e-3, 3e-3, 1.5e-3 - gap / 2)],
+        [(upper[0], 0.0, 1.5e-3 + gap / 2), (upper[1], 3e-3, 3e-3)],
+    )
+    solids, normal, spacing = (
+        mesh_solids([[box(*each).triangles for each in boxes]], 0.75e-3),
+        np.empty(3),
+        0.75e-3 / FINE,
+    )
+    whole, others = (
+        ((0, 0, 0), (6e-3, 3e-3, 3e-3)),
+        [((low, -1, 1.5e-3 - gap / 2), (high, 1, 1)) for low, high in left_out],
+    )
 
     def exact(x: np.ndarray) -> float:
         apart = [np.maximum(np.array(low) - x, x - high) for low, high in (whole, *others)]
-        inner, *outer = (np.linalg.norm(np.maximum(each, 0.0)) + min(each.max(), 0.0) for each in apart)
+        inner, *outer = (
+            np.linalg.norm(np.maximum(each, 0.0)) + min(each.max(), 0.0) for each in apart
+        )
         return float(max([inner, *(-each for each in outer)]))
 
-    seam = [(3e-3 + aside, 1e-3, 1.5e-3 - deep) for aside in np.linspace(0, 2e-8, 9) for deep in (1e-6, 5e-5)]  # beside a clipped face
-    places, by_faces = np.random.default_rng(0).uniform(-0.1e-3, (6.1e-3, 3.1e-3, 3.1e-3), (20_000, 3)), list[bool]()
+    seam = [
+        (3e-3 + aside, 1e-3, 1.5e-3 - deep)
+        for aside in np.linspace(0, 2e-8, 9)
+        for deep in (1e-6, 5e-5)
+    ]  # beside a clipped face
+    places, by_faces = (
+        np.random.default_rng(0).uniform(-0.1e-3, (6.1e-3, 3.1e-3, 3.1e-3), (20_000, 3)),
+        list[bool](),
+    )
     for x in (x for x in [*np.array(seam), *places] if -0.3 * spacing < exact(x) < 0.02 * spacing):
-        point = np.ravel_multi_index(np.rint((x - solids.size[0, :3]) / spacing).astype(int), solids.points[0])
+        point = np.ravel_multi_index(
+            np.rint((x - solids.size[0, :3]) / spacing).astype(int), solids.points[0]
+        )
         by_faces.append(solids.near[point] < solids.near[point + 1])
-        close = pytest.approx(0.0, abs=1e-12 + gap if by_faces[-1] else 0.01 * spacing)  # clipped to 1e-8 of a tenth of a spacing
+        close = pytest.approx(
+            0.0, abs=1e-12 + gap if by_faces[-1] else 0.01 * spacing
+        )  # clipped to 1e-8 of a tenth of a spacing
         d = solid_distance(solids, 0, x, normal)
         assert d - exact(x) == close
         assert exact(x - d * normal) == close
@@ -141,13 +203,20 @@ def test_needles_have_no_side() -> None:
     whole, rng = box((0.0, 0.0, 0.0), (6e-3, 5e-3, 3e-3)), np.random.default_rng(0)
     on = [np.array([x, 0.0, 3e-3]) for x in (0.0, *np.sort(rng.uniform(0.3e-3, 5.7e-3, 7)), 6e-3)]
     top = [face for face in whole.triangles if not (face[:, 2] == 3e-3).all()]
-    fan = [(a, b, (0.0, 5e-3, 3e-3)) for a, b in pairwise(on)] + [(on[-1], (6e-3, 5e-3, 3e-3), (0.0, 5e-3, 3e-3))]
+    fan = [(a, b, (0.0, 5e-3, 3e-3)) for a, b in pairwise(on)] + [
+        (on[-1], (6e-3, 5e-3, 3e-3), (0.0, 5e-3, 3e-3))
+    ]
     needles = [(on[0], b, a) for a, b in pairwise(on[1:])]
     turn = Rotation.from_rotvec([0.3, 0.5, -0.8])
-    corners = turn.apply(np.array([*top, *fan, *needles]).reshape(-1, 3)).astype(np.float32).astype(float)
+    corners = (
+        turn.apply(np.array([*top, *fan, *needles]).reshape(-1, 3)).astype(np.float32).astype(float)
+    )
     vertices, faces = np.unique(corners, axis=0, return_inverse=True)
     text, normal, cell = pack_mesh(Mesh(vertices, faces.reshape(-1, 3))), np.empty(3), 0.75e-3
-    solids, table = mesh_solids([[found := outline(text, NEEDLE * cell)]], cell), solid([found], found, cell / FINE, 0.0)
+    solids, table = (
+        mesh_solids([[found := outline(text, NEEDLE * cell)]], cell),
+        solid([found], found, cell / FINE, 0.0),
+    )
     assert len(found) == 12
     for off in rng.uniform((0.3e-3, -0.3e-3, 3.0e-3), (5.7e-3, -0.02e-3, 3.3e-3), (500, 3)):
         x = turn.apply(off)

@@ -17,8 +17,20 @@ ROUNDING = 1e-12  # relative to the largest entry: sums of a few thousand terms 
 
 def small_scene(**changes: object) -> StaticModel:
     """3 cells across, 4 along; the segments meet inside a cell."""
-    given = {"length": 5.3e-3, "directions": [(1, 0, 0), (0.3, -0.5, 0.8)], "lengths": [2.3e-3, 3e-3], "shear": [120e3, 40e3], "cells": 3}
-    return static_model(build(rod_scene(**{**given, "field": (4e-3, -3e-3, 6e-3), "gravity": (1.0, -2.0, -9.81), **changes})))
+    given = {
+        "length": 5.3e-3,
+        "directions": [(1, 0, 0), (0.3, -0.5, 0.8)],
+        "lengths": [2.3e-3, 3e-3],
+        "shear": [120e3, 40e3],
+        "cells": 3,
+    }
+    return static_model(
+        build(
+            rod_scene(
+                **{**given, "field": (4e-3, -3e-3, 6e-3), "gravity": (1.0, -2.0, -9.81), **changes}
+            )
+        )
+    )
 
 
 CASES = {
@@ -28,7 +40,10 @@ CASES = {
     "thick tube": {"inner_diameter": 0.6e-3, "cells": 3, "bulk_to_shear": 500},
     "three particles": {"particles": 3, "cells": 2},
     "nearly incompressible": {"bulk_to_shear": 500, "cells": 2},
-    "compressible": {"bulk_to_shear": 4.5, "cells": 2},  # below 5 G: F-bar leaves linear variations of J as they are
+    "compressible": {
+        "bulk_to_shear": 4.5,
+        "cells": 2,
+    },  # below 5 G: F-bar leaves linear variations of J as they are
     "thin wall": {"inner_diameter": 3.8e-3, "cells": 3},  # cells with few particles, in rows
 }
 
@@ -38,7 +53,11 @@ def case(request: pytest.FixtureRequest) -> tuple[Energy, Reference, np.ndarray]
     """Kernels, reference, and coefficients that strain the body by tens of percent."""
     model = small_scene(**CASES[request.param])
     rng = np.random.default_rng(5)
-    c = 0.08 * min(model.grid.spacing[0], model.grid.spacing[2]) * rng.standard_normal((model.layout.planes, model.layout.m))
+    c = (
+        0.08
+        * min(model.grid.spacing[0], model.grid.spacing[2])
+        * rng.standard_normal((model.layout.planes, model.layout.m))
+    )
     return Energy(model), Reference.of(model), c
 
 
@@ -78,7 +97,9 @@ def test_magnetization_that_rotates() -> None:
     c = 0.08 * mixed.grid.spacing[0] * np.random.default_rng(5).standard_normal(energy.shape)
     point, expected = energy.at(c), reference.residual(c)
     assert point.energy == pytest.approx(reference.energy_parts(c)[0].sum(), rel=ROUNDING)
-    np.testing.assert_allclose(energy.residual(point), expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
+    np.testing.assert_allclose(
+        energy.residual(point), expected, rtol=0, atol=ROUNDING * np.abs(expected).max()
+    )
 
 
 def test_scatter_tangent(case: tuple[Energy, Reference, np.ndarray]) -> None:
@@ -92,7 +113,10 @@ def test_scatter_tangent(case: tuple[Energy, Reference, np.ndarray]) -> None:
 def test_slabs_of_one_colour_share_no_node(case: tuple[Energy, Reference, np.ndarray]) -> None:
     """This allows threads to add without locks: slabs 2k and 2k + 2 write to different planes."""
     layout = case[0].model.layout
-    touched = [set((layout.cell_plane[a:b, None] + np.arange(3)).ravel()) for a, b in pairwise(layout.slab_first)]
+    touched = [
+        set((layout.cell_plane[a:b, None] + np.arange(3)).ravel())
+        for a, b in pairwise(layout.slab_first)
+    ]
     for color in (touched[0::2], touched[1::2]):
         for one, two in pairwise(color):
             assert not one & two

@@ -22,7 +22,11 @@ from magmpm.statics.layout import static_model
 
 B = np.array([2e-3, -3e-3, 5e-3])
 DT, STEPS = 1e-6, 3
-LOADS = {"bare": (), "field and damping": magnetic_torque.parameters(B) + one_record(damping.DTYPE, damping_rate=300.0)}
+LOADS = {
+    "bare": (),
+    "field and damping": magnetic_torque.parameters(B)
+    + one_record(damping.DTYPE, damping_rate=300.0),
+}
 TABLE = distance.tube(curve(np.array([[-5e-3, 0, 0], [15e-3, 0, 1e-3]]), 1e-4), 2.2e-3, 0.5e-3)
 # One set, that of test_interrupted_results.py, so that one kernel is compiled: all kinds of hooks, and contact with many particles.
 EFFECTS = (
@@ -30,7 +34,14 @@ EFFECTS = (
     + one_record(gravity.DTYPE, gravity=np.array([0.3, 0.2, -9.81]))
     + one_record(viscosity.DTYPE, viscosity=3.0)
     + one_record(damping.DTYPE, damping_rate=300.0)
-    + ground.parameters(point=[0, 0, -1.2e-3], normal=[0.1, 0.2, 1], friction=0.3, stiffness=1e9, damping=3e4, layer=1e-3)
+    + ground.parameters(
+        point=[0, 0, -1.2e-3],
+        normal=[0.1, 0.2, 1],
+        friction=0.3,
+        stiffness=1e9,
+        damping=3e4,
+        layer=1e-3,
+    )
     + walls.parameters(TABLE, friction=0.2, stiffness=2e9, damping=5e4, layer=2e-3)
     + one_record(feed.DTYPE, feed_speed=0.02, feed_exit=2e-3, feed_radius=3e-3)
 )
@@ -40,7 +51,9 @@ def model_of(effects: tuple[np.ndarray, ...] = (), **scene: object) -> Model:
     return replace(static_model(build(rod_scene(length=8e-3, **scene))), effects=effects)  # type: ignore[arg-type]
 
 
-def shaken(reference: Total, motion: TotalMotion, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def shaken(
+    reference: Total, motion: TotalMotion, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """Random displacements and velocities of all free nodes."""
     c, v = np.zeros((2, *reference.X.shape))
     on = motion.packed.nodes.inverse_mass.reshape(-1, 3).all(axis=1)
@@ -48,7 +61,9 @@ def shaken(reference: Total, motion: TotalMotion, rng: np.random.Generator) -> t
     return c, v
 
 
-def compare(reference: Total, motion: TotalMotion, c: np.ndarray, v: np.ndarray, rounding: float) -> np.ndarray:
+def compare(
+    reference: Total, motion: TotalMotion, c: np.ndarray, v: np.ndarray, rounding: float
+) -> np.ndarray:
     """Take steps by both; rounding: of the largest value. Returns c of the reference."""
     for _ in range(STEPS):
         c, v = reference.step(c, v, DT)
@@ -83,7 +98,9 @@ def test_effects_of_motion(rng: np.random.Generator) -> None:
     c, v = shaken(reference, motion, rng)
     x = model.surface.place + reference.on @ c
     state = rng.integers(-1, 2, (len(x), 1))
-    reference.anchor = np.hstack([x + 3e-6 * rng.standard_normal(x.shape), state, state**2 * [1e-6, 2 * DT, 1e-13, 1e-5]])
+    reference.anchor = np.hstack(
+        [x + 3e-6 * rng.standard_normal(x.shape), state, state**2 * [1e-6, 2 * DT, 1e-13, 1e-5]]
+    )
     mine = np.lexsort((*model.surface.place.T, model.surface.mass))
     theirs = np.lexsort((*motion.packed.surface.place.reshape(-1, 3).T, motion.packed.surface.mass))
     begun = np.ones_like(motion.anchor)  # the last numbers, of patches: some may be held
@@ -116,7 +133,11 @@ def test_same_bits_at_any_number_of_threads() -> None:
 
 def test_a_particle_turned_inside_out_stops_the_motion() -> None:
     motion = TotalMotion(model_of())
-    motion.u[:] = np.random.default_rng(0).standard_normal(len(motion.u)) * (motion.packed.nodes.inverse_mass > 0) * 5e-3
+    motion.u[:] = (
+        np.random.default_rng(0).standard_normal(len(motion.u))
+        * (motion.packed.nodes.inverse_mass > 0)
+        * 5e-3
+    )
     assert motion.advance(5, 1e-9, ()) == (0, True)
 
 

@@ -15,7 +15,12 @@ from magmpm import materials
 from magmpm.materials import poisson_ratio, young_modulus
 
 G = 120e3
-STEPS = [1e-2, 5e-3, 2.5e-3, 1.25e-3]  # strains at which a remainder of third order is 1e-6 to 1e-9 of W: far above rounding
+STEPS = [
+    1e-2,
+    5e-3,
+    2.5e-3,
+    1.25e-3,
+]  # strains at which a remainder of third order is 1e-6 to 1e-9 of W: far above rounding
 RATIOS = [1.0, 20.0, 500.0]  # K/G
 
 seeds = st.integers(0, 2**32 - 1)
@@ -66,7 +71,9 @@ def test_kernels_follow_the_formula(seed: int, ratio: float) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("ratio", RATIOS)
-def test_stress_and_tangent_are_the_derivatives_of_energy(rng: np.random.Generator, ratio: float, seed: int) -> None:
+def test_stress_and_tangent_are_the_derivatives_of_energy(
+    rng: np.random.Generator, ratio: float, seed: int
+) -> None:
     """Taylor: W(F + t D) - W(F) - t P:D falls as t^2, with half the tangent subtracted too as t^3; P(F + t D) - P(F) - t A:D as t^2."""
     F, D, K = random_F(seed), rng.standard_normal((3, 3)), ratio * G
     D /= np.linalg.norm(D)
@@ -78,7 +85,9 @@ def test_stress_and_tangent_are_the_derivatives_of_energy(rng: np.random.Generat
     # The next term of the series changes the slope by about the step, 1 %: 0.1 is ten times that.
     np.testing.assert_allclose(slopes(first, STEPS), 2.0, atol=0.1)
     assert np.all(slopes(lambda t: first(t) - t**2 * np.sum(D * AD) / 2, STEPS) > 2.9)
-    np.testing.assert_allclose(slopes(lambda t: stress(F + t * D, K) - P - t * AD, STEPS), 2.0, atol=0.1)
+    np.testing.assert_allclose(
+        slopes(lambda t: stress(F + t * D, K) - P - t * AD, STEPS), 2.0, atol=0.1
+    )
 
 
 @given(seeds, seeds, seeds)
@@ -126,7 +135,9 @@ def test_conversions_known_numbers() -> None:
     """E = 2.951 G, not 3 G, at K = 20 G; E = 2 G (1 + nu) always; 3 G and 1/2 in the incompressible limit."""
     assert young_modulus(1.0, 20.0) == pytest.approx(2.951, abs=5e-4)  # to the given digits
     for ratio in (0.7, 2.0, 20.0, 500.0):
-        assert young_modulus(G, ratio * G) == pytest.approx(2 * G * (1 + poisson_ratio(G, ratio * G)), rel=1e-15)
+        assert young_modulus(G, ratio * G) == pytest.approx(
+            2 * G * (1 + poisson_ratio(G, ratio * G)), rel=1e-15
+        )
     assert young_modulus(1.0, 1e9) == pytest.approx(3.0, rel=1e-9)
     assert poisson_ratio(1.0, 1e9) == pytest.approx(0.5, rel=1e-9)
     assert poisson_ratio(3.0, 2.0) == 0.0

@@ -53,7 +53,9 @@ def test_contact_is_measured_on_a_body_that_touches() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory of a process is read from /proc")
+@pytest.mark.skipif(
+    not Path("/proc/self/statm").exists(), reason="memory of a process is read from /proc"
+)
 def test_memory_that_is_told_is_what_a_process_grows_by(monkeypatch: pytest.MonkeyPatch) -> None:
     """The estimate before the model is built is below the growth; the one after it is near (a tenth: share of libraries, and rounding)."""
     found = module("resident").grown()
@@ -63,7 +65,9 @@ def test_memory_that_is_told_is_what_a_process_grows_by(monkeypatch: pytest.Monk
     assert found["counted"] >= GROWTH
 
 
-def test_bench_says_what_it_was_measured_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bench_says_what_it_was_measured_on(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Host, processor, threads, commit, load, a matrix product, a copy. A figure that fails is a row; the exit status tells of it."""
     machine, bench = module("machine"), module("bench")
     monkeypatch.setattr(machine, "SIDE", 128)
@@ -72,7 +76,9 @@ def test_bench_says_what_it_was_measured_on(monkeypatch: pytest.MonkeyPatch, tmp
     def fails() -> float:
         raise RuntimeError("the body does not touch")
 
-    monkeypatch.setitem(bench.FIGURES, "particle_steps_per_s", bench.Figure(lambda: 4e7, "1/s", 24e6, least=True))
+    monkeypatch.setitem(
+        bench.FIGURES, "particle_steps_per_s", bench.Figure(lambda: 4e7, "1/s", 24e6, least=True)
+    )
     monkeypatch.setitem(bench.FIGURES, "a figure", bench.Figure(fails, "s", 1.0))
     assert bench.main(["a figure", "particle_steps_per_s"], tmp_path) == 1
     found = json.loads((tmp_path / "bench.json").read_text())
@@ -92,19 +98,35 @@ def test_bench_says_what_it_was_measured_on(monkeypatch: pytest.MonkeyPatch, tmp
 def test_the_design_benchmark_counts_what_it_says() -> None:
     """Solves from 1, seconds at that solve; quantiles over studies, none where too few came that near; every target is there."""
     design = module("design")
-    one = {"rms_mm": [5.0, 1.9, 0.05], "seconds": [0.2, 0.4, 0.6], "best_mm": 0.05, "finer_mm": 0.06}
+    one = {
+        "rms_mm": [5.0, 1.9, 0.05],
+        "seconds": [0.2, 0.4, 0.6],
+        "best_mm": 0.05,
+        "finer_mm": 0.06,
+    }
     other = {"rms_mm": [1.0, 3.0], "seconds": [0.1, 0.3], "best_mm": 1.0, "finer_mm": 1.1}
     assert design.reached(one, 2.0) == (2.0, 0.4)
     assert design.reached(other, 0.5) == (float("inf"), float("inf"))
     rows = design.summary([one, other, other])
     assert rows["2 mm"] == {"share": 1.0, "solves": [1.0, 2.0], "seconds": [0.1, 0.4]}
-    assert rows["0.5 mm"] == {"share": pytest.approx(1 / 3), "solves": [None, None], "seconds": [None, None]}
+    assert rows["0.5 mm"] == {
+        "share": pytest.approx(1 / 3),
+        "solves": [None, None],
+        "seconds": [None, None],
+    }
     assert (rows["best_mm"], rows["finer_mm"]) == (1.0, 1.1)
-    assert "| tpe | free | 1, 2 | 100 % | 0.1 | -, - | 33 % | - |" in design.table({"tpe": {"free": rows}})
+    assert "| tpe | free | 1, 2 | 100 % | 0.1 | -, - | 33 % | - |" in design.table(
+        {"tpe": {"free": rows}}
+    )
     for kind in ("reachable", "free"):
         assert len(list(design.TARGETS.glob(f"{kind}_*.csv"))) == 12
     study = design.study_of(design.TARGETS / "free_01.csv", "gp+rod", 7)
-    assert (study.sampler, study.start, study.trials, study.stop_rms) == ("gp", "rod", 7, pytest.approx(1e-4))
+    assert (study.sampler, study.start, study.trials, study.stop_rms) == (
+        "gp",
+        "rod",
+        7,
+        pytest.approx(1e-4),
+    )
 
 
 def test_a_fault_whose_probe_fails_is_a_row_and_the_others_are_injected() -> None:
@@ -123,7 +145,10 @@ def test_only_kills_that_met_something_complete_count() -> None:
     faults, kinds = module("faults"), module("kinds")
     row = faults.Row("kills")
     for attempt in kinds.until_met(row, 4):
-        row.injected, row.met = row.injected + 1, row.met + attempt % 2  # every other one comes too early
+        row.injected, row.met = (
+            row.injected + 1,
+            row.met + attempt % 2,
+        )  # every other one comes too early
     assert (row.injected, row.met, row.wrong) == (8, 4, [])
     never = faults.Row("kills")
     assert len(list(kinds.until_met(never, 4))) > 4

@@ -21,7 +21,9 @@ def test_every_figure_is_on_its_page_once(claims: ModuleType) -> None:
     for name, group in claims.groups().items():
         for place in claims.places(name, group):
             if place.names:
-                assert all(claim.value == float(claim.text.replace(" ", "")) for claim in place.claims())
+                assert all(
+                    claim.value == float(claim.text.replace(" ", "")) for claim in place.claims()
+                )
             else:
                 assert (ROOT / place.page).read_text().count(place.text) == 1, place.text
                 assert "held_by" in group, f"{place.text} holds no figure in braces"
@@ -32,13 +34,17 @@ def test_every_group_has_what_makes_it(claims: ModuleType) -> None:
     for name, group in claims.groups().items():
         if "held_by" in group:
             path, _, test = group["held_by"].partition("::")
-            assert re.search(rf"^def {test}\(", (ROOT / path).read_text(), re.MULTILINE), group["held_by"]
+            assert re.search(rf"^def {test}\(", (ROOT / path).read_text(), re.MULTILINE), group[
+                "held_by"
+            ]
         else:
             assert callable(getattr(claims, name))
             assert group["command"].split()[0] in ("magmpm", "make", "python")
             for page in group["figures"]:
                 text = (ROOT / page).read_text()
-                assert group["command"] in text or "make claims" in text, f"{page} does not say how {name} is made"
+                assert group["command"] in text or "make claims" in text, (
+                    f"{page} does not say how {name} is made"
+                )
     assert "`make claims`" in (ROOT / "README.md").read_text()
     assert re.search(r"^claims: .*\n\t.*claims\.py", (ROOT / "Makefile").read_text(), re.MULTILINE)
 
@@ -52,11 +58,15 @@ def test_every_row_of_the_readmes_tables_is_listed(claims: ModuleType) -> None:
         for place in claims.places(name, group)
         if place.page == "README.md"
     ]
-    table = readme.split("## What it was measured against")[1].split("\n## ")[0].partition("| --- |")[2]
+    table = (
+        readme.split("## What it was measured against")[1].split("\n## ")[0].partition("| --- |")[2]
+    )
     rows = [row for row in table.splitlines() if re.match(r"\|.*\d.*\|", row)]
     assert rows
     for row in rows:
-        assert any(line in row and len(line) > 5 for text in texts for line in text.splitlines()), row
+        assert any(line in row and len(line) > 5 for text in texts for line in text.splitlines()), (
+            row
+        )
 
 
 def test_the_picture_of_accuracy_shows_the_figures_of_the_page(claims: ModuleType) -> None:
@@ -64,7 +74,12 @@ def test_the_picture_of_accuracy_shows_the_figures_of_the_page(claims: ModuleTyp
 
     with Image.open(ROOT / claims.ACCURACY_IMAGE) as image:
         errors = json.loads(image.info["errors"])
-    table = [c for place in claims.places("accuracy", claims.groups()["accuracy"]) for c in place.claims() if c.name.startswith("error")]
+    table = [
+        c
+        for place in claims.places("accuracy", claims.groups()["accuracy"])
+        for c in place.claims()
+        if c.name.startswith("error")
+    ]
     assert len(table) == 2
     for claim in table:
         assert claim.agrees(100 * errors[claim.name.split()[1]]), claim
@@ -73,23 +88,35 @@ def test_the_picture_of_accuracy_shows_the_figures_of_the_page(claims: ModuleTyp
 @pytest.mark.parametrize(
     ("text", "measured", "agrees", "written"),
     [
-        ("0.089", 0.08912, True, "0.089"), ("0.26", 0.08912, False, "0.09"), ("23 328", 23328.0, True, "23 328"),
-        ("0.009", 0.0094246, True, "0.009"), ("7e-6", 6.73e-6, True, "7e-6"), ("7e-6", 9.1e-6, False, "9e-6"),
-        ("0.02", 0.0021, False, "0.002"), ("11", 12.0, True, "12"),
+        ("0.089", 0.08912, True, "0.089"),
+        ("0.26", 0.08912, False, "0.09"),
+        ("23 328", 23328.0, True, "23 328"),
+        ("0.009", 0.0094246, True, "0.009"),
+        ("7e-6", 6.73e-6, True, "7e-6"),
+        ("7e-6", 9.1e-6, False, "9e-6"),
+        ("0.02", 0.0021, False, "0.002"),
+        ("11", 12.0, True, "12"),
     ],
-)  # fmt: skip
-def test_what_agrees_and_what_is_written(claims: ModuleType, text: str, measured: float, agrees: bool, written: str) -> None:
+)
+def test_what_agrees_and_what_is_written(
+    claims: ModuleType, text: str, measured: float, agrees: bool, written: str
+) -> None:
     claim = claims.Claim("g", "p", "n", text, 0.1)
     assert claim.agrees(measured) == agrees
     assert claim.written(measured) == written
 
 
 def test_a_figure_that_differs_is_told_and_written(
-    claims: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    claims: ModuleType,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Status 1 and the line; --write updates the page, and the next run agrees; figures that agree stay unchanged."""
     (tmp_path / "docs").mkdir()
-    (tmp_path / "docs/claims.yaml").write_text('memory: {command: make bench, figures: {page.md: ["takes {now} or {peak} bytes"]}}\n')
+    (tmp_path / "docs/claims.yaml").write_text(
+        'memory: {command: make bench, figures: {page.md: ["takes {now} or {peak} bytes"]}}\n'
+    )
     page = tmp_path / "page.md"
     page.write_text("A body takes 500 or 1 020 bytes, more or less.\n")
     monkeypatch.setattr(claims, "memory", lambda: {"now": 949.8, "peak": 1022.0})

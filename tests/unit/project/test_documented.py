@@ -21,16 +21,30 @@ from magmpm.studies.search.search_space import SearchSpace
 ROOT = Path(__file__).resolve().parents[3]
 TEXT = (ROOT / "docs/studies.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"```yaml\n(.*?)```", TEXT, re.DOTALL)
-ROWS = {name: row for row in TEXT.splitlines() if row.startswith("| `") for name in re.findall(r"`([^`]+)`", row.split("|")[1])}
+ROWS = {
+    name: row
+    for row in TEXT.splitlines()
+    if row.startswith("| `")
+    for name in re.findall(r"`([^`]+)`", row.split("|")[1])
+}
 
 
-def leaves(part: dict[str, Any], schema: dict[str, Any], at: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+def leaves(
+    part: dict[str, Any], schema: dict[str, Any], at: str = ""
+) -> Iterator[tuple[str, dict[str, Any]]]:
     """Every key of the schema that holds a value, dotted: ("vary.field.max", its schema)."""
     for key, item in part.get("properties", {}).items():
         name = f"{at}.{key}" if at else key
-        kinds = [kind.get("items", kind) for kind in item.get("oneOf", item.get("anyOf", [item]))]  # one of several, or a list of them
+        kinds = [
+            kind.get("items", kind) for kind in item.get("oneOf", item.get("anyOf", [item]))
+        ]  # one of several, or a list of them
         inner = [schema["$defs"][kind["$ref"].split("/")[-1]] for kind in kinds if "$ref" in kind]
-        below = {dotted: leaf for kind in inner if kind.get("properties") for dotted, leaf in leaves(kind, schema, name)}
+        below = {
+            dotted: leaf
+            for kind in inner
+            if kind.get("properties")
+            for dotted, leaf in leaves(kind, schema, name)
+        }
         yield from below.items() if below else [(name, item)]
 
 
@@ -53,12 +67,19 @@ def test_every_key_is_in_the_table(key: str) -> None:
 
 def test_the_table_has_no_other_keys() -> None:
     table = TEXT.split("## Keys")[1].split("\n## ")[0]
-    named = {name for row in table.splitlines() if row.startswith("| `") for name in re.findall(r"`([^`]+)`", row.split("|")[1])}
+    named = {
+        name
+        for row in table.splitlines()
+        if row.startswith("| `")
+        for name in re.findall(r"`([^`]+)`", row.split("|")[1])
+    }
     assert named == set(KEYS) | {"vary"}
 
 
 def test_the_examples_name_all_keys() -> None:
-    text = "".join(EXAMPLES) + (ROOT / "docs/own_target.md").read_text(encoding="utf-8")  # an insertion
+    text = "".join(EXAMPLES) + (ROOT / "docs/own_target.md").read_text(
+        encoding="utf-8"
+    )  # an insertion
     assert [key for key in KEYS if not re.search(rf"\b{key.split('.')[-1]}:", text)] == []
 
 
@@ -76,7 +97,11 @@ def test_each_example_loads(number: int, tmp_path: Path) -> None:
         return
     space = SearchSpace.of(study)
     for name, (low, high) in space.bounds.items():
-        first = re.sub(r"_of_.*_", "_of_MATERIAL_", re.sub(r"field_\d+", "field", re.sub(r"segment_\d+", "segment_1", name)))
+        first = re.sub(
+            r"_of_.*_",
+            "_of_MATERIAL_",
+            re.sub(r"field_\d+", "field", re.sub(r"segment_\d+", "segment_1", name)),
+        )
         row = next((row for row in ROWS.values() if f"`{first}`" in row), None)
         assert row is not None, name
         assert f"{low:g} to {high:g}" in row or not name.endswith("_deg")
@@ -120,7 +145,9 @@ def test_example_is_valid(number: int, tmp_path: Path) -> None:
 
 
 def test_the_examples_name_every_source() -> None:
-    assert all(re.search(rf"^  {key}:", "".join(FIELDS), re.MULTILINE) for key in FieldSource.model_fields)
+    assert all(
+        re.search(rf"^  {key}:", "".join(FIELDS), re.MULTILINE) for key in FieldSource.model_fields
+    )
 
 
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
@@ -151,5 +178,9 @@ def test_the_map_shows_every_room() -> None:
     """Every folder and file at the root of magmpm stands in docs/design.md's tree, and nothing that is not there."""
     tree = (ROOT / "docs" / "design.md").read_text(encoding="utf-8").split("```")[1]
     shown = set(re.findall(r"^  (\w+(?:/|\.py)) ", tree, re.MULTILINE))
-    rooms = {f"{path.name}/" for path in (ROOT / "magmpm").iterdir() if (path / "__init__.py").exists()}
-    assert shown == rooms | {path.name for path in (ROOT / "magmpm").glob("*.py") if path.name != "__init__.py"}
+    rooms = {
+        f"{path.name}/" for path in (ROOT / "magmpm").iterdir() if (path / "__init__.py").exists()
+    }
+    assert shown == rooms | {
+        path.name for path in (ROOT / "magmpm").glob("*.py") if path.name != "__init__.py"
+    }

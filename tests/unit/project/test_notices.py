@@ -18,7 +18,12 @@ from tests.end_to_end.small_study import finished, study_file
 SHORT = {
     "name": "short",
     "materials": {
-        "silicone": {"shear_modulus": 120e3, "bulk_to_shear": 20, "density": 1882.0, "remanence": 0.138},
+        "silicone": {
+            "shear_modulus": 120e3,
+            "bulk_to_shear": 20,
+            "density": 1882.0,
+            "remanence": 0.138,
+        },
         "spare": {"shear_modulus": 120e3, "bulk_to_shear": 20},
     },
     "body": {
@@ -81,7 +86,9 @@ def test_the_command_prints_its_warnings_itself(
 
 
 def test_begin_end_and_errors_are_logged(scene: Scene, caplog: pytest.LogCaptureFixture) -> None:
-    assert any(isinstance(handler, logging.NullHandler) for handler in logging.getLogger("magmpm").handlers)
+    assert any(
+        isinstance(handler, logging.NullHandler) for handler in logging.getLogger("magmpm").handlers
+    )
     with caplog.at_level(logging.INFO, logger="magmpm"), pytest.warns(magmpm.MagmpmWarning):
         result = magmpm.run(scene)
     assert caplog.messages == ["short: begins", f"short: {result!r}"]
@@ -107,7 +114,11 @@ def test_begin_end_and_errors_are_logged(scene: Scene, caplog: pytest.LogCapture
     ],
 )
 def test_bars_are_shown_where_someone_sees_them(
-    progress: bool | None, terminal: bool, switch: str | None, shown: bool, monkeypatch: pytest.MonkeyPatch
+    progress: bool | None,
+    terminal: bool,
+    switch: str | None,
+    shown: bool,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.delenv(notices.SWITCH, raising=False)
     if switch is not None:
@@ -118,7 +129,9 @@ def test_bars_are_shown_where_someone_sees_them(
 def test_a_motion_has_a_bar_and_a_user_s_own_progress_too(
     scene: Scene, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    moving = Scene.from_si({**scene.to_si(), "solver": {"dynamic": {"duration": 2e-3, "output_every": 1e-3}}})
+    moving = Scene.from_si(
+        {**scene.to_si(), "solver": {"dynamic": {"duration": 2e-3, "output_every": 1e-3}}}
+    )
     times: list[float] = []
     with pytest.warns(magmpm.MagmpmWarning):
         magmpm.run(moving, progress=True, on_progress=lambda step, at: times.append(at))
@@ -153,7 +166,11 @@ def test_designs_and_fits_have_bars(
         rows.append(f"{1e3 * field:g},{1e3 * tip[0]:.5f},{1e3 * tip[2]:.5f}")
     (tmp_path / "tips.csv").write_text("\n".join(["field_z_mT,tip_x_mm,tip_z_mm", *rows, ""]))
     known = scene.with_material("silicone", shear_modulus="150 kPa")
-    found = magmpm.fit(tmp_path / "tips.csv", known, vary=["shear_modulus"], thorough=False, progress=True)
-    assert found.constants[0].value == pytest.approx(120e3, rel=1e-3)  # tips have five decimals of a mm
+    found = magmpm.fit(
+        tmp_path / "tips.csv", known, vary=["shear_modulus"], thorough=False, progress=True
+    )
+    assert found.constants[0].value == pytest.approx(
+        120e3, rel=1e-3
+    )  # tips have five decimals of a mm
     assert " solves" in capsys.readouterr().err
     assert np.isfinite(found.rms_m)

@@ -24,7 +24,9 @@ def test_without_a_terminal_lines_come_though_the_work_reports_nothing(
     assert all(line.startswith("magmpm: fit of tube: 12 solves; ") for line in lines)
 
 
-def test_the_time_left_counts_no_compiling_and_nothing_done_before(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_time_left_counts_no_compiling_and_nothing_done_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A motion that compiled for 60 s, and one that was resumed after 900 of 1000 parts: 10 parts a second are left to be done."""
     now = [0.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])

@@ -24,7 +24,10 @@ ROOT = Path(__file__).parents[3]
 SCENE = ROOT / "data" / "scenes" / "axial_transverse.yaml"
 UNIT = re.compile(r"(?<![\w.'])(m|mm|s|T|N|J|Pa|kg|bytes|SI|no unit)(/m\^3|\^3|\^2|/s)?\b")
 SHAPE = re.compile(r"\((\w[\w +]*)?,[\w, +]*\)")
-NUMBERS, ARRAYS = re.compile(r"\bfloat\b|Array|ndarray|Numbers"), re.compile(r"Array|ndarray|Numbers")
+NUMBERS, ARRAYS = (
+    re.compile(r"\bfloat\b|Array|ndarray|Numbers"),
+    re.compile(r"Array|ndarray|Numbers"),
+)
 
 
 def functions(of: type) -> Iterator[tuple[str, Callable[..., Any]]]:
@@ -86,7 +89,11 @@ def faults(function: Callable[..., Any]) -> list[str]:
     if not text:
         return ["has no docstring"]
     signature = inspect.signature(function)
-    given = {name: str(each.annotation) for name, each in signature.parameters.items() if name not in ("self", "cls")}
+    given = {
+        name: str(each.annotation)
+        for name, each in signature.parameters.items()
+        if name not in ("self", "cls")
+    }
     found = [f"does not say what {name} is" for name in given if not re.search(rf"\b{name}", text)]
     kinds = [*given.values(), str(signature.return_annotation)]
     if any(NUMBERS.search(kind) for kind in kinds) and not UNIT.search(text):
@@ -95,9 +102,17 @@ def faults(function: Callable[..., Any]) -> list[str]:
         found.append("gives no shape")
     said = said_to_be_raised(function)
     broad = tuple(filter(None, map(known, said)))
-    unsaid = [error for error in sorted(raised(function)) if error not in said and not issubclass(known(error) or errors.InputError, broad)]
+    unsaid = [
+        error
+        for error in sorted(raised(function))
+        if error not in said and not issubclass(known(error) or errors.InputError, broad)
+    ]
     found += [f"does not say that it raises {error}" for error in unsaid]
-    found += [f"says that it raises {error}, which is none" for error in sorted(said) if known(error) is None]
+    found += [
+        f"says that it raises {error}, which is none"
+        for error in sorted(said)
+        if known(error) is None
+    ]
     return found
 
 
@@ -107,7 +122,9 @@ def field_faults(of: type) -> list[str]:
     found = []
     for field in dataclasses.fields(of):
         comment = re.search(rf"^    {field.name}: .*?#(.*)$", source, re.MULTILINE)
-        words = (comment.group(1) if comment else "") + " ".join(re.findall(rf"\b{field.name}\b[^.;]*", text))
+        words = (comment.group(1) if comment else "") + " ".join(
+            re.findall(rf"\b{field.name}\b[^.;]*", text)
+        )
         if ARRAYS.search(str(field.type)) and not SHAPE.search(words):
             found.append(f"{field.name}: no shape")
         if field.type in ("float", "Array") and not UNIT.search(words):
@@ -142,10 +159,16 @@ def test_the_check_of_docstrings_sees_what_is_missing() -> None:
 
     assert faults(good) == []
     assert faults(poor) == [
-        "does not say what speed is", "gives no unit", "gives no shape", "does not say that it raises InputError",
-    ]  # fmt: skip
+        "does not say what speed is",
+        "gives no unit",
+        "gives no shape",
+        "does not say that it raises InputError",
+    ]
     good.__doc__ = "The largest of these speeds, (n,) m/s. Raises TypoError."
-    assert faults(good) == ["does not say that it raises ValueError", "says that it raises TypoError, which is none"]
+    assert faults(good) == [
+        "does not say that it raises ValueError",
+        "says that it raises TypoError, which is none",
+    ]
 
 
 def test_names_are_found_when_they_are_asked_for() -> None:
@@ -171,21 +194,47 @@ def test_a_path_runs_as_its_scene_does() -> None:
     """The same answer bit for bit, and a line that says what it is."""
     scene = magmpm.load_scene(SCENE).with_cells(2)
     result = magmpm.run(scene)
-    assert repr(scene).startswith(f"Scene({scene.name!r}: catheter, 40 mm long, 4 mm thick, 1 regions; magnetic_torque; equilibrium")
+    assert repr(scene).startswith(
+        f"Scene({scene.name!r}: catheter, 40 mm long, 4 mm thick, 1 regions; magnetic_torque; equilibrium"
+    )
     line = repr(result)
-    for part in (f"Result({scene.name!r}: equilibrium in", "Newton steps, tip (", ") mm, det F 0.", "unknowns"):
+    for part in (
+        f"Result({scene.name!r}: equilibrium in",
+        "Newton steps, tip (",
+        ") mm, det F 0.",
+        "unknowns",
+    ):
         assert part in line
     assert "\n" not in line
 
 
-@pytest.mark.parametrize(("field", "words"), [
-    ({"uniform": [0, 6e-3, 8e-3]}, "field (0, 6, 8) mT)"),
-    ({}, "field none)"),
-    ({"magnet": [{"cylinder": {"diameter": 0.02, "length": 0.02}, "position": [0, 0, 0.06], "remanence": 1.3}]},
-     "field magnet of 1.3 T at (0, 0, 60) mm)"),
-    ({"uniform": [0, 0, 1e-3], "dipole": 2 * [{"position": [0.06, 0, 0], "moment": [0, 0, 0.5]}], "over_time": {"ramp": {"duration": 1.0}}},
-     "field (0, 0, 1) mT + 2 dipoles, changing in time)"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("field", "words"),
+    [
+        ({"uniform": [0, 6e-3, 8e-3]}, "field (0, 6, 8) mT)"),
+        ({}, "field none)"),
+        (
+            {
+                "magnet": [
+                    {
+                        "cylinder": {"diameter": 0.02, "length": 0.02},
+                        "position": [0, 0, 0.06],
+                        "remanence": 1.3,
+                    }
+                ]
+            },
+            "field magnet of 1.3 T at (0, 0, 60) mm)",
+        ),
+        (
+            {
+                "uniform": [0, 0, 1e-3],
+                "dipole": 2 * [{"position": [0.06, 0, 0], "moment": [0, 0, 0.5]}],
+                "over_time": {"ramp": {"duration": 1.0}},
+            },
+            "field (0, 0, 1) mT + 2 dipoles, changing in time)",
+        ),
+    ],
+)
 def test_a_scene_tells_its_field(field: dict[str, object], words: str) -> None:
     """In its line, and in a notebook's table."""
     data = magmpm.load_scene(SCENE).to_si()
@@ -229,14 +278,21 @@ resolution: {cells_across: 2}
 """
 
 
-def test_errors_from_python_are_worded_as_the_command_words_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_errors_from_python_are_worded_as_the_command_words_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Faults that show once the body is built, and those that show as the file is read, name file, line, key and value."""
     from magmpm.cli import main
 
     late, early = tmp_path / "late.yaml", tmp_path / "early.yaml"
     late.write_text(LATE.replace("GROUND", "[0 mm, 0 mm, 1 mm]"))
-    early.write_text(LATE.replace("GROUND", "[0 mm, 0 mm, -9 mm]").replace("cells_across: 2", "cells_across: 1"))
-    for path, place in ((late, ":9: effects.ground: received {"), (early, ":11: resolution.cells_across: received 1")):
+    early.write_text(
+        LATE.replace("GROUND", "[0 mm, 0 mm, -9 mm]").replace("cells_across: 2", "cells_across: 1")
+    )
+    for path, place in (
+        (late, ":9: effects.ground: received {"),
+        (early, ":11: resolution.cells_across: received 1"),
+    ):
         with pytest.raises(magmpm.InputError) as told:
             magmpm.run(path)
         assert f"{path}{place}" in str(told.value)
@@ -256,5 +312,7 @@ def test_the_installed_command_finds_its_function(capsys: pytest.CaptureFixture[
     assert capsys.readouterr().out.startswith("magmpm ")
     light = "assert not {'numba', 'scipy', 'h5py', 'optuna', 'matplotlib'} & {*sys.modules}"
     script = f"import sys; from magmpm.cli import main; {light}; sys.exit(main(['--version']))"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
     assert done.stdout.startswith("magmpm ")

@@ -31,12 +31,35 @@ FACE = 40  # lines
 MOST_NODES = 493_500  # syntax nodes of magmpm, studies and viz
 MOST_IN_README = 82  # lines
 MOST_MODULES, MOST_PATCHES = 304, 52  # of the packages; monkeypatch.setattr in tests
-ENTRIES = {"magmpm.__main__", "magmpm.cli.__main__", "magmpm.cli.command", "magmpm.studies.engine.workers.grpc_proxy", "magmpm.compare",
+ENTRIES = {
+    "magmpm.__main__",
+    "magmpm.cli.__main__",
+    "magmpm.cli.command",
+    "magmpm.studies.engine.workers.grpc_proxy",
+    "magmpm.compare",
     "magmpm.compiled.fork",
 }
 NO_OPENING = {  # of a docstring: it begins with a verb or a noun
-    "Of", "What", "Whether", "Where", "Which", "Who", "Why", "How", "When", "As", "By", "With", "From", "To", "In", "If", "For", "So", "At",
-}  # fmt: skip
+    "Of",
+    "What",
+    "Whether",
+    "Where",
+    "Which",
+    "Who",
+    "Why",
+    "How",
+    "When",
+    "As",
+    "By",
+    "With",
+    "From",
+    "To",
+    "In",
+    "If",
+    "For",
+    "So",
+    "At",
+}
 
 Graph = dict[str, set[str]]
 
@@ -67,7 +90,10 @@ def imported(module: str, path: Path, known: Iterable[str]) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             above = package[: len(package) - node.level + 1] if node.level else []
             base = ".".join([*above, *([node.module] if node.module else [])])
-            found |= {f"{base}.{alias.name}" if f"{base}.{alias.name}" in known else base for alias in node.names}
+            found |= {
+                f"{base}.{alias.name}" if f"{base}.{alias.name}" in known else base
+                for alias in node.names
+            }
     return found & set(known) - {module}
 
 
@@ -86,14 +112,19 @@ def room(module: str, depth: int = 2) -> str:
 
 @cache
 def between_files() -> Graph:
-    return {name: imported(name, path, files()) for name, path in files().items() if not is_face(path)}
+    return {
+        name: imported(name, path, files()) for name, path in files().items() if not is_face(path)
+    }
 
 
 @cache
 def between_rooms() -> Graph:
     graph: Graph = {room(module): set() for module in files()}
     for module, others in between_files().items():
-        graph[room(module)] |= {room(other) for other in others} - {room(module), "magmpm"}  # magmpm's own face is no room
+        graph[room(module)] |= {room(other) for other in others} - {
+            room(module),
+            "magmpm",
+        }  # magmpm's own face is no room
     return graph
 
 
@@ -103,7 +134,10 @@ def between_rooms_of_studies() -> Graph:
     graph: Graph = {}
     for module, others in between_files().items():
         if module.startswith("magmpm.studies."):
-            own, used = room(module, 3), {room(other, 3) for other in others if other.startswith("magmpm.studies.")}
+            own, used = (
+                room(module, 3),
+                {room(other, 3) for other in others if other.startswith("magmpm.studies.")},
+            )
             graph.setdefault(own, set()).update(used - {own})
     return graph
 
@@ -116,7 +150,11 @@ def floors(graph: Mapping[str, set[str]]) -> dict[str, int]:
     return level
 
 
-@pytest.mark.parametrize("graph", [between_files, between_rooms, between_rooms_of_studies], ids=["files", "rooms", "studies"])
+@pytest.mark.parametrize(
+    "graph",
+    [between_files, between_rooms, between_rooms_of_studies],
+    ids=["files", "rooms", "studies"],
+)
 def test_imports_run_in_no_circle(graph) -> None:
     """Neither among files nor among rooms."""
     try:
@@ -137,11 +175,17 @@ def test_arrows_between_rooms_are_few() -> None:
 
 def test_the_root_of_the_package_is_its_table_of_contents() -> None:
     assert len(list((ROOT / "magmpm").glob("*.py"))) <= MOST_AT_THE_ROOT
-    assert sorted(path.name for path in (ROOT / "studies").glob("*.py")) == ["__init__.py", "in_python.py"]
+    assert sorted(path.name for path in (ROOT / "studies").glob("*.py")) == [
+        "__init__.py",
+        "in_python.py",
+    ]
 
 
 def test_no_file_is_too_long() -> None:
-    lengths = {str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines()) for path in files().values()}
+    lengths = {
+        str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines())
+        for path in files().values()
+    }
     assert {name: length for name, length in lengths.items() if length > LONGEST_FILE} == {}
 
 
@@ -165,34 +209,68 @@ def test_syntax_nodes_are_a_cost() -> None:
 
 def test_no_module_is_a_crumb() -> None:
     """One under 60 lines has two importers, or is an effect, or is where a command or a process begins."""
-    importers = Counter(other for name, path in files().items() for other in imported(name, path, files()))
-    lines = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in files().items() if path.name != "__init__.py"}
-    crumbs = {name for name, count in lines.items() if count < 60 and importers[name] < 2 and room(name) != "magmpm.effects"}
+    importers = Counter(
+        other for name, path in files().items() for other in imported(name, path, files())
+    )
+    lines = {
+        name: len(path.read_text(encoding="utf-8").splitlines())
+        for name, path in files().items()
+        if path.name != "__init__.py"
+    }
+    crumbs = {
+        name
+        for name, count in lines.items()
+        if count < 60 and importers[name] < 2 and room(name) != "magmpm.effects"
+    }
     assert crumbs <= ENTRIES
     assert len(files()) <= MOST_MODULES
 
 
 def test_no_module_binds_a_name_twice() -> None:
     """The first meaning would be lost without a word: so it went with a length of hard cases when two modules were joined."""
-    targets = [(at, target) for at in files().values() for node in tree(at).body if isinstance(node, ast.Assign) for target in node.targets]
-    bound = [(at, node.id) for at, target in targets for node in ast.walk(target) if isinstance(node, ast.Name)]
+    targets = [
+        (at, target)
+        for at in files().values()
+        for node in tree(at).body
+        if isinstance(node, ast.Assign)
+        for target in node.targets
+    ]
+    bound = [
+        (at, node.id)
+        for at, target in targets
+        for node in ast.walk(target)
+        if isinstance(node, ast.Name)
+    ]
     assert sorted(set(bound)) == sorted(bound)
 
 
 def test_tests_patch_little() -> None:
-    patches = [path.read_text(encoding="utf-8").count("monkeypatch" + ".setattr(") for path in (ROOT / "tests").rglob("*.py")]
+    patches = [
+        path.read_text(encoding="utf-8").count("monkeypatch" + ".setattr(")
+        for path in (ROOT / "tests").rglob("*.py")
+    ]
     assert sum(patches) <= MOST_PATCHES
 
 
 def test_readme_and_pages_are_read_in_one_sitting() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= MOST_IN_README
-    assert sum(len(page.read_bytes().splitlines()) for page in (ROOT / "docs").glob("*.md")) <= 1_720  # pages: as above
+    assert (
+        sum(len(page.read_bytes().splitlines()) for page in (ROOT / "docs").glob("*.md")) <= 1_720
+    )  # pages: as above
 
 
 def test_docstrings_begin_with_a_verb_or_a_noun() -> None:
     said = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-    nodes = [(module, node) for module, path in files().items() for node in ast.walk(tree(path)) if isinstance(node, said)]
-    begun = {f"{module}, {getattr(node, 'name', 'module')}": (ast.get_docstring(node) or "-").split()[0] for module, node in nodes}
+    nodes = [
+        (module, node)
+        for module, path in files().items()
+        for node in ast.walk(tree(path))
+        if isinstance(node, said)
+    ]
+    begun = {
+        f"{module}, {getattr(node, 'name', 'module')}": (ast.get_docstring(node) or "-").split()[0]
+        for module, node in nodes
+    }
     assert {name: word for name, word in begun.items() if word in NO_OPENING} == {}
 
 
@@ -228,7 +306,10 @@ def test_they_are_found() -> None:
 
 def test_arguments_are_few() -> None:
     """Records (NamedTuples of arrays) stand for long lists of them."""
-    found = {name: len(inspect.signature(function.py_func).parameters) for name, function in FUNCTIONS.items()}
+    found = {
+        name: len(inspect.signature(function.py_func).parameters)
+        for name, function in FUNCTIONS.items()
+    }
     assert {name: count for name, count in found.items() if count > MOST_ARGUMENTS} == {}
 
 
@@ -237,16 +318,26 @@ def test_parallel_functions_assign_to_no_record() -> None:
     for name, function in FUNCTIONS.items():
         if function.targetoptions.get("parallel"):
             tree = ast.parse(textwrap.dedent(inspect.getsource(function.py_func)))
-            targets = [t for node in ast.walk(tree) if isinstance(node, ast.Assign) for t in node.targets]
+            targets = [
+                t for node in ast.walk(tree) if isinstance(node, ast.Assign) for t in node.targets
+            ]
             targets += [node.target for node in ast.walk(tree) if isinstance(node, ast.AugAssign)]
-            parts = [part for t in targets for part in (t.elts if isinstance(t, ast.Tuple) else [t])]
-            records = [ast.unparse(p) for p in parts if isinstance(p, ast.Subscript) and isinstance(p.value, ast.Attribute)]
+            parts = [
+                part for t in targets for part in (t.elts if isinstance(t, ast.Tuple) else [t])
+            ]
+            records = [
+                ast.unparse(p)
+                for p in parts
+                if isinstance(p, ast.Subscript) and isinstance(p.value, ast.Attribute)
+            ]
             assert records == [], name
 
 
 @pytest.mark.parametrize("module", STEPS)
 def test_the_steps_are_seen_by_name(module: str) -> None:
     """In equilibrium the grid's update is the linear solve and the line search (statics.newton)."""
-    steps = ["particles_to_grid", "grid_to_particles"] + (["update_grid"] if module != "equilibrium" else [])
+    steps = ["particles_to_grid", "grid_to_particles"] + (
+        ["update_grid"] if module != "equilibrium" else []
+    )
     for step in steps:
         assert f"magmpm.kernels.{module}.{step}" in FUNCTIONS

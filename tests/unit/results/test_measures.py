@@ -24,9 +24,14 @@ def bent() -> Result:
 
 def coefficients(model: StaticModel, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Coefficients of displacements a x + b x^2, which the clamped splines represent exactly: a g + b (g^2 - h^2/4) at node centers g."""
-    g, h = model.grid.node_coordinates(0)[1:], model.grid.node_widths[1:]  # of a cell at each node: they differ in a tube
+    g, h = (
+        model.grid.node_coordinates(0)[1:],
+        model.grid.node_widths[1:],
+    )  # of a cell at each node: they differ in a tube
     planes = np.outer(g, a) + np.outer(g**2 - h**2 / 4, b)
-    return np.repeat(planes[:, None, :], model.layout.nodes_per_plane, axis=1).reshape(model.layout.planes, -1)
+    return np.repeat(planes[:, None, :], model.layout.nodes_per_plane, axis=1).reshape(
+        model.layout.planes, -1
+    )
 
 
 @pytest.mark.parametrize("inner", [0.0, 2e-3])
@@ -41,7 +46,9 @@ def test_axis_of_a_known_displacement(inner: float) -> None:
     assert s[-1] == pytest.approx(L, rel=1e-15)
     expected = np.outer(s, [1, 0, 0]) + np.outer(s, a) + np.outer(s**2, b)
     np.testing.assert_allclose(rows[:, 1:], expected, rtol=0, atol=1e-14 * L)
-    tip = axis_of_statics.along_axis(model, grid, axis_of_statics.end_face_weights(model), np.array([L]))
+    tip = axis_of_statics.along_axis(
+        model, grid, axis_of_statics.end_face_weights(model), np.array([L])
+    )
     np.testing.assert_allclose(tip[0], expected[-1], rtol=0, atol=1e-14 * L)
 
 
@@ -54,7 +61,9 @@ def test_end_face_mean_sees_the_section() -> None:
     field[:, :, 2] = y**2 + z**2 - h**2 / 2  # coefficients of y^2 + z^2
     flat = field.reshape(model.layout.planes, -1)
     at = np.array([L])
-    mean = axis_of_statics.along_axis(model, flat, axis_of_statics.end_face_weights(model), at)[0, 2]
+    mean = axis_of_statics.along_axis(model, flat, axis_of_statics.end_face_weights(model), at)[
+        0, 2
+    ]
     axis = axis_of_statics.along_axis(model, flat, axis_of_statics.section_weights(model), at)[0, 2]
     assert mean == pytest.approx(4e-3**2 / 8, rel=1e-12)
     assert axis == pytest.approx(0, abs=1e-20)
@@ -63,10 +72,14 @@ def test_end_face_mean_sees_the_section() -> None:
 def test_centreline_between_its_rows(bent: Result) -> None:
     """Exact between rows, where the axis is a parabola, and at the rows; a point outside the body is an error."""
     s = bent.centreline[:, 0]
-    np.testing.assert_allclose(measures.centreline_at(bent, s), bent.centreline[:, 1:], rtol=0, atol=1e-16)
+    np.testing.assert_allclose(
+        measures.centreline_at(bent, s), bent.centreline[:, 1:], rtol=0, atol=1e-16
+    )
     a, b, c = bent.centreline[:3, 1:]  # one cell: Lagrange's parabola at a quarter of it
     expected = 0.375 * a + 0.75 * b - 0.125 * c
-    np.testing.assert_allclose(measures.centreline_at(bent, s[1:2] / 2)[0], expected, rtol=0, atol=1e-16)
+    np.testing.assert_allclose(
+        measures.centreline_at(bent, s[1:2] / 2)[0], expected, rtol=0, atol=1e-16
+    )
     for outside in (-1e-5, 1.001 * L):
         with pytest.raises(ValueError, match="between 0 and the length"):
             measures.centreline_at(bent, np.array([outside]))
@@ -78,7 +91,11 @@ def test_distances_to_a_target(bent: Result) -> None:
     axis = np.column_stack([s, measures.centreline_at(bent, s)])
     assert root_mean_square(gaps(bent, axis)) == 0
     shifted = axis + np.array([0, 0, 3e-3, 4e-3])
-    assert measures.largest_distance(bent, shifted) == root_mean_square(gaps(bent, shifted)) == pytest.approx(5e-3, rel=1e-12)
+    assert (
+        measures.largest_distance(bent, shifted)
+        == root_mean_square(gaps(bent, shifted))
+        == pytest.approx(5e-3, rel=1e-12)
+    )
     at_tip = axis.copy()
     at_tip[-1, 2:] += [3e-3, 4e-3]
     assert measures.largest_distance(bent, at_tip) == pytest.approx(5e-3, rel=1e-12)
@@ -91,7 +108,9 @@ def test_result_adds_up(bent: Result) -> None:
     V = bent.particle_volume
     for k in range(2):
         mine = bent.particle_segment == k
-        np.testing.assert_allclose(bent.segment_center[k], V[mine] @ moved[mine] / V[mine].sum(), rtol=1e-12)
+        np.testing.assert_allclose(
+            bent.segment_center[k], V[mine] @ moved[mine] / V[mine].sum(), rtol=1e-12
+        )
     assert V.sum() == pytest.approx(np.pi * 2e-3**2 * L, rel=1e-12)
     assert bent.min_det_F == pytest.approx(bent.particle_det_F.min(), rel=1e-14)
     assert bent.max_det_F == pytest.approx(bent.particle_det_F.max(), rel=1e-14)
@@ -108,8 +127,18 @@ def test_result_survives_saving(bent: Result, tmp_path: Path) -> None:
     folder = bent.save(tmp_path / "deep" / "folder")
     back = Result.load(folder)
     assert back.summary() == bent.summary()
-    for name in ("particle_position", "particle_reference", "particle_segment", "centreline", "tip"):
+    for name in (
+        "particle_position",
+        "particle_reference",
+        "particle_segment",
+        "centreline",
+        "tip",
+    ):
         assert np.array_equal(getattr(back, name), getattr(bent, name))
-    again = run(rod_scene(length=L, directions=[(1, 0, 0), (0, 1, 1)], field=(0, 8e-3, 20e-3)), start=back)
+    again = run(
+        rod_scene(length=L, directions=[(1, 0, 0), (0, 1, 1)], field=(0, 8e-3, 20e-3)), start=back
+    )
     assert again.iterations <= bent.iterations, "a saved result is a start"
-    assert not [p.name for p in folder.iterdir() if p.name.startswith(".")], "no half-written file is left"
+    assert not [p.name for p in folder.iterdir() if p.name.startswith(".")], (
+        "no half-written file is left"
+    )

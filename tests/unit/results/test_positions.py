@@ -28,15 +28,28 @@ MESHES = {
 RAMP = {"over_time": {"ramp": {"duration": 0.1}}}
 
 
-def parts(tip: Any = None, names: tuple[str, ...] = NAMES, solver: dict[str, Any] | None = None, **more: Any) -> Scene:
+def parts(
+    tip: Any = None,
+    names: tuple[str, ...] = NAMES,
+    solver: dict[str, Any] | None = None,
+    **more: Any,
+) -> Scene:
     """A base that is held, an arm, and its end, in a field that bends them up."""
     meshes = [
-        {"mesh": pack_mesh(mesh), "name": name, "material": "m", "clamp": k == 0, "magnetization": [float(k > 0), 0, 0]}
+        {
+            "mesh": pack_mesh(mesh),
+            "name": name,
+            "material": "m",
+            "clamp": k == 0,
+            "magnetization": [float(k > 0), 0, 0],
+        }
         for k, (name, mesh) in enumerate(zip(names, MESHES.values(), strict=True))
     ]
     field = {"uniform": [0.0, 0.0, 10e-3], **(RAMP if solver and "quasi_static" in solver else {})}
     body = {"parts": {"unit": "mm", "spacing": 2e-3, "meshes": meshes, "tip": tip}}
-    return resting_scene(body, {"magnetic_torque": {}}, field=field, solver=solver or {"static": {}}, **more)
+    return resting_scene(
+        body, {"magnetic_torque": {}}, field=field, solver=solver or {"static": {}}, **more
+    )
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +63,11 @@ def test_parts_have_positions_by_name_and_no_tip(result: magmpm.Result, tmp_path
     assert tuple(result.positions) == NAMES
     for k, place in enumerate(result.positions.values()):
         mine = result.particle_segment == k
-        mean = result.particle_volume[mine] @ result.particle_position[mine] / result.particle_volume[mine].sum()
+        mean = (
+            result.particle_volume[mine]
+            @ result.particle_position[mine]
+            / result.particle_volume[mine].sum()
+        )
         np.testing.assert_allclose(place, mean, atol=1e-16)  # rounding of a few mm
     np.testing.assert_allclose(result.positions["base"], [-1.5e-3, 0, 0], atol=1e-16)
     assert result.positions["end"][2] > result.positions["arm"][2] > 1e-4
@@ -67,7 +84,9 @@ def test_parts_have_positions_by_name_and_no_tip(result: magmpm.Result, tmp_path
     assert {name: place.tolist() for name, place in again.positions.items()} == saved["positions"]
 
 
-def test_what_earlier_versions_called_the_tip_of_parts_is_not_read(result: magmpm.Result, tmp_path: Path) -> None:
+def test_what_earlier_versions_called_the_tip_of_parts_is_not_read(
+    result: magmpm.Result, tmp_path: Path
+) -> None:
     before = replace(result, tip=result.segment_center[-1])
     assert magmpm.Result.load(before.save(tmp_path / "r")).tip is None
 
@@ -78,16 +97,22 @@ def test_a_table_of_parts_has_their_names(result: magmpm.Result) -> None:
     assert isinstance(frame, pandas.DataFrame)
     assert list(frame.columns) == ["part", "x_m", "y_m", "z_m"]
     assert list(frame["part"]) == list(NAMES)
-    np.testing.assert_array_equal(frame[["x_m", "y_m", "z_m"]].to_numpy(), np.stack(list(result.positions.values())))
+    np.testing.assert_array_equal(
+        frame[["x_m", "y_m", "z_m"]].to_numpy(), np.stack(list(result.positions.values()))
+    )
 
 
 def test_a_straight_body_has_a_tip_and_no_positions() -> None:
     assert build(parts()).tip_weights is None
     strip = {"length": 6e-3, "width": 2e-3, "thickness": 2e-3, "material": "m", "segments": [{}]}
-    scene = resting_scene({"strip": strip}, {"magnetic_torque": {}}, field={"uniform": [0.0, 0.0, 1e-3]})
+    scene = resting_scene(
+        {"strip": strip}, {"magnetic_torque": {}}, field={"uniform": [0.0, 0.0, 1e-3]}
+    )
     found = magmpm.run(scene)
     assert found.positions == {}
-    np.testing.assert_allclose(found.tip, [6e-3, 0, 0], atol=1e-12)  # where the solve ends: nothing is magnetized
+    np.testing.assert_allclose(
+        found.tip, [6e-3, 0, 0], atol=1e-12
+    )  # where the solve ends: nothing is magnetized
 
 
 def test_a_named_part_or_point_is_the_tip(result: magmpm.Result) -> None:
@@ -102,7 +127,10 @@ def test_a_named_part_or_point_is_the_tip(result: magmpm.Result) -> None:
     assert face.tip[2] > face.particle_position[:, 2].mean() > 0.0
 
 
-SPLINES = {"on the axes": MESHES["end"], "oblique": turned(box((0, -2, -2), (9, 2, 2)), (1, 2, 3), 0.7)}
+SPLINES = {
+    "on the axes": MESHES["end"],
+    "oblique": turned(box((0, -2, -2), (9, 2, 2)), (1, 2, 3), 0.7),
+}
 
 
 @pytest.mark.parametrize("shape", SPLINES)
@@ -123,28 +151,50 @@ def test_a_point_moves_as_the_splines_of_the_grid_do(shape: str, rng: np.random.
         assert weights is not None
         position, grid = model.particles.position, model.grid
         slope = rng.normal(size=(3, 3))
-        np.testing.assert_allclose(weights @ (position @ slope + 1.0), point @ slope + 1.0, rtol=1e-10)  # rounding
-        cell = np.clip(np.floor((point - grid.origin) / grid.spacing).astype(np.int64), 0, np.array(grid.cells) - 1)
+        np.testing.assert_allclose(
+            weights @ (position @ slope + 1.0), point @ slope + 1.0, rtol=1e-10
+        )  # rounding
+        cell = np.clip(
+            np.floor((point - grid.origin) / grid.spacing).astype(np.int64),
+            0,
+            np.array(grid.cells) - 1,
+        )
         coefficients = rng.normal(size=grid.nodes)
 
-        def moved(points: np.ndarray, cells: np.ndarray, grid: Any = grid, at: np.ndarray = coefficients) -> np.ndarray:
+        def moved(
+            points: np.ndarray, cells: np.ndarray, grid: Any = grid, at: np.ndarray = coefficients
+        ) -> np.ndarray:
             values = grid.splines(points, cells)[0]
             total = np.zeros(len(points))
             for a, b, c in np.ndindex(3, 3, 3):
-                total += values[:, 0, a] * values[:, 1, b] * values[:, 2, c] * at[tuple((cells + np.array([a, b, c])).T)]
+                total += (
+                    values[:, 0, a]
+                    * values[:, 1, b]
+                    * values[:, 2, c]
+                    * at[tuple((cells + np.array([a, b, c])).T)]
+                )
             return total
 
         found = weights @ moved(position, model.particles.cell)
         want = moved(point[None], cell[None])[0]
         # Cut cells at a corner hold points too close to each other to tell all splines apart: a tenth of what they differ by.
-        assert found == pytest.approx(want, abs=1e-9 if shape == "on the axes" or point is not corner else 0.1)
+        assert found == pytest.approx(
+            want, abs=1e-9 if shape == "on the axes" or point is not corner else 0.1
+        )
 
 
 def test_parts_that_share_a_name_have_their_numbers() -> None:
-    assert different_names(["arm", "", "arm", "part 2"]) == ("arm (part 1)", "part 2 (part 2)", "arm (part 3)", "part 2 (part 4)")
+    assert different_names(["arm", "", "arm", "part 2"]) == (
+        "arm (part 1)",
+        "part 2 (part 2)",
+        "arm (part 3)",
+        "part 2 (part 4)",
+    )
     scene = parts("arm (part 3)", names=("base", "arm", "arm"))
     assert build(scene).tip_weights is not None
-    with pytest.raises(magmpm.InputError, match=r"the name of a part that moves: arm \(part 2\), arm \(part 3\)"):
+    with pytest.raises(
+        magmpm.InputError, match=r"the name of a part that moves: arm \(part 2\), arm \(part 3\)"
+    ):
         parts("arm", names=("base", "arm", "arm"))
 
 
@@ -152,9 +202,13 @@ def test_motions_and_paths_of_parts_keep_where_the_parts_are(tmp_path: Path) -> 
     moving = parts([14e-3, 0.0, 0.0], solver={"dynamic": {"duration": 2e-3, "output_every": 1e-3}})
     end = magmpm.run(moving, folder=tmp_path / "motion")
     motion = magmpm.Motion.load(tmp_path / "motion")
-    assert {name: places.shape for name, places in motion.positions.items()} == dict.fromkeys(NAMES, (3, 3))
+    assert {name: places.shape for name, places in motion.positions.items()} == dict.fromkeys(
+        NAMES, (3, 3)
+    )
     for name in NAMES:
-        np.testing.assert_allclose(motion.positions[name][-1], end.positions[name], atol=1e-15)  # rounding
+        np.testing.assert_allclose(
+            motion.positions[name][-1], end.positions[name], atol=1e-15
+        )  # rounding
     header, *rows = (tmp_path / "motion" / "positions.csv").read_text().splitlines()
     assert header == "t,part,x,y,z"
     assert len(rows) == 9
@@ -172,12 +226,17 @@ def test_motions_and_paths_of_parts_keep_where_the_parts_are(tmp_path: Path) -> 
     assert not [step for step in followed.steps if "tip" in step]
     lines = (tmp_path / "motion" / "positions.csv").read_text().splitlines(keepends=True)
     (tmp_path / "motion" / "positions.csv").write_text("".join(lines[:4]))
-    with pytest.raises(magmpm.InputError, match=r"positions\.csv: received 1 rows that do not match the 5 frames"):
+    with pytest.raises(
+        magmpm.InputError, match=r"positions\.csv: received 1 rows that do not match the 5 frames"
+    ):
         magmpm.Motion.load(tmp_path / "motion")
 
 
 def test_what_needs_a_tip_says_that_there_is_none(result: magmpm.Result, tmp_path: Path) -> None:
-    with pytest.raises(magmpm.InputError, match=r"no tip unless the scene names one\n.*say `tip: arm` in body.parts"):
+    with pytest.raises(
+        magmpm.InputError,
+        match=r"no tip unless the scene names one\n.*say `tip: arm` in body.parts",
+    ):
         distance(result, result, of="tip")
     assert distance(result, result) == 0.0
     (tmp_path / "tips.csv").write_text("field_z_mT,tip_z_mm\n5,1\n10,2\n")
@@ -188,7 +247,9 @@ def test_what_needs_a_tip_says_that_there_is_none(result: magmpm.Result, tmp_pat
         parts(resolution={"error": 1e-3, "of": "tip"})
 
 
-def test_the_command_shows_parts_of_a_requested_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_shows_parts_of_a_requested_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its report failed for bodies without an axis."""
     for name, mesh in MESHES.items():
         write_stl(mesh, tmp_path / f"{name}.stl")

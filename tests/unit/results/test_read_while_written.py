@@ -45,7 +45,13 @@ def test_a_file_is_at_no_moment_marked_as_written_in_no_order(tmp_path: Path) ->
     A run that is killed while the byte is 1 leaves a file that cannot be opened. The test checks it a hundred times per frame."""
     model = motions.body(0.5e-3)
     writer = MotionWriter(tmp_path, model)
-    command = [sys.executable, "-c", WATCH_THE_MARK, str(tmp_path / motion.MOTION), str(tmp_path / "over")]
+    command = [
+        sys.executable,
+        "-c",
+        WATCH_THE_MARK,
+        str(tmp_path / motion.MOTION),
+        str(tmp_path / "over"),
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as watch:
         assert watch.stdout.readline() == "watching\n"
         try:
@@ -86,7 +92,10 @@ def test_a_killed_run_leaves_whole_frames(delay: float, tmp_path: Path) -> None:
     code = WRITE_FOR_EVER.format(root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path))
     process = subprocess.Popen([sys.executable, "-c", code])
     give_up = time.monotonic() + 60
-    while not (tmp_path / motion.ENERGIES).exists() or (tmp_path / motion.ENERGIES).stat().st_size < 300:
+    while (
+        not (tmp_path / motion.ENERGIES).exists()
+        or (tmp_path / motion.ENERGIES).stat().st_size < 300
+    ):
         assert process.poll() is None
         assert time.monotonic() < give_up
         time.sleep(0.005)
@@ -122,7 +131,9 @@ def test_a_folder_that_is_held_is_not_mended(tmp_path: Path) -> None:
 
 def test_reading_never_harms_a_motion_that_is_written(tmp_path: Path) -> None:
     """A motion loaded over and over while a process writes it: every load succeeds, and at the end each frame is whole."""
-    code = WRITE_FOR_EVER.format(root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path)).replace("100000", "200")
+    code = WRITE_FOR_EVER.format(
+        root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path)
+    ).replace("100000", "200")
     with subprocess.Popen([sys.executable, "-c", code]) as process:
         give_up = time.monotonic() + 60
         while not (tmp_path / motion.ENERGIES).exists() and time.monotonic() < give_up:

@@ -20,8 +20,14 @@ from magmpm.errors import count, fixed, length, lengths, quantity, significant, 
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (0.01234, "0.0123"), (41.0, "41.0"), (1234.0, "1230"), (9.996, "10.0"), (0.0, "0"), (-0.5, "-0.500"),
-        (3.912e-5, "3.91e-05"), (1e7, "1.00e+07"),
+        (0.01234, "0.0123"),
+        (41.0, "41.0"),
+        (1234.0, "1230"),
+        (9.996, "10.0"),
+        (0.0, "0"),
+        (-0.5, "-0.500"),
+        (3.912e-5, "3.91e-05"),
+        (1e7, "1.00e+07"),
     ],
 )
 def test_significant(value: float, text: str) -> None:
@@ -31,23 +37,38 @@ def test_significant(value: float, text: str) -> None:
 @pytest.mark.parametrize(
     ("value", "unit", "text"),
     [
-        (1e-12, "s", "1.00 ps"), (3.91e-5, "s", "39.1 µs"), (0.3, "s", "300 ms"), (2.0, "s", "2.00 s"), (0.006, "T", "6.00 mT"),
-        (0.9999, "T", "1.00 T"), (999.9e-6, "T", "1.00 mT"), (0.0, "J", "0 J"), (-4.2e-8, "J", "-42.0 nJ"), (1e-30, "J", "1.00e-12 aJ"),
+        (1e-12, "s", "1.00 ps"),
+        (3.91e-5, "s", "39.1 µs"),
+        (0.3, "s", "300 ms"),
+        (2.0, "s", "2.00 s"),
+        (0.006, "T", "6.00 mT"),
+        (0.9999, "T", "1.00 T"),
+        (999.9e-6, "T", "1.00 mT"),
+        (0.0, "J", "0 J"),
+        (-4.2e-8, "J", "-42.0 nJ"),
+        (1e-30, "J", "1.00e-12 aJ"),
     ],
-)  # fmt: skip
+)
 def test_quantity(value: float, unit: str, text: str) -> None:
     assert quantity(value, unit) == text
 
 
 def test_lengths_share_a_unit_that_shows_them() -> None:
     assert lengths([0.03867, -1e-9, 0.010366]) == "(38.670, 0.000, 10.366) mm"
-    assert lengths([20e-9, 0.0, -1.5e-9]) == "(20.000, 0.000, -1.500) nm", "a body of 20 nm is not 0.000 mm long"
+    assert lengths([20e-9, 0.0, -1.5e-9]) == "(20.000, 0.000, -1.500) nm", (
+        "a body of 20 nm is not 0.000 mm long"
+    )
     assert lengths([0.0, 0.0, 0.0]) == "(0.000, 0.000, 0.000) mm"
     assert lengths([math.nan, 0.001, 0.0]) == "(nan, 1.000, 0.000) mm"
 
 
 def test_length_of_a_bar() -> None:
-    assert [length(value) for value in (0.01, 2e-3, 1e-4, 5e-9)] == ["10 mm", "2 mm", "0.1 mm", "5 nm"]
+    assert [length(value) for value in (0.01, 2e-3, 1e-4, 5e-9)] == [
+        "10 mm",
+        "2 mm",
+        "0.1 mm",
+        "5 nm",
+    ]
 
 
 def test_fixed_has_no_negative_zero() -> None:
@@ -59,7 +80,17 @@ def test_nothing_is_lost_but_digits(value: float, digits: int) -> None:
     """The text, read back, gives the value to its digits."""
     assert float(significant(value, digits)) == pytest.approx(value, rel=0.6 * 10.0 ** (1 - digits))
     number, unit = quantity(value, "s", digits).split()
-    factor = {"f": 1e-15, "p": 1e-12, "n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}[unit[:-1]]
+    factor = {
+        "f": 1e-15,
+        "p": 1e-12,
+        "n": 1e-9,
+        "µ": 1e-6,
+        "m": 1e-3,
+        "": 1.0,
+        "k": 1e3,
+        "M": 1e6,
+        "G": 1e9,
+    }[unit[:-1]]
     assert float(number) * factor == pytest.approx(value, rel=0.6 * 10.0 ** (1 - digits))
 
 
@@ -89,10 +120,18 @@ def test_a_result_shows_its_axis_and_figures() -> None:
     text = " ".join(found.itertext())
     assert "a <b> & c" in text
     assert f"({1e3 * result.tip[0]:.3f}, " in text
-    lines = [each for each in found.iter() if each.tag.endswith("polyline") and "dasharray" not in str(each.attrib)]
-    side = np.array([[float(x) for x in pair.split(",")] for pair in lines[0].get("points", "").split()])
+    lines = [
+        each
+        for each in found.iter()
+        if each.tag.endswith("polyline") and "dasharray" not in str(each.attrib)
+    ]
+    side = np.array(
+        [[float(x) for x in pair.split(",")] for pair in lines[0].get("points", "").split()]
+    )
     moved, axis = side[-1] - side[0], result.centreline[-1, 1:] - result.centreline[0, 1:]
-    assert abs(moved[0] / -moved[1] - axis[0] / axis[2]) < 0.02 * abs(axis[0] / axis[2])  # pixels are rounded to a tenth
+    assert abs(moved[0] / -moved[1] - axis[0] / axis[2]) < 0.02 * abs(
+        axis[0] / axis[2]
+    )  # pixels are rounded to a tenth
     failed = dataclasses.replace(result, converged=False, failure="no equilibrium")
     assert "no equilibrium" in " ".join(picture(failed).itertext())
 

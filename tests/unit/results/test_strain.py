@@ -25,16 +25,22 @@ L, D = 40e-3, 4e-3
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    return build(rod_scene(length=L, diameter=D, cells=2, field=(0, 0, 1e-3), gravity=(0, 0, -9.81)))
+    return build(
+        rod_scene(length=L, diameter=D, cells=2, field=(0, 0, 1e-3), gravity=(0, 0, -9.81))
+    )
 
 
 def held(model: Model, gradient: np.ndarray) -> Strain:
     """The strain of a body with a uniform deformation gradient (3, 3)."""
-    return strain_of(model, model.particles.position @ gradient.T, np.tile(gradient, (len(model.density), 1, 1)))
+    return strain_of(
+        model, model.particles.position @ gradient.T, np.tile(gradient, (len(model.density), 1, 1))
+    )
 
 
 @pytest.mark.parametrize("stretch", [1.2, 1.49, 1.51, 3.0])
-def test_stretches_are_the_principal_ones(stretch: float, model: Model, rng: np.random.Generator) -> None:
+def test_stretches_are_the_principal_ones(
+    stretch: float, model: Model, rng: np.random.Generator
+) -> None:
     """Uniaxial tension at constant volume, with any rotation before and after: a warning above 1.5, and no other."""
     before, after = special_ortho_group.rvs(3, size=2, random_state=rng)
     F = after @ np.diag([stretch, stretch**-0.5, stretch**-0.5]) @ before
@@ -43,11 +49,17 @@ def test_stretches_are_the_principal_ones(stretch: float, model: Model, rng: np.
     assert (found.stretched, found.swollen) == pytest.approx((float(stretch > STRETCH), 0.0))
     said = found.warnings(model)
     assert len(said) == (stretch > STRETCH)
-    assert all("100 % of the volume is stretched to more than 1.5" in text and f"at most {stretch:.3g} times" in text for text in said)
+    assert all(
+        "100 % of the volume is stretched to more than 1.5" in text
+        and f"at most {stretch:.3g} times" in text
+        for text in said
+    )
 
 
 @pytest.mark.parametrize(("J", "told"), [(0.81, False), (0.79, True), (1.19, False), (1.21, True)])
-def test_volume_is_kept_within_a_fifth(J: float, told: bool, model: Model, rng: np.random.Generator) -> None:
+def test_volume_is_kept_within_a_fifth(
+    J: float, told: bool, model: Model, rng: np.random.Generator
+) -> None:
     found = held(model, J ** (1 / 3) * special_ortho_group.rvs(3, random_state=rng))
     assert (found.min_det_F, found.max_det_F) == pytest.approx((J, J))
     says = f"100 % of the volume has a det F below {1 - VOLUME:g} or above {1 + VOLUME:g} (it is {J:.3g} to {J:.3g})"
@@ -69,10 +81,16 @@ def test_a_few_particles_are_let_pass(model: Model) -> None:
 def test_the_axis_bends_no_tighter_than_the_body_is_thick(radius: float, model: Model) -> None:
     """Bent to a circle, measured on slices of the body."""
     angle, aside = model.particles.position[:, 0] / radius, radius - model.particles.position[:, 2]
-    bent = np.column_stack([aside * np.sin(angle), model.particles.position[:, 1], radius - aside * np.cos(angle)])
+    bent = np.column_stack(
+        [aside * np.sin(angle), model.particles.position[:, 1], radius - aside * np.cos(angle)]
+    )
     found = strain_of(model, bent, np.tile(np.eye(3), (len(bent), 1, 1)))
-    assert found.radius == pytest.approx(radius, rel=0.05)  # slices of 2 mm lie inside the arc: at 3.6 mm by 1 %
-    assert [f"less than the body is thick, {1e3 * D:g} mm" in text for text in found.warnings(model)] == [True] * (radius < D)
+    assert found.radius == pytest.approx(
+        radius, rel=0.05
+    )  # slices of 2 mm lie inside the arc: at 3.6 mm by 1 %
+    assert [
+        f"less than the body is thick, {1e3 * D:g} mm" in text for text in found.warnings(model)
+    ] == [True] * (radius < D)
 
 
 def test_a_tube_that_would_kink_is_told(model: Model) -> None:
@@ -95,11 +113,16 @@ def test_radius_of_a_curve() -> None:
     assert tightest_radius(np.outer(np.arange(5.0), [1, 2, 3])) == np.inf
 
 
-def test_absurdly_soft_silicone_is_warned_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_absurdly_soft_silicone_is_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """G of 1.5 kPa instead of 120 kPa: stretch 2.5, det F 0.4, radius below the thickness; reported in both places."""
     text = (ROOT / "data/scenes/five_segments.yaml").read_text(encoding="utf-8")
     path, out = tmp_path / "soft.yaml", tmp_path / "out"
-    for old, new in (("shear_modulus: 120 kPa", "shear_modulus: 1.5 kPa"), ("cells_across: 4", "cells_across: 2")):
+    for old, new in (
+        ("shear_modulus: 120 kPa", "shear_modulus: 1.5 kPa"),
+        ("cells_across: 4", "cells_across: 2"),
+    ):
         assert old in text
         text = text.replace(old, new)
     path.write_text(text, encoding="utf-8")
@@ -109,7 +132,9 @@ def test_absurdly_soft_silicone_is_warned_of(tmp_path: Path, capsys: pytest.Capt
     assert told["largest_stretch"] == saved.largest_stretch > STRETCH
     assert told["tightest_radius"] == saved.tightest_radius < D
     said = [text for text in saved.warnings if text.startswith("strain: ")]
-    for text, about in zip(said, ("is stretched to more than", "has a det F below", "the axis is bent"), strict=True):
+    for text, about in zip(
+        said, ("is stretched to more than", "has a det F below", "the axis is bent"), strict=True
+    ):
         assert about in text
         assert f"magmpm: warning: {text}\n" in printed.err
     mark = f"BEYOND THE MATERIAL LAW: stretch {saved.largest_stretch:.2g}"
@@ -117,10 +142,16 @@ def test_absurdly_soft_silicone_is_warned_of(tmp_path: Path, capsys: pytest.Capt
     assert trial_snapshot(saved, trial=3).caption() == "trial 3"
 
 
-@pytest.mark.parametrize("name", ["five_segments", "hollow", "zhao_plane_strain", "three_segments_3d"])
+@pytest.mark.parametrize(
+    "name", ["five_segments", "hollow", "zhao_plane_strain", "three_segments_3d"]
+)
 def test_usual_scenes_are_not(name: str) -> None:
     """Strongly bent catheters and strips on coarse grids: stretches of 1.03 to 1.11."""
-    result = run(load_scene(ROOT / f"data/scenes/{name}.yaml").with_cells(2 if name != "zhao_plane_strain" else 4))
+    result = run(
+        load_scene(ROOT / f"data/scenes/{name}.yaml").with_cells(
+            2 if name != "zhao_plane_strain" else 4
+        )
+    )
     assert [text for text in result.warnings if text.startswith("strain")] == []
     assert 1.02 < result.largest_stretch < 1.2
     assert result.tightest_radius is not None
@@ -144,4 +175,6 @@ def test_a_motion_keeps_the_worst_of_its_frames(tmp_path: Path) -> None:
 def swinging(duration: float) -> Scene:
     body = {"catheter": {"length": 12e-3, "diameter": 4e-3, "material": "m", "segments": [{}]}}
     effects = {"gravity": {"acceleration": [600.0, 0.0, 0.0]}, "damping": {"rate": 1e-6}}
-    return moving_scene(body, effects, shear=20e3, solver={"dynamic": {"duration": duration, "output_every": 1e-3}})
+    return moving_scene(
+        body, effects, shear=20e3, solver={"dynamic": {"duration": duration, "output_every": 1e-3}}
+    )

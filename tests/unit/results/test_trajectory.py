@@ -25,11 +25,17 @@ def contents(folder: Path) -> dict[str, Any]:
     """The whole content of the files of a motion."""
     found: dict[str, Any] = {}
     with h5py.File(folder / motion.MOTION, "r") as file:
-        file.visititems(lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
+        file.visititems(
+            lambda name, item: (
+                found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None
+            )
+        )
         count, n = file["VTKHDF/Steps"].attrs["NSteps"], file["VTKHDF/NumberOfPoints"][0]
         for name, array in found.items():  # growing arrays are longer than the counted frames
             if array.ndim and file[name].maxshape[0] is None:
-                found[name] = array[: count * n if "Points" in name or "PointData/" in name else count]
+                found[name] = array[
+                    : count * n if "Points" in name or "PointData/" in name else count
+                ]
         found["NSteps"] = count
     for name in (motion.ENERGIES, motion.CONTACTS):
         found[name] = (folder / name).read_bytes()
@@ -37,7 +43,9 @@ def contents(folder: Path) -> dict[str, Any]:
 
 
 def same(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    return one.keys() == other.keys() and all(np.array_equal(one[name], other[name]) for name in one)
+    return one.keys() == other.keys() and all(
+        np.array_equal(one[name], other[name]) for name in one
+    )
 
 
 def test_what_was_written_is_read_back(tmp_path: Path) -> None:
@@ -62,7 +70,13 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
         np.testing.assert_allclose(frame.position, moment.x, rtol=SINGLE, atol=1e-12)
         for name, array in wanted.items():
             # Rounded once to single precision; absolute where an entry is a difference of large numbers.
-            np.testing.assert_allclose(frame.quantities[name], array, rtol=SINGLE, atol=1e-13 * (1 + np.abs(array).max()), err_msg=name)
+            np.testing.assert_allclose(
+                frame.quantities[name],
+                array,
+                rtol=SINGLE,
+                atol=1e-13 * (1 + np.abs(array).max()),
+                err_msg=name,
+            )
         np.testing.assert_array_equal(frame.field, moment.field)
         assert read.energies["kinetic"][k] == moment.energies["kinetic"]
         assert read.energies["total"][k] == sum(moment.energies.values())
@@ -71,7 +85,9 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
     with pytest.raises(IndexError):
         read[len(read)]
     for wrong in (lambda: read[99], lambda: read.position(99)):
-        with pytest.raises(IndexError, match=f"frame: received 99; motion has frames 0 to {len(TIMES) - 1}$"):
+        with pytest.raises(
+            IndexError, match=f"frame: received 99; motion has frames 0 to {len(TIMES) - 1}$"
+        ):
             wrong()
     assert [frame.number for frame in read[0:2]] == [0, 1]
     assert [frame.number for frame in read[-1::-4]] == [8, 4, 0]
@@ -136,7 +152,9 @@ def test_resuming_before_the_first_frame_or_with_another_body(tmp_path: Path) ->
     motions.write(writer, motions.bending(model, TIMES))
     assert same(contents(tmp_path / "again"), contents(tmp_path / "unbroken"))
     MotionWriter(tmp_path / "again", model, resume_at=TIMES[2])
-    with h5py.File(tmp_path / "again" / motion.MOTION, "r") as file:  # VTK's reader writes beyond its buffer if there are more
+    with h5py.File(
+        tmp_path / "again" / motion.MOTION, "r"
+    ) as file:  # VTK's reader writes beyond its buffer if there are more
         assert len(file["VTKHDF/Steps/Values"]) == file["VTKHDF/Steps"].attrs["NSteps"] == 3
     with pytest.raises(InputError, match="holds another motion"):
         MotionWriter(tmp_path / "again", motions.body(0.5e-3), resume_at=0.1)
@@ -158,7 +176,13 @@ def test_the_budget_is_kept_and_what_was_written_stays(tmp_path: Path) -> None:
     writer = MotionWriter(tmp_path / "kept", model, max_disk=budget)
     with pytest.raises(BudgetError) as caught:
         motions.write(writer, motions.bending(model, TIMES))
-    for phrase in ("solver.dynamic.max_disk", "MB", f"after {writer.frames} frames", "output_every", "raise max_disk"):
+    for phrase in (
+        "solver.dynamic.max_disk",
+        "MB",
+        f"after {writer.frames} frames",
+        "output_every",
+        "raise max_disk",
+    ):
         assert phrase in str(caught.value)
     assert isinstance(caught.value, SolveError)
     assert caught.value.exit_status == 3
@@ -172,7 +196,9 @@ def test_the_budget_is_kept_and_what_was_written_stays(tmp_path: Path) -> None:
     assert free.size - writer.size <= (free.frames - writer.frames) * writer.frame_size
 
 
-def test_a_full_disk_is_found_before_the_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_found_before_the_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     model = motions.body()
     writer = MotionWriter(tmp_path, model)
     motions.write(writer, motions.bending(model, TIMES[:2]))
@@ -236,7 +262,12 @@ def test_every_array_of_a_frame_tells_whether_it_is_whole(tmp_path: Path) -> Non
     motions.written(tmp_path)
     path, model = tmp_path / motion.MOTION, motions.body()
     loaded, whole, n = Motion.load(tmp_path), path.read_bytes(), len(model.particles.volume)
-    for name in ("Points", *(f"PointData/{name}" for name in QUANTITIES), "Steps/Values", "FieldData/field"):
+    for name in (
+        "Points",
+        *(f"PointData/{name}" for name in QUANTITIES),
+        "Steps/Values",
+        "FieldData/field",
+    ):
         path.write_bytes(whole)
         with h5py.File(path, "r+", locking=False) as file:
             row = 4 * n + 7 if name.startswith("Point") else 4
@@ -278,8 +309,12 @@ except BudgetError as error:
 
 def test_a_write_the_system_refuses_ends_as_a_full_disk_does(tmp_path: Path) -> None:
     """A limit on the file size represents quotas and full disks: no traceback, and the written frames are whole."""
-    code = WRITE_WITHIN_A_LIMIT.format(root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path))
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    code = WRITE_WITHIN_A_LIMIT.format(
+        root=str(ROOT), tests=str(ROOT / "tests"), folder=str(tmp_path)
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
     assert ended.returncode == 0, ended.stderr
     assert "File too large after" in ended.stdout
     assert len(Motion.load(tmp_path)) == int(ended.stdout.split()[-1]) > 2

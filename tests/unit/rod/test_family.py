@@ -53,7 +53,18 @@ class Rod:
         rod = self.rod
         for load in (0.3, 0.6, 1.0):
             relax_all(
-                q, rod.length, rod.twist_bend, rod.compliance, m, load * B, load * W, self.family.sizes, shares, position, slopes, found
+                q,
+                rod.length,
+                rod.twist_bend,
+                rod.compliance,
+                m,
+                load * B,
+                load * W,
+                self.family.sizes,
+                shares,
+                position,
+                slopes,
+                found,
             )
         assert found.all()
         return position[0], slopes[0]
@@ -63,7 +74,11 @@ class Rod:
 def test_each_column_is_a_central_difference(scene: Scene, column: int) -> None:
     """Each component of each moment, of the field and of the acceleration."""
     rod = Rod(scene)
-    given, field, acceleration = directions(scene), np.array(scene.field.uniform), np.array([0.0, 0.0, -GRAVITY])
+    given, field, acceleration = (
+        directions(scene),
+        np.array(scene.field.uniform),
+        np.array([0.0, 0.0, -GRAVITY]),
+    )
     _, slopes = rod(given, field, acceleration)
     group, j = divmod(column, 3)
 
@@ -79,7 +94,9 @@ def test_each_column_is_a_central_difference(scene: Scene, column: int) -> None:
     h = 1e-3
     difference = (at(h) - at(-h)) / (2 * h)
     # the difference's own error is h^2 times the third derivative, up to half the first
-    np.testing.assert_allclose(unit * slopes[column, 1], difference, rtol=0, atol=2e-6 * np.abs(difference).max())
+    np.testing.assert_allclose(
+        unit * slopes[column, 1], difference, rtol=0, atol=2e-6 * np.abs(difference).max()
+    )
 
 
 def test_a_family_has_the_shapes_of_its_rods(scene: Scene, rng: np.random.Generator) -> None:
@@ -88,7 +105,11 @@ def test_a_family_has_the_shapes_of_its_rods(scene: Scene, rng: np.random.Genera
     several /= np.linalg.norm(several, axis=2, keepdims=True)
     fields = 4e-3 * rng.normal(size=(3, 3))
     rod = rod_model(scene, 60)
-    family = RodFamily.of(replace(rod, field=np.zeros_like(rod.field)), scene.body.shape.segment_lengths(), regions(scene))
+    family = RodFamily.of(
+        replace(rod, field=np.zeros_like(rod.field)),
+        scene.body.shape.segment_lengths(),
+        regions(scene),
+    )
     q = family.straight(3)
     for share in np.linspace(0.1, 1, 10):
         position, slopes, found = family.relaxed(q, several, fields, share=share)
@@ -104,16 +125,30 @@ def test_a_family_has_the_shapes_of_its_rods(scene: Scene, rng: np.random.Genera
 
 def test_a_rod_past_its_critical_load_is_not_found_stable(scene: Scene) -> None:
     """Magnetized against the field, straight is an equilibrium, but no minimum: slopes there would mean nothing."""
-    against = scene.with_effects(gravity=None).with_magnetizations(np.tile([1.0, 0, 0], (5, 1))).with_field([-20e-3, 0, 0])
+    against = (
+        scene.with_effects(gravity=None)
+        .with_magnetizations(np.tile([1.0, 0, 0], (5, 1)))
+        .with_field([-20e-3, 0, 0])
+    )
     rod = rod_model(against, 40)
     family = RodFamily.of(rod, against.body.shape.segment_lengths(), regions(against))
     q = family.straight(1)
     position, slopes = np.empty((1, 41, 3)), np.zeros((1, 3, 2, 41, 3))
     found = np.ones(1, dtype=bool)
     relax_all(
-        q, rod.length, rod.twist_bend, rod.compliance, family.moments(directions(against)), rod.field[None], rod.weight[None],
-        family.sizes[:1], np.zeros((0, 2, 41)), position, slopes, found,
-    )  # fmt: skip
+        q,
+        rod.length,
+        rod.twist_bend,
+        rod.compliance,
+        family.moments(directions(against)),
+        rod.field[None],
+        rod.weight[None],
+        family.sizes[:1],
+        np.zeros((0, 2, 41)),
+        position,
+        slopes,
+        found,
+    )
     assert found[0], "it leaves the straight shape and finds the bent one"
     assert np.abs(position[0, :, 2]).max() > 0.1 * against.length
 
@@ -122,16 +157,29 @@ def test_stability_of_a_rod_is_that_of_its_small_vibrations(scene: Scene) -> Non
     """Unloaded: 1, and the eigenvalue is (1.8751 / L)^4 E I for 1 kg/m (the clamped beam). It falls to 0 at the critical load.
 
     A rod magnetized toward its tip in a field B against it: E I theta'' + m B theta = 0, m B = E I (pi / 2L)^2 at the critical load."""
-    bare = scene.with_effects(gravity=None).with_magnetizations(np.tile([1.0, 0, 0], (5, 1))).with_field([0.0, 0, 0])
+    bare = (
+        scene.with_effects(gravity=None)
+        .with_magnetizations(np.tile([1.0, 0, 0], (5, 1)))
+        .with_field([0.0, 0, 0])
+    )
     rod = replace(rod_model(bare, 120), compliance=np.zeros((120, 3)))
     family = RodFamily.of(rod, bare.body.shape.segment_lengths(), range(5))
     toward, q = np.tile([1.0, 0, 0], (5, 1)), family.straight(1)[0]
     assert family.stability(q, toward, np.zeros(3)) == pytest.approx(1, rel=1e-12)
     bending, length = rod.twist_bend[0, 1], rod.length.sum()
-    value = softest(q, rod.length, rod.twist_bend, rod.compliance, rod.moment, rod.field, rod.weight)
-    assert value == pytest.approx(bending * (1.87510407 / length) ** 4, rel=5e-4)  # of second order in 120 elements, and 1e-4 of iteration
+    value = softest(
+        q, rod.length, rod.twist_bend, rod.compliance, rod.moment, rod.field, rod.weight
+    )
+    assert value == pytest.approx(
+        bending * (1.87510407 / length) ** 4, rel=5e-4
+    )  # of second order in 120 elements, and 1e-4 of iteration
     critical = bending * (np.pi / 2 / length) ** 2 / np.linalg.norm(rod.moment[0])
-    near = [family.stability(q, toward, np.array([-share * critical, 0, 0])) for share in (0.5, 0.9, 0.99)]
-    assert near[2] == pytest.approx(0.01, rel=0.15)  # in proportion to what is left of the load, near the end
+    near = [
+        family.stability(q, toward, np.array([-share * critical, 0, 0]))
+        for share in (0.5, 0.9, 0.99)
+    ]
+    assert near[2] == pytest.approx(
+        0.01, rel=0.15
+    )  # in proportion to what is left of the load, near the end
     assert near[0] > near[1] > near[2] > 0
     assert family.stability(q, toward, np.array([-1.01 * critical, 0, 0])) == 0

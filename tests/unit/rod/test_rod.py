@@ -28,7 +28,9 @@ def slender(**changes: object) -> Scene:
 def spatial() -> Scene:
     loads = {"field": (2e-4, 1e-3, -1.4e-3), "gravity": (1.0, -0.2, -0.5)}
     directions = [(1, 0, 0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6)]
-    return slender(directions=directions, shear=[G, G / 3, 2 * G], lengths=[9e-3, 18e-3, 13e-3], **loads)
+    return slender(
+        directions=directions, shear=[G, G / 3, 2 * G], lengths=[9e-3, 18e-3, 13e-3], **loads
+    )
 
 
 class Chain:
@@ -42,7 +44,14 @@ class Chain:
         for k in range(n):
             frames.append(frames[-1] * steps[k])
         self.q = np.array([np.roll(f.as_quat(), 1) for f in frames])  # scalar first
-        self.arguments = (rod.length, rod.twist_bend, rod.compliance, rod.moment, rod.field, rod.weight)
+        self.arguments = (
+            rod.length,
+            rod.twist_bend,
+            rod.compliance,
+            rod.moment,
+            rod.field,
+            rod.weight,
+        )
 
     def at(self, d: np.ndarray) -> np.ndarray:
         out = np.empty_like(self.q)
@@ -80,12 +89,18 @@ def test_every_entry_of_gradient_and_hessian(rng: np.random.Generator, extensibl
     base = chain.energy(0 * g)
     scale = np.abs(H).max()
     found = (np.array(plus) - np.array(minus)) / (2 * h)
-    np.testing.assert_allclose(found, g.ravel(), rtol=0, atol=1e-7 * scale)  # h^2 of the third derivative
+    np.testing.assert_allclose(
+        found, g.ravel(), rtol=0, atol=1e-7 * scale
+    )  # h^2 of the third derivative
     for a in range(n):
         for b in range(a, min(n, a + 6)):
             second = chain.energy(h * (unit[a] + unit[b])) - plus[a] - plus[b] + base
-            second = (second + chain.energy(-h * (unit[a] + unit[b])) - minus[a] - minus[b] + base) / (2 * h * h)
-            assert second == pytest.approx(H[a, b], abs=1e-6 * scale)  # rounding error 1e-16/h^2, and h^2
+            second = (
+                second + chain.energy(-h * (unit[a] + unit[b])) - minus[a] - minus[b] + base
+            ) / (2 * h * h)
+            assert second == pytest.approx(
+                H[a, b], abs=1e-6 * scale
+            )  # rounding error 1e-16/h^2, and h^2
 
 
 def test_unloaded_rod_is_straight() -> None:
@@ -131,16 +146,24 @@ def test_part_of_the_load() -> None:
 
 def test_piecewise_stiffness_and_magnetisation() -> None:
     """Three unequal segments, one soft, the last unmagnetized: theta' = M(s)/(E I(s)), M(s) = m B (magnetized length beyond s)."""
-    lengths, moduli, magnets = np.array([7e-3, 20e-3, 13e-3]), np.array([G, G / 5, 3 * G]), [1, 1, 0]
+    lengths, moduli, magnets = (
+        np.array([7e-3, 20e-3, 13e-3]),
+        np.array([G, G / 5, 3 * G]),
+        [1, 1, 0],
+    )
     B = 1e-7
-    scene = slender(lengths=lengths, shear=moduli, directions=[(m, 0, 0) for m in magnets], field=(0, 0, B))
+    scene = slender(
+        lengths=lengths, shear=moduli, directions=[(m, 0, 0) for m in magnets], field=(0, 0, B)
+    )
     shape = solve_rod(scene, extensible=False)
     edges, ds = np.linspace(0, L, 400001, retstep=True)
     s = (edges[1:] + edges[:-1]) / 2
     of = np.searchsorted(np.cumsum(lengths), s).clip(max=2)
     beyond = np.clip(lengths[:2].sum() - s, 0, None)
     angle = np.cumsum(MOMENT * B * beyond / (E * INERTIA * (moduli / G)[of])) * ds
-    assert shape.frames[-1, 2, 0] == pytest.approx(angle[-1], rel=1e-4)  # 180 elements, second order
+    assert shape.frames[-1, 2, 0] == pytest.approx(
+        angle[-1], rel=1e-4
+    )  # 180 elements, second order
     assert shape.position[-1, 2] == pytest.approx(angle.sum() * ds, rel=1e-4)
 
 
@@ -182,7 +205,9 @@ def test_turned_about_its_axis(angle: float) -> None:
     """If magnetization, field and gravity rotate about x by any angle, the shape rotates with them, because the section is round."""
     R = Rotation.from_euler("x", angle, degrees=True).as_matrix()
     model = rod_model(spatial())
-    turned = replace(model, moment=model.moment @ R.T, field=model.field @ R.T, weight=model.weight @ R.T)
+    turned = replace(
+        model, moment=model.moment @ R.T, field=model.field @ R.T, weight=model.weight @ R.T
+    )
     one, two = solve_rod_model(model), solve_rod_model(turned)
     np.testing.assert_allclose(two.position, one.position @ R.T, rtol=0, atol=1e-9 * L)
     assert np.linalg.norm(one.position[-1] - [L, 0, 0]) > 0.3 * L
@@ -191,7 +216,9 @@ def test_turned_about_its_axis(angle: float) -> None:
 def test_frames_are_rotations_and_carry_the_axis() -> None:
     shape = solve_rod(spatial())
     eye = np.broadcast_to(np.eye(3), shape.frames.shape)
-    np.testing.assert_allclose(shape.frames @ shape.frames.transpose(0, 2, 1), eye, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        shape.frames @ shape.frames.transpose(0, 2, 1), eye, rtol=0, atol=1e-14
+    )
     assert np.array_equal(shape.frames[0], np.eye(3)), "the clamp"
     # the axis follows R v: chord against the mean of both ends, second order in the element length
     ends = np.einsum("nij,nj->ni", shape.frames, shape.strain)
@@ -211,7 +238,9 @@ def test_elements_end_where_segments_do() -> None:
 def test_position_between_frames() -> None:
     shape = solve_rod(spatial())
     middle = (shape.s[3] + shape.s[4]) / 2
-    np.testing.assert_allclose(shape.at(np.array([middle]))[0], shape.position[3:5].mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(
+        shape.at(np.array([middle]))[0], shape.position[3:5].mean(axis=0), rtol=1e-12
+    )
 
 
 def test_buckles_at_the_critical_load() -> None:

@@ -11,10 +11,19 @@ from magmpm.rod.cosserat import solve_rod
 def scene(**changes):
     """A catheter of 3 mm with three segments of 10, 12 and 8 mm; the middle one is plain."""
     magnetic = {"shear_modulus": 120e3, "bulk_to_shear": 20, "density": 1882.0, "remanence": 0.138}
-    segments = [{"magnetization": [1, 0, 0], "length": 10e-3}, {"material": "plain", "length": 12e-3}, {"magnetization": [0, 0, 1]}]
+    segments = [
+        {"magnetization": [1, 0, 0], "length": 10e-3},
+        {"material": "plain", "length": 12e-3},
+        {"magnetization": [0, 0, 1]},
+    ]
     given = {
-        "materials": {"m": magnetic, "plain": {"shear_modulus": 80e3, "bulk_to_shear": 20, "density": 1100.0}},
-        "body": {"catheter": {"length": 30e-3, "diameter": 3e-3, "material": "m", "segments": segments}},
+        "materials": {
+            "m": magnetic,
+            "plain": {"shear_modulus": 80e3, "bulk_to_shear": 20, "density": 1100.0},
+        },
+        "body": {
+            "catheter": {"length": 30e-3, "diameter": 3e-3, "material": "m", "segments": segments}
+        },
         "field": {"uniform": [0, 2e-3, 8e-3]},
         "effects": {"magnetic_torque": {}, "gravity": {}},
     }
@@ -22,7 +31,10 @@ def scene(**changes):
 
 
 def pieces(found):
-    return [(round(1e3 * s.length, 9), s.material, s.magnetization) for s in found.body.catheter.segments]
+    return [
+        (round(1e3 * s.length, 9), s.material, s.magnetization)
+        for s in found.body.catheter.segments
+    ]
 
 
 @pytest.mark.parametrize(
@@ -53,7 +65,9 @@ def test_a_rest_too_short_for_the_grid_counts_to_the_next_segment():
 def test_the_whole_length_is_the_whole_catheter():
     """The rod's shape does not change when nothing is left in the guide."""
     whole = scene()
-    np.testing.assert_allclose(solve_rod(whole.inserted(30e-3)).position, solve_rod(whole).position, atol=1e-12)
+    np.testing.assert_allclose(
+        solve_rod(whole.inserted(30e-3)).position, solve_rod(whole).position, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("cells", [2, 3, 4])
@@ -61,12 +75,18 @@ def test_cells_stay_near_cubes(cells):
     """Down to one and a half diameters a cell is at most a seventh longer or shorter than wide; at one diameter a third, with 2 across."""
     for length in np.linspace(3e-3, 30e-3, 61):
         spacing = scene().inserted(length).body.shape.grid(cells).spacing
-        assert abs(np.log(spacing[0] / spacing[1])) <= np.log(7 / 6 if length >= 4.5e-3 else 1.5) * (1 + 1e-9)
+        assert abs(np.log(spacing[0] / spacing[1])) <= np.log(
+            7 / 6 if length >= 4.5e-3 else 1.5
+        ) * (1 + 1e-9)
 
 
 def test_what_acts_in_motion_only_stays_out():
     """A scene of a push through a guide gives equilibria without feed, damping and walls."""
-    effects = {"magnetic_torque": {}, "feed": {"speed": 0.01, "exit": 20e-3}, "damping": {"rate": 50.0}}
+    effects = {
+        "magnetic_torque": {},
+        "feed": {"speed": 0.01, "exit": 20e-3},
+        "damping": {"rate": 50.0},
+    }
     found = scene(effects=effects, solver={"dynamic": {"duration": 0.1}}).inserted(15e-3)
     assert set(found.effects.named()) == {"magnetic_torque"}
     assert found.static
@@ -81,7 +101,11 @@ def test_lengths_out_of_reach_are_refused(length):
 def test_strips_and_moving_magnets_are_refused():
     with pytest.raises(InputError, match="the exit of the guide becomes the origin"):
         scene(
-            effects={"magnetic_torque": {}, "magnetic_force": {}, "feed": {"speed": 0.01, "exit": 20e-3}},
+            effects={
+                "magnetic_torque": {},
+                "magnetic_force": {},
+                "feed": {"speed": 0.01, "exit": 20e-3},
+            },
             solver={"dynamic": {"duration": 0.1}},
             field={"dipole": {"position": [0.2, 0, 0], "moment": [0, 0, 1]}},
         ).inserted(15e-3)

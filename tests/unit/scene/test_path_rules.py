@@ -49,32 +49,63 @@ def test_times_are_steps_of_the_schedule_or_given(tmp_path: Path) -> None:
 
 
 def test_feed_may_be_named(tmp_path: Path) -> None:
-    scene = read(tmp_path, (OVER, ""), ("  magnetic_torque: {}\n", FEED), ("steps: 4", "steps: 4, duration: 0.5 s"))
+    scene = read(
+        tmp_path,
+        (OVER, ""),
+        ("  magnetic_torque: {}\n", FEED),
+        ("steps: 4", "steps: 4, duration: 0.5 s"),
+    )
     assert scene.path_times()[-1] == 0.5
 
 
 @pytest.mark.parametrize(
     ("edits", "says"),
     [
-        ([("steps: 4", "steps: 4}\n  static: {tolerance: 1e-9")], ["one of them", "`static` and `quasi_static`", "remove one"]),
-        ([("steps: 4", "steps: 4}\n  dynamic: {duration: 1 s")], ["one of them", "`quasi_static` and `dynamic`"]),
+        (
+            [("steps: 4", "steps: 4}\n  static: {tolerance: 1e-9")],
+            ["one of them", "`static` and `quasi_static`", "remove one"],
+        ),
+        (
+            [("steps: 4", "steps: 4}\n  dynamic: {duration: 1 s")],
+            ["one of them", "`quasi_static` and `dynamic`"],
+        ),
         ([("{steps: 4}", "{}")], ["`steps` or `at`", "`quasi_static: {steps: 40}`"]),
         ([("steps: 4", "steps: 4, at: [0 s, 1 s]")], ["`at` says when", "remove `at` or `steps`"]),
         ([("steps: 4", "at: [0 s, 1 s], duration: 1 s")], ["`at` says when", "`duration`"]),
-        ([("steps: 4", "at: [0 s, 0.5 s, 0.2 s]")], [r"at\[2\]", "times must rise", "0.2 s, follows 0.5 s", "sort them"]),
+        (
+            [("steps: 4", "at: [0 s, 0.5 s, 0.2 s]")],
+            [r"at\[2\]", "times must rise", "0.2 s, follows 0.5 s", "sort them"],
+        ),
         ([("steps: 4", "at: [0 s]")], ["at", "2 or more entries", "`at: [0 s"]),
         ([("steps: 4", "steps: 0")], ["steps", "0"]),
         ([(OVER, "")], ["nothing changes", "the field has no schedule", "over_time", "static"]),
         ([("steps: 4", "at: [2 s, 3 s]")], ["nothing changes", "the same at all of its times"]),
-        ([("  magnetic_torque: {}", "  gravity: {}")], ["nothing changes", "no effect of the field is named"]),
-        ([("ramp: {duration: 1 s}", "rotation: {frequency: 2 Hz}")], ["rotation has no end", "add `duration`", "`at`"]),
+        (
+            [("  magnetic_torque: {}", "  gravity: {}")],
+            ["nothing changes", "no effect of the field is named"],
+        ),
+        (
+            [("ramp: {duration: 1 s}", "rotation: {frequency: 2 Hz}")],
+            ["rotation has no end", "add `duration`", "`at`"],
+        ),
         ([(OVER, ""), ("  magnetic_torque: {}\n", FEED)], ["feed has no end", "add `duration`"]),
-        ([("  magnetic_torque: {}\n", FEED), ("steps: 4", "steps: 4, duration: 2 s")], ["stay in the guide", "-5 mm are left after 2 s"]),
-        ([("  magnetic_torque: {}", "  magnetic_torque: {}\n  damping: {rate: 5 1/s}")], ["damping acts in motion", "equilibria along"]),
-        ([("quasi_static: {steps: 4}", "static: {}"), ("  magnetic_torque: {}\n", FEED)], ["feed acts in motion only", "quasi_static"]),
+        (
+            [("  magnetic_torque: {}\n", FEED), ("steps: 4", "steps: 4, duration: 2 s")],
+            ["stay in the guide", "-5 mm are left after 2 s"],
+        ),
+        (
+            [("  magnetic_torque: {}", "  magnetic_torque: {}\n  damping: {rate: 5 1/s}")],
+            ["damping acts in motion", "equilibria along"],
+        ),
+        (
+            [("quasi_static: {steps: 4}", "static: {}"), ("  magnetic_torque: {}\n", FEED)],
+            ["feed acts in motion only", "quasi_static"],
+        ),
     ],
 )
-def test_what_is_wrong_is_said(tmp_path: Path, edits: list[tuple[str, str]], says: list[str]) -> None:
+def test_what_is_wrong_is_said(
+    tmp_path: Path, edits: list[tuple[str, str]], says: list[str]
+) -> None:
     with pytest.raises(InputError) as caught:
         read(tmp_path, *edits)
     message = str(caught.value)

@@ -40,15 +40,23 @@ def test_motions_get_shorter_steps_or_end_before_the_trouble() -> None:
     scene = rod_scene(length=16e-3, field=(0, 0, 8e-3), cells=2)
     data = scene.to_si()
     moving = Scene.from_si({**data, "solver": {"dynamic": {"duration": 0.5}}})
-    found = remedies(moving, SolveError("step 3: energy appeared from nothing: more of it", Reached(0.2)))
+    found = remedies(
+        moving, SolveError("step 3: energy appeared from nothing: more of it", Reached(0.2))
+    )
     assert [remedy.applied(moving).solver.dynamic.safety for remedy in found[:2]] == [0.4, 0.1]
     assert found[-1].applied(moving).duration == pytest.approx(0.18)
-    flown = remedies(moving, SolveError("a particle left the box", Reached(0.2)))  # as it would at shorter steps
-    assert [remedy.words for remedy in flown] == [remedy.words for remedy in (found[-1], *found[:2])]
+    flown = remedies(
+        moving, SolveError("a particle left the box", Reached(0.2))
+    )  # as it would at shorter steps
+    assert [remedy.words for remedy in flown] == [
+        remedy.words for remedy in (found[-1], *found[:2])
+    ]
     at_once = remedies(moving, SolveError("broken"))  # there is no time up to which it went well
     assert [remedy.words.split(",")[0] for remedy in at_once[:2]] == ["a weaker field"] * 2
     assert not any("solver.dynamic.duration" in remedy.words for remedy in at_once)
-    assert remedies(moving, BudgetError("a full disk: raise max_disk", Reached(0.2))) == ()  # it says what to raise
+    assert (
+        remedies(moving, BudgetError("a full disk: raise max_disk", Reached(0.2))) == ()
+    )  # it says what to raise
     [only] = remedies(moving, LeftField("inside", Reached(0.1)))
     assert only.applied(moving).duration == pytest.approx(0.09)
 
@@ -66,48 +74,89 @@ def test_a_body_that_is_pulled_away_gets_a_weaker_field() -> None:
 
 def test_no_remedy_changes_the_robot() -> None:
     """Loads, steps and times change; body and materials stay as they are."""
-    scene = rod_scene(length=16e-3, directions=[(1, 0, 0), (1, 0, 0)], field=(0, 0, 1e-3), cells=2, gravity=(0, 0, -9.81))
+    scene = rod_scene(
+        length=16e-3,
+        directions=[(1, 0, 0), (1, 0, 0)],
+        field=(0, 0, 1e-3),
+        cells=2,
+        gravity=(0, 0, -9.81),
+    )
     data = scene.with_effects(magnetic_interaction={}).to_si()
-    schedule = {"over_time": {"ramp": {"duration": 0.2, "begin": 0.5}, "oscillation": {"frequency": 5.0, "cycles": 2.25}}}
-    for solver in ({"static": {}}, {"quasi_static": {"steps": 4, "duration": 1.0}}, {"dynamic": {"duration": 0.5}}):
+    schedule = {
+        "over_time": {
+            "ramp": {"duration": 0.2, "begin": 0.5},
+            "oscillation": {"frequency": 5.0, "cycles": 2.25},
+        }
+    }
+    for solver in (
+        {"static": {}},
+        {"quasi_static": {"steps": 4, "duration": 1.0}},
+        {"dynamic": {"duration": 0.5}},
+    ):
         for field in (data["field"], {**data["field"], **schedule}):
             changed = Scene.from_si({**data, "solver": solver, "field": field})
             states = Reached(0.2), Reached(0.2, 0.6)
-            for error in (SolveError("broken"), LeftField("outside"), Collapsed("collapsed", states[0]), TimeOver("late", states[1])):
+            for error in (
+                SolveError("broken"),
+                LeftField("outside"),
+                Collapsed("collapsed", states[0]),
+                TimeOver("late", states[1]),
+            ):
                 for remedy in remedies(changed, error):
-                    assert (remedy.applied(changed).body, remedy.applied(changed).materials) == (scene.body, scene.materials)
+                    assert (remedy.applied(changed).body, remedy.applied(changed).materials) == (
+                        scene.body,
+                        scene.materials,
+                    )
 
 
 def test_a_schedule_is_weakened_by_its_ramp() -> None:
     """All of it, and the weight as well."""
     data = rod_scene(length=16e-3, field=(0, 0, 1e-3), cells=2, gravity=(0, 0, -9.81)).to_si()
-    swinging = {**data["field"], "over_time": {"ramp": {"duration": 0.2, "begin": 0.5}, "oscillation": {"frequency": 5.0, "cycles": 2.25}}}
-    scene = Scene.from_si({**data, "field": swinging, "solver": {"quasi_static": {"steps": 4, "duration": 1.0}}})
+    swinging = {
+        **data["field"],
+        "over_time": {
+            "ramp": {"duration": 0.2, "begin": 0.5},
+            "oscillation": {"frequency": 5.0, "cycles": 2.25},
+        },
+    }
+    scene = Scene.from_si(
+        {**data, "field": swinging, "solver": {"quasi_static": {"steps": 4, "duration": 1.0}}}
+    )
     weaker = remedies(scene, LeftField("outside"))[0].applied(scene)
     at = [one.outside_field().at(np.zeros(3))[0][2] for one in (scene, weaker)]
     assert at[1] == pytest.approx(0.5 * at[0], rel=1e-12)  # rounding
-    assert weaker.effects.gravity.acceleration[2] == pytest.approx(0.5 * scene.effects.gravity.acceleration[2])
+    assert weaker.effects.gravity.acceleration[2] == pytest.approx(
+        0.5 * scene.effects.gravity.acceleration[2]
+    )
 
 
 def test_equilibria_along_time_that_fail_at_once_get_a_weaker_load() -> None:
     """There is no time up to which it went well."""
     data = rod_scene(length=16e-3, field=(0, 0, 8e-3), cells=2).to_si()
     path = Scene.from_si({**data, "solver": {"quasi_static": {"steps": 4, "duration": 1.0}}})
-    assert [remedy.words.split(",")[0] for remedy in remedies(path, LeftField("outside", None))] == ["a weaker field"] * 2
+    assert [
+        remedy.words.split(",")[0] for remedy in remedies(path, LeftField("outside", None))
+    ] == ["a weaker field"] * 2
     *weaker, finer = remedies(path, SolveError("no equilibrium", None))
     assert len(finer.applied(path).path_times()) == 17
     assert [remedy.words.split(",")[0] for remedy in weaker] == ["a weaker field"] * 2
     [later, _] = remedies(path, SolveError("no equilibrium", Reached(0.5)))
     assert later.applied(path).duration == pytest.approx(0.45)
-    begun = Reached(0.5, load_share=0.6)  # a first equilibrium, of a later time, of which a part of the load was borne
+    begun = Reached(
+        0.5, load_share=0.6
+    )  # a first equilibrium, of a later time, of which a part of the load was borne
     for error in (SolveError("no equilibrium", begun), TimeOver("late", begun)):
-        assert [remedy.words.split(",")[0] for remedy in remedies(path, error)[-2:]] == ["a weaker field"] * 2
+        assert [remedy.words.split(",")[0] for remedy in remedies(path, error)[-2:]] == [
+            "a weaker field"
+        ] * 2
 
 
 def test_a_path_out_of_time_takes_no_more_steps_than_it_took() -> None:
     """A shorter path of as many steps would run out of time again. One that failed otherwise gets as many."""
     scene = rod_scene(length=16e-3, field=(0, 0, 8e-3), cells=2)
-    along = Scene.from_si({**scene.to_si(), "solver": {"quasi_static": {"steps": 10, "duration": 1.0}}})
+    along = Scene.from_si(
+        {**scene.to_si(), "solver": {"quasi_static": {"steps": 10, "duration": 1.0}}}
+    )
     [late] = remedies(along, TimeOver("the time is over", Reached(0.5)))
     assert len(late.applied(along).path_times()) == 5  # of 0.45 s, the first among them
     finer = remedies(along, SolveError("broken", Reached(0.5)))[0].applied(along)

@@ -48,11 +48,25 @@ def scene_of(folder: Path, text: str) -> Scene:
 
 def test_five_segments_is_the_contracts(five: Scene) -> None:
     catheter, material = five.body.catheter, five.materials["magnetic silicone"]
-    assert (catheter.length, catheter.diameter, catheter.inner_diameter, catheter.segment_lengths()) == (0.04, 0.004, 0.0, [0.008] * 5)
-    assert (material.shear_modulus, material.bulk_to_shear, material.density, material.remanence) == (120e3, 20.0, 1882.0, 0.138)
+    assert (
+        catheter.length,
+        catheter.diameter,
+        catheter.inner_diameter,
+        catheter.segment_lengths(),
+    ) == (0.04, 0.004, 0.0, [0.008] * 5)
+    assert (
+        material.shear_modulus,
+        material.bulk_to_shear,
+        material.density,
+        material.remanence,
+    ) == (120e3, 20.0, 1882.0, 0.138)
     assert five.field.uniform == (0.0, 0.006, 0.008)
     assert list(five.effects.named()) == ["magnetic_torque"]
-    assert (five.solver.anti_locking, five.resolution.cells_across, five.resolution.particles_per_cell) == ("f-bar", 4, 2)
+    assert (
+        five.solver.anti_locking,
+        five.resolution.cells_across,
+        five.resolution.particles_per_cell,
+    ) == ("f-bar", 4, 2)
     assert five.magnetized_regions() == [0, 1, 2, 3, 4]
 
 
@@ -61,22 +75,46 @@ def test_five_segments_is_the_contracts(five: Scene) -> None:
     [
         ("{azimuth: 90 deg}", (0.0, 1.0, 0.0)),  # from +x toward +y; default elevation: 0
         ("{azimuth: 0 deg, elevation: 90 deg}", (0.0, 0.0, 1.0)),
-        ("{azimuth: 30 deg, elevation: 10 deg}", (np.cos(np.pi / 18) * np.cos(np.pi / 6), np.cos(np.pi / 18) / 2, np.sin(np.pi / 18))),
+        (
+            "{azimuth: 30 deg, elevation: 10 deg}",
+            (np.cos(np.pi / 18) * np.cos(np.pi / 6), np.cos(np.pi / 18) / 2, np.sin(np.pi / 18)),
+        ),
         ("[0, 0, -7]", (0.0, 0.0, -1.0)),
         ("[0, 0, 0]", (0.0, 0.0, 0.0)),
-        *((huge, (0.6, 0.0, 0.8)) for huge in ("[3e200, 0, 4e200]", "[3e-200, 0, 4e-200]", "[3, 0, 4]")),
+        *(
+            (huge, (0.6, 0.0, 0.8))
+            for huge in ("[3e200, 0, 4e200]", "[3e-200, 0, 4e-200]", "[3, 0, 4]")
+        ),
     ],
 )
-def test_directions_by_angles_and_by_components(text: str, unit: tuple[float, ...], tmp_path: Path) -> None:
-    found = scene_of(tmp_path, FIVE.read_text().replace("[1, 0, 0]", text)).body.catheter.segments[0].magnetization
-    np.testing.assert_allclose(found, unit, rtol=0, atol=0 if set(unit) <= {-1.0, 0.0, 1.0} else 1e-15)  # roundings of a few operations
+def test_directions_by_angles_and_by_components(
+    text: str, unit: tuple[float, ...], tmp_path: Path
+) -> None:
+    found = (
+        scene_of(tmp_path, FIVE.read_text().replace("[1, 0, 0]", text))
+        .body.catheter.segments[0]
+        .magnetization
+    )
+    np.testing.assert_allclose(
+        found, unit, rtol=0, atol=0 if set(unit) <= {-1.0, 0.0, 1.0} else 1e-15
+    )  # roundings of a few operations
 
 
 def test_yaml_is_read_by_the_rules_of_1_2(tmp_path: Path) -> None:
-    (tmp_path / "a.yaml").write_text("a: 1e-9\nb: no\nc: 12:30\nd: 010\ne: true\nf: 2024-01-02\n1: x\ng: &x {h: 1}\ni: *x\n")
+    (tmp_path / "a.yaml").write_text(
+        "a: 1e-9\nb: no\nc: 12:30\nd: 010\ne: true\nf: 2024-01-02\n1: x\ng: &x {h: 1}\ni: *x\n"
+    )
     data = read_yaml(tmp_path / "a.yaml")
     assert data.pop("g") == data.pop("i") == {"h": 1}
-    assert data == {"a": 1e-9, "b": "no", "c": "12:30", "d": 10, "e": True, "f": "2024-01-02", "1": "x"}
+    assert data == {
+        "a": 1e-9,
+        "b": "no",
+        "c": "12:30",
+        "d": 10,
+        "e": True,
+        "f": "2024-01-02",
+        "1": "x",
+    }
     assert data.lines[("g", "h")] == 8
 
 
@@ -106,8 +144,12 @@ def test_a_direction_without_remanence_is_unmagnetised(five: Scene) -> None:
 
 def test_warnings(tmp_path: Path) -> None:
     text = FIVE.read_text().replace("  magnetic_torque: {}", "  gravity: {}")
-    assert scene_of(tmp_path, text).warnings() == ["effects: magnetic_torque is not named, so the field does nothing"]
-    text = FIVE.read_text().replace("materials:", "materials:\n  spare: {shear_modulus: 1 kPa, bulk_to_shear: 20}", 1)
+    assert scene_of(tmp_path, text).warnings() == [
+        "effects: magnetic_torque is not named, so the field does nothing"
+    ]
+    text = FIVE.read_text().replace(
+        "materials:", "materials:\n  spare: {shear_modulus: 1 kPa, bulk_to_shear: 20}", 1
+    )
     assert scene_of(tmp_path, text).warnings() == ["materials: spare is not used"]
 
 
@@ -121,13 +163,22 @@ def test_a_magnetic_material_without_a_direction_is_told(five: Scene) -> None:
     assert "magnetic silicone has a remanence of 138 mT" in told
     assert "give a direction" in told
     assert five.warnings() == []
-    assert bare.with_effects(magnetic_torque=None, gravity={}).with_field([0, 0, 0]).warnings() == []
+    assert (
+        bare.with_effects(magnetic_torque=None, gravity={}).with_field([0, 0, 0]).warnings() == []
+    )
     assert bare.with_material("magnetic silicone", remanence=0.0).warnings() == []
 
 
 def test_the_layout_of_the_file_is_not_in_the_hash(five: Scene, tmp_path: Path) -> None:
-    text = FIVE.read_text().replace("40 mm", "0.04 m").replace("8 mT]", "80 G]").replace("120 kPa", "0.12 MPa")
-    text = text.replace("30 deg", "0.52359877559829887 rad").replace("name: five-segment catheter", "name: other")
+    text = (
+        FIVE.read_text()
+        .replace("40 mm", "0.04 m")
+        .replace("8 mT]", "80 G]")
+        .replace("120 kPa", "0.12 MPa")
+    )
+    text = text.replace("30 deg", "0.52359877559829887 rad").replace(
+        "name: five-segment catheter", "name: other"
+    )
     head, rest = text.split("materials:", 1)
     materials, rest = rest.split("body:", 1)
     other = scene_of(tmp_path, f"{head}body:{rest}\nmaterials:{materials}")
@@ -150,7 +201,9 @@ def test_the_layout_of_the_file_is_not_in_the_hash(five: Scene, tmp_path: Path) 
         ("static: {}", "anti_locking: none"),
     ],
 )
-def test_what_decides_the_answer_is_in_the_hash(five: Scene, tmp_path: Path, old: str, new: str) -> None:
+def test_what_decides_the_answer_is_in_the_hash(
+    five: Scene, tmp_path: Path, old: str, new: str
+) -> None:
     assert scene_of(tmp_path, FIVE.read_text().replace(old, new, 1)).hash() != five.hash()
 
 
@@ -172,7 +225,11 @@ def test_scenes_are_immutable(five: Scene) -> None:
         five.name = "x"  # type: ignore[misc]
     with pytest.raises(ValidationError):
         five.body.catheter.segments[0].length = 1.0  # type: ignore[misc]
-    for change in (lambda m: m.update(a=1), lambda m: m.pop("magnetic silicone"), lambda m: m.clear()):
+    for change in (
+        lambda m: m.update(a=1),
+        lambda m: m.pop("magnetic silicone"),
+        lambda m: m.clear(),
+    ):
         with pytest.raises(TypeError, match="immutable"):
             change(five.materials)
     with pytest.raises(TypeError, match="immutable"):
@@ -185,7 +242,9 @@ def test_scenes_are_made_in_python_in_si() -> None:
     scene = Scene(
         name="made in Python",
         materials={"silicone": silicone},
-        body=Body(catheter=Catheter(length=0.04, diameter=4e-3, material="silicone", segments=(segment,))),
+        body=Body(
+            catheter=Catheter(length=0.04, diameter=4e-3, material="silicone", segments=(segment,))
+        ),
         field=FieldSource(uniform=(0, 0, 5e-3)),
         effects=Effects(magnetic_torque=MagneticTorque(), gravity=Gravity()),
     )
@@ -196,7 +255,9 @@ def test_scenes_are_made_in_python_in_si() -> None:
         Material(shear_modulus=float("nan"), bulk_to_shear=20)
     data = scene.to_si()
     data["body"]["catheter"]["length"] = -1.0
-    with pytest.raises(InputError, match=r"input: body\.catheter\.length: received -1\.0\n  rule: must be greater"):
+    with pytest.raises(
+        InputError, match=r"input: body\.catheter\.length: received -1\.0\n  rule: must be greater"
+    ):
         Scene.from_si(data)
 
 
@@ -209,7 +270,9 @@ def test_with_magnetizations(five: Scene) -> None:
     assert scene.magnetized_regions() == [0, 1, 2, 3]
     assert five.magnetized_regions() == [0, 1, 2, 3, 4]
     assert five.with_magnetizations([s.magnetization for s in five.body.catheter.segments]) == five
-    assert five.with_magnetizations(np.zeros((5, 3))).magnetized_regions() == []  # no error: a limit to be tested
+    assert (
+        five.with_magnetizations(np.zeros((5, 3))).magnetized_regions() == []
+    )  # no error: a limit to be tested
     with pytest.raises(InputError, match=r"shape \(4, 3\); must be \(5, 3\)"):
         five.with_magnetizations(directions[:4])
     with pytest.raises(InputError, match="finite"):
@@ -221,7 +284,9 @@ def test_with_field_cells_and_effects(five: Scene) -> None:
     assert five.with_field((0, 0, 0)).field.uniform == (0.0, 0.0, 0.0)
     assert five.with_field(five.field.uniform) == five
     for wrong in (["0 mT", "8 mT"], None, [0, 0], np.zeros((3, 3))):
-        with pytest.raises(InputError, match=r"field\.uniform(: received [\s\S]*list of 3|\[0\]: received)"):
+        with pytest.raises(
+            InputError, match=r"field\.uniform(: received [\s\S]*list of 3|\[0\]: received)"
+        ):
             five.with_field(wrong)  # type: ignore[arg-type]
     assert five.with_cells(6).resolution.cells_across == 6
     assert five.with_cells(6).with_cells(4) == five
@@ -230,7 +295,9 @@ def test_with_field_cells_and_effects(five: Scene) -> None:
     both = five.with_effects(gravity={})
     assert both.effects.magnetic_torque is not None
     assert both.effects.gravity == Gravity()
-    assert five.with_effects(gravity=Gravity(acceleration=(0, 0, 0))).effects.gravity == Gravity(acceleration=(0, 0, 0))
+    assert five.with_effects(gravity=Gravity(acceleration=(0, 0, 0))).effects.gravity == Gravity(
+        acceleration=(0, 0, 0)
+    )
     assert both.with_effects(gravity=None) == five
     with pytest.raises(InputError, match=r"ground\.point: received nothing"):
         five.with_effects(ground={})
@@ -242,8 +309,25 @@ def test_with_field_cells_and_effects(five: Scene) -> None:
 
 def essence(part: Any, at: str = "") -> set[tuple[str, str]]:
     """The content of a schema, without the wrapping (allOf, anyOf) that differs between versions of pydantic."""
-    words = {"description", "title", "pattern", "type", "enum", "const", "required", "examples", "$ref"}
-    words |= {"minimum", "maximum", "exclusiveMinimum", "minItems", "maxItems", "additionalProperties"}
+    words = {
+        "description",
+        "title",
+        "pattern",
+        "type",
+        "enum",
+        "const",
+        "required",
+        "examples",
+        "$ref",
+    }
+    words |= {
+        "minimum",
+        "maximum",
+        "exclusiveMinimum",
+        "minItems",
+        "maxItems",
+        "additionalProperties",
+    }
     found = set()
     for key, value in part.items():
         if key in words and not isinstance(value, dict):
@@ -257,7 +341,10 @@ def essence(part: Any, at: str = "") -> set[tuple[str, str]]:
 def test_the_committed_schema_is_current() -> None:
     committed = json.loads((ROOT / "magmpm/scene.schema.json").read_text())
     assert essence(committed) == essence(json_schema(Scene)), "run make schema"
-    assert ("/$defs/Catheter/properties/length", 'description = "Length of the undeformed catheter."') in essence(committed)
+    assert (
+        "/$defs/Catheter/properties/length",
+        'description = "Length of the undeformed catheter."',
+    ) in essence(committed)
 
 
 def test_the_schema_explains_every_key() -> None:
@@ -277,27 +364,43 @@ def test_the_schema_wants_units_and_knows_no_other_keys() -> None:
     data = json.loads(json.dumps(read_yaml(FIVE)))
     data["body"]["catheter"]["length"] = 0.04
     data["body"]["catheter"]["lenght"] = "40 mm"
-    assert {error.json_path for error in validator.iter_errors(data)} == {"$.body.catheter", "$.body.catheter.length"}
+    assert {error.json_path for error in validator.iter_errors(data)} == {
+        "$.body.catheter",
+        "$.body.catheter.length",
+    }
 
 
 def test_centreline_tables(tmp_path: Path) -> None:
     rows = np.array([[0, 0, 0, 0], [0.02, 0.0195, 1e-6, 0.003]])
     write_centreline(tmp_path / "a.csv", rows, comment="made here\nin two lines")
-    np.testing.assert_allclose(read_centreline(tmp_path / "a.csv"), rows, rtol=0, atol=5e-10)  # written to 1 nm
+    np.testing.assert_allclose(
+        read_centreline(tmp_path / "a.csv"), rows, rtol=0, atol=5e-10
+    )  # written to 1 nm
     (tmp_path / "b.csv").write_text("# note\n\nz_mm, s_mm, x_mm, y_mm\r\n3,0,1,2\r\n\n6,1,4,5\n")
-    np.testing.assert_allclose(read_centreline(tmp_path / "b.csv"), 1e-3 * np.array([[0, 1, 2, 3], [1, 4, 5, 6]]), rtol=1e-15)
+    np.testing.assert_allclose(
+        read_centreline(tmp_path / "b.csv"),
+        1e-3 * np.array([[0, 1, 2, 3], [1, 4, 5, 6]]),
+        rtol=1e-15,
+    )
     (tmp_path / "c.csv").write_text("s_mm,x_mm,y_mm,z_mm\n-1,0,0,0\n1,1,0,0\n")
-    with pytest.raises(InputError, match=r"c\.csv:2: received \"-1,0,0,0\"\n  rule: s_mm must not be negative"):
+    with pytest.raises(
+        InputError, match=r"c\.csv:2: received \"-1,0,0,0\"\n  rule: s_mm must not be negative"
+    ):
         read_centreline(tmp_path / "c.csv")
     with pytest.raises(InputError, match="no such file"):
         read_centreline(tmp_path / "d.csv")
-    with pytest.raises(InputError, match=r"this is a folder\n  rule: the table must be a regular file"):
+    with pytest.raises(
+        InputError, match=r"this is a folder\n  rule: the table must be a regular file"
+    ):
         read_centreline(tmp_path)
 
 
 def test_a_wall_is_told_as_an_inner_diameter(tmp_path: Path) -> None:
     text = FIVE.with_name("hollow.yaml").read_text(encoding="utf-8")
-    for wall, remedy in (("0.4 mm", "write `inner_diameter: 3.2 mm` in its place"), ("3 mm", "write inner_diameter in its place")):
+    for wall, remedy in (
+        ("0.4 mm", "write `inner_diameter: 3.2 mm` in its place"),
+        ("3 mm", "write inner_diameter in its place"),
+    ):
         path = tmp_path / "tube.yaml"
         path.write_text(text.replace("inner_diameter: 2 mm", f"wall: {wall}"), encoding="utf-8")
         with pytest.raises(InputError, match=remedy):
@@ -310,12 +413,22 @@ def test_a_wall_thinner_than_a_cell_is_warned_of() -> None:
     catheter = data["body"]["catheter"]
     catheter["inner_diameter"] = 0.75 * catheter["diameter"]
     data["resolution"]["cells_across"] = 4
-    assert not any("cells thick" in text for text in Scene.from_si(data).warnings())  # in statics cells lie around the axis
-    thin = {**data, "body": {"catheter": {**catheter, "inner_diameter": 0.92 * catheter["diameter"]}}}
-    assert any("cells thick" in text for text in Scene.from_si(thin).warnings())  # but for walls below 0.1 of the radius
+    assert not any(
+        "cells thick" in text for text in Scene.from_si(data).warnings()
+    )  # in statics cells lie around the axis
+    thin = {
+        **data,
+        "body": {"catheter": {**catheter, "inner_diameter": 0.92 * catheter["diameter"]}},
+    }
+    assert any(
+        "cells thick" in text for text in Scene.from_si(thin).warnings()
+    )  # but for walls below 0.1 of the radius
     data["solver"]["dynamic"] = {"duration": 0.1}
     scene = Scene.from_si(data)
-    assert any("0.50 cells thick" in text and "cells_across: 8 or more" in text for text in scene.warnings())
+    assert any(
+        "0.50 cells thick" in text and "cells_across: 8 or more" in text
+        for text in scene.warnings()
+    )
     assert not any("cells thick" in text for text in scene.with_cells(8).warnings())
 
 
@@ -327,9 +440,16 @@ def test_bounds_of_a_schedule_s_table_are_a_keyframe_s(column: str) -> None:
 
     def accepts(number: float) -> bool:
         try:
-            Keyframe.model_validate({"time": 0.0, key: number if key == column else [number, 0.0, 0.0]})
+            Keyframe.model_validate(
+                {"time": 0.0, key: number if key == column else [number, 0.0, 0.0]}
+            )
         except ValidationError:
             return False
         return True
 
-    assert [accepts(low), accepts(high), accepts(low - 1e-6), accepts(high + 1e-6)] == [True, True, False, False]
+    assert [accepts(low), accepts(high), accepts(low - 1e-6), accepts(high + 1e-6)] == [
+        True,
+        True,
+        False,
+        False,
+    ]

@@ -23,21 +23,33 @@ def compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace
     """An empty cache, and in place of the processes that fill it: what they are asked for, and `work`, what they answer."""
     found = SimpleNamespace(asked=[], lines=[], work=lambda: True)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(warmup, "_compiled_elsewhere", lambda small, uses, tell: found.asked.append(list(uses)) or found.work())
+    monkeypatch.setattr(
+        warmup,
+        "_compiled_elsewhere",
+        lambda small, uses, tell: found.asked.append(list(uses)) or found.work(),
+    )
     return found
 
 
 def test_only_what_is_used_is_compiled_and_once(compiler: SimpleNamespace) -> None:
     """A plain run asks for no kernels of derivatives; who asks for them later waits for these alone, and is told."""
     scene = rod_scene(field=(0.0, 0.0, 5e-3), gravity=(0.0, 0.0, -9.81))
-    for uses in ([warmup.SOLVE], [warmup.SOLVE, warmup.DERIVATIVES], [warmup.SOLVE, warmup.DERIVATIVES, warmup.RODS]):
+    for uses in (
+        [warmup.SOLVE],
+        [warmup.SOLVE, warmup.DERIVATIVES],
+        [warmup.SOLVE, warmup.DERIVATIVES, warmup.RODS],
+    ):
         assert warmup.fill_cache(scene, compiler.lines.append, uses)
-        assert not warmup.fill_cache(scene, compiler.lines.append, uses), "a second time there is nothing to do"
+        assert not warmup.fill_cache(scene, compiler.lines.append, uses), (
+            "a second time there is nothing to do"
+        )
     assert compiler.asked == [["solve"], ["sensitivities"], ["rods"]]
     assert "statics with magnetic_torque + gravity; once on this machine" in compiler.lines[0]
     assert "compiling kernels for sensitivities; once on this machine" in compiler.lines[2]
     assert len(compiler.lines) == 6
-    assert not warmup.fill_cache(rod_scene(gravity=(0.0, 0.0, -9.81)), print, [warmup.RODS]), "the same rods for any effects"
+    assert not warmup.fill_cache(rod_scene(gravity=(0.0, 0.0, -9.81)), print, [warmup.RODS]), (
+        "the same rods for any effects"
+    )
 
 
 def test_one_process_compiles_and_others_wait_for_it(compiler: SimpleNamespace) -> None:
@@ -48,14 +60,18 @@ def test_one_process_compiles_and_others_wait_for_it(compiler: SimpleNamespace) 
     one = threading.Thread(target=lambda: found.append(warmup.fill_cache(scene, lambda _: None)))
     one.start()
     assert begun.wait(60)
-    other = threading.Thread(target=lambda: found.append(warmup.fill_cache(scene, compiler.lines.append)))
+    other = threading.Thread(
+        target=lambda: found.append(warmup.fill_cache(scene, compiler.lines.append))
+    )
     other.start()
     while not compiler.lines and other.is_alive():
         time.sleep(0.01)
     go_on.set()
     one.join()
     other.join()
-    assert compiler.lines == [f"waiting for process {os.getpid()}, which compiles the same kernels (30 s more at most)"]
+    assert compiler.lines == [
+        f"waiting for process {os.getpid()}, which compiles the same kernels (30 s more at most)"
+    ]
     assert sorted(found) == [False, True]
 
 
@@ -80,7 +96,10 @@ def test_who_needs_other_kernels_waits_for_nobody_and_who_needs_the_same_not_for
     one.join()
     waits, leaves, *compiles = compiler.lines
     assert f"waiting for process {os.getpid()}" in waits
-    assert f"process {os.getpid()} still compiles the same kernels; this one goes on with its own" in leaves
+    assert (
+        f"process {os.getpid()} still compiles the same kernels; this one goes on with its own"
+        in leaves
+    )
     assert "compiling kernels for statics with magnetic_torque" in compiles[0]
     assert compiler.asked == [["solve"]] * 3
 
@@ -123,7 +142,9 @@ def test_nothing_is_compiled_where_a_compiling_process_fails(compiler: SimpleNam
     assert warmup.fill_cache(rod_scene(), lambda _: None), "it is tried again"
 
 
-def test_another_clone_or_touched_sources_are_not_ready(compiler: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_clone_or_touched_sources_are_not_ready(
+    compiler: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Numba compiles the same text again at another place or with other times."""
     for clone in ("one", "two"):
         (tmp_path / clone).mkdir()
@@ -137,7 +158,9 @@ def test_another_clone_or_touched_sources_are_not_ready(compiler: SimpleNamespac
     assert len(compiler.asked) == 4
 
 
-def test_without_room_on_the_disk_nothing_is_compiled_ahead(compiler: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_room_on_the_disk_nothing_is_compiled_ahead(
+    compiler: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The kernels could not be stored: each run compiles its own, once instead of twice."""
     monkeypatch.setattr(warmup, "ROOM", 1e30)
     assert warmup.fill_cache(rod_scene(), compiler.lines.append)
@@ -166,12 +189,19 @@ print(*sorted({d.py_func.__qualname__ for d in found if d.stats.cache_misses}))
 DERIVED = pytest.param("static: {}", ["derivatives"], marks=pytest.mark.slow)
 
 
-@pytest.mark.parametrize(("solver", "more"), [("static: {}", []), DERIVED, ("dynamic: {duration: 0.1 ms}", [])])
+@pytest.mark.parametrize(
+    ("solver", "more"), [("static: {}", []), DERIVED, ("dynamic: {duration: 0.1 ms}", [])]
+)
 def test_a_run_compiles_nothing_itself(solver: str, more: list[str], tmp_path: Path) -> None:
     """Every kernel of a run or of sensitivities, also those for frames, is compiled before the clock starts, and then loaded."""
     scene = tmp_path / "scene.yaml"
-    text = (Path(__file__).parents[3] / "data/scenes/five_segments.yaml").read_text(encoding="utf-8")
-    scene.write_text(text.replace("static: {}", solver).replace("cells_across: 4", "cells_across: 2"), encoding="utf-8")
+    text = (Path(__file__).parents[3] / "data/scenes/five_segments.yaml").read_text(
+        encoding="utf-8"
+    )
+    scene.write_text(
+        text.replace("static: {}", solver).replace("cells_across: 4", "cells_across: 2"),
+        encoding="utf-8",
+    )
     command = [sys.executable, "-c", RUN, str(scene), str(tmp_path / "out"), *more]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr
@@ -187,8 +217,13 @@ print(sum(fields_at.stats.cache_hits.values()), sum(fields_at.stats.cache_misses
 
 def test_a_field_that_is_needed_before_the_run_is_compiled_elsewhere(tmp_path: Path) -> None:
     """From an empty cache as well: kernels of the run would call its functions, and the first run differ from others in the last bit."""
-    done = subprocess.run([sys.executable, "-c", FIELD], capture_output=True, text=True, check=True,
-                          env={**os.environ, "XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": ""})  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-c", FIELD],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": ""},
+    )
     assert done.stdout.split() == ["1", "0", "0"], done.stderr
 
 
@@ -205,10 +240,29 @@ def test_it_is_coarse_and_faint_and_has_every_effect() -> None:
 def test_it_has_the_cells_that_the_scene_needs() -> None:
     """A strip whose magnetization turns once needs 3 cells across: it was refused on 2, by a message about a number nobody wrote."""
     profile = {"harmonic": {"periods": 1.0, "phase": 0.0, "plane": "xz", "turn": "ccw"}}
-    strip = {"length": 6e-3, "width": 2e-3, "thickness": 2e-3, "material": "m", "clamp": "base", "magnetization_profile": profile}
+    strip = {
+        "length": 6e-3,
+        "width": 2e-3,
+        "thickness": 2e-3,
+        "material": "m",
+        "clamp": "base",
+        "magnetization_profile": profile,
+    }
     materials = {"m": {"shear_modulus": 3e5, "bulk_to_shear": 20.0, "remanence": 0.1}}
-    data = {"name": "turning", "materials": materials, "body": {"strip": strip}, "resolution": {"cells_across": 3}}
-    scene = Scene.from_si({**data, "field": {"uniform": [0.0, 0.0, 0.01]}, "effects": {"magnetic_torque": {}}, "solver": {"static": {}}})
+    data = {
+        "name": "turning",
+        "materials": materials,
+        "body": {"strip": strip},
+        "resolution": {"cells_across": 3},
+    }
+    scene = Scene.from_si(
+        {
+            **data,
+            "field": {"uniform": [0.0, 0.0, 0.01]},
+            "effects": {"magnetic_torque": {}},
+            "solver": {"static": {}},
+        }
+    )
     assert coarsest(scene).resolution.cells_across == 3
     asked = Scene.from_si({**scene.to_si(), "resolution": {"error": 0.01}})
     assert coarsest_cells(asked) == 3

@@ -34,7 +34,11 @@ def test_a_limit_holds_in_its_context_alone() -> None:
 
 def test_of_two_limits_the_earlier_one_counts() -> None:
     for outer, inner in ((0.5, 100.0), (100.0, 0.5)):
-        with limited(outer, clock=ticks()), limited(inner, clock=ticks()), pytest.raises(BudgetError, match=r"0\.5 s"):
+        with (
+            limited(outer, clock=ticks()),
+            limited(inner, clock=ticks()),
+            pytest.raises(BudgetError, match=r"0\.5 s"),
+        ):
             check()
 
 
@@ -122,7 +126,9 @@ def test_what_is_to_be_resumed_stays_in_its_place(
     assert main(["run", str(path), "--out", str(out), "--resume"]) == 0
     assert len(Motion.load(out)) == 41 > before
     assert main(["run", str(path), "--out", str(tmp_path / "whole")]) == 0
-    np.testing.assert_array_equal(Motion.load(out)[40].position, Motion.load(tmp_path / "whole")[40].position)
+    np.testing.assert_array_equal(
+        Motion.load(out)[40].position, Motion.load(tmp_path / "whole")[40].position
+    )
     assert main(["run", str(path), "--out", str(out), "--time-limit", "0"]) == 2
     assert "time limit: received 0 s" in capsys.readouterr().err
 

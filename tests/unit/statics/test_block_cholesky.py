@@ -5,9 +5,18 @@ Random symmetric matrices with two blocks beside each diagonal block, made posit
 import numpy as np
 import pytest
 
-from magmpm.statics.block_cholesky import factor, new_panels, rounded, solve, solve_columns, split_plane
+from magmpm.statics.block_cholesky import (
+    factor,
+    new_panels,
+    rounded,
+    solve,
+    solve_columns,
+    split_plane,
+)
 
-SIZES = pytest.mark.parametrize(("planes", "m"), [(p, m) for p in range(3, 10) for m in (1, 2, 3, 12)] + [(41, 27)])
+SIZES = pytest.mark.parametrize(
+    ("planes", "m"), [(p, m) for p in range(3, 10) for m in (1, 2, 3, 12)] + [(41, 27)]
+)
 
 
 def random_banded(rng: np.random.Generator, planes: int, m: int) -> np.ndarray:
@@ -53,12 +62,21 @@ def test_solves(rng: np.random.Generator, planes: int, m: int) -> None:
     for columns in (0, 1, 2, 5):
         b = rng.standard_normal((planes, columns, m))
         kept = b.copy()
-        expected = np.linalg.solve(A, b.transpose(0, 2, 1).reshape(planes * m, columns)).reshape(planes, m, columns).transpose(0, 2, 1)
+        expected = (
+            np.linalg.solve(A, b.transpose(0, 2, 1).reshape(planes * m, columns))
+            .reshape(planes, m, columns)
+            .transpose(0, 2, 1)
+        )
         # condition number about 10, and as many rounding errors as unknowns in a band
         allowed = 1e-14 * m * np.abs(expected).max(initial=0.0)
         np.testing.assert_allclose(solve_columns(panels, split, b), expected, rtol=0, atol=allowed)
         for k in range(columns):
-            np.testing.assert_allclose(solve(panels, split, np.ascontiguousarray(b[:, k])), expected[:, k], rtol=0, atol=allowed)
+            np.testing.assert_allclose(
+                solve(panels, split, np.ascontiguousarray(b[:, k])),
+                expected[:, k],
+                rtol=0,
+                atol=allowed,
+            )
         assert np.array_equal(b, kept), "the right-hand sides are left alone"
     single = rounded(panels := to_panels(A, planes, m))
     assert np.shares_memory(single, panels)
@@ -66,7 +84,9 @@ def test_solves(rng: np.random.Generator, planes: int, m: int) -> None:
     for size in (1.0, 1e-60):
         x = solve(single, split, size * np.ascontiguousarray(b[:, 0]))
         assert x.dtype == np.float64
-        np.testing.assert_allclose(x / size, expected[:, 0], rtol=0, atol=6e-7 * m * np.abs(expected).max())  # roundings of 6e-8
+        np.testing.assert_allclose(
+            x / size, expected[:, 0], rtol=0, atol=6e-7 * m * np.abs(expected).max()
+        )  # roundings of 6e-8
 
 
 @pytest.mark.parametrize("planes", range(3, 10))

@@ -19,16 +19,28 @@ FIELD = np.array([0.0, 0.0, 2e-3])
 SPACING = 0.7e-3  # m
 
 
-def beam(*, angle: float, boxes: tuple[tuple[float, float], ...] = ((0, 12),)) -> tuple[Scene, np.ndarray]:
+def beam(
+    *, angle: float, boxes: tuple[tuple[float, float], ...] = ((0, 12),)
+) -> tuple[Scene, np.ndarray]:
     """A beam of 3 x 3 mm on a held block, turned about AXIS with its magnetization and field; and the rotation."""
     turn = Rotation.from_rotvec(angle * np.array(AXIS) / np.linalg.norm(AXIS)).as_matrix()
-    held = {"mesh": pack_mesh(turned(box((-3, -2.5, -2.5), (0, 2.5, 2.5)), AXIS, angle)), "material": "m", "clamp": True}
+    held = {
+        "mesh": pack_mesh(turned(box((-3, -2.5, -2.5), (0, 2.5, 2.5)), AXIS, angle)),
+        "material": "m",
+        "clamp": True,
+    }
     free = [
-        {"mesh": pack_mesh(turned(box((a, -1.5, -1.5), (b, 1.5, 1.5)), AXIS, angle)), "material": "m", "magnetization": turn[:, 0].tolist()}
+        {
+            "mesh": pack_mesh(turned(box((a, -1.5, -1.5), (b, 1.5, 1.5)), AXIS, angle)),
+            "material": "m",
+            "magnetization": turn[:, 0].tolist(),
+        }
         for a, b in boxes
     ]
     body = {"parts": {"unit": "mm", "spacing": SPACING, "meshes": [held, *free]}}
-    return resting_scene(body, {"magnetic_torque": {}}, field={"uniform": (turn @ FIELD).tolist()}), turn
+    return resting_scene(
+        body, {"magnetic_torque": {}}, field={"uniform": (turn @ FIELD).tolist()}
+    ), turn
 
 
 @pytest.fixture(scope="module")
@@ -58,9 +70,30 @@ def test_the_unloaded_tangent_of_a_turned_beam_is_positive_definite(oblique: Sta
 
 
 def test_bodies_along_the_grid_have_no_bonds() -> None:
-    model = static_model(build(resting_scene({"parts": {"unit": "mm", "spacing": 0.75e-3, "meshes": [
-        {"mesh": pack_mesh(box((-1.5, -1.5, -1.5), (0, 1.5, 1.5))), "material": "m", "clamp": True},
-        {"mesh": pack_mesh(box((0, -1.5, -1.5), (6, 1.5, 1.5))), "material": "m"}]}}, {"gravity": {}})))  # fmt: skip
+    model = static_model(
+        build(
+            resting_scene(
+                {
+                    "parts": {
+                        "unit": "mm",
+                        "spacing": 0.75e-3,
+                        "meshes": [
+                            {
+                                "mesh": pack_mesh(box((-1.5, -1.5, -1.5), (0, 1.5, 1.5))),
+                                "material": "m",
+                                "clamp": True,
+                            },
+                            {
+                                "mesh": pack_mesh(box((0, -1.5, -1.5), (6, 1.5, 1.5))),
+                                "material": "m",
+                            },
+                        ],
+                    }
+                },
+                {"gravity": {}},
+            )
+        )
+    )
     assert model.layout.bonds is None
     assert model.layout.springs is None
 
@@ -80,34 +113,52 @@ def test_even_motions_stretch_no_bond_of_an_outer_node(oblique: StaticModel) -> 
     assert np.abs(layout.springs.stretched(cubic)[outer]).max() > 1e-6
 
 
-def test_bonds_are_part_of_energy_gradient_and_tangent(oblique: StaticModel, rng: np.random.Generator) -> None:
+def test_bonds_are_part_of_energy_gradient_and_tangent(
+    oblique: StaticModel, rng: np.random.Generator
+) -> None:
     """Central differences of the energy and of the gradient, at steps of 1e-9 m of a body whose coefficients differ by 1e-5 m."""
     energy = Energy(oblique)
-    grid, d = 1e-5 * energy.free(rng.standard_normal(energy.shape)), energy.free(rng.standard_normal(energy.shape))
+    grid, d = (
+        1e-5 * energy.free(rng.standard_normal(energy.shape)),
+        energy.free(rng.standard_normal(energy.shape)),
+    )
     h = 1e-9
     ahead, behind = (energy.at(grid + side * h * d) for side in (1, -1))
     point = energy.at(grid)
-    assert np.sum(energy.residual(point) * d) == pytest.approx((ahead.energy - behind.energy) / (2 * h), rel=1e-5)
+    assert np.sum(energy.residual(point) * d) == pytest.approx(
+        (ahead.energy - behind.energy) / (2 * h), rel=1e-5
+    )
     product = energy.products(point, d[:, None])[0][:, 0]
     slope = (energy.residual(ahead) - energy.residual(behind)) / (2 * h)
     np.testing.assert_allclose(product, slope, rtol=0, atol=1e-5 * np.abs(slope).max())
     _, matrix = energy.tangent(point)
     assert matrix.factor()
     back = matrix.solve(product)
-    np.testing.assert_allclose(back, d, rtol=0, atol=1e-7 * np.abs(d).max())  # the matrix is the one whose products these are
+    np.testing.assert_allclose(
+        back, d, rtol=0, atol=1e-7 * np.abs(d).max()
+    )  # the matrix is the one whose products these are
 
 
-def test_an_arc_is_the_straight_step_to_first_order_and_turns_without_strain(oblique: StaticModel) -> None:
+def test_an_arc_is_the_straight_step_to_first_order_and_turns_without_strain(
+    oblique: StaticModel,
+) -> None:
     """A step along which the whole body would turn: the arc turns it by the angle, the straight step blows it up by the cosine."""
     bare = beam(angle=ANGLE)[0]
     energy = Energy(arranged(static_model(build(bare)))[0])
     rng = np.random.default_rng(6)
-    grid, d = 1e-6 * energy.free(rng.standard_normal(energy.shape)), energy.free(rng.standard_normal(energy.shape))
+    grid, d = (
+        1e-6 * energy.free(rng.standard_normal(energy.shape)),
+        energy.free(rng.standard_normal(energy.shape)),
+    )
     point = energy.at(grid)
     off = [np.abs(energy.arc(point, d, t) - grid - t * d).max() for t in (1e-6, 1e-7)]
     assert off[0] / off[1] == pytest.approx(100, rel=0.1)  # second order
     wanted = np.array([0.0, 0.9, 0.0])
-    bend = energy.free(np.cross(wanted, rest_nodes(energy.model) - rest_nodes(energy.model).mean(axis=(0, 1))).reshape(energy.shape))
+    bend = energy.free(
+        np.cross(
+            wanted, rest_nodes(energy.model) - rest_nodes(energy.model).mean(axis=(0, 1))
+        ).reshape(energy.shape)
+    )
     rest = energy.at(np.zeros(energy.shape))
     arc, straight = (energy.at(each).energy for each in (energy.arc(rest, bend, 0.2), 0.2 * bend))
     assert arc < straight

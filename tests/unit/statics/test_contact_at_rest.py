@@ -21,7 +21,9 @@ from magmpm.statics.layout import StaticModel, arranged, static_model
 from magmpm.statics.tangent_matrix import Bands
 
 GROUND = {"point": [0.0, 0.0, -0.998e-3], "normal": [-3e-4, 1e-3, 1.0]}
-WALLS = {"tube": {"radius": 1.005e-3, "path": [[-4e-3, 0.0, 0.0], [4e-3, 0.0, 1e-6], [12e-3, 0.0, 5e-6]]}}
+WALLS = {
+    "tube": {"radius": 1.005e-3, "path": [[-4e-3, 0.0, 0.0], [4e-3, 0.0, 1e-6], [12e-3, 0.0, 5e-6]]}
+}
 
 
 def scene(body: dict[str, Any], **effects: Any) -> Scene:
@@ -29,22 +31,51 @@ def scene(body: dict[str, Any], **effects: Any) -> Scene:
 
 
 def catheter(**more: Any) -> dict[str, Any]:
-    return {"catheter": {"length": 8e-3, "diameter": 2e-3, "material": "m", "clamp": "base", "segments": [{}], **more}}
+    return {
+        "catheter": {
+            "length": 8e-3,
+            "diameter": 2e-3,
+            "material": "m",
+            "clamp": "base",
+            "segments": [{}],
+            **more,
+        }
+    }
 
 
 def strip(**more: Any) -> dict[str, Any]:
-    return {"strip": {"length": 8e-3, "width": 3e-3, "thickness": 2e-3, "material": "m", "clamp": "base", "segments": [{}], **more}}
+    return {
+        "strip": {
+            "length": 8e-3,
+            "width": 3e-3,
+            "thickness": 2e-3,
+            "material": "m",
+            "clamp": "base",
+            "segments": [{}],
+            **more,
+        }
+    }
 
 
 def bodies(folder: Path) -> dict[str, dict[str, Any]]:
     """One of each kind of cells and clamps; the longest side of the parts is along z."""
-    for name, part in {"low": box((-1, -1, -1), (1, 1, 1)), "high": box((-1, -1, 1), (1, 1, 7))}.items():
+    for name, part in {
+        "low": box((-1, -1, -1), (1, 1, 1)),
+        "high": box((-1, -1, 1), (1, 1, 7)),
+    }.items():
         write_stl(part, folder / f"{name}.stl")
-    meshes = [{"mesh": str(folder / "low.stl"), "material": "m"}, {"mesh": str(folder / "high.stl"), "material": "m", "clamp": True}]
+    meshes = [
+        {"mesh": str(folder / "low.stl"), "material": "m"},
+        {"mesh": str(folder / "high.stl"), "material": "m", "clamp": True},
+    ]
     return {
-        "rod": catheter(), "tube": catheter(inner_diameter=1e-3), "strip": strip(), "both ends": strip(clamp="both"),
-        "plane strain": strip(plane_strain=True), "parts": {"parts": {"unit": "mm", "spacing": 1e-3, "meshes": meshes}},
-    }  # fmt: skip
+        "rod": catheter(),
+        "tube": catheter(inner_diameter=1e-3),
+        "strip": strip(),
+        "both ends": strip(clamp="both"),
+        "plane strain": strip(plane_strain=True),
+        "parts": {"parts": {"unit": "mm", "spacing": 1e-3, "meshes": meshes}},
+    }
 
 
 KINDS = ("rod", "tube", "strip", "both ends", "plane strain", "parts")
@@ -65,7 +96,9 @@ def on_nodes(model: StaticModel, grid: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_points_move_with_the_splines_of_their_cells(kind: str, tmp_path: Path, rng: np.random.Generator) -> None:
+def test_points_move_with_the_splines_of_their_cells(
+    kind: str, tmp_path: Path, rng: np.random.Generator
+) -> None:
     """Each by the sum of splines times coefficients, written out; a field that is linear in the clamp's distance is exact."""
     _, model = models(kind, tmp_path, ground=GROUND)
     on = model.touching
@@ -80,9 +113,14 @@ def test_points_move_with_the_splines_of_their_cells(kind: str, tmp_path: Path, 
                 u += share * nodes[i, j % model.grid.nodes[1], k]
         np.testing.assert_allclose(moved[p], u, rtol=0, atol=1e-18)
     if kind in ("rod", "tube", "strip"):
-        linear = np.repeat(model.plane_coordinates()[:, None], model.layout.nodes_per_plane, axis=1)[..., None] * [1e-2, 2e-2, -3e-2]
+        linear = np.repeat(
+            model.plane_coordinates()[:, None], model.layout.nodes_per_plane, axis=1
+        )[..., None] * [1e-2, 2e-2, -3e-2]
         np.testing.assert_allclose(
-            on.positions(linear.reshape(grid.shape)) - on.place, on.place[:, :1] * [1e-2, 2e-2, -3e-2], rtol=0, atol=1e-16
+            on.positions(linear.reshape(grid.shape)) - on.place,
+            on.place[:, :1] * [1e-2, 2e-2, -3e-2],
+            rtol=0,
+            atol=1e-16,
         )
 
 
@@ -97,13 +135,22 @@ def test_the_energy_is_that_of_the_push(kind: str, tmp_path: Path) -> None:
     depth = np.maximum((np.array(GROUND["point"]) - surface.place) @ normal, 0.0)
     for one in (model, turned):
         touched = one.touching.touched(one.effects, np.zeros((one.layout.planes, one.layout.m)))
-        assert touched.energy == pytest.approx(0.5 * stiffness * (surface.mass * depth**2).sum(), rel=1e-12)
+        assert touched.energy == pytest.approx(
+            0.5 * stiffness * (surface.mass * depth**2).sum(), rel=1e-12
+        )
         assert touched.energy > 0
-        np.testing.assert_allclose(touched.f.sum(axis=0), stiffness * (surface.mass * depth).sum() * normal, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(
+            touched.f.sum(axis=0),
+            stiffness * (surface.mass * depth).sum() * normal,
+            rtol=1e-12,
+            atol=1e-12,
+        )
 
 
 @pytest.mark.parametrize("kind", [*KINDS[:5], "walls"])
-def test_force_and_tangent_are_derivatives_of_the_energy(kind: str, tmp_path: Path, rng: np.random.Generator) -> None:
+def test_force_and_tangent_are_derivatives_of_the_energy(
+    kind: str, tmp_path: Path, rng: np.random.Generator
+) -> None:
     """By central differences where points touch on both sides; and the matrix is the one whose products `product` gives."""
     effects = {"walls": WALLS} if kind == "walls" else {"ground": GROUND}
     _, model = models("rod" if kind == "walls" else kind, tmp_path, **effects)
@@ -117,10 +164,14 @@ def test_force_and_tangent_are_derivatives_of_the_energy(kind: str, tmp_path: Pa
     touched, h = on.touched(model.effects, grid), 1e-9
     ahead, behind = (on.touched(model.effects, grid + side * h * d) for side in (1, -1))
     force = on.force(touched).reshape(shape)
-    assert -np.sum(force * d) == pytest.approx((energy(grid + h * d) - energy(grid - h * d)) / (2 * h), rel=1e-6)
+    assert -np.sum(force * d) == pytest.approx(
+        (energy(grid + h * d) - energy(grid - h * d)) / (2 * h), rel=1e-6
+    )
     product = on.product(touched, d[:, None])[:, 0]
     slope = -(on.force(ahead) - on.force(behind)).reshape(shape) / (2 * h)
-    np.testing.assert_allclose(product, slope, rtol=0, atol=2e-4 * np.abs(slope).max())  # points that just begin to touch
+    np.testing.assert_allclose(
+        product, slope, rtol=0, atol=2e-4 * np.abs(slope).max()
+    )  # points that just begin to touch
     matrix, out = Bands(model.layout), np.empty(shape)
     matrix.clear()
     on.add_tangent(touched, matrix.target(on.cells))
@@ -144,8 +195,13 @@ def test_the_force_is_what_the_energy_loses_as_the_plane_falls() -> None:
 
 def test_a_plane_that_is_not_touched_changes_nothing() -> None:
     pull = {"acceleration": [0.0, 0.0, -100.0]}
-    free, near = (run(scene(catheter(), gravity=pull, **more)) for more in ({}, {"ground": {"point": [0.0, 0.0, -3e-3]}}))
-    np.testing.assert_allclose(near.particle_position, free.particle_position, rtol=0, atol=1e-6 * 8e-3)
+    free, near = (
+        run(scene(catheter(), gravity=pull, **more))
+        for more in ({}, {"ground": {"point": [0.0, 0.0, -3e-3]}})
+    )
+    np.testing.assert_allclose(
+        near.particle_position, free.particle_position, rtol=0, atol=1e-6 * 8e-3
+    )
     assert near.stability == pytest.approx(free.stability, rel=1e-6)
     assert near.contacts == {"ground": {"force": [0.0, 0.0, 0.0], "count": 0, "depth": 0.0}}
 
@@ -155,14 +211,24 @@ def test_what_has_no_answer_is_refused(tmp_path: Path) -> None:
     there = scene(catheter(), ground=GROUND)
     rod = run(scene(catheter(), gravity={}))
     assert rod.contacts == {}
-    model, shape, deep = static_model(build(there)), solve_rod(there), scene(catheter(), ground={"point": [0.0, 0.0, 0.0]})
+    model, shape, deep = (
+        static_model(build(there)),
+        solve_rod(there),
+        scene(catheter(), ground={"point": [0.0, 0.0, 0.0]}),
+    )
     with pytest.raises(ValueError, match="touch no obstacle"):
         solve_static(model, rod=shape)
-    with pytest.raises(InputError, match=r"(?s)effects\.ground.*without obstacles.*name feed, with solver\.quasi_static"):
+    with pytest.raises(
+        InputError,
+        match=r"(?s)effects\.ground.*without obstacles.*name feed, with solver\.quasi_static",
+    ):
         there.inserted(6e-3)
     with pytest.raises(InputError, match=r"(?s)effects\.ground.*begin clear of it"):
         build(deep)
-    assert any("equilibria leave friction out" in text for text in scene(catheter(), ground={**GROUND, "friction": 0.3}).warnings())
+    assert any(
+        "equilibria leave friction out" in text
+        for text in scene(catheter(), ground={**GROUND, "friction": 0.3}).warnings()
+    )
     assert not any("friction" in text for text in there.warnings())
 
 
@@ -170,7 +236,11 @@ def test_points_that_went_through_an_obstacle_are_told() -> None:
     """More than a cell deep, or past the table but beside the lumen; what is past its open ends is not in it."""
     inside = [3e-3, 0.0, 0.0]
     ground, there = scene(catheter(), ground=GROUND), scene(catheter(), walls=WALLS)
-    assert acting.passed(ground, np.array([inside])) is acting.passed(there, np.array([inside])) is None
+    assert (
+        acting.passed(ground, np.array([inside]))
+        is acting.passed(there, np.array([inside]))
+        is None
+    )
     assert "more than a cell" in str(acting.passed(ground, np.array([inside, [3e-3, 0.0, -3e-3]])))
     beside, past = [3e-3, 0.0, -20e-3], [60e-3, 0.0, -20e-3]
     assert acting.passed(there, np.array([inside, beside])) == "the body has gone through the wall"

@@ -58,7 +58,11 @@ def test_the_asked_error_decides(tmp_path: Path) -> None:
 
 def told(scene: Scene) -> list[str]:
     """Effects of which a run warns that they are not named."""
-    return [one.split()[1] for one in simulated(scene, advise=True).warnings if "may move the answer" in one]
+    return [
+        one.split()[1]
+        for one in simulated(scene, advise=True).warnings
+        if "may move the answer" in one
+    ]
 
 
 def test_what_is_not_named_and_matters_is_told_once(tmp_path: Path) -> None:
@@ -77,22 +81,39 @@ def test_a_path_and_a_motion_are_told_of_their_weight() -> None:
     """A path by its last equilibrium; a motion by its rod, and by what it reaches in its time: not in a hundredth of its period."""
     data = rod_scene(field=(0.0, 0.0, 2e-3)).to_si()
     over_time = {**data["field"], "over_time": {"ramp": {"duration": 1.0}}}
-    assert told(Scene.from_si({**data, "field": over_time, "solver": {"quasi_static": {"steps": 2}}})) == ["gravity"]
-    moving = {time: Scene.from_si({**data, "solver": {"dynamic": {"duration": time}}}) for time in (0.1, 0.002)}
+    assert told(
+        Scene.from_si({**data, "field": over_time, "solver": {"quasi_static": {"steps": 2}}})
+    ) == ["gravity"]
+    moving = {
+        time: Scene.from_si({**data, "solver": {"dynamic": {"duration": time}}})
+        for time in (0.1, 0.002)
+    }
     assert [len(missed_effects(scene)) for scene in moving.values()] == [1, 0]
     assert missed_effects(moving[0.1].with_effects(gravity={})) == []
-    assert missed_effects(moving[0.1].with_effects(ground={"point": [0, 0, -3e-3]})) == []  # which may hold it
+    assert (
+        missed_effects(moving[0.1].with_effects(ground={"point": [0, 0, -3e-3]})) == []
+    )  # which may hold it
 
 
 @pytest.mark.slow
 def test_segments_that_act_on_each_other_are_told() -> None:
     """To first order they bend it by what two solves differ by: strong magnets across each other, in a soft body."""
     halves = [[1, 0, 0], [0, 0, 1]]
-    scene = rod_scene(field=(0.0, 0.0, 1e-6), gravity=(0.0, 0.0, -9.81), directions=halves, shear=60e3, remanence=0.15, tolerance=1e-9)
+    scene = rod_scene(
+        field=(0.0, 0.0, 1e-6),
+        gravity=(0.0, 0.0, -9.81),
+        directions=halves,
+        shear=60e3,
+        remanence=0.15,
+        tolerance=1e-9,
+    )
     assert told(scene) == ["magnetic_interaction"]
     named = scene.with_effects(magnetic_interaction={})
     assert told(named) == []
-    assert float(np.linalg.norm(run(named).centreline - run(scene).centreline, axis=1).max()) > scene.allowed_error
+    assert (
+        float(np.linalg.norm(run(named).centreline - run(scene).centreline, axis=1).max())
+        > scene.allowed_error
+    )
 
 
 def test_effects_named_beside_auto_are_refused(tmp_path: Path) -> None:
@@ -111,22 +132,48 @@ def by_weight(energy: Energy, g: float) -> np.ndarray:
 def test_a_weight_that_is_not_named_is_told_of_bodies_that_are_no_rods() -> None:
     """A strip that is held at both ends: by the factors of its solve, to first order as two solves say; not where it is silenced."""
     halves = [{"magnetization": [sign, 0.0, 0.0], "length": 15e-3} for sign in (1.0, -1.0)]
-    strip = {"length": 30e-3, "width": 3e-3, "thickness": 1e-3, "material": "m", "clamp": "both", "segments": halves}
+    strip = {
+        "length": 30e-3,
+        "width": 3e-3,
+        "thickness": 1e-3,
+        "material": "m",
+        "clamp": "both",
+        "segments": halves,
+    }
     few = {"static": {"field_steps": 2}}  # small loads, which a few steps reach as well as many
-    scene = resting_scene({"strip": strip}, {"magnetic_torque": {}}, shear=1e6, field={"uniform": [0.0, 0.0, 1e-3]}, solver=few)
+    scene = resting_scene(
+        {"strip": strip},
+        {"magnetic_torque": {}},
+        shear=1e6,
+        field={"uniform": [0.0, 0.0, 1e-3]},
+        solver=few,
+    )
     data = scene.to_si()
     model, of = static_model(build(scene)), lambda one: solve_static(static_model(build(one))).point
     found = solve_static(model)
     assert isinstance(found.energy, Energy)
     little = 1e-3 * 9.81
-    apart = of(scene.with_effects(gravity={"acceleration": [0.0, 0.0, -little]})).grid - found.point.grid
+    apart = (
+        of(scene.with_effects(gravity={"acceleration": [0.0, 0.0, -little]})).grid
+        - found.point.grid
+    )
     shift = by_weight(found.energy, little)
-    assert float(np.abs(shift).max()) == pytest.approx(float(np.abs(apart).max()), rel=0.1)  # coefficients bound their spline's values
+    assert float(np.abs(shift).max()) == pytest.approx(
+        float(np.abs(apart).max()), rel=0.1
+    )  # coefficients bound their spline's values
     material = data["materials"]["m"]
-    softer = {shear: Scene.from_si({**data, "materials": {"m": {**material, "shear_modulus": shear}}}) for shear in (1e5, 1e7)}
-    assert [told(one) for one in softer.values()] == [["gravity"], []]  # soft, it sags by more than a hundredth of its length
+    softer = {
+        shear: Scene.from_si({**data, "materials": {"m": {**material, "shear_modulus": shear}}})
+        for shear in (1e5, 1e7)
+    }
+    assert [told(one) for one in softer.values()] == [
+        ["gravity"],
+        [],
+    ]  # soft, it sags by more than a hundredth of its length
     scene = softer[1e5]
-    assert not any("gravity" in one for one in run(scene.model_copy(update={"advice": "off"})).warnings)
+    assert not any(
+        "gravity" in one for one in run(scene.model_copy(update={"advice": "off"})).warnings
+    )
     assert not any("gravity" in one for one in run(scene.with_effects(gravity={})).warnings)
     body = {**data["body"]["strip"], "length": 20e-3, "width": 1e-3, "thickness": 0.2e-3}
     body["segments"] = [{**half, "length": 10e-3} for half in halves]
@@ -134,7 +181,9 @@ def test_a_weight_that_is_not_named_is_told_of_bodies_that_are_no_rods() -> None
     first = solve_static(static_model(build(Scene.from_si(thin))))
     assert isinstance(first.energy, Energy)
     sag = float(np.linalg.norm(by_weight(first.energy, 9.81), axis=1).max())
-    bare, heavy = (run(Scene.from_si(thin).with_effects(gravity=one)).particle_position for one in (None, {}))
+    bare, heavy = (
+        run(Scene.from_si(thin).with_effects(gravity=one)).particle_position for one in (None, {})
+    )
     true = float(np.linalg.norm(heavy - bare, axis=1).max())
     assert sag > 2.0 * true  # to first order; its longer axis holds it
     assert _stretched(sag, 0.2e-3) == pytest.approx(true, rel=0.05)
@@ -143,7 +192,9 @@ def test_a_weight_that_is_not_named_is_told_of_bodies_that_are_no_rods() -> None
 def test_small_effects_that_add_up_are_not_left_out_together(tmp_path: Path) -> None:
     """Torque and weight move a stiff catheter by 0.9 % of its length each, to the same side: with neither it would be 1.8 % off."""
     path = tmp_path / "scene.yaml"
-    stiff = TEXT.replace("EFFECTS", "auto").replace("FIELD", "-3.5 mT").replace("120 kPa", "5500 kPa")
+    stiff = (
+        TEXT.replace("EFFECTS", "auto").replace("FIELD", "-3.5 mT").replace("120 kPa", "5500 kPa")
+    )
     path.write_text(stiff)
     choice = choose_effects(load_scene(path))
     found = {one["effect"]: one for one in choice.reasons}

@@ -20,7 +20,12 @@ FIELD = (4e-3, -3e-3, 6e-3)
 
 
 def model_of(**changes: object) -> StaticModel:
-    given = {"length": 8e-3, "directions": [(1, 0, 0), (0.3, -0.5, 0.8)], "shear": [G, G / 3], "cells": 3}
+    given = {
+        "length": 8e-3,
+        "directions": [(1, 0, 0), (0.3, -0.5, 0.8)],
+        "shear": [G, G / 3],
+        "cells": 3,
+    }
     return static_model(build(rod_scene(**{**given, **changes})))
 
 
@@ -45,7 +50,9 @@ def affine(model: StaticModel, A: np.ndarray, shift: np.ndarray) -> np.ndarray:
     return (X @ A.T + shift - X).reshape(model.layout.planes, -1)
 
 
-def random_coefficients(model: StaticModel, rng: np.random.Generator, size: float = 5e-5) -> np.ndarray:
+def random_coefficients(
+    model: StaticModel, rng: np.random.Generator, size: float = 5e-5
+) -> np.ndarray:
     return size * rng.standard_normal((model.layout.planes, model.layout.m))
 
 
@@ -77,8 +84,12 @@ def test_torque_is_the_magnets(rng: np.random.Generator, locking: str) -> None:
     torque = np.cross(np.einsum("nij,nj->ni", point.F, model.remanence), FIELD) / MU0
     expected = -model.particles.volume @ torque
     found = np.cross(arm, r)
-    np.testing.assert_allclose(r.sum(axis=0), 0, atol=1e-14 * np.abs(r).sum())  # Newton's third law, to rounding of the sum
-    np.testing.assert_allclose(found.sum(axis=0), expected, rtol=0, atol=1e-13 * np.abs(found).sum())
+    np.testing.assert_allclose(
+        r.sum(axis=0), 0, atol=1e-14 * np.abs(r).sum()
+    )  # Newton's third law, to rounding of the sum
+    np.testing.assert_allclose(
+        found.sum(axis=0), expected, rtol=0, atol=1e-13 * np.abs(found).sum()
+    )
     assert np.linalg.norm(expected) > 1e-6  # N m: the compared values are not zero
 
 
@@ -91,9 +102,13 @@ def test_rigid_motion_is_free_of_stress(locking: str, angle: float) -> None:
     R = Rotation.from_rotvec(np.radians(angle) * np.array([2, -1, 2]) / 3).as_matrix()
     point = energy.at(affine(model, R, np.array([1e-2, -3e-3, 5e-3])))
     free = model.particles.volume > 0
-    np.testing.assert_allclose(point.F[free], np.broadcast_to(R, (free.sum(), 3, 3)), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(
+        point.F[free], np.broadcast_to(R, (free.sum(), 3, 3)), rtol=0, atol=1e-13
+    )
     stiffness = G * model.particles.volume.sum()  # J per unit strain
-    assert point.energy == pytest.approx(0, abs=1e-14 * stiffness)  # rounding error of J^(-2/3) I1 - 3
+    assert point.energy == pytest.approx(
+        0, abs=1e-14 * stiffness
+    )  # rounding error of J^(-2/3) I1 - 3
     # Strain from rounding 1e-14, times stress 20 G, over the section, of which a node carries a share.
     np.testing.assert_allclose(energy.residual(point), 0, atol=1e-12 * 20 * G * 1.6e-5)
 
@@ -104,15 +119,21 @@ def test_patch(locking: str, particles: int) -> None:
     """Patch test: an affine deformation gives the same F everywhere, and no residual at nodes inside the material.
 
     Inside: all cells of a node are full and of one material. There the Gauss points integrate the gradients exactly."""
-    model = model_of(cells=5, particles=particles, directions=[(1, 0, 0)], shear=G, anti_locking=locking)
+    model = model_of(
+        cells=5, particles=particles, directions=[(1, 0, 0)], shear=G, anti_locking=locking
+    )
     energy = Energy(model)
     A = np.eye(3) + np.array([[0.1, 0.2, -0.1], [0.05, -0.2, 0.3], [0.1, -0.05, 0.15]])
     point = energy.at(affine(model, A, np.array([1e-3, 2e-3, -1e-3])))
     away = model.particles.cell[:, 0] > 0
-    np.testing.assert_allclose(point.F[away], np.broadcast_to(A, (away.sum(), 3, 3)), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(
+        point.F[away], np.broadcast_to(A, (away.sum(), 3, 3)), rtol=0, atol=1e-13
+    )
 
     residual = energy.residual(point).reshape(model.layout.planes, -1, 3)
-    middle = np.flatnonzero(np.all(model.layout.node_yz == 3, axis=1))  # its 3 x 3 cells lie inside the disc
+    middle = np.flatnonzero(
+        np.all(model.layout.node_yz == 3, axis=1)
+    )  # its 3 x 3 cells lie inside the disc
     assert len(middle) == 1
     inside = residual[3 : model.layout.planes - 2, middle[0]]  # nor at the clamp or the free end
     assert len(inside) >= 4
@@ -120,7 +141,10 @@ def test_patch(locking: str, particles: int) -> None:
     np.testing.assert_allclose(inside, 0, atol=1e-12 * traction)
 
 
-@pytest.mark.parametrize("effects", [{"magnetic_torque": {}}, {"magnetic_torque": {}, "magnetic_force": {}, "gravity": {}}])
+@pytest.mark.parametrize(
+    "effects",
+    [{"magnetic_torque": {}}, {"magnetic_torque": {}, "magnetic_force": {}, "gravity": {}}],
+)
 @pytest.mark.slow  # test_stability compares the same products with the tangent of one combination of effects
 def test_products_are_those_of_the_tangents_matrix(effects: dict) -> None:
     """Without a matrix: the tangent times columns, with loads that also soften, and the mass of unit density."""
@@ -142,4 +166,6 @@ def test_products_are_those_of_the_tangents_matrix(effects: dict) -> None:
     moved[:, 0, 0::3] = 1.0  # splines sum to one beyond the clamp, so its mass is the volume there
     u = energy.at(moved[:, 0]).displacement
     volume = energy.model.particles.volume
-    np.testing.assert_allclose(np.sum(moved * energy.products(point, moved)[1]), np.sum(volume * u[:, 0] ** 2), rtol=1e-12)
+    np.testing.assert_allclose(
+        np.sum(moved * energy.products(point, moved)[1]), np.sum(volume * u[:, 0] ** 2), rtol=1e-12
+    )

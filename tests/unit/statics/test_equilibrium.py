@@ -42,7 +42,9 @@ def spatial() -> Result:
 
 def buckled() -> Scene:
     """A catheter magnetized along its axis, in a field against it, beyond the load at which it turns round: to +z or to -z."""
-    return rod_scene(length=L, directions=np.array([[1.0, 0, 0]]), field=np.array([-14e-3, 0, 0]), gravity=None)
+    return rod_scene(
+        length=L, directions=np.array([[1.0, 0, 0]]), field=np.array([-14e-3, 0, 0]), gravity=None
+    )
 
 
 def test_a_rod_as_start_chooses_the_branch() -> None:
@@ -51,7 +53,13 @@ def test_a_rod_as_start_chooses_the_branch() -> None:
     rod = solve_rod(scene)
     flip = np.diag([1.0, 1.0, -1.0])
     frames = flip @ rod.frames @ flip
-    below = replace(rod, position=rod.position @ flip, frames=frames, curvature=rod.curvature * [-1, -1, 1], strain=rod.strain * [1, 1, -1])
+    below = replace(
+        rod,
+        position=rod.position @ flip,
+        frames=frames,
+        curvature=rod.curvature * [-1, -1, 1],
+        strain=rod.strain * [1, 1, -1],
+    )
     up, down = run(scene), run(scene, start=below)
     assert abs(up.tip[2]) > 0.2 * L
     assert np.sign(up.tip[2]) != np.sign(down.tip[2])
@@ -78,7 +86,9 @@ def test_no_equilibrium_near_a_rod_is_an_error() -> None:
     with pytest.raises(SolveError, match="near the rod"):
         run(scene, start=straight_rod)
     stub = rod_scene(length=4.5e-3, field=FIELD)
-    assert np.linalg.norm(run(stub, start=solve_rod(stub)).tip - run(stub).tip) < 1e-6 * 4.5e-3  # the solve's tolerance
+    assert (
+        np.linalg.norm(run(stub, start=solve_rod(stub)).tip - run(stub).tip) < 1e-6 * 4.5e-3
+    )  # the solve's tolerance
 
 
 def largest_move(result: Result) -> float:
@@ -180,7 +190,9 @@ def test_newton_leaves_an_unstable_equilibrium() -> None:
     scene = antiparallel(5.0)
     model = static_model(build(scene))
     found = minimize(Energy(model), straight(model), tolerance=1e-11, max_steps=300)
-    tip = axis.along_axis(model, found.point.grid, axis.end_face_weights(model), np.array([40e-3]))[0]
+    tip = axis.along_axis(model, found.point.grid, axis.end_face_weights(model), np.array([40e-3]))[
+        0
+    ]
     expected = run(scene).tip
     assert tip[0] == pytest.approx(expected[0], abs=1e-5 * 40e-3)
     assert np.hypot(tip[1], tip[2]) == pytest.approx(expected[2], abs=1e-5 * 40e-3)
@@ -193,7 +205,9 @@ def test_ramp_follows_the_buckled_branch(load: float) -> None:
     assert given.tip[2] > 0.3 * 40e-3
     assert abs(given.tip[1]) < 1e-3 * 40e-3
     ramped = run(antiparallel(load, field_steps=5))
-    np.testing.assert_allclose(ramped.particle_position, given.particle_position, rtol=0, atol=1e-5 * 40e-3)
+    np.testing.assert_allclose(
+        ramped.particle_position, given.particle_position, rtol=0, atol=1e-5 * 40e-3
+    )
 
 
 def test_standing_column_falls_over() -> None:
@@ -220,7 +234,9 @@ def test_unloaded_body_is_exactly_undeformed(spatial: Result) -> None:
 @pytest.mark.parametrize("kind", ["field", "gravity"])
 def test_small_loads_are_linear(kind: str) -> None:
     """Tip deflection over load is constant, from far below rounding of the length up to where the square of the slope matters."""
-    full = 3e-5 if kind == "field" else 0.02  # deflection 1e-4 m; slope 0.004: 1 % of a percent from linear
+    full = (
+        3e-5 if kind == "field" else 0.02
+    )  # deflection 1e-4 m; slope 0.004: 1 % of a percent from linear
     ratios = []
     for part in np.logspace(0, -7, 15):
         load = (0, 0, full * part)
@@ -232,7 +248,8 @@ def test_small_loads_are_linear(kind: str) -> None:
 def test_unconverged_run_says_so() -> None:
     """Too few steps: SolveError with exit status 3, a reason that names the setting, and the last good state or None."""
     with pytest.raises(
-        SolveError, match=r"no equilibrium within 1 Newton step.*to try: solver\.static: \{field_steps: 40, max_steps: 150\}"
+        SolveError,
+        match=r"no equilibrium within 1 Newton step.*to try: solver\.static: \{field_steps: 40, max_steps: 150\}",
     ) as caught:
         run(spatial_scene(max_steps=1))
     assert caught.value.exit_status == 3
@@ -304,7 +321,9 @@ def turning(model: StaticModel, axis: np.ndarray) -> np.ndarray:
 
 def test_a_body_that_turns_as_a_whole_is_not_strained(model: StaticModel) -> None:
     axis = np.array([0.3, -1.1, 0.7])
-    reached = along_arc(model, np.zeros((model.layout.planes, model.layout.m)), turning(model, axis), 1.0)
+    reached = along_arc(
+        model, np.zeros((model.layout.planes, model.layout.m)), turning(model, axis), 1.0
+    )
     turned = rest_nodes(model) @ Rotation.from_rotvec(axis).as_matrix().T
     # The center of the first plane goes straight; seen from it the body is turned exactly, to rounding.
     found = rest_nodes(model) + reached.reshape(turned.shape)
@@ -314,10 +333,15 @@ def test_a_body_that_turns_as_a_whole_is_not_strained(model: StaticModel) -> Non
 def test_to_first_order_it_is_the_straight_step(model: StaticModel) -> None:
     rng = np.random.default_rng(1)
     shape = (model.layout.planes, model.layout.m)
-    grid, direction = 1e-4 * rng.normal(size=shape), 1e-3 * rng.normal(size=shape) + turning(model, np.array([1.0, 2.0, -1.0]))
+    grid, direction = (
+        1e-4 * rng.normal(size=shape),
+        1e-3 * rng.normal(size=shape) + turning(model, np.array([1.0, 2.0, -1.0])),
+    )
 
     def off(fraction: float) -> float:
-        return float(np.abs(along_arc(model, grid, direction, fraction) - grid - fraction * direction).max())
+        return float(
+            np.abs(along_arc(model, grid, direction, fraction) - grid - fraction * direction).max()
+        )
 
     assert np.log2(off(2e-3) / off(1e-3)) == pytest.approx(2.0, abs=0.02)
 
@@ -333,7 +357,9 @@ def test_bending_along_an_arc_keeps_the_length(model: StaticModel) -> None:
     direction = d.reshape(model.layout.planes, -1)
     arc = along_arc(model, np.zeros_like(direction), direction, 1.0).reshape(X.shape)
     centers = (X + arc).mean(axis=1)
-    assert np.linalg.norm(np.diff(centers, axis=0), axis=1) == pytest.approx(np.diff(X[:, 0, 0]), rel=1e-3)
+    assert np.linalg.norm(np.diff(centers, axis=0), axis=1) == pytest.approx(
+        np.diff(X[:, 0, 0]), rel=1e-3
+    )
     straight = (X + d).mean(axis=1)
     assert np.linalg.norm(np.diff(straight, axis=0), axis=1).max() > 1.3 * np.diff(X[:, 0, 0]).max()
 
@@ -341,11 +367,17 @@ def test_bending_along_an_arc_keeps_the_length(model: StaticModel) -> None:
 def test_a_soft_curved_valley_takes_few_steps() -> None:
     """A slender catheter about to turn round, from a search for insertions: straight steps with the usual shift found no end in 300."""
     directions = [
-        [-0.0697, -0.4462, -0.8922], [0.711, 0.4182, -0.5654], [0.7258, -0.2357, -0.6462],
-        [0.9261, 0.0052, -0.3772], [0.9139, 0.0393, 0.404], [-0.4517, 0.0057, 0.8921],
-    ]  # fmt: skip
+        [-0.0697, -0.4462, -0.8922],
+        [0.711, 0.4182, -0.5654],
+        [0.7258, -0.2357, -0.6462],
+        [0.9261, 0.0052, -0.3772],
+        [0.9139, 0.0393, 0.404],
+        [-0.4517, 0.0057, 0.8921],
+    ]
     shape = {"length": 0.056, "diameter": 3e-3, "directions": directions, "remanence": 0.138}
     found = rod_scene(**shape, field=(2.131697e-3, -1.814e-6, 9.669181e-3), gravity=(0, 0, -9.81))
     made = static_model(build(found))
-    steps = minimize(Energy(made), from_rod(made, solve_rod(found)), tolerance=1e-11, max_steps=300).steps
+    steps = minimize(
+        Energy(made), from_rod(made, solve_rod(found)), tolerance=1e-11, max_steps=300
+    ).steps
     assert steps <= 40  # 23 when this was written

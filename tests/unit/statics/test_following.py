@@ -28,7 +28,9 @@ FIELDS = ([0.0, 0.0, 2e-3], [0.0, 1e-3, 3e-3], [1e-3, 2e-3, 4e-3], [-2e-3, 2e-3,
 
 
 CHANGES = {
-    "another body": lambda scene: scene.with_material(shear_modulus=1.5 * scene.region_material(0).shear_modulus),
+    "another body": lambda scene: scene.with_material(
+        shear_modulus=1.5 * scene.region_material(0).shear_modulus
+    ),
     "turned magnets": lambda scene: scene.with_magnetizations([[0.6, 0.8, 0.0]]),
 }
 
@@ -101,7 +103,14 @@ def test_it_ends_where_the_equilibrium_is(grids, slenderness: float) -> None:
     fine, start, truth, compared = grids
     told: list[int] = []
     with one_blas_thread():
-        near = approached(Energy(fine), start, lambda grid: points(fine, grid), compared, slenderness, lambda step, _: told.append(step))
+        near = approached(
+            Energy(fine),
+            start,
+            lambda grid: points(fine, grid),
+            compared,
+            slenderness,
+            lambda step, _: told.append(step),
+        )
     assert near is not None
     difference = apart(points(fine, truth), compared)
     assert difference > 1e-7, "there is something to tell"
@@ -125,7 +134,17 @@ def test_no_answer_where_steps_lead_away(grids) -> None:
     """Bent to the other side: it says None instead of a place."""
     fine, start, _, compared = grids
     with one_blas_thread():
-        assert approached(Energy(fine), -start, lambda grid: points(fine, grid), compared, 0.0, lambda *_: None) is None
+        assert (
+            approached(
+                Energy(fine),
+                -start,
+                lambda grid: points(fine, grid),
+                compared,
+                0.0,
+                lambda *_: None,
+            )
+            is None
+        )
 
 
 def test_no_answer_from_a_folded_start(grids) -> None:
@@ -133,7 +152,12 @@ def test_no_answer_from_a_folded_start(grids) -> None:
     fine, start, _, compared = grids
     folded = start.copy()
     folded[:, 0::3] -= 2.0 * np.linspace(0.0, 24e-3, len(start))[:, None]
-    assert approached(Energy(fine), folded, lambda grid: points(fine, grid), compared, 0.0, lambda *_: None) is None
+    assert (
+        approached(
+            Energy(fine), folded, lambda grid: points(fine, grid), compared, 0.0, lambda *_: None
+        )
+        is None
+    )
 
 
 def test_steps_that_tell_nothing_are_left_out(rng: np.random.Generator) -> None:
@@ -141,6 +165,10 @@ def test_steps_that_tell_nothing_are_left_out(rng: np.random.Generator) -> None:
     direction around. With those left out, the direction is that of the factors."""
     q, step = rng.standard_normal((4, 3)), rng.standard_normal((4, 3))
     still = (np.zeros((4, 3)), np.zeros((4, 3)))
-    np.testing.assert_array_equal(corrected(q, [still, (step, -step)], lambda right: -0.5 * right), -0.5 * q)
-    exact = corrected(q, [still, (q, 2.0 * q)], lambda right: -right)  # the energy curves twice as much along q as the factors say
+    np.testing.assert_array_equal(
+        corrected(q, [still, (step, -step)], lambda right: -0.5 * right), -0.5 * q
+    )
+    exact = corrected(
+        q, [still, (q, 2.0 * q)], lambda right: -right
+    )  # the energy curves twice as much along q as the factors say
     np.testing.assert_allclose(exact, -0.5 * q, rtol=1e-14)

@@ -25,9 +25,27 @@ RAMP = {"ramp": {"duration": 20e-3}}
 
 def strip(clamp: str = "both", move: dict[str, Any] | None = None, **more: Any) -> Scene:
     """A strip of two segments. move: along and distance (m) by name, and over_time."""
-    body = {"length": L, "width": W, "thickness": T, "material": "m", "clamp": clamp, "segments": [{"magnetization": [1, 0, 0]}]}
-    materials = {"m": {"shear_modulus": 100e3, "bulk_to_shear": 20.0, "density": 1000.0, "remanence": 0.1}}
-    return resting_scene(**{"body": {"strip": body}, "effects": {}, "materials": materials, "move": move, "advice": "off", **more})
+    body = {
+        "length": L,
+        "width": W,
+        "thickness": T,
+        "material": "m",
+        "clamp": clamp,
+        "segments": [{"magnetization": [1, 0, 0]}],
+    }
+    materials = {
+        "m": {"shear_modulus": 100e3, "bulk_to_shear": 20.0, "density": 1000.0, "remanence": 0.1}
+    }
+    return resting_scene(
+        **{
+            "body": {"strip": body},
+            "effects": {},
+            "materials": materials,
+            "move": move,
+            "advice": "off",
+            **more,
+        }
+    )
 
 
 def to(along: list[float], distance: float = 2e-3, **more: Any) -> dict[str, Any]:
@@ -61,52 +79,81 @@ def test_a_path_and_a_motion_end_in_the_equilibrium() -> None:
     path = run(strip(move=moving, solver={"quasi_static": {"steps": 2}}))
     np.testing.assert_allclose(path.particle_position, rest.particle_position, rtol=0, atol=1e-9)
     assert [round(step["tip"][0], 12) for step in path.steps] == [L, L + 1e-3, L + 2e-3]
-    scene = strip(move=moving, solver={"dynamic": {"duration": 60e-3}}, effects={"damping": {"rate": 400.0}})
+    scene = strip(
+        move=moving, solver={"dynamic": {"duration": 60e-3}}, effects={"damping": {"rate": 400.0}}
+    )
     motion = run(scene)
     np.testing.assert_allclose(motion.particle_position, rest.particle_position, rtol=0, atol=1e-7)
     assert motion.energy == pytest.approx(rest.energy, rel=1e-6)
 
 
 def test_a_motion_resumes_bit_for_bit(tmp_path: Path) -> None:
-    scene = strip(move={"base": to([0, 0, 1], over_time={"oscillation": {"frequency": 100.0}})}, effects={"damping": {"rate": 1.0}},
-                  solver={"dynamic": {"duration": 4e-3}})  # fmt: skip
+    scene = strip(
+        move={"base": to([0, 0, 1], over_time={"oscillation": {"frequency": 100.0}})},
+        effects={"damping": {"rate": 1.0}},
+        solver={"dynamic": {"duration": 4e-3}},
+    )
     whole = integrate(begin(build(scene)))
     interrupted(scene, tmp_path, 2e-3)
     resumed = integrate(begin(build(scene)), folder=tmp_path, resume=True)
     np.testing.assert_array_equal(resumed.x, whole.x)
     face = whole.motion.u.reshape(*whole.motion.model.grid.nodes, 3)[0]
-    np.testing.assert_allclose(face, np.broadcast_to([0, 0, 2e-3 * np.sin(0.8 * np.pi)], face.shape), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        face, np.broadcast_to([0, 0, 2e-3 * np.sin(0.8 * np.pi)], face.shape), rtol=0, atol=1e-15
+    )
 
 
 def pillar(folder: Path, **more: Any) -> Scene:
     """A block between a foot and a head that are held."""
     for name, low in (("foot", 0.0), ("block", 2.0), ("head", 6.0)):
-        write_stl(box((0, 0, low), (4, 4, {"foot": 2.0, "block": 6.0, "head": 8.0}[name])), folder / f"{name}.stl")
-    meshes = [{"mesh": str(folder / f"{name}.stl"), "material": "m", "clamp": name != "block"} for name in ("foot", "block", "head")]
-    data = strip().to_si() | {"body": {"parts": {"unit": "mm", "spacing": 1e-3, "meshes": meshes}}} | more
+        write_stl(
+            box((0, 0, low), (4, 4, {"foot": 2.0, "block": 6.0, "head": 8.0}[name])),
+            folder / f"{name}.stl",
+        )
+    meshes = [
+        {"mesh": str(folder / f"{name}.stl"), "material": "m", "clamp": name != "block"}
+        for name in ("foot", "block", "head")
+    ]
+    data = (
+        strip().to_si()
+        | {"body": {"parts": {"unit": "mm", "spacing": 1e-3, "meshes": meshes}}}
+        | more
+    )
     return Scene.from_si(data)
 
 
 def test_held_parts_move_by_name(tmp_path: Path) -> None:
     """Both together: no strain; the head alone: its particles by its way, the foot's stay, and shear between."""
     both = run(pillar(tmp_path, move={"foot": to([1, 0, 0], 1e-3), "head": to([1, 0, 0], 1e-3)}))
-    np.testing.assert_allclose(both.particle_position - both.particle_reference, np.tile([1e-3, 0, 0], (both.particles, 1)), atol=1e-15)
+    np.testing.assert_allclose(
+        both.particle_position - both.particle_reference,
+        np.tile([1e-3, 0, 0], (both.particles, 1)),
+        atol=1e-15,
+    )
     result = run(pillar(tmp_path, move={"head": to([1, 0, 0], 1e-3)}))
     way = (result.particle_position - result.particle_reference)[:, 0]
     np.testing.assert_allclose(way[result.particle_segment == 0], 0.0, atol=1e-15)
     np.testing.assert_allclose(way[result.particle_segment == 2], 1e-3, rtol=1e-12)
     middle = np.abs(result.particle_reference[:, 2] - 4e-3) < 0.5e-3
     assert way[middle].mean() == pytest.approx(0.5e-3, rel=1e-3)
-    scene = pillar(tmp_path, move={"head": to([1, 0, 0], 1e-3, over_time=RAMP)}, effects={"damping": {"rate": 2000.0}},
-                   solver={"dynamic": {"duration": 40e-3}})  # fmt: skip
-    np.testing.assert_allclose(run(scene).particle_position, result.particle_position, rtol=0, atol=1e-7)
+    scene = pillar(
+        tmp_path,
+        move={"head": to([1, 0, 0], 1e-3, over_time=RAMP)},
+        effects={"damping": {"rate": 2000.0}},
+        solver={"dynamic": {"duration": 40e-3}},
+    )
+    np.testing.assert_allclose(
+        run(scene).particle_position, result.particle_position, rtol=0, atol=1e-7
+    )
 
 
 def test_parts_that_hold_one_face_move_together(tmp_path: Path) -> None:
     scene = pillar(tmp_path)
     write_stl(box((4, 0, 0), (8, 4, 2)), tmp_path / "toe.stl")
     data = scene.to_si()
-    data["body"]["parts"]["meshes"].append({"mesh": str(tmp_path / "toe.stl"), "material": "m", "clamp": True})
+    data["body"]["parts"]["meshes"].append(
+        {"mesh": str(tmp_path / "toe.stl"), "material": "m", "clamp": True}
+    )
     with pytest.raises(SceneError, match="hold the body at the same face"):
         build(Scene.from_si(data | {"move": {"foot": to([0, 0, 1], 1e-3)}}))
 
@@ -114,4 +161,9 @@ def test_parts_that_hold_one_face_move_together(tmp_path: Path) -> None:
 def test_nothing_moved_costs_nothing() -> None:
     """No records, neither at rest nor in motion."""
     assert static_model(build(strip())).driven == ()
-    assert begin(build(strip(solver={"dynamic": {"duration": 1e-3}}))).motion.ends.records(np.zeros(1), 1e-6) == ()
+    assert (
+        begin(build(strip(solver={"dynamic": {"duration": 1e-3}}))).motion.ends.records(
+            np.zeros(1), 1e-6
+        )
+        == ()
+    )

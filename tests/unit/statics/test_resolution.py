@@ -47,7 +47,9 @@ def test_an_asked_error_is_kept_and_proven(tmp_path: Path) -> None:
     result = run(scene, folder=tmp_path)
     cells = result.resolution["cells_across"]
     plain, fine = run(PLAIN.with_cells(cells)), run(PLAIN.with_cells(6))
-    np.testing.assert_allclose(result.centreline, plain.centreline, atol=1e-6 * LENGTH)  # as well as equilibria are known
+    np.testing.assert_allclose(
+        result.centreline, plain.centreline, atol=1e-6 * LENGTH
+    )  # as well as equilibria are known
     assert result.stability == pytest.approx(plain.stability, rel=1e-3)  # statics.stability.ENOUGH
     assert largest_distance(result, fine.centreline) < result.error_estimate < 0.005 * LENGTH
     assert (plain.error_estimate, plain.resolution) == (None, None)
@@ -77,10 +79,16 @@ def test_what_is_asked_is_plain_data_and_read_back() -> None:
 
 
 PROVABLE = r"(?s)12 cells across, the most whose error can be proven, are off by.*"
-ASK = PROVABLE + r"ask for .* % or more, which \d+ cells give, or try .* %, which \d+ cells give only if"
+ASK = (
+    PROVABLE
+    + r"ask for .* % or more, which \d+ cells give, or try .* %, which \d+ cells give only if"
+)
 
 
-@pytest.mark.parametrize(("error", "says"), [("1 m", "half of the length, 12 mm"), ("1 nm", "known to 0.0001 %"), (2e-6, ASK)])
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [("1 m", "half of the length, 12 mm"), ("1 nm", "known to 0.0001 %"), (2e-6, ASK)],
+)
 def test_what_no_grid_can_reach_is_refused_with_the_number(error: object, says: str) -> None:
     """With what the coarsest grid gives, and what finer ones should."""
     with pytest.raises(SceneError, match=says):
@@ -96,7 +104,9 @@ def test_a_displacement_is_carried_between_grids_as_it_is() -> None:
         x = model.plane_coordinates()[:, None]
         y, z = (model.grid.node_coordinates(i + 1)[model.layout.node_yz[:, i]] for i in range(2))
         h = model.grid.spacing[0]
-        u = np.stack(np.broadcast_arrays(x * y, x * z, x**2 - h * h / 4), axis=-1).reshape(model.layout.planes, -1)
+        u = np.stack(np.broadcast_arrays(x * y, x * z, x**2 - h * h / 4), axis=-1).reshape(
+            model.layout.planes, -1
+        )
         return np.ascontiguousarray(u)
 
     exact, found = coefficients(fine), carried(coarse, coefficients(coarse), fine)
@@ -115,8 +125,18 @@ def test_a_time_is_kept_and_one_too_short_is_refused() -> None:
 
 def tube(length: float, bore: float, **cells: object) -> Scene:
     """A tube of 3 mm with segments of three directions, across a field."""
-    shape = {"length": length, "diameter": 3e-3, "inner_diameter": bore, "directions": [(1, 0, 0), (0, 0.7, 0.7), (-0.9, 0, 0.45)]}
-    return Scene.from_si({**rod_scene(**shape, shear=100e3, remanence=0.12, field=(0.0, 10e-3, 10e-3)).to_si(), "resolution": cells})
+    shape = {
+        "length": length,
+        "diameter": 3e-3,
+        "inner_diameter": bore,
+        "directions": [(1, 0, 0), (0, 0.7, 0.7), (-0.9, 0, 0.45)],
+    }
+    return Scene.from_si(
+        {
+            **rod_scene(**shape, shear=100e3, remanence=0.12, field=(0.0, 10e-3, 10e-3)).to_si(),
+            "resolution": cells,
+        }
+    )
 
 
 def test_bounds_hold_for_walls_far_below_a_cell() -> None:
@@ -127,8 +147,13 @@ def test_bounds_hold_for_walls_far_below_a_cell() -> None:
     assert 0.2 < largest_distance(result, fine.centreline) / result.error_estimate < 1.0
 
 
-@pytest.mark.parametrize(("slenderness", "wall", "factor"), [(10.0, np.inf, 1.0), (10.0, 0.2, 1.0), (10.0, 0.1, 2.0), (2.0, np.inf, 1.6)])
-def test_caution_is_for_what_was_not_measured(slenderness: float, wall: float, factor: float) -> None:
+@pytest.mark.parametrize(
+    ("slenderness", "wall", "factor"),
+    [(10.0, np.inf, 1.0), (10.0, 0.2, 1.0), (10.0, 0.1, 2.0), (2.0, np.inf, 1.6)],
+)
+def test_caution_is_for_what_was_not_measured(
+    slenderness: float, wall: float, factor: float
+) -> None:
     assert caution(slenderness, wall) == factor
 
 
@@ -142,15 +167,27 @@ def test_errors_that_do_not_yet_fall_as_they_will_are_no_ground_for_a_leap() -> 
         def takes(self, cells: int) -> float:
             return 1.0
 
-    search = Roomy(Equilibria(asked(error=0.0012)), 0.0, lambda cells: 0.0, {2: 0.0078 * LENGTH, 4: 0.0056 * LENGTH})
+    search = Roomy(
+        Equilibria(asked(error=0.0012)),
+        0.0,
+        lambda cells: 0.0,
+        {2: 0.0078 * LENGTH, 4: 0.0056 * LENGTH},
+    )
     assert resolution._next(search, 4, None) == 6
 
 
 @pytest.mark.parametrize(("gone", "best"), [(0.0, 4), (5.0, 3), (9.0, 2)])
-def test_within_a_time_the_best_grid_is_one_on_which_what_is_computed_besides_still_fits(gone: float, best: int) -> None:
+def test_within_a_time_the_best_grid_is_one_on_which_what_is_computed_besides_still_fits(
+    gone: float, best: int
+) -> None:
     """Of 10 s: 2, 4 and 6 s more on 2, 3 and 4 cells; the coarsest grid is taken where nothing fits."""
     extra = {2: 2.0, 3: 4.0, 4: 6.0}.__getitem__
-    search = resolution._Search(Equilibria(asked(seconds=10.0)), time.perf_counter() - gone, extra, {2: 3e-4, 3: 2e-4, 4: 1e-4})
+    search = resolution._Search(
+        Equilibria(asked(seconds=10.0)),
+        time.perf_counter() - gone,
+        extra,
+        {2: 3e-4, 3: 2e-4, 4: 1e-4},
+    )
     assert resolution._best_in_time(search) == best
 
 
@@ -172,7 +209,13 @@ def test_a_search_keeps_blas_on_one_thread() -> None:
     seen: list[int] = []
 
     def look(*_: object) -> None:
-        seen.append(max(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"))
+        seen.append(
+            max(
+                library["num_threads"]
+                for library in threadpool_info()
+                if library["user_api"] == "blas"
+            )
+        )
 
     with threadpool_limits(2, user_api="blas"):
         run(asked(error=0.005), on_progress=look)
@@ -194,12 +237,29 @@ def test_a_solve_that_fails_keeps_its_last_good_state() -> None:
 def hinged(**cells: object) -> Scene:
     """A plane strip of two stiff and two soft segments, whose moduli differ 167 times, across a field."""
     lengths = {"rigid": (7.2e-3, 5.37e-3), "soft": (2.1e-3, 5.33e-3)}
-    segments = [{"magnetization": [1.0, 0.0, 0.0], "length": lengths[name][k], "material": name} for k in range(2) for name in lengths]
-    strip = {"length": 20e-3, "width": 4e-3, "thickness": 1e-3, "plane_strain": True, "material": "soft", "segments": segments}
+    segments = [
+        {"magnetization": [1.0, 0.0, 0.0], "length": lengths[name][k], "material": name}
+        for k in range(2)
+        for name in lengths
+    ]
+    strip = {
+        "length": 20e-3,
+        "width": 4e-3,
+        "thickness": 1e-3,
+        "plane_strain": True,
+        "material": "soft",
+        "segments": segments,
+    }
     soft = {"shear_modulus": 120e3, "bulk_to_shear": 20.0, "density": 1882.0, "remanence": 0.138}
     materials = {"soft": soft, "rigid": {**soft, "shear_modulus": 20e6, "remanence": 0.0}}
     field = {"uniform": [0.0, 0.0, 8e-3]}
-    return resting_scene({"strip": strip}, {"magnetic_torque": {}}, materials=materials, field=field, resolution=cells)
+    return resting_scene(
+        {"strip": strip},
+        {"magnetic_torque": {}},
+        materials=materials,
+        field=field,
+        resolution=cells,
+    )
 
 
 def test_bounds_of_soft_and_stiff_segments_hold_by_the_general_rule() -> None:
@@ -209,12 +269,21 @@ def test_bounds_of_soft_and_stiff_segments_hold_by_the_general_rule() -> None:
     finest = run(scene.with_cells(16)).centreline
     for n in (2, 3, 4):
         proof = PROOF[n]
-        apart = {k: largest_distance(solved[k], solved[proof].centreline) for k in (n, *INTERMEDIATE.get(n, ()))}
+        apart = {
+            k: largest_distance(solved[k], solved[proof].centreline)
+            for k in (n, *INTERMEDIATE.get(n, ()))
+        }
         assert largest_distance(solved[n], finest) < bound(n, proof, apart.pop(n), apart)
-    assert largest_distance(solved[4], finest) < 1e-3 * scene.length  # 0.1 %, the bound that users were given
+    assert (
+        largest_distance(solved[4], finest) < 1e-3 * scene.length
+    )  # 0.1 %, the bound that users were given
 
 
-@pytest.mark.parametrize("scene", [PLAIN.with_cells(2), PLAIN.with_cells(5), hinged(cells_across=2)], ids=["2", "5", "plane strain"])
+@pytest.mark.parametrize(
+    "scene",
+    [PLAIN.with_cells(2), PLAIN.with_cells(5), hinged(cells_across=2)],
+    ids=["2", "5", "plane strain"],
+)
 def test_the_matrix_takes_the_bytes_that_are_said_before_anything_is_built(scene: Scene) -> None:
     """Three blocks of m x m doubles for each plane of m unknowns; at most a clamped plane is counted too many."""
     layout = static_model(build(scene)).layout

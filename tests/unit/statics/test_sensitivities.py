@@ -57,18 +57,25 @@ effects: {magnetic_torque: {}, magnetic_force: {}, gravity: {}}
 LUMEN = "gravity: {}, walls: {tube: {radius: 2.5 mm, path: [[-9 mm, 0 mm, 0 mm], [20 mm, 0 mm, 0.1 mm], [40 mm, 0 mm, 0.6 mm]]}}"
 CASES = {
     "catheter": CATHETER + UNIFORM,
-    "tube": CATHETER.replace("diameter: 4 mm", "diameter: 4 mm\n    inner_diameter: 1.3 mm") + UNIFORM,
+    "tube": CATHETER.replace("diameter: 4 mm", "diameter: 4 mm\n    inner_diameter: 1.3 mm")
+    + UNIFORM,
     "strip": STRIP + UNIFORM,
     "both ends": STRIP.replace("thickness", "clamp: both\n    thickness") + UNIFORM,
-    "plane strain": STRIP.replace("thickness", "plane_strain: true\n    thickness") + UNIFORM.replace("4 mT", "0 mT"),
+    "plane strain": STRIP.replace("thickness", "plane_strain: true\n    thickness")
+    + UNIFORM.replace("4 mT", "0 mT"),
     "pulled": CATHETER + DIPOLE,
     "inserted": CATHETER + UNIFORM + "resolution: {cells_across: 2, from_tip: true}\n",
-    "on the ground": CATHETER + UNIFORM.replace("gravity: {}", "gravity: {}, ground: {point: [0 mm, 0 mm, -3 mm], normal: [0.02, 0.1, 1]}"),
+    "on the ground": CATHETER
+    + UNIFORM.replace(
+        "gravity: {}", "gravity: {}, ground: {point: [0 mm, 0 mm, -3 mm], normal: [0.02, 0.1, 1]}"
+    ),
     "in a lumen": CATHETER + UNIFORM.replace("gravity: {}", LUMEN),
     "rotating": CATHETER + UNIFORM,
     "rotating, pulled": CATHETER + DIPOLE,
-    "interacting": CATHETER + UNIFORM.replace("gravity: {}", "gravity: {}, magnetic_interaction: {}"),
-    "parts": UNIFORM + """
+    "interacting": CATHETER
+    + UNIFORM.replace("gravity: {}", "gravity: {}, magnetic_interaction: {}"),
+    "parts": UNIFORM
+    + """
 body:
   parts:
     unit: mm
@@ -78,7 +85,7 @@ body:
     - {mesh: end.stl, material: hard, magnetization: [0.2, 0.3, 1]}
     tip: end
 """,
-}  # fmt: skip
+}
 CASES["a point of parts"] = CASES["parts"].replace("tip: end", "tip: [1.5 mm, 3 mm, 13 mm]")
 RAMP = UNIFORM.replace("}\neffects", ", over_time: {ramp: {duration: 1 s}}}\neffects")
 WITHIN = "solver: {quasi_static: {at: [0 s, 0.3 s, 0.7 s]}}\n"  # of the schedule: before it ends
@@ -89,18 +96,39 @@ TRAVELS = DIPOLE.replace(
 PRESSED = "move: {tip: {along: [-1, 0, 0.1], distance: 1 mm, over_time: {ramp: {duration: 1 s}}}}\n"
 PATHS = {
     "ramp": CATHETER + RAMP + WITHIN,
-    "turning field": CATHETER + RAMP.replace("ramp: {duration: 1 s}", "rotation: {axis: [1, 0.2, 0], frequency: 1 Hz}") + WITHIN,
+    "turning field": CATHETER
+    + RAMP.replace("ramp: {duration: 1 s}", "rotation: {axis: [1, 0.2, 0], frequency: 1 Hz}")
+    + WITHIN,
     "traveling magnet": CATHETER + TRAVELS + WITHIN,
     "rotating, traveling magnet": CATHETER + TRAVELS + WITHIN,
-    "interacting along a path": CATHETER + RAMP.replace("gravity: {}", "gravity: {}, magnetic_interaction: {}") + WITHIN,
-    "pressed and bent": STRIP.replace("thickness", "clamp: both\n    thickness") + RAMP + WITHIN + PRESSED,
-}  # fmt: skip
+    "interacting along a path": CATHETER
+    + RAMP.replace("gravity: {}", "gravity: {}, magnetic_interaction: {}")
+    + WITHIN,
+    "pressed and bent": STRIP.replace("thickness", "clamp: both\n    thickness")
+    + RAMP
+    + WITHIN
+    + PRESSED,
+}
 CASES |= PATHS
-MESHES = {"base.stl": box((0, 0, -2), (3, 3, 0)), "beam.stl": box((0, 0, 0), (3, 3, 9)), "end.stl": box((0, 0, 9), (3, 3, 13))}  # mm
+MESHES = {
+    "base.stl": box((0, 0, -2), (3, 3, 0)),
+    "beam.stl": box((0, 0, 0), (3, 3, 9)),
+    "end.stl": box((0, 0, 9), (3, 3, 13)),
+}  # mm
 SLOW = [
     pytest.param(name, marks=pytest.mark.slow)
-    for name in ("tube", "inserted", "both ends", "plane strain", "pulled", "rotating", "rotating, pulled", "interacting", "parts")
-]  # fmt: skip
+    for name in (
+        "tube",
+        "inserted",
+        "both ends",
+        "plane strain",
+        "pulled",
+        "rotating",
+        "rotating, pulled",
+        "interacting",
+        "parts",
+    )
+]
 # Of the largest entry. Differences are as exact as solutions, some 1e-11 of the tip's motion, over the step's share in it, 1e-3 or more.
 CLOSE = 1e-7
 
@@ -116,7 +144,9 @@ def scene_of(name: str, folder: Path) -> Scene:
 
 def assert_like(found: np.ndarray, expected: np.ndarray) -> None:
     """Within CLOSE of the largest entry; what is held at both ends does not move but for rounding."""
-    np.testing.assert_allclose(found, expected, rtol=0, atol=max(CLOSE * np.abs(expected).max(), 1e-15))
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=max(CLOSE * np.abs(expected).max(), 1e-15)
+    )
 
 
 @pytest.mark.parametrize("name", ["catheter", *SLOW])
@@ -133,16 +163,24 @@ def test_derivatives_are_those_of_equilibria(name: str, tmp_path: Path) -> None:
             assert_like(found.centreline[..., k], rows)
     gradient = np.random.default_rng(1).standard_normal(found.centreline.shape[:2])
     by_columns = np.einsum("rik,ri->k", found.centreline, gradient)
-    np.testing.assert_allclose(found.adjoint(gradient), by_columns, rtol=0, atol=1e-8 * np.abs(by_columns).max(initial=1e-300))
+    np.testing.assert_allclose(
+        found.adjoint(gradient),
+        by_columns,
+        rtol=0,
+        atol=1e-8 * np.abs(by_columns).max(initial=1e-300),
+    )
 
 
 @pytest.mark.parametrize(
-    "name", [name if name == "ramp" else pytest.param(name, marks=pytest.mark.slow) for name in PATHS]
+    "name",
+    [name if name == "ramp" else pytest.param(name, marks=pytest.mark.slow) for name in PATHS],
 )
 def test_along_a_path_they_are_those_of_its_last_equilibrium(name: str, tmp_path: Path) -> None:
     """In the field of that time, with what is moved where it is then; and the result is the path's."""
     scene = scene_of(name, tmp_path)
-    found = magmpm.sensitivities(scene, [kind for kind in KINDS if kind not in ("length", "diameter")])
+    found = magmpm.sensitivities(
+        scene, [kind for kind in KINDS if kind not in ("length", "diameter")]
+    )
     assert len(found.result.steps) == 3
     np.testing.assert_array_equal(found.result.tip, magmpm.run(scene).tip)
     for k, variable in enumerate(found.variables):
@@ -154,8 +192,14 @@ def test_along_a_path_they_are_those_of_its_last_equilibrium(name: str, tmp_path
 @pytest.mark.parametrize(
     ("more", "key"),
     [
-        ("ground: {point: [0 mm, 0 mm, -3 mm], friction: 0.4}", "effects.ground.friction: received 0.4"),
-        ("walls: {tube: {radius: 5 mm, path: [[-9 mm, 0 mm, 0 mm], [40 mm, 0 mm, 0 mm]]}, friction: 0.1}", "effects.walls.friction"),
+        (
+            "ground: {point: [0 mm, 0 mm, -3 mm], friction: 0.4}",
+            "effects.ground.friction: received 0.4",
+        ),
+        (
+            "walls: {tube: {radius: 5 mm, path: [[-9 mm, 0 mm, 0 mm], [40 mm, 0 mm, 0 mm]]}, friction: 0.1}",
+            "effects.walls.friction",
+        ),
         ("feed: {speed: 10 mm/s, exit: 20 mm}", "effects.feed"),
     ],
 )
@@ -165,12 +209,18 @@ def test_what_remembers_its_way_is_refused(more: str, key: str, tmp_path: Path) 
     data = yaml.safe_load(MATERIALS) | yaml.safe_load(path)
     with pytest.raises(magmpm.InputError, match=f"(?s){key}.*remedy: differentiate"):
         magmpm.sensitivities(validate(Scene, data, tmp_path / "scene.yaml"))
-    slippery = {kind: {**effect, "friction": 0} for kind, effect in data["effects"].items() if kind in ("ground", "walls")}
+    slippery = {
+        kind: {**effect, "friction": 0}
+        for kind, effect in data["effects"].items()
+        if kind in ("ground", "walls")
+    }
     if slippery:
         data["effects"] |= slippery
         check_differentiable(validate(Scene, data, tmp_path / "scene.yaml"))
         data["materials"]["hard"]["friction"] = 0.2
-        with pytest.raises(magmpm.InputError, match=f"(?s){key.split(':')[0]}: received 0.2.*also in materials"):
+        with pytest.raises(
+            magmpm.InputError, match=f"(?s){key.split(':')[0]}: received 0.2.*also in materials"
+        ):
             magmpm.sensitivities(validate(Scene, data, tmp_path / "scene.yaml"))
 
 
@@ -178,7 +228,9 @@ def test_without_stiffness_there_are_none(tmp_path: Path) -> None:
     """What counts as zero along a path counts as zero here, too: a derivative would be rounding over rounding."""
     _, found = solve.at_rest(scene_of("catheter", tmp_path), None, None)
     Linearized(found, ())
-    with pytest.raises(magmpm.SolveError, match=r"critical load, or free to turn.*5.0e-05 of the unloaded"):
+    with pytest.raises(
+        magmpm.SolveError, match=r"critical load, or free to turn.*5.0e-05 of the unloaded"
+    ):
         Linearized(replace(found, stability=5e-5), ())
 
 
@@ -191,20 +243,28 @@ def test_of_a_grid_that_is_chosen(tmp_path: Path) -> None:
     assert found.result.error_estimate is not None
     assert found.result.resolution is not None
     cells = found.result.resolution["cells_across"]
-    np.testing.assert_array_equal(found.tip, magmpm.sensitivities(asked.with_cells(cells), ["field"]).tip)
-    auto = validate(Scene, data | {"effects": "auto", "solver": {"static": {}}}, tmp_path / "scene.yaml")
+    np.testing.assert_array_equal(
+        found.tip, magmpm.sensitivities(asked.with_cells(cells), ["field"]).tip
+    )
+    auto = validate(
+        Scene, data | {"effects": "auto", "solver": {"static": {}}}, tmp_path / "scene.yaml"
+    )
     chosen = magmpm.sensitivities(auto, ["field"])
     assert chosen.result.effects_chosen is not None
     assert np.abs(chosen.tip).max() > 0
 
 
-@pytest.mark.parametrize("name", ["parts", "a point of parts", pytest.param("interacting", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["parts", "a point of parts", pytest.param("interacting", marks=pytest.mark.slow)]
+)
 def test_one_derivative_of_what_takes_long(name: str, tmp_path: Path) -> None:
     """The tip of parts, and magnets that pull each other, by one plain difference: all variables of them are slow cases above."""
     scene = tight(scene_of(name, tmp_path))
     found = magmpm.sensitivities(scene, ["remanence"])
     h = STEPS["remanence"]
-    ahead, behind = (magmpm.run(found.variables[0].changed(scene, sign * h)).tip for sign in (1, -1))
+    ahead, behind = (
+        magmpm.run(found.variables[0].changed(scene, sign * h)).tip for sign in (1, -1)
+    )
     slope = (ahead - behind) / (2 * h)
     # the difference's own error: (h / remanence)^2, 1e-5, and what the solves leave, 1e-7 of the motion over h / remanence, 3e-5
     np.testing.assert_allclose(found.tip[:, 0], slope, rtol=0, atol=5e-5 * np.abs(slope).max())
@@ -212,7 +272,9 @@ def test_one_derivative_of_what_takes_long(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["on the ground", "in a lumen"])
-def test_where_it_touches_derivatives_hold_until_other_points_touch(name: str, tmp_path: Path) -> None:
+def test_where_it_touches_derivatives_hold_until_other_points_touch(
+    name: str, tmp_path: Path
+) -> None:
     """The tip, against differences of a tenth of the usual steps, within 1e-5 of the largest: moduli and densities stiffen the contact."""
     scene = scene_of(name, tmp_path)
     found = magmpm.sensitivities(scene)
@@ -224,7 +286,9 @@ def test_where_it_touches_derivatives_hold_until_other_points_touch(name: str, t
         np.testing.assert_allclose(found.tip[:, k], slope, rtol=0, atol=1e-5 * np.abs(slope).max())
 
 
-@pytest.mark.parametrize("along", [["[1, 0, 0]", "[1, 0, 0]", "[1, 0, 0]"], ["[1, 0, 0]", "[0, 0, 1]", "[-1, 0, 0]"]])
+@pytest.mark.parametrize(
+    "along", [["[1, 0, 0]", "[1, 0, 0]", "[1, 0, 0]"], ["[1, 0, 0]", "[0, 0, 1]", "[-1, 0, 0]"]]
+)
 def test_magnets_that_press_each_other_together(along: list[str], tmp_path: Path) -> None:
     """A stable body that would buckle if the forces of its segments did not follow it.
 
@@ -246,7 +310,9 @@ resolution: {{cells_across: 2}}
     assert not energy.alone.tangent(energy.at(solved.point.grid))[1].factor()
     found = magmpm.sensitivities(scene, ["field", "remanence"])
     # rounding of a matrix whose eigenvalues span 1e9 (stretching over bending), 1e-7, and a tenth of stability.ENOUGH
-    assert found.result.stability == pytest.approx(smallest_eigenvalue(energy, solved.point.grid), abs=2e-6)
+    assert found.result.stability == pytest.approx(
+        smallest_eigenvalue(energy, solved.point.grid), abs=2e-6
+    )
     h = STEPS["field"]
     ahead, behind = (solution(found.variables[1].changed(scene, sign * h))[1] for sign in (1, -1))
     slope = (ahead - behind) / (2 * h)
@@ -260,7 +326,10 @@ def smallest_eigenvalue(energy: Energy | InteractingEnergy, grid: np.ndarray) ->
     whole = full_matrices(lambda columns: energy.products(at, columns), grid.shape)
     bare, rest = unloaded(energy.model)
     unmoved = full_matrices(lambda columns: bare.products(rest, columns), grid.shape)
-    one, other = (eigh(stiff, heavy, eigvals_only=True, subset_by_index=[0, 0])[0] for stiff, heavy in (whole, unmoved))
+    one, other = (
+        eigh(stiff, heavy, eigvals_only=True, subset_by_index=[0, 0])[0]
+        for stiff, heavy in (whole, unmoved)
+    )
     return float(one / other)
 
 
@@ -268,7 +337,10 @@ def full_matrices(products: Products, shape: tuple[int, int]) -> list[np.ndarray
     """Stiffness and mass as full matrices, by their products with 100 unit vectors at a time."""
     size = shape[0] * shape[1]
     units = np.eye(size).reshape(size, *shape).transpose(1, 0, 2)
-    parts = [products(np.ascontiguousarray(units[:, first : first + 100])) for first in range(0, size, 100)]
+    parts = [
+        products(np.ascontiguousarray(units[:, first : first + 100]))
+        for first in range(0, size, 100)
+    ]
     joined = [np.concatenate([part[i] for part in parts], axis=1) for i in range(2)]
     return [one.transpose(0, 2, 1).reshape(size, size) for one in joined]
 
@@ -276,14 +348,24 @@ def full_matrices(products: Products, shape: tuple[int, int]) -> list[np.ndarray
 def test_at_arc_lengths_it_is_the_derivative_of_centreline_at(tmp_path: Path) -> None:
     """At fixed arc lengths, also where the body gets longer."""
     scene = tight(scene_of("catheter", tmp_path))
-    found, s = magmpm.sensitivities(scene, ["field", "length"]), np.array([0.0, 3.3e-3, 11e-3, 20e-3])
+    found, s = (
+        magmpm.sensitivities(scene, ["field", "length"]),
+        np.array([0.0, 3.3e-3, 11e-3, 20e-3]),
+    )
     k = found.names.index("segment_2_length")
     h = 2e-5
-    there = [centreline_at(magmpm.run(found.variables[k].changed(scene, sign * h)), s) for sign in (1, -1)]
+    there = [
+        centreline_at(magmpm.run(found.variables[k].changed(scene, sign * h)), s)
+        for sign in (1, -1)
+    ]
     # one difference of solves to the solver's tolerance: its error of h, at the kink, is some 1e-3
-    np.testing.assert_allclose(found.at(s)[..., k], (there[0] - there[1]) / (2 * h), rtol=0, atol=2e-3)
+    np.testing.assert_allclose(
+        found.at(s)[..., k], (there[0] - there[1]) / (2 * h), rtol=0, atol=2e-3
+    )
     rows = found.result.centreline[:, 0]
-    np.testing.assert_allclose(found.at(rows)[..., :3], found.centreline[..., :3], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        found.at(rows)[..., :3], found.centreline[..., :3], rtol=0, atol=1e-12
+    )
     with pytest.raises(ValueError, match="s must lie between 0 and the length"):
         found.at(np.array([25e-3]))
     with pytest.raises(ValueError, match=r"gradient has shape \(2, 3\); must be \(\d+, 3\)"):
@@ -291,10 +373,14 @@ def test_at_arc_lengths_it_is_the_derivative_of_centreline_at(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("d", [(1, 0, 0), (0.3, -0.5, 0.2), (0, 0, 1), (0, 0, -1), (-1, 0, 0)])
-def test_tangents_are_orthonormal_and_grow_azimuth_and_elevation(d: tuple[float, float, float]) -> None:
+def test_tangents_are_orthonormal_and_grow_azimuth_and_elevation(
+    d: tuple[float, float, float],
+) -> None:
     n = np.array(d) / np.linalg.norm(d)
     across, up = (np.array(t) for t in tangents(tuple(n)))
-    np.testing.assert_allclose(np.stack([n, across, up]) @ np.stack([n, across, up]).T, np.eye(3), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        np.stack([n, across, up]) @ np.stack([n, across, up]).T, np.eye(3), rtol=0, atol=1e-15
+    )
     assert across[2] == 0.0
     if abs(n[2]) < 1:
         t = 1e-6
@@ -307,7 +393,10 @@ def test_what_is_refused(tmp_path: Path) -> None:
     """Kinds that are not known or that the scene lacks, and motions."""
     scene = scene_of("catheter", tmp_path)
     for of, text in (
-        (["speed"], r"(?s)of: received 'speed'.*must be of magnetization, field, remanence, shear_modulus, length, diameter, density"),
+        (
+            ["speed"],
+            r"(?s)of: received 'speed'.*must be of magnetization, field, remanence, shear_modulus, length, diameter, density",
+        ),
         ("field", r"(?s)received 'field'.*must be a list of names.*of=\['field'\]"),
     ):
         with pytest.raises(magmpm.InputError, match=text):
@@ -322,7 +411,9 @@ def test_what_is_refused(tmp_path: Path) -> None:
     with pytest.raises(magmpm.InputError, match=r"(?s)a body of parts has no length"):
         magmpm.sensitivities(scene_of("parts", tmp_path), ["length"])
     moving = Scene.from_si(scene.to_si() | {"solver": {"dynamic": {"duration": 1e-3}}})
-    with pytest.raises(magmpm.InputError, match=r"(?s)solver.dynamic.*sensitivities are those of an equilibrium"):
+    with pytest.raises(
+        magmpm.InputError, match=r"(?s)solver.dynamic.*sensitivities are those of an equilibrium"
+    ):
         magmpm.sensitivities(moving)
     with pytest.raises(TypeError, match="start: received 3"):
         magmpm.sensitivities(scene, start=3)  # type: ignore[arg-type]

@@ -8,7 +8,9 @@ from magmpm.statics import sparse_cholesky
 from magmpm.statics.elimination import Elimination, elimination
 
 CHAIN = np.array([[k, k + 1, k + 2] for k in range(30)])
-STAR = np.concatenate([CHAIN[:9], CHAIN[:9] + 11, CHAIN[:9] + 22, [[10, 21, 32]]])  # three arms that meet
+STAR = np.concatenate(
+    [CHAIN[:9], CHAIN[:9] + 11, CHAIN[:9] + 22, [[10, 21, 32]]]
+)  # three arms that meet
 RING = np.array([[k, (k + 1) % 24, (k + 2) % 24, -1] for k in range(24)])
 APART = np.concatenate([CHAIN[:5], CHAIN[:5] + 7])  # two bodies that share nothing
 PATTERNS = {"chain": CHAIN, "star": STAR, "ring": RING, "apart": APART, "one": np.array([[0, -1]])}
@@ -34,7 +36,10 @@ def drawn(elements: np.ndarray, seed: int) -> tuple[Elimination, np.ndarray, np.
 
 
 def factored(order: Elimination, blocks: np.ndarray) -> tuple[int, np.ndarray]:
-    values, rooms = np.full(order.values, np.nan), np.full((2, max(order.room, 1)), np.nan)  # whatever was there
+    values, rooms = (
+        np.full(order.values, np.nan),
+        np.full((2, max(order.room, 1)), np.nan),
+    )  # whatever was there
     return sparse_cholesky.factor(order.fronts, blocks, values, rooms), values
 
 
@@ -46,8 +51,15 @@ def test_it_solves_what_dense_algebra_solves(name: str) -> None:
     right = np.random.default_rng(2).standard_normal((4, len(dense)))
     expected = np.linalg.solve(dense, right.T).T
     allowed = 1e-13 * np.linalg.cond(dense) * np.abs(expected).max()  # rounding of either
-    np.testing.assert_allclose(sparse_cholesky.solve_columns(order.fronts, values, right), expected, rtol=0, atol=allowed)
-    np.testing.assert_allclose(sparse_cholesky.solve_columns(order.fronts, values, right[:1]), expected[:1], rtol=0, atol=allowed)
+    np.testing.assert_allclose(
+        sparse_cholesky.solve_columns(order.fronts, values, right), expected, rtol=0, atol=allowed
+    )
+    np.testing.assert_allclose(
+        sparse_cholesky.solve_columns(order.fronts, values, right[:1]),
+        expected[:1],
+        rtol=0,
+        atol=allowed,
+    )
     assert sparse_cholesky.solve_columns(order.fronts, values, right[:0]).shape == (0, len(dense))
 
 
@@ -76,7 +88,10 @@ def test_results_do_not_depend_on_threads() -> None:
 
 def test_a_chain_costs_a_chain() -> None:
     """Operations grow with its length: twenty times as many nodes take twenty times as many, to within the ends' share."""
-    cost = [elimination([np.array([[k, k + 1, k + 2] for k in range(n)])], n + 2).operations for n in (50, 1000)]
+    cost = [
+        elimination([np.array([[k, k + 1, k + 2] for k in range(n)])], n + 2).operations
+        for n in (50, 1000)
+    ]
     assert cost[1] / cost[0] == pytest.approx(20, rel=0.3)
 
 

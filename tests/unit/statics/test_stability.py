@@ -24,7 +24,15 @@ def against(share: float, cells: int = 2, axis: int = 0) -> float:
     G = material.shear_modulus
     E = 9 * material.bulk_to_shear * G / (3 * material.bulk_to_shear + 1)
     # Euler's column with a couple m B sin(angle) per length: E I theta'' + m B theta = 0, clamped and free: m B = (pi / 2 L)^2 E I.
-    critical = (np.pi / (2 * scene.length)) ** 2 * E * scene.thickness**2 / 16 * 4e-7 * np.pi / material.remanence
+    critical = (
+        (np.pi / (2 * scene.length)) ** 2
+        * E
+        * scene.thickness**2
+        / 16
+        * 4e-7
+        * np.pi
+        / material.remanence
+    )
     stability = magmpm.run(scene.with_field([-share * critical, 0.0, 0.0])).stability
     assert stability is not None
     return stability
@@ -32,10 +40,16 @@ def against(share: float, cells: int = 2, axis: int = 0) -> float:
 
 def test_it_is_one_at_rest_and_falls_linearly_to_zero_at_the_rods_critical_field() -> None:
     values = [against(share) for share in (1e-9, 0.25, 0.5, 0.75, 0.9)]
-    assert values[0] == pytest.approx(1.0, abs=1e-4)  # products by differences, in a field that is hardly zero
+    assert values[0] == pytest.approx(
+        1.0, abs=1e-4
+    )  # products by differences, in a field that is hardly zero
     slope, at_rest = np.polyfit([0.0, 0.25, 0.5, 0.75, 0.9], values, 1)
-    np.testing.assert_allclose(np.polyval([slope, at_rest], [0.0, 0.25, 0.5, 0.75, 0.9]), values, atol=0.01)  # the mode changes a little
-    assert -at_rest / slope == pytest.approx(1.0, abs=0.04)  # a body 10 diameters long, 2 cells: 2 % stiffer at its clamp
+    np.testing.assert_allclose(
+        np.polyval([slope, at_rest], [0.0, 0.25, 0.5, 0.75, 0.9]), values, atol=0.01
+    )  # the mode changes a little
+    assert -at_rest / slope == pytest.approx(
+        1.0, abs=0.04
+    )  # a body 10 diameters long, 2 cells: 2 % stiffer at its clamp
 
 
 def test_two_grids_agree() -> None:
@@ -53,12 +67,19 @@ def test_in_plane_strain_no_number_overflows(cells: int) -> None:
 def test_it_does_not_depend_on_the_direction_of_a_section() -> None:
     """The same load along y and along z."""
     scene = magmpm.load_scene(SCENE).with_cells(2)
-    values = [magmpm.run(scene.with_field(field)).stability for field in ([0.0, 4e-3, 0.0], [0.0, 0.0, 4e-3])]
+    values = [
+        magmpm.run(scene.with_field(field)).stability
+        for field in ([0.0, 4e-3, 0.0], [0.0, 0.0, 4e-3])
+    ]
     assert values[0] == pytest.approx(values[1], rel=2e-3)  # ENOUGH, of either
 
 
 NEEDLE = {"length": 200e-3, "diameter": 1e-3}
-BENT = {"directions": [(1, 0, 0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6)], "field": (2e-3, 10e-3, -14e-3), "cells": 3}
+BENT = {
+    "directions": [(1, 0, 0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6)],
+    "field": (2e-3, 10e-3, -14e-3),
+    "cells": 3,
+}
 
 
 def smallest(scene: Scene) -> tuple[float, float]:
@@ -68,7 +89,9 @@ def smallest(scene: Scene) -> tuple[float, float]:
     energy = found.energy
     _, matrix = energy.tangent(found.point)
     assert matrix.factor()
-    X = energy.free_columns(np.random.default_rng(1).standard_normal((energy.shape[0], 4, energy.shape[1])))
+    X = energy.free_columns(
+        np.random.default_rng(1).standard_normal((energy.shape[0], 4, energy.shape[1]))
+    )
     for _ in range(12):
         Y = matrix.solve_columns(mass(energy, X))
         values, vectors = eigh(*(np.einsum("pam,pbm->ab", Y, mass(energy, one)) for one in (X, Y)))
@@ -78,7 +101,11 @@ def smallest(scene: Scene) -> tuple[float, float]:
 
 @pytest.mark.parametrize(
     "given",
-    [{**NEEDLE, "field": field_for_load(5.0, np.pi / 2, **NEEDLE)}, {**BENT, "bulk_to_shear": 2000}, {**BENT, "bulk_to_shear": 20}],
+    [
+        {**NEEDLE, "field": field_for_load(5.0, np.pi / 2, **NEEDLE)},
+        {**BENT, "bulk_to_shear": 2000},
+        {**BENT, "bulk_to_shear": 20},
+    ],
     ids=["L/D 200", "K/G 2000", "K/G 20"],
 )
 def test_it_is_the_tangents_where_stretching_is_far_stiffer_than_bending(given: dict) -> None:

@@ -20,7 +20,12 @@ def motion(tmp_path_factory: pytest.TempPathFactory) -> MotionRenderer:
 def no_opengl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The loader is given broken libraries in place of EGL's and OSMesa's, and VTK crashes."""
     pytest.importorskip("pyvista")
-    for name in ("libEGL.so", "libEGL.so.1", "libOSMesa.so", *(f"libOSMesa.so.{n}" for n in range(6, 9))):
+    for name in (
+        "libEGL.so",
+        "libEGL.so.1",
+        "libOSMesa.so",
+        *(f"libOSMesa.so.{n}" for n in range(6, 9)),
+    ):
         (tmp_path / name).write_text("not a library")
     monkeypatch.setenv("LD_LIBRARY_PATH", str(tmp_path))
 

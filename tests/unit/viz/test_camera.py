@@ -13,7 +13,12 @@ ASPECT = 4 / 3
 
 
 def bodies() -> list[Snapshot]:
-    shapes = (c_shape, c_shape), (s_shape, s_shape), (lambda s: (0.0, 80.0),), (lambda s: (0.0, 0.0),)
+    shapes = (
+        (c_shape, c_shape),
+        (s_shape, s_shape),
+        (lambda s: (0.0, 80.0),),
+        (lambda s: (0.0, 0.0),),
+    )
     return [catheter(*shape, spacing=1e-3) for shape in shapes]
 
 
@@ -44,7 +49,9 @@ def test_moving_towards_the_camera_does_not_move_a_point_in_the_picture() -> Non
 
 def test_the_view_of_a_study_does_not_turn_with_the_trial() -> None:
     target = s_shape
-    trials = [catheter(lambda s, k=k: (k * 20.0, -k * 10.0), target, spacing=1e-3) for k in range(5)]
+    trials = [
+        catheter(lambda s, k=k: (k * 20.0, -k * 10.0), target, spacing=1e-3) for k in range(5)
+    ]
     directions = [Framing.of(trial).toward for trial in trials]
     assert all(np.array_equal(direction, directions[0]) for direction in directions)
 

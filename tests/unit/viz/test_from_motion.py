@@ -17,7 +17,9 @@ from magmpm.viz.meshes import Surface
 from magmpm.viz.worker import Renderer
 
 
-def test_the_body_is_a_closed_tube_with_its_segments_and_follows_the_motion(motion: MotionRenderer) -> None:
+def test_the_body_is_a_closed_tube_with_its_segments_and_follows_the_motion(
+    motion: MotionRenderer,
+) -> None:
     straight, up = motion.snapshot(0).body, motion.snapshot(2).body
     assert isinstance(straight, Surface)
     assert straight.points[:, 0].max() == pytest.approx(motions.LENGTH, abs=1e-4)
@@ -76,13 +78,17 @@ def test_down_is_where_gravity_points(tmp_path: Path) -> None:
     hanging = drawn.scene(effects={"gravity": {"acceleration": [9.81, 0.0, 0.0]}})
     framing = drawn.moving(tmp_path, hanging, frames=3).framing
     view = framing.view(1.6)
-    base, tip, floor = view.project(np.array([[0, 0, 0], [motions.LENGTH, 0, 0], framing.floor().mean(axis=0)]))
+    base, tip, floor = view.project(
+        np.array([[0, 0, 0], [motions.LENGTH, 0, 0], framing.floor().mean(axis=0)])
+    )
     assert base[1] > tip[1] + 0.5 > floor[1] + 0.5
     assert abs(base[0] - tip[0]) < 0.1
     np.testing.assert_allclose(framing.plane.normal, [-1, 0, 0], atol=1e-12)
 
 
-def test_what_is_tall_is_seen_from_two_sides_at_one_scale(motion: MotionRenderer, tmp_path: Path, flat: Renderer) -> None:
+def test_what_is_tall_is_seen_from_two_sides_at_one_scale(
+    motion: MotionRenderer, tmp_path: Path, flat: Renderer
+) -> None:
     """A quarter of a turn about the vertical apart, whatever is vertical; all of the body in both panels."""
     assert layout.page_of(motion.framing) == layout.PAGE
     hanging = drawn.scene(effects={"gravity": {"acceleration": [9.81, 0.0, 0.0]}})
@@ -117,12 +123,19 @@ def test_legend_and_curve_only_of_what_is_there(motion: MotionRenderer, tmp_path
     assert signs >= {"ground", "contact force", "magnet (N, S)"}
     assert annotations.varies(motion.snapshot(0))
     bare = drawn.moving(tmp_path, drawn.scene(), frames=2)
-    assert {sign.text for sign in annotations.legend(bare.snapshot(0))} == {"magnetic", "magnetization", "clamp"}
+    assert {sign.text for sign in annotations.legend(bare.snapshot(0))} == {
+        "magnetic",
+        "magnetization",
+        "clamp",
+    }
 
 
 def test_a_far_magnet_does_not_make_the_body_a_speck(tmp_path: Path) -> None:
     far = {**MAGNET, "position": [0.5, 0.0, 0.0]}
-    near, away = drawn.moving(tmp_path / "near"), drawn.moving(tmp_path / "far", drawn.surrounded(field={"magnet": [far]}))
+    near, away = (
+        drawn.moving(tmp_path / "near"),
+        drawn.moving(tmp_path / "far", drawn.surrounded(field={"magnet": [far]})),
+    )
     assert away.framing.view(1.5).half_height <= near.framing.view(1.5).half_height
 
 
@@ -136,7 +149,9 @@ def test_a_run_that_blew_up_is_drawn_as_far_as_it_is_finite(tmp_path: Path, flat
     motion = MotionRenderer(Motion.load(tmp_path))
     snapshot = motion.snapshot(1)
     assert 0 < len(snapshot.body.triangles) < len(motion.snapshot(0).body.triangles)
-    assert drawn.count(flat.image(snapshot, framing=motion.framing, size=SIZE), style.SEGMENTS[0]) > 20
+    assert (
+        drawn.count(flat.image(snapshot, framing=motion.framing, size=SIZE), style.SEGMENTS[0]) > 20
+    )
 
 
 def test_a_motion_without_frames_is_refused(tmp_path: Path) -> None:
@@ -147,13 +162,24 @@ def test_a_motion_without_frames_is_refused(tmp_path: Path) -> None:
 
 def test_a_body_in_plane_strain_keeps_its_width() -> None:
     """One layer of particles stands for all of it."""
-    X = np.stack(np.meshgrid(np.arange(40), [0], np.arange(4), indexing="ij"), axis=-1).reshape(-1, 3)
+    X = np.stack(np.meshgrid(np.arange(40), [0], np.arange(4), indexing="ij"), axis=-1).reshape(
+        -1, 3
+    )
     X = (X + np.array([0.5, 0.0, -1.5])) * 0.5e-3
-    strip = {"length": 0.02, "width": 0.005, "thickness": 0.002, "plane_strain": True, "material": "silicone", "segments": [{}]}
+    strip = {
+        "length": 0.02,
+        "width": 0.005,
+        "thickness": 0.002,
+        "plane_strain": True,
+        "material": "silicone",
+        "segments": [{}],
+    }
     remanence = np.tile([0.1, 0.0, 0.0], (len(X), 1))
     said = Scene.from_si(drawn.scene(body={"strip": strip}))
     body = Body(said, X, np.full(len(X), 0.125e-9), np.zeros(len(X), dtype=int), remanence)
     moved = body.points(motions.bent(X, 40.0)[0])
-    np.testing.assert_allclose([moved[:, 1].min(), moved[:, 1].max()], [-0.0025, 0.0025], rtol=1e-12)
+    np.testing.assert_allclose(
+        [moved[:, 1].min(), moved[:, 1].max()], [-0.0025, 0.0025], rtol=1e-12
+    )
     wanted = motions.bent(body.surface.points, 40.0)[0]
     assert np.abs(moved - wanted).max() < 0.5 * 40.0 * (3 * 0.5e-3) ** 2  # as in test_binding

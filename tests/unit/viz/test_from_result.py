@@ -26,7 +26,9 @@ def fake_result(per_diameter: int = 16, gravity: dict[str, Any] | None = None) -
     effects = {"magnetic_torque": {}, "gravity": gravity}
     s = np.linspace(0.0, 0.04, 21)
     return SimpleNamespace(
-        scene=drawn.scene(body={"catheter": {**drawn.CATHETER, "segments": [{}] * 5}}, effects=effects),
+        scene=drawn.scene(
+            body={"catheter": {**drawn.CATHETER, "segments": [{}] * 5}}, effects=effects
+        ),
         name="straight",
         particle_reference=reference,
         particle_position=reference + np.array([0.0, 0.0, 1e-3]),
@@ -73,7 +75,9 @@ def test_a_picture_stays_small_and_keeps_its_shape() -> None:
     result = fake_result(per_diameter=24)
     snapshot = trial_snapshot(result, max_particles=4000)
     assert len(snapshot.body.points) == 4000
-    assert np.ptp(snapshot.body.points, axis=0) == pytest.approx(np.ptp(result.particle_position, axis=0), rel=0.03)
+    assert np.ptp(snapshot.body.points, axis=0) == pytest.approx(
+        np.ptp(result.particle_position, axis=0), rel=0.03
+    )
     # 20 bytes a particle, and the rest.
     assert len(pickle.dumps(snapshot)) < 20 * 4000 + 5000
 
@@ -90,7 +94,9 @@ def test_slivers_do_not_make_the_balls_small_or_the_picture_large() -> None:
 def test_arrows_go_through_the_axis_of_a_segment_bent_far() -> None:
     bent = bent_bodies.catheter(bent_bodies.c_shape, segments=1, spacing=1e-3)
     beside = bent.body.points.astype(float).mean(axis=0)[None]
-    ((start, vector),) = segment_arrows(bent.axis, beside, np.array([[0.138, 0.0, 0.0]]), bent.length, bent.thickness)
+    ((start, vector),) = segment_arrows(
+        bent.axis, beside, np.array([[0.138, 0.0, 0.0]]), bent.length, bent.thickness
+    )
     away = np.linalg.norm(bent.axis - (start + 0.5 * vector), axis=1)
     assert away.min() < 1e-9
     assert np.argmin(away) == pytest.approx(40, abs=1), "and through the middle of its arc"
@@ -107,21 +113,36 @@ def test_particles_that_are_not_finite_are_left_out() -> None:
 
 def strip_result(across: int, thick: int, strip: dict[str, Any], **scene: Any) -> SimpleNamespace:
     """A strip of 20 mm with so many particles across and through it, 0.5 mm apart, of two parts unless it has one segment."""
-    X = np.stack(np.meshgrid(np.arange(40), np.arange(across), np.arange(thick), indexing="ij"), axis=-1).reshape(-1, 3)
+    X = np.stack(
+        np.meshgrid(np.arange(40), np.arange(across), np.arange(thick), indexing="ij"), axis=-1
+    ).reshape(-1, 3)
     X = (X + np.array([0.5, (1 - across) / 2, (1 - thick) / 2])) * 0.5e-3
-    shape = {"length": 0.02, "width": across * 0.5e-3, "thickness": thick * 0.5e-3, "material": "silicone", **strip}
+    shape = {
+        "length": 0.02,
+        "width": across * 0.5e-3,
+        "thickness": thick * 0.5e-3,
+        "material": "silicone",
+        **strip,
+    }
     return SimpleNamespace(
-        name="strip", scene=drawn.scene(body={"strip": shape}, solver={"static": {}}, **scene), particle_reference=X, particle_position=X,
-        particle_volume=np.full(len(X), 0.125e-9), particle_segment=((X[:, 0] > 0.01) & (len(strip["segments"]) > 1)).astype(np.int32),
-        segment_remanence=np.array([[0.1, 0, 0]]), field=np.array([0, 0, 8e-3]),
-    )  # fmt: skip
+        name="strip",
+        scene=drawn.scene(body={"strip": shape}, solver={"static": {}}, **scene),
+        particle_reference=X,
+        particle_position=X,
+        particle_volume=np.full(len(X), 0.125e-9),
+        particle_segment=((X[:, 0] > 0.01) & (len(strip["segments"]) > 1)).astype(np.int32),
+        segment_remanence=np.array([[0.1, 0, 0]]),
+        field=np.array([0, 0, 8e-3]),
+    )
 
 
 def test_a_result_of_a_strip_is_drawn(flat: Renderer) -> None:
     """Without a catheter's centerline: sharp edges from the scene, colors by segment, magnetization arrows."""
     result = strip_result(10, 4, {"clamp": "base", "segments": [{}, {}]})
     result.particle_position = motions.bent(result.particle_reference, 40.0)[0]
-    result.segment_remanence = 0.1 * np.array([[np.sin(0.4) / 0.4, 0, (1 - np.cos(0.4)) / 0.4], [0, 0, 0]])
+    result.segment_remanence = 0.1 * np.array(
+        [[np.sin(0.4) / 0.4, 0, (1 - np.cos(0.4)) / 0.4], [0, 0, 0]]
+    )
     still = Still(result)
     snapshot = still.snapshot()
     assert snapshot.caption() == ""
@@ -139,7 +160,9 @@ def test_a_magnet_stands_where_the_equilibrium_met_it() -> None:
     """At the end of its schedule. Where there is no field at all, none is spoken of."""
     moves = [{"time": 0.0, "move": [0.0, 0.0, 0.0]}, {"time": 2.0, "move": [0.0, 0.01, 0.0]}]
     dipole = {"moment": [0.0, 0.0, 1.0], "position": [0.03, 0.0, 0.0]}
-    result = strip_result(4, 4, {"segments": [{}]}, field={"dipole": [dipole], "over_time": {"keyframes": moves}})
+    result = strip_result(
+        4, 4, {"segments": [{}]}, field={"dipole": [dipole], "over_time": {"keyframes": moves}}
+    )
     snapshot = Still(result).snapshot()
     poles = np.vstack([o.points for o in snapshot.obstacles if o.name.startswith("dipole")])
     np.testing.assert_allclose(poles.mean(axis=0), [0.03, 0.01, 0.0], atol=1e-6)
@@ -173,6 +196,8 @@ def test_segments_get_different_colors_and_plain_ones_grey() -> None:
     assert len({tuple(c) for c in colors[[0, 2, 3]]}) == 3
 
 
-@pytest.mark.parametrize(("length", "nice"), [(0.012, 0.01), (0.02, 0.02), (0.0199, 0.01), (0.0168, 0.01), (5.0, 5.0)])
+@pytest.mark.parametrize(
+    ("length", "nice"), [(0.012, 0.01), (0.02, 0.02), (0.0199, 0.01), (0.0168, 0.01), (5.0, 5.0)]
+)
 def test_scale_bars_have_round_lengths(length: float, nice: float) -> None:
     assert style.nice_length(length) == pytest.approx(nice)

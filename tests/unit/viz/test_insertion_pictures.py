@@ -18,10 +18,20 @@ LENGTH, DEPTHS = 0.03, (4e-3, 8e-3, 12e-3, 16e-3, 20e-3)
 
 def scene() -> Scene:
     """Three segments, the first plain."""
-    segments = [{"magnetization": [0, 0, 0]}, {"magnetization": [1, 0, 0]}, {"magnetization": [0, 0, 1]}]
+    segments = [
+        {"magnetization": [0, 0, 0]},
+        {"magnetization": [1, 0, 0]},
+        {"magnetization": [0, 0, 1]},
+    ]
     silicone = {"shear_modulus": 120e3, "bulk_to_shear": 20, "density": 1882.0, "remanence": 0.138}
     catheter = {"length": LENGTH, "diameter": 3e-3, "material": "silicone", "segments": segments}
-    return Scene.from_si({"name": "of the scene", "materials": {"silicone": silicone}, "body": {"catheter": catheter}})
+    return Scene.from_si(
+        {
+            "name": "of the scene",
+            "materials": {"silicone": silicone},
+            "body": {"catheter": catheter},
+        }
+    )
 
 
 def path() -> np.ndarray:
@@ -35,8 +45,14 @@ def frame(depth: float, field: float) -> dict[str, Any]:
     axis = np.linspace([0.0, 0.0, 0.0], [depth, 0.0, 0.0], 25)
     count = len(scene().inserted(depth).regions())
     remanence = 0.138 * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])[3 - count :]
-    return {"depth_m": depth, "field_T": [0.0, 0.0, field], "rms_m": 0.0, "axis_m": axis.tolist(),
-            "centers_m": axis[:: 25 // count][:count].tolist(), "remanence_T": remanence.tolist()}  # fmt: skip
+    return {
+        "depth_m": depth,
+        "field_T": [0.0, 0.0, field],
+        "rms_m": 0.0,
+        "axis_m": axis.tolist(),
+        "centers_m": axis[:: 25 // count][:count].tolist(),
+        "remanence_T": remanence.tolist(),
+    }
 
 
 FRAMES = [frame(depth, 2e-3 * k) for k, depth in enumerate(DEPTHS)]
@@ -46,19 +62,33 @@ FRAMES = [frame(depth, 2e-3 * k) for k, depth in enumerate(DEPTHS)]
 def trial() -> Snapshot:
     """As from a result, whose scene is what is outside the guide at the last depth."""
     kept = {"insertion": FRAMES, SHAPES: FRAMES, CATHETER: scene().to_si()["body"]["catheter"]}
-    return trial_snapshot("of the study", scene().inserted(DEPTHS[-1]).to_si(), path(), shapes_of(kept), 0, 0.0)
+    return trial_snapshot(
+        "of the study", scene().inserted(DEPTHS[-1]).to_si(), path(), shapes_of(kept), 0, 0.0
+    )
 
 
 def test_every_depth_has_its_field(trial: Snapshot) -> None:
     assert trial.field is None  # no arrow that would be of one depth alone
-    np.testing.assert_allclose(trial.fields[:, 1] / trial.fields[-1, 1, 2], np.outer([0.25, 0.5, 0.75, 1.0], [0, 0, 1]), atol=1e-12)
-    assert [text for text, _ in trial.notes] == ["at 8 mm: 2.0 mT", "at 12 mm: 4.0 mT", "at 16 mm: 6.0 mT", "at 20 mm: 8.0 mT"]
+    np.testing.assert_allclose(
+        trial.fields[:, 1] / trial.fields[-1, 1, 2],
+        np.outer([0.25, 0.5, 0.75, 1.0], [0, 0, 1]),
+        atol=1e-12,
+    )
+    assert [text for text, _ in trial.notes] == [
+        "at 8 mm: 2.0 mT",
+        "at 12 mm: 4.0 mT",
+        "at 16 mm: 6.0 mT",
+        "at 20 mm: 8.0 mT",
+    ]
 
 
 def test_dots_are_evenly_spaced(trial: Snapshot) -> None:
     """On each path by itself; of an arc of a third of a circle chords are as long as arcs to 0.1 %."""
     assert trial.target is not None
-    for dots in (*np.split(trial.target, 4), Insertion("", scene().to_si(), path()).moment(FRAMES[-1]).target):
+    for dots in (
+        *np.split(trial.target, 4),
+        Insertion("", scene().to_si(), path()).moment(FRAMES[-1]).target,
+    ):
         apart = np.linalg.norm(np.diff(dots, axis=0), axis=1)
         np.testing.assert_allclose(apart, apart.mean(), rtol=0.01)
 

@@ -7,7 +7,12 @@ from scipy.spatial.transform import Rotation
 
 from magmpm.viz.binding import Binding, gradients
 from magmpm.viz.meshes import Surface, ball, bar, creased, normals, refined, swept, tube
-from magmpm.viz.particle_surface import around_particles, connected_components, spacing, surface_nets
+from magmpm.viz.particle_surface import (
+    around_particles,
+    connected_components,
+    spacing,
+    surface_nets,
+)
 
 
 def volume(surface: Surface) -> float:
@@ -47,8 +52,15 @@ def test_edges_of_a_drawing_stay_sharp_and_round_sides_smooth() -> None:
     circle = np.stack([0 * turn, np.cos(turn), np.sin(turn)], axis=1)
     points = np.vstack([circle, circle + np.eye(3)[0], [[0, 0, 0], [1, 0, 0]]])
     k, after = np.arange(24), (np.arange(24) + 1) % 24
-    sides = np.vstack([np.stack([k, 24 + after, 24 + k], axis=1), np.stack([k, after, 24 + after], axis=1)])
-    ends = np.vstack([np.stack([np.full(24, 48), after, k], axis=1), np.stack([np.full(24, 49), 24 + k, 24 + after], axis=1)])
+    sides = np.vstack(
+        [np.stack([k, 24 + after, 24 + k], axis=1), np.stack([k, after, 24 + after], axis=1)]
+    )
+    ends = np.vstack(
+        [
+            np.stack([np.full(24, 48), after, k], axis=1),
+            np.stack([np.full(24, 49), 24 + k, 24 + after], axis=1),
+        ]
+    )
     surface = creased(points, np.vstack([sides[:, ::-1], ends]), 3)
     assert len(surface.points) == 2 * 24 + 2 * 24 + 2
     assert set(surface.part) == {3}
@@ -63,7 +75,9 @@ def test_normals_of_the_end_faces_lie_along_the_axis(kind: type, tolerance: floa
     rings = 40 * 6  # the points of a face
     for face, side in ((slice(-2 * rings, -rings), -1.0), (slice(-rings, None), 1.0)):
         assert np.ptp(rod.points[face, 0]) == 0.0
-        np.testing.assert_allclose(found[face], np.tile([side, 0.0, 0.0], (rings, 1)), atol=tolerance)
+        np.testing.assert_allclose(
+            found[face], np.tile([side, 0.0, 0.0], (rings, 1)), atol=tolerance
+        )
 
 
 def test_normals_of_a_ball_lie_along_its_radii() -> None:
@@ -82,7 +96,9 @@ def test_a_tube_around_a_path_is_nowhere_narrower() -> None:
     a, b, c = (surface.points[surface.triangles[:, i]] for i in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
     assert area == pytest.approx(2 * np.pi * 0.1 * np.hypot(1.0, 0.2) * t[-1], rel=0.01)
-    outward = np.einsum("ij,ij->i", np.cross(b - a, c - a), (a + b + c) / 3 - np.repeat(path[:-1], 2 * 32, axis=0))
+    outward = np.einsum(
+        "ij,ij->i", np.cross(b - a, c - a), (a + b + c) / 3 - np.repeat(path[:-1], 2 * 32, axis=0)
+    )
     assert outward.min() > 0.0
 
 
@@ -98,7 +114,11 @@ def test_surface_nets_find_a_ball() -> None:
     assert np.abs(away - 8.3).max() < 3 / (8 * 8.3) + 0.02
     a, b, c = (points[triangles[:, i]] for i in range(3))
     normal, middle = np.cross(b - a, c - a), (a + b + c) / 3 - 11.4
-    outward = np.einsum("ij,ij->i", normal, middle) / np.linalg.norm(normal, axis=1) / np.linalg.norm(middle, axis=1)
+    outward = (
+        np.einsum("ij,ij->i", normal, middle)
+        / np.linalg.norm(normal, axis=1)
+        / np.linalg.norm(middle, axis=1)
+    )
     assert outward.min() > 0.9
 
 
@@ -125,9 +145,14 @@ def test_a_bound_surface_moves_as_the_body_does() -> None:
     X = model.particles.position
     surface = tube([motions.LENGTH], motions.DIAMETER / 2, 0.0, 0.5e-3)
     binding = Binding(surface.points, X)
-    A, b = np.array([[1.1, 0.3, 0.0], [-0.2, 0.9, 0.1], [0.0, 0.4, 1.2]]), np.array([0.1, -0.2, 0.3])
+    A, b = (
+        np.array([[1.1, 0.3, 0.0], [-0.2, 0.9, 0.1], [0.0, 0.4, 1.2]]),
+        np.array([0.1, -0.2, 0.3]),
+    )
     # The regularization of 1e-9 keeps it from being exact to rounding.
-    np.testing.assert_allclose(binding.at(X @ A.T + b), surface.points @ A.T + b, atol=1e-6 * motions.DIAMETER)
+    np.testing.assert_allclose(
+        binding.at(X @ A.T + b), surface.points @ A.T + b, atol=1e-6 * motions.DIAMETER
+    )
     for curvature in (20.0, 60.0):
         # Half the curvature times the square of the neighbors' reach, about three particles.
         bound = 0.5 * curvature * (3 * 0.5e-3) ** 2
@@ -137,7 +162,9 @@ def test_a_bound_surface_moves_as_the_body_does() -> None:
 
 def test_particles_that_are_wider_apart_one_way_are_enough() -> None:
     """Twice as far apart along y: the nearest ones of a point on a side lie in one plane, and more must be asked."""
-    X = np.stack(np.meshgrid(np.arange(20.0), np.arange(6) * 2.5, np.arange(4.0), indexing="ij"), axis=-1).reshape(-1, 3)
+    X = np.stack(
+        np.meshgrid(np.arange(20.0), np.arange(6) * 2.5, np.arange(4.0), indexing="ij"), axis=-1
+    ).reshape(-1, 3)
     surface = bar([20.0], 15.0, 4.0, 1.0, (-0.5, 6.25, 1.5))
     np.testing.assert_allclose(Binding(surface.points, X).at(X), surface.points, atol=1e-5)
 
@@ -160,4 +187,6 @@ def test_separate_bodies_are_told_apart_and_do_not_pull_each_other() -> None:
     points = np.array([[5.5, 2.0, 2.0], [8.5, 2.0, 2.0]])
     binding = Binding(points, both, np.array([0, 1]), of)
     moved = np.where(of[:, None] == 0, both, both + np.array([0.0, 0.0, 7.0]))
-    np.testing.assert_allclose(binding.at(moved), points + np.array([[0, 0, 0], [0, 0, 7.0]]), atol=1e-6)
+    np.testing.assert_allclose(
+        binding.at(moved), points + np.array([[0, 0, 0], [0, 0, 7.0]]), atol=1e-6
+    )

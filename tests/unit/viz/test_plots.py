@@ -33,7 +33,9 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
 
 def line(figure: Figure, label: str, axes: int = 0) -> np.ndarray:
     """Points (n, 2) of the line whose label starts so."""
-    (found,) = (drawn for drawn in figure.axes[axes].lines if str(drawn.get_label()).startswith(label))
+    (found,) = (
+        drawn for drawn in figure.axes[axes].lines if str(drawn.get_label()).startswith(label)
+    )
     return np.asarray(found.get_xydata())
 
 
@@ -55,7 +57,12 @@ def test_a_failed_trials_penalty_counts_for_nothing(figures: list[Figure]) -> No
 
 @pytest.mark.parametrize(
     ("rms", "stop", "scale"),
-    [([5e-3, 4e-3], None, "linear"), ([5e-3, 4e-4], None, "log"), ([5e-3, 4e-3], 1e-4, "log"), ([None], None, "linear")],
+    [
+        ([5e-3, 4e-3], None, "linear"),
+        ([5e-3, 4e-4], None, "log"),
+        ([5e-3, 4e-3], 1e-4, "log"),
+        ([None], None, "linear"),
+    ],
 )
 def test_the_axis_is_logarithmic_where_values_span_more_than_ten(
     figures: list[Figure], rms: list[float | None], stop: float | None, scale: str
@@ -70,8 +77,14 @@ def test_convergence_without_trials_is_a_plot_that_says_so(tmp_path: Path) -> No
 
 def table(order: float = 2.0) -> list[dict[str, Any]]:
     sizes = [(n, (2 / n) ** order) for n in (4, 2, 6, 10)]
-    errors = [{"error_finest": None if n == 10 else 0.02 * fall, "error_reference": 0.025 * fall} for n, fall in sizes]
-    return [{"cells_across": n, "cell_size": 4e-3 / n, "seconds": 0.01 * n**3, **error} for (n, _), error in zip(sizes, errors)]
+    errors = [
+        {"error_finest": None if n == 10 else 0.02 * fall, "error_reference": 0.025 * fall}
+        for n, fall in sizes
+    ]
+    return [
+        {"cells_across": n, "cell_size": 4e-3 / n, "seconds": 0.01 * n**3, **error}
+        for (n, _), error in zip(sizes, errors)
+    ]
 
 
 def test_accuracy_shows_both_series_in_per_cent(figures: list[Figure]) -> None:
@@ -87,7 +100,9 @@ def test_accuracy_shows_both_series_in_per_cent(figures: list[Figure]) -> None:
 def test_the_triangle_has_the_slope_of_the_series(figures: list[Figure], order: float) -> None:
     plots.accuracy(table(order), "unused.png")
     assert f"{order:.1f}" in [text.get_text() for text in figures[0].axes[1].texts]
-    triangle = next(drawn for drawn in figures[0].axes[1].lines if str(drawn.get_label()).startswith("_"))
+    triangle = next(
+        drawn for drawn in figures[0].axes[1].lines if str(drawn.get_label()).startswith("_")
+    )
     (x0, y0), _, (x1, y1), _ = np.asarray(triangle.get_xydata())
     assert np.log(y1 / y0) / np.log(x1 / x0) == pytest.approx(order)
 
@@ -102,13 +117,17 @@ def test_accuracy_without_a_reference_or_with_one_row(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
 def test_the_same_numbers_give_the_same_file(tmp_path: Path, kind: str) -> None:
-    one, two = (plots.convergence(RMS, tmp_path / f"{k}.{kind}", stop=2e-3, title="S") for k in range(2))
+    one, two = (
+        plots.convergence(RMS, tmp_path / f"{k}.{kind}", stop=2e-3, title="S") for k in range(2)
+    )
     assert one.read_bytes() == two.read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"0.{kind}", f"1.{kind}"]
 
 
 def test_energies_and_forces_are_plotted(motion: MotionRenderer, tmp_path: Path) -> None:
-    path = plots.motion(motion.motion.energies, motion.motion.contacts, tmp_path / "energies.svg", "bending")
+    path = plots.motion(
+        motion.motion.energies, motion.motion.contacts, tmp_path / "energies.svg", "bending"
+    )
     text = path.read_text()
     for word in ("kinetic", "elastic", "magnetic torque", "total", "ground", "time (s)"):
         assert word in text
@@ -133,13 +152,18 @@ def test_labels_of_the_plots_stand_whole(tmp_path: Path) -> None:
         assert edge.min() > 250
 
 
-def test_the_front_is_drawn_with_its_units_and_its_compromise(figures: list[Figure], tmp_path: Path) -> None:
+def test_the_front_is_drawn_with_its_units_and_its_compromise(
+    figures: list[Figure], tmp_path: Path
+) -> None:
     """Points in mm and mT; failed trials are not there; one point is a front too."""
     report = {
         "name": "probe",
         "objectives": ["rms_m", "largest_field_T"],
         "values": [[1e-3, 9e-3], [2e-3, 3e-3], None, [4e-3, 8e-3], [5e-3, 1e-3]],
-        "pareto": [{"number": k, "values": v} for k, v in ((0, [1e-3, 9e-3]), (1, [2e-3, 3e-3]), (4, [5e-3, 1e-3]))],
+        "pareto": [
+            {"number": k, "values": v}
+            for k, v in ((0, [1e-3, 9e-3]), (1, [2e-3, 3e-3]), (4, [5e-3, 1e-3]))
+        ],
         "compromise": 1,
     }
     plots.pareto(report, tmp_path / "pareto.png")
@@ -149,23 +173,43 @@ def test_the_front_is_drawn_with_its_units_and_its_compromise(figures: list[Figu
     np.testing.assert_allclose(front, [[1, 9], [2, 3], [5, 1]])
     np.testing.assert_allclose(best, [[2, 3]])
     assert axes.get_ylabel() == "largest field (mT)"
-    assert [drawn.get_label() for drawn in axes.collections][2] == "best compromise: trial 1 (2 mm, 3 mT)"
-    one = {"values": [[1e-3, 9e-3]], "pareto": report["pareto"][:1], "objectives": ["rms_m", "magnetized_volume_m3"]}
+    assert [drawn.get_label() for drawn in axes.collections][
+        2
+    ] == "best compromise: trial 1 (2 mm, 3 mT)"
+    one = {
+        "values": [[1e-3, 9e-3]],
+        "pareto": report["pareto"][:1],
+        "objectives": ["rms_m", "magnetized_volume_m3"],
+    }
     plots.pareto({**report, **one}, tmp_path / "b.png")
 
 
-def test_the_color_bar_has_the_strengths_of_the_fields(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_color_bar_has_the_strengths_of_the_fields(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """From the weakest to the strongest, no color for what is not there."""
     bars: list[Any] = []
     whole = Figure.colorbar
-    monkeypatch.setattr(Figure, "colorbar", lambda self, shown, **kind: bars.append(shown) or whole(self, shown, **kind))
+    monkeypatch.setattr(
+        Figure,
+        "colorbar",
+        lambda self, shown, **kind: bars.append(shown) or whole(self, shown, **kind),
+    )
     strengths = np.linspace(3e-3, 20e-3, 4)
     fields = np.kron(np.array([[0, 0, 1.0], [0, 0.6, 0.8], [0, 1.0, 0]]), strengths[:, None])
     tips = np.array([0.04, 0.0, 0.0]) + fields
     path = tip_map.draw(
-        tmp_path / "map.svg", fields=fields, tips=tips, marks=np.full(12, "sure"), kind="rays", axes=(1, 2), shape=(3, 4), length=0.04,
-        name="", words={},
-    )  # fmt: skip
+        tmp_path / "map.svg",
+        fields=fields,
+        tips=tips,
+        marks=np.full(12, "sure"),
+        kind="rays",
+        axes=(1, 2),
+        shape=(3, 4),
+        length=0.04,
+        name="",
+        words={},
+    )
     assert bars[0].get_clim() == pytest.approx((3.0, 20.0))
     assert "strength of the field, mT" in path.read_text(encoding="utf-8"), "text as text"
 

@@ -17,7 +17,12 @@ from magmpm.viz.worker import Renderer
 
 WIDTH, HEIGHT = style.TRIAL_SIZE
 ASPECT = WIDTH / HEIGHT
-(MAIN,), (TOP, SIDE), (COMPASS,), FIELD = TRIAL.mains, (inset.panel for inset in TRIAL.insets), TRIAL.compasses, TRIAL.field
+(MAIN,), (TOP, SIDE), (COMPASS,), FIELD = (
+    TRIAL.mains,
+    (inset.panel for inset in TRIAL.insets),
+    TRIAL.compasses,
+    TRIAL.field,
+)
 
 
 @pytest.fixture(scope="module", params=["pyvista", "matplotlib"])
@@ -95,12 +100,17 @@ def test_the_target_is_drawn_in_blue_where_it_is(renderer: Renderer) -> None:
 
 
 def test_every_segment_has_its_color(renderer: Renderer) -> None:
-    main, all_magnets = (part(renderer.image(body(unmagnetized=plain)), MAIN) for plain in ((1,), ()))
+    main, all_magnets = (
+        part(renderer.image(body(unmagnetized=plain)), MAIN) for plain in ((1,), ())
+    )
     for color in style.SEGMENTS[:4]:
         assert hue_share(main, color) > 2e-3, color
     assert hue_share(main, style.SEGMENTS[5]) < 5e-4, "a color no segment has"
     # Grey is the clamp's color too: its share must grow.
-    grey, before = ((np.ptp(one.astype(int), axis=2) < 12) & (abs(one.mean(axis=2) - 152.5) < 62.5) for one in (main, all_magnets))
+    grey, before = (
+        (np.ptp(one.astype(int), axis=2) < 12) & (abs(one.mean(axis=2) - 152.5) < 62.5)
+        for one in (main, all_magnets)
+    )
     assert grey.sum() > before.sum() + 1500
 
 
@@ -123,7 +133,9 @@ def test_magnetization_is_drawn_in_front_of_the_body(renderer: Renderer) -> None
     picture = replace(body(), target=None)
     framing = Framing.of(picture)
     plain = bent_bodies.plain(picture)
-    with_arrows, without = (part(renderer.image(p, framing=framing), MAIN) for p in (picture, plain))
+    with_arrows, without = (
+        part(renderer.image(p, framing=framing), MAIN) for p in (picture, plain)
+    )
     dark = [(image.max(axis=2) < 75).sum() for image in (with_arrows, without)]
     assert dark[0] > dark[1] + 800
     view = Views.of(framing, TRIAL, ASPECT).mains[0]
@@ -137,7 +149,9 @@ def test_field_gravity_and_scale_are_there(renderer: Renderer) -> None:
     picture = body()
     image = renderer.image(picture)
     assert near(part(image, FIELD), style.FIELD, tolerance=60).sum() > 60
-    assert near(image[int(0.84 * HEIGHT) :], style.FIELD, tolerance=60).sum() > 150, "arrow and |B| = 10.0 mT"
+    assert near(image[int(0.84 * HEIGHT) :], style.FIELD, tolerance=60).sum() > 150, (
+        "arrow and |B| = 10.0 mT"
+    )
     none = renderer.image(replace(picture, field=np.zeros(3)))
     assert not near(part(none, FIELD), style.FIELD, tolerance=60).any()
     assert annotations.field_text(picture) == "|B| = 10.0 mT"
@@ -146,9 +160,19 @@ def test_field_gravity_and_scale_are_there(renderer: Renderer) -> None:
     afloat = renderer.image(replace(picture, gravity=None))
     assert not np.array_equal(part(afloat, COMPASS), part(image, COMPASS))
     view = Views.of(Framing.of(picture), TRIAL, ASPECT).mains[0]
-    middle, half = TRIAL.bar[0], 0.5 * annotations.bar_width(view, MAIN, MAIN.aspect(ASPECT), picture.unit)
+    middle, half = (
+        TRIAL.bar[0],
+        0.5 * annotations.bar_width(view, MAIN, MAIN.aspect(ASPECT), picture.unit),
+    )
     row = round((1 - TRIAL.bar[1]) * HEIGHT)
-    line = (image[row - 1 : row + 2, round((middle - half) * WIDTH) + 3 : round((middle + half) * WIDTH) - 3] .max(axis=2) .min(axis=0))
+    line = (
+        image[
+            row - 1 : row + 2,
+            round((middle - half) * WIDTH) + 3 : round((middle + half) * WIDTH) - 3,
+        ]
+        .max(axis=2)
+        .min(axis=0)
+    )
     assert (line < 120).all()
 
 
@@ -157,7 +181,12 @@ def test_the_legend_names_what_is_there() -> None:
     names = ["magnetic", "unmagnetized", "magnetization", "axis", "target", "clamp"]
     assert [sign.text for sign in annotations.legend(picture)] == names
     reference = bent_bodies.plain(replace(picture, target_name="reference"))
-    assert [sign.text for sign in annotations.legend(reference)] == ["unmagnetized", "axis", "reference", "clamp"]
+    assert [sign.text for sign in annotations.legend(reference)] == [
+        "unmagnetized",
+        "axis",
+        "reference",
+        "clamp",
+    ]
 
 
 def test_trial_and_rms_are_written(renderer: Renderer) -> None:
@@ -171,7 +200,9 @@ def test_trial_and_rms_are_written(renderer: Renderer) -> None:
 
 
 def test_a_long_title_does_not_run_into_the_caption(renderer: Renderer) -> None:
-    image = renderer.image(body(title="a catheter with a name that never seems to come to its end, " * 3, trial=1234))
+    image = renderer.image(
+        body(title="a catheter with a name that never seems to come to its end, " * 3, trial=1234)
+    )
     ink = (image[: int(0.09 * HEIGHT)].min(axis=2) < 150).any(axis=0)
     gaps = np.flatnonzero(np.diff(np.flatnonzero(ink)) > 12)
     # Words lie closer than 12 pixels apart; what is wider is the gap before the caption and those within it.
@@ -179,7 +210,10 @@ def test_a_long_title_does_not_run_into_the_caption(renderer: Renderer) -> None:
 
 
 def test_a_final_picture_shows_the_same_as_a_trials(renderer: Renderer) -> None:
-    small, large = (renderer.image(body(), size=size).astype(float) for size in (style.TRIAL_SIZE, style.FINAL_SIZE))
+    small, large = (
+        renderer.image(body(), size=size).astype(float)
+        for size in (style.TRIAL_SIZE, style.FINAL_SIZE)
+    )
     blocks = large.reshape(300, 3, 400, 3, 3).mean(axis=(1, 3))
     halves = small.reshape(300, 2, 400, 2, 3).mean(axis=(1, 3))
     # Edges and letters fall differently on the two grids; the mean over 400 x 300 blocks does not.
@@ -187,7 +221,9 @@ def test_a_final_picture_shows_the_same_as_a_trials(renderer: Renderer) -> None:
 
 
 def test_hollow_body_without_centerline_target_or_gravity_is_drawn(renderer: Renderer) -> None:
-    picture = replace(body(), axis=np.zeros((0, 3)), target=None, gravity=None, trial=None, rms=None, title="")
+    picture = replace(
+        body(), axis=np.zeros((0, 3)), target=None, gravity=None, trial=None, rms=None, title=""
+    )
     assert (renderer.image(picture).min(axis=2) < 200).mean() > 0.03
 
 
@@ -197,9 +233,13 @@ def test_what_is_nearer_hides_what_is_behind(renderer: Renderer, near_first: boo
     along = np.linspace(0.0, 0.03, 61)
     near_bar = np.stack([along, 0 * along - 5e-3, 0 * along + 0.015], axis=1)
     far_bar = np.stack([0 * along + 0.015, 0 * along + 5e-3, along], axis=1)
-    bars = np.concatenate([near_bar, far_bar]) if near_first else np.concatenate([far_bar, near_bar])
+    bars = (
+        np.concatenate([near_bar, far_bar]) if near_first else np.concatenate([far_bar, near_bar])
+    )
     picture = Snapshot(
-        body=Particles(bars.astype(np.float32), np.repeat([0, 1] if near_first else [1, 0], 61), 2e-3),
+        body=Particles(
+            bars.astype(np.float32), np.repeat([0, 1] if near_first else [1, 0], 61), 2e-3
+        ),
         magnetized=np.ones(2, dtype=bool),
         length=0.04,
         thickness=0.004,
@@ -216,25 +256,43 @@ def test_what_is_nearer_hides_what_is_behind(renderer: Renderer, near_first: boo
 
 def test_magnet_near_the_body_is_drawn_in_every_view(renderer: Renderer) -> None:
     """With a word in the legend; one that is far is in no view, or the body would be a speck."""
-    magnet = {"cylinder": {"length": 0.02, "diameter": 0.02}, "position": [0.07, 0.0, 0.01], "axis": [1.0, 0.0, 0.0], "remanence": 1.3}
+    magnet = {
+        "cylinder": {"length": 0.02, "diameter": 0.02},
+        "position": [0.07, 0.0, 0.01],
+        "axis": [1.0, 0.0, 0.0],
+        "remanence": 1.3,
+    }
     picture = replace(body(), target=None)
     for place, shown in (([0.07, 0.0, 0.01], True), ([3.0, 0.0, 0.0], False)):
         said = Scene.from_si(drawn.scene(field={"magnet": [{**magnet, "position": place}]}))
-        sources = obstacles.in_reach(obstacles.sources(said), picture.body.points, obstacles.REACH * picture.length)
+        sources = obstacles.in_reach(
+            obstacles.sources(said), picture.body.points, obstacles.REACH * picture.length
+        )
         image = renderer.image(replace(picture, obstacles=tuple(sources)))
         for panel in (MAIN, TOP, SIDE):
-            assert (hue_share(part(image, panel), style.SOUTH) > 2e-4) == shown, panel  # no segment is blue
-    assert annotations.legend(replace(picture, obstacles=tuple(sources)))[-1].text == "magnet (N, S)"
+            assert (hue_share(part(image, panel), style.SOUTH) > 2e-4) == shown, (
+                panel
+            )  # no segment is blue
+    assert (
+        annotations.legend(replace(picture, obstacles=tuple(sources)))[-1].text == "magnet (N, S)"
+    )
 
 
 def test_surface_in_place_of_particles_lies_where_they_lie(renderer: Renderer) -> None:
     """It has one color a segment and no gaps as balls have, and covers what they cover; target, axis and arrows stay."""
     picture = bent_bodies.plain(replace(body(), target=None))
     rod = tube([0.008 * k for k in range(1, 6)], 2e-3, 0.0, 5e-4)
-    x, r, a = (g.ravel() for g in np.meshgrid(np.arange(2e-4, 0.04, 4e-4), (1e-3, 1.8e-3), np.arange(0, 6.28, 0.2), indexing="ij"))
+    x, r, a = (
+        g.ravel()
+        for g in np.meshgrid(
+            np.arange(2e-4, 0.04, 4e-4), (1e-3, 1.8e-3), np.arange(0, 6.28, 0.2), indexing="ij"
+        )
+    )
     straight = replace(
         picture,
-        body=Particles(np.column_stack([x, r * np.cos(a), r * np.sin(a)]), (x / 0.008).astype(int), 4e-4),
+        body=Particles(
+            np.column_stack([x, r * np.cos(a), r * np.sin(a)]), (x / 0.008).astype(int), 4e-4
+        ),
         axis=np.column_stack([np.linspace(0, 0.04, 21), np.zeros(21), np.zeros(21)]),
     )
     cloud = renderer.image(straight)
@@ -252,6 +310,10 @@ def test_nothing_of_the_body_leaves_the_main_view() -> None:
         framing = Framing.of(picture)
         view = framing.view(1.3)
         angle = np.linspace(0, 2 * np.pi, 40)
-        rim = style.CLAMP_RADIUS * picture.thickness * np.column_stack([0 * angle, np.cos(angle), np.sin(angle)])
+        rim = (
+            style.CLAMP_RADIUS
+            * picture.thickness
+            * np.column_stack([0 * angle, np.cos(angle), np.sin(angle)])
+        )
         flat = view.project(np.vstack([rim, picture.body.points]))[:, :2] / [1.3, 1.0]
         assert np.abs(flat).max() <= 1.0

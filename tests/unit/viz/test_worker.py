@@ -37,7 +37,9 @@ def is_one_line(note: str) -> bool:
 
 def printed_by(script: str) -> str:
     env = {**os.environ, "PYTHONPATH": str(Path(worker.__file__).parent.parent)}
-    done = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, env=env, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, env=env, timeout=60
+    )
     return done.stdout
 
 
@@ -172,7 +174,9 @@ def test_a_full_disk_is_told_with_the_file_and_the_remedy(tmp_path: Path) -> Non
     assert list(tmp_path.iterdir()) == []
 
 
-def test_without_an_opengl_library_matplotlib_draws_and_one_line_names_the_packages(no_opengl: None, tmp_path: Path) -> None:
+def test_without_an_opengl_library_matplotlib_draws_and_one_line_names_the_packages(
+    no_opengl: None, tmp_path: Path
+) -> None:
     with Renderer() as renderer:
         path = renderer.render(BODY, tmp_path / "trial.png")
         assert renderer.backend == "matplotlib"
@@ -201,7 +205,9 @@ def test_the_backend_can_be_forced(monkeypatch: pytest.MonkeyPatch) -> None:
         Renderer()
 
 
-def test_entering_does_not_wait_and_submitted_pictures_are_finished_on_leaving(tmp_path: Path) -> None:
+def test_entering_does_not_wait_and_submitted_pictures_are_finished_on_leaving(
+    tmp_path: Path,
+) -> None:
     with Renderer("matplotlib") as renderer:
         futures = [renderer.submit(BODY, tmp_path / f"{k}.png", size=(80, 60)) for k in range(3)]
     assert [future.result().name for future in futures] == ["0.png", "1.png", "2.png"]
@@ -218,7 +224,9 @@ def test_resting_ends_the_process_until_the_next_picture() -> None:
 
 
 def modules_there(renderer: Renderer) -> set[str]:
-    names: str = renderer.run(eval, "' '.join(n.partition('.')[0] for n, m in __import__('sys').modules.items() if m)")
+    names: str = renderer.run(
+        eval, "' '.join(n.partition('.')[0] for n, m in __import__('sys').modules.items() if m)"
+    )
     return set(names.split())
 
 
@@ -229,7 +237,16 @@ def test_each_process_imports_only_what_it_needs() -> None:
     )
     here = printed_by(script).split()
     assert "viz" in here
-    assert not {"pyvista", "vtkmodules", "matplotlib", "PIL", "numba", "optuna", "scipy", "pydantic"} & set(here)
+    assert not {
+        "pyvista",
+        "vtkmodules",
+        "matplotlib",
+        "PIL",
+        "numba",
+        "optuna",
+        "scipy",
+        "pydantic",
+    } & set(here)
     with Renderer() as renderer:
         there = modules_there(renderer)
         assert not {"numba", "optuna", "sqlalchemy", "scipy", "mypy"} & there
@@ -238,7 +255,9 @@ def test_each_process_imports_only_what_it_needs() -> None:
 
 def test_memory_does_not_grow_with_pictures(pyvista: Renderer, tmp_path: Path) -> None:
     def memory() -> int:
-        return int(Path(f"/proc/{process_of(pyvista)}/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE")
+        return int(Path(f"/proc/{process_of(pyvista)}/statm").read_text().split()[1]) * os.sysconf(
+            "SC_PAGESIZE"
+        )
 
     if not Path("/proc/self/statm").exists():
         pytest.skip("reads memory from /proc")
