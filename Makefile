@@ -65,6 +65,7 @@ design: $(VENV)/.ready
 # mypy and import-linter read packages where they are installed (setup.py): studies and viz inside magmpm.
 TREE := $(VENV)/tree
 lint: $(VENV)/.ready-test
+	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	@rm -rf $(TREE) && mkdir -p $(TREE)/magmpm && ln -s $(CURDIR)/magmpm/* $(CURDIR)/studies $(CURDIR)/viz $(TREE)/magmpm/
 	cd $(TREE) && $(CURDIR)/$(BIN)/mypy --config-file $(CURDIR)/setup.cfg
