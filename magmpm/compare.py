@@ -22,7 +22,8 @@ def distance(one: Result | Motion, other: Result | Motion, *, of: str = "centrel
     of: centreline, at equal shares of the arc length (parts: between their centers, and the tip if one is named); or tip. Raises ValueError
     if they share no time; InputError for the tip of parts that name none.
     """
-    first, second = frames_of(one), frames_of(other)
+    first = frames_of(one)
+    second = frames_of(other)
     if isinstance(one, Result) or isinstance(other, Result):
         first, second = (
             Frames([0.0], frames.points[-1:], frames.tips[-1:]) for frames in (first, second)
@@ -30,7 +31,8 @@ def distance(one: Result | Motion, other: Result | Motion, *, of: str = "centrel
     distances = first.distances(second, of)
     if not distances:
         raise ValueError(
-            "the two runs have no frame of the same time: give them the same duration and output_every, or steps"
+            "the two runs have no frame of the same time: give them the same duration and"
+            " output_every, or steps"
         )
     return max(distances.values())
 
@@ -46,8 +48,14 @@ class GridError:
 
     def __repr__(self) -> str:
         """The error, and from which grids it is known."""
-        grids = f"{self.report['cells_across']} cells across, known from {self.report['finer']['cells_across']}"
-        return f"GridError(at most {1e3 * self.error:.3g} mm, {100 * self.report['error_of_length']:.2g} % of the length: {grids})"
+        grids = (
+            f"{self.report['cells_across']} cells across, known from"
+            f" {self.report['finer']['cells_across']}"
+        )
+        return (
+            f"GridError(at most {1e3 * self.error:.3g} mm,"
+            f" {100 * self.report['error_of_length']:.2g} % of the length: {grids})"
+        )
 
 
 def error(scene: Scene | Path | str) -> GridError:

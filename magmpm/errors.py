@@ -101,13 +101,11 @@ class SceneError(InputError):
         found: str | None = None,
     ) -> None:
         super().__init__(self.text(key, received, found, rule, remedy))
-        self.key, self.received, self.found, self.rule, self.remedy = (
-            key,
-            received,
-            found,
-            rule,
-            remedy,
-        )
+        self.key = key
+        self.received = received
+        self.found = found
+        self.rule = rule
+        self.remedy = remedy
 
     @staticmethod
     def text(place: str, received: str | None, found: str | None, rule: str, remedy: str) -> str:
@@ -209,8 +207,8 @@ def count(number: int, noun: str) -> str:
 def stability_in_words(value: float) -> str:
     """The stability of an equilibrium, and what it is measured by."""
     return (
-        f"{value:.3f} (stiffness of its softest motion over the unloaded body's: 1 without load, 0 at a critical load; "
-        "more than 1: the load stiffens it)"
+        f"{value:.3f} (stiffness of its softest motion over the unloaded body's: 1 without load, 0"
+        " at a critical load; more than 1: the load stiffens it)"
     )
 
 

@@ -14,7 +14,9 @@ from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
 from magmpm.compiled.simd import determinant_of, inverse_cube_root, load, magnitude, store
 
-STIFFEST = "500 GPa"  # the largest shear modulus that a scene may give: above those of steel (80 GPa), tungsten and carbide (300 GPa)
+# the largest shear modulus that a scene may give: above those of steel (80 GPa), tungsten and
+# carbide (300 GPa)
+STIFFEST = "500 GPa"
 Moduli = TypeVar("Moduli", float, NDArray[np.float64])
 
 
@@ -65,9 +67,11 @@ def determinant(F):
 def cofactor(F, out):
     """out = J F^-T, the derivative of det F; both (3, 3)."""
     for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
+        j = (i + 1) % 3
+        k = (i + 2) % 3
         for L in range(3):
-            M, N = (L + 1) % 3, (L + 2) % 3
+            M = (L + 1) % 3
+            N = (L + 2) % 3
             out[i, L] = F[j, M] * F[k, N] - F[j, N] * F[k, M]
 
 
@@ -141,25 +145,43 @@ def tangent(F, cof, J, G, p, stiffness, A):
 @compiled
 def group_determinant(F, at):
     """det F of a group, F (9 8,) from index `at`."""
-    a, b, c = load(F, at), load(F, at + 8), load(F, at + 16)
-    d, e, f = load(F, at + 24), load(F, at + 32), load(F, at + 40)
-    g, h, i = load(F, at + 48), load(F, at + 56), load(F, at + 64)
+    a = load(F, at)
+    b = load(F, at + 8)
+    c = load(F, at + 16)
+    d = load(F, at + 24)
+    e = load(F, at + 32)
+    f = load(F, at + 40)
+    g = load(F, at + 48)
+    h = load(F, at + 56)
+    i = load(F, at + 64)
     return determinant_of(a, b, c, d, e, f, g, h, i)
 
 
 @compiled
 def neo_hookean(F, at, J, shear, pressure, P):
     """`stress` P (9 8,) of a group. Returns what `stiffest` needs: G J^(-2/3), I1 = |F|^2 and I2 = |cof F|^2."""
-    a, b, c = load(F, at), load(F, at + 8), load(F, at + 16)
-    d, e, f = load(F, at + 24), load(F, at + 32), load(F, at + 40)
-    g, h, i = load(F, at + 48), load(F, at + 56), load(F, at + 64)
+    a = load(F, at)
+    b = load(F, at + 8)
+    c = load(F, at + 16)
+    d = load(F, at + 24)
+    e = load(F, at + 32)
+    f = load(F, at + 40)
+    g = load(F, at + 48)
+    h = load(F, at + 56)
+    i = load(F, at + 64)
     root = inverse_cube_root(J)
     scale = shear * root * root
     I1 = a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i
     k = pressure - scale * I1 / (3.0 * J)
-    A, B, C = e * i - f * h, f * g - d * i, d * h - e * g
-    D, E, Q = c * h - b * i, a * i - c * g, b * g - a * h
-    R, S, T = b * f - c * e, c * d - a * f, a * e - b * d
+    A = e * i - f * h
+    B = f * g - d * i
+    C = d * h - e * g
+    D = c * h - b * i
+    E = a * i - c * g
+    Q = b * g - a * h
+    R = b * f - c * e
+    S = c * d - a * f
+    T = a * e - b * d
     store(P, 0, scale * a + k * A)
     store(P, 8, scale * b + k * B)
     store(P, 16, scale * c + k * C)
@@ -181,6 +203,7 @@ def stiffest(J, scale, I1, I2, pressure, bulk):
     last is left out, because it is negative where the others are large. At rest this gives 3 K + 6 G, where the true value is 3 K.
     """
     r = 1.0 / J
-    shape, turned = scale * I1 * (1.0 / 3.0), pressure * J
+    shape = scale * I1 * (1.0 / 3.0)
+    turned = pressure * J
     along = shape * (2.0 / 3.0) + turned + bulk * J * J
     return scale + (0.5 * (along + magnitude(along)) + magnitude(shape - turned)) * I2 * r * r

@@ -45,7 +45,8 @@ def driven_nodes(
 
     Raises SceneError where parts that move apart hold at one face, or at the same nodes.
     """
-    grid, cell = made.grid, made.particles.cell
+    grid = made.grid
+    cell = made.particles.cell
     on = {name: np.zeros(grid.nodes, bool) for name in moves}
     if shape.line is not None:
         ends = [(replace(plane, moved="tip" in on), "tip") for plane in made.planes]
@@ -97,7 +98,10 @@ def _one(holding: set[str]) -> None:
     if len(holding) > 1:
         raise SceneError(
             "move",
-            found=f"{' and '.join(sorted(holding))} hold the body at the same face or within a cell of each other",
+            found=(
+                f"{' and '.join(sorted(holding))} hold the body at the same face or within a cell"
+                " of each other"
+            ),
             rule="what is moved holds its cells alone",
             remedy="give these parts one name, so that they move together, or use smaller cells",
         )
@@ -112,13 +116,18 @@ class Model:
     particles: Particles
     shear: Array  # (n,) Pa
     bulk: Array  # (n,) Pa
-    remanence: Array  # (n, 3) T, in the undeformed body; a fourth column where an effect marks particles (acting.marked)
+    # (n, 3) T, in the undeformed body; a fourth column where an effect marks particles
+    # (acting.marked)
+    remanence: Array
     density: Array  # (n,) kg/m^3
     effects: tuple[NDArray[Any], ...]  # records and data of each effect, in turn
-    modes: Array  # (n, 0) or (n, 4): what the volume part of the energy is projected on, see volume_modes
+    # (n, 0) or (n, 4): what the volume part of the energy is projected on, see volume_modes
+    modes: Array
     section: dict[str, float]  # relative errors of area and second moment
     held: NDArray[np.bool_]  # (n,) particles of parts that can't move
-    clamped_face: bool  # the grid's lower x face stays at rest: node 0 along x is eliminated (bodies.grid.clamp_first_node)
+    # the grid's lower x face stays at rest: node 0 along x is eliminated
+    # (bodies.grid.clamp_first_node)
+    clamped_face: bool
     plane_strain: (
         bool  # one cell along y, whose middle node carries all: nothing varies along y, and u_y = 0
     )
@@ -179,7 +188,9 @@ class Model:
             clamp = clamp_low_node if plane.lower else clamp_last_node
             own = weights[row, plane.axis], slopes[row, plane.axis]
             weights[row, plane.axis], slopes[row, plane.axis] = clamp(*own, moved=plane.moved)
-        if self.planes:  # held particles see no node: they stay where they are, and the nodes beyond the plane carry nothing
+        # held particles see no node: they stay where they are, and the nodes beyond the plane carry
+        # nothing
+        if self.planes:
             weights[held], slopes[held] = 0.0, 0.0
         if self.planes and self.driven:  # or one, which moves with them
             weights[held, :, 1] = 1.0
@@ -245,7 +256,9 @@ class Model:
             points, self.grid, self.particles, shape.part_of(self.particles), self.well_filled
         )
         held = self.held[particle]
-        place, area, on = points.position[~held], points.area[~held], particle[~held]
+        place = points.position[~held]
+        area = points.area[~held]
+        on = particle[~held]
         (weights, _), first = (
             self.splines_at(place, self.particles.cell[on], np.zeros(len(on), bool)),
             self.first_in_motion(on),
@@ -277,18 +290,25 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
 
     made: the body's grid and particles, if not those of the scene's resolution; time: s, of an equilibrium's field (None: at the end).
     """
-    shape, resolution = scene.body.shape, scene.resolution
+    shape = scene.body.shape
+    resolution = scene.resolution
     if resolution.requested:
         raise SceneError(
             f"resolution.{'error' if resolution.error is not None else 'seconds'}",
-            rule="here the cells must be given: they are chosen for an error or a time by `magmpm run` (statics.resolution) alone",
+            rule=(
+                "here the cells must be given: they are chosen for an error or a time by `magmpm"
+                " run` (statics.resolution) alone"
+            ),
             remedy="write, say, `resolution: {cells_across: 4}`",
         )
     if scene.effects.auto:
         raise SceneError(
             "effects",
             received="auto",
-            rule="here the effects must be named: they are chosen by `magmpm run` and magmpm.run (solving.effects_choice) alone",
+            rule=(
+                "here the effects must be named: they are chosen by `magmpm run` and magmpm.run"
+                " (solving.effects_choice) alone"
+            ),
             remedy="name those that `magmpm run` tells it has chosen",
         )
     made = made or shape.discretize(
@@ -327,7 +347,8 @@ def _filled(
     time: float | None,
 ) -> Model:
     """The model of a scene's materials and these effects in the shape's grid and particles."""
-    particles, of = made.particles, made.particles.segment
+    particles = made.particles
+    of = made.particles.segment
     regions = shape.regions()
     materials = [scene.materials[region.material_name] for region in regions]
     ratio = np.array([material.bulk_to_shear for material in materials])
@@ -375,7 +396,8 @@ def volume_modes(grid: Grid, particles: Particles, ratio: Array) -> Array:
     Source: F-bar, de Souza Neto et al., IJSS 33 (1996); as a projection for splines, Elguedj et al., CMAME 197 (2008).
     The measurements behind both choices are in docs/design.md.
     """
-    modes, cell_first = np.zeros((len(particles.volume), 4)), particles.cell_first
+    modes = np.zeros((len(particles.volume), 4))
+    cell_first = particles.cell_first
     cell = np.repeat(np.arange(len(cell_first) - 1), np.diff(cell_first))
     root = np.sqrt(particles.volume)
     for k, raw in enumerate([np.ones(len(cell)), *grid.own(particles.position, particles.cell).T]):

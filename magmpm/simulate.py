@@ -74,11 +74,13 @@ def run(
         whole = scene if isinstance(scene, Scene) else load_scene(scene)
         if start is not None and not isinstance(start, Result | RodShape):
             raise TypeError(
-                f"start: received {start!r}; must be a Result, as run(scene) returns it, a RodShape, or None"
+                f"start: received {start!r}; must be a Result, as run(scene) returns it, a"
+                " RodShape, or None"
             )
         if resume and folder is None:
             raise ValueError(
-                "resume: received True without a folder; give the folder that holds the motion and its checkpoint"
+                "resume: received True without a folder; give the folder that holds the motion and"
+                " its checkpoint"
             )
         saved = partial(
             _saved_run, whole, start=start, folder=folder, resume=resume, on_begin=on_begin
@@ -241,7 +243,8 @@ def _differentiated(
     """The sensitivities themselves."""
     if start is not None and not isinstance(start, Result | RodShape | Following):
         raise TypeError(
-            f"start: received {start!r}; must be a Result, as run(scene) returns it, a RodShape, or None"
+            f"start: received {start!r}; must be a Result, as run(scene) returns it, a RodShape, or"
+            " None"
         )
     check_differentiable(scene)
     if scene.effects.auto:
@@ -288,17 +291,21 @@ def _resolved(
     """
     if start is not None:
         raise ValueError(
-            "start: received one for a scene that asks for an error, whose grids are chosen in turn; give it cells_across"
+            "start: received one for a scene that asks for an error, whose grids are chosen in"
+            " turn; give it cells_across"
         )
-    begun, grids = time.perf_counter(), grids_of(scene)
+    begun = time.perf_counter()
+    grids = grids_of(scene)
 
     def second_run(cells: int) -> float:
         return (
             0.0
             if into_folder is None
-            else grids.solved[cells].seconds
-            if cells in grids.solved
-            else grids.takes(cells, proof=False)
+            else (
+                grids.solved[cells].seconds
+                if cells in grids.solved
+                else grids.takes(cells, proof=False)
+            )
         )
 
     try:
@@ -314,10 +321,8 @@ def _resolved(
                 next(iter(grids.results.values())), converged=False, failure=error.reason
             )
         raise
-    seconds, found = (
-        {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled},
-        None,
-    )
+    seconds = {"setup": 0.0, "compile": compiled, "solve": time.perf_counter() - begun - compiled}
+    found = None
     if isinstance(grids, Equilibria):
         found = grids.found[choice.cells]
         assert found.energy is not None

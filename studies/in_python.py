@@ -46,7 +46,8 @@ def design(
 
     if "out" in more:
         raise TypeError(
-            "design() got an unexpected keyword argument 'out'; the folder of the results is `folder`, as of magmpm.run"
+            "design() got an unexpected keyword argument 'out'; the folder of the results is"
+            " `folder`, as of magmpm.run"
         )
     found = study if isinstance(study, Study) else load_study(study)
     out = Path("runs") / found.name if folder is None else folder

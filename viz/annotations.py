@@ -25,12 +25,15 @@ from magmpm.viz.snapshot import Snapshot
 _OVERSAMPLING = 4
 
 # In units of half their panel's height.
-AXIS_LENGTH, LABEL_GAP, FIELD_LENGTH = 0.62, 0.17, 1.7
-LONGEST_TITLE, LONGEST_MARKED = (
-    46,
-    28,
-)  # letters that fit next to the caption, and next to a mark, on a page of 4:3
-ROWS, MOST_ROWS = 3, 4  # of a legend
+AXIS_LENGTH = 0.62
+LABEL_GAP = 0.17
+FIELD_LENGTH = 1.7
+# letters that fit next to the caption, and next to a mark, on a page of 4:3
+LONGEST_TITLE = 46
+LONGEST_MARKED = 28
+# of a legend
+ROWS = 3
+MOST_ROWS = 4
 
 
 @dataclass(frozen=True)
@@ -279,7 +282,8 @@ class Page:
         edge = round(0.026 / style.TEXT_SMALL * size * self.height)
         big = edge * _OVERSAMPLING
         patch = Image.new("RGB", (big, big), "white")
-        draw, color = ImageDraw.Draw(patch), sign.colors[0]
+        draw = ImageDraw.Draw(patch)
+        color = sign.colors[0]
         if sign.mark == "dot":
             draw.ellipse((0.15 * big, 0.15 * big, 0.85 * big, 0.85 * big), fill=color)
         elif sign.mark == "arrow":
@@ -303,14 +307,14 @@ class Page:
     def curve(self, snapshot: Snapshot, panel: Panel) -> None:
         """The field's components over the motion, with a mark at now."""
         assert snapshot.history is not None
-        times, values = snapshot.history.times, snapshot.history.values
-        width, height = (
-            round((panel.right - panel.left) * self.width),
-            round((panel.top - panel.bottom) * self.height),
-        )
+        times = snapshot.history.times
+        values = snapshot.history.values
+        width = round((panel.right - panel.left) * self.width)
+        height = round((panel.top - panel.bottom) * self.height)
         big = _OVERSAMPLING * np.array([width, height])
         patch = Image.new("RGB", (int(big[0]), int(big[1])), "white")
-        draw, line = ImageDraw.Draw(patch), max(round(0.0022 * _OVERSAMPLING * self.height), 1)
+        draw = ImageDraw.Draw(patch)
+        line = max(round(0.0022 * _OVERSAMPLING * self.height), 1)
         x = (times - times[0]) / max(float(np.ptp(times)), 1e-300) * big[0]
         y = big[1] * (0.5 - 0.45 * values / float(np.abs(values).max()))
         now = float(np.interp(times[0] if snapshot.time is None else snapshot.time, times, x))
@@ -325,7 +329,8 @@ class Page:
                 width=round(1.6 * line),
                 joint="curve",
             )
-            at, radius = float(np.interp(now, x, y[:, i])), 0.008 * _OVERSAMPLING * self.height
+            at = float(np.interp(now, x, y[:, i]))
+            radius = 0.008 * _OVERSAMPLING * self.height
             draw.ellipse((now - radius, at - radius, now + radius, at + radius), fill=color)
         left, top = self.pixel(panel.left, panel.top)
         self.image.paste(

@@ -25,13 +25,12 @@ class Binding:
 
         of_point (m,), of_particle (n,): the connected component of each. Components that touch do not pull each other's surface.
         """
-        of_point, of_particle = (
-            np.broadcast_to(of_point, len(points)),
-            np.broadcast_to(of_particle, len(reference)),
-        )
+        of_point = np.broadcast_to(of_point, len(points))
+        of_particle = np.broadcast_to(of_particle, len(reference))
         found = []
         for component in np.unique(of_point):
-            at, of = np.flatnonzero(of_point == component), np.flatnonzero(of_particle == component)
+            at = np.flatnonzero(of_point == component)
+            of = np.flatnonzero(of_particle == component)
             found += [
                 (at[row], of[column], value)
                 for row, column, value in _fits(points[at], reference[of])

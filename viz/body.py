@@ -27,11 +27,9 @@ class Body:
         remanence: np.ndarray,
     ) -> None:
         """reference (n, 3) m, volume (n,) m^3, part (n,), remanence (n, 3) T of the undeformed particles; None: the scene is unknown."""
-        self.reference, self.volume, self.part = (
-            np.asarray(reference, dtype=float),
-            np.asarray(volume, dtype=float),
-            np.asarray(part),
-        )
+        self.reference = np.asarray(reference, dtype=float)
+        self.volume = np.asarray(volume, dtype=float)
+        self.part = np.asarray(part)
         self.size = spacing(self.volume)
         parts = int(self.part.max()) + 1
         self._plane_strain = scene is not None and scene.body.shape.in_plane_strain

@@ -17,7 +17,8 @@ from magmpm.viz.snapshot import Obstacle, Plane, Snapshot
 # that depth is read; and rather from the tip's side, where the clamp is behind the body, than from the clamp's.
 _AZIMUTHS = np.radians([-70.0, -55.0, -40.0, -110.0, -125.0, -140.0])
 _ELEVATIONS = np.radians([20.0, 28.0, 40.0])
-_PREFERRED_ELEVATION, _ELEVATION_WIDTH = np.radians(24.0), np.radians(30.0)
+_PREFERRED_ELEVATION = np.radians(24.0)
+_ELEVATION_WIDTH = np.radians(30.0)
 
 _LIGHT = np.array([-0.45, 0.65, 0.62]) / np.linalg.norm(
     [-0.45, 0.65, 0.62]
@@ -98,7 +99,8 @@ class Framing:
     @classmethod
     def of_all(cls, framings: Sequence[Framing]) -> Framing:
         """Framing of all that is in view in any of the framings, seen from where the first is seen from."""
-        points, margin = np.vstack([f.points for f in framings]), max(f.margin for f in framings)
+        points = np.vstack([f.points for f in framings])
+        margin = max(f.margin for f in framings)
         return replace(framings[0], points=points, margin=margin)
 
     @property
@@ -129,7 +131,8 @@ class Framing:
         lines = []
         for i, (along, across) in enumerate((axes, axes[::-1])):
             shift = float(plane.point @ along)
-            first, last = np.ceil((low[i] + shift) / spacing), np.floor((high[i] + shift) / spacing)
+            first = np.ceil((low[i] + shift) / spacing)
+            last = np.floor((high[i] + shift) / spacing)
             for mark in np.arange(first, last + 1) * spacing - shift:
                 lines.append(
                     [plane.point + mark * along + end * across for end in (low[1 - i], high[1 - i])]
@@ -196,7 +199,8 @@ def best_direction(points: np.ndarray) -> np.ndarray:
     its covariance), times a mild preference for looking from a little above.
     """
     centered = points - points.mean(axis=0)
-    best, best_score = np.array([0.0, -1.0, 0.0]), -1.0
+    best = np.array([0.0, -1.0, 0.0])
+    best_score = -1.0
     for elevation in _ELEVATIONS:
         for azimuth in _AZIMUTHS:
             flat = np.cos(elevation)
@@ -209,7 +213,8 @@ def best_direction(points: np.ndarray) -> np.ndarray:
             score *= 0.6 if toward[0] < 0 else 1.0
             # The first of equals wins: rounding must not make two trials of a study be seen from two sides.
             if score > best_score * (1 + 1e-6):
-                best, best_score = toward, score
+                best = toward
+                best_score = score
     return best
 
 
@@ -224,8 +229,10 @@ def fitted(
     """The view along -toward that holds balls of that radius (m) at all points, in a panel of that aspect; up (3,): z unless given."""
     right, upward = _basis(toward, np.eye(3)[2] if up is None else up)
     flat = np.stack([points @ right, points @ upward, points @ toward], axis=1)
-    low, high = flat.min(axis=0) - radius, flat.max(axis=0) + radius
-    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    low = flat.min(axis=0) - radius
+    high = flat.max(axis=0) + radius
+    middle = 0.5 * (low + high)
+    half = 0.5 * (high - low)
     center = middle[0] * right + middle[1] * upward + middle[2] * toward
     return View(right, upward, toward, center, margin * max(half[1], half[0] / aspect))
 

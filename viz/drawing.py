@@ -31,15 +31,18 @@ class Layer:
     share: float = 0.0
 
 
-FLOOR, GRID, SHADOW, GROUND_MARK = Layer(1.0), Layer(1.1, 1), Layer(1.2, 2), Layer(1.3, 4)
+FLOOR = Layer(1.0)
+GRID = Layer(1.1, 1)
+SHADOW = Layer(1.2, 2)
+GROUND_MARK = Layer(1.3, 4)
 TARGET_SHADOW = Layer(1.3, 40)  # clear of the shadow of balls, which is as thick as they are
-TRACE, BODY, BODY_MARK = Layer(2.5), Layer(3.0), Layer(3.5, 5)
-AXIS, TARGET, ARROW, FORCE = (
-    Layer(5.0, 0, 0.1),
-    Layer(6.0, 0, 0.2),
-    Layer(7.0, 0, 0.3),
-    Layer(8.0, 0, 0.36),
-)
+TRACE = Layer(2.5)
+BODY = Layer(3.0)
+BODY_MARK = Layer(3.5, 5)
+AXIS = Layer(5.0, 0, 0.1)
+TARGET = Layer(6.0, 0, 0.2)
+ARROW = Layer(7.0, 0, 0.3)
+FORCE = Layer(8.0, 0, 0.36)
 
 
 class PanelCanvas(Protocol):
@@ -127,7 +130,8 @@ def _floor(panel: PanelCanvas, snapshot: Snapshot, framing: Framing) -> None:
     fill, grid, shade = style.floor_colors(snapshot.ground is not None)
     panel.flat(framing.floor(), np.array([[0, 1, 2], [0, 2, 3]]), fill, FLOOR)
     panel.lines(framing.floor_lines(snapshot.unit), grid, 1.4, GRID)
-    body, plane = snapshot.body, framing.plane
+    body = snapshot.body
+    plane = framing.plane
     dropped = plane.dropped(body.points.astype(float))
     if isinstance(body, Particles):
         panel.balls(dropped, style.BALL_WIDTH * body.size, shade, SHADOW, lit=False)

@@ -22,8 +22,11 @@ if TYPE_CHECKING:
     from magmpm.viz.from_motion import MotionRenderer
 
 # Moments wider than this many times their height are stacked; panels are no narrower than this.
-_STACKED, _TALLEST = 2.8, 0.6
-_LOOKS, _PARTICLES = 200, 2000  # frames and particles looked at for the moment that tells most
+_STACKED = 2.8
+_TALLEST = 0.6
+# frames and particles looked at for the moment that tells most
+_LOOKS = 200
+_PARTICLES = 2000
 
 
 def moments(motion: MotionRenderer) -> list[int]:
@@ -85,7 +88,8 @@ def composed(
     layout = bare((wide, tall))
     letter = round((0.0165 if across > 1 else 0.022) * width)  # pixels
     rows = -(-len(snapshots) // across)
-    head, foot = round(1.9 * letter), 4 * letter
+    head = round(1.9 * letter)
+    foot = 4 * letter
     size = rows * (tall + head + gap) + foot, across * (wide + gap) + gap
     canvas = np.full((size[0] + size[0] % 2, size[1] + size[1] % 2, 3), 255, dtype=np.uint8)
     corners = [
@@ -132,7 +136,9 @@ def _foot(
     field: bool,
 ) -> None:
     """One scale bar and one legend for all panels; panel: its width and height, pixels: a letter's height, field: whether it is shown."""
-    snapshot, letter, step = snapshots[-1], pixels / page.height, pixels / page.width
+    snapshot = snapshots[-1]
+    letter = pixels / page.height
+    step = pixels / page.width
     y = 2.2 * letter
     meter = 0.5 / view.half_height * panel[1] / page.width
     # Of what is small beside what stands around it the bar is a few of the floor's squares long.
@@ -151,7 +157,8 @@ def _foot(
         found, [page.length(sign.text, 0.9 * letter) + 1.2 * step for sign in found], start, step
     )
     for row, (line, gap) in enumerate(lines):
-        x, height = start, y + (0.8 * letter if len(lines) > 1 else 0.0) - 1.6 * letter * row
+        x = start
+        height = y + (0.8 * letter if len(lines) > 1 else 0.0) - 1.6 * letter * row
         for sign, width in line:
             page.sign(sign, x, height, step, size=letter, text=0.9 * letter)
             x += width + gap

@@ -56,8 +56,10 @@ def fitted(shown: Mapping[str, Any], path: str | Path, title: str = "") -> Path:
 
 def _points(axes: Axes, shown: Mapping[str, Any]) -> None:
     for k, (name, one) in enumerate(shown["series"].items()):
-        color, mark = _COLORS[k % len(_COLORS)], _MARKS[k % len(_MARKS)]
-        x, y = np.array(one.get("fitted_x", one["x"])), np.array(one["fitted"])
+        color = _COLORS[k % len(_COLORS)]
+        mark = _MARKS[k % len(_MARKS)]
+        x = np.array(one.get("fitted_x", one["x"]))
+        y = np.array(one["fitted"])
         order = np.argsort(x, kind="stable") if "fitted_x" not in one else np.arange(len(x))
         axes.plot(x[order], y[order], color=color, linewidth=1.3, zorder=2)
         look: Any = {
@@ -93,7 +95,8 @@ def _residuals(axes: Axes, shown: Mapping[str, Any], x_label: str) -> None:
     sizes = np.array(shown["residuals"])
     axes.axhspan(-1.96, 1.96, color="#EEEEEE", linewidth=0, zorder=0)
     axes.axhline(0.0, color=style.FAINT_INK, linewidth=0.8, zorder=1)
-    lines, held = np.array(shown["lines"]), np.array(shown.get("held_out", [False] * len(sizes)))
+    lines = np.array(shown["lines"])
+    held = np.array(shown.get("held_out", [False] * len(sizes)))
     axes.plot(
         lines[~held],
         sizes[~held],

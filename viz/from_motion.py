@@ -21,7 +21,8 @@ DONE = {
     "limit point": "snapped",
     "bifurcation": "buckled",
 }  # what a body did where a branch of equilibria ended
-FAR = 3.5  # in place of obstacles.REACH for a few moments, where a source is shown before it has come near
+# in place of obstacles.REACH for a few moments, where a source is shown before it has come near
+FAR = 3.5
 
 
 def scene_of(data: Mapping[str, Any] | None) -> Scene | None:
@@ -97,9 +98,9 @@ class MotionRenderer:
             gravity=self.gravity,
             time=frame.time,
             duration=float(np.ptp(self.motion.times)) or 1.0,
-            pace=None
-            if getattr(self.motion, "steps", None)
-            else pace,  # equilibria have no speed of their own
+            pace=(
+                None if getattr(self.motion, "steps", None) else pace
+            ),  # equilibria have no speed of their own
             title=self.title,
             event=self._event(number),
         )
@@ -132,7 +133,8 @@ class MotionRenderer:
 
     def _contact(self, frame: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points where the surface touches something that pushes it, (c, 3) m, and the forces of it as arrows (f, 2, 3) m."""
-        marks, arrows = [np.zeros((0, 3))], []
+        marks = [np.zeros((0, 3))]
+        arrows = []
         for effect, contact in self.motion.contacts.items():
             now = np.flatnonzero(np.isclose(contact["t"], frame.time, rtol=1e-9, atol=1e-15))
             if (
@@ -203,7 +205,8 @@ class MotionRenderer:
 def _near(obstacle: Obstacle, points: np.ndarray, reach: float) -> np.ndarray:
     """Points of an obstacle that must be in view: all of it; of a wall much larger than what is near only what is within reach (m) of the
     body's points."""
-    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
+    low = points.min(axis=0) - reach
+    high = points.max(axis=0) + reach
     if obstacle.name != "wall" or np.ptp(obstacle.points, axis=0).max() < 2.5 * (high - low).max():
         return extremes(obstacle.points, 400)
     some = obstacle.points[:: max(len(obstacle.points) // 400, 1)]

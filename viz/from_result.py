@@ -58,10 +58,12 @@ def _one_frame(result: Any) -> _OneFrame:
     reference, position = (
         np.asarray(x, dtype=float) for x in (result.particle_reference, result.particle_position)
     )
-    part, volume = result.particle_segment, result.particle_volume
+    part = result.particle_segment
+    volume = result.particle_volume
     # A result holds each part's mean of F Br; F is found from the particles' places, and Br is what gives that mean.
     F = gradients(reference, position)
-    remanence, magnetization = np.zeros_like(position), np.zeros_like(position)
+    remanence = np.zeros_like(position)
+    magnetization = np.zeros_like(position)
     for k, mean in enumerate(np.asarray(result.segment_remanence, dtype=float)):
         of = part == k
         turned = np.average(F[of], axis=0, weights=volume[of])
@@ -179,9 +181,11 @@ def beyond(result: Any) -> str:
 def _size(scene: Scene | None, reference: np.ndarray) -> tuple[float, float]:
     """Length, and thickness or what a slender body's marks are sized by, lest they be too small to see, m."""
     sides = np.sort(np.ptp(reference, axis=0))
-    length, thickness = float(sides[2]), float(sides[0])
+    length = float(sides[2])
+    thickness = float(sides[0])
     if scene is not None and scene.body.shape.line is not None:
-        length, thickness = scene.length, scene.thickness
+        length = scene.length
+        thickness = scene.thickness
     return length, max(thickness, 0.06 * length)
 
 

@@ -17,10 +17,9 @@ from magmpm.viz.from_result import segment_arrows
 from magmpm.viz.meshes import Surface, swept
 from magmpm.viz.snapshot import Obstacle, Snapshot, spread
 
-FIELD, GUIDE = (
-    0.15,
-    3.0,
-)  # longest arrow of a depth's field, of the path's length; length of the guide that is shown, in diameters
+# longest arrow of a depth's field, of the path's length; length of the guide that is shown, in diameters
+FIELD = 0.15
+GUIDE = 3.0
 FINE = 80  # points of an axis as it is drawn
 
 
@@ -44,10 +43,8 @@ class Insertion:
         fine = np.linspace(0.0, 1.0, FINE)
         line = np.stack([np.interp(fine, s, column) for column in axis.T], axis=1)
         radius = self.catheter["diameter"] / 2
-        surface, tip = (
-            swept(line, radius),
-            swept(line[-2:] + 1e-3 * radius * (line[-1] - line[-2]), 1e-3 * radius),
-        )
+        surface = swept(line, radius)
+        tip = swept(line[-2:] + 1e-3 * radius * (line[-1] - line[-2]), 1e-3 * radius)
         around = len(tip.points) // 2
         last = surface.points[-around:]
         cap = np.stack(
@@ -78,7 +75,8 @@ class Insertion:
         self, frames: Sequence[Mapping[str, Any]], *, lumen: bool, **caption: Any
     ) -> Snapshot:
         """The bodies of these depths side by side along y, each over its path and, if there are several, next to its field."""
-        diameter, several = float(self.catheter["diameter"]), len(frames) > 1
+        diameter = float(self.catheter["diameter"])
+        several = len(frames) > 1
         length = float(self.path[-1, 0])
         shifts = [
             np.array([0.0, 0.33 * length * (len(frames) - 1 - k), 0.0]) for k in range(len(frames))

@@ -86,7 +86,8 @@ class MatplotlibPanel:
         self._polygons(self.view.project(points)[:, :2][triangles], color, layer.order)
 
     def solids(self, obstacles: tuple[Obstacle, ...], snapshot: Snapshot) -> None:
-        body, colors = snapshot.body, snapshot.colors
+        body = snapshot.body
+        colors = snapshot.colors
         solids = [
             (
                 Surface(o.points, o.triangles, np.full(len(o.triangles), o.hollow)),
@@ -146,7 +147,9 @@ class MatplotlibPanel:
                 arrow = FancyArrowPatch(
                     tuple(ends[0]),
                     tuple(ends[1]),
-                    arrowstyle=f"simple,head_length={head},head_width={2.5 * thick},tail_width={thick}",
+                    arrowstyle=(
+                        f"simple,head_length={head},head_width={2.5 * thick},tail_width={thick}"
+                    ),
                     shrinkA=0.0,
                     shrinkB=0.0,
                     mutation_scale=1.0,
@@ -161,7 +164,8 @@ class MatplotlibPanel:
 
     def _shaded(self, surface: Surface, colors: np.ndarray, order: float) -> None:
         """Triangles in colors (m, 3), the farthest first. The surface's part (m,) says what is hollow: of that only the far side."""
-        corners, hollow = surface.points[surface.triangles], surface.part
+        corners = surface.points[surface.triangles]
+        hollow = surface.part
         face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         face /= np.maximum(np.linalg.norm(face, axis=1, keepdims=True), 1e-300)
         seen = (face @ self.view.toward > 0) != hollow

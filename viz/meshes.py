@@ -40,7 +40,8 @@ def normals(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     Without the weights, rounding turns the normals of slivers, such as those at the center of a disc, into any direction.
     """
     a, b, c = np.moveaxis(np.asarray(points, dtype=float)[triangles], 1, 0)
-    corners, face = triangles.ravel(), np.repeat(np.cross(b - a, c - a), 3, axis=0)
+    corners = triangles.ravel()
+    face = np.repeat(np.cross(b - a, c - a), 3, axis=0)
     total = np.stack(
         [np.bincount(corners, face[:, axis], len(points)) for axis in range(3)], axis=1
     )
@@ -77,7 +78,8 @@ def tube(
 
     ends: m, where each part ends along x; outer, inner: radii in m; step: m, about the length of a triangle.
     """
-    pieces, start = [], 0.0
+    pieces = []
+    start = 0.0
     for k, end in enumerate(ends):
         along = _marks(start, end, step)
         for radius, outward in ((outer, True), (inner, False)):
@@ -108,7 +110,8 @@ def bar(
     def row(x: float, at_y: np.ndarray | float, at_z: np.ndarray | float) -> np.ndarray:
         return np.stack(np.broadcast_arrays(x, at_y, at_z), axis=1)
 
-    pieces, start = [], 0.0
+    pieces = []
+    start = 0.0
     for k, end in enumerate(ends):
         along = _marks(start, end, step)
         for side in (-1, 1):
@@ -165,7 +168,9 @@ def swept(path: np.ndarray, radius: float, around: int = 32) -> Surface:
 
 def refined(surface: Surface, longest: float, most: int = 200_000) -> Surface:
     """The same surface with every edge longer than `longest` (m) halved until none is, or `most` triangles are reached."""
-    points, triangles, part = surface.points, surface.triangles, surface.part
+    points = surface.points
+    triangles = surface.triangles
+    part = surface.part
     while len(triangles) < most:
         edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
         unique, which = np.unique(edges, axis=0, return_inverse=True)
@@ -187,7 +192,8 @@ def _split(
     triangles: np.ndarray, part: np.ndarray, middle: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Triangles cut at the middles (m, 3) of their edges 01, 12, 20; -1 where an edge stays whole."""
-    new, owner = [], []
+    new = []
+    owner = []
     cuts = (middle >= 0).sum(axis=1)
     for count, pieces in _CUTS.items():
         rows = np.flatnonzero(cuts == count)
@@ -225,11 +231,14 @@ def creased(points: np.ndarray, triangles: np.ndarray, part: int, angle: float =
         np.concatenate([3 * np.arange(count) + (i + k) % 3 for i in range(3)]) for k in (0, 1)
     )
     order = np.lexsort(np.sort(edge, axis=1).T)
-    one, other = order[:-1], order[1:]
+    one = order[:-1]
+    other = order[1:]
     pair = (np.sort(edge[one], axis=1) == np.sort(edge[other], axis=1)).all(axis=1)
-    one, other = one[pair], other[pair]
+    one = one[pair]
+    other = other[pair]
     smooth = np.einsum("ij,ij->i", face[of[one]], face[of[other]]) > np.cos(np.radians(angle))
-    one, other = one[smooth], other[smooth]
+    one = one[smooth]
+    other = other[smooth]
     # Neighbors run along their common edge in opposite directions.
     rows = np.concatenate([first[one], second[one]])
     columns = np.concatenate([second[other], first[other]])

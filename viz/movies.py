@@ -26,12 +26,16 @@ NO_FFMPEG = (
 )
 
 # A movie lasts about that long (s), within what these frame rates (1/s) allow; longer motions are shown with fewer frames.
-_LASTS, _SLOWEST, _FASTEST = 6.0, 8.0, 25.0
+_LASTS = 6.0
+_SLOWEST = 8.0
+_FASTEST = 25.0
 MOST_FRAMES = 500
 _HOLD = 1.0  # s that the last moment stands
 
 # Seconds that a best shape stands still, that the last one stands, and that one fades into the next.
-_SHAPE, _LAST_SHAPE, _FADE = 0.7, 2.0, 0.25
+_SHAPE = 0.7
+_LAST_SHAPE = 2.0
+_FADE = 0.25
 
 # Players read a movie that doesn't say its colors as they please, large ones other than small ones. These are the colors of the pictures.
 _COLORS = (
@@ -96,7 +100,8 @@ def frames_movie(
     fps: float | None = None,
 ) -> Movie:
     """The frames of those numbers as a movie, mp4 or GIF; image: a frame's picture (h, w, 3) uint8."""
-    path, fps = _ready(path), fps or rate(len(numbers))
+    path = _ready(path)
+    fps = fps or rate(len(numbers))
     if path.suffix == ".gif":
         few = chosen(len(numbers), 40)
         each = len(numbers) / fps / len(few)
@@ -149,7 +154,8 @@ def best_shapes_movie(
     """
     if not snapshots:
         raise RenderError("a movie needs at least one picture")
-    path, framing = _ready(path), Framing.of(snapshots)
+    path = _ready(path)
+    framing = Framing.of(snapshots)
     size = size or page_of(framing, insets=snapshots[0].insets).size
     _even(size)
     stills = [renderer.image(snapshot, size=size, framing=framing) for snapshot in snapshots]

@@ -37,7 +37,9 @@ def standing(scene: Scene | None) -> list[Obstacle]:
     """Obstacles that do not move: clamps, walls and guides."""
     if scene is None:
         return []
-    found, wall, feed = list(_clamps(scene)), wall_of(scene), scene.effects.feed
+    found = list(_clamps(scene))
+    wall = wall_of(scene)
+    feed = scene.effects.feed
     if wall is not None:
         found.append(
             Obstacle("wall", wall.surface.points, wall.surface.triangles, style.WALL, hollow=True)
@@ -75,7 +77,8 @@ def sources(scene: Scene | None, time: float | None = None) -> list[Obstacle]:
         return []
     field = scene.field
     (place,) = places(field, None if time is None else np.array([time]))
-    turn, origin = place["frame"].reshape(3, 3), place["origin"]
+    turn = place["frame"].reshape(3, 3)
+    origin = place["origin"]
     return [replace(o, points=o.points @ turn.T + origin) for o in _sources(field)]
 
 
@@ -140,7 +143,8 @@ def _halves(
 
 def in_reach(obstacles: list[Obstacle], points: np.ndarray, reach: float) -> list[Obstacle]:
     """The obstacles; those farther than reach (m) from the points (n, 3) m need not be in view, where they would make the body a speck."""
-    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
+    low = points.min(axis=0) - reach
+    high = points.max(axis=0) + reach
     near = [((o.points > low) & (o.points < high)).all(axis=1).any() for o in obstacles]
     return [replace(o, framed=o.framed and bool(is_near)) for o, is_near in zip(obstacles, near)]
 
@@ -182,5 +186,6 @@ def wall_of(scene: Scene) -> Wall | None:
 
 def surfaces(scene: Scene | None) -> dict[str, Plane | Wall]:
     """Surfaces that the body may touch, by effect."""
-    plane, wall = ground(scene), None if scene is None else wall_of(scene)
+    plane = ground(scene)
+    wall = None if scene is None else wall_of(scene)
     return {name: s for name, s in (("ground", plane), ("walls", wall)) if s is not None}

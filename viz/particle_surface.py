@@ -49,7 +49,8 @@ def surface_nets(values: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarr
     Source: S. F. F. Gibson, Constrained elastic surface nets, MICCAI 1998.
     """
     inside = values > level
-    around, crossings = [], []
+    around = []
+    crossings = []
     for axis in range(3):
         low, high = (
             tuple(
@@ -70,7 +71,8 @@ def surface_nets(values: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarr
             np.where(material_below[:, None, None], cells, cells[:, ::-1])
         )  # the surface faces away from the material
         crossings.append(crossing)
-    cells, crossing = np.vstack(around), np.vstack(crossings)
+    cells = np.vstack(around)
+    crossing = np.vstack(crossings)
     shape = tuple(n - 1 for n in values.shape)
     valid: np.ndarray = np.all((cells >= 0) & (cells < shape), axis=2)
     key = np.where(

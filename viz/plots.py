@@ -36,7 +36,8 @@ LOOK: Any = {
 }
 # Text stays text. No date and no random identifiers: the same numbers give the same file.
 _FILES: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "magmpm"}
-_FINEST, _REFERENCE = "#0077BB", "#CC3311"
+_FINEST = "#0077BB"
+_REFERENCE = "#CC3311"
 
 # Tol's "bright" scheme; line styles distinguish the curves without color.
 _COLORS = ("#4477AA", "#EE6677", "#228833", "#CCBB44", "#66CCEE", "#AA3377")
@@ -65,7 +66,8 @@ def convergence(
     )
     values[[k for k in failed if k < len(values)]] = np.nan
     values[~np.isfinite(values)] = np.nan
-    number, good = np.arange(len(values)), np.isfinite(values)
+    number = np.arange(len(values))
+    good = np.isfinite(values)
     best = np.fmin.accumulate(values) if len(values) else values
     with rc_context(LOOK):
         figure = Figure(figsize=(5.4, 3.4), layout="constrained")
@@ -107,7 +109,8 @@ def convergence(
         return saved(figure, path)
 
 
-QUANTITIES = {  # of a second objective: what its axis says, and how many of its units make an SI one
+# of a second objective: what its axis says, and how many of its units make an SI one
+QUANTITIES = {
     "largest_field_T": ("largest field (mT)", 1e3),
     "magnetized_volume_m3": ("magnetized volume (mm\u00b3)", 1e9),
 }
@@ -195,7 +198,8 @@ def _stop_and_failures(axes: Axes, stop: float | None, failed: np.ndarray) -> No
 
 def _scale_of_rms(axes: Axes, shown: np.ndarray) -> None:
     """Logarithmic where the values shown (mm) span more than a factor of ten, else from zero."""
-    low, high = float(shown.min()), float(shown.max())
+    low = float(shown.min())
+    high = float(shown.max())
     if low > 0 and high > 10 * low:
         axes.set_yscale("log")
         axes.set_ylim(0.75 * low, 1.6 * high)

@@ -142,7 +142,8 @@ class Snapshot:
             raise ValueError("Snapshot.body has no points: there is nothing to draw")
         if isinstance(self.body, Particles) and self.body.part.shape != (len(self.body.points),):
             raise ValueError(
-                f"Particles.part has shape {self.body.part.shape}; it must be ({len(self.body.points)},), one a particle"
+                f"Particles.part has shape {self.body.part.shape}; it must be"
+                f" ({len(self.body.points)},), one a particle"
             )
 
     @property

@@ -27,16 +27,21 @@ HELD = "#6E6E6E"
 INK = "#1A1A1A"
 FAINT_INK = "#666666"
 ALARM = "#B3261E"  # says that a picture shows no answer
-FLOOR, GRID, SHADOW = "#F7F7F5", "#DDDDDA", "#E2E2DE"
+FLOOR = "#F7F7F5"
+GRID = "#DDDDDA"
+SHADOW = "#E2E2DE"
 TARGET_SHADOW = "#A9B8DE"
 FRAME = "#BBBBBB"
 
 # What stands around the body. North and south: red and blue of Tol's "vibrant" scheme, told apart by their lightness too.
-NORTH, SOUTH = "#CC3311", "#33608F"
+NORTH = "#CC3311"
+SOUTH = "#33608F"
 POLES = "(N, S)"  # ends the names of obstacles that are red in the north and blue in the south
 COIL = "#B87333"
 WALL = "#C9D3DE"
-GROUND, GROUND_GRID, GROUND_SHADOW = "#EFEADF", "#C9BFA8", "#CDC3AC"
+GROUND = "#EFEADF"
+GROUND_GRID = "#C9BFA8"
+GROUND_SHADOW = "#CDC3AC"
 CONTACT = "#0033CC"
 TRACE = "#888888"
 COMPONENTS = (
@@ -50,10 +55,13 @@ MOVIE_SIZE = (1280, 720)
 TRIAL_SIZE = (800, 600)
 
 # Sizes in diameters of the body.
-CLAMP_RADIUS, CLAMP_THICKNESS = 0.7, 0.15
+CLAMP_RADIUS = 0.7
+CLAMP_THICKNESS = 0.15
 
 # Sizes in the body's thickness (Snapshot.thickness).
-DOT_WIDTH, ARROW_WIDTH, MARK_WIDTH = 0.28, 0.13, 0.1
+DOT_WIDTH = 0.28
+ARROW_WIDTH = 0.13
+MARK_WIDTH = 0.1
 
 ARROW_HALO = 0.35  # white rim of an arrow, in widths of its shaft
 
@@ -63,7 +71,9 @@ BALL_WIDTH = 1.2
 TARGET_DOTS = 21
 
 # Heights of letters as a fraction of the picture's height.
-TEXT_LARGE, TEXT_MEDIUM, TEXT_SMALL = 0.034, 0.028, 0.024
+TEXT_LARGE = 0.034
+TEXT_MEDIUM = 0.028
+TEXT_SMALL = 0.024
 
 
 def segment_colors(magnetized: np.ndarray) -> np.ndarray:

@@ -116,7 +116,8 @@ def _plane(
     """Plot how far the tip goes over two components of the field."""
     n, m = shape
     away = np.linalg.norm(tips - [length, 0.0, 0.0], axis=1)
-    x, y = fields[:, axes[0]], fields[:, axes[1]]
+    x = fields[:, axes[0]]
+    y = fields[:, axes[1]]
     shown = chart.pcolormesh(
         x.reshape(n, m),
         y.reshape(n, m),

@@ -94,7 +94,8 @@ class VtkPanel:
         self, place: Panel, view: View, reach: float, page_height: int, thin: float
     ) -> None:
         self.view = view
-        self._reach, self._thin = reach, thin
+        self._reach = reach
+        self._thin = thin
         # Pixels to a meter: balls are points, whose size is in pixels. Lines get thinner in small pictures.
         self._scale = 0.5 * page_height * (place.top - place.bottom) / view.half_height
         self._line_unit = page_height / 900
@@ -112,7 +113,8 @@ class VtkPanel:
 
     def aim(self, shift: tuple[float, float]) -> None:
         """Point the camera, moved by a shift in pixels to the right and up."""
-        view, camera = self.view, self.renderer.GetActiveCamera()
+        view = self.view
+        camera = self.renderer.GetActiveCamera()
         center = view.center + (shift[0] * view.right + shift[1] * view.up) / self._scale
         camera.ParallelProjectionOn()
         camera.SetFocalPoint(*center)
@@ -145,7 +147,8 @@ class VtkPanel:
     def solids(self, obstacles: tuple[Obstacle, ...], snapshot: Snapshot) -> None:
         for o in obstacles:
             self._solid(o.points, o.triangles, o.color).SetFrontfaceCulling(o.hollow)
-        body, colors = snapshot.body, snapshot.colors
+        body = snapshot.body
+        colors = snapshot.colors
         if isinstance(body, Particles):
             colors = (
                 colors * self.view.brightness(outward(body, snapshot.axis), contrast=0.15)[:, None]
@@ -171,8 +174,10 @@ class VtkPanel:
         halo: bool = False,
     ) -> None:
         """An arrow from start (3,) along vector (3,), its shaft `width` thick, all in m; halo: with a white rim."""
-        start, length = self._lifted(start, layer), float(np.linalg.norm(vector))
-        thickness, rim = width / length, style.ARROW_HALO * width / length
+        start = self._lifted(start, layer)
+        length = float(np.linalg.norm(vector))
+        thickness = width / length
+        rim = style.ARROW_HALO * width / length
         if halo:
             # Of this larger white arrow only the far side is drawn: it shows around the arrow, not in front of it.
             around = self._actor(

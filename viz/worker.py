@@ -45,10 +45,18 @@ DOES_NOT_START = (
     "PyVista does not start here ({reason}), so matplotlib draws the pictures; "
     "OpenGL without a display needs: apt-get install libegl1 libgl1-mesa-dri (or libosmesa6)."
 )
-NO_PYVISTA = "PyVista is not installed, so matplotlib draws the pictures; for PyVista's: pip install 'magmpm[render]'."
-GAVE_UP = "PyVista's drawing process kept failing ({reason}), so matplotlib draws the pictures from here on."
+NO_PYVISTA = (
+    "PyVista is not installed, so matplotlib draws the pictures; for PyVista's: pip install"
+    " 'magmpm[render]'."
+)
+GAVE_UP = (
+    "PyVista's drawing process kept failing ({reason}), so matplotlib draws the pictures from"
+    " here on."
+)
 
-STARTING, CLOSING = 60.0, 1.0  # s that the drawing process gets to start, and to end by itself
+# s that the drawing process gets to start, and to end by itself
+STARTING = 60.0
+CLOSING = 1.0
 
 # After so many pictures in a row that PyVista could not draw even after a restart, it is not tried again.
 MOST_FAILURES = 3
@@ -296,7 +304,8 @@ class Renderer:
 
     def _fall_back(self, note: str) -> None:
         self._drop_worker()
-        self.backend, self.note = "matplotlib", note
+        self.backend = "matplotlib"
+        self.note = note
 
     def _drop_worker(self) -> None:
         if self._worker is not None:

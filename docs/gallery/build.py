@@ -41,7 +41,8 @@ from magmpm.viz.worker import Renderer
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-POSTER_BYTES, MOVIE_BYTES = 300_000, 1024 * 1024
+POSTER_BYTES = 300_000
+MOVIE_BYTES = 1024 * 1024
 MOMENTS = {  # s
     "catheter_swing": (0.0, 0.03, 0.088),
     "folding_strip": (0.0, 0.07, 0.2),
@@ -49,7 +50,8 @@ MOMENTS = {  # s
     "zhao_beam": (0.4, 0.7, 1.05),
 }
 BESIDE = {"zhao_beam": ("zhao_beam_5mm",)}
-BEGIN, END = "<!-- measured -->", "<!-- /measured -->"
+BEGIN = "<!-- measured -->"
+END = "<!-- /measured -->"
 
 
 def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
@@ -92,7 +94,8 @@ def build(root: Path, name: str, scenes: Sequence[Path], *, fresh: bool = False)
     draw_moments(name, folders)
     images = root / "docs/images/gallery"
     images.mkdir(parents=True, exist_ok=True)
-    moments, movie = folders[0] / "moments.png", folders[0] / "movie.mp4"
+    moments = folders[0] / "moments.png"
+    movie = folders[0] / "movie.mp4"
     (images / f"{name}.png").write_bytes(
         poster(moments if moments.exists() else folders[0] / "picture.png")
     )
@@ -130,10 +133,8 @@ def draw_moments(name: str, folders: Sequence[Path]) -> None:
         framing = Framing.of_all([motion.framing for motion in motions])
 
         def side_by_side(k: int) -> np.ndarray:
-            shown, texts = (
-                [(motion, k) for motion in motions],
-                [words(motion.motion, k) for motion in motions],
-            )
+            shown = [(motion, k) for motion in motions]
+            texts = [words(motion.motion, k) for motion in motions]
             return composed(shown, renderer, len(motions), style.MOVIE_SIZE[0], texts, framing)
 
         frames = chosen(min(len(motion) for motion in motions), MOST_FRAMES)

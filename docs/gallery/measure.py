@@ -47,7 +47,8 @@ def distance_from(moved: Result, still: Result) -> tuple[float, float]:
 def mass_center(motion: Motion, number: int, part: int | None = None) -> Array:
     """Volume average (3,) m of the position of the body, or of one of its parts, in a frame."""
     mine = np.ones(len(motion.part), bool) if part is None else motion.part == part
-    position, volume = motion.position(number)[mine].astype(float), motion.volume[mine]
+    position = motion.position(number)[mine].astype(float)
+    volume = motion.volume[mine]
     return np.asarray(volume @ position / volume.sum())
 
 
@@ -61,7 +62,8 @@ def steps_along_x(motion: Motion, period: float) -> Array:
 def turned(motion: Motion, number: int, part: int) -> float:
     """Angle (degrees) by which a part has rotated since the first frame: the rotation that fits its particles best."""
     mine = motion.part == part
-    before, now = motion.reference[mine].astype(float), motion.position(number)[mine].astype(float)
+    before = motion.reference[mine].astype(float)
+    now = motion.position(number)[mine].astype(float)
     u, _, vt = np.linalg.svd((before - before.mean(0)).T @ (now - now.mean(0)))
     rotation = vt.T @ np.diag([1.0, 1.0, np.linalg.det(vt.T @ u.T)]) @ u.T
     return float(np.degrees(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1.0, 1.0))))
@@ -104,12 +106,15 @@ def rod_pulled(scene: Scene, move: Array, points: int = 2000) -> Array:
     M' = -(n_z cos a - n_x sin a + m_x B_z - m_z B_x), n' = -grad (m . B), a' = M / (E I), all per length of the deformed axis,
     n = M = 0 at the tip and a = 0 at the base; solved by iteration from the straight rod.
     """
-    catheter, magnets = scene.body.catheter, scene.field.magnet
+    catheter = scene.body.catheter
+    magnets = scene.field.magnet
     assert catheter is not None
     assert magnets is not None
     assert magnets[0].cylinder is not None
-    magnet, solid = magnets[0], magnets[0].cylinder
-    G, ratio = scene.region_material(0).shear_modulus, scene.region_material(0).bulk_to_shear
+    magnet = magnets[0]
+    solid = magnets[0].cylinder
+    G = scene.region_material(0).shear_modulus
+    ratio = scene.region_material(0).bulk_to_shear
     stiffness = 9 * ratio * G / (3 * ratio + 1) * math.pi * catheter.diameter**4 / 64
     moment = (
         magnet.remanence
@@ -120,7 +125,8 @@ def rod_pulled(scene: Scene, move: Array, points: int = 2000) -> Array:
         * solid.length
         * np.array(magnet.axis)
     )
-    at, ds = (np.array(magnet.position) + move)[:, None], catheter.length / points
+    at = (np.array(magnet.position) + move)[:, None]
+    ds = catheter.length / points
     s = (np.arange(points) + 0.5) * ds
     area = math.pi * catheter.diameter**2 / 4
     strength = (
@@ -141,10 +147,13 @@ def rod_pulled(scene: Scene, move: Array, points: int = 2000) -> Array:
 
     angle = np.zeros(points)
     for _ in range(500):
-        c, w = np.cos(angle), np.sin(angle)
+        c = np.cos(angle)
+        w = np.sin(angle)
         p = np.stack([(np.cumsum(c) - 0.5 * c) * ds, 0 * s, (np.cumsum(w) - 0.5 * w) * ds])
         m = strength * np.stack([c, 0 * s, w])
-        x, z, B = np.array([[1e-6], [0], [0]]), np.array([[0], [0], [1e-6]]), flux(p)
+        x = np.array([[1e-6], [0], [0]])
+        z = np.array([[0], [0], [1e-6]])
+        B = flux(p)
         nx = beyond((m * (flux(p + x) - flux(p - x))).sum(0) / 2e-6)
         nz = beyond((m * (flux(p + z) - flux(p - z))).sum(0) / 2e-6)
         bend = beyond(c * nz - w * nx + m[0] * B[2] - m[2] * B[0]) / stiffness
@@ -177,7 +186,10 @@ def pull(folder: Path) -> Rows:
     ]
 
 
-HUB, BALL, ARMS = 0, 1, range(3, 15, 2)  # parts of gripper.yaml; ARMS: the outer halves
+# parts of gripper.yaml; ARMS: the outer halves
+HUB = 0
+BALL = 1
+ARMS = range(3, 15, 2)
 
 
 def grip(folder: Path) -> Rows:
@@ -209,7 +221,8 @@ def smallest_gap(motion: Motion, scene: Scene) -> tuple[float, float]:
     """Smallest gap over all frames, in cells, between folds of a strip that are not neighbors along it, and its time (s)."""
     h = scene.thickness / scene.resolution.cells_across
     reference = motion.reference.astype(float)
-    size, apart = h / scene.resolution.particles_per_cell, scene.thickness + 4 * h
+    size = h / scene.resolution.particles_per_cell
+    apart = scene.thickness + 4 * h
     gaps = [
         self_contact.gap(motion.position(k).astype(float), reference, size, apart, 3 * h) / h
         for k in range(len(motion))
@@ -253,7 +266,8 @@ SWEPT = (
 
 def end_of(motion: Motion, number: int) -> Array:
     """Center (3,) m of the free end of a strip in a frame: extrapolated to the end from the last two columns of particles."""
-    position, along = motion.position(number).astype(float), motion.reference[:, 0].astype(float)
+    position = motion.position(number).astype(float)
+    along = motion.reference[:, 0].astype(float)
     column = np.unique(along.round(9))
     end, before = (
         position[np.isclose(along, x, rtol=0, atol=1e-8)].mean(axis=0) for x in column[[-1, -2]]
@@ -292,7 +306,8 @@ def against_finite_elements(motion: Motion) -> Array:
 
 def sweep(folder: Path) -> Rows:
     """Deflection of the beam in each field of the sweep, against finite elements and statics."""
-    motion, moved = Motion.load(folder), Result.load(folder)
+    motion = Motion.load(folder)
+    moved = Result.load(folder)
     found, fem = against_finite_elements(motion)
     rows = [
         (f"deflection / length at {B:g} mT (finite elements)", f"{d:.4f} ({known:.4f})")

@@ -29,7 +29,9 @@ from magmpm.viz import style
 from magmpm.viz.plots import LOOK, saved
 
 ROOT = Path(__file__).resolve().parents[2]
-DATA, PAGE, IMAGES = ROOT / "data", ROOT / "docs/measured.md", ROOT / "docs/images"
+DATA = ROOT / "data"
+PAGE = ROOT / "docs/measured.md"
+IMAGES = ROOT / "docs/images"
 SCATTER = 0.02  # of the length: scatter of points digitized from a published figure
 LENGTHS = (
     10.0,
@@ -39,13 +41,15 @@ LENGTHS = (
 )  # mm: free lengths of the guidewire; its bent tip must clear the magnet in the nearest row
 RATE = 6.5  # mT/s: of the field that snapped Tan's arch
 LAWS = ("stretches", "rotates")
-BLUE, RED = "#0077BB", "#CC3311"
+BLUE = "#0077BB"
+RED = "#CC3311"
 
 
 def _reversed(law: str) -> tuple[list[float], Any, dict[str, Any]]:
     """Fields (mT), measured deflections of Zhao's beam over its length, and those by published constants, for two widths."""
     reference = json.loads((DATA / "references/zhao_beam.json").read_text())
-    fields, measured = reference["field_mT"][1:], np.array(reference["published"]["experiment"][1:])
+    fields = reference["field_mT"][1:]
+    measured = np.array(reference["published"]["experiment"][1:])
     found = {}
     for name, words in (("zhao_width_5mm", "5 mm wide"), ("zhao_plane_strain", "plane strain")):
         scene = load_scene(DATA / f"scenes/{name}.yaml").with_material(magnetization_law=law)
@@ -163,10 +167,8 @@ def kim() -> tuple[str, Figure]:
 
 def kim_modes() -> tuple[str, None]:
     """Table of the other columns of Kim's guidewire, predicted from the fit of the first."""
-    scene, path = (
-        load_scene(DATA / "scenes/kim_guidewire.yaml"),
-        DATA / "measured/kim2022_guidewire_modes.csv",
-    )
+    scene = load_scene(DATA / "scenes/kim_guidewire.yaml")
+    path = DATA / "measured/kim2022_guidewire_modes.csv"
     columns = [f"{mode}-{phi}" for mode in ("attraction", "repulsion") for phi in (90, 120, 150)]
     known, _ = read_split([path], scene, "series=" + ",".join(columns[1:]))
     found = fit(known, scene, vary=["shear_modulus"], thorough=False)
@@ -197,7 +199,8 @@ def _mirrored(measured: Any) -> Any:
     """The table with the magnet behind the clamp in place of before it, or the other way round."""
     states = []
     for state in measured.states:
-        there, axis = state.apparatus.magnet, state.apparatus.axis
+        there = state.apparatus.magnet
+        axis = state.apparatus.axis
         turned = replace(
             state.apparatus,
             magnet=(-there[0], there[1], there[2]),
@@ -332,10 +335,8 @@ def laws() -> tuple[str, None]:
         0.5,
         3,
     )
-    moduli, half = (
-        [1e-6 * one.constants[0].value for one in fits],
-        0.5e-6 * (fits[0].constants[0].high - fits[0].constants[0].low),
-    )
+    moduli = [1e-6 * one.constants[0].value for one in fits]
+    half = 0.5e-6 * (fits[0].constants[0].high - fits[0].constants[0].low)
     row(
         "Kim, the same",
         "effective shear modulus",
@@ -422,10 +423,8 @@ def main(*names: str) -> int:
         if figure is not None:
             with rc_context(LOOK):
                 saved(figure, IMAGES / f"measured_{name}.png")
-        page, place = (
-            PAGE.read_text(encoding="utf-8"),
-            rf"(<!-- table: {name} -->\n).*?(\n?<!-- end -->)",
-        )
+        page = PAGE.read_text(encoding="utf-8")
+        place = rf"(<!-- table: {name} -->\n).*?(\n?<!-- end -->)"
         PAGE.write_text(
             re.sub(
                 place,

@@ -27,10 +27,9 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/gallery/zhao_beam.md"
 PICTURE = ROOT / "docs/images/gallery/zhao_beam_fields.png"
 NUMBERS = ROOT / "docs/gallery/zhao_beam.json"
-BEGIN, END = (
-    "<!-- compared -->",
-    "<!-- /compared -->",
-)  # build.py has the marks of the measured table
+# build.py has the marks of the measured table
+BEGIN = "<!-- compared -->"
+END = "<!-- /compared -->"
 SCENES = {"plane_strain": "zhao_plane_strain", "width_5mm": "zhao_width_5mm"}
 NAMES = {"plane_strain": "plane strain", "width_5mm": "5 mm wide"}
 CURVE = (
@@ -52,7 +51,9 @@ CURVE = (
     40.0,
 )  # mT: points of the lines in the picture
 MOTION_CELLS = 3  # through the thickness
-DENSITY, DAMPING = 1900.0, 80.0  # kg/m^3, 1/s: for the motion; its final state depends on neither
+# kg/m^3, 1/s: for the motion; its final state depends on neither
+DENSITY = 1900.0
+DAMPING = 80.0
 
 
 def changed(scene: Scene, **changes: Any) -> Scene:
@@ -106,7 +107,8 @@ def sweep(fields: list[float], motion: list[str]) -> dict[str, Any]:
             }
     some = (7.0, 15.0, 40.0)
     found["variants"]["fields_mT"] = some
-    plane, wide = scenes["plane_strain"], scenes["width_5mm"].with_cells(2)
+    plane = scenes["plane_strain"]
+    wide = scenes["width_5mm"].with_cells(2)
     cases = {
         "plane strain, K = 500 G": changed(plane, bulk_to_shear=500.0),
         "plane strain, K = 20 G": plane,
@@ -124,7 +126,9 @@ def sweep(fields: list[float], motion: list[str]) -> dict[str, Any]:
 
 def draw(found: dict[str, Any], known: dict[str, Any]) -> Path:
     """Draw the picture: deflection against field."""
-    published, fem, curves = known["published"], known["finite_elements"], found["curves"]
+    published = known["published"]
+    fem = known["finite_elements"]
+    curves = found["curves"]
     x = known["field_mT"]
     points = [
         ("our finite elements, plane strain", fem["plane_strain"]["deflection"], "+", "#0077BB"),

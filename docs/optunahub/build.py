@@ -11,8 +11,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-HERE, ROOT = Path(__file__).resolve().parent, Path(__file__).resolve().parents[2]
-SAMPLERS, INSIDE = ROOT / "studies/search/samplers", "magmpm.studies.search.samplers."
+HERE = Path(__file__).resolve().parent
+ROOT = Path(__file__).resolve().parents[2]
+SAMPLERS = ROOT / "studies/search/samplers"
+INSIDE = "magmpm.studies.search.samplers."
 MODULES = {"gauss_newton": "_sampler", "gauss_newton_steps": "_steps", "optuna_ids": "_optuna_ids"}
 ALLOWED = {
     "__future__",

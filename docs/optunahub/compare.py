@@ -22,7 +22,9 @@ import optuna
 from magmpm.studies.search.samplers.gauss_newton import GaussNewtonSampler, Number
 
 ROOT = Path(__file__).resolve().parents[2]
-TRIALS, NEAR, ZERO = 100, 1.01, 1e-6
+TRIALS = 100
+NEAR = 1.01
+ZERO = 1e-6
 Array = Any
 # fmt: off
 BARD = np.array([0.14, 0.18, 0.22, 0.25, 0.29, 0.32, 0.35, 0.39, 0.37, 0.58, 0.73, 0.96, 1.34, 2.10, 4.39])
@@ -40,8 +42,10 @@ def rosenbrock(x: Array) -> tuple[Array, Array]:
 
 
 def powell(x: Array) -> tuple[Array, Array]:
-    a, b = x[1] - 2 * x[2], x[0] - x[3]
-    r5, r10 = np.sqrt(5), np.sqrt(10)
+    a = x[1] - 2 * x[2]
+    b = x[0] - x[3]
+    r5 = np.sqrt(5)
+    r10 = np.sqrt(10)
     residuals = np.array([x[0] + 10 * x[1], r5 * (x[2] - x[3]), a**2, r10 * b**2])
     slopes = [
         [1, 10, 0, 0],
@@ -54,7 +58,8 @@ def powell(x: Array) -> tuple[Array, Array]:
 
 def bard(x: Array) -> tuple[Array, Array]:
     u = np.arange(1.0, 16.0)
-    v, w = 16 - u, np.minimum(u, 16 - u)
+    v = 16 - u
+    w = np.minimum(u, 16 - u)
     below = v * x[1] + w * x[2]
     return BARD - x[0] - u / below, np.column_stack(
         [-np.ones(15), u * v / below**2, u * w / below**2]
@@ -63,7 +68,8 @@ def bard(x: Array) -> tuple[Array, Array]:
 
 def mgh09(x: Array) -> tuple[Array, Array]:
     y, u = MGH09
-    above, below = u**2 + u * x[1], u**2 + u * x[2] + x[3]
+    above = u**2 + u * x[1]
+    below = u**2 + u * x[2] + x[3]
     slopes = np.column_stack(
         [above / below, x[0] * u / below, -x[0] * above * u / below**2, -x[0] * above / below**2]
     )

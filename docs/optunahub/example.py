@@ -22,14 +22,16 @@ Y = np.array(
     [0.1957, 0.1947, 0.1735, 0.1600, 0.0844, 0.0627, 0.0456, 0.0342, 0.0323, 0.0235, 0.0246]
 )
 U = np.array([4.0, 2.0, 1.0, 0.5, 0.25, 0.167, 0.125, 0.1, 0.0833, 0.0714, 0.0625])
-LOW, HIGH = 0.0, 1.0
+LOW = 0.0
+HIGH = 1.0
 NUMBERS = [module.Number(f"b{k}", LOW, HIGH) for k in range(1, 5)]
 
 
 def objective(trial: optuna.Trial) -> float:
     """The root of the sum of squares; residuals and their derivatives go with the trial."""
     b1, b2, b3, b4 = (trial.suggest_float(number.name, LOW, HIGH) for number in NUMBERS)
-    above, below = U**2 + U * b2, U**2 + U * b3 + b4
+    above = U**2 + U * b2
+    below = U**2 + U * b3 + b4
     residuals = b1 * above / below - Y
     jacobian = np.column_stack(
         [above / below, b1 * U / below, -b1 * above * U / below**2, -b1 * above / below**2]

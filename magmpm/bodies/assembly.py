@@ -70,7 +70,9 @@ HELD_EDGE = 0.25  # of a cell: longest edge of triangles whose points tell where
 INSIDE = (
     np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6
 )  # three points in a triangle, exact for quadratic functions
-SPECK = 0.01  # of the body's length: with two cells through such a part the body would have 200 a side; units differ by ten and more
+# of the body's length: with two cells through such a part the body would have 200 a side; units
+# differ by ten and more
+SPECK = 0.01
 
 
 class MeshPart(Settings):
@@ -89,8 +91,10 @@ class MeshPart(Settings):
     material: str = Field(description="A name from `materials`.", examples=["silicone"])
     magnetization: Direction = Field(
         default=(0.0, 0.0, 0.0),
-        description="Direction in the undeformed part: [x, y, z], normalized, or {azimuth: ..., elevation: ...}; "
-        "[0, 0, 0], unmagnetized, unless given.",
+        description=(
+            "Direction in the undeformed part: [x, y, z], normalized, or {azimuth: ..., elevation:"
+            " ...}; [0, 0, 0], unmagnetized, unless given."
+        ),
         examples=[[0, 0, 1]],
     )
     clamp: bool = Field(
@@ -138,8 +142,11 @@ class Parts(BodyShape):
 
     tip: Tip | None = Field(
         default=None,
-        description="What results call the tip: a part by its name, meant is its center, or a point of a part that "
-        "moves, in the undeformed body, such as the middle of an end face. Unless given, parts have no tip.",
+        description=(
+            "What results call the tip: a part by its name, meant is its center, or a point of a"
+            " part that moves, in the undeformed body, such as the middle of an end face. Unless"
+            " given, parts have no tip."
+        ),
         examples=["arm", ["18 mm", "0 mm", "0 mm"]],
     )
 
@@ -158,8 +165,9 @@ class Parts(BodyShape):
         for i, j, shared, smaller in overlaps([part.mesh for part in meshes]):
             if shared > MAY_OVERLAP * smaller:
                 raise fault(
-                    f"parts must not overlap: {meshes[j].name or f'part {j + 1}'} shares {shared:.3g} {unit or ''}^3 with "
-                    f"{meshes[i].name or f'part {i + 1}'}, {100 * shared / smaller:.3g} % of the smaller",
+                    f"parts must not overlap: {meshes[j].name or f'part {j + 1}'} shares"
+                    f" {shared:.3g} {unit or ''}^3 with {meshes[i].name or f'part {i + 1}'},"
+                    f" {100 * shared / smaller:.3g} % of the smaller",
                     "move or trim one of them; faces may touch, and then hold together",
                     (j, "mesh"),
                 )
@@ -177,10 +185,14 @@ class Parts(BodyShape):
             for i, part in enumerate(self.meshes):
                 thickness = self.part_thickness(i)
                 if not part.clamp and thickness < LEAST_CELLS * self.spacing * (1 - 1e-6):
-                    remedy = f"at most `spacing: {1e3 * thickness / LEAST_CELLS:.3g} mm`, or leave spacing out"
+                    remedy = (
+                        f"at most `spacing: {1e3 * thickness / LEAST_CELLS:.3g} mm`, or leave"
+                        " spacing out"
+                    )
                     rule = (
-                        f"a part must be at least {LEAST_CELLS} cells thick: {part.name or f'part {i + 1}'} is "
-                        f"{1e3 * thickness:.3g} mm, {thickness / self.spacing:.2g} cells of {1e3 * self.spacing:.3g} mm"
+                        f"a part must be at least {LEAST_CELLS} cells thick:"
+                        f" {part.name or f'part {i + 1}'} is {1e3 * thickness:.3g} mm,"
+                        f" {thickness / self.spacing:.2g} cells of {1e3 * self.spacing:.3g} mm"
                     )
                     whole = self.part_length(i)
                     if whole >= self.spacing:
@@ -203,10 +215,14 @@ class Parts(BodyShape):
                 near = difflib.get_close_matches(self.tip, moving, n=1)
                 listed = ", ".join(moving[:SHOWN]) + (", ..." if len(moving) > SHOWN else "")
                 raise fault(
-                    f"the tip must be {'a part that moves' if held else 'the name of a part that moves'}: {listed}",
-                    f'did you mean "{near[0]}"?'
-                    if near and not held
-                    else "name one of them, or write a point: [18 mm, 0 mm, 0 mm]",
+                    "the tip must be"
+                    f" {'a part that moves' if held else 'the name of a part that moves'}:"
+                    f" {listed}",
+                    (
+                        f'did you mean "{near[0]}"?'
+                        if near and not held
+                        else "name one of them, or write a point: [18 mm, 0 mm, 0 mm]"
+                    ),
                     ("tip",),
                 )
         elif self.tip is not None:
@@ -267,9 +283,9 @@ class Parts(BodyShape):
                 1 - 1e-6
             ):
                 return (
-                    f"is its file in {unit}? Then it is {length(times * self.part_length(index))} long: "
-                    f"export it in {self.unit}, as `unit` says, or write `unit: {unit}` if all parts are; "
-                    f"if it is so small, {otherwise}"
+                    f"is its file in {unit}? Then it is {length(times * self.part_length(index))}"
+                    f" long: export it in {self.unit}, as `unit` says, or write `unit: {unit}` if"
+                    f" all parts are; if it is so small, {otherwise}"
                 )
         return otherwise
 
@@ -373,11 +389,14 @@ class Parts(BodyShape):
 
     def held_surface(self, grid: Grid) -> SurfacePoints:
         """Points on the faces of parts that can move where they lie on parts that are held."""
-        within, longest = TOUCHING * self.length, HELD_EDGE * float(grid.spacing.min())
+        within = TOUCHING * self.length
+        longest = HELD_EDGE * float(grid.spacing.min())
         triangles = self.triangles()
         still = [mesh for part, mesh in zip(self.meshes, triangles, strict=True) if part.clamp]
         held = np.ascontiguousarray(np.concatenate(still))
-        position, area, region = [], [], []
+        position = []
+        area = []
+        region = []
         for k, (part, mesh) in enumerate(zip(self.meshes, triangles, strict=True)):
             if part.clamp:
                 continue
@@ -396,11 +415,9 @@ class Parts(BodyShape):
         return SurfacePoints(np.concatenate(position), np.concatenate(area), np.concatenate(region))
 
     def solids(self, cell: float, particles: Particles) -> Solids:
-        component, scale, thin = (
-            self.components(particles),
-            UNITS[self.unit],
-            NEEDLE * cell / UNITS[self.unit],
-        )
+        component = self.components(particles)
+        scale = UNITS[self.unit]
+        thin = NEEDLE * cell / UNITS[self.unit]
         parts = [
             np.unique(particles.segment[component == one])
             for one in range(int(component.max()) + 1)
@@ -439,8 +456,8 @@ class Parts(BodyShape):
         for i, region in enumerate(self.regions()):
             if not region.held and self.part_length(i) < SPECK * self.length:
                 found.append(
-                    f"body.parts: {region.name} is {length(self.part_length(i))} long, all parts together {length(self.length)}: "
-                    f"are all files in {self.unit}?"
+                    f"body.parts: {region.name} is {length(self.part_length(i))} long, all parts"
+                    f" together {length(self.length)}: are all files in {self.unit}?"
                 )
         return found
 
@@ -457,12 +474,12 @@ class Parts(BodyShape):
             apart = unit * nearest_solids(part.mesh, 3 * cell / unit)
             if not region.held and least < apart < 2 * cell:
                 told.append(
-                    f"body.parts: two solids of {region.name} are {1e3 * apart:.3g} mm apart, less than two cells of "
-                    f"{1e3 * cell:.3g} mm: they move as if joined"
+                    f"body.parts: two solids of {region.name} are {1e3 * apart:.3g} mm apart, less"
+                    f" than two cells of {1e3 * cell:.3g} mm: they move as if joined"
                 )
         return told + [
-            f"body.parts: {regions[i].name} and {regions[j].name} are {1e3 * gaps[i, j]:.3g} mm apart, less than two cells of "
-            f"{1e3 * cell:.3g} mm: they move as if joined"
+            f"body.parts: {regions[i].name} and {regions[j].name} are {1e3 * gaps[i, j]:.3g} mm"
+            f" apart, less than two cells of {1e3 * cell:.3g} mm: they move as if joined"
             for i, j in itertools.combinations(range(len(regions)), 2)
             if one_grid
             and least < gaps[i, j] < 2 * cell

@@ -54,9 +54,11 @@ class Body(Settings):
         if len(named) != 1:
             raise fault(
                 f"must have one of the keys {', '.join(type(self).model_fields)}",
-                "keep one of them"
-                if named
-                else "write, say, `catheter: {length: 40 mm, diameter: 4 mm, ...}`",
+                (
+                    "keep one of them"
+                    if named
+                    else "write, say, `catheter: {length: 40 mm, diameter: 4 mm, ...}`"
+                ),
             )
         return self
 

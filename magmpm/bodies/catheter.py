@@ -26,7 +26,9 @@ from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
 from magmpm.inputs.settings import Length, Quantity, Width, fault
 from magmpm.inputs.vectors import Vector
 
-THINNEST_WALL = 1e-3  # of the diameter: a hundredth of a cell at 16 cells across; `warnings` reports walls thinner than a cell
+# of the diameter: a hundredth of a cell at 16 cells across; `warnings` reports walls thinner than a
+# cell
+THINNEST_WALL = 1e-3
 THIN_WALL = "resolution: the tube's wall"  # how the warning of a wall of less than a cell begins
 
 
@@ -75,7 +77,8 @@ class Catheter(StraightBody):
             )
         if outer is not None and not (outer - inner) / 2 >= THINNEST_WALL * outer * (1 - 1e-9):
             raise fault(
-                f"a tube's wall must be at least {THINNEST_WALL:g} times its diameter thick, {1e3 * THINNEST_WALL * outer:.3g} mm here",
+                f"a tube's wall must be at least {THINNEST_WALL:g} times its diameter thick,"
+                f" {1e3 * THINNEST_WALL * outer:.3g} mm here",
                 f"give at most {1e3 * (1 - 2 * THINNEST_WALL) * outer:g} mm",
             )
         return inner
@@ -94,7 +97,8 @@ class Catheter(StraightBody):
         if not 0.0 < 2 * wall < outer:
             return Instead("write inner_diameter in its place: the diameter less twice the wall")
         return Instead(
-            f"write `inner_diameter: {1e3 * (outer - 2 * wall):g} mm` in its place: the diameter less twice the wall"
+            f"write `inner_diameter: {1e3 * (outer - 2 * wall):g} mm` in its place: the diameter"
+            " less twice the wall"
         )
 
     @property
@@ -128,10 +132,8 @@ class Catheter(StraightBody):
     @property
     def held_round(self) -> float:
         """Length (m) from the clamp within which it keeps a tube's section round: r sqrt(r/t), in which flattening dies away."""
-        wall, middle = (
-            (self.diameter - self.inner_diameter) / 2,
-            (self.diameter + self.inner_diameter) / 4,
-        )
+        wall = (self.diameter - self.inner_diameter) / 2
+        middle = (self.diameter + self.inner_diameter) / 4
         return middle * math.sqrt(middle / wall)
 
     @property
@@ -168,7 +170,8 @@ class Catheter(StraightBody):
         shift: tuple[float, float] = (0.0, 0.0),
     ) -> Discretization:
         """Its grid, moved by `shift` of a cell, and particles."""
-        grid, ends = self.grid(cells_across, knots, shift), self.segment_ends()
+        grid = self.grid(cells_across, knots, shift)
+        ends = self.segment_ends()
         if isinstance(grid, PolarGrid):
             particles = tube_particles(
                 grid,
@@ -212,6 +215,7 @@ class Catheter(StraightBody):
         if wall >= 1:
             return []
         return [
-            f"{THIN_WALL} is only {wall:.2f} cells thick; use cells_across: {int(np.ceil(cells_across / wall - 1e-9))} or more, or "
-            "ask for an error: `resolution: {error: 1 %}`"
+            f"{THIN_WALL} is only {wall:.2f} cells thick; use cells_across:"
+            f" {int(np.ceil(cells_across / wall - 1e-9))} or more, or ask for an error:"
+            " `resolution: {error: 1 %}`"
         ]

@@ -20,18 +20,24 @@ ON = 0.1  # of a table's spacing: parts that come this near are on each other
 PLACES = np.vstack(
     [np.eye(3), np.full(3, 1 / 3)]
 )  # in a triangle, as shares of its corners, that tell whether it is on another part
-HALVED = 8  # times: triangles that are partly on another part are cut, from 64 cells down to a table's spacing
+# times: triangles that are partly on another part are cut, from 64 cells down to a table's spacing
+HALVED = 8
 FINE = 4  # points of a table in a cell width
-CRACK = 0.25  # of a table's spacing: what is this far outside by its faces may be within, beside a crack between faces of joined parts
+# of a table's spacing: what is this far outside by its faces may be within, beside a crack between
+# faces of joined parts
+CRACK = 0.25
 NEEDLE = distance.THIN / FINE  # cells: thickness of triangles that are left out
-SHARP = 0.02  # of the spacing: error of a table beside edges of 10 degrees. Beside square ones it is 0.2, and what slides there is pushed
+# of the spacing: error of a table beside edges of 10 degrees. Beside square ones it is 0.2, and
+# what slides there is pushed
+SHARP = 0.02
 AROUND = 3  # points around those: from one to the next the error falls to a sixth
 
 
 class Solids(NamedTuple):
     """points (s, 3) of a table along x, y, z, or zeros; size (s, 4) m: its first point and spacing, or the radius of a rod, inf for a box;
     first (s + 1,): where its coefficients (k,) begin, or planes (4 each): unit normal outward, its product with a place of the plane, m;
-    near: where in itself the faces around each coefficient's point begin (k + 1,), then these; faces (12 each): corners m, unit normal."""
+    near: where in itself the faces around each coefficient's point begin (k + 1,), then these; faces (12 each): corners m, unit normal.
+    """
 
     size: Array
     points: Index
@@ -112,11 +118,10 @@ def _around(table: distance.Table, faces: Array) -> tuple[Index, Index]:
     )
     sharp = np.zeros(table.coefficients.shape, np.bool_)
     sharp[tuple(np.rint(place[off]).astype(int).T)] = True
-    values, band, across = (
-        table.coefficients,
-        distance.BAND * table.spacing,
-        np.sqrt(3) * table.spacing,
-    )  # of the box around a point:
+    # of the box around a point:
+    values = table.coefficients
+    band = distance.BAND * table.spacing
+    across = np.sqrt(3) * table.spacing
     for axis in range(3):
         values = correlate1d(values, [0.125, 0.75, 0.125], axis, mode="mirror")
     listed = binary_dilation(sharp, np.ones((3, 3, 3)), AROUND) & (
@@ -177,7 +182,8 @@ def _uncovered(triangle: Array, others: Array, within: float, thin: float) -> Ar
     on = flat[facing & (np.abs(flat[:, :, 2]).max(axis=1) < 1.0)]
     if not len(on):
         return triangle[None]
-    whole, more = CrossSection([own[:, :2]]), thin / within
+    whole = CrossSection([own[:, :2]])
+    more = thin / within
     left = (
         whole - CrossSection(list(on[:, ::-1, :2]), FillRule.NonZero).offset(more, JoinType.Miter)
     ).offset(more, JoinType.Miter) ^ whole
@@ -188,7 +194,8 @@ def _uncovered(triangle: Array, others: Array, within: float, thin: float) -> Ar
 
 def meets(triangles: Array, other: Array, within: float) -> NDArray[np.bool_]:
     """Triangles (f, 3, 3) that come nearer than this (m) to the box around other ones (g, 3, 3)."""
-    low, high = other.reshape(-1, 3).min(axis=0) - within, other.reshape(-1, 3).max(axis=0) + within
+    low = other.reshape(-1, 3).min(axis=0) - within
+    high = other.reshape(-1, 3).max(axis=0) + within
     return np.asarray(
         np.all((triangles.max(axis=1) > low) & (triangles.min(axis=1) < high), axis=1)
     )
@@ -200,16 +207,17 @@ def solid_distance(solids, s, x, normal):  # type: ignore[no-untyped-def]
 
     Beside edges outside of a box or rod it is that of the farthest face's plane, which is less.
     """
-    begin, end, nx, ny, nz = (
-        solids.first[s],
-        solids.first[s + 1],
-        solids.points[s, 0],
-        solids.points[s, 1],
-        solids.points[s, 2],
-    )
-    size, most = solids.size[s], -np.inf
+    begin = solids.first[s]
+    end = solids.first[s + 1]
+    nx = solids.points[s, 0]
+    ny = solids.points[s, 1]
+    nz = solids.points[s, 2]
+    size = solids.size[s]
+    most = -np.inf
     if nx > 0:
-        p, q, r = (x[0] - size[0]) / size[3], (x[1] - size[1]) / size[3], (x[2] - size[2]) / size[3]
+        p = (x[0] - size[0]) / size[3]
+        q = (x[1] - size[1]) / size[3]
+        r = (x[2] - size[2]) / size[3]
         normal[:] = 0.0
         if not (0.5 <= p < nx - 1.5 and 0.5 <= q < ny - 1.5 and 0.5 <= r < nz - 1.5):
             return np.inf

@@ -15,8 +15,10 @@ from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array
 
 EDGE = 0.5  # of a cell: longest edge of a mesh's triangles, after they are cut
-SLIVER = 0.01  # of the fullest cell: from 1e-5 to 1e-3 contact gained energy, up to 19 % of a collision at 2 m/s
-ROUNDS = 6  # products of the bound on the frequency of contact: further ones thicken the layer by at most 6 %
+# of the fullest cell: from 1e-5 to 1e-3 contact gained energy, up to 19 % of a collision at 2 m/s
+SLIVER = 0.01
+# products of the bound on the frequency of contact: further ones thicken the layer by at most 6 %
+ROUNDS = 6
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,9 @@ def layer_mass(
     largest row sum, which edges and corners raise by as much as 1.75; ROUNDS products come within 6 % of the true frequency. So the layer
     is a quarter to half a cell thick. area (n,) m^2; first, weights: as in ContactSurface; mass: of all nodes, kg.
     """
-    share, x, most = np.abs(weights), np.ones(len(area)), 0.0
+    share = np.abs(weights)
+    x = np.ones(len(area))
+    most = 0.0
     for _ in range(ROUNDS if len(area) else 0):
         covered = spread(area * x, first, nodes, share)
         ratio = np.divide(covered, mass, out=np.zeros_like(mass), where=mass > 0)
@@ -67,7 +71,8 @@ def layer_mass(
 
 def lobatto(edges: Array) -> tuple[Array, Array]:
     """Points and weights of Lobatto's rule of four points between each two edges (k,), with the edges shared: (3 k - 2,) each."""
-    width, weight = np.diff(edges), np.array([1.0, 5.0, 5.0, 1.0]) / 12
+    width = np.diff(edges)
+    weight = np.array([1.0, 5.0, 5.0, 1.0]) / 12
     share = np.array([0.0, (1 - 1 / math.sqrt(5)) / 2, (1 + 1 / math.sqrt(5)) / 2])
     points = np.append((edges[:-1, None] + width[:, None] * share).ravel(), edges[-1])
     weights = np.zeros(len(points))
@@ -109,10 +114,8 @@ def rod_surface(
     )
     side = np.column_stack([np.repeat(x, count), np.tile(outer * circle, (len(x), 1))])
     faces = [(side, np.repeat(dx * outer * 2 * math.pi / count, count))]
-    ring, area = (
-        (r[:, None, None] * circle).reshape(-1, 2),
-        np.repeat(r * dr * 2 * math.pi / count, count),
-    )
+    ring = (r[:, None, None] * circle).reshape(-1, 2)
+    area = np.repeat(r * dr * 2 * math.pi / count, count)
     for end in along[[0, -1]] if base else along[-1:]:
         faces.append((np.insert(ring, 0, end, axis=1)[area > 0], area[area > 0]))
     return _joined(faces)
@@ -164,10 +167,8 @@ def parts_surface(parts: list[Array], cell: float) -> SurfacePoints:
 def _joined(
     faces: list[tuple[Array, Array]], region: NDArray[np.int64] | None = None
 ) -> SurfacePoints:
-    position, area = (
-        np.concatenate([face[0] for face in faces]),
-        np.concatenate([face[1] for face in faces]),
-    )
+    position = np.concatenate([face[0] for face in faces])
+    area = np.concatenate([face[1] for face in faces])
     return SurfacePoints(
         position, area, np.zeros(len(area), np.int64) if region is None else region
     )
@@ -180,10 +181,8 @@ def well_filled(particles: Particles, region: NDArray[np.integer]) -> NDArray[np
     The splines of the next cell go on through it (extended B-splines: Hoellig, Reif, Wipper, SIAM J. Numer. Anal. 39 (2001) 442).
     """
     _, cell = np.unique(np.column_stack([region, particles.cell]), axis=0, return_inverse=True)
-    filled, fullest = (
-        np.bincount(cell.ravel(), particles.volume)[cell.ravel()],
-        np.zeros(region.max() + 1),
-    )
+    filled = np.bincount(cell.ravel(), particles.volume)[cell.ravel()]
+    fullest = np.zeros(region.max() + 1)
     np.maximum.at(fullest, region, filled)
     return np.asarray(filled > SLIVER * fullest[region])
 
@@ -203,7 +202,8 @@ def particle_of(
 
     found = np.empty(len(points.area), np.int64)
     for one in np.unique(points.region):
-        on, mine = points.region == one, np.flatnonzero((region == one) & chosen)
+        on = points.region == one
+        mine = np.flatnonzero((region == one) & chosen)
         nearest = mine[cKDTree(particles.position[mine]).query(points.position[on])[1]]
         inward = 1e-6 * (particles.position[nearest] - points.position[on])
         inside = grid.own(points.position[on] + inward, particles.cell[nearest]) - grid.origin

@@ -27,7 +27,8 @@ def tightest_radius(points: Array) -> float:
     """Least radius (m) of the circles through three neighbors of points (m, 3) on a curve; inf where it is straight."""
     if len(points) < 3:
         return np.inf
-    a, b = points[1:-1] - points[:-2], points[2:] - points[1:-1]
+    a = points[1:-1] - points[:-2]
+    b = points[2:] - points[1:-1]
     double = np.linalg.norm(
         np.cross(a, b), axis=1
     )  # twice the triangle's area: the radius is a b c / (4 area)
@@ -41,7 +42,8 @@ def on_rows(s: Array, rows: Array, at: Array) -> tuple[Array, Array]:
 
     s (2 cells + 1,) m: from 0, evenly spaced within each cell. Raises ValueError for an arc length outside of it.
     """
-    at, length = np.asarray(at, dtype=float), s[-1]
+    at = np.asarray(at, dtype=float)
+    length = s[-1]
     if np.any(at < -1e-9 * length) or np.any(at > (1 + 1e-6) * length):
         raise ValueError(f"s must lie between 0 and the length, {length} m")
     cells = (len(rows) - 1) // 2

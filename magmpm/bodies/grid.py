@@ -114,7 +114,8 @@ def spread(
 @dataclass(frozen=True)
 class Run:
     """Equal cells along x: start m from the grid's lower face, width m, and their number. after: the segment that ends where the run
-    begins, with a repeated knot; None: the run goes on smoothly from the one before, or is the first."""
+    begins, with a repeated knot; None: the run goes on smoothly from the one before, or is the first.
+    """
 
     start: float
     width: float
@@ -163,10 +164,8 @@ class Grid:
         """The cells along x."""
         runs = self.runs or (Run(0.0, float(self.spacing[0]), self.cells[0]),)
         count = [run.cells for run in runs]
-        width, repeated = (
-            np.repeat([run.width for run in runs], count),
-            np.array([run.after is not None for run in runs]),
-        )
+        width = np.repeat([run.width for run in runs], count)
+        repeated = np.array([run.after is not None for run in runs])
         ends = np.full((self.cells[0], 2), 0.5)
         for first, jumps in zip(np.cumsum(count)[:-1], repeated[1:], strict=True):
             both = width[first - 1] + width[first]
@@ -207,7 +206,8 @@ class Grid:
         middles = [run.start + run.width * (np.arange(run.cells) + 0.5) for run in self.runs]
         joints = [[] if run.after is None else [run.start] for run in self.runs]
         inside = [place for pair in zip(joints, middles, strict=True) for place in pair]
-        first, last = self.runs[0], self.runs[-1]
+        first = self.runs[0]
+        last = self.runs[-1]
         return self.origin[0] + np.concatenate(
             [[-first.width / 2], *inside, [last.start + last.width * (last.cells + 0.5)]]
         )
@@ -234,7 +234,8 @@ class Grid:
         """First node (m,), values (m, 3) and slopes (m, 3) 1/m of the splines along x at distances x (m,) m from the lower face."""
         cell = self.cell_along(x)
         spans = self.along
-        xi, ends = (x - spans.start[cell]) / spans.width[cell] - spans.index[cell], spans.ends[cell]
+        xi = (x - spans.start[cell]) / spans.width[cell] - spans.index[cell]
+        ends = spans.ends[cell]
         return (
             spans.node[cell],
             spline_weights(xi, ends),
@@ -267,8 +268,10 @@ class Grid:
 
     def splines(self, points: Array, cell: NDArray[np.int64]) -> tuple[Array, Array]:
         """Values and slopes (1/m) of the three splines that points (n, 3) m in these cells (n, 3) see along each axis, (n, 3, 3)."""
-        xi, first = self.within(points, cell), cell[:, 0]
-        weights, slopes = np.empty((*xi.shape, 3)), np.empty((*xi.shape, 3))
+        xi = self.within(points, cell)
+        first = cell[:, 0]
+        weights = np.empty((*xi.shape, 3))
+        slopes = np.empty((*xi.shape, 3))
         for axis in range(
             3
         ):  # one at a time: all at once take the most memory of all that a model is built with
@@ -302,12 +305,11 @@ class Grid:
 
     def within(self, points: Array, cell: NDArray[np.int64]) -> Array:
         """Position (n, 3) in units of given cells (n, 3): 0 to 1 within them, where their splines are meant; points (n, 3) m."""
-        spans, first = self.along, cell[:, 0]
-        start, width, index = (
-            np.zeros(cell.shape),
-            np.tile(self.spacing, (len(cell), 1)),
-            cell.copy(),
-        )
+        spans = self.along
+        first = cell[:, 0]
+        start = np.zeros(cell.shape)
+        width = np.tile(self.spacing, (len(cell), 1))
+        index = cell.copy()
         start[:, 0], width[:, 0], index[:, 0] = (
             spans.start[first],
             spans.width[first],
@@ -330,7 +332,9 @@ class ClampPlane:
     moved: bool = False
 
 
-SHORT = 0.5  # cells: in motion, a joint nearer to the next one, or to an end, gets no knot: thin cells would need short steps
+# cells: in motion, a joint nearer to the next one, or to an end, gets no knot: thin cells would
+# need short steps
+SHORT = 0.5
 THIN = 0.02  # cells: the same at rest, and the least width of the cell that takes what is left
 FEWEST = 3  # cells along a body
 
@@ -356,7 +360,8 @@ def runs_along(
 ) -> tuple[int, float, tuple[Run, ...]]:
     """Cells of about h m along a body whose segments end at `ends` (k,) m, `across` of which make its thickness: their number, the least
     width (m), and their runs (none if all are equal)."""
-    like, length = knots.like, float(ends[-1])
+    like = knots.like
+    length = float(ends[-1])
     if like is None:
         joints = _kept(ends, (THIN if knots.from_tip or knots.at_rest else SHORT) * h, knots.joints)
     else:
@@ -389,7 +394,8 @@ def runs_along(
 def _count(width: float, across: int, from_tip: bool) -> int:
     """Cells in a run that is `width` cells wide, where `across` make the body's thickness: none is wider than requested by more than THIN.
     From the tip, the first one takes THIN to 1 + THIN: a new cell begins with almost no width, and changes the answer by as little. Else
-    twice as many cells across are twice as many in each run: nested grids tell each other's error, and do not agree by chance."""
+    twice as many cells across are twice as many in each run: nested grids tell each other's error, and do not agree by chance.
+    """
     if across > 2 and across % 2 == 0 and not from_tip:
         return 2 * _count(width / 2, across // 2, from_tip)
     return max(1, math.ceil(width - THIN))
@@ -397,7 +403,8 @@ def _count(width: float, across: int, from_tip: bool) -> int:
 
 def _kept(ends: Array, least: float, joints: tuple[int, ...]) -> list[int]:
     """The joints that get a knot, chosen from the tip on."""
-    kept, last = [], float(ends[-1])
+    kept = []
+    last = float(ends[-1])
     for joint in reversed(joints):
         if min(last - ends[joint], ends[joint]) >= least:
             kept.append(joint)

@@ -19,7 +19,8 @@ from magmpm.bodies.section_quadrature import Particles, gauss
 from magmpm.compiled.arrays import Array, Index
 from magmpm.errors import SceneError
 
-_A, _B = (6 - 15**0.5) / 21, (6 + 15**0.5) / 21
+_A = (6 - 15**0.5) / 21
+_B = (6 + 15**0.5) / 21
 # Radon's rule, exact for polynomials of degree 5 on a triangle: barycentric points (7, 3) and weights (7,).
 _POINTS = np.array(
     [[1 / 3] * 3, *(np.roll([1 - 2 * p, p, p], k) for p in (_A, _B) for k in range(3))]
@@ -49,11 +50,13 @@ def cell_moments(triangles: Array, grid: Grid) -> tuple[NDArray[np.int64], Array
         pieces = _cut(pieces, axis)
     cell = np.clip(np.floor(pieces.mean(axis=1)).astype(int), 0, shape - 1)
     local = pieces - cell[:, None, :]
-    edge, other = local[:, 1] - local[:, 0], local[:, 2] - local[:, 0]
+    edge = local[:, 1] - local[:, 0]
+    other = local[:, 2] - local[:, 0]
     area = (edge[:, 1] * other[:, 2] - edge[:, 2] * other[:, 1]) / 2  # n_x dA
     flat = np.ravel_multi_index(cell.T, shape)
     count = int(np.prod(shape))
-    own, column = np.zeros((10, count)), np.zeros((6, count))
+    own = np.zeros((10, count))
+    column = np.zeros((6, count))
     for point, weight in zip(_POINTS, _WEIGHTS, strict=True):
         x, y, z = np.einsum("k,fki->if", point, local)
         w = weight * area
@@ -91,7 +94,9 @@ def _cut(triangles: Array, axis: int) -> Array:
         high = np.ceil(triangles[:, :, axis].max(1))
         whole = high - low <= 1
         done.append(triangles[whole])
-        triangles, low, high = triangles[~whole], low[~whole], high[~whole]
+        triangles = triangles[~whole]
+        low = low[~whole]
+        high = high[~whole]
         if len(triangles):
             triangles = _split(triangles, axis, np.floor((low + high) / 2))
     return np.concatenate(done) if done else triangles
@@ -107,7 +112,9 @@ def _split(triangles: Array, axis: int, plane: Array) -> Array:
     order = (alone[:, None] + np.arange(3)) % 3
     corners = np.take_along_axis(triangles, order[:, :, None], axis=1)
     side = np.take_along_axis(side, order, axis=1)
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    a = corners[:, 0]
+    b = corners[:, 1]
+    c = corners[:, 2]
     ab = a + (side[:, 0] / (side[:, 0] - side[:, 1]))[:, None] * (b - a)
     ac = a + (side[:, 0] / (side[:, 0] - side[:, 2]))[:, None] * (c - a)
     ab[:, axis] = ac[:, axis] = plane
@@ -120,7 +127,8 @@ def _split(triangles: Array, axis: int, plane: Array) -> Array:
 ON_PLANE = 1e-9  # of a cell
 MOST_CELLS = 20_000_000  # of the box around all parts
 SEEN = 5  # nodes along an axis that the particles of a cell and its neighbors see
-TOUCHING = 1e-4  # of the body's length: parts this near touch, and faces of held and free ones lie in one plane
+# of the body's length: parts this near touch, and faces of held and free ones lie in one plane
+TOUCHING = 1e-4
 
 
 def grid_of_parts(
@@ -133,7 +141,8 @@ def grid_of_parts(
     boxes = np.array([[p.reshape(-1, 3).min(0), p.reshape(-1, 3).max(0)] for p in parts])
     still = np.array(held)
     moving = boxes[~still] if not still.all() else boxes
-    low, high = moving[:, 0].min(0), moving[:, 1].max(0)
+    low = moving[:, 0].min(0)
+    high = moving[:, 1].max(0)
     cells = np.maximum(np.round((high - low) / spacing), 1).astype(int)
     size = (high - low) / cells
     below = np.maximum(np.ceil((low - boxes[:, 0].min(0)) / size - ON_PLANE), 0).astype(int)
@@ -143,7 +152,10 @@ def grid_of_parts(
         extent = " x ".join(f"{1e3 * x:.4g}" for x in boxes[:, 1].max(0) - boxes[:, 0].min(0))
         raise SceneError(
             "body.parts",
-            found=f"the box around all parts, {extent} mm, has {np.prod(count.astype(float)):.3g} cells of {1e3 * spacing:.3g} mm",
+            found=(
+                f"the box around all parts, {extent} mm, has {np.prod(count.astype(float)):.3g}"
+                f" cells of {1e3 * spacing:.3g} mm"
+            ),
             rule=f"at most {MOST_CELLS:.0e} cells can be had",
             remedy="check units and places of the parts, or raise spacing",
         )
@@ -176,7 +188,8 @@ def _shadow(triangles: Array, low: Array, step: Array, shape: Index) -> NDArray[
         place = np.stack(np.meshgrid(i, j, indexing="ij"), -1).astype(float)
         sides = []
         for a, b in ((0, 1), (1, 2), (2, 0)):
-            along, to = scaled[k, b] - scaled[k, a], place - scaled[k, a]
+            along = scaled[k, b] - scaled[k, a]
+            to = place - scaled[k, a]
             sides.append(along[0] * to[..., 1] - along[1] * to[..., 0])
         inside = (np.stack(sides) >= -ON_PLANE).all(0) | (np.stack(sides) <= ON_PLANE).all(0)
         out[first[k, 0] : last[k, 0] + 1, first[k, 1] : last[k, 1] + 1] |= inside
@@ -228,16 +241,21 @@ def part_particles(grid: Grid, parts: list[Array], count: int) -> Particles:
     unit, share = gauss(count)
     cube = np.stack(np.meshgrid(unit, unit, unit, indexing="ij"), -1).reshape(-1, 3)
     weight = np.einsum("i,j,k->ijk", share, share, share).ravel()
-    cells, points, volumes, owners = [], [], [], []
+    cells = []
+    points = []
+    volumes = []
+    owners = []
     for k, triangles in enumerate(parts):
         cell, moments = cell_moments(triangles, grid)
         points.append(_points(moments, cube))
         volumes.append(moments[:, 0])
         cells.append(cell)
         owners.append(np.full(len(cell), k))
-    cell, owner = np.concatenate(cells), np.concatenate(owners)
+    cell = np.concatenate(cells)
+    owner = np.concatenate(owners)
     order = np.lexsort((owner, np.ravel_multi_index(cell.T, grid.cells)))
-    cell, local = cell[order], np.concatenate(points)[order]
+    cell = cell[order]
+    local = np.concatenate(points)[order]
     volume = np.concatenate(volumes)[order] * float(np.prod(grid.spacing))
     position = grid.origin + grid.spacing * (cell[:, None, :] + local)
     each = len(cube)
@@ -274,13 +292,16 @@ def part_errors(particles: Particles, parts: list[Array]) -> dict[str, float]:
     errors = np.zeros(3)
     for k, triangles in enumerate(parts):
         mine = particles.segment == k
-        p, v = particles.position[mine], particles.volume[mine]
-        low, high = triangles.reshape(-1, 3).min(0), triangles.reshape(-1, 3).max(0)
+        p = particles.position[mine]
+        v = particles.volume[mine]
+        low = triangles.reshape(-1, 3).min(0)
+        high = triangles.reshape(-1, 3).max(0)
         _, moments = cell_moments(
             triangles, Grid(low, high - low, (1, 1, 1))
         )  # one cell: the whole mesh
         size = high - low
-        volume, centroid = moments[0, 0] * size.prod(), low + size * moments[0, 1:4] / moments[0, 0]
+        volume = moments[0, 0] * size.prod()
+        centroid = low + size * moments[0, 1:4] / moments[0, 0]
         xx, xy, xz, yy, yz, zz = moments[0, 4:] / moments[0, 0]
         mean = moments[0, 1:4] / moments[0, 0]
         exact = (

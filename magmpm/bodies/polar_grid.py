@@ -77,10 +77,14 @@ class PolarGrid(Grid):
 
     def _around(self, xi: Array) -> tuple[Array, Array]:
         """Values and slopes (1/rad) of the three splines around at positions (q,) in a cell, 0 to 1; both (q, 3)."""
-        width, scale = self.spacing[1], 0.5 / np.sin(self.spacing[1] / 2) ** 2
-        before, after = width * (1.0 - xi), width * xi
-        low, high = scale * np.sin(before / 2) ** 2, scale * np.sin(after / 2) ** 2
-        down, up = -scale / 2 * np.sin(before), scale / 2 * np.sin(after)
+        width = self.spacing[1]
+        scale = 0.5 / np.sin(self.spacing[1] / 2) ** 2
+        before = width * (1.0 - xi)
+        after = width * xi
+        low = scale * np.sin(before / 2) ** 2
+        high = scale * np.sin(after / 2) ** 2
+        down = -scale / 2 * np.sin(before)
+        up = scale / 2 * np.sin(after)
         return np.stack([low, 1.0 - low - high, high], axis=-1), np.stack(
             [down, -down - up, up], axis=-1
         )
@@ -92,7 +96,9 @@ def tube_grid(
     """Grid of a tube along +x. ends (k,) m: where each segment ends, the last one at the tip; outer, inner: radii, m; turn: part of a cell,
     0 to 1, by which the grid is turned: to see what its place does."""
     # The thickest cell through a wall is 0.8 of a cell's width along: one alone, where half a radius bends sharply, is 0.1 to 0.3 % off.
-    h, wall, like = 2 * outer / cells_across, outer - inner, knots.like
+    h = 2 * outer / cells_across
+    wall = outer - inner
+    like = knots.like
     if isinstance(like, PolarGrid):
         _, around, through = like.cells
         knots = replace(knots, like=like.even)
@@ -112,7 +118,8 @@ def tube_grid(
 def _finer_at_base(runs: tuple[Run, ...]) -> tuple[Run, ...]:
     """The first cell cut in two quarters and a half: there a clamp keeps the section round and its stress is singular at two rims."""
     first, *others = runs
-    width, rest = first.width, first.cells - 1
+    width = first.width
+    rest = first.cells - 1
     cut = [Run(0.0, width / 4, 2), Run(width / 2, width / 2, 1), Run(width, width, rest)]
     return (*(cut if rest else cut[:2]), *others)
 

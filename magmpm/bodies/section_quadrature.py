@@ -59,7 +59,8 @@ def disk_moments(low: Array, high: Array, radius: float) -> Array:
     """
     if radius == 0.0:
         return np.zeros((len(low), 6))
-    lo, hi = np.clip(low, -radius, radius), np.clip(high, -radius, radius)
+    lo = np.clip(low, -radius, radius)
+    hi = np.clip(high, -radius, radius)
     # A power of a float and one of an array may differ in the last bit: at the circle's edge their difference may be below zero.
     cross = [np.sqrt(np.maximum(radius**2 - edge[:, 1] ** 2, 0.0)) for edge in (lo, hi)]
     ends = np.stack([lo[:, 0], hi[:, 0], cross[0], -cross[0], cross[1], -cross[1]], axis=1)
@@ -68,7 +69,8 @@ def disk_moments(low: Array, high: Array, radius: float) -> Array:
     point, weight = _legendre(12)
     half = np.diff(angle, axis=1)[..., None] / 2
     t = (angle[:, 1:] + angle[:, :-1])[..., None] / 2 + half * point
-    y, c = radius * np.sin(t), radius * np.cos(t)
+    y = radius * np.sin(t)
+    c = radius * np.cos(t)
     z1 = np.minimum(hi[:, 1, None, None], c)
     z0 = np.minimum(np.maximum(lo[:, 1, None, None], -c), z1)
     dy = half * weight * c
@@ -85,15 +87,16 @@ def section_points(
     low, high (n, 2) m: the rectangles; outer, inner: radii in m; count: points per direction and cell.
     Returns points (k, 2) m, areas (k,) m^2 and the rectangle (k,) that each point belongs to; empty rectangles get no points.
     """
-    owner, depth = np.arange(len(low)), 0
+    owner = np.arange(len(low))
+    depth = 0
     found: list[tuple[Array, Array, NDArray[np.int64]]] = []
-    cells, least = (
-        (low, high),
-        1e-9 * float(np.prod(high - low, axis=1).max()),
-    )  # less is rounding error
+    # less is rounding error
+    cells = (low, high)
+    least = 1e-9 * float(np.prod(high - low, axis=1).max())
     while len(low):
         piece, points, areas = _piece_rules(low, high, outer, inner, count, least)
-        a, b = cells[0][owner[piece]], cells[1][owner[piece]]
+        a = cells[0][owner[piece]]
+        b = cells[1][owner[piece]]
         if depth == 6:  # halvings of a cell's side
             points = np.clip(points, a[:, None, :], b[:, None, :])
         slack = 1e-9 * (b - a)[:, None, :]
@@ -105,7 +108,10 @@ def section_points(
         # Points of a very skew piece (a thin wall) may leave the cell: try the 2-point rule first, then cut the piece in quarters.
         bad = piece[~inside]
         if count > 2:
-            low, high, owner, count = low[bad], high[bad], owner[bad], 2
+            low = low[bad]
+            high = high[bad]
+            owner = owner[bad]
+            count = 2
         else:
             low, high, owner = _quarters(low[bad], high[bad], owner[bad])
             depth += 1
@@ -123,11 +129,9 @@ def _piece_rules(
     area = moments[keep, 0]
     centroid = moments[keep, 1:3] / area[:, None]
     yy, yz, zz = (moments[keep, 3:] / area[:, None]).T
-    a, b, d = (
-        yy - centroid[:, 0] ** 2,
-        yz - centroid[:, 0] * centroid[:, 1],
-        zz - centroid[:, 1] ** 2,
-    )
+    a = yy - centroid[:, 0] ** 2
+    b = yz - centroid[:, 0] * centroid[:, 1]
+    d = zz - centroid[:, 1] ** 2
     det = np.sqrt(np.maximum(a * d - b * b, 0.0))
     root = np.stack(
         [np.stack([a + det, b], -1), np.stack([b, d + det], -1)], -2
@@ -223,7 +227,8 @@ def extruded(
     # One row for each (section rectangle, axial point, section point), in that order within an axial cell.
     ix, iq = (i.ravel() for i in np.indices((len(x), len(points))))
     order = np.lexsort((iq, ix, rectangle[iq], cell_x[ix]))
-    ix, iq = ix[order], iq[order]
+    ix = ix[order]
+    iq = iq[order]
     position = np.column_stack([x[ix], points[iq]])
     cell = np.column_stack([cell_x[ix], index[rectangle[iq]]])
     return Particles(
@@ -286,7 +291,9 @@ def strip_particles(
 
 def strip_errors(particles: Particles, size: Array) -> dict[str, float]:
     """Relative errors of a strip's section: area, and second moment about y, against b t and b t^3/12. size (3,) m."""
-    area, z, v = size[1] * size[2], particles.position[:, 2], particles.volume / size[0]
+    area = size[1] * size[2]
+    z = particles.position[:, 2]
+    v = particles.volume / size[0]
     z = z - (v * z).sum() / v.sum()
     return {
         "area_error": float(abs(v.sum() / area - 1)),

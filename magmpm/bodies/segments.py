@@ -34,8 +34,11 @@ def ring(outer: float, inner: float, G: Array, E: Array, nu: Array) -> Section:
 
     Shear: Cowper, J. Appl. Mech. 33 (1966) 335-340.
     """
-    r1, r0, m = outer, inner, inner / outer
-    area, inertia = np.pi * (r1**2 - r0**2), np.pi / 4 * (r1**4 - r0**4)
+    r1 = outer
+    r0 = inner
+    m = inner / outer
+    area = np.pi * (r1**2 - r0**2)
+    inertia = np.pi / 4 * (r1**4 - r0**4)
     shear = (
         6 * (1 + nu) * (1 + m**2) ** 2 / ((7 + 6 * nu) * (1 + m**2) ** 2 + (20 + 12 * nu) * m**2)
     )
@@ -72,7 +75,8 @@ def rectangle(
 
 def torsion_constant(width: float, thickness: float) -> float:
     """Torsion constant J of a rectangle, m^4: twist rate = torque / (G J)."""
-    b, t = max(width, thickness), min(width, thickness)
+    b = max(width, thickness)
+    t = min(width, thickness)
     odd = 2 * np.arange(8) + 1.0
     series = np.sum(np.tanh(odd * np.pi * b / (2 * t)) / odd**5)
     return float(b * t**3 / 3 * (1 - 192 * t / (np.pi**5 * b) * series))
@@ -90,8 +94,10 @@ class Segment(Settings):
 
     magnetization: Direction = Field(
         default=(0.0, 0.0, 0.0),
-        description="Direction in the undeformed body: [x, y, z], normalized, or {azimuth: ..., elevation: ...}; "
-        "[0, 0, 0], unmagnetized, unless given.",
+        description=(
+            "Direction in the undeformed body: [x, y, z], normalized, or {azimuth: ..., elevation:"
+            " ...}; [0, 0, 0], unmagnetized, unless given."
+        ),
         examples=[[1, 0, 0]],
     )
     material: str | None = Field(
@@ -101,7 +107,9 @@ class Segment(Settings):
     )
     length: Length | None = Field(
         default=None,
-        description="Length of this segment; segments without one share the rest of the length equally.",
+        description=(
+            "Length of this segment; segments without one share the rest of the length equally."
+        ),
         examples=["8 mm"],
     )
 
@@ -140,7 +148,8 @@ class StraightBody(BodyShape):
     ) -> None:
         """Raise `fault` unless segments fill their body's length (m), each at least SHORTEST of its thickness (m; None: not known) long."""
         given = [s.length for s in segments if s.length is not None]
-        total, free = math.fsum(given), len(segments) - len(given)
+        total = math.fsum(given)
+        free = len(segments) - len(given)
         text = f"{1e3 * total:g} mm, the {cls.kind} {1e3 * length:g} mm"
         if free == 0 and not math.isclose(total, length, rel_tol=1e-9):
             raise fault(
@@ -149,15 +158,17 @@ class StraightBody(BodyShape):
             )
         if free and total >= length * (1 - 1e-9):
             raise fault(
-                f"segment lengths must leave some of the {cls.kind}'s length to the segments without one",
+                f"segment lengths must leave some of the {cls.kind}'s length to the segments"
+                " without one",
                 f"those given sum to {text}: shorten them",
             )
         lengths = segment_lengths(length, segments)
         shortest = min(range(len(lengths)), key=lengths.__getitem__)
         if thickness is not None and lengths[shortest] < SHORTEST * thickness * (1 - 1e-9):
             raise fault(
-                f"a segment must be at least {SHORTEST:g} times the {cls.kind}'s {cls.across} long, "
-                f"{1e3 * SHORTEST * thickness:.3g} mm here, and segment {shortest + 1} is {1e3 * lengths[shortest]:.3g} mm",
+                f"a segment must be at least {SHORTEST:g} times the {cls.kind}'s {cls.across} long,"
+                f" {1e3 * SHORTEST * thickness:.3g} mm here, and segment {shortest + 1} is"
+                f" {1e3 * lengths[shortest]:.3g} mm",
                 "check its unit, make it longer, or leave it out: the grid resolves nothing finer",
                 (shortest, "length") if segments[shortest].length is not None else (),
             )
@@ -168,7 +179,8 @@ class StraightBody(BodyShape):
         if length is not None and not thickness <= length <= MAX_SLENDERNESS * thickness:
             raise fault(
                 f"the length must be 1 to {MAX_SLENDERNESS:g} times the {cls.across}",
-                f"check the units of both: length {1e3 * length:g} mm, {cls.across} {1e3 * thickness:g} mm",
+                f"check the units of both: length {1e3 * length:g} mm, {cls.across}"
+                f" {1e3 * thickness:g} mm",
             )
 
     @property

@@ -32,7 +32,8 @@ class MeshError(InputError):
 
     def __init__(self, rule: str, remedy: str) -> None:
         super().__init__(f"{rule}; {remedy}")
-        self.rule, self.remedy = rule, remedy
+        self.rule = rule
+        self.remedy = remedy
 
 
 def solid_of(vertices: Array, faces: Index) -> Manifold:
@@ -70,11 +71,15 @@ def _taken_apart(vertices: Array, faces: Index) -> tuple[Array, Index, Index]:
     Where more meet at an edge, each pair of them after the first gets an edge of its own: by way of a vertex of its own in the middle.
     """
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    low, high = edges.min(1), edges.max(1)
+    low = edges.min(1)
+    high = edges.max(1)
     _, of, used = np.unique(low * len(vertices) + high, return_inverse=True, return_counts=True)
-    order, first = np.argsort(of, kind="stable"), np.concatenate([[0], np.cumsum(used)])
+    order = np.argsort(of, kind="stable")
+    first = np.concatenate([[0], np.cumsum(used)])
     middles: dict[int, dict[int, int]] = {}  # of a face: vertex in the middle of its side
-    added, overlaps, size = [vertices], [], float(np.ptp(vertices, axis=0).max())
+    added = [vertices]
+    overlaps = []
+    size = float(np.ptp(vertices, axis=0).max())
     for k in np.flatnonzero(used > 2):
         around = order[first[k] : first[k + 1]]
         pairs, covered_once = _matched(vertices, faces[around % len(faces)], edges[around], size)
@@ -113,7 +118,8 @@ def _matched(vertices: Array, faces: Index, edges: Index, size: float) -> tuple[
     faces (k, 3); edges (k, 2): the edge's ends as each triangle runs through them; size: the mesh's.
     """
     forward = edges[:, 0] < edges[:, 1]
-    start, end = vertices[edges[0].min()], vertices[edges[0].max()]
+    start = vertices[edges[0].min()]
+    end = vertices[edges[0].max()]
     along = (end - start) / np.linalg.norm(end - start)
     away = vertices[faces.sum(1) - edges.sum(1)] - start
     away = away - (away @ along)[:, None] * along
@@ -121,7 +127,8 @@ def _matched(vertices: Array, faces: Index, edges: Index, size: float) -> tuple[
     same = 1e-3 + 4 * SAME * size / max(float(height.min()), 1e-300)
     axis = away[0] / max(float(height[0]), 1e-300)
     angle = np.arctan2(away @ np.cross(along, axis), away @ axis)
-    pairs, left = [], list(np.flatnonzero(~forward))
+    pairs = []
+    left = list(np.flatnonzero(~forward))
     for one in np.flatnonzero(forward):
         # The normal is along x away: the material lies the other way round.
         turn = (angle[one] - angle[left]) % (2 * np.pi)
@@ -130,10 +137,9 @@ def _matched(vertices: Array, faces: Index, edges: Index, size: float) -> tuple[
         )
         pairs.append((one, left.pop(nearest)))
     order = np.argsort(angle)
-    turned, steps = (
-        angle[order],
-        np.where(forward[order], -1, 1),
-    )  # across a triangle that runs along the edge the material ends
+    # across a triangle that runs along the edge the material ends
+    turned = angle[order]
+    steps = np.where(forward[order], -1, 1)
     starts = np.flatnonzero(np.diff(turned, prepend=-np.inf) > same)
     covers = np.cumsum(np.add.reduceat(steps, starts))
     if (
@@ -153,9 +159,15 @@ def doubled(vertices: Array, faces: Index) -> tuple[str, str] | None:
     if not len(again):
         return None
     return (
-        f"each triangle of a mesh must stand once, and {len(again)} of this one stand{'s' * (len(again) == 1)} again, the first near "
-        f"{place(vertices[faces[again[0]]].mean(axis=0))}: what they enclose would count twice",
-        "remove the doubled solid, or the doubled triangles (in MeshLab: Remove Duplicate Faces), and export the part again",
+        (
+            f"each triangle of a mesh must stand once, and {len(again)} of this one"
+            f" stand{'s' * (len(again) == 1)} again, the first near"
+            f" {place(vertices[faces[again[0]]].mean(axis=0))}: what they enclose would count twice"
+        ),
+        (
+            "remove the doubled solid, or the doubled triangles (in MeshLab: Remove Duplicate"
+            " Faces), and export the part again"
+        ),
     )
 
 
@@ -189,9 +201,15 @@ def shell_fault(vertices: Array, faces: Index, size: float) -> tuple[str, str] |
     shells, overlaps = shells_of(vertices, faces)
     if len(overlaps):
         return (
-            f"a mesh must cover each point once, and beside {len(overlaps)} edges of this one, where several pieces meet, solids overlap "
-            f"or one is inverted, the first near {place(vertices[overlaps[0]])}",
-            "unite what overlaps (in Blender: the Boolean modifier, Union), or remove what stands twice, and export the part again",
+            (
+                f"a mesh must cover each point once, and beside {len(overlaps)} edges of this one,"
+                " where several pieces meet, solids overlap or one is inverted, the first near"
+                f" {place(vertices[overlaps[0]])}"
+            ),
+            (
+                "unite what overlaps (in Blender: the Boolean modifier, Union), or remove what"
+                " stands twice, and export the part again"
+            ),
         )
     return _misplaced([shell for shell in shells if abs(shell.volume()) > 1e-9 * size])
 
@@ -199,13 +217,16 @@ def shell_fault(vertices: Array, faces: Index, size: float) -> tuple[str, str] |
 def overlapping_boxes(solids: Sequence[Manifold]) -> list[tuple[int, int]]:
     """Pairs (i, j), i < j, of solids whose boxes overlap."""
     box = np.array([solid.bounding_box() for solid in solids]).reshape(-1, 6)
-    low, high = box[:, :3], box[:, 3:]
+    low = box[:, :3]
+    high = box[:, 3:]
     return [
         (i, int(j))
         for i in range(len(box))
-        for j in i
-        + 1
-        + np.flatnonzero(np.all((low[i + 1 :] < high[i]) & (high[i + 1 :] > low[i]), axis=1))
+        for j in (
+            i
+            + 1
+            + np.flatnonzero(np.all((low[i + 1 :] < high[i]) & (high[i + 1 :] > low[i]), axis=1))
+        )
     ]
 
 
@@ -219,10 +240,8 @@ def _outward(shell: Manifold) -> Manifold:
 
 def _misplaced(shells: list[Manifold]) -> tuple[str, str] | None:
     """Rule and remedy where a shell is misplaced, as of `shell_fault`; else None."""
-    volume, solids = (
-        np.array([shell.volume() for shell in shells]),
-        [_outward(shell) for shell in shells],
-    )
+    volume = np.array([shell.volume() for shell in shells])
+    solids = [_outward(shell) for shell in shells]
     around = np.zeros(
         len(shells)
     )  # how often a point just outside of each shell is inside of others
@@ -252,7 +271,8 @@ def _misplaced(shells: list[Manifold]) -> tuple[str, str] | None:
     if not wrong and not np.any(~outward & (around > 1)):
         return None
     wrong = wrong or [
-        f"{_list([_named(k, volume) for k in np.flatnonzero(~outward & (around > 1)).tolist()])} is in two others at once"
+        f"{_list([_named(k, volume) for k in np.flatnonzero(~outward & (around > 1)).tolist()])} is"
+        " in two others at once"
     ]
     remedies = ["flip the normals of what is inverted"] if inverted else []
     remedies += (
@@ -261,8 +281,11 @@ def _misplaced(shells: list[Manifold]) -> tuple[str, str] | None:
         else []
     )
     return (
-        "the shells of a mesh must lie apart and face outward, but for cavities, which face inward, each wholly within one shell; this "
-        f"mesh has {len(shells)} shells: {'; '.join(wrong)} (volumes in the file's unit cubed)",
+        (
+            "the shells of a mesh must lie apart and face outward, but for cavities, which face"
+            f" inward, each wholly within one shell; this mesh has {len(shells)} shells:"
+            f" {'; '.join(wrong)} (volumes in the file's unit cubed)"
+        ),
         f"{', or '.join(remedies) or 'remove one of them'}, and export the part again",
     )
 

@@ -15,9 +15,12 @@ from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, compiled_elsewhere
 
 MOST_POINTS = 4_000_000  # 32 MB
-EDGE, WITHIN = 3, 4
+EDGE = 3
+WITHIN = 4
 TIE = 1e-5  # of their distance: faces whose distances differ by no more have the same nearest place
-THIN = 1e-4  # of a table's spacing: triangles, and slivers between parts, that are no thicker are due to rounding
+# of a table's spacing: triangles, and slivers between parts, that are no thicker are due to
+# rounding
+THIN = 1e-4
 BAND = (
     4  # points of the table beyond the wall, on either side, that hold true distances to a surface
 )
@@ -42,8 +45,10 @@ class Table:
 
     def at(self, points: Array) -> tuple[Array, Array]:
         """Distance (n,) m and its slope (n, 3) at points (n, 3) m; inf and 0 where the table does not reach."""
-        found, slopes = np.full(len(points), np.inf), np.zeros((len(points), 3))
-        flat, shape = self.coefficients.ravel(), self.coefficients.shape
+        found = np.full(len(points), np.inf)
+        slopes = np.zeros((len(points), 3))
+        flat = self.coefficients.ravel()
+        shape = self.coefficients.shape
         place = (points - self.origin) / self.spacing
         for n in np.flatnonzero(np.all((place >= 0.5) & (place < np.array(shape) - 1.5), axis=1)):
             found[n], *slopes[n] = value(*place[n], self.spacing, shape[1], shape[2], flat)
@@ -75,7 +80,8 @@ def to_path(points: Array, path: Array) -> Array:
     best = np.full(len(points), np.inf)
     last = len(path) - 2
     for piece in (np.maximum(nearest - 1, 0), np.minimum(nearest, last)):
-        a, d = path[piece], path[piece + 1] - path[piece]
+        a = path[piece]
+        d = path[piece + 1] - path[piece]
         t = np.einsum("ij,ij->i", points - a, d) / np.einsum("ij,ij->i", d, d)
         t = np.clip(t, np.where(piece == 0, -np.inf, 0.0), np.where(piece == last, np.inf, 1.0))
         best = np.minimum(best, np.linalg.norm(points - a - t[:, None] * d, axis=1))
@@ -136,13 +142,12 @@ def solid(parts: Sequence[Array], outside: Array, spacing: float, within: float)
     origin, spacing, shape = points_between(
         outside.min(axis=(0, 1)) - margin, outside.max(axis=(0, 1)) + margin, spacing
     )
-    inside, none, closest = (
-        np.zeros(shape, np.bool_),
-        np.zeros(shape, np.bool_),
-        np.full(shape, np.inf),
-    )
+    inside = np.zeros(shape, np.bool_)
+    none = np.zeros(shape, np.bool_)
+    closest = np.full(shape, np.inf)
     for k, corners in enumerate((*parts, outside)):
-        values, side = np.full(shape, BAND * spacing), np.zeros(shape)
+        values = np.full(shape, BAND * spacing)
+        side = np.zeros(shape)
         near_triangles(faces_of(corners), origin, spacing, BAND * spacing, values, side, none, 0.0)
         if k < len(parts):
             closest = np.minimum(closest, values)
@@ -174,7 +179,8 @@ def faces_of(corners: Array) -> Array:
 @compiled
 def to_triangles(points, corners):
     """Distance (n,) m of points (n, 3) from the nearest of the triangles (m, 3, 3)."""
-    found, away = np.full(len(points), np.inf), np.empty(3)
+    found = np.full(len(points), np.inf)
+    away = np.empty(3)
     for k in range(len(points)):
         for triangle in corners:
             found[k] = min(found[k], to_triangle(points[k], triangle.ravel(), away)[0])
@@ -185,26 +191,38 @@ def to_triangles(points, corners):
 def to_triangle(x, corners, away):
     """Distance (m) of x (3,) m from a triangle, corners (9,) m, and where its nearest place is: 0, 1, 2: at that corner; EDGE; WITHIN. away
     (3,) m: from there to x. Source: Ericson, Real-Time Collision Detection, section 5.1.5."""
-    d1, d2, d3, d4, d5, d6 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    d1 = 0.0
+    d2 = 0.0
+    d3 = 0.0
+    d4 = 0.0
+    d5 = 0.0
+    d6 = 0.0
     for i in range(3):
-        ab, ac, ap = corners[3 + i] - corners[i], corners[6 + i] - corners[i], x[i] - corners[i]
-        bp, cp = x[i] - corners[3 + i], x[i] - corners[6 + i]
-        d1, d2, d3, d4, d5, d6 = (
-            d1 + ab * ap,
-            d2 + ac * ap,
-            d3 + ab * bp,
-            d4 + ac * bp,
-            d5 + ab * cp,
-            d6 + ac * cp,
-        )
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    v, w, at = 0.0, 0.0, EDGE
+        ab = corners[3 + i] - corners[i]
+        ac = corners[6 + i] - corners[i]
+        ap = x[i] - corners[i]
+        bp = x[i] - corners[3 + i]
+        cp = x[i] - corners[6 + i]
+        d1 = d1 + ab * ap
+        d2 = d2 + ac * ap
+        d3 = d3 + ab * bp
+        d4 = d4 + ac * bp
+        d5 = d5 + ab * cp
+        d6 = d6 + ac * cp
+    va = d3 * d6 - d5 * d4
+    vb = d5 * d2 - d1 * d6
+    vc = d1 * d4 - d3 * d2
+    v = 0.0
+    w = 0.0
+    at = EDGE
     if d1 <= 0.0 and d2 <= 0.0:
         at = 0
     elif d3 >= 0.0 and d4 <= d3:
-        v, at = 1.0, 1
+        v = 1.0
+        at = 1
     elif d6 >= 0.0 and d5 <= d6:
-        w, at = 1.0, 2
+        w = 1.0
+        at = 2
     elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
         v = d1 / max(d1 - d3, 1e-300)
     elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
@@ -213,7 +231,9 @@ def to_triangle(x, corners, away):
         w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
         v = 1.0 - w
     else:
-        v, w, at = vb / (va + vb + vc), vc / (va + vb + vc), WITHIN
+        v = vb / (va + vb + vc)
+        w = vc / (va + vb + vc)
+        at = WITHIN
     for i in range(3):
         away[i] = (
             x[i]
@@ -235,13 +255,15 @@ def beside(best, side, d, at, face, away):
         return best, side
     angle = np.pi * (at - EDGE + 1)
     if at < EDGE:
-        uv, uu, vv = 0.0, 0.0, 0.0
+        uv = 0.0
+        uu = 0.0
+        vv = 0.0
         for i in range(3):
-            u, v = (
-                face[(3 * at + 3) % 9 + i] - face[3 * at + i],
-                face[(3 * at + 6) % 9 + i] - face[3 * at + i],
-            )
-            uv, uu, vv = uv + u * v, uu + u * u, vv + v * v
+            u = face[(3 * at + 3) % 9 + i] - face[3 * at + i]
+            v = face[(3 * at + 6) % 9 + i] - face[3 * at + i]
+            uv = uv + u * v
+            uu = uu + u * u
+            vv = vv + v * v
         angle = np.arccos(max(-1.0, min(1.0, uv / np.sqrt(uu * vv + 1e-300))))
     turned = angle * (face[9] * away[0] + face[10] * away[1] + face[11] * away[2])
     return (d, turned) if d < best * (1.0 - TIE) else (min(d, best), side + turned)
@@ -250,7 +272,10 @@ def beside(best, side, d, at, face, away):
 @compiled
 def to_faces(begin, end, near, faces, x, normal):
     """Signed distance (m) of x (3,) m from the nearest of the faces near[begin : end]; normal (3,): its slope."""
-    best, side, nearest, flat = np.inf, 0.0, 0, False
+    best = np.inf
+    side = 0.0
+    nearest = 0
+    flat = False
     for k in range(begin, end):
         f = 12 * near[k]
         along = abs(
@@ -262,9 +287,11 @@ def to_faces(begin, end, near, faces, x, normal):
             continue  # no place on it is nearer
         d, at = to_triangle(x, faces[f : f + 9], normal)
         if d < best:
-            nearest, flat = f, at == WITHIN
+            nearest = f
+            flat = at == WITHIN
         best, side = beside(best, side, d, at, faces[f : f + 12], normal)
-    d, _ = np.copysign(best, side), to_triangle(x, faces[nearest : nearest + 9], normal)
+    d = np.copysign(best, side)
+    _ = to_triangle(x, faces[nearest : nearest + 9], normal)
     for i in range(3):
         normal[i] = faces[nearest + 9 + i] if flat or d == 0.0 else normal[i] / d
     return d
@@ -276,8 +303,12 @@ def near_triangles(faces, origin, spacing, band, values, side, listed, beyond):
 
     Returns flat indices (n,) of points that are to be listed, (nx, ny, nz), and of faces no farther than their value and `beyond` (m).
     """
-    low, high, x, away = np.empty(3, np.int64), np.empty(3, np.int64), np.empty(3), np.empty(3)
-    points, found = [0 for _ in range(0)], [0 for _ in range(0)]
+    low = np.empty(3, np.int64)
+    high = np.empty(3, np.int64)
+    x = np.empty(3)
+    away = np.empty(3)
+    points = [0 for _ in range(0)]
+    found = [0 for _ in range(0)]
     for f in range(len(faces)):
         for k in range(3):
             low[k] = max(0, int(np.ceil((faces[f, k:9:3].min() - band - origin[k]) / spacing)))
@@ -310,21 +341,28 @@ def value(p, q, r, spacing, rows, columns, coefficients):
 
     In scalars and tuples: small arrays in a particle loop, and views handed on, cost more than all the rest.
     """
-    i, j, k = int(p + 0.5), int(q + 0.5), int(r + 0.5)
-    d, e, f = p - i, q - j, r - k
+    i = int(p + 0.5)
+    j = int(q + 0.5)
+    k = int(r + 0.5)
+    d = p - i
+    e = q - j
+    f = r - k
     u = (0.5 * (0.5 - d) ** 2, 0.75 - d * d, 0.5 * (0.5 + d) ** 2)
     v = (0.5 * (0.5 - e) ** 2, 0.75 - e * e, 0.5 * (0.5 + e) ** 2)
     w = (0.5 * (0.5 - f) ** 2, 0.75 - f * f, 0.5 * (0.5 + f) ** 2)
-    du, dv, dw = (
-        (d - 0.5, -2.0 * d, d + 0.5),
-        (e - 0.5, -2.0 * e, e + 0.5),
-        (f - 0.5, -2.0 * f, f + 0.5),
-    )
-    total, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
+    du = (d - 0.5, -2.0 * d, d + 0.5)
+    dv = (e - 0.5, -2.0 * e, e + 0.5)
+    dw = (f - 0.5, -2.0 * f, f + 0.5)
+    total = 0.0
+    sx = 0.0
+    sy = 0.0
+    sz = 0.0
     for a in range(3):
         for b in range(3):
             first = ((i - 1 + a) * rows + j - 1 + b) * columns + k - 1
-            c0, c1, c2 = coefficients[first], coefficients[first + 1], coefficients[first + 2]
+            c0 = coefficients[first]
+            c1 = coefficients[first + 1]
+            c2 = coefficients[first + 2]
             line = w[0] * c0 + w[1] * c1 + w[2] * c2
             total += u[a] * v[b] * line
             sx += du[a] * v[b] * line
@@ -336,23 +374,33 @@ def value(p, q, r, spacing, rows, columns, coefficients):
 @compiled
 def curvature(p, q, r, spacing, rows, columns, coefficients):
     """Second derivatives (1/m) of the distance along xx, yy, zz, xy, xz, yz, constant or linear in each cell; arguments as of `value`."""
-    i, j, k = int(p + 0.5), int(q + 0.5), int(r + 0.5)
-    d, e, f = p - i, q - j, r - k
+    i = int(p + 0.5)
+    j = int(q + 0.5)
+    k = int(r + 0.5)
+    d = p - i
+    e = q - j
+    f = r - k
     u = (0.5 * (0.5 - d) ** 2, 0.75 - d * d, 0.5 * (0.5 + d) ** 2)
     v = (0.5 * (0.5 - e) ** 2, 0.75 - e * e, 0.5 * (0.5 + e) ** 2)
     w = (0.5 * (0.5 - f) ** 2, 0.75 - f * f, 0.5 * (0.5 + f) ** 2)
-    du, dv, dw = (
-        (d - 0.5, -2.0 * d, d + 0.5),
-        (e - 0.5, -2.0 * e, e + 0.5),
-        (f - 0.5, -2.0 * f, f + 0.5),
-    )
+    du = (d - 0.5, -2.0 * d, d + 0.5)
+    dv = (e - 0.5, -2.0 * e, e + 0.5)
+    dw = (f - 0.5, -2.0 * f, f + 0.5)
     second = (1.0, -2.0, 1.0)
-    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    xx = 0.0
+    yy = 0.0
+    zz = 0.0
+    xy = 0.0
+    xz = 0.0
+    yz = 0.0
     for a in range(3):
         for b in range(3):
             first = ((i - 1 + a) * rows + j - 1 + b) * columns + k - 1
-            c0, c1, c2 = coefficients[first], coefficients[first + 1], coefficients[first + 2]
-            line, slope = w[0] * c0 + w[1] * c1 + w[2] * c2, dw[0] * c0 + dw[1] * c1 + dw[2] * c2
+            c0 = coefficients[first]
+            c1 = coefficients[first + 1]
+            c2 = coefficients[first + 2]
+            line = w[0] * c0 + w[1] * c1 + w[2] * c2
+            slope = dw[0] * c0 + dw[1] * c1 + dw[2] * c2
             xx += second[a] * v[b] * line
             yy += u[a] * second[b] * line
             zz += u[a] * v[b] * (c0 - 2.0 * c1 + c2)

@@ -50,7 +50,9 @@ class Harmonic(Settings):
     )
     phase: Angle = Field(
         default=0.0,
-        description="Angle at the base, from the plane's first axis toward its second; 0 deg unless given.",
+        description=(
+            "Angle at the base, from the plane's first axis toward its second; 0 deg unless given."
+        ),
         examples=["45 deg"],
     )
     plane: Literal["xz", "xy", "yz"] = Field(
@@ -60,7 +62,10 @@ class Harmonic(Settings):
     )
     turn: Literal["ccw", "cw"] = Field(
         default="ccw",
-        description="Along +x the angle grows (ccw: from the plane's first axis toward its second, unless given) or shrinks (cw).",
+        description=(
+            "Along +x the angle grows (ccw: from the plane's first axis toward its second, unless"
+            " given) or shrinks (cw)."
+        ),
         examples=["cw"],
     )
 
@@ -107,7 +112,9 @@ class Strip(StraightBody):
     kind: ClassVar[str] = "strip"
     across: ClassVar[str] = "thickness"
     branch_distance: ClassVar[float] = (
-        0.3  # strips that free their edges are between beam and plate, and just past buckling that is 0.1
+        # strips that free their edges are between beam and plate, and just past buckling that is
+        # 0.1
+        0.3
     )
 
     length: Length = Field(description="Length along x.", examples=["17.2 mm"])
@@ -121,7 +128,9 @@ class Strip(StraightBody):
     )
     clamp: Literal["base", "both", "none"] = Field(
         default="base",
-        description="The faces that are held: base (at the lower x), both ends, or none (a free body).",
+        description=(
+            "The faces that are held: base (at the lower x), both ends, or none (a free body)."
+        ),
         examples=["base"],
     )
     position: Annotated[
@@ -134,7 +143,10 @@ class Strip(StraightBody):
     plane_strain: bool = Field(
         default=False,
         strict=True,
-        description="Nothing moves along y and nothing varies along it, as in a very wide sheet; false unless given.",
+        description=(
+            "Nothing moves along y and nothing varies along it, as in a very wide sheet; false"
+            " unless given."
+        ),
         examples=[True],
     )
     segments: tuple[Segment, ...] | None = Field(
@@ -158,7 +170,8 @@ class Strip(StraightBody):
         if width is not None and not 0.5 * thickness <= width <= MAX_SLENDERNESS * thickness:
             raise fault(
                 f"the width must be 0.5 to {MAX_SLENDERNESS:g} times the thickness",
-                f"check the units of both: width {1e3 * width:g} mm, thickness {1e3 * thickness:g} mm",
+                f"check the units of both: width {1e3 * width:g} mm, thickness"
+                f" {1e3 * thickness:g} mm",
             )
         return thickness
 
@@ -239,7 +252,8 @@ class Strip(StraightBody):
         self, cells_across: int, particles_per_cell: int, knots: Knots = EVEN
     ) -> Discretization:
         """Its grid and particles. The regions of a profile are there to be shown: they cut no cells."""
-        ends, grid = self.segment_ends(), self.grid(cells_across, knots)
+        ends = self.segment_ends()
+        grid = self.grid(cells_across, knots)
         particles = strip_particles(
             grid,
             segment_ends=self.position[0]
@@ -294,7 +308,9 @@ class Strip(StraightBody):
         a_turn = max(3, round(self.length / self.thickness * cells_across)) / turns
         if a_turn < REGIONS_A_PERIOD:
             raise fault(
-                f"a turn of the magnetization must be at least {REGIONS_A_PERIOD} cells long, and is {a_turn:.3g}",
-                f"raise cells_across to {int(np.ceil(cells_across * REGIONS_A_PERIOD / a_turn))}, or turn less often",
+                f"a turn of the magnetization must be at least {REGIONS_A_PERIOD} cells long, and"
+                f" is {a_turn:.3g}",
+                f"raise cells_across to {int(np.ceil(cells_across * REGIONS_A_PERIOD / a_turn))},"
+                " or turn less often",
                 ("resolution", "cells_across"),
             )

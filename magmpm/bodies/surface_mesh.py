@@ -40,12 +40,15 @@ if TYPE_CHECKING:
 
 PREFIX = "mesh:"  # of the text a scene keeps
 MOST_FACES = 300_000
-MOST_BYTES = 200_000_000  # of a file: text STL takes 200 to 300 a triangle; with fewer bytes the number of triangles is checked
-LARGEST_NUMBER = 1e8  # in any unit: 100 m in micrometres; larger ones are a damaged file's, and their cubes and squares overflow
-FARTHEST, SMALLEST = (
-    10.0,
-    1e-6,
-)  # m: coordinates, as of all places in a scene, and the longest side of a mesh
+# of a file: text STL takes 200 to 300 a triangle; with fewer bytes the number of triangles is
+# checked
+MOST_BYTES = 200_000_000
+# in any unit: 100 m in micrometres; larger ones are a damaged file's, and their cubes and squares
+# overflow
+LARGEST_NUMBER = 1e8
+# m: coordinates, as of all places in a scene, and the longest side of a mesh
+FARTHEST = 10.0
+SMALLEST = 1e-6
 RAYS = 400  # points from which the thickness is measured
 LINES = 100  # through the mesh, along which its surface is tried for crossing itself
 CROSSED = (
@@ -79,7 +82,8 @@ def read_stl(path: Path) -> Mesh:
         content = read_regular(path, MOST_BYTES)
     except UnfitFile as error:
         raise MeshError(
-            f"{error.strerror}; a mesh must be a regular file of at most {MOST_BYTES // 1_000_000} MB",
+            f"{error.strerror}; a mesh must be a regular file of at most"
+            f" {MOST_BYTES // 1_000_000} MB",
             "export the part as STL",
         ) from None
     except OSError as error:
@@ -100,7 +104,8 @@ def read_stl(path: Path) -> Mesh:
     largest = float(np.abs(corners).max())
     if largest > LARGEST_NUMBER:
         raise MeshError(
-            f"coordinates must be at most {LARGEST_NUMBER:.0e} in the file's unit, and this mesh has one of {largest:.3g}",
+            f"coordinates must be at most {LARGEST_NUMBER:.0e} in the file's unit, and this mesh"
+            f" has one of {largest:.3g}",
             "the file is damaged, or not in a unit of length: export the part again",
         )
     return checked(*_merged(corners))
@@ -162,7 +167,8 @@ def _merged(corners: Array) -> tuple[Array, NDArray[Any]]:
         count, group = connected_components(links, directed=False)
         first = np.full(count, len(points), np.int64)
         np.minimum.at(first, group, np.arange(len(points)))
-        points, of = points[first], group[of.ravel()].astype(np.int64)
+        points = points[first]
+        of = group[of.ravel()].astype(np.int64)
     faces = of.reshape(-1, 3).astype(np.int64)
     a, b, c = faces.T
     return points, faces[(a != b) & (b != c) & (c != a)]
@@ -173,44 +179,49 @@ def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
     if (found := doubled(vertices, faces)) is not None:
         raise MeshError(*found)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    low, high = edges.min(1), edges.max(1)
+    low = edges.min(1)
+    high = edges.max(1)
     _, first, of = np.unique(low * len(vertices) + high, return_index=True, return_inverse=True)
-    used, balance = np.bincount(of), np.bincount(of, np.where(edges[:, 0] == low, 1.0, -1.0))
+    used = np.bincount(of)
+    balance = np.bincount(of, np.where(edges[:, 0] == low, 1.0, -1.0))
     odd_edges = np.flatnonzero((used > 2) & (used % 2 == 1))
     if len(odd_edges):
         raise MeshError(
-            f"triangles of a mesh must meet in pairs at each edge, and at {len(odd_edges)} edges of this one "
-            "there is one too many or too few, the first near "
-            f"{place(vertices[low[first[odd_edges[0]]]])}: three or more meet there",
-            "remove the triangle that belongs to no solid, or close the hole (in Blender: Select > All by "
-            "Trait > Non Manifold), and export the part again",
+            f"triangles of a mesh must meet in pairs at each edge, and at {len(odd_edges)} edges of"
+            " this one there is one too many or too few, the first near"
+            f" {place(vertices[low[first[odd_edges[0]]]])}: three or more meet there",
+            "remove the triangle that belongs to no solid, or close the hole (in Blender: Select >"
+            " All by Trait > Non Manifold), and export the part again",
         )
     open_edges = np.flatnonzero(used == 1)
     if len(open_edges):
         raise MeshError(
-            f"a mesh must be watertight, and {len(open_edges)} edges of this one have a hole beside them, "
-            f"the first near {place(vertices[low[first[open_edges[0]]]])}",
-            "close the holes, for example with MeshLab's or Blender's repair, and export the part again",
+            f"a mesh must be watertight, and {len(open_edges)} edges of this one have a hole beside"
+            f" them, the first near {place(vertices[low[first[open_edges[0]]]])}",
+            "close the holes, for example with MeshLab's or Blender's repair, and export the part"
+            " again",
         )
     if np.any(balance != 0):
         raise MeshError(
-            f"all triangles of a mesh must face outward, and {int(np.sum(balance != 0))} edges join two that face opposite ways",
-            "make the normals consistent (in Blender: Mesh > Normals > Recalculate Outside) and export the part again",
+            f"all triangles of a mesh must face outward, and {int(np.sum(balance != 0))} edges join"
+            " two that face opposite ways",
+            "make the normals consistent (in Blender: Mesh > Normals > Recalculate Outside) and"
+            " export the part again",
         )
     mesh = Mesh(vertices, faces)
     # no triangle is left where all vertices count as one: next to a vertex that is far away
-    volume, size = (
-        volume_of(mesh.triangles) if len(faces) else 0.0,
-        float(np.prod(np.ptp(vertices, axis=0))),
-    )
+    volume = volume_of(mesh.triangles) if len(faces) else 0.0
+    size = float(np.prod(np.ptp(vertices, axis=0)))
     if volume < -1e-9 * size:
         raise MeshError(
-            "the triangles of a mesh must face outward, and those of this one face inward: its volume is negative",
+            "the triangles of a mesh must face outward, and those of this one face inward: its"
+            " volume is negative",
             "flip the normals (in Blender: Mesh > Normals > Flip) and export the part again",
         )
     if not volume > 1e-9 * size:
         raise MeshError(
-            "a mesh must enclose a volume, and this one encloses none: a part without volume has no mass",
+            "a mesh must enclose a volume, and this one encloses none: a part without volume has no"
+            " mass",
             "export the solid part, not a surface",
         )
     if (found := shell_fault(vertices, faces, size)) is not None:
@@ -218,18 +229,18 @@ def checked(vertices: Array, faces: NDArray[Any]) -> Mesh:
     twice = _covered_twice(solid_of(vertices, faces), mesh)
     if twice > CROSSED * float(np.ptp(vertices, axis=0).max()):
         raise MeshError(
-            f"the surface of a mesh must not cross itself, and inside this one a line of {twice:.3g} counts twice, or less than not at all",
-            "unite what overlaps (in Blender: the Boolean modifier, Union, with Self Intersection), and export the part again",
+            "the surface of a mesh must not cross itself, and inside this one a line of"
+            f" {twice:.3g} counts twice, or less than not at all",
+            "unite what overlaps (in Blender: the Boolean modifier, Union, with Self Intersection),"
+            " and export the part again",
         )
     return mesh
 
 
 def size_fault(mesh: Mesh, unit: str, scale: float) -> tuple[str, str] | None:
     """Rule and remedy where a mesh in this unit (of `scale` m) is too far away, or too small; else None."""
-    far, size = (
-        scale * float(np.abs(mesh.vertices).max()),
-        scale * float(np.ptp(mesh.vertices, axis=0).max()),
-    )
+    far = scale * float(np.abs(mesh.vertices).max())
+    size = scale * float(np.ptp(mesh.vertices, axis=0).max())
     remedy = f"check the unit ({unit}), and the place of the mesh"
     if far > FARTHEST * (1 + 1e-9):
         return (
@@ -238,7 +249,10 @@ def size_fault(mesh: Mesh, unit: str, scale: float) -> tuple[str, str] | None:
         )
     if size < SMALLEST * (1 - 1e-9):
         return (
-            f"a mesh must be at least {1e6 * SMALLEST:g} um long, and this one is {1e6 * size:.3g} um",
+            (
+                f"a mesh must be at least {1e6 * SMALLEST:g} um long, and this one is"
+                f" {1e6 * size:.3g} um"
+            ),
             remedy,
         )
     return None
@@ -323,14 +337,16 @@ def _inward(mesh: Mesh, count: int) -> tuple[Array, Array]:
     face = np.minimum(
         np.searchsorted(share, (np.arange(count) + rng.random(count)) / count), len(double) - 1
     )
-    u, v = np.sqrt(rng.random((1, count))), rng.random((1, count))
+    u = np.sqrt(rng.random((1, count)))
+    v = rng.random((1, count))
     weights = np.concatenate([1 - u, u * (1 - v), u * v]).T
     return np.einsum("rk,rki->ri", weights, triangles[face]), -normal[face] / double[face, None]
 
 
 def _covered_twice(solid: Manifold, mesh: Mesh) -> float:
     """Largest length of a line through the surface that is inside it more than once, or less than not at all."""
-    size, most = float(np.ptp(mesh.vertices, axis=0).max()), 0.0
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    most = 0.0
     for start, along in zip(*_inward(mesh, LINES), strict=True):
         hits = solid.ray_cast(start - 2 * size * along, start + 2 * size * along)
         inside = -np.cumsum([np.sign(np.dot(hit.normal, along)) for hit in hits])[:-1]
@@ -344,7 +360,8 @@ def thickness_of(text: str) -> float:
     """Thickness of a stored mesh in its unit: along the normal inward, a tenth of its surface has the opposite one this near."""
     mesh = unpack_mesh(text)
     size = float(np.ptp(mesh.vertices, axis=0).max())
-    solid, found = _stored_solid(text), []
+    solid = _stored_solid(text)
+    found = []
     for begin, inward in zip(*_inward(mesh, RAYS), strict=True):
         far = [2 * size * hit.distance for hit in solid.ray_cast(begin, begin + 2 * size * inward)]
         found += [x for x in far if x >= 1e-6 * size][

@@ -52,10 +52,15 @@ class Progress:
     """Progress, with the time left: one line that is overwritten and at the end cleared, or without a terminal a line now and then."""
 
     def __init__(self, title: str) -> None:
-        self._title, self._begun, self._shown = title, time.monotonic(), 0
-        self._visible, self._last, self._over = sys.stderr.isatty(), title, threading.Event()
+        self._title = title
+        self._begun = time.monotonic()
+        self._shown = 0
+        self._visible = sys.stderr.isatty()
+        self._last = title
+        self._over = threading.Event()
         self._first: tuple[float, float] | None = (
-            None  # time and parts done at the first report: compiling and a resumed part come before
+            # time and parts done at the first report: compiling and a resumed part come before
+            None
         )
 
     def __enter__(self) -> Progress:

@@ -175,13 +175,15 @@ COMMANDS = {
             _value(
                 "--sampler",
                 "S",
-                "tpe, gp, cmaes, nsga2, random, gauss-newton or optuna:NAME, in place of the file's",
+                "tpe, gp, cmaes, nsga2, random, gauss-newton or optuna:NAME, in place of the"
+                " file's",
             ),
             _value(
                 "--storage",
                 "URL",
-                "database of the trials: sqlite:///FILE, postgresql://USER@HOST/NAME or grpc://HOST:PORT; with a "
-                "password in it, by the variable MAGMPM_STORAGE [sqlite in the results folder]",
+                "database of the trials: sqlite:///FILE, postgresql://USER@HOST/NAME or"
+                " grpc://HOST:PORT; with a password in it, by the variable MAGMPM_STORAGE [sqlite"
+                " in the results folder]",
             ),
             _value(
                 "--workers",
@@ -192,14 +194,15 @@ COMMANDS = {
             _value(
                 "--time-limit",
                 "S",
-                "seconds after which a worker that still solves a design is ended, and the design given to another "
-                "one [100 times the usual, at least 600]",
+                "seconds after which a worker that still solves a design is ended, and the design"
+                " given to another one [100 times the usual, at least 600]",
                 type=float,
             ),
             _value(
                 "--artifacts",
                 "PLACE",
-                "folder or s3://BUCKET for the trials' pictures, which sessions can share [the results folder]",
+                "folder or s3://BUCKET for the trials' pictures, which sessions can share [the"
+                " results folder]",
             ),
             _value(
                 "--trial",
@@ -269,9 +272,9 @@ COMMANDS = {
     "report": Command(
         "report.command",
         "a study as one page, and as PDF",
-        "Write a study's page: the best design as a sheet ready to make, with "
-        "drawing, tolerances and accuracy, pictures, and how to make it again. The HTML file holds everything; PDF by WeasyPrint or "
-        "Chromium, where there is one.",
+        "Write a study's page: the best design as a sheet ready to make, with drawing, tolerances"
+        " and accuracy, pictures, and how to make it again. The HTML file holds everything; PDF by"
+        " WeasyPrint or Chromium, where there is one.",
         (
             _value("folder", "DIR", "folder of a study, such as runs/s_shape"),
             _flag(
@@ -312,9 +315,9 @@ COMMANDS = {
     "prepare": Command(
         "first_steps.prepare",
         "compile kernels ahead of their first use",
-        "Compile the kernels of scenes, or without any of the usual "
-        "combinations of effects, so that no run waits for them. They are kept in the user's cache and serve until magmpm, Numba or the "
-        "processor changes.",
+        "Compile the kernels of scenes, or without any of the usual combinations of effects, so"
+        " that no run waits for them. They are kept in the user's cache and serve until magmpm,"
+        " Numba or the processor changes.",
         (
             _value(
                 "scenes",
@@ -357,15 +360,15 @@ COMMANDS = {
     "fit": Command(
         "fit.command",
         "material constants from measured tips, shapes or motions",
-        "Find the constants of a scene that explain "
-        "measurements best, with confidence intervals; constants that the measurements can't tell apart are refused, with the measurement "
-        "that would. docs/fitting.md has the columns of the table.",
+        "Find the constants of a scene that explain measurements best, with confidence intervals;"
+        " constants that the measurements can't tell apart are refused, with the measurement that"
+        " would. docs/fitting.md has the columns of the table.",
         (
             _value(
                 "measured",
                 "MEASURED.csv",
-                "table with units in its header, such as field_z_mT,tip_x_mm,tip_z_mm; or several tables of "
-                "the same body",
+                "table with units in its header, such as field_z_mT,tip_x_mm,tip_z_mm; or several"
+                " tables of the same body",
                 nargs="+",
             ),
             _value(
@@ -374,8 +377,9 @@ COMMANDS = {
             _value(
                 "--vary",
                 "NAME,...",
-                "shear_modulus, remanence, density, length, magnetization, field, damping, viscosity, or one "
-                "constant's own name [shear_modulus,remanence, and a motion's losses]",
+                "shear_modulus, remanence, density, length, magnetization, field, damping,"
+                " viscosity, or one constant's own name [shear_modulus,remanence, and a motion's"
+                " losses]",
             ),
             _value(
                 "--noise",
@@ -393,8 +397,9 @@ COMMANDS = {
             _value(
                 "--hold-out",
                 "COLUMN=VALUE,...",
-                "rows to predict from a fit of the others, by what a column holds; more values of it, "
-                "or other columns with theirs, after commas: a row that has one of them is held out",
+                "rows to predict from a fit of the others, by what a column holds; more values of"
+                " it, or other columns with theirs, after commas: a row that has one of them is"
+                " held out",
             ),
             _flag("--quick", "one descent alone, and no finer grid to compare with"),
             _FORMAT,
@@ -404,8 +409,8 @@ COMMANDS = {
     "doctor": Command(
         "doctor.command",
         "what is missing here, and whether the numbers come out right",
-        "Look at Python, libraries, OpenGL, threads and "
-        "the cache of kernels, and test a few numbers against stored answers. Exit status 1 where something fails.",
+        "Look at Python, libraries, OpenGL, threads and the cache of kernels, and test a few"
+        " numbers against stored answers. Exit status 1 where something fails.",
         (
             _flag("--quick", "leave out the self-test"),
             _JSON,

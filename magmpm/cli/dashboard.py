@@ -29,10 +29,8 @@ def _url(saved: str, option: str | None) -> str:
 
     url = known_url(saved, option, os.environ)
     if url is None:
-        rule, remedy = (
-            "the password is kept nowhere",
-            f"put the whole URL into the environment variable {VARIABLE}",
-        )
+        rule = "the password is kept nowhere"
+        remedy = f"put the whole URL into the environment variable {VARIABLE}"
         raise InputError(f"storage {saved}", rule=rule, remedy=remedy)
     return url
 
@@ -43,10 +41,12 @@ def command(options: argparse.Namespace) -> int:
 
     from magmpm.studies.problem import REPORT
 
-    folder, port = Path(options.folder), options.port
+    folder = Path(options.folder)
+    port = options.port
     if not is_study(folder):
         raise InputError(
-            f"{folder}: holds no study ({REPORT} is missing); give the folder of a study, such as runs/s_shape"
+            f"{folder}: holds no study ({REPORT} is missing); give the folder of a study, such as"
+            " runs/s_shape"
         )
     if not 0 < port < 65536:
         raise InputError(f"--port: received {port}; must be between 1 and 65535")
@@ -68,14 +68,17 @@ def command(options: argparse.Namespace) -> int:
     saved = saved_report(folder)
     url = _url(saved["storage"], options.storage)
     must_exist(url, folder)
-    storage, artifacts = open_storage(url), artifact_store(saved.get("artifacts"), folder)
+    storage = open_storage(url)
+    artifacts = artifact_store(saved.get("artifacts"), folder)
     try:
         study = optuna.load_study(study_name=saved["name"], storage=storage)
     except KeyError:
-        rule, remedy = f"must hold the study {saved['name']}", "name its database with --storage"
+        rule = f"must hold the study {saved['name']}"
+        remedy = "name its database with --storage"
         raise InputError(f"storage {shown_url(url)}", rule=rule, remedy=remedy) from None
     Notes(study, folder, artifacts).keep_up()
-    guard, start = Guard(), f"/dashboard/studies/{study_id(study)}"
+    guard = Guard()
+    start = f"/dashboard/studies/{study_id(study)}"
     app = guarded(
         page(wsgi(DashboardView(storage), artifact_store=artifacts), options.write),
         guard,

@@ -33,7 +33,8 @@ def command(options: argparse.Namespace) -> int:
     """Run or resume a study, with a picture of every trial, then the pictures of the whole."""
     from magmpm.studies.search.definition import load_study
 
-    study, smooth = load_study(options.study), options.style == SURFACE
+    study = load_study(options.study)
+    smooth = options.style == SURFACE
     from magmpm.simulate import run, sensitivities
     from magmpm.solving.precompile import fill_cache
     from magmpm.studies.engine.loop import check_study, kernel_uses, run_study
@@ -43,7 +44,8 @@ def command(options: argparse.Namespace) -> int:
 
     if options.trial is not None:
         return _rerun(options, study)
-    out, storage = options.out or Path("runs") / study.name, given_url(options.storage, os.environ)
+    out = options.out or Path("runs") / study.name
+    storage = given_url(options.storage, os.environ)
     if is_server(url := storage_url(out, storage)):
         server = Store(url, TIMEOUT, OUTAGE, print)
         server.open()  # one that can't be used is refused before rods are compiled for the check
@@ -146,7 +148,9 @@ class TrialPicture:
     """Draws a trial; also in a worker process, where it starts a drawing process of its own with the first picture."""
 
     def __init__(self, study: Study, smooth: bool, renderer: Renderer | None = None) -> None:
-        self._study, self._smooth, self._renderer = study, smooth, renderer
+        self._study = study
+        self._smooth = smooth
+        self._renderer = renderer
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_renderer": None}
@@ -193,7 +197,8 @@ def _text(report: StudyReport, files: list[Path]) -> str:
 
     refused = f", {report.refused} refused: less stable than the margin" if report.refused else ""
     lines = [
-        f"{report.name}: {count(report.trials, 'trial')} ({report.failed} failed{refused}), sampler {report.sampler}, seed {report.seed}"
+        f"{report.name}: {count(report.trials, 'trial')} ({report.failed} failed{refused}), sampler"
+        f" {report.sampler}, seed {report.seed}"
     ]
     if report.why_sampler is not None:
         lines.append(f"  sampler          {report.sampler}: {report.why_sampler}")
@@ -201,14 +206,16 @@ def _text(report: StudyReport, files: list[Path]) -> str:
         lines.append(f"  trial {report.failed_trials[-1]:<4}       {report.reasons[-1]}")
     if report.best is not None:
         lines.append(
-            f"  best             trial {report.best['number']}, rms {1e3 * report.best['rms_m']:.3f} mm"
+            f"  best             trial {report.best['number']}, rms"
+            f" {1e3 * report.best['rms_m']:.3f} mm"
         )
         if "measure_m" in report.best:
             mean, sigma, scatter = (
                 1e3 * report.best[key] for key in ("mean_rms_m", "sigma_rms_m", "scatter_m")
             )
             lines.append(
-                f"  made with errors rms {mean:.3f} mm on average, sigma {sigma:.3f} mm; the shape scatters by {scatter:.3f} mm"
+                f"  made with errors rms {mean:.3f} mm on average, sigma {sigma:.3f} mm; the shape"
+                f" scatters by {scatter:.3f} mm"
             )
         for k, direction in enumerate(report.best["magnetization"] or [], 1):
             if not any(direction):  # a plain segment
@@ -221,12 +228,14 @@ def _text(report: StudyReport, files: list[Path]) -> str:
     if report.front is not None:
         found = report.front["pareto"]
         lines.append(
-            f"  Pareto front     {count(len(found), 'trial')}; best compromise: trial {report.front['compromise']}"
+            f"  Pareto front     {count(len(found), 'trial')}; best compromise: trial"
+            f" {report.front['compromise']}"
         )
     if report.stop_rms_m is not None:
         first = report.first_trial_below_stop
         lines.append(
-            f"  rms {1e3 * report.stop_rms_m:g} mm         {'not reached' if first is None else f'reached in trial {first}'}"
+            f"  rms {1e3 * report.stop_rms_m:g} mm        "
+            f" {'not reached' if first is None else f'reached in trial {first}'}"
         )
     lines += [f"  warning          {line}" for line in on_the_brink(report.best)]
     lines += [f"  judged finer     {line}" for line in verified_lines(report.judged)]
@@ -236,7 +245,8 @@ def _text(report: StudyReport, files: list[Path]) -> str:
             f"  seconds a trial  {report.seconds_per_trial:.2f} (median, with storage and picture)"
         )
     lines.append(
-        f"  trials in        {report.storage}; browse them with: magmpm dashboard {shlex.quote(str(report.out))}"
+        f"  trials in        {report.storage}; browse them with: magmpm dashboard"
+        f" {shlex.quote(str(report.out))}"
     )
     lines += [f"  saved            {path}" for path in files]
     if (scene := report.out / BEST / SCENE).exists():
@@ -256,9 +266,12 @@ def render_study(
 
     report = saved_report(folder)
     with Renderer() as renderer:
-        return draw_study(
-            folder, report, saved_target(folder), renderer, out, smooth=smooth, kind=kind
-        ), renderer.note
+        return (
+            draw_study(
+                folder, report, saved_target(folder), renderer, out, smooth=smooth, kind=kind
+            ),
+            renderer.note,
+        )
 
 
 def saved_report(folder: Path) -> dict[str, Any]:
@@ -322,10 +335,8 @@ def draw_study(
     def snapshot(of: Path) -> Snapshot:
         known = read_design(of)
         if "number" not in known or "rms_m" not in known:
-            rule, remedy = (
-                "must be as `magmpm design` wrote it",
-                "run `magmpm design` again: it makes the design anew",
-            )
+            rule = "must be as `magmpm design` wrote it"
+            remedy = "run `magmpm design` again: it makes the design anew"
             raise InputError(f"{of / DESIGN}: can't be read as a design", rule=rule, remedy=remedy)
         result = Result.load(of)
         shown = (

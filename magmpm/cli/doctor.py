@@ -21,7 +21,9 @@ from typing import Any
 
 from magmpm.cli.answers import print_summary
 
-OK, WARN, FAIL = "ok", "warning", "failure"
+OK = "ok"
+WARN = "warning"
+FAIL = "failure"
 IMPORTS = {"PyYAML": "yaml"}  # where names differ
 PATIENCE = {
     "import": 120.0,
@@ -289,7 +291,8 @@ def _threads() -> Iterator[Check]:
             "threads",
             WARN,
             found,
-            f"set NUMBA_NUM_THREADS={max(1, int(allowed))}: threads beyond the limit are slower than none",
+            f"set NUMBA_NUM_THREADS={max(1, int(allowed))}: threads beyond the limit are slower"
+            " than none",
         )
     else:
         yield Check("threads", OK, found)
@@ -324,7 +327,8 @@ def _room() -> Iterator[Check]:
         )
     else:
         files = [path.stat().st_size for path in folder.rglob("*") if path.is_file()]
-        size, kernels = sum(files), sum(1 for path in folder.rglob("*.nbc"))
+        size = sum(files)
+        kernels = sum(1 for path in folder.rglob("*.nbc"))
         found = f"{folder}: {kernels} kernels, {size / 1e6:.0f} MB"
         if not kernels:
             yield Check(

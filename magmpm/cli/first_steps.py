@@ -21,7 +21,8 @@ INSTALLED = "share/magmpm/data/"  # where a wheel puts the examples, below the e
 
 def examples(options: argparse.Namespace) -> int:
     """Copy what comes with magmpm to where it can be changed. Returns the exit status. Raises InputError where another file is there."""
-    source, target = examples_folder(), options.folder / "data"
+    source = examples_folder()
+    target = options.folder / "data"
     files = sorted(
         path.relative_to(source)
         for path in source.rglob("*")
@@ -77,7 +78,8 @@ def examples_folder() -> Path:
                 .parents[str(name).replace("\\", "/").removeprefix(before + INSTALLED).count("/")]
             )
     raise MagmpmError(
-        "the examples are not installed; install magmpm anew: pip install --force-reinstall magmpm-*.whl"
+        "the examples are not installed; install magmpm anew: pip install --force-reinstall"
+        " magmpm-*.whl"
     )
 
 
@@ -100,7 +102,10 @@ def import_robot(options: argparse.Namespace) -> int:
     text = [
         f"{scene.name}: {len(regions)} parts, {held} held",
         *(f"  warning  {warning}" for warning in warnings),
-        f"saved {options.output}; set its field, then: magmpm run {shlex.quote(str(options.output))}",
+        (
+            f"saved {options.output}; set its field, then: magmpm run"
+            f" {shlex.quote(str(options.output))}"
+        ),
     ]
     print_summary(options, summary, "\n".join(text))
     return 0
@@ -132,10 +137,8 @@ def usual() -> Iterator[Scene]:
 
     weight: dict[str, Any] = {"gravity": {}}
     damping: dict[str, Any] = {"damping": {"rate": 60.0}}
-    ground, motion = (
-        {"ground": {"point": [0.0, 0.0, -50e-3], "normal": [0.0, 0.0, 1.0]}},
-        {"dynamic": {"duration": 0.1}},
-    )
+    ground = {"ground": {"point": [0.0, 0.0, -50e-3], "normal": [0.0, 0.0, 1.0]}}
+    motion = {"dynamic": {"duration": 0.1}}
     combinations: tuple[tuple[dict[str, Any], dict[str, Any]], ...] = (
         ({}, {}),
         (weight, {}),

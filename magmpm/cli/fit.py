@@ -10,7 +10,10 @@ from typing import Any
 from magmpm.cli.answers import folder_of_results, print_summary
 from magmpm.errors import InputError
 
-REPORT, TABLE, HELD_OUT, SCENE = "fit.json", "residuals.csv", "held_out.csv", "fitted_scene.yaml"
+REPORT = "fit.json"
+TABLE = "residuals.csv"
+HELD_OUT = "held_out.csv"
+SCENE = "fitted_scene.yaml"
 
 
 def command(options: argparse.Namespace) -> int:
@@ -98,16 +101,19 @@ def _list(text: str | None) -> list[str] | None:
 def _numbers(options: argparse.Namespace) -> dict[str, Any]:
     """Noise, what is known, and the level, from what was typed. Raises InputError."""
     if not 50 <= options.level < 100:
-        rule, remedy = "must be at least 50 and below 100 (%)", "leave it out for 95"
+        rule = "must be at least 50 and below 100 (%)"
+        remedy = "leave it out for 95"
         raise InputError("--level", received=f"{options.level:g}", rule=rule, remedy=remedy)
     known = {}
     for pair in _list(options.known) or []:
         name, _, share = pair.partition("=")
         known[name.strip()] = _quantity("--known", share, "percentage")
     return {
-        "noise": None
-        if options.noise is None
-        else [_quantity("--noise", one, "length") for one in _list(options.noise) or [""]],
+        "noise": (
+            None
+            if options.noise is None
+            else [_quantity("--noise", one, "length") for one in _list(options.noise) or [""]]
+        ),
         "angle_noise": _quantity("--angle-noise", options.angle_noise, "angle"),
         "known": known,
         "level": options.level / 100,

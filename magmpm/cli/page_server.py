@@ -27,8 +27,8 @@ Answer = bytes | Mapping[str, Any]
 Routes = Mapping[str, Callable[[Any], Answer]]
 # The page loads nothing from elsewhere, and is shown in no other page.
 POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data: blob:; "
-    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+    "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'"
+    " data: blob:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
 )
 
 
@@ -51,7 +51,9 @@ class PageServer(GuardedServer):
         Raises InputError where it can't be had.
         """
         names = [name.strip() for name in host.split(",") if name.strip()] or [LOOPBACK]
-        self.routes, self.guard, host = routes, Guard(names), names[0]
+        self.routes = routes
+        self.guard = Guard(names)
+        host = names[0]
         self.secret = self.guard.secret
         for candidate in range(FIRST_PORT, FIRST_PORT + 20) if port is None else (port,):
             try:
@@ -60,7 +62,10 @@ class PageServer(GuardedServer):
             except (OSError, OverflowError) as error:
                 failure = getattr(error, "strerror", None) or str(error)
         else:
-            rule = f"the address must be this machine's, and the port free and allowed to this user ({failure})"
+            rule = (
+                "the address must be this machine's, and the port free and allowed to this user"
+                f" ({failure})"
+            )
             remedy = "end what uses it, or name another, say, --port 0 for any that is free"
             raise InputError(
                 "--port", received=f"{port or FIRST_PORT} on {host}", rule=rule, remedy=remedy
@@ -111,20 +116,22 @@ class _Handler(GuardedHandler):
 
     def _answer(self, found: Callable[[], tuple[bytes, str]]) -> None:
         """Send what is found, or why not: a connection is never closed without an answer."""
-        status, kind = HTTPStatus.OK, "application/json"
+        status = HTTPStatus.OK
+        kind = "application/json"
         try:
             content, kind = found()
         except Refused as refusal:
             self.close_connection = True  # what it sends may not have been read
-            status, content, kind = refusal.status, str(refusal).encode(), "text/plain"
+            status = refusal.status
+            content = str(refusal).encode()
+            kind = "text/plain"
         except MagmpmError as error:
-            status, content = HTTPStatus.BAD_REQUEST, json.dumps({"error": str(error)}).encode()
+            status = HTTPStatus.BAD_REQUEST
+            content = json.dumps({"error": str(error)}).encode()
         except Exception as error:
             words = f"{type(error).__name__}: {error}; please report this"
-            status, content = (
-                HTTPStatus.INTERNAL_SERVER_ERROR,
-                json.dumps({"error": words}).encode(),
-            )
+            status = HTTPStatus.INTERNAL_SERVER_ERROR
+            content = json.dumps({"error": words}).encode()
         self._send(status, content, kind)
 
     def _admit(self) -> None:

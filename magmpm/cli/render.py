@@ -41,11 +41,15 @@ def command(options: argparse.Namespace) -> int:
             str(out),
             received="a folder that holds other results",
             rule="pictures lie beside the results they show, or in a folder without any",
-            remedy="give another --out, or leave it out: pictures then go into the folder that is drawn",
+            remedy=(
+                "give another --out, or leave it out: pictures then go into the folder that is"
+                " drawn"
+            ),
         )
     if not is_study(folder) and not any((folder / name).exists() for name in (MOTION, NUMBERS)):
         raise InputError(
-            f"{folder}: holds no saved result ({NUMBERS} is missing); give the folder that `magmpm run` named, such as runs/NAME"
+            f"{folder}: holds no saved result ({NUMBERS} is missing); give the folder that `magmpm"
+            " run` named, such as runs/NAME"
         )
     with folder_lock(out):
         if is_study(folder):
@@ -98,8 +102,8 @@ def draw_run(
         )
     if motion is not None and style == PARTICLES:
         raise InputError(
-            f"{folder}: holds a motion, which is drawn by its surface: --style {PARTICLES} is for equilibria; ParaView shows the "
-            f"particles of {MOTION}"
+            f"{folder}: holds a motion, which is drawn by its surface: --style {PARTICLES} is for"
+            f" equilibria; ParaView shows the particles of {MOTION}"
         )
     with Renderer() as renderer:
         if motion is not None:
@@ -107,10 +111,8 @@ def draw_run(
         else:
             from magmpm.results.result import Result
 
-            files, note = (
-                [draw_result(Result.load(folder), _named(out / PICTURE, kind), renderer, style)],
-                "",
-            )
+            files = [draw_result(Result.load(folder), _named(out / PICTURE, kind), renderer, style)]
+            note = ""
         return _listed(files, " ".join(filter(None, (note, renderer.note))))
 
 
@@ -131,7 +133,8 @@ def motion_of(folder: Path) -> Motion | None:
 
     if not (folder / MOTION).exists():
         return None
-    motion, saved = Motion.load(folder), folder / NUMBERS
+    motion = Motion.load(folder)
+    saved = folder / NUMBERS
     if saved.exists() and saved.stat().st_mtime > (folder / ABOUT).stat().st_mtime:
         scene = read_mapping(saved).get("scene")
         if isinstance(scene, dict) and scene != motion.scene:
@@ -148,7 +151,8 @@ def _render_motion(
 
     if len(motion) == 0:
         raise InputError(
-            f"{motion.folder}: the motion has no frames yet; wait for the first, or run the scene again"
+            f"{motion.folder}: the motion has no frames yet; wait for the first, or run the scene"
+            " again"
         )
     wanted = _numbers(frames, len(motion))
     shown = MotionRenderer(motion)
@@ -187,9 +191,11 @@ def _numbers(text: str | None, count: int) -> Sequence[int]:
         return [range(count)[k] for k in numbers]
     except ValueError:
         raise InputError(
-            f"--frames: received {text!r}; must be `all` or whole numbers with commas between, such as 0,10,20"
+            f"--frames: received {text!r}; must be `all` or whole numbers with commas between, such"
+            " as 0,10,20"
         ) from None
     except IndexError:
         raise InputError(
-            f"--frames: received {text!r}; this motion has the frames 0 to {count - 1} (-1 is the last)"
+            f"--frames: received {text!r}; this motion has the frames 0 to {count - 1} (-1 is the"
+            " last)"
         ) from None

@@ -20,7 +20,8 @@ from magmpm.results.whole_file import whole_file
 if TYPE_CHECKING:
     from magmpm.viz.sheet import Pictures
 
-PAGE, PDF = "report.html", "report.pdf"
+PAGE = "report.html"
+PDF = "report.pdf"
 MOVIES = {
     "insertion.mp4": "The best design on its way along the path.",
     "best_shapes.mp4": "The designs that were the best so far, one after the other.",
@@ -117,7 +118,8 @@ def _pictures(
     from magmpm.studies.engine.records import IMPROVEMENTS, PICTURES
     from magmpm.viz.sheet import Pictures
 
-    at, wanted = folder, report["rms_m"] or report.get("best")
+    at = folder
+    wanted = report["rms_m"] or report.get("best")
     if wanted and not (folder / "convergence.png").exists():
         try:
             from magmpm.viz.worker import Renderer

@@ -39,8 +39,8 @@ def command(options: argparse.Namespace) -> int:
         forced_backend()  # before the run, whose pictures it would fail to draw
     if options.style == PARTICLES and scene.in_time:
         raise InputError(
-            f"--style: received {PARTICLES}: this scene is a motion, which is drawn by its surface; leave --style out, and look at the "
-            "particles in ParaView"
+            f"--style: received {PARTICLES}: this scene is a motion, which is drawn by its surface;"
+            " leave --style out, and look at the particles in ParaView"
         )
     with folder_of_results(options, scene.name) as folder:
         kept = RunFolder(folder, scene, options.scene)
@@ -51,7 +51,8 @@ def command(options: argparse.Namespace) -> int:
 def _run_into(kept: RunFolder, scene: Scene, options: argparse.Namespace) -> int:
     from magmpm.simulate import missed_effects  # what solves, after the file is read
 
-    folder, moving = kept.path, scene.in_time
+    folder = kept.path
+    moving = scene.in_time
     timed = (
         scene.resolution.seconds is not None
     )  # of several grids, and a checkpoint is that of one
@@ -109,7 +110,8 @@ def _tell_waiting(folder: Path) -> None:
     """Mention earlier results that are saved while a motion waits to be resumed."""
     if (folder / EARLIER).is_dir():
         print(
-            f"magmpm: earlier results are in {folder / EARLIER}, until this motion is resumed and finished",
+            f"magmpm: earlier results are in {folder / EARLIER}, until this motion is resumed and"
+            " finished",
             file=sys.stderr,
         )
 
@@ -181,7 +183,10 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
     lines = [
         f"{result.name}: {_done(result)}",
         *_places(result),
-        f"  det F           {result.min_det_F:.4f} to {result.max_det_F:.4f}; largest stretch {result.largest_stretch:.3f}",
+        (
+            f"  det F           {result.min_det_F:.4f} to {result.max_det_F:.4f}; largest stretch"
+            f" {result.largest_stretch:.3f}"
+        ),
         *_resolution(result),
         *_chosen(result),
         *(
@@ -189,9 +194,14 @@ def _report(result: Result, folder: Path, replaced: str) -> str:
             if result.stability is None
             else [f"  stability       {stability_in_words(result.stability)}"]
         ),
-        f"  particles, dof  {result.particles}, {result.dof}; section area and second moment exact to "
-        f"{max(result.section.values()):.0e}",
-        f"  seconds         {seconds['setup'] + seconds['solve']:.3f} (and {seconds['compile']:.2f} to load or compile the kernels)",
+        (
+            f"  particles, dof  {result.particles}, {result.dof}; section area and second moment"
+            f" exact to {max(result.section.values()):.0e}"
+        ),
+        (
+            f"  seconds         {seconds['setup'] + seconds['solve']:.3f} (and"
+            f" {seconds['compile']:.2f} to load or compile the kernels)"
+        ),
         *([f"  replaced        {replaced}"] if replaced else []),
         f"  saved in        {folder}",
     ]
@@ -217,8 +227,8 @@ def _resolution(result: Result) -> list[str]:
     share = 100 * result.resolution["error_of_length"]
     tried = ", ".join(str(one["cells_across"]) for one in result.resolution["tried"])
     return [
-        f"  error           at most {quantity(result.error_estimate, 'm')}, {significant(share)} % of the length: "
-        f"{result.resolution['cells_across']} cells across, told from {tried}"
+        f"  error           at most {quantity(result.error_estimate, 'm')}, {significant(share)} %"
+        f" of the length: {result.resolution['cells_across']} cells across, told from {tried}"
     ]
 
 
@@ -235,8 +245,12 @@ def _done(result: Result) -> str:
     if result.formulation == "static":
         return f"equilibrium in {result.iterations} Newton steps"
     if result.formulation == "quasi_static":
-        total, until = sum(step["iterations"] for step in result.steps), quantity(result.time, "s")
-        path = f"{len(result.steps)} equilibria until {until} in {total} Newton steps, {count(len(result.jumps), 'jump')}"
+        total = sum(step["iterations"] for step in result.steps)
+        until = quantity(result.time, "s")
+        path = (
+            f"{len(result.steps)} equilibria until {until} in {total} Newton steps,"
+            f" {count(len(result.jumps), 'jump')}"
+        )
         return "\n".join(
             [path, *(f"  jump            {jump_in_words(jump)}" for jump in result.jumps)]
         )
@@ -245,8 +259,9 @@ def _done(result: Result) -> str:
     )
     rate = result.iterations * result.particles / max(result.seconds["solve"], 1e-9) / 1e6
     return (
-        f"{quantity(result.time, 's')} of motion in {result.iterations} steps, the last of {quantity(result.time_step, 's')}\n"
-        f"  stable steps    {bounds}\n"
-        f"  rate            {significant(rate)} million particle-steps a second, frames and looks included\n"
-        f"  energy          kinetic {quantity(result.kinetic_energy, 'J')}, potential {quantity(result.energy, 'J')}"
+        f"{quantity(result.time, 's')} of motion in {result.iterations} steps, the last of"
+        f" {quantity(result.time_step, 's')}\n  stable steps    {bounds}\n  rate           "
+        f" {significant(rate)} million particle-steps a second, frames and looks included\n  energy"
+        f"          kinetic {quantity(result.kinetic_energy, 'J')}, potential"
+        f" {quantity(result.energy, 'J')}"
     )

@@ -34,10 +34,9 @@ SCENE: dict[str, Any] = {  # data/scenes/axial_transverse.yaml
     "effects": {"magnetic_torque": {}},
     "advice": "off",
 }
-KNOWN_AT, KNOWN = (
-    39.8e-3,
-    (34.356642e-3, 18.306328e-3),
-)  # arc length and (x, z) m there, by finite elements of order 4
+# arc length and (x, z) m there, by finite elements of order 4
+KNOWN_AT = 39.8e-3
+KNOWN = (34.356642e-3, 18.306328e-3)
 EQUILIBRIUM = (0.034462825956075444, 0.01849703241471859)  # tip (x, z) m, two cells across
 MOTION = (
     0.039984602246257175,
@@ -52,7 +51,8 @@ def main() -> int:
 
     from magmpm.results.measures import centreline_at
 
-    rest, fine = _run(2), _run(4)
+    rest = _run(2)
+    fine = _run(4)
     moved = _run(
         2,
         solver={"dynamic": {"duration": 5e-3}},
@@ -98,7 +98,10 @@ def _run(cells: int, **changes: Any) -> Any:
 def _row(name: str, away: float, bound: float, rule: str, result: Any) -> dict[str, Any]:
     seconds = result.seconds
     compiled = f", and {seconds['compile']:.0f} s to compile" if seconds["compile"] > 1 else ""
-    found = f"{away / LENGTH:.1e} of the length away, {seconds['setup'] + seconds['solve']:.2f} s{compiled}"
+    found = (
+        f"{away / LENGTH:.1e} of the length away, {seconds['setup'] + seconds['solve']:.2f}"
+        f" s{compiled}"
+    )
     return {
         "name": name,
         "passed": away <= bound * LENGTH,

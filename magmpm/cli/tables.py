@@ -140,7 +140,8 @@ def stability(options: argparse.Namespace) -> int:
     chosen = [case for case in named if not (options.quick and case.slow)]
     if not chosen:
         raise InputError(
-            f"--case: received {options.case!r}; must be part of a name: {', '.join(case.name for case in CASES)}"
+            f"--case: received {options.case!r}; must be part of a name:"
+            f" {', '.join(case.name for case in CASES)}"
         )
     with Progress("hard cases") as progress:
         outcomes = run_cases(chosen, on_done=progress.at)
@@ -160,15 +161,14 @@ def _refuse_mixed(options: argparse.Namespace) -> None:
     if options.random is None:
         alone = [f"--{name}" for name in ("seed", "out") if getattr(options, name) is not None]
         if alone:
-            rule, remedy = "belongs to random scenes", "add, say, --random 300, or leave it out"
+            rule = "belongs to random scenes"
+            remedy = "add, say, --random 300, or leave it out"
             raise InputError(alone[0], rule=rule, remedy=remedy, received="no --random")
         return
     cases = [f"--{name}" for name in ("case", "quick") if getattr(options, name)]
     if cases:
-        rule, remedy = (
-            "chooses among the cases, and --random draws scenes in their place",
-            "leave out one of the two",
-        )
+        rule = "chooses among the cases, and --random draws scenes in their place"
+        remedy = "leave out one of the two"
         raise InputError(cases[0], rule=rule, remedy=remedy, received=f"--random {options.random}")
 
 

@@ -60,16 +60,20 @@ def _requested(path: Path, options: argparse.Namespace) -> tuple[Scene, Path, An
 
         study = load_study(path)
         assert study.scene_file is not None  # studies of files have one
-        scene, path, name = study.scene, study.scene_file, f"target of {study.name}"
+        scene = study.scene
+        path = study.scene_file
+        name = f"target of {study.name}"
         target: Any = None if study.depths or study.keyframes else study.target
     else:
         scene = load_scene(path)
-        target, name = scene.reference_centreline(), "reference"
+        target = scene.reference_centreline()
+        name = "reference"
     if options.target is None:
         return scene, path, target, name
     if scene.in_time:
         raise InputError(
-            "--target: received one for a motion; a target is compared with a shape at rest: leave it out"
+            "--target: received one for a motion; a target is compared with a shape at rest: leave"
+            " it out"
         )
     return scene, path, *_target(Path(options.target), scene)
 
@@ -87,7 +91,8 @@ def _target(path: Path, scene: Scene) -> tuple[Any, str]:
     )
     if scene.body.shape.line is None:
         raise InputError(
-            f"--target: received {path}; a body made of parts has no axis to compare with it: leave it out"
+            f"--target: received {path}; a body made of parts has no axis to compare with it: leave"
+            " it out"
         )
     check_shape(rows, scene.length, f"--target: {path}")
     return rows, path.stem.replace("_", " ")

@@ -36,15 +36,17 @@ class ShapeView:
         self, scene: Scene, path: Path, folder: Path, target: Any, target_name: str
     ) -> None:
         """scene: ready to be solved; path: its file; folder: where scenes are saved; target (m, 4) m or None."""
-        self.scene, self.path, self.folder = scene, path, folder
-        self.target, self.target_name = target, target_name
+        self.scene = scene
+        self.path = path
+        self.folder = folder
+        self.target = target
+        self.target_name = target_name
         self.controls = {control.id: control for control in controls(scene)}
-        self._previewing, self._drawing, self._saving = (
-            threading.Lock(),
-            threading.Lock(),
-            threading.Lock(),
-        )
-        self._preview, self._stage = Preview(), Stage()
+        self._previewing = threading.Lock()
+        self._drawing = threading.Lock()
+        self._saving = threading.Lock()
+        self._preview = Preview()
+        self._stage = Stage()
         self._solver = Solver(target)
 
     def routes(self) -> Routes:
@@ -169,7 +171,9 @@ class MotionView:
 
     def __init__(self, scene: Scene, path: Path, folder: Path) -> None:
         """folder: of the results: saved ones of this scene are shown, otherwise it is run into it."""
-        self.scene, self.path, self.folder = scene, path, folder
+        self.scene = scene
+        self.path = path
+        self.folder = folder
         self._reading = threading.Lock()
         self._stage: MotionStage | None = None
         self._run: subprocess.Popen[bytes] | None = None
@@ -228,7 +232,8 @@ class MotionView:
                 or not 0 <= number < len(motion)
             ):
                 raise InputError(
-                    f"frame: received {number!r:.40}; the motion has frames 0 to {0 if motion is None else len(motion) - 1}"
+                    f"frame: received {number!r:.40}; the motion has frames 0 to"
+                    f" {0 if motion is None else len(motion) - 1}"
                 )
             stage = self._staged(motion)
             header, arrays = stage.frame(number, str(request.get("surface", "")))

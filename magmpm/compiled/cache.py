@@ -130,7 +130,9 @@ class _SealedFiles(IndexDataCacheFile):  # type: ignore[misc]
 
     def save(self, key: Any, data: Any) -> None:
         if self.load(key) is not None:
-            return  # another process was faster, and others may run what it saved: two of a kind can differ in the last bit
+            # another process was faster, and others may run what it saved: two of a kind can differ
+            # in the last bit
+            return
         data = self._dump((self._version, self._source_stamp, key, data))
         with self._open_for_write(self._path(key)) as stream:
             stream.write(hashlib.sha256(data).digest() + data)
@@ -161,7 +163,10 @@ def _tell(what: str, then: str) -> None:
     """Print once what is wrong with the cache, and what happens to a compiled function."""
     line = f"magmpm: compiled kernels on disk: {what}; what belongs there {then}"
     if then == "is not kept":
-        line += ", so that every run waits up to a minute for it; free room, or set NUMBA_CACHE_DIR to another folder"
+        line += (
+            ", so that every run waits up to a minute for it; free room, or set NUMBA_CACHE_DIR to"
+            " another folder"
+        )
         if not kept_all():
             return
     if line not in _noted:

@@ -49,12 +49,14 @@ def _cache_folder() -> Path:
             refuse_shared(folder.parent)
             folder.mkdir(exist_ok=True)
             print(
-                f"magmpm: the cache folder can't be written ({error}); compiled kernels are kept in {folder}",
+                f"magmpm: the cache folder can't be written ({error}); compiled kernels are kept in"
+                f" {folder}",
                 file=sys.stderr,
             )
         except OSError as other:  # magmpm.compiled.cache works without a folder
             print(
-                f"magmpm: no folder takes compiled kernels ({error}; {other}): every run compiles its own",
+                f"magmpm: no folder takes compiled kernels ({error}; {other}): every run compiles"
+                " its own",
                 file=sys.stderr,
             )
         return folder
@@ -96,19 +98,19 @@ def refuse_unusable() -> None:
     """Raise InputError for thread settings that would make Numba fail, at its first import or its first parallel loop."""
     from magmpm.errors import InputError
 
-    threads, layer = os.environ.get("NUMBA_NUM_THREADS"), os.environ.get("NUMBA_THREADING_LAYER")
+    threads = os.environ.get("NUMBA_NUM_THREADS")
+    layer = os.environ.get("NUMBA_THREADING_LAYER")
     if threads is not None and not (
         re.fullmatch(r"\s*[0-9]{1,9}\s*", threads) and 1 <= int(threads) <= MOST_THREADS
     ):
-        rule, remedy = (
-            f"must be a whole number from 1 to {MOST_THREADS}",
-            f"set it to, say, {os.cpu_count() or 1}, or unset it",
-        )
+        rule = f"must be a whole number from 1 to {MOST_THREADS}"
+        remedy = f"set it to, say, {os.cpu_count() or 1}, or unset it"
         raise InputError(
             "NUMBA_NUM_THREADS", received=threads or "nothing", rule=rule, remedy=remedy
         )
     if layer is not None and layer.lower() not in LAYERS:
-        rule, remedy = f"must be one of {', '.join(LAYERS)}", "unset it"
+        rule = f"must be one of {', '.join(LAYERS)}"
+        remedy = "unset it"
         raise InputError(
             "NUMBA_THREADING_LAYER", received=layer or "nothing", rule=rule, remedy=remedy
         )

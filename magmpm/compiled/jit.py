@@ -31,7 +31,10 @@ if _settings.DISABLE_JIT:
     raise InputError(
         "NUMBA_DISABLE_JIT",
         received=str(_settings.DISABLE_JIT),
-        rule="magmpm's kernels work only when compiled: the compiler decides which effects act in them",
+        rule=(
+            "magmpm's kernels work only when compiled: the compiler decides which effects act in"
+            " them"
+        ),
         remedy="unset it (and disable_jit in .numba_config.yaml)",
     )
 FASTMATH = {"contract", "reassoc", "arcp", "nsz", "afn"}
@@ -55,7 +58,8 @@ def chosen_by_types(build: Callable[..., Any]) -> Callable[..., Any]:
 
     def called(*_: Any) -> Any:
         raise TypeError(
-            "only compiled code can call this: which code it is depends on the types of the arguments"
+            "only compiled code can call this: which code it is depends on the types of the"
+            " arguments"
         )
 
     overload(called, jit_options=_OPTIONS, strict=False)(build)
@@ -69,14 +73,12 @@ def only_where(
 
     needed: of that argument's Numba type; otherwise: Python text of the value elsewhere. The result can be called by compiled code alone.
     """
-    name, names = (
-        f"where{function.py_func.__name__}",
-        ", ".join(signature(function.py_func).parameters),
-    )
+    name = f"where{function.py_func.__name__}"
+    names = ", ".join(signature(function.py_func).parameters)
     space = {"function": function, "needed": needed, "__name__": function.py_func.__module__}
     exec(
-        f"def {name}({names}):\n    if needed({argument}):\n        return lambda {names}: function({names})\n"
-        f"    return lambda {names}: {otherwise}",
+        f"def {name}({names}):\n    if needed({argument}):\n        return lambda {names}:"
+        f" function({names})\n    return lambda {names}: {otherwise}",
         space,
     )
     return chosen_by_types(space[name])

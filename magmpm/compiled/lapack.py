@@ -10,7 +10,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import get_cython_function_address, intrinsic
 
-BLAS, LAPACK = "scipy.linalg.cython_blas", "scipy.linalg.cython_lapack"
+BLAS = "scipy.linalg.cython_blas"
+LAPACK = "scipy.linalg.cython_lapack"
 
 
 @cache

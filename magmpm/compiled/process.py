@@ -19,13 +19,12 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, TypeVar
 
-READY, PARTIAL, DONE, RAISED, DIED = (
-    "ready",
-    "partial",
-    "done",
-    "raised",
-    "died",
-)  # kinds of messages
+# kinds of messages
+READY = "ready"
+PARTIAL = "partial"
+DONE = "done"
+RAISED = "raised"
+DIED = "died"
 THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 CLOSING = 5.0  # s that a process may take to end once its pipe is closed
 Job = TypeVar("Job")
@@ -36,7 +35,8 @@ class Died(Exception):
 
     def __init__(self, how: str, status: int = 0, seconds: float = 0.0) -> None:
         super().__init__(how)
-        self.status, self.seconds = status, seconds
+        self.status = status
+        self.seconds = seconds
 
 
 def threads_each(processes: int) -> int:
@@ -67,15 +67,21 @@ class Process:
     ) -> None:
         """Start it, and do not wait for it. quiet: what it prints on standard error is lost."""
         self._payload = pickle.dumps((begin, given))
-        self._env, self._quiet, self._what = env, quiet, begin.__module__
+        self._env = env
+        self._quiet = quiet
+        self._what = begin.__module__
         self.start()
 
     def start(self) -> None:
         """Start it, or one in its place."""
-        self.ready, self.since = False, time.monotonic()
+        self.ready = False
+        self.since = time.monotonic()
         self.pipe, theirs = Pipe()
         root = str(Path(__file__).resolve().parents[2])
-        code = f"import sys; sys.path.insert(0, {root!r}); from magmpm.compiled.process import serve; serve({theirs.fileno()})"
+        code = (
+            f"import sys; sys.path.insert(0, {root!r}); from magmpm.compiled.process import serve;"
+            f" serve({theirs.fileno()})"
+        )
         with theirs:
             self.process = subprocess.Popen(
                 [sys.executable, "-P", "-c", f"{code}  # {self._what}"],
@@ -104,7 +110,8 @@ class Process:
                 self.end(CLOSING), self.process.returncode, time.monotonic() - self.since
             ) from None
         if kind == READY:
-            self.ready, self.since = True, time.monotonic()
+            self.ready = True
+            self.since = time.monotonic()
         return kind, found
 
     def ask(self, job: Any = None, timeout: float | None = None) -> Any:
@@ -198,7 +205,8 @@ def answers(
                 else:
                     continue
             except Died as death:
-                kind, found = DIED, death
+                kind = DIED
+                found = death
                 process.start()
             if kind not in (READY, PARTIAL):
                 del busy[process]

@@ -18,8 +18,10 @@ from numba.extending import intrinsic, lower_builtin, models, register_model, ty
 from magmpm.compiled.jit import compiled, inlined
 
 WIDTH = 8
-_DOUBLE, _INT = ir.DoubleType(), ir.IntType(64)
-_VECTOR, _INTEGERS = ir.VectorType(_DOUBLE, WIDTH), ir.VectorType(_INT, WIDTH)
+_DOUBLE = ir.DoubleType()
+_INT = ir.IntType(64)
+_VECTOR = ir.VectorType(_DOUBLE, WIDTH)
+_INTEGERS = ir.VectorType(_INT, WIDTH)
 _FLAGS = ("contract", "reassoc", "nsz", "arcp")
 
 
@@ -59,9 +61,15 @@ def instruction(returns: Any, *takes: Any) -> Callable[..., Any]:
 
     def made(generate: Callable[..., Any]) -> Any:
         def typed(typing_context, *given):
-            return returns(
-                *(of if wanted is None else wanted for wanted, of in zip(takes, given, strict=True))
-            ), generate
+            return (
+                returns(
+                    *(
+                        of if wanted is None else wanted
+                        for wanted, of in zip(takes, given, strict=True)
+                    )
+                ),
+                generate,
+            )
 
         names = [
             "typing_context",
@@ -166,10 +174,8 @@ def magnitude(context, builder, signature, values):
 
 
 def _join(builder: Any, pair: Any, low: list[int], high: list[int]) -> Any:
-    left, right = (
-        builder.shuffle_vector(*pair, _mask(low)),
-        builder.shuffle_vector(*pair, _mask(high)),
-    )
+    left = builder.shuffle_vector(*pair, _mask(low))
+    right = builder.shuffle_vector(*pair, _mask(high))
     return builder.fadd(left, right)
 
 

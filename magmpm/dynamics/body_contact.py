@@ -30,8 +30,12 @@ from magmpm.kernels.body_contact import (
 )
 from magmpm.model import Model
 
-MOVE = 0.5  # cells that any point may be away from its place when pairs were listed: they may then be twice as much nearer
-BETWEEN = 0.5  # cells from a place on a face to the nearest of its points, at most, if stretched by sqrt(3): the edges' EDGE
+# cells that any point may be away from its place when pairs were listed: they may then be twice as
+# much nearer
+MOVE = 0.5
+# cells from a place on a face to the nearest of its points, at most, if stretched by sqrt(3): the
+# edges' EDGE
+BETWEEN = 0.5
 SHARE = 0.5  # of the stiffness, where both bodies have points
 REACH = float(
     np.hypot(2 * MOVE, BETWEEN)
@@ -57,11 +61,9 @@ class BodyContact:
     def __init__(self, model: Model, packed: Packed, law: Array) -> None:
         surface = model.surface
         assert surface is not None  # of a scene that names self_contact
-        self.law, self._mass, self._grip = (
-            law,
-            packed.surface.mass,
-            packed.surface.grip.reshape(-1, 3),
-        )
+        self.law = law
+        self._mass = packed.surface.mass
+        self._grip = packed.surface.grip.reshape(-1, 3)
         self._cell = float(model.grid.spacing.min())
         self.solids = model.scene.body.shape.solids(self._cell, model.particles)
         self.cells, number, cells = _solid_cells(model)
@@ -69,7 +71,9 @@ class BodyContact:
         on = packed.point
         self._place = np.concatenate([surface.place[on], still])
         particle = np.concatenate([surface.particle[on], still_particle])
-        self._at, self._solid, self._free = number[particle], model.component[particle], len(on)
+        self._at = number[particle]
+        self._solid = model.component[particle]
+        self._free = len(on)
         self._node = np.repeat(packed.surface.first_node, np.diff(packed.surface.first_point))
         weights, _ = model.splines_at(
             self._place, model.particles.cell[particle], model.held[particle]
@@ -110,16 +114,21 @@ class BodyContact:
 
     def list(self, u: Array) -> None:
         """List the pairs at displacements u (3 nodes,) m, if points have moved by half of MOVE since. What touches, or did a moment
-        ago, stays listed with its memory, and nothing else acts: forces do not depend on when pairs were listed."""
-        x, old = self._place + self._splines @ u.reshape(-1, 3), self.meeting
-        way, most = old.memory[-1], MOVE * self._cell
+        ago, stays listed with its memory, and nothing else acts: forces do not depend on when pairs were listed.
+        """
+        x = self._place + self._splines @ u.reshape(-1, 3)
+        old = self.meeting
+        way = old.memory[-1]
+        most = MOVE * self._cell
         moved = float(np.sqrt(((x - self._then) ** 2).sum(axis=1).max()))
         if moved < 0.5 * most:
             old.most[0] = way + most - moved
             return
         p, q, distance = self._near(x)
-        held, solids = old.memory[:-1].reshape(-1, MEMORY), len(self.solids.size)
-        key, known = p * solids + self._solid[q], old.point * solids + old.solid
+        held = old.memory[:-1].reshape(-1, MEMORY)
+        solids = len(self.solids.size)
+        key = p * solids + self._solid[q]
+        known = old.point * solids + old.solid
         kept = np.flatnonzero((held[:, DEPTH] > 0) | held[:, PLACE + 3 : ROOM].any(axis=1))
         new = np.flatnonzero(~np.isin(key, known[kept]))
         memory = np.zeros((len(new), MEMORY))
@@ -132,10 +141,8 @@ class BodyContact:
         )
         order = np.argsort(np.concatenate([known[kept], key[new]]))
         memory = np.concatenate([held[kept], memory])[order]
-        point, solid = (
-            np.concatenate([old.point[kept], p[new]])[order],
-            np.concatenate([old.solid[kept], self._solid[q[new]]])[order],
-        )
+        point = np.concatenate([old.point[kept], p[new]])[order]
+        solid = np.concatenate([old.solid[kept], self._solid[q[new]]])[order]
         self._then, self.meeting = (
             x,
             self._of(point, solid, np.append(memory.ravel(), way), np.array([way + most])),
@@ -144,7 +151,8 @@ class BodyContact:
     def _near(self, x: Array) -> tuple[Index, Index, Array]:
         """Free points (n,) near another solid, or a place of their own that shares no node; the nearest point (n,), its distance (n,) m."""
         first, order, cell = self._patches
-        sorted_x, count = x[order], np.diff(first)
+        sorted_x = x[order]
+        count = np.diff(first)
         center = (
             np.add.reduceat(sorted_x, first[:-1], axis=0) / count[:, None]
         )  # of balls around patches
@@ -159,7 +167,9 @@ class BodyContact:
         found = _nearest(
             pairs, cell, center, radius, first, order, x, self._free, REACH * self._cell
         )
-        p, q, distance = found[:, 0].astype(np.int64), found[:, 1].astype(np.int64), found[:, 2]
+        p = found[:, 0].astype(np.int64)
+        q = found[:, 1].astype(np.int64)
+        distance = found[:, 2]
         best = np.lexsort((q, distance, self._solid[q], p))
         one = best[
             np.flatnonzero(np.diff((p * len(self.solids.size) + self._solid[q])[best], prepend=-1))
@@ -168,17 +178,18 @@ class BodyContact:
 
     def report(self, memory: Array, u: Array, v: Array) -> dict[str, Contact]:
         """Contact of the body with itself, and of each two components that touch, at displacements u m and velocities v m/s (3 nodes,);
-        memory: of the pairs, at that time. A force acts on the first of two; the force on the whole is zero."""
+        memory: of the pairs, at that time. A force acts on the first of two; the force on the whole is zero.
+        """
         pair = memory[:-1].reshape(-1, MEMORY)
         on = np.flatnonzero(pair[:, DEPTH] > 0)
-        pair, point = pair[on], self.meeting.point[on]
-        a, b, x = (
-            self._solid[point],
-            self.meeting.solid[on],
-            self._place[point] + self._splines[point] @ u.reshape(-1, 3),
-        )
+        pair = pair[on]
+        point = self.meeting.point[on]
+        a = self._solid[point]
+        b = self.meeting.solid[on]
+        x = self._place[point] + self._splines[point] @ u.reshape(-1, 3)
         sign = np.where(a <= b, 1.0, -1.0)[:, None]
-        force, normal = sign * pair[:, FORCE : FORCE + 3], sign * pair[:, NORMAL : NORMAL + 3]
+        force = sign * pair[:, FORCE : FORCE + 3]
+        normal = sign * pair[:, NORMAL : NORMAL + 3]
         across = force - np.einsum("ni,ni->n", force, normal)[:, None] * normal
         cell = pair[:, CELL].astype(np.int64)
         rigidity = self.cells.share[cell] * self._mass[point] * self.law[0]
@@ -216,7 +227,8 @@ class BodyContact:
 
     def _there(self, v: Array, pair: Array) -> Array:
         """Velocity (n, 3) m/s of the solids at the places of pairs (n, MEMORY)."""
-        cell, cells = pair[:, CELL].astype(np.int64), self.cells
+        cell = pair[:, CELL].astype(np.int64)
+        cells = self.cells
         xi = (pair[:, PLACE : PLACE + 3] - cells.low.reshape(-1, 3)[cell]) / cells.width.reshape(
             -1, 3
         )[cell]
@@ -252,13 +264,16 @@ class BodyContact:
 
 def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:
     """The well filled cells of a model's solids; that of each particle (n,), -1 for others; component and index (cells, 4) of each."""
-    grid, on = model.grid, model.particles.cell.astype(np.int64)
+    grid = model.grid
+    on = model.particles.cell.astype(np.int64)
     shape = (int(model.component.max()) + 1, *(n + 2 for n in grid.cells))
     key = np.ravel_multi_index((model.component, *(on.T + 1)), shape)
-    full, number = np.flatnonzero(model.well_filled), np.full(len(on), -1)
+    full = np.flatnonzero(model.well_filled)
+    number = np.full(len(on), -1)
     cells, one, number[full] = np.unique(key[full], return_index=True, return_inverse=True)
     one = full[one]
-    place, spans = on[one], grid.along
+    place = on[one]
+    spans = grid.along
     width = np.tile(grid.spacing, (len(one), 1))
     width[:, 0] = spans.width[place[:, 0]]
     low = grid.origin + grid.spacing * place
@@ -280,7 +295,8 @@ def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:
     first = model.first_in_motion(one) @ np.array(
         [np.prod(model.nodes_in_motion[1:]), model.nodes_in_motion[2], 1]
     )
-    after, share = np.where(cells[at] == beside, at, -1), np.where(model.held[one], 1.0, SHARE)
+    after = np.where(cells[at] == beside, at, -1)
+    share = np.where(model.held[one], 1.0, SHARE)
     grip = grips(model.scene)[model.particles.segment[one]].ravel()
     found = SolidCells(
         first, low.ravel(), width.ravel(), splines.ravel(), after.ravel(), share, grip
@@ -308,8 +324,10 @@ def _patches(at: Index, cells: Index) -> tuple[Index, Index, Index]:
 @compiled
 def _begun(solids, solid, place):  # type: ignore[no-untyped-def]
     """Distance (n,) m of places (n, 3) m of undeformed points in undeformed solids (n,), 0 outside. As bodies begin clear of each other,
-    that is the error of a table, up to 0.005 cells: taken off, what touches at the start is not pushed."""
-    found, normal = np.empty(len(solid)), np.empty(3)
+    that is the error of a table, up to 0.005 cells: taken off, what touches at the start is not pushed.
+    """
+    found = np.empty(len(solid))
+    normal = np.empty(3)
     for k in range(len(solid)):
         found[k] = min(solid_distance(solids, solid[k], place[k], normal), 0.0)
     return found
@@ -324,22 +342,27 @@ def _nearest(pairs, cell, center, radius, first, order, x, free, reach):  # type
     found = np.empty((1024, 3))
     count = 0
     for k in range(2 * len(pairs)):
-        a, b = pairs[k // 2, k % 2], pairs[k // 2, 1 - k % 2]
-        beside, apart = cell[a, 0] == cell[b, 0], 0.0
+        a = pairs[k // 2, k % 2]
+        b = pairs[k // 2, 1 - k % 2]
+        beside = cell[a, 0] == cell[b, 0]
+        apart = 0.0
         for i in range(3):
             beside = beside and abs(cell[a, 1 + i] - cell[b, 1 + i]) <= 2
             apart += (center[a, i] - center[b, i]) ** 2
         if beside or apart > (reach + radius[a] + radius[b]) ** 2:
             continue
         for i in range(first[a], first[a + 1]):
-            p, best, nearest = order[i], reach**2, -1
+            p = order[i]
+            best = reach**2
+            nearest = -1
             if p >= free:
                 continue
             for j in range(first[b], first[b + 1]):
                 q = order[j]
                 now = (x[p, 0] - x[q, 0]) ** 2 + (x[p, 1] - x[q, 1]) ** 2 + (x[p, 2] - x[q, 2]) ** 2
                 if now < best:
-                    best, nearest = now, q
+                    best = now
+                    nearest = q
             if nearest >= 0:
                 if count == len(found):
                     more = np.empty((2 * count, 3))

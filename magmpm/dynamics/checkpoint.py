@@ -86,7 +86,10 @@ class Checkpoint:
         ):
             but = "its budget (max_disk) alone may be another"
             if options is not None:
-                but = "its duration alone may be longer, and its budgets (max_disk, max_memory) others"
+                but = (
+                    "its duration alone may be longer, and its budgets (max_disk, max_memory)"
+                    " others"
+                )
             raise InputError(
                 str(path),
                 received="the checkpoint of another scene (or the file was changed since)",
@@ -109,7 +112,10 @@ class Checkpoint:
             raise InputError(
                 f"{path}: solver.dynamic.duration",
                 received=f"{options.duration:.6g} s, of a motion that ended at {self.time:.6g} s",
-                rule=f"a motion is lengthened from one of its frames, every {self.every:.6g} s, and it ended between two",
+                rule=(
+                    f"a motion is lengthened from one of its frames, every {self.every:.6g} s, and"
+                    " it ended between two"
+                ),
                 remedy="run without --resume: from the start",
             )
 

@@ -29,7 +29,8 @@ def volume_change(model: Model, J: Array) -> Array:
 
 def elastic(model: Model, F: Array) -> tuple[float, Array]:
     """Strain energy, J, and first Piola-Kirchhoff stress (n, 3, 3) Pa (materials)."""
-    J, P = np.empty(len(F)), np.empty_like(F)
+    J = np.empty(len(F))
+    P = np.empty_like(F)
     _determinants(F, J)
     change = volume_change(model, J)
     energy = _elastic(F, J, change, model.shear, model.bulk, model.particles.volume, P)
@@ -138,7 +139,8 @@ def _determinants(F, J):  # type: ignore[no-untyped-def]
 @compiled
 def _elastic(F, J, change, shear, bulk, volume, P):  # type: ignore[no-untyped-def]
     """Energy of all particles, J, and the stress of each into P; change (n,): J - 1 as it enters the volume part."""
-    cof, total = np.empty((3, 3)), 0.0
+    cof = np.empty((3, 3))
+    total = 0.0
     for p in range(len(F)):
         materials.cofactor(F[p], cof)
         materials.stress(F[p], cof, J[p], shear[p], bulk[p] * change[p], P[p])

@@ -34,7 +34,8 @@ NOTHING = (
 @dataclass(frozen=True)
 class Chain:
     """The fields of one component. hats (planes, knots): their values at its planes, which are numbers start to stop; gain, excess:
-    C^-1 - L^-1 and L^-1 (L - C) L^-1; factors: pivot and link of C and L (kernels.mass_correction)."""
+    C^-1 - L^-1 and L^-1 (L - C) L^-1; factors: pivot and link of C and L (kernels.mass_correction).
+    """
 
     hats: Array
     start: int
@@ -63,10 +64,12 @@ class NodalMass:
 
     def _through(self, p: Array, which: str) -> Array:
         """A X A' p for a matrix X of each chain."""
-        c, out = self.correction, np.zeros_like(p)
+        c = self.correction
+        out = np.zeros_like(p)
         if not self.chains:
             return out
-        arm, sizes = c.arm.reshape(-1, 2)[c.order], np.diff(c.first)
+        arm = c.arm.reshape(-1, 2)[c.order]
+        sizes = np.diff(c.first)
         fields = np.column_stack([np.ones(len(arm)), arm])
         moments = np.add.reduceat(
             fields[:, :, None] * (p[c.order] * c.moving)[:, None, :], c.first[:-1], axis=0
@@ -91,8 +94,11 @@ def nodal_mass(
     active: Index,
 ) -> NodalMass:
     """The mass of a model's nodes. weights (n, 3, 3): values of the particles' splines; base (n,): their first nodes, whose neighbors along
-    x and y are `strides` farther; nodes: lumped mass, its inverse (3 nodes,) and places (nodes, 3) m; active: nodes with mass."""
-    mass, inverse, place = nodes[0], nodes[1].reshape(-1, 3), nodes[2]
+    x and y are `strides` farther; nodes: lumped mass, its inverse (3 nodes,) and places (nodes, 3) m; active: nodes with mass.
+    """
+    mass = nodes[0]
+    inverse = nodes[1].reshape(-1, 3)
+    place = nodes[2]
     free: NDArray[np.bool_] = np.asarray(
         (inverse > 0).any(axis=1) & (model.scene.effects.feed is None)
     )
@@ -113,8 +119,11 @@ def nodal_mass(
     lumped = np.add.reduceat(each, first[:-1]) if planes else each
     x = place[order[first[:-1]], 0] / model.grid.spacing[0]
     starts = np.append(np.flatnonzero(np.diff(key[first[:-1], 0], prepend=-1)), planes)
-    slender, chains = model.line is not None, []
-    left, share, knots = np.zeros(planes, np.int64), np.zeros(planes), [0]
+    slender = model.line is not None
+    chains = []
+    left = np.zeros(planes, np.int64)
+    share = np.zeros(planes)
+    knots = [0]
     for start, stop in pairwise(starts.tolist()):
         at = _knots(x[start:stop], slender)
         here = np.clip(np.searchsorted(at, x[start:stop], side="right") - 1, 0, len(at) - 2)
@@ -184,14 +193,16 @@ def _components(base: Index, strides: tuple[int, int], free: NDArray[np.bool_]) 
         np.arange(len(near)), free[near].argmax(axis=1)
     ]  # a free node of each cell, if there is one
     on = free[near] & free[head][:, None]
-    one, other = np.broadcast_to(head[:, None], near.shape)[on], near[on]
+    one = np.broadcast_to(head[:, None], near.shape)[on]
+    other = near[on]
     graph = coo_matrix((np.ones(len(one), np.int8), (one, other)), shape=(len(free), len(free)))
     return np.asarray(csgraph.connected_components(graph, directed=False)[1], np.int64)
 
 
 def _arms(mass: Array, place: Array, component: Index, free: NDArray[np.bool_]) -> Array:
     """y and z (nodes, 2) m of the free nodes from the center of the masses on them, by component; 0 for others."""
-    weight, count = mass * free, component.max() + 1
+    weight = mass * free
+    count = component.max() + 1
     whole = np.bincount(component, weight, count)
     sums = np.column_stack([np.bincount(component, weight * place[:, k], count) for k in range(2)])
     centers = sums / np.where(whole > 0, whole, 1.0)[:, None]
@@ -208,8 +219,10 @@ def _planes_mass(
     planes: int,
 ) -> Array:
     """Consistent mass of the fields 1, y, z of planes with the same and the next two: (planes, 3, 3, 3), kg."""
-    mass, found = model.density * model.particles.volume, np.zeros((planes + 1, 3, FIELDS, FIELDS))
-    values, on = np.zeros((3, len(base), FIELDS)), np.full((3, len(base)), planes)
+    mass = model.density * model.particles.volume
+    found = np.zeros((planes + 1, 3, FIELDS, FIELDS))
+    values = np.zeros((3, len(base), FIELDS))
+    on = np.full((3, len(base)), planes)
     for a, b, c in np.ndindex(3, 3, 3):
         node = base + a * strides[0] + b * strides[1] + c
         share = weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c] * (plane_of[node] < planes)
@@ -237,7 +250,8 @@ def _chain(
     hats: Array, start: int, stop: int, consistent: Array, lumped: Array, affine: Array | None
 ) -> Chain:
     """A chain from the masses of its planes (_planes_mass; lumped (planes, 3, 3)). affine: x of two knots of 1, x, y, z alone, or None."""
-    count, k = len(hats), FIELDS * hats.shape[1]
+    count = len(hats)
+    k = FIELDS * hats.shape[1]
     whole = np.zeros((count, FIELDS, count, FIELDS))
     for d in range(min(3, count)):
         rows = np.arange(count - d)

@@ -31,7 +31,9 @@ SINGLE = (
 )
 CHANGE = 0.02  # of the largest value of a load: how much it may change while it is held
 ADDED = 1e-3  # of the largest energy: what held loads may add in all
-RELEASE = 0.97  # a load: how fast it is forgotten what loads added; where a body turns round they add nothing, but the next ones do
+# a load: how fast it is forgotten what loads added; where a body turns round they add nothing, but
+# the next ones do
+RELEASE = 0.97
 PART = 1 / 8  # of what is left of that: what the next one may add
 
 
@@ -43,13 +45,15 @@ class OwnLoads:
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        self.added, self.scale = 0.0, 0.0
+        self.added = 0.0
+        self.scale = 0.0
         self._start: float | None = None  # E at the first look, J
         self.begin()
 
     def begin(self) -> None:
         """Begin with loads of one step each, as at every frame: so a motion that is resumed there has the same loads."""
-        self.steps, self._single = 1, 0
+        self.steps = 1
+        self._single = 0
         self._rate = (
             0.0  # J: what the next load adds, over the cube of the steps for which it is held
         )
@@ -66,7 +70,8 @@ class OwnLoads:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a `state`."""
-        self.added, self.scale = state.get("own_added", 0.0), state.get("own_scale", 0.0)
+        self.added = state.get("own_added", 0.0)
+        self.scale = state.get("own_scale", 0.0)
         self._start = state.get("own_start")
         self.begin()
 
@@ -148,7 +153,9 @@ class _Held:
     """A load that is held: its tables, and the coordinates and the energy E (J) of the body half a step before it was computed."""
 
     def __init__(self, tables: list[Array], early: list[Array], exact: float) -> None:
-        self.tables, self.early, self.exact = tables, early, exact
+        self.tables = tables
+        self.early = early
+        self.exact = exact
 
 
 def _dot(tables: list[Array], coordinates: list[Array]) -> float:

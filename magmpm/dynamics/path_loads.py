@@ -153,7 +153,8 @@ class FeedLoads:
     def __init__(self, scene: Scene, time: float) -> None:
         feed = scene.effects.feed
         assert feed is not None  # dynamics.quasi_static.loads_of
-        self._speed, self._exit = feed.speed, feed.exit
+        self._speed = feed.speed
+        self._exit = feed.exit
         self.scene = scene
         self.whole = build(scene, time=time)
         self._free = scene.with_effects(feed=None)
@@ -178,20 +179,20 @@ class FeedLoads:
         if time not in self._models:
             part = self._bare.inserted(self.inserted(time))
             base = np.array([self._exit, 0.0, 0.0])
-            shape, resolution = part.body.shape, part.resolution
+            shape = part.body.shape
+            resolution = part.resolution
             made = shape.discretize(
                 resolution.cells_across, resolution.particles_per_cell, knots_of(part)
             )
-            grid, particles = made.grid, made.particles
+            grid = made.grid
+            particles = made.particles
             made = replace(
                 made,
                 grid=replace(grid, origin=grid.origin + base),
                 particles=replace(particles, position=particles.position + base),
             )
-            named, line = (
-                acting.collect(self._free, times=np.array([time])),
-                Line((self._exit, 0.0, 0.0), shape.length),
-            )
+            named = acting.collect(self._free, times=np.array([time]))
+            line = Line((self._exit, 0.0, 0.0), shape.length)
             model = reshaped(replace(self.whole, scene=self._free), shape, made)
             self._models[time] = static_model(replace(model, effects=named, time=time, line=line))
             while len(self._models) > 4:  # lengths
@@ -216,7 +217,8 @@ class FeedLoads:
 
     def carried(self, grid: Array, before: float, after: float) -> Array:
         """The same displacement of the material on the grid of another length; what was in the guide has none."""
-        old, new = self.at(before), self.at(after)
+        old = self.at(before)
+        new = self.at(after)
         if old is new:
             return grid
         return np.ascontiguousarray(
@@ -234,13 +236,16 @@ class FeedLoads:
 
     def shape(self, time: float, point: Point | None) -> Shape:
         """The whole catheter: what is in the guide is straight, and moved by the push."""
-        whole, fed = self.whole, self._speed * time
+        whole = self.whole
+        fed = self._speed * time
         X = whole.particles.position
         clamp = self._exit - fed  # m along the catheter
-        position, F = X + np.array([fed, 0.0, 0.0]), np.tile(np.eye(3), (len(X), 1, 1))
+        position = X + np.array([fed, 0.0, 0.0])
+        F = np.tile(np.eye(3), (len(X), 1, 1))
         s = whole.grid.stations
         rows = np.column_stack([s, s + fed, np.zeros((len(s), 2))])
-        tip, dof = np.array([self.scene.length + fed, 0.0, 0.0]), 0
+        tip = np.array([self.scene.length + fed, 0.0, 0.0])
+        dof = 0
         if point is not None:
             part = self.at(time)
             free = X[:, 0] > clamp
@@ -251,7 +256,8 @@ class FeedLoads:
             rows[out, 1:] = axis.along_axis(
                 part, point.grid, axis.section_weights(part), s[out] - clamp
             )
-            tip, dof = axis.tip(part, point.grid), part.dof
+            tip = axis.tip(part, point.grid)
+            dof = part.dof
         low, high = (1.0, 1.0) if point is None else (point.min_det_F, point.max_det_F)
         touched = None if point is None else point.touched
         return Shape(replace(whole, time=time), position, F, rows, tip, low, high, dof, touched)
@@ -272,13 +278,12 @@ def _displacement(
     nodes = np.zeros((layout.planes + 1, *part.grid.nodes[1:], 3))
     nodes[:, layout.node_yz[:, 0], layout.node_yz[:, 1]] = planes
     at = whole.particles.cell[free]
-    u, gradient = np.zeros((len(node), 3)), np.zeros((len(node), 3, 3))
+    u = np.zeros((len(node), 3))
+    gradient = np.zeros((len(node), 3, 3))
     for a, b, c in np.ndindex(3, 3, 3):
         value = nodes[node + a, (at[:, 1] + b) % nodes.shape[1], at[:, 2] + c]
-        w, d = (
-            (weights[:, 0, a], weights[:, 1, b], weights[:, 2, c]),
-            (slopes[:, 0, a], slopes[:, 1, b], slopes[:, 2, c]),
-        )
+        w = (weights[:, 0, a], weights[:, 1, b], weights[:, 2, c])
+        d = (slopes[:, 0, a], slopes[:, 1, b], slopes[:, 2, c])
         u += (w[0] * w[1] * w[2])[:, None] * value
         for k, rate in enumerate((d[0] * w[1] * w[2], w[0] * d[1] * w[2], w[0] * w[1] * d[2])):
             gradient[:, :, k] += rate[:, None] * value

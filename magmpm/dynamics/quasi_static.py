@@ -80,7 +80,8 @@ def begin(scene: Scene, saved: Checkpoint | None = None) -> PathState:
                 f"equilibrium at t = {first:.6g} s: {error.reason}", _unbegun(state, error.state)
             ) from None
         return state
-    loads, more = loads_of(scene, scene.path_times()[0]), saved.control
+    loads = loads_of(scene, scene.path_times()[0])
+    more = saved.control
     if "held_grip" in saved.state:
         loads.held = Held(*(saved.state[f"held_{name}"] for name in Held._fields))
     branch = None
@@ -109,7 +110,8 @@ def _unbegun(state: PathState, last: object) -> PathState | None:
     state.branch = Branch(
         loads, Reached(state.time, point, None, last.steps, np.inf), **_options(loads.whole.scene)
     )
-    state.iterations, state.load_share = last.steps, last.load_share
+    state.iterations = last.steps
+    state.load_share = last.load_share
     state.warnings += last.warnings
     shape = state.shape
     state.strain = strain_of(shape.model, shape.position, shape.F, state.time)
@@ -122,7 +124,8 @@ def _options(scene: Scene) -> dict[str, Any]:
 
 def _go_on(state: PathState, time: float) -> list[Jump]:
     """Go on to a time, s. Returns the jumps on the way. Raises SolveError."""
-    loads, jumps = state.loads, []
+    loads = state.loads
+    jumps = []
     scene = loads.whole.scene
     if not loads.bends(time):
         state.branch = None
@@ -152,7 +155,8 @@ def _advance(branch: Branch, loads: FieldLoads | FeedLoads, time: float) -> list
             return jumps
         branch.settle()
     raise SolveError(
-        f"friction did not settle in {MOST_TRIES} solves: the body is about to slip; remedy: take shorter steps"
+        f"friction did not settle in {MOST_TRIES} solves: the body is about to slip; remedy: take"
+        " shorter steps"
     )
 
 
@@ -202,12 +206,12 @@ def follow(
 
 def _note(state: PathState, jumps: list[Jump]) -> list[dict[str, Any]]:
     """Add the last equilibrium and the jumps before it. Returns the jumps as results have them, with the field and length then."""
-    shape, branch, described = state.shape, state.branch, list[dict[str, Any]]()
+    shape = state.shape
+    branch = state.branch
+    described = list[dict[str, Any]]()
     for jump in jumps:
-        field, out = (
-            shape.model.field_at(shape.position, jump.time),
-            state.loads.inserted(jump.time),
-        )
+        field = shape.model.field_at(shape.position, jump.time)
+        out = state.loads.inserted(jump.time)
         described.append(
             {
                 **vars(jump),
@@ -250,11 +254,10 @@ class _Files:
     """Frames, tables and checkpoints of a path in a folder."""
 
     def __init__(self, state: PathState, folder: Path | str, saved: Checkpoint | None) -> None:
-        self.folder, self.scene = Path(folder), state.loads.whole.scene
-        self.steps, self.jumps = (
-            GrowingTable(self.folder / STEPS),
-            GrowingTable(self.folder / JUMPS),
-        )
+        self.folder = Path(folder)
+        self.scene = state.loads.whole.scene
+        self.steps = GrowingTable(self.folder / STEPS)
+        self.jumps = GrowingTable(self.folder / JUMPS)
         self._hash = motion_hash(self.scene)
         options = self.scene.solver.quasi_static
         most = None if options is None else options.max_disk
@@ -275,12 +278,10 @@ class _Files:
     def write(self, state: PathState, jumps: Any) -> None:
         """The last equilibrium, the jumps on the way to it, and the state from which the path goes on."""
         shape = state.shape
-        model, x, F, named = (
-            shape.model,
-            shape.position,
-            shape.F,
-            acting.collect(self.scene, times=shape.model.times),
-        )
+        model = shape.model
+        x = shape.position
+        F = shape.F
+        named = acting.collect(self.scene, times=shape.model.times)
         elastic, stress = energies.elastic(model, F)
         acting.refresh(named, model, x, F)
         energies.add_effects_stress(model, x, F, named, stress)

@@ -50,9 +50,12 @@ from magmpm.scene.options import DynamicOptions
 
 TIGHT = 1e-3  # relative tolerance of the body's largest eigenvalue
 CHANGE = 0.15  # of the largest stiffness: how much a particle's stiffness may change in one step
-DRIFT = 7.5e-3  # of the largest kinetic energy: how far the sum of all energies may move; a motion promises 1 %
+# of the largest kinetic energy: how far the sum of all energies may move; a motion promises 1 %
+DRIFT = 7.5e-3
 FINEST = 4  # halvings for it: the error falls as the square of the step
-CALM = 8  # chunks in a row, each within a thirty-second of DRIFT: the next longer step has four times their error
+# chunks in a row, each within a thirty-second of DRIFT: the next longer step has four times their
+# error
+CALM = 8
 RESERVE = 0.95  # of the bound: a step above it asks for a new bound
 
 
@@ -108,14 +111,14 @@ def stiffness(model: Model, F: Array) -> Array:
 
     Kernels check it in every step; formulas in materials (`stiffest`).
     """
-    J, cofactor = (
-        np.linalg.det(F),
-        np.linalg.det(F)[:, None, None] * np.linalg.inv(F).transpose(0, 2, 1),
-    )
-    I1, I2 = np.einsum("nij,nij->n", F, F), np.einsum("nij,nij->n", cofactor, cofactor)
+    J = np.linalg.det(F)
+    cofactor = np.linalg.det(F)[:, None, None] * np.linalg.inv(F).transpose(0, 2, 1)
+    I1 = np.einsum("nij,nij->n", F, F)
+    I2 = np.einsum("nij,nij->n", cofactor, cofactor)
     pressure = model.bulk * volume_change(model, J)
     scale = model.shear * J ** (-2.0 / 3.0)
-    shape, turned = scale * I1 / 3.0, pressure * J
+    shape = scale * I1 / 3.0
+    turned = pressure * J
     along = np.maximum(2.0 / 3.0 * shape + turned + model.bulk * J**2, 0.0)
     across = np.abs(shape - turned)
     return np.asarray((scale + (along + across) * I2 / J**2) / model.density)
@@ -141,7 +144,8 @@ def isolated(sums: Array, shear: Array, bulk: Array, density: Array) -> float:
 
 def body_step(motion: TotalMotion) -> float:
     """2 / omega of the fastest oscillation of the body about its present shape, s."""
-    inverse, mass = motion.packed.nodes.inverse_mass.reshape(-1, 3), motion.packed.mass
+    inverse = motion.packed.nodes.inverse_mass.reshape(-1, 3)
+    mass = motion.packed.mass
     free = np.flatnonzero(inverse.ravel() > 0)
     scale = 1e-6 * float(motion.model.grid.spacing.min())
     rest = motion.acceleration(motion.u)
@@ -220,7 +224,8 @@ class Drift:
     def passes(self, total: float, kinetic: float) -> bool:
         """Tell whether the sum may be this after a chunk. If not, nothing is noted but that steps are to be halved."""
         largest = max(self.kinetic, kinetic)
-        growth, loss = total - min(self.least, total), max(self.most, total) - total
+        growth = total - min(self.least, total)
+        loss = max(self.most, total) - total
         moved = growth if self.loses else max(growth, loss)
         if moved > max(DRIFT * largest, self.moved) + DRIFT / 64 * largest and self.finer < FINEST:
             self.finer += 1
@@ -232,7 +237,9 @@ class Drift:
             self.finer -= 1
             self.calm = 0
         self.least, self.most = min(self.least, total), max(self.most, total)
-        self.kinetic, self.last, self.moved = largest, total, moved
+        self.kinetic = largest
+        self.last = total
+        self.moved = moved
         return True
 
 
@@ -243,7 +250,9 @@ class StepControl:
     """
 
     def __init__(self, motion: TotalMotion, stable: StableStep, options: DynamicOptions) -> None:
-        self._motion, self._stable, self._options = motion, stable, options
+        self._motion = motion
+        self._stable = stable
+        self._options = options
         self._bound = stable.body
         self._stiffness = float(stiffness(motion.model, motion.particles()[2]).max())
         self._longest = options.time_step or options.safety * stable.largest
@@ -274,16 +283,12 @@ class StepControl:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a `state`."""
-        self._bound, self._stiffness, self._halvings = (
-            state["bound"],
-            state["stiffness"],
-            int(state["halvings"]),
-        )
-        self.step, self.shortest, self.why = (
-            state["step"],
-            state["shortest"],
-            state.get("why", "as before"),
-        )
+        self._bound = state["bound"]
+        self._stiffness = state["stiffness"]
+        self._halvings = int(state["halvings"])
+        self.step = state["step"]
+        self.shortest = state["shortest"]
+        self.why = state.get("why", "as before")
         self._F = None
         if self._drift is not None and "drift_least" in state:
             self._drift = Drift(**{name: state[f"drift_{name}"] for name in vars(self._drift)})
@@ -294,7 +299,8 @@ class StepControl:
         if self.shortest > 0.5 * self._longest:
             return []
         return [
-            f"steps were shortened from {self._longest:.3g} s to as little as {self.shortest:.3g} s: {self.why}"
+            f"steps were shortened from {self._longest:.3g} s to as little as {self.shortest:.3g}"
+            f" s: {self.why}"
         ]
 
     def take(
@@ -304,7 +310,8 @@ class StepControl:
 
         Returns their number, the kinematics then, and what is wrong.
         """
-        motion, watch = self._motion, self._motion.watch
+        motion = self._motion
+        watch = self._motion.watch
         watch[QUICKEST] = 0.0
         kept = motion.kept()
         before = motion.particles()[2] if self._F is None else self._F
@@ -320,7 +327,8 @@ class StepControl:
                 take(motion, named, taken, dt)
                 now = None
         elif watch[WHY] == STIFF:
-            trouble, now = self._find_bound(), None
+            trouble = self._find_bound()
+            now = None
         elif self._halvings and watch[QUICKEST] < 0.25 * CHANGE:  # calm: steps grow again
             self._halvings -= 1
             self._choose()
@@ -328,7 +336,8 @@ class StepControl:
             finer = self._drift.finer
             total = sum(measure(motion, named, now, time + taken * dt, dt).energies.values())
             if not self._drift.passes(total, now.kinetic):
-                taken, now = 0, None
+                taken = 0
+                now = None
                 motion.rewind(kept)
                 self.why = "where the body touches itself longer ones would change its energy"
             if self._drift.finer != finer:
@@ -348,7 +357,8 @@ class StepControl:
 
     def _halve(self, changed: float) -> Trouble | None:
         """Halve the step as often as needed, from how far the last one was too long; changed: F in a step."""
-        broke, given = self._motion.watch[WHY] == BROKEN, self._options.time_step is not None
+        broke = self._motion.watch[WHY] == BROKEN
+        given = self._options.time_step is not None
         over = 16.0 if broke else max(self._motion.watch[QUICKEST], changed) / CHANGE
         halvings = self._halvings + min(max(1, math.ceil(math.log2(over))), 6)
         if given or 0.5**halvings < 1e-4:  # even a step of 1e-4 of the first one is too long
@@ -359,7 +369,8 @@ class StepControl:
                     f"the motion changes too much within {'a' if given else 'any'} step"
                 )
             )
-        self._halvings, self.why = halvings, "the body moves too quickly for longer ones"
+        self._halvings = halvings
+        self.why = "the body moves too quickly for longer ones"
         self._choose()
         return None
 

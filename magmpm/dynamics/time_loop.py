@@ -90,7 +90,9 @@ def _within_memory(motion: TotalMotion, options: DynamicOptions) -> None:
         raise SceneError(
             "solver.dynamic.max_memory",
             received=f"{options.max_memory / 1e6:.4g} MB",
-            rule=f"must be at least what this scene's particles and grid take, {needed / 1e6:.4g} MB",
+            rule=(
+                f"must be at least what this scene's particles and grid take, {needed / 1e6:.4g} MB"
+            ),
             remedy="raise it, or use fewer cells_across",
         )
 
@@ -142,10 +144,8 @@ def integrate(
     else:
         _measure(state, state.motion.kinematics())
         state.balance.check(state.energies)
-    writer, conserves = (
-        None if folder is None else _writer(state, folder, saved),
-        energies.loads_conserve(model),
-    )
+    writer = None if folder is None else _writer(state, folder, saved)
+    conserves = energies.loads_conserve(model)
     rounding = watchdog.energy_rounding(model)
     see = on_state or (lambda _: None)
     see(state)
@@ -171,7 +171,8 @@ def integrate(
                 folder is not None and monotonic() > saved_at + 0.5
             ):  # s of work that a killed run may have to repeat
                 _save(state, last, folder)
-                saved_last, saved_at = last, monotonic()
+                saved_last = last
+                saved_at = monotonic()
     except SolveError as error:
         _go_on_from(state, last)
         raise type(error)(error.reason, state) from None
@@ -183,7 +184,8 @@ def integrate(
 
 def _writer(state: SimulationState, folder: Path | str, saved: Checkpoint | None) -> MotionWriter:
     """Writer of a new file of frames in a folder; after a checkpoint, of the existing file, from the checkpoint's frame on."""
-    model, most = state.motion.model, _options(state.motion.model.scene).max_disk
+    model = state.motion.model
+    most = _options(state.motion.model.scene).max_disk
     if saved is None:
         forget_motion(folder)
         return MotionWriter(folder, model, max_disk=most)
@@ -203,7 +205,10 @@ def _save(state: SimulationState, last: Checkpoint, folder: Path | str) -> None:
     try:
         last.save(folder)
     except OSError as error:
-        what = f"{error.filename}: {error.strerror or error}: --resume can only go on from an earlier moment, or from the start"
+        what = (
+            f"{error.filename}: {error.strerror or error}: --resume can only go on from an earlier"
+            " moment, or from the start"
+        )
         if what not in state.warnings:
             state.warnings.append(what)
 
@@ -238,13 +243,12 @@ def _go_on_from(state: SimulationState, saved: Checkpoint) -> None:
     state.control.restore(known)
     if state.motion.own is not None:
         state.motion.own.restore(known)
-    state.strain, state.balance = Strain.restored(known), watchdog.EnergyBalance.restored(known)
-    state.frame, state.steps, state.time, state.dt = (
-        saved.frame,
-        saved.steps,
-        saved.time,
-        known.get("dt", state.dt),
-    )
+    state.strain = Strain.restored(known)
+    state.balance = watchdog.EnergyBalance.restored(known)
+    state.frame = saved.frame
+    state.steps = saved.steps
+    state.time = saved.time
+    state.dt = known.get("dt", state.dt)
     _measure(state, state.motion.kinematics())
     state.energies = known.get("energies", state.energies)
 
@@ -256,11 +260,14 @@ def interval(
 
     Raises SolveError where the motion can't go on.
     """
-    model, motion, control = state.motion.model, state.motion, state.control
+    model = state.motion.model
+    motion = state.motion
+    control = state.control
     if motion.own is not None:
         motion.own.begin()
     while state.time < until:
-        start, done = state.time, 0
+        start = state.time
+        done = 0
         count = max(1, math.ceil((until - start) / control.step * (1 - 1e-12)))
         dt = (until - start) / count
         while done < count:
@@ -272,7 +279,8 @@ def interval(
             motion.set_off(dt, named)
             taken, now, trouble = control.take(named, steps, dt, start + dt * first)
             done = first + taken
-            state.steps, state.dt = state.steps + taken, dt
+            state.steps = state.steps + taken
+            state.dt = dt
             state.time = until if done == count else start + dt * done
             trouble = trouble or _wrong(state, now)
             if trouble is not None:
@@ -305,17 +313,27 @@ def _stopped(state: SimulationState, trouble: watchdog.Trouble) -> SolveError:
     where = ""
     if trouble.particle >= 0:
         place = state.motion.model.particles.position[trouble.particle] * 1e3
-        where = f" (particle {trouble.particle}, in the undeformed body at {', '.join(f'{c:.3g}' for c in place)} mm)"
-    bound = f"the time step is {state.dt:.3g} s, the stable bound at the start was {state.stable.largest:.3g} s"
+        where = (
+            f" (particle {trouble.particle}, in the undeformed body at"
+            f" {', '.join(f'{c:.3g}' for c in place)} mm)"
+        )
+    bound = (
+        f"the time step is {state.dt:.3g} s, the stable bound at the start was"
+        f" {state.stable.largest:.3g} s"
+    )
     return trouble.kind(
-        f"step {state.steps}, t = {state.time:.6g} s: {trouble.cause}{where}; {bound}; remedy: {trouble.remedy}"
+        f"step {state.steps}, t = {state.time:.6g} s: {trouble.cause}{where}; {bound}; remedy:"
+        f" {trouble.remedy}"
     )
 
 
 def _measure(state: SimulationState, now: Kinematics) -> None:
     """Store stress, energies and contacts of the present state."""
-    model, motion = state.motion.model, state.motion
-    state.x, state.v, state.F = now.x, now.v, now.F
+    model = state.motion.model
+    motion = state.motion
+    state.x = now.x
+    state.v = now.v
+    state.F = now.F
     named = acting.collect(model.scene, times=np.array([state.time]))
     acting.refresh(named, model, now.x, now.F)
     state.P, state.energies, state.contacts = energies.measure(

@@ -40,16 +40,22 @@ class MovedEnds:
     """
 
     def __init__(self, model: Model, place: Array, mass: Array, free: NDArray[np.bool_]) -> None:
-        self._moves, self._boxes, half = model.scene.move or {}, {}, 0.25 * model.grid.spacing
+        self._moves = model.scene.move or {}
+        self._boxes = {}
+        half = 0.25 * model.grid.spacing
         for name, nodes in model.driven_in_motion:
             follows = nodes & (mass > 0)
-            low, high = place[follows].min(axis=0) - half, place[follows].max(axis=0) + half
+            low = place[follows].min(axis=0) - half
+            high = place[follows].max(axis=0) + half
             if ((mass > 0) & ~free & ((place > low) & (place < high)).all(axis=1) & ~follows).any():
                 raise SceneError(
                     f"move.{name}",
                     found="other held parts stand within the box around what is moved",
                     rule="in motion that box must be free of them",
-                    remedy="divide the part into several, or move it in statics or along equilibria (solver.quasi_static)",
+                    remedy=(
+                        "divide the part into several, or move it in statics or along equilibria"
+                        " (solver.quasi_static)"
+                    ),
                 )
             self._boxes[name] = low, high
 
@@ -57,7 +63,8 @@ class MovedEnds:
         """Records and data, in turn, for steps of dt (s) that begin at times (k,) s; none where nothing moves."""
         out: list[Any] = []
         for name, (low, high) in self._boxes.items():
-            record, move = np.zeros(len(times), DTYPE), self._moves[name]
+            record = np.zeros(len(times), DTYPE)
+            move = self._moves[name]
             record["rate"] = (move.displacement(times + dt) - move.displacement(times)) / dt
             record["low"], record["high"] = low, high
             out += [record, NO_DATA]
@@ -102,7 +109,9 @@ def take(motion: TotalMotion, named: Records, steps: int, dt: float) -> tuple[in
 
     Loads of the body on itself, in the tables of `named`, are those of its present shape at the end.
     """
-    taken, broken, own = 0, False, motion.own
+    taken = 0
+    broken = False
+    own = motion.own
     while taken < steps:
         now = from_step(named, taken)
         together = steps - taken if own is None else min(own.renew(now, motion), steps - taken)
@@ -132,7 +141,9 @@ class TotalMotion:
             self.packed.nodes.inverse_mass[::3] > 0,
         )
         nodes = len(self.packed.mass.lumped)
-        self.u, self.v, self.force = np.zeros(3 * nodes), np.zeros(3 * nodes), np.zeros(3 * nodes)
+        self.u = np.zeros(3 * nodes)
+        self.v = np.zeros(3 * nodes)
+        self.force = np.zeros(3 * nodes)
         self.slabs = new_slabs(len(self.packed.cells.slab_first) - 1)
         self.stiffness = np.full(self.packed.particle.size, np.nan)
         on = self.packed.surface
@@ -187,7 +198,8 @@ class TotalMotion:
         instant: float = 0.0,
     ) -> int:
         """Take steps with these arrays. memory, meeting: unless given, copies of the motion's; instant: Pa, added to the shear modulus."""
-        p, memory = self.packed, self.memory.copy() if memory is None else memory
+        p = self.packed
+        memory = self.memory.copy() if memory is None else memory
         if meeting is None:
             meeting = () if self.contact is None else self.contact.copy()
         stiffness = np.full_like(self.stiffness, np.nan) if stiffness is None else stiffness
@@ -239,8 +251,11 @@ class TotalMotion:
         return now[0], now[2]
 
     def _kinematics_at(self, u: Array, v: Array) -> tuple[Array, Array, Array]:
-        p, n = self.packed, len(self.model.density)
-        position, velocity, deformation = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3, 3))
+        p = self.packed
+        n = len(self.model.density)
+        position = np.empty((n, 3))
+        velocity = np.empty((n, 3))
+        deformation = np.empty((n, 3, 3))
         rest = self.model.particles.position
         total_lagrangian_step.at_particles(
             p.cells, p.particles, p.particle, u, v, rest, position, velocity, deformation
@@ -274,14 +289,16 @@ class TotalMotion:
             1, abs(back), effects, self.u.copy(), later, np.zeros_like(self.v), self.anchor.copy()
         )
         self.v -= np.sign(back) * (later - self.v)
-        self.lag, self._last = dt / 2, at_step(effects, 0)
+        self.lag = dt / 2
+        self._last = at_step(effects, 0)
 
     def acceleration(self, u: Array) -> Array:
         """Acceleration of the nodes (3 nodes,) m/s^2 at displacements u (3 nodes,) m, from the elastic stress alone.
 
         Branches that relax count as if they did not: as shear modulus.
         """
-        v, instant = np.zeros_like(u), acting.instant_modulus(self.model.scene)
+        v = np.zeros_like(u)
+        instant = acting.instant_modulus(self.model.scene)
         self._advance(
             1, 1.0, (), u.copy(), v, np.zeros_like(u), self.anchor, meeting=(), instant=instant
         )  # a second from rest: v is that
@@ -310,7 +327,8 @@ class TotalMotion:
 
     def remembered(self) -> Array:
         """Memory (n, k) of the particles in the model's order (effects.viscosity); k is 0 where there is none."""
-        real, columns = self.packed.particle >= 0, self.memory.size // self.packed.particle.size
+        real = self.packed.particle >= 0
+        columns = self.memory.size // self.packed.particle.size
         out = np.empty((len(self.model.density), columns))
         out[self.packed.particle[real]] = self.memory.reshape(-1, columns, WIDTH).transpose(
             0, 2, 1
@@ -325,7 +343,8 @@ class TotalMotion:
             state.get("memory", self.memory),
         )
         self.force[:], self.stiffness[:] = 0.0, np.nan
-        self.lag, self._last = float(state.get("lag", 0.0)), ()
+        self.lag = float(state.get("lag", 0.0))
+        self._last = ()
         if self.contact is not None:
             self.contact.restore(state)
         if self.anchor.size:
@@ -333,21 +352,21 @@ class TotalMotion:
 
     def touching_points(self) -> Touching:
         """The points of the surface, in the order of `packed`, at the time of their displacements."""
-        on, cells = self.packed.surface, self.packed.cells
+        on = self.packed.surface
+        cells = self.packed.cells
         if not len(on.mass):
             return at_rest(np.zeros((0, 3)))
-        weights, node = (
-            on.weights.reshape(-1, 3, 3),
-            np.repeat(on.first_node, np.diff(on.first_point)),
-        )
-        x, v = on.place.reshape(-1, 3).copy(), np.zeros((len(on.mass), 3))
-        moved, speed = self.u.reshape(-1, 3), self.velocity().reshape(-1, 3)
+        weights = on.weights.reshape(-1, 3, 3)
+        node = np.repeat(on.first_node, np.diff(on.first_point))
+        x = on.place.reshape(-1, 3).copy()
+        v = np.zeros((len(on.mass), 3))
+        moved = self.u.reshape(-1, 3)
+        speed = self.velocity().reshape(-1, 3)
         for a, b, c in product(range(3), repeat=3):
-            at, share = (
-                node + a * cells.along_x + b * cells.along_y + c,
-                weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c],
-            )
-            x, v = x + share[:, None] * moved[at], v + share[:, None] * speed[at]
+            at = node + a * cells.along_x + b * cells.along_y + c
+            share = weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
+            x = x + share[:, None] * moved[at]
+            v = v + share[:, None] * speed[at]
         return Touching(
             x, v, on.mass, self.anchor[: HELD * len(x)].reshape(-1, HELD), on.grip.reshape(-1, 3)
         )
@@ -356,7 +375,8 @@ class TotalMotion:
         """Contact of the body with itself, by pairs of components; empty where the scene does not name it."""
         if self.contact is None:
             return {}
-        meeting, v = self.contact.copy(), self.v.copy()
+        meeting = self.contact.copy()
+        v = self.v.copy()
         self._advance(
             1,
             self.lag,

@@ -40,7 +40,10 @@ def broken(model: Model, x: Array, v: Array, F: Array) -> Trouble:
     J = np.linalg.det(F)
     worst = int(np.argmin(J))
     if J[worst] <= 0.0:
-        remedy = f"{REMEDY}, or use more cells across, or apply the load more slowly (field.over_time, damping)"
+        remedy = (
+            f"{REMEDY}, or use more cells across, or apply the load more slowly (field.over_time,"
+            " damping)"
+        )
         return Trouble(
             f"det F fell to {J[worst]:.3g}: a particle was turned inside out", worst, remedy
         )
@@ -67,13 +70,15 @@ def check(model: Model, x: Array, v: Array, time: float = 0.0) -> Trouble | None
     speed = float(np.linalg.norm(v[fastest]))
     if ratio > SURFACE and speed > SURFACE * speed / ratio + driven_speed(model, x, time, way):
         return Trouble(
-            f"a particle moves at {speed:.3g} m/s, faster than waves in its material and than its load can drive it",
+            f"a particle moves at {speed:.3g} m/s, faster than waves in its material and than its"
+            " load can drive it",
             fastest,
             f"{REMEDY}, or apply the load more slowly",
         )
     if way > FAR * size:
         return Trouble(
-            f"a particle left the box: it is {way:.3g} m from where it was, {FAR:g} times the body's size",
+            f"a particle left the box: it is {way:.3g} m from where it was, {FAR:g} times the"
+            " body's size",
             furthest,
             "hold the body (clamp, ground, walls), or shorten solver.dynamic.duration",
         )
@@ -83,11 +88,18 @@ def check(model: Model, x: Array, v: Array, time: float = 0.0) -> Trouble | None
 @compiled
 def _extremes(x, v, reference, shear, bulk, density):  # type: ignore[no-untyped-def]
     """Return whether all values are finite; the fastest particle, and its speed over that of pressure waves (step_control.speed_of_sound);
-    the particle farthest from its reference position, and its distance (m); size of the undeformed body (m), corner to corner."""
-    finite, fastest, furthest, most, way = True, 0, 0, 0.0, 0.0
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    the particle farthest from its reference position, and its distance (m); size of the undeformed body (m), corner to corner.
+    """
+    finite = True
+    fastest = 0
+    furthest = 0
+    most = 0.0
+    way = 0.0
+    low = np.full(3, np.inf)
+    high = np.full(3, -np.inf)
     for p in range(len(x)):
-        speed2, way2 = 0.0, 0.0
+        speed2 = 0.0
+        way2 = 0.0
         for i in range(3):
             speed2 += v[p, i] ** 2
             way2 += (x[p, i] - reference[p, i]) ** 2
@@ -97,9 +109,11 @@ def _extremes(x, v, reference, shear, bulk, density):  # type: ignore[no-untyped
         )  # np.isfinite is always true here (magmpm.compiled.jit)
         ratio2 = speed2 * density[p] / (bulk[p] + 4.0 / 3.0 * shear[p])
         if ratio2 > most:
-            fastest, most = p, ratio2
+            fastest = p
+            most = ratio2
         if way2 > way:
-            furthest, way = p, way2
+            furthest = p
+            way = way2
     return (
         finite,
         fastest,

@@ -40,7 +40,9 @@ from magmpm.fields.dipole import MU0
 from magmpm.inputs.messages import Instead, plain_word
 from magmpm.inputs.settings import Settings, fault
 
-WHIP = 4.0  # the square of a tip's speed over the mean of the body's: 3 for a body that turns about its base, and a free end whips
+# the square of a tip's speed over the mean of the body's: 3 for a body that turns about its base,
+# and a free end whips
+WHIP = 4.0
 _PLANE = {"point": ["0 mm", "0 mm", "-2 mm"], "friction": 0.3}
 _LUMEN = {
     "tube": {"radius": "5 mm", "path": [["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]}
@@ -51,15 +53,23 @@ _PULL = (
 
 
 _FLUID = (
-    "no fluid is simulated: in motion `damping: {rate: 60 1/s}` resists it in proportion to mass, as Stokes drag does roughly; at rest a "
-    "still fluid only buoys: write the densities of the materials less the fluid's"
+    "no fluid is simulated: in motion `damping: {rate: 60 1/s}` resists it in proportion to mass,"
+    " as Stokes drag does roughly; at rest a still fluid only buoys: write the densities of the"
+    " materials less the fluid's"
 )
-_FLOW = "no flow is simulated, and nothing stands for one: a stream that pushes the body is beyond this program"
+_FLOW = (
+    "no flow is simulated, and nothing stands for one: a stream that pushes the body is beyond this"
+    " program"
+)
 _OBSTACLE = (
-    "an obstacle is a plane, `ground: {point: [0 mm, 0 mm, -2 mm]}`, or a lumen that the body is in, `walls: {tube: ...}` or "
-    "`walls: {surface: {mesh: vessel.stl, unit: mm}}`; parts of `body.parts` touch each other by `self_contact: {}`"
+    "an obstacle is a plane, `ground: {point: [0 mm, 0 mm, -2 mm]}`, or a lumen that the body is"
+    " in, `walls: {tube: ...}` or `walls: {surface: {mesh: vessel.stl, unit: mm}}`; parts of"
+    " `body.parts` touch each other by `self_contact: {}`"
 )
-_FRICTION = "friction belongs to what is touched: `ground: {..., friction: 0.3}`, `walls`, `self_contact`, or a material"
+_FRICTION = (
+    "friction belongs to what is touched: `ground: {..., friction: 0.3}`, `walls`, `self_contact`,"
+    " or a material"
+)
 _FIELD = (
     "the field acts by `magnetic_torque: {}`, and one that varies in space also by "
     "`magnetic_force: {}`; what makes it stands in `field`"
@@ -69,9 +79,15 @@ _FORCE = (
     "beside `effects`); there is no other force"
 )
 _SEGMENTS = "magnetized segments act on each other by `magnetic_interaction: {}`"
-_LOSSES = "in motion the material loses energy by `viscosity: {viscosity: 50 Pa s}` or its `branches`, the surroundings by `damping`"
+_LOSSES = (
+    "in motion the material loses energy by `viscosity: {viscosity: 50 Pa s}` or its `branches`,"
+    " the surroundings by `damping`"
+)
 _INSERTED = "the base is pushed through a guide by `feed: {speed: 20 mm/s, exit: 10 mm}`"
-_INERTIA = "inertia is there in every motion, `solver: {dynamic: {duration: 0.5 s}}`, and in no equilibrium: it is no effect to be named"
+_INERTIA = (
+    "inertia is there in every motion, `solver: {dynamic: {duration: 0.5 s}}`, and in no"
+    " equilibrium: it is no effect to be named"
+)
 _INSTEAD = {  # words by which people ask for an effect: what there is
     **dict.fromkeys(
         (
@@ -229,7 +245,8 @@ class Effects(Settings):
     def _auto_stands_alone(self) -> Effects:
         if self.auto and self.named():
             raise fault(
-                f"`auto` leaves the choice to the program, and this names {' and '.join(self.named())} as well",
+                "`auto` leaves the choice to the program, and this names"
+                f" {' and '.join(self.named())} as well",
                 "write `effects: auto`, or name the effects without it",
                 ("auto",),
             )
@@ -424,7 +441,8 @@ def driven_speed(model: Any, x: Array, time: float, way: float) -> float:
 
     w: most work on a mass (J/kg): of weight along `way` (m), the farthest; of fields, 4 M B; of neighbors. x (n, 3) m: present positions.
     """
-    scene, named = model.scene, model.scene.effects
+    scene = model.scene
+    named = model.scene.effects
     work = 0.0
     if named.gravity is not None:
         work += float(np.linalg.norm(named.gravity.acceleration)) * way

@@ -128,7 +128,9 @@ class Effect(Settings):
     PHASE: ClassVar[Phase]
     ONLY_IN_MOTION: ClassVar[bool] = False  # refused in a scene that is solved for its equilibrium
     ALONG_TIME: ClassVar[bool] = (
-        False  # of an effect only in motion: whether equilibria along time (solver.quasi_static) have it too
+        # of an effect only in motion: whether equilibria along time (solver.quasi_static) have it
+        # too
+        False
     )
     IN_FIELD: ClassVar[bool] = False  # whether it is an effect of the outside field
 

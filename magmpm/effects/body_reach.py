@@ -12,7 +12,9 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.effects.base import SceneLike
 
-STRETCHED = 1.5  # times the length of a held body: silicone stretches by some percent under its weight and in fields of tens of mT
+# times the length of a held body: silicone stretches by some percent under its weight and in fields
+# of tens of mT
+STRETCHED = 1.5
 FAR = 10.0  # sizes of the undeformed body: how far a particle may move from its start
 STATIONS = 33  # points on the way of the base
 
@@ -34,11 +36,15 @@ def body_reach(scene: SceneLike) -> BodyReach:
     """The region that a scene's body can reach."""
     lower, upper = (np.array(corner) for corner in scene.box())
     size = float(np.linalg.norm(upper - lower))
-    feed, line = scene.effects.feed, scene.body.shape.line
+    feed = scene.effects.feed
+    line = scene.body.shape.line
     if line is not None and (feed is not None or scene.body.shape.clamp != "none"):
         pushed = 0.0 if feed is None else feed.speed * scene.duration
         way = np.linspace(0.0, pushed, STATIONS if pushed else 1)
-        words = f"{STRETCHED:g} times its length from {'all places its base is pushed to' if pushed else 'its base'}"
+        words = (
+            f"{STRETCHED:g} times its length from"
+            f" {'all places its base is pushed to' if pushed else 'its base'}"
+        )
         return BodyReach(
             np.array(line.base) + way[:, None] * [1.0, 0.0, 0.0], STRETCHED * size, words
         )
@@ -55,6 +61,6 @@ def unreached(key: str, obstacle: str, reach: BodyReach, from_base: Array) -> li
     if beyond <= 0:
         return []
     return [
-        f"effects.{key}: {obstacle} does nothing: it is {1e3 * beyond:.3g} mm beyond all that the body can reach ({reach.why}); check its "
-        "place and its units"
+        f"effects.{key}: {obstacle} does nothing: it is {1e3 * beyond:.3g} mm beyond all that the"
+        f" body can reach ({reach.why}); check its place and its units"
     ]

@@ -26,16 +26,18 @@ import numpy as np
 from magmpm.compiled.jit import compiled
 
 PARTS = 9  # numbers in f
-DELAY = 4.0  # times that a shear wave takes through the thickness: the period of the slowest shear oscillation of a layer held at one face
-FAR, SHORT = (
-    0.01,
-    1 / 16,
-)  # thicknesses of the body: the way after which a slide has but this part of the delay
-HELD = 8  # numbers that friction remembers of a point: anchor (3,) m; how it touches (STICKS; -STICKS: it slides; 0: not at all);
-TOUCHES, STICKS = (
-    3,
-    1.0,
-)  # the mean of its grip, N; over what time, s; the mean of that mean, N; how far it has slid since it stuck, m
+# times that a shear wave takes through the thickness: the period of the slowest shear oscillation
+# of a layer held at one face
+DELAY = 4.0
+# thicknesses of the body: the way after which a slide has but this part of the delay
+FAR = 0.01
+SHORT = 1 / 16
+# numbers that friction remembers of a point: anchor (3,) m; how it touches (STICKS; -STICKS: it
+# slides; 0: not at all);
+HELD = 8
+# the mean of its grip, N; over what time, s; the mean of that mean, N; how far it has slid since it stuck, m
+TOUCHES = 3
+STICKS = 1.0
 
 
 @compiled
@@ -71,7 +73,8 @@ def own_grip(friction, f):
 def stored(depth, rigidity, layer, thickness, knee):
     """Energy (J) of the springs of `push`; rigidity: mass times stiffness, N/m. Of one, or of arrays (n,)."""
     soft = layer / np.maximum(thickness, layer)
-    below, above = np.minimum(depth, knee), np.maximum(depth - knee, 0.0)
+    below = np.minimum(depth, knee)
+    above = np.maximum(depth - knee, 0.0)
     return rigidity * (
         0.5 * soft * depth**2
         + (1.0 - soft) * (below**3 / (6.0 * knee) + 0.5 * above * (above + knee))
@@ -104,23 +107,31 @@ def let_go(held, dt):
 @compiled
 def hold(x, v, depth, held, f, dt):
     """Add the friction of f's grip to f[:3], for a point at x (3,) m of velocity v (3,) m/s at a depth (m), and a step of dt (s), and
-    change what is remembered of it, held (HELD,): the anchor, whether it slides, or nothing grips it, and the delay's numbers."""
-    grip, rigidity = math.sqrt(f[3] * f[3] + f[4] * f[4] + f[5] * f[5]), f[6]
+    change what is remembered of it, held (HELD,): the anchor, whether it slides, or nothing grips it, and the delay's numbers.
+    """
+    grip = math.sqrt(f[3] * f[3] + f[4] * f[4] + f[5] * f[5])
+    rigidity = f[6]
     new = held[TOUCHES] == 0.0
     held[TOUCHES] = -STICKS
     if not grip > 0.0:
         for i in range(3):
             held[i] = x[i]
         return
-    n0, n1, n2 = f[3] / grip, f[4] / grip, f[5] / grip
+    n0 = f[3] / grip
+    n1 = f[4] / grip
+    n2 = f[5] / grip
     if new:
         leaving = v[0] * n0 + v[1] * n1 + v[2] * n2
         since = min(dt, depth / -leaving) if leaving < 0.0 else 0.0
         for i in range(3):
             held[i] = x[i] - since * v[i]
-    s0, s1, s2 = x[0] - held[0], x[1] - held[1], x[2] - held[2]
+    s0 = x[0] - held[0]
+    s1 = x[1] - held[1]
+    s2 = x[2] - held[2]
     away = s0 * n0 + s1 * n1 + s2 * n2
-    s0, s1, s2 = s0 - away * n0, s1 - away * n1, s2 - away * n2
+    s0 = s0 - away * n0
+    s1 = s1 - away * n1
+    s2 = s2 - away * n2
     pull = rigidity * math.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
     far = FAR * f[7]
     delay = DELAY * f[8] * (1.0 - (1.0 - SHORT) * held[7] / far if held[7] < far else SHORT)
@@ -129,7 +140,9 @@ def hold(x, v, depth, held, f, dt):
     again = held[6] + dt / time * (mean - held[6])
     most = max(mean + 0.5 * (mean - again), 0.0)
     if pull > most:
-        s0, s1, s2 = s0 * (most / pull), s1 * (most / pull), s2 * (most / pull)
+        s0 = s0 * (most / pull)
+        s1 = s1 * (most / pull)
+        s2 = s2 * (most / pull)
         held[7] += (pull - most) / rigidity
     else:
         held[TOUCHES], held[7] = STICKS, 0.0

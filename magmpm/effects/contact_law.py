@@ -28,9 +28,15 @@ from magmpm.effects.hooks import NO_DATA, add_contact, deepest
 from magmpm.errors import SceneError, dotted
 
 THROWN = 0.1  # m/s
-SOFT = 3.0  # thicknesses of the body: the layer of it that gives as much as contact with friction. From 2 to 4 blocks stick and balls roll
-KNEE = 0.02  # cells: deeper than bodies at rest sink in; beyond it friction's spring is as stiff as that of slippery contact
-SHARE = 0.7  # of the explicit limit 2 / w: 0.8 of the smaller of the body's and the contact's bounds is then stable for both together
+# thicknesses of the body: the layer of it that gives as much as contact with friction. From 2 to 4
+# blocks stick and balls roll
+SOFT = 3.0
+# cells: deeper than bodies at rest sink in; beyond it friction's spring is as stiff as that of
+# slippery contact
+KNEE = 0.02
+# of the explicit limit 2 / w: 0.8 of the smaller of the body's and the contact's bounds is then
+# stable for both together
+SHARE = 0.7
 
 
 Friction = Annotated[
@@ -52,8 +58,10 @@ Stiffness = Annotated[
         le=100,
         allow_inf_nan=False,
         examples=[1.0],
-        description="Times the usual stiffness of the contact, which lets the body in by micrometers; 1 unless given. "
-        "Above 1 the contact may ask for a smaller time step than the body.",
+        description=(
+            "Times the usual stiffness of the contact, which lets the body in by micrometers; 1"
+            " unless given. Above 1 the contact may ask for a smaller time step than the body."
+        ),
     ),
 ]
 
@@ -96,10 +104,12 @@ def obstacle_record(dtype: np.dtype[Any], data: Array = NO_DATA, /, **values: An
 
 def grips(scene: SceneLike) -> Array:
     """Numbers of each region (regions, 3) that friction depends on: its material's own coefficient, nan where it names none; its
-    thickness, m; the time that a shear wave takes through it, s. A region that is held is as rigid as an obstacle: 0 and 0."""
+    thickness, m; the time that a shear wave takes through it, s. A region that is held is as rigid as an obstacle: 0 and 0.
+    """
     found = []
     for region in scene.regions():
-        material, thickness = scene.materials[region.material_name], region.thickness
+        material = scene.materials[region.material_name]
+        thickness = region.thickness
         through = thickness * math.sqrt((material.density or 0.0) / material.shear_modulus)
         found.append(
             [np.nan if material.friction is None else material.friction, thickness, through]
@@ -115,7 +125,8 @@ def most_friction(scene: SceneLike, friction: float) -> float:
 
 def stable_step(stiffness: float, damping: float = 0.0) -> float:
     """Largest stable step (s) of a spring of this stiffness w^2 (1/s^2), together with a body at its own limit; with a dashpot of this
-    rate (1/s), z = rate / 2 w times the critical one, shorter by sqrt(1 + z^2) - z (Belytschko, section 6.6)."""
+    rate (1/s), z = rate / 2 w times the critical one, shorter by sqrt(1 + z^2) - z (Belytschko, section 6.6).
+    """
     if not stiffness > 0:
         return math.inf
     z = damping / (2.0 * math.sqrt(stiffness))
@@ -136,7 +147,11 @@ _stored = compiled(stored)
 @compiled_elsewhere
 def _touching(named, x, v, mass, dt, held, grip, layer, knee, force):
     """Number in contact, the deepest (-1: none), its depth (m), energy (J); adds to force (3,) N and changes what is held (n, HELD)."""
-    count, worst, most, energy, f = 0, -1, 0.0, 0.0, np.empty(PARTS)
+    count = 0
+    worst = -1
+    most = 0.0
+    energy = 0.0
+    f = np.empty(PARTS)
     for p in range(len(mass)):
         depth = deepest(named, 0, x[p])
         if depth > 0.0:
@@ -149,7 +164,8 @@ def _touching(named, x, v, mass, dt, held, grip, layer, knee, force):
             s = x[p] - held[p, :3]
             count += 1
             if depth > most:
-                worst, most = p, depth
+                worst = p
+                most = depth
             energy += _stored(depth, f[6], layer, f[7], knee) + 0.5 * f[6] * (
                 s[0] ** 2 + s[1] ** 2 + s[2] ** 2
             )
@@ -217,7 +233,10 @@ class Obstacle(Effect):
     def passed(self, scene: SceneLike, x: Array) -> str | None:
         """Reason why points of a surface can't rest at x (n, 3) m: one is more than a cell inside, where the spring is no contact."""
         depth = contact_of(self.records(scene), at_rest(x), 0.0)["depth"]
-        found = f"the body is {1e3 * depth:.3g} mm inside {self.WORDS}, more than a cell: it is pressed or went through"
+        found = (
+            f"the body is {1e3 * depth:.3g} mm inside {self.WORDS}, more than a cell: it is pressed"
+            " or went through"
+        )
         return found if depth > scene.cell else None
 
     def check(self, model: Any) -> None:
@@ -231,8 +250,10 @@ class Obstacle(Effect):
         if speed > THROWN:
             raise SceneError(
                 f"effects.{self.key()}",
-                found=f"the body begins {1e3 * depth:.3g} mm inside {self.WORDS}, deepest with {place(model, x[point])}, and would be "
-                f"thrown out at {speed:.2g} m/s",
+                found=(
+                    f"the body begins {1e3 * depth:.3g} mm inside {self.WORDS}, deepest with"
+                    f" {place(model, x[point])}, and would be thrown out at {speed:.2g} m/s"
+                ),
                 rule="a body must begin clear of it, or just touching",
                 remedy=f"{self.CLEAR}, by {1e3 * depth:.3g} mm or more",
             )

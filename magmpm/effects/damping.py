@@ -21,7 +21,9 @@ from magmpm.effects.hooks import register
 from magmpm.inputs.settings import Quantity
 
 DTYPE = np.dtype([("damping_rate", np.float64)])
-MOST = 500.0  # of the exponent: more leaves nothing of a velocity either, and would be too large a number for a push
+# of the exponent: more leaves nothing of a velocity either, and would be too large a number for a
+# push
+MOST = 500.0
 
 
 class Damping(Effect):
@@ -30,7 +32,10 @@ class Damping(Effect):
     PHASE = "damping"
     ONLY_IN_MOTION = True
     rate: Annotated[float, Quantity("rate", at_least="0 1/s", at_most="1e6 1/s")] = Field(
-        description="Velocities decay by exp(-rate t); twice a motion's angular frequency settles it soonest.",
+        description=(
+            "Velocities decay by exp(-rate t); twice a motion's angular frequency settles it"
+            " soonest."
+        ),
         examples=["60 1/s"],
     )
 

@@ -55,7 +55,8 @@ class Feed(Effect):
 @compiled
 def node(effect, data, X, u, v, free, dt):
     """v = (speed, 0, 0) inside the guide."""
-    y, z = X[1] + u[1], X[2] + u[2]
+    y = X[1] + u[1]
+    z = X[2] + u[2]
     if X[0] + u[0] < effect.feed_exit and y * y + z * z < effect.feed_radius**2:
         v[0], v[1], v[2] = effect.feed_speed, 0.0, 0.0
 

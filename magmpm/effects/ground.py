@@ -76,7 +76,8 @@ class Ground(Obstacle):
 @compiled
 def near(effect, data, x):
     """Depth (m) of a point x below the plane; negative above it."""
-    p, n = effect.ground_point, effect.ground_normal
+    p = effect.ground_point
+    n = effect.ground_normal
     return -((x[0] - p[0]) * n[0] + (x[1] - p[1]) * n[1] + (x[2] - p[2]) * n[2])
 
 

@@ -147,7 +147,8 @@ def _walk(
     def code(effects):
         names = arguments.removeprefix("step, ")
         record = "[min(step, len(effects[{0}]) - 1)]" if names != arguments else "[0]"
-        space, value = {"np": np, "__name__": __name__}, last
+        space = {"np": np, "__name__": __name__}
+        value = last
         for i in reversed(range(0, len(effects), 2)):
             hook = find(effects[i:])
             if hook is not None:
@@ -229,17 +230,20 @@ def _change(name: str) -> Find:
     """Find the hook `name`_change, or for an effect without it the difference of the hook `name`, which is exact if it is linear."""
 
     def find(effects: Any) -> Callable[..., Any] | None:
-        own, plain = _find(f"{name}_change", effects), _find(name, effects)
+        own = _find(f"{name}_change", effects)
+        plain = _find(name, effects)
         if own is not None or plain is None:
             return own
 
         def difference(effect, data, magnet, rho, dmagnet, drho, x, F, out):
-            before, changed = np.zeros(out.shape), np.empty(len(magnet))
+            before = np.zeros(out.shape)
+            changed = np.empty(len(magnet))
             for i in range(len(magnet)):
                 changed[i] = magnet[i] + dmagnet[i]
             plain(effect, data, magnet, rho, x, F, before)
             plain(effect, data, changed, rho + drho, x, F, out)
-            flat, less = out.reshape(-1), before.reshape(-1)
+            flat = out.reshape(-1)
+            less = before.reshape(-1)
             for i in range(len(flat)):
                 flat[i] -= less[i]
 

@@ -42,9 +42,12 @@ class MagneticForce(Effect):
         """Parameters for the kernels, or () where the field is uniform: it does not pull."""
         if strength == 0.0 or not scene.field.varies:
             return ()
-        return field_records(
-            scene.field, ROTATING if rotating(scene).any() else DTYPE, times, strength
-        ), scene.outside_field().data
+        return (
+            field_records(
+                scene.field, ROTATING if rotating(scene).any() else DTYPE, times, strength
+            ),
+            scene.outside_field().data,
+        )
 
 
 @compiled

@@ -53,7 +53,10 @@ class MagneticInteraction(BodyEffect):
         strict=True,
         ge=1,
         le=5,
-        description="Dipoles that stand for a segment, across its thickness (and as densely along it); 3 unless given.",
+        description=(
+            "Dipoles that stand for a segment, across its thickness (and as densely along it); 3"
+            " unless given."
+        ),
         examples=[3],
     )
 
@@ -67,9 +70,11 @@ class MagneticInteraction(BodyEffect):
 
     def marks(self, particles: Any, remanence: Array) -> Array:
         """Block of each particle (n,), -1 for none. Raises SceneError where there are more than MOST blocks."""
-        segment, volume = particles.segment, particles.volume
+        segment = particles.segment
+        volume = particles.volume
         cell = particles.cell if particles.box is None else particles.box
-        block, count = np.full(len(volume), -1.0), 0
+        block = np.full(len(volume), -1.0)
+        count = 0
         for k in np.unique(segment[remanence.any(axis=1)]):
             own = np.flatnonzero(segment == k)
             layers = [_layers(cell[own, axis], volume[own]) for axis in range(3)]
@@ -120,7 +125,8 @@ class MagneticInteraction(BodyEffect):
         places, moments, sizes, of = dipoles(particles, x, F)
         moved, bent, _, _ = dipoles(particles, by.x, by.F)
         turned = dipoles(particles._replace(remanence=by.remanence), x, F)[1]
-        field, force = np.zeros_like(places), np.zeros_like(places)
+        field = np.zeros_like(places)
+        force = np.zeros_like(places)
         _act_change(places, moments, np.cbrt(sizes), of, moved, bent + turned, field, force)
         rows = change[: SIZE * len(sizes)].reshape(-1, SIZE)
         rows[:, :3], rows[:, 3:] = field / MU0, force / sizes[:, None]
@@ -151,7 +157,8 @@ def _layers(cell: NDArray[np.int64], volume: Array) -> NDArray[np.int64]:
 def _act_on(particles: MarkedParticles, x: Array, F: Array) -> tuple[Array, Array, Array, Array]:
     """Field (k, 3) T, force (k, 3) N, moment (k, 3) A m^2 and volume (k,) m^3 of the blocks; arguments as of `Effect.refresh`."""
     places, moments, sizes, of = dipoles(particles, x, F)
-    field, force = np.zeros_like(places), np.zeros_like(places)
+    field = np.zeros_like(places)
+    force = np.zeros_like(places)
     _act(places, moments, np.cbrt(sizes), of, field, force)
     return field, force, moments, sizes
 
@@ -162,8 +169,10 @@ def dipoles(
     """Places (k, 3) m, moments (k, 3) A m^2, volumes (k,) m^3 and segment (k,) of the blocks."""
     block, segment, volume, remanence = particles
     count = int(block.max()) + 1
-    sizes, of = np.zeros(count), np.zeros(count, np.int64)
-    places, moments = np.zeros((count, 3)), np.zeros((count, 3))
+    sizes = np.zeros(count)
+    of = np.zeros(count, np.int64)
+    places = np.zeros((count, 3))
+    moments = np.zeros((count, 3))
     whole = np.ascontiguousarray
     _gather(
         whole(block),
@@ -247,24 +256,29 @@ def _act(places, moments, edges, of, field, force):
     E_ab = -h(r) (3 (m . x) (n . x) - (m . n) r^2), with x from b to a; the derivatives include that of h.
     """
     for a in prange(len(places)):
-        m0, m1, m2 = moments[a, 0], moments[a, 1], moments[a, 2]
-        b0, b1, b2, f0, f1, f2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        m0 = moments[a, 0]
+        m1 = moments[a, 1]
+        m2 = moments[a, 2]
+        b0 = 0.0
+        b1 = 0.0
+        b2 = 0.0
+        f0 = 0.0
+        f1 = 0.0
+        f2 = 0.0
         for b in range(len(places)):
             if of[b] == of[a]:
                 continue
-            x, y, z = (
-                places[a, 0] - places[b, 0],
-                places[a, 1] - places[b, 1],
-                places[a, 2] - places[b, 2],
-            )
-            n0, n1, n2 = moments[b, 0], moments[b, 1], moments[b, 2]
+            x = places[a, 0] - places[b, 0]
+            y = places[a, 1] - places[b, 1]
+            z = places[a, 2] - places[b, 2]
+            n0 = moments[b, 0]
+            n1 = moments[b, 1]
+            n2 = moments[b, 2]
             r2 = x * x + y * y + z * z
             h, steep = _radial(np.sqrt(r2) + TINY, 0.5 * (edges[a] + edges[b]))
-            nd, md, mn = (
-                n0 * x + n1 * y + n2 * z,
-                m0 * x + m1 * y + m2 * z,
-                m0 * n0 + m1 * n1 + m2 * n2,
-            )
+            nd = n0 * x + n1 * y + n2 * z
+            md = m0 * x + m1 * y + m2 * z
+            mn = m0 * n0 + m1 * n1 + m2 * n2
             b0 += h * (3.0 * nd * x - n0 * r2)
             b1 += h * (3.0 * nd * y - n1 * r2)
             b2 += h * (3.0 * nd * z - n2 * r2)
@@ -285,27 +299,47 @@ def _act_change(places, moments, edges, of, dplaces, dmoments, dfield, dforce):
         for b in range(len(places)):
             if of[b] == of[a]:
                 continue
-            r2, dr2, nd, dnd, md, dmd, mn, dmn = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            r2 = 0.0
+            dr2 = 0.0
+            nd = 0.0
+            dnd = 0.0
+            md = 0.0
+            dmd = 0.0
+            mn = 0.0
+            dmn = 0.0
             for i in range(3):
-                x, dx = places[a, i] - places[b, i], dplaces[a, i] - dplaces[b, i]
-                m, dm, n, dn = moments[a, i], dmoments[a, i], moments[b, i], dmoments[b, i]
-                r2, dr2 = r2 + x * x, dr2 + 2.0 * x * dx
-                nd, dnd = nd + n * x, dnd + dn * x + n * dx
-                md, dmd = md + m * x, dmd + dm * x + m * dx
-                mn, dmn = mn + m * n, dmn + dm * n + m * dn
+                x = places[a, i] - places[b, i]
+                dx = dplaces[a, i] - dplaces[b, i]
+                m = moments[a, i]
+                dm = dmoments[a, i]
+                n = moments[b, i]
+                dn = dmoments[b, i]
+                r2 = r2 + x * x
+                dr2 = dr2 + 2.0 * x * dx
+                nd = nd + n * x
+                dnd = dnd + dn * x + n * dx
+                md = md + m * x
+                dmd = dmd + dm * x + m * dx
+                mn = mn + m * n
+                dmn = dmn + dm * n + m * dn
             r = np.sqrt(r2) + TINY
             d = 0.5 * (edges[a] + edges[b])
             h, steep = _radial(r, d)
             slope, bend = _radial_change(r, d)
             dr = dr2 / (2.0 * r)
-            dh, dsteep = slope * dr, bend * dr
+            dh = slope * dr
+            dsteep = bend * dr
             both = 3.0 * md * nd - mn * r2
             dboth = 3.0 * (dmd * nd + md * dnd) - dmn * r2 - mn * dr2
             along = steep * both - 2.0 * h * mn
             dalong = dsteep * both + steep * dboth - 2.0 * (dh * mn + h * dmn)
             for i in range(3):
-                x, dx = places[a, i] - places[b, i], dplaces[a, i] - dplaces[b, i]
-                m, dm, n, dn = moments[a, i], dmoments[a, i], moments[b, i], dmoments[b, i]
+                x = places[a, i] - places[b, i]
+                dx = dplaces[a, i] - dplaces[b, i]
+                m = moments[a, i]
+                dm = dmoments[a, i]
+                n = moments[b, i]
+                dn = dmoments[b, i]
                 dfield[a, i] += dh * (3.0 * nd * x - n * r2) + h * (
                     3.0 * (dnd * x + nd * dx) - dn * r2 - n * dr2
                 )

@@ -50,9 +50,10 @@ class MagneticTorque(Effect):
             return ()
         turns = bool(turning.rotating(scene).any())
         if scene.field.varies:
-            return field_records(
-                scene.field, VARYING_ROTATING if turns else VARYING, times, strength
-            ), scene.outside_field().data
+            return (
+                field_records(scene.field, VARYING_ROTATING if turns else VARYING, times, strength),
+                scene.outside_field().data,
+            )
         uniform = places(scene.field, times, strength)["uniform"]
         # One set of kernels for the whole motion: a field that is zero for some steps of its schedule stays.
         changes = times is not None and scene.field.over_time is not None
@@ -69,9 +70,11 @@ class MagneticTorque(Effect):
 
         first, *others = [uniform(given) for given in np.eye(4, 3, -1).tolist()]
         x, y, z = (
-            parameters(other - first, bool(turning.rotating(scene).any()))
-            if (other != first).any()
-            else ()
+            (
+                parameters(other - first, bool(turning.rotating(scene).any()))
+                if (other != first).any()
+                else ()
+            )
             for other in others
         )
         return x, y, z

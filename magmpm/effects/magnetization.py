@@ -74,9 +74,19 @@ def _rows(F):
 def rotation(F):
     """Rows (triples) of R, tr U and det Y, of one particle or of eight. Without meaning where det F <= 0."""
     a, b, c = _rows(F)
-    x, y, z = _cross(b, c), _cross(c, a), _cross(a, b)  # rows of cof F
-    aa, bb, cc, ab, ac, bc = _dot(a, a), _dot(b, b), _dot(c, c), _dot(a, b), _dot(a, c), _dot(b, c)
-    J, I1, I2 = _dot(a, x), aa + bb + cc, _dot(x, x) + _dot(y, y) + _dot(z, z)
+    # rows of cof F
+    x = _cross(b, c)
+    y = _cross(c, a)
+    z = _cross(a, b)
+    aa = _dot(a, a)
+    bb = _dot(b, b)
+    cc = _dot(c, c)
+    ab = _dot(a, b)
+    ac = _dot(a, c)
+    bc = _dot(b, c)
+    J = _dot(a, x)
+    I1 = aa + bb + cc
+    I2 = _dot(x, x) + _dot(y, y) + _dot(z, z)
     s = 0.5 * (I1 + 3.0)  # at least sqrt(3 I1), which is at least tr U
     for _ in range(MOST_STEPS):
         w = s * s - I1
@@ -85,13 +95,12 @@ def rotation(F):
         if not _largest(step - NEAR * s) > 0.0:
             break
     i2 = 0.5 * (s * s - I1)
-    size, n = s * i2 - J, i2 + I1
+    size = s * i2 - J
+    n = i2 + I1
     k = 1.0 / size
-    p, q, r = (
-        _sum(n - aa, a, -ab, b, -ac, c),
-        _sum(-ab, a, n - bb, b, -bc, c),
-        _sum(-ac, a, -bc, b, n - cc, c),
-    )
+    p = _sum(n - aa, a, -ab, b, -ac, c)
+    q = _sum(-ab, a, n - bb, b, -bc, c)
+    r = _sum(-ac, a, -bc, b, n - cc, c)
     return (
         (
             (k * (p[0] + s * x[0]), k * (p[1] + s * x[1]), k * (p[2] + s * x[2])),
@@ -107,18 +116,21 @@ def rotation(F):
 def _stretch(F, R):
     """U = R^T F as xx, yy, zz, xy, xz, yz."""
     a, b, c = _rows(F)
-    x, y, z = (
-        _sum(R[0][0], a, R[1][0], b, R[2][0], c),
-        _sum(R[0][1], a, R[1][1], b, R[2][1], c),
-        _sum(R[0][2], a, R[1][2], b, R[2][2], c),
-    )
+    x = _sum(R[0][0], a, R[1][0], b, R[2][0], c)
+    y = _sum(R[0][1], a, R[1][1], b, R[2][1], c)
+    z = _sum(R[0][2], a, R[1][2], b, R[2][2], c)
     return x[0], y[1], z[2], x[1], x[2], y[2]
 
 
 @compiled
 def _inverse(U, s, size):
     """Inverse of Y = s 1 - U, both as U; size: det Y."""
-    x, y, z, a, b, c = s - U[0], s - U[1], s - U[2], U[3], U[4], U[5]
+    x = s - U[0]
+    y = s - U[1]
+    z = s - U[2]
+    a = U[3]
+    b = U[4]
+    c = U[5]
     k = 1.0 / size
     return (
         k * (y * z - c * c),
@@ -144,7 +156,9 @@ def _times(A, v):
 def carried(magnet, F):
     """Magnetization (triple) of a particle, or of eight, each by its law, T."""
     R, law, (x, y, z) = rotation(F)[0], magnet[3], _rows(F)
-    m0, m1, m2 = _dot(x, magnet), _dot(y, magnet), _dot(z, magnet)
+    m0 = _dot(x, magnet)
+    m1 = _dot(y, magnet)
+    m2 = _dot(z, magnet)
     return (
         m0 + law * (_dot(R[0], magnet) - m0),
         m1 + law * (_dot(R[1], magnet) - m1),
@@ -162,11 +176,10 @@ def energy(h, magnet, F):
 def _turning(magnet, F, h):
     """R, U, Y^-1, R^T h, b and q (of zero b where the law is to stretch): what the derivatives of -h . R b are made of."""
     R, s, size = rotation(F)
-    U, g = _stretch(F, R), _sum(h[0], R[0], h[1], R[1], h[2], R[2])
-    Y, b = (
-        _inverse(U, s, size),
-        (magnet[3] * magnet[0], magnet[3] * magnet[1], magnet[3] * magnet[2]),
-    )
+    U = _stretch(F, R)
+    g = _sum(h[0], R[0], h[1], R[1], h[2], R[2])
+    Y = _inverse(U, s, size)
+    b = (magnet[3] * magnet[0], magnet[3] * magnet[1], magnet[3] * magnet[2])
     return R, U, Y, g, b, _times(Y, _cross(b, g))
 
 
@@ -186,14 +199,18 @@ def add_tangent(h, magnet, F, A):
     if magnet[3] == 0.0:
         return
     R, U, Y, g, b, q = _turning(magnet, F, h)
-    Uq, unit = _times(U, q), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    Uq = _times(U, q)
+    unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     for k in range(3):
         for m in range(3):
             w = _times(Y, _cross(unit[m], R[k]))
-            turned, bent = _cross(b, _cross(w, g)), _cross(w, Uq)  # -dc, and what dY q has of it
+            # -dc, and what dY q has of it
+            turned = _cross(b, _cross(w, g))
+            bent = _cross(w, Uq)
             dY = _sum(R[k][m], q, -q[m], R[k], 1.0, bent)
             dq = _times(Y, (-turned[0] - dY[0], -turned[1] - dY[1], -turned[2] - dY[2]))
             for j in range(3):
-                one, other = _cross(dq, R[j]), _cross(q, _cross(w, R[j]))
+                one = _cross(dq, R[j])
+                other = _cross(q, _cross(w, R[j]))
                 for n in range(3):
                     A[3 * j + n, 3 * k + m] += one[n] - other[n]

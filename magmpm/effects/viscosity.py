@@ -67,14 +67,20 @@ class Viscosity(Effect):
         default=None,
         min_length=1,
         max_length=8,
-        description="Branches that relax, each a spring in series with a dashpot; at rest they have no stress.",
+        description=(
+            "Branches that relax, each a spring in series with a dashpot; at rest they have no"
+            " stress."
+        ),
         examples=[[{"shear_modulus": "500 kPa", "time": "10 ms"}]],
     )
 
     @model_validator(mode="after")
     def _loses(self) -> Viscosity:
         if "viscosity" not in self.model_fields_set and self.branches is None:
-            remedy = "write, say, `viscosity: 5 Pa s` or `branches: [{shear_modulus: 500 kPa, time: 10 ms}]`"
+            remedy = (
+                "write, say, `viscosity: 5 Pa s` or `branches: [{shear_modulus: 500 kPa, time: 10"
+                " ms}]`"
+            )
             raise fault(
                 "give `viscosity` or `branches`, or both: without them nothing is lost",
                 remedy,
@@ -114,17 +120,15 @@ class Viscosity(Effect):
 @compiled
 def rate_stress(effect, data, rho, F, dF, P):
     """P += 2 eta J D F^-T, Pa, with D the symmetric part of L = dF F^-1. Written without loops: it serves eight particles at a time."""
-    a, b, c, d, e, f, g, h, i = (
-        F[0, 0],
-        F[0, 1],
-        F[0, 2],
-        F[1, 0],
-        F[1, 1],
-        F[1, 2],
-        F[2, 0],
-        F[2, 1],
-        F[2, 2],
-    )
+    a = F[0, 0]
+    b = F[0, 1]
+    c = F[0, 2]
+    d = F[1, 0]
+    e = F[1, 1]
+    f = F[1, 2]
+    g = F[2, 0]
+    h = F[2, 1]
+    i = F[2, 2]
     cofactors = (
         (e * i - f * h, f * g - d * i, d * h - e * g),
         (c * h - b * i, a * i - c * g, b * g - a * h),
@@ -169,8 +173,12 @@ def rate_stress(effect, data, rho, F, dF, P):
 def _followed(keep, v, c):
     """keep v + (1 - keep) c over the cube root of its determinant, of symmetric matrices (xx, yy, zz, xy, xz, yz) of eight particles."""
     new = 1.0 - keep
-    p, q, r = keep * v[0] + new * c[0], keep * v[1] + new * c[1], keep * v[2] + new * c[2]
-    t, u, w = keep * v[3] + new * c[3], keep * v[4] + new * c[4], keep * v[5] + new * c[5]
+    p = keep * v[0] + new * c[0]
+    q = keep * v[1] + new * c[1]
+    r = keep * v[2] + new * c[2]
+    t = keep * v[3] + new * c[3]
+    u = keep * v[4] + new * c[4]
+    w = keep * v[5] + new * c[5]
     unit = inverse_cube_root(determinant_of(p, t, u, t, q, w, u, w, r))
     return unit * p, unit * q, unit * r, unit * t, unit * u, unit * w
 
@@ -181,32 +189,28 @@ def relax(effect, data, dt, F, C, P):
 
     F belongs to the middle of the step, and so does the stress: half of the step before it, half after it, to second order in dt.
     """
-    a, b, c, d, e, f, g, h, i = (
-        F[0, 0],
-        F[0, 1],
-        F[0, 2],
-        F[1, 0],
-        F[1, 1],
-        F[1, 2],
-        F[2, 0],
-        F[2, 1],
-        F[2, 2],
-    )
+    a = F[0, 0]
+    b = F[0, 1]
+    c = F[0, 2]
+    d = F[1, 0]
+    e = F[1, 1]
+    f = F[1, 2]
+    g = F[2, 0]
+    h = F[2, 1]
+    i = F[2, 2]
     J = determinant_of(a, b, c, d, e, f, g, h, i)
     root = inverse_cube_root(J)
     s = root * root
-    xx, yy, zz = (
-        s * (a * a + d * d + g * g),
-        s * (b * b + e * e + h * h),
-        s * (c * c + f * f + i * i),
-    )
-    xy, xz, yz = (
-        s * (a * b + d * e + g * h),
-        s * (a * c + d * f + g * i),
-        s * (b * c + e * f + h * i),
-    )
+    xx = s * (a * a + d * d + g * g)
+    yy = s * (b * b + e * e + h * h)
+    zz = s * (c * c + f * f + i * i)
+    xy = s * (a * b + d * e + g * h)
+    xz = s * (a * c + d * f + g * i)
+    yz = s * (b * c + e * f + h * i)
     for k in range(effect.branches):
-        at, keep, now = 6 * k, math.exp(-0.5 * dt / data[2 * k + 1]), (xx, yy, zz, xy, xz, yz)
+        at = 6 * k
+        keep = math.exp(-0.5 * dt / data[2 * k + 1])
+        now = (xx, yy, zz, xy, xz, yz)
         middle = _followed(
             keep, (C[at], C[at + 1], C[at + 2], C[at + 3], C[at + 4], C[at + 5]), now
         )
@@ -240,10 +244,14 @@ def stored(
 
     F (n, 3, 3); memory (n, 6 k) of Cv: as `relax` leaves it, half a step before the next F.
     """
-    W, P, H = np.zeros(len(F)), np.zeros_like(F), np.linalg.inv(F).transpose(0, 2, 1)
-    C, scale = F.transpose(0, 2, 1) @ F, np.linalg.det(F) ** (-2 / 3)
+    W = np.zeros(len(F))
+    P = np.zeros_like(F)
+    H = np.linalg.inv(F).transpose(0, 2, 1)
+    C = F.transpose(0, 2, 1) @ F
+    scale = np.linalg.det(F) ** (-2 / 3)
     for branch, Cv in zip(branches, memory.reshape(len(F), -1, 6).transpose(1, 0, 2), strict=True):
-        keep, G = math.exp(-lag / branch.time), branch.shear_modulus * scale
+        keep = math.exp(-lag / branch.time)
+        G = branch.shear_modulus * scale
         now = (
             keep * Cv[:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]] + (1 - keep) * scale[:, None, None] * C
         )

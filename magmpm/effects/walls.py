@@ -68,8 +68,11 @@ class Tube(Settings):
         named_table(lambda path: read_centreline(path)[:, 1:].tolist(), None),
         _PATH,
     ] = Field(
-        description="Points of its axis, joined by a smooth curve: a list of [x, y, z], or the path, relative to this file, of "
-        "a CSV table with columns s_mm,x_mm,y_mm,z_mm. Both ends are open and go on straight.",
+        description=(
+            "Points of its axis, joined by a smooth curve: a list of [x, y, z], or the path,"
+            " relative to this file, of a CSV table with columns s_mm,x_mm,y_mm,z_mm. Both ends are"
+            " open and go on straight."
+        ),
         examples=[[["-10 mm", "0 mm", "0 mm"], ["60 mm", "0 mm", "0 mm"]]],
     )
 
@@ -86,7 +89,8 @@ class Tube(Settings):
         bend = tightest_radius(curve(points, min(float(steps.min()), self.radius) / 20))
         if not bend > self.radius:
             raise fault(
-                f"a tube's path must not bend more tightly than its radius, and bends to {1e3 * bend:.3g} mm",
+                "a tube's path must not bend more tightly than its radius, and bends to"
+                f" {1e3 * bend:.3g} mm",
                 "make the radius smaller, or the path smoother",
                 ("path",),
             )
@@ -97,7 +101,9 @@ class Surface(Settings):
     """The inside of a closed surface."""
 
     mesh: Annotated[str, BeforeValidator(read_mesh), WithJsonSchema({"type": "string"})] = Field(
-        description="Path, relative to this file, of an STL file: a closed surface around the lumen.",
+        description=(
+            "Path, relative to this file, of an STL file: a closed surface around the lumen."
+        ),
         examples=["vessel.stl"],
     )
     unit: Literal["um", "mm", "cm", "m", "inch"] = Field(
@@ -200,7 +206,10 @@ class Walls(Obstacle):
             far = f"{1e3 * out.max():.3g} mm " if np.isfinite(out.max()) else "far "
             raise SceneError(
                 "effects.walls",
-                found=f"the body begins {far}outside the lumen, farthest with {place(model, model.particles.position[out.argmax()])}",
+                found=(
+                    f"the body begins {far}outside the lumen, farthest with"
+                    f" {place(model, model.particles.position[out.argmax()])}"
+                ),
                 rule="the body must begin within the lumen",
                 remedy="make the lumen wider, or move it to the body",
             )
@@ -211,7 +220,10 @@ class Walls(Obstacle):
             for found in self.warnings(model.scene):
                 raise SceneError(
                     "effects.walls",
-                    found=f"the body begins outside the lumen, before an open end of its tube; {found.removeprefix('effects.walls: ')}",
+                    found=(
+                        "the body begins outside the lumen, before an open end of its tube;"
+                        f" {found.removeprefix('effects.walls: ')}"
+                    ),
                     rule="the body must begin within the lumen, or be able to reach it",
                     remedy="move the tube to the body, or feed the body into it",
                 )
@@ -239,12 +251,12 @@ def _surface_table(surface: Surface, spacing: float) -> Table:
 def depth(effect, data, x):
     """Distance (m) of a point x beyond the wall, negative inside; slope of the distance, inwards."""
     s = effect.walls_spacing
-    p, q, r = (
-        (x[0] - effect.walls_origin[0]) / s,
-        (x[1] - effect.walls_origin[1]) / s,
-        (x[2] - effect.walls_origin[2]) / s,
-    )
-    planes, rows, columns = effect.walls_shape[0], effect.walls_shape[1], effect.walls_shape[2]
+    p = (x[0] - effect.walls_origin[0]) / s
+    q = (x[1] - effect.walls_origin[1]) / s
+    r = (x[2] - effect.walls_origin[2]) / s
+    planes = effect.walls_shape[0]
+    rows = effect.walls_shape[1]
+    columns = effect.walls_shape[2]
     if not (0.5 <= p < planes - 1.5 and 0.5 <= q < rows - 1.5 and 0.5 <= r < columns - 1.5):
         return -np.inf, 0.0, 0.0, 0.0
     # The nearest coefficient differs from the distance by at most 2 s: for most points this decides.
@@ -290,12 +302,10 @@ def touch(effect, data, x, mass, f, H):
     beyond, sx, sy, sz = depth(effect, data, x)
     if not beyond > 0.0:
         return 0.0
-    rigidity, s, rows, columns = (
-        mass * effect.walls_stiffness,
-        effect.walls_spacing,
-        effect.walls_shape[1],
-        effect.walls_shape[2],
-    )
+    rigidity = mass * effect.walls_stiffness
+    s = effect.walls_spacing
+    rows = effect.walls_shape[1]
+    columns = effect.walls_shape[2]
     o = effect.walls_origin
     xx, yy, zz, xy, xz, yz = curvature(
         (x[0] - o[0]) / s, (x[1] - o[1]) / s, (x[2] - o[2]) / s, s, rows, columns, data

@@ -23,8 +23,13 @@ POINT = 1e-6  # m, radius of a dipole that is given none
 @compiled
 def value(data, at, y0, y1, y2):
     """B (3), T."""
-    x, y, z = y0 - data[at], y1 - data[at + 1], y2 - data[at + 2]
-    m0, m1, m2, a = data[at + 3], data[at + 4], data[at + 5], data[at + 6]
+    x = y0 - data[at]
+    y = y1 - data[at + 1]
+    z = y2 - data[at + 2]
+    m0 = data[at + 3]
+    m1 = data[at + 4]
+    m2 = data[at + 5]
+    a = data[at + 6]
     r2 = x * x + y * y + z * z
     if r2 < a * a:
         inside = 2 * K / a**3
@@ -37,24 +42,25 @@ def value(data, at, y0, y1, y2):
 @compiled
 def gradient(data, at, y0, y1, y2):
     """dB_i/dy_j (9), row i, T/m: 3 k/r^5 (m_i d_j + d_i m_j + (m . d) (delta_ij - 5 d_i d_j/r^2))."""
-    x, y, z = y0 - data[at], y1 - data[at + 1], y2 - data[at + 2]
-    m0, m1, m2, a = data[at + 3], data[at + 4], data[at + 5], data[at + 6]
+    x = y0 - data[at]
+    y = y1 - data[at + 1]
+    z = y2 - data[at + 2]
+    m0 = data[at + 3]
+    m1 = data[at + 4]
+    m2 = data[at + 5]
+    a = data[at + 6]
     r2 = x * x + y * y + z * z
     if r2 < a * a:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     s = 3.0 * K / (r2 * r2 * (r2**0.5))
     p = m0 * x + m1 * y + m2 * z
     q = 5.0 * p / r2
-    xx, yy, zz = (
-        s * (2 * m0 * x + p - q * x * x),
-        s * (2 * m1 * y + p - q * y * y),
-        s * (2 * m2 * z + p - q * z * z),
-    )
-    xy, xz, yz = (
-        s * (m0 * y + x * m1 - q * x * y),
-        s * (m0 * z + x * m2 - q * x * z),
-        s * (m1 * z + y * m2 - q * y * z),
-    )
+    xx = s * (2 * m0 * x + p - q * x * x)
+    yy = s * (2 * m1 * y + p - q * y * y)
+    zz = s * (2 * m2 * z + p - q * z * z)
+    xy = s * (m0 * y + x * m1 - q * x * y)
+    xz = s * (m0 * z + x * m2 - q * x * z)
+    yz = s * (m1 * z + y * m2 - q * y * z)
     return xx, xy, xz, xy, yy, yz, xz, yz, zz
 
 
@@ -65,13 +71,20 @@ def curvature(data, at, y0, y1, y2, n0, n1, n2):
     3 k/r^5 [ m_i n_j + n_i m_j + (m . n) delta_ij - 5/r^2 ((m . d)(n_i d_j + d_i n_j) + (n . d)(m_i d_j + d_i m_j)
               + ((m . d)(n . d) delta_ij + (m . n) d_i d_j)) + 35/r^4 (m . d)(n . d) d_i d_j ]
     """
-    x, y, z = y0 - data[at], y1 - data[at + 1], y2 - data[at + 2]
-    m0, m1, m2, a = data[at + 3], data[at + 4], data[at + 5], data[at + 6]
+    x = y0 - data[at]
+    y = y1 - data[at + 1]
+    z = y2 - data[at + 2]
+    m0 = data[at + 3]
+    m1 = data[at + 4]
+    m2 = data[at + 5]
+    a = data[at + 6]
     r2 = x * x + y * y + z * z
     if r2 < a * a:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     s = 3.0 * K / (r2 * r2 * (r2**0.5))
-    md, nd, mn = m0 * x + m1 * y + m2 * z, n0 * x + n1 * y + n2 * z, m0 * n0 + m1 * n1 + m2 * n2
+    md = m0 * x + m1 * y + m2 * z
+    nd = n0 * x + n1 * y + n2 * z
+    mn = m0 * n0 + m1 * n1 + m2 * n2
     five = 5.0 / r2
     both = 35.0 * md * nd / (r2 * r2) - five * mn
     same = mn - five * md * nd

@@ -21,8 +21,12 @@ PLACE: list[Any] = [
     ("frame", np.float64, (9,)),
     ("origin", np.float64, (3,)),  # m
 ]
-_dipole_value, _dipole_gradient, _dipole_curvature = dipole.value, dipole.gradient, dipole.curvature
-_spline_value, _spline_gradient, _spline_curvature = spline.value, spline.gradient, spline.curvature
+_dipole_value = dipole.value
+_dipole_gradient = dipole.gradient
+_dipole_curvature = dipole.curvature
+_spline_value = spline.value
+_spline_gradient = spline.gradient
+_spline_curvature = spline.curvature
 _spline_size = spline.size_of
 DIPOLE = dipole.SIZE
 
@@ -60,32 +64,65 @@ def _local(place, x):
 def field(place, data, x):
     """B (3) at x (3,) m, T."""
     y0, y1, y2 = _local(place, x)
-    b0, b1, b2 = 0.0, 0.0, 0.0
+    b0 = 0.0
+    b1 = 0.0
+    b2 = 0.0
     at = 2
     for _ in range(int(data[0])):
         c0, c1, c2 = _dipole_value(data, at, y0, y1, y2)
-        b0, b1, b2, at = b0 + c0, b1 + c1, b2 + c2, at + DIPOLE
+        b0 = b0 + c0
+        b1 = b1 + c1
+        b2 = b2 + c2
+        at = at + DIPOLE
     for _ in range(int(data[1])):
         c0, c1, c2 = _spline_value(data, at, y0, y1, y2)
-        b0, b1, b2, at = b0 + c0, b1 + c1, b2 + c2, at + _spline_size(data, at)
+        b0 = b0 + c0
+        b1 = b1 + c1
+        b2 = b2 + c2
+        at = at + _spline_size(data, at)
     b0, b1, b2 = _outward(place, b0, b1, b2)
-    u, s = place.uniform, place.strength
+    u = place.uniform
+    s = place.strength
     return u[0] + s * b0, u[1] + s * b1, u[2] + s * b2
 
 
 @compiled
 def _local_gradient(data, y0, y1, y2):
     """dB0_i/dy_j (9) in the sources' frame, T/m."""
-    a, b, c, d, e, f, g, h, i = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    a = 0.0
+    b = 0.0
+    c = 0.0
+    d = 0.0
+    e = 0.0
+    f = 0.0
+    g = 0.0
+    h = 0.0
+    i = 0.0
     at = 2
     for _ in range(int(data[0])):
         p = _dipole_gradient(data, at, y0, y1, y2)
-        a, b, c, d, e = a + p[0], b + p[1], c + p[2], d + p[3], e + p[4]
-        f, g, h, i, at = f + p[5], g + p[6], h + p[7], i + p[8], at + DIPOLE
+        a = a + p[0]
+        b = b + p[1]
+        c = c + p[2]
+        d = d + p[3]
+        e = e + p[4]
+        f = f + p[5]
+        g = g + p[6]
+        h = h + p[7]
+        i = i + p[8]
+        at = at + DIPOLE
     for _ in range(int(data[1])):
         p = _spline_gradient(data, at, y0, y1, y2)
-        a, b, c, d, e = a + p[0], b + p[1], c + p[2], d + p[3], e + p[4]
-        f, g, h, i, at = f + p[5], g + p[6], h + p[7], i + p[8], at + _spline_size(data, at)
+        a = a + p[0]
+        b = b + p[1]
+        c = c + p[2]
+        d = d + p[3]
+        e = e + p[4]
+        f = f + p[5]
+        g = g + p[6]
+        h = h + p[7]
+        i = i + p[8]
+        at = at + _spline_size(data, at)
     return a, b, c, d, e, f, g, h, i
 
 
@@ -109,7 +146,8 @@ def gradient(place, data, x, G):
     """G (3, 3) += dB_i/dx_j, T/m."""
     y0, y1, y2 = _local(place, x)
     local = _local_gradient(data, y0, y1, y2)
-    R, s = place.frame, place.strength
+    R = place.frame
+    s = place.strength
     for i in range(3):
         for j in range(3):
             total = 0.0
@@ -128,20 +166,40 @@ def curvature(place, data, x, m0, m1, m2, scale, H):
     """H (3, 3) += scale d^2(m . B)/dx_i dx_j, with m in A m^2: N/m."""
     y0, y1, y2 = _local(place, x)
     n0, n1, n2 = _inward(place, m0, m1, m2)
-    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    xx = 0.0
+    yy = 0.0
+    zz = 0.0
+    xy = 0.0
+    xz = 0.0
+    yz = 0.0
     at = 2
     for _ in range(int(data[0])):
         p = _dipole_curvature(data, at, y0, y1, y2, n0, n1, n2)
-        xx, yy, zz, xy, xz, yz = xx + p[0], yy + p[1], zz + p[2], xy + p[3], xz + p[4], yz + p[5]
+        xx = xx + p[0]
+        yy = yy + p[1]
+        zz = zz + p[2]
+        xy = xy + p[3]
+        xz = xz + p[4]
+        yz = yz + p[5]
         at += DIPOLE
     for _ in range(int(data[1])):
         p = _spline_curvature(data, at, y0, y1, y2, n0, n1, n2)
-        xx, yy, zz, xy, xz, yz = xx + p[0], yy + p[1], zz + p[2], xy + p[3], xz + p[4], yz + p[5]
+        xx = xx + p[0]
+        yy = yy + p[1]
+        zz = zz + p[2]
+        xy = xy + p[3]
+        xz = xz + p[4]
+        yz = yz + p[5]
         at += _spline_size(data, at)
-    R, s = place.frame, scale * place.strength
+    R = place.frame
+    s = scale * place.strength
     for i in range(3):
-        p, q, r = R[3 * i], R[3 * i + 1], R[3 * i + 2]
-        h0, h1, h2 = p * xx + q * xy + r * xz, p * xy + q * yy + r * yz, p * xz + q * yz + r * zz
+        p = R[3 * i]
+        q = R[3 * i + 1]
+        r = R[3 * i + 2]
+        h0 = p * xx + q * xy + r * xz
+        h1 = p * xy + q * yy + r * yz
+        h2 = p * xz + q * yz + r * zz
         for j in range(3):
             H[i, j] += s * (h0 * R[3 * j] + h1 * R[3 * j + 1] + h2 * R[3 * j + 2])
 

@@ -101,7 +101,9 @@ def taken(field: FieldSource) -> list[Solid]:
                 )
             )
     for k, magnet in enumerate(field.magnet or ()):
-        place, frame, round_ = np.array(magnet.position), frame_of(magnet.axis), magnet.cylinder
+        place = np.array(magnet.position)
+        frame = frame_of(magnet.axis)
+        round_ = magnet.cylinder
         size = (
             magnet.cuboid.size
             if magnet.cuboid is not None
@@ -200,10 +202,14 @@ def _library() -> Any:
     except ImportError:
         raise SceneError(
             "field",
-            found="magnets and coils of finite size need the library magpylib, which is not installed",
+            found=(
+                "magnets and coils of finite size need the library magpylib, which is not installed"
+            ),
             rule="field.magnet and field.coils are computed by magpylib",
-            remedy="pip install 'magmpm[magnets]' (or pip install magpylib), or use "
-            "field.dipole, which needs nothing",
+            remedy=(
+                "pip install 'magmpm[magnets]' (or pip install magpylib), or use "
+                "field.dipole, which needs nothing"
+            ),
         ) from None
     return magpylib
 
@@ -220,7 +226,9 @@ def dipole_rows(dipoles: Sequence[Dipole]) -> Array:
 
 # Most steps toward the shortest way between a box and a solid; two flat faces need two, a rim and an edge some fifty.
 PROJECTIONS = 500
-KEPT_OFF = 0.25  # of the gap between the undeformed body and a magnet: distance from the magnet at which the box ends
+# of the gap between the undeformed body and a magnet: distance from the magnet at which the box
+# ends
+KEPT_OFF = 0.25
 
 
 @dataclass(frozen=True)
@@ -276,7 +284,8 @@ def parting(box: Box, solid: Solid) -> Array | None:
     point = solid.position
     for _ in range(PROJECTIONS):
         inside = np.clip(point, box.lower, box.upper)
-        before, point = point, solid.nearest(inside[None])[0]
+        before = point
+        point = solid.nearest(inside[None])[0]
         if np.linalg.norm(point - before) <= 1e-12 * np.linalg.norm(solid.half):
             break
     way = point - np.clip(point, box.lower, box.upper)
@@ -306,10 +315,12 @@ def seen_from_sources(field: FieldSource, box: Box) -> Box:
     corners = np.array(
         [[(box.lower, box.upper)[b][i] for i, b in enumerate(c)] for c in np.ndindex(2, 2, 2)]
     )
-    lower, upper = np.full(3, np.inf), np.full(3, -np.inf)
+    lower = np.full(3, np.inf)
+    upper = np.full(3, -np.inf)
     for place in places(field, sample_times(field)):
         local = (corners - place["origin"]) @ place["frame"].reshape(3, 3)
-        lower, upper = np.minimum(lower, local.min(axis=0)), np.maximum(upper, local.max(axis=0))
+        lower = np.minimum(lower, local.min(axis=0))
+        upper = np.maximum(upper, local.max(axis=0))
     return Box(lower, upper)
 
 
@@ -321,7 +332,8 @@ def reach_along(frame: Array, field: FieldSource, body: Box, anchored: bool) -> 
     around = reach(body, anchored)
     if not anchored:
         return seen_from_sources(field, around).turned(frame)
-    center, radius = (around.lower + around.upper) / 2, (around.upper - around.lower) / 2
+    center = (around.lower + around.upper) / 2
+    radius = (around.upper - around.lower) / 2
     where = [
         (center - place["origin"]) @ place["frame"].reshape(3, 3) @ frame
         for place in places(field, sample_times(field))
@@ -347,7 +359,8 @@ def cut_for(
                 gap = (low[k] - body.upper[k]) if sign > 0 else (body.lower[k] - high[k])
                 if gap <= 0:
                     continue
-                lower, upper = box.lower.copy(), box.upper.copy()
+                lower = box.lower.copy()
+                upper = box.upper.copy()
                 if sign > 0:
                     upper[k] = min(upper[k], low[k] - KEPT_OFF * gap)
                 else:

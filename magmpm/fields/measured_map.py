@@ -32,7 +32,8 @@ _NUMBER = (
     "-1e6",
     "1e6",
 )  # least and largest in SI, and as messages write them: as over_time.Keyframe has them
-_FLUX, _PLACE = (-20.0, 20.0, "-20 T", "20 T"), (-100.0, 100.0, "-100 m", "100 m")
+_FLUX = (-20.0, 20.0, "-20 T", "20 T")
+_PLACE = (-100.0, 100.0, "-100 m", "100 m")
 _MEASURED = (
     -100.0,
     100.0,
@@ -46,7 +47,10 @@ _BOUNDS = {
     **dict.fromkeys("xyz", _PLACE),
 }
 _MAP_BOUNDS = {**dict.fromkeys(("Bx", "By", "Bz"), _MEASURED), **dict.fromkeys("xyz", _PLACE)}
-_START_MAP = "begin the file with a header such as x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT, then one row a grid point"
+_START_MAP = (
+    "begin the file with a header such as x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT, then one row a grid"
+    " point"
+)
 _START_SCHEDULE = (
     "begin the file with a header such as time_s,strength or time_s,Bx_mT,By_mT,Bz_mT, then numbers"
 )
@@ -87,13 +91,17 @@ class Map(Settings):
     """A measured or computed field on a regular grid."""
 
     table: Annotated[Grid3, BeforeValidator(_read_map), WithJsonSchema({"type": "string"})] = Field(
-        description="Path, relative to this file, of a CSV table with columns x, y, z, Bx, By, Bz, each with its unit in the header: "
-        "x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT.",
+        description=(
+            "Path, relative to this file, of a CSV table with columns x, y, z, Bx, By, Bz, each"
+            " with its unit in the header: x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT."
+        ),
         examples=["../measured/magnet.csv"],
     )
     position: Point = Field(
         default=(0.0, 0.0, 0.0),
-        description="Where the origin of the map lies in the scene; [0 mm, 0 mm, 0 mm] unless given.",
+        description=(
+            "Where the origin of the map lies in the scene; [0 mm, 0 mm, 0 mm] unless given."
+        ),
         examples=[["0 mm", "0 mm", "0 mm"]],
     )
 
@@ -128,8 +136,9 @@ def read_map(path: Path | str) -> tuple[Array, Array, Array]:
     if count.min() == 0:
         hole = np.array(np.unravel_index(int(np.argmin(count)), shape))
         rule = (
-            f"a map has a row for each of its {shape[0]} x {shape[1]} x {shape[2]} grid points; "
-            f"{int((count == 0).sum())} are missing, the first at {in_mm(lower + hole * spacing, 'g')}"
+            f"a map has a row for each of its {shape[0]} x {shape[1]} x {shape[2]} grid points;"
+            f" {int((count == 0).sum())} are missing, the first at"
+            f" {in_mm(lower + hole * spacing, 'g')}"
         )
         raise TableError(str(path), rule=rule, remedy="measure or interpolate the missing points")
     values = np.empty((len(rows), 3))
@@ -147,15 +156,19 @@ def _axis(path: Path, coordinates: Array, name: str) -> Array:
     )  # nearer ones belong to one plane
     found = found[keep]
     if len(found) < FEWEST:
-        rule = f"a map has at least {FEWEST} grid points along each axis; along {name} it has {len(found)}"
+        rule = (
+            f"a map has at least {FEWEST} grid points along each axis; along {name} it has"
+            f" {len(found)}"
+        )
         raise TableError(str(path), rule=rule, remedy="measure more planes")
     even = np.linspace(found[0], found[-1], len(found))
     off = np.abs(found - even)
     worst = int(np.argmax(off))
     if off[worst] > 1e-3 * extent / (len(found) - 1):
         rule = (
-            f"the grid of a map is even: {len(found)} planes from {1e3 * found[0]:g} to {1e3 * found[-1]:g} mm along {name} "
-            f"would have one at {1e3 * even[worst]:g} mm, the file has {1e3 * found[worst]:g} mm"
+            f"the grid of a map is even: {len(found)} planes from {1e3 * found[0]:g} to"
+            f" {1e3 * found[-1]:g} mm along {name} would have one at {1e3 * even[worst]:g} mm, the"
+            f" file has {1e3 * found[worst]:g} mm"
         )
         raise TableError(str(path), rule=rule, remedy="interpolate the map onto a regular grid")
     return even
@@ -207,8 +220,10 @@ def _read(
     plain: tuple[str, ...] = (),
 ) -> tuple[list[str], Array, list[Line]]:
     """Names of the columns, rows in SI, and the line of each row. Raises TableError, also for what is out of bounds (SI; in words)."""
-    names, factors = list[str](), list[float]()
-    rows, used = list[list[float]](), list[Line]()
+    names = list[str]()
+    factors = list[float]()
+    rows = list[list[float]]()
+    used = list[Line]()
     lines = table_lines(path, start)
     for header in lines:
         names, factors = _header(header, kinds, plain, start)
@@ -246,11 +261,13 @@ def _header(
     header: Line, kinds: dict[str, Kind], plain: tuple[str, ...], start: str
 ) -> tuple[list[str], list[float]]:
     """Names of the columns and their factors to SI. Raises TableError."""
-    names, factors = [], []
+    names = []
+    factors = []
     for cell in header.cells:
         name, _, unit = cell.partition("_")
         if cell in plain:
-            name, factor = cell, 1.0
+            name = cell
+            factor = 1.0
         elif name in kinds:
             try:
                 factor = parse_quantity(f"1 {unit}", kinds[name])

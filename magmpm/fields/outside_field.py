@@ -95,14 +95,22 @@ class Field:
             worst = int(np.argmax(depth))
             if depth[worst] > 0:
                 return (
-                    f"the body's point at {in_mm(points[worst])} is inside {solid.name}, center {in_mm(_outward(place, solid.position))}",
+                    (
+                        f"the body's point at {in_mm(points[worst])} is inside {solid.name}, center"
+                        f" {in_mm(_outward(place, solid.position))}"
+                    ),
                     solid.name,
-                    "move the magnet away, or make the pull weaker: nothing stops a body at a magnet's surface but contact with walls",
+                    (
+                        "move the magnet away, or make the pull weaker: nothing stops a body at a"
+                        " magnet's surface but contact with walls"
+                    ),
                 )
             if depth[worst] > -distance:
                 return (
-                    f"the body's point at {in_mm(points[worst])} is within {1e3 * distance:.3g} mm of {solid.name}, where its field "
-                    "is not known",
+                    (
+                        f"the body's point at {in_mm(points[worst])} is within {1e3 * distance:.3g}"
+                        f" mm of {solid.name}, where its field is not known"
+                    ),
                     solid.name,
                     "begin with the body nearer to the magnet, or raise field.tabulation.tolerance",
                 )
@@ -111,17 +119,26 @@ class Field:
             worst = int(np.argmin(distance))
             if distance[worst] < self.cell:
                 return (
-                    f"the body's point at {in_mm(points[worst])} is {1e3 * distance[worst]:.3g} mm from the point dipole {name} at "
-                    f"{in_mm(_outward(place, position))}, nearer than a cell of the grid, {1e3 * self.cell:.3g} mm",
+                    (
+                        f"the body's point at {in_mm(points[worst])} is {1e3 * distance[worst]:.3g}"
+                        f" mm from the point dipole {name} at {in_mm(_outward(place, position))},"
+                        f" nearer than a cell of the grid, {1e3 * self.cell:.3g} mm"
+                    ),
                     name,
-                    "move the dipole away, or give it its size: its `diameter`, or a `magnet` in its place",
+                    (
+                        "move the dipole away, or give it its size: its `diameter`, or a `magnet`"
+                        " in its place"
+                    ),
                 )
         for limit in self.limits:
             out = ~limit.box.holds(local)
             if out.any():
                 point = points[int(np.argmax(out))]
                 return (
-                    f"the body's point at {in_mm(point)} is outside of the box where {limit.name} is known, {limit.box.text()}",
+                    (
+                        f"the body's point at {in_mm(point)} is outside of the box where"
+                        f" {limit.name} is known, {limit.box.text()}"
+                    ),
                     limit.name,
                     limit.remedy,
                 )
@@ -140,7 +157,10 @@ class Field:
         found = self.outside_domain(points, time)
         if found is not None:
             when = "" if self.source.over_time is None else f" at {time:g} s"
-            rule = "the undeformed body is where the field is known, outside of every magnet, and a cell away from every point dipole"
+            rule = (
+                "the undeformed body is where the field is known, outside of every magnet, and a"
+                " cell away from every point dipole"
+            )
             raise SceneError(found[1], found=found[0] + when, rule=rule, remedy=found[2])
 
 
@@ -162,12 +182,15 @@ def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -
     body = Box(np.array(lower), np.array(upper))
     seen = seen_from_sources(source, body)
     found = [(solid, 0.0) for solid in taken(source) if solid.ball]
-    dipoles, tables, limits = [dipole_rows(source.dipole or ())], [], []
+    dipoles = [dipole_rows(source.dipole or ())]
+    tables = []
+    limits = []
     warnings: list[str] = []
     errors = None
     if source.magnet or source.coils:
         options = source.tabulation or Tabulation()
-        function, named = exact(source), [*taken(source), *wires(source)]
+        function = exact(source)
+        named = [*taken(source), *wires(source)]
         named = [solid for solid in named if not solid.ball]
         boxes = _table_boxes(source, options, body, seen, anchored, named)
         if source.tabulation is None and not source.coils:
@@ -242,7 +265,10 @@ def _table_boxes(
         box = seen_from_sources(source, Box(np.array(options.lower), np.array(options.upper)))
         for solid in named:
             if _cut(box, seen, [solid]) is not box:
-                rule = f"no magnet or wire may be in the table's box ({box.text()} as the sources see it)"
+                rule = (
+                    f"no magnet or wire may be in the table's box ({box.text()} as the sources"
+                    " see it)"
+                )
                 raise SceneError(
                     "field.tabulation",
                     found=f"{solid.name} is in the box",
@@ -282,7 +308,8 @@ def _arcs(named: list[Solid]) -> list[Solid]:
         if not solid.name.startswith("field.coils"):
             out.append(solid)
             continue
-        radius, thin = solid.half[0], solid.half[2]
+        radius = solid.half[0]
+        thin = solid.half[2]
         for angle in 2 * np.pi * (np.arange(ARCS) + 0.5) / ARCS:
             center = solid.position + radius * (
                 solid.frame @ np.array([np.cos(angle), np.sin(angle), 0.0])
@@ -298,7 +325,10 @@ def _clouds(
     """All magnets as clouds of dipoles, and the distance (m) from which on each is accurate."""
     if source.coils:
         rule = "a coil that turns, or whose wire the body goes round, can't be put on a table"
-        remedy = "move the coil away from the body, or put the body's reach in a box of your own, field.tabulation.lower and upper"
+        remedy = (
+            "move the coil away from the body, or put the body's reach in a box of your own,"
+            " field.tabulation.lower and upper"
+        )
         raise SceneError(
             "field.coils",
             found="no plane parts their wires from the body",
@@ -308,7 +338,8 @@ def _clouds(
     corners = np.stack(
         np.meshgrid(*np.linspace(body.lower, body.upper, 9).T, indexing="ij"), axis=-1
     ).reshape(-1, 3)
-    clouds, near = [], []
+    clouds = []
+    near = []
     blocks = [solid for solid in taken(source) if not solid.ball]
     for solid, magnet in zip(blocks, source.magnet or (), strict=True):
         depth = -np.inf
@@ -321,8 +352,10 @@ def _clouds(
                 when = "" if source.over_time is None else f" at {time:.4g} s"
                 raise SceneError(
                     solid.name,
-                    found=f"the magnet, center {in_mm(_outward(place, solid.position))}{when}, is in the box around the body, "
-                    f"{body.text()}",
+                    found=(
+                        f"the magnet, center {in_mm(_outward(place, solid.position))}{when}, is in"
+                        f" the box around the body, {body.text()}"
+                    ),
                     rule="the undeformed body must be outside of every magnet, at all times",
                     remedy="move the magnet away",
                 )
@@ -348,15 +381,19 @@ def _map(source: FieldSource, body: Box, seen: Box) -> tuple[Array, Limit, list[
     if np.any(short > 1e-3 * spacing):  # the tolerance of its planes (measured_map)
         worst = int(np.argmax(short))
         rule = (
-            f"a map must cover the undeformed body, {seen.text()} as the map sees it, with a margin of one of its spacings "
-            f"({', '.join(f'{1e3 * h:.3g}' for h in spacing)} mm)"
+            f"a map must cover the undeformed body, {seen.text()} as the map sees it, with a margin"
+            f" of one of its spacings ({', '.join(f'{1e3 * h:.3g}' for h in spacing)} mm)"
         )
         remedy = "measure or compute a larger map, or place it with field.map.position"
-        found = f"the map reaches over {box.text()}, and lacks {1e3 * short[worst]:.3g} mm along {'xyz'[worst]}"
+        found = (
+            f"the map reaches over {box.text()}, and lacks {1e3 * short[worst]:.3g} mm along"
+            f" {'xyz'[worst]}"
+        )
         raise SceneError("field.map", found=found, rule=rule, remedy=remedy)
     packed, errors = table.of_values(lower, spacing, grid.array())
     warnings = [
-        f"field.map: the map's {name} is {100 * size:.0f} % of its gradient, where a magnetic field has none; its force is as wrong as that"
+        f"field.map: the map's {name} is {100 * size:.0f} % of its gradient, where a magnetic field"
+        " has none; its force is as wrong as that"
         for name, size in (("curl", errors.curl), ("divergence", errors.divergence))
         if size > 0.05
     ]

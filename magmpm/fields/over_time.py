@@ -37,7 +37,9 @@ class Rotation(Settings):
 
     axis: Axis = Field(
         default=(0.0, 0.0, 1.0),
-        description="Axis it turns about, right-handed: [x, y, z] or angles; [0, 0, 1] unless given.",
+        description=(
+            "Axis it turns about, right-handed: [x, y, z] or angles; [0, 0, 1] unless given."
+        ),
         examples=[[0, 1, 0]],
     )
     frequency: Annotated[float, Quantity("frequency", at_least="-1e5 Hz", at_most="1e5 Hz")] = (
@@ -45,7 +47,9 @@ class Rotation(Settings):
     )
     center: Point = Field(
         default=(0.0, 0.0, 0.0),
-        description="A point of the axis, for sources that have a place; [0 mm, 0 mm, 0 mm] unless given.",
+        description=(
+            "A point of the axis, for sources that have a place; [0 mm, 0 mm, 0 mm] unless given."
+        ),
         examples=[["60 mm", "0 mm", "0 mm"]],
     )
     start: _Time = Field(
@@ -141,8 +145,11 @@ class OverTime(Settings):
     table: Annotated[tuple[Keyframe, ...] | None, _TABLE, WithJsonSchema({"type": "string"})] = (
         Field(
             default=None,
-            description="Keyframes from a CSV table; path relative to this file, columns time and any of strength; Bx, By, Bz; "
-            "x, y, z (the sources' move), with units in the header: time_s,Bx_mT,By_mT,Bz_mT.",
+            description=(
+                "Keyframes from a CSV table; path relative to this file, columns time and any of"
+                " strength; Bx, By, Bz; x, y, z (the sources' move), with units in the header:"
+                " time_s,Bx_mT,By_mT,Bz_mT."
+            ),
             examples=["../measured/current.csv"],
         )
     )
@@ -152,10 +159,12 @@ class OverTime(Settings):
     def _rising(cls, frames: tuple[Keyframe, ...] | None) -> tuple[Keyframe, ...] | None:
         given = frames or ()
         for k in range(1, len(given)):
-            before, now = given[k - 1].time, given[k].time
+            before = given[k - 1].time
+            now = given[k].time
             if not now > before:
                 raise fault(
-                    f"times must rise from keyframe to keyframe; this one, {now:g} s, follows {before:g} s",
+                    f"times must rise from keyframe to keyframe; this one, {now:g} s, follows"
+                    f" {before:g} s",
                     "sort the keyframes, each time once",
                     (k, "time"),
                 )

@@ -32,17 +32,16 @@ def places(
     out = np.zeros(len(times), DTYPE)
     factor = np.full(len(times), strength)
     uniform: Array = np.tile(np.array(field.uniform, dtype=float), (len(times), 1))
-    move, turn, center = (
-        np.zeros((len(times), 3)),
-        np.tile(np.eye(3), (len(times), 1, 1)),
-        np.zeros(3),
-    )
+    move = np.zeros((len(times), 3))
+    turn = np.tile(np.eye(3), (len(times), 1, 1))
+    center = np.zeros(3)
     if over is not None:
         factor = factor * strength_of(over, times)
         uniform = _framed(over.frames, "uniform", times, uniform)
         move = _framed(over.frames, "move", times, move)
         if over.rotation is not None:
-            turn, center = _turn(over, times), np.array(over.rotation.center)
+            turn = _turn(over, times)
+            center = np.array(over.rotation.center)
     out["strength"] = factor
     out["uniform"] = factor[:, None] * np.einsum("kij,kj->ki", turn, uniform)
     out["frame"] = turn.reshape(-1, 9)
@@ -123,7 +122,8 @@ def _framed(frames: tuple[Keyframe, ...], key: str, times: Array, otherwise: Arr
     ]
     if not given:
         return otherwise
-    at, values = np.array([time for time, _ in given]), np.array([value for _, value in given])
+    at = np.array([time for time, _ in given])
+    values = np.array([value for _, value in given])
     if values.ndim == 1:
         return np.interp(times, at, values)
     return np.stack([np.interp(times, at, values[:, i]) for i in range(3)], axis=1)

@@ -55,7 +55,9 @@ class Dipole(Settings):
     )
     diameter: Length | None = Field(
         default=None,
-        description="Of the sphere it stands for, which the body must stay out of; a point unless given.",
+        description=(
+            "Of the sphere it stands for, which the body must stay out of; a point unless given."
+        ),
         examples=["10 mm"],
     )
 
@@ -94,7 +96,10 @@ class Magnet(Settings):
     )
     axis: Axis = Field(
         default=(0.0, 0.0, 1.0),
-        description="Where its axis points (a block's third edge): [x, y, z] or angles; [0, 0, 1] unless given.",
+        description=(
+            "Where its axis points (a block's third edge): [x, y, z] or angles; [0, 0, 1] unless"
+            " given."
+        ),
         examples=[[0, 0, 1]],
     )
     remanence: Annotated[float, Quantity("flux density", above="0 mT", at_most="3 T")] = Field(
@@ -150,12 +155,16 @@ class Tabulation(Settings):
         ge=1e-6,
         le=0.1,
         allow_inf_nan=False,
-        description="Largest error of the table, of the field's size at that place; 0.002 unless given.",
+        description=(
+            "Largest error of the table, of the field's size at that place; 0.002 unless given."
+        ),
         examples=[0.002],
     )
     lower: Point | None = Field(
         default=None,
-        description="Lower corner of the box it covers, [x, y, z]; what the body may reach unless given.",
+        description=(
+            "Lower corner of the box it covers, [x, y, z]; what the body may reach unless given."
+        ),
         examples=[["-50 mm", "-50 mm", "-50 mm"]],
     )
     upper: Point | None = Field(

@@ -150,14 +150,18 @@ def value(data, at, y0, y1, y2):
     i, r = _cell(data, at, 0, y0)
     j, s = _cell(data, at, 1, y1)
     k, t = _cell(data, at, 2, y2)
-    rows, columns = int(data[at + 7]) + 2, int(data[at + 8]) + 2
-    near, far = splat(0.0), splat(0.0)  # the row's first two nodes, and its last two
+    rows = int(data[at + 7]) + 2
+    columns = int(data[at + 8]) + 2
+    # the row's first two nodes, and its last two
+    near = splat(0.0)
+    far = splat(0.0)
     for a in range(4):
         wa = _weight(a, r)
         for b in range(4):
             w = wa * _weight(b, s)
             c = at + HEADER + 4 * (((i + a) * rows + j + b) * columns + k)
-            near, far = near + w * load(data, c), far + w * load(data, c + 8)
+            near = near + w * load(data, c)
+            far = far + w * load(data, c + 8)
     b0, b1, b2 = folded(
         near * halves(_weight(0, t), _weight(1, t)) + far * halves(_weight(2, t), _weight(3, t))
     )
@@ -171,36 +175,44 @@ def gradient(data, at, y0, y1, y2):
     i, r = _cell(data, at, 0, y0)
     j, s = _cell(data, at, 1, y1)
     k, t = _cell(data, at, 2, y2)
-    rows, columns = int(data[at + 7]) + 2, int(data[at + 8]) + 2
-    near_x, far_x, near_y, far_y, near_z, far_z = (
-        splat(0.0),
-        splat(0.0),
-        splat(0.0),
-        splat(0.0),
-        splat(0.0),
-        splat(0.0),
-    )
+    rows = int(data[at + 7]) + 2
+    columns = int(data[at + 8]) + 2
+    near_x = splat(0.0)
+    far_x = splat(0.0)
+    near_y = splat(0.0)
+    far_y = splat(0.0)
+    near_z = splat(0.0)
+    far_z = splat(0.0)
     for a in range(4):
-        wa, sa = _weight(a, r), _slope(a, r)
+        wa = _weight(a, r)
+        sa = _slope(a, r)
         for b in range(4):
             wb = _weight(b, s)
-            x, y, z = sa * wb, wa * _slope(b, s), wa * wb
+            x = sa * wb
+            y = wa * _slope(b, s)
+            z = wa * wb
             c = at + HEADER + 4 * (((i + a) * rows + j + b) * columns + k)
-            near, far = load(data, c), load(data, c + 8)
-            near_x, far_x = near_x + x * near, far_x + x * far
-            near_y, far_y = near_y + y * near, far_y + y * far
-            near_z, far_z = near_z + z * near, far_z + z * far
-    first, second = halves(_weight(0, t), _weight(1, t)), halves(_weight(2, t), _weight(3, t))
+            near = load(data, c)
+            far = load(data, c + 8)
+            near_x = near_x + x * near
+            far_x = far_x + x * far
+            near_y = near_y + y * near
+            far_y = far_y + y * far
+            near_z = near_z + z * near
+            far_z = far_z + z * far
+    first = halves(_weight(0, t), _weight(1, t))
+    second = halves(_weight(2, t), _weight(3, t))
     x0, x1, x2 = folded(near_x * first + far_x * second)
     z0, z1, z2 = folded(near_y * first + far_y * second)
-    first, second = halves(_slope(0, t), _slope(1, t)), halves(_slope(2, t), _slope(3, t))
+    first = halves(_slope(0, t), _slope(1, t))
+    second = halves(_slope(2, t), _slope(3, t))
     u0, u1, u2 = folded(near_z * first + far_z * second)
-    p, q, u = data[at + 3], data[at + 4], data[at + 5]
-    p, q, u = (
-        p * _within(data, at, 0, y0),
-        q * _within(data, at, 1, y1),
-        u * _within(data, at, 2, y2),
-    )
+    p = data[at + 3]
+    q = data[at + 4]
+    u = data[at + 5]
+    p = p * _within(data, at, 0, y0)
+    q = q * _within(data, at, 1, y1)
+    u = u * _within(data, at, 2, y2)
     # R G R^T: its rows turned, then its columns
     a0, a1, a2 = _outward(data, at, p * x0, q * z0, u * u0)
     b0, b1, b2 = _outward(data, at, p * x1, q * z1, u * u1)
@@ -226,15 +238,26 @@ def curvature(data, at, y0, y1, y2, m0, m1, m2):
     i, r = _cell(data, at, 0, y0)
     j, s = _cell(data, at, 1, y1)
     k, t = _cell(data, at, 2, y2)
-    rows, columns = int(data[at + 7]) + 2, int(data[at + 8]) + 2
-    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    rows = int(data[at + 7]) + 2
+    columns = int(data[at + 8]) + 2
+    xx = 0.0
+    yy = 0.0
+    zz = 0.0
+    xy = 0.0
+    xz = 0.0
+    yz = 0.0
     for a in range(4):
-        wa, sa, ba = _weight(a, r), _slope(a, r), _bend(a, r)
+        wa = _weight(a, r)
+        sa = _slope(a, r)
+        ba = _bend(a, r)
         for b in range(4):
-            wb, sb, bb = _weight(b, s), _slope(b, s), _bend(b, s)
+            wb = _weight(b, s)
+            sb = _slope(b, s)
+            bb = _bend(b, s)
             c = at + HEADER + 4 * (((i + a) * rows + j + b) * columns + k)
             for d in range(4):
-                wd, sd = _weight(d, t), _slope(d, t)
+                wd = _weight(d, t)
+                sd = _slope(d, t)
                 f = m0 * data[c + 4 * d] + m1 * data[c + 4 * d + 1] + m2 * data[c + 4 * d + 2]
                 xx += ba * wb * wd * f
                 yy += wa * bb * wd * f
@@ -242,13 +265,18 @@ def curvature(data, at, y0, y1, y2, m0, m1, m2):
                 xy += sa * sb * wd * f
                 xz += sa * wb * sd * f
                 yz += wa * sb * sd * f
-    p, q, u = data[at + 3], data[at + 4], data[at + 5]
-    p, q, u = (
-        p * _within(data, at, 0, y0),
-        q * _within(data, at, 1, y1),
-        u * _within(data, at, 2, y2),
-    )
-    xx, yy, zz, xy, xz, yz = xx * p * p, yy * q * q, zz * u * u, xy * p * q, xz * p * u, yz * q * u
+    p = data[at + 3]
+    q = data[at + 4]
+    u = data[at + 5]
+    p = p * _within(data, at, 0, y0)
+    q = q * _within(data, at, 1, y1)
+    u = u * _within(data, at, 2, y2)
+    xx = xx * p * p
+    yy = yy * q * q
+    zz = zz * u * u
+    xy = xy * p * q
+    xz = xz * p * u
+    yz = yz * q * u
     # R H R^T: its rows turned, then its columns
     a0, a1, a2 = _outward(data, at, xx, xy, xz)
     b0, b1, b2 = _outward(data, at, xy, yy, yz)

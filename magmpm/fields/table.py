@@ -39,7 +39,8 @@ def cloud(
     points = _around(solid, distance)
     B = exact(points)
     size = np.linalg.norm(B, axis=1)
-    count, error = np.ones(3), np.inf
+    count = np.ones(3)
+    error = np.inf
     while True:
         positions, weights = (_cylinder if solid.round else _block)(
             solid, np.rint(count).astype(int)
@@ -47,9 +48,15 @@ def cloud(
         if len(weights) > MAX_DIPOLES:
             raise SceneError(
                 solid.name,
-                found=f"within {1e3 * distance:.3g} mm of it the field can't be as exact as {1e2 * tolerance:g} % with "
-                f"{MAX_DIPOLES} dipoles ({1e2 * error:.2g} % was reached)",
-                rule="a magnet that turns, or that the body goes round, is computed as a cloud of dipoles, and needs some distance",
+                found=(
+                    f"within {1e3 * distance:.3g} mm of it the field can't be as exact as"
+                    f" {1e2 * tolerance:g} % with {MAX_DIPOLES} dipoles ({1e2 * error:.2g} % was"
+                    " reached)"
+                ),
+                rule=(
+                    "a magnet that turns, or that the body goes round, is computed as a cloud of"
+                    " dipoles, and needs some distance"
+                ),
                 remedy="keep the body farther from it, or raise field.tabulation.tolerance",
             )
         volume = (2 * np.pi if solid.round else 8.0) * solid.half.prod()
@@ -73,7 +80,8 @@ def _block(solid: Solid, count: NDArray[np.int64]) -> tuple[Array, Array]:
 
 
 def _cylinder(solid: Solid, count: NDArray[np.int64]) -> tuple[Array, Array]:
-    radial, height = int(max(count[0], count[1])), int(count[2])
+    radial = int(max(count[0], count[1]))
+    height = int(count[2])
     s, ws = np.polynomial.legendre.leggauss(radial)
     z, wz = np.polynomial.legendre.leggauss(height)
     around = 1 if radial == 1 and height == 1 else 4 * radial
@@ -94,7 +102,8 @@ def _around(solid: Solid, distance: float) -> Array:
     near = replace(solid, position=np.zeros(3), frame=np.eye(3)).nearest(far)
     outward = far - near
     outside = np.linalg.norm(outward, axis=1) > 1e-6 * solid.half.max()
-    near, outward = near[outside], outward[outside]
+    near = near[outside]
+    outward = outward[outside]
     outward /= np.linalg.norm(outward, axis=1)[:, None]
     return solid.position + (near + distance * outward) @ solid.frame.T
 
@@ -109,7 +118,9 @@ def _field(positions: Array, moments: Array, points: Array) -> Array:
 
 MAX_NODES = 2_500_000  # 60 MB
 SAMPLE = 1500
-GRADIENT = 10.0  # times the tolerance: allowed error of the gradient; a cubic's derivative converges one order slower
+# times the tolerance: allowed error of the gradient; a cubic's derivative converges one order
+# slower
+GRADIENT = 10.0
 STEP = 2e-6  # m, of the differences for the exact gradient
 
 
@@ -144,8 +155,11 @@ def tabulate(
     """
     extent = box.upper - box.lower
     points = _sample(box) @ box.frame.T
-    B, G = exact(points), _differences(exact, points)
-    step, errors = float(extent.max()) / 20, None  # at first
+    B = exact(points)
+    G = _differences(exact, points)
+    # at first
+    step = float(extent.max()) / 20
+    errors = None
     while True:
         shape = tuple(
             int(n) for n in np.maximum(np.ceil(extent / step).astype(int) + 1, spline.FEWEST + 2)
@@ -154,14 +168,25 @@ def tabulate(
             found = (
                 ""
                 if errors is None
-                else f" (reached: {1e2 * errors.field:.2g} %, gradient {1e2 * errors.gradient:.2g} %)"
+                else (
+                    f" (reached: {1e2 * errors.field:.2g} %, gradient"
+                    f" {1e2 * errors.gradient:.2g} %)"
+                )
             )
             raise SceneError(
                 what,
-                found=f"a table over {box.text()} can't be as exact as {1e2 * tolerance:g} % with {MAX_NODES} nodes{found}",
-                rule="the field near an edge of a magnet or a wire varies too fast for a table that reaches close to it",
-                remedy="keep the body farther from it, give a smaller box (field.tabulation.lower and upper), or a larger "
-                "field.tabulation.tolerance",
+                found=(
+                    f"a table over {box.text()} can't be as exact as {1e2 * tolerance:g} % with"
+                    f" {MAX_NODES} nodes{found}"
+                ),
+                rule=(
+                    "the field near an edge of a magnet or a wire varies too fast for a table that"
+                    " reaches close to it"
+                ),
+                remedy=(
+                    "keep the body farther from it, give a smaller box (field.tabulation.lower and"
+                    " upper), or a larger field.tabulation.tolerance"
+                ),
             )
         spacing = extent / (np.array(shape) - 1)
         nodes = grid_points(box.lower, spacing, shape) @ box.frame.T
@@ -197,7 +222,8 @@ def evaluate(packed: Array, points: Array) -> tuple[Array, Array]:
     place = np.zeros(1, np.dtype(PLACE))
     place["strength"], place["frame"] = 1.0, np.eye(3).ravel()
     data = np.concatenate([[0.0, 1.0], packed])
-    B, G = np.empty((len(points), 3)), np.empty((len(points), 3, 3))
+    B = np.empty((len(points), 3))
+    G = np.empty((len(points), 3, 3))
     fields_at(place[0], data, points, B)
     gradients_at(place[0], data, points, G)
     return B, G

@@ -95,19 +95,20 @@ def table_lines(path: Path, start: str) -> Iterator[Line]:
 
     Cells are separated as the header separates its names: by commas, semicolons or tabs. Raises TableError where it can't be read.
     """
-    rule, remedy = "the table must be a readable text file", "check the path and its permissions"
+    rule = "the table must be a readable text file"
+    remedy = "check the path and its permissions"
     try:
         lines = read_regular(path, MAX_BYTES).decode("utf-8-sig").splitlines()
     except FileNotFoundError:
-        reason, remedy = "no such file", "check the path; it is relative to the file that names it"
+        reason = "no such file"
+        remedy = "check the path; it is relative to the file that names it"
     except UnicodeDecodeError:
-        reason, remedy = "not a text file", start
+        reason = "not a text file"
+        remedy = start
     except UnfitFile as error:
-        reason, rule, remedy = (
-            str(error.strerror),
-            f"the table must be a regular file of at most {MAX_BYTES // 1_000_000} MB",
-            start,
-        )
+        reason = str(error.strerror)
+        rule = f"the table must be a regular file of at most {MAX_BYTES // 1_000_000} MB"
+        remedy = start
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
     else:
@@ -126,7 +127,8 @@ def read_centreline(path: Path | str) -> NDArray[np.float64]:
     The file: a header with the four column names in any order, then numbers in mm; blank lines and lines that begin with # are skipped.
     Raises TableError, which names file, line, value received, rule and remedy.
     """
-    lines, rows = table_lines(Path(path), _START), list[list[float]]()
+    lines = table_lines(Path(path), _START)
+    rows = list[list[float]]()
     for header in lines:
         if sorted(header.cells) != sorted(COLUMNS):
             raise header.error(f"the header must name the columns {','.join(COLUMNS)}", _START)
@@ -140,10 +142,8 @@ def read_centreline(path: Path | str) -> NDArray[np.float64]:
                 )
             rows.append(row)
     if not 2 <= len(rows) <= MAX_ROWS:
-        received, rule = (
-            f"{len(rows)} row{'s' * (len(rows) != 1)}",
-            f"a centreline has 2 to {MAX_ROWS} rows",
-        )
+        received = f"{len(rows)} row{'s' * (len(rows) != 1)}"
+        rule = f"a centreline has 2 to {MAX_ROWS} rows"
         raise TableError(str(path), received=received, rule=rule, remedy=_START)
     return np.asarray(rows) / 1000.0
 

@@ -73,7 +73,8 @@ def empty_values(data: Any, at: Key = ()) -> list[Problem]:
 
 def translate(model: type[BaseModel], data: Any, error: dict[str, Any]) -> Problem:
     """One of pydantic's errors as a Problem."""
-    kind, context = error["type"], error.get("ctx", {})
+    kind = error["type"]
+    context = error.get("ctx", {})
     at, value, there = _locate(data, error["loc"], absent=kind == "missing")
     if kind == "fault":
         at, value, there = _locate(data, (*at, *context["at"]), absent=True)
@@ -132,14 +133,16 @@ def _locate(data: Any, location: tuple[Any, ...], *, absent: bool) -> tuple[Key,
             isinstance(data, (list, tuple)) and isinstance(part, int) and part < len(data)
         )
         if inside:
-            at, data = (*at, part), data[part]
+            at = (*at, part)
+            data = data[part]
         elif absent and n == len(location) - 1:
             return (*at, part), None, False
     return at, data, True
 
 
 def _unknown_key(model: type[BaseModel], data: Any, at: Key, value: Any) -> Problem:
-    parent, key = _model_at(model, at[:-1]), str(at[-1])
+    parent = _model_at(model, at[:-1])
+    key = str(at[-1])
     known = list(parent.model_fields) if parent is not None else []
     later = getattr(parent, "not_there_yet", {}).get(key)
     if later is not None:

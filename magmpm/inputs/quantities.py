@@ -45,7 +45,8 @@ def _each(factor: Fraction | int, *units: str) -> dict[str, Fraction]:
 
 
 _MILLI = Fraction(1, 1000)
-_FLUX_DENSITY = {  # the gauss is not in pint's SI context, but a gauss of flux density is 1e-4 T to everybody
+# the gauss is not in pint's SI context, but a gauss of flux density is 1e-4 T to everybody
+_FLUX_DENSITY = {
     **_powers("T", none=0, m=-3, u=-6, µ=-6),
     **_powers("G", none=-4, m=-7, k=-1),
     "gauss": Fraction(1, 10**4),
@@ -170,11 +171,13 @@ def in_si(value: float | str, kind: str, what: str) -> float:
 
 def as_text(si: float, kind: Kind) -> str:
     """A value in SI as text with a unit, which `parse_quantity` reads as the same float: in the unit of the kind's example where that is
-    a whole power of ten of the SI unit, which a decimal number can be multiplied by without rounding."""
+    a whole power of ten of the SI unit, which a decimal number can be multiplied by without rounding.
+    """
     unit = kind.example.split(maxsplit=1)[1]
     power = Decimal(kind.plain[unit].denominator) / kind.plain[unit].numerator
     if Fraction(power) * kind.plain[unit] != 1:  # an angle
-        unit, power = kind.si, Decimal(1)
+        unit = kind.si
+        power = Decimal(1)
     number = (Decimal(repr(float(si))) * power).normalize()
     return f"{number:{'f' if -9 < number.adjusted() < 9 else ''}} {unit}"
 
@@ -200,7 +203,8 @@ def _factor_in_pint(unit: str, kind_name: str) -> Fraction:
     import pint
 
     try:
-        found, wanted = registry.parse_units(unit), registry.parse_units(kind.si)
+        found = registry.parse_units(unit)
+        wanted = registry.parse_units(kind.si)
         names = set(found._units)
         same = found.dimensionality == wanted.dimensionality
     except pint.UndefinedUnitError:

@@ -30,7 +30,8 @@ from magmpm.inputs.yaml_document import Document, Key
 
 M = TypeVar("M", bound=BaseModel)
 MOST_SHOWN = 20  # problems of a file: more would hide the first
-MOST_WORDED = 500  # problems that are put into words, a millisecond each, of which the first in the file are reported
+# problems that are put into words, a millisecond each, of which the first in the file are reported
+MOST_WORDED = 500
 
 
 class Settings(BaseModel):
@@ -154,7 +155,8 @@ def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = 
     if path is None and isinstance(data, Document):
         path = data.path
     file = Path(path) if path is not None else None
-    problems, left = empty_values(data) if file is not None else [], 0
+    problems = empty_values(data) if file is not None else []
+    left = 0
     empty = {problem.at for problem in problems}
     try:
         result = model.model_validate(dict(data), context={"file": file})
@@ -162,10 +164,8 @@ def validate(model: type[M], data: Mapping[str, Any], path: Path | str | None = 
             return result
     except ValidationError as error:
         errors = [e for e in error.errors(include_url=False) if not overruled(e)]
-        found, left = (
-            [translate(model, data, dict(e)) for e in errors[:MOST_WORDED]],
-            max(0, len(errors) - MOST_WORDED),
-        )
+        found = [translate(model, data, dict(e)) for e in errors[:MOST_WORDED]]
+        left = max(0, len(errors) - MOST_WORDED)
         meant = {
             p.meant for p in found if p.meant is not None
         }  # a misspelled key that is required is one mistake, not two

@@ -22,7 +22,10 @@ from pathlib import Path
 
 VARIABLE = "MAGMPM_ALLOW_OUTSIDE"
 RULE = "a path in a file must stay below the folder above it, or the current folder"
-REMEDY = "copy that file beside this one, or allow it: --allow-outside, or the variable MAGMPM_ALLOW_OUTSIDE=FOLDER"
+REMEDY = (
+    "copy that file beside this one, or allow it: --allow-outside, or the variable"
+    " MAGMPM_ALLOW_OUTSIDE=FOLDER"
+)
 
 
 def is_allowed(named: Path, file: Path) -> bool:
@@ -81,7 +84,8 @@ def _settings() -> Path:
 
 def allow(folder: Path) -> None:
     """Keep a folder that the user has named on a command line as one whose files scenes may name; where nothing can be kept, do nothing."""
-    kept, wanted = _settings(), str(folder.resolve())
+    kept = _settings()
+    wanted = str(folder.resolve())
     try:
         known = kept.read_text(encoding="utf-8").splitlines() if kept.exists() else []
         if wanted not in known and "\n" not in wanted:
@@ -142,16 +146,23 @@ def folder_fault(name: str) -> tuple[str, str] | None:
     odd = sorted({c for c in name if not c.isprintable()})
     if bad or odd:
         found = ", ".join([*bad, *(f"U+{ord(c):04X}" for c in odd)])
-        return rule, (
-            f"leave out {found}: letters of any script, digits, spaces and all signs but {' '.join(sorted(FORBIDDEN))} can be used, "
-            "and no line breaks, tabs or other characters that can't be printed"
+        return (
+            rule,
+            (
+                f"leave out {found}: letters of any script, digits, spaces and all signs but"
+                f" {' '.join(sorted(FORBIDDEN))} can be used, and no line breaks, tabs or other"
+                " characters that can't be printed"
+            ),
         )
     if not name.strip() or name != name.strip():
         return rule, "begin and end it with something other than a space"
     if name.startswith(".") or name.endswith("."):
         return (
             rule,
-            "begin and end it with something other than a dot: such a folder is hidden, another one, or lost on some systems",
+            (
+                "begin and end it with something other than a dot: such a folder is hidden, another"
+                " one, or lost on some systems"
+            ),
         )
     if name.split(".")[0].strip().lower() in RESERVED:
         return rule, f"choose another name: {name.split('.')[0]} is a device on Windows"

@@ -31,7 +31,8 @@ def _unit_vector(value: Any) -> Vector:
     Components below 1e-15 are rounding of angles and become zero. A unit vector stays as it is: a scene read back is the same bit for bit.
     """
     if isinstance(value, Angles):
-        cos_e, sin_e = math.cos(value.elevation), math.sin(value.elevation)
+        cos_e = math.cos(value.elevation)
+        sin_e = math.sin(value.elevation)
         value = (cos_e * math.cos(value.azimuth), cos_e * math.sin(value.azimuth), sin_e)
     largest = max(abs(x) for x in value)
     if largest == 0.0:

@@ -101,7 +101,9 @@ def placed(error: SceneError, path: Path | str) -> InputError:
         if isinstance(part, int) and isinstance(value, dict):
             continue  # one, where a list might stand
         if isinstance(value, (dict, list)) and (*at, part) in document.lines:
-            value, at = value[part], (*at, part)  # type: ignore[index,call-overload]
+            # type: ignore[index,call-overload]
+            value = value[part]
+            at = (*at, part)
         else:
             value = None
             break
@@ -170,12 +172,17 @@ def _explain(error: yaml.MarkedYAMLError, path: Path, text: str) -> str:
     line = lines[number] if number < len(lines) else ""
     problem = error.problem or ""
     if "\t" in line[: len(line) - len(line.lstrip())] or "\\t" in problem:
-        rule, remedy = "a tab cannot indent YAML", "indent with spaces"
+        rule = "a tab cannot indent YAML"
+        remedy = "indent with spaces"
     elif "single document" in str(error.context) or "another document" in problem:
-        rule, remedy = "the file must hold one document", "remove the second `---`"
+        rule = "the file must hold one document"
+        remedy = "remove the second `---`"
     else:
         rule = "must be valid YAML: " + " ".join(part for part in (error.context, problem) if part)
-        remedy = "check indentation, brackets, quotes and the space after each colon, here and in the line before"
+        remedy = (
+            "check indentation, brackets, quotes and the space after each colon, here and in the"
+            " line before"
+        )
     return report(f"{path}:{number + 1}", received=show(line.strip()), rule=rule, remedy=remedy)
 
 
@@ -220,7 +227,8 @@ class _Builder:
         first: dict[str, int] = {}
         for key_node, _ in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
-                rule, remedy = "a key must be a word", "write `key: value`"
+                rule = "a key must be a word"
+                remedy = "write `key: value`"
                 raise InputError(
                     self.report(
                         key_node, at, received="brackets as a key", rule=rule, remedy=remedy
@@ -240,7 +248,8 @@ class _Builder:
                 node
             )  # `<<: *defaults`: the merged pairs come first, so own keys win
         except yaml.MarkedYAMLError as error:
-            rule, remedy = str(error.problem), "merge a mapping: `<<: *its_name`"
+            rule = str(error.problem)
+            remedy = "merge a mapping: `<<: *its_name`"
             raise InputError(
                 self.report(node, at, received="<<", rule=rule, remedy=remedy)
             ) from None

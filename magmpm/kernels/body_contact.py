@@ -21,25 +21,29 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined, only_where
 from magmpm.effects.contact_force import HELD, PARTS, STICKS, TOUCHES, hold, let_go, push
 
-PLACE, GRIP, ROOM = 0, 3, 3 + HELD  # where each begins in the memory of a pair (Meeting)
-CELL, FORCE, DEPTH, NORMAL, BEGUN, MEMORY = (
-    ROOM + 1,
-    ROOM + 2,
-    ROOM + 5,
-    ROOM + 6,
-    ROOM + 9,
-    ROOM + 10,
-)
+# where each begins in the memory of a pair (Meeting)
+PLACE = 0
+GRIP = 3
+ROOM = 3 + HELD
+CELL = ROOM + 1
+FORCE = ROOM + 2
+DEPTH = ROOM + 5
+NORMAL = ROOM + 6
+BEGUN = ROOM + 9
+MEMORY = ROOM + 10
 CLOSE = 1e-12  # of a cell: distance of X + u(X) from the point; momentum is kept to it
 TRIES = 20
-SETTLED = 0.25  # of the distance d of a point from the surface: if the place below it has moved by less, d is good to some percent
+# of the distance d of a point from the surface: if the place below it has moved by less, d is good
+# to some percent
+SETTLED = 0.25
 NEAR = 0.5  # of d: the present distance of the surface is at least this, whatever the strain
 
 
 class SolidCells(NamedTuple):
     """The cells (c,) of all solids: first node, low corner and width (3 c,) m, splines (27 c,) as coefficients of 1, xi, xi^2 of the three
     splines along x, y, z, the next cells (6 c,) of the same solid, below and above along each axis, -1 for none, the share (c,) of the
-    stiffness that points have there, and the grip (3 c,) of their regions (effects.contact_law.grips)."""
+    stiffness that points have there, and the grip (3 c,) of their regions (effects.contact_law.grips).
+    """
 
     node: Index
     low: Array
@@ -104,7 +108,9 @@ def _splines(cells, cell, x, value, slope):
         xi = (x[i] - cells.low[3 * cell + i]) / width
         for a in range(3):
             k = 27 * cell + 9 * i + 3 * a
-            c0, c1, c2 = cells.splines[k], cells.splines[k + 1], cells.splines[k + 2]
+            c0 = cells.splines[k]
+            c1 = cells.splines[k + 1]
+            c2 = cells.splines[k + 2]
             value[3 * i + a] = c0 + xi * (c1 + xi * c2)
             slope[3 * i + a] = (c1 + 2.0 * xi * c2) / width
 
@@ -115,7 +121,9 @@ def _gather(field, node, along_x, along_y, value, slope, u, F):
     u[:], F[:] = 0.0, 0.0
     for a in range(3):
         for b in range(3):
-            n, dx, dy = value[a] * value[3 + b], slope[a] * value[3 + b], value[a] * slope[3 + b]
+            n = value[a] * value[3 + b]
+            dx = slope[a] * value[3 + b]
+            dy = value[a] * slope[3 + b]
             for c in range(3):
                 k = 3 * (node + a * along_x + b * along_y + c)
                 w = value[6 + c]
@@ -131,7 +139,10 @@ def _inverted(F, out):
     """Write the inverse of F (3, 3) to out."""
     for i in range(3):
         for j in range(3):
-            a, b, c, d = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+            a = (i + 1) % 3
+            b = (i + 2) % 3
+            c = (j + 1) % 3
+            d = (j + 2) % 3
             out[j, i] = F[a, c] * F[b, d] - F[a, d] * F[b, c]
     det = F[0, 0] * out[0, 0] + F[0, 1] * out[1, 0] + F[0, 2] * out[2, 0]
     for i in range(3):
@@ -147,7 +158,10 @@ def _find(cells, cell, along_x, along_y, field, x, X, solids, s, work, F, invers
     A place out of the solid is found from the surface below it, whose motion goes on there: nodes that are farther out are light, and say
     nothing. X then is that place of the surface. The distance is 0 if nothing is found.
     """
-    value, slope, u, normal = work[:9], work[9:18], work[18:21], work[21:]
+    value = work[:9]
+    slope = work[9:18]
+    u = work[18:21]
+    normal = work[21:]
     for _ in range(TRIES):
         for k in range(6):  # two cells farther along each axis
             xi = (X[k % 3] - cells.low[3 * cell + k % 3]) / cells.width[3 * cell + k % 3]
@@ -199,7 +213,10 @@ def _at(field, node, along_x, along_y, value, out):
 @compiled
 def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
     """Write to memory the place, force and depth of each pair from `first` on, `apart` numbers apart; dt s: for which forces push."""
-    memory, law, cells, work = meeting.memory, meeting.law, _cells(meeting), np.empty(24)
+    memory = meeting.memory
+    law = meeting.law
+    cells = _cells(meeting)
+    work = np.empty(24)
     solids = Solids(
         meeting.size,
         meeting.points,
@@ -208,20 +225,24 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         meeting.near,
         meeting.faces,
     )
-    x, X, normal, F, inverse = (
-        np.empty(3),
-        np.empty(3),
-        work[21:],
-        np.empty((3, 3)),
-        np.empty((3, 3)),
-    )
-    f, n, v, there = np.empty(PARTS), np.empty(3), np.empty(3), np.empty(HELD)
+    x = np.empty(3)
+    X = np.empty(3)
+    normal = work[21:]
+    F = np.empty((3, 3))
+    inverse = np.empty((3, 3))
+    f = np.empty(PARTS)
+    n = np.empty(3)
+    v = np.empty(3)
+    there = np.empty(HELD)
     for pair in range(first, len(meeting.point), apart):
-        at, p, s = MEMORY * pair, meeting.point[pair], meeting.solid[pair]
+        at = MEMORY * pair
+        p = meeting.point[pair]
+        s = meeting.solid[pair]
         memory[at + DEPTH] = 0.0
         if memory[-1] < memory[at + ROOM]:
             continue
-        own, cell = surface.weights[9 * p : 9 * p + 9], int(memory[at + CELL])
+        own = surface.weights[9 * p : 9 * p + 9]
+        cell = int(memory[at + CELL])
         x[:], X[:] = surface.place[3 * p : 3 * p + 3], memory[at + PLACE : at + PLACE + 3]
         _at(state.u, meeting.node[pair], along_x, along_y, own, x)
         cell, d = _find(cells, cell, along_x, along_y, state.u, x, X, solids, s, work, F, inverse)
@@ -292,13 +313,19 @@ def _add(force, node, along_x, along_y, value, f0, f1, f2):
 @compiled
 def _add_all(meeting, surface, along_x, along_y, force):
     """Add the forces of all pairs to the nodes of both sides, in the order of the pairs: the same sums on any number of threads."""
-    memory, cells, value, slope = meeting.memory, _cells(meeting), np.empty(9), np.empty(9)
+    memory = meeting.memory
+    cells = _cells(meeting)
+    value = np.empty(9)
+    slope = np.empty(9)
     for pair in range(len(meeting.point)):
         at = MEMORY * pair
         if not memory[at + DEPTH] > 0.0:
             continue
-        p, cell = meeting.point[pair], int(memory[at + CELL])
-        f0, f1, f2 = memory[at + FORCE], memory[at + FORCE + 1], memory[at + FORCE + 2]
+        p = meeting.point[pair]
+        cell = int(memory[at + CELL])
+        f0 = memory[at + FORCE]
+        f1 = memory[at + FORCE + 1]
+        f2 = memory[at + FORCE + 2]
         _add(
             force,
             meeting.node[pair],

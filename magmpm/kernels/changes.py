@@ -42,7 +42,8 @@ def load_changes(particles, effects, x, F, change, P, f):
 
     change (slots, n, 4 or 5): of the remanence (T; with a mark, which stays, where the particles have one), then of the density (kg/m^3).
     """
-    magnet, rho = particles.remanence, particles.density
+    magnet = particles.remanence
+    rho = particles.density
     for p in prange(len(x)):
         for slot in range(len(change)):
             changed = change[slot, p]
@@ -57,7 +58,8 @@ def load_changes(particles, effects, x, F, change, P, f):
 @kernel
 def loads(particles, effects, x, F, P, f):
     """Add the effects' stress and force of each particle to P (n, 3, 3) Pa and f (n, 3) N/m^3."""
-    magnet, rho = particles.remanence, particles.density
+    magnet = particles.remanence
+    rho = particles.density
     for p in prange(len(x)):
         add_stress(effects, 0, magnet[p], rho[p], x[p], F[p], P[p])
         add_force(effects, 0, magnet[p], rho[p], x[p], F[p], f[p])
@@ -66,10 +68,15 @@ def loads(particles, effects, x, F, P, f):
 @kernel
 def stress_per_shear(cells, particles, F, P):
     """Write the elastic stress over the shear modulus to P (n, 3, 3), no unit: it is linear in the moduli at a fixed K/G."""
-    volume, shear, bulk, modes = particles.volume, particles.shear, particles.bulk, particles.modes
+    volume = particles.volume
+    shear = particles.shear
+    bulk = particles.bulk
+    modes = particles.modes
     for cell in prange(len(cells.plane)):
-        first, last = cells.first[cell], cells.first[cell + 1]
-        cof, c = np.empty((3, 3)), np.empty(modes.shape[1])
+        first = cells.first[cell]
+        last = cells.first[cell + 1]
+        cof = np.empty((3, 3))
+        c = np.empty(modes.shape[1])
         _volume_moments(first, last, volume, modes, F, c)
         for p in range(first, last):
             J = determinant(F[p])
@@ -147,7 +154,8 @@ def scatter(cells, particles, column, P, f, fortran, out):
             slab = 2 * half + color
             room = _room(cells.most, len(column), 0)
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                first, last = cells.first[cell], cells.first[cell + 1]
+                first = cells.first[cell]
+                last = cells.first[cell + 1]
                 _rows(first, last, particles, room)
                 _slots_of_cell(first, last, particles.volume, P, f, room.T)
                 _to_nodes(last - first, fortran, room)
@@ -202,7 +210,8 @@ def tangent_products(cells, particles, effects, x, F, fortran, count, columns, s
             slab = 2 * half + color
             room = _room(cells.most, count, particles.modes.shape[1])
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                first, last = cells.first[cell], cells.first[cell + 1]
+                first = cells.first[cell]
+                last = cells.first[cell + 1]
                 _rows(first, last, particles, room)
                 _gather(cells.plane[cell], cells.row[cell], columns, room.C)
                 multiply(
@@ -234,7 +243,8 @@ def _gather(plane, rows, columns, C):
     wide = C.shape[1]
     for a in range(len(rows)):
         for b in range(len(rows)):
-            source, target = columns[plane + a], C[3 * a + b]
+            source = columns[plane + a]
+            target = C[3 * a + b]
             for k in range(wide):
                 target[k] = source[rows[b] * (wide // 3) + k]
 
@@ -245,7 +255,8 @@ def _scatter_all(plane, rows, C, out):
     wide = C.shape[1]
     for a in range(len(rows)):
         for b in range(len(rows)):
-            target, source = out[plane + a], C[3 * a + b]
+            target = out[plane + a]
+            source = C[3 * a + b]
             for k in range(wide):
                 target[rows[b] * (wide // 3) + k] += source[k]
 
@@ -300,10 +311,13 @@ def _multiply_rows(q, volume, A, D, T):
     """Rows q .. q + 2 of T: volume A_iJkL D_kL."""
     for i in range(len(A) // 3):
         for j in range(len(A) // 3):
-            out, row = T[q + j, i], A[3 * i + j]
+            out = T[q + j, i]
+            row = A[3 * i + j]
             out[:] = 0.0
             for k in range(3):
-                a0, a1, a2 = volume * row[3 * k], volume * row[3 * k + 1], volume * row[3 * k + 2]
+                a0 = volume * row[3 * k]
+                a1 = volume * row[3 * k + 1]
+                a2 = volume * row[3 * k + 2]
                 for n in range(len(out)):
                     out[n] += a0 * D[q, k, n] + a1 * D[q + 1, k, n] + a2 * D[q + 2, k, n]
 

@@ -95,16 +95,24 @@ def cell_energy(cells, particles, effects, x, F, energy, low, high):
 
     x (n, 3) m, F (n, 3, 3) of the particles. A cell with det F <= 0 has energy inf.
     """
-    volume, shear, bulk, modes = particles.volume, particles.shear, particles.bulk, particles.modes
-    remanence, density = particles.remanence, particles.density
+    volume = particles.volume
+    shear = particles.shear
+    bulk = particles.bulk
+    modes = particles.modes
+    remanence = particles.remanence
+    density = particles.density
     for cell in prange(len(energy)):
-        first, last = cells.first[cell], cells.first[cell + 1]
+        first = cells.first[cell]
+        last = cells.first[cell + 1]
         c = np.empty(modes.shape[1])
         _volume_moments(first, last, volume, modes, F, c)
-        total, lowest, highest = 0.0, np.inf, -np.inf
+        total = 0.0
+        lowest = np.inf
+        highest = -np.inf
         for p in range(first, last):
             J = determinant(F[p])
-            lowest, highest = min(lowest, J), max(highest, J)
+            lowest = min(lowest, J)
+            highest = max(highest, J)
             W = shape_energy(F[p], J, shear[p]) if J > 0.0 else np.inf
             if len(c) == 0:
                 W += volume_energy(J, bulk[p])
@@ -119,11 +127,9 @@ def _particle_gradients(weights, slopes, G):
     """Write the gradients of a particle's 27 splines to G (3, 27), 1/m. Nodes are ordered x slowest."""
     for a in range(3):
         for b in range(3):
-            nn, dn, nd = (
-                weights[0, a] * weights[1, b],
-                slopes[0, a] * weights[1, b],
-                weights[0, a] * slopes[1, b],
-            )
+            nn = weights[0, a] * weights[1, b]
+            dn = slopes[0, a] * weights[1, b]
+            nd = weights[0, a] * slopes[1, b]
             for c in range(3):
                 node = 9 * a + 3 * b + c
                 G[0, node] = dn * weights[2, c]
@@ -172,22 +178,27 @@ def _scatter_vector(plane, rows, r, residual):
 @kernel
 def particles_to_grid(cells, particles, effects, x, F, residual):
     """P2G: gradient of the potential energy with respect to the grid's coefficients, added to residual (planes, 3 nodes), N."""
-    weights, slopes, volume, shear, bulk = (
-        particles.weights,
-        particles.slopes,
-        particles.volume,
-        particles.shear,
-        particles.bulk,
-    )
-    modes, remanence, density = particles.modes, particles.remanence, particles.density
+    weights = particles.weights
+    slopes = particles.slopes
+    volume = particles.volume
+    shear = particles.shear
+    bulk = particles.bulk
+    modes = particles.modes
+    remanence = particles.remanence
+    density = particles.density
     slabs = len(cells.slab_first) - 1
     for color in range(2):
         for half in prange((slabs + 1 - color) // 2):
             slab = 2 * half + color
-            G, P, cof = np.empty((3, STENCIL)), np.empty((3, 3)), np.empty((3, 3))
-            f, r, c = np.empty(3), np.empty((STENCIL, 3)), np.empty(modes.shape[1])
+            G = np.empty((3, STENCIL))
+            P = np.empty((3, 3))
+            cof = np.empty((3, 3))
+            f = np.empty(3)
+            r = np.empty((STENCIL, 3))
+            c = np.empty(modes.shape[1])
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                first, last = cells.first[cell], cells.first[cell + 1]
+                first = cells.first[cell]
+                last = cells.first[cell + 1]
                 _volume_moments(first, last, volume, modes, F, c)
                 r[:] = 0.0
                 for p in range(first, last):
@@ -209,11 +220,9 @@ def _particle_products(q, volume, A, G, T):
     for j in range(3):
         for i in range(3):
             for k in range(3):
-                a0, a1, a2 = (
-                    volume * A[3 * i + j, 3 * k],
-                    volume * A[3 * i + j, 3 * k + 1],
-                    volume * A[3 * i + j, 3 * k + 2],
-                )
+                a0 = volume * A[3 * i + j, 3 * k]
+                a1 = volume * A[3 * i + j, 3 * k + 1]
+                a2 = volume * A[3 * i + j, 3 * k + 2]
                 for node in range(STENCIL):
                     T[q + j, i, k, node] = (
                         a0 * G[q, node] + a1 * G[q + 1, node] + a2 * G[q + 2, node]
@@ -229,12 +238,10 @@ def _particle_softening(q, volume, weights, H, M, G, T):
     particle_splines(weights, G[q + 3])
     for i in range(3):
         for k in range(3):
-            h, m0, m1, m2 = (
-                volume * H[i, k],
-                volume * M[i, 3 * k],
-                volume * M[i, 3 * k + 1],
-                volume * M[i, 3 * k + 2],
-            )
+            h = volume * H[i, k]
+            m0 = volume * M[i, 3 * k]
+            m1 = volume * M[i, 3 * k + 1]
+            m2 = volume * M[i, 3 * k + 2]
             for node in range(STENCIL):
                 T[q + 3, i, k, node] = (
                     h * G[q + 3, node] + m0 * G[q, node] + m1 * G[q + 1, node] + m2 * G[q + 2, node]
@@ -267,10 +274,9 @@ class Room(NamedTuple):
 @compiled
 def _room(rows, modes):
     """Work space for this many rows and modes."""
-    letters, sizes = (
-        np.array([78, 84], np.uint8),
-        np.array([9 * STENCIL, STENCIL, 0], np.int32),
-    )  # N T
+    # N T
+    letters = np.array([78, 84], np.uint8)
+    sizes = np.array([9 * STENCIL, STENCIL, 0], np.int32)
     return Room(
         np.empty((rows, STENCIL)),
         np.empty((rows, 3, 3, STENCIL)),
@@ -293,7 +299,8 @@ def _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r):
     """Tangent K [node, i, k, other] (27, 3, 3, 27) and residual r (27, 3): sum over particles and J of dN/dX_J(node) T(J, i, k, other)."""
     weights, slopes, volume, shear, bulk, modes, remanence, density = particles
     G, T, A, P, H, M, cof, f, b, c, _, _, _ = room
-    first, last = cells.first[cell], cells.first[cell + 1]
+    first = cells.first[cell]
+    last = cells.first[cell + 1]
     rows_each = 4 if any_softening(effects) else 3
     _volume_moments(first, last, volume, modes, F, c)
     r[:] = 0.0
@@ -338,17 +345,21 @@ def _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r):
 @compiled
 def multiply(count, fortran, room, turned, rows, inner, A, a, B, b, C):
     """C = B A, or B^T A where `turned` is 1, row by row, by dgemm. The third of room.sizes is set to `count`, the first is the length of
-    C's rows; rows, inner, a, b: places there of C's number of rows, of the sum's length, and of how far rows of A and of B are apart."""
-    letters, sizes, factors = room.letters, room.sizes, room.factors
+    C's rows; rows, inner, a, b: places there of C's number of rows, of the sum's length, and of how far rows of A and of B are apart.
+    """
+    letters = room.letters
+    sizes = room.sizes
+    factors = room.factors
     sizes[2] = count
-    plain, way, wide = letters[0:].ctypes.data, letters[turned:].ctypes.data, sizes[0:].ctypes.data
-    one, zero, outs, sums = (
-        factors[0:].ctypes.data,
-        factors[1:].ctypes.data,
-        sizes[rows:].ctypes.data,
-        sizes[inner:].ctypes.data,
-    )
-    first, second = (A.ctypes.data, sizes[a:].ctypes.data), (B.ctypes.data, sizes[b:].ctypes.data)
+    plain = letters[0:].ctypes.data
+    way = letters[turned:].ctypes.data
+    wide = sizes[0:].ctypes.data
+    one = factors[0:].ctypes.data
+    zero = factors[1:].ctypes.data
+    outs = sizes[rows:].ctypes.data
+    sums = sizes[inner:].ctypes.data
+    first = (A.ctypes.data, sizes[a:].ctypes.data)
+    second = (B.ctypes.data, sizes[b:].ctypes.data)
     call(
         fortran[3],
         (
@@ -410,7 +421,8 @@ def _scatter_to_blocks(cell, K, matrix):
 @compiled
 def _scatter_to_panels(plane, rows, K, matrix):
     """Add a cell's tangent to the panels of a matrix of bands: only the rows that each column's panel keeps."""
-    panels, split = matrix.values, matrix.split
+    panels = matrix.values
+    split = matrix.split
     m = panels.shape[1]
     for a in range(3):
         column = plane + a
@@ -451,7 +463,8 @@ def particles_to_grid_with_tangent(cells, particles, effects, x, F, matrix, fort
         for half in prange((slabs + 1 - color) // 2):
             slab = 2 * half + color
             room = _room(rows, particles.modes.shape[1])
-            K, r = np.empty((STENCIL, 3, 3, STENCIL)), np.empty((STENCIL, 3))
+            K = np.empty((STENCIL, 3, 3, STENCIL))
+            r = np.empty((STENCIL, 3))
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
                 _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r)
                 _scatter_vector(cells.plane[cell], cells.row[cell], r, residual)
@@ -465,7 +478,8 @@ def gradient_products(cells, particles, weight, matrix):
     for color in range(2):
         for half in prange((slabs + 1 - color) // 2):
             slab = 2 * half + color
-            K, G = np.zeros((STENCIL, 3, 3, STENCIL)), np.empty((3, STENCIL))
+            K = np.zeros((STENCIL, 3, 3, STENCIL))
+            G = np.empty((3, STENCIL))
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
                 for i in range(3):
                     K[:, i, i] = 0.0
@@ -490,7 +504,9 @@ def add_stresses(cells, particles, P, residual):
     for color in range(2):
         for half in prange((slabs + 1 - color) // 2):
             slab = 2 * half + color
-            G, r, f = np.empty((3, STENCIL)), np.empty((STENCIL, 3)), np.zeros(3)
+            G = np.empty((3, STENCIL))
+            r = np.empty((STENCIL, 3))
+            f = np.zeros(3)
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
                 r[:] = 0.0
                 for p in range(cells.first[cell], cells.first[cell + 1]):
@@ -506,7 +522,8 @@ def grid_to_particles(cells, particles, grid, rest, displacement, F):
     grid (planes, 3 nodes): coefficients in m; rest (3, 3), or (n, 3, 3) of each particle: F at rest, the
     directions of the grid's axes (statics.layout). Writes displacement (n, 3) m and F (n, 3, 3).
     """
-    weights, slopes = particles.weights, particles.slopes
+    weights = particles.weights
+    slopes = particles.slopes
     for cell in prange(len(cells.plane)):
         for p in range(cells.first[cell], cells.first[cell + 1]):
             for k in range(3):
@@ -515,13 +532,18 @@ def grid_to_particles(cells, particles, grid, rest, displacement, F):
                     F[p, k, j] = rest[k, j] if rest.ndim == 2 else rest[p, k, j]
             for a in range(3):
                 plane = grid[cells.plane[cell] + a]
-                nx, dx = weights[p, 0, a], slopes[p, 0, a]
+                nx = weights[p, 0, a]
+                dx = slopes[p, 0, a]
                 for b in range(3):
                     first = 3 * cells.row[cell, b]
-                    nn, dn, nd = nx * weights[p, 1, b], dx * weights[p, 1, b], nx * slopes[p, 1, b]
+                    nn = nx * weights[p, 1, b]
+                    dn = dx * weights[p, 1, b]
+                    nd = nx * slopes[p, 1, b]
                     for c in range(3):
                         nz = weights[p, 2, c]
-                        g0, g1, g2 = dn * nz, nd * nz, nn * slopes[p, 2, c]
+                        g0 = dn * nz
+                        g1 = nd * nz
+                        g2 = nn * slopes[p, 2, c]
                         for k in range(3):
                             value = plane[first + 3 * c + k]
                             displacement[p, k] += nn * nz * value

@@ -10,7 +10,8 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined, inner_kernel, prange
 
 FIELDS = 3  # 1, y and z in a plane of nodes
-REACH = 2  # knots: splines reach over two planes, so hats that are two knots from each other still overlap
+# knots: splines reach over two planes, so hats that are two knots from each other still overlap
+REACH = 2
 
 
 class Correction(NamedTuple):
@@ -42,14 +43,31 @@ class Correction(NamedTuple):
 @inlined
 def _sum_plane(plane, correction, force):
     """Moments of the nodes' forces in one plane: sums of f, y f and z f."""
-    a0, a1, a2, b0, b1, b2, c0, c1, c2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    a0 = 0.0
+    a1 = 0.0
+    a2 = 0.0
+    b0 = 0.0
+    b1 = 0.0
+    b2 = 0.0
+    c0 = 0.0
+    c1 = 0.0
+    c2 = 0.0
     for k in range(correction.first[plane], correction.first[plane + 1]):
         node = correction.order[k]
-        y, z = correction.arm[2 * node], correction.arm[2 * node + 1]
-        f0, f1, f2 = force[3 * node], force[3 * node + 1], force[3 * node + 2]
-        a0, a1, a2 = a0 + f0, a1 + f1, a2 + f2
-        b0, b1, b2 = b0 + y * f0, b1 + y * f1, b2 + y * f2
-        c0, c1, c2 = c0 + z * f0, c1 + z * f1, c2 + z * f2
+        y = correction.arm[2 * node]
+        z = correction.arm[2 * node + 1]
+        f0 = force[3 * node]
+        f1 = force[3 * node + 1]
+        f2 = force[3 * node + 2]
+        a0 = a0 + f0
+        a1 = a1 + f1
+        a2 = a2 + f2
+        b0 = b0 + y * f0
+        b1 = b1 + y * f1
+        b2 = b2 + y * f2
+        c0 = c0 + z * f0
+        c1 = c1 + z * f1
+        c2 = c2 + z * f2
     m = correction.moment
     m[plane, 0], m[plane, 1], m[plane, 2] = a0, a1, a2
     m[plane, 3], m[plane, 4], m[plane, 5] = b0, b1, b2
@@ -69,7 +87,9 @@ def _solve(pivot, link, first, last, load, answer):
                 answer[k, 3 * a + i] = value
     for k in range(last - 1, first - 1, -1):
         for i in range(3):
-            y0, y1, y2 = answer[k, i], answer[k, 3 + i], answer[k, 6 + i]
+            y0 = answer[k, i]
+            y1 = answer[k, 3 + i]
+            y2 = answer[k, 6 + i]
             for a in range(FIELDS):
                 value = pivot[k, a, 0] * y0 + pivot[k, a, 1] * y1 + pivot[k, a, 2] * y2
                 for d in range(min(REACH, last - 1 - k)):
@@ -89,15 +109,14 @@ def correct(correction, force):
 @compiled
 def _spread(correction):
     """Solve for `added` from the moments of all planes."""
-    load, answer, left, share = (
-        correction.load,
-        correction.answer,
-        correction.left,
-        correction.share,
-    )
+    load = correction.load
+    answer = correction.answer
+    left = correction.left
+    share = correction.share
     load[:] = 0.0
     for plane in range(len(left)):
-        k, s = left[plane], share[plane]
+        k = left[plane]
+        s = share[plane]
         for j in range(9):
             load[k, j] += (1.0 - s) * correction.moment[plane, j]
             load[k + 1, j] += s * correction.moment[plane, j]
@@ -112,16 +131,19 @@ def _spread(correction):
                 answer[which],
             )
     for plane in range(len(left)):
-        k, s = left[plane], share[plane]
+        k = left[plane]
+        s = share[plane]
         for j in range(9):
-            low, high = answer[0, k, j] - answer[1, k, j], answer[0, k + 1, j] - answer[1, k + 1, j]
+            low = answer[0, k, j] - answer[1, k, j]
+            high = answer[0, k + 1, j] - answer[1, k + 1, j]
             correction.added[plane, j] = correction.moving[j % 3] * ((1.0 - s) * low + s * high)
 
 
 @inlined
 def added_at(correction, plane, node, i):
     """Acceleration that the correction adds to component i of a node, m/s^2."""
-    added, arm = correction.added, correction.arm
+    added = correction.added
+    arm = correction.arm
     return (
         added[plane, i]
         + arm[2 * node] * added[plane, 3 + i]

@@ -57,12 +57,11 @@ def group_room(F):
 @compiled
 def _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, volume):
     """Add the effects with hooks for one particle at a time."""
-    F3, P3, dF3 = (
-        F[at : at + 9 * WIDTH].reshape(3, 3, WIDTH),
-        P.reshape(3, 3, WIDTH),
-        dF.reshape(3, 3, WIDTH),
-    )
-    x2, f2 = x.reshape(3, WIDTH), f.reshape(3, WIDTH)
+    F3 = F[at : at + 9 * WIDTH].reshape(3, 3, WIDTH)
+    P3 = P.reshape(3, 3, WIDTH)
+    dF3 = dF.reshape(3, 3, WIDTH)
+    x2 = x.reshape(3, WIDTH)
+    f2 = f.reshape(3, WIDTH)
     columns = len(remanence) // len(density)
     magnets = remanence[WIDTH * columns * group : WIDTH * columns * (group + 1)].reshape(
         columns, WIDTH
@@ -71,8 +70,11 @@ def _lane_by_lane(effects, step, group, F, at, P, dF, x, f, remanence, density, 
         V = volume[WIDTH * group + lane]
         if V == 0.0:  # a lane without a particle
             continue
-        rho, m = density[WIDTH * group + lane], magnets[:, lane]
-        place, deformed, force = x2[:, lane], F3[:, :, lane], f2[:, lane]
+        rho = density[WIDTH * group + lane]
+        m = magnets[:, lane]
+        place = x2[:, lane]
+        deformed = F3[:, :, lane]
+        force = f2[:, lane]
         add_narrow_stress(effects, step, m, rho, place, deformed, P3[:, :, lane])
         add_narrow_force(effects, step, m, rho, place, deformed, force)
         add_narrow_rate_stress(effects, step, rho, deformed, dF3[:, :, lane], P3[:, :, lane])
@@ -92,14 +94,14 @@ def add_effects(effects, step, group, at, particles, work):
     Flat arrays and views, no slices: counting references would cost as much as an effect, and did where an array met a branch.
     """
     F, P, dF, x, _, f, _ = work
-    remanence, density, volume = particles.remanence, particles.density, particles.volume
+    remanence = particles.remanence
+    density = particles.density
+    volume = particles.volume
     rho = load(density, WIDTH * group)
-    m, place, deformed, out = (
-        vector(remanence, WIDTH * (len(remanence) // len(density)) * group),
-        vector(x, 0),
-        matrix(F, at),
-        matrix(P, 0),
-    )
+    m = vector(remanence, WIDTH * (len(remanence) // len(density)) * group)
+    place = vector(x, 0)
+    deformed = matrix(F, at)
+    out = matrix(P, 0)
     add_wide_stress(effects, step, m, rho, place, deformed, out)
     add_wide_force(effects, step, m, rho, place, deformed, vector(f, 0))
     add_wide_rate_stress(effects, step, rho, deformed, matrix(dF, 0), out)

@@ -75,13 +75,11 @@ def _fastest(v, where):
 @compiled
 def _touch(slab, step, dt, surface, cells, state, effects):
     """Add the contact of a slab's surface to state.force, and move state.anchor; dt s: for which forces push."""
-    x, v, f, share, where = (
-        np.empty(3),
-        np.empty(3),
-        np.empty(PARTS),
-        np.empty(27),
-        np.empty(27, np.int64),
-    )
+    x = np.empty(3)
+    v = np.empty(3)
+    f = np.empty(PARTS)
+    share = np.empty(27)
+    where = np.empty(27, np.int64)
     room = HELD * len(
         surface.mass
     )  # then a number a patch: how far it can move before a point of it may touch, m
@@ -93,14 +91,17 @@ def _touch(slab, step, dt, surface, cells, state, effects):
             state.anchor[room + patch] -= dt * _fastest(state.v, where)
             if state.anchor[room + patch] > 0.0:
                 continue
-        most, least, remembers = -np.inf, 0.0, 0.0
+        most = -np.inf
+        least = 0.0
+        remembers = 0.0
         for p in range(surface.first_point[patch], surface.first_point[patch + 1]):
             _share(surface.weights, 9 * p, share)
             for i in range(3):
                 x[i] = surface.place[3 * p + i]
             _add(state.u, where, share, x)
             depth = deepest(effects, step, x)
-            most, least = max(most, depth), min(least, depth)
+            most = max(most, depth)
+            least = min(least, depth)
             if not depth > 0.0:
                 remembers = max(remembers, let_go(row(state.anchor, HELD * p), dt))
                 continue
@@ -143,7 +144,8 @@ def contact_to_matrix(cells, weights, H, matrix):
     for color in range(2):
         for half in prange((slabs + 1 - color) // 2):
             slab = 2 * half + color
-            K, N = np.empty((STENCIL, 3, 3, STENCIL)), np.empty(STENCIL)
+            K = np.empty((STENCIL, 3, 3, STENCIL))
+            N = np.empty(STENCIL)
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
                 touched = False
                 for p in range(cells.first[cell], cells.first[cell + 1]):

@@ -52,33 +52,67 @@ def gather(field, node, along_x, along_y, splines, first, gradient, to, value, a
     node: the cell's first node; along_x, along_y: steps in node number along x and y; first: index of the group in splines.
     """
     zero = splat(0.0)
-    u0, u1, u2 = zero, zero, zero
-    x0, x1, x2, y0, y1, y2, z0, z1, z2 = zero, zero, zero, zero, zero, zero, zero, zero, zero
-    nz0, nz1, nz2 = load(splines, first + 48), load(splines, first + 56), load(splines, first + 64)
-    dz0, dz1, dz2 = (
-        load(splines, first + 120),
-        load(splines, first + 128),
-        load(splines, first + 136),
-    )
+    u0 = zero
+    u1 = zero
+    u2 = zero
+    x0 = zero
+    x1 = zero
+    x2 = zero
+    y0 = zero
+    y1 = zero
+    y2 = zero
+    z0 = zero
+    z1 = zero
+    z2 = zero
+    nz0 = load(splines, first + 48)
+    nz1 = load(splines, first + 56)
+    nz2 = load(splines, first + 64)
+    dz0 = load(splines, first + 120)
+    dz1 = load(splines, first + 128)
+    dz2 = load(splines, first + 136)
     for a in range(3):
-        p0, p1, p2, q0, q1, q2, r0, r1, r2 = zero, zero, zero, zero, zero, zero, zero, zero, zero
+        p0 = zero
+        p1 = zero
+        p2 = zero
+        q0 = zero
+        q1 = zero
+        q2 = zero
+        r0 = zero
+        r1 = zero
+        r2 = zero
         for b in range(3):
             k = 3 * (node + a * along_x + b * along_y)
-            ny, dy = load(splines, first + 24 + 8 * b), load(splines, first + 96 + 8 * b)
+            ny = load(splines, first + 24 + 8 * b)
+            dy = load(splines, first + 96 + 8 * b)
             n0 = nz0 * field[k] + nz1 * field[k + 3] + nz2 * field[k + 6]
             n1 = nz0 * field[k + 1] + nz1 * field[k + 4] + nz2 * field[k + 7]
             n2 = nz0 * field[k + 2] + nz1 * field[k + 5] + nz2 * field[k + 8]
             d0 = dz0 * field[k] + dz1 * field[k + 3] + dz2 * field[k + 6]
             d1 = dz0 * field[k + 1] + dz1 * field[k + 4] + dz2 * field[k + 7]
             d2 = dz0 * field[k + 2] + dz1 * field[k + 5] + dz2 * field[k + 8]
-            p0, p1, p2 = p0 + ny * n0, p1 + ny * n1, p2 + ny * n2
-            q0, q1, q2 = q0 + dy * n0, q1 + dy * n1, q2 + dy * n2
-            r0, r1, r2 = r0 + ny * d0, r1 + ny * d1, r2 + ny * d2
-        nx, dx = load(splines, first + 8 * a), load(splines, first + 72 + 8 * a)
-        u0, u1, u2 = u0 + nx * p0, u1 + nx * p1, u2 + nx * p2
-        x0, x1, x2 = x0 + dx * p0, x1 + dx * p1, x2 + dx * p2
-        y0, y1, y2 = y0 + nx * q0, y1 + nx * q1, y2 + nx * q2
-        z0, z1, z2 = z0 + nx * r0, z1 + nx * r1, z2 + nx * r2
+            p0 = p0 + ny * n0
+            p1 = p1 + ny * n1
+            p2 = p2 + ny * n2
+            q0 = q0 + dy * n0
+            q1 = q1 + dy * n1
+            q2 = q2 + dy * n2
+            r0 = r0 + ny * d0
+            r1 = r1 + ny * d1
+            r2 = r2 + ny * d2
+        nx = load(splines, first + 8 * a)
+        dx = load(splines, first + 72 + 8 * a)
+        u0 = u0 + nx * p0
+        u1 = u1 + nx * p1
+        u2 = u2 + nx * p2
+        x0 = x0 + dx * p0
+        x1 = x1 + dx * p1
+        x2 = x2 + dx * p2
+        y0 = y0 + nx * q0
+        y1 = y1 + nx * q1
+        y2 = y2 + nx * q2
+        z0 = z0 + nx * r0
+        z1 = z1 + nx * r1
+        z2 = z2 + nx * r2
     store(gradient, to + 0, x0), store(gradient, to + 8, y0), store(gradient, to + 16, z0)
     store(gradient, to + 24, x1), store(gradient, to + 32, y1), store(gradient, to + 40, z1)
     store(gradient, to + 48, x2), store(gradient, to + 56, y2), store(gradient, to + 64, z2)
@@ -89,10 +123,16 @@ def gather(field, node, along_x, along_y, splines, first, gradient, to, value, a
 def gather_value(field, node, along_x, along_y, splines, first, value):
     """Value (3 8,) alone of a nodal field at a group of particles; arguments as in `gather`."""
     zero = splat(0.0)
-    u0, u1, u2 = zero, zero, zero
-    nz0, nz1, nz2 = load(splines, first + 48), load(splines, first + 56), load(splines, first + 64)
+    u0 = zero
+    u1 = zero
+    u2 = zero
+    nz0 = load(splines, first + 48)
+    nz1 = load(splines, first + 56)
+    nz2 = load(splines, first + 64)
     for a in range(3):
-        p0, p1, p2 = zero, zero, zero
+        p0 = zero
+        p1 = zero
+        p2 = zero
         for b in range(3):
             k = 3 * (node + a * along_x + b * along_y)
             ny = load(splines, first + 24 + 8 * b)
@@ -100,32 +140,54 @@ def gather_value(field, node, along_x, along_y, splines, first, value):
             p1 = p1 + ny * (nz0 * field[k + 1] + nz1 * field[k + 4] + nz2 * field[k + 7])
             p2 = p2 + ny * (nz0 * field[k + 2] + nz1 * field[k + 5] + nz2 * field[k + 8])
         nx = load(splines, first + 8 * a)
-        u0, u1, u2 = u0 + nx * p0, u1 + nx * p1, u2 + nx * p2
+        u0 = u0 + nx * p0
+        u1 = u1 + nx * p1
+        u2 = u2 + nx * p2
     store(value, 0, u0), store(value, 8, u1), store(value, 16, u2)
 
 
 @compiled
 def scatter(force, node, along_x, along_y, splines, first, stress, load_, work):
     """force (3 nodes,) -= sum over a group of stress (9 8,) grad N - load (3 8,) N; both times the particles' volumes."""
-    t00, t01, t02 = load(stress, 0), load(stress, 8), load(stress, 16)
-    t10, t11, t12 = load(stress, 24), load(stress, 32), load(stress, 40)
-    t20, t21, t22 = load(stress, 48), load(stress, 56), load(stress, 64)
-    f0, f1, f2 = load(load_, 0), load(load_, 8), load(load_, 16)
-    nz0, nz1, nz2 = load(splines, first + 48), load(splines, first + 56), load(splines, first + 64)
-    dz0, dz1, dz2 = (
-        load(splines, first + 120),
-        load(splines, first + 128),
-        load(splines, first + 136),
-    )
+    t00 = load(stress, 0)
+    t01 = load(stress, 8)
+    t02 = load(stress, 16)
+    t10 = load(stress, 24)
+    t11 = load(stress, 32)
+    t12 = load(stress, 40)
+    t20 = load(stress, 48)
+    t21 = load(stress, 56)
+    t22 = load(stress, 64)
+    f0 = load(load_, 0)
+    f1 = load(load_, 8)
+    f2 = load(load_, 16)
+    nz0 = load(splines, first + 48)
+    nz1 = load(splines, first + 56)
+    nz2 = load(splines, first + 64)
+    dz0 = load(splines, first + 120)
+    dz1 = load(splines, first + 128)
+    dz2 = load(splines, first + 136)
     for a in range(3):
-        nx, dx = load(splines, first + 8 * a), load(splines, first + 72 + 8 * a)
-        p0, p1, p2 = f0 * nx - t00 * dx, f1 * nx - t10 * dx, f2 * nx - t20 * dx
-        q0, q1, q2 = t01 * nx, t11 * nx, t21 * nx
-        r0, r1, r2 = t02 * nx, t12 * nx, t22 * nx
+        nx = load(splines, first + 8 * a)
+        dx = load(splines, first + 72 + 8 * a)
+        p0 = f0 * nx - t00 * dx
+        p1 = f1 * nx - t10 * dx
+        p2 = f2 * nx - t20 * dx
+        q0 = t01 * nx
+        q1 = t11 * nx
+        q2 = t21 * nx
+        r0 = t02 * nx
+        r1 = t12 * nx
+        r2 = t22 * nx
         for b in range(3):
-            ny, dy = load(splines, first + 24 + 8 * b), load(splines, first + 96 + 8 * b)
-            n0, n1, n2 = p0 * ny - q0 * dy, p1 * ny - q1 * dy, p2 * ny - q2 * dy
-            d0, d1, d2 = r0 * ny, r1 * ny, r2 * ny
+            ny = load(splines, first + 24 + 8 * b)
+            dy = load(splines, first + 96 + 8 * b)
+            n0 = p0 * ny - q0 * dy
+            n1 = p1 * ny - q1 * dy
+            n2 = p2 * ny - q2 * dy
+            d0 = r0 * ny
+            d1 = r1 * ny
+            d2 = r2 * ny
             k = 3 * (node + a * along_x + b * along_y)
             added = sums(
                 n0 * nz0 - d0 * dz0,
@@ -227,7 +289,9 @@ class State(NamedTuple):
     force: Array
     stiffness: Array
     anchor: Array
-    memory: Array  # (groups k 8,): what effects with a `relax` remember of the particles, k numbers each; empty where there are none
+    # (groups k 8,): what effects with a `relax` remember of the particles, k numbers each; empty
+    # where there are none
+    memory: Array
 
 
 class CellRoom(NamedTuple):
@@ -245,7 +309,9 @@ def grid_to_particles(cell, cells, particles, state, room, least, bad):
 
     Returns lanes: the smallest det F so far, and 1 where some det F was 0, negative or NaN.
     """
-    first, last, node = cells.first_group[cell], cells.first_group[cell + 1], cells.first_node[cell]
+    first = cells.first_group[cell]
+    last = cells.first_group[cell + 1]
+    node = cells.first_node[cell]
     F, J, u, c = room
     for k in range(particles.mode_count):
         c[k] = 0.0
@@ -267,7 +333,8 @@ def grid_to_particles(cell, cells, particles, state, room, least, bad):
             store(F, at + 32 * i, load(F, at + 32 * i) + 1.0)
         det = group_determinant(F, at)
         store(J, 8 * (group - first), det)
-        least, bad = smaller(det, least), flag_unless_positive(det, bad)
+        least = smaller(det, least)
+        bad = flag_unless_positive(det, bad)
         _project(
             particles.modes,
             particles.moments[group],
@@ -287,11 +354,16 @@ def particles_to_grid(cell, step, dt, cells, particles, state, effects, room, wo
 
     Returns lanes: the largest stiffness over density so far, m^2/s^2, and the largest change of it since the last step.
     """
-    first, last, node = cells.first_group[cell], cells.first_group[cell + 1], cells.first_node[cell]
-    along_x, along_y, splines = cells.along_x, cells.along_y, particles.splines
+    first = cells.first_group[cell]
+    last = cells.first_group[cell + 1]
+    node = cells.first_node[cell]
+    along_x = cells.along_x
+    along_y = cells.along_y
+    splines = particles.splines
     _, P, dF, x, rate, f, spare = work
     for group in range(first, last):
-        at, pattern = 72 * (group - first), particles.pattern[group]
+        at = 72 * (group - first)
+        pattern = particles.pattern[group]
         det = load(room.J, 8 * (group - first))
         swollen = det - 1.0
         if particles.mode_count > 0:
@@ -334,8 +406,13 @@ def particles_to_grid(cell, step, dt, cells, particles, state, effects, room, wo
 @inlined
 def update_grid(k, step, dt, push, nodes, correction, state, effects):
     """v += push f / m, then what effects do to v, then u += dt v, for one active node. push: s for which forces push (effects.hooks)."""
-    node, plane = nodes.active[k], correction.plane[k]
-    n, u, v, force, inverse_mass = 3 * node, state.u, state.v, state.force, nodes.inverse_mass
+    node = nodes.active[k]
+    plane = correction.plane[k]
+    n = 3 * node
+    u = state.u
+    v = state.v
+    force = state.force
+    inverse_mass = nodes.inverse_mass
     for i in range(3):
         v[n + i] += push * (
             inverse_mass[n + i] * force[n + i] + added_at(correction, plane, node, i)
@@ -360,7 +437,10 @@ def _sum_forces(step, dt, push, most, cells, particles, surface, meeting, state,
                 np.empty(72 * most), np.empty(8 * most), np.empty(24 * most), np.empty(4)
             )
             work = group_room(room.F)
-            least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
+            least = splat(np.inf)
+            bad = splat(0.0)
+            high = splat(0.0)
+            change = splat(0.0)
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
                 least, bad = grid_to_particles(cell, cells, particles, state, room, least, bad)
                 high, change = particles_to_grid(
@@ -426,9 +506,13 @@ def at_particles(cells, particles, particle, u, v, reference, position, velocity
 
     u, v (3 nodes,); particle (groups, 8): the particle in each lane, -1 for none.
     """
-    along_x, along_y, splines = cells.along_x, cells.along_y, particles.splines
+    along_x = cells.along_x
+    along_y = cells.along_y
+    splines = particles.splines
     for cell in prange(len(cells.first_node)):
-        gradient, moved, speed = np.empty(72), np.empty(24), np.empty(24)
+        gradient = np.empty(72)
+        moved = np.empty(24)
+        speed = np.empty(24)
         node = cells.first_node[cell]
         for group in range(cells.first_group[cell], cells.first_group[cell + 1]):
             gather(

@@ -17,7 +17,10 @@ from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, inlined
 from magmpm.compiled.simd import highest, lowest, total
 
-GOING, BROKEN, STIFF, QUICK = 0.0, 1.0, 2.0, 3.0
+GOING = 0.0
+BROKEN = 1.0
+STIFF = 2.0
+QUICK = 3.0
 LIMIT, SHARE, HIGHEST, QUICKEST, WHY = range(5)
 
 
@@ -50,12 +53,14 @@ def see(slabs, slab, least, bad, high, change):
 def stops(watch, slabs):
     """Update the watch; return whether the steps must end here."""
     low, high, change = slabs
-    most, changed = 0.0, 0.0
+    most = 0.0
+    changed = 0.0
     for slab in range(len(low)):
         if not low[slab] > 0.0:  # also where it is NaN
             watch[WHY] = BROKEN
             return True
-        most, changed = max(most, high[slab]), max(changed, change[slab])
+        most = max(most, high[slab])
+        changed = max(changed, change[slab])
     watch[HIGHEST], watch[QUICKEST] = (
         max(watch[HIGHEST], most),
         max(watch[QUICKEST], changed / most),

@@ -2,19 +2,25 @@
 
 from pathlib import Path
 
-NUMBERS, ARRAYS = "result.json", "state.npz"
-MOTION, ENERGIES, CONTACTS, ABOUT = "motion.vtkhdf", "energies.csv", "contacts.csv", "motion.json"
-STEPS, JUMPS = "steps.csv", "jumps.csv"  # of equilibria along time
+NUMBERS = "result.json"
+ARRAYS = "state.npz"
+MOTION = "motion.vtkhdf"
+ENERGIES = "energies.csv"
+CONTACTS = "contacts.csv"
+ABOUT = "motion.json"
+# of equilibria along time
+STEPS = "steps.csv"
+JUMPS = "jumps.csv"
 POSITIONS = "positions.csv"  # of parts
 CHECKPOINT = "checkpoint.npz"
-PICTURE, MOVIE, MOMENTS, ENERGIES_PLOT, FRAMES = (
-    "picture.png",
-    "movie.mp4",
-    "moments.png",
-    "energies.png",
-    "frames",
-)
-OWNER, EARLIER, FAILED = "scene-file.json", "earlier", "failed"
+PICTURE = "picture.png"
+MOVIE = "movie.mp4"
+MOMENTS = "moments.png"
+ENERGIES_PLOT = "energies.png"
+FRAMES = "frames"
+OWNER = "scene-file.json"
+EARLIER = "earlier"
+FAILED = "failed"
 
 SUBFOLDERS = (
     FRAMES,

@@ -52,7 +52,8 @@ def folder_lock(folder: Path | str) -> Iterator[None]:
             _take(stream, folder)
             if _still_there(stream, folder / LOCK):
                 break
-            stream.close()  # the holder has ended and removed the file: this lock is on a file without a name
+            # the holder has ended and removed the file: this lock is on a file without a name
+            stream.close()
     except OSError as error:
         raise unwritable(folder, error) from None
     with stream:
@@ -121,15 +122,11 @@ def refuse_unwritable(folder: Path) -> None:
 def unwritable(folder: Path, error: OSError) -> InputError:
     """The error of a folder that results can't be written to."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        rule, remedy = (
-            f"results need room on the disk ({error.strerror})",
-            "free some, or use another --out",
-        )
+        rule = f"results need room on the disk ({error.strerror})"
+        remedy = "free some, or use another --out"
     else:
-        rule, remedy = (
-            f"the folder must be writable ({error.strerror})",
-            "results can't be written there; use another --out",
-        )
+        rule = f"the folder must be writable ({error.strerror})"
+        remedy = "results can't be written there; use another --out"
     return InputError(str(folder), rule=rule, remedy=remedy)
 
 

@@ -12,9 +12,11 @@ from magmpm.compiled.jit import compiled
 QUANTITIES = {  # name of each array of the file: its components
     "displacement": 3,  # m
     "velocity": 3,  # m/s
-    "cauchy_stress": 9,  # Pa, row by row; not symmetric: its skew part is the magnetic torque per volume
+    # Pa, row by row; not symmetric: its skew part is the magnetic torque per volume
+    "cauchy_stress": 9,
     "von_mises": 1,  # Pa, of the symmetric part
-    "magnetisation": 3,  # T, F Br: remanence carried along with the material; R Br where it only rotates
+    # T, F Br: remanence carried along with the material; R Br where it only rotates
+    "magnetisation": 3,
     "det_F": 1,
 }
 Numbers = NDArray[np.float32]
@@ -30,10 +32,8 @@ class FrameArrays:
         self, reference: Array, remanence: Array, rotating: NDArray[np.bool_] | None = None
     ) -> None:
         self.rotating = rotating
-        self.reference, self.remanence = (
-            np.ascontiguousarray(reference),
-            np.ascontiguousarray(remanence),
-        )
+        self.reference = np.ascontiguousarray(reference)
+        self.remanence = np.ascontiguousarray(remanence)
         n = len(reference)
         sizes = {"Points": 3, **QUANTITIES}
         self.arrays: dict[str, Numbers] = {

@@ -26,7 +26,8 @@ def marked_in_order(path: Path) -> bool:
 
 def state_of(path: Path) -> tuple[int, int, int]:
     """State of a file that changes as it is written: time of the last change in ns, length in bytes, mark (-1 without a superblock)."""
-    fields, now = _read(path), path.stat()
+    fields = _read(path)
+    now = path.stat()
     return now.st_mtime_ns, now.st_size, -1 if fields is None else fields[4]
 
 

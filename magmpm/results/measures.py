@@ -52,7 +52,8 @@ def axis_of_particles(model: Model, position: Array) -> Array:
     mean = np.stack(
         [np.bincount(of, model.particles.volume * p) / volume for p in position.T], axis=1
     )
-    root, s = np.sqrt(volume)[:, None], model.grid.stations
+    root = np.sqrt(volume)[:, None]
+    s = model.grid.stations
     splines = model.grid.matrix_along(x - model.line.base[0])
     coefficients = np.linalg.lstsq(root * splines, root * mean, rcond=None)[0]
     return np.column_stack([s, model.grid.matrix_along(s) @ coefficients])
@@ -152,6 +153,7 @@ def frames_of(run: Result | Motion) -> Frames:
 
 def near_jumps(one: Frames, other: Frames) -> list[tuple[float, float]]:
     """Spans of time (s) in which two grids of a path may be on different branches: from jump to jump, and as long before and after, since
-    the true jump is not farther from theirs than they are from each other, about (statics.error_estimate)."""
+    the true jump is not farther from theirs than they are from each other, about (statics.error_estimate).
+    """
     pairs = [(min(a, b), max(a, b)) for a, b in zip(one.jumps, other.jumps)]
     return [(2 * first - last, 2 * last - first) for first, last in pairs]

@@ -70,8 +70,8 @@ def jump_in_words(jump: Mapping[str, Any]) -> str:
         load += f", with {length(jump['inserted'], 4)} out of the guide"
     what = MEANING[jump["kind"]]
     return (
-        f"t = {quantity(jump['time'], 's', 4)}, {load}: {what}; the body moved by {length(jump['moved'])} and lost "
-        f"{quantity(jump['released'], 'J')}"
+        f"t = {quantity(jump['time'], 's', 4)}, {load}: {what}; the body moved by"
+        f" {length(jump['moved'])} and lost {quantity(jump['released'], 'J')}"
     )
 
 
@@ -93,7 +93,8 @@ class GrowingTable:
                 self._header = next(csv.reader(stream))
         if not new and self._header != list(row):
             raise ValueError(
-                f"{self.path.name} has the columns {', '.join(self._header or ())}; this frame gives {', '.join(row)}"
+                f"{self.path.name} has the columns {', '.join(self._header or ())}; this frame"
+                f" gives {', '.join(row)}"
             )
         self._header = list(row)
         with self.path.open("a", encoding="utf-8", newline="") as stream:
@@ -180,7 +181,10 @@ def must_have(path: Path, found: Mapping[str, Array], times: Array, *, lacking: 
     """
     rows = found.get("t", np.zeros(0))[: len(times)]
     if len(rows) < len(times) - lacking or not np.array_equal(rows, times[: len(rows)]):
-        received = f"{len(rows)} rows that do not match the {len(times)} frames beside it: each frame has its own row, at its time"
+        received = (
+            f"{len(rows)} rows that do not match the {len(times)} frames beside it: each frame has"
+            " its own row, at its time"
+        )
         raise _damaged(path, received)
 
 

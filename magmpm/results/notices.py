@@ -184,7 +184,10 @@ class Watched:
                     + " [{elapsed}<{remaining}{postfix}]"
                 )
             else:
-                form = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} [{elapsed}<{remaining}{postfix}]"
+                form = (
+                    "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt}"
+                    " [{elapsed}<{remaining}{postfix}]"
+                )
             quiet = type(
                 "Bar", (tqdm,), {"monitor_interval": 0}
             )  # no thread that watches it: threads and forks don't mix

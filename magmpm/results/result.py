@@ -39,15 +39,23 @@ def versions() -> dict[str, str]:
 
 # How to cite, in words: as CITATION.cff says it.
 CITATION = (
-    "The magmpm developers (2026). magmpm: simulation and computational design of magnetic soft robots with the material point method, "
-    "version 0.1.0, MIT license."
+    "The magmpm developers (2026). magmpm: simulation and computational design of magnetic soft"
+    " robots with the material point method, version 0.1.0, MIT license."
 )
 SOURCES = (
-    "T. Akiba, S. Sano, T. Yanase, T. Ohta, M. Koyama: Optuna: a next-generation hyperparameter optimization framework. KDD 2019. "
-    "doi:10.1145/3292500.3330701 (the search)",
-    "S. K. Lam, A. Pitrou, S. Seibert: Numba: a LLVM-based Python JIT compiler. LLVM-HPC 2015. doi:10.1145/2833157.2833162 (the kernels)",
-    "R. Zhao, Y. Kim, S. A. Chester, P. Sharma, X. Zhao: Mechanics of hard-magnetic soft materials. J. Mech. Phys. Solids 124 (2019) 244. "
-    "doi:10.1016/j.jmps.2018.10.008 (the magnetic stress)",
+    (
+        "T. Akiba, S. Sano, T. Yanase, T. Ohta, M. Koyama: Optuna: a next-generation hyperparameter"
+        " optimization framework. KDD 2019. doi:10.1145/3292500.3330701 (the search)"
+    ),
+    (
+        "S. K. Lam, A. Pitrou, S. Seibert: Numba: a LLVM-based Python JIT compiler. LLVM-HPC 2015."
+        " doi:10.1145/2833157.2833162 (the kernels)"
+    ),
+    (
+        "R. Zhao, Y. Kim, S. A. Chester, P. Sharma, X. Zhao: Mechanics of hard-magnetic soft"
+        " materials. J. Mech. Phys. Solids 124 (2019) 244. doi:10.1016/j.jmps.2018.10.008 (the"
+        " magnetic stress)"
+    ),
 )  # what a study stands on
 _LATER: dict[str, Any] = {  # what results saved by earlier versions lack
     "load_share": 1.0,
@@ -111,7 +119,9 @@ def _unreadable(folder: Path, error: Exception) -> str:
     return report(
         f"{folder / damaged}: the saved result can't be read ({what})",
         rule="must be whole, as `magmpm run` or `magmpm design` wrote it",
-        remedy="run the scene again, or for a design of a study `magmpm design`, which makes it anew",
+        remedy=(
+            "run the scene again, or for a design of a study `magmpm design`, which makes it anew"
+        ),
     )
 
 
@@ -135,7 +145,9 @@ class Result:
     particle_det_F: Array  # (n,), no unit
     segment_center: Array  # (k, 3) m, deformed
     segment_remanence: Array  # (k, 3) T, mean of F Br, or R Br
-    grid_correction: Array  # (planes, m) m, spline coefficients of what the solve added to the rod's shape: another run's start
+    # (planes, m) m, spline coefficients of what the solve added to the rod's shape: another run's
+    # start
+    grid_correction: Array
     centreline: Array  # (2 cells + 1, 4) m
     tip: Array | None  # (3,) m
     field: Array  # (3,) T
@@ -157,7 +169,9 @@ class Result:
     )  # s, the bounds on the time step at the start
     formulation: str = "static"  # or quasi_static, total; of old files, updated
     kinetic_energy: float = 0.0  # J
-    load_share: float = 1.0  # no unit: part of the load (field, weight) that an equilibrium carries: less if the solve failed on the way
+    # no unit: part of the load (field, weight) that an equilibrium carries: less if the solve
+    # failed on the way
+    load_share: float = 1.0
     failure: str = (
         ""  # why the run stopped early; then this is not the answer but the last good state
     )
@@ -169,12 +183,14 @@ class Result:
         default_factory=list
     )  # where a branch of equilibria ended: see docs/motion.md
     tightest_radius: float | None = (
-        None  # m, of the bent axis, of a motion in any frame; None: straight, or a body without an axis
+        # m, of the bent axis, of a motion in any frame; None: straight, or a body without an axis
+        None
     )
     # No unit: smallest eigenvalue of the tangent over that of the unloaded body: 1 at rest, 0 at a critical load; None: not known (motion).
     stability: float | None = None
     error_estimate: float | None = (
-        None  # m: bound of the error that the grid leaves, where the scene requests an error or a time
+        # m: bound of the error that the grid leaves, where the scene requests an error or a time
+        None
     )
     resolution: dict[str, Any] | None = (
         None  # what was chosen for it, and how: see docs/accuracy.md
@@ -189,13 +205,17 @@ class Result:
         """One line: how the run ended, the tip or how far parts have moved, det F, what it cost, and how many warnings it has."""
         how = {
             "static": "equilibrium in {} Newton steps",
-            "quasi_static": f"{len(self.steps)} equilibria until {quantity(self.time, 's')}, the last in {{}} Newton steps",
+            "quasi_static": (
+                f"{len(self.steps)} equilibria until {quantity(self.time, 's')}, the last in {{}}"
+                " Newton steps"
+            ),
         }.get(self.formulation, f"motion of {quantity(self.time, 's')} in {{}} steps")
         ended = how.format(self.iterations) + ("" if self.converged else ", NOT CONVERGED")
         warned = f", {count(len(self.warnings), 'warning')}" if self.warnings else ""
         return (
-            f"Result({self.name!r}: {ended}, {self._where()}, det F {self.min_det_F:.4f} to {self.max_det_F:.4f}, "
-            f"{self.dof} unknowns, {quantity(self.seconds.get('solve', 0.0), 's')}{warned})"
+            f"Result({self.name!r}: {ended}, {self._where()}, det F {self.min_det_F:.4f} to"
+            f" {self.max_det_F:.4f}, {self.dof} unknowns,"
+            f" {quantity(self.seconds.get('solve', 0.0), 's')}{warned})"
         )
 
     def _where(self) -> str:

@@ -42,7 +42,8 @@ class RunFolder:
     """The folder that a scene's results go to. Whoever writes it holds its lock (magmpm.results.folder_lock)."""
 
     def __init__(self, path: Path | str, scene: Scene, scene_file: Path | str) -> None:
-        self.path, self.scene = Path(path), scene
+        self.path = Path(path)
+        self.scene = scene
         self.scene_file = Path(scene_file).resolve()
         self.written = False  # whether a motion of this run is there: one that began, or goes on
 
@@ -61,7 +62,10 @@ class RunFolder:
             f"{self.path}: holds the results of another scene, {holder}",
             received=f"{self.scene.name} ({self.scene_file})",
             rule="a folder of results belongs to one scene",
-            remedy=f"use another folder, say, --out {other}; or --overwrite, which removes those results",
+            remedy=(
+                f"use another folder, say, --out {other}; or --overwrite, which removes those"
+                " results"
+            ),
         )
 
     def holding(self) -> str:
@@ -108,10 +112,8 @@ class RunFolder:
 
     def save_failed(self, result: Result) -> Path:
         """The last good state of a run that failed, marked as such. Returns the folder it is in."""
-        moving, waiting = (
-            result.formulation != "static" and self.written,
-            (self.path / EARLIER).is_dir(),
-        )
+        moving = result.formulation != "static" and self.written
+        waiting = (self.path / EARLIER).is_dir()
         if not moving and waiting and not (self.path / CHECKPOINT).exists():
             self.put_back()
         if waiting if moving else _worth_keeping(self.path):

@@ -66,15 +66,18 @@ class Strain:
         found = []
         if self.stretched > SHARE:
             found.append(
-                f"strain: {100 * self.stretched:.3g} % of the volume is stretched to more than {STRETCH:g} times its length (at most "
-                f"{self.stretch:.3g} times{when}), where the neo-Hookean law no longer follows silicone; {REMEDY}"
+                f"strain: {100 * self.stretched:.3g} % of the volume is stretched to more than"
+                f" {STRETCH:g} times its length (at most {self.stretch:.3g} times{when}), where the"
+                f" neo-Hookean law no longer follows silicone; {REMEDY}"
             )
         if self.swollen > SHARE:
             found.append(
-                f"strain: {100 * self.swollen:.3g} % of the volume has a det F below {1 - VOLUME:g} or above {1 + VOLUME:g} (it is "
-                f"{self.min_det_F:.3g} to {self.max_det_F:.3g}), where silicone would keep its volume; raise bulk_to_shear, or {REMEDY}"
+                f"strain: {100 * self.swollen:.3g} % of the volume has a det F below {1 - VOLUME:g}"
+                f" or above {1 + VOLUME:g} (it is {self.min_det_F:.3g} to {self.max_det_F:.3g}),"
+                f" where silicone would keep its volume; raise bulk_to_shear, or {REMEDY}"
             )
-        thickness, tube = model.scene.thickness, model.scene.body.catheter
+        thickness = model.scene.thickness
+        tube = model.scene.body.catheter
         kinks = (
             0.0
             if tube is None
@@ -82,8 +85,8 @@ class Strain:
         )
         if model.line is not None and self.radius < thickness:
             found.append(
-                f"strain: the axis is bent to a radius of {1e3 * self.radius:.3g} mm, less than the body is thick, {1e3 * thickness:.3g} "
-                f"mm: its inner side is crushed; {REMEDY}"
+                f"strain: the axis is bent to a radius of {1e3 * self.radius:.3g} mm, less than the"
+                f" body is thick, {1e3 * thickness:.3g} mm: its inner side is crushed; {REMEDY}"
             )
         elif model.line is not None and kinks > self.radius:
             hidden = (
@@ -92,8 +95,9 @@ class Strain:
                 else ", which cells larger than the wall do not show"
             )
             found.append(
-                f"strain: the tube is bent to a radius of {1e3 * self.radius:.3g} mm; from {1e3 * kinks:.3g} mm on its section flattens "
-                f"and it kinks (Brazier){hidden}; thicken the wall, or bend it less"
+                f"strain: the tube is bent to a radius of {1e3 * self.radius:.3g} mm; from"
+                f" {1e3 * kinks:.3g} mm on its section flattens and it kinks (Brazier){hidden};"
+                " thicken the wall, or bend it less"
             )
         return found
 
@@ -123,7 +127,8 @@ def strain_of(model: Model, position: Array, F: Array, time: float | None = None
     Stretches are computed where they may exceed the limit, and for the particle with the largest tr F^T F.
     """
     volume = model.particles.volume
-    J, squares = np.empty(len(F)), np.empty(len(F))
+    J = np.empty(len(F))
+    squares = np.empty(len(F))
     _invariants(F, J, squares)
     least = (
         STRETCH**2 + 2.0 * J / STRETCH
@@ -155,6 +160,7 @@ def _invariants(F, J, squares):  # type: ignore[no-untyped-def]
 
 def _slices(model: Model, position: Array) -> Array:
     """Mean position (cells, 3) m of what is in each slice of cells along a straight body."""
-    of, volume = model.particles.cell[:, 0], model.particles.volume
+    of = model.particles.cell[:, 0]
+    volume = model.particles.volume
     whole = np.bincount(of, volume)
     return np.stack([np.bincount(of, volume * x) / whole for x in position.T], axis=1)

@@ -39,7 +39,8 @@ from magmpm.results.motion_tables import (
 from magmpm.results.whole_file import write_json
 
 _KEEP_FREE = 16_000_000  # bytes of the disk left to others
-_OVERHEAD = 65_536  # bytes a frame takes besides its arrays, at most: index of the chunks, steps, rows of the tables
+# bytes a frame takes besides its arrays, at most: index of the chunks, steps, rows of the tables
+_OVERHEAD = 65_536
 
 
 class MotionWriter:
@@ -66,15 +67,11 @@ class MotionWriter:
         self.path = self.folder / MOTION
         self.max_disk = max_disk
         particles = model.particles
-        reference, remanence = (
-            np.array(particles.position, dtype=float),
-            np.array(model.remanence[:, :3], dtype=float),
-        )
+        reference = np.array(particles.position, dtype=float)
+        remanence = np.array(model.remanence[:, :3], dtype=float)
         self._arrays = FrameArrays(reference, remanence, getattr(model, "rotating", None))
-        self._energies, self._contacts = (
-            GrowingTable(self.folder / ENERGIES),
-            GrowingTable(self.folder / CONTACTS),
-        )
+        self._energies = GrowingTable(self.folder / ENERGIES)
+        self._contacts = GrowingTable(self.folder / CONTACTS)
         self._positions = GrowingTable(self.folder / POSITIONS)
         self._parts = _shares_of_parts(model)
         if resume_at is not None:
@@ -158,20 +155,21 @@ class MotionWriter:
         needed = _OVERHEAD if self.frames < self._file.places else self.frame_size
         at = f"after {self.frames} frames, before the one at t = {time:g} s"
         remedy = (
-            "remedy: a larger output_every writes fewer frames, fewer resolution.cells_across make them smaller; "
-            f"what was written so far is whole: {self.path}"
+            "remedy: a larger output_every writes fewer frames, fewer resolution.cells_across make"
+            f" them smaller; what was written so far is whole: {self.path}"
         )
         if self.max_disk is not None and self.size + needed > self.max_disk:
             raise BudgetError(
-                f"solver.dynamic.max_disk: received {_bytes(self.max_disk)}; the motion takes {_bytes(self.size)} {at}, "
-                f"which would add {_bytes(needed)}\n  rule: the motion's files must stay within max_disk\n"
-                f"  {remedy}; or raise max_disk"
+                f"solver.dynamic.max_disk: received {_bytes(self.max_disk)}; the motion takes"
+                f" {_bytes(self.size)} {at}, which would add {_bytes(needed)}\n  rule: the motion's"
+                f" files must stay within max_disk\n  {remedy}; or raise max_disk"
             )
         free = shutil.disk_usage(self.folder).free
         if free < needed + _KEEP_FREE:
             raise BudgetError(
-                f"{self.folder}: the disk is full: {_bytes(free)} are free {at}, which would add {_bytes(needed)}\n"
-                f"  rule: {_bytes(_KEEP_FREE)} of the disk are left to others\n  {remedy}"
+                f"{self.folder}: the disk is full: {_bytes(free)} are free {at}, which would add"
+                f" {_bytes(needed)}\n  rule: {_bytes(_KEEP_FREE)} of the disk are left to others\n "
+                f" {remedy}"
             )
 
     def _reserve(self) -> None:
@@ -190,9 +188,11 @@ class MotionWriter:
                 if error.errno in (errno.EOPNOTSUPP, errno.EINVAL):
                     return  # a file system that can't
                 raise BudgetError(
-                    f"{self.path}: {error.strerror} after {self.frames} frames, before one more of up to {_bytes(self.frame_size)}\n"
-                    "  rule: the motion must fit on the disk, and within the system's limits for this user\n"
-                    f"  remedy: a larger output_every writes fewer frames; what was written so far is whole: {self.path}"
+                    f"{self.path}: {error.strerror} after {self.frames} frames, before one more of"
+                    f" up to {_bytes(self.frame_size)}\n  rule: the motion must fit on the disk,"
+                    " and within the system's limits for this user\n  remedy: a larger"
+                    " output_every writes fewer frames; what was written so far is whole:"
+                    f" {self.path}"
                 ) from error
 
     def _tell_about(self, model: Any) -> None:
@@ -214,7 +214,10 @@ class MotionWriter:
                 str(self.path),
                 received=f"{len(times)} frames up to the checkpoint",
                 rule=f"a motion goes on from the {frames} frames it had then, all of them",
-                remedy="put back the file that belongs to the checkpoint, or run again without --resume",
+                remedy=(
+                    "put back the file that belongs to the checkpoint, or run again without"
+                    " --resume"
+                ),
             )
         must_have(self._energies.path, read_energies(self._energies.path), times)
         found = read_contacts(self._contacts.path)
@@ -255,22 +258,24 @@ class Frame:
     def __repr__(self) -> str:
         """One line: its number, time, particles, and the names of its quantities."""
         named = ", ".join(self.quantities) or "no quantities"
-        return f"Frame({self.number} at {quantity(self.time, 's')}: {len(self.position)} particles; {named})"
+        return (
+            f"Frame({self.number} at {quantity(self.time, 's')}: {len(self.position)} particles;"
+            f" {named})"
+        )
 
 
 def _read_about(path: Path) -> tuple[str, dict[str, Any] | None]:
     """Name and scene of a motion. Raises InputError."""
     try:
         about = json.loads(path.read_text(encoding="utf-8"))
-        name, scene = about["name"], about["scene"]
+        name = about["name"]
+        scene = about["scene"]
         if not isinstance(name, str) or not isinstance(scene, dict | None):
             raise ValueError("it holds no name and scene")
         return name, scene
     except (OSError, KeyError, TypeError, ValueError) as error:
-        rule, remedy = (
-            "must be as the motion's run wrote it",
-            "run the scene again with --resume, which writes it anew, or without",
-        )
+        rule = "must be as the motion's run wrote it"
+        remedy = "run the scene again with --resume, which writes it anew, or without"
         raise InputError(f"{path}: can't be read ({error})", rule=rule, remedy=remedy) from None
 
 
@@ -315,14 +320,17 @@ class Motion:
         path = folder / MOTION
         if not path.exists():
             raise InputError(
-                f"{folder}: holds no motion ({MOTION} is missing); give the folder that `magmpm run` named for a dynamic scene"
+                f"{folder}: holds no motion ({MOTION} is missing); give the folder that `magmpm"
+                " run` named for a dynamic scene"
             )
         try:
             vtkhdf.mend(path)
             times, fields, static = vtkhdf.steady(path, lambda file: _whole(path, file))
             name, scene = _read_about(folder / ABOUT)
-            energies, contacts = read_energies(folder / ENERGIES), read_contacts(folder / CONTACTS)
-            steps, jumps = read_steps(folder / STEPS), read_jumps(folder / JUMPS)
+            energies = read_energies(folder / ENERGIES)
+            contacts = read_contacts(folder / CONTACTS)
+            steps = read_steps(folder / STEPS)
+            jumps = read_jumps(folder / JUMPS)
             positions = read_positions(folder / POSITIONS)
             must_have(folder / ENERGIES, energies, times, lacking=1)
             for found in positions.values():
@@ -355,7 +363,10 @@ class Motion:
     def __repr__(self) -> str:
         """One line: how many frames of how many particles, the times, and where they are."""
         last = quantity(float(self.times[-1]), "s") if len(self) else "none yet"
-        return f"Motion({self.name!r}: {len(self)} frames of {len(self.reference)} particles, the last at {last}, in {self.folder})"
+        return (
+            f"Motion({self.name!r}: {len(self)} frames of {len(self.reference)} particles, the last"
+            f" at {last}, in {self.folder})"
+        )
 
     def _repr_html_(self) -> str:
         """Drawing of the path of the body's middle, and its times, as notebooks show it."""
@@ -391,7 +402,8 @@ class Motion:
 
     def position(self, number: int) -> Numbers:
         """Positions (n, 3) m of the frame with this number, which may be negative as in motion[number]. Raises IndexError."""
-        k, path = self._counted(number), self.folder / MOTION
+        k = self._counted(number)
+        path = self.folder / MOTION
         return vtkhdf.steady(path, lambda file: vtkhdf.read_arrays(path, file, k, ["Points"]))[
             "Points"
         ]

@@ -35,7 +35,9 @@ _FORMAT = ("v110", "v110")
 _TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
 _AHEAD = 64  # frames by which arrays and rows are extended at a time: a chunk of the rows
 _MOMENT = 0.02  # s between two looks at a file
-_TIMES, _FIELD, _COUNT = "VTKHDF/Steps/Values", "VTKHDF/FieldData/field", "NSteps"
+_TIMES = "VTKHDF/Steps/Values"
+_FIELD = "VTKHDF/FieldData/field"
+_COUNT = "NSteps"
 _SUMS = "magmpm/checksum"
 
 
@@ -43,8 +45,10 @@ class FrameFile:
     """A file of frames, open only while one is written. n: particles; frames: written so far; places: frames with room on the disk."""
 
     def __init__(self, path: Path, n: int, frames: int = 0, places: int = 0) -> None:
-        self.path, self.n = path, n
-        self.frames, self.places = frames, places
+        self.path = path
+        self.n = n
+        self.frames = frames
+        self.places = places
         self.last = -np.inf  # s, time of the last frame
         self._rows = frames  # rows that the file has
 
@@ -70,8 +74,9 @@ class FrameFile:
             particles = int(file["VTKHDF/NumberOfPoints"][0])
             if particles != n or set(stored) != set(QUANTITIES):
                 raise InputError(
-                    f"{path}: holds another motion ({particles} particles, {', '.join(stored)}), not "
-                    f"this one's ({n} particles, {', '.join(QUANTITIES)}); resume with the scene it began with"
+                    f"{path}: holds another motion ({particles} particles, {', '.join(stored)}),"
+                    f" not this one's ({n} particles, {', '.join(QUANTITIES)}); resume with the"
+                    " scene it began with"
                 )
             count = int(file["VTKHDF/Steps"].attrs[_COUNT])
             kept = int(np.count_nonzero(file[_TIMES][:count] <= until * (1 + 1e-12)))
@@ -80,14 +85,16 @@ class FrameFile:
             rows = len(file[_SUMS])
         _count_only(path, kept)
         resumed = cls(path, n, kept, count)
-        resumed.last, resumed._rows = last, rows
+        resumed.last = last
+        resumed._rows = rows
         return resumed
 
     def append(self, time: float, arrays: Mapping[str, Numbers], field: Array) -> None:
         """Add a frame: time s, later than the last; Points (n, 3) m and every quantity; field (3,) T. Raises ValueError, OSError."""
         if time <= self.last:
             raise ValueError(f"frame at t = {time} s, but the last one is at {self.last} s")
-        k, names = self.frames, ("Points", *QUANTITIES)
+        k = self.frames
+        names = ("Points", *QUANTITIES)
         moment = np.array([time, *field], dtype=float)
         sums = [_sum(moment), *(_sum(arrays[name]) for name in names)]
         identifier = _open_for_growth(self.path)
@@ -111,7 +118,9 @@ class FrameFile:
 
     def _lengthen(self, identifier: Any) -> None:
         """Extend the file for more frames, and write the rows that are known beforehand."""
-        file, first, n = h5py.File(identifier), self._rows, self.n
+        file = h5py.File(identifier)
+        first = self._rows
+        n = self.n
         count = first + _AHEAD
         steps = np.arange(first, count)
         points = steps * n
@@ -138,7 +147,8 @@ class FrameFile:
 
 
 def _write_head(file: h5py.File, n: int, static: Mapping[str, NDArray[Any]]) -> None:
-    integer, number = np.dtype(np.int64), np.dtype(float)
+    integer = np.dtype(np.int64)
+    number = np.dtype(float)
     root = file.create_group("VTKHDF")
     root.attrs["Version"] = np.array([2, 1])
     root.attrs.create("Type", np.bytes_("PolyData"))
@@ -157,7 +167,8 @@ def _write_head(file: h5py.File, n: int, static: Mapping[str, NDArray[Any]]) -> 
         _row_of(steps, name, (), integer)
     for name in ("CellOffsets", "ConnectivityIdOffsets"):
         _row_of(steps, name, (len(_TOPOLOGIES),), integer)
-    data, offsets = root.create_group("PointData"), steps.create_group("PointDataOffsets")
+    data = root.create_group("PointData")
+    offsets = steps.create_group("PointDataOffsets")
     for name, components in QUANTITIES.items():
         _growing(file, name, n, components)
     for name in STATIC:
@@ -196,7 +207,8 @@ def _row_of(group: Any, name: str, tail: tuple[int, ...], dtype: np.dtype[Any]) 
 
 
 def _write_row(identifier: Any, name: str, k: int, values: Any, *, grow: bool = False) -> None:
-    dataset, row = h5py.h5d.open(identifier, name.encode()), np.atleast_1d(values)[None]
+    dataset = h5py.h5d.open(identifier, name.encode())
+    row = np.atleast_1d(values)[None]
     if grow:
         dataset.set_extent((k + 1,))
     space = dataset.get_space()
@@ -254,10 +266,8 @@ def read_arrays(
     path: Path, file: h5py.File, k: int, names: Iterable[str] | None = None
 ) -> dict[str, Numbers]:
     """Points and quantities of frame k by name, or those named. Raises InputError where they are not as they were written."""
-    n, stored = (
-        int(file["VTKHDF/NumberOfPoints"][0]),
-        [str(name) for name in file["magmpm"].attrs["quantities"]],
-    )
+    n = int(file["VTKHDF/NumberOfPoints"][0])
+    stored = [str(name) for name in file["magmpm"].attrs["quantities"]]
     sums = file[_SUMS][k]
     found = {}
     for name in ("Points", *stored) if names is None else names:
@@ -308,9 +318,11 @@ def opened(path: Path) -> h5py.File:
     begun = since = clock.monotonic()
     seen = None
     while True:
-        now, state = clock.monotonic(), state_of(path)
+        now = clock.monotonic()
+        state = state_of(path)
         if state != seen:
-            seen, since = state, now
+            seen = state
+            since = now
         try:
             return self_contained(path, h5py.File(path, "r", locking=False))
         except OSError:

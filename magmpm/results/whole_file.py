@@ -60,13 +60,9 @@ def explained(error: OSError, kept: str = "") -> str:
         rule = "what is written needs room on the disk, within the system's limits for this user"
         remedy = "free room, or write to another disk"
     elif error.errno in REFUSED:
-        rule, remedy = (
-            "it must be possible to write there",
-            "use another folder, or see to its permissions",
-        )
+        rule = "it must be possible to write there"
+        remedy = "use another folder, or see to its permissions"
     else:
-        rule, remedy = (
-            "files must stay within reach while a command runs",
-            "see that the disk is there and healthy, then run it again",
-        )
+        rule = "files must stay within reach while a command runs"
+        remedy = "see that the disk is there and healthy, then run it again"
     return report(place, rule=rule, remedy=f"{remedy}{kept}")

@@ -43,8 +43,9 @@ def kink_warning(scene: Scene) -> str | None:
     if bent * limit <= BORNE:
         return None
     return (
-        f"the tube will kink: the load bends it with {bent * limit / BORNE:.2g} times the moment that its wall bears before the section "
-        "flattens (Brazier); the solve may take long and fail; thicken the wall, or bend it less"
+        f"the tube will kink: the load bends it with {bent * limit / BORNE:.2g} times the moment"
+        " that its wall bears before the section flattens (Brazier); the solve may take long and"
+        " fail; thicken the wall, or bend it less"
     )
 
 
@@ -68,7 +69,8 @@ def first_frequency(scene: Scene) -> float:
 def weight_in_motion(scene: Scene) -> float:
     """The way (m) that the weight of a body in motion moves it, about: of its rest in the field of some moments, what it reaches of that in
     time. Raises SolveError where its rod finds no rest."""
-    still, moved = without_motion(scene), 0.0
+    still = without_motion(scene)
+    moved = 0.0
     for time in np.linspace(0.0, scene.duration, MOMENTS).tolist():
         heavy, light = (
             solve_rod(one, time=time).position for one in (_heavy(still, Gravity()), still)
@@ -86,12 +88,15 @@ def _heavy(scene: Scene, gravity: Gravity) -> Scene:
 
 def _reached(scene: Scene) -> float:
     """Part of its rest that the first bending reaches in the scene's time under a sudden load: x'' + c x' + w^2 (x - 1) = 0."""
-    w, named = first_frequency(scene), scene.effects
+    w = first_frequency(scene)
+    named = scene.effects
     softest = min(scene.materials[region.material_name].shear_modulus for region in scene.regions())
     lost = 0.0 if named.viscosity is None else named.viscosity.viscosity / softest  # s
     c = (0.0 if named.damping is None else named.damping.rate) + w**2 * lost
     root = np.sqrt(complex(c**2 / 4 - w**2) + 1e-9 * w**2)
-    slow, fast, t = root - c / 2, -root - c / 2, np.linspace(0.0, scene.duration, 200)
+    slow = root - c / 2
+    fast = -root - c / 2
+    t = np.linspace(0.0, scene.duration, 200)
     return float(
         (1.0 - (slow * np.exp(fast * t) - fast * np.exp(slow * t)) / (slow - fast)).real.max()
     )

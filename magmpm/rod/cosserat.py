@@ -33,7 +33,8 @@ from magmpm.materials import poisson_ratio, young_modulus
 from magmpm.rod.kernels import frames_of, relax
 from magmpm.scene import Scene
 
-ELEMENTS = 180  # elastica to 1e-4 in deflection and angle, also past buckling (second order: 120 gives 2e-4)
+# elastica to 1e-4 in deflection and angle, also past buckling (second order: 120 gives 2e-4)
+ELEMENTS = 180
 MOST_TURNS = 40  # iterations of a fixed point
 FOLLOWED = 1e-4  # of the length: accuracy that a start needs
 Surroundings = Callable[[Array, Array], tuple[Array, Array]]
@@ -138,7 +139,8 @@ def rod_model(
     section = body.section(G, young_modulus(G, K), poisson_ratio(G, K))
     area = section.area
     density = np.array([material.density or 0.0 for material in materials])
-    torque, gravity = scene.effects.magnetic_torque, scene.effects.gravity
+    torque = scene.effects.magnetic_torque
+    gravity = scene.effects.gravity
     magnetized = scene.region_remanence() * (0.0 if torque is None else area / MU0)
     length = (lengths / counts)[of]
     acceleration = np.zeros(3) if gravity is None else np.array(gravity.acceleration)
@@ -179,7 +181,8 @@ def along_rod(scene: Scene, rod: RodModel, time: float | None) -> Surroundings:
     pulls = scene.effects.magnetic_force is not None
 
     def along(position: Array, frames: Array) -> tuple[Array, Array]:
-        field, force = source.at(base + position, time), np.zeros((len(rod.length), 3))
+        field = source.at(base + position, time)
+        force = np.zeros((len(rod.length), 3))
         if pulls:
             gradient = source.gradient(base + position, time)
             for side in (slice(None, -1), slice(1, None)):
@@ -200,7 +203,8 @@ def solve_rod_model(
     """
     if surroundings is not None:
         return _follow(rod, surroundings)
-    quaternions, total = rod.straight(), 0
+    quaternions = rod.straight()
+    total = 0
     if loads is None:
         loads = np.linspace(0.0, 1.0, _steps(rod) + 1)[1:]
     for factor in loads:
@@ -209,7 +213,8 @@ def solve_rod_model(
         total += steps
         if status != 0:
             raise SolveError(
-                f"the rod found no equilibrium at {100 * factor:.0f} % of the load within {steps} steps"
+                f"the rod found no equilibrium at {100 * factor:.0f} % of the load within {steps}"
+                " steps"
             )
     return loaded.shape(quaternions, total, energy, stable)
 
@@ -220,7 +225,8 @@ def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
     position = s[:, None] * np.array([1.0, 0.0, 0.0])
     field, force = surroundings(position, np.tile(np.eye(3), (len(s), 1, 1)))
     first = replace(rod, field=field, weight=rod.weight + _beyond(force))
-    quaternions, total = rod.straight(), 0
+    quaternions = rod.straight()
+    total = 0
     loads = np.linspace(0.0, 1.0, max(_steps(first), 6) + 1)[
         1:
     ]  # load steps in a field that depends on the shape
@@ -236,15 +242,18 @@ def _follow(rod: RodModel, surroundings: Surroundings) -> RodShape:
             share = (
                 1.0 if turn < MOST_TURNS // 2 else 0.5
             )  # damp a rod that alternates between two sides
-            field, force = field + share * (new_field - field), force + share * (new_force - force)
-            moved, position = np.abs(found.position - position).max(), found.position
+            field = field + share * (new_field - field)
+            force = force + share * (new_force - force)
+            moved = np.abs(found.position - position).max()
+            position = found.position
             if moved < (FOLLOWED if factor == 1.0 else 20 * FOLLOWED) * s[-1]:
                 break
         else:
             status = 1
         if status != 0:
             raise SolveError(
-                f"the rod found no equilibrium at {100 * factor:.0f} % of the load in a field that varies"
+                f"the rod found no equilibrium at {100 * factor:.0f} % of the load in a field that"
+                " varies"
             )
     return found
 

@@ -43,8 +43,16 @@ def _clear(a):
 @compiled
 def _add_change(h, fields, m, c, changes, work, out):
     """out -= h times the change of a potential's gradient. fields: b, w (2, 3); changes: dm, db, dw (3, 3), all in the frame."""
-    b, w, dm, db, dw = fields[0], fields[1], changes[0], changes[1], changes[2]
-    f, Cf, df, Cdf, axis = work[0], work[1], work[2], work[3], work[4]
+    b = fields[0]
+    w = fields[1]
+    dm = changes[0]
+    db = changes[1]
+    dw = changes[2]
+    f = work[0]
+    Cf = work[1]
+    df = work[2]
+    Cdf = work[3]
+    axis = work[4]
     for i in range(3):
         f[i] = w[i] + m[0] * b[i]
         df[i] = dw[i] + dm[0] * b[i] + m[0] * db[i]
@@ -68,7 +76,8 @@ def _imaginary(a, d, factor, out):
 @compiled
 def _between(p, q, a, b, mid):
     """Frame half-way between two, mid, and by what their rotations (own axes) turn it: Im(a (0, d_p) + b (0, d_q))."""
-    dot, size = 0.0, 0.0
+    dot = 0.0
+    size = 0.0
     for i in range(4):
         dot += p[i] * q[i]
     sign = 1.0 if dot >= 0 else -1.0
@@ -92,16 +101,17 @@ def _element(q, e, length, c, m0, field, weight, A, P, Q):
 
     P without its factor m0 answers to the weights. The span is Simpson's rule over the frames and the one half-way of R (e_1 + C f).
     """
-    R, mid, ra, rb = np.empty((3, 3)), np.empty(4), np.empty(4), np.empty(4)
-    b, w, v, Cb, turn, dv, span = (
-        np.empty(3),
-        np.empty(3),
-        np.empty(3),
-        np.empty(3),
-        np.empty(3),
-        np.empty(3),
-        np.empty(3),
-    )
+    R = np.empty((3, 3))
+    mid = np.empty(4)
+    ra = np.empty(4)
+    rb = np.empty(4)
+    b = np.empty(3)
+    w = np.empty(3)
+    v = np.empty(3)
+    Cb = np.empty(3)
+    turn = np.empty(3)
+    dv = np.empty(3)
+    span = np.empty(3)
     unit = np.zeros(3)
     for side in range(2):
         _clear(A[side])
@@ -154,8 +164,11 @@ def _element(q, e, length, c, m0, field, weight, A, P, Q):
 @compiled
 def _right_side(frames, length, C, moment, field, weight, sizes, shares, column, x):
     """x (n + 1, 3): minus the change of the gradient for a column."""
-    fields, changes, work = np.empty((2, 3)), np.empty((3, 3)), np.empty((5, 3))
-    group, j = column // 3, column % 3
+    fields = np.empty((2, 3))
+    changes = np.empty((3, 3))
+    work = np.empty((5, 3))
+    group = column // 3
+    j = column % 3
     moments = len(sizes)
     _clear(x)
     for e in range(len(length)):
@@ -180,8 +193,10 @@ def _right_side(frames, length, C, moment, field, weight, sizes, shares, column,
 def _add_column(spans, moment, sizes, shares, column, slopes):
     """Positions' slopes, slopes[1] (n + 1, 3), of a column from the rotations slopes[0] and the elements' answers `spans`."""
     A, P, Q = spans
-    turn, place = slopes[0], slopes[1]
-    group, j = column // 3, column % 3
+    turn = slopes[0]
+    place = slopes[1]
+    group = column // 3
+    j = column % 3
     moments = len(sizes)
     for i in range(3):
         place[0, i] = 0.0
@@ -207,12 +222,17 @@ def _add_column(spans, moment, sizes, shares, column, slopes):
 def _slopes(q, length, D, C, moment, field, weight, sizes, shares, frames, slopes):
     """All columns: slopes (columns, 2, n + 1, 3), of the rotations (rad, own axes) and of the positions. False: no minimum."""
     n = len(length)
-    g, Hd, Ho = np.empty((n + 1, 3)), np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
-    Ld, Lo = np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
+    g = np.empty((n + 1, 3))
+    Hd = np.empty((n + 1, 3, 3))
+    Ho = np.empty((n, 3, 3))
+    Ld = np.empty((n + 1, 3, 3))
+    Lo = np.empty((n, 3, 3))
     derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
     if not factor(Hd, Ho, 0.0, Ld, Lo):
         return False
-    A, P, Q = np.empty((n, 2, 3, 3)), np.empty((n, 2, 3, 3)), np.empty((n, 3))
+    A = np.empty((n, 2, 3, 3))
+    P = np.empty((n, 2, 3, 3))
+    Q = np.empty((n, 3))
     for e in range(n):
         _element(q, e, length[e], C[e], moment[e, 0], field, weight, A[e], P[e], Q[e])
     for column in range(len(slopes)):
@@ -261,9 +281,15 @@ def softest(q, length, D, C, moment, field, weight):
     By iterating x = H^-1 M x: turning about its own tangent has no mass, so H x = (eigenvalue) M x is taken the other way around.
     """
     n = len(length)
-    g, Hd, Ho = np.empty((n + 1, 3)), np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
-    Ld, Lo, frames = np.empty((n + 1, 3, 3)), np.empty((n, 3, 3)), np.empty((n + 1, 3, 3))
-    x, Mx, moved = np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 3))
+    g = np.empty((n + 1, 3))
+    Hd = np.empty((n + 1, 3, 3))
+    Ho = np.empty((n, 3, 3))
+    Ld = np.empty((n + 1, 3, 3))
+    Lo = np.empty((n, 3, 3))
+    frames = np.empty((n + 1, 3, 3))
+    x = np.empty((n + 1, 3))
+    Mx = np.empty((n + 1, 3))
+    moved = np.empty((n + 1, 3))
     for k in range(n + 1):
         matrix(q[k], frames[k])
         x[k, 0], x[k, 1], x[k, 2] = 0.1, 1.0, 0.6
@@ -276,10 +302,9 @@ def softest(q, length, D, C, moment, field, weight):
         mass = _dot(x, Mx)
         _scaled(Mx, 1.0, x)
         solve(Ld, Lo, x)
-        before, value = (
-            value,
-            mass / _dot(x, Mx),
-        )  # Rayleigh's quotient of the iteration before, from below its error squared
+        # Rayleigh's quotient of the iteration before, from below its error squared
+        before = value
+        value = mass / _dot(x, Mx)
         if abs(value - before) < 1e-4 * value:
             break
         _scaled(x, 1.0 / np.sqrt(_dot(x, x)), x)

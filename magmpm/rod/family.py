@@ -50,7 +50,8 @@ class RodFamily:
 
     def stability(self, quaternions: Array, directions: Array, field: Array) -> float:
         """Smallest eigenvalue of one rod (n + 1, 4) over the unloaded rod's: 1 at rest, 0 at a critical load. field (3,) T: added."""
-        rod, none = self.rod, np.zeros_like(self.rod.field)
+        rod = self.rod
+        none = np.zeros_like(self.rod.field)
         at_rest = softest(
             rod.straight(), rod.length, rod.twist_bend, rod.compliance, 0.0 * rod.moment, none, none
         )
@@ -70,7 +71,8 @@ class RodFamily:
 
     def shape(self, quaternions: Array, directions: Array, field: Array) -> RodShape:
         """One rod (n + 1, 4) in equilibrium with directions (k, 3) and an added field (3,) T: what the body's solve begins from."""
-        q, moment = quaternions.copy(), np.ascontiguousarray(self.moments(directions[None])[0])
+        q = quaternions.copy()
+        moment = np.ascontiguousarray(self.moments(directions[None])[0])
         rod = replace(self.rod, moment=moment, field=self.rod.field + field)
         return rod.shape(q, *rod.relax(q)[1:])
 
@@ -102,12 +104,14 @@ class RodFamily:
         positions (rods, n + 1, 3) m; their slopes (rods, n + 1, 3, c), 3 k by the components of the directions, and 3 more by the field
         (per T) where one is given; found (rods,): whether it is a stable equilibrium. Slopes of others are not defined.
         """
-        rods, frames = len(quaternions), len(self.rod.length) + 1
+        rods = len(quaternions)
+        frames = len(self.rod.length) + 1
         added = np.zeros((rods, 1, 3)) if field is None else field[:, None, :]
         groups = 0 if field is None else 1
         shares = np.zeros((groups, 2, frames))
         shares[:, 0] = share
-        position, found = np.empty((rods, frames, 3)), np.empty(rods, dtype=bool)
+        position = np.empty((rods, frames, 3))
+        found = np.empty(rods, dtype=bool)
         slopes = np.zeros((rods, 3 * (len(self.sizes) + groups), 2, frames, 3))
         weight = np.tile(share * self.rod.weight, (rods, 1, 1))
         weight[:, :-1] += (
@@ -134,5 +138,6 @@ class RodFamily:
 
 def _rotated(quaternions: Array, vectors: Array) -> Array:
     """Vectors (..., 3) turned by unit quaternions (..., 4), scalar first."""
-    w, u = quaternions[..., :1], quaternions[..., 1:]
+    w = quaternions[..., :1]
+    u = quaternions[..., 1:]
     return np.asarray(vectors + 2 * np.cross(u, np.cross(u, vectors) + w * vectors))

@@ -15,7 +15,10 @@ LARGEST_TURN = 0.6  # rad: largest turn of a frame in one Newton step
 @compiled
 def matrix(q, R):
     """Write the rotation matrix of a unit quaternion to R (3, 3)."""
-    w, x, y, z = q[0], q[1], q[2], q[3]
+    w = q[0]
+    x = q[1]
+    y = q[2]
+    z = q[3]
     R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
     R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
     R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
@@ -38,8 +41,14 @@ def _turn(q, d, out):
     """out = q exp(d / 2), normalized."""
     angle = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
     s = 0.5 if angle < 1e-8 else np.sin(angle / 2) / angle
-    w, x, y, z = np.cos(angle / 2), s * d[0], s * d[1], s * d[2]
-    a, b, c, e = q[0], q[1], q[2], q[3]
+    w = np.cos(angle / 2)
+    x = s * d[0]
+    y = s * d[1]
+    z = s * d[2]
+    a = q[0]
+    b = q[1]
+    c = q[2]
+    e = q[3]
     out[0], out[1] = a * w - b * x - c * y - e * z, a * x + b * w + c * z - e * y
     out[2], out[3] = a * y - b * z + c * w + e * x, a * z + b * y - c * x + e * w
     size = np.sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2 + out[3] ** 2)
@@ -57,7 +66,10 @@ def _to_frame(R, v, out):
 @compiled
 def _energy(q, length, D, C, moment, field, weight):
     """Energy of the rod, J."""
-    R, z, b, w = np.empty((3, 3)), np.empty(4), np.empty(3), np.empty(3)
+    R = np.empty((3, 3))
+    z = np.empty(4)
+    b = np.empty(3)
+    w = np.empty(3)
     total = 0.0
     for e in range(len(length)):
         _relative(q[e], q[e + 1], z)
@@ -77,20 +89,24 @@ def _energy(q, length, D, C, moment, field, weight):
 @compiled
 def _add_potential(h, b, w, m, c, g, H):
     """Add gradient and Hessian, times h, of a frame's potential. b, w: field and weight in the frame; m: moment; c: compliance."""
-    f, Cf = np.empty(3), np.empty(3)
+    f = np.empty(3)
+    Cf = np.empty(3)
     for i in range(3):
         f[i] = w[i] + m[0] * b[i]
         Cf[i] = c[i] * f[i]
     bm = b[0] * m[0] + b[1] * m[1] + b[2] * m[2] + w[0]
     fCf = f[0] * Cf[0] + f[1] * Cf[1] + f[2] * Cf[2]
     for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        ej, ek = (1.0 if j == 0 else 0.0), (1.0 if k == 0 else 0.0)
+        j = (i + 1) % 3
+        k = (i + 2) % 3
+        ej = 1.0 if j == 0 else 0.0
+        ek = 1.0 if k == 0 else 0.0
         g[i] += h * (
             b[j] * m[k] - b[k] * m[j] + w[j] * ek - w[k] * ej + f[j] * Cf[k] - f[k] * Cf[j]
         )
         for n in range(3):
-            en, ei = (1.0 if n == 0 else 0.0), (1.0 if i == 0 else 0.0)
+            en = 1.0 if n == 0 else 0.0
+            ei = 1.0 if i == 0 else 0.0
             value = -0.5 * (
                 b[i] * m[n] + m[i] * b[n] + w[i] * en + ei * w[n] + Cf[i] * f[n] + f[i] * Cf[n]
             )
@@ -112,11 +128,14 @@ def _add_bending(a, b, length, D, z, ga, gb, Haa, Hbb, Hab, work):
     """Add gradient and Hessian of an element's bending and twist energy with respect to the rotations of its two frames."""
     _relative(a, b, z)
     w = z[0]
-    Ba, Bb, M = work[0], work[1], work[2, 0]
+    Ba = work[0]
+    Bb = work[1]
+    M = work[2, 0]
     for i in range(3):
         M[i] = 4.0 / length * D[i] * z[i + 1]
         Ba[i, i], Bb[i, i] = -0.5 * w, 0.5 * w
-        j, k = (i + 1) % 3, (i + 2) % 3
+        j = (i + 1) % 3
+        k = (i + 2) % 3
         Ba[i, j], Bb[i, j] = -0.5 * z[k + 1], -0.5 * z[k + 1]
         Ba[i, k], Bb[i, k] = 0.5 * z[j + 1], 0.5 * z[j + 1]
     Mv = M[0] * z[1] + M[1] * z[2] + M[2] * z[3]
@@ -124,7 +143,9 @@ def _add_bending(a, b, length, D, z, ga, gb, Haa, Hbb, Hab, work):
         for n in range(3):
             ga[i] += Ba[n, i] * M[n]
             gb[i] += Bb[n, i] * M[n]
-            aa, bb, ab = 0.0, 0.0, 0.0
+            aa = 0.0
+            bb = 0.0
+            ab = 0.0
             for k in range(3):
                 s = 4.0 / length * D[k]
                 aa += s * Ba[k, i] * Ba[k, n]
@@ -136,7 +157,8 @@ def _add_bending(a, b, length, D, z, ga, gb, Haa, Hbb, Hab, work):
         Haa[i, i] -= 0.25 * Mv
         Hbb[i, i] -= 0.25 * Mv
         Hab[i, i] -= 0.25 * Mv
-        j, k = (i + 1) % 3, (i + 2) % 3
+        j = (i + 1) % 3
+        k = (i + 2) % 3
         Hab[i, j] -= 0.25 * w * M[k]
         Hab[i, k] += 0.25 * w * M[j]
 
@@ -144,7 +166,11 @@ def _add_bending(a, b, length, D, z, ga, gb, Haa, Hbb, Hab, work):
 @compiled
 def derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho):
     """Gradient g (n + 1, 3), Hessian blocks Hd (n + 1, 3, 3) and Ho (n, 3, 3): row frame e, column frame e + 1."""
-    R, z, b, w, work = np.empty((3, 3)), np.empty(4), np.empty(3), np.empty(3), np.empty((3, 3, 3))
+    R = np.empty((3, 3))
+    z = np.empty(4)
+    b = np.empty(3)
+    w = np.empty(3)
+    work = np.empty((3, 3, 3))
     g[:], Hd[:], Ho[:] = 0.0, 0.0, 0.0
     for e in range(len(length)):
         _add_bending(
@@ -271,12 +297,18 @@ def relax(q, length, D, C, moment, field, weight):
     Returns status (0 found, 1 not within MAX_STEPS), steps, energy, stable (the Hessian is positive definite there).
     """
     n = len(length)
-    g, Hd, Ho = np.empty((n + 1, 3)), np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
-    Ld, Lo = np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
-    d, turn, trial = np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 4))
+    g = np.empty((n + 1, 3))
+    Hd = np.empty((n + 1, 3, 3))
+    Ho = np.empty((n, 3, 3))
+    Ld = np.empty((n + 1, 3, 3))
+    Lo = np.empty((n, 3, 3))
+    d = np.empty((n + 1, 3))
+    turn = np.empty((n + 1, 3))
+    trial = np.empty((n + 1, 4))
     _copy(q, trial)
     energy = _energy(q, length, D, C, moment, field, weight)
-    scale, total = 0.0, 0.0
+    scale = 0.0
+    total = 0.0
     for e in range(n):
         scale += 0.5 * length[e] * D[e, 1]
         total += length[e]
@@ -286,7 +318,8 @@ def relax(q, length, D, C, moment, field, weight):
     )  # rounding error of the sum: smaller differences of energies mean nothing
     for step in range(MAX_STEPS):
         derivatives(q, length, D, C, moment, field, weight, g, Hd, Ho)
-        shift, least = 0.0, 1e-4 * scale / n
+        shift = 0.0
+        least = 1e-4 * scale / n
         while not factor(Hd, Ho, shift, Ld, Lo):
             shift = max(least, 4.0 * shift)
         _scaled(g, -1.0, d)
@@ -325,15 +358,25 @@ def relax(q, length, D, C, moment, field, weight):
 def frames_of(q, length, C, moment, field, weight):
     """Positions (n + 1, 3) m, frames (n + 1, 3, 3), curvature (n + 1, 3) 1/m and strain (n + 1, 3) of a rod's quaternions."""
     n = len(length)
-    position, frames = np.zeros((n + 1, 3)), np.empty((n + 1, 3, 3))
-    curvature, strain, count = np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros(n + 1)
-    R, z, mid = np.empty((3, 3)), np.empty(4), np.empty(4)
-    b, w, v, pull, around = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    position = np.zeros((n + 1, 3))
+    frames = np.empty((n + 1, 3, 3))
+    curvature = np.zeros((n + 1, 3))
+    strain = np.zeros((n + 1, 3))
+    count = np.zeros(n + 1)
+    R = np.empty((3, 3))
+    z = np.empty(4)
+    mid = np.empty(4)
+    b = np.empty(3)
+    w = np.empty(3)
+    v = np.empty(3)
+    pull = np.empty(3)
+    around = np.empty(3)
     for k in range(n + 1):
         matrix(q[k], frames[k])
     for e in range(n):
         _relative(q[e], q[e + 1], z)
-        dot, size = 0.0, 0.0
+        dot = 0.0
+        size = 0.0
         for i in range(4):
             dot += q[e, i] * q[e + 1, i]
         for i in range(4):
@@ -346,7 +389,8 @@ def frames_of(q, length, C, moment, field, weight):
         ):  # Simpson's rule along the element: its two frames and the one half-way
             if part == 1:
                 matrix(mid, R)
-                side, other = e, e + 1
+                side = e
+                other = e + 1
             else:
                 side = other = e + part // 2
                 for i in range(3):

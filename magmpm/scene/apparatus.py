@@ -16,7 +16,8 @@ from magmpm.scene.scene import Scene
 from magmpm.scene.variables import variables
 
 AXES = "xyz"
-_PLACE, _AXIS = tuple(f"magnet_{a}" for a in AXES), tuple(f"magnet_axis_{a}" for a in AXES)
+_PLACE = tuple(f"magnet_{a}" for a in AXES)
+_AXIS = tuple(f"magnet_axis_{a}" for a in AXES)
 _ANGLES = ("magnet_azimuth", "magnet_elevation")
 _CURRENTS = tuple(f"current_{k + 1}" for k in range(16))
 APPARATUS = {
@@ -64,12 +65,17 @@ def check_apparatus(header: Line, named: set[str], scene: Scene) -> None:
             "along time the apparatus is the scene's own",
             "write its schedule in the scene, field.over_time",
         )
-    magnets, coils = scene.field.magnet or (), scene.field.coils or ()
+    magnets = scene.field.magnet or ()
+    coils = scene.field.coils or ()
     if any(name.startswith("magnet") for name in given) and len(magnets) != 1:
-        rule = f"columns of the magnet move the scene's one magnet, and it has {len(magnets) or 'none'}"
+        rule = (
+            "columns of the magnet move the scene's one magnet, and it has"
+            f" {len(magnets) or 'none'}"
+        )
         raise header.error(
             rule,
-            "give the scene one `field: {magnet: ...}`; what does not move can be a dipole or a map",
+            "give the scene one `field: {magnet: ...}`; what does not move can be a dipole or"
+            " a map",
         )
     if any(name in given for name in _ANGLES) and any(name in given for name in _AXIS):
         raise header.error(
@@ -80,10 +86,14 @@ def check_apparatus(header: Line, named: set[str], scene: Scene) -> None:
         default=int("current" in given),
     )
     if highest > len(coils) or ("current" in given and len(coils) != 1):
-        rule = f"columns of currents need as many coils in the scene, and it has {len(coils) or 'none'}"
+        rule = (
+            "columns of currents need as many coils in the scene, and it has"
+            f" {len(coils) or 'none'}"
+        )
         raise header.error(
             rule,
-            "name them in the scene, field.coils, in the columns' order; current_A is that of the only one",
+            "name them in the scene, field.coils, in the columns' order; current_A is that of the"
+            " only one",
         )
     if "inserted" in given and not isinstance(scene.body.shape, StraightBody):
         raise header.error(
@@ -129,10 +139,8 @@ def _broken(apparatus: Apparatus, scene: Scene) -> tuple[str, str, str] | None:
     points = np.outer(np.linspace(0.0, there.length, 101), [1.0, 0.0, 0.0])
     for solid in taken(there.field) if there.body.shape.line is not None else ():
         if solid.depth(points).max() > 0:
-            rule, remedy = (
-                "the undeformed body must be outside of the magnet",
-                "check its place and unit; the origin is the clamp",
-            )
+            rule = "the undeformed body must be outside of the magnet"
+            remedy = "check its place and unit; the origin is the clamp"
             return rule, remedy, f"{solid.name} centered at {in_mm(solid.position, '.4g')}"
     return None
 

@@ -30,7 +30,10 @@ def inserted_data(scene: SceneLike, data: dict[str, Any], length: float) -> dict
             remedy="use a catheter",
         )
     if scene.effects.feed is not None and scene.field.varies:
-        rule = "the exit of the guide becomes the origin, and magnets, coils, dipoles and maps do not move with it"
+        rule = (
+            "the exit of the guide becomes the origin, and magnets, coils, dipoles and maps do not"
+            " move with it"
+        )
         raise InputError(
             "effects.feed",
             rule=rule,
@@ -39,15 +42,17 @@ def inserted_data(scene: SceneLike, data: dict[str, Any], length: float) -> dict
     if scene.solver.dynamic is None and (
         met := [key for key in ("ground", "walls") if getattr(scene.effects, key) is not None]
     ):
-        rule, remedy = (
-            "an inserted length is solved without obstacles",
-            "follow the insertion: name feed, with solver.quasi_static",
-        )
+        rule = "an inserted length is solved without obstacles"
+        remedy = "follow the insertion: name feed, with solver.quasi_static"
         raise InputError(f"effects.{met[0]}", rule=rule, remedy=remedy)
-    least, most = catheter.diameter, catheter.length
+    least = catheter.diameter
+    most = catheter.length
     length = float(length)
     if not least * (1 - 1e-9) <= length <= most * (1 + 1e-9):
-        rule = f"between one diameter and the whole length of the catheter can be outside the guide, {1e3 * least:g} to {1e3 * most:g} mm"
+        rule = (
+            "between one diameter and the whole length of the catheter can be outside the guide,"
+            f" {1e3 * least:g} to {1e3 * most:g} mm"
+        )
         raise InputError(
             "inserted length",
             received=f"{1e3 * length:g} mm",
@@ -127,7 +132,10 @@ def save(scene: Any, path: Path) -> Path:
         except InputError:
             same = False
         if not same:
-            rule = "tables and meshes that were read from files can't be written into a scene's file, which names them by their paths"
+            rule = (
+                "tables and meshes that were read from files can't be written into a scene's file,"
+                " which names them by their paths"
+            )
             remedy = "change a copy of the file that the scene was loaded from"
             raise InputError(
                 f"{path}: can't be written", received=scene.name, rule=rule, remedy=remedy

@@ -89,7 +89,8 @@ def import_robot(
 
     Raises InputError with everything that is wrong; then no scene is written.
     """
-    path, target = Path(robot_file), Path(scene_file)
+    path = Path(robot_file)
+    target = Path(scene_file)
     robot = validate(Robot, read_yaml(path))
     text, warnings = _scene_text(path, robot, target)
     allow(
@@ -144,19 +145,25 @@ def _scene_text(path: Path, robot: Robot, target: Path) -> tuple[str, list[str]]
         )
     if not any(any(s.magnetisation_vector) for s in robot.segments) or robot.remenance == 0.0:
         warnings.append(
-            "no segment is magnetized: a field will do nothing, and the scene does not name magnetic_torque"
+            "no segment is magnetized: a field will do nothing, and the scene does not name"
+            " magnetic_torque"
         )
     folder = target.resolve().parent
     relative = [Path(os.path.relpath(mesh.resolve(), folder)).as_posix() for mesh in found]
     low = min(float(unpack_mesh(text).vertices[:, 2].min()) for text in texts)
     content = _scene(robot, relative, low)
     head = (
-        f"# {robot.name}, made by `magmpm import` from {path.name}, a robot of the magneticMPM format, which says nothing of field,\n"
-        "# surroundings or time: set `field` (zero here), and look through `effects`, `solver` and `resolution`.\n"
+        f"# {robot.name}, made by `magmpm import` from {path.name}, a robot of the magneticMPM"
+        " format, which says nothing of field,\n# surroundings or time: set `field` (zero here),"
+        " and look through `effects`, `solver` and `resolution`.\n"
     )
-    return head + yaml.safe_dump(
-        content, sort_keys=False, default_flow_style=None, width=200, allow_unicode=True
-    ), warnings
+    return (
+        head
+        + yaml.safe_dump(
+            content, sort_keys=False, default_flow_style=None, width=200, allow_unicode=True
+        ),
+        warnings,
+    )
 
 
 def _scene(robot: Robot, meshes: list[str], low: float) -> dict[str, Any]:
@@ -165,7 +172,10 @@ def _scene(robot: Robot, meshes: list[str], low: float) -> dict[str, Any]:
     parts = []
     for segment, mesh in zip(robot.segments, meshes, strict=True):
         magnetized = any(segment.magnetisation_vector) and robot.remenance > 0
-        name = f"{'magnetic' if magnetized else 'plain'} {segment.shear_modulus:.9g} Pa, {segment.density:.9g} kg per m^3"
+        name = (
+            f"{'magnetic' if magnetized else 'plain'} {segment.shear_modulus:.9g} Pa,"
+            f" {segment.density:.9g} kg per m^3"
+        )
         materials[name] = {
             "shear_modulus": f"{segment.shear_modulus:.12g} Pa",
             "bulk_to_shear": 20.0,  # implied by the format
@@ -209,7 +219,9 @@ def _meshes(path: Path, robot: Robot) -> tuple[list[Path], list[str]]:
     """Each segment's file and its mesh as a scene keeps it. Raises InputError with all that is wrong with any of them."""
     folder = path.parent / "meshes"
     there = sorted(p.name for p in folder.iterdir()) if folder.is_dir() else []
-    found, texts, wrong = [], [], []
+    found = []
+    texts = []
+    wrong = []
     for i, segment in enumerate(robot.segments):
         file = folder / segment.mesh
         place = f"{path}: segments[{i}].mesh"
@@ -252,8 +264,9 @@ def _odd_vectors(robot: Robot) -> list[str]:
         if length > 0 and abs(length - 1) > 1e-3:  # what three decimals leave
             vector = ", ".join(f"{x:g}" for x in segment.magnetisation_vector)
             found.append(
-                f"segments[{i}].magnetisation_vector: [{vector}] has length {length:.4g}; it is made one, so the remanence is "
-                f"{robot.remenance:g} T, not {length * robot.remenance:.4g} T"
+                f"segments[{i}].magnetisation_vector: [{vector}] has length {length:.4g}; it is"
+                f" made one, so the remanence is {robot.remenance:g} T, not"
+                f" {length * robot.remenance:.4g} T"
             )
     return found
 
@@ -282,8 +295,11 @@ def _refuse_overlaps(path: Path, robot: Robot, texts: list[str]) -> None:
                 report(
                     f"{path}: segments[{j}].mesh",
                     received=robot.segments[j].mesh,
-                    rule=f"segments must not overlap, and this one shares {shared:.3g} mm^3 with segments[{i}], "
-                    f"{robot.segments[i].mesh}: {100 * shared / smaller:.3g} % of the smaller",
+                    rule=(
+                        f"segments must not overlap, and this one shares {shared:.3g} mm^3 with"
+                        f" segments[{i}], {robot.segments[i].mesh}: {100 * shared / smaller:.3g} %"
+                        " of the smaller"
+                    ),
                     remedy="trim one of the meshes; faces may touch",
                 )
             )
@@ -300,6 +316,7 @@ def _apart(robot: Robot, texts: list[str]) -> list[str]:
         gap[i] = np.inf
         if gap.min() > 0.01 * size:
             found.append(
-                f"segments[{i}].mesh: {robot.segments[i].mesh} touches no other segment: the nearest is {gap.min():.3g} mm away"
+                f"segments[{i}].mesh: {robot.segments[i].mesh} touches no other segment: the"
+                f" nearest is {gap.min():.3g} mm away"
             )
     return found

@@ -12,7 +12,8 @@ from magmpm.scene import Scene
 # Bytes by which a process grows for each particle of a motion and its share of the grid: 860 were measured by tests/benchmarks/resident.py.
 # Most of it is needed while the scene is built; a part of that may not be given back.
 GROWTH = 850
-BYTES = 800  # a lower bound of the same, for where only a lower bound of the number of particles is known
+# a lower bound of the same, for where only a lower bound of the number of particles is known
+BYTES = 800
 
 
 def fewest_particles(scene: Scene) -> float:
@@ -29,19 +30,24 @@ def within(scene: Scene) -> Iterator[None]:
     Raises SceneError if the model needs more than max_memory or the machine has: by a lower bound first, and if an allocation fails.
     """
     particles = fewest_particles(scene)
-    needed, dynamic = BYTES * particles, scene.solver.dynamic
+    needed = BYTES * particles
+    dynamic = scene.solver.dynamic
     estimate = f"{_in_words(needed)} for {particles:.3g} particles"
     if dynamic is not None and dynamic.max_memory is not None and needed > dynamic.max_memory:
         raise SceneError(
             "solver.dynamic.max_memory",
             received=f"{dynamic.max_memory / 1e6:.4g} MB",
-            rule=f"must be at least what this scene's particles and grid take, by an estimate at least {estimate}",
+            rule=(
+                "must be at least what this scene's particles and grid take, by an estimate at"
+                f" least {estimate}"
+            ),
             remedy="raise it, or use fewer cells_across",
         )
     if needed > machine():
         raise _too_large(
             scene,
-            f"particles and grid take at least {estimate}, and this machine has {_in_words(machine())}",
+            f"particles and grid take at least {estimate}, and this machine has"
+            f" {_in_words(machine())}",
         )
     try:
         yield
@@ -57,7 +63,8 @@ def for_matrix(scene: Scene, size: float) -> Iterator[None]:
     if size > machine():
         raise _too_large(
             scene,
-            f"the matrix of its equilibrium takes {_in_words(size)}, and this machine has {_in_words(machine())}",
+            f"the matrix of its equilibrium takes {_in_words(size)}, and this machine has"
+            f" {_in_words(machine())}",
         )
     try:
         yield

@@ -25,8 +25,10 @@ class Move(Settings):
     distance: Length = Field(description="How far.", examples=["0.47 mm"])
     over_time: OverTime | None = Field(
         default=None,
-        description="The share of the distance over time, as the strength of a field: ramp, oscillation, keyframes or table. "
-        "All of it, at all times, unless given.",
+        description=(
+            "The share of the distance over time, as the strength of a field: ramp, oscillation,"
+            " keyframes or table. All of it, at all times, unless given."
+        ),
         examples=[{"ramp": {"duration": "50 ms"}}],
     )
 
@@ -97,15 +99,18 @@ def farthest(moves: Moves) -> float:
 
 def check(scene: Any) -> None:
     """Raises PydanticCustomError (see `fault`) for the first rule of what a Scene moves that is broken."""
-    moves, shape = scene.move or {}, scene.body.shape
+    moves = scene.move or {}
+    shape = scene.body.shape
     held = holders(shape)
     for name, move in moves.items():
-        at, over = ("move", name), move.over_time
+        at = ("move", name)
+        over = move.over_time
         if name not in held:
             rule = f"only what is held can be moved, here {' and '.join(held) or 'nothing'}"
             raise fault(
                 rule,
-                "move what is held, or hold it: `clamp: both` below body.strip, say, or `clamp: true` in a part",
+                "move what is held, or hold it: `clamp: both` below body.strip, say, or `clamp:"
+                " true` in a part",
                 at,
             )
         if scene.effects.feed is not None:
@@ -125,10 +130,8 @@ def check(scene: Any) -> None:
                 rule, "add `cycles` to say when it stops", (*at, "over_time", "oscillation")
             )
         if not scene.static and move.share(0.0)[0] != 0.0:
-            rule, say = (
-                "a motion begins with the undeformed body: at 0 s nothing has been moved",
-                "`over_time: {ramp: {duration: 50 ms}}`",
-            )
+            rule = "a motion begins with the undeformed body: at 0 s nothing has been moved"
+            say = "`over_time: {ramp: {duration: 50 ms}}`"
             raise fault(rule, f"write, say, {say}", (*at, "over_time") if over is not None else at)
     if moves and shape.line is not None and shape.clamp == "both":
         times = _moments(list(moves.values()))
@@ -137,18 +140,20 @@ def check(scene: Any) -> None:
             for name in ("base", "tip")
         )
         between = np.array([shape.length, 0.0, 0.0]) + (tip - base)
-        left, apart = float(between[..., 0].min()), float(np.linalg.norm(between, axis=-1).max())
+        left = float(between[..., 0].min())
+        apart = float(np.linalg.norm(between, axis=-1).max())
         last = next(name for name in ("tip", "base") if name in moves)
         if apart > TORN * shape.length:
             raise fault(
-                f"silicone tears before it is {TORN:g} times as long, and the ends would come to be {1e3 * apart:.4g} mm apart, "
-                f"of {1e3 * shape.length:.4g} mm",
+                f"silicone tears before it is {TORN:g} times as long, and the ends would come to be"
+                f" {1e3 * apart:.4g} mm apart, of {1e3 * shape.length:.4g} mm",
                 "check the unit of the distance, or write a smaller one",
                 ("move", last, "distance"),
             )
         if not left > 0.0:
             raise fault(
-                f"the ends would pass through each other: they would come within {1e3 * left:.4g} mm of {1e3 * shape.length:.4g} mm",
+                f"the ends would pass through each other: they would come within {1e3 * left:.4g}"
+                f" mm of {1e3 * shape.length:.4g} mm",
                 "check the unit of the distance, and the sign of `along`",
                 ("move", last, "distance"),
             )

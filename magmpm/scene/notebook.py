@@ -13,9 +13,14 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.errors import lengths, quantity, stability_in_words
 
-WIDTH, HEIGHT, MARGIN = 300.0, 190.0, 26.0  # px of a panel
+# px of a panel
+WIDTH = 300.0
+HEIGHT = 190.0
+MARGIN = 26.0
 VIEWS = (("side", "x", "z", 0, 2), ("top", "x", "y", 0, 1))
-BODY, UNDEFORMED, INK = "#CC6644", "#AAAAAA", "#222222"
+BODY = "#CC6644"
+UNDEFORMED = "#AAAAAA"
+INK = "#222222"
 MOST = 200  # points of a curve, arrows of a body
 PARTS = 12  # whose places a table shows
 
@@ -26,7 +31,10 @@ def of_scene(scene: Any) -> str:
     rows = [
         (
             "body",
-            f"{scene.body.kind}, {1e3 * scene.length:g} mm long, {1e3 * scene.thickness:g} mm thick, {len(scene.regions())} regions",
+            (
+                f"{scene.body.kind}, {1e3 * scene.length:g} mm long, {1e3 * scene.thickness:g} mm"
+                f" thick, {len(scene.regions())} regions"
+            ),
         ),
         *(
             (
@@ -39,7 +47,10 @@ def of_scene(scene: Any) -> str:
         ("effects", effects),
         (
             "solver",
-            f"{'statics' if scene.static else f'until {scene.duration:g} s'}, cells of {1e3 * scene.cell:.3g} mm",
+            (
+                f"{'statics' if scene.static else f'until {scene.duration:g} s'}, cells of"
+                f" {1e3 * scene.cell:.3g} mm"
+            ),
         ),
     ]
     return _body(scene) + table(scene.name, rows)
@@ -52,7 +63,8 @@ def _body(scene: Any) -> str:
     lengths = list(shape.segment_lengths()) if hasattr(shape, "segment_lengths") else []
     regions = scene.regions()
     if len(lengths) != len(regions) or len(lengths) > MOST:
-        lengths, regions = [float(high[0] - low[0])], ()
+        lengths = [float(high[0] - low[0])]
+        regions = ()
     begins = low[0] + np.concatenate([[0.0], np.cumsum(lengths)])
     scale, middle = _fit(low, high)
     parts = []
@@ -60,10 +72,8 @@ def _body(scene: Any) -> str:
         left = k * WIDTH
         parts.append(_text(left + 6, 14, f"{name}: {across} right, {up} up"))
         for n, length in enumerate(lengths):
-            x, y = (
-                left + WIDTH / 2 + scale * (begins[n] - middle[0]),
-                HEIGHT / 2 - scale * (high[j] - middle[j]),
-            )
+            x = left + WIDTH / 2 + scale * (begins[n] - middle[0])
+            y = HEIGHT / 2 - scale * (high[j] - middle[j])
             height = scale * (high[j] - low[j])
             box = f'x="{x:.1f}" y="{y:.1f}" width="{scale * length:.1f}" height="{height:.1f}"'
             parts.append(f'<rect {box} fill="#EEC9B7" stroke="{INK}" stroke-width="0.8"/>')
@@ -78,15 +88,25 @@ def _body(scene: Any) -> str:
 
 def _arrow(x: float, y: float, along: float, up: float, size: float) -> list[str]:
     """A unit vector's projection, `size` px for its whole length; a dot for what has none."""
-    dx, dy = 0.5 * size * along, -0.5 * size * up
+    dx = 0.5 * size * along
+    dy = -0.5 * size * up
     length = 2 * float(np.hypot(dx, dy))
     if length < 3.0:
         return [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2" fill="{INK}"/>']
-    ux, uy, head = 2 * dx / length, 2 * dy / length, min(7.0, 0.6 * length)
-    bx, by = x + dx - head * ux, y + dy - head * uy
-    wing = f"{bx - 0.45 * head * uy:.1f},{by + 0.45 * head * ux:.1f} {bx + 0.45 * head * uy:.1f},{by - 0.45 * head * ux:.1f}"
+    ux = 2 * dx / length
+    uy = 2 * dy / length
+    head = min(7.0, 0.6 * length)
+    bx = x + dx - head * ux
+    by = y + dy - head * uy
+    wing = (
+        f"{bx - 0.45 * head * uy:.1f},{by + 0.45 * head * ux:.1f}"
+        f" {bx + 0.45 * head * uy:.1f},{by - 0.45 * head * ux:.1f}"
+    )
     return [
-        f'<line x1="{x - dx:.1f}" y1="{y - dy:.1f}" x2="{bx:.1f}" y2="{by:.1f}" stroke="{INK}" stroke-width="1.6"/>',
+        (
+            f'<line x1="{x - dx:.1f}" y1="{y - dy:.1f}" x2="{bx:.1f}" y2="{by:.1f}" stroke="{INK}"'
+            ' stroke-width="1.6"/>'
+        ),
         f'<polygon points="{x + dx:.1f},{y + dy:.1f} {wing}" fill="{INK}"/>',
     ]
 
@@ -101,7 +121,8 @@ def _fit(low: Array, high: Array) -> tuple[float, Array]:
 def panels(curves: Sequence[Array], width: float = 4.0) -> str:
     """The curves (n, 3), m, from the side and from above, to one scale; the last one is colored, others are gray and dashed."""
     points = np.concatenate(curves)
-    low, high = points.min(axis=0), points.max(axis=0)
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     (scale, middle), parts = _fit(low, high), []
     for k, (name, across, up, i, j) in enumerate(VIEWS):
         left = k * WIDTH
@@ -129,7 +150,10 @@ def _whole(parts: list[str], scale: float, extent: Array) -> str:
     y = HEIGHT - 12
     parts = [
         *parts,
-        f'<line x1="{MARGIN:g}" y1="{y:g}" x2="{MARGIN + scale * bar:.1f}" y2="{y:g}" stroke="{INK}" stroke-width="2"/>',
+        (
+            f'<line x1="{MARGIN:g}" y1="{y:g}" x2="{MARGIN + scale * bar:.1f}" y2="{y:g}"'
+            f' stroke="{INK}" stroke-width="2"/>'
+        ),
     ]
     parts.append(_text(MARGIN + scale * bar + 6, HEIGHT - 8, f"{1e3 * bar:g} mm"))
     size = f'width="{2 * WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {2 * WIDTH:g} {HEIGHT:g}"'

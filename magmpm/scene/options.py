@@ -75,7 +75,10 @@ class DynamicOptions(Settings):
         if given["formulation"] not in (None, "total") or from_file(
             info
         ):  # results of earlier versions hold None or total
-            rule = "there is one formulation of motion, total Lagrangian, in which bodies touch themselves too, so there is no such key"
+            rule = (
+                "there is one formulation of motion, total Lagrangian, in which bodies touch"
+                " themselves too, so there is no such key"
+            )
             raise fault(rule, "leave it out", ("formulation",))
         return {key: value for key, value in given.items() if key != "formulation"}
 
@@ -85,8 +88,8 @@ class DynamicOptions(Settings):
         if frames > MOST_FRAMES * (1 + 1e-9):
             raise fault(
                 f"a motion has at most {MOST_FRAMES} frames, and this would have {frames:.4g}",
-                f"at least `output_every: {self.duration / MOST_FRAMES:.3g} s`, or leave it out for a hundred frames, here "
-                f"`output_every: {10 * self.duration:.3g} ms`",
+                f"at least `output_every: {self.duration / MOST_FRAMES:.3g} s`, or leave it out for"
+                f" a hundred frames, here `output_every: {10 * self.duration:.3g} ms`",
                 ("output_every",),
             )
         return self
@@ -115,7 +118,10 @@ class QuasiStaticOptions(Settings):
         strict=True,
         ge=1,
         le=MOST_FRAMES - 1,
-        description="Equal steps from 0 s to the end of the field's schedule, or of `duration`; give this or `at`.",
+        description=(
+            "Equal steps from 0 s to the end of the field's schedule, or of `duration`; give this"
+            " or `at`."
+        ),
         examples=[40],
     )
     at: tuple[Annotated[float, Quantity("time", at_least="0 s", at_most="1e6 s")], ...] | None = (
@@ -129,7 +135,10 @@ class QuasiStaticOptions(Settings):
     )
     duration: Duration | None = Field(
         default=None,
-        description="With `steps`: when the last equilibrium is; the end of the field's schedule unless given.",
+        description=(
+            "With `steps`: when the last equilibrium is; the end of the field's schedule unless"
+            " given."
+        ),
         examples=["0.5 s"],
     )
     max_disk: Bytes | None = Field(
@@ -145,7 +154,8 @@ class QuasiStaticOptions(Settings):
             if not now > before:
                 raise fault(
                     f"times must rise; this one, {now:g} s, follows {before:g} s",
-                    "sort them, each time once; a load that returns is a field whose schedule returns",
+                    "sort them, each time once; a load that returns is a field whose schedule"
+                    " returns",
                     (k,),
                 )
         return times
@@ -239,17 +249,19 @@ def _number(values: Mapping[str, Any], names: set[str], kind: str | None = None)
 def _shear_modulus(values: Mapping[str, Any]) -> str:
     """Text to write for Young's modulus."""
     formula = "G = E/(2 (1 + nu))"
-    young, nu = _number(values, _YOUNG, "pressure"), _number(values, _POISSON)
+    young = _number(values, _YOUNG, "pressure")
+    nu = _number(values, _POISSON)
     if nu is None or not nu < 0.5:
         ratio = _number(values, {"bulk_to_shear"}) or USUAL_RATIO
-        nu, source = (
-            poisson_ratio(1.0, ratio),
-            f"nu = {poisson_ratio(1.0, ratio):.4g}, which is bulk_to_shear {ratio:g}",
-        )
+        nu = poisson_ratio(1.0, ratio)
+        source = f"nu = {poisson_ratio(1.0, ratio):.4g}, which is bulk_to_shear {ratio:g}"
     else:
         source = f"nu = {nu:g}"
     if young is None:
-        return f"write shear_modulus in its place; of Young's modulus, {formula} with {source}: {shear_of_young(1.0, nu):.4g} E"
+        return (
+            f"write shear_modulus in its place; of Young's modulus, {formula} with {source}:"
+            f" {shear_of_young(1.0, nu):.4g} E"
+        )
     shear = quantity(shear_of_young(young, nu), "Pa", 4)
     return (
         f"write `shear_modulus: {shear}` in its place: of Young's modulus, {formula} with {source}"
@@ -259,17 +271,19 @@ def _shear_modulus(values: Mapping[str, Any]) -> str:
 def _bulk_to_shear(values: Mapping[str, Any], *, of_modulus: bool) -> str:
     """Text to write for Poisson's ratio, or for the bulk modulus."""
     if of_modulus:
-        bulk, shear = (
-            _number(values, _BULK, "pressure"),
-            _number(values, {"shear_modulus"}, "pressure"),
-        )
+        bulk = _number(values, _BULK, "pressure")
+        shear = _number(values, {"shear_modulus"}, "pressure")
         known = bulk is not None and shear is not None
         write = f"`bulk_to_shear: {bulk / shear:.4g}`" if known else "bulk_to_shear"  # type: ignore[operator]
         return f"write {write} in its place: the bulk over the shear modulus, K/G"
-    formula, nu = "K/G = 2 (1 + nu)/(3 (1 - 2 nu))", _number(values, _POISSON)
+    formula = "K/G = 2 (1 + nu)/(3 (1 - 2 nu))"
+    nu = _number(values, _POISSON)
     if nu is None or not nu < 0.5 or not bulk_over_shear(nu) <= MOST_RATIO:
         usual = poisson_ratio(1.0, USUAL_RATIO)
-        return f"write bulk_to_shear in its place: {formula}, at most {MOST_RATIO:g}; the usual {USUAL_RATIO:g} is nu = {usual:.4g}"
+        return (
+            f"write bulk_to_shear in its place: {formula}, at most {MOST_RATIO:g}; the usual"
+            f" {USUAL_RATIO:g} is nu = {usual:.4g}"
+        )
     return f"write `bulk_to_shear: {bulk_over_shear(nu):.4g}` in its place: {formula}"
 
 
@@ -278,14 +292,20 @@ def _remanence(value: Any) -> str:
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         value = f"{value!r} A/m"
     if not isinstance(value, str):
-        return "a material has a remanence, and what is made of it a direction: write `magnetization: [1, 0, 0]` in a segment or part"
+        return (
+            "a material has a remanence, and what is made of it a direction: write `magnetization:"
+            " [1, 0, 0]` in a segment or part"
+        )
     try:
         found = parse_quantity(value, KINDS["flux density"])
     except BadQuantity as error:
         write = (
             "remanence" if error.meant is None else f"`remanence: {quantity(error.meant, 'T', 4)}`"
         )
-        return f"write {write} in its place: mu0 M, the flux density that belongs to a magnetization M; 100 kA/m is 125.7 mT"
+        return (
+            f"write {write} in its place: mu0 M, the flux density that belongs to a magnetization"
+            " M; 100 kA/m is 125.7 mT"
+        )
     return f"write `remanence: {quantity(found, 'T', 4)}` in its place"
 
 
@@ -303,8 +323,10 @@ class Material(Settings):
     bulk_to_shear: float = Field(
         strict=True,
         allow_inf_nan=False,
-        description="Bulk over shear modulus, K/G: how incompressible. 20 is usual for silicone; above "
-        "2/3, so that Poisson's ratio (3K - 2G)/(6K + 2G) is positive, and at most 10000.",
+        description=(
+            "Bulk over shear modulus, K/G: how incompressible. 20 is usual for silicone; above "
+            "2/3, so that Poisson's ratio (3K - 2G)/(6K + 2G) is positive, and at most 10000."
+        ),
         examples=[20],
         json_schema_extra={"exclusiveMinimum": 0.6667, "maximum": 10_000},
     )
@@ -320,14 +342,20 @@ class Material(Settings):
     )
     magnetization_law: Literal["stretches", "rotates"] = Field(
         default="stretches",
-        description="Magnetization of the deformed material: F Br, which stretches with it (unless given), or R Br, which only rotates.",
+        description=(
+            "Magnetization of the deformed material: F Br, which stretches with it (unless given),"
+            " or R Br, which only rotates."
+        ),
         examples=["rotates"],
     )
 
     friction: Friction | None = Field(
         default=None,
-        description="Coulomb's coefficient of friction of its surface, in place of the one that ground, walls or "
-        "self_contact names. Of two parts that touch, and both name one, the smaller counts.",
+        description=(
+            "Coulomb's coefficient of friction of its surface, in place of the one that ground,"
+            " walls or self_contact names. Of two parts that touch, and both name one, the smaller"
+            " counts."
+        ),
         examples=[0.05],
     )
 
@@ -343,7 +371,8 @@ class Material(Settings):
     @staticmethod
     def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
         """The constants that papers and data sheets give, by those that are written here, with their numbers."""
-        word, value = plain_word(key), values.get(key)
+        word = plain_word(key)
+        value = values.get(key)
         if word in _YOUNG:
             return Instead(_shear_modulus(values), "shear_modulus")
         if word in _POISSON or word in _BULK:
@@ -357,7 +386,8 @@ class Material(Settings):
     def _nearly_incompressible(cls, ratio: float) -> float:
         if not 2 / 3 < ratio <= MOST_RATIO:
             raise fault(
-                "must be greater than 2/3 (Poisson's ratio above 0) and at most 10000 (below 0.49995)",
+                "must be greater than 2/3 (Poisson's ratio above 0) and at most 10000 (below"
+                " 0.49995)",
                 "write, say, `bulk_to_shear: 20`",
             )
         return ratio
@@ -380,7 +410,9 @@ class StaticOptions(Settings):
         ge=1e-14,
         le=1e-2,
         allow_inf_nan=False,
-        description="Stops when a step can win less than this part of the energy; 1e-11 unless given.",
+        description=(
+            "Stops when a step can win less than this part of the energy; 1e-11 unless given."
+        ),
         examples=[1e-11],
     )
     max_steps: int = Field(
@@ -388,7 +420,10 @@ class StaticOptions(Settings):
         strict=True,
         ge=1,
         le=10_000,
-        description="Most Newton steps of a solve; 60 unless given. Of STL parts, which have no rod's shape to start from, ten times this.",
+        description=(
+            "Most Newton steps of a solve; 60 unless given. Of STL parts, which have no rod's shape"
+            " to start from, ten times this."
+        ),
         examples=[60],
     )
     field_steps: int | None = Field(
@@ -396,7 +431,9 @@ class StaticOptions(Settings):
         strict=True,
         ge=1,
         le=1000,
-        description="Steps in which field and gravity grow from zero; chosen by the solver unless given.",
+        description=(
+            "Steps in which field and gravity grow from zero; chosen by the solver unless given."
+        ),
         examples=[10],
     )
 
@@ -406,22 +443,33 @@ class Solver(Settings):
 
     anti_locking: Literal["f-bar", "none"] = Field(
         default="f-bar",
-        description="Cure for volumetric locking, in equilibrium and in motion: f-bar (unless given) or none.",
+        description=(
+            "Cure for volumetric locking, in equilibrium and in motion: f-bar (unless given) or"
+            " none."
+        ),
         examples=["f-bar"],
     )
     static: StaticOptions = Field(
         default=StaticOptions(),
-        description="Equilibrium: {} for the usual settings; give this, `quasi_static` or `dynamic`.",
+        description=(
+            "Equilibrium: {} for the usual settings; give this, `quasi_static` or `dynamic`."
+        ),
         examples=[{}],
     )
     dynamic: DynamicOptions | None = Field(
         default=None,
-        description="Motion in time, from rest: at least {duration: 0.5 s}; give this, `quasi_static` or `static`.",
+        description=(
+            "Motion in time, from rest: at least {duration: 0.5 s}; give this, `quasi_static` or"
+            " `static`."
+        ),
         examples=[{"duration": "0.5 s", "output_every": "5 ms"}],
     )
     quasi_static: QuasiStaticOptions | None = Field(
         default=None,
-        description="Equilibria along time, each from the one before: {steps: 40}; give this, `dynamic` or `static`.",
+        description=(
+            "Equilibria along time, each from the one before: {steps: 40}; give this, `dynamic` or"
+            " `static`."
+        ),
         examples=[{"steps": 40}],
     )
 
@@ -435,8 +483,9 @@ class Solver(Settings):
             given.insert(0, "static")
         if len(given) > 1:
             raise fault(
-                "give `static`, `quasi_static` or `dynamic`, one of them: a scene is solved for its equilibrium, for equilibria along "
-                f"time, or for its motion; this has {' and '.join(f'`{key}`' for key in given)}",
+                "give `static`, `quasi_static` or `dynamic`, one of them: a scene is solved for"
+                " its equilibrium, for equilibria along time, or for its motion; this has"
+                f" {' and '.join(f'`{key}`' for key in given)}",
                 "remove one of them; what all use, `anti_locking`, stands beside them in `solver`",
             )
         return self
@@ -461,7 +510,10 @@ class Resolution(Settings):
         strict=True,
         ge=2,
         le=16,
-        description="Grid cells across a catheter's diameter, a strip's thickness, or the thinnest part; 4 unless given.",
+        description=(
+            "Grid cells across a catheter's diameter, a strip's thickness, or the thinnest part; 4"
+            " unless given."
+        ),
         examples=[4],
     )
     particles_per_cell: int = Field(
@@ -469,31 +521,44 @@ class Resolution(Settings):
         strict=True,
         ge=2,
         le=4,
-        description="Particles in a cell along each direction; 2 unless given; one point can't carry a cell's second moments.",
+        description=(
+            "Particles in a cell along each direction; 2 unless given; one point can't carry a"
+            " cell's second moments."
+        ),
         examples=[2],
     )
     from_tip: Literal[True] | None = Field(
         default=None,
-        description="Cells are counted from the tip, so that they stay in the material while the inserted length changes; "
-        "the one at the base takes what is left. Unless given, all cells between two materials are equal.",
+        description=(
+            "Cells are counted from the tip, so that they stay in the material while the inserted"
+            " length changes; the one at the base takes what is left. Unless given, all cells"
+            " between two materials are equal."
+        ),
         examples=[True],
     )
     error: Annotated[float | str, BeforeValidator(_read_error), WithJsonSchema(_ERROR)] | None = (
         Field(
             default=None,
-            description="The largest error wanted, a share of the length or a length: the program chooses the cells, and proves "
-            "the error; give this, `seconds`, or cells_across.",
+            description=(
+                "The largest error wanted, a share of the length or a length: the program chooses"
+                " the cells, and proves the error; give this, `seconds`, or cells_across."
+            ),
             examples=["1 %", "0.1 mm"],
         )
     )
     of: Literal["centreline", "tip"] = Field(
         default="centreline",
-        description="Where `error` is meant: anywhere on the centreline (unless given), or at the tip.",
+        description=(
+            "Where `error` is meant: anywhere on the centreline (unless given), or at the tip."
+        ),
         examples=["tip"],
     )
     seconds: Annotated[float, Quantity("time", above="0 s", at_most="86400 s")] | None = Field(
         default=None,
-        description="The best answer within this time, with its error: the program chooses the cells; give this, `error`, or cells_across.",
+        description=(
+            "The best answer within this time, with its error: the program chooses the cells; give"
+            " this, `error`, or cells_across."
+        ),
         examples=["2 s"],
     )
 
@@ -517,8 +582,9 @@ class Resolution(Settings):
         ]
         if len(given) > 1:
             raise fault(
-                f"give `cells_across`, `error` or `seconds`, one of them: each decides how fine the grid is; this has "
-                f"{' and '.join(f'`{key}: {getattr(self, key)}`' for key in given)}",
+                "give `cells_across`, `error` or `seconds`, one of them: each decides how fine the"
+                " grid is; this has"
+                f" {' and '.join(f'`{key}: {getattr(self, key)}`' for key in given)}",
                 f"remove {' or '.join(f'`{key}`' for key in given)}",
                 (given[-1],),
             )

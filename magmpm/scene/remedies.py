@@ -14,8 +14,8 @@ RAMPED = {"field_steps": 40, "max_steps": 150}  # of statics: small steps, each 
 FOLLOWED = 60  # equilibria along a ramp of the field
 SHARE = 0.9  # of the load or the time that was reached
 WEAKER = (0.5, 0.1)  # of the load, where it is not known how much was borne
-ENERGY = (
-    "energy appeared from nothing"  # how the reason of a motion begins whose steps are too long
+ENERGY = (  # how the reason of a motion begins whose steps are too long
+    "energy appeared from nothing"
 )
 
 
@@ -104,7 +104,10 @@ def _until(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     # out of time: as many steps as it took so far, for more would take longer; otherwise finer ones
     steps = sum(times[0] < t <= until for t in times) if isinstance(error, TimeOver) else len(times)
     shorter = {"steps": max(1, steps), "duration": until}
-    words = f"solver.quasi_static: {{steps: {shorter['steps']}, duration: {until:g} s}}, up to which it went well"
+    words = (
+        f"solver.quasi_static: {{steps: {shorter['steps']}, duration: {until:g} s}}, up to which it"
+        " went well"
+    )
     return (Remedy(words, {"solver.quasi_static": shorter}),)
 
 
@@ -115,7 +118,8 @@ def _shorter_or_weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
 
 def _of_equilibria(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     static = Remedy(
-        f"solver.static: {{field_steps: {RAMPED['field_steps']}, max_steps: {RAMPED['max_steps']}}}",
+        f"solver.static: {{field_steps: {RAMPED['field_steps']}, max_steps:"
+        f" {RAMPED['max_steps']}}}",
         {
             "solver.quasi_static": None,
             "solver.static": {**scene.to_si()["solver"]["static"], **RAMPED},
@@ -149,7 +153,8 @@ def _weaker(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
     share = getattr(error.state, "load_share", 1.0)
     borne = tuple(float(f"{part * share:.3g}") for part in (SHARE, WEAKER[0]))
     parts = WEAKER if share >= 1.0 else borne if share > 0.0 else (WEAKER[-1], 2e-3)
-    over, weight = scene.field.over_time, scene.effects.gravity
+    over = scene.field.over_time
+    weight = scene.effects.gravity
     ramp = (
         Ramp(duration=end_time(scene.field) or 1.0, begin=1.0)
         if over is None or over.ramp is None

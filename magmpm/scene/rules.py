@@ -17,8 +17,14 @@ from magmpm.inputs.settings import Key, fault
 from magmpm.scene import moves
 
 NO_ENERGY = (  # rule and remedy, where a static scene names one of them
-    "in a field that varies in space, equilibrium needs magnetic_torque and magnetic_force: either alone has no energy",
-    "add `magnetic_force: {}` or `magnetic_torque: {}`, or ask for motion with solver.dynamic, where either may act alone",
+    (
+        "in a field that varies in space, equilibrium needs magnetic_torque and magnetic_force:"
+        " either alone has no energy"
+    ),
+    (
+        "add `magnetic_force: {}` or `magnetic_torque: {}`, or ask for motion with solver.dynamic,"
+        " where either may act alone"
+    ),
 )
 
 
@@ -147,15 +153,19 @@ def _motion_has_its_solver(scene: WholeScene) -> None:
         if effect.ONLY_IN_MOTION and not (along_time and effect.ALONG_TIME):
             ways = "`solver: {dynamic: {duration: 0.5 s}}`"
             raise fault(
-                f"{name} acts in motion only, and this scene is solved for {'equilibria along time' if along_time else 'its equilibrium'}",
-                f"write {ways}{' or `solver: {quasi_static: {steps: 40}}`' if effect.ALONG_TIME else ''}, or do not name {name}",
+                f"{name} acts in motion only, and this scene is solved for"
+                f" {'equilibria along time' if along_time else 'its equilibrium'}",
+                "write"
+                f" {ways}{' or `solver: {quasi_static: {steps: 40}}`' if effect.ALONG_TIME else ''},"
+                f" or do not name {name}",
                 ("effects", name),
             )
 
 
 def _feed_can_push(scene: WholeScene) -> None:
     """The guide must hold some of a catheter, and go on holding it."""
-    feed, catheter = scene.effects.feed, scene.body.catheter
+    feed = scene.effects.feed
+    catheter = scene.body.catheter
     if feed is None:
         return
     if catheter is None:
@@ -167,15 +177,16 @@ def _feed_can_push(scene: WholeScene) -> None:
     least = catheter.diameter
     if not feed.exit >= least:
         raise fault(
-            f"the guide must hold one diameter of the catheter at least, {1e3 * least:g} mm from the base at x = 0",
+            f"the guide must hold one diameter of the catheter at least, {1e3 * least:g} mm from"
+            " the base at x = 0",
             f"write an exit of {1e3 * least:g} mm or more",
             ("effects", "feed", "exit"),
         )
     left = feed.exit - feed.speed * scene.duration
     if not left >= least:
         raise fault(
-            f"the base must stay in the guide by one diameter, {1e3 * least:g} mm; {1e3 * left:g} mm are left after "
-            f"{scene.duration:g} s",
+            f"the base must stay in the guide by one diameter, {1e3 * least:g} mm; {1e3 * left:g}"
+            f" mm are left after {scene.duration:g} s",
             "push more slowly, for a shorter time, or from a guide whose exit is farther",
             ("effects", "feed", "speed"),
         )
@@ -209,13 +220,12 @@ def _field_suits_the_solver(scene: WholeScene) -> None:
 
 def _path_has_an_end(scene: WholeScene) -> None:
     """Equilibria along time need to know until when, where neither the solver nor the field's schedule says it."""
-    options, over = scene.solver.quasi_static, scene.field.over_time
+    options = scene.solver.quasi_static
+    over = scene.field.over_time
     if options is None or options.steps is None or options.duration is not None:
         return
-    why, moved = (
-        None,
-        [move.over_time for move in (scene.move or {}).values() if move.over_time is not None],
-    )
+    why = None
+    moved = [move.over_time for move in (scene.move or {}).values() if move.over_time is not None]
     if over is not None and over.endless is not None:
         why = f"the field's {over.endless} has no end"
     elif endless := [one.endless for one in moved if one.endless is not None]:
@@ -230,7 +240,8 @@ def _path_has_an_end(scene: WholeScene) -> None:
     if why is not None:
         raise fault(
             f"the steps are equal parts of a time that the scene must give: {why}",
-            "add `duration`, say `quasi_static: {steps: 40, duration: 0.5 s}`, or list the times: `at`",
+            "add `duration`, say `quasi_static: {steps: 40, duration: 0.5 s}`, or list the times:"
+            " `at`",
             ("solver", "quasi_static", "steps"),
         )
 
@@ -261,13 +272,17 @@ def _something_changes(scene: WholeScene) -> None:
 def _nothing_changes(why: str) -> tuple[str, str]:
     return (
         f"nothing changes along this path of equilibria: {why}",
-        "let the field change, say `over_time: {ramp: {duration: 0.1 s}}`, name `feed`, or ask for one equilibrium: `solver: {static: {}}`",
+        (
+            "let the field change, say `over_time: {ramp: {duration: 0.1 s}}`, name `feed`, or ask"
+            " for one equilibrium: `solver: {static: {}}`"
+        ),
     )
 
 
 def without_energy(scene: WholeScene) -> str | None:
     """Torque or force, whichever an equilibrium in a field that varies in space lacks; None where all is well."""
-    torque, force = scene.effects.magnetic_torque, scene.effects.magnetic_force
+    torque = scene.effects.magnetic_torque
+    force = scene.effects.magnetic_force
     if not scene.static or not scene.field.varies or (torque is None) == (force is None):
         return None
     return "magnetic_torque" if torque is None else "magnetic_force"
@@ -296,17 +311,22 @@ def warnings(scene: SceneLike) -> list[str]:
     """Warn of settings that the author may not have meant: one sentence each."""
     found: list[str] = []
     magnetized = scene.magnetized_regions()
-    shape, dynamic, gravity = scene.body.shape, scene.solver.dynamic, scene.effects.gravity
-    torque, force = scene.effects.magnetic_torque, scene.effects.magnetic_force
+    shape = scene.body.shape
+    dynamic = scene.solver.dynamic
+    gravity = scene.effects.gravity
+    torque = scene.effects.magnetic_torque
+    force = scene.effects.magnetic_force
     if torque is None and force is None and scene.field.acts and magnetized:
         found.append("effects: magnetic_torque is not named, so the field does nothing")
     elif torque is None and force is not None and scene.field.varies:
         found.append(
-            "effects: magnetic_torque is not named, so the field pulls the segments but does not turn them"
+            "effects: magnetic_torque is not named, so the field pulls the segments but does not"
+            " turn them"
         )
     elif force is None and scene.field.varies and magnetized:
         found.append(
-            "effects: magnetic_force is not named, so the field turns the segments but does not pull them"
+            "effects: magnetic_force is not named, so the field turns the segments but does not"
+            " pull them"
         )
     acting = (torque, force, scene.effects.magnetic_interaction)
     if shape.magnetized_by_region and any(effect is not None for effect in acting):
@@ -323,7 +343,8 @@ def warnings(scene: SceneLike) -> list[str]:
         effect = getattr(scene.effects, key)
         if effect is not None and most_friction(scene, effect.friction) > 0.0:
             found.append(
-                f"effects.{key}: equilibria leave friction out: the body slides until the push of {key} alone holds it"
+                f"effects.{key}: equilibria leave friction out: the body slides until the push of"
+                f" {key} alone holds it"
             )
     own = shape.warnings(scene.resolution.cells_across, one_grid=dynamic is None)
     fitted = dynamic is None and scene.body.catheter is not None and scene.body.catheter.round_cells
@@ -335,17 +356,20 @@ def warnings(scene: SceneLike) -> list[str]:
     ):
         gap = f"{1e3 * TOUCHING * shape.length:.2g} mm"
         found.append(
-            f"effects.self_contact: all parts touch, and stay joined where faces do; what is to slide needs a gap of over {gap}"
+            "effects.self_contact: all parts touch, and stay joined where faces do; what is to"
+            f" slide needs a gap of over {gap}"
         )
     if shape.clamp == "none" and scene.effects.feed is not None:
         found.append(
-            "body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes it, clamped or not"
+            "body.catheter.clamp: none frees nothing here: the guide of feed holds the base and"
+            " pushes it, clamped or not"
         )
     if shape.in_plane_strain and scene.field.uniform[1] and torque is not None:
         found.append("field: its y component does nothing to a strip in plane strain")
     if shape.in_plane_strain and gravity is not None and gravity.acceleration[1]:
         found.append(
-            "effects.gravity: the y component of its acceleration does nothing to a strip in plane strain"
+            "effects.gravity: the y component of its acceleration does nothing to a strip in plane"
+            " strain"
         )
     used = {region.material_name for region in scene.regions()}
     found += [f"materials: {name} is not used" for name in scene.materials if name not in used]
@@ -363,8 +387,9 @@ def _left_unmagnetized(scene: SceneLike) -> list[str]:
         ):
             bare.setdefault(region.material_name, []).append(dotted(("body", *region.at)))
     return [
-        f"{', '.join(keys)}: not magnetized, [0, 0, 0], though {name} has a remanence of {quantity(scene.materials[name].remanence, 'T')}; "
-        "give a direction, or a material without remanence"
+        f"{', '.join(keys)}: not magnetized, [0, 0, 0], though {name} has a remanence of"
+        f" {quantity(scene.materials[name].remanence, 'T')}; give a direction, or a material"
+        " without remanence"
         for name, keys in bare.items()
     ]
 

@@ -81,7 +81,10 @@ def _refuse_other_files(data: Mapping[str, Any]) -> None:
     place = str(data.path) if isinstance(data, Document) else "input"
     rule = "a scene says what is simulated: `materials`, `body`, `field`, `effects`"
     if "scene" in data:
-        remedy = f"`magmpm design {place}` runs the study; the scene that it names is {show(data['scene'])}"
+        remedy = (
+            f"`magmpm design {place}` runs the study; the scene that it names is"
+            f" {show(data['scene'])}"
+        )
         raise InputError(place, received="a study", rule=rule, remedy=remedy)
     if "n_segments" in data:
         remedy = f"`magmpm import {place} -o SCENE.yaml` makes a scene of it"
@@ -150,7 +153,8 @@ class Scene(Settings):
         if plain_word(key) not in OF_STUDIES:
             return None
         return Instead(
-            "it belongs in a study, a file of its own that names this one, `scene: FILE`; `magmpm design STUDY` runs it"
+            "it belongs in a study, a file of its own that names this one, `scene: FILE`; `magmpm"
+            " design STUDY` runs it"
         )
 
     name: str = Field(
@@ -175,12 +179,18 @@ class Scene(Settings):
     )
     move: Annotated[dict[str, moves.Move], AfterValidator(FrozenDict)] | None = Field(
         default=None,
-        description="What holds the body is moved: base, tip (of a strip that both ends hold), or held parts by their names.",
+        description=(
+            "What holds the body is moved: base, tip (of a strip that both ends hold), or held"
+            " parts by their names."
+        ),
         examples=[{"tip": {"along": [-1, 0, 0], "distance": "0.47 mm"}}],
     )
     effects: Annotated[Effects, BeforeValidator(_read_effects), _OrAuto()] = Field(
         default=Effects(),
-        description="What is simulated; what is not named is not, and costs nothing. auto: the program chooses, and says what and why.",
+        description=(
+            "What is simulated; what is not named is not, and costs nothing. auto: the program"
+            " chooses, and says what and why."
+        ),
         examples=[{"magnetic_torque": {}}],
     )
     solver: Solver = Field(
@@ -193,7 +203,10 @@ class Scene(Settings):
     )
     advice: Literal["on", "off"] = Field(
         default="on",
-        description="Whether `magmpm run` warns of effects that are not named and would move the answer: on, unless given, or off.",
+        description=(
+            "Whether `magmpm run` warns of effects that are not named and would move the answer:"
+            " on, unless given, or off."
+        ),
         examples=["off"],
     )
     reference: Reference | None = Field(
@@ -325,9 +338,15 @@ class Scene(Settings):
             else "equilibrium"
         )
         solved = several if dynamic is None else f"motion of {dynamic.duration:g} s"
-        size = f"{1e3 * self.length:g} mm long, {1e3 * self.thickness:g} mm thick, {len(self.regions())} regions"
+        size = (
+            f"{1e3 * self.length:g} mm long, {1e3 * self.thickness:g} mm thick,"
+            f" {len(self.regions())} regions"
+        )
         cells = f"cells of {1e3 * self.cell:.3g} mm"
-        return f"Scene({self.name!r}: {self.body.kind}, {size}; {named}; {solved} in {cells}; field {self.field.text()})"
+        return (
+            f"Scene({self.name!r}: {self.body.kind}, {size}; {named}; {solved} in {cells}; field"
+            f" {self.field.text()})"
+        )
 
     __str__ = __repr__
 
@@ -393,7 +412,8 @@ class Scene(Settings):
 
         One number or text, as in with_field("4 mT"), is the strength of a field along that of the scene. Raises InputError.
         """
-        data, given = self.to_si(), uniform.tolist() if isinstance(uniform, np.ndarray) else uniform
+        data = self.to_si()
+        given = uniform.tolist() if isinstance(uniform, np.ndarray) else uniform
         if isinstance(given, (str, int, float)):
             given = self._along_its_field(given)
         return Scene.from_si({**data, "field": {**data["field"], "uniform": given}})
@@ -417,17 +437,13 @@ class Scene(Settings):
         """
         data = self.to_si()
         if name is None and len(self.materials) > 1:
-            rule, remedy = (
-                "the scene has several materials",
-                f"name one of them: {', '.join(self.materials)}",
-            )
+            rule = "the scene has several materials"
+            remedy = f"name one of them: {', '.join(self.materials)}"
             raise InputError("materials", received="no name", rule=rule, remedy=remedy)
         key = next(iter(self.materials)) if name is None else name
         if key not in self.materials and "shear_modulus" not in properties:
-            rule, remedy = (
-                f"the scene has {', '.join(self.materials)}; a new one needs a shear_modulus",
-                "use one of these names",
-            )
+            rule = f"the scene has {', '.join(self.materials)}; a new one needs a shear_modulus"
+            remedy = "use one of these names"
             raise InputError("materials", received=repr(key), rule=rule, remedy=remedy)
         return Scene.from_si(
             {

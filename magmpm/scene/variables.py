@@ -55,7 +55,8 @@ def tangents(direction: Sequence[float]) -> tuple[Vector, Vector]:
     across = math.hypot(x, y)
     cos_a, sin_a = (x / across, y / across) if across > 0.0 else (1.0, 0.0)
     size = math.hypot(across, z)
-    cos_e, sin_e = across / size, z / size
+    cos_e = across / size
+    sin_e = z / size
     return (-sin_a, cos_a, 0.0), (-sin_e * cos_a, -sin_e * sin_a, cos_e)
 
 
@@ -108,10 +109,15 @@ def check_differentiable(scene: Scene) -> None:
         raise InputError(
             "effects.feed",
             received="a catheter that is pushed out of its guide",
-            rule="sensitivities are those of a body whose length outside of the guide is given, and here "
-            "it grows along the path",
-            remedy="differentiate what is outside at the end, as `scene.inserted(length)`, in the field of that time; "
-            "with obstacles, or sources of a field, differentiate runs by differences",
+            rule=(
+                "sensitivities are those of a body whose length outside of the guide is given, and"
+                " here it grows along the path"
+            ),
+            remedy=(
+                "differentiate what is outside at the end, as `scene.inserted(length)`, in the"
+                " field of that time; with obstacles, or sources of a field, differentiate runs by"
+                " differences"
+            ),
         )
     for key, effect in scene.effects.named().items():
         if (
@@ -121,10 +127,15 @@ def check_differentiable(scene: Scene) -> None:
             raise InputError(
                 f"effects.{key}.friction",
                 received=f"{friction:g}, along a path of equilibria",
-                rule="what friction holds depends on every step before, so the last equilibrium alone "
-                "does not say how the shape answers",
-                remedy="differentiate runs by differences (friction is settled to 0.1 % of the grip, so "
-                "change a variable by some per cent), or write `friction: 0`, also in materials",
+                rule=(
+                    "what friction holds depends on every step before, so the last equilibrium"
+                    " alone does not say how the shape answers"
+                ),
+                remedy=(
+                    "differentiate runs by differences (friction is settled to 0.1 % of the grip,"
+                    " so change a variable by some per cent), or write `friction: 0`, also in"
+                    " materials"
+                ),
             )
 
 
@@ -145,7 +156,8 @@ def _word(name: str) -> str:
 def _magnetization(scene: Scene) -> _Found:
     if not scene.body.shape.magnetized_by_region:
         return "a magnetization_profile has no segments to turn; give the strip `segments`"
-    regions, on = scene.regions(), scene.magnetized_regions()
+    regions = scene.regions()
+    on = scene.magnetized_regions()
     if not on:
         return "no region is magnetized; give one a `magnetization`, and its material a `remanence`"
     return [
@@ -254,7 +266,8 @@ def _other_material(variable: Variable, scene: Scene, amount: float) -> Scene:
 
 def _lengthen(variable: Variable, scene: Scene, amount: float) -> Scene:
     data: dict[str, Any] = {**scene.to_si(), "reference": None}  # it is that of another length
-    body, shape = data["body"][scene.body.kind], scene.body.shape
+    body = data["body"][scene.body.kind]
+    shape = scene.body.shape
     assert isinstance(shape, StraightBody)
     if variable.region is None:
         body["length"] += amount

@@ -30,7 +30,8 @@ def choose_effects(scene: Scene) -> Choice:
     that can act without settings of its own is chosen, except self_contact.
     """
     bare = scene.with_effects(auto=None)
-    possible, found = [], {}
+    possible = []
+    found = {}
     for key in bare.effects.every():
         both = variants(bare, key)
         if isinstance(both, str):
@@ -82,7 +83,8 @@ def _together(full: Scene, left: list[str], found: dict[str, Advice]) -> list[st
     )
     if len(left) < 2:
         return []
-    runs, chosen = Variants(full), []
+    runs = Variants(full)
+    chosen = []
     while left:
         without = full.model_copy(
             update={"effects": full.effects.model_copy(update=dict.fromkeys(left))}
@@ -93,7 +95,8 @@ def _together(full: Scene, left: list[str], found: dict[str, Advice]) -> list[st
             break
         if moved <= full.allowed_error:
             break
-        key, share = left.pop(0), f"{100 * moved / full.length:.2g} % of its length"
+        key = left.pop(0)
+        share = f"{100 * moved / full.length:.2g} % of its length"
         found[key] = replace(
             found[key], why=f"{found[key].why}; but with what else was left out, by {share}"
         )

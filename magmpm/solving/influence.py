@@ -22,10 +22,14 @@ from magmpm.scene.coarsest import coarsest_cells
 from magmpm.solving.solve import solve
 
 NEIGHBORS = 2.5  # thicknesses along the axis: points nearer than that are neighbors
-FRAMES = 100  # of a motion, as many as it has without output_every: with 25 the peak of a swing fell between two
+# of a motion, as many as it has without output_every: with 25 the peak of a swing fell between two
+FRAMES = 100
 MOMENTS = 9  # of a path, in equal parts, at most
-FAINT = 1e-12  # of an effect's usual strength: as if it were not there, with the kernels of a scene that has it
-GRID = 0.05  # of a shift: its uncertainty on the coarsest grid, 0.4 % in the middle and 2.5 % at most of 40 (tests/benchmarks/advice.py)
+# of an effect's usual strength: as if it were not there, with the kernels of a scene that has it
+FAINT = 1e-12
+# of a shift: its uncertainty on the coarsest grid, 0.4 % in the middle and 2.5 % at most of 40
+# (tests/benchmarks/advice.py)
+GRID = 0.05
 CLOSE = 0.2  # of the error: a shift that is no nearer to it is on the same side on every grid
 SMALL = 0.5  # of the error: a smaller shift is not looked at on another grid
 LONGEST = (
@@ -68,8 +72,11 @@ class Variants:
     """
 
     def __init__(self, scene: Scene, error: float | None = None, longest: float = LONGEST) -> None:
-        self.scene, self.error, self.longest = scene, error or scene.allowed_error, longest
-        self.cells, self.duration = coarsest_cells(scene), scene.duration
+        self.scene = scene
+        self.error = error or scene.allowed_error
+        self.longest = longest
+        self.cells = coarsest_cells(scene)
+        self.duration = scene.duration
         if scene.solver.dynamic is not None:
             self.duration *= min(1.0, longest / motion_seconds(scene.with_cells(self.cells)))
         self._found: dict[tuple[Any, int], Frames | MagmpmError] = {}
@@ -130,10 +137,8 @@ class Variants:
                     times[i] for i in np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)
                 ]
             }
-        coarse, frames = (
-            Scene.from_si({**data, "reference": None, "advice": "off"}).with_cells(cells),
-            Frames(),
-        )
+        coarse = Scene.from_si({**data, "reference": None, "advice": "off"}).with_cells(cells)
+        frames = Frames()
         if (
             cells > self.cells
             and coarse.solver.dynamic is not None
@@ -145,8 +150,10 @@ class Variants:
 
     def _sharing_kernels(self, scene: Scene) -> dict[str, Any]:
         """Data of a variant in which what it lacks is FAINT, where that can be: all variants then share one set of compiled kernels."""
-        data, named = scene.to_si(), scene.effects
-        effects, usual = data["effects"], self.scene.effects
+        data = scene.to_si()
+        named = scene.effects
+        effects = data["effects"]
+        usual = self.scene.effects
         if named.gravity is None and has_densities(scene):
             effects["gravity"] = {"acceleration": [0.0, 0.0, -FAINT]}
         if named.damping is None and usual.damping is not None:
@@ -190,7 +197,8 @@ def variants(scene: Scene, key: str) -> tuple[Scene, Scene] | str:
 
     At rest in a field that varies in space torque and force come and go together.
     """
-    kind, named = scene.effects.every()[key], getattr(scene.effects, key)
+    kind = scene.effects.every()[key]
+    named = getattr(scene.effects, key)
     along_time = scene.solver.quasi_static is not None and kind.ALONG_TIME
     if scene.solver.dynamic is None and kind.ONLY_IN_MOTION and not along_time:
         return "it acts in motion only"
@@ -245,7 +253,8 @@ def has_densities(scene: Scene) -> bool:
 
 def advise(scene: Scene, key: str, runs: Variants) -> Advice:
     """Evaluate one effect, whether the scene names it or not, and say what to do."""
-    named, both = getattr(scene.effects, key) is not None, variants(scene, key)
+    named = getattr(scene.effects, key) is not None
+    both = variants(scene, key)
     if isinstance(both, str):
         return Advice(key, named, 0.0, 0.0, "drop" if named else "irrelevant", both)
     try:
@@ -262,7 +271,8 @@ def advise(scene: Scene, key: str, runs: Variants) -> Advice:
         return unknown(key, named, reason(failure))
     if runs.duration == scene.duration:
         return found
-    within = f"{found.why}, within its first {runs.duration:.2g} s"  # more than that is not run: the whole may be moved farther
+    # more than that is not run: the whole may be moved farther
+    within = f"{found.why}, within its first {runs.duration:.2g} s"
     if found.advice in ("keep", "add"):
         return replace(found, shift=None, uncertainty=None, why=within)
     return unknown(key, named, f"a whole run takes too long, and {within}")
@@ -270,14 +280,18 @@ def advise(scene: Scene, key: str, runs: Variants) -> Advice:
 
 def verdict(scene: Scene, key: str, moved: Shift, error: float) -> Advice:
     """The advice that follows from a shift."""
-    named, matters = getattr(scene.effects, key) is not None, moved.value > error
+    named = getattr(scene.effects, key) is not None
+    matters = moved.value > error
     word: Word = ("keep" if matters else "drop") if named else ("add" if matters else "irrelevant")
     near = (
         " (close: within what the estimate is uncertain by)"
         if abs(moved.value - error) < moved.uncertainty
         else ""
     )
-    why = f"it moves the answer by {in_lengths(moved.value, scene)}, {'more' if matters else 'less'} than {in_lengths(error, scene)}{near}"
+    why = (
+        f"it moves the answer by {in_lengths(moved.value, scene)}, {'more' if matters else 'less'}"
+        f" than {in_lengths(error, scene)}{near}"
+    )
     return Advice(key, named, moved.value, moved.uncertainty, word, why)
 
 

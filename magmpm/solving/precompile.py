@@ -56,14 +56,17 @@ from magmpm.statics.unnamed_loads import missed_loads
 
 PATIENCE = 30.0  # s to wait for another process that compiles the same kernels
 REMINDED = 10.0  # s between two lines of who waits
-STEPS = 20.0  # factorizations of the solve that only compiles: where a thousandth of the load is easy, it takes 2 to 8
-ROOM = 20e6  # bytes on the disk, without which compiling ahead is for nothing: a set of kernels takes 2 to 5 MB, while it is written twice
-SOLVE, DERIVATIVES, RODS, PROOFS = (
-    "solve",
-    "sensitivities",
-    "rods",
-    "proofs of errors",
-)  # what kernels are for
+# factorizations of the solve that only compiles: where a thousandth of the load is easy, it takes 2
+# to 8
+STEPS = 20.0
+# bytes on the disk, without which compiling ahead is for nothing: a set of kernels takes 2 to 5 MB,
+# while it is written twice
+ROOM = 20e6
+# what kernels are for
+SOLVE = "solve"
+DERIVATIVES = "sensitivities"
+RODS = "rods"
+PROOFS = "proofs of errors"
 Tell = Callable[[str], None]
 _ready: set[str] = set()
 
@@ -103,7 +106,8 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLV
         begun = time.perf_counter()
         if not _has_room():
             tell(
-                f"no room in {_cache()} for compiled kernels: this run compiles its own, up to a minute; free {ROOM / 1e6:.0f} MB there"
+                f"no room in {_cache()} for compiled kernels: this run compiles its own, up to a"
+                f" minute; free {ROOM / 1e6:.0f} MB there"
             )
             return True
         what = " and ".join(describe(scene) if use == SOLVE else use for use in missing)
@@ -204,7 +208,8 @@ def _alone(lock: Path, tell: Tell, until: float) -> Iterator[None]:
                 reminded = time.monotonic()
                 left = max(until - reminded, 0.0)
                 tell(
-                    f"waiting for process {_holder(stream)}, which compiles the same kernels ({left:.0f} s more at most)"
+                    f"waiting for process {_holder(stream)}, which compiles the same kernels"
+                    f" ({left:.0f} s more at most)"
                 )
             time.sleep(0.05)
         if mine:
@@ -213,7 +218,8 @@ def _alone(lock: Path, tell: Tell, until: float) -> Iterator[None]:
             stream.flush()
         else:
             tell(
-                f"process {_holder(stream)} still compiles the same kernels; this one goes on with its own"
+                f"process {_holder(stream)} still compiles the same kernels; this one goes on with"
+                " its own"
             )
         yield
 
@@ -325,7 +331,8 @@ def _built(small: Scene) -> Model:
 
 def _tangent(small: Scene) -> None:
     energy = Energy(arranged(static_model(_built(small)))[0])
-    model, n = energy.model, len(energy.model.shear)
+    model = energy.model
+    n = len(energy.model.shear)
     rest = np.broadcast_to(model.axes, (n, 3, 3)).copy()
     energy.tangent(
         Point(straight(model), np.zeros((n, 3)), model.particles.position, rest, 0.0, 1.0, 1.0)
@@ -388,7 +395,8 @@ def _changes(small: Scene) -> None:
 
 
 def _rods(small: Scene) -> None:
-    each, at = np.ones((2, 3)), np.zeros((3, 3))
+    each = np.ones((2, 3))
+    at = np.zeros((3, 3))
     family = RodFamily(
         RodModel(np.ones(2), each, each, 0.0 * each, at, at), np.zeros((1, 2))
     )  # two elements without a load
@@ -416,7 +424,8 @@ def _measured(small: Scene) -> None:
     from magmpm.results.frame_arrays import FrameArrays
 
     model = build(small)
-    x, F = model.particles.position, np.tile(np.eye(3), (len(model.density), 1, 1))
+    x = model.particles.position
+    F = np.tile(np.eye(3), (len(model.density), 1, 1))
     _, P = energies.elastic(model, F)
     energies.add_effects_stress(model, x, F, model.effects, P)
     energies.effect_energies(model, x, F, 0.0)

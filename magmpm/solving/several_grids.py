@@ -36,7 +36,8 @@ class Runs(Grids):
         """Run the scene, if it has not been."""
         if cells in self.solved:
             return
-        begun, frames = time.perf_counter(), Frames()
+        begun = time.perf_counter()
+        frames = Frames()
 
         def tell(step: int, at: float) -> None:
             self._check_hopeful(cells, time.perf_counter() - begun, at)
@@ -69,7 +70,8 @@ class Runs(Grids):
 
     def _check_hopeful(self, cells: int, gone: float, at: float) -> None:
         """Raise SceneError at a time (s) of the first grid's motion, `gone` s after it began, if the error requested will take too long."""
-        scene, allowed = self.scene, self.scene.resolution.allowed(self.scene.length)
+        scene = self.scene
+        allowed = self.scene.resolution.allowed(self.scene.length)
         if (
             self.solved
             or not scene.in_time
@@ -83,14 +85,20 @@ class Runs(Grids):
             if scene.solver.dynamic is not None
             else scene.path_times()[-1]
         )
-        alone, times = gone * end / at, self.times(cells)
+        alone = gone * end / at
+        times = self.times(cells)
         if alone * times > PATIENCE:
             raise SceneError(
                 "resolution.error",
                 received=f"{100 * allowed / scene.length:.3g} % of the length",
-                rule=f"must be within reach of {PATIENCE:g} s: a run on {cells} cells across takes {alone:.2g} s, and to know its error "
-                f"{times:.2g} times as long",
-                remedy=f"give cells_across: {cells} without an error, shorten it, or allow resolution.seconds: {1.2 * alone * times:.2g}",
+                rule=(
+                    f"must be within reach of {PATIENCE:g} s: a run on {cells} cells across takes"
+                    f" {alone:.2g} s, and to know its error {times:.2g} times as long"
+                ),
+                remedy=(
+                    f"give cells_across: {cells} without an error, shorten it, or allow"
+                    f" resolution.seconds: {1.2 * alone * times:.2g}"
+                ),
             )
 
     def prove(self, cells: int, against: int) -> None:
@@ -103,7 +111,8 @@ class Runs(Grids):
 
     def distances(self, coarse: int, fine: int) -> dict[float, float]:
         """The largest distance (m) in each frame but those near a jump, by its time (s)."""
-        one, other = self.frames[coarse], self.frames[fine]
+        one = self.frames[coarse]
+        other = self.frames[fine]
         return one.distances(other, self.scene.resolution.of, near_jumps(one, other))
 
     def takes(self, cells: int, proof: bool) -> float:
@@ -163,14 +172,14 @@ def _on_the_way(grids: Grids, choice: ChosenGrid) -> dict[str, Any]:
     """Time (s) when the two grids differ the most, and the spans (s) around jumps in which no error is known, of runs along time."""
     if not isinstance(grids, Runs) or not grids.scene.in_time:
         return {}
-    coarse, fine = choice.cells, choice.report["finer"]["cells_across"]
-    distances, spans = (
-        grids.distances(coarse, fine),
-        near_jumps(grids.frames[coarse], grids.frames[fine]),
-    )
+    coarse = choice.cells
+    fine = choice.report["finer"]["cells_across"]
+    distances = grids.distances(coarse, fine)
+    spans = near_jumps(grids.frames[coarse], grids.frames[fine])
     words = [
-        f"resolution: the error is not known from t = {first:.6g} to {last:.6g} s, around a jump of the path, which comes sooner or later "
-        "on other grids; the error reported is that of the equilibria before and after"
+        f"resolution: the error is not known from t = {first:.6g} to {last:.6g} s, around a jump of"
+        " the path, which comes sooner or later on other grids; the error reported is that of the"
+        " equilibria before and after"
         for first, last in spans
     ]
     return {
@@ -192,7 +201,9 @@ def notes_before(scene: Scene) -> list[str]:
     return [*([f"warning: {kink}"] if kink else []), *([cost] if cost else [])]
 
 
-BODY_STEP = 0.85  # largest stable step of a body, over the time that a pressure wave takes through a cell: 0.72 to 0.99 in bodies tried
+# largest stable step of a body, over the time that a pressure wave takes through a cell: 0.72 to
+# 0.99 in bodies tried
+BODY_STEP = 0.85
 
 
 def steps_in_words(scene: Scene) -> str:
@@ -208,9 +219,11 @@ def steps_in_words(scene: Scene) -> str:
         step = min(step, options.time_step)
     modulus = quantity(scene.materials[name].shear_modulus, "Pa")
     return (
-        f"time steps of about {quantity(step, 's', 2)}, some {significant(options.duration / step, 2)} for "
-        f"{quantity(options.duration, 's')} of motion: a pressure wave crosses a cell ({length(scene.cell)}) of {name} "
-        f"(shear modulus {modulus}) in {quantity(crossing[name], 's')}; larger cells, or less stiff or heavier material, take longer steps"
+        f"time steps of about {quantity(step, 's', 2)}, some"
+        f" {significant(options.duration / step, 2)} for {quantity(options.duration, 's')} of"
+        f" motion: a pressure wave crosses a cell ({length(scene.cell)}) of {name} (shear modulus"
+        f" {modulus}) in {quantity(crossing[name], 's')}; larger cells, or less stiff or heavier"
+        " material, take longer steps"
     )
 
 
@@ -226,11 +239,13 @@ def _wave_speed(scene: Scene, name: str) -> float:
 
 def cost_in_words(scene: Scene) -> str:
     """The cost of knowing the error; "" for equilibria, which take a second or two."""
-    grids, first = grids_of(scene), first_cells(scene)
+    grids = grids_of(scene)
+    first = first_cells(scene)
     if not isinstance(grids, Runs):
         return ""
     *others, last = needed_for(scene, first)
     return (
-        f"to know its error, the whole {'motion' if scene.solver.dynamic else 'path'} is run on {', '.join(map(str, [first, *others]))} "
-        f"and {last} cells across: about {grids.times(first):.2g} times as long as on {first} alone"
+        f"to know its error, the whole {'motion' if scene.solver.dynamic else 'path'} is run on"
+        f" {', '.join(map(str, [first, *others]))} and {last} cells across: about"
+        f" {grids.times(first):.2g} times as long as on {first} alone"
     )

@@ -103,13 +103,16 @@ def at_rest(
         raise with_state(
             error, {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun}
         ) from None
-    return finite(
-        result_of(
-            model,
-            found,
-            {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun},
-        )
-    ), found
+    return (
+        finite(
+            result_of(
+                model,
+                found,
+                {"setup": setup, "compile": compiled, "solve": time.perf_counter() - begun},
+            )
+        ),
+        found,
+    )
 
 
 def end_of_path(scene: Scene) -> tuple[Result, Equilibrium]:
@@ -148,8 +151,9 @@ def finite(result: Result) -> Result:
     """The result, if all its numbers are finite, as files need them. Raises SolveError otherwise."""
     if wrong := result.not_finite():
         raise SolveError(
-            f"the solve ended with numbers that are not finite (in {', '.join(wrong)}), so there is no result; "
-            "remedy: check the units of sizes, loads and materials; what is smallest and largest may be too far apart for the grid"
+            f"the solve ended with numbers that are not finite (in {', '.join(wrong)}), so there is"
+            " no result; remedy: check the units of sizes, loads and materials; what is smallest"
+            " and largest may be too far apart for the grid"
         )
     return result
 
@@ -174,7 +178,8 @@ def _motion(
     begun = time.perf_counter()
     with memory.within(scene):
         model = build(scene)  # refuses what can't begin, before its kernels are compiled
-        compiled, moved = prepare_kernels(scene), dynamics.begin(model)
+        compiled = prepare_kernels(scene)
+        moved = dynamics.begin(model)
     seconds = {"setup": 0.0, "compile": compiled, "solve": 0.0}
     ready = time.perf_counter()
 
@@ -238,13 +243,16 @@ def _path(
     except SolveError as error:
         raise _failed(
             error,
-            result_of(error.state, error.reason)
-            if isinstance(error.state, quasi_static.PathState)
-            else None,
+            (
+                result_of(error.state, error.reason)
+                if isinstance(error.state, quasi_static.PathState)
+                else None
+            ),
         ) from None
     result = result_of(state)
     if state.branch is not None and advise:
-        energy, point = state.branch.energy_at(state.time), state.branch.now.point
+        energy = state.branch.energy_at(state.time)
+        point = state.branch.now.point
         with one_blas_thread():
             factored(energy, point)
         result.warnings.extend(missed_loads(scene, energy, point))
@@ -340,7 +348,8 @@ def _of_any(
     stability: float | None = None,
 ) -> dict[str, Any]:
     """Fields of every result, with the field at the body's center at a time (s; None in statics). warnings: those of this solve."""
-    scene, particles = model.scene, model.particles
+    scene = model.scene
+    particles = model.particles
     of_field = scene.outside_field().warnings if scene.effects.in_a_field else []
     return {
         "name": scene.name,
@@ -378,7 +387,8 @@ def result_of(
     model: StaticModel, found: Equilibrium, seconds: dict[str, float], failure: str = ""
 ) -> Result:
     point = found.point
-    position, strain = point.position, strain_of(model, point.position, point.F)
+    position = point.position
+    strain = strain_of(model, point.position, point.F)
     return Result(
         **_of_any(
             model,
@@ -393,9 +403,11 @@ def result_of(
         ),
         grid_correction=found.correction,
         centreline=axis_of_unknowns.centreline(model, point.grid),
-        tip=measures.named_tip(model, position)
-        if model.line is None
-        else axis_of_unknowns.tip(model, point.grid),
+        tip=(
+            measures.named_tip(model, position)
+            if model.line is None
+            else axis_of_unknowns.tip(model, point.grid)
+        ),
         iterations=found.steps,
         dof=model.dof,
         min_det_F=point.min_det_F,

@@ -44,7 +44,8 @@ class TurningParticles:
         self._matrix.finish()
         if not self._matrix.factor():
             raise ArithmeticError(
-                "the gradients of the grid's splines do not tell its coefficients: some node has no material"
+                "the gradients of the grid's splines do not tell its coefficients: some node has no"
+                " material"
             )
 
     def moved(self, grid: Array, F: Array, direction: Array, fraction: float) -> Array:
@@ -81,7 +82,8 @@ def _exponential(skew: Array) -> Array:
 
 def rest_nodes(model: StaticModel) -> Array:
     """Positions (planes, nodes, 3) m of the nodes of the undeformed grid, in x, y, z."""
-    grid, layout = model.grid, model.layout
+    grid = model.grid
+    layout = model.layout
     first, second, third = model.order
     X = np.empty((layout.planes, layout.nodes_per_plane, 3))
     X[..., first] = grid.node_coordinates(0)[int(model.clamped_face) :, None]
@@ -92,9 +94,12 @@ def rest_nodes(model: StaticModel) -> Array:
 def along_arc(model: StaticModel, grid: Array, direction: Array, fraction: float) -> Array:
     """Coefficients (planes, m) m after a fraction of a step `direction` (planes, m) m from `grid` (planes, m) m, along an arc."""
     X = rest_nodes(model)
-    x, d = X + grid.reshape(X.shape), direction.reshape(X.shape)
-    center, shift = x.mean(axis=1), d.mean(axis=1)
-    arm, turn = x - center[:, None], d - shift[:, None]
+    x = X + grid.reshape(X.shape)
+    d = direction.reshape(X.shape)
+    center = x.mean(axis=1)
+    shift = d.mean(axis=1)
+    arm = x - center[:, None]
+    turn = d - shift[:, None]
     # The rotation that is nearest to each plane's motion, by least squares: of the sum of |w x arm - turn|^2.
     inertia = np.einsum("pni,pni->p", arm, arm)[:, None, None] * np.eye(3) - np.einsum(
         "pni,pnj->pij", arm, arm
@@ -105,7 +110,8 @@ def along_arc(model: StaticModel, grid: Array, direction: Array, fraction: float
         np.cross(arm, turn).sum(axis=1),
     )
     section = _turned(fraction * w, arm + fraction * (turn - np.cross(w[:, None], arm)))
-    between, change = np.diff(center, axis=0), np.diff(shift, axis=0)
+    between = np.diff(center, axis=0)
+    change = np.diff(shift, axis=0)
     mean = (w[1:] + w[:-1]) / 2
     gaps = _turned(
         fraction * mean, (between + fraction * (change - np.cross(mean, between)))[:, None]

@@ -39,7 +39,8 @@ def end_face_weights(model: StaticModel) -> Array:
 
 def _plane_weights(model: StaticModel, points: Array, share: Array) -> Array:
     """Sum over points (q, 2) of share times the splines of y and z, for each node of a plane."""
-    dense, node_yz = np.zeros(model.grid.nodes[1:]), model.layout.node_yz
+    dense = np.zeros(model.grid.nodes[1:])
+    node_yz = model.layout.node_yz
     for y, z, first, second in _each_across(model, points):
         np.add.at(dense, (y, z), share * first * second)
     return dense[node_yz[:, 0], node_yz[:, 1]]
@@ -132,7 +133,8 @@ def _section(coarse: StaticModel, fine: StaticModel) -> Array:
 
 def _splines_across(model: StaticModel, points: Array) -> Array:
     """Splines (q, nodes_per_plane) of a section at points (q, 2) m."""
-    dense, node_yz = np.zeros((len(points), *model.grid.nodes[1:])), model.layout.node_yz
+    dense = np.zeros((len(points), *model.grid.nodes[1:]))
+    node_yz = model.layout.node_yz
     for y, z, first, second in _each_across(model, points):
         dense[np.arange(len(points)), y, z] += first * second
     return np.asarray(dense[:, node_yz[:, 0], node_yz[:, 1]])
@@ -150,9 +152,9 @@ def along(coarse: StaticModel, fine: StaticModel, values: Array, moved: float = 
     target = splines_along(fine, s)
     used = np.abs(target).max(axis=0) > 0.0  # a far clamp's plane is not
     target = target[:, used]
-    normal, right = (
-        target.T @ target,
-        target.T @ (splines_along(coarse, np.clip(s + moved, 0.0, coarse.grid.faces[-1])) @ values),
+    normal = target.T @ target
+    right = target.T @ (
+        splines_along(coarse, np.clip(s + moved, 0.0, coarse.grid.faces[-1])) @ values
     )
     bands = np.array([np.concatenate([np.zeros(k), np.diagonal(normal, k)]) for k in (2, 1, 0)])
     out = np.zeros((len(used), values.shape[1]))

@@ -97,21 +97,21 @@ def _signs(panels):
 @compiled
 def _eliminate(panels, j, one, two, m, fortran, work, sizes, letters):
     """Factor panel j in place and update panels `one` and `two` (its next two planes; negative: none). Returns LAPACK's info."""
-    potrf, trsm, syrk, gemm = fortran[0], fortran[1], fortran[2], fortran[3]
+    potrf = fortran[0]
+    trsm = fortran[1]
+    syrk = fortran[2]
+    gemm = fortran[3]
     byte = panels.itemsize
-    n, ld, two_n, info = (
-        sizes[0:].ctypes.data,
-        sizes[1:].ctypes.data,
-        sizes[2:].ctypes.data,
-        sizes[3:].ctypes.data,
-    )
-    right, lower, trans, plain = (
-        letters[0:].ctypes.data,
-        letters[1:].ctypes.data,
-        letters[2:].ctypes.data,
-        letters[3:].ctypes.data,
-    )
-    plus, minus = work[0:].ctypes.data, work[1:].ctypes.data
+    n = sizes[0:].ctypes.data
+    ld = sizes[1:].ctypes.data
+    two_n = sizes[2:].ctypes.data
+    info = sizes[3:].ctypes.data
+    right = letters[0:].ctypes.data
+    lower = letters[1:].ctypes.data
+    trans = letters[2:].ctypes.data
+    plain = letters[3:].ctypes.data
+    plus = work[0:].ctypes.data
+    minus = work[1:].ctypes.data
     top = panels[j].ctypes.data
     call(potrf, (lower, n, top, ld, info))
     if sizes[3] != 0 or one < 0:
@@ -149,7 +149,8 @@ def _factor(panels, split, fortran):
         else:
             for step in range(planes - split - 2):
                 j = planes - 1 - step
-                one, two = j - 1, j - 2
+                one = j - 1
+                two = j - 2
                 one = (
                     planes if one == split + 1 else one
                 )  # the middle planes: this half has its own copy
@@ -179,10 +180,9 @@ def _factor(panels, split, fortran):
 @compiled
 def _words(panels, x):
     """Arguments of BLAS: sizes, letters and signs."""
-    sizes, letters = (
-        np.array([x.shape[2], panels.shape[2], 1, x.shape[1]], np.int32),
-        np.array([76, 84, 78], np.uint8),
-    )  # L T N
+    # L T N
+    sizes = np.array([x.shape[2], panels.shape[2], 1, x.shape[1]], np.int32)
+    letters = np.array([76, 84, 78], np.uint8)
     return sizes, letters, _signs(panels)
 
 
@@ -190,18 +190,23 @@ def _words(panels, x):
 def _reduce(panels, x, j, one, two, back, fortran, words):
     """One step of the substitution with panel j, forward or back: x (planes, columns, m) in place."""
     sizes, letters, work = words
-    trsm, gemm, trsv, gemv = fortran[1], fortran[3], fortran[4], fortran[5]
-    m, columns = x.shape[2], x.shape[1]
-    n, ld, inc, count = (
-        sizes[0:].ctypes.data,
-        sizes[1:].ctypes.data,
-        sizes[2:].ctypes.data,
-        sizes[3:].ctypes.data,
-    )
-    lower, plain = letters[0:].ctypes.data, letters[2:].ctypes.data
+    trsm = fortran[1]
+    gemm = fortran[3]
+    trsv = fortran[4]
+    gemv = fortran[5]
+    m = x.shape[2]
+    columns = x.shape[1]
+    n = sizes[0:].ctypes.data
+    ld = sizes[1:].ctypes.data
+    inc = sizes[2:].ctypes.data
+    count = sizes[3:].ctypes.data
+    lower = letters[0:].ctypes.data
+    plain = letters[2:].ctypes.data
     way = letters[1:].ctypes.data if back else plain
-    plus, minus = work[0:].ctypes.data, work[1:].ctypes.data
-    top, xj = panels[j].ctypes.data, x[j].ctypes.data
+    plus = work[0:].ctypes.data
+    minus = work[1:].ctypes.data
+    top = panels[j].ctypes.data
+    xj = x[j].ctypes.data
     for turn in range(2):
         if (
             (turn == 0) == back
@@ -209,7 +214,8 @@ def _reduce(panels, x, j, one, two, back, fortran, words):
             for k in range(2):
                 other = one if k == 0 else two
                 if other >= 0:
-                    block, there = top + panels.itemsize * m * (k + 1), x[other].ctypes.data
+                    block = top + panels.itemsize * m * (k + 1)
+                    there = x[other].ctypes.data
                     source, target = (there, xj) if back else (xj, there)
                     if columns == 1:
                         call(gemv, (way, n, n, minus, block, ld, source, inc, plus, target, inc))
@@ -229,12 +235,14 @@ def _reduce(panels, x, j, one, two, back, fortran, words):
 @compiled
 def _reduce_half(panels, x, half, back, split, fortran):
     """Substitute in one half: from its end to the middle, or back. Rows of x past `planes` are the second half's copy of the middle."""
-    planes, words = panels.shape[0] - 2, _words(panels, x)
+    planes = panels.shape[0] - 2
+    words = _words(panels, x)
     count, ahead = (split, 1) if half == 0 else (planes - split - 2, -1)
     for step in range(count):
         far = count - 1 - step if back else step
         j = far if half == 0 else planes - 1 - far
-        one, two = j + ahead, j + 2 * ahead
+        one = j + ahead
+        two = j + 2 * ahead
         if half == 1 and not back:
             one = planes if one == split + 1 else one
             two = planes + split + 1 - two if two <= split + 1 else two
@@ -244,12 +252,13 @@ def _reduce_half(panels, x, half, back, split, fortran):
 @kernel
 def _solve(panels, split, x, fortran):
     """x (planes + 2, columns, m) in place: right-hand sides -> solutions."""
-    planes, columns, m = panels.shape[0] - 2, x.shape[1], x.shape[2]
+    planes = panels.shape[0] - 2
+    columns = x.shape[1]
+    m = x.shape[2]
     x[planes:] = 0.0
-    none, words = (
-        -m,
-        _words(panels, x),
-    )  # none: not a number known to the compiler, for each of which it would make a function of its own
+    # none: not a number known to the compiler, for each of which it would make a function of its own
+    none = -m
+    words = _words(panels, x)
     for back in (False, True):
         if back:
             for column in range(columns):

@@ -28,7 +28,9 @@ from magmpm.model import Model
 
 FILLED = 0.3  # of a cell's volume: a cell with more of the body holds its nodes by itself
 FOLLOWS = 0.1  # of shear modulus times cell size: stiffness of an outer node's bond
-HELD = 300.0  # of shear modulus over cell size: stiffness of a held face's bonds, by its area; docs/design.md has others
+# of shear modulus over cell size: stiffness of a held face's bonds, by its area; docs/design.md has
+# others
+HELD = 300.0
 CORNERS = np.stack(np.meshgrid(*3 * (np.arange(3),), indexing="ij"), -1).reshape(27, 3)
 
 
@@ -111,12 +113,12 @@ def _size(grid: Grid) -> float:
 
 def _outer_nodes(model: Model) -> Bonds | None:
     """The bonds of outer nodes."""
-    grid, particles, moves = model.grid, model.particles, ~model.held
-    cell, segment, shear = (
-        particles.cell[moves].astype(np.int64),
-        particles.segment[moves],
-        model.shear[moves],
-    )
+    grid = model.grid
+    particles = model.particles
+    moves = ~model.held
+    cell = particles.cell[moves].astype(np.int64)
+    segment = particles.segment[moves]
+    shear = model.shear[moves]
     number = np.ravel_multi_index(cell.T, grid.cells)
     filled = np.bincount(number, particles.volume[moves]) / float(np.prod(grid.spacing))
     full = filled[number] >= FILLED

@@ -102,9 +102,11 @@ class Branch:
         max_steps: int,
         on_step: OnStep | None = None,
     ) -> None:
-        self.loads, self.now = loads, now
+        self.loads = loads
+        self.now = now
         self.before: Reached | None = None  # the one before, on the same branch
-        self._tolerance, self._max_steps = tolerance, max_steps
+        self._tolerance = tolerance
+        self._max_steps = max_steps
         self._energy: Energy | None = None
         self._near = NearbyMinima(tolerance=tolerance, on_step=on_step)
 
@@ -164,13 +166,13 @@ class Branch:
             target = end if self.now.time + way > end - 0.5 * least else self.now.time + way
             found = self._attempt(target)
             if found is None:
-                beyond, growth = (
-                    target,
-                    1.0,
-                )  # the next step is no longer than the one that was too long
+                # the next step is no longer than the one that was too long
+                beyond = target
+                growth = 1.0
                 self.now = replace(self.now, step=max(way / 2, 0.5 * least))
                 continue
-            self.before, self.now = self.now, replace(found, step=growth * way)
+            self.before = self.now
+            self.now = replace(found, step=growth * way)
             growth = GROWTH
             beyond = np.inf if target >= beyond else beyond
         self.now = replace(self.now, iterations=self._near.spent)
@@ -181,7 +183,8 @@ class Branch:
         found = self._attempt(self.now.time)
         if found is None:
             raise SolveError(
-                "the body slips: with friction there is no equilibrium near; remedy: take more steps of a shorter time"
+                "the body slips: with friction there is no equilibrium near; remedy: take more"
+                " steps of a shorter time"
             )
         self.now = replace(found, step=self.now.step)
 
@@ -212,13 +215,15 @@ class Branch:
         begin = self.loads.moved(self.now.point.grid, self.now.time, target)
         self._near.unstable = False
         if acting.feels_itself(model.scene):
-            point, lowest = self._near.together(model, begin), None
+            point = self._near.together(model, begin)
+            lowest = None
             if point is not None:
                 lowest = self._together_stable(model, point)
                 self._near.unstable = lowest < -2e-3  # of the unloaded body's lowest eigenvalue
                 point = None if self._near.unstable else point
         else:
-            point, mode = self._near.contracted(energy, begin), None
+            point = self._near.contracted(energy, begin)
+            mode = None
             if point is not None:
                 mode = self._near.lowest(energy, point)
                 self._near.unstable = mode is None
@@ -277,9 +282,11 @@ class Branch:
 
         energy: at the last state, with its factored tangent.
         """
-        mass, layout = self._near.definite.mass(energy), energy.model.layout
+        mass = self._near.definite.mass(energy)
+        layout = energy.model.layout
         if self.loads.at(past).layout is layout:
-            moved, after = self.loads.moved(last.point.grid, last.time, past), self.energy_at(past)
+            moved = self.loads.moved(last.point.grid, last.time, past)
+            after = self.energy_at(past)
             direction = (
                 moved - last.point.grid - energy.matrix.solve(after.residual(after.at(moved)))
             )
@@ -301,7 +308,8 @@ class Branch:
             float(push[-1].sum()) < 0.0
         ):  # where nothing else decides: toward +z, as statics.newton does
             push = -push
-        one, other = energy.at(begin.grid + push), energy.at(begin.grid - push)
+        one = energy.at(begin.grid + push)
+        other = energy.at(begin.grid - push)
         if other.energy < one.energy - 1e-3 * abs(one.energy + other.energy - 2 * begin.energy):
             one = other
         if acting.feels_itself(energy.model.scene):
@@ -346,7 +354,8 @@ def _zero_of(kind: Kind, before: Reached | None, last: Reached, past: float) -> 
     ):
         return past
     power = 2 if kind == "limit point" else 1
-    far, near = before.lowest**power, max(last.lowest, 0.0) ** power
+    far = before.lowest**power
+    near = max(last.lowest, 0.0) ** power
     return float(
         np.clip(last.time + near * (last.time - before.time) / (far - near), last.time, past)
     )
@@ -356,7 +365,8 @@ class Lift:
     """Coefficients (planes, m) m by which what is moved moves all of an unloaded body; those of a body of which nothing is moved are 0."""
 
     def __init__(self, model: StaticModel) -> None:
-        self._moves, self._whole = model.scene.move or {}, {}
+        self._moves = model.scene.move or {}
+        self._whole = {}
         if not model.driven:
             return
         bare, at = unloaded(model)
@@ -380,7 +390,8 @@ class GrowingLoads:
     """The path on which all loads of a model, and the way of what is moved, grow from nothing, at 0, to all, at 1. statics.branch.Loads."""
 
     def __init__(self, model: StaticModel) -> None:
-        self._model, self._way = model, Lift(model).at(model.time)
+        self._model = model
+        self._way = Lift(model).at(model.time)
 
     def at(self, time: float) -> StaticModel:
         """The model under a share of its loads; at 0 under next to none, by the same kernels."""

@@ -34,14 +34,17 @@ class _Slots:
     """Changes of stress P (n, 3, 3) and force f (n, 3) of the particles, and the answer's column of each, by region (regions,)."""
 
     def __init__(self, energy: Energy, point: Point) -> None:
-        self.energy, self.point, self.n = energy, point, len(point.F)
+        self.energy = energy
+        self.point = point
+        self.n = len(point.F)
         self.P: list[Array] = []
         self.f: list[Array] = []
         self.column: list[Index] = []
 
     def add(self, column: Index, count: int) -> tuple[Array, Array]:
         """Room (count, n, 3, 3) and (count, n, 3) for `count` slots with columns (count, regions)."""
-        P, f = np.zeros((count, self.n, 3, 3)), np.zeros((count, self.n, 3))
+        P = np.zeros((count, self.n, 3, 3))
+        f = np.zeros((count, self.n, 3))
         self.P.append(P)
         self.f.append(f)
         self.column.append(np.asarray(column).reshape(count, -1))
@@ -85,7 +88,8 @@ def _of_bonds(energy: Energy, point: Point, stiffened: Index, count: int) -> Arr
 
 def magnet_changes(model: StaticModel, variables: Sequence[Variable]) -> dict[int, Array]:
     """Change (n, 3) T per unit of the particles' remanence, in the grid's axes, with each variable that it depends on, by number."""
-    found, segment = {}, model.particles.segment
+    found = {}
+    segment = model.particles.segment
     directions = None
     for k, variable in enumerate(variables):
         if variable.kind == "magnetization":
@@ -117,8 +121,10 @@ def _columns(model: StaticModel, variables: Sequence[Variable], kind: str) -> In
 
 def _of_loads(slots: _Slots, variables: Sequence[Variable]) -> None:
     """Slots of remanence and density: as many as there are variables that one particle sees."""
-    model, energy = slots.energy.model, slots.energy
-    regions, width = len(model.scene.regions()), model.remanence.shape[1]
+    model = slots.energy.model
+    energy = slots.energy
+    regions = len(model.scene.regions())
+    width = model.remanence.shape[1]
     column: list[Index] = []
     change: list[Array] = []
     for k, dmagnet in magnet_changes(model, variables).items():
@@ -148,7 +154,8 @@ def _of_loads(slots: _Slots, variables: Sequence[Variable]) -> None:
 
 def _of_field(slots: _Slots, variables: Sequence[Variable]) -> None:
     """Slots of the field's uniform part."""
-    model, energy = slots.energy.model, slots.energy
+    model = slots.energy.model
+    energy = slots.energy
     wanted = [
         (k, variable.component) for k, variable in enumerate(variables) if variable.kind == "field"
     ]
@@ -201,10 +208,8 @@ def contact_changes(
     found: dict[int, Array] = {}
     for k, one in enumerate(variables if model.touching is not None else ()):
         if one.kind in ("shear_modulus", "density"):
-            step, total = (
-                STEP * getattr(model.scene.materials[str(one.material)], one.kind),
-                np.zeros((grid.size // 3, 3)),
-            )
+            step = STEP * getattr(model.scene.materials[str(one.material)], one.kind)
+            total = np.zeros((grid.size // 3, 3))
             for side in (1.0, -1.0):
                 near = arranged(
                     static_model(build(one.changed(model.scene, side * step), time=model.time))
@@ -241,7 +246,8 @@ def _step(model: StaticModel) -> float:
     """Step (m) of a length or diameter: so short that no segment's end crosses a face that it is not on."""
     shape = model.scene.body.shape
     assert isinstance(shape, StraightBody)
-    ends, spans = np.cumsum(shape.segment_lengths())[:-1], model.grid.along
+    ends = np.cumsum(shape.segment_lengths())[:-1]
+    spans = model.grid.along
     cell = model.grid.cell_along(ends)
     within = (ends - spans.start[cell]) / spans.width[cell] - spans.index[cell]
     off = np.abs(within - np.round(within))
@@ -275,13 +281,15 @@ def _near(model: StaticModel, variable: Variable, amount: float) -> StaticModel:
     )
     if not (same and np.array_equal(near.layout.fixed, model.layout.fixed)):
         raise ValueError(
-            f"{variable.name}: the unknowns are others {amount:g} m away, so there is no derivative by differences"
+            f"{variable.name}: the unknowns are others {amount:g} m away, so there is no derivative"
+            " by differences"
         )
     if acting.feels_itself(scene) and not np.array_equal(
         near.remanence[:, 3], model.remanence[:, 3]
     ):
         raise SolveError(
-            f"{variable.name}: {amount:g} m away the segments are divided into other dipoles (magnetic_interaction), where a "
-            "segment's first or last cell is half full, so the shape jumps and has no derivative; remedy: lengths of whole cells"
+            f"{variable.name}: {amount:g} m away the segments are divided into other dipoles"
+            " (magnetic_interaction), where a segment's first or last cell is half full, so the"
+            " shape jumps and has no derivative; remedy: lengths of whole cells"
         )
     return near

@@ -46,9 +46,11 @@ def held_at(
     effects: Records, x: Array, mass: Array, grips: Array, begun: tuple[Array, Held] | None
 ) -> Held:
     """Find how obstacles hold points at x (n, 3) m; begun: where and how they were as the increment began, or None."""
-    f, met = np.zeros((len(x), PARTS)), np.ones(len(x))
+    f = np.zeros((len(x), PARTS))
+    met = np.ones(len(x))
     _grips(effects, x, x if begun is None else begun[0], mass, grips, f, met)
-    grip, anchor = np.linalg.norm(f[:, 3:6], axis=1), x
+    grip = np.linalg.norm(f[:, 3:6], axis=1)
+    anchor = x
     if begun is not None:
         was, held = begun
         anchor = np.where((held.grip > 0)[:, None], held.anchor, was + met[:, None] * (x - was))
@@ -106,7 +108,8 @@ def _grips(effects, x, was, mass, grips, f, met):  # type: ignore[no-untyped-def
 
 class Touched(NamedTuple):
     """Points that touch or are held: their indices on (t,), place x (t, 3) m, mass (t,) kg, anchor (t, 3) m, grip (t, 3) of their own
-    material, force f (t, 3) N, its slope H (t, 3, 3) N/m, and whether they slide (t,); energy of all, J."""
+    material, force f (t, 3) N, its slope H (t, 3, 3) N/m, and whether they slide (t,); energy of all, J.
+    """
 
     on: Index
     x: Array
@@ -138,10 +141,15 @@ class RestingSurface(ContactSurface):
 
     def touched(self, effects: Records, grid: Array) -> Touched:
         """The points that touch for grid coefficients (planes, m) m."""
-        x, n = self.positions(grid), len(self.mass)
-        energy, f, H = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
+        x = self.positions(grid)
+        n = len(self.mass)
+        energy = np.zeros(n)
+        f = np.zeros((n, 3))
+        H = np.zeros((n, 3, 3))
         touch_at_rest(effects, x, self.mass, energy, f, H)
-        held, anchor, slides = energy != 0.0, x, np.zeros(n, bool)
+        held = energy != 0.0
+        anchor = x
+        slides = np.zeros(n, bool)
         if self.held is not None:
             slides = add_springs(self.held, x, energy, f, H)
             held |= self.held.grip > 0.0
@@ -201,7 +209,8 @@ def resting(surface: ContactSurface, planes: int, node_yz: Index, model: Model) 
     nodes = model.grid.nodes
     number: Index = np.asarray(np.ravel_multi_index(surface.first.T, nodes))
     order = np.argsort(number, kind="stable")
-    first, weights = surface.first[order], np.ascontiguousarray(surface.weights[order])
+    first = surface.first[order]
+    weights = np.ascontiguousarray(surface.weights[order])
     begins = np.flatnonzero(np.diff(number[order], prepend=-1))
     in_plane = np.zeros(nodes[1:], np.int64)
     in_plane[tuple(node_yz.T)] = np.arange(len(node_yz))
@@ -214,7 +223,8 @@ def resting(surface: ContactSurface, planes: int, node_yz: Index, model: Model) 
         axis=1,
     )
     slab: Index = plane[begins] // 2
-    n, wide = len(first), len(node_yz)
+    n = len(first)
+    wide = len(node_yz)
     cells = Cells(
         np.searchsorted(slab, np.arange(slab[-1] + 2)),
         np.append(begins, n),
@@ -234,7 +244,9 @@ def resting(surface: ContactSurface, planes: int, node_yz: Index, model: Model) 
         (np.stack(share, 1).ravel(), np.stack(at, 1).ravel(), STENCIL * np.arange(n + 1)),
         (n, planes * wide),
     )
-    mass, particle, grip = surface.mass[order], surface.particle[order], surface.grip[order]
+    mass = surface.mass[order]
+    particle = surface.particle[order]
+    grip = surface.grip[order]
     return RestingSurface(
         surface.place[order], first, weights, mass, particle, surface.still, grip, cells, splines
     )

@@ -17,7 +17,9 @@ from magmpm.statics.layout import StaticModel
 from magmpm.statics.newton import factored
 
 STIFFER = 10.0  # times as much of the mass matrix, where a tangent has no factors yet
-NEUTRAL = 1e-4  # of the lowest eigenvalue of the undeformed body: what counts as zero. A buckled round rod turns about its axis freely
+# of the lowest eigenvalue of the undeformed body: what counts as zero. A buckled round rod turns
+# about its axis freely
+NEUTRAL = 1e-4
 
 
 class Definite:
@@ -26,7 +28,8 @@ class Definite:
     def __init__(self) -> None:
         self.shift = 0.0
         self._free = 0.0
-        self._enough = 0.0  # the shift that a tangent last needed to have factors: where the next one looks for its own
+        # the shift that a tangent last needed to have factors: where the next one looks for its own
+        self._enough = 0.0
         self._mass_of: object = None
         self._masses = np.zeros((0, 0))
 
@@ -48,9 +51,11 @@ class Definite:
 
     def made(self, energy: Energy, point: Point, more: float = 0.0) -> tuple[Array | None, bool]:
         """Factor as `factored`, with as much more of the mass matrix as it takes to have factors. A slender body on its way is compressed
-        for a step or two, as it moves along tangents of its arcs: it is not unstable. No residual where values are not finite."""
+        for a step or two, as it moves along tangents of its arcs: it is not unstable. No residual where values are not finite.
+        """
         residual, definite = self.factored(energy, point, more)
-        done, enough = definite, self._enough / STIFFER
+        done = definite
+        enough = self._enough / STIFFER
         while not done:
             residual, done = self.factored(energy, point, max(STIFFER * self.shift, enough))
             if not self.shift < 1e15 * self.neutral(energy):  # it is not the tangent that matters
@@ -106,7 +111,8 @@ def lowest_mode(energy: Energy, mass: Array, but: Array | None = None) -> tuple[
 
     but: a mode of norm 1 in this mass, which does not count: then the next eigenvalue.
     """
-    model, layout = energy.model, energy.model.layout
+    model = energy.model
+    layout = energy.model.layout
     x = model.plane_coordinates()
     _, second, third = model.order
     d = (
@@ -123,7 +129,8 @@ def lowest_mode(energy: Energy, mass: Array, but: Array | None = None) -> tuple[
             d = d - float(np.sum(mass * but * d)) * but
         loaded = mass * d
         new = energy.matrix.solve(energy.free(loaded))
-        size, before = float(np.sum(mass * new * new)), lowest
+        size = float(np.sum(mass * new * new))
+        before = lowest
         lowest = float(np.sum(new * loaded)) / size
         d = new / np.sqrt(size)
         if abs(lowest - before) < 1e-6 * abs(lowest):

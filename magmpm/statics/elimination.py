@@ -23,7 +23,9 @@ ORDERINGS = (
     "MMD_AT_PLUS_A",
     "COLAMD",
 )  # of SuperLU: minimum degree of the pattern; of its square. Neither is always the better one
-JOINED = 0.2  # zeros in a front joined with the one above it, over its entries, for which fewer and larger fronts are still quicker
+# zeros in a front joined with the one above it, over its entries, for which fewer and larger fronts
+# are still quicker
+JOINED = 0.2
 
 
 class Fronts(NamedTuple):
@@ -213,7 +215,8 @@ def _operations(first: Index, rows: Sequence[Index]) -> float:
 
 def _laid_out(coupled: Any, number: Index, first: Index, structures: list[Index]) -> Elimination:
     """Lay everything out, for the order of `number`."""
-    own, count = np.diff(first), np.array([len(rows) for rows in structures])
+    own = np.diff(first)
+    count = np.array([len(rows) for rows in structures])
     rest = count - own
     front_of = np.repeat(np.arange(len(own)), own)
     above = np.array(
@@ -232,7 +235,8 @@ def _laid_out(coupled: Any, number: Index, first: Index, structures: list[Index]
         depth[front] = 0 if above[front] < 0 else depth[above[front]] + 1
     level = np.argsort(-depth, kind="stable")
     level_first = np.concatenate([[0], np.cumsum(np.bincount(depth)[::-1])])
-    passed, room = np.zeros(len(own), np.int64), 0
+    passed = np.zeros(len(own), np.int64)
+    room = 0
     for begin, end in pairwise(level_first):
         sizes = (3 * rest[level[begin:end]]) ** 2
         ends = np.cumsum(sizes)
@@ -275,7 +279,8 @@ def _places(rows: Index, row_first: Index, holder: Index, node: Index, nodes: in
 def _upper(coupled: Any, number: Index) -> tuple[Index, Index]:
     """The pattern's upper triangle in the order of elimination: first block of each node, and the later node of each block."""
     pairs = coupled.tocoo()
-    a, b = number[pairs.row], number[pairs.col]
+    a = number[pairs.row]
+    b = number[pairs.col]
     upper = a <= b
     key = np.sort(a[upper] * len(number) + b[upper])
     first = np.searchsorted(key, np.arange(len(number) + 1) * len(number))
@@ -291,7 +296,8 @@ def _blocks(elements: Index, block_first: Index, later: Index) -> NDArray[np.int
     """The block of each two nodes of each element: see Elimination.blocks_of."""
     count = len(block_first) - 1
     key = np.repeat(np.arange(count), np.diff(block_first)) * count + later
-    one, other = elements[:, :, None], elements[:, None, :]
+    one = elements[:, :, None]
+    other = elements[:, None, :]
     wanted = (one >= 0) & (one <= other)
     pair = np.where(wanted, one * count + other, 0)
     found = np.minimum(np.searchsorted(key, pair), len(key) - 1)

@@ -76,13 +76,15 @@ class Energy:
 
     def load(self, model: StaticModel) -> None:
         """Put the same body under other loads: those of a model with the same grid and particles."""
-        self.model, self._rest = model, None
+        self.model = model
+        self._rest = None
 
     def at(self, grid: Array) -> Point:
         """State and energy for grid coefficients (planes, m) m."""
         model = self.model
         n = len(model.shear)
-        u, F = np.empty((n, 3)), np.empty((n, 3, 3))
+        u = np.empty((n, 3))
+        F = np.empty((n, 3, 3))
         grid_to_particles(self.cells, self.particles, grid, model.axes, u, F)
         x = model.particles.position + u
         energy, low, high = self._per_cell
@@ -163,7 +165,8 @@ class Energy:
         """The second derivative (N), and the mass matrix of unit density, times columns (planes, k, m)."""
         planes, count, _ = columns.shape
         right = columns.transpose(0, 2, 1).reshape(planes, -1)
-        stiff, heavy = np.zeros_like(right), np.zeros_like(right)
+        stiff = np.zeros_like(right)
+        heavy = np.zeros_like(right)
         effects = self.model.effects
         tangent_products(
             self.cells,
@@ -192,7 +195,8 @@ class Energy:
 
     def tangent(self, point: Point) -> tuple[Array, Bands | Sparse]:
         """Gradient (planes, m) N, and second derivative as a matrix, N/m, which the next call overwrites."""
-        matrix, out = self.matrix, np.zeros(self.shape)
+        matrix = self.matrix
+        out = np.zeros(self.shape)
         matrix.clear()
         target = matrix.target(self.cells)
         effects = self.model.effects

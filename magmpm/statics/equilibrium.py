@@ -31,7 +31,9 @@ from magmpm.statics.rod_start import from_rod, local_correction, straight, with_
 from magmpm.statics.stability import Unloaded, stability
 
 RAMP_STEPS = 8
-PATIENCE = 10  # times as many steps without the start from a rod, since a body may have to turn around: 100 to 300 steps in robots tried
+# times as many steps without the start from a rod, since a body may have to turn around: 100 to 300
+# steps in robots tried
+PATIENCE = 10
 
 BODY = (
     "particles.position",
@@ -126,8 +128,8 @@ def solve_static(
     """
     if model.free:
         raise InputError(
-            f"body.{model.scene.body.kind}.clamp: received none; equilibrium needs a body that is held somewhere; "
-            "name a clamp, or move it: `solver: {dynamic: {duration: 0.5 s}}`"
+            f"body.{model.scene.body.kind}.clamp: received none; equilibrium needs a body that is"
+            " held somewhere; name a clamp, or move it: `solver: {dynamic: {duration: 0.5 s}}`"
         )
     model.scene.check_energy()
     body = model.scene.body.shape
@@ -135,10 +137,14 @@ def solve_static(
         body.clamp != "base" or not isinstance(body, StraightBody) or model.touching is not None
     ):
         raise ValueError(
-            "start: a rod's shape is a start for catheters and strips that are held at the base alone and touch no obstacle"
+            "start: a rod's shape is a start for catheters and strips that are held at the base"
+            " alone and touch no obstacle"
         )
     if rod is not None and abs(rod.s[-1] - model.scene.length) > 1e-6 * model.scene.length:
-        lengths = f"the rod is {1e3 * rod.s[-1]:.6g} mm long, and the body {1e3 * model.scene.length:.6g} mm"
+        lengths = (
+            f"the rod is {1e3 * rod.s[-1]:.6g} mm long, and the body"
+            f" {1e3 * model.scene.length:.6g} mm"
+        )
         raise ValueError(f"start: {lengths}; give a rod of its length")
     given = model
     model, of = arranged(model)
@@ -151,7 +157,8 @@ def solve_static(
             settled = stability(found.energy, found.point, known) if with_stability else None
             return replace(found, point=restored(model, found.point, of), stability=settled)
         except SolveError as error:
-            state, rest = error.state, straight(model)
+            state = error.state
+            rest = straight(model)
             if not isinstance(state, Equilibrium):  # none was found under load
                 state = Equilibrium(Energy(model).at(rest), 0, rest, load_share=0.0)
             raise type(error)(
@@ -172,7 +179,8 @@ def restored(model: StaticModel, point: Point, of: Index) -> Point:
     """The equilibrium's point with particles and reference axes in their order before statics.layout."""
     if model.line is not None:  # they are in that order
         return point
-    back, axes = np.argsort(of), np.argsort(model.order)
+    back = np.argsort(of)
+    axes = np.argsort(model.order)
     F = np.ascontiguousarray(point.F[back][:, :, axes])
     return replace(point, displacement=point.displacement[back], position=point.position[back], F=F)
 
@@ -208,7 +216,10 @@ def _kinked(model: StaticModel, point: object, error: SolveError) -> SolveError 
         not tightest_radius(axis.centreline(model, point.grid)[:, 1:]) < 1.5 * limit
     ):  # then it has most likely met its limit
         return None
-    text = f"the tube kinks: bent to a radius of about {1e3 * limit:.3g} mm its section flattens, and it bears no more (Brazier)"
+    text = (
+        f"the tube kinks: bent to a radius of about {1e3 * limit:.3g} mm its section flattens, and"
+        " it bears no more (Brazier)"
+    )
     return SolveError(f"{text}; thicken the wall, or bend it less ({error.reason})", error.state)
 
 
@@ -262,7 +273,8 @@ def _branch(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equili
     except SolveError as error:
         warnings.append(f"{error}; the load was ramped in the 3D solve")
         return _ramp(model, RAMP_STEPS, on_step, warnings)
-    steps, starts = 0, _starts(energy, rod, start)
+    steps = 0
+    starts = _starts(energy, rod, start)
     if model.touching is not None and any(
         len(model.touching.touched(model.effects, begin).on) for begin in starts
     ):
@@ -289,7 +301,8 @@ def _branch(model: StaticModel, start: _Start, on_step: OnStep | None) -> Equili
             correction = local_correction(model, rod, found.point.grid)
             return Equilibrium(found.point, steps, correction, warnings, energy=energy)
     warnings.append(
-        "the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve instead"
+        "the solve from the rod's shape did not stay near it; the load was ramped in the 3D solve"
+        " instead"
     )
     return _ramp(model, RAMP_STEPS, on_step, warnings)
 
@@ -299,11 +312,10 @@ def _starts(energy: Energy, rod: RodShape, start: _Start) -> list[Array]:
 
     Where neighbors are followed, what they tell is an extrapolation, which may be worse than the rod: the lower energy is the first.
     """
-    model, known = energy.model, start.correction
-    alone, correction = (
-        from_rod(model, rod),
-        known if start.following is None else start.following.expected(rod),
-    )
+    model = energy.model
+    known = start.correction
+    alone = from_rod(model, rod)
+    correction = known if start.following is None else start.following.expected(rod)
     if correction is None or correction.shape != alone.shape:
         return [alone]
     starts = [with_correction(model, rod, correction), alone]
@@ -316,7 +328,8 @@ def _starts(energy: Energy, rod: RodShape, start: _Start) -> list[Array]:
 
 def _near_rod(energy: Energy, rod: RodShape, on_step: OnStep | None) -> Equilibrium:
     """Equilibrium near a rod's shape. Raises SolveError if the solve leads away from it."""
-    model, options = energy.model, energy.model.scene.solver.static
+    model = energy.model
+    options = energy.model.scene.solver.static
     body = model.scene.body.shape
     assert isinstance(body, StraightBody)  # solve_static has looked
     found = minimize(
@@ -351,8 +364,12 @@ def _distance(model: StaticModel, point: Point, rod: RodShape) -> float:
 
 def _along_branch(model: StaticModel, count: int, on_step: OnStep | None) -> Equilibrium:
     """Equilibrium to which a branch leads as loads, and what is moved, grow in `count` equal steps: a strip that is compressed buckles."""
-    options, loads, rest = model.scene.solver.static, GrowingLoads(model), straight(model)
-    begin, warnings, steps = Reached(0.0, point_of(loads.at(0.0), rest), None, 0, np.inf), [], 0
+    options = model.scene.solver.static
+    loads = GrowingLoads(model)
+    rest = straight(model)
+    begin = Reached(0.0, point_of(loads.at(0.0), rest), None, 0, np.inf)
+    warnings = []
+    steps = 0
     branch = Branch(
         loads, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
     )
@@ -360,7 +377,8 @@ def _along_branch(model: StaticModel, count: int, on_step: OnStep | None) -> Equ
         branch.settle_in(rest)
         for part in range(1, count + 1):
             warnings += [
-                f"at {100 * jump.time:.3g} % of loads and motion a branch ended ({jump.kind}); the body moved by {1e3 * jump.moved:.3g} mm"
+                f"at {100 * jump.time:.3g} % of loads and motion a branch ended ({jump.kind}); the"
+                f" body moved by {1e3 * jump.moved:.3g} mm"
                 for jump in branch.advance(part / count)
             ]
             steps += branch.now.iterations
@@ -379,7 +397,8 @@ def _ramp(
     model: StaticModel, count: int, on_step: OnStep | None, warnings: list[str]
 ) -> Equilibrium:
     """Ramp the load from zero in `count` equal steps."""
-    options, energy = model.scene.solver.static, Energy(model)
+    options = model.scene.solver.static
+    energy = Energy(model)
 
     def solved(factor: float, begin: Array) -> tuple[Energy, Minimum]:
         energy.load(replace(model, effects=acting.collect(model.scene, factor, model.times)))
@@ -406,9 +425,15 @@ def _ramped(
 
     solved(share of the load, coefficients to begin from): the energy, and its minimum.
     """
-    grid, reached, size, steps = straight(model), 0.0, 1.0 / count, 0
+    grid = straight(model)
+    reached = 0.0
+    size = 1.0 / count
+    steps = 0
     least = size / 32
-    quick, wait, grown = 0, 3, False  # `wait` quick steps double one that was halved
+    # `wait` quick steps double one that was halved
+    quick = 0
+    wait = 3
+    grown = False
     last: Point | None = None
     moved = Lift(model).at(model.time) if model.driven else None
     while reached < 1.0:
@@ -430,13 +455,19 @@ def _ramped(
             size = max(
                 size / (4 if last is None else 2), least
             )  # nothing is known of a body's first step
-            quick, wait, grown = 0, 2 * wait if grown else wait, False
+            quick = 0
+            wait = 2 * wait if grown else wait
+            grown = False
             continue
-        grid, last, reached, steps = found.point.grid, found.point, factor, steps + found.steps
+        grid = found.point.grid
+        last = found.point
+        reached = factor
+        steps = steps + found.steps
         quick = quick + 1 if found.steps <= 6 else 0
         grown = quick >= wait and size < 1.0 / count
         if grown:
-            size, quick = 2 * size, 0
+            size = 2 * size
+            quick = 0
     assert last is not None  # the loop ran at least once
     return Equilibrium(last, steps, np.zeros_like(last.grid), warnings, energy=energy)
 

@@ -30,11 +30,10 @@ ALGEBRAIC = (
 # 1.5: the singular stress at the rim of a clamp, docs/design.md; 1: less what the cut of the grid does; 4: bending far from the clamp, in
 # cells that are fine enough. On 95 scenes drawn at random (seeds 0 to 99 of tests/benchmarks/drawn_scenes.py) the bound was too small by up
 # to 1.31 at 2 cells and 1.99 at 3, against the finest grid solved; never at 4. With these factors of safety the worst are 1.05 and 1.47.
-ORDER, LEAST, FASTEST = (
-    1.5,
-    1.0,
-    4.0,
-)  # the slowest order; that of errors that fall steadily; the fastest
+# the slowest order; that of errors that fall steadily; the fastest
+ORDER = 1.5
+LEAST = 1.0
+FASTEST = 4.0
 PROOF = {
     2: 4,
     3: 5,
@@ -80,7 +79,8 @@ def left(coarse: int, fine: int) -> float:
 
 def foretold(errors: Mapping[int, float], cells: int) -> float:
     """The error (m) of a finer grid, from those of one or more grids: at the order that the last two show, or the usual one."""
-    order, last = observed_order(errors), max(errors)
+    order = observed_order(errors)
+    last = max(errors)
     return errors[last] * (last / cells) ** min(
         max(2.0 if order is None else order, ORDER), FASTEST
     )
@@ -104,7 +104,10 @@ def why_undetermined(order: float | None, errors: Sequence[float]) -> str | None
     if order < LEAST:
         return "the errors fall too slowly for an order: the grids are too coarse"
     if not steady(order):
-        return f"the errors fall faster than the method's can, by order {FASTEST:g} at most: the grids are too coarse"
+        return (
+            f"the errors fall faster than the method's can, by order {FASTEST:g} at most: the grids"
+            " are too coarse"
+        )
     return None
 
 
@@ -117,7 +120,8 @@ def order_to_finest(differences: Mapping[int, float], finest: int) -> float | No
     known = {n: difference for n, difference in differences.items() if difference > 0.0}
     if len(known) < 2:
         return None
-    cells, logs = np.array(list(known), dtype=float), np.log(list(known.values()))
+    cells = np.array(list(known), dtype=float)
+    logs = np.log(list(known.values()))
     orders = np.arange(*SOUGHT)
     shape = np.log(cells[:, None] ** -orders - float(finest) ** -orders)
     return float(orders[np.argmin(np.var(logs[:, None] - shape, axis=0))])

@@ -26,16 +26,21 @@ from magmpm.statics.layout import StaticModel, static_model
 from magmpm.statics.newton import PAIRS, OnStep, corrected
 from magmpm.statics.tangent_matrix import Bands
 
-PARTICLE = 2.0e4  # multiply-adds, at the pace of the factorization, that a particle costs in a Newton step: measured, docs/accuracy.md
+# multiply-adds, at the pace of the factorization, that a particle costs in a Newton step: measured,
+# docs/accuracy.md
+PARTICLE = 2.0e4
 BUILDING = 2.0  # passes over the particles that building a model costs, in units of a Newton step's
 SETTLED = 0.03  # of the difference from the coarser grid: a proof may still move by so much
-SLENDER = 15.0  # length over thickness: above, factors are of double precision. Steps settled as they do with those up to 20, not at 24
+# length over thickness: above, factors are of double precision. Steps settled as they do with those
+# up to 20, not at 24
+SLENDER = 15.0
 
 
 @dataclass
 class Solved:
     """Solution of a scene on a grid. exact: solved to the scene's tolerance, not just enough for a reference; steps: factorizations, or
-    steps of a motion; centreline rows [s, x, y, z] m and tip (3,) m at the end; moved: the farthest that a point of the body went, m."""
+    steps of a motion; centreline rows [s, x, y, z] m and tip (3,) m at the end; moved: the farthest that a point of the body went, m.
+    """
 
     cells: int
     exact: bool
@@ -107,7 +112,8 @@ class Equilibria(Grids):
         """Solve an equilibrium, from the finest coarser grid's, or from a proof of the same grid."""
         if cells in self.found:
             return
-        begun, model = time.perf_counter(), self._model(cells)
+        begun = time.perf_counter()
+        model = self._model(cells)
         self.found[cells] = found = self._solved(model, self._nearest(cells))
         self._note(cells, found.point.grid, begun, found.steps)
 
@@ -120,7 +126,9 @@ class Equilibria(Grids):
         ):  # one tangent will not do
             self.solve(cells)
             return
-        begun, model, coarse = time.perf_counter(), self._model(cells), self._nearest(cells)
+        begun = time.perf_counter()
+        model = self._model(cells)
+        coarse = self._nearest(cells)
         assert coarse is not None  # `against` is solved
         start = carried(self.models[coarse], self._grids[coarse], model)
         tell = self.on_step or (lambda step, number: None)
@@ -145,10 +153,8 @@ class Equilibria(Grids):
 
     def takes(self, cells: int, proof: bool) -> float:
         """Seconds, from counted operations and particles, at the pace of the last grids solved."""
-        multiplied, weight = (
-            operations(self.on(cells))[0],
-            PARTICLE * memory.fewest_particles(self.on(cells)),
-        )
+        multiplied = operations(self.on(cells))[0]
+        weight = PARTICLE * memory.fewest_particles(self.on(cells))
         factorizations = (
             1.3 if proof else 3.0
         )  # a proof takes one, and now and then a solve; a solve three, with its stability
@@ -180,10 +186,8 @@ class Equilibria(Grids):
     def _note(self, cells: int, grid: Array, begun: float, steps: float) -> None:
         model = self.models[cells]
         self._grids[cells], self._points[cells] = grid, self._where(model, grid)
-        seconds, ends = (
-            time.perf_counter() - begun,
-            (axis.centreline(model, grid), axis.tip(model, grid)),
-        )
+        seconds = time.perf_counter() - begun
+        ends = (axis.centreline(model, grid), axis.tip(model, grid))
         self.solved[cells] = Solved(
             cells, cells in self.found, seconds, steps, model.dof, *ends, float(np.abs(grid).max())
         )
@@ -197,7 +201,8 @@ class Equilibria(Grids):
 
     def _solved(self, model: StaticModel, begin_at: int | None) -> Equilibrium:
         if begin_at is not None and not acting.feels_itself(self.scene):
-            grid, same = self._grids[begin_at], self.models[begin_at] is model
+            grid = self._grids[begin_at]
+            same = self.models[begin_at] is model
             try:
                 return solve_from(
                     model,
@@ -215,7 +220,8 @@ def operations(scene: Scene) -> tuple[float, float]:
     """Multiply-adds of a factorization on the scene's grid, and the bytes of its matrix, before anything is built."""
     grid = scene.body.shape.grid(scene.resolution.cells_across, knots_of(scene))
     along, *across = (float(nodes) for nodes in grid.nodes)
-    along, m = along - 2, 3.0 * across[0] * across[1]
+    along = along - 2
+    m = 3.0 * across[0] * across[1]
     if scene.body.shape.in_plane_strain:
         m /= across[0]
     return 19 / 3 * along * m**3, 8.0 * 3 * (along + 2) * m**2
@@ -245,13 +251,16 @@ def approached(
     if not factors.factor():
         return None
     newton = factors.solve
-    first, at, direction = 0.0, points(start), -newton(residual)
+    first = 0.0
+    at = points(start)
+    direction = -newton(residual)
     pairs: list[tuple[Array, Array]] = []
     for step in range(10 + 1):
         point = energy.at(point.grid + direction)
         if not point.min_det_F > 0:
             return None
-        before, at = at, points(point.grid)
+        before = at
+        at = points(point.grid)
         moved = distance(at, before)
         first = first if step else moved
         on_step(step, 0.0)
@@ -259,7 +268,8 @@ def approached(
             return point.grid
         if moved > 3.0 * first:  # a longer step leads away
             return None
-        last, residual = residual, energy.residual(point)
+        last = residual
+        residual = energy.residual(point)
         pairs = [*pairs[1 - PAIRS :], (direction, residual - last)]
         direction = corrected(residual, pairs, lambda right: -newton(right))
     return None

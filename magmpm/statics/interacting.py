@@ -91,10 +91,15 @@ class InteractingEnergy:
 
     def refresh_product(self, point: Point, columns: Array) -> Array:
         """The second derivative of the shared energy times columns (planes, k, m), N, at the point from the last call of `at`."""
-        model, alone = self.model, self.alone
-        n, count = len(model.shear), columns.shape[1]
-        P, f = np.zeros((count, n, 3, 3)), np.zeros((count, n, 3))
-        dx, dF, still = np.empty((n, 3)), np.empty((n, 3, 3)), np.zeros((n, 3))
+        model = self.model
+        alone = self.alone
+        n = len(model.shear)
+        count = columns.shape[1]
+        P = np.zeros((count, n, 3, 3))
+        f = np.zeros((count, n, 3))
+        dx = np.empty((n, 3))
+        dF = np.empty((n, 3, 3))
+        still = np.zeros((n, 3))
         for k in range(count):
             grid_to_particles(
                 alone.cells,
@@ -112,8 +117,10 @@ class InteractingEnergy:
 
     def refresh_by_remanence(self, point: Point, changes: Array) -> Array:
         """Change (planes, k, m) N of the residual as tables follow changes (k, n, 3) T of the remanence, at the point of the last `at`."""
-        n, count = len(self.model.shear), len(changes)
-        P, f = np.zeros((count, n, 3, 3)), np.zeros((count, n, 3))
+        n = len(self.model.shear)
+        count = len(changes)
+        P = np.zeros((count, n, 3, 3))
+        f = np.zeros((count, n, 3))
         for k in range(count):
             by = BodyChange(changes[k], np.zeros((n, 3)), np.zeros((n, 3, 3)))
             change = acting.refresh_change(self.named, self.model, point.position, point.F, by)
@@ -127,9 +134,12 @@ class InteractingEnergy:
         it is taken out again. Raises SolveError where K is not positive definite. Source: Nocedal and Wright, algorithm 5.3.
         """
         added = (self.shift * self._definite.mass(self.alone))[:, None]
-        x, left = np.zeros_like(right), right.copy()
+        x = np.zeros_like(right)
+        left = right.copy()
         z = self.alone.solve_columns(left)
-        p, Ap = z.copy(), left.copy()  # Ap: the matrix of the factors times p
+        # Ap: the matrix of the factors times p
+        p = z.copy()
+        Ap = left.copy()
         size = start = _dots(left, z)
         for _ in range(MOST_PRODUCTS):
             on = size > 1e-11**2 * start  # of the first residual, in the energy's norm
@@ -139,17 +149,21 @@ class InteractingEnergy:
             curvature = _dots(p, product)
             if np.any(curvature[on] <= 0.0):
                 raise SolveError(
-                    "the tangent of the whole energy is not positive definite: the equilibrium is at a critical load"
+                    "the tangent of the whole energy is not positive definite: the equilibrium is"
+                    " at a critical load"
                 )
             step = np.where(on, size / np.where(on, curvature, 1.0), 0.0)[None, :, None]
             x += step * p
             left -= step * product
             z = self.alone.solve_columns(left)
-            before, size = size, _dots(left, z)
+            before = size
+            size = _dots(left, z)
             again = (size / np.where(before > 0.0, before, 1.0))[None, :, None]
-            p, Ap = z + again * p, left + again * Ap
+            p = z + again * p
+            Ap = left + again * Ap
         raise SolveError(
-            f"no sensitivities within {MOST_PRODUCTS} conjugate gradients: the equilibrium is too near to a critical load"
+            f"no sensitivities within {MOST_PRODUCTS} conjugate gradients: the equilibrium is too"
+            " near to a critical load"
         )
 
 
@@ -182,7 +196,9 @@ def minimize_with_interaction(
     remembered: list[
         tuple[Array, Array]
     ] = []  # the last twelve steps, and what they changed in the gradient
-    age, decrement, scale = FRESH, np.inf, 1.0
+    age = FRESH
+    decrement = np.inf
+    scale = 1.0
     for step in range(1, MOST_STEPS * max_steps + 1):
         if age >= FRESH:
             factored(alone, point)
@@ -198,7 +214,8 @@ def minimize_with_interaction(
             on_step(step, decrement / scale)
         if decrement < tolerance * scale:
             return Minimum(point, step, decrement / scale)
-        before, fraction = point, 1.0
+        before = point
+        fraction = 1.0
         noise = max(ROUNDING * scale, ROUNDING_AT_REST * alone.least_scale())
         while True:
             point = energy.at(before.grid + fraction * direction)
@@ -214,16 +231,18 @@ def minimize_with_interaction(
             point.min_det_F < 1e-3
         ):  # dipoles of neighbors fall onto each other: their energy has no lower bound
             raise Collapsed(
-                "the segments attract each other more strongly than their material can bear, and fall onto each other: "
-                f"det F fell to {point.min_det_F:.2g} (bodies bear it up to a Br^2/(mu0 G) of about 1)",
+                "the segments attract each other more strongly than their material can bear, and"
+                f" fall onto each other: det F fell to {point.min_det_F:.2g} (bodies bear it up to"
+                " a Br^2/(mu0 G) of about 1)",
                 before,
             )
         after = energy.residual(point)
         pair = point.grid - before.grid, after - gradient
         remembered = [*remembered[-11:], *([pair] if float(np.sum(pair[0] * pair[1])) > 0 else [])]
-        gradient, age = after, FRESH if fraction <= 0.25 else age + 1
+        gradient = after
+        age = FRESH if fraction <= 0.25 else age + 1
     raise SolveError(
-        f"no equilibrium of segments that act on each other within {MOST_STEPS * max_steps} steps (energy decrement "
-        f"{decrement / scale:.1e} of the energy, wanted {tolerance:.1e})",
+        f"no equilibrium of segments that act on each other within {MOST_STEPS * max_steps} steps"
+        f" (energy decrement {decrement / scale:.1e} of the energy, wanted {tolerance:.1e})",
         point,
     )

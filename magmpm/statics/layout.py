@@ -37,7 +37,9 @@ class Layout:
     cell_first: Index  # (cells + 1,) first particle of each cell
     cell_plane: Index  # (cells,)
     cell_row: Index  # (cells, 3)
-    slab_first: Index  # (slabs + 1,) first cell of each slab of two base planes; after them come cells of parts at rest, which add nothing
+    # (slabs + 1,) first cell of each slab of two base planes; after them come cells of parts at
+    # rest, which add nothing
+    slab_first: Index
     node_yz: Index  # (nodes_per_plane, 2) grid index of each node of a plane
     fixed: NDArray[
         np.bool_
@@ -107,7 +109,9 @@ class StaticModel(Model):
     layout: Layout
     weights: Array  # (n, 3, 3): axis, node
     slopes: Array  # (n, 3, 3) 1/m
-    axes: Array  # (3, 3), or (n, 3, 3) of each particle: directions of the grid's axes, in columns. F, and remanence, are along them
+    # (3, 3), or (n, 3, 3) of each particle: directions of the grid's axes, in columns. F, and
+    # remanence, are along them
+    axes: Array
     order: tuple[int, int, int] = (0, 1, 2)  # reference axis of each axis of the grid: see arranged
     touching: RestingSurface | None = None  # by which it touches obstacles; None without obstacles
 
@@ -157,10 +161,8 @@ def static_model(model: Model) -> StaticModel:
         slopes[model.held] = 0.0
     bonds = None if model.line is not None else bonds_of(model)
     axes = model.grid.axes_at(model.particles.position)
-    layout, about = (
-        make_layout(model, weights, bonds),
-        {name: vars(model)[name] for name in Model.__dataclass_fields__},
-    )
+    layout = make_layout(model, weights, bonds)
+    about = {name: vars(model)[name] for name in Model.__dataclass_fields__}
     touching = (
         None
         if model.surface is None
@@ -180,7 +182,8 @@ def make_layout(model: Model, weights: Array, bonds: Bonds | None = None) -> Lay
 
     Where the lower x face is clamped, node 0 along x is eliminated (bodies.grid.clamp_first_node) and has no unknowns.
     """
-    cell_first, nodes_along = model.particles.cell_first, model.grid.nodes
+    cell_first = model.particles.cell_first
+    nodes_along = model.grid.nodes
     cell_x, iy, iz = model.particles.cell[cell_first[:-1]].T
     ix = model.grid.along.node[cell_x]
 
@@ -188,7 +191,8 @@ def make_layout(model: Model, weights: Array, bonds: Bonds | None = None) -> Lay
     # move have numbers alone: a wide base does not widen the planes. Cells at rest beyond them share the first three nodes, at zero.
     _, rows, columns = nodes_along
     still = model.held[cell_first[:-1]] & (not model.driven)
-    low, high = np.full(rows, columns), np.full(rows, -1)
+    low = np.full(rows, columns)
+    high = np.full(rows, -1)
     in_row = (
         [1, 1, 1] if model.plane_strain else [0, 1, 2]
     )  # in plane strain one row represents all three
@@ -215,17 +219,16 @@ def make_layout(model: Model, weights: Array, bonds: Bonds | None = None) -> Lay
     slab_first = np.searchsorted(
         slab[:moving] if still[moving:].all() else slab, np.arange(slab.max() + 2)
     )  # see _renumbered
-    planes, nodes = nodes_along[0] - int(model.clamped_face), int(start[-1])
+    planes = nodes_along[0] - int(model.clamped_face)
+    nodes = int(start[-1])
     of_moving = np.repeat(~still, np.diff(cell_first))
     touched = _touched(
         cell_first, cell_plane, cell_row, of_moving[:, None, None] * weights, (planes, nodes)
     )
     fixed = np.repeat(~touched, 3, axis=1)  # nodes without material have no equation
     if model.held.any():
-        held, everywhere = (
-            model.held[:, None, None] * weights,
-            np.stack([each * columns + iz for each in row], axis=1),
-        )
+        held = model.held[:, None, None] * weights
+        everywhere = np.stack([each * columns + iz for each in row], axis=1)
         on = _touched(cell_first, cell_plane, everywhere, held, (planes, rows * columns))
         fixed |= np.repeat(on[:, node_yz @ (columns, 1)], 3, axis=1)
     for _, follows in model.driven:
@@ -278,7 +281,8 @@ def arranged(model: StaticModel) -> tuple[StaticModel, Index]:
 
 def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
     """The model with its longest side as the first axis of the grid, and the new order of its particles."""
-    nodes, p = model.grid.nodes, model.particles
+    nodes = model.grid.nodes
+    p = model.particles
     order = max([(0, 1, 2), (1, 2, 0), (2, 0, 1)], key=lambda cycle: nodes[cycle[0]])
     axes = list(order)
     cell = p.cell[:, axes]
@@ -317,7 +321,8 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
     bonds = model.layout.bonds
     if bonds is not None:
         bonds = replace(bonds, element=bonds.element[:, :, axes])
-    layout, touching = make_layout(turned, turned.weights, bonds), model.touching
+    layout = make_layout(turned, turned.weights, bonds)
+    touching = model.touching
     if touching is not None:
         touching = replace(
             touching, first=touching.first[:, axes], weights=touching.weights[:, axes]
@@ -334,7 +339,8 @@ def _all_hang_on_something(model: Model, weights: Array) -> None:
     from scipy.sparse import coo_matrix  # 0.1 s to import, and straight bodies do not need it
     from scipy.sparse.csgraph import connected_components
 
-    particles, nodes = model.particles, model.grid.nodes
+    particles = model.particles
+    nodes = model.grid.nodes
     number = np.ravel_multi_index(particles.cell.T, nodes)
     _, first, of = np.unique(number, return_index=True, return_inverse=True)
     seen = np.zeros(
@@ -388,8 +394,15 @@ def _loose(model: Model, mine: NDArray[np.bool_]) -> SceneError:
     )
     return SceneError(
         dotted(("body", *region.at)),
-        found=f"{piece} touches no part that is held, nor one that hangs on such a part; its center is {lengths(center)}",
-        rule="equilibrium needs every part, and every separate solid of a part, to hang on something",
-        remedy="move it until it touches the others, or clamp it in a mesh of its own, or let it move: "
-        "`solver: {dynamic: {duration: 0.5 s}}`",
+        found=(
+            f"{piece} touches no part that is held, nor one that hangs on such a part; its center"
+            f" is {lengths(center)}"
+        ),
+        rule=(
+            "equilibrium needs every part, and every separate solid of a part, to hang on something"
+        ),
+        remedy=(
+            "move it until it touches the others, or clamp it in a mesh of its own, or let it move:"
+            " `solver: {dynamic: {duration: 0.5 s}}`"
+        ),
     )

@@ -33,13 +33,16 @@ class Linearized:
         assert found.energy is not None
         if found.stability is not None and found.stability < NEUTRAL:
             raise SolveError(
-                "the equilibrium is at a critical load, or free to turn about an axis: its softest motion "
-                f"has {found.stability:.1e} of the unloaded body's stiffness (less than {NEUTRAL:g} counts "
-                "as none), so it has no sensitivities; remedy: take a load farther from the critical one, "
-                "or hold what is free to turn by a small load across"
+                "the equilibrium is at a critical load, or free to turn about an axis: its softest"
+                f" motion has {found.stability:.1e} of the unloaded body's stiffness (less than"
+                f" {NEUTRAL:g} counts as none), so it has no sensitivities; remedy: take a load"
+                " farther from the critical one, or hold what is free to turn by a small load"
+                " across"
             )
-        self._whole, self.energy = found.energy, found.energy.alone
-        self.model, self.variables = found.energy.model, variables
+        self._whole = found.energy
+        self.energy = found.energy.alone
+        self.model = found.energy.model
+        self.variables = variables
         with one_blas_thread():
             self._point = self._refined(found.point.grid)
             self._factor()
@@ -55,7 +58,8 @@ class Linearized:
         _, matrix = self.energy.tangent(self._point)
         if not matrix.factor():
             raise SolveError(
-                "the equilibrium is at a critical load: its tangent is not positive definite, so it has no sensitivities"
+                "the equilibrium is at a critical load: its tangent is not positive definite, so it"
+                " has no sensitivities"
             )
 
     def _refined(self, grid: Array) -> Point:
@@ -217,9 +221,11 @@ class Sensitivities:
 
         One substitution, however many variables. Raises ValueError for a gradient of another shape.
         """
-        gradient, rows = np.asarray(gradient, dtype=float), self.result.centreline
+        gradient = np.asarray(gradient, dtype=float)
+        rows = self.result.centreline
         if gradient.shape != (len(rows), 3):
             raise ValueError(
-                f"gradient has shape {gradient.shape}; must be {(len(rows), 3)}, a row for each of the centreline's"
+                f"gradient has shape {gradient.shape}; must be {(len(rows), 3)}, a row for each of"
+                " the centreline's"
             )
         return self._near.adjoint(gradient)

@@ -20,15 +20,19 @@ from magmpm.statics.newton import NEAR, ROUNDING_AT_REST, OnStep, _chord_steps
 
 CONTRACTION = 0.5  # of Newton's steps, below which they are sure to stay with the branch
 MOST_FALLING = 400  # steps of a fall
-SOFT = 100.0  # of Energy.least_scale, a strain of 1e-8: near a critical load rounding alone costs the soft mode such an energy
+# of Energy.least_scale, a strain of 1e-8: near a critical load rounding alone costs the soft mode
+# such an energy
+SOFT = 100.0
 
 
 class NearbyMinima:
     """Finds minima near states of a model. spent: Newton steps so far; unstable: the last search found a stationary point, no minimum."""
 
     def __init__(self, *, tolerance: float, on_step: OnStep | None = None) -> None:
-        self._tolerance, self._tell = tolerance, on_step
-        self.spent, self.unstable = 0, False
+        self._tolerance = tolerance
+        self._tell = on_step
+        self.spent = 0
+        self.unstable = False
         self._decrement = 0.0
         self.definite = Definite()
 
@@ -40,12 +44,10 @@ class NearbyMinima:
     def contracted(self, energy: Energy, begin: Array) -> Point | None:
         """The minimum to which Newton's steps contract; None where they do not, or lead to where the tangent is not positive definite."""
         self.unstable = False
-        point, rest, allowed, on = (
-            energy.at(begin),
-            energy.rest_energy(),
-            np.inf,
-            np.zeros(0, np.int64),
-        )
+        point = energy.at(begin)
+        rest = energy.rest_energy()
+        allowed = np.inf
+        on = np.zeros(0, np.int64)
         length = float(np.ptp(energy.model.plane_coordinates()))
         for step in range(12):
             if not point.min_det_F > 0:
@@ -58,7 +60,8 @@ class NearbyMinima:
             if point.touched is not None and not np.array_equal(
                 on, point.touched.pattern
             ):  # others touch: another tangent
-                on, allowed = point.touched.pattern, np.inf
+                on = point.touched.pattern
+                allowed = np.inf
             decrement = -float(np.sum(residual * direction)) / 2
             scale = max(abs(point.energy - rest), energy.least_scale())
             if self._tell is not None:
@@ -116,8 +119,10 @@ class NearbyMinima:
         A step of the time 1 / mu is the minimum of E + mu/2 |c - c0|^2, found by Newton's method. mu grows where that fails, the step is
         too long or the energy does not fall, and shrinks otherwise, to next to nothing: the last steps are Newton's.
         """
-        neutral, rest = self.definite.neutral(energy), energy.rest_energy()
-        noise, mu = ROUNDING_AT_REST * energy.least_scale(), neutral
+        neutral = self.definite.neutral(energy)
+        rest = energy.rest_energy()
+        noise = ROUNDING_AT_REST * energy.least_scale()
+        mu = neutral
         for _ in range(MOST_FALLING):
             trial = self._euler(energy, point, mu, longest)
             if trial is None or trial.energy > point.energy + noise:
@@ -129,12 +134,14 @@ class NearbyMinima:
             ):
                 return trial
             check(trial)
-            point, mu = trial, max(mu / 4.0, neutral)
+            point = trial
+            mu = max(mu / 4.0, neutral)
         raise SolveError(f"the body fell for {MOST_FALLING} steps and came to no rest", point)
 
     def _euler(self, energy: Energy, before: Point, mu: float, longest: float) -> Point | None:
         """The minimum of E + mu/2 |c - c0|^2 near a state c0; None where there is none within `longest` (m)."""
-        mass, point = self.definite.mass(energy), before
+        mass = self.definite.mass(energy)
+        point = before
         for turn in range(6):  # Newton steps
             residual, definite = self.definite.made(energy, point, mu)
             if residual is None or (not definite and turn == 0):

@@ -28,15 +28,17 @@ PAIRS = 6  # steps that a chord step remembers
 CRAWL = (
     8  # shifted steps in a row, after which the body goes along the mode that the shift slows down
 )
-NEAREST, FARTHEST = 2.0**-6, 16.0  # times as far as `_leave` says
-STALL, STALLED = (
-    15,
-    0.1,
-)  # steps that all together win less than this share of what the next one promises: the solve leads nowhere
+# times as far as `_leave` says
+NEAREST = 2.0**-6
+FARTHEST = 16.0
+# steps that all together win less than this share of what the next one promises: the solve leads nowhere
+STALL = 15
+STALLED = 0.1
 MOST_LEFT = 8  # unstable equilibria that one solve may leave
 LEAST_FRACTION = 1e-8  # of a step: below it the line search gives up
 ROUNDING = 1e-13  # of the energy scale: smaller differences of energies are rounding errors
-ROUNDING_AT_REST = 1e3  # of Energy.least_scale, 1e-15 of shear modulus times volume: nor below it, however small the load
+# of Energy.least_scale, 1e-15 of shear modulus times volume: nor below it, however small the load
+ROUNDING_AT_REST = 1e3
 OnStep = Callable[
     [int, float], None
 ]  # of a solve: called after each step with its number and its energy decrement
@@ -91,15 +93,14 @@ def minimize(
     rest = energy.rest_energy()
     if not point.min_det_F > 0:
         raise SolveError("the start has det F <= 0", point)
-    left, shifted, least_shift, energies = (
-        0,
-        0,
-        0.0 if chord.trusted else _expected_shift(energy, point),
-        [point.energy],
-    )
+    left = 0
+    shifted = 0
+    least_shift = 0.0 if chord.trusted else _expected_shift(energy, point)
+    energies = [point.energy]
     for step in range(1, max_steps + 1):
         residual, direction, shift = _step(energy, point, least_shift)
-        least_shift, shifted = 0.0, shifted + 1 if shift > 0.0 else 0
+        least_shift = 0.0
+        shifted = shifted + 1 if shift > 0.0 else 0
         decrement = -float(np.sum(residual * direction)) / 2
         scale = max(abs(point.energy - rest), energy.least_scale())
         if (
@@ -149,7 +150,8 @@ def minimize(
 
 def _not_found(point: Point, after: str, decrement: float, tolerance: float) -> SolveError:
     return SolveError(
-        f"no equilibrium {after} (energy decrement {decrement:.1e} of the energy, wanted {tolerance:.1e})",
+        f"no equilibrium {after} (energy decrement {decrement:.1e} of the energy, wanted"
+        f" {tolerance:.1e})",
         point,
     )
 
@@ -211,7 +213,8 @@ def _chord_steps(
             return last, reached
         if not reached < chord.gain * decrement:
             return point, decrement
-        point, decrement = trial, reached
+        point = trial
+        decrement = reached
 
 
 def corrected(
@@ -226,7 +229,8 @@ def corrected(
         for step, change in pairs
         if (curved := float(np.sum(step * change))) > 0.0
     ]
-    q, parts = residual, []
+    q = residual
+    parts = []
     for step, change, curved in reversed(usable):
         parts.append(float(np.sum(step * q)) / curved)
         q = q - parts[-1] * change
@@ -251,7 +255,8 @@ def refined(energy: Energy, point: Point, enough: float = 1e-18) -> Point:
         trial = energy.at(point.grid + direction)
         if not (0.0 < decrement < 0.5 * last and trial.min_det_F > 0):
             break
-        point, last = trial, decrement
+        point = trial
+        last = decrement
         if decrement < enough * scale:
             break
     return point
@@ -259,7 +264,8 @@ def refined(energy: Energy, point: Point, enough: float = 1e-18) -> Point:
 
 def _leave(energy: Energy, residual: Array, attempt: int) -> Array:
     """Direction of least curvature, from the shifted factors, by inverse iteration from a fixed vector."""
-    layout, model = energy.model.layout, energy.model
+    layout = energy.model.layout
+    model = energy.model
     x = model.plane_coordinates()
     d = np.zeros((layout.planes, layout.m))
     # A straight rod buckles toward +z unless a load decides otherwise. Each attempt starts from another mix of bending.
@@ -282,14 +288,16 @@ def _along_mode(energy: Energy, point: Point, residual: Array, attempt: int) -> 
     Where a body is about to buckle, a shift that makes the tangent positive definite slows down the very mode that it buckles in: steps
     then grow by a percent each, for hundreds of steps.
     """
-    way, best = _leave(energy, residual, attempt), point
+    way = _leave(energy, residual, attempt)
+    best = point
     for side in (1.0, -1.0):
         part = NEAREST
         while part <= FARTHEST:
             trial = energy.at(energy.arc(point, way, side * part))
             if not (trial.min_det_F > 0 and trial.energy < best.energy):
                 break
-            best, part = trial, 2.0 * part
+            best = trial
+            part = 2.0 * part
         if best is not point:
             break
     return best

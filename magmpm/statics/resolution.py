@@ -65,7 +65,8 @@ class _Search:
 
     def prove(self, cells: int) -> None:
         """Solve a grid, and the finer one from which its error is known."""
-        finer, grids = self.proof[cells], self.grids
+        finer = self.proof[cells]
+        grids = self.grids
         grids.solve(cells)
         grids.prove(finer, cells)
         for intermediate in law.INTERMEDIATE.get(cells, ()):
@@ -88,7 +89,8 @@ class _Search:
 
     def takes(self, cells: int) -> float:
         """Seconds that it will take to solve a grid and to know its error."""
-        grids, finer = self.grids, self.proof[cells]
+        grids = self.grids
+        finer = self.proof[cells]
         known = grids.solved.get(cells)
         solve = 0.0 if known is not None and known.exact else grids.takes(cells, proof=False)
         return solve + (0.0 if finer in grids.solved else grids.takes(finer, proof=True))
@@ -130,19 +132,24 @@ def choose(
     Raises SceneError where no grid can: with what it would take. Raises as the solves do.
     """
     check_possible(grids.scene)
-    with one_blas_thread():  # all along: threads that BLAS started go on spinning for a while, and slow the next kernel to half its pace
+    # all along: threads that BLAS started go on spinning for a while, and slow the next kernel to
+    # half its pace
+    with one_blas_thread():
         search = _searched(grids, on_step, extra)
         return _chosen(
             search,
-            max(search.errors)
-            if search.scene.resolution.error is not None
-            else _best_in_time(search),
+            (
+                max(search.errors)
+                if search.scene.resolution.error is not None
+                else _best_in_time(search)
+            ),
         )
 
 
 def _searched(grids: Grids, on_step: OnStep | None, extra: Callable[[int], float]) -> _Search:
     """Grids solved, their errors known, the last of them good enough. Raises as `choose` does."""
-    limit, begun = grids.scene.resolution.seconds, time.perf_counter()
+    limit = grids.scene.resolution.seconds
+    begun = time.perf_counter()
     proven: dict[int, float] = {}
     stops = grids.scene.in_time  # even the coarsest grid, which may take hours
 
@@ -178,7 +185,8 @@ def _searched(grids: Grids, on_step: OnStep | None, extra: Callable[[int], float
 
 def _check_met(search: _Search, failed: int, failure: SolveError | None) -> None:
     """Raises SceneError where the search ended without what was requested, as `failed` cells across failed or the grids tell nothing."""
-    wanted, best = search.scene.resolution.allowed(search.scene.length), min(search.errors.values())
+    wanted = search.scene.resolution.allowed(search.scene.length)
+    best = min(search.errors.values())
     if wanted is not None and search.errors[max(search.errors)] > wanted:
         found = (
             ""
@@ -203,7 +211,10 @@ def check_possible(scene: Scene) -> None:
         raise SceneError(
             key,
             received=f"{100 * wanted / scene.length:.2g} % of the length",
-            rule=f"equilibria are known to {100 * FLOOR:g} % of the length at best: their solve ends there, whatever the grid",
+            rule=(
+                f"equilibria are known to {100 * FLOOR:g} % of the length at best: their solve ends"
+                " there, whatever the grid"
+            ),
             remedy=f"ask for {100 * FLOOR:g} % or more",
         )
 
@@ -266,7 +277,8 @@ def _next_in_time(search: _Search, tried: int, finer: list[int]) -> int | None:
 
 def _too_short(search: _Search, needed: float) -> SceneError:
     """needed: seconds that the coarsest grid takes with its proof, as far as that is known."""
-    limit, cells = search.scene.resolution.seconds, first_cells(search.scene)
+    limit = search.scene.resolution.seconds
+    cells = first_cells(search.scene)
     if not search.errors and search.grids.solved:
         needed = sum(one.seconds for one in search.grids.solved.values()) + search.grids.takes(
             search.proof[cells], proof=True
@@ -284,11 +296,10 @@ def _out_of_reach(
     search: _Search, wanted: float, cells: int | None = None, failed: str = ""
 ) -> SceneError:
     """cells: the grid that would do, but for memory or time; failed: what a finer grid failed of."""
-    length, tried = search.scene.length, max(search.errors)
-    received, limits = (
-        f"{100 * wanted / length:.3g} % of the length",
-        f" of {SHARE * memory.machine() / 1e9:.3g} GB and {PATIENCE:g} s",
-    )
+    length = search.scene.length
+    tried = max(search.errors)
+    received = f"{100 * wanted / length:.3g} % of the length"
+    limits = f" of {SHARE * memory.machine() / 1e9:.3g} GB and {PATIENCE:g} s"
     if search.errors[tried] > LARGEST * length:
         return _on_branches(search, received, failed)
     within = [
@@ -299,17 +310,31 @@ def _out_of_reach(
     most = max(within, default=tried)
     least = law.foretold(search.errors, most)
     if failed:
-        why, limits = failed, ""
+        why = failed
+        limits = ""
     elif cells is None:
         end = max(search.proof)
         off = 100 * law.foretold(search.errors, end) / length
-        why = f"{end} cells across, the most whose error can be proven, are off by {off:.2g} %, as {tried} cells tell"
+        why = (
+            f"{end} cells across, the most whose error can be proven, are off by {off:.2g} %, as"
+            f" {tried} cells tell"
+        )
     else:
-        needed, seconds = search.grids.size(search.proof[cells]), search.takes(cells)
-        why = f"{cells} cells across and their proof by {search.proof[cells]} take {needed / 1e9:.2g} GB and {seconds:.2g} s"
-    remedy = f"ask for {_up(100 * search.errors[tried] / length):.2g} % or more, which {tried} cells give"
+        needed = search.grids.size(search.proof[cells])
+        seconds = search.takes(cells)
+        why = (
+            f"{cells} cells across and their proof by {search.proof[cells]} take {needed / 1e9:.2g}"
+            f" GB and {seconds:.2g} s"
+        )
+    remedy = (
+        f"ask for {_up(100 * search.errors[tried] / length):.2g} % or more, which {tried} cells"
+        " give"
+    )
     if most > tried:
-        remedy += f", or try {_up(100 * least / length):.2g} %, which {most} cells give only if its errors fall as they should"
+        remedy += (
+            f", or try {_up(100 * least / length):.2g} %, which {most} cells give only if its"
+            " errors fall as they should"
+        )
     return SceneError(
         "resolution.error",
         received=received,
@@ -326,32 +351,42 @@ def _up(number: float) -> float:
 
 def _on_branches(search: _Search, received: str, failed: str = "") -> SceneError:
     """Error for two grids too far from each other to tell it. received: what was requested; failed: what a finer grid failed of."""
-    tried, length = max(search.errors), search.scene.length
-    key, proof = (
-        "seconds" if search.scene.resolution.error is None else "error",
-        search.proof[tried],
-    )
+    tried = max(search.errors)
+    length = search.scene.length
+    key = "seconds" if search.scene.resolution.error is None else "error"
+    proof = search.proof[tried]
     return SceneError(
         f"resolution.{key}",
         received=received,
-        rule=f"the grids must find the same equilibrium: those of {tried} and {proof} cells across are "
-        f"{100 * search.grids.distance_between(tried, proof) / length:.2g} % of the length apart, on other branches perhaps"
+        rule=(
+            f"the grids must find the same equilibrium: those of {tried} and {proof} cells across"
+            f" are {100 * search.grids.distance_between(tried, proof) / length:.2g} % of the length"
+            " apart, on other branches perhaps"
+        )
         + (f"; {failed}" if failed else ""),
-        remedy="give `cells_across`, and compare runs; along a path, leave out times near a jump or another critical load",
+        remedy=(
+            "give `cells_across`, and compare runs; along a path, leave out times near a jump or"
+            " another critical load"
+        ),
     )
 
 
 def _best_in_time(search: _Search) -> int:
     """The grid of the smallest error, of those on which there is time left for what is computed besides; the coarsest one is done."""
-    limit, gone = search.scene.resolution.seconds, time.perf_counter() - search.begun
+    limit = search.scene.resolution.seconds
+    gone = time.perf_counter() - search.begun
     assert limit is not None
     left = [n for n in search.errors if n == min(search.errors) or gone + search.extra(n) <= limit]
     return min(left, key=lambda n: search.errors[n])
 
 
 def _chosen(search: _Search, cells: int) -> ChosenGrid:
-    solved, resolution, error = search.grids.solved, search.scene.resolution, search.errors[cells]
-    order, last, finer = observed_order(search.errors), solved[cells], solved[search.proof[cells]]
+    solved = search.grids.solved
+    resolution = search.scene.resolution
+    error = search.errors[cells]
+    order = observed_order(search.errors)
+    last = solved[cells]
+    finer = solved[search.proof[cells]]
     report = {
         "cells_across": cells,
         "particles_per_cell": resolution.particles_per_cell,

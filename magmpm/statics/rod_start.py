@@ -25,14 +25,17 @@ def straight(model: StaticModel) -> Array:
 
 def from_rod(model: StaticModel, rod: RodShape) -> Array:
     """Coefficients (planes, m), m, of the displacement from the undeformed body to the rod's shape."""
-    grid, layout = model.grid, model.layout
+    grid = model.grid
+    layout = model.layout
     length = rod.s[-1]
     assert model.line is not None  # only straight bodies are rods
     x = model.plane_coordinates()  # plane 0 is node 1: node 0 is eliminated by the clamp
     y, z = (grid.section_nodes(layout.node_yz) - model.line.base[1:]).T
 
-    inside, frames = np.clip(x, 0.0, length), plane_frames(model, rod)
-    strain, curvature = linear(inside, rod.s, rod.strain), linear(inside, rod.s, rod.curvature)
+    inside = np.clip(x, 0.0, length)
+    frames = plane_frames(model, rod)
+    strain = linear(inside, rod.s, rod.strain)
+    curvature = linear(inside, rod.s, rod.curvature)
     overhang = (x - inside)[:, None] * np.einsum("pij,pj->pi", frames, strain)
     axis = linear(inside, rod.s, rod.position) + overhang
 
@@ -65,10 +68,8 @@ def from_rod(model: StaticModel, rod: RodShape) -> Array:
 def _second_difference(width: Array) -> tuple[Array, Array, Array]:
     """Weights (planes, 1, 1) of the plane before, the plane and the next one in h^2 f'' for planes of these node widths h (planes,) m."""
     h = width[:, None, None]
-    below, above = (
-        (np.concatenate([h[:1], h[:-1]]) + h) / 2,
-        (np.concatenate([h[1:], h[-1:]]) + h) / 2,
-    )
+    below = (np.concatenate([h[:1], h[:-1]]) + h) / 2
+    above = (np.concatenate([h[1:], h[-1:]]) + h) / 2
     both = below + above
     return 2 * h * h / (below * both), -2 * h * h / (below * above), 2 * h * h / (above * both)
 

@@ -29,11 +29,10 @@ def _add_own(front, fronts, blocks, values, n):
 @compiled
 def _add_passed(child, front, fronts, values, below, room, n, own):
     """Add what a child passes on: `below` is the room of its depth, `room` that of the front's depth."""
-    begin, end = (
-        fronts.row_first[child] + fronts.first[child + 1] - fronts.first[child],
-        fronts.row_first[child + 1],
-    )
-    size, rest = 3 * (end - begin), n - own
+    begin = fronts.row_first[child] + fronts.first[child + 1] - fronts.first[child]
+    end = fronts.row_first[child + 1]
+    size = 3 * (end - begin)
+    rest = n - own
     for q in range(begin, end):
         column = 3 * fronts.into[q]
         for k in range(3):
@@ -45,7 +44,8 @@ def _add_passed(child, front, fronts, values, below, room, n, own):
                 target = fronts.passed[front] + (column + k - own) * rest
                 shift = own
             for r in range(q, end):
-                there, here = target + 3 * fronts.into[r] - shift, source + 3 * (r - begin)
+                there = target + 3 * fronts.into[r] - shift
+                here = source + 3 * (r - begin)
                 if shift == 0:
                     for i in range(3):
                         values[there + i] += below[here + i]
@@ -61,29 +61,29 @@ def _eliminate(front, fronts, blocks, values, rooms, fortran):
     own = 3 * (fronts.first[front + 1] - fronts.first[front])
     rest = n - own
     depth = fronts.depth[front]
-    room, below = rooms[depth % 2], rooms[(depth + 1) % 2]
+    room = rooms[depth % 2]
+    below = rooms[(depth + 1) % 2]
     values[fronts.at[front] : fronts.at[front] + n * own] = 0.0
     room[fronts.passed[front] : fronts.passed[front] + rest * rest] = 0.0
     _add_own(front, fronts, blocks, values, n)
     for k in range(fronts.child_first[front], fronts.child_first[front + 1]):
         _add_passed(fronts.child[k], front, fronts, values, below, room, n, own)
-    potrf, trsm, syrk = fortran[0], fortran[1], fortran[2]
+    potrf = fortran[0]
+    trsm = fortran[1]
+    syrk = fortran[2]
     sizes = np.array([n, own, rest, 0], np.int32)
     letters = np.array([82, 76, 84, 78], np.uint8)  # R L T N
     signs = np.array([1.0, -1.0])
-    ld, columns, rows, info = (
-        sizes[0:].ctypes.data,
-        sizes[1:].ctypes.data,
-        sizes[2:].ctypes.data,
-        sizes[3:].ctypes.data,
-    )
-    right, lower, trans, plain = (
-        letters[0:].ctypes.data,
-        letters[1:].ctypes.data,
-        letters[2:].ctypes.data,
-        letters[3:].ctypes.data,
-    )
-    plus, minus = signs[0:].ctypes.data, signs[1:].ctypes.data
+    ld = sizes[0:].ctypes.data
+    columns = sizes[1:].ctypes.data
+    rows = sizes[2:].ctypes.data
+    info = sizes[3:].ctypes.data
+    right = letters[0:].ctypes.data
+    lower = letters[1:].ctypes.data
+    trans = letters[2:].ctypes.data
+    plain = letters[3:].ctypes.data
+    plus = signs[0:].ctypes.data
+    minus = signs[1:].ctypes.data
     top = values[fronts.at[front] :].ctypes.data
     call(potrf, (lower, columns, top, ld, info))
     if sizes[3] != 0 or rest == 0:
@@ -113,13 +113,15 @@ def _factor(fronts, blocks, values, rooms, fortran):
 @compiled
 def _substitute(front, fronts, values, x, work, back, fortran):
     """One step of the substitution: x (columns, 3 nodes) in place."""
-    trsm, gemm, trsv, gemv = fortran[1], fortran[3], fortran[4], fortran[5]
-    begin, end = fronts.row_first[front], fronts.row_first[front + 1]
-    n, own, columns = (
-        3 * (end - begin),
-        3 * (fronts.first[front + 1] - fronts.first[front]),
-        x.shape[0],
-    )
+    trsm = fortran[1]
+    gemm = fortran[3]
+    trsv = fortran[4]
+    gemv = fortran[5]
+    begin = fronts.row_first[front]
+    end = fronts.row_first[front + 1]
+    n = 3 * (end - begin)
+    own = 3 * (fronts.first[front + 1] - fronts.first[front])
+    columns = x.shape[0]
     for column in range(columns):
         for q in range(begin, end):
             for i in range(3):
@@ -127,18 +129,21 @@ def _substitute(front, fronts, values, x, work, back, fortran):
     sizes = np.array([n, own, n - own, columns, 1], np.int32)
     letters = np.array([76, 84, 78], np.uint8)  # L T N
     signs = np.array([1.0, -1.0])
-    ld, mine, rest, count = (
-        sizes[0:].ctypes.data,
-        sizes[1:].ctypes.data,
-        sizes[2:].ctypes.data,
-        sizes[3:].ctypes.data,
-    )
+    ld = sizes[0:].ctypes.data
+    mine = sizes[1:].ctypes.data
+    rest = sizes[2:].ctypes.data
+    count = sizes[3:].ctypes.data
     inc = sizes[4:].ctypes.data
-    left, trans, plain = letters[0:].ctypes.data, letters[1:].ctypes.data, letters[2:].ctypes.data
-    plus, minus = signs[0:].ctypes.data, signs[1:].ctypes.data
+    left = letters[0:].ctypes.data
+    trans = letters[1:].ctypes.data
+    plain = letters[2:].ctypes.data
+    plus = signs[0:].ctypes.data
+    minus = signs[1:].ctypes.data
     way = trans if back else plain
-    top, upper = values[fronts.at[front] :].ctypes.data, work.ctypes.data
-    under, lower = top + 8 * own, upper + 8 * own
+    top = values[fronts.at[front] :].ctypes.data
+    upper = work.ctypes.data
+    under = top + 8 * own
+    lower = upper + 8 * own
     for turn in range(2):
         if (
             (turn == 0) == back

@@ -22,9 +22,13 @@ from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy
 from magmpm.statics.layout import StaticModel
 
-MOST_ADDED = 40  # vectors: one or two after usual solves, ten where segments press each other together so that they alone would buckle
+# vectors: one or two after usual solves, ten where segments press each other together so that they
+# alone would buckle
+MOST_ADDED = 40
 COLUMNS = 3  # soft vectors: of a rod two of bending and one of twist
-ENOUGH = 1e-5  # of the unloaded body's eigenvalue: what one more vector would win; it is subtracted, so a tenth of it is left
+# of the unloaded body's eigenvalue: what one more vector would win; it is subtracted, so a tenth of
+# it is left
+ENOUGH = 1e-5
 NO_LOAD = (
     1e-12  # of the load, as good as none: other kernels would have to be compiled for none at all
 )
@@ -53,7 +57,8 @@ def stability(
     energy: of the solve, with its last factors in its matrix, which stay; with interaction, the other parts are factored here.
     body: what an earlier call for the same body found.
     """
-    alone, body = energy.alone, body or Unloaded()
+    alone = energy.alone
+    body = body or Unloaded()
     rest = body.rest = _of_rest(alone) if body.rest is None else body.rest
     body.lumped = _lumped(alone) if body.lumped is None else body.lumped
     here = energy.at(point.grid)  # and tables that follow the shape
@@ -74,8 +79,9 @@ def on_the_brink(stability: float | None) -> list[str]:
     if stability is None or stability > BRINK:
         return []
     return [
-        f"stability: the softest motion of this equilibrium has {100 * max(stability, 0.0):.2g} % of the unloaded body's stiffness: it is "
-        "at a critical load (buckling, turning round) or free to turn about an axis, so a small change of the load may move it far"
+        f"stability: the softest motion of this equilibrium has {100 * max(stability, 0.0):.2g} %"
+        " of the unloaded body's stiffness: it is at a critical load (buckling, turning round) or"
+        " free to turn about an axis, so a small change of the load may move it far"
     ]
 
 
@@ -114,7 +120,8 @@ def _smallest(
     energy: Energy, products: Products, scale: float, lumped: Array, stiffer: float = 1.0
 ) -> float:
     """Smallest eigenvalue of the tangent whose products are given; scale: what its error is measured by, 0 for itself; lumped: volumes;
-    stiffer: how many times as stiff the factors in the energy's matrix may be in the softest motions."""
+    stiffer: how many times as stiff the factors in the energy's matrix may be in the softest motions.
+    """
     X = _start(energy)
     for _ in range(2):  # rounds of inverse iteration
         MX = lumped * X
@@ -125,7 +132,8 @@ def _smallest(
     for _ in range(MOST_ADDED):
         turn = _orthonormal(_inner(X, MX))
         values, vectors = np.linalg.eigh(turn.T @ _inner(X, KX) @ turn)
-        value, mix = float(values[0]), (turn @ vectors)[:, :1]
+        value = float(values[0])
+        mix = (turn @ vectors)[:, :1]
         left = energy.free_columns(_mixed(KX, mix) - value * _mixed(MX, mix))
         w = energy.solve_columns(left)
         won = float(np.sum(w * left))  # mix is of norm 1 in M: what w can win, to first order
@@ -163,7 +171,8 @@ def _orthonormal(gram: Array) -> Array:
 
 def _start(energy: Energy) -> Array:
     """Columns (planes, COLUMNS, m) of smooth motion: to both sides, growing along the body, and twist about its axis."""
-    model, layout = energy.model, energy.model.layout
+    model = energy.model
+    layout = energy.model.layout
     x = model.plane_coordinates()
     x = (x - x[0]) / (x[-1] - x[0])
     y, z = (model.grid.section_nodes(layout.node_yz) - model.grid.origin[1:]).T
@@ -190,8 +199,10 @@ def _lumped(energy: Energy) -> Array:
 
 def mass(energy: Energy, columns: Array) -> Array:
     """The mass matrix of unit density times columns (planes, k, m)."""
-    count, n = columns.shape[1], len(energy.model.shear)
-    u, F = np.empty((count, n, 3)), np.empty((n, 3, 3))
+    count = columns.shape[1]
+    n = len(energy.model.shear)
+    u = np.empty((count, n, 3))
+    F = np.empty((n, 3, 3))
     for k in range(count):
         grid_to_particles(
             energy.cells,

@@ -110,7 +110,8 @@ class Sparse:
     """A sparse matrix, in blocks (blocks, 3, 3) of the layout's elimination, and its factors."""
 
     def __init__(self, layout: Layout) -> None:
-        self._layout, self._order = layout, layout.elimination
+        self._layout = layout
+        self._order = layout.elimination
         count = int(self._order.fronts.block_first[-1])
         self.blocks = np.zeros((count, 3, 3))
         self._values = empty((self._order.values,))
@@ -205,9 +206,15 @@ def new_matrix(scene: Scene, layout: Layout) -> Bands | Sparse:
     if needed > MOST_MEMORY:
         raise SceneError(
             "resolution",
-            found=f"statics of this body would take {needed / 1e9:.3g} GB for its tangent of {3 * len(layout.free_nodes)} unknowns",
+            found=(
+                f"statics of this body would take {needed / 1e9:.3g} GB for its tangent of"
+                f" {3 * len(layout.free_nodes)} unknowns"
+            ),
             rule=f"at most {MOST_MEMORY / 1e9:g} GB are used",
-            remedy="make the cells larger, or let the body settle: `solver: {dynamic: {duration: 0.5 s}}` with damping",
+            remedy=(
+                "make the cells larger, or let the body settle: `solver: {dynamic: {duration: 0.5"
+                " s}}` with damping"
+            ),
         )
     with memory.for_matrix(scene, needed):
         return Bands(layout) if layout.straight else Sparse(layout)

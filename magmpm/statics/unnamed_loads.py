@@ -44,14 +44,16 @@ def missed(scene: Scene, key: str) -> str:
     """A warning of an effect that a scene does not name."""
     share = 100 * scene.allowed_error / scene.length
     return (
-        f"effects: {key} is not named, and {WORDS[key]} may move the answer by more than {share:.2g} % of its length; name it, or write "
-        "`advice: off` to hear no more of it (`magmpm effects` says how much)"
+        f"effects: {key} is not named, and {WORDS[key]} may move the answer by more than"
+        f" {share:.2g} % of its length; name it, or write `advice: off` to hear no more of it"
+        " (`magmpm effects` says how much)"
     )
 
 
 def _unnamed(scene: Scene, energy: Energy, point: Point) -> Iterator[tuple[str, Array, Array]]:
     """Loads that the scene does not name: stress (n, 3, 3) Pa and force (n, 3) N/m^3 of each, by its effect's key."""
-    model, named = energy.model, scene.effects
+    model = energy.model
+    named = scene.effects
     none = np.zeros((len(model.shear), 3, 3))
     if named.gravity is None and all(
         scene.materials[region.material_name].density is not None for region in scene.regions()
@@ -66,7 +68,8 @@ def _unnamed(scene: Scene, energy: Energy, point: Point) -> Iterator[tuple[str, 
             block = MagneticInteraction().marks(model.particles, model.remanence[:, :3])
         except InputError:  # too many blocks
             return
-        particles, of = model.particles, block.astype(int)
+        particles = model.particles
+        of = block.astype(int)
         data = np.zeros(
             SIZE * (of.max() + 2)
         )  # and a row of zeros at the end, of particles in no block
@@ -99,9 +102,11 @@ def _stretched(shift: float, thickness: float) -> float:
 
 def first_order(energy: Energy, P: Array, f: Array) -> Array:
     """Shift (particles, 3) m of an equilibrium by more stress P (n, 3, 3) Pa and force f (n, 3) N/m^3, to first order."""
-    model, n = energy.model, len(energy.model.shear)
+    model = energy.model
+    n = len(energy.model.shear)
     moved = energy.solve_columns(energy.each_scattered(-P[None], -f[None]))
-    shift, F = np.empty((n, 3)), np.empty((n, 3, 3))
+    shift = np.empty((n, 3))
+    F = np.empty((n, 3, 3))
     grid_to_particles(
         energy.cells, energy.particles, np.ascontiguousarray(moved[:, 0]), model.axes, shift, F
     )

@@ -41,7 +41,10 @@ def with_refused_states(script: str) -> str:
 EDITING = ", ".join(
     f"[aria-label='{label}']" for label in ("delete study", "rename study", "delete artifact")
 )
-READ_ONLY = f'document.head.insertAdjacentHTML("beforeend", "<style>{EDITING} {{display: none !important}}</style>");\n'
+READ_ONLY = (
+    f'document.head.insertAdjacentHTML("beforeend", "<style>{EDITING} {{display: none'
+    ' !important}</style>");\n'
+)
 
 
 def page(app: Application, write: bool) -> Application:
@@ -69,9 +72,13 @@ def page(app: Application, write: bool) -> Application:
 
 
 # What isn't the page itself, such as a trial's files, is shown without scripts; the page, in no other page.
-SANDBOX = "sandbox; default-src 'none'; img-src 'self' data:; media-src 'self'; style-src 'unsafe-inline'; frame-ancestors 'none'"
+SANDBOX = (
+    "sandbox; default-src 'none'; img-src 'self' data:; media-src 'self'; style-src"
+    " 'unsafe-inline'; frame-ancestors 'none'"
+)
 # Browsers send a cookie to all ports of a host: to those paths alone that show a study. The dashboard's own script and icon are public.
-SECRET, PUBLIC = ("/api", "/artifacts", "/csv", "/dashboard"), ("/static/", "/favicon.ico")
+SECRET = ("/api", "/artifacts", "/csv", "/dashboard")
+PUBLIC = ("/static/", "/favicon.ico")
 ALONE = "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
 
 
@@ -80,10 +87,8 @@ def guarded(app: Application, guard: Guard, start_page: str, write: bool) -> App
 
     def serve(environ: dict[str, Any], start: Callable[..., Any]) -> Iterable[bytes]:
         cookie = f"magmpm-{environ.get('SERVER_PORT')}"
-        secret, method = (
-            parse_qs(environ.get("QUERY_STRING", "")).get("secret", [None])[-1],
-            environ.get("REQUEST_METHOD"),
-        )
+        secret = parse_qs(environ.get("QUERY_STRING", "")).get("secret", [None])[-1]
+        method = environ.get("REQUEST_METHOD")
 
         def refuse(words: str) -> Iterable[bytes]:
             headers = [
@@ -129,7 +134,8 @@ def guarded(app: Application, guard: Guard, start_page: str, write: bool) -> App
             return app(environ, begin)
         if not guard.knows(_cookie(environ.get("HTTP_COOKIE", ""), cookie)):
             return refuse(
-                "This address is incomplete: open the whole address that `magmpm dashboard` printed."
+                "This address is incomplete: open the whole address that `magmpm dashboard`"
+                " printed."
             )
         if method not in ("GET", "HEAD") and not write:
             return refuse(

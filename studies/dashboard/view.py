@@ -119,7 +119,8 @@ class DashboardView(_Passing):  # type: ignore[misc]
     def _shown(self, trial: FrozenTrial, study_id: int) -> FrozenTrial:
         self._of_trial[trial_id(trial)] = factors = self.factors(study_id)
         found = copy.copy(trial)
-        found.user_attrs, found.system_attrs = dict(trial.user_attrs), dict(trial.system_attrs)
+        found.user_attrs = dict(trial.user_attrs)
+        found.system_attrs = dict(trial.system_attrs)
         if trial.state != TrialState.COMPLETE:
             return found
         found.values = [value * factor for value, factor in zip(trial.values, factors, strict=True)]
@@ -153,7 +154,9 @@ class Notes:
     def __init__(
         self, study: optuna.Study, folder: Path, store: FileSystemArtifactStore | Boto3ArtifactStore
     ) -> None:
-        self.study, self.folder, self.store = study, folder, store
+        self.study = study
+        self.folder = folder
+        self.store = store
         self._done: set[int] = set()
         self._file = _from_here(
             Path(self._report().get("study_file") or f"{study.study_name}.yaml")
@@ -224,8 +227,12 @@ class Notes:
         report = self._report()
         lines = [
             f"{MARK}{_plain(self.study.study_name)}",
-            f"Searches {_plain(vary)} with the sampler `{_plain(definition.get('sampler', '?'))}`, seed {definition.get('seed', '?')}. "
-            "The value of a trial is its rms distance from the target, in mm here and in m in the database.",
+            (
+                f"Searches {_plain(vary)} with the sampler"
+                f" `{_plain(definition.get('sampler', '?'))}`, seed {definition.get('seed', '?')}."
+                " The value of a trial is its rms distance from the target, in mm here and in m in"
+                " the database."
+            ),
             f"Study file: `{_plain(self._file)}`",
             *([f"{_plain(report['why'])}."] if "why" in report else []),
             f"Reproduce:\n\n```\n{_plain(self._command())}\n```",
@@ -240,9 +247,15 @@ class Notes:
     def _of_trial(self, trial: FrozenTrial) -> str:
         attributes = trial.user_attrs
         if trial.state == TrialState.FAIL:
-            what = f"Not solved: {attributes.get('reason', 'its session ended; its design is another trial')}."
+            what = (
+                "Not solved:"
+                f" {attributes.get('reason', 'its session ended; its design is another trial')}."
+            )
         elif not feasible(trial):
-            what = f"{'Refused' if refused(trial) else 'Not solved'}: {attributes.get('reason', 'for a reason that was not told')}."
+            what = (
+                f"{'Refused' if refused(trial) else 'Not solved'}:"
+                f" {attributes.get('reason', 'for a reason that was not told')}."
+            )
         else:
             rms, tip = (attributes.get(key) for key in ("rms_m", "tip_error_m"))
             measures = [
@@ -255,7 +268,10 @@ class Notes:
         lines = [
             f"{MARK}{_plain(self.study.study_name)}, trial {trial.number}",
             _plain(what),
-            f"Scene: of the study `{_plain(self._file)}`, with this trial's parameters (hash `{scene}`).",
+            (
+                f"Scene: of the study `{_plain(self._file)}`, with this trial's parameters (hash"
+                f" `{scene}`)."
+            ),
             f"Reproduce:\n\n```\n{_plain(self._command())} --trial {trial.number}\n```",
         ]
         return "\n\n".join(lines)

@@ -55,12 +55,17 @@ def findings(study: Study, space: SearchSpace, trials: Sequence[FrozenTrial]) ->
     ):
         return []
     residuals, jacobian = model_of(best)
-    coordinates, x = gauss_newton_blocks(space), space.embedded(best.params)
+    coordinates = gauss_newton_blocks(space)
+    x = space.embedded(best.params)
     rms = float(np.linalg.norm(residuals))
-    step, kept = coordinates.step(x, residuals, jacobian, RADIUS / 4), list[Finding]()
+    step = coordinates.step(x, residuals, jacobian, RADIUS / 4)
+    kept = list[Finding]()
     if step.promised > LEAST_GAIN * rms**2:
         foreseen = float(np.sqrt(max(rms**2 - step.promised, 0.0)))
-        says = f"the search was still getting better when its trials were used up: the next step promises {_mm(foreseen)}"
+        says = (
+            "the search was still getting better when its trials were used up: the next step"
+            f" promises {_mm(foreseen)}"
+        )
         kept.append({"what": "trials", "says": says, "rms_m": rms, "promised_rms_m": foreseen})
     kept += filter(
         None, (_bound(block, x[at], residuals @ jacobian[:, at] / rms) for block, at in space.parts)
@@ -85,7 +90,8 @@ def _bound(block: Block, x: Array, slope: Array) -> Finding | None:
         if strength < AT_BOUND * block.max or gain <= 0.0:
             return None
         says = (
-            f"{block.names[0]} is at its bound, {1e3 * block.max:g} mT: to first order, each mT more would lower the rms "
+            f"{block.names[0]} is at its bound, {1e3 * block.max:g} mT: to first order, each mT"
+            " more would lower the rms "
             f"by {gain:.3g} mm"  # m/T is mm/mT
         )
         return {"what": "field", "says": says, "bound_T": block.max, "rms_per_T": -gain}
@@ -96,8 +102,9 @@ def _bound(block: Block, x: Array, slope: Array) -> Finding | None:
         bound = block.high if x[0] > 0.5 else block.low
         per_unit = abs(float(slope[0])) / (block.high - block.low)
         says = (
-            f"{block.name} is at its {'upper' if x[0] > 0.5 else 'lower'} bound, {block.unit * bound:g}: to first order, going 1 "
-            f"beyond it would lower the rms by {1e3 * per_unit / block.unit:.3g} mm"
+            f"{block.name} is at its {'upper' if x[0] > 0.5 else 'lower'} bound,"
+            f" {block.unit * bound:g}: to first order, going 1 beyond it would lower the rms by"
+            f" {1e3 * per_unit / block.unit:.3g} mm"
         )
         return {"what": block.name, "says": says, "bound": bound, "rms_per_unit": -per_unit}
     return None
@@ -151,8 +158,9 @@ def _curvature(study: Study, space: SearchSpace, best: FrozenTrial) -> list[Find
         return []
     a, b = 1e3 * ends[worst]
     says = (
-        f"between s = {a:.3g} and {b:.3g} mm the target bends with a radius of {1e3 / bends[worst]:.3g} mm; all that is beyond it together "
-        f"can bend the body there to {1e3 / most[worst]:.3g} mm at the most, in this field"
+        f"between s = {a:.3g} and {b:.3g} mm the target bends with a radius of"
+        f" {1e3 / bends[worst]:.3g} mm; all that is beyond it together can bend the body there to"
+        f" {1e3 / most[worst]:.3g} mm at the most, in this field"
     )
     numbers = {
         "s_m": ends[worst].tolist(),
@@ -212,7 +220,10 @@ def _weak(space: SearchSpace, tangent: Array, basis: Array) -> list[Finding]:
         columns = np.flatnonzero(np.any(basis[at] != 0.0, axis=0))
         moves = float(np.linalg.norm(tangent[:, columns], 2))
         if moves < 1e-3 * space.scene.length:
-            says = f"turning {block.name} by a radian moves the shape by {1e3 * moves:.2g} mm (rms) at most: it has no effect here"
+            says = (
+                f"turning {block.name} by a radian moves the shape by {1e3 * moves:.2g} mm (rms) at"
+                " most: it has no effect here"
+            )
             found.append({"what": block.name, "says": says, "m_per_rad": moves})
     return found
 

@@ -195,7 +195,10 @@ def _trials_kept(url: str) -> Iterator[None]:
         yield
     except OSError as error:
         kind = InputError if error.errno in REFUSED else StorageError
-        kept = f", then run this command again: the finished trials are kept in {shown_url(url)}, and it resumes"
+        kept = (
+            f", then run this command again: the finished trials are kept in {shown_url(url)}, and"
+            " it resumes"
+        )
         raise kind(explained(error, kept)) from None
 
 
@@ -213,12 +216,15 @@ class _Run(StudySession):
         note: Note,
     ) -> None:
         super().__init__(evaluator, out, store, on_open, note)
-        self.shared, self.session = shared, Session(self.kept, store, out, shared)
+        self.shared = shared
+        self.session = Session(self.kept, store, out, shared)
         self.session.begin()
         self.starts = self.rod_starts()
         self.kept.sampler = self.sampler()
         self.gallery = records.Gallery(out, self.storage, store.url, artifacts)
-        self.deaths, self.hangs, self.looked = 0, 0, 0.0
+        self.deaths = 0
+        self.hangs = 0
+        self.looked = 0.0
         self.time_limit: float | None = None
         self.mended: list[str] = []
         self.look()
@@ -229,8 +235,14 @@ class _Run(StudySession):
     @property
     def notes(self) -> list[str]:
         """Notes on trials and workers that were lost on the way, a sentence each."""
-        died = f"worker processes that ended and were replaced: {self.deaths}; their designs were solved again"
-        hung = f"of these, processes that took too long for a design and were ended (--time-limit): {self.hangs}"
+        died = (
+            f"worker processes that ended and were replaced: {self.deaths}; their designs were"
+            " solved again"
+        )
+        hung = (
+            "of these, processes that took too long for a design and were ended (--time-limit):"
+            f" {self.hangs}"
+        )
         return [
             *self.session.lost,
             *self.mended,
@@ -242,12 +254,15 @@ class _Run(StudySession):
         """See what is finished."""
         finished = self.finished()
         best = report.nearest_first(finished)
-        self.count, self.best = len(finished), best[0].values[0] if best else None
+        self.count = len(finished)
+        self.best = best[0].values[0] if best else None
 
     def sampler(self) -> BaseSampler:
         """Sampler that chooses the trials."""
-        study, insertion = self.study, self.evaluator.evaluation
-        front, goal = choice.within_bounds(study), study.stop_rms or 0.0
+        study = self.study
+        insertion = self.evaluator.evaluation
+        front = choice.within_bounds(study)
+        goal = study.stop_rms or 0.0
         improve = (
             improver(self.space, study.target)
             if front and not (study.depths or study.keyframes)
@@ -296,10 +311,8 @@ class _Run(StudySession):
 
     def exhausted(self) -> bool:
         """True if only starts elsewhere are left to an insertion whose best design is good: they are on other branches, and win nothing."""
-        sampler, found = (
-            self.newton,
-            isinstance(self.evaluator.evaluation, Insertion) and self.best is not None,
-        )
+        sampler = self.newton
+        found = isinstance(self.evaluator.evaluation, Insertion) and self.best is not None
         if sampler is None or not found or self.best > choice.POOR * self.space.scene.length:  # type: ignore[operator]
             return False
         trials = self.store(lambda: self.kept.get_trials(deepcopy=False))
@@ -381,7 +394,8 @@ class _Run(StudySession):
                     elif self.shared:
                         self.session.tell_wait()
                     while self.ended(stop) is None and pool.idle and self.wanted(len(at_work)):
-                        begun, pending = time.perf_counter(), self.ask()
+                        begun = time.perf_counter()
+                        pending = self.ask()
                         if not self.shared or self.in_time(pending):
                             at_work[pending.number] = pending, begun
                             pool.begin(pending.number, pending.params)
@@ -397,7 +411,8 @@ class _Run(StudySession):
                         del at_work[number]
                         if trial is not None and on_trial is not None:
                             on_trial(trial)
-                    self.deaths, self.hangs = pool.deaths, pool.hangs
+                    self.deaths = pool.deaths
+                    self.hangs = pool.hangs
             except BaseException as error:  # also while a trial is requested or kept
                 self.session.put_all_back()
                 if isinstance(error, KeyboardInterrupt):
@@ -431,7 +446,10 @@ class _Run(StudySession):
             except UpdateFinishedTrialError:
                 if not self.shared:
                     raise
-                late = "this session was not heard of for long, and another one took up its trial before it had a design"
+                late = (
+                    "this session was not heard of for long, and another one took up its trial"
+                    " before it had a design"
+                )
                 self.session.lost.append(late)
 
     def _asked(self) -> optuna.Trial:
@@ -490,10 +508,12 @@ class _Run(StudySession):
             )
         if not self.store(lambda: self.record(self.kept, pending, outcome, begun)):
             self.session.lost.append(
-                f"trial {pending.number}: taken up by another session while this one could not reach the storage"
+                f"trial {pending.number}: taken up by another session while this one could not"
+                " reach the storage"
             )
             return None
-        self.count, self.best = self.count + 1, trial.best_rms_m
+        self.count = self.count + 1
+        self.best = trial.best_rms_m
         self.durations.append(time.perf_counter() - begun)
         del self.durations[:-50]
         left = statistics.median(self.durations) * max(self.study.trials - self.count, 0)

@@ -43,10 +43,8 @@ DESIGN = "design.json"
 def whole_place(place: str) -> str:
     """The place of pictures from wherever it is looked for: an absolute path, or s3://BUCKET. Raises InputError for other addresses."""
     if SCHEME.match(place) and not place.startswith(S3):
-        rule, remedy = (
-            "must be a folder, or s3://BUCKET",
-            "--artifacts s3://my-study, or a folder that all machines see",
-        )
+        rule = "must be a folder, or s3://BUCKET"
+        remedy = "--artifacts s3://my-study, or a folder that all machines see"
         raise InputError("--artifacts", received=shown_url(place), rule=rule, remedy=remedy)
     return place if place.startswith(S3) else str(Path(place).resolve())
 
@@ -73,12 +71,16 @@ def artifact_store(place: str | None, out: Path) -> FileSystemArtifactStore | Bo
         return FileSystemArtifactStore(str(folder))
     bucket = place.removeprefix(S3).rstrip("/")
     if not BUCKET.fullmatch(bucket):
-        rule = "must name a bucket alone: 3 to 63 letters a to z, digits, dots and hyphens; keys come from the environment"
+        rule = (
+            "must name a bucket alone: 3 to 63 letters a to z, digits, dots and hyphens; keys come"
+            " from the environment"
+        )
         raise InputError(
             "--artifacts", received="s3://...", rule=rule, remedy="--artifacts s3://my-study"
         )
     if importlib.util.find_spec("boto3") is None:
-        rule, remedy = "an S3-compatible store needs the package boto3", "pip install 'magmpm[s3]'"
+        rule = "an S3-compatible store needs the package boto3"
+        remedy = "pip install 'magmpm[s3]'"
         raise InputError("--artifacts", received=place, rule=rule, remedy=remedy)
     return Boto3ArtifactStore(bucket)
 
@@ -90,9 +92,12 @@ class Gallery:
         self, out: Path, storage: optuna.storages.BaseStorage, url: str, place: str | None = None
     ) -> None:
         """url: of the storage; place: where artifacts are kept, None for the folder itself."""
-        self._out, self._storage, self._url = out, storage, url
+        self._out = out
+        self._storage = storage
+        self._url = url
         (out / PICTURES).mkdir(parents=True, exist_ok=True)
-        self._store, self._own = artifact_store(place, out), place is None
+        self._store = artifact_store(place, out)
+        self._own = place is None
 
     def attach(self, trial: optuna.Trial, files: Sequence[Path]) -> str | None:
         """Attaches a trial's pictures. Returns the reason if that is not possible: a missing picture never fails a trial.
@@ -148,21 +153,21 @@ class Gallery:
         """Puts back artifacts that are gone or damaged from the study's pictures. Returns a sentence for each that can't be."""
         from optuna.artifacts import get_all_artifact_meta
 
-        mended, lost = 0, []
+        mended = 0
+        lost = []
         if not self._own:  # other sessions write there as well
             return []
         for trial in trials:
             for meta in get_all_artifact_meta(trial, storage=self._storage):
                 if any(Path(name).name != name for name in (meta.filename, meta.artifact_id)):
                     continue  # a database is data: what it names stays below the study's folder
-                picture, kept = (
-                    self._out / PICTURES / meta.filename,
-                    self._out / ARTIFACTS / meta.artifact_id,
-                )
+                picture = self._out / PICTURES / meta.filename
+                kept = self._out / ARTIFACTS / meta.artifact_id
                 if not picture.is_file():
                     if not kept.is_file():
                         lost.append(
-                            f"trial {trial.number}: its artifact {meta.filename} is gone, and so is the file in {PICTURES}"
+                            f"trial {trial.number}: its artifact {meta.filename} is gone, and so is"
+                            f" the file in {PICTURES}"
                         )
                 elif not kept.is_file() or not filecmp.cmp(picture, kept, shallow=False):
                     self._put(picture, meta.artifact_id)

@@ -44,7 +44,9 @@ SCATTER = (
     "scatter_m",
 )  # of a trial of a study with `robust`
 Ended = Literal["stop", "trials", "exhausted", "interrupted"]
-NEARLY = 1.1  # times the least rms: what the more stable design may cost, and how much more than its rms one on the brink counts
+# times the least rms: what the more stable design may cost, and how much more than its rms one on
+# the brink counts
+NEARLY = 1.1
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,10 @@ class StudyReport:
             if self.best is None
             else f"trial {self.best['number']}, rms {1e3 * self.best['rms_m']:.3f} mm"
         )
-        return f"StudyReport({self.name!r}: {self.trials} trial{'s' * (self.trials != 1)} by {self.sampler}; best {best}; in {self.out})"
+        return (
+            f"StudyReport({self.name!r}: {self.trials} trial{'s' * (self.trials != 1)} by"
+            f" {self.sampler}; best {best}; in {self.out})"
+        )
 
     @property
     def why(self) -> str:
@@ -107,14 +112,24 @@ class StudyReport:
             return "interrupted; run the same command to go on"
         done = f"{self.trials} trial{'s are' if self.trials != 1 else ' is'} done"
         if self.exchanged:
-            done += f" ({self.exchanged} exchanged single directions of the best design, or went a step on from it)"
+            done += (
+                f" ({self.exchanged} exchanged single directions of the best design, or went a step"
+                " on from it)"
+            )
         if self.ended == "exhausted":
-            return f"{done}, and nothing more is to be had: no descent from the rod's designs gets better; for others, change `seed`"
+            return (
+                f"{done}, and nothing more is to be had: no descent from the rod's designs gets"
+                " better; for others, change `seed`"
+            )
         if self.ended == "trials" or self.best is None or self.stop_rms_m is None:
-            return f"{done}, and {self.wanted} {'were' if self.wanted != 1 else 'was'} asked for; for more, say, --trials {2 * self.trials}"
+            return (
+                f"{done}, and {self.wanted} {'were' if self.wanted != 1 else 'was'} asked for; for"
+                f" more, say, --trials {2 * self.trials}"
+            )
         return (
-            f"stopped after trial {self.first_trial_below_stop}, because its rms is within `stop`, "
-            f"{1e3 * self.stop_rms_m:g} mm ({done}); to go on past it, say, --trials {2 * self.trials}"
+            f"stopped after trial {self.first_trial_below_stop}, because its rms is within `stop`,"
+            f" {1e3 * self.stop_rms_m:g} mm ({done}); to go on past it, say, --trials"
+            f" {2 * self.trials}"
         )
 
     def summary(self) -> dict[str, Any]:
@@ -133,7 +148,8 @@ class StudyReport:
 
 def best_trial(trials: Sequence[FrozenTrial]) -> FrozenTrial | None:
     """The feasible trial nearest to the target; of equals, the first. If it is less stable than BRINK: of those whose value is at most
-    NEARLY times as large, and not on the brink if one is not, the least value times its cost, 1 + (NEARLY - 1) BRINK / stability."""
+    NEARLY times as large, and not on the brink if one is not, the least value times its cost, 1 + (NEARLY - 1) BRINK / stability.
+    """
     near = nearest_first(trials)
     stability = {
         t.number: 1.0 if (known := t.user_attrs.get("stability")) is None else max(known, 1e-9)
@@ -159,8 +175,9 @@ def on_the_brink(best: Mapping[str, Any] | None) -> list[str]:
         "",
     )
     return [
-        f"the best design is on the brink: its stability{depth} is {best['stability']:.2g} (1: at rest, 0: a critical load), so small "
-        f"errors of body or field may make it snap; `stability: {{margin: {BRINK:g}}}` in the study refuses such designs"
+        f"the best design is on the brink: its stability{depth} is {best['stability']:.2g} (1: at"
+        " rest, 0: a critical load), so small errors of body or field may make it snap;"
+        f" `stability: {{margin: {BRINK:g}}}` in the study refuses such designs"
     ]
 
 
@@ -283,7 +300,8 @@ def verified_lines(found: Sequence[dict[str, Any]]) -> list[str]:
             continue
         bar = "" if one["coarse_error_m"] is None else f" (to {1e3 * one['coarse_error_m']:.2g} mm)"
         lines.append(
-            f"trial {one['number']}: rms {1e3 * one['judged_rms_m']:.4g} mm, its shape right to {1e3 * one['error_estimate_m']:.2g} mm at "
-            f"{one['cells_across']} cells; {1e3 * one['rms_m']:.4g} mm{bar} in the trial, at {one['trial_cells']}"
+            f"trial {one['number']}: rms {1e3 * one['judged_rms_m']:.4g} mm, its shape right to"
+            f" {1e3 * one['error_estimate_m']:.2g} mm at {one['cells_across']} cells;"
+            f" {1e3 * one['rms_m']:.4g} mm{bar} in the trial, at {one['trial_cells']}"
         )
     return lines

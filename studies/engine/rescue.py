@@ -36,8 +36,10 @@ class DatabaseFile:
 
     def __init__(self, path: Path, study: str, timeout: float) -> None:
         """study: its name in the file; timeout: s to wait for a lock."""
-        self.path, self.deleted = path, False
-        self._study, self._timeout = study, timeout
+        self.path = path
+        self.deleted = False
+        self._study = study
+        self._timeout = timeout
         self._first = self._last = path.stat()
         self._could_be_written = _writable(path, self._first)
         self._logs: dict[Path, int] = {}
@@ -89,7 +91,10 @@ class DatabaseFile:
         return True
 
     def _is_whole(self, finished: int) -> bool:
-        query = "SELECT COUNT(*) FROM trials JOIN studies USING (study_id) WHERE study_name = ? AND state = 'COMPLETE'"
+        query = (
+            "SELECT COUNT(*) FROM trials JOIN studies USING (study_id) WHERE study_name = ? AND"
+            " state = 'COMPLETE'"
+        )
         try:
             connection = sqlite3.connect(
                 f"file:{quote(str(self.path))}?mode=rw", uri=True, timeout=self._timeout
@@ -129,7 +134,9 @@ class Memory:
         distributions: Mapping[str, BaseDistribution],
     ) -> None:
         """path: the SQLite file, in use from now on."""
-        self._kept, self._store, self._distributions = kept, store, distributions
+        self._kept = kept
+        self._store = store
+        self._distributions = distributions
         self._file = DatabaseFile(path, kept.study_name, store.timeout)
         self._directions = kept.directions
         self._trials: dict[int, FrozenTrial] = {}
@@ -151,7 +158,8 @@ class Memory:
         record(scratch, scratch.ask(dict(self._distributions)))
         (found,) = scratch.trials
         attributes = {key: value for key, value in found.system_attrs.items() if key != FIXED}
-        found.number, found.system_attrs = number, {**begun.system_attrs, **attributes}
+        found.number = number
+        found.system_attrs = {**begun.system_attrs, **attributes}
         self._trials[number] = found
 
     def told(self, error: MagmpmError, make: Callable[[Store], optuna.Study]) -> StorageError:
@@ -163,14 +171,21 @@ class Memory:
             path = self._saved(make)
         except (OSError, MagmpmError) as other:
             reason = str(other).splitlines()[0]
-            remedy = f"its finished trials ({finished}) can't be saved elsewhere either ({reason}); see to that, and begin anew"
+            remedy = (
+                f"its finished trials ({finished}) can't be saved elsewhere either ({reason}); see"
+                " to that, and begin anew"
+            )
             return StorageError(report(what, rule=rule, remedy=remedy))
         if path == self._file.path:
-            remedy = f"its finished trials ({finished}) are saved in a new file of that name; run this command again: it resumes"
+            remedy = (
+                f"its finished trials ({finished}) are saved in a new file of that name; run this"
+                " command again: it resumes"
+            )
         else:
             remedy = (
-                f"its finished trials ({finished}) are saved in {path}; go on with --storage sqlite:///{path}, "
-                f"or put that file in the place of {self._file.path.name}, then run this command again: it resumes"
+                f"its finished trials ({finished}) are saved in {path}; go on with --storage"
+                f" sqlite:///{path}, or put that file in the place of {self._file.path.name}, then"
+                " run this command again: it resumes"
             )
         return StorageError(report(what, rule=rule, remedy=remedy))
 
@@ -207,7 +222,8 @@ class Memory:
     def _written(self, folder: Path, make: Callable[[Store], optuna.Study]) -> Path:
         """A new database in a folder, with all trials, each with its number."""
         folder.mkdir(parents=True, exist_ok=True)
-        stem, count = f"{self._file.path.stem}{RESCUED}", 1
+        stem = f"{self._file.path.stem}{RESCUED}"
+        count = 1
         path = folder / f"{stem}.db"
         while path.exists():
             count += 1

@@ -51,7 +51,8 @@ _SHORT_WAITS = {
     "tcp_user_timeout": 30000,
 }
 _CORRUPT = ("malformed", "corrupt", "disk image")
-RESCUED = "-rescued"  # ends the name of a database with the trials of one that was lost while its study ran
+# ends the name of a database with the trials of one that was lost while its study ran
+RESCUED = "-rescued"
 
 
 class StorageError(MagmpmError):
@@ -107,7 +108,8 @@ def _explained(error: BaseException, url: str, timeout: float) -> MagmpmError:
     """The error of a driver in words, without passwords."""
     from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError, PendingRollbackError
 
-    cause, away = error, isinstance(error, _of_grpc())
+    cause = error
+    away = isinstance(error, _of_grpc())
     while not isinstance(cause, sqlite3.Error):
         cut = isinstance(cause, DBAPIError) and cause.connection_invalidated
         away = (
@@ -133,21 +135,25 @@ def _explained(error: BaseException, url: str, timeout: float) -> MagmpmError:
         )
     elif not is_server(url) and "disk I/O" in reason:
         rule = f"the disk, or a quota on it, does not take what the database writes ({reason})"
-        remedy = "free room or see to the disk, then run this command again: the finished trials are kept, and it resumes"
+        remedy = (
+            "free room or see to the disk, then run this command again: the finished trials are"
+            " kept, and it resumes"
+        )
     elif not is_server(url) and ("locked" in reason or "busy" in reason):
         rule = f"another process has kept it locked for {timeout:g} s"
         remedy = "end that process, then run this command again: it resumes"
     elif not is_server(url) and "readonly" in reason:
-        rule, remedy = (
-            "must be a file that may be written",
-            "make it writable, then run this command again: it resumes",
-        )
+        rule = "must be a file that may be written"
+        remedy = "make it writable, then run this command again: it resumes"
         return DatabaseLost(
             report(f"{shown_url(url)}: can't be written ({reason})", rule=rule, remedy=remedy)
         )
     else:
         rule = reason
-        remedy = "see that the database can be reached and written to, then run this command again: it resumes"
+        remedy = (
+            "see that the database can be reached and written to, then run this command again: it"
+            " resumes"
+        )
     kind = StorageAway if away and is_server(url) else StorageError
     return kind(report(shown_url(url), rule=rule, remedy=remedy))
 
@@ -162,7 +168,10 @@ class Store:
         self, url: str, timeout: float, outage: float, tell: Callable[[str], None]
     ) -> None:
         """timeout: s to wait for a locked SQLite file; outage: s to wait for a server."""
-        self.url, self.timeout, self.outage, self.tell = url, timeout, outage, tell
+        self.url = url
+        self.timeout = timeout
+        self.outage = outage
+        self.tell = tell
         self.storage: optuna.storages.BaseStorage | None = None
         self.guard: Callable[[], None] | None = None  # is called before each call
 
@@ -196,7 +205,8 @@ class Store:
                     begun = time.monotonic()
                     reason = str(error).splitlines()[1].strip().removeprefix("rule: ")
                     self.tell(
-                        f"{shown_url(self.url)} does not answer ({reason}); waiting for it up to {self.outage / 60:.0f} min"
+                        f"{shown_url(self.url)} does not answer ({reason}); waiting for it up to"
+                        f" {self.outage / 60:.0f} min"
                     )
                 if time.monotonic() - begun > self.outage:
                     raise
@@ -214,11 +224,17 @@ def _corrupt(url: str, reason: str) -> DatabaseDamaged:
     from sqlalchemy.engine import make_url
 
     path = Path(str(make_url(url).database))
-    saved = f"save what can be read of its trials: sqlite3 {path} .recover | sqlite3 {path}.saved, and name that with --storage sqlite:///{path}.saved"
+    saved = (
+        f"save what can be read of its trials: sqlite3 {path} .recover | sqlite3 {path}.saved, and"
+        f" name that with --storage sqlite:///{path}.saved"
+    )
     return DatabaseDamaged(
         f"{path}: the database of trials is damaged ({reason})",
         rule="must be an SQLite database that is whole; running again will not mend it",
-        remedy=f"{_rescued(path.parent)}put back a copy; or {saved}; or move the file away and begin anew with another --out",
+        remedy=(
+            f"{_rescued(path.parent)}put back a copy; or {saved}; or move the file away and begin"
+            " anew with another --out"
+        ),
     )
 
 
@@ -226,7 +242,8 @@ def _rescued(folder: Path) -> str:
     """The beginning of a remedy, where a folder has trials that were saved as their database was lost."""
     found = sorted(folder.glob(f"*{RESCUED}*.db"))
     return "".join(
-        f"go on with the trials that were saved as it was lost: --storage sqlite:///{path.absolute()}; or "
+        "go on with the trials that were saved as it was lost: --storage"
+        f" sqlite:///{path.absolute()}; or "
         for path in found
     )
 
@@ -251,14 +268,10 @@ def open_storage(url: str, timeout: float = TIMEOUT) -> optuna.storages.BaseStor
         reason = without_passwords(str(error).splitlines()[0], url)
         rule = f"must be a usable URL: {reason}"
         if isinstance(error, ImportError):
-            named, driver = (
-                {"psycopg": "'magmpm[postgresql]'", "mysqldb": "mysqlclient"},
-                parts.get_driver_name(),
-            )
-            rule, remedy = (
-                f"the database's driver must be installed: {reason}",
-                f"pip install {named.get(driver, driver)}",
-            )
+            named = {"psycopg": "'magmpm[postgresql]'", "mysqldb": "mysqlclient"}
+            driver = parts.get_driver_name()
+            rule = f"the database's driver must be installed: {reason}"
+            remedy = f"pip install {named.get(driver, driver)}"
         raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy) from None
     sqlite = parts.get_backend_name() == "sqlite"
     refuse_memory(parts, url)
@@ -301,10 +314,8 @@ def _open_grpc(url: str) -> optuna.storages.BaseStorage:
         importlib.util.find_spec("grpc") is None
         or importlib.util.find_spec("google.protobuf") is None
     ):
-        rule, remedy = (
-            "Optuna's gRPC proxy needs the packages grpcio and protobuf",
-            "pip install 'magmpm[grpc]'",
-        )
+        rule = "Optuna's gRPC proxy needs the packages grpcio and protobuf"
+        remedy = "pip install 'magmpm[grpc]'"
         raise InputError("--storage", received=url, rule=rule, remedy=remedy)
     from optuna.storages import GrpcStorageProxy
 
@@ -315,7 +326,10 @@ def _open_grpc(url: str) -> optuna.storages.BaseStorage:
         proxy.wait_server_ready(timeout=CONNECTING)
     except ConnectionError:
         rule = f"no gRPC proxy answers there within {CONNECTING:g} s"
-        remedy = f"start one where the database is: python -m magmpm.studies.engine.workers.grpc_proxy --port {port}"
+        remedy = (
+            "start one where the database is: python -m magmpm.studies.engine.workers.grpc_proxy"
+            f" --port {port}"
+        )
         raise StorageError(report(url, rule=rule, remedy=remedy)) from None
     return proxy
 
@@ -323,10 +337,8 @@ def _open_grpc(url: str) -> optuna.storages.BaseStorage:
 def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
     """Checks that the file is a writable database, and puts it into WAL mode."""
     if path.exists() and not path.is_file():
-        rule, remedy = (
-            "must be a file: an SQLite database, or one that is to become one",
-            "name a file in it, with --storage or --out",
-        )
+        rule = "must be a file: an SQLite database, or one that is to become one"
+        remedy = "name a file in it, with --storage or --out"
         raise InputError(
             f"{path}: {'a folder' if path.is_dir() else 'no regular file'}",
             rule=rule,
@@ -341,7 +353,10 @@ def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
                     "SELECT type, name FROM sqlite_master WHERE type IN ('trigger', 'view')"
                 ).fetchone()
                 if code is not None:
-                    rule = "a database of trials has tables alone: triggers and views are code, which would run here"
+                    rule = (
+                        "a database of trials has tables alone: triggers and views are code, which"
+                        " would run here"
+                    )
                     raise InputError(
                         f"{path}: holds the {code[0]} {code[1]}",
                         rule=rule,
@@ -354,14 +369,13 @@ def _prepare_sqlite(path: Path, timeout: float, url: str) -> None:
             finally:
                 connection.close()
     except OSError as error:
-        rule, remedy = f"the folder must be writable ({error.strerror})", "use another --out"
+        rule = f"the folder must be writable ({error.strerror})"
+        remedy = "use another --out"
         raise InputError(str(path.parent), rule=rule, remedy=remedy) from None
     except StorageError as error:
         if "not a database" in str(error):
-            rule, remedy = (
-                "must be an SQLite database",
-                "use another --out or --storage, or move the file away",
-            )
+            rule = "must be an SQLite database"
+            remedy = "use another --out or --storage, or move the file away"
             raise InputError(str(path), rule=rule, remedy=remedy) from None
         raise
 
@@ -415,9 +429,10 @@ def open_study(
         elif kept.user_attrs.get("definition_hash") != definition_hash(definition):
             changes = "\n".join(f"    {line}" for line in differences(known, definition))
             raise InputError(
-                f"{study.path}: {shown_url(url)} holds a study named {study.name} with another definition\n{changes}\n"
-                "  rule: a study is continued only as it was begun (trials and stop may change)\n"
-                f"  remedy: begin a new study with --out, say, --out {out}-2; or put the old values back to resume"
+                f"{study.path}: {shown_url(url)} holds a study named {study.name} with another"
+                f" definition\n{changes}\n  rule: a study is continued only as it was begun (trials"
+                " and stop may change)\n  remedy: begin a new study with --out, say, --out"
+                f" {out}-2; or put the old values back to resume"
             )
     return kept
 
@@ -484,7 +499,10 @@ def _without_trials(out: Path, found: str) -> InputError:
     return InputError(
         f"{out}: holds designs of trials that are not there: {found}",
         rule="the designs in a folder and the trials in its database must belong together",
-        remedy=f"{_rescued(out)}put the trials back, or {which}; or begin anew in another folder, say, --out {out}-2",
+        remedy=(
+            f"{_rescued(out)}put the trials back, or {which}; or begin anew in another folder, say,"
+            f" --out {out}-2"
+        ),
     )
 
 
@@ -503,7 +521,10 @@ def claim_folder(out: Path, name: str) -> None:
     path = out / OWNER
     holder = path.read_text(encoding="utf-8", errors="replace").strip() if path.exists() else name
     if holder and holder != name:
-        rule = f"the folder holds the results of another study, {holder} ({OWNER}); a study has a folder of its own"
+        rule = (
+            f"the folder holds the results of another study, {holder} ({OWNER}); a study has a"
+            " folder of its own"
+        )
         raise InputError(
             str(out), received=name, rule=rule, remedy=f"use another --out, say, {out}-{name}"
         )

@@ -37,7 +37,8 @@ def storage_url(out: Path | None, url: str | None) -> str:
     if "://" not in url:
         from sqlalchemy.engine import make_url
 
-        rule, file = "must be the URL of a database", f"sqlite:///{url}"
+        rule = "must be the URL of a database"
+        file = f"sqlite:///{url}"
         if re.search(
             r"[=@;\s]", url
         ):  # another way to say it, such as libpq's, which may hold a password
@@ -56,10 +57,8 @@ def storage_url(out: Path | None, url: str | None) -> str:
         and password is not None
         and re.search(r"[@/#]", password["password"])
     ):  # a driver would report it
-        rule, remedy = (
-            "the signs @ / ? # end a password, so it is written without them",
-            "write %40 for @, %2F for /, %3F for ?, %23 for #",
-        )
+        rule = "the signs @ / ? # end a password, so it is written without them"
+        remedy = "write %40 for @, %2F for /, %3F for ?, %23 for #"
         raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy)
     for plain in ("postgresql://", "postgres://"):
         if url.startswith(plain) and importlib.util.find_spec("psycopg2") is None:
@@ -84,7 +83,10 @@ def given_url(option: str | None, environment: Mapping[str, str]) -> str | None:
     """The storage that a command is given: by --storage, or by MAGMPM_STORAGE. Raises InputError for a password on the command line."""
     if option is not None and passwords(option):
         rule = "everybody on this machine can read a command line, and with it the password (ps)"
-        remedy = f"put the whole URL into the environment variable {VARIABLE}, or leave the password to PGPASSWORD or ~/.pgpass"
+        remedy = (
+            f"put the whole URL into the environment variable {VARIABLE}, or leave the password to"
+            " PGPASSWORD or ~/.pgpass"
+        )
         raise InputError("--storage", received=shown_url(option), rule=rule, remedy=remedy)
     return option if option is not None else environment.get(VARIABLE) or None
 
@@ -133,10 +135,8 @@ def grpc_address(url: str) -> tuple[str, int]:
         r"grpc://(?P<host>\[[0-9a-fA-F:]+\]|[\w.-]+)(?::(?P<port>[0-9]{1,5}))?/?", url
     )
     if match is None or not 0 < int(match["port"] or GRPC_PORT) < 65536:
-        rule, remedy = (
-            "must be grpc://HOST:PORT, as of Optuna's gRPC proxy",
-            f"write, say, grpc://localhost:{GRPC_PORT}",
-        )
+        rule = "must be grpc://HOST:PORT, as of Optuna's gRPC proxy"
+        remedy = f"write, say, grpc://localhost:{GRPC_PORT}"
         raise InputError("--storage", received=shown_url(url), rule=rule, remedy=remedy)
     return match["host"], int(match["port"] or GRPC_PORT)
 

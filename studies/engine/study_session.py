@@ -64,13 +64,11 @@ class StudySession:
     ) -> None:
         """on_open: as of run_study; note: is told what is being done between trials."""
         optuna.logging.set_verbosity(optuna.logging.ERROR)
-        self.evaluator, self.study, self.space, self.out, self.store = (
-            evaluator,
-            evaluator.study,
-            evaluator.space,
-            out,
-            store,
-        )
+        self.evaluator = evaluator
+        self.study = evaluator.study
+        self.space = evaluator.space
+        self.out = out
+        self.store = store
         self.note = note
         self.distributions = self.space.distributions()
         self.starts: list[dict[str, float]] = []
@@ -188,7 +186,8 @@ class StudySession:
     def report(self, ended: report.Ended) -> StudyReport:
         """The study as it stands."""
         trials = self.finished()
-        chosen, stop = report.best_trial(trials), self.study.stop_rms
+        chosen = report.best_trial(trials)
+        stop = self.study.stop_rms
         first = next(
             (t for t in trials if stop is not None and report.feasible(t) and t.values[0] <= stop),
             None,
@@ -220,12 +219,16 @@ class StudySession:
             ],
             judged=self.store(lambda: self.kept.user_attrs.get(VERIFIED, [])),
             study_file=str(self.study.path.resolve()),
-            limits=findings(self.study, self.space, trials)
-            if self.study.sampler == "gauss-newton"
-            else [],
-            front=pareto_report(self.study.minimize, trials, report.feasible)
-            if len(self.study.minimize) > 1
-            else None,
+            limits=(
+                findings(self.study, self.space, trials)
+                if self.study.sampler == "gauss-newton"
+                else []
+            ),
+            front=(
+                pareto_report(self.study.minimize, trials, report.feasible)
+                if len(self.study.minimize) > 1
+                else None
+            ),
         )
 
 
@@ -241,10 +244,8 @@ def rerun(evaluator: Evaluator, store: Store, number: int) -> dict[str, Any]:
         try:
             kept = optuna.load_study(study_name=evaluator.study.name, storage=storage)
         except KeyError:
-            rule, remedy = (
-                f"holds no study named {evaluator.study.name}",
-                "name the --out or the --storage that it was run with",
-            )
+            rule = f"holds no study named {evaluator.study.name}"
+            remedy = "name the --out or the --storage that it was run with"
             raise InputError(shown_url(store.url), rule=rule, remedy=remedy) from None
         trials = {t.number: t for t in kept.get_trials(deepcopy=False)}
     trial = trials.get(number)
@@ -259,7 +260,8 @@ def rerun(evaluator: Evaluator, store: Store, number: int) -> dict[str, Any]:
             "--trial", received=str(number), rule=f"trial {number} {what}", remedy=remedy
         )
     outcome = evaluator.outcome(number, trial.params)
-    stored, now = trial.user_attrs.get("rms_m", trial.values[0]), outcome.rms
+    stored = trial.user_attrs.get("rms_m", trial.values[0])
+    now = outcome.rms
     return {
         "number": number,
         "params": dict(trial.params),

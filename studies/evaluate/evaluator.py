@@ -50,13 +50,11 @@ class Evaluator:
         picture: Picture | None,
         out: Path,
     ) -> None:
-        self.study, self.solve, self.differentiate, self.picture, self.out = (
-            study,
-            solve,
-            differentiate,
-            picture,
-            out,
-        )
+        self.study = study
+        self.solve = solve
+        self.differentiate = differentiate
+        self.picture = picture
+        self.out = out
         self.space = SearchSpace.of(study)
         self.evaluation = evaluation_of(study, self.space)
 

@@ -40,8 +40,8 @@ STATIONS = 25
 SHOWN = 4  # times in the picture of a schedule, at most
 EXIT_WEIGHT = 0.25
 DEPTHS = "insertion"  # user attribute: what is kept of each depth
-CATHETER = (
-    "catheter"  # ... the whole catheter, of which the last depth may leave a part in the guide
+CATHETER = (  # ... the whole catheter, of which the last depth may leave a part in the guide
+    "catheter"
 )
 SHAPES = "shapes"  # ... and how it is drawn: axis, and each segment's center and remanence
 MOVIE = "insertion.json"
@@ -75,7 +75,8 @@ class Trajectory(Evaluation, ABC):
         """The curve that the rods follow, or one for each of them: rod_trajectory.RodTrajectory.grown."""
 
     def starts(self, params: Mapping[str, Any]) -> Sequence[RodShape | None]:
-        way, directions = self.way(params), directions_of(self.space.scene_of(params))
+        way = self.way(params)
+        directions = directions_of(self.space.scene_of(params))
         if way is None:
             return super().starts(params)
         return [stops[-1].shape(directions) for stops in way.stops(directions, self.fields(params))]
@@ -212,10 +213,8 @@ class Schedule(Trajectory):
 
     def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
         squares = self.mean_squares(results)
-        worst, rows = (
-            int(np.argmax(squares)),
-            zip(self.study.keyframes, self.rows(results, params), strict=True),
-        )
+        worst = int(np.argmax(squares))
+        rows = zip(self.study.keyframes, self.rows(results, params), strict=True)
         return {
             "rms_m": float(np.sqrt(squares.mean())),
             "worst_m": float(np.sqrt(squares[worst])),
@@ -354,10 +353,8 @@ class Insertion(Trajectory):
 
     def measures(self, results: Sequence[Result], params: Mapping[str, Any]) -> dict[str, Any]:
         """Measures reported of a trajectory, as the class has them."""
-        squares, each = (
-            self.mean_squares(results),
-            zip(self.study.depths, self.rows(results, params), results, strict=True),
-        )
+        squares = self.mean_squares(results)
+        each = zip(self.study.depths, self.rows(results, params), results, strict=True)
         rows = [
             {
                 "depth_m": depth,
@@ -384,10 +381,12 @@ class Insertion(Trajectory):
         """Writes the frames of the movie of a design into a folder: all depths on the way, each in a field between those of its neighbors.
         A depth that finds no equilibrium is left out.
         """
-        whole, frames = self.space.scene_of(params), []
+        whole = self.space.scene_of(params)
+        frames = []
         for length, field, start in self._moments(params):
             note(
-                f"frames of the movie: at {1e3 * length:.1f} of {1e3 * self.study.depths[-1]:.4g} mm"
+                f"frames of the movie: at {1e3 * length:.1f} of"
+                f" {1e3 * self.study.depths[-1]:.4g} mm"
             )
             try:
                 result = solve(whole.with_field(field).inserted(length), start=start)
@@ -403,7 +402,8 @@ class Insertion(Trajectory):
 
     def _moments(self, params: Mapping[str, Any]) -> Iterator[tuple[float, Array, RodShape | None]]:
         """Depths (m), fields (3,) T and rods of the movie, from the first depth that is evaluated on."""
-        fields, way = self.fields(params), self.way(params)
+        fields = self.fields(params)
+        way = self.way(params)
         if way is None:
             depths = np.array(self.study.depths)
             for length in np.unique(
@@ -438,7 +438,8 @@ class Insertion(Trajectory):
     @property
     def projects(self) -> bool:
         """True if samplers choose directions alone, and the rod each depth's field: where nothing else is varied."""
-        space, depths = self.space, len(self.study.depths)
+        space = self.space
+        depths = len(self.study.depths)
         return (
             bool(space.segments)
             and space.field_max is not None

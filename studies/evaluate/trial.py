@@ -34,10 +34,9 @@ if TYPE_CHECKING:
     from magmpm.studies.problem.study_file import Robust
 
 SIGMAS = 2.0  # of the rms, above its mean, in the measure
-STEP, REACH = (
-    0.4,
-    70.0,
-)  # of the integral over log t: the trapezoid rule errs by exp(-2 pi^2 / STEP), the ends by exp(-REACH / 2)
+# of the integral over log t: the trapezoid rule errs by exp(-2 pi^2 / STEP), the ends by exp(-REACH / 2)
+STEP = 0.4
+REACH = 70.0
 Found = TypeVar("Found")
 Solve = Callable[
     ..., Result
@@ -88,7 +87,8 @@ class Scatter:
 
     def moments(self) -> tuple[float, float]:
         """Mean and standard deviation (m) of the rms of made designs."""
-        m, g = len(self.gaps), self.gaps.reshape(-1)
+        m = len(self.gaps)
+        g = self.gaps.reshape(-1)
         left, s, _ = np.linalg.svd(self.spread.reshape(g.size, -1), full_matrices=False)
         along = left.T @ g
         rest = max(float(g @ g - along @ along), 0.0)
@@ -316,14 +316,18 @@ class Evaluation:
             starts = self.starts(params)
         except SolveError as error:
             return failed(error.reason)
-        several, results, derived = self.places != ("",), list[Result](), list[Any]()
+        several = self.places != ("",)
+        results = list[Result]()
+        derived = list[Any]()
 
         def solved(scene: Scene, start: RodShape | None, number: int) -> tuple[Result, Any]:
             if differentiate is None:
-                result, derived = solve(scene, **_near(start)), None
+                result = solve(scene, **_near(start))
+                derived = None
             else:
                 found = differentiate(scene, self.differentiated, **_near(start))
-                result, derived = found.result, self._derived(found, scene, params, number)
+                result = found.result
+                derived = self._derived(found, scene, params, number)
             self.gaps(result, number)  # what can't be compared fails here
             return result, derived
 
@@ -335,20 +339,20 @@ class Evaluation:
                 return failed(f"{self.places[k]}: {found}" if several else found)
             results.append(found[0])
             derived.append(found[1])
-        seconds, measures = time.perf_counter() - begun, self.measures(results, params)
+        seconds = time.perf_counter() - begun
+        measures = self.measures(results, params)
         if not np.isfinite(measures["rms_m"]):
             return failed(
                 f"the {'results hold' if several else 'result holds'} numbers that are not finite"
             )
         known: list[Any] = [getattr(result, "stability", None) for result in results]
-        stability, margin, reason = (
-            None if None in known else float(min(known)),
-            self.study.margin,
-            None,
-        )
+        stability = None if None in known else float(min(known))
+        margin = self.study.margin
+        reason = None
         if margin is not None and stability is None:
             return failed(
-                f"the stability of the result{'s' * several} is not known, and the study has a margin"
+                f"the stability of the result{'s' * several} is not known, and the study has a"
+                " margin"
             )
         if margin is not None and stability is not None and stability < margin:
             least = (
@@ -378,12 +382,10 @@ class Evaluation:
         residuals: the gaps at the target's rows, component by component, over the root of m: their sum of squares is rms^2. jacobian: their
         derivatives by the embedded coordinates of the design (parameters.py).
         """
-        gap, slopes, model, errors = (
-            self.gaps(found.result, number),
-            self.slopes(found, number),
-            dict[str, Any](),
-            self.study.robust,
-        )
+        gap = self.gaps(found.result, number)
+        slopes = self.slopes(found, number)
+        model = dict[str, Any]()
+        errors = self.study.robust
         if self.study.sampler == "gauss-newton":
             share = 1.0 / np.sqrt(len(gap))
             chain = self.space.chain(
@@ -471,7 +473,8 @@ def stored(residuals: Array, jacobian: Array) -> dict[str, Any]:
         jacobian.size > 3600 and len(residuals) > jacobian.shape[1] + 1
     ):  # numbers of at most 18 characters
         triangle: Array = np.asarray(np.linalg.qr(np.column_stack([jacobian, residuals]), mode="r"))
-        residuals, jacobian = triangle[:, -1], triangle[:, :-1]
+        residuals = triangle[:, -1]
+        jacobian = triangle[:, :-1]
     return {"residuals": _rounded(residuals), "jacobian": [_rounded(row) for row in jacobian]}
 
 

@@ -32,9 +32,11 @@ from magmpm.statics.layout import static_model
 
 LADDER = (2, 3, 4, 5, 6, 8)
 GOALS = (1e-2, 1e-3)  # of the length: what the conclusions name the cost of
-CLOSEST = 1.3  # ratio of two cell sizes whose difference tells the coarser one's error (statics.error_estimate)
+# ratio of two cell sizes whose difference tells the coarser one's error (statics.error_estimate)
+CLOSEST = 1.3
 
-USUAL_CELLS, MORE_PARTICLES = 4, 3
+USUAL_CELLS = 4
+MORE_PARTICLES = 3
 SHIFTS = (
     (0.25, 0.25),
     (0.5, 0.5),
@@ -120,21 +122,25 @@ class Ladder:
     def table(self) -> str:
         """The ladder as text."""
         lines = [
-            "cells  cell mm  particles     dof  steps  seconds  set-up  solve  matrix MB  error to finest  error to reference      at most"
+            "cells  cell mm  particles     dof  steps  seconds  set-up  solve  matrix MB  error to"
+            " finest  error to reference      at most"
         ]
         for rung in self.rungs:
             lines.append(
-                f"{rung.cells_across:5d}  {1e3 * rung.cell_size:7.3f}  {rung.particles:9d}  {rung.dof:6d}  {rung.iterations:5d}  "
-                f"{rung.seconds:7.3f}  {rung.split['setup']:6.3f} {rung.split['solve']:6.3f}  {rung.matrix_bytes / 1e6:9.1f}  "
-                f"{percent(rung.error_finest):>15}  {percent(rung.error_reference):>18}  {percent(rung.bar):>11}"
-                f"{'' if rung.pareto else '  *'}"
+                f"{rung.cells_across:5d}  {1e3 * rung.cell_size:7.3f}  {rung.particles:9d} "
+                f" {rung.dof:6d}  {rung.iterations:5d}  {rung.seconds:7.3f} "
+                f" {rung.split['setup']:6.3f} {rung.split['solve']:6.3f} "
+                f" {rung.matrix_bytes / 1e6:9.1f}  {percent(rung.error_finest):>15} "
+                f" {percent(rung.error_reference):>18} "
+                f" {percent(rung.bar):>11}{'' if rung.pareto else '  *'}"
             )
         if not all(rung.pareto for rung in self.rungs):
             lines.append("* another setting is both quicker and more accurate")
         bars = [rung.bar for rung in self.rungs[:-1] if rung.bar is not None]
         if bars != sorted(bars, reverse=True):
             lines.append(
-                "at most: what the finest cells prove; of cells nearly as fine they prove less, so it may rise as errors fall"
+                "at most: what the finest cells prove; of cells nearly as fine they prove less, so"
+                " it may rise as errors fall"
             )
         lines += [model.line for model in self.beside]
         if self.algebraic_error is not None:
@@ -166,7 +172,8 @@ def climb(
     cells = sorted(set(cells))
     if len(cells) < 2:
         raise InputError(
-            f"--cells: got {cells}; a ladder needs at least two different cell sizes, such as 2,3,4,6"
+            f"--cells: got {cells}; a ladder needs at least two different cell sizes, such as"
+            " 2,3,4,6"
         )
     scenes = [scene.with_cells(n) for n in cells]
     solved: dict[int, tuple[Result, float]] = {}
@@ -180,9 +187,12 @@ def climb(
             failed[f"{cells[k]} cells across"] = error
     if not solved:
         raise next(iter(failed.values()))
-    cells, runs = list(solved), list(solved.values())
-    finest, length = answer(runs[-1][0]), scene.length
-    rungs, others = _rungs(scene, cells, runs), other_models(scene, solve, finest, failed)
+    cells = list(solved)
+    runs = list(solved.values())
+    finest = answer(runs[-1][0])
+    length = scene.length
+    rungs = _rungs(scene, cells, runs)
+    others = other_models(scene, solve, finest, failed)
     if motion:
         if on_progress is not None:
             on_progress(len(scenes), len(scenes), "motions that settle")
@@ -215,21 +225,23 @@ def climb(
         order_reference=told["reference"],
         undetermined=undetermined,
         beside=others,
-        algebraic_error=ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length
-        if scene.static and scene.body.shape.line
-        else None,
-        asymptotic=False
-        if "finest" in undetermined
-        else None
-        if len(errors["finest"]) < 3
-        else True,
+        algebraic_error=(
+            ALGEBRAIC * scene.solver.static.tolerance**0.5 * moved / length
+            if scene.static and scene.body.shape.line
+            else None
+        ),
+        asymptotic=(
+            False if "finest" in undetermined else None if len(errors["finest"]) < 3 else True
+        ),
         conclusions=[*_conclusions(rungs, others), *_where(scene)],
         failed={name: error.reason for name, error in failed.items()},
     )
 
 
 def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, float]]) -> list[Rung]:
-    finest, reference, length = answer(runs[-1][0]), scene.reference_centreline(), scene.length
+    finest = answer(runs[-1][0])
+    reference = scene.reference_centreline()
+    length = scene.length
     bars = _bars([result for result, _ in runs], cells)
     errors = [distance(result, finest if reference is None else reference) for result, _ in runs]
     rungs = []
@@ -254,9 +266,11 @@ def _rungs(scene: Scene, cells: Sequence[int], runs: Sequence[tuple[Result, floa
                     key: float(result.seconds.get(key, 0.0))
                     for key in ("setup", "compile", "solve")
                 },
-                matrix_bytes=operations(scene.with_cells(n))[1]
-                if scene.static and scene.body.shape.line is not None
-                else 0.0,
+                matrix_bytes=(
+                    operations(scene.with_cells(n))[1]
+                    if scene.static and scene.body.shape.line is not None
+                    else 0.0
+                ),
                 bar=None if bar is None else bar / length,
                 pareto=not better,
             )
@@ -276,8 +290,11 @@ def _bars(results: Sequence[Result], cells: Sequence[int]) -> list[float | None]
         if other is None or max(n, cells[other]) < CLOSEST * min(n, cells[other]):
             bars.append(None)
             continue
-        low, high = min(k, other), max(k, other)
-        coarse, fine, finest = cells[low], cells[high], answer(results[high])
+        low = min(k, other)
+        high = max(k, other)
+        coarse = cells[low]
+        fine = cells[high]
+        finest = answer(results[high])
         others = {cells[j]: distance(results[j], finest) for j in range(high) if j != low}
         most = bound(coarse, fine, distance(results[low], finest), others)
         bars.append(most if n == coarse else most * left(coarse, fine))
@@ -288,7 +305,8 @@ def _conclusions(rungs: Sequence[Rung], others: Sequence[Model]) -> list[str]:
     """Report what 1 % and 0.1 % cost, and whether the rod would be accurate enough."""
     if len(rungs) == 1 and _error(rungs[0]) is None:
         return [
-            f"Nothing can be told of the error: {rungs[0].cells_across} cells across alone were solved."
+            f"Nothing can be told of the error: {rungs[0].cells_across} cells across alone were"
+            " solved."
         ]
     said = []
     for wanted in GOALS:
@@ -298,7 +316,8 @@ def _conclusions(rungs: Sequence[Rung], others: Sequence[Model]) -> list[str]:
         if will_do:
             cheapest = min(will_do, key=lambda rung: rung.seconds)
             said.append(
-                f"{100 * wanted:g} % of the length costs {cheapest.seconds:.2g} s here: {cheapest.cells_across} cells across."
+                f"{100 * wanted:g} % of the length costs {cheapest.seconds:.2g} s here:"
+                f" {cheapest.cells_across} cells across."
             )
         else:
             said.append(f"{100 * wanted:g} % of the length is not reached by these cells.")
@@ -324,7 +343,8 @@ def _where(scene: Scene) -> list[str]:
         return []
     what = "motion" if scene.solver.dynamic is not None else "path"
     return [
-        f"All this is of the {what}'s end; `resolution: {{error: 1 %}}` bounds the errors of all its frames, which may be larger."
+        f"All this is of the {what}'s end; `resolution: {{error: 1 %}}` bounds the errors of all"
+        " its frames, which may be larger."
     ]
 
 
@@ -378,7 +398,8 @@ def other_models(
     """
     if not scene.static or scene.in_time or scene.body.shape.line is None:
         return []
-    found, reference = [], scene.reference_centreline()
+    found = []
+    reference = scene.reference_centreline()
     begun = perf_counter()
     try:
         rod = solve_rod(scene)
@@ -419,7 +440,8 @@ def _shifted(
     scene: Scene, finest: Array, reference: Array | None, failed: dict[str, SolveError]
 ) -> list[Model]:
     """The worst of some other places of a catheter's axis against the grid: where the grid lies is no part of the physics."""
-    body, at = scene.body.catheter, scene.resolution
+    body = scene.body.catheter
+    at = scene.resolution
     if body is None:
         return []
     name = f"{len(SHIFTS)} other places of the grid, at {at.cells_across} cells, the worst"
@@ -454,7 +476,8 @@ def settled(
     scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]
 ) -> list[Model]:
     """The same answer as a motion that settles, at COARSE cells: with its time step, and with half of it. Of a scene that moves, its own
-    motion in the same ways. Empty where the materials have no density. failed: takes the errors of what found no answer, by name."""
+    motion in the same ways. Empty where the materials have no density. failed: takes the errors of what found no answer, by name.
+    """
     coarse = scene.with_cells(COARSE)
     resting = scene.static and not scene.in_time
     motion = coarse if not resting else None if scene.body.shape.line is None else _settling(coarse)
@@ -465,7 +488,8 @@ def settled(
     except SolveError as error:
         failed[f"what motions are compared with, at {COARSE} cells"] = error
         return []
-    reference, found = scene.reference_centreline(), []
+    reference = scene.reference_centreline()
+    found = []
     step = None
     for part in (1.0, 0.5):
         data = motion.to_si()
@@ -512,7 +536,8 @@ def _settling(scene: Scene) -> Scene | None:
 def save(ladder: Ladder, folder: Path) -> tuple[Path, Path]:
     """Write accuracy.json and accuracy.csv into a folder, made if missing; returns both paths."""
     folder.mkdir(parents=True, exist_ok=True)
-    as_json, as_csv = folder / "accuracy.json", folder / "accuracy.csv"
+    as_json = folder / "accuracy.json"
+    as_csv = folder / "accuracy.csv"
     as_json.write_text(json.dumps(ladder.summary(), indent=1) + "\n", encoding="utf-8")
     with as_csv.open("w", newline="", encoding="utf-8") as stream:
         rows = [

@@ -32,14 +32,14 @@ from magmpm.rod.cantilever import without_motion
 from magmpm.scene import Scene
 
 # Per cent of a step of a particle without effects. Measured by tests/benchmarks/advice.py costs.
-WIDE, NARROW, LANES, NODE = (
-    0.27,
-    0.5,
-    80.0,
-    0.6,
-)  # of an operation for eight, for one, of going through eight, of a node's
+# of an operation for eight, for one, of going through eight, of a node's
+WIDE = 0.27
+NARROW = 0.5
+LANES = 80.0
+NODE = 0.6
 # Of an equilibrium: operations in a solve with one particle's share of it, and passes over the particles in one.
-SOLVE, PASSES = 60_000.0, 10
+SOLVE = 60_000.0
+PASSES = 10
 SQUARE_ROOT = 6  # operations
 
 
@@ -174,7 +174,8 @@ def counted(scene: Scene) -> dict[str, float]:
 
     At the settings that the scene has, or else at its key's example. An effect that takes no part in it is left out.
     """
-    model, found = _modeled(without_motion(scene)), {}
+    model = _modeled(without_motion(scene))
+    found = {}
     for key, kind in Effects.every().items():
         try:
             records = _records(scene, key)
@@ -216,10 +217,13 @@ def _sampled(model: Model) -> Any:
 
 def _step(model: Model, named: Records) -> float:
     """Per cent of a motion's step: hooks on particles, and on nodes."""
-    chosen, total = _sampled(model), 1.5  # of having any effect
+    # of having any effect
+    chosen = _sampled(model)
+    total = 1.5
     nodes = float(np.prod([cells + 2 for cells in model.grid.cells])) / len(model.density)
     for records, data in pairs(named):
-        names, called = records.dtype.names, False
+        names = records.dtype.names
+        called = False
         for hook in ("stress", "force", "rate_stress", "near", "contact", "node"):
             if names not in hooks._registry[hook]:
                 continue
@@ -251,8 +255,10 @@ def _near(model: Model, p: int, records: Any, data: Array) -> bool:
 
 def _given(model: Model, p: int, hook: str) -> tuple[Any, ...]:
     """Arguments of a hook for a particle at rest."""
-    x, F = _numbers(model.particles.position[p]), _numbers(np.eye(3))
-    magnet, rho = _numbers(model.remanence[p]), Counted(float(model.density[p]))
+    x = _numbers(model.particles.position[p])
+    F = _numbers(np.eye(3))
+    magnet = _numbers(model.remanence[p])
+    rho = Counted(float(model.density[p]))
     if hook in ("stress", "force"):
         return magnet, rho, x, F, _numbers(np.zeros((3, 3) if hook == "stress" else 3))
     if hook == "rate_stress":
@@ -270,7 +276,8 @@ def _given(model: Model, p: int, hook: str) -> tuple[Any, ...]:
 
 def _solve(model: Model, named: Records, kind: type[Effect]) -> float:
     """Per cent of an equilibrium's solve; of an effect between all particles, with the steps that it adds."""
-    chosen, total = _sampled(model), 0.0
+    chosen = _sampled(model)
+    total = 0.0
     for records, data in pairs(named):
         for hook in ("energy", "stress", "force"):
             each = [operations(records, data, hook, *_given(model, p, hook)) for p in chosen]

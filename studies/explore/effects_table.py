@@ -124,7 +124,8 @@ def _guessed(scene: Scene, shapes: Array) -> float:
 
 def _dynamics(scene: Scene, runs: Variants) -> tuple[float, str]:
     """Equilibria along time would do where the field changes slowly for the body's first period, and the body does not swing."""
-    moving, data = runs.frames(scene), scene.to_si()
+    moving = runs.frames(scene)
+    data = scene.to_si()
     times = moving.times[:: len(moving.times) // 5]
     data["solver"]["dynamic"], data["solver"]["quasi_static"] = None, {"at": times}
     for key, kind in scene.effects.every().items():
@@ -136,9 +137,11 @@ def _dynamics(scene: Scene, runs: Variants) -> tuple[float, str]:
     good = off < runs.error
     return (
         off,
-        "equilibria along time (solver.quasi_static) would do"
-        if good
-        else "the body swings, or lags behind its equilibria",
+        (
+            "equilibria along time (solver.quasi_static) would do"
+            if good
+            else "the body swings, or lags behind its equilibria"
+        ),
     )
 
 
@@ -187,7 +190,10 @@ class Row:
     why: str
 
     def __repr__(self) -> str:
-        return f"Influence of {self.effect}: {_mm(self.shift_m)} mm +- {_mm(self.uncertainty_m)} mm; {self.advice}: {self.why}"
+        return (
+            f"Influence of {self.effect}: {_mm(self.shift_m)} mm +- {_mm(self.uncertainty_m)} mm;"
+            f" {self.advice}: {self.why}"
+        )
 
 
 @dataclass(frozen=True)
@@ -223,8 +229,9 @@ class Table:
                 continue
             percent = None if row.shift_m is None else 100 * row.shift_m / self.length_m
             numbers = (
-                f"{_mm(row.shift_m):>8} {'-' if percent is None else significant(percent):>7} "
-                f"{_mm(row.uncertainty_m):>8} {'-' if row.cost_percent is None else fixed(row.cost_percent, 0):>7}"
+                f"{_mm(row.shift_m):>8} {'-' if percent is None else significant(percent):>7}"
+                f" {_mm(row.uncertainty_m):>8}"
+                f" {'-' if row.cost_percent is None else fixed(row.cost_percent, 0):>7}"
             )
             lines.append(
                 f"{'*' if row.named else ' '} {row.effect:21} {numbers}  {row.advice}: {row.why}"
@@ -235,13 +242,17 @@ class Table:
                 *lines,
                 *(
                     [
-                        f"  of no matter here: {', '.join(row.effect for row in little)} (--all says why)"
+                        f"  of no matter here: {', '.join(row.effect for row in little)} (--all"
+                        " says why)"
                     ]
                     if little
                     else []
                 ),
-                "* named in the scene; mm: how far the axis moves with the effect against without it; +-: uncertainty; advice: for an "
-                f"error of {_mm(self.error_m)} mm, {share} % of the length",
+                (
+                    "* named in the scene; mm: how far the axis moves with the effect against"
+                    f" without it; +-: uncertainty; advice: for an error of {_mm(self.error_m)} mm,"
+                    f" {share} % of the length"
+                ),
                 *(f"  {need.question:21} {_needed(need)}" for need in self.needs),
             ]
         )
@@ -291,11 +302,11 @@ def survey(
     ):  # that can't begin, as by model.build
         bare = build(scene.model_copy(update={"effects": Effects()}))
         effects.check(replace(bare, scene=scene))
-    spent, runs, rows = counted(scene) if measure else {}, Variants(scene, error), []
-    still, held = (
-        Variants(without_motion(scene), error),
-        scene.body.shape.clamp != "none" and scene.effects.feed is None,
-    )
+    spent = counted(scene) if measure else {}
+    runs = Variants(scene, error)
+    rows = []
+    still = Variants(without_motion(scene), error)
+    held = scene.body.shape.clamp != "none" and scene.effects.feed is None
     for key in effects.Effects.every():
         if only in (None, key):
             found = advise(scene, key, runs)
@@ -327,7 +338,8 @@ def survey(
 
 def _settling(scene: Scene, key: str) -> str:
     """Report how fast an effect settles the first bending of a cantilever."""
-    frequency, named = first_frequency(scene), getattr(scene.effects, key)
+    frequency = first_frequency(scene)
+    named = getattr(scene.effects, key)
     if key == "damping":
         best = 2 * frequency
         of_best = (

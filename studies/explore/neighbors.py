@@ -18,7 +18,8 @@ from magmpm.compiled.arrays import Array
 from magmpm.rod.cosserat import RodShape
 
 STATIONS = 20  # along a rod, at which its curvature is compared
-REACH = 2.0  # of curvature times length, rad: rods at a larger distance have little to do with each other
+# of curvature times length, rad: rods at a larger distance have little to do with each other
+REACH = 2.0
 
 
 class Neighbors:
@@ -50,10 +51,13 @@ class Neighbors:
         if not added.any() or not len(self._requested):
             return
         if self._added and self._added[-1].shape != added.shape:
-            self._rods, self._added = [], []
-        self._rods, self._added = [*self._rods, self._requested], [*self._added, added]
+            self._rods = []
+            self._added = []
+        self._rods = [*self._rods, self._requested]
+        self._added = [*self._added, added]
         if self._most is not None:
-            self._rods, self._added = self._rods[-self._most :], self._added[-self._most :]
+            self._rods = self._rods[-self._most :]
+            self._added = self._added[-self._most :]
 
 
 def _curvature(rod: RodShape) -> Array:

@@ -42,7 +42,9 @@ from magmpm.statics.stability import BRINK
 from magmpm.studies.explore.neighbors import Neighbors
 
 MOST = 100_000
-PATHS = 8  # as many processes can share the work; longer paths learn more. Their number is fixed, so that a map is the same on any machine
+# as many processes can share the work; longer paths learn more. Their number is fixed, so that a
+# map is the same on any machine
+PATHS = 8
 AXES = "xyz"
 Path_ = Sequence[tuple[int, Sequence[float]]]  # indices and fields, T
 MARKS = {  # from the worst to the best
@@ -52,8 +54,12 @@ MARKS = {  # from the worst to the best
     "two shapes": "another stable shape exists: history decides",
     "sure": "one stable shape",
 }
-STEPS, FINER = 16, 8  # of a field's growth; and how much finer where it is not smooth
-LASTING = 0.6  # of a step's move that is left in the longest of FINER parts of it: 1/8 where smooth, 0.35 at a buckling load, 1 at a snap
+# of a field's growth; and how much finer where it is not smooth
+STEPS = 16
+FINER = 8
+# of a step's move that is left in the longest of FINER parts of it: 1/8 where smooth, 0.35 at a
+# buckling load, 1 at a snap
+LASTING = 0.6
 HEAD = (
     "Bx_mT",
     "By_mT",
@@ -231,7 +237,8 @@ def rod_tips(scene: Scene, fields: Array, rays: int) -> RodTips:
     """Follow the scene's rods in fields (m, 3) T; `rays` of them: each m / rays in a row, of one direction and growing strength, in equal
     steps from the first. A rod that finds no equilibrium has a tip of NaN."""
     rod = rod_model(scene.with_field([0.0, 0.0, 0.0]), 60)  # deflections to 1e-3
-    distance, jump = 0.03 * float(rod.length.sum()), 0.02 * float(rod.length.sum())
+    distance = 0.03 * float(rod.length.sum())
+    jump = 0.02 * float(rod.length.sum())
     ends = fields.reshape(rays, -1, 3)
     shapes, tip, longest = _grown(rod, ends, 1)
     snaps = np.zeros(longest.shape, dtype=bool)
@@ -240,14 +247,16 @@ def rod_tips(scene: Scene, fields: Array, rays: int) -> RodTips:
         finer = _grown(rod, ends[doubtful], FINER)[2]
         snaps[doubtful] = (finer > LASTING * longest[doubtful]) & (finer > jump)
     snapped = np.logical_or.accumulate(snaps, axis=1).ravel()
-    shapes, tip = shapes.reshape(len(fields), *shapes.shape[2:]), tip.reshape(-1, 3)
+    shapes = shapes.reshape(len(fields), *shapes.shape[2:])
+    tip = tip.reshape(-1, 3)
     return RodTips(tip, snapped, _others(rod, fields, shapes, tip, distance))
 
 
 def _relaxed(rod: RodModel, q: Array, fields: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Tips (m, 3) m of rods q (m, n + 1, 4), changed in place, in fields (m, 3) T; and whether they are stable equilibria."""
     m, frames = q.shape[:2]
-    position, found = np.empty((m, frames, 3)), np.empty(m, dtype=bool)
+    position = np.empty((m, frames, 3))
+    found = np.empty(m, dtype=bool)
     around = np.ascontiguousarray(np.broadcast_to(fields[:, None, :], (m, frames, 3)))
     relax_all(
         q,
@@ -273,11 +282,9 @@ def _grown(rod: RodModel, ends: Array, finer: int) -> tuple[Array, Array, Array]
     parts = max(-(-STEPS // k), 1) * finer
     q = np.zeros((rays, len(rod.length) + 1, 4))
     q[:, :, 0] = 1.0
-    shapes, tips, longest = (
-        np.empty((rays, k, *q.shape[1:])),
-        np.empty((rays, k, 3)),
-        np.zeros((rays, k)),
-    )
+    shapes = np.empty((rays, k, *q.shape[1:]))
+    tips = np.empty((rays, k, 3))
+    longest = np.zeros((rays, k))
     before, found = _relaxed(rod, q, np.zeros((rays, 3)))
     for number in range(k):
         start = ends[:, number - 1] if number else np.zeros((rays, 3))
@@ -305,7 +312,8 @@ def _others(rod: RodModel, fields: Array, shapes: Array, tip: Array, distance: f
     from scipy.spatial import cKDTree  # 0.2 s to import: not before there are rods
 
     m = len(fields)
-    other, passed = np.full((m, 3), np.nan), shapes.copy()
+    other = np.full((m, 3), np.nan)
+    passed = shapes.copy()
     if m < 2:
         return other
     near = np.asarray(cKDTree(fields).query(fields, k=min(5 + 1, m))[1]).reshape(m, -1)[:, 1:]
@@ -327,7 +335,8 @@ def _others(rod: RodModel, fields: Array, shapes: Array, tip: Array, distance: f
             new = found & (np.linalg.norm(there - tip[tried], axis=1) > distance)
             other[tried[new]], now[tried[new]] = there[new], True
             passed[tried[new]] = q[new]
-        fresh, place = now, np.where(now[:, None], other, np.nan)
+        fresh = now
+        place = np.where(now[:, None], other, np.nan)
     return other
 
 
@@ -359,9 +368,11 @@ class TipMap:
             "kind": self.fields.kind,
             "largest_field": float(np.linalg.norm(self.fields.values, axis=1).max()),
             "counts": self.counts(),
-            "reach": None
-            if none.all()
-            else [np.nanmin(self.tip, axis=0).tolist(), np.nanmax(self.tip, axis=0).tolist()],
+            "reach": (
+                None
+                if none.all()
+                else [np.nanmin(self.tip, axis=0).tolist(), np.nanmax(self.tip, axis=0).tolist()]
+            ),
             "cells_across": self.scene.resolution.cells_across,
             "seconds": self.seconds,
             "newton_steps": self.newton_steps,
@@ -396,7 +407,8 @@ class TipMap:
     def save(self, folder: Path) -> list[Path]:
         """map.csv and map.json in a folder."""
         folder.mkdir(parents=True, exist_ok=True)
-        table, numbers = folder / "map.csv", folder / "map.json"
+        table = folder / "map.csv"
+        numbers = folder / "map.json"
         with whole_file(table) as part, part.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerow(HEAD)
@@ -434,12 +446,10 @@ def map_tips(
     prepare_kernels(scene)
     begun = time.perf_counter()
     count = len(fields.values)
-    tip, stability, why, steps = (
-        np.full((count, 3), np.nan),
-        np.full(count, np.nan),
-        [""] * count,
-        0,
-    )
+    tip = np.full((count, 3), np.nan)
+    stability = np.full(count, np.nan)
+    why = [""] * count
+    steps = 0
     paths = [[(k, fields.values[k].tolist()) for k in path] for path in fields.paths]
     for done, found in enumerate(solved(scene, paths, os.cpu_count() or 1)):
         if found.tip is not None:
@@ -467,26 +477,26 @@ def map_tips(
 def check(scene: Scene) -> None:
     """Raises InputError for a scene without a map."""
     if scene.in_time:
-        rule, remedy = "a map is one of shapes at rest", "write `solver: {static: {}}`"
+        rule = "a map is one of shapes at rest"
+        remedy = "write `solver: {static: {}}`"
         raise InputError("solver", received="a motion", rule=rule, remedy=remedy)
     shape = scene.body.shape
     if not isinstance(shape, StraightBody) or shape.clamp != "base":
-        rule, remedy = (
-            "a map follows rods: a catheter or strip that is held at its base alone",
-            "map a scene with such a body",
-        )
+        rule = "a map follows rods: a catheter or strip that is held at its base alone"
+        remedy = "map a scene with such a body"
         raise InputError(f"body.{scene.body.kind}", rule=rule, remedy=remedy)
     if scene.field.varies or scene.field.over_time is not None:
         rule = "a map is one of uniform fields, which take the place of the scene's own"
-        remedy = "leave out dipoles, magnets, coils, maps and schedules; `magmpm view` moves magnets by hand"
+        remedy = (
+            "leave out dipoles, magnets, coils, maps and schedules; `magmpm view` moves magnets by"
+            " hand"
+        )
         raise InputError(
             "field", received="a field that varies in space or time", rule=rule, remedy=remedy
         )
     if scene.effects.magnetic_torque is None or not scene.magnetized_regions():
-        rule, remedy = (
-            "the field must act on the body",
-            "name `magnetic_torque: {}`, and magnetize a segment",
-        )
+        rule = "the field must act on the body"
+        remedy = "name `magnetic_torque: {}`, and magnetize a segment"
         raise InputError(
             "effects.magnetic_torque",
             received="nothing that a field turns",

@@ -22,7 +22,8 @@ from magmpm.scene.variables import Variable, tangents, variables
 
 OF_MATERIALS = ("shear_modulus", "remanence", "density")
 KINDS = (*OF_MATERIALS, "length", "magnetization", "field", "damping", "viscosity")
-GEOMETRY = "diameter"  # taken as exact: a fit frees it to say whether it explains residuals, and never to give it
+# taken as exact: a fit frees it to say whether it explains residuals, and never to give it
+GEOMETRY = "diameter"
 LOSSES = {
     "damping": ("rate", "1/s"),
     "viscosity": ("viscosity", "Pa s"),
@@ -134,9 +135,13 @@ def _named(scene: Scene, word: str) -> list[Constant]:
 def _made(scene: Scene, kind: str) -> list[Constant] | str:
     """The constants of a kind; where the scene has none: the rule it breaks and the remedy."""
     if kind in LOSSES:
-        effect, key = getattr(scene.effects, kind, None), LOSSES[kind][0]
+        effect = getattr(scene.effects, kind, None)
+        key = LOSSES[kind][0]
         if scene.solver.dynamic is None:
-            return f"{kind} acts in motion only, and the scene is none; give it `solver: {{dynamic: ...}}`, and a table with t_ms"
+            return (
+                f"{kind} acts in motion only, and the scene is none; give it `solver: {{dynamic:"
+                " ...}`, and a table with t_ms"
+            )
         if effect is None or getattr(effect, key) <= 0:
             return f"the scene names no {kind}; name it with a first guess"
         return [Constant(kind, kind, float(getattr(effect, key)), LOSSES[kind][1])]
@@ -216,7 +221,8 @@ def write(
     """Put the constants at x of materials, losses and the field into a scene's data; written: a value of a kind as the data have it."""
     uniform = np.array(scene.field.uniform)
     for constant, number in zip(constants, x.tolist(), strict=True):
-        value, variable = constant.value(number), constant.variable
+        value = constant.value(number)
+        variable = constant.variable
         if constant.kind in LOSSES:
             data["effects"][constant.kind][LOSSES[constant.kind][0]] = written(constant.kind, value)
         elif variable is not None and constant.kind in OF_MATERIALS:

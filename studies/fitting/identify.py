@@ -15,7 +15,8 @@ from magmpm.studies.fitting.prediction import Prediction
 from magmpm.studies.fitting.solve import Minimum
 from magmpm.studies.fitting.table import Measured, Readings
 
-FLAT = 1e-6  # of the largest singular value: below, a direction moves nothing; slopes are exact to some 1e-8
+# of the largest singular value: below, a direction moves nothing; slopes are exact to some 1e-8
+FLAT = 1e-6
 WIDEST = (
     1.0  # in x: half a confidence interval longer than a factor of e (or a radian) tells nothing
 )
@@ -39,7 +40,9 @@ class Refused(InputError):
         advice: Sequence[str] = (),
     ) -> None:
         super().__init__(report(place, received=received, rule=rule, remedy=remedy))
-        self.together, self.known, self.advice = tuple(together), tuple(known), tuple(advice)
+        self.together = tuple(together)
+        self.known = tuple(known)
+        self.advice = tuple(advice)
 
 
 def check_identifiable(
@@ -75,18 +78,30 @@ def check_identifiable(
     words = {"curve": "points", "several": "readings"}.get(measured.kind, measured.kind)
     rule = f"these {words} do not {'determine ' + each if one else 'tell ' + each + ' apart'}: "
     if structural:
-        rule += f"{'it' if one else 'they'} can change{'' if one else ' together'} without moving any measured number"
+        rule += (
+            f"{'it' if one else 'they'} can change{'' if one else ' together'} without moving any"
+            " measured number"
+        )
     else:
-        rule += f"{'it' if one else 'they'} can change{'' if one else ' together'} {_far(involved)} within the errors of measurement"
+        rule += (
+            f"{'it' if one else 'they'} can change{'' if one else ' together'} {_far(involved)}"
+            " within the errors of measurement"
+        )
     if said:
         rule += f"; what they do tell: {'; '.join(said)}"
     if rms > 0.02 * scene.length:  # no noise of a measurement
-        rule += f"; the scene is {1e3 * rms:.3g} mm (rms) from what was measured, so look first whether it names all that acted there"
+        rule += (
+            f"; the scene is {1e3 * rms:.3g} mm (rms) from what was measured, so look first whether"
+            " it names all that acted there"
+        )
     fewer = _fewer(constants, slopes, quantile, len(kept))
     loads = [c.name for c in involved if c.kind in ("remanence", "density")]
     remedy = f"--vary {fewer} and take the others from the scene" if fewer else "other data"
     if len(names) > 1 and any(c.relative for c in involved):
-        remedy += f"; or --known {(loads or [c.name for c in involved if c.relative])[0]}=2%, if it is known that well"
+        remedy += (
+            f"; or --known {(loads or [c.name for c in involved if c.relative])[0]}=2%, if it is"
+            " known that well"
+        )
     if advice:
         remedy += f"; or measure in addition: {'; or '.join(advice)}"
     raise Refused(
@@ -96,7 +111,8 @@ def check_identifiable(
 
 def _plain(constant: Constant) -> str:
     """A constant in words: the soft tube's shear modulus."""
-    variable, words = constant.variable, constant.kind.replace("_", " ")
+    variable = constant.variable
+    words = constant.kind.replace("_", " ")
     if variable is not None and variable.material is not None:
         return f"the {variable.material}'s {words}"
     return f"the {words}" if constant.name == constant.kind else constant.name.replace("_", " ")
@@ -209,7 +225,10 @@ def _shapes(
     size = 1e3 * noise
     dense = all(material.density is not None for material in scene.materials.values())
     if dense and scene.effects.gravity is None:
-        words = f"the tip under its own weight without field, held level, to {size:.2g} mm (name gravity in the scene)"
+        words = (
+            f"the tip under its own weight without field, held level, to {size:.2g} mm (name"
+            " gravity in the scene)"
+        )
         found.append((words, scene.with_effects(gravity={}).with_field([0.0, 0.0, 0.0])))
     elif dense:
         found.append(
@@ -278,8 +297,14 @@ def refuse_twins(
             and float(np.linalg.norm(best.slopes @ (other.x - best.x))) > 3 * quantile
         )
         if far and other.converged and other.cost < best.cost + quantile**2:
-            rule = f"two sets of constants explain the data equally well: {_in_words(constants, best.x)} or {_in_words(constants, other.x)}"
-            remedy = "measure further coordinates, or at another field (a weaker one bends less, and has one answer)"
+            rule = (
+                "two sets of constants explain the data equally well:"
+                f" {_in_words(constants, best.x)} or {_in_words(constants, other.x)}"
+            )
+            remedy = (
+                "measure further coordinates, or at another field (a weaker one bends less, and has"
+                " one answer)"
+            )
             raise Refused(
                 "the measurements",
                 rule=rule,

@@ -25,13 +25,16 @@ from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.solve import Interval, Minimum, least_squares, quantile_of
 from magmpm.studies.fitting.table import Measured
 
-DOUBTED = 0.05  # probability below which a suspect widens the intervals: of true models one in twenty is doubted in vain
+# probability below which a suspect widens the intervals: of true models one in twenty is doubted in
+# vain
+DOUBTED = 0.05
 
 
 @dataclass(frozen=True)
 class Suspect:
     """Something taken as exact. probability: that chance explains as much; x (k + q,): the fit's constants and its own, with it freed where
-    it is doubted; errors (k,): standard errors of the former; degrees: of freedom, inf where the noise is given; spread: their variance."""
+    it is doubted; errors (k,): standard errors of the former; degrees: of freedom, inf where the noise is given; spread: their variance.
+    """
 
     name: str
     constants: tuple[Constant, ...]
@@ -50,18 +53,19 @@ class Suspect:
         ]
         own = len(self.constants) - (len(self.x) - len(self.errors))
         return (
-            f"{self.name} ({', '.join(parts[own:])}) explains the residuals better than chance does (F-test, probability that chance does "
-            f"as well {self.probability:.1g}), with {', '.join(parts[:own])}: the scene lacks this or the like; intervals hold both answers"
+            f"{self.name} ({', '.join(parts[own:])}) explains the residuals better than chance does"
+            f" (F-test, probability that chance does as well {self.probability:.1g}), with"
+            f" {', '.join(parts[:own])}: the scene lacks this or the like; intervals hold both"
+            " answers"
         )
 
     def widened(self, intervals: Sequence[Interval], level: float) -> list[Interval]:
         """The intervals (k) with those of the answer in which it is freed."""
-        found, halves = [], quantile_of(level, self.degrees) * self.errors
+        found = []
+        halves = quantile_of(level, self.degrees) * self.errors
         for one, x, half in zip(intervals, self.x.tolist(), halves.tolist(), strict=False):
-            low, high = (
-                (None if one.low is None else min(one.low, x - half)),
-                (None if one.high is None else max(one.high, x + half)),
-            )
+            low = None if one.low is None else min(one.low, x - half)
+            high = None if one.high is None else max(one.high, x + half)
             known = half <= WIDEST and one.method != "withheld"
             found.append(
                 Interval(low, high, "widened") if known else Interval(None, None, "withheld")
@@ -77,7 +81,8 @@ def suspects_of(
 
     best: in standard errors; weights (n,): their inverses for what was measured.
     """
-    constants, k = prediction.constants, len(prediction.constants)
+    constants = prediction.constants
+    k = len(prediction.constants)
     groups = list(_groups(prediction.scene, constants))
     freed = tuple(constant for _, group in groups for constant in group)
     slopes = best.slopes.copy()
@@ -92,7 +97,9 @@ def suspects_of(
         slopes[:, :k] = best.slopes
         prediction.solves += wide.solves
     moved = -np.linalg.lstsq(best.slopes, slopes, rcond=None)[0]
-    left, found, moves = slopes + best.slopes @ moved, [], dict[str, dict[str, float]]()
+    left = slopes + best.slopes @ moved
+    found = []
+    moves = dict[str, dict[str, float]]()
     for name, group in groups:
         at = [k + freed.index(constant) for constant in group]
         sizes = (moved[:, at[0]] if len(at) == 1 else np.linalg.norm(moved[:, at], axis=1)).tolist()
@@ -104,7 +111,8 @@ def suspects_of(
         }
         basis, sizes, _ = np.linalg.svd(left[:, at], full_matrices=False)
         basis = basis[:, sizes > FLAT * np.linalg.norm(slopes[:, at])]
-        explained, count = float(np.sum((basis.T @ best.residuals) ** 2)), basis.shape[1]
+        explained = float(np.sum((basis.T @ best.residuals) ** 2))
+        count = basis.shape[1]
         if count == 0 or degrees <= count:
             continue
         remaining = np.inf if known_noise else degrees - count
@@ -121,9 +129,11 @@ def suspects_of(
     )
     for _ in found:  # one that explains less than it seemed to leaves others in doubt
         chosen = [
-            _settled(one, prediction, best, weights, len(found))
-            if np.isnan(one.errors).all()
-            else one
+            (
+                _settled(one, prediction, best, weights, len(found))
+                if np.isnan(one.errors).all()
+                else one
+            )
             for one in doubted(found)
         ]
         found = sorted((*chosen, *found[len(chosen) :]), key=attrgetter("probability"))
@@ -154,11 +164,10 @@ def _settled(
     one: Suspect, prediction: Prediction, best: Minimum, weights: Array, tried: int
 ) -> Suspect:
     """The suspect with the answer to which a descent leads, and its probability there: some degrees are no longer of first order."""
-    k, extra = len(one.errors), len(one.x) - len(one.errors)
-    wide, loose = (
-        replace(prediction, constants=one.constants, solves=0),
-        np.sqrt(one.spread) / (WIDEST / 2) * np.eye(len(one.x))[k:],
-    )
+    k = len(one.errors)
+    extra = len(one.x) - len(one.errors)
+    wide = replace(prediction, constants=one.constants, solves=0)
+    loose = np.sqrt(one.spread) / (WIDEST / 2) * np.eye(len(one.x))[k:]
     below = np.vstack(
         [np.pad(best.slopes[len(weights) :], ((0, 0), (0, extra))), loose]
     )  # what is known beforehand
@@ -213,7 +222,8 @@ def odd_readings(sizes: Array, labels: Sequence[Label], measured: Measured) -> l
         return []
     more = f" and {len(odd) - 5} more" if len(odd) > 5 else ""
     return [
-        f"odd readings, in standard errors: {'; '.join(odd[:5])}{more}: look at them, and at what else could have acted there"
+        f"odd readings, in standard errors: {'; '.join(odd[:5])}{more}: look at them, and at what"
+        " else could have acted there"
     ]
 
 
@@ -238,6 +248,7 @@ def unequal_tables(sizes: Array, labels: Sequence[Label], measured: Measured) ->
         return []
     large, small = (measured.each[rms.index(end(known))].path.name for end in (max, min))
     return [
-        f"in standard errors the residuals of {large} are {max(known) / max(min(known), 1e-12):.2g} times as large as those of {small}: "
-        'give each table its noise, say, --noise "0.2 mm, 0.5 mm"'
+        f"in standard errors the residuals of {large} are {max(known) / max(min(known), 1e-12):.2g}"
+        f' times as large as those of {small}: give each table its noise, say, --noise "0.2 mm,'
+        ' 0.5 mm"'
     ]

@@ -69,10 +69,8 @@ class Axis:
 def compare(shape: Axis, readings: Readings) -> tuple[Array, Array, list[Label]]:
     """Residuals (r,) m or rad of one state, their derivatives (r, k), and where each comes from."""
     found = list((_along_curve if readings.kind == "curve" else _at_points)(shape, readings))
-    residuals, slopes = (
-        np.array([each for each, _, _ in found]),
-        np.array([each for _, each, _ in found]),
-    )
+    residuals = np.array([each for each, _, _ in found])
+    slopes = np.array([each for _, each, _ in found])
     return (
         residuals,
         slopes.reshape(len(found), shape.tip_change.shape[1]),
@@ -101,7 +99,8 @@ def _at_points(shape: Axis, readings: Readings) -> Iterator[tuple[float, Array, 
 def tip_angle(shape: Axis, plane: int | None) -> tuple[float, Array]:
     """Angle (rad) between the tip's tangent and +x, with a sign in the plane of x and the axis `plane`, and its derivatives (k,)."""
     _, _, slopes, turned = shape.at(shape.rows[-1:, 0])
-    t, dt = slopes[0], turned[0]
+    t = slopes[0]
+    dt = turned[0]
     if plane is not None:
         size = max(float(t[0] ** 2 + t[plane] ** 2), 1e-24)
         return float(np.arctan2(t[plane], t[0])), (t[0] * dt[plane] - t[plane] * dt[0]) / size
@@ -119,7 +118,8 @@ def _along_curve(shape: Axis, readings: Readings) -> Iterator[tuple[float, Array
 
     The distance is a least one, so a shift of its foot along the curve does not change it to first order.
     """
-    length, axes = shape.rows[-1, 0], list(readings.axes)
+    length = shape.rows[-1, 0]
+    axes = list(readings.axes)
     fine = np.linspace(0.0, length, 20 * (len(shape.rows) - 1) + 1)
     curve = shape.at(fine)[0][:, axes]
     for m, line in enumerate(readings.lines):
@@ -127,12 +127,12 @@ def _along_curve(shape: Axis, readings: Readings) -> Iterator[tuple[float, Array
         s = _foot(shape, axes, point, fine, curve)
         places, moved, slopes, turned = shape.at(np.array([s]))
         size = max(float(np.linalg.norm(slopes[0, axes])), 1e-300)
-        tangent, away = slopes[0, axes] / size, places[0, axes] - point
+        tangent = slopes[0, axes] / size
+        away = places[0, axes] - point
         for k, normal in enumerate(_normals(tangent)):
-            gap, ahead = (
-                float(normal @ away),
-                float(tangent @ away) / size,
-            )  # ahead: not 0 beyond an end alone, where the tangent turns
+            # ahead: not 0 beyond an end alone, where the tangent turns
+            gap = float(normal @ away)
+            ahead = float(tangent @ away) / size
             what = f"across the curve{f' ({k + 1})' if len(axes) == 3 else ''}"
             both = tuple(point.tolist()), tuple(places[0, axes].tolist())
             yield (
@@ -189,8 +189,14 @@ class Prediction:
         if lengths and any(
             readings.apparatus.inserted is not None for readings in self.measured.states
         ):
-            rule = "the column inserted_mm says how long the free body is in each row, so its length is no constant to find"
-            remedy = "leave length out of --vary; or remove the column, and fit the rows of one inserted length"
+            rule = (
+                "the column inserted_mm says how long the free body is in each row, so its length"
+                " is no constant to find"
+            )
+            remedy = (
+                "leave length out of --vary; or remove the column, and fit the rows of one inserted"
+                " length"
+            )
             raise InputError(
                 self.measured.named,
                 received=f"inserted_mm, and --vary {','.join(lengths)}",
@@ -235,10 +241,8 @@ class Prediction:
     ) -> Axis:
         """The shape in a field of an apparatus; tables may share one."""
         base = apparatus.applied(self.scene if field is None else self.scene.with_field(field))
-        scene, kinds = (
-            applied(base, self.constants, x),
-            list(dict.fromkeys(constant.kind for constant in self.constants)),
-        )
+        scene = applied(base, self.constants, x)
+        kinds = list(dict.fromkeys(constant.kind for constant in self.constants))
         self._following.expected = lambda rod: self._last.get(index)
         self.solves += 1
         near = sensitivities(scene, of=kinds, start=self._following) if slopes else None
@@ -274,7 +278,8 @@ class Prediction:
                 rule=rule,
                 remedy="write a smaller output_every",
             )
-        rows, tip = CubicSpline(times, shapes[:, :, 1:]), CubicSpline(times, tips)
+        rows = CubicSpline(times, shapes[:, :, 1:])
+        tip = CubicSpline(times, tips)
         parts = []
         for readings, t in ((each, each.time) for each in self.measured.states):
             shape = Axis.alone(

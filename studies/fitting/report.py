@@ -67,8 +67,9 @@ class HeldOut:
         sizes += [f"{math.degrees(self.found.rms_rad):.3g} deg"] * angles
         numbers = len(self.found.residuals)
         return (
-            f"  held out         {numbers} number{'s' * (numbers != 1)}, predicted with rms {' and '.join(sizes)}; "
-            f"{100 * self.inside:.0f} % of them in their {100 * self.found.level:g} % intervals"
+            f"  held out         {numbers} number{'s' * (numbers != 1)}, predicted with rms"
+            f" {' and '.join(sizes)}; {100 * self.inside:.0f} % of them in their"
+            f" {100 * self.found.level:g} % intervals"
         )
 
 
@@ -134,9 +135,11 @@ def summary(found: Fit) -> dict[str, Any]:
             {"table": of.table, "line": of.line, "what": of.what, "value": value, "unit": of.unit}
             for value, of in both
         ],
-        "suspects": None
-        if found.suspects is None
-        else [{"name": one.name, "probability": one.probability} for one in found.suspects],
+        "suspects": (
+            None
+            if found.suspects is None
+            else [{"name": one.name, "probability": one.probability} for one in found.suspects]
+        ),
         "moves": {kind: dict(by) for kind, by in found.moves.items()},
         "warnings": list(found.warnings),
         "solves": found.solves,
@@ -168,7 +171,10 @@ def _entry(one: Fitted) -> dict[str, Any]:
 def text(found: Fit) -> str:
     """The table for people."""
     sizes = len(found.measured.states)
-    head = f"{found.scene.name}: {len(found.residuals)} numbers of {sizes} state{'s' * (sizes != 1)}, {found.measured.named}"
+    head = (
+        f"{found.scene.name}: {len(found.residuals)} numbers of {sizes} state{'s' * (sizes != 1)},"
+        f" {found.measured.named}"
+    )
     width = max(len(one.constant.name) for one in found.constants)
     share = f"{100 * found.level:g} % interval"
     lines = [
@@ -181,7 +187,8 @@ def text(found: Fit) -> str:
         value = f"{factor * one.value:.5g}"
         interval = f"{low:>12} to {high:<11}"
         lines.append(
-            f"  {one.constant.name:{width}}  {value:>12}  {interval}  {factor * one.error:>15.3g}  {finer:>11}  {unit}"
+            f"  {one.constant.name:{width}}  {value:>12}  {interval}  {factor * one.error:>15.3g} "
+            f" {finer:>11}  {unit}"
         )
     of_each = ", ".join(
         f"{1e3 * found.sigma_m * ratio:.3g}" for ratio in dict.fromkeys(found.ratios)
@@ -197,8 +204,10 @@ def text(found: Fit) -> str:
     )
     rms, noise = (" and ".join(words) for words in zip(*lengths, *angles, strict=True))
     lines += [
-        f"  residuals        rms {rms}; noise {noise} a number ({found.noise}), "
-        f"{found.degrees} degree{'s' * (found.degrees != 1)} of freedom",
+        (
+            f"  residuals        rms {rms}; noise {noise} a number ({found.noise}), "
+            f"{found.degrees} degree{'s' * (found.degrees != 1)} of freedom"
+        ),
         f"  intervals        {_method(found)}",
         f"  taken as exact   {_exact(found)}",
         f"  solves           {found.solves} in {found.seconds:.1f} s",
@@ -225,7 +234,10 @@ def _exact(found: Fit) -> str:
     if not found.suspects:
         return f"{words}; too few numbers to ask whether that fails"
     first = found.suspects[0]
-    return f"{words}; of {len(found.suspects)} suspects {first.name} explains most of the residuals (by chance: {first.probability:.2g})"
+    return (
+        f"{words}; of {len(found.suspects)} suspects {first.name} explains most of the residuals"
+        f" (by chance: {first.probability:.2g})"
+    )
 
 
 def _method(found: Fit) -> str:
@@ -236,7 +248,10 @@ def _method(found: Fit) -> str:
         else "Student's t (noise from the residuals)"
     )
     if methods & {"widened", "withheld"}:
-        return f"{' and '.join(sorted(methods))}: something taken as exact explains the residuals better than chance does, see the warning"
+        return (
+            f"{' and '.join(sorted(methods))}: something taken as exact explains the residuals"
+            " better than chance does, see the warning"
+        )
     if methods == {"linear"}:
         return f"linear, {quantile}; the sum of squares is a parabola there to 10 %"
     return f"profile likelihood where the sum of squares is no parabola, {quantile}"
@@ -308,9 +323,9 @@ def shown(found: Fit, held: HeldOut | None = None) -> dict[str, Any]:
     ]
     return {
         "residuals": residuals,
-        "lines": [*range(1, 1 + len(residuals))]
-        if several
-        else [label.line for label in found.labels],
+        "lines": (
+            [*range(1, 1 + len(residuals))] if several else [label.line for label in found.labels]
+        ),
         "held_out": [k >= len(found.residuals) for k in range(len(residuals))],
         "numbers": [_in_words(one) for one in found.constants],
         "panels": [
@@ -408,9 +423,11 @@ def _over(found: Fit, table: Measured) -> tuple[dict[int, tuple[float, str]], st
     )
     return (
         over,
-        "field (mT)"
-        if straight
-        else f"part of the field along [{', '.join(f'{d:.2f}' for d in direction)}] (mT)",
+        (
+            "field (mT)"
+            if straight
+            else f"part of the field along [{', '.join(f'{d:.2f}' for d in direction)}] (mT)"
+        ),
     )
 
 
@@ -419,15 +436,14 @@ def _apparatus(table: Measured) -> tuple[list[tuple[float, str]], str | None]:
     rows = [state.apparatus for state in table.states]
     if (magnet := rows[0].magnet) is not None:
         away = np.array([np.array(row.magnet or magnet) for row in rows])
-        sizes, polar = (
-            np.linalg.norm(away, axis=1),
-            np.degrees(np.arctan2(np.hypot(away[:, 1], away[:, 2]), away[:, 0])).round(),
-        )
+        sizes = np.linalg.norm(away, axis=1)
+        polar = np.degrees(np.arctan2(np.hypot(away[:, 1], away[:, 2]), away[:, 0])).round()
         group = [f" at {angle:.0f} deg" if np.ptp(polar) > 0 else "" for angle in polar]
         if np.ptp(sizes) > 1e-6:
-            return list(
-                zip((1e3 * sizes).tolist(), group, strict=True)
-            ), "distance of the magnet's center from the clamp (mm)"
+            return (
+                list(zip((1e3 * sizes).tolist(), group, strict=True)),
+                "distance of the magnet's center from the clamp (mm)",
+            )
     if rows[0].axis is not None:
         turns = [
             math.degrees(
@@ -452,7 +468,8 @@ def _curves(table: Measured, labels: list[Label]) -> dict[str, Any]:
     state_of = {line: k for k, state in enumerate(table.states) for line in state.lines.tolist()}
     series: dict[str, dict[str, Any]] = {}
     for label in labels:
-        name, keys = f"curve {state_of[label.line] + 1}", ("x", "measured", "fitted_x", "fitted")
+        name = f"curve {state_of[label.line] + 1}"
+        keys = ("x", "measured", "fitted_x", "fitted")
         one = series.setdefault(name, {key: [] for key in keys})
         for key, value in zip(keys, (*label.measured[:2], *label.simulated[:2]), strict=True):
             one[key].append(1e3 * value)

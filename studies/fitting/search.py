@@ -94,7 +94,10 @@ class Fit:
 
     def __repr__(self) -> str:
         found = ", ".join(f"{one.constant.name} = {one.value:.4g}" for one in self.constants)
-        return f"Fit({self.scene.name!r}: {found} in SI, rms {1e3 * self.rms_m:.3g} mm over {len(self.residuals)} numbers)"
+        return (
+            f"Fit({self.scene.name!r}: {found} in SI, rms {1e3 * self.rms_m:.3g} mm over"
+            f" {len(self.residuals)} numbers)"
+        )
 
     def sigma_of(self, label: Label) -> float:
         """Standard deviation of a residual, m or rad."""
@@ -195,7 +198,8 @@ def fit(
     intervals = [
         interval_of(model, best, covariance, k, quantile, search.say) for k in range(len(constants))
     ]
-    shift, suspects = None, None
+    shift = None
+    suspects = None
     moves: dict[str, dict[str, float]] = {}
     if thorough and not scene.in_time:
         shift = search.on_finer_grid(best, sigmas, covariance)
@@ -203,7 +207,8 @@ def fit(
             prediction, best, 1.0 / sigmas.of(labels), degrees, source == "given"
         )
         for one in doubted(suspects):
-            intervals, warnings = one.widened(intervals, level), [*warnings, one.warning()]
+            intervals = one.widened(intervals, level)
+            warnings = [*warnings, one.warning()]
     found = tuple(
         _fitted(c, k, best, covariance, intervals[k], shift) for k, c in enumerate(constants)
     )
@@ -216,7 +221,8 @@ def fit(
     warnings += unequal_tables(raw / sigmas.of(labels), labels, measured)
     if not best.converged:
         warnings.append(
-            f"the search stopped after {best.steps} steps before it had settled; start nearer, in the scene's file"
+            f"the search stopped after {best.steps} steps before it had settled; start nearer, in"
+            " the scene's file"
         )
     return Fit(
         scene,
@@ -263,10 +269,8 @@ def _of_tables(
 def _on_one_grid(scene: Scene) -> Scene:
     """The scene on the cells that its resolution requests. Raises InputError where effects are still to be chosen."""
     if scene.effects.auto:
-        rule, remedy = (
-            "a fit compares runs with the same effects",
-            "name those that `magmpm run` tells it has chosen",
-        )
+        rule = "a fit compares runs with the same effects"
+        remedy = "name those that `magmpm run` tells it has chosen"
         raise InputError("effects", received="auto", rule=rule, remedy=remedy)
     if not scene.resolution.requested:
         return scene
@@ -283,10 +287,8 @@ def _check_counts(
 ) -> None:
     """Raises InputError where there are fewer numbers than constants, or too few to tell the noise."""
     if measured.has_angles and angle_noise is None and not measured.angles_alone:
-        rule, remedy = (
-            "angles and lengths are weighed by their errors",
-            'say how exact an angle is: --angle-noise "1 deg"',
-        )
+        rule = "angles and lengths are weighed by their errors"
+        remedy = 'say how exact an angle is: --angle-noise "1 deg"'
         raise InputError("--angle-noise", received="nothing", rule=rule, remedy=remedy)
     unknown = sum(constant.known is None for constant in constants)
     if measured.numbers < unknown:
@@ -318,13 +320,11 @@ class _Search:
         length: float,
         say: Callable[[str], None],
     ) -> None:
-        self.prediction, self.constants, self.length, self.noise, self.angle = (
-            prediction,
-            constants,
-            length,
-            noise,
-            angle or 1.0,
-        )
+        self.prediction = prediction
+        self.constants = constants
+        self.length = length
+        self.noise = noise
+        self.angle = angle or 1.0
         self.given = (angle if prediction.measured.angles_alone else noise) is not None
         self._say = say
         self.ratios: tuple[float, ...] = (1.0,) * len(prediction.measured.each)
@@ -407,7 +407,8 @@ class _Search:
 
     def _minima(self, model: Model, starts: Sequence[Array], sigmas: _Noise) -> list[Minimum]:
         """Minima that descents from the starts reach. Raises an InputError at the first start, and where none is found its first error."""
-        found, failure = list[Minimum](), None
+        found = list[Minimum]()
+        failure = None
 
         def known(x: Array) -> bool:
             return any(one.converged and not self._differ(x, one) for one in found)
@@ -442,7 +443,8 @@ class _Search:
         """Standard deviations of lengths, or of angles alone, from their residuals and leverages; the factor by which they change."""
         alone = self.prediction.measured.angles_alone
         counted = np.array([alone or not label.angle for label in self.prediction.labels])
-        n, basis = len(counted), np.linalg.qr(best.slopes)[0]
+        n = len(counted)
+        basis = np.linalg.qr(best.slopes)[0]
         left = float(np.sum(counted) - np.sum(basis[:n][counted] ** 2))
         change = float(np.sqrt(np.sum(best.residuals[:n][counted] ** 2) / max(left, 0.5)))
         if alone:
@@ -481,8 +483,9 @@ def _scatter(
     if degrees > 0 and chdtrc(degrees, best.cost) < 0.01:
         factor = float(np.sqrt(best.cost / degrees))
         says = (
-            f"the residuals are {factor:.2g} times as large as the noise given explains (probability {chdtrc(degrees, best.cost):.1g}): "
-            "the scene lacks something that the measurement has, or the noise is larger; the intervals go by the residuals"
+            f"the residuals are {factor:.2g} times as large as the noise given explains"
+            f" (probability {chdtrc(degrees, best.cost):.1g}): the scene lacks something that the"
+            " measurement has, or the noise is larger; the intervals go by the residuals"
         )
         wider = replace(sigmas, length=sigmas.length * factor, angle=sigmas.angle * factor)
         return wider, quantile_of(level, degrees), "given, enlarged", [says]
@@ -498,7 +501,8 @@ def doubtful_fields(measured: Measured, scene: Scene) -> list[str]:
     if not (own > 0.0 and largest > 0.0) or 1 / 100 < largest / own < 100:
         return []
     return [
-        f"the table's fields reach {1e3 * largest:.4g} mT, the scene's own is {1e3 * own:.3g} mT: check the units of its columns"
+        f"the table's fields reach {1e3 * largest:.4g} mT, the scene's own is {1e3 * own:.3g} mT:"
+        " check the units of its columns"
     ]
 
 
@@ -509,7 +513,8 @@ def _of_values(found: Sequence[Fitted]) -> list[str]:
         ratio = one.value / given if (given := one.constant.value(0.0)) else 1.0
         if not 1 / 10 < ratio < 10:
             says.append(
-                f"{one.constant.name} is {ratio:.2g} times the scene's: check the units of the table's columns, and the scene's"
+                f"{one.constant.name} is {ratio:.2g} times the scene's: check the units of the"
+                " table's columns, and the scene's"
             )
     return says
 
@@ -552,5 +557,6 @@ def _of_grid(found: Sequence[Fitted]) -> list[str]:
     if not coarse:
         return []
     return [
-        f"on a finer grid {', '.join(coarse)} would move by more than a quarter of the interval: use more cells_across in the scene"
+        f"on a finer grid {', '.join(coarse)} would move by more than a quarter of the interval:"
+        " use more cells_across in the scene"
     ]

@@ -61,7 +61,9 @@ def least_squares(
     x = np.array(start, dtype=float)
     free = np.ones(len(x), bool) if free is None else free
     residuals, slopes = model(x, True)
-    radius, steps = 1.0, 0  # x changes by a factor of e at most at first
+    # x changes by a factor of e at most at first
+    radius = 1.0
+    steps = 0
     while steps < 60:
         step = _step(residuals, slopes[:, free], radius)
         noise = (
@@ -120,7 +122,8 @@ def _step(residuals: Array, slopes: Array, radius: float) -> Array:
 
     if np.linalg.norm(step(0.0)) <= radius:
         return step(0.0)
-    low, high = 0.0, float(np.linalg.norm(values * along) / radius) + 1e-300
+    low = 0.0
+    high = float(np.linalg.norm(values * along) / radius) + 1e-300
     for _ in range(60):
         middle = 0.5 * (low + high) if low == 0.0 else float(np.sqrt(low * high))
         low, high = (middle, high) if np.linalg.norm(step(middle)) > radius else (low, middle)
@@ -177,17 +180,23 @@ def _end(
             return np.inf, start
         return float(np.sqrt(max(found.cost - best.cost, 0.0))), found.x
 
-    inside, below, x = 0.0, 0.0, best.x
+    inside = 0.0
+    below = 0.0
+    x = best.x
     distance = quantile * abs(error)
-    outside, above = None, np.inf
+    outside = None
+    above = np.inf
     for _ in range(12):
         value, at = root(distance, x + along * (best.x[k] + np.sign(error) * distance - x[k]))
         if abs(value - quantile) <= 0.01 * quantile:
             return float(best.x[k] + np.sign(error) * distance)
         if value < quantile:
-            inside, below, x = distance, value, at
+            inside = distance
+            below = value
+            x = at
         else:
-            outside, above = distance, value
+            outside = distance
+            above = value
         if outside is None:
             if inside >= reach:
                 return None

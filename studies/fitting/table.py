@@ -59,7 +59,10 @@ MOST = {
     "current": 1e6,
     "number": 1e6,
 }  # SI: else a unit is mistaken
-_START = "begin the file with the names of its columns, say field_z_mT,tip_x_mm,tip_z_mm, then rows of numbers"
+_START = (
+    "begin the file with the names of its columns, say field_z_mT,tip_x_mm,tip_z_mm, then rows of"
+    " numbers"
+)
 
 
 @dataclass(frozen=True)
@@ -223,7 +226,8 @@ def read_split(
         if table.states
     ]
     if not known:
-        rule, remedy = "some rows must be left to fit, and these are all", "hold out fewer values"
+        rule = "some rows must be left to fit, and these are all"
+        remedy = "hold out fewer values"
         raise TableError("--hold-out", received=repr(hold_out), rule=rule, remedy=remedy)
     return together(known), together(left)
 
@@ -242,7 +246,10 @@ def _held_out(text: str, titles: Sequence[str]) -> list[tuple[str, str]]:
             column = before
         value = after if begins else part.strip()
         if not column or not value:
-            rule = "rows are held out by what their cells hold: COLUMN=VALUE, more values or columns after commas"
+            rule = (
+                "rows are held out by what their cells hold: COLUMN=VALUE, more values or columns"
+                " after commas"
+            )
             raise TableError(
                 "--hold-out",
                 received=repr(text),
@@ -361,7 +368,8 @@ def _unknown(header: Line, title: str) -> TableError:
     rule = (
         "a column is a quantity with its unit: "
         + ", ".join(f"{name}_{_UNITS[kind][0]}" for name, kind in _QUANTITIES.items())
-        + f" (also in {', '.join(sorted({u for kind in _UNITS.values() for u in kind[1:]}))}), or {' or '.join(LABELS)}"
+        + f" (also in {', '.join(sorted({u for kind in _UNITS.values() for u in kind[1:]}))}), or"
+        f" {' or '.join(LABELS)}"
     )
     if title in _QUANTITIES:
         return header.error(
@@ -383,7 +391,8 @@ def _unknown(header: Line, title: str) -> TableError:
 def _kind(header: Line, columns: list[_Column]) -> str:
     """Tips, places or a curve. Raises TableError where the columns are none of them, or of two."""
     named = {column.quantity for column in columns}
-    tips, points = {name for name in named if name.startswith("tip_")}, named & set(AXES)
+    tips = {name for name in named if name.startswith("tip_")}
+    points = named & set(AXES)
     if tips and (points or "s" in named):
         rule = "a table holds tips (tip_x_mm ...) or points (x_mm ...), not both"
         raise header.error(rule, "make two tables of it, or give each tip its s_mm")
@@ -393,7 +402,10 @@ def _kind(header: Line, columns: list[_Column]) -> str:
         return "places"
     if len(points) >= 2 and "t" not in named:
         return "curve"
-    rule = "something must be measured: tip_x_mm ..., points x_mm ... at s_mm, or a curve in a plane, two of x_mm, y_mm, z_mm"
+    rule = (
+        "something must be measured: tip_x_mm ..., points x_mm ... at s_mm, or a curve in a plane,"
+        " two of x_mm, y_mm, z_mm"
+    )
     if points and "t" in named:
         raise header.error(
             "points over time need the arc length s_mm of each marker",
@@ -486,9 +498,11 @@ def _row(
     measured = [name for name in values if name in AXES or name.startswith("tip_")]
     if not measured or (kind == "curve" and len(measured) < len(named & set(AXES))):
         raise line.error(
-            "a row must hold a measured number"
-            if kind != "curve"
-            else "a point needs all its coordinates",
+            (
+                "a row must hold a measured number"
+                if kind != "curve"
+                else "a point needs all its coordinates"
+            ),
             "remove the row",
         )
     _within(line, values, scene)
@@ -510,19 +524,21 @@ def _number(line: Line, column: _Column, text: str) -> float:
         )
     if abs(value) > MOST[column.kind] * (1 + 1e-12):
         most = MOST[column.kind] / column.factor
-        rule, remedy = (
-            f"{column.title} must be at most {most:g}",
-            "check the number, and the unit in the header",
-        )
+        rule = f"{column.title} must be at most {most:g}"
+        remedy = "check the number, and the unit in the header"
         raise line.error(rule, remedy, f"{text[:40]} in {column.title}")
     return value
 
 
 def _within(line: Line, values: dict[str, float], scene: Scene) -> None:
     """Raises TableError for places off the body, and moments that the scene does not reach."""
-    s, t = values.get("s"), values.get("t")
+    s = values.get("s")
+    t = values.get("t")
     if s is not None and not 0 <= s <= scene.length * (1 + 1e-6):
-        rule = f"s must lie on the body: 0 to {1e3 * scene.length:g} mm, from the clamped base along the undeformed axis"
+        rule = (
+            f"s must lie on the body: 0 to {1e3 * scene.length:g} mm, from the clamped base along"
+            " the undeformed axis"
+        )
         raise line.error(
             rule, "check the number, its unit, and the length in the scene", f"s = {1e3 * s:g} mm"
         )

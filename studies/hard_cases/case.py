@@ -31,11 +31,13 @@ class Case:
 
     def run(self) -> tuple[float, float, str]:
         """The measure, the seconds it took, and why the run failed, if it did: then the measure is infinite."""
-        begun, reason = perf_counter(), ""
+        begun = perf_counter()
+        reason = ""
         try:
             value = float(self.measure(self.scene()))
         except SolveError as error:
-            value, reason = math.inf, error.reason
+            value = math.inf
+            reason = error.reason
         return value, perf_counter() - begun, reason
 
 
@@ -74,7 +76,8 @@ def table(outcomes: list[Outcome]) -> str:
     for o in outcomes:
         word = "ok" if o.passed else "FAILED"
         lines.append(
-            f"{o.case.name:<36} {o.measure:9.2e} {o.case.bound:9.2e}  {word:<6} {o.seconds:7.1f}  {o.case.quantity}"
+            f"{o.case.name:<36} {o.measure:9.2e} {o.case.bound:9.2e}  {word:<6} {o.seconds:7.1f} "
+            f" {o.case.quantity}"
         )
         if not o.passed:
             lines.append(

@@ -31,8 +31,11 @@ from magmpm.studies.hard_cases.twins import MIRROR, QUARTER, can_turn, twin
 # motion is sqrt(1e-11 / stability) of what the load has moved it; ten times that, for loads whose energy is a hundred times the body's.
 SOLVED = 1e-4
 CLOSER = 1e3  # times: what is an equilibrium stays where it is
-TABLE = 0.02  # more where magnets or coils are on a table, whose error is 0.002 of the field, about another box
-FINER = 0.06  # of the length: two or three cells across against one more; errors at two cells are 1 to 2 % (docs/accuracy)
+# more where magnets or coils are on a table, whose error is 0.002 of the field, about another box
+TABLE = 0.02
+# of the length: two or three cells across against one more; errors at two cells are 1 to 2 %
+# (docs/accuracy)
+FINER = 0.06
 # More for a strip's width over its length, above 1 / SLENDER, if finer cells agree with the answer: of a strip of L/W 5 that falls to its
 # side (seed 151, 428), finite elements are 0.4 % of the length from the solid, and 7 % from the rod.
 BROAD = 0.2
@@ -40,7 +43,8 @@ SLENDER = 10.0
 # Contact and friction decide by single steps: there a change of the last bit grows at once. So a mirror image that is
 # farther away is compared with what changes of the moduli by NOISE do.
 NOISE = 1e-13
-HALF_STEP = 0.02  # of the largest displacement: second order, and what contact and friction choose by single steps
+# of the largest displacement: second order, and what contact and friction choose by single steps
+HALF_STEP = 0.02
 
 
 SAME = np.eye(3)
@@ -90,7 +94,8 @@ def _as_solved(scene: Scene, result: Result, found: Checked) -> Scene:
 
 def _promised(scene: Scene, result: Result, cells: int, found: Checked) -> None:
     """The reported error, against finer cells; where these are as far, only if the next finer ones are as well: one may be elsewhere."""
-    promised, tip = result.error_estimate, scene.resolution.of == "tip"
+    promised = result.error_estimate
+    tip = scene.resolution.of == "tip"
     assert promised is not None
     distances = []
     for more in (2, 3):
@@ -109,7 +114,8 @@ def _promised(scene: Scene, result: Result, cells: int, found: Checked) -> None:
             return
     found.done.append("promised error")
     found.wrong.append(
-        f"promised error: {promised:.3g} m told, {distances[0]:.3g} and {distances[1]:.3g} m from 2 and 3 more cells across"
+        f"promised error: {promised:.3g} m told, {distances[0]:.3g} and {distances[1]:.3g} m from 2"
+        " and 3 more cells across"
     )
 
 
@@ -131,7 +137,8 @@ def _distance(scene: Scene, one: Result, other: Result, R: np.ndarray = SAME) ->
     """
     ways = []
     for result in (one, other):
-        of, volume = result.particle_segment, result.particle_volume
+        of = result.particle_segment
+        volume = result.particle_volume
         begun = [
             np.bincount(of, volume * x) / np.bincount(of, volume)
             for x in result.particle_reference.T
@@ -166,15 +173,20 @@ def _compare(
     scene: Scene, name: str, one: Result, variant: Scene, found: Checked, R: np.ndarray = SAME
 ) -> bool:
     """Two solves of one discrete problem, the other that of the scene `variant`; whether it finds an answer. They may end at two
-    equilibria, near each other or far away: then each stays where it is as it is sought more closely."""
+    equilibria, near each other or far away: then each stays where it is as it is sought more closely.
+    """
     other = _try(variant)
     if other is None:
         return False
     found.done.append(name)
-    off, bound = _distance(scene, one, other, R), _tolerance(scene, one)
+    off = _distance(scene, one, other, R)
+    bound = _tolerance(scene, one)
     if off <= bound or (_soft(one) and _soft(other)):
         return True
-    text = f"{name}: {off:.3g} L apart, bound {bound:.3g}; energies {one.energy:.9g}, {other.energy:.9g} J"
+    text = (
+        f"{name}: {off:.3g} L apart, bound {bound:.3g}; energies {one.energy:.9g},"
+        f" {other.energy:.9g} J"
+    )
     if _stays(scene, one, bound) and _stays(variant, other, bound):
         found.branches.append(
             f"{text}; come to in another way, or more closely, each is where it was: two equilibria"
@@ -270,7 +282,8 @@ def _finer(scene: Scene, result: Result, found: Checked) -> None:
             and _stays(scene, result, _tolerance(scene, result))
         ):
             found.branches.append(
-                f"finer grid: {off:.3g} L apart; a ramp of {steps} steps finds its branch on this grid"
+                f"finer grid: {off:.3g} L apart; a ramp of {steps} steps finds its branch on this"
+                " grid"
             )
             return
     found.wrong.append(f"finer grid: {off:.3g} L apart, bound {FINER}")
@@ -350,10 +363,8 @@ def _moved(scene: Scene, result: Result, folder: Path, found: Checked) -> None:
         _stopped(scene, "mirror image", found)
     else:
         found.done.append("mirror image")
-        off, table = (
-            _distance(scene, result, other, MIRROR),
-            TABLE if scene.field.magnet or scene.field.coils else 0.0,
-        )
+        off = _distance(scene, result, other, MIRROR)
+        table = TABLE if scene.field.magnet or scene.field.coils else 0.0
         if off > (bound := 1e-6 + table):  # rounding grows as a motion goes on
             grown = max(
                 (
@@ -365,7 +376,8 @@ def _moved(scene: Scene, result: Result, folder: Path, found: Checked) -> None:
             )
             where = found.wrong if off > max(bound, 5.0 * grown) else found.branches
             where.append(
-                f"mirror image: {off:.3g} L apart, bound {bound:.3g}; changes of {NOISE:g} of the moduli grow to {grown:.3g} L"
+                f"mirror image: {off:.3g} L apart, bound {bound:.3g}; changes of {NOISE:g} of the"
+                f" moduli grow to {grown:.3g} L"
             )
     options = scene.to_si()["solver"]["dynamic"]
     bound = HALF_STEP * largest + 1e-5
@@ -383,7 +395,10 @@ def _moved(scene: Scene, result: Result, folder: Path, found: Checked) -> None:
             coarse = (
                 0.0 if finer is None else _distance(scene, result, finer)
             )  # a step that moves it less is as good as its grid
-            text = f"half the step: {off:.3g} L apart, bound {bound:.3g}; largest displacement {largest:.3g} L; grid: {coarse:.3g} L"
+            text = (
+                f"half the step: {off:.3g} L apart, bound {bound:.3g}; largest displacement"
+                f" {largest:.3g} L; grid: {coarse:.3g} L"
+            )
             (found.branches if off < coarse else found.wrong).append(text)
 
 

@@ -127,9 +127,11 @@ def _materials(rng: np.random.Generator, severity: float, moving: bool) -> Conte
             "shear_modulus": f"{1e-3 * shear * contrast:.9g} kPa",
             "bulk_to_shear": float(f"{10 ** rng.uniform(0.0, most):.6g}"),
             "density": f"{rng.uniform(900, 4000):.6g} kg/m^3",
-            "remanence": f"{1e3 * 10 ** rng.uniform(-1.7, -0.4):.6g} mT"
-            if k == 0 or rng.random() < 0.5
-            else "0 mT",
+            "remanence": (
+                f"{1e3 * 10 ** rng.uniform(-1.7, -0.4):.6g} mT"
+                if k == 0 or rng.random() < 0.5
+                else "0 mT"
+            ),
         }
     return found
 
@@ -181,10 +183,8 @@ def _body(
     clamp = "none" if moving and "feed" not in effects and rng.random() < 0.15 else "base"
     segments = _segments(rng, length, across, materials)
     if shape == "strip":
-        plane, width = (
-            bool(rng.random() < 0.3),
-            across * 10 ** rng.uniform(-0.2, 0.9 if slender < 20 else 0.5),
-        )
+        plane = bool(rng.random() < 0.3)
+        width = across * 10 ** rng.uniform(-0.2, 0.9 if slender < 20 else 0.5)
         clamp = "both" if clamp == "base" and rng.random() < 0.15 else clamp
         body |= {"width": mm(width), "thickness": mm(across), "clamp": clamp, "plane_strain": plane}
         turns = (

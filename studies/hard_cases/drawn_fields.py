@@ -11,7 +11,9 @@ import numpy as np
 from magmpm.fields.dipole import MU0
 
 Content = dict[str, Any]
-STATIC, QUASI_STATIC, DYNAMIC = "static", "quasi_static", "dynamic"
+STATIC = "static"
+QUASI_STATIC = "quasi_static"
+DYNAMIC = "dynamic"
 MAGNET = 1.3  # T, remanence
 
 
@@ -57,7 +59,8 @@ def _source(
     rng: np.random.Generator, source: str, sizes: Any, flux: float, way: np.ndarray
 ) -> Content:
     """A dipole, magnet or coil whose field at the body's center is about `flux`, outside of the undeformed body."""
-    center, half = sizes.box.mean(axis=0), float(np.linalg.norm(sizes.box[1] - sizes.box[0])) / 2
+    center = sizes.box.mean(axis=0)
+    half = float(np.linalg.norm(sizes.box[1] - sizes.box[0])) / 2
     toward = unit(rng)
     r = half * float(10 ** rng.uniform(0.3, 0.8)) + 2 * sizes.across
     place = center + r * toward
@@ -83,7 +86,8 @@ def _source(
     r = max(
         r, 5.0 * half
     )  # a wire next to the box that the body may reach: a table of its field, as exact as it must be, has no room
-    place, radius = center + r * toward, 0.4 * (r - 2.5 * half)
+    place = center + r * toward
+    radius = 0.4 * (r - 2.5 * half)
     turns = 100
     current = min(flux * 2 * (radius**2 + r**2) ** 1.5 / (MU0 * radius**2) / turns, 1e5)
     coil = {
@@ -220,12 +224,11 @@ def widen(rng: np.random.Generator, content: Content, sizes: Any, kind: str, end
 def _equilibria(
     rng: np.random.Generator, content: Content, sizes: Any, kind: str, end: float
 ) -> None:
-    effects, solver, straight = (
-        content["effects"],
-        content["solver"],
-        "parts" not in content["body"],
-    )
-    catheter, varies = content["body"].get("catheter"), "magnetic_force" in effects
+    effects = content["effects"]
+    solver = content["solver"]
+    straight = "parts" not in content["body"]
+    catheter = content["body"].get("catheter")
+    varies = "magnetic_force" in effects
     if kind == STATIC and rng.random() < 0.1:
         solver[STATIC]["tolerance"] = float(f"{10 ** rng.uniform(-13, -11):.3g}")
     if kind == STATIC and not varies and rng.random() < 0.06:  # weight alone
@@ -250,7 +253,8 @@ def _equilibria(
 
 
 def _motion(rng: np.random.Generator, content: Content, sizes: Any, end: float) -> None:
-    effects, moving = content["effects"], content["solver"][DYNAMIC]
+    effects = content["effects"]
+    moving = content["solver"][DYNAMIC]
     if rng.random() < 0.15:
         moving["safety"] = float(f"{rng.uniform(0.3, 0.8):.3g}")
     if "feed" not in effects and rng.random() < 0.15:
@@ -278,11 +282,10 @@ def _feed(
 
 def _bent(rng: np.random.Generator, sizes: Any, radius: float) -> list[list[str]]:
     """A tube's path: straight around the body, then turned by up to 40 degrees, in one or two bends."""
-    length, around = sizes.length, rng.uniform(0, 2 * math.pi)
-    points, way = (
-        [np.array([-0.5 * length, 0.0, 0.0]), np.array([1.2 * length + radius, 0.0, 0.0])],
-        0.0,
-    )
+    length = sizes.length
+    around = rng.uniform(0, 2 * math.pi)
+    points = [np.array([-0.5 * length, 0.0, 0.0]), np.array([1.2 * length + radius, 0.0, 0.0])]
+    way = 0.0
     for _ in range(int(rng.integers(1, 3))):
         way += math.radians(float(rng.uniform(5, 20)))
         ahead = np.array(

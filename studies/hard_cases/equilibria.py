@@ -45,13 +45,18 @@ SPATIAL = (
     (-0.2, -0.8, 0.6),
 )  # magnetizations that bend and twist
 AGAINST = 1.3 * EULER  # load of the part of the field along the strip that snaps
-STRIP, THICK = 20e-3, 1e-3  # m, its length and thickness
-FAR, PAST = (
-    80e-3,
-    10e-3,
-)  # m: next to the tip, where the magnet comes from and goes to; where it has just passed
+# m, its length and thickness
+STRIP = 20e-3
+THICK = 1e-3
+# m: next to the tip, where the magnet comes from and goes to; where it has just passed
+FAR = 80e-3
+PAST = 10e-3
 D = 10e-3  # m: diameter of the magnet that passes, and its distance from the tip
-BASE, ARM, WIDE, HIGH = 4.0, 20.0, 4.0, 2.0  # mm, of the robot made of parts
+# mm, of the robot made of parts
+BASE = 4.0
+ARM = 20.0
+WIDE = 4.0
+HIGH = 2.0
 PRECISION = np.float64  # in which particles are kept whose order is changed
 
 
@@ -142,7 +147,8 @@ def _flux(load: float) -> float:
 
 def _snapping() -> Scene:
     """A strip in plane strain in a field against it, whose small transverse part goes over to the other side and comes back."""
-    against, across = _flux(AGAINST), _flux(0.35 * EULER)
+    against = _flux(AGAINST)
+    across = _flux(0.35 * EULER)
     frames = [
         {"time": float(t), "uniform": [-against, 0.0, across * s]}
         for t, s in ((0, 1), (1, -1), (2, 1))
@@ -190,7 +196,8 @@ def _snapped(scene: Scene) -> float:
     result = run(scene)
     if len(result.jumps) != 2 or {jump["kind"] for jump in result.jumps} != {"limit point"}:
         return np.inf
-    exact, most = abs(_snap_load(AGAINST)), 0.35 * EULER
+    exact = abs(_snap_load(AGAINST))
+    most = 0.35 * EULER
     there, back = (jump["time"] for jump in result.jumps)
     found = [most * (1 - 2 * there), most * (2 * (back - 1) - 1)]
     if not (found[0] < 0 < found[1]):
@@ -200,10 +207,8 @@ def _snapped(scene: Scene) -> float:
 
 def _two_ways(scene: Scene) -> float:
     """Distance of tips over L, of the solve from the rod's shape and of a load that grows in 20 steps."""
-    one, two = (
-        run(scene),
-        run(changed(scene, solver={"static": {"field_steps": 20, "max_steps": 200}})),
-    )
+    one = run(scene)
+    two = run(changed(scene, solver={"static": {"field_steps": 20, "max_steps": 200}}))
     return (
         float(np.linalg.norm(tip_of(one) - tip_of(two))) / scene.length
         if min(one.min_det_F, two.min_det_F) > 0
@@ -317,7 +322,8 @@ def _ringing(scene: Scene) -> float:
     """Pressure that alternates from cell to cell along the outermost row of cells, over G, as root mean square away from the clamp."""
     result = run(scene)
     model = build(scene)
-    cell, volume = model.particles.cell, model.particles.volume
+    cell = model.particles.cell
+    volume = model.particles.volume
     row = (cell[:, 1:] == cell[:, 1:].max(axis=0) // 2).all(axis=1)
     row &= cell[:, 0] > cell[:, 0].max() // 4
     along = cell[row, 0]
@@ -336,7 +342,8 @@ def _permuted(scene: Scene) -> float:
     made = scene.body.shape.discretize(
         scene.resolution.cells_across, scene.resolution.particles_per_cell
     )
-    p, noise = made.particles, np.random.default_rng(1)
+    p = made.particles
+    noise = np.random.default_rng(1)
     first = p.cell_first
     order = np.concatenate([a + noise.permutation(b - a) for a, b in itertools.pairwise(first)])
     position = p.position[order].astype(PRECISION).astype(np.float64)
@@ -378,7 +385,8 @@ CASES = (
         "distance of tips from the rod's, over L",
         _incompressible,
         0.025,
-        "Cosserat rod; it and a solid of L/D = 10 differ by 0.05 D/L of the deflection (tests/validation/test_rod_statics.py)",
+        "Cosserat rod; it and a solid of L/D = 10 differ by 0.05 D/L of the deflection"
+        " (tests/validation/test_rod_statics.py)",
     ),
     Case(
         "no load, begun from a loaded neighbor",
@@ -387,7 +395,8 @@ CASES = (
         "displacement left, over L",
         _from_a_loaded_neighbor,
         1e-8,
-        "elastic: no load, no displacement; statics has no path, motion does (`loaded and unloaded`)",
+        "elastic: no load, no displacement; statics has no path, motion does (`loaded and"
+        " unloaded`)",
     ),
     Case(
         "snap-through, both branches",
@@ -396,7 +405,8 @@ CASES = (
         "error of the two loads at which it snaps, relative",
         _snapped,
         0.05,
-        "limit points of theta'' + a sin(theta) + b cos(theta) = 0 by shooting; 3 cells across, load known within 1/1000 of its way",
+        "limit points of theta'' + a sin(theta) + b cos(theta) = 0 by shooting; 3 cells across,"
+        " load known within 1/1000 of its way",
         slow=True,
     ),
     Case(
@@ -415,7 +425,8 @@ CASES = (
         "distance of tips of two ways to solve it, over L",
         _two_ways,
         1e-4,
-        "one equilibrium: tolerance 1e-11 of the energy, so sqrt(1e-11) of the displacement, thirty times that",
+        "one equilibrium: tolerance 1e-11 of the energy, so sqrt(1e-11) of the displacement, thirty"
+        " times that",
     ),
     Case(
         "ramp past a bifurcation",
@@ -424,7 +435,8 @@ CASES = (
         "distance of the ramped tips from that of statics, over L",
         _past_a_bifurcation,
         1e-3,
-        "one buckled shape, turned about the axis as it may: 1e-4 L along a neutral direction, ten times that",
+        "one buckled shape, turned about the axis as it may: 1e-4 L along a neutral direction, ten"
+        " times that",
         slow=True,
     ),
     Case(
@@ -444,7 +456,8 @@ CASES = (
         "middle of a thin part from that of a strip, over L; parts of one cell are refused",
         _against_strip,
         0.002,
-        "the same body as a strip on the same cells; a tenth of the error of two cells across, 1 to 2 % of L",
+        "the same body as a strip on the same cells; a tenth of the error of two cells across, 1 to"
+        " 2 % of L",
     ),
     Case(
         "stiff inclusion",
@@ -467,7 +480,8 @@ CASES = (
         "tip from the rod's, over L",
         from_rod,
         0.003,
-        "Cosserat rod; at two cells across F-bar bends 0.6 % too easily, 0.2 % of L here (tests/stability)",
+        "Cosserat rod; at two cells across F-bar bends 0.6 % too easily, 0.2 % of L here"
+        " (tests/stability)",
     ),
     *(
         Case(
@@ -477,18 +491,21 @@ CASES = (
             "tip from the rod's, over L",
             from_rod,
             0.002,
-            "Cosserat rod, bent far less than for kinking (Brazier); tubes at K/G 20 are within 0.2 % of L (tests/stability)",
+            "Cosserat rod, bent far less than for kinking (Brazier); tubes at K/G 20 are within 0.2"
+            " % of L (tests/stability)",
         )
         for ratio in (100.0, 500.0)
     ),
     Case(
         "thin tube bent until it kinks",
         lambda: _tube(20.0, 0.1e-3, 7e-3),
-        "gives the shape of a tube that stays round: at two cells across, or as a rod, nothing flattens",
+        "gives the shape of a tube that stays round: at two cells across, or as a rod, nothing"
+        " flattens",
         "1 where the result does not tell that the tube kinks",
         lambda scene: float("kinks" not in "".join(run(scene).warnings)),
         0.5,
-        "bent to half of Brazier's radius; finer grids soften (1.6 % of L at 6 cells near the limit), and find no equilibrium there",
+        "bent to half of Brazier's radius; finer grids soften (1.6 % of L at 6 cells near the"
+        " limit), and find no equilibrium there",
     ),
     Case(
         "stress without ringing",
@@ -497,7 +514,8 @@ CASES = (
         "alternating pressure along the body, over G",
         _ringing,
         5e-5,
-        "pressure of a bent rod is smooth along it, and 0.1 G at most: a two-thousandth of that; a grid that locks has 9e-5",
+        "pressure of a bent rod is smooth along it, and 0.1 G at most: a two-thousandth of that; a"
+        " grid that locks has 9e-5",
     ),
     Case(
         "permuted particles",

@@ -21,9 +21,15 @@ from magmpm.scene import Scene
 
 Affine = Callable[[Array], Array]
 FACTOR = 1.0  # of the chosen step and of the stable one: controls raise it
-G, RATIO, DENSITY, REMANENCE = 120e3, 20.0, 1882.0, 0.1  # Pa, K/G, kg/m^3, T
+# Pa, K/G, kg/m^3, T
+G = 120e3
+RATIO = 20.0
+DENSITY = 1882.0
+REMANENCE = 0.1
 SILICONE = {"shear_modulus": G, "bulk_to_shear": RATIO, "density": DENSITY, "remanence": REMANENCE}
-LENGTH, DIAMETER = 40e-3, 4e-3  # m
+# m
+LENGTH = 40e-3
+DIAMETER = 4e-3
 X = (1.0, 0.0, 0.0)
 EULER = np.pi**2 / 4  # critical load of theta'' + load sin(theta) = 0, theta(0) = theta'(1) = 0
 FIRST = 1.8751040687  # first root of cos(z) cosh(z) = -1: bending of a cantilever
@@ -62,7 +68,8 @@ def advance(motion: TotalMotion, steps: int, dt: float, start: float = 0.0) -> N
 
 def energy(motion: TotalMotion, time: float = 0.0) -> float:
     """Kinetic, elastic and the effects' potential energies together, J, of one moment. Raises SolveError where they are not finite."""
-    now, model = motion.kinematics(), motion.model
+    now = motion.kinematics()
+    model = motion.model
     elastic = energies.elastic_energy(model, now.F)
     found = (
         now.kinetic + elastic + sum(energies.effect_energies(model, now.x, now.F, time).values())

@@ -35,7 +35,10 @@ TURN = 5.0  # 1/s: centrifugal strains are 1e-6
 LENGTH = 8e-3  # m, of free bodies
 GAINED = 0.02  # of the energy, that may appear
 FAST = 2.0  # m/s: a twentieth of the speed of sound
-SIDE, CELL, GAP = 2.0, 0.5, 0.02  # mm, of blocks
+# mm, of blocks
+SIDE = 2.0
+CELL = 0.5
+GAP = 0.02
 
 
 def _offsets(count: int) -> Case:
@@ -81,7 +84,8 @@ def _turn(scene: Scene) -> float:
     motion, dt, _ = at_rest(scene)
     middle = motion.model.particles.position.mean(axis=0)
     throw(motion, lambda x: np.cross([0.0, TURN, 0.0], x - middle))
-    steps, worst = round(2 * math.pi / TURN / dt), 0.0
+    steps = round(2 * math.pi / TURN / dt)
+    worst = 0.0
     for part in np.diff(np.linspace(0, steps, 37).round().astype(int)):
         advance(motion, int(part), dt)
         _, _, F = motion.particles()
@@ -97,7 +101,9 @@ def _squeezed(scene: Scene) -> float:
     moved = begin(build(scene))
     motion = moved.motion
     stretch(motion, 0.2 ** (1 / 3))
-    begun, found, largest = energy(motion), 0.0, 0.0
+    begun = energy(motion)
+    found = 0.0
+    largest = 0.0
     passes = LENGTH / float(speed_of_sound(motion.model).max())
     for time in np.linspace(0.0, 10.0 * passes, 101)[1:]:
         interval(moved, time)
@@ -115,7 +121,8 @@ def _opened(scene: Scene) -> float:
     model = build(scene)
     widest: list[float] = []
     X = model.particles.position
-    first, last = X[:, 0] < 0.5e-3, X[:, 0] > X[:, 0].max() - 0.5e-3
+    first = X[:, 0] < 0.5e-3
+    last = X[:, 0] > X[:, 0].max() - 0.5e-3
     moved = begin(model)
 
     def look(*_: object) -> None:
@@ -125,7 +132,8 @@ def _opened(scene: Scene) -> float:
     integrate(moved, on_progress=look)
     if min(widest) > 0.3 * scene.length:
         return math.inf
-    rest, x = X - X.mean(axis=0), moved.x - moved.x.mean(axis=0)
+    rest = X - X.mean(axis=0)
+    x = moved.x - moved.x.mean(axis=0)
     return (
         float(np.linalg.norm(x - Rotation.align_vectors(x, rest)[0].apply(rest), axis=1).max())
         / scene.length
@@ -213,14 +221,16 @@ def _over(low: Mesh, high: Mesh) -> Scene:
 def _hit(scene: Scene) -> float:
     """Energy lost or gained, over that at first, as the last body falls on the other or the ground; infinite if they do not part."""
     moved = begin(build(scene))
-    motion, model = moved.motion, moved.motion.model
+    motion = moved.motion
+    model = moved.motion.model
     last = int(model.component.max())
     falls = np.arange(len(motion.packed.node_place)) >= last * int(np.prod(model.grid.nodes))
     throw(motion, lambda x: np.where(falls[:, None], [0.0, 0.0, -FAST], 0.0))
     begun = energy(motion)
     interval(moved, 2e-3)  # until the bodies have parted
     x, v, _ = motion.particles()
-    mass, high = model.density * model.particles.volume, model.component == last
+    mass = model.density * model.particles.volume
+    high = model.component == last
     up, distance = (
         np.subtract(*(mass[on] @ z[on, 2] / (mass[on].sum() or 1.0) for on in (high, ~high)))
         for z in (v, x)
@@ -245,10 +255,8 @@ def _stacked(scene: Scene) -> float:
 
 def _stack() -> Scene:
     """Five blocks on the ground, every other one a hundred times as stiff."""
-    blocks, moduli = (
-        [_block((SIDE, SIDE, SIDE / 2), rise=k * (SIDE / 2 + GAP)) for k in range(5)],
-        [G, 100 * G, G, 100 * G, G],
-    )
+    blocks = [_block((SIDE, SIDE, SIDE / 2), rise=k * (SIDE / 2 + GAP)) for k in range(5)]
+    moduli = [G, 100 * G, G, 100 * G, G]
     return _bodies(
         blocks,
         moduli,
@@ -292,7 +300,8 @@ CASES = (
         "largest strain F^T F - 1 on the way",
         _turn,
         1e-5,
-        f"rigid motion: no strain but the centrifugal one, rho (w L)^2/(8 E) = {DENSITY * (TURN * LENGTH) ** 2 / 8 / (3 * G):.0e}",
+        "rigid motion: no strain but the centrifugal one, rho (w L)^2/(8 E) ="
+        f" {DENSITY * (TURN * LENGTH) ** 2 / 8 / (3 * G):.0e}",
     ),
     *(
         Case(

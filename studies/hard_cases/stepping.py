@@ -51,10 +51,9 @@ FREQUENCY = (
     / SHORT**2
     / (2 * math.pi)
 )  # Hz, of bending
-LOADED, SETTLED = (
-    0.05,
-    0.25,
-)  # s: of a rod whose first bending takes 0.03 s, and is damped critically
+# s: of a rod whose first bending takes 0.03 s, and is damped critically
+LOADED = 0.05
+SETTLED = 0.25
 SHORTER = 16e-3  # m
 STUB = 8e-3  # m, of long and broken runs
 FRAMES = 6
@@ -65,7 +64,10 @@ def energy_kept(
     motion: TotalMotion, dt: float, steps: int, looks: int, start: float = 0.0
 ) -> float:
     """Largest change of the energy since the first check, at `start` (s), over the largest kinetic energy."""
-    begun, change, most, part = energy(motion, start), 0.0, 0.0, steps // looks
+    begun = energy(motion, start)
+    change = 0.0
+    most = 0.0
+    part = steps // looks
     for k in range(looks):
         advance(motion, part, dt, start + k * part * dt)
         change = max(change, abs(energy(motion, start + (k + 1) * part * dt) - begun))
@@ -97,7 +99,9 @@ def stays(part: float, steps: int, looks: int) -> Callable[[Scene], float]:
         """Change of the energy, over the energy at first; at least that of the spin."""
         motion, bound = _shaken(scene)
         advance(motion, 64, part * bound)
-        begun, turning, most = energy(motion), spin(motion), 0.0
+        begun = energy(motion)
+        turning = spin(motion)
+        most = 0.0
         for _ in range(looks):
             advance(motion, steps // looks, part * bound)
             most = max(most, abs(energy(motion) / begun - 1))
@@ -131,7 +135,8 @@ def _settled(scene: Scene, least: float = 0.0) -> float:
     effects = {**scene.to_si()["effects"], "damping": None, "viscosity": None}
     still = run(changed(scene, solver={"static": {}}, effects=effects))
     model = build(scene)
-    moved, share = move(model), last_cells(model)
+    moved = move(model)
+    share = last_cells(model)
     if np.linalg.norm(share @ (moved.x - model.particles.position)) < least * scene.length:
         return math.inf
     return float(np.linalg.norm(share @ (moved.x - still.particle_position))) / scene.length
@@ -148,7 +153,8 @@ def _rotating() -> Scene:
 def _resonance(scene: Scene) -> float:
     """Largest gap between a body's energy and the work the field has done on it, -integral of m . dB, over its largest kinetic energy."""
     motion, dt, _ = at_rest(scene)
-    model, turning = motion.model, scene.outside_field()
+    model = motion.model
+    turning = scene.outside_field()
     place = np.zeros((1, 3))
 
     def moment() -> np.ndarray:
@@ -158,15 +164,22 @@ def _resonance(scene: Scene) -> float:
         )
         return found
 
-    begun, m, B = energy(motion, 0.0), moment(), turning.at(place, 0.0)[0]
-    work, worst, most, highest = 0.0, 0.0, 0.0, 0.0
+    begun = energy(motion, 0.0)
+    m = moment()
+    B = turning.at(place, 0.0)[0]
+    work = 0.0
+    worst = 0.0
+    most = 0.0
+    highest = 0.0
     height = last_cells(model)
     for k in range(int(4 / FREQUENCY / dt / 4)):
         advance(motion, 4, dt, 4 * k * dt)
         time = 4 * (k + 1) * dt
-        after, now = moment(), turning.at(place, time)[0]
+        after = moment()
+        now = turning.at(place, time)[0]
         work -= 0.5 * float((m + after) @ (now - B))
-        m, B = after, now
+        m = after
+        B = now
         worst = max(worst, abs(energy(motion, time) - begun - work))
         most = max(most, motion.kinetic_energy())
         highest = max(highest, abs(float(height @ motion.particles()[0][:, 2])))
@@ -193,7 +206,8 @@ def _cycle() -> Scene:
 def _left_over(scene: Scene) -> float:
     """Largest remaining displacement, over L, when the unloaded body has come to rest; infinite if it was not bent far before."""
     model = build(scene)
-    moved, rest = begin(model), model.particles.position
+    moved = begin(model)
+    rest = model.particles.position
     bent = np.abs(interval(moved, LOADED).x - rest).max()
     left = float(np.abs(interval(moved, SETTLED).x - rest).max())
     return left / SHORTER if bent > 0.7 * SHORTER else math.inf
@@ -259,7 +273,8 @@ def _pieces(scene: Scene, folder: Path, broken: bool = False) -> Any:
 def _restarted(scene: Scene) -> float:
     """Largest difference of positions, over L, of a motion that is begun again at every checkpoint, from one that is not interrupted."""
     with tempfile.TemporaryDirectory() as folder:
-        whole, parts = run(scene), _pieces(scene, Path(folder))
+        whole = run(scene)
+        parts = _pieces(scene, Path(folder))
     return float(np.abs(whole.particle_position - parts.particle_position).max()) / scene.length
 
 
@@ -271,7 +286,8 @@ def _frames_lost(scene: Scene) -> float:
             _pieces(scene, Path(other), broken=True)
         except InputError:  # the run can't go on
             return np.inf
-        whole, parts = _table(Path(one)), _table(Path(other))
+        whole = _table(Path(one))
+        parts = _table(Path(other))
     return float(
         abs(len(whole) - len(parts)) + sum(a != b for a, b in zip(whole, parts, strict=False))
     )
@@ -318,7 +334,8 @@ CASES = (
         "steps until it is stopped, with its reason and last good state",
         _detected(1.2),
         40.0,
-        "the fastest mode grows 3.5-fold a step, by x + sqrt(x^2 - 1), x = 2 1.2^2 - 1: from rounding to 1 in 30",
+        "the fastest mode grows 3.5-fold a step, by x + sqrt(x^2 - 1), x = 2 1.2^2 - 1: from"
+        " rounding to 1 in 30",
     ),
     Case(
         "K/G = 500 in motion",
@@ -371,7 +388,8 @@ CASES = (
     Case(
         "a magnet brought close",
         _approaching,
-        "is pulled off by a gradient that its torque knows nothing of, or loses balance as the field grows tenfold",
+        "is pulled off by a gradient that its torque knows nothing of, or loses balance as the"
+        " field grows tenfold",
         "settled tip from statics, over L",
         lambda scene: _settled(scene, 0.05),
         0.005,

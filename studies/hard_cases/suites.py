@@ -45,19 +45,20 @@ from magmpm.studies.hard_cases.case import Outcome as CaseOutcome
 from magmpm.studies.hard_cases.checks import checked
 from magmpm.studies.hard_cases.drawn import drawn
 
-CONVERGED, STOPPED, WRONG, REFUSED, TRACEBACK, HUNG = (
-    "converged",
-    "stopped",
-    "wrong",
-    "refused",
-    "traceback",
-    "hung",
-)
+CONVERGED = "converged"
+STOPPED = "stopped"
+WRONG = "wrong"
+REFUSED = "refused"
+TRACEBACK = "traceback"
+HUNG = "hung"
 OWN_SHARE = 0.8  # of the limit, after which the solver is to end by itself
 CASES: tuple[Case, ...] = (*equilibria.CASES, *stepping.CASES, *shapes.CASES, *stepping.LONG)
 Outcome = dict[str, Any]  # of a random scene
 Tell = Callable[[Outcome], None]
-OUTCOMES, SCENES, STATES, ORDER = "outcomes.jsonl", "scenes", "states", "order.json"
+OUTCOMES = "outcomes.jsonl"
+SCENES = "scenes"
+STATES = "states"
+ORDER = "order.json"
 Job = tuple[int, Path, Path]  # number, scene file, folder for what is saved
 BROKEN = (WRONG, REFUSED, TRACEBACK, HUNG)
 ENDS = (CONVERGED, STOPPED, *BROKEN)
@@ -184,11 +185,9 @@ def _out_of_reach(scene: Scene, error: InputError, limit: float) -> Outcome:
         "saved": False,
         "remedies": [remedy],
     }
-    data, share, seconds = (
-        scene.to_si(),
-        re.search(r"ask for ([\d.e+-]+) %", reason),
-        re.search(r"allow ([\d.e+-]+) s", reason),
-    )
+    data = scene.to_si()
+    share = re.search(r"ask for ([\d.e+-]+) %", reason)
+    seconds = re.search(r"allow ([\d.e+-]+) s", reason)
     if share:
         data["resolution"]["error"] = float(share[1]) / 100
     elif seconds:
@@ -339,16 +338,19 @@ def random_table(summary: dict[str, Any]) -> str:
         + ", ".join(f"{summary[end]} {end}" for end in ENDS)
         + f"; {summary['seconds']:.0f} s"
     ]
-    saved, answered = summary["state_saved"], summary["answered"]
+    saved = summary["state_saved"]
+    answered = summary["answered"]
     lines.append(
-        f"of {summary['stopped']} stopped, {saved} with a state saved, {answered} answered by a remedy"
+        f"of {summary['stopped']} stopped, {saved} with a state saved, {answered} answered by a"
+        " remedy"
     )
     lines.append(
         "checks: " + ", ".join(f"{count} {name}" for name, count in summary["checks"].items())
     )
     for one in summary["not_converged"]:
         lines.append(
-            f"  {one['number']:>5} {one['ended']:<10} {one['reason'].splitlines()[0][:160]}  {one['file']}"
+            f"  {one['number']:>5} {one['ended']:<10} {one['reason'].splitlines()[0][:160]} "
+            f" {one['file']}"
         )
     return "\n".join(lines)
 
@@ -358,10 +360,8 @@ def _known(folder: Path, seed: int) -> dict[int, Outcome]:
     first = json.dumps(
         [drawn(seed, number) for number in range(20)], sort_keys=True
     )  # which tell whether they are drawn as before
-    order, now = (
-        folder / ORDER,
-        {"seed": seed, "first_scenes": hashlib.sha256(first.encode()).hexdigest()},
-    )
+    order = folder / ORDER
+    now = {"seed": seed, "first_scenes": hashlib.sha256(first.encode()).hexdigest()}
     held = json.loads(order.read_text(encoding="utf-8")) if order.exists() else now
     if held != now:
         what = (

@@ -21,10 +21,9 @@ MIRROR = np.diag(
 )  # y to -y: the side to which a body buckles if nothing else decides, +z, stays
 QUARTER = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # y to z, z to -y
 VECTORS = ("position", "axis", "acceleration", "point", "normal", "center", "move")
-AXIAL, TURNING = (
-    ("magnetization", "uniform", "moment"),
-    ("coils", "rotation"),
-)  # the axes of these are axial, too
+# the axes of these are axial, too
+AXIAL = ("magnetization", "uniform", "moment")
+TURNING = ("coils", "rotation")
 
 
 def can_turn(scene: Scene) -> bool:

@@ -6,4 +6,6 @@ Light: who only asks whether a folder holds a study does not import Optuna.
 REPORT = "study.json"
 DATABASE = "study.db"
 OWNER = "study-name.txt"
-BRINK = 0.1  # stability below which a design is on the brink: it is reported, and another of nearly the same rms takes its place
+# stability below which a design is on the brink: it is reported, and another of nearly the same rms
+# takes its place
+BRINK = 0.1

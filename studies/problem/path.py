@@ -47,12 +47,11 @@ class Path:
         s = np.linspace(0.0, self.length, FINE + 1)
         tangent = self._spline(s, 1)
         tangent /= np.linalg.norm(tangent, axis=1)[:, None]
-        axes, cosines = (
-            np.cross(tangent[:-1], tangent[1:]),
-            np.sum(tangent[:-1] * tangent[1:], axis=1),
-        )
+        axes = np.cross(tangent[:-1], tangent[1:])
+        cosines = np.sum(tangent[:-1] * tangent[1:], axis=1)
         quaternions = np.empty((FINE + 1, 4))
-        begin, axis = 1.0 + tangent[0, 0], np.cross([1.0, 0.0, 0.0], tangent[0])
+        begin = 1.0 + tangent[0, 0]
+        axis = np.cross([1.0, 0.0, 0.0], tangent[0])
         quaternions[0] = np.array([begin, *axis]) / np.linalg.norm([begin, *axis])
         for k in range(FINE):
             a, u, (b, *v) = 1.0 + cosines[k], axes[k], quaternions[k]
@@ -69,7 +68,8 @@ class Path:
         )  # 0.2 s to import, and only insertions have paths
 
         s = self._fine[0]
-        frame, points = np.eye(3), [np.zeros(3)]
+        frame = np.eye(3)
+        points = [np.zeros(3)]
         for half in Rotation.from_rotvec(share * self._turns / 2).as_matrix():
             middle = frame @ half
             points.append(points[-1] + s[1] * middle[:, 0])
@@ -88,7 +88,8 @@ class Path:
     def smallest_radius(self) -> float:
         """m; inf where it is straight."""
         s = np.linspace(0.0, self.length, FINE + 1)
-        first, second = self._spline(s, 1), self._spline(s, 2)
+        first = self._spline(s, 1)
+        second = self._spline(s, 2)
         curvature = (
             np.linalg.norm(np.cross(first, second), axis=1) / np.linalg.norm(first, axis=1) ** 3
         )

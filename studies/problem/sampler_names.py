@@ -27,7 +27,9 @@ OPTUNA = (
 SENSELESS = {  # Optuna's other samplers, and why a study can't use them
     "BruteForceSampler": "tries every value, and angles and lengths are continuous",
     "GridSampler": "needs a grid of values, which a study file has no place for",
-    "PartialFixedSampler": "holds parameters at values; a study does that by what `vary` leaves out",
+    "PartialFixedSampler": (
+        "holds parameters at values; a study does that by what `vary` leaves out"
+    ),
     "BaseGASampler": "is not a sampler, but what genetic ones derive from",
     "BaseSampler": "is not a sampler, but what samplers derive from",
 }
@@ -81,9 +83,11 @@ def _wrong_optuna(requested: str) -> tuple[str, str]:
     rule = f"NAME of {PREFIX}NAME must be {', '.join(OPTUNA[:-1])} or {OPTUNA[-1]}"
     return (
         rule,
-        f'did you mean "{PREFIX}{short[near[0]]}"?'
-        if near
-        else f"write, say, `sampler: {PREFIX}TPESampler`",
+        (
+            f'did you mean "{PREFIX}{short[near[0]]}"?'
+            if near
+            else f"write, say, `sampler: {PREFIX}TPESampler`"
+        ),
     )
 
 

@@ -147,9 +147,11 @@ class Study:
             "minimize": list(self.minimize) if self.minimize != ("rms",) else None,
             "robust": None if self.robust is None else self.robust.model_dump(mode="json"),
             "stability": None if self.margin is None else {"margin": self.margin},
-            "limits": None
-            if self.limits is None
-            else self.limits.model_dump(mode="json", exclude_none=True),
+            "limits": (
+                None
+                if self.limits is None
+                else self.limits.model_dump(mode="json", exclude_none=True)
+            ),
             "start": self.start,
         }
         return {key: value for key, value in given.items() if value is not None}

@@ -36,8 +36,10 @@ class Match(Settings):
     path: str | None = Field(
         default=None,
         min_length=1,
-        description="Of an insertion: path, relative to this file, of a CSV table of the way from the guide's exit on, columns "
-        "s_mm,x_mm,y_mm,z_mm.",
+        description=(
+            "Of an insertion: path, relative to this file, of a CSV table of the way from the"
+            " guide's exit on, columns s_mm,x_mm,y_mm,z_mm."
+        ),
         examples=["../targets/vessel_s.csv"],
     )
 
@@ -46,9 +48,11 @@ class Match(Settings):
         if (self.centreline is None) == (self.path is None):
             raise fault(
                 "must have one of the keys centreline (a shape) and path (the way of an insertion)",
-                "keep one of them"
-                if self.path
-                else "write, say, `centreline: ../targets/s_shape.csv`",
+                (
+                    "keep one of them"
+                    if self.path
+                    else "write, say, `centreline: ../targets/s_shape.csv`"
+                ),
             )
         return self
 
@@ -100,7 +104,10 @@ class Insertion(Settings):
         BeforeValidator(_depths),
     ] = Field(
         default=12,
-        description="How many depths, equally spaced up to the whole path; or a list of inserted lengths, increasing. 12 unless given.",
+        description=(
+            "How many depths, equally spaced up to the whole path; or a list of inserted lengths,"
+            " increasing. 12 unless given."
+        ),
         examples=[12],
     )
 
@@ -132,7 +139,9 @@ class Robust(Settings):
 
     direction: Annotated[float, Quantity("angle", at_least="0 deg", at_most="45 deg")] = Field(
         default=0.0,
-        description="Of each segment's direction, along each of two axes across it; 0 deg unless given.",
+        description=(
+            "Of each segment's direction, along each of two axes across it; 0 deg unless given."
+        ),
         examples=["5 deg"],
     )
     remanence: _Percentage = Field(
@@ -164,7 +173,10 @@ class Stability(Settings):
         ge=0.0,
         lt=1.0,
         allow_inf_nan=False,
-        description="Least smallest eigenvalue of the tangent, of that of the unloaded body: 1 at rest, 0 at a critical load.",
+        description=(
+            "Least smallest eigenvalue of the tangent, of that of the unloaded body: 1 at rest, 0"
+            " at a critical load."
+        ),
         examples=[0.1],
     )
 
@@ -176,7 +188,10 @@ class Limits(Settings):
         default=None,
         min_length=1,
         max_length=100,
-        description="The directions in which segments can be magnetized, each [x, y, z] or {azimuth: ..., elevation: ...}.",
+        description=(
+            "The directions in which segments can be magnetized, each [x, y, z] or {azimuth: ...,"
+            " elevation: ...}."
+        ),
         examples=[[[1, 0, 0], [0, 0, 1]]],
     )
     at_most: int | None = Field(
@@ -218,7 +233,10 @@ class StudyFile(Settings):
         | Annotated[tuple[MatchAt, ...], Field(min_length=1, max_length=MOST_DEPTHS), Tag("list")],
         Discriminator(lambda value: "list" if isinstance(value, (list, tuple)) else "one"),
     ] = Field(
-        description="The target shape; of an insertion its path; of a schedule a list of {time, centreline}.",
+        description=(
+            "The target shape; of an insertion its path; of a schedule a list of {time,"
+            " centreline}."
+        ),
         examples=["{centreline: ../targets/s_shape.csv}"],
     )
     insertion: Insertion | None = Field(
@@ -235,12 +253,17 @@ class StudyFile(Settings):
         default=("rms",),
         min_length=1,
         max_length=2,
-        description="rms, unless given; or rms and a second objective, largest_field or magnetized_volume.",
+        description=(
+            "rms, unless given; or rms and a second objective, largest_field or magnetized_volume."
+        ),
         examples=["[rms, largest_field]"],
     )
     robust: Robust | None = Field(
         default=None,
-        description="Judge each design by the mean of its rms plus two standard deviations, for these errors of manufacture.",
+        description=(
+            "Judge each design by the mean of its rms plus two standard deviations, for these"
+            " errors of manufacture."
+        ),
         examples=["{direction: 5 deg, remanence: 5 %, shear_modulus: 5 %}"],
     )
     stability: Stability | None = Field(
@@ -265,7 +288,10 @@ class StudyFile(Settings):
         WithJsonSchema({"type": "string", "enum": list(NAMES)}),
     ] = Field(
         default=None,
-        description="How trials are chosen; unless given, gauss-newton where what varies has derivatives, else tpe.",
+        description=(
+            "How trials are chosen; unless given, gauss-newton where what varies has derivatives,"
+            " else tpe."
+        ),
         examples=["gauss-newton"],
     )
     start: Literal["rod"] | None = Field(
@@ -361,7 +387,10 @@ class StudyFile(Settings):
             key for key in ("length", "diameter", "order") if getattr(self.vary, key) is not None
         ]
         if geometry and self.insertion is not None:
-            rule = f"an insertion pushes one catheter to many depths, and so can't vary its {geometry[0]}"
+            rule = (
+                "an insertion pushes one catheter to many depths, and so can't vary its"
+                f" {geometry[0]}"
+            )
             return rule, f"remove `{geometry[0]}`", ("vary", geometry[0])
         return None
 
@@ -407,7 +436,10 @@ class StudyFile(Settings):
             and self.vary.length is None
             and self.vary.diameter is None
         ):
-            rule = "magnetized_volume is the same in every trial while neither lengths nor the diameter are varied"
+            rule = (
+                "magnetized_volume is the same in every trial while neither lengths nor the"
+                " diameter are varied"
+            )
             return (
                 rule,
                 "add `length: {min: 4 mm, max: 12 mm}` or `diameter: {...}` to `vary`",

@@ -23,7 +23,10 @@ class VaryField(Settings):
     )
     at: Literal["once", "each depth", "each time"] = Field(
         default="once",
-        description="One field (once, unless given), or one at each depth of an `insertion` or each time of a `schedule`.",
+        description=(
+            "One field (once, unless given), or one at each depth of an `insertion` or each time of"
+            " a `schedule`."
+        ),
         examples=["each depth"],
     )
 
@@ -40,8 +43,10 @@ class Range(Settings):
         if least is not None and not least < most:
             kind = KINDS[cls.kind]
             raise fault(
-                f"max must be greater than min: max is {format_si(most, kind)}, min {format_si(least, kind)}",
-                "exchange them, or, to keep one value, write it in the scene and remove it from `vary`",
+                f"max must be greater than min: max is {format_si(most, kind)}, min"
+                f" {format_si(least, kind)}",
+                "exchange them, or, to keep one value, write it in the scene and remove it from"
+                " `vary`",
             )
         return most
 
@@ -58,7 +63,10 @@ class VaryLength(Range):
     )
     total: Literal["keep", "free"] = Field(
         default="keep",
-        description="Whether the body keeps its length (keep, unless given) or is as long as its segments (free).",
+        description=(
+            "Whether the body keeps its length (keep, unless given) or is as long as its segments"
+            " (free)."
+        ),
         examples=["free"],
     )
 
@@ -87,7 +95,10 @@ class VaryRemanence(Range):
     )
     per: Literal["material", "segment"] = Field(
         default="material",
-        description="One value for each magnetic material (unless given) or one for each magnetized segment.",
+        description=(
+            "One value for each magnetic material (unless given) or one for each magnetized"
+            " segment."
+        ),
         examples=["segment"],
     )
 

@@ -31,14 +31,16 @@ def improved(
     found: dict[tuple[float, ...], tuple[float, dict[str, float]]] = {}
     for start in starts:
         x = space.made(space.embedded(start))
-        best, solves = _distance(space, target, x), 1
+        best = _distance(space, target, x)
+        solves = 1
         while solves < MOST_SOLVES:
             tried = _exchanges(space, x)
             values = [_distance(space, target, y) for y in tried]
             solves += len(tried)
             if not values or not min(values) < best:
                 break
-            x, best = tried[int(np.argmin(values))], min(values)
+            x = tried[int(np.argmin(values))]
+            best = min(values)
         found.setdefault(_key(x), (best, space.parameters_at(x)))
     return [parameters for _, parameters in sorted(found.values(), key=lambda pair: pair[0])]
 
@@ -63,7 +65,8 @@ def next_exchange(
 def _exchanges(space: SearchSpace, x: Array) -> list[Array]:
     """All designs (size,) in which one segment of x has another direction of the set; and where directions are counted, those in which
     all segments of one direction have."""
-    limits, places = space.limits, [at for block, at in space.parts if isinstance(block, Direction)]
+    limits = space.limits
+    places = [at for block, at in space.parts if isinstance(block, Direction)]
     assert limits is not None
     assert limits.allowed is not None
     sharing = (

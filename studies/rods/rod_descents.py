@@ -21,12 +21,18 @@ from magmpm.rod.family import RodFamily
 from magmpm.scene import Scene
 from magmpm.studies.search.parameters import across, unit
 
-ELEMENTS = 8  # in each segment: the rod is a thousandth of its length from its limit, less than from the body
+# in each segment: the rod is a thousandth of its length from its limit, less than from the body
+ELEMENTS = 8
 DESIGNS = 6  # that are looked for
-AT_TARGET = 3e-4  # of the length: descents end where DESIGNS of them are nearer, since the body is not that near to the rod
+# of the length: descents end where DESIGNS of them are nearer, since the body is not that near to
+# the rod
+AT_TARGET = 3e-4
 DAMPING = 0.1  # of the first step of a descent
-LOAD_STEPS = 4  # in which the load of the last descents grows, each then less than about two radians of bending
-PULLS = 3  # times that rods relax in a pull: with one, that on the shape before, steps that are better look worse and are refused
+# in which the load of the last descents grows, each then less than about two radians of bending
+LOAD_STEPS = 4
+# times that rods relax in a pull: with one, that on the shape before, steps that are better look
+# worse and are refused
+PULLS = 3
 
 
 @dataclass
@@ -66,15 +72,18 @@ class DescendingRods:
             rod = replace(rod, field=np.zeros_like(rod.field))
         self.gradient: Array | None = None  # (n + 1, 3, 3) T/m
         if scene.field.varies and scene.effects.in_a_field:
-            source, places = scene.outside_field(), _along_target(scene, target, s)
+            source = scene.outside_field()
+            places = _along_target(scene, target, s)
             without = np.zeros(3) if field_max is None else np.array(scene.field.uniform)
             rod = replace(rod, field=source.at(places) - without)
             self.gradient = (
                 source.gradient(places) if scene.effects.magnetic_force is not None else None
             )
         self.family = RodFamily.of(rod, scene.body.shape.segment_lengths(), regions)  # type: ignore[attr-defined]
-        self.field_max, self.count = field_max, len(regions)
-        self.target, self.length = target, scene.length
+        self.field_max = field_max
+        self.count = len(regions)
+        self.target = target
+        self.length = scene.length
         self.load_steps = 1  # in which the load of a rod grows
         self.before = np.clip(
             np.searchsorted(s, target[:, 0], side="right") - 1, 0, len(s) - 2
@@ -242,6 +251,7 @@ def _turned(units: Array, turns: Array) -> Array:
 
 def _on_sphere(u: Array) -> Array:
     """Unit vectors of uniform density for numbers u (..., 3) in 0 to 1, of which the third is free."""
-    x, turn = 2 * u[..., 0] - 1, 2 * np.pi * u[..., 1]
+    x = 2 * u[..., 0] - 1
+    turn = 2 * np.pi * u[..., 1]
     across = np.sqrt(1 - x * x)
     return np.stack([x, across * np.cos(turn), across * np.sin(turn)], axis=-1)

@@ -177,7 +177,8 @@ def rod_starts(
         found = rod_designs(scene, target, space.segments, space.field_max, seed=seed)
     starts = []
     for design in found:
-        x, directions = middle.copy(), iter(design.directions)
+        x = middle.copy()
+        directions = iter(design.directions)
         for block, at in space.parts:
             if isinstance(block, Direction):
                 x[at] = next(directions)
@@ -195,7 +196,8 @@ def improver(space: SearchSpace, target: Array) -> Improve | None:
     blocks = len(space.segments) + 1
     if space.field_max is None or len(space.blocks) != blocks or space.limits is not None:
         return None
-    scene, field_max = space.scene, space.field_max
+    scene = space.scene
+    field_max = space.field_max
     try:
         problem = DescendingRods(scene, target, space.segments, field_max)
     except SolveError:
@@ -225,7 +227,8 @@ def _verified(
     scene: Scene, problem: DescendingRods, regions: Sequence[int], at: RodDescents
 ) -> list[RodDesign]:
     """Those designs that are different from better ones, judged by the rod under loads that grow from zero, best first."""
-    target, field_max = problem.target, problem.field_max
+    target = problem.target
+    field_max = problem.field_max
     fixed = np.array(scene.field.uniform, dtype=float)
     found: list[RodDesign] = []
     for s in range(len(at.cost)):

@@ -63,7 +63,8 @@ class RodPath:
     ) -> RodPath:
         """The way of a scene's catheter through these inserted lengths (m)."""
         rods = RodTrajectory.of(scene, path, lengths, max_field=max_field, exit_weight=exit_weight)
-        before, ways = min(scene.thickness, lengths[0]), []
+        before = min(scene.thickness, lengths[0])
+        ways = []
         for length, depth in zip(lengths, rods.depths, strict=True):
             steps = max(FEWEST, math.ceil(48 * (length - before) / scene.length))
             between = (
@@ -77,7 +78,8 @@ class RodPath:
 
     def stops(self, directions: Array, fields: Array) -> list[list[Stop]]:
         """All rods on the way to each place, by directions (k, 3) and fields (D, 3) T. Raises SolveError where one finds no equilibrium."""
-        last, found = None, []
+        last = None
+        found = []
         for k, way in enumerate(self.ways):
             went = self._go(way, directions, last, fields[k])
             if went is None:
@@ -124,7 +126,9 @@ class RodPath:
         """Fields, rods on the way, and whether a depth had to be fitted anew since its rod left the design's."""
         assert design.state is not None
         last: Stop | None = None
-        ends, strayed, length = [], False, float(self.rods.depths[-1].place[-1])
+        ends = []
+        strayed = False
+        length = float(self.rods.depths[-1].place[-1])
         for k, way in enumerate(self.ways):
             went = self._go(way, design.directions, last, design.fields[k])
             away = (
@@ -167,7 +171,8 @@ class RodPath:
                     RodDesign(directions, now[None], np.inf, state), 20, turning=False
                 )
                 assert fitted.state is not None  # least_squares begins from one
-                now, state = fitted.fields[0], fitted.state
+                now = fitted.fields[0]
+                state = fitted.state
             last = Stop(depth, now, state.shapes[0], state.positions[0], state.squares)
             found.append(last)
         return found
@@ -180,7 +185,8 @@ def directions_of(scene: Scene) -> Array:
 
 def _longer(last: Stop, depth: Depth) -> Array:
     """The quaternions (n + 1, 4) of a stop's rod with what has left the guide since, straight, at its base."""
-    old, new = last.depth.place, depth.place
+    old = last.depth.place
+    new = depth.place
     at = new - (new[-1] - old[-1])
     return unit(linear(at, old, last.q))
 

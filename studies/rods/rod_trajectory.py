@@ -23,11 +23,11 @@ from magmpm.scene import Scene
 from magmpm.studies.problem.path import Path
 from magmpm.studies.search.parameters import across, unit
 
-ELEMENTS = 48  # of the whole catheter: positions to a tenth of a per cent of the length; designs need no more
-FIRST, LEAST = (
-    1 / 6,
-    1 / 48,
-)  # of the path's curvature: a step with which it grows, and the least one
+# of the whole catheter: positions to a tenth of a per cent of the length; designs need no more
+ELEMENTS = 48
+# of the path's curvature: a step with which it grows, and the least one
+FIRST = 1 / 6
+LEAST = 1 / 48
 STEPS = 12  # of least squares at each share of the curvature
 Shapes = tuple[Array, ...]  # the frames of each depth's rod as quaternions (n + 1, 4)
 
@@ -148,9 +148,12 @@ class RodTrajectory:
 
     def least_squares(self, start: RodDesign, steps: int, *, turning: bool = True) -> RodDesign:
         """Levenberg's and Marquardt's method from a design in equilibrium. turning: whether directions may change, not fields alone."""
-        d, v, state = start.directions, to_ball(start.fields / self.max_field), start.state
+        d = start.directions
+        v = to_ball(start.fields / self.max_field)
+        state = start.state
         assert state is not None
-        damping, little = 1e-2, 0
+        damping = 1e-2
+        little = 0
         normal: tuple[Array, ...] | None = None
         for _ in range(steps):
             if normal is None:
@@ -166,7 +169,10 @@ class RodTrajectory:
             tried = self.settled(d_new, self.max_field * from_ball(v_new), state.shapes)
             if tried is not None and tried.squares < state.squares:
                 little = little + 1 if tried.squares > 0.99 * state.squares else 0
-                d, v, state, normal = d_new, v_new, tried, None
+                d = d_new
+                v = v_new
+                state = tried
+                normal = None
                 damping = max(damping / 4, 1e-6)
             else:
                 damping *= 5
@@ -177,16 +183,16 @@ class RodTrajectory:
     def _normal(self, d: Array, v: Array, state: State, turning: bool) -> tuple[Array, ...]:
         """Bases across the directions, and the blocks of J^T J and J^T r as _arrow_step takes them, in mm."""
         bases = across(d[self.movable])
-        m, depths = 2 * len(self.movable) if turning else 0, len(self.depths)
-        A, X, V, g, h = (
-            np.zeros((m, m)),
-            np.zeros((depths, m, 3)),
-            np.empty((depths, 3, 3)),
-            np.zeros(m),
-            np.empty((depths, 3)),
-        )
+        m = 2 * len(self.movable) if turning else 0
+        depths = len(self.depths)
+        A = np.zeros((m, m))
+        X = np.zeros((depths, m, 3))
+        V = np.empty((depths, 3, 3))
+        g = np.zeros(m)
+        h = np.empty((depths, 3))
         for k, depth in enumerate(self.depths):
-            slopes, gaps = 1e3 * state.slopes[k], 1e3 * state.gaps[k]
+            slopes = 1e3 * state.slopes[k]
+            gaps = 1e3 * state.gaps[k]
             root = np.sqrt(1 + v[k] @ v[k])
             of_v = (
                 self.max_field
@@ -222,7 +228,9 @@ class RodTrajectory:
         )
         fields *= np.minimum(1.0, 0.95 * self.max_field / np.linalg.norm(fields, axis=1))[:, None]
         design = RodDesign(d, fields, 0.0)
-        share, step, size = 0.0, FIRST, self.depths[-1].place[-1]
+        share = 0.0
+        step = FIRST
+        size = self.depths[-1].place[-1]
         while share < 1.0:
             now = min(1.0, share + step)
             bent = self.bent(path.flattened(now), now) if now < 1.0 else self
@@ -242,7 +250,9 @@ class RodTrajectory:
             elif found is None or found.value > 0.1 * size:
                 return None
             else:
-                design, share, step = found, now, min(1.5 * step, FIRST)
+                design = found
+                share = now
+                step = min(1.5 * step, FIRST)
         return design
 
     def fitted(self, path: Path, directions: Array) -> RodDesign:

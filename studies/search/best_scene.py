@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 
 PATHS = frozenset({"mesh", "table", "centreline", "path"})  # keys whose text names a file
 SCENE = "scene.yaml"
-SPEED = 10e-3  # m/s: the slowest free swing of a 56 mm catheter takes half a second, in which it advances by two diameters
+# m/s: the slowest free swing of a 56 mm catheter takes half a second, in which it advances by two
+# diameters
+SPEED = 10e-3
 
 
 def moved_content(source: Path, folder: Path) -> dict[str, Any]:
@@ -73,13 +75,16 @@ def write_best_scene(
     """
     if study.scene_file is None:
         return None
-    path, content = folder / SCENE, moved_content(study.scene_file, folder)
+    path = folder / SCENE
+    content = moved_content(study.scene_file, folder)
     if study.depths:
         _add_push(content, study, space, best["params"])
         head = (
-            f"# The best design of the study {study.name}, pushed through its guide while the field passes from depth to depth.\n"
-            f"# `magmpm design` writes it anew when a trial is better: copy it before you change it.\n#\n#   magmpm run {path} --render\n"
-            f"#   magmpm report {folder.parent} --motion        runs it and compares it with the equilibria of the study\n\n"
+            f"# The best design of the study {study.name}, pushed through its guide while the field"
+            " passes from depth to depth.\n# `magmpm design` writes it anew when a trial is"
+            f" better: copy it before you change it.\n#\n#   magmpm run {path} --render\n#   magmpm"
+            f" report {folder.parent} --motion        runs it and compares it with the equilibria"
+            " of the study\n\n"
         )
     else:
         content["name"] = f"{study.name} best"[:100]
@@ -89,10 +94,10 @@ def write_best_scene(
         if study.keyframes:
             _add_schedule(content, study, space, best["params"])
         head = (
-            f"# The best design of the study {study.name}: trial {best['number']}, "
-            f"rms {1e3 * best['rms_m']:.4g} mm from the target shape.\n"
-            f"# `magmpm design` made it of {_from_folder(study.scene_file, folder)}, and writes it anew when a trial is better: "
-            f"copy it before you change it.\n#\n#   magmpm run {path} --render\n\n"
+            f"# The best design of the study {study.name}: trial {best['number']}, rms"
+            f" {1e3 * best['rms_m']:.4g} mm from the target shape.\n# `magmpm design` made it of"
+            f" {_from_folder(study.scene_file, folder)}, and writes it anew when a trial is better:"
+            f" copy it before you change it.\n#\n#   magmpm run {path} --render\n\n"
         )
     text = head + as_yaml(content)
     if not (path.exists() and path.read_text(encoding="utf-8") == text):
@@ -142,7 +147,8 @@ def _add_push(
         segments, shape.segment_lengths(), space.directions(params), strict=True
     ):
         segment.update(length=f"{1e3 * length:.12g} mm", magnetization=direction.tolist())
-    held, depths = 2.0 * shape.diameter, np.array(study.depths)
+    held = 2.0 * shape.diameter
+    depths = np.array(study.depths)
     total = study.scene.length + held
     out = min(shape.diameter, float(depths[0]))
     catheter.update(
@@ -187,7 +193,10 @@ def _moved_walls(scene: Scene, exit_at: float) -> dict[str, Any]:
     if walls is None:
         return {}
     if walls.tube is None:
-        rule = "the push of an insertion moves its walls to the guide's exit, and a surface stays where its file has it"
+        rule = (
+            "the push of an insertion moves its walls to the guide's exit, and a surface stays"
+            " where its file has it"
+        )
         raise InputError(
             "effects.walls.surface",
             rule=rule,

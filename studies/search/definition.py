@@ -50,8 +50,14 @@ def load_study(path: Path | str) -> Study:
     document = read_yaml(path)
     study_checks.check_file_name(document.path)
     if "scene" not in document and ("body" in document or "materials" in document):
-        rule = "a study names a scene, and says what is varied and what is matched: `scene`, `vary`, `match`"
-        remedy = f"`magmpm run {path}` simulates the scene; a study of it is a file of its own, as docs/own_target.md writes one"
+        rule = (
+            "a study names a scene, and says what is varied and what is matched: `scene`, `vary`,"
+            " `match`"
+        )
+        remedy = (
+            f"`magmpm run {path}` simulates the scene; a study of it is a file of its own, as"
+            " docs/own_target.md writes one"
+        )
         raise InputError(str(path), received="a scene", rule=rule, remedy=remedy)
     file = validate(StudyFile, document)
     folder = document.path.parent
@@ -99,9 +105,12 @@ def _targets(
     """The target of a study (the path of an insertion, the last shape of a schedule), and the shapes of a schedule."""
     if isinstance(file.match, Match):
         key = "centreline" if file.match.centreline is not None else "path"
-        return _read_target(
-            str(file.match.centreline or file.match.path), ("match", key), file, document, scene
-        ), ()
+        return (
+            _read_target(
+                str(file.match.centreline or file.match.path), ("match", key), file, document, scene
+            ),
+            (),
+        )
     frames = tuple(
         Keyframe(
             shape.time,
@@ -157,7 +166,8 @@ def definition_hash(definition: Mapping[str, Any]) -> str:
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """Differences between two definitions, one line a key: `sampler: tpe -> random`."""
-    was, now = dict(_flat(old)), dict(_flat(new))
+    was = dict(_flat(old))
+    now = dict(_flat(new))
     keys = [*was, *(key for key in now if key not in was)]
     lines = [
         f"{key}: {was.get(key, 'nothing')} -> {now.get(key, 'nothing')}"

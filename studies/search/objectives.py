@@ -84,7 +84,8 @@ def front(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
 def compromise(values: Sequence[Sequence[float]]) -> int:
     """Number of the point (a, b) of a front that is nearest to the ideal one, both objectives scaled to the front's extent."""
     points = np.array(values, dtype=float)
-    low, extent = points.min(axis=0), np.ptp(points, axis=0)
+    low = points.min(axis=0)
+    extent = np.ptp(points, axis=0)
     return int(
         np.argmin(np.linalg.norm((points - low) / np.where(extent > 0, extent, 1.0), axis=1))
     )
@@ -111,7 +112,8 @@ def ranked(trials: Sequence[FrozenTrial]) -> list[int]:
     """Places of the trials, best first: by their value; of two objectives front by front, along each from its compromise outward."""
     if not trials or len(trials[0].values) == 1:
         return sorted(range(len(trials)), key=lambda k: (trials[k].values[0], k))
-    left, order = dict(enumerate(trials)), []
+    left = dict(enumerate(trials))
+    order = []
     while left:
         place = {trial.number: k for k, trial in left.items()}
         layer = [place[trial.number] for trial in front(list(left.values()))]

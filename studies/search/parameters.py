@@ -25,7 +25,8 @@ FIELD = ("field_mT", "field_azimuth_deg", "field_elevation_deg")
 
 def direction(around: float, along: float) -> Array:
     """Unit vector (3,) in the undeformed body, axis +x; angles in degrees."""
-    a, b = np.deg2rad(around), np.deg2rad(along)
+    a = np.deg2rad(around)
+    b = np.deg2rad(along)
     return np.array([np.sin(b), np.cos(b) * np.cos(a), np.cos(b) * np.sin(a)])
 
 
@@ -277,7 +278,8 @@ class Makeable:
 def _merged(requested: Array, k: int) -> NDArray[np.int64]:
     """Groups (n,) of unit vectors (n, 3), at most k, by merging the two whose sum loses least of their lengths."""
     group = np.arange(len(requested))
-    sums, alive = requested.astype(float).copy(), np.ones(len(requested), bool)
+    sums = requested.astype(float).copy()
+    alive = np.ones(len(requested), bool)
     while alive.sum() > k:
         lengths = np.linalg.norm(sums, axis=1)
         loss = lengths[:, None] + lengths - np.linalg.norm(sums[:, None] + sums, axis=2)

@@ -106,9 +106,12 @@ def segment_names(scene: Scene) -> list[str]:
 def numbers_of(vary: Vary, scene: Scene) -> tuple[Number, ...]:
     """The numbers within bounds that a study varies: lengths, diameter, remanence, stiffness."""
     found: list[Number] = []
-    regions, magnetized, names = scene.regions(), scene.magnetized_regions(), segment_names(scene)
+    regions = scene.regions()
+    magnetized = scene.magnetized_regions()
+    names = segment_names(scene)
     if vary.length is not None:
-        low, high = vary.length.min, vary.length.max
+        low = vary.length.min
+        high = vary.length.max
         found += [
             Number(f"{name}_length_mm", "length", low, high, 1e3, i) for i, name in enumerate(names)
         ]

@@ -76,7 +76,9 @@ class SearchSpace:
     @classmethod
     def of(cls, study: Study) -> SearchSpace:
         """The space a study requests."""
-        vary, scene, limits = study.vary, study.scene, study.limits
+        vary = study.vary
+        scene = study.scene
+        limits = study.limits
         return cls(
             scene=scene,
             segments=tuple(scene.magnetized_regions()) if vary.magnetization is not None else (),
@@ -85,10 +87,13 @@ class SearchSpace:
             numbers_within=numbers_of(vary, scene),
             keeps_length=vary.length is None or vary.length.total == "keep",
             order=vary.order is not None,
-            limits=None
-            if limits is None
-            else Makeable(
-                None if limits.directions is None else np.array(limits.directions), limits.at_most
+            limits=(
+                None
+                if limits is None
+                else Makeable(
+                    None if limits.directions is None else np.array(limits.directions),
+                    limits.at_most,
+                )
             ),
         )
 
@@ -219,7 +224,9 @@ class SearchSpace:
 
     def design(self, parameters: Parameters) -> tuple[Array, Array]:
         """Parameters as directions (count, 3), segments base to tip and then the fields, and numbers from 0 to 1."""
-        directions, strengths, rest = [], [], []
+        directions = []
+        strengths = []
+        rest = []
         for block in self.blocks:
             if isinstance(block, Direction):
                 directions.append(block.read(parameters))
@@ -234,7 +241,8 @@ class SearchSpace:
     def parameters(self, directions: Array, numbers: Array) -> dict[str, float]:
         """The inverse of `design`."""
         found: dict[str, float] = {}
-        vectors, values = iter(directions), iter(numbers)
+        vectors = iter(directions)
+        values = iter(numbers)
         for block in self.blocks:
             if isinstance(block, Direction):
                 found |= block.written(next(vectors))
@@ -273,7 +281,8 @@ class SearchSpace:
 
     def edit(self, edits: Edits, x: Array, order: str | None = None, field: int = -1) -> None:
         """Write a design, by its embedded coordinates (size,), into a scene's data."""
-        lengths, x = {}, self.made(x)
+        lengths = {}
+        x = self.made(x)
         fields = [at for block, at in self.parts if isinstance(block, FieldVector)]
         for block, at in self.parts:
             if isinstance(block, Direction):
@@ -314,10 +323,8 @@ class SearchSpace:
         if not varied:
             return {}
         scene = self.scene_of(parameters)
-        shape, materials = (
-            scene.body.shape,
-            [scene.region_material(i) for i in range(len(scene.regions()))],
-        )
+        shape = scene.body.shape
+        materials = [scene.region_material(i) for i in range(len(scene.regions()))]
         assert isinstance(shape, StraightBody)
         found = {
             "length": ("segment_lengths_m", shape.segment_lengths()),

@@ -27,10 +27,8 @@ def check_file_name(path: Path) -> None:
     """The file's name names the folder of results: `..yaml` would name the folder of all of them."""
     found = folder_fault(path.stem)
     if found is not None:
-        where, received = (
-            f"{path}: its name without the ending names the folder of results",
-            f'"{path.stem}"',
-        )
+        where = f"{path}: its name without the ending names the folder of results"
+        received = f'"{path.stem}"'
         raise InputError(
             where, received=received, rule=found[0], remedy=f"rename the file; {found[1]}"
         )
@@ -53,15 +51,24 @@ def place(document: Document, *key: str | int) -> str:
 def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
     """A study turns magnets in a field, so the scene must have magnets, and a field unless that is varied."""
     if scene.resolution.seconds is not None:
-        rule = "the scene of a study gives its cells or an error, not a time: trials are compared on one grid"
+        rule = (
+            "the scene of a study gives its cells or an error, not a time: trials are compared on"
+            " one grid"
+        )
         remedy = (
             "write `resolution: {cells_across: 4}` or `resolution: {error: 0.1 %}` in the scene"
         )
     elif scene.resolution.requested and (
         file.insertion is not None or file.schedule is not None or scene.solver.dynamic is not None
     ):
-        rule = "an error can be asked for where a trial is an equilibrium, or equilibria along time; the best are judged on finer grids"
-        remedy = "write `resolution: {cells_across: 4}` in the scene, and run the best design with `resolution: {error: 0.1 %}`"
+        rule = (
+            "an error can be asked for where a trial is an equilibrium, or equilibria along time;"
+            " the best are judged on finer grids"
+        )
+        remedy = (
+            "write `resolution: {cells_across: 4}` in the scene, and run the best design with"
+            " `resolution: {error: 0.1 %}`"
+        )
     elif scene.body.shape.line is None:
         rule = "a study compares centrelines, and a body of STL parts has none"
         remedy = "name a scene of a catheter or a strip"
@@ -69,7 +76,10 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
         rule = "a study varies segments, and this strip has a magnetization_profile in their place"
         remedy = "give the strip `segments`"
     elif scene.effects.magnetic_torque is None:
-        rule = "the scene of a study must name the effect magnetic_torque: without it, magnets do nothing"
+        rule = (
+            "the scene of a study must name the effect magnetic_torque: without it, magnets do"
+            " nothing"
+        )
         remedy = "add `effects: {magnetic_torque: {}}` to the scene"
     elif not scene.magnetized_regions():
         rule = "the scene of a study must have a magnetized segment"
@@ -83,7 +93,10 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
         rule = (
             "a schedule makes the field over time itself, and each of its shapes is an equilibrium"
         )
-        remedy = "leave `over_time` out of the scene's field, and `dynamic` and `quasi_static` out of its solver"
+        remedy = (
+            "leave `over_time` out of the scene's field, and `dynamic` and `quasi_static` out of"
+            " its solver"
+        )
     elif file.robust is not None and not scene.static:
         rule = "robust differentiates equilibria, and this scene is a motion"
         remedy = "leave `dynamic` out of the scene's solver, or remove `robust`"
@@ -96,7 +109,10 @@ def check_scene(scene: Scene, file: StudyFile, document: Document) -> None:
         and file.robust.direction > 0
         and not scene.body.shape.magnetized_by_region
     ):
-        rule = "robust tilts the directions of segments, and this strip has a magnetization_profile in their place"
+        rule = (
+            "robust tilts the directions of segments, and this strip has a magnetization_profile in"
+            " their place"
+        )
         remedy = "give the strip `segments`, or remove `direction` from `robust`"
     elif file.insertion is not None and scene.body.catheter is None:
         rule = (
@@ -113,7 +129,10 @@ def _check_depths(scene: Scene, file: StudyFile, document: Document) -> None:
     """Check that the part outside the guide is at least as long as it is thick: Scene.inserted."""
     depths = file.insertion.depths if file.insertion is not None else ()
     if isinstance(depths, tuple) and depths and depths[0] < scene.thickness * (1 - 1e-9):
-        rule = f"a depth must be at least one diameter of the catheter, {1e3 * scene.thickness:g} mm: a shorter piece is no rod"
+        rule = (
+            f"a depth must be at least one diameter of the catheter, {1e3 * scene.thickness:g} mm:"
+            " a shorter piece is no rod"
+        )
         remedy = f"begin with `{1e3 * scene.thickness:g} mm`, or leave it out"
         raise InputError(
             place(document, "insertion", "depths"),
@@ -129,7 +148,8 @@ def check_target(target: Array, scene: Scene, file: StudyFile, csv: Path, named:
     A silicone catheter bends but hardly stretches. Points at a larger distance than the length of catheter between them show a mistake in
     the table (units, columns, another catheter), which a search would never reveal.
     """
-    bounds, where = file.vary.length, f"{csv} (named in {named})"
+    bounds = file.vary.length
+    where = f"{csv} (named in {named})"
     length = (
         scene.length
         if bounds is None or bounds.total == "keep"
@@ -150,7 +170,10 @@ def check_shape(target: Array, length: float, where: str) -> Array:
     rows = target if target[0, 0] == 0 else np.vstack([np.zeros(4), target])
     if len(rows) - 1 < FEWEST_POINTS:
         received = f"{len(rows) - 1} point beyond the base"
-        rule = f"a shape needs {FEWEST_POINTS} points or more beyond the base: one says where it is, and not how it bends"
+        rule = (
+            f"a shape needs {FEWEST_POINTS} points or more beyond the base: one says where it is,"
+            " and not how it bends"
+        )
         raise InputError(
             where, received=received, rule=rule, remedy="add points, one for each segment or more"
         )
@@ -162,13 +185,20 @@ def check_shape(target: Array, length: float, where: str) -> Array:
     along = np.diff(rows[:, 0])
     worst = int(np.argmax(distance - STRETCH * along))
     if distance[worst] > STRETCH * along[worst] + 0.001 * length:
-        a, b = 1e3 * rows[worst, 0], 1e3 * rows[worst + 1, 0]
+        a = 1e3 * rows[worst, 0]
+        b = 1e3 * rows[worst + 1, 0]
         received = f"points {1e3 * distance[worst]:.4g} mm apart at s_mm = {a:g} and {b:g}"
-        rule = "points must not be further apart than the catheter between them is long (it bends, but hardly stretches)"
+        rule = (
+            "points must not be further apart than the catheter between them is long (it bends, but"
+            " hardly stretches)"
+        )
         remedy = "check units, columns, and that the catheter leaves the base along +x"
         raise InputError(where, received=received, rule=rule, remedy=remedy)
     if distance.sum() < 0.2 * along.sum():
-        received = f"points that span {1e3 * distance.sum():.4g} mm along {1e3 * along.sum():.4g} mm of catheter"
+        received = (
+            f"points that span {1e3 * distance.sum():.4g} mm along {1e3 * along.sum():.4g} mm of"
+            " catheter"
+        )
         rule = "the target's points must follow the catheter"
         raise InputError(
             where, received=received, rule=rule, remedy="check units: columns are in mm"
@@ -194,11 +224,15 @@ def _check_path(rows: Array, scene: Scene, file: StudyFile, where: str) -> None:
     radius = spans / np.maximum(2 * np.tan(np.minimum(turn, np.pi - 1e-9) / 2), 1e-12)
     worst = int(np.argmin(radius))
     if radius[worst] < thickness:
-        bend, at = np.rad2deg(turn[worst]), 1e3 * rows[worst, 0]
+        bend = np.rad2deg(turn[worst])
+        at = 1e3 * rows[worst, 0]
         received = (
             f"a bend of {bend:.3g} deg at s_mm = {at:g}, a radius of {1e3 * radius[worst]:.3g} mm"
         )
-        rule = f"a path must not bend sharper than the catheter's diameter allows, at a radius of {1e3 * thickness:g} mm"
+        rule = (
+            "a path must not bend sharper than the catheter's diameter allows, at a radius of"
+            f" {1e3 * thickness:g} mm"
+        )
         remedy = "smooth the path, or check its units; at s_mm = 0 it must leave the guide along +x"
         raise InputError(where, received=received, rule=rule, remedy=remedy)
     _check_curve(rows, thickness, where)
@@ -215,14 +249,23 @@ def _check_curve(rows: Array, thickness: float, where: str) -> None:
     """The smooth curve through the points, which is what is followed: at least a diameter long, as long as s_mm says, and not sharper."""
     if rows[-1, 0] < thickness * (1 - 1e-9):
         received = f"a path up to s_mm = {1e3 * rows[-1, 0]:g}"
-        rule = f"a path is at least one diameter of the catheter long, {1e3 * thickness:g} mm: a shorter piece is no rod"
+        rule = (
+            f"a path is at least one diameter of the catheter long, {1e3 * thickness:g} mm: a"
+            " shorter piece is no rod"
+        )
         raise InputError(
             where, received=received, rule=rule, remedy="give a longer path, and check its units"
         )
     curve = Curve(rows)
     if (radius := curve.smallest_radius()) < thickness:
-        received = f"points whose smooth curve, which leaves the guide along +x, has a radius of {1e3 * radius:.3g} mm"
-        rule = f"a path must not bend sharper than the catheter's diameter allows, at a radius of {1e3 * thickness:g} mm"
+        received = (
+            "points whose smooth curve, which leaves the guide along +x, has a radius of"
+            f" {1e3 * radius:.3g} mm"
+        )
+        rule = (
+            "a path must not bend sharper than the catheter's diameter allows, at a radius of"
+            f" {1e3 * thickness:g} mm"
+        )
         raise InputError(
             where,
             received=received,
@@ -259,7 +302,9 @@ def _lengths_fault(scene: Scene, file: StudyFile) -> Fault | None:
     bounds = file.vary.length
     if bounds is None:
         return None
-    count, length, key = len(scene.regions()), scene.length, ("vary", "length")
+    count = len(scene.regions())
+    length = scene.length
+    key = ("vary", "length")
     received = f"{1e3 * bounds.min:g} to {1e3 * bounds.max:g} mm"
     if not scene.body.shape.magnetized_by_region:
         return (
@@ -272,8 +317,9 @@ def _lengths_fault(scene: Scene, file: StudyFile) -> Fault | None:
         1 + 1e-9
     ) <= bounds.max * count * (1 + 2e-9):
         rule = (
-            f"{count} segments of this length are {1e3 * count * bounds.min:g} to {1e3 * count * bounds.max:g} mm long, and must sum "
-            f"to the body's length, {1e3 * length:g} mm"
+            f"{count} segments of this length are {1e3 * count * bounds.min:g} to"
+            f" {1e3 * count * bounds.max:g} mm long, and must sum to the body's length,"
+            f" {1e3 * length:g} mm"
         )
         return (
             key,
@@ -285,10 +331,12 @@ def _lengths_fault(scene: Scene, file: StudyFile) -> Fault | None:
 
 
 def _diameter_fault(scene: Scene, file: StudyFile) -> Fault | None:
-    bounds, catheter = file.vary.diameter, scene.body.catheter
+    bounds = file.vary.diameter
+    catheter = scene.body.catheter
     if bounds is None:
         return None
-    received, key = f"{1e3 * bounds.min:g} to {1e3 * bounds.max:g} mm", ("vary", "diameter")
+    received = f"{1e3 * bounds.min:g} to {1e3 * bounds.max:g} mm"
+    key = ("vary", "diameter")
     if catheter is None:
         return (
             key,
@@ -297,7 +345,10 @@ def _diameter_fault(scene: Scene, file: StudyFile) -> Fault | None:
             "remove it, or name a scene of a catheter",
         )
     if catheter.inner_diameter >= bounds.min:
-        rule = f"the diameter must be greater than that of the bore, {1e3 * catheter.inner_diameter:g} mm"
+        rule = (
+            "the diameter must be greater than that of the bore,"
+            f" {1e3 * catheter.inner_diameter:g} mm"
+        )
         return (
             (*key, "min"),
             received,
@@ -310,13 +361,14 @@ def _diameter_fault(scene: Scene, file: StudyFile) -> Fault | None:
 def _order_fault(scene: Scene, file: StudyFile) -> Fault | None:
     if file.vary.order is None:
         return None
-    magnetized, count, key = (
-        len(scene.magnetized_regions()),
-        len(scene.regions()),
-        ("vary", "order"),
-    )
+    magnetized = len(scene.magnetized_regions())
+    count = len(scene.regions())
+    key = ("vary", "order")
     if magnetized == count:
-        rule = f"an order needs magnetized and plain segments, and all {count} of the scene's are magnetized"
+        rule = (
+            f"an order needs magnetized and plain segments, and all {count} of the scene's are"
+            " magnetized"
+        )
         return (
             key,
             "{}",
@@ -324,7 +376,10 @@ def _order_fault(scene: Scene, file: StudyFile) -> Fault | None:
             "leave some segments of the scene without `magnetization`, or remove `order`",
         )
     if math.comb(count, magnetized) > MOST_ORDERS:
-        rule = f"there may be {MOST_ORDERS} orders, and {magnetized} of {count} places can be chosen in {math.comb(count, magnetized)} ways"
+        rule = (
+            f"there may be {MOST_ORDERS} orders, and {magnetized} of {count} places can be chosen"
+            f" in {math.comb(count, magnetized)} ways"
+        )
         return key, "{}", rule, "use fewer segments"
     if file.sampler is not None and file.sampler not in TAKE_CHOICES:
         rule = f"the sampler {file.sampler} needs a gradient or distances, and orders have none"
@@ -360,7 +415,10 @@ def _corner_fault(scene: Scene, file: StudyFile) -> Fault | None:
                 if getattr(file.vary, what, None) is not None
             )
             said = " ".join(line.strip() for line in str(error).splitlines())
-            rule = f"the bounds must be those of scenes there are, and the one with the {name} values is refused ({said})"
+            rule = (
+                f"the bounds must be those of scenes there are, and the one with the {name} values"
+                f" is refused ({said})"
+            )
             return (
                 ("vary", key),
                 " ".join(f"{n}: {a:g} to {b:g};" for n, (a, b) in space.bounds.items())[:80],

@@ -18,9 +18,14 @@ from magmpm.studies.search.parameters import Block, Choice, Direction, FieldVect
 from magmpm.studies.search.search_space import SearchSpace
 
 DESIGNS = 3
-STEP = 1e-6  # of a whole step: forward differences, whose singular values agree with those of other steps to 1e-6 mm
-NOTHING = 1e-5  # of the length: a whole step of a variable that moves the shape less than this moves nothing
-SEEN = 1e-5  # of the length: what a whole step must move the shape by (rms), to be seen in the target: 0.4 um of 40 mm
+# of a whole step: forward differences, whose singular values agree with those of other steps to
+# 1e-6 mm
+STEP = 1e-6
+# of the length: a whole step of a variable that moves the shape less than this moves nothing
+NOTHING = 1e-5
+# of the length: what a whole step must move the shape by (rms), to be seen in the target: 0.4 um of
+# 40 mm
+SEEN = 1e-5
 
 
 @dataclass(frozen=True)
@@ -43,19 +48,27 @@ def check_search(study: Study, space: SearchSpace) -> list[str]:
         return []
     length = space.scene.length
     if found.moves.max() < NOTHING * length:
-        most, least = 1e3 * found.moves.max(), 1e3 * NOTHING * length
+        most = 1e3 * found.moves.max()
+        least = 1e3 * NOTHING * length
         count = (
             f"{len(found.moves)} variable{'s that move' if len(found.moves) > 1 else ' that moves'}"
         )
         received = f"{count} the shape by at most {most:.2g} mm at the target's points"
-        rule = f"something must move the shape, by {least:.2g} mm in a whole step (a radian, the greatest field, a range)"
-        remedy = "vary the magnetization or the field, give the target points toward the tip, or the scene a stronger field"
+        rule = (
+            f"something must move the shape, by {least:.2g} mm in a whole step (a radian, the"
+            " greatest field, a range)"
+        )
+        remedy = (
+            "vary the magnetization or the field, give the target points toward the tip, or the"
+            " scene a stronger field"
+        )
         raise InputError(f"{study.path}: vary", received=received, rule=rule, remedy=remedy)
     if found.seen < found.freedom:
         return [
-            f"vary: {found.freedom} numbers vary, and {_compared_with(study)} tell {found.seen} combinations of them "
-            f"apart (by the rod: the others move the shape by less than {1e6 * SEEN * length:.2g} um). So many designs fit alike, and "
-            "which one is found is left to chance; give the target more points, or vary less"
+            f"vary: {found.freedom} numbers vary, and {_compared_with(study)} tell {found.seen}"
+            " combinations of them apart (by the rod: the others move the shape by less than"
+            f" {1e6 * SEEN * length:.2g} um). So many designs fit alike, and which one is found is"
+            " left to chance; give the target more points, or vary less"
         ]
     return []
 
@@ -103,11 +116,12 @@ def _shapes(study: Study, space: SearchSpace) -> list[_Shape]:
 
 def identifiability(study: Study, space: SearchSpace) -> Identifiability | None:
     """Evaluate a study by the rod at random designs; None where it finds no equilibrium, or there are only choices."""
-    rng, space = (
-        np.random.default_rng(2024),
-        replace(space, limits=None),
-    )  # directions of a set have no derivatives
-    moves, seen, shapes = [], [], _shapes(study, space)
+    # directions of a set have no derivatives
+    rng = np.random.default_rng(2024)
+    space = replace(space, limits=None)
+    moves = []
+    seen = []
+    shapes = _shapes(study, space)
     for _ in range(4 * DESIGNS):
         try:
             J = _jacobian(space, space.nearest(space.drawn(rng)), shapes)
@@ -133,7 +147,9 @@ def _jacobian(space: SearchSpace, x: Array, shapes: list[_Shape]) -> Array:
     """Derivatives (3 m, n) m of the rods' points at all stations by whole steps. A field that one shape has moves no other."""
     if all(isinstance(block, Choice) for block in space.blocks):
         return np.empty((0, 0))
-    here, columns, field = [shape.at(x) for shape in shapes], [], -1
+    here = [shape.at(x) for shape in shapes]
+    columns = []
+    field = -1
     for block, at in space.parts:
         field += isinstance(block, FieldVector)
         for step in _steps(block, x[at]):

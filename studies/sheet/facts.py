@@ -209,7 +209,8 @@ def _of_trials(
             shares = importances(kept, trials)
     except (MagmpmError, KeyError) as error:
         notes.append(
-            f"The trials could not be read, so their table and the parameters' importances are missing: {error}"
+            "The trials could not be read, so their table and the parameters' importances are"
+            f" missing: {error}"
         )
         return {}
     of_trials = {"best_trials": best_rows(trials), "why_not": reasons(trials), **when(trials)}
@@ -231,7 +232,8 @@ def _study(facts: dict[str, Any], notes: list[str]) -> Study | None:
     definition = whole_definition(study, SearchSpace.of(study).distributions())
     if facts.get("hash") not in (None, definition_hash(definition)):
         notes.append(
-            f"{Path(path).name} or a file that it names has changed since the study was begun; its stored definition is below."
+            f"{Path(path).name} or a file that it names has changed since the study was begun; its"
+            " stored definition is below."
         )
         return None
     return study
@@ -286,7 +288,8 @@ def describe_body(scene: Scene) -> dict[str, Any]:
     begins = np.concatenate([[0.0], np.cumsum(lengths)])
     segments = []
     for k, (region, length) in enumerate(zip(scene.regions(), lengths, strict=True)):
-        material, magnetized = scene.region_material(k), any(region.magnetization)
+        material = scene.region_material(k)
+        magnetized = any(region.magnetization)
         segments.append(
             {
                 "number": k + 1,

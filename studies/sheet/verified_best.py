@@ -53,7 +53,8 @@ def tolerances(scene: Scene, found: Sensitivities, hidden: int = 0) -> list[dict
     of the tip's derivatives (3, 2) by two perpendicular turns. All else counts by the length of the tip's derivative.
     scene: that of `found`; hidden: how many segments of the whole body, from its base, it does not have.
     """
-    tip, variables = np.asarray(found.tip, dtype=float), list(found.variables)
+    tip = np.asarray(found.tip, dtype=float)
+    variables = list(found.variables)
     columns: dict[tuple[str, Any], list[int]] = {}
     for k, variable in enumerate(variables):
         whose = variable.region if variable.region is not None else variable.material
@@ -159,7 +160,8 @@ def last_equilibrium(
     if study is None:
         return LastEquilibrium(scene, None, hidden, None)
     evaluation = evaluation_of(study, SearchSpace.of(study))
-    last, start = len(evaluation.places) - 1, evaluation.starts(design["params"])[-1]
+    last = len(evaluation.places) - 1
+    start = evaluation.starts(design["params"])[-1]
     return LastEquilibrium(scene, start, hidden, lambda found: evaluation.gaps(found, last))
 
 
@@ -190,7 +192,10 @@ def _tolerances(
         max(frames_of(result).distances(frames_of(found.result)).values())
         > SAME * last.scene.length
     ):
-        return "not known: solved again, the design has another equilibrium than the one that the study found"
+        return (
+            "not known: solved again, the design has another equilibrium than the one that the"
+            " study found"
+        )
     return tolerances(last.scene, found, last.hidden)
 
 
@@ -212,7 +217,10 @@ def finer(
     found = run(fine, start=last.start)
     moved = max(frames_of(result).distances(frames_of(found)).values())
     if moved > SAME * last.scene.length:
-        return f"not known: on {proof} cells across the design has another equilibrium, {1e3 * moved:.3g} mm away"
+        return (
+            f"not known: on {proof} cells across the design has another equilibrium,"
+            f" {1e3 * moved:.3g} mm away"
+        )
     rms = [
         None if last.gaps is None else float(root_mean_square(last.gaps(one)))
         for one in (result, found)
@@ -230,10 +238,8 @@ def finer(
 
 def in_time(folder: Path, design: Mapping[str, Any], study: Study | None) -> list[dict[str, float]]:
     """Run the best design along time; one row each depth or time, SI. Raises InputError, SolveError."""
-    scene, out = (
-        load_scene(folder / BEST / SCENE),
-        folder / "motion" / f"trial_{design['number']:04d}",
-    )
+    scene = load_scene(folder / BEST / SCENE)
+    out = folder / "motion" / f"trial_{design['number']:04d}"
     if "insertion" in design:
         return _pushed(_motion(scene, out), design)
     if study is None:
@@ -261,7 +267,8 @@ def _motion(scene: Scene, out: Path) -> Motion:
 
 def _distances(study: Study, scene: Scene, motion: Motion) -> list[float]:
     """The rms distance (m) from each of the study's shapes at its time."""
-    model, found = build(scene), []
+    model = build(scene)
+    found = []
     for frame in study.keyframes:
         axis = axis_of_particles(
             model, np.asarray(motion.position(motion.nearest(frame.time)), dtype=float)
@@ -298,7 +305,8 @@ def _pushed(motion: Motion, design: Mapping[str, Any]) -> list[dict[str, float]]
     scene = motion.scene
     assert scene is not None  # the file says what was run
     exit_at = scene["effects"]["feed"]["exit"]
-    length, diameter = scene["body"]["catheter"]["length"], scene["body"]["catheter"]["diameter"]
+    length = scene["body"]["catheter"]["length"]
+    diameter = scene["body"]["catheter"]["diameter"]
     depths = np.array([each["depth_m"] for each in design["insertion"]])
     reference = np.asarray(motion.reference, dtype=float)
     rows = []

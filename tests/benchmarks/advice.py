@@ -28,7 +28,9 @@ from magmpm.solving.influence import Variants, variants
 from magmpm.studies.explore.effects_costs import counted
 from magmpm.studies.explore.effects_table import survey
 
-SEED, SCENES = 20261122, 40  # fixed before the first run
+# fixed before the first run
+SEED = 20261122
+SCENES = 40
 FOLDER = Path("runs/bench-advice")
 
 
@@ -40,7 +42,9 @@ def drawn(number: int) -> Scene:
         return float(np.exp(draw.uniform(np.log(low), np.log(high))))
 
     kind = ("static", "quasi_static", "motion", "fed")[number % 4] if number % 8 != 5 else "static"
-    thickness, shear, density = between(1e-3, 4e-3), between(60e3, 400e3), between(1000.0, 2500.0)
+    thickness = between(1e-3, 4e-3)
+    shear = between(60e3, 400e3)
+    density = between(1000.0, 2500.0)
     length = thickness * between(8, 20)
     remanence = 0.0 if kind == "fed" else between(0.02, 0.15)
     bending = young_modulus(shear, 20 * shear) * thickness**2 / 16  # over the area
@@ -71,8 +75,10 @@ def drawn(number: int) -> Scene:
             "friction": float(draw.uniform(0, 0.5)),
         }
     if kind == "fed":
-        duration, radius = solver["dynamic"]["duration"], thickness * between(0.8, 2.0)
-        field, exit_ = {"uniform": [0.0, 0.0, 0.0]}, 0.6 * length
+        duration = solver["dynamic"]["duration"]
+        radius = thickness * between(0.8, 2.0)
+        field = {"uniform": [0.0, 0.0, 0.0]}
+        exit_ = 0.6 * length
         side = between(0.02, 1.0) * length
         effects["feed"] = {
             "speed": between(0.1, 0.5) * (exit_ - thickness) / duration,
@@ -116,15 +122,14 @@ def drawn(number: int) -> Scene:
 
 def calls(number: int) -> list[dict[str, Any]]:
     """One row for each effect that the scene could have: what was advised, and what the full runs say."""
-    scene, out = drawn(number), []
+    scene = drawn(number)
+    out = []
     error = scene.allowed_error
     begun = time.perf_counter()
     table = survey(scene)
     seconds = time.perf_counter() - begun
-    fine, finer = (
-        Variants(scene, error, math.inf),
-        2 if scene.static or scene.effects.walls is not None else 1,
-    )
+    fine = Variants(scene, error, math.inf)
+    finer = 2 if scene.static or scene.effects.walls is not None else 1
     for row in table.effects:
         both = variants(scene, row.effect)
         if isinstance(both, str) or row.effect == "self_contact":
@@ -166,8 +171,8 @@ def report() -> None:
                 else f"{1e3 * row['shift']:.3g} +- {1e3 * row['uncertainty']:.2g}"
             )
             print(
-                f"wrong: {row['name']:24} {row['effect']:21} {row['advice']:10} {given} mm, full runs {1e3 * row['true']:.3g} mm, "
-                f"asked {1e3 * row['error']:.3g} mm"
+                f"wrong: {row['name']:24} {row['effect']:21} {row['advice']:10} {given} mm, full"
+                f" runs {1e3 * row['true']:.3g} mm, asked {1e3 * row['error']:.3g} mm"
             )
     right = sum(row["right"] for row in done)
     known = [row for row in done if row["shift"] is not None]
@@ -178,10 +183,12 @@ def report() -> None:
     ]
     share = 100 / max(len(done), 1)
     print(
-        f"{len({row['scene'] for row in rows})} scenes, {len(done)} calls, {len(rows) - len(done)} without a full run"
+        f"{len({row['scene'] for row in rows})} scenes, {len(done)} calls, {len(rows) - len(done)}"
+        " without a full run"
     )
     print(
-        f"right: {right} = {share * right:.1f} %; true shift within the uncertainty (or 0.1 % of L): {share * len(within):.0f} %"
+        f"right: {right} = {share * right:.1f} %; true shift within the uncertainty (or 0.1 % of"
+        f" L): {share * len(within):.0f} %"
     )
 
 

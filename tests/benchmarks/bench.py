@@ -41,7 +41,9 @@ from reference.buckling import column  # noqa: E402
 from reference.differences import differences  # noqa: E402
 
 SCENE = ROOT / "data/scenes/five_segments.yaml"
-TRIALS, REPEATS = 35, 15  # of a study; of a solve
+# of a study; of a solve
+TRIALS = 35
+REPEATS = 15
 ERRORS = (0.01, 0.001, 0.0002)  # of the length
 MULTIPLES: tuple[float, ...] = (
     2.5,
@@ -144,7 +146,8 @@ def _errors_percent(data: dict, field: float, times: list[float]) -> float:
     data["field"] = {"uniform": [field, 0.0, 0.0], "over_time": {"ramp": {"duration": 1.0}}}
     data["solver"] = {"quasi_static": {"at": times}}
     scene = Scene.from_si(data)
-    found, theory = run(scene).jumps[0], column(scene).critical_field
+    found = run(scene).jumps[0]
+    theory = column(scene).critical_field
     return 100 * abs(found["field"] / theory - 1)
 
 
@@ -238,19 +241,22 @@ FIGURES = {
 
 def _line(label: str, value: float, figure: Figure) -> str:
     bound, aim = ("-" if number is None else f"{number:g}" for number in (figure.bound, figure.aim))
-    return f"{label:<48} {value:9.4g} {bound:>9} {aim:>9} {figure.unit}{' (at least)' if figure.least else ''}"
+    return (
+        f"{label:<48} {value:9.4g} {bound:>9} {aim:>9}"
+        f" {figure.unit}{' (at least)' if figure.least else ''}"
+    )
 
 
 def shorten() -> None:
     """Measure everything once, with less of it."""
     global TRIALS, REPEATS, MULTIPLES
-    TRIALS, REPEATS, MULTIPLES = 2, 1, MULTIPLES[:1]
-    motion_rates.SECONDS, motion_rates.REPEATS, motion_rates.PAIRS, motion_rates.SETTLING = (
-        0.02,
-        1,
-        1,
-        20,
-    )
+    TRIALS = 2
+    REPEATS = 1
+    MULTIPLES = MULTIPLES[:1]
+    motion_rates.SECONDS = 0.02
+    motion_rates.REPEATS = 1
+    motion_rates.PAIRS = 1
+    motion_rates.SETTLING = 20
     motion_rates.PAIRED = 2
 
 
@@ -272,10 +278,12 @@ def main(names: list[str], out: Path = ROOT / "runs/bench") -> int:
     failed: list[str] = []
     found["machine"] = host = machine.described()
     print(
-        f"{host['cpu']}, {host['cores']} cores, {host['threads']} threads, commit {host['commit']}, load {host['load']:g}"
+        f"{host['cpu']}, {host['cores']} cores, {host['threads']} threads, commit {host['commit']},"
+        f" load {host['load']:g}"
     )
     print(
-        f"dgemm {host['dgemm_flop_per_s'] / 1e9:.4g} Gflop/s, copy {host['copy_bytes_per_s'] / 1e9:.4g} GB/s"
+        f"dgemm {host['dgemm_flop_per_s'] / 1e9:.4g} Gflop/s, copy"
+        f" {host['copy_bytes_per_s'] / 1e9:.4g} GB/s"
     )
     print(f"{'figure':<48} {'value':>9} {'bound':>9} {'aim':>9}")
     for name, figure in FIGURES.items():

@@ -41,7 +41,8 @@ from reference.scenes import field_for_load, rod_scene  # noqa: E402
 PROBLEMS = finite_element_problems(ROOT / "data/references/fem.json")
 TABLE = "docs/claims.yaml"
 FIGURE = r"[-+]?\d[\d ]*(?:\.\d+)?(?:e[-+]?\d+)?"  # 23 328, 0.009, 5e-7
-ACCURACY_SCENE, ACCURACY_IMAGE = "data/scenes/five_segments.yaml", "docs/images/accuracy.png"
+ACCURACY_SCENE = "data/scenes/five_segments.yaml"
+ACCURACY_IMAGE = "docs/images/accuracy.png"
 
 Figures = dict[str, float]
 
@@ -110,7 +111,8 @@ class Place:
         matches = list(self.pattern.finditer(page))
         if len(matches) != 1:
             raise ValueError(
-                f"{self.page}: the text {self.text!r} of {TABLE} is there {len(matches)} times; it must be there once"
+                f"{self.page}: the text {self.text!r} of {TABLE} is there {len(matches)} times; it"
+                " must be there once"
             )
         return matches[0]
 
@@ -172,7 +174,8 @@ def _ladder() -> dict[str, Any]:
 def references() -> Figures:
     """Statics against the finite-element references: smallest and largest error in % of L, order from 4 to 8 cells, Newton steps."""
     errors: dict[int, list[float]] = {4: [], 6: [], 8: []}
-    orders, steps = [], 0
+    orders = []
+    steps = 0
     for problem in PROBLEMS.values():
         for n, row in errors.items():
             result = run(problem.scene(n))
@@ -189,7 +192,8 @@ def references() -> Figures:
 
 def asked() -> Figures:
     """The five-segment catheter, asked for errors in % of L: cells across, and what it is told to be right to, % of L."""
-    scene, found = load_scene(ROOT / ACCURACY_SCENE), {}
+    scene = load_scene(ROOT / ACCURACY_SCENE)
+    found = {}
     for percent in (1.0, 0.1, 0.02):
         result: Any = run(Scene.from_si({**scene.to_si(), "resolution": {"error": percent / 100}}))
         found[f"cells {percent:g}"] = float(result.resolution["cells_across"])
@@ -243,7 +247,8 @@ def insertion() -> Figures:
 def locking() -> Figures:
     """Anti-locking of docs/design.md on axial_transverse_5mT: none, the linear part of J with at most 10 G, 5 G; errors in % of L."""
     problem = PROBLEMS["axial_transverse_5mT"]
-    usual, found = model.LINEAR_STIFFNESS, {}
+    usual = model.LINEAR_STIFFNESS
+    found = {}
     try:
         for name, kind, stiffness in (
             ("none", "none", usual),
@@ -281,7 +286,8 @@ def begins() -> Figures:
 
 def sampler() -> Figures:
     """The first trial (from 1) within 2 mm, by target and seed, and the hits of seeds 1 to 10; 36 if none of 35 hits."""
-    rows_of, found = importlib.import_module("sampler").rows_of, {}
+    rows_of = importlib.import_module("sampler").rows_of
+    found = {}
     for name, letter in (("c_shape", "C"), ("s_shape", "S")):
         reached = [row["reached_in"] or 36 for row in rows_of("tpe", name, 10)]
         found |= {f"{letter} {seed}": trial for seed, trial in enumerate(reached, start=1)}
@@ -317,7 +323,9 @@ def robust() -> Figures:
     robust.main()
     found: Figures = {}
     for row in json.loads((ROOT / "runs/bench/robust.json").read_text()):
-        name, first, sampled = row["design"], row["first_order_m"], row["sampled_m"]
+        name = row["design"]
+        first = row["first_order_m"]
+        sampled = row["sampled_m"]
         found |= {
             f"rms {name}": 1e3 * row["rms_m"],
             f"scatter {name}": 1e3 * first[0],
@@ -347,7 +355,8 @@ def stability_quick() -> Figures:
 def _cases(slow: bool) -> Figures:
     from magmpm.studies.hard_cases import CASES, run_cases
 
-    cases, found = [case for case in CASES if case.slow == slow], {}
+    cases = [case for case in CASES if case.slow == slow]
+    found = {}
     for case, outcome in zip(cases, run_cases(cases), strict=True):
         found |= {case.name: outcome.measure, f"{case.name} in %": 100 * outcome.measure}
     return found
@@ -373,11 +382,10 @@ def memory() -> Figures:
 
 def rates() -> Figures:
     """Million particle-steps per second, and thousand per Gflop of dgemm."""
-    machine, motion_rates = (
-        importlib.import_module("machine"),
-        importlib.import_module("motion_rates"),
-    )
-    flops, value = machine.dgemm(), motion_rates.all_threads()
+    machine = importlib.import_module("machine")
+    motion_rates = importlib.import_module("motion_rates")
+    flops = machine.dgemm()
+    value = motion_rates.all_threads()
     return {"rate": value / 1e6, "rate per Gflop": value / flops * 1e6}
 
 
@@ -388,7 +396,8 @@ def drawn() -> Path:
 
     from magmpm.viz.plots import accuracy as plot
 
-    path, rungs = ROOT / ACCURACY_IMAGE, _ladder()["rungs"]
+    path = ROOT / ACCURACY_IMAGE
+    rungs = _ladder()["rungs"]
     plot(rungs, path, title="five-segment catheter")
     text = PngInfo()
     text.add_text(
@@ -402,12 +411,14 @@ def drawn() -> Path:
 
 def replaced(place: Place, measured: Figures, root: Path = ROOT) -> None:
     """Put the measured values into the page where they differ."""
-    match, claims = place.found(root), place.claims(root)
+    match = place.found(root)
+    claims = place.claims(root)
     text = match.group(0)
     for i in range(len(claims), 0, -1):
         claim = claims[i - 1]
         if not claim.agrees(measured.get(claim.name, math.nan)) and claim.name in measured:
-            begin, end = match.start(i) - match.start(), match.end(i) - match.start()
+            begin = match.start(i) - match.start()
+            end = match.end(i) - match.start()
             text = text[:begin] + claim.written(measured[claim.name]) + text[end:]
     path = root / place.page
     page = path.read_text(encoding="utf-8")
@@ -455,7 +466,8 @@ def main(arguments: list[str], root: Path = ROOT) -> int:
                 same = math.isfinite(value) and claim.agrees(value)
                 differing += not same
                 print(
-                    f"  {'' if same else 'DIFFERS':<8}{claim.page:<20} {claim.name:<44} says {claim.text:>8}   now {value:.4g}"
+                    f"  {'' if same else 'DIFFERS':<8}{claim.page:<20} {claim.name:<44} says"
+                    f" {claim.text:>8}   now {value:.4g}"
                 )
             if options.write:
                 replaced(place, measured, root)

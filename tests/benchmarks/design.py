@@ -37,7 +37,9 @@ OUT = ROOT / "runs/bench"
 SAMPLERS = ("tpe", "gp", "cmaes", "gauss-newton")
 GOALS = (2.0, 0.5, 0.1)  # mm
 MOST = {"gauss-newton": 20}
-TRIALS, QUICK_TRIALS, QUICK_TARGETS = 35, 10, 3
+TRIALS = 35
+QUICK_TRIALS = 10
+QUICK_TARGETS = 3
 FINER = 6  # cells across, at which the best design is judged again
 
 
@@ -161,7 +163,9 @@ def main() -> int:
         "--quick", action="store_true", help="three targets of each kind, 10 trials"
     )
     options = parser.parse_args()
-    code, results, details = sources(), {}, {}
+    code = sources()
+    results = {}
+    details = {}
     for name in options.samplers or SAMPLERS:
         trials = QUICK_TRIALS if options.quick else MOST.get(name.partition("+")[0], TRIALS)
         results[name] = {}
@@ -174,7 +178,8 @@ def main() -> int:
                 studies.append(cached(study_of(file, name, trials), code))
                 details[f"{name} {file.stem}"] = studies[-1]
                 print(
-                    f"{name:<14} {file.stem:<14} best {studies[-1]['best_mm'] or float('nan'):.3f} mm",
+                    f"{name:<14} {file.stem:<14} best"
+                    f" {studies[-1]['best_mm'] or float('nan'):.3f} mm",
                     file=sys.stderr,
                     flush=True,
                 )

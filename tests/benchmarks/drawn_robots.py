@@ -57,9 +57,12 @@ def boxes(rng: np.random.Generator) -> list[tuple[np.ndarray, np.ndarray]]:
         center = np.zeros(3)
         center[axis] = sign * HUB / 2
         for _ in range(rng.integers(1, 4)):
-            length, wide, thin = rng.uniform(4, 8), rng.uniform(2.5, 4), rng.uniform(1.2, 2)
+            length = rng.uniform(4, 8)
+            wide = rng.uniform(2.5, 4)
+            thin = rng.uniform(1.2, 2)
             across = [other for other in range(3) if other != axis]
-            low, high = center.copy(), center.copy()
+            low = center.copy()
+            high = center.copy()
             ends = sorted((center[axis], center[axis] + sign * length))
             low[axis], high[axis] = ends
             low[across] -= np.array([wide, thin]) / 2
@@ -77,7 +80,8 @@ def boxes(rng: np.random.Generator) -> list[tuple[np.ndarray, np.ndarray]]:
                 side = across[1]
                 turn = rng.choice([-1.0, 1.0])
                 center[side] = high[side] if turn > 0 else low[side]
-                axis, sign = side, float(turn)
+                axis = side
+                sign = float(turn)
     return made
 
 

@@ -15,10 +15,14 @@ from magmpm.fields.dipole import MU0
 from magmpm.materials import young_modulus
 from magmpm.scene import Scene
 
-REMANENCE, DENSITY = 0.12, 1900.0  # T, kg/m^3
+# T, kg/m^3
+REMANENCE = 0.12
+DENSITY = 1900.0
 STRONGEST = 5.0  # M B A L^2/(E I): at 5 a catheter across the field points along it
 Row = dict[str, Any]
-BOUNDS, WORST = (0.3, 1.0), 1.5  # of the true error over the promised one
+# of the true error over the promised one
+BOUNDS = (0.3, 1.0)
+WORST = 1.5
 
 
 def options_of(
@@ -58,8 +62,9 @@ def shares(ratio: np.ndarray) -> str:
     """How true errors over promised ones are spread."""
     inside = (ratio >= BOUNDS[0]) & (ratio <= BOUNDS[1])
     return (
-        f"true/promised in {BOUNDS} in {100 * inside.mean():.0f} %, above {WORST}: {(ratio > WORST).sum()}, above 1: {(ratio > 1).sum()}, "
-        f"below {BOUNDS[0]}: {(ratio < BOUNDS[0]).sum()}, median {np.median(ratio):.2f}, largest {ratio.max():.2f}"
+        f"true/promised in {BOUNDS} in {100 * inside.mean():.0f} %, above {WORST}:"
+        f" {(ratio > WORST).sum()}, above 1: {(ratio > 1).sum()}, below {BOUNDS[0]}:"
+        f" {(ratio < BOUNDS[0]).sum()}, median {np.median(ratio):.2f}, largest {ratio.max():.2f}"
     )
 
 
@@ -71,13 +76,13 @@ def drawn(seed: int) -> Scene:
         return float(np.exp(draw.uniform(np.log(low), np.log(high))))
 
     kind = ("catheter", "tube", "strip")[int(draw.integers(3))]
-    thickness, slenderness, ratio, shear = (
-        between(0.5e-3, 4e-3),
-        between(3, 80),
-        between(5, 500),
-        between(50e3, 1e6),
-    )
-    length, wide, bore = slenderness * thickness, between(1, 6), float(draw.uniform(0.2, 0.8))
+    thickness = between(0.5e-3, 4e-3)
+    slenderness = between(3, 80)
+    ratio = between(5, 500)
+    shear = between(50e3, 1e6)
+    length = slenderness * thickness
+    wide = between(1, 6)
+    bore = float(draw.uniform(0.2, 0.8))
     width = min(wide, max(slenderness / 2, 1.0)) * thickness
     second = (
         thickness**4 / 12 * (width / thickness)
@@ -139,8 +144,10 @@ def drawn(seed: int) -> Scene:
 def jointed(seed: int) -> Scene:
     """The scene of a seed: two to five segments of any length, by turns soft and 2 to 200 times as stiff, in a uniform field.
 
-    Even seeds are strips in plane strain (L/D 4 to 25), odd ones catheters (4 to 14); K/G 5 to 100; the field bends the soft segments."""
-    draw, flat = np.random.default_rng([77, seed]), seed % 2 == 0
+    Even seeds are strips in plane strain (L/D 4 to 25), odd ones catheters (4 to 14); K/G 5 to 100; the field bends the soft segments.
+    """
+    draw = np.random.default_rng([77, seed])
+    flat = seed % 2 == 0
 
     def between(low: float, high: float) -> float:
         return float(np.exp(draw.uniform(np.log(low), np.log(high))))
@@ -151,10 +158,13 @@ def jointed(seed: int) -> Scene:
 
     thickness = between(0.5e-3, 4e-3)
     length = (between(4, 25) if flat else between(4, 14)) * thickness
-    ratio, shear, contrast = between(5, 100), between(50e3, 500e3), between(2, 200)
+    ratio = between(5, 100)
+    shear = between(50e3, 500e3)
+    contrast = between(2, 200)
     shares = draw.dirichlet([4] * int(draw.integers(2, 6)))
     stiff = [(k + int(first)) % 2 == 1 for first in [draw.integers(2)] for k in range(len(shares))]
-    width, load = thickness * between(1, 4), between(0.1, STRONGEST)
+    width = thickness * between(1, 4)
+    load = between(0.1, STRONGEST)
     soft_share = sum(share for share, rigid in zip(shares, stiff, strict=True) if not rigid)
     bending = young_modulus(shear, ratio * shear) * thickness**2 / (12 if flat else 16) / soft_share
     field = direction() * load * bending * MU0 / (REMANENCE * length**2)
@@ -205,9 +215,12 @@ def jointed(seed: int) -> Scene:
 
 def along_path(seed: int) -> Scene:
     """The body of the drawn scene with that seed, cut to L/D 4 to 12, along a path: by turns in uniform fields, the scene's own turned and
-    1 to 1/10 as strong, and near a dipole that moves at a distance of 2 to 4 lengths around the tip, as strong as that at 2.5."""
-    draw, plain = np.random.default_rng([78, seed]), drawn(seed)
-    data, thickness = plain.to_si(), plain.thickness
+    1 to 1/10 as strong, and near a dipole that moves at a distance of 2 to 4 lengths around the tip, as strong as that at 2.5.
+    """
+    draw = np.random.default_rng([78, seed])
+    plain = drawn(seed)
+    data = plain.to_si()
+    thickness = plain.thickness
     length = float(np.clip(plain.length, 4 * thickness, 12 * thickness))
     shape = next(one for one in data["body"].values() if one is not None)
     shape["segments"] = [
@@ -242,10 +255,8 @@ def along_path(seed: int) -> Scene:
             "over_time": {"keyframes": frames},
         }
         data["effects"]["magnetic_force"] = {}
-    share, of = (
-        float(np.exp(draw.uniform(np.log(5e-4), np.log(2e-1)))),
-        ("centreline", "tip")[int(draw.random() < 0.5)],
-    )
+    share = float(np.exp(draw.uniform(np.log(5e-4), np.log(2e-1))))
+    of = ("centreline", "tip")[int(draw.random() < 0.5)]
     solver = {**data["solver"], "quasi_static": {"steps": int(draw.integers(8, 20))}}
     return Scene.from_si(
         {

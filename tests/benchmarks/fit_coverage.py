@@ -23,7 +23,9 @@ import numpy as np
 
 FIELDS = (0.0, 1.5, 3.0, 4.5, 6.0)  # mT along z
 DISTANCES = (140.0, 110.0, 90.0, 80.0, 72.0, 65.0)  # mm, of a magnet's center above the base
-NOISE, ANGLE_NOISE = 0.2e-3, 0.5  # m, degrees
+# m, degrees
+NOISE = 0.2e-3
+ANGLE_NOISE = 0.5
 KINDS = (("shear_modulus",), ("shear_modulus", "remanence"))
 
 
@@ -52,7 +54,8 @@ def one(number: int, poses: str = "") -> dict[str, Any]:
     from magmpm.studies.fitting import fit, read_measured
     from magmpm.studies.fitting.prediction import Axis, tip_angle
 
-    rng, start = np.random.default_rng([11, number]), scene(bool(poses))
+    rng = np.random.default_rng([11, number])
+    start = scene(bool(poses))
     data = start.to_si()
     vary = KINDS[number % 2]
     material = data["materials"]["magnetic silicone"]
@@ -60,22 +63,19 @@ def one(number: int, poses: str = "") -> dict[str, Any]:
         material[name] *= float(np.exp(rng.uniform(-0.22, 0.22)))
     truth = {name: material[name] for name in vary}
     body = type(start).from_si(data)
-    rows, last = (
-        ["magnet_z_mm,tip_angle_xz_deg" if poses else "field_z_mT,tip_x_mm,tip_y_mm,tip_z_mm"],
-        None,
-    )
+    rows = ["magnet_z_mm,tip_angle_xz_deg" if poses else "field_z_mT,tip_x_mm,tip_y_mm,tip_z_mm"]
+    last = None
     for size in DISTANCES if poses else FIELDS:
-        noise, off = rng.normal(0.0, NOISE, 3), rng.normal(0.0, ANGLE_NOISE)
+        noise = rng.normal(0.0, NOISE, 3)
+        off = rng.normal(0.0, ANGLE_NOISE)
         there = (
             Apparatus((0.0, 0.0, 1e-3 * size)).applied(body)
             if poses
             else body.with_field([0.0, 0.0, 1e-3 * size])
         )
         last = run(there, start=last)
-        tip, angle = (
-            1e3 * (last.tip + noise),
-            math.degrees(tip_angle(Axis.alone(last.centreline, last.tip), 2)[0]) + off,
-        )
+        tip = 1e3 * (last.tip + noise)
+        angle = math.degrees(tip_angle(Axis.alone(last.centreline, last.tip), 2)[0]) + off
         rows.append(
             f"{size},{angle:.6f}" if poses else f"{size},{tip[0]:.6f},{tip[1]:.6f},{tip[2]:.6f}"
         )
@@ -91,7 +91,8 @@ def one(number: int, poses: str = "") -> dict[str, Any]:
         found = fit(read_measured(path, start), start, vary=vary, **known, thorough=False)
     held = {}
     for each in found.constants:
-        low, high = each.low or 0.0, math.inf if each.high is None else each.high
+        low = each.low or 0.0
+        high = math.inf if each.high is None else each.high
         held[each.constant.kind] = {
             "true": truth[each.constant.kind],
             "low": low,
@@ -125,14 +126,17 @@ def main(fits: str = "1000", first: str = "0", poses: str = "") -> int:
     for (name, noise), held in sorted(groups.items()):
         print(f"{name:<24}{noise:<12}{len(held):>10}{100 * np.mean(held):>14.1f} %")
     every = [held for group in groups.values() for held in group]
-    share, scatter = float(np.mean(every)), math.sqrt(0.95 * 0.05 / len(every))
+    share = float(np.mean(every))
+    scatter = math.sqrt(0.95 * 0.05 / len(every))
     seconds = float(np.median([each["seconds"] for each in done]))
     print(
-        f"{len(done)} fits, {len(every)} intervals: {100 * share:.1f} % hold the truth (95 % +- {100 * scatter:.1f} % expected)"
+        f"{len(done)} fits, {len(every)} intervals: {100 * share:.1f} % hold the truth (95 % +-"
+        f" {100 * scatter:.1f} % expected)"
     )
     solves = np.median([each["solves"] for each in done])
     print(
-        f"median {seconds:.2f} s and {solves:.0f} solves a fit; {time.perf_counter() - begun:.0f} s in all"
+        f"median {seconds:.2f} s and {solves:.0f} solves a fit; {time.perf_counter() - begun:.0f} s"
+        " in all"
     )
     machine.save(
         f"fit{'_' * bool(poses)}{poses}",

@@ -37,10 +37,15 @@ from magmpm.studies.rods.rod_path import search
 from magmpm.studies.search.search_space import SearchSpace
 
 HERE = File(__file__).resolve().parent
-LENGTH, STEPS, ROWS, DEPTHS = 56e-3, 1400, 57, 12
+LENGTH = 56e-3
+STEPS = 1400
+ROWS = 57
+DEPTHS = 12
 MAX_FIELD = 10e-3
 CLASSES = ("planar C", "planar S", "spatial")
-MEAN, EXIT = 0.015, 1e-3  # of the length; m: what counts as solved
+# of the length; m: what counts as solved
+MEAN = 0.015
+EXIT = 1e-3
 NOT_FOUND: dict[str, object] = {"mean_m": None, "exit_m": None, "bound": 0}
 BOUND = 0.985  # of the greatest field: at its bound
 
@@ -134,7 +139,8 @@ def _of_best(study: Study, folder: File, trials: int) -> dict[str, object]:
     """Numbers that are kept of a study's best trial."""
     kept = json.loads((folder / "best" / "design.json").read_text(encoding="utf-8"))
     curve = Path(study.target)
-    means, fields = [], []
+    means = []
+    fields = []
     for depth, shape in zip(kept["insertion"], kept["shapes"], strict=True):
         axis = np.array(shape["axis_m"])
         gap = np.linalg.norm(axis - curve.at(np.linspace(0.0, depth["depth_m"], len(axis))), axis=1)
@@ -152,7 +158,8 @@ def _of_best(study: Study, folder: File, trials: int) -> dict[str, object]:
 
 def solved(row: dict[str, object]) -> bool:
     """Return True if a path counts as solved."""
-    mean, away = row["mean_m"], row["exit_m"]
+    mean = row["mean_m"]
+    away = row["exit_m"]
     return (
         isinstance(mean, float)
         and isinstance(away, float)
@@ -180,7 +187,8 @@ def rows_of(options: argparse.Namespace) -> Iterator[dict[str, object]]:
     for number in range(options.each):
         for kind in CLASSES:
             if (kind, number) not in done:
-                study, begun = study_of(kind, number), time.perf_counter()
+                study = study_of(kind, number)
+                begun = time.perf_counter()
                 found = by_rods(study) if options.rods else by_bodies(study, options.out)
                 row = {
                     "class": kind,
@@ -198,7 +206,8 @@ def rows_of(options: argparse.Namespace) -> Iterator[dict[str, object]]:
 def table(rows: list[dict[str, object]]) -> str:
     """The table of what is solved."""
     lines = [
-        "| class | paths | solved | mean deviation, % of length (median, mean) | exit error, mm (median) | not solved: why |"
+        "| class | paths | solved | mean deviation, % of length (median, mean) | exit error, mm"
+        " (median) | not solved: why |"
     ]
     lines.append("| --- | --- | --- | --- | --- | --- |")
     for kind in (*CLASSES, "all"):
@@ -211,7 +220,8 @@ def table(rows: list[dict[str, object]]) -> str:
         count = ", ".join(f"{reasons.count(word)} {word}" for word in sorted(set(reasons))) or "-"
         share = 100 * sum(map(solved, some)) / len(some)
         lines.append(
-            f"| {kind} | {len(some)} | {share:.0f} % | {np.median(means):.2f}, {np.mean(means):.2f} | {np.median(exits):.2f} | {count} |"
+            f"| {kind} | {len(some)} | {share:.0f} % | {np.median(means):.2f}, {np.mean(means):.2f}"
+            f" | {np.median(exits):.2f} | {count} |"
         )
     return "\n".join(lines)
 
@@ -233,7 +243,8 @@ def main() -> None:
                 flush=True,
             )
     print(
-        f"exit counts {EXIT_WEIGHT} of the body in the search; solved: mean at most {100 * MEAN:g} %, exit at most {1e3 * EXIT:g} mm"
+        f"exit counts {EXIT_WEIGHT} of the body in the search; solved: mean at most {100 * MEAN:g}"
+        f" %, exit at most {1e3 * EXIT:g} mm"
     )
     print(table(rows))
 

@@ -36,7 +36,8 @@ from magmpm.studies.problem.variables import Vary, VaryField, VaryMagnetization
 from magmpm.studies.rods.rod_designs import rod_designs
 
 LOADS = (4.4, 5.5, 6.6, 7.7, 8.8)
-RATIO, FLOOR = 1.05, 1e-3
+RATIO = 1.05
+FLOOR = 1e-3
 TRIALS = 6
 PIECES = 1200  # of the curve
 OUT = machine.ROOT / "runs/bench/larger_bounds.json"
@@ -177,7 +178,10 @@ def described(row: dict[str, Any]) -> str:
     )
     places = worse(row["rms_m"], row["length_m"], FLOOR)
     verdict = f"; worse at load {', '.join(f'{LOADS[k]:g}' for k in places)}" if places else ""
-    return f"{row['kind']}, target {row['target']} ({row['body']}), seed {row['seed']}: rms {shares} % of the length{verdict}"
+    return (
+        f"{row['kind']}, target {row['target']} ({row['body']}), seed {row['seed']}: rms {shares} %"
+        f" of the length{verdict}"
+    )
 
 
 def main() -> int:
@@ -206,8 +210,9 @@ def main() -> int:
         every = sum(len(worse(row["rms_m"], row["length_m"], 0.0)) for row in counted)
         if counted:
             print(
-                f"{kind}: {targets} targets, {options.seeds} seeds, {len(LOADS)} bounds: worse by more than {100 * RATIO - 100:.0f} % "
-                f"within a larger bound: {count}; counting those within {100 * FLOOR:g} % of the length too: {every}"
+                f"{kind}: {targets} targets, {options.seeds} seeds, {len(LOADS)} bounds: worse by"
+                f" more than {100 * RATIO - 100:.0f} % within a larger bound: {count}; counting"
+                f" those within {100 * FLOOR:g} % of the length too: {every}"
             )
         status = status or int(count > 0)
     return status

@@ -28,9 +28,9 @@ def described() -> dict[str, Any]:
     return {
         "host": platform.node(),
         "cpu": _cpu(),
-        "cores": len(os.sched_getaffinity(0))
-        if hasattr(os, "sched_getaffinity")
-        else os.cpu_count(),
+        "cores": (
+            len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        ),
         "threads": numba.get_num_threads(),
         "versions": {
             "python": platform.python_version(),
@@ -52,7 +52,8 @@ def load() -> float:
 def dgemm() -> float:
     """Floating-point operations per second of a matrix product, all threads, double precision; median."""
     rng = np.random.default_rng(0)
-    a, b = rng.standard_normal((SIDE, SIDE)), rng.standard_normal((SIDE, SIDE))
+    a = rng.standard_normal((SIDE, SIDE))
+    b = rng.standard_normal((SIDE, SIDE))
     out = np.empty((SIDE, SIDE))
     return 2.0 * SIDE**3 / median_seconds(lambda: np.matmul(a, b, out=out))
 

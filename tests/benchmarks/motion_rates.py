@@ -20,11 +20,10 @@ from magmpm.scene import Scene, load_scene
 from magmpm.studies.explore.effects_costs import _records, counted
 
 SCENE = Path(__file__).resolve().parents[2] / "data/scenes/five_segments.yaml"
-SECONDS, REPEATS, PAIRS = (
-    0.25,
-    9,
-    5,
-)  # steps of one measurement; number of measurements, and of pairs of them
+# steps of one measurement; number of measurements, and of pairs of them
+SECONDS = 0.25
+REPEATS = 9
+PAIRS = 5
 SETTLING = 2000  # steps until the body is bent and moves
 
 
@@ -76,7 +75,8 @@ def mechanism_percent() -> float:
 
     model, motion, dt = started()
     advance(motion, SETTLING, dt, model.effects)  # bent and moving: at rest every number is zero
-    u, v = motion.u.copy(), motion.v.copy()
+    u = motion.u.copy()
+    v = motion.v.copy()
     motion.model = replace(model, effects=())
     steps = int(SECONDS * 50e6 / len(model.density))
 
@@ -139,31 +139,27 @@ def touching_share(touches: Scene, effect: str) -> float:
     """Share of the points of the undeformed body's surface that are in contact."""
     from magmpm.effects.contact_law import at_rest, contact_of
 
-    named, model = (
-        touches.effects.named()[effect].records(touches),
-        build(touches.with_effects(**{effect: None})),
-    )
+    named = touches.effects.named()[effect].records(touches)
+    model = build(touches.with_effects(**{effect: None}))
     x = touches.body.shape.surface(model.grid, base=not model.clamped_face).position
     return float(contact_of(named, at_rest(x), 1e-6)["count"]) / len(x)
 
 
 # Time that an effect adds to a step, by short runs in pairs on one thread: a busy machine disturbs them little.
-PAIRED, PART, STILL = (
-    60,
-    0.004,
-    1e-12,
-)  # pairs of short runs; s, each; s, a step in which nothing moves
+# pairs of short runs; s, each; s, a step in which nothing moves
+PAIRED = 60
+PART = 0.004
+STILL = 1e-12
 
 
 def measured(scene: Scene, key: str, model: Model | None = None) -> float:
     """Percent of a bare step, at the scene's settings of the effect or else at its key's example. Raises MagmpmError where it can't act.
 
     model: of the scene, or of one with the same body."""
-    model, records = model or build(scene), _records(scene, key)
-    motion, bare = (
-        TotalMotion(replace(model, effects=records)),
-        TotalMotion(replace(model, effects=())),
-    )
+    model = model or build(scene)
+    records = _records(scene, key)
+    motion = TotalMotion(replace(model, effects=records))
+    bare = TotalMotion(replace(model, effects=()))
     numba.set_num_threads(1)
     motion.advance(1, STILL, records)
     bare.advance(1, STILL, ())

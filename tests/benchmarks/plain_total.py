@@ -25,10 +25,15 @@ from magmpm.materials import neo_hookean, stiffest
 @inlined
 def particles_to_grid(cell, cells, particles, state, room, P, f, spare, high, change):
     """As of kernels.total_lagrangian_step, without effects."""
-    first, last, node = cells.first_group[cell], cells.first_group[cell + 1], cells.first_node[cell]
-    along_x, along_y, splines = cells.along_x, cells.along_y, particles.splines
+    first = cells.first_group[cell]
+    last = cells.first_group[cell + 1]
+    node = cells.first_node[cell]
+    along_x = cells.along_x
+    along_y = cells.along_y
+    splines = particles.splines
     for group in range(first, last):
-        at, pattern = 72 * (group - first), particles.pattern[group]
+        at = 72 * (group - first)
+        pattern = particles.pattern[group]
         det = load(room.J, 8 * (group - first))
         swollen = det - 1.0
         if particles.mode_count > 0:
@@ -53,8 +58,13 @@ def particles_to_grid(cell, cells, particles, state, room, P, f, spare, high, ch
 @inlined
 def update_grid(k, dt, nodes, correction, state):
     """As of kernels.total_lagrangian_step, without effects."""
-    node, plane = nodes.active[k], correction.plane[k]
-    n, u, v, force, inverse_mass = 3 * node, state.u, state.v, state.force, nodes.inverse_mass
+    node = nodes.active[k]
+    plane = correction.plane[k]
+    n = 3 * node
+    u = state.u
+    v = state.v
+    force = state.force
+    inverse_mass = nodes.inverse_mass
     for i in range(3):
         v[n + i] += dt * (inverse_mass[n + i] * force[n + i] + added_at(correction, plane, node, i))
         force[n + i] = 0.0
@@ -72,8 +82,13 @@ def _sum_forces(most, cells, particles, state, slabs):
             room = CellRoom(
                 np.empty(72 * most), np.empty(8 * most), np.empty(24 * most), np.empty(4)
             )
-            P, f, spare = np.empty(72), np.zeros(24), np.empty(72)
-            least, bad, high, change = splat(np.inf), splat(0.0), splat(0.0), splat(0.0)
+            P = np.empty(72)
+            f = np.zeros(24)
+            spare = np.empty(72)
+            least = splat(np.inf)
+            bad = splat(0.0)
+            high = splat(0.0)
+            change = splat(0.0)
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
                 least, bad = grid_to_particles(cell, cells, particles, state, room, least, bad)
                 high, change = particles_to_grid(
@@ -105,10 +120,8 @@ def advance(steps, dt, cells, particles, nodes, correction, state, watch, slabs)
 
 def steps_of(motion, steps, dt, u, v):  # type: ignore[no-untyped-def]
     """So many steps of dt (s) of a TotalMotion's body without effects, on displacements u and velocities v (3 nodes,), in place."""
-    p, state = (
-        motion.packed,
-        State(u, v, motion.force, motion.stiffness, motion.anchor, motion.memory),
-    )
+    p = motion.packed
+    state = State(u, v, motion.force, motion.stiffness, motion.anchor, motion.memory)
     return advance(
         steps,
         dt,

@@ -21,9 +21,12 @@ from magmpm.results.measures import largest_distance
 from magmpm.scene import Scene
 from magmpm.statics.grids import operations
 
-FIRST, SCENES = 1000, 100
+FIRST = 1000
+SCENES = 100
 MOST_OPERATIONS = 4e10  # of a factorization of the reference: some ten seconds a scene
-FINER = 1.2  # the reference's cells over those of the proof, at least, so that it is not the grid which told the error
+# the reference's cells over those of the proof, at least, so that it is not the grid which told the
+# error
+FINER = 1.2
 
 
 def main() -> None:
@@ -35,10 +38,8 @@ def main() -> None:
 def asked(seed: int, draw_scene: Callable[[int], Scene] = drawn) -> Scene:
     """The scene of a seed, with the error it is asked for."""
     draw = np.random.default_rng([7, seed])
-    share, of = (
-        float(np.exp(draw.uniform(np.log(2e-4), np.log(2e-2)))),
-        ("centreline", "tip")[int(draw.random() < 0.25)],
-    )
+    share = float(np.exp(draw.uniform(np.log(2e-4), np.log(2e-2))))
+    of = ("centreline", "tip")[int(draw.random() < 0.25)]
     return Scene.from_si({**draw_scene(seed).to_si(), "resolution": {"error": share, "of": of}})
 
 
@@ -97,7 +98,10 @@ def told(row: dict[str, Any]) -> str:
     if "failed" in row:
         return f"{begin}: {row['failed'][:300]}"
     promised = 100 * row["promised"] / row["length"]
-    return f"{begin}: {row['cells']} cells, promised {promised:.4f} %, true/promised {row['ratio']:.2f}, {row['seconds']:.2f} s"
+    return (
+        f"{begin}: {row['cells']} cells, promised {promised:.4f} %, true/promised"
+        f" {row['ratio']:.2f}, {row['seconds']:.2f} s"
+    )
 
 
 def summary(rows: list[dict[str, Any]]) -> str:
@@ -105,7 +109,10 @@ def summary(rows: list[dict[str, Any]]) -> str:
     known = [row for row in rows if "ratio" in row]
     kept = sum(row["true"] <= row["asked"] * row["length"] for row in known)
     spread = shares(np.array([row["ratio"] for row in known]))
-    return f"{len(rows)} scenes, {len(known)} judged: {spread}; within the error asked for: {kept} of {len(known)}"
+    return (
+        f"{len(rows)} scenes, {len(known)} judged: {spread}; within the error asked for: {kept} of"
+        f" {len(known)}"
+    )
 
 
 if __name__ == "__main__":

@@ -26,7 +26,9 @@ from magmpm.effects.gravity import Gravity
 from magmpm.results.measures import centreline_at
 from magmpm.scene import Scene
 
-SLENDER, WALL = 15.0, 0.2  # most L/D; least wall over the outer radius
+# most L/D; least wall over the outer radius
+SLENDER = 15.0
+WALL = 0.2
 MESHES = (
     0.32,
     0.22,
@@ -57,13 +59,12 @@ def suits(scene: Scene) -> bool:
 
 def case_of(scene: Scene) -> make_fem.Case:
     """The scene as a case of make_fem."""
-    body, materials = scene.body.catheter, scene.materials
+    body = scene.body.catheter
+    materials = scene.materials
     segments = []
     for region, length in zip(scene.regions(), body.segment_lengths(), strict=True):
-        material, direction = (
-            materials[region.material_name],
-            tuple(map(float, region.magnetization)),
-        )
+        material = materials[region.material_name]
+        direction = tuple(map(float, region.magnetization))
         segments.append(
             make_fem.Segment(
                 direction,
@@ -126,8 +127,9 @@ def told(row: dict[str, Any]) -> str:
         return f"{row['name']}: {row['failed']}"
     share = 100 / row["length"]
     return (
-        f"{row['name']}: {row['cells']} cells, promised {share * row['promised']:.4f} %, true {share * row['true']:.4f} %, "
-        f"ratio {row['ratio']:.2f}; orders 3 and 4 differ by {share * row['fem_error']:.4f} %"
+        f"{row['name']}: {row['cells']} cells, promised {share * row['promised']:.4f} %, true"
+        f" {share * row['true']:.4f} %, ratio {row['ratio']:.2f}; orders 3 and 4 differ by"
+        f" {share * row['fem_error']:.4f} %"
     )
 
 

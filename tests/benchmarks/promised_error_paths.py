@@ -19,7 +19,8 @@ from magmpm.scene import Scene
 from magmpm.scene.time_limit import limited
 from magmpm.solving.several_grids import Runs
 
-FIRST, SCENES = 6000, 40
+FIRST = 6000
+SCENES = 40
 MORE = 3  # cells across
 LIMIT = 60.0  # s of processor time for a run
 

@@ -12,7 +12,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-CELLS = 16  # across the five-segment catheter: 290 000 particles, so that one megabyte is 4 bytes per particle
+# across the five-segment catheter: 290 000 particles, so that one megabyte is 4 bytes per particle
+CELLS = 16
 
 
 def grown() -> dict[str, float]:

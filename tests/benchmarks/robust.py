@@ -55,7 +55,8 @@ def made_with_errors(
     scene: Scene, variables: tuple[Variable, ...], sizes: np.ndarray, rng: np.random.Generator
 ) -> Scene:
     """The scene with errors drawn: directions tilted along great circles, materials multiplied."""
-    data, errors = scene.to_si(), sizes * rng.normal(size=len(sizes))
+    data = scene.to_si()
+    errors = sizes * rng.normal(size=len(sizes))
     directions = np.array([region.magnetization for region in scene.regions()])
     for region in {v.region for v in variables if v.kind == "magnetization"}:
         first, second = (
@@ -76,7 +77,8 @@ def main(samples: str = "300") -> int:
     """Print the table, and write runs/bench/robust.json."""
     rows = []
     print(
-        f"{'design':<12}{'rms':>8}{'':>12}{'scatter':>9}{'mean rms':>10}{'sigma':>8}{'mean + 2 sigma':>16}   (mm)"
+        f"{'design':<12}{'rms':>8}{'':>12}{'scatter':>9}{'mean rms':>10}{'sigma':>8}{'mean + 2 sigma':>16}"
+        "   (mm)"
     )
     for name, scene, target in designs():
         begun = time.perf_counter()

@@ -113,7 +113,8 @@ def difference(a: np.ndarray, b: np.ndarray) -> float:
         return np.inf
     if a.size == 0 or np.array_equal(a, b):
         return 0.0
-    a, b = a.astype(float), b.astype(float)
+    a = a.astype(float)
+    b = b.astype(float)
     return float(np.abs(a - b).max() / max(np.abs(a).max(), 1e-300))
 
 
@@ -121,18 +122,18 @@ def compare(old: Path, new: Path, tolerance: float) -> int:
     """Print one line per results folder; return 1 if one differs by more than the tolerance or is missing, else 0."""
     bad = 0
     for folder in sorted(p for p in old.iterdir() if p.is_dir()):
-        before, after = (
-            dict(numbers(folder)),
-            dict(numbers(new / folder.name)) if (new / folder.name).exists() else {},
-        )
+        before = dict(numbers(folder))
+        after = dict(numbers(new / folder.name)) if (new / folder.name).exists() else {}
         apart = {key: difference(before[key], after[key]) for key in before if key in after}
         missing = [key for key in before if key not in after]
         worst = max(apart, key=lambda key: apart[key], default="")
         failed = not before or missing or apart.get(worst, np.inf) > tolerance
         bad += bool(failed)
-        word, size = "DIFFERS" if failed else "same", apart.get(worst, np.inf)
+        word = "DIFFERS" if failed else "same"
+        size = apart.get(worst, np.inf)
         print(
-            f"{word:<8} {folder.name:<24} {len(apart):5d} arrays, largest difference {size:.1e} {worst if size else ''}"
+            f"{word:<8} {folder.name:<24} {len(apart):5d} arrays, largest difference {size:.1e}"
+            f" {worst if size else ''}"
         )
         if missing:
             print("    missing:", ", ".join(missing[:5]))

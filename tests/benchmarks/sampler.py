@@ -22,7 +22,8 @@ STUDIES = ("c_shape", "s_shape")
 
 def rows_of(sampler: str, name: str, seeds: int) -> list[dict[str, Any]]:
     """The trials (from 1) that first come within 2 mm of a study's target, and the best of at most 35; printed as they come."""
-    rows, study = [], load_study(machine.ROOT / f"data/studies/{name}.yaml")
+    rows = []
+    study = load_study(machine.ROOT / f"data/studies/{name}.yaml")
     chosen, _, start = sampler.partition("+")
     for seed in range(1, seeds + 1):
         with tempfile.TemporaryDirectory() as folder:

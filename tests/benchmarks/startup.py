@@ -21,10 +21,8 @@ from pathlib import Path
 import machine
 
 ROOT = machine.ROOT
-STUDY, SCENE = (
-    str(ROOT / "data/studies/s_shape.yaml"),
-    str(ROOT / "data/scenes/axial_transverse.yaml"),
-)
+STUDY = str(ROOT / "data/studies/s_shape.yaml")
+SCENE = str(ROOT / "data/scenes/axial_transverse.yaml")
 REPEATS = 5
 BOUND = 1.0  # s, for all but --help
 NOTHING = {  # what makes each command begin, with a file that is not there
@@ -51,7 +49,8 @@ def begun(arguments: list[str], folder: str, env: Mapping[str, str]) -> tuple[fl
     """Least seconds of wall clock and of processor time of a command."""
     best = (float("inf"), float("inf"))
     for _ in range(REPEATS):
-        before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        start = time.perf_counter()
         subprocess.run(
             [sys.executable, "-m", "magmpm.cli", *arguments],
             capture_output=True,
@@ -59,7 +58,8 @@ def begun(arguments: list[str], folder: str, env: Mapping[str, str]) -> tuple[fl
             cwd=folder,
             env=env,
         )
-        wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
+        wall = time.perf_counter() - start
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
         used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
         best = min(best[0], wall), min(best[1], used)
     return best

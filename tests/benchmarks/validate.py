@@ -19,7 +19,8 @@ CELLS = (2, 3, 4, 6, 8)
 def main() -> int:
     """Print the table."""
     print(
-        "largest distance of the axis, % of length (Newton steps), by cells across; order fitted from 4 to 8"
+        "largest distance of the axis, % of length (Newton steps), by cells across; order fitted"
+        " from 4 to 8"
     )
     print(
         f"{'case':<38}{'F-bar':>6}{'of reference':>14}"
@@ -28,7 +29,8 @@ def main() -> int:
     )
     for name, problem in finite_element_problems(ROOT / "data/references/fem.json").items():
         for locking in ("f-bar", "none"):
-            row, errors = [], []
+            row = []
+            errors = []
             for n in CELLS:
                 try:
                     result = run(problem.scene(n, anti_locking=locking))

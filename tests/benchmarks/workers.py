@@ -22,7 +22,9 @@ from magmpm.studies.engine.loop import kernel_uses, run_study
 from magmpm.studies.search.definition import load_study
 from magmpm.viz.worker import Renderer
 
-TRIALS, WARM = int(os.environ.get("TRIALS", "200")), 10  # make hands on what it is given
+# make hands on what it is given
+TRIALS = int(os.environ.get("TRIALS", "200"))
+WARM = 10
 
 
 def rate(workers: int | None, pictures: bool) -> float:
@@ -71,7 +73,9 @@ def main() -> int:
     found = {}
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before")
     for pictures in (False, True):
-        one, two, single = rate(None, pictures), rate(2, pictures), on_one_thread(pictures)
+        one = rate(None, pictures)
+        two = rate(2, pictures)
+        single = on_one_thread(pictures)
         what = "with pictures" if pictures else "without pictures"
         found[what] = {
             "one": one,

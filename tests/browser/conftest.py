@@ -46,7 +46,8 @@ def browser() -> Iterator[Any]:
 @pytest.fixture
 def view(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Any]]:
     """view(scene, *options) -> the page of that scene, when it is there. At the end: nothing was complained of in the console."""
-    servers, troubles = [], []
+    servers = []
+    troubles = []
 
     def open_page(scene: Path, *options: str) -> Any:
         usual = ["--json", "--port", "0", "--out", str(tmp_path / "out")]

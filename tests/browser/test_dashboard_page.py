@@ -81,7 +81,8 @@ def page(served: Any, browser: Any) -> Iterator[Any]:
 def study_of(served: Any) -> tuple[int, Any]:
     """The study's number and what the dashboard knows of it, once all six trials have notes."""
     (study,) = served.ask("/api/studies")["study_summaries"]
-    number, until = study["study_id"], time.monotonic() + 60
+    number = study["study_id"]
+    until = time.monotonic() + 60
     while True:
         detail = served.ask(f"/api/studies/{number}?after=0")
         if len(detail["trials"]) == 6 and all(trial["note"]["body"] for trial in detail["trials"]):

@@ -36,7 +36,8 @@ def test_the_report_does_not_scroll_sideways(report: Path, browser: Any) -> None
     page = narrow(browser, report.as_uri())
     assert page.evaluate("document.scrollingElement.scrollWidth") <= WIDTH, page.evaluate(WIDER)
     widths = page.evaluate(
-        '[...document.querySelectorAll(".wide > table")].map(one => one.getBoundingClientRect().width)'
+        '[...document.querySelectorAll(".wide > table")].map(one =>'
+        " one.getBoundingClientRect().width)"
     )
     assert len(widths) > 5
     assert max(widths) > WIDTH, "a wide table is as wide as it needs, and scrolls in its own box"

@@ -37,7 +37,8 @@ def pixels(page: Any) -> np.ndarray:
 def turn(page: Any, slider: str, value: float) -> None:
     """Move a slider as a hand does."""
     page.locator(f'input[data-id="{slider}"]').evaluate(
-        "(slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input', { bubbles: true })); }",
+        "(slider, value) => { slider.value = value; slider.dispatchEvent(new Event('input', {"
+        " bubbles: true })); }",
         value,
     )
 
@@ -174,10 +175,8 @@ def test_a_magnet_can_be_moved(view: View) -> None:
 
 def test_a_motion_plays_pauses_and_scrubs(view: View, tmp_path: Path) -> None:
     """It is run first; frames appear while it runs."""
-    solver, field = (
-        "{dynamic: {duration: 10 ms, output_every: 0.2 ms}}",
-        "{uniform: [0 mT, 0 mT, 27 mT]}",
-    )
+    solver = "{dynamic: {duration: 10 ms, output_every: 0.2 ms}}"
+    field = "{uniform: [0 mT, 0 mT, 27 mT]}"
     (tmp_path / "swing.yaml").write_text(
         scene_text("swing", field=field, solver=solver, advice="off"), encoding="utf-8"
     )
@@ -220,7 +219,8 @@ def test_a_narrow_window_shows_body_and_sliders(view: View) -> None:
     settled(page)
     assert (
         page.evaluate(
-            "Math.max(document.documentElement.scrollWidth, document.getElementById('panel').scrollWidth)"
+            "Math.max(document.documentElement.scrollWidth,"
+            " document.getElementById('panel').scrollWidth)"
         )
         <= 420
     )
@@ -246,7 +246,8 @@ def test_html_in_names_is_shown_as_text(view: View, tmp_path: Path) -> None:
     """Names of files and folders; a scene's own name with < in it is refused by the scene."""
     folder = tmp_path / "<b>bold<b>"
     folder.mkdir()
-    scene, target = folder / "<i>scene.yaml", folder / "<img src=x onerror=alert(1)>.csv"
+    scene = folder / "<i>scene.yaml"
+    target = folder / "<img src=x onerror=alert(1)>.csv"
     scene.write_bytes(FIVE.read_bytes())
     target.write_bytes((ROOT / "data" / "targets" / "s_shape.csv").read_bytes())
     page = view(scene, "--cells", "2", "--target", str(target))

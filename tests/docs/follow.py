@@ -45,13 +45,11 @@ def serve(words: list[str]) -> None:
     browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
     try:
         assert server.stderr is not None
-        begun, address = (
-            time.monotonic(),
-            next(
-                found[0]
-                for line in server.stderr
-                if (found := re.search(rf"http://\S+:{port}\S*", line))
-            ),
+        begun = time.monotonic()
+        address = next(
+            found[0]
+            for line in server.stderr
+            if (found := re.search(rf"http://\S+:{port}\S*", line))
         )
         while True:
             try:
@@ -88,7 +86,8 @@ def main(arguments: list[str]) -> int:
                     subprocess.run(command(words, quick), check=True, timeout=1800)
         except Exception as error:
             print(
-                f"line {line}: {kind}: {text.strip().splitlines()[0]}: {type(error).__name__}: {error}",
+                f"line {line}: {kind}: {text.strip().splitlines()[0]}: {type(error).__name__}:"
+                f" {error}",
                 file=sys.stderr,
             )
             return 1

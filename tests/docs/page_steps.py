@@ -53,9 +53,12 @@ class Step:
 
 def steps(page: Path) -> list[Step]:
     """Steps of a reader of this page, in order."""
-    text, found = page.read_text(encoding="utf-8"), []
+    text = page.read_text(encoding="utf-8")
+    found = []
     for match in FENCE.finditer(text):
-        how, kind, block = match["how"] or "", match["kind"], match["text"]
+        how = match["how"] or ""
+        kind = match["kind"]
+        block = match["text"]
         line = text.count("\n", 0, match.start("text")) + 1
         if how.startswith("not run, because "):
             continue

@@ -55,7 +55,8 @@ def parts(text: str) -> list[str]:
 
 
 MATERIALS = "\n".join(
-    f"  {name}: {{shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: {remanence} mT}}"
+    f"  {name}: {{shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence:"
+    f" {remanence} mT}}"
     for name, remanence in (
         ("magnetic silicone", 138),
         ("magnetic elastomer", 140),
@@ -65,7 +66,10 @@ MATERIALS = "\n".join(
 AROUND = {  # what a part of a scene is put into, where the part does not say it itself
     "name": "name: page\n",
     "materials": f"materials:\n{MATERIALS}\n",
-    "body": "body: {catheter: {length: 40 mm, diameter: 4 mm, material: magnetic silicone, segments: [{magnetization: [1, 0, 0]}]}}\n",
+    "body": (
+        "body: {catheter: {length: 40 mm, diameter: 4 mm, material: magnetic silicone, segments:"
+        " [{magnetization: [1, 0, 0]}]}}\n"
+    ),
     "field": "field: {uniform: [0 mT, 6 mT, 8 mT], over_time: {ramp: {duration: 1 s}}}\n",
     "resolution": "resolution: {cells_across: 4}\n",
 }
@@ -89,7 +93,8 @@ def whole_scenes(text: str, keys: set[str]) -> list[str]:
         return f"{under}:\n" + "".join(f"  {line}\n" for line in text.splitlines())
 
     if keys <= set(Effects.model_fields):
-        text, keys = indented("effects"), {"effects"}
+        text = indented("effects")
+        keys = {"effects"}
     return [
         "".join(part for key, part in {**AROUND, **more}.items() if key not in keys) + text
         for more in IN_ONE_OF
@@ -113,7 +118,8 @@ def load(text: str, folder: Path) -> Any:
         path = folder / "studies/page.yaml"
         path.write_text(text, encoding="utf-8")
         return load_study(path)
-    path, refusals = folder / "scenes/page.yaml", []
+    path = folder / "scenes/page.yaml"
+    refusals = []
     for whole in [text] if {"materials", "body", "name"} <= keys else whole_scenes(text, keys):
         path.write_text(whole, encoding="utf-8")
         try:
@@ -208,7 +214,8 @@ def test_sensitivities(monkeypatch: pytest.MonkeyPatch) -> None:
     """The two tips are each other's mirror."""
     monkeypatch.chdir(ROOT)
     names = names_of("sensitivities.md", 3)
-    up, down = names["up"], names["down"]
+    up = names["up"]
+    down = names["down"]
     assert abs(up.tip[2]) > 5e-3
     np.testing.assert_allclose(down.tip, up.tip * [1, 1, -1], atol=1e-6 * 40e-3)
     assert np.linalg.norm(names["scatter"]) > 1e-4

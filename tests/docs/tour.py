@@ -98,7 +98,8 @@ def main(arguments: list[str]) -> int:
             passed, seconds, said = follow(page, folder / page.stem, python)
             failed += not passed
             print(
-                f"{'passes' if passed else 'FAILS':<8}{page.name:<24}{count:>3} steps  {seconds:6.0f} s",
+                f"{'passes' if passed else 'FAILS':<8}{page.name:<24}{count:>3} steps "
+                f" {seconds:6.0f} s",
                 flush=True,
             )
             if not passed:

@@ -396,8 +396,12 @@ MOVED = [
           more=(*STRIP[:2], ("clamp: base", "clamp: both\n    plane_strain: true")), line=27),
 ]
 
-SHEAR, RATIO, BR = "    shear_modulus: 120 kPa", "    bulk_to_shear: 20\n", "    remanence: 138 mT"
-IN_OTHER_WORDS = [  # constants of data sheets and papers; the numbers by hand: E/(2 (1 + nu)), 2 (1 + nu)/(3 (1 - 2 nu)), 4e-7 pi M
+SHEAR = "    shear_modulus: 120 kPa"
+RATIO = "    bulk_to_shear: 20\n"
+BR = "    remanence: 138 mT"
+# constants of data sheets and papers; the numbers by hand: E/(2 (1 + nu)), 2 (1 + nu)/(3 (1 - 2
+# nu)), 4e-7 pi M
+IN_OTHER_WORDS = [
     edit("Young's modulus", SHEAR, "    youngs_modulus: 300 kPa", MAGNETIC + ".youngs_modulus", '"300 kPa"', "`shear_modulus: 101.7 kPa`",
          "E/(2 (1 + nu)) with nu = 0.4754, which is bulk_to_shear 20"),
     edit("Young's modulus by its letter", SHEAR, "    E: 300 kPa", MAGNETIC + ".E", '"300 kPa"', "`shear_modulus: 101.7 kPa`"),

@@ -12,10 +12,8 @@ from magmpm.inputs.csv_tables import write_centreline
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.search.definition import load_study
 
-SEGMENTS, FIELD = (
-    "{magnetization: [1, 0, 0]}, {}, {magnetization: [0, 0, 1]}",
-    "{uniform: [0 mT, 4 mT, 8 mT]}",
-)
+SEGMENTS = "{magnetization: [1, 0, 0]}, {}, {magnetization: [0, 0, 1]}"
+FIELD = "{uniform: [0 mT, 4 mT, 8 mT]}"
 STUDY = """\
 scene: scene.yaml
 vary: {magnetization: {}}

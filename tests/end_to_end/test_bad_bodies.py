@@ -209,13 +209,18 @@ def test_a_part_far_from_the_others_is_refused_before_the_run(
 # Errors found only when the body is built are refused like those found during loading: file, line, key, value, rule, remedy
 
 
-FIELD, EFFECT = "uniform: [0 mT, 2 mT, 20 mT]", "gravity: {}"
+FIELD = "uniform: [0 mT, 2 mT, 20 mT]"
+EFFECT = "gravity: {}"
 TUBE = "walls: {tube: {radius: 3 mm, path: [[0 mm, 9 mm, 0 mm], [40 mm, 9 mm, 0 mm]]}}"
 MOMENT = "moment: [0 A*m^2, 0 A*m^2, 0.5 A*m^2]"
-NEAR = f"dipole:\n    - {{position: [60 mm, 0 mm, 0 mm], {MOMENT}}}\n    - {{position: [8 mm, 0 mm, 0 mm], {MOMENT}}}"
+NEAR = (
+    f"dipole:\n    - {{position: [60 mm, 0 mm, 0 mm], {MOMENT}}}\n    - {{position: [8 mm, 0 mm, 0"
+    f" mm], {MOMENT}}}"
+)
 TURNING = (
-    "magnet: {cylinder: {diameter: 20 mm, length: 20 mm}, position: [40 mm, 0 mm, 0 mm], remanence: 1.3 T}\n"
-    "  over_time: {rotation: {frequency: 1 Hz, center: [20 mm, 0 mm, 0 mm], axis: [0, 1, 0]}}"
+    "magnet: {cylinder: {diameter: 20 mm, length: 20 mm}, position: [40 mm, 0 mm, 0 mm], remanence:"
+    " 1.3 T}\n  over_time: {rotation: {frequency: 1 Hz, center: [20 mm, 0 mm, 0 mm], axis: [0, 1,"
+    " 0]}}"
 )
 
 

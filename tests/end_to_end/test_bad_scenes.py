@@ -68,7 +68,8 @@ def test_no_remedy_for_an_effect_is_to_remove_it(tmp_path: Path) -> None:
 def test_what_stands_for_young_and_poisson_is_the_same_material() -> None:
     """Through the conversions and back, at any ratio that a material may have; 1e-12: rounding."""
     for ratio in (0.7, 1.0, 5.0, 20.0, 500.0, 1e4):
-        nu, young = poisson_ratio(1.0, ratio), young_modulus(120e3, 120e3 * ratio)
+        nu = poisson_ratio(1.0, ratio)
+        young = young_modulus(120e3, 120e3 * ratio)
         assert bulk_over_shear(nu) == pytest.approx(
             ratio, rel=1e-12 * ratio + 1e-12
         )  # 1 - 2 nu has lost a digit for each factor of ten
@@ -76,7 +77,8 @@ def test_what_stands_for_young_and_poisson_is_the_same_material() -> None:
 
 
 def test_another_kind_of_file_gets_its_command(tmp_path: Path, told) -> None:
-    study, robot = write_good(tmp_path), tmp_path / "robot.yaml"
+    study = write_good(tmp_path)
+    robot = tmp_path / "robot.yaml"
     scene = tmp_path / yaml.safe_load(study.read_text())["scene"]
     robot.write_text("name: gripper\nn_segments: 1\nremenance: 0.1\nsegments: []\n")
     for command in ("run", "accuracy", "effects"):
@@ -157,7 +159,8 @@ def test_the_good_study_is_good(tmp_path: Path) -> None:
 def test_what_is_wrong_in_a_study_is_said_by_loader_and_command(
     case: BadStudy, tmp_path: Path, told
 ) -> None:
-    path, out = bad_studies.write(case, tmp_path), tmp_path / "out"
+    path = bad_studies.write(case, tmp_path)
+    out = tmp_path / "out"
     with pytest.raises(InputError) as caught:
         load_study(path)
     message = str(caught.value)

@@ -26,7 +26,8 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_two_motions_into_one_folder(tmp_path: Path, told) -> None:
     """The second ends at once with status 2 and the number of the first process; the first continues, and all files are its own."""
-    path, out = scene(tmp_path, "duration: 100 s, output_every: 1 ms"), tmp_path / "out"
+    path = scene(tmp_path, "duration: 100 s, output_every: 1 ms")
+    out = tmp_path / "out"
     with started("run", path, "--out", out) as first:
         try:
             wait_for((out / CHECKPOINT).exists, first)
@@ -129,7 +130,8 @@ def test_a_lock_of_someone_unknown(tmp_path: Path) -> None:
 
 def test_the_lock_leaves_no_file_and_one_that_waits_for_it_locks_the_next(tmp_path: Path) -> None:
     """Five threads, one at a time, although each deletes the file."""
-    inside, most = [0], [0]
+    inside = [0]
+    most = [0]
 
     def work(_: int) -> None:
         for _ in range(20):

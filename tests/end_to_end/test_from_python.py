@@ -87,7 +87,8 @@ def test_numbers_may_be_text_with_units() -> None:
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
 def test_a_saved_scene_is_read_back_as_an_equal_one(path: Path, tmp_path: Path) -> None:
     """Bit for bit, or it is refused and nothing is written."""
-    scene, file = magmpm.load_scene(path), tmp_path / "saved/x.yaml"
+    scene = magmpm.load_scene(path)
+    file = tmp_path / "saved/x.yaml"
     if path.stem in FROM_TABLES:
         with pytest.raises(magmpm.InputError, match="tables and meshes"):
             scene.save(file)
@@ -169,7 +170,10 @@ def test_users_own_studies_and_viz_are_in_nobodys_way(tmp_path: Path) -> None:
         (tmp_path / "packages" / name).mkdir(parents=True)
         (tmp_path / "packages" / name / "__init__.py").write_text(IN_THE_WAY)
     out = finished(tmp_path, trials=1)
-    code = f"import magmpm\nprint(magmpm.design({str(study_file(tmp_path))!r}, folder={str(out)!r}, trials=1))\n"
+    code = (
+        f"import magmpm\nprint(magmpm.design({str(study_file(tmp_path))!r}, folder={str(out)!r},"
+        " trials=1))\n"
+    )
     path = f"{tmp_path}:{tmp_path / 'packages'}"
     for arguments in (
         ["-m", "magmpm", "design", str(study_file(tmp_path)), "--out", str(out), "--trials", "1"],

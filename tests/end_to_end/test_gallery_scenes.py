@@ -186,7 +186,8 @@ def test_the_gripper_is_what_its_script_writes_and_alike_on_six_sides(tmp_path: 
     names = ["hub", "ball", *(f"{half}_{k}" for k in range(1, 7) for half in ("inner", "outer"))]
     assert [part.name for part in parts.meshes] == [f"gripper_{name}" for name in names]
     directions = np.array([part.magnetization for part in parts.meshes[2:]]).reshape(6, 2, 3)
-    c, s = np.cos(np.pi / 3), np.sin(np.pi / 3)
+    c = np.cos(np.pi / 3)
+    s = np.sin(np.pi / 3)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     assert directions[1:] == pytest.approx(
         directions[:-1] @ turn.T, abs=1e-4
@@ -303,7 +304,8 @@ def test_a_scene_becomes_a_page_with_poster_movie_and_numbers(
     (root / "docs/gallery/costs.md").write_text("# A page of no scene\n")
     # Second build: nothing is run, text written by hand stays, and the numbers are restored.
     written = root / "docs/gallery/rod.md"
-    before, after = page.split("| particles |")[0], "\n<!-- /measured -->\n\nBy hand, below.\n"
+    before = page.split("| particles |")[0]
+    after = "\n<!-- /measured -->\n\nBy hand, below.\n"
     written.write_text(
         before.replace("A short rod", "By hand: a short rod") + "| particles | 3 |" + after
     )

@@ -42,7 +42,8 @@ def robot_file(folder: Path, meshes: dict[str, Mesh] | None = None, **changes: A
     for name, mesh in {**MESHES, **(meshes or {})}.items():
         write_stl(mesh, folder / "meshes" / name)
     hub = segment("base.STL", [0, 0, 0], density=927, fixed=True)
-    arm, tip = segment("robot - arm.STL", [0, 0, 1]), segment("tip.STL", [0.8, 0, 0.6])
+    arm = segment("robot - arm.STL", [0, 0, 1])
+    tip = segment("tip.STL", [0.8, 0, 0.6])
     content = {
         "name": "Tiny",
         "n_segments": 3,
@@ -140,7 +141,10 @@ def test_odd_input_is_warned_of(tmp_path: Path) -> None:
     far = {"left over.STL": box((0, 0, 0), (1, 1, 1)), "tip.STL": box((0, 0, -5), (2, 2, 0))}
     scene, warnings = import_robot(robot_file(tmp_path, far, segments=odd), tmp_path / "s.yaml")
     assert warnings == [
-        "segments[1].magnetisation_vector: [0, 0, 2] has length 2; it is made one, so the remanence is 0.138 T, not 0.276 T",
+        (
+            "segments[1].magnetisation_vector: [0, 0, 2] has length 2; it is made one, so the"
+            " remanence is 0.138 T, not 0.276 T"
+        ),
         "meshes: left over.STL: no segment uses it",
         "segments[2].mesh: tip.STL touches no other segment: the nearest is 5 mm away",
     ]

@@ -28,7 +28,8 @@ from magmpm.scene.memory import within
 def test_killed_and_resumed_is_the_same_motion(tmp_path: Path, told) -> None:
     """SIGKILL at some frame, then --resume: result and checkpoint equal those of an uninterrupted run bit for bit; no frame is missing."""
     path = scene(tmp_path, "duration: 40 ms, output_every: 1 ms")
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    whole = tmp_path / "whole"
+    broken = tmp_path / "broken"
     told("run", path, "--out", whole)
     process = started("run", path, "--out", broken)
     wait_for((broken / CHECKPOINT).exists, process)
@@ -40,13 +41,15 @@ def test_killed_and_resumed_is_the_same_motion(tmp_path: Path, told) -> None:
     assert 1 <= frame < 40
 
     told("run", path, "--out", broken, "--resume")
-    one, two = Result.load(whole), Result.load(broken)
+    one = Result.load(whole)
+    two = Result.load(broken)
     assert one.iterations == two.iterations
     assert one.particle_position.tobytes() == two.particle_position.tobytes()
     assert one.particle_det_F.tobytes() == two.particle_det_F.tobytes()
     with np.load(whole / CHECKPOINT) as a, np.load(broken / CHECKPOINT) as b:
         assert all(a[name].tobytes() == b[name].tobytes() for name in a.files)
-    first, second = Motion.load(whole), Motion.load(broken)
+    first = Motion.load(whole)
+    second = Motion.load(broken)
     assert len(first) == len(second) == 41
     for k in (0, frame, 40):
         assert first[k].position.tobytes() == second[k].position.tobytes()
@@ -74,7 +77,8 @@ def test_a_checkpoint_that_the_disk_does_not_take_is_warned_of(tmp_path: Path) -
 
 
 def test_resuming_another_scene_is_refused(tmp_path: Path, told) -> None:
-    out, path = tmp_path / "out", scene(tmp_path, "duration: 1 ms, output_every: 1 ms")
+    out = tmp_path / "out"
+    path = scene(tmp_path, "duration: 1 ms, output_every: 1 ms")
     told("run", path, "--out", out)
     path.write_text(path.read_text(encoding="utf-8").replace("20 mT", "19 mT"), encoding="utf-8")
     says = (
@@ -91,14 +95,16 @@ def test_resuming_another_scene_is_refused(tmp_path: Path, told) -> None:
 )
 def test_a_motion_is_lengthened(short: str, long: str, tmp_path: Path, told) -> None:
     """It continues from its end, with the same frame interval, and equals a motion of that length."""
-    out, whole = tmp_path / "out", tmp_path / "whole"
+    out = tmp_path / "out"
+    whole = tmp_path / "whole"
     frames = (
         long if "every" in long else f"{long}, output_every: 5 us"
     )  # a hundredth of the short one
     told("run", scene(tmp_path, f"duration: {short}"), "--out", out)
     told("run", scene(tmp_path, f"duration: {long}"), "--out", out, "--resume")
     told("run", scene(tmp_path, f"duration: {frames}"), "--out", whole)
-    one, two = Motion.load(out), Motion.load(whole)
+    one = Motion.load(out)
+    two = Motion.load(whole)
     np.testing.assert_array_equal(one.times, two.times)
     np.testing.assert_array_equal(one.energies["total"], two.energies["total"])
     for k in range(len(one)):
@@ -143,7 +149,8 @@ def test_what_can_t_be_lengthened_is_refused(
 
 
 def test_a_motion_goes_on_with_a_larger_budget(tmp_path: Path, told) -> None:
-    out, length = tmp_path / "out", "duration: 4 ms, output_every: 0.1 ms"
+    out = tmp_path / "out"
+    length = "duration: 4 ms, output_every: 0.1 ms"
     told(
         "run",
         scene(tmp_path, f"{length}, max_disk: 600 kB"),
@@ -152,7 +159,8 @@ def test_a_motion_goes_on_with_a_larger_budget(tmp_path: Path, told) -> None:
         status=3,
         says="raise max_disk",
     )
-    kept, frames = Result.load(out), Motion.load(out)
+    kept = Result.load(out)
+    frames = Motion.load(out)
     assert 2 < len(frames) < 41, "whole frames before the limit"
     assert kept.time == pytest.approx(frames.times[-1], abs=1e-12)
     assert sum(file.stat().st_size for file in out.glob("motion.*")) < 600e3
@@ -177,7 +185,8 @@ def test_a_motion_with_holes_is_not_resumed(
     damage: Callable[[Path, Path], None], name: str, tmp_path: Path, told
 ) -> None:
     """Frames or rows before the checkpoint are missing: the continuation would not fit. Tables with missing rows are not drawn either."""
-    out, earlier = tmp_path / "out", tmp_path / "earlier"
+    out = tmp_path / "out"
+    earlier = tmp_path / "earlier"
     told("run", scene(tmp_path, "duration: 2 ms, output_every: 1 ms"), "--out", out)
     shutil.copytree(out, earlier)
     told("run", scene(tmp_path, "duration: 4 ms, output_every: 1 ms"), "--out", out, "--resume")
@@ -216,7 +225,8 @@ def test_a_damaged_checkpoint_is_refused(
     damage: Callable[[Path], None], tmp_path: Path, told
 ) -> None:
     """With file and remedy; never a traceback."""
-    path, out = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms"), tmp_path / "out"
+    path = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms")
+    out = tmp_path / "out"
     told("run", path, "--out", out)
     damage(out / CHECKPOINT)
     told(
@@ -232,7 +242,8 @@ def test_a_damaged_checkpoint_is_refused(
 
 def test_a_motion_begun_afresh_leaves_no_older_checkpoint(tmp_path: Path, told) -> None:
     """If it is killed before its first frame, it must not be resumed from the last checkpoint of another run."""
-    path, out = scene(tmp_path, "duration: 0.8 ms, output_every: 0.4 ms"), tmp_path / "out"
+    path = scene(tmp_path, "duration: 0.8 ms, output_every: 0.4 ms")
+    out = tmp_path / "out"
     told("run", path, "--out", out)
     interrupted(load_scene(path), out, 0.0)
     assert not (out / CHECKPOINT).exists()
@@ -240,7 +251,8 @@ def test_a_motion_begun_afresh_leaves_no_older_checkpoint(tmp_path: Path, told) 
 
 def test_resuming_from_nothing_is_said(tmp_path: Path, told) -> None:
     """The motion starts from the beginning; a second --resume, from its checkpoint, gives no message."""
-    path, out = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms"), tmp_path / "out"
+    path = scene(tmp_path, "duration: 0.4 ms, output_every: 0.4 ms")
+    out = tmp_path / "out"
     resumed = ["run", path, "--out", out, "--resume"]
     told(*resumed, says=f"{out} holds no checkpoint.npz; the motion begins at the start")
     assert "--resume" not in told(*resumed).err
@@ -255,7 +267,8 @@ def test_resuming_from_nothing_is_said(tmp_path: Path, told) -> None:
 @pytest.mark.parametrize("content", ["null", "{", "", '{"name": null, "scene": 3}'])
 def test_damaged_files_beside_a_motion(content: str, tmp_path: Path, told) -> None:
     """motion.json is refused by name, and written again by --resume; a damaged result does not affect the motion."""
-    path, out = scene(tmp_path, "duration: 0.8 ms, output_every: 0.4 ms"), tmp_path / "out"
+    path = scene(tmp_path, "duration: 0.8 ms, output_every: 0.4 ms")
+    out = tmp_path / "out"
     told("run", path, "--out", out)
     (out / NUMBERS).write_text(content)
     assert len(motion_of(out)) == 3
@@ -308,7 +321,8 @@ def test_a_step_above_the_bound_is_refused(tmp_path: Path, told) -> None:
 
 def test_a_motion_that_goes_wrong_ends_with_its_last_good_state(tmp_path: Path, told) -> None:
     """Exit 3, with step, time, cause, remedy; frames and result on disk."""
-    path, out = tmp_path / "scene.yaml", tmp_path / "out"
+    path = tmp_path / "scene.yaml"
+    out = tmp_path / "out"
     path.write_text(WILD)
     says = "step ", "t = ", "time step is", "stable bound", "remedy", str(out)
     assert not json.loads(told("run", path, "--json", "--out", out, status=3, says=says).out)[
@@ -341,7 +355,8 @@ def test_far_too_little_memory_is_refused_before_anything_is_built(tmp_path: Pat
         .replace("cells_across: 2", "cells_across: 16")
     )
     received = f'{path}:7: solver.dynamic.max_memory: received "1 MB"\n  rule: must be at least'
-    needed = "at least 2.29 GB for 2.87e+06 particles"  # 224 cells of 16^2, 1600 along the length, 2^3 particles in each
+    # 224 cells of 16^2, 1600 along the length, 2^3 particles in each
+    needed = "at least 2.29 GB for 2.87e+06 particles"
     told("run", path, "--out", tmp_path / "out", status=2, says=(received, needed))
 
 
@@ -353,7 +368,10 @@ def test_a_body_that_memory_can_t_hold_is_refused(
     path = scene(tmp_path, "duration: 1 ms")
     path.write_text(path.read_text().replace("dynamic: {duration: 1 ms}", solver))
     monkeypatch.setattr("magmpm.scene.memory.machine", lambda: 5e4)
-    received = f"{path}:6: resolution.cells_across: received 2; particles and grid take at least 0.205 MB for 256 particles"
+    received = (
+        f"{path}:6: resolution.cells_across: received 2; particles and grid take at least 0.205 MB"
+        " for 256 particles"
+    )
     says = received, "this machine has", "\n  rule: ", "\n  remedy: use fewer cells_across"
     told("run", path, "--out", tmp_path / "out", status=2, says=says)
 

@@ -113,7 +113,8 @@ def test_a_motion_without_frames_is_said_to_be_one(folder: Path, told) -> None:
 )
 def test_a_link_out_of_the_folder_is_refused(name: str, folder: Path, told) -> None:
     """The lock alone would empty the file it leads to."""
-    precious, link = folder.parent / "precious.txt", folder / name
+    precious = folder.parent / "precious.txt"
+    link = folder / name
     precious.write_text("precious")
     link.parent.mkdir(exist_ok=True)
     link.unlink(missing_ok=True)

@@ -67,7 +67,7 @@ def test_a_page_of_a_study_has_what_a_workshop_needs(
     folder = finished(tmp_path, trials=5)
     page, report = reported(folder)
     design = json.loads((folder / "best/design.json").read_text())
-    (first, plain, last) = design["magnetization"]
+    first, plain, last = design["magnetization"]
     for x, y, z in (first, last):
         assert f"({x:>7.4f}, {y:>7.4f}, {z:>7.4f})" in page.words
     assert not any(plain)
@@ -85,7 +85,8 @@ def test_a_page_of_a_study_has_what_a_workshop_needs(
         assert heading in page.words
     assert "seed" in page.words
     assert "svg" in page.tags
-    scene, best = magmpm.load_scene(folder / "best/scene.yaml"), Result.load(folder / "best")
+    scene = magmpm.load_scene(folder / "best/scene.yaml")
+    best = Result.load(folder / "best")
     told = re.search(r"strength of field \S+ mm per % (\S+) %", page.words)
     assert told, page.words
     percent = float(told[1])

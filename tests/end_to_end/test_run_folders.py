@@ -302,7 +302,9 @@ def test_a_motion_that_is_interrupted_before_its_first_frames_leaves_all_as_it_w
 
 def test_pictures_are_not_put_beside_other_results(tmp_path: Path, told) -> None:
     """Neither those of a run nor of a study, because they would be mistaken for its own. A pipe instead of a result does not hang."""
-    one, other, study = tmp_path / "one", tmp_path / "other", tmp_path / "study"
+    one = tmp_path / "one"
+    other = tmp_path / "other"
+    study = tmp_path / "study"
     for folder in (one, other, study):
         folder.mkdir()
     for folder in (one, other):
@@ -332,7 +334,8 @@ def ramped(steps: int, resolution: str) -> str:
     )
 
 
-HURRIED, TIMED = ramped(50, "seconds: 0.02 s"), ramped(400, "seconds: 500 s")
+HURRIED = ramped(50, "seconds: 0.02 s")
+TIMED = ramped(400, "seconds: 500 s")
 WAITING = swing.text("duration: 5 s, output_every: 0.1 ms")
 
 

@@ -124,7 +124,10 @@ def test_half_open_connections_are_closed(
     """Also those that send a byte now and then: the time counts from the beginning of the request."""
     monkeypatch.setattr("magmpm.inputs.page_guard.PATIENCE", 0.5)
     if begin == "body":
-        begin = f"POST /echo HTTP/1.1\r\nHost: localhost\r\nX-Magmpm-Secret: {server.secret}\r\nContent-Length: 900\r\n\r\n1".encode()
+        begin = (
+            "POST /echo HTTP/1.1\r\nHost: localhost\r\nX-Magmpm-Secret:"
+            f" {server.secret}\r\nContent-Length: 900\r\n\r\n1".encode()
+        )
     assert isinstance(begin, bytes)
     with socket.create_connection(("127.0.0.1", server.server_port), timeout=10) as half:
         half.sendall(begin)

@@ -80,7 +80,9 @@ def run(*words: str | Path, cwd: Path) -> str:
 @pytest.mark.slow
 def test_the_wheel_works_in_an_empty_environment(tmp_path: Path) -> None:
     """Built of a clean copy of what git knows; every file of `data` is in it."""
-    source, wheels, home = tmp_path / "source", tmp_path / "wheels", tmp_path / "home"
+    source = tmp_path / "source"
+    wheels = tmp_path / "wheels"
+    home = tmp_path / "home"
     home.mkdir()
     known = run("git", "ls-files", cwd=ROOT).split()
     for name in known:

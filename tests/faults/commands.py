@@ -27,8 +27,10 @@ ENDS = {
 def kills_of_commands(base: Path, count: int, drawn: random.Random) -> list[Row]:
     """SIGKILL of each command over results that are complete: `count` kills at random moments each.
 
-    After each, every file is whole: as it was, or as it becomes. Run again, the command ends well and leaves the same files."""
-    static, table = base / "rest.yaml", base / "tips.csv"
+    After each, every file is whole: as it was, or as it becomes. Run again, the command ends well and leaves the same files.
+    """
+    static = base / "rest.yaml"
+    table = base / "tips.csv"
     static.write_text(text(), encoding="utf-8")
     table.write_text(
         "field_z_mT,tip_x_mm,tip_z_mm\n10,14.92,4.64\n15,13.7,6.5\n20,12.5,8.1\n", encoding="utf-8"
@@ -40,15 +42,13 @@ def kills_of_commands(base: Path, count: int, drawn: random.Random) -> list[Row]
         re.sub(r"cells_across: \d+", "cells_across: 2", guide), encoding="utf-8"
     )
     study.write_text(
-        "scene: guide.yaml\nvary: {magnetization: {}, field: {max: 10 mT, at: each depth}}\nmatch: {path: vessel.csv}\n"
-        "insertion: {depths: 4}\nsampler: gauss-newton\ntrials: 2\n",
+        "scene: guide.yaml\nvary: {magnetization: {}, field: {max: 10 mT, at: each depth}}\nmatch:"
+        " {path: vessel.csv}\ninsertion: {depths: 4}\nsampler: gauss-newton\ntrials: 2\n",
         encoding="utf-8",
     )
-    motion, swung, inserted = (
-        motion_scene(base, "duration: 20 ms, output_every: 1 ms"),
-        base / "swung",
-        base / "inserted",
-    )
+    motion = motion_scene(base, "duration: 20 ms, output_every: 1 ms")
+    swung = base / "swung"
+    inserted = base / "inserted"
     for before in (["run", motion, "--out", swung], ["design", study, "--out", inserted]):
         subprocess.run(_command(before), env=environment(), check=True, capture_output=True)
     return [
@@ -82,7 +82,8 @@ def _killed(kind: str, words: list[object], out: Path, count: int, drawn: random
     command = _command([*words, "--out", out])
     begun = time.monotonic()
     first = subprocess.run(command, env=environment(), capture_output=True, text=True)
-    seconds, wanted = time.monotonic() - begun, _files(out)
+    seconds = time.monotonic() - begun
+    wanted = _files(out)
     if first.returncode:
         row.wrong.append(f"uninterrupted: status {first.returncode}, {first.stderr[-200:]}")
         return row
@@ -108,11 +109,9 @@ def _killed(kind: str, words: list[object], out: Path, count: int, drawn: random
         child.communicate()
         whole = {name for name, path in _files(out).items() if _whole(path)}
         kept = set(_files(out)) if "insertion" in kind else set(wanted)
-        row.met, row.completed, row.lost = (
-            row.met + bool(whole),
-            row.completed + len(kept),
-            row.lost + len(kept - whole),
-        )
+        row.met = row.met + bool(whole)
+        row.completed = row.completed + len(kept)
+        row.lost = row.lost + len(kept - whole)
         row.wrong += [f"{name} is cut" for name in sorted(kept - whole)]
     again = subprocess.run(command, env=environment(), capture_output=True, text=True)
     _note(row, again.stderr)

@@ -108,7 +108,9 @@ def main() -> int:
         if table.exists() and options.only
         else {"seconds": 0.0, "rows": []}
     )
-    begun, found, new = time.monotonic(), [Row(**one) for one in known["rows"]], []
+    begun = time.monotonic()
+    found = [Row(**one) for one in known["rows"]]
+    new = []
     base = Path(tempfile.mkdtemp(prefix="magmpm-faults-"))
     base.chmod(0o755)
     options.out.mkdir(parents=True, exist_ok=True)
@@ -135,10 +137,12 @@ def main() -> int:
         print("with what was there:")
         for row in found:
             show(row)
-    lost, wrong = sum(row.lost for row in found), sum(len(row.wrong) for row in found)
+    lost = sum(row.lost for row in found)
+    wrong = sum(len(row.wrong) for row in found)
     print(
-        f"{sum(row.injected for row in found)} faults, {sum(row.met for row in found)} of them met completed trials and frames, "
-        f"{sum(row.completed for row in found)} looked at, {lost} lost, {wrong} wrong, {seconds:.0f} s"
+        f"{sum(row.injected for row in found)} faults, {sum(row.met for row in found)} of them met"
+        f" completed trials and frames, {sum(row.completed for row in found)} looked at, {lost}"
+        f" lost, {wrong} wrong, {seconds:.0f} s"
     )
     return 1 if lost or wrong else 0
 

@@ -146,7 +146,8 @@ def ended(row: Row, study: Path, out: Path, workers: int, trials: int, **more: s
 def until_met(row: Row, count: int) -> Iterator[int]:
     """Numbers of attempts, until so many kills have met something complete, or hopelessly many have been tried (the row then says so).
 
-    One in five of the kills of studies is meant for a start, and some attempts end before their kill, so three for each are enough."""
+    One in five of the kills of studies is meant for a start, and some attempts end before their kill, so three for each are enough.
+    """
     for attempt in range(3 * count + 20):
         if row.met >= count:
             return
@@ -158,15 +159,18 @@ def until_met(row: Row, count: int) -> Iterator[int]:
 def kills_of_studies(base: Path, count: int, drawn: random.Random, workers: int) -> Row:
     """SIGKILL of the session, or of one of its workers, at random moments, until `count` of them have met completed trials."""
     row = Row(f"SIGKILL, studies, {'one process' if not workers else f'{workers} workers'}")
-    trials, attempts = 40, until_met(row, count)
+    trials = 40
+    attempts = until_met(row, count)
     for number in attempts:
         folder = base / f"kills-{workers}-{number}"
-        study, out = study_of(folder, trials), folder / "out"
+        study = study_of(folder, trials)
+        out = folder / "out"
         for _ in attempts:
             if finished(out) >= trials:
                 break
             child = begin(study, out, workers, TEST_SECONDS="0.02")
-            begun, known = time.monotonic(), finished(out)
+            begun = time.monotonic()
+            known = finished(out)
             early = (
                 drawn.random() < 0.2
             )  # some kills meet the start: tables, locks, the first trial
@@ -175,7 +179,8 @@ def kills_of_studies(base: Path, count: int, drawn: random.Random, workers: int)
                     break
                 time.sleep(0.02)
             time.sleep(drawn.uniform(0.0, 1.0))
-            before, victim = complete(out), psutil.Process(child.pid)
+            before = complete(out)
+            victim = psutil.Process(child.pid)
             family = victim.children() if child.poll() is None else []
             if workers and family and drawn.random() < 0.5:
                 drawn.choice(family).kill()
@@ -205,7 +210,8 @@ def kills_of_motions(base: Path, count: int, drawn: random.Random) -> Row:
     wanted = Motion.load(whole)
     for number in attempts:
         out = base / f"motion-{number}"
-        scene, more = motion_scene(base, dynamic), []
+        scene = motion_scene(base, dynamic)
+        more = []
         for _ in attempts:
             child = _motion(scene, out, *more)
             wait_for((out / CHECKPOINT).exists, child)
@@ -215,10 +221,8 @@ def kills_of_motions(base: Path, count: int, drawn: random.Random) -> Row:
             frames = _frames(out)
             child.kill()
             child.communicate()
-            row.injected, more = (
-                row.injected + 1,
-                ["--resume"] if (out / CHECKPOINT).exists() else ["--overwrite"],
-            )
+            row.injected = row.injected + 1
+            more = ["--resume"] if (out / CHECKPOINT).exists() else ["--overwrite"]
             row.met += frames > 0
             row.completed += frames
             row.lost += max(0, frames - _frames(out))
@@ -297,7 +301,8 @@ def refused_then_run(
 def disk_full(base: Path) -> Row:
     """A disk without room in the middle of a study; then there is room again."""
     row = Row("disk full")
-    disk, study = base / "disk", study_of(base / "full", 60)
+    disk = base / "disk"
+    study = study_of(base / "full", 60)
     with small_disk(disk, "1m", row) as mounted:
         if not mounted:
             return row
@@ -311,7 +316,8 @@ def disk_full(base: Path) -> Row:
 def read_only(base: Path) -> Row:
     """A folder that becomes read-only between two runs, and is writable again."""
     row = Row("read-only folder")
-    disk, study = base / "readonly", study_of(base / "ro", 20)
+    disk = base / "readonly"
+    study = study_of(base / "ro", 20)
     with small_disk(disk, "64m", row) as mounted:
         if not mounted:
             return row
@@ -340,7 +346,8 @@ def clock_set_back(base: Path) -> Row:
     row = Row("clock set back a day")
     for workers in (0, 2):
         folder = base / f"clock-{workers}"
-        study, out = study_of(folder, 20), folder / "out"
+        study = study_of(folder, 20)
+        out = folder / "out"
         child = begin(study, out, workers, TEST_SECONDS="0.1")
         wait_for(lambda out=out: len(complete(out)) >= 5, child)
         child.kill()

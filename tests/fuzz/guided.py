@@ -84,12 +84,10 @@ WORDS = [f"{name}_{unit}" for name in QUANTITIES for unit in UNITS] + [
 def main(kind: str, *options: str) -> None:
     """Runs until libFuzzer stops; anything but a value, MeshError or InputError ends it with a traceback and the input in a file."""
     folder = Path(tempfile.mkdtemp(prefix="magmpm-fuzz-"))
-    path, corpus, words, broken = (
-        folder / "input",
-        folder / "corpus",
-        folder / "words",
-        ROOT / "runs/fuzz",
-    )
+    path = folder / "input"
+    corpus = folder / "corpus"
+    words = folder / "words"
+    broken = ROOT / "runs/fuzz"
     corpus.mkdir()
     broken.mkdir(parents=True, exist_ok=True)
     for k, seed in enumerate(SEEDS[kind]):

@@ -190,13 +190,11 @@ def documents(draw: Callable[..., Any], sources: list[str]) -> str:
         if not known:
             break
         at = draw(st.sampled_from(known))
-        holder, change = (
-            _into(data, at),
-            draw(
-                st.sampled_from(
-                    ["value", "value", "value", "unit", "remove", "rename", "graft", "repeat"]
-                )
-            ),
+        holder = _into(data, at)
+        change = draw(
+            st.sampled_from(
+                ["value", "value", "value", "unit", "remove", "rename", "graft", "repeat"]
+            )
         )
         if change == "value":
             holder[at[-1]] = copy.deepcopy(draw(values))  # it may be changed in turn

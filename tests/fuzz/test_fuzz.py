@@ -96,7 +96,10 @@ def inputs(kind: str) -> Callable[[Any], Any]:
                 ACCEPTED[kind] += test(**given_values)
             except Exception as error:
                 last = traceback.extract_tb(error.__traceback__)[-1]
-                where = f"{type(error).__name__} in {Path(last.filename).name}:{last.lineno}: {str(error)[:200]}"
+                where = (
+                    f"{type(error).__name__} in {Path(last.filename).name}:{last.lineno}:"
+                    f" {str(error)[:200]}"
+                )
                 BAD.setdefault(kind, {}).setdefault(where, repr(given_values)[:20_000])
             finally:
                 faulthandler.cancel_dump_traceback_later()
@@ -108,7 +111,8 @@ def inputs(kind: str) -> Callable[[Any], Any]:
                 f"{where}\n{what}" for where, what in BAD[kind].items()
             )
 
-        whole.__name__, whole.__doc__ = test.__name__, test.__doc__
+        whole.__name__ = test.__name__
+        whole.__doc__ = test.__doc__
         return whole
 
     return decorate
@@ -118,7 +122,8 @@ def drawn(bases: list[dict[str, Any]], **strategies: Any) -> Callable[[Any], Any
     """Decorator below `inputs`: the bases from which a test's inputs are drawn."""
 
     def decorate(test: Any) -> Any:
-        test.strategies, test.bases = strategies, bases
+        test.strategies = strategies
+        test.bases = bases
         return test
 
     return decorate

@@ -53,24 +53,35 @@ field:
 # What the scene of an effect adds to the usual one; {name} in it is a file of `box` that is written beside the scene.
 SCENES = {
     "magnetic_torque": "field: {uniform: [2 mT, -3 mT, 5 mT]}",
-    "magnetic_force": NEAR_A_MAGNET
-    + "effects: {magnetic_torque: {}, magnetic_force: {}}",  # which counts its energy
+    "magnetic_force": (
+        NEAR_A_MAGNET + "effects: {magnetic_torque: {}, magnetic_force: {}}"
+    ),  # which counts its energy
     # The body starts 2 to 12 um inside.
-    "ground": "effects: {ground: {point: [8 mm, 0 mm, -1.99 mm], normal: [-0.1, 0.05, 1], friction: 0.3}}",
-    "walls": "effects: {walls: {tube: {radius: 1.998 mm, path: [[-10 mm, 0 mm, 0 mm], [20 mm, 0 mm, 0 mm]]}, friction: 0.2}}",
-    "viscosity": "effects: {viscosity: {viscosity: 50 Pa s}}",  # so viscous that its time step is the shorter one
-    "feed": """
+    "ground": (
+        "effects: {ground: {point: [8 mm, 0 mm, -1.99 mm], normal: [-0.1, 0.05, 1], friction: 0.3}}"
+    ),
+    "walls": (
+        "effects: {walls: {tube: {radius: 1.998 mm, path: [[-10 mm, 0 mm, 0 mm], [20 mm, 0 mm, 0"
+        " mm]]}, friction: 0.2}}"
+    ),
+    # so viscous that its time step is the shorter one
+    "viscosity": "effects: {viscosity: {viscosity: 50 Pa s}}",
+    "feed": (
+        """
 body: {catheter: {length: 8 mm, diameter: 4 mm, material: m, segments: [{}]}}
 effects: {feed: {speed: 20 mm/s, exit: 5 mm}}
-""",
+"""
+    ),
     # Two blocks, a tenth of a cell apart.
-    "self_contact": """
+    "self_contact": (
+        """
 body:
   parts:
     unit: mm
     spacing: 1 mm
     meshes: [{mesh: lower.stl, material: m}, {mesh: upper.stl, material: m}]
-""",
+"""
+    ),
 }
 MESHES = {
     "lower.stl": box((0, 0, -3), (4, 4, 0)),
@@ -107,7 +118,8 @@ def scene(key: str, settings: Mapping[str, Any] | None = None) -> Scene:
 def acting(key: str) -> Acting:
     """The active effect on the undeformed body, with an up-to-date table of the shape of the body."""
     model = build(scene(key))
-    x, F = model.particles.position, np.tile(np.eye(3), (len(model.density), 1, 1))
+    x = model.particles.position
+    F = np.tile(np.eye(3), (len(model.density), 1, 1))
     effects.refresh(model.effects, model, x, F)
     effect = model.scene.effects.named()[key.partition(" ")[0]]
     of = effect.records(model.scene)
@@ -142,6 +154,7 @@ class Point:
     def __init__(self, one: Acting, rng: np.random.Generator) -> None:
         model = one.model
         p = int(rng.choice(np.flatnonzero(model.remanence[:, :3].any(axis=1) & ~model.held)))
-        self.magnet, self.rho = model.remanence[p], model.density[p]
+        self.magnet = model.remanence[p]
+        self.rho = model.density[p]
         self.x = model.particles.position[p] + 3e-4 * rng.standard_normal(3)
         self.F = np.eye(3) + 0.2 * rng.standard_normal((3, 3))

@@ -29,9 +29,11 @@ def bent_axis(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Axis of a rod with given curvature, clamped at the origin along +x, without twist.
 
-    Returns s (count,) m, positions (count, 3) m, frames (count, 3, 3) whose columns are the section's axes."""
+    Returns s (count,) m, positions (count, 3) m, frames (count, 3, 3) whose columns are the section's axes.
+    """
     s = np.linspace(0.0, length, count)
-    position, frame = np.zeros((count, 3)), np.empty((count, 3, 3))
+    position = np.zeros((count, 3))
+    frame = np.empty((count, 3, 3))
     frame[0] = np.eye(3)
     step = s[1]
     for i in range(1, count):
@@ -54,11 +56,13 @@ def catheter(
     title: str = "five-segment catheter",
 ) -> Snapshot:
     """Snapshot of a 40 x 4 mm catheter bent to that curvature; spacing: m between particles."""
-    length, diameter = 0.04, 0.004
+    length = 0.04
+    diameter = 0.004
     across = (np.arange(round(diameter / spacing)) + 0.5) * spacing - diameter / 2
     y, z = (grid.ravel() for grid in np.meshgrid(across, across))
     inside = np.hypot(y, z) < diameter / 2
-    y, z = y[inside], z[inside]
+    y = y[inside]
+    z = z[inside]
     along = (np.arange(round(length / spacing)) + 0.5) * spacing
     s, position, frame = bent_axis(curvature, length)
     section = np.stack([np.zeros_like(y), y, z], axis=1)

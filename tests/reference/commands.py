@@ -47,8 +47,14 @@ def scene_text(
     """A scene file of a catheter, 4 mm thick, on two cells, a key a line; more: keys in place of the usual ones, or besides."""
     keys = {
         "name": name,
-        "materials": f"{{{material}: {{shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 100 mT}}}}",
-        "body": f"{{catheter: {{length: {length}, diameter: 4 mm, material: {material}, segments: [{segments}]}}}}",
+        "materials": (
+            f"{{{material}: {{shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3,"
+            " remanence: 100 mT}}"
+        ),
+        "body": (
+            f"{{catheter: {{length: {length}, diameter: 4 mm, material: {material}, segments:"
+            f" [{segments}]}}}}"
+        ),
         "field": "{uniform: [0 mT, 0 mT, 5 mT]}",
         "effects": "{magnetic_torque: {}}",
         "resolution": "{cells_across: 2}",

@@ -40,7 +40,8 @@ def solution(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     for _ in range(2):
         near = Linearized(found, ())
         found.point = near._point
-    model, grid = near.model, found.point.grid
+    model = near.model
+    grid = found.point.grid
     if model.line is not None:
         return axis.centreline(model, grid)[:, 1:], axis.tip(model, grid)
     last = model.particles.segment == len(model.scene.regions()) - 1

@@ -78,7 +78,8 @@ def held(
     effects.contact_force; before (8,): anchor, 1 where it sticks, -1 where it slides, 0 where it does not touch, mean grip N, time s, the
     mean of the mean N, and the way since it stuck m.
 
-    The spring is as long as x is from the anchor along the obstacle, as far as the lasting grip holds. A new anchor is where x came in."""
+    The spring is as long as x is from the anchor along the obstacle, as far as the lasting grip holds. A new anchor is where x came in.
+    """
     grip, rigidity, thickness, wave = f[3:6], *f[6:]
     anchor, (mean, time, again, way) = before[:3], before[4:]
     now = np.linalg.norm(grip)
@@ -88,7 +89,8 @@ def held(
     if before[3] == 0:
         anchor = x - v * min(dt, depth / max(-v @ n, 1e-300)) * (v @ n < 0)
     stretch = (np.eye(3) - np.outer(n, n)) @ (x - anchor)
-    pull, old = rigidity * np.linalg.norm(stretch), min(way / (0.01 * thickness), 1.0)
+    pull = rigidity * np.linalg.norm(stretch)
+    old = min(way / (0.01 * thickness), 1.0)
     time = min(time + dt, max(4.0 * wave * (1.0 - 15.0 / 16.0 * old), dt))
     mean += dt / time * (now - mean)
     again += dt / time * (mean - again)
@@ -105,9 +107,11 @@ def particle_forces(
     model: Model, x: np.ndarray, F: np.ndarray, dF: np.ndarray, step: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stress P (n, 3, 3) Pa and force (n, 3) N of every particle, with all effects but contact. dF (n, 3, 3) 1/s: rate of F."""
-    P, force = elastic_stress(model, F), np.zeros_like(x)
+    P = elastic_stress(model, F)
+    force = np.zeros_like(x)
     for p, volume in enumerate(model.particles.volume):
-        rho, f = model.density[p], np.zeros(3)
+        rho = model.density[p]
+        f = np.zeros(3)
         call(model, "stress", model.remanence[p], rho, x[p], F[p], P[p], step=step)
         call(model, "rate_stress", rho, F[p], dF[p], P[p], step=step)
         call(model, "force", model.remanence[p], rho, x[p], F[p], f, step=step)
@@ -120,7 +124,8 @@ class Total:
     """A motion on a dense box of nodes, cells + 2 along each axis, x slowest.
 
     N (n, nodes): every spline at every particle; dN (3, n, nodes) 1/m; X (nodes, 3) m; mass (nodes,) kg; fixed (nodes,) bool;
-    on (points, nodes): splines at the points of the surface; anchor (points, 8): what friction remembers of them (`held`)."""
+    on (points, nodes): splines at the points of the surface; anchor (points, 8): what friction remembers of them (`held`).
+    """
 
     model: Model
     N: np.ndarray
@@ -133,10 +138,12 @@ class Total:
 
     @classmethod
     def of(cls, model: Model) -> "Total":
-        shape, surface = model.grid.nodes, model.surface
+        shape = model.grid.nodes
+        surface = model.surface
         first = model.first_nodes(model.particles.cell)
         n = len(first)
-        N, dN = np.zeros((n, np.prod(shape))), np.zeros((3, n, np.prod(shape)))
+        N = np.zeros((n, np.prod(shape)))
+        dN = np.zeros((3, n, np.prod(shape)))
         (w, s), rows = model.splines(), np.arange(n)
         for a, b, c in product(range(3), repeat=3):
             node = np.ravel_multi_index((first + np.array([a, b, c])).T, shape)
@@ -169,7 +176,8 @@ class Total:
 
     def force(self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0) -> np.ndarray:
         """Force on every node, (nodes, 3) N."""
-        V, x = self.model.particles.volume, self.model.particles.position + self.N @ c
+        V = self.model.particles.volume
+        x = self.model.particles.position + self.N @ c
         P, force = particle_forces(
             self.model, x, np.eye(3) + self.gradient(c), self.gradient(v), step
         )
@@ -183,10 +191,8 @@ class Total:
         """Contact of the surface's points on every node, (nodes, 3) N. The dashpot acts on those that did not stick before."""
         forces = np.zeros((len(self.on), 3))
         for p, (splines, held_at) in enumerate(zip(self.on, self.anchor, strict=True)):
-            x, f = (
-                self.model.surface.place[p] + splines @ c,
-                np.append(np.zeros(7), self.model.surface.grip[p, 1:]),
-            )
+            x = self.model.surface.place[p] + splines @ c
+            f = np.append(np.zeros(7), self.model.surface.grip[p, 1:])
             speed = splines @ v if held_at[3] != 1 else np.zeros(3)
             call(self.model, "contact", x, speed, self.model.surface.mass[p], dt, f, step=step)
             if not f[:7].any():
@@ -223,8 +229,10 @@ class Total:
 
     def inverse_mass(self) -> np.ndarray:
         """Inverse mass (nodes, nodes) 1/kg: lumped, corrected so that the fields have their consistent mass."""
-        A, weight = self.fields(), self.model.density * self.model.particles.volume
-        lumped, values = A.T @ (self.mass[:, None] * A), self.N @ A
+        A = self.fields()
+        weight = self.model.density * self.model.particles.volume
+        lumped = A.T @ (self.mass[:, None] * A)
+        values = self.N @ A
         consistent = values.T @ (weight[:, None] * values)
         inverse = [
             np.linalg.pinv(matrix, rcond=1e-10, hermitian=True) for matrix in (consistent, lumped)

@@ -45,7 +45,8 @@ def elastica(load: float, field_angle: float) -> Elastica:
     Multiplied by theta' it integrates once: theta'^2 = 2 load (cos(phi - theta_1) - cos(phi - theta)), theta_1 the
     tip's angle. So length and positions are integrals over theta, and theta_1 follows from length 1. The
     substitution theta = theta_1 - t^2 removes the singularity.
-    Source: the pendulum; Wang et al., JMPS 142 (2020) 104045, section 3. At phi = pi there is a solution for loads above pi^2/4."""
+    Source: the pendulum; Wang et al., JMPS 142 (2020) 104045, section 3. At phi = pi there is a solution for loads above pi^2/4.
+    """
 
     def integral(weight: str, tip: float) -> float:
         def integrand(t: float) -> float:
@@ -91,5 +92,6 @@ def heavy_elastica(weight: float, s: np.ndarray) -> np.ndarray:
         solved = solve_bvp(slope, ends, mesh, guess, tol=1e-10, max_nodes=20000)
         if not solved.success:
             raise RuntimeError(solved.message)
-        mesh, guess = solved.x, solved.y
+        mesh = solved.x
+        guess = solved.y
     return solved.sol(s)[[2, 3, 0]].T

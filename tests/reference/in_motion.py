@@ -58,7 +58,8 @@ class Quantities(NamedTuple):
 
 def quantities(motion: TotalMotion) -> Quantities:
     """Momentum and angular momentum of the nodes."""
-    p, v = motion.packed, motion.v.reshape(-1, 3)
+    p = motion.packed
+    v = motion.v.reshape(-1, 3)
     momentum = p.mass.momentum(v)
     return Quantities(
         momentum.sum(axis=0), np.cross(p.node_place + motion.u.reshape(-1, 3), momentum).sum(axis=0)
@@ -87,7 +88,8 @@ def timoshenko(length: float, radius: float, young: float, shear: float, density
     """First angular frequency of a round cantilever with rotary inertia and shear, 1/s: 6 (1 + nu) / (7 + 6 nu) (Cowper, JAM 33).
 
     Frequency equation of Huang, J. Appl. Mech. 28 (1961) 579, clamped-free: with b^2 = rho A L^4 w^2/(E I), r^2 = I/(A L^2),
-    s^2 = E I/(k A G L^2), 2 + (b^2 (r^2 - s^2)^2 + 2) cosh(b p) cos(b q) - b (r^2 + s^2)/sqrt(1 - b^2 r^2 s^2) sinh(b p) sin(b q) = 0."""
+    s^2 = E I/(k A G L^2), 2 + (b^2 (r^2 - s^2)^2 + 2) cosh(b p) cos(b q) - b (r^2 + s^2)/sqrt(1 - b^2 r^2 s^2) sinh(b p) sin(b q) = 0.
+    """
     nu = young / (2 * shear) - 1
     k = 6 * (1 + nu) / (7 + 6 * nu)
     r2 = radius**2 / 4 / length**2
@@ -95,7 +97,8 @@ def timoshenko(length: float, radius: float, young: float, shear: float, density
 
     def residual(b: float) -> float:
         root = np.sqrt((r2 - s2) ** 2 + 4 / b**2)
-        p, q = np.sqrt((root - r2 - s2) / 2), np.sqrt((root + r2 + s2) / 2)
+        p = np.sqrt((root - r2 - s2) / 2)
+        q = np.sqrt((root + r2 + s2) / 2)
         last = b * (r2 + s2) / np.sqrt(1 - b**2 * r2 * s2) * np.sinh(b * p) * np.sin(b * q)
         return float(2 + (b**2 * (r2 - s2) ** 2 + 2) * np.cosh(b * p) * np.cos(b * q) - last)
 

@@ -12,7 +12,10 @@ from magmpm.compiled.arrays import Array
 from magmpm.results import hdf5_mark
 from magmpm.results.trajectory import MotionWriter
 
-LENGTH, DIAMETER, SHEAR, DENSITY = 0.04, 0.004, 120e3, 1882.0
+LENGTH = 0.04
+DIAMETER = 0.004
+SHEAR = 120e3
+DENSITY = 1882.0
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,8 @@ def bending(
         k = most * np.sin(phase)
         rate = most * 2 * np.pi / period * np.cos(phase)
         x, F = bent(X, k)
-        ahead, behind = bent(X, k + 1e-4)[0], bent(X, k - 1e-4)[0]
+        ahead = bent(X, k + 1e-4)[0]
+        behind = bent(X, k - 1e-4)[0]
         v = (ahead - behind) / 2e-4 * rate
         P = SHEAR * (F - np.linalg.inv(F).transpose(0, 2, 1))
         field = 8e-3 * np.array([np.cos(phase), 0.0, np.sin(phase)])
@@ -84,8 +88,10 @@ def bending(
 def bent(X: Array, curvature: float) -> tuple[Array, Array]:
     """Positions (n, 3) m and deformation gradients (n, 3, 3) of a rod along +x that is bent to a circle in the x-z plane."""
     k = curvature if abs(curvature) > 1e-9 else 1e-9
-    s, z = X[:, 0], X[:, 2]
-    sin, cos = np.sin(k * s), np.cos(k * s)
+    s = X[:, 0]
+    z = X[:, 2]
+    sin = np.sin(k * s)
+    cos = np.cos(k * s)
     x = np.stack([sin / k - z * sin, X[:, 1], (1 - cos) / k + z * cos], axis=1)
     F = np.zeros((len(X), 3, 3))
     F[:, 0, 0], F[:, 0, 2] = (1 - k * z) * cos, -sin

@@ -101,7 +101,8 @@ def follow(
     now = 0.0
     for time in times:
         steps = max(1, int(np.ceil((time - now) / begun.dt)))
-        dt, left = (time - now) / steps, steps
+        dt = (time - now) / steps
+        left = steps
         while left:
             taken, broken = motion.advance(left, dt, model.effects)
             assert not broken, f"the motion broke before t = {time:g} s"

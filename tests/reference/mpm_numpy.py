@@ -36,8 +36,10 @@ def spline_matrix(
 
 def along_matrix(x: np.ndarray, grid: Grid, derivative: int = 0) -> np.ndarray:
     """The same along x (n,) m from the grid's lower face, where cells differ and knots on joints are repeated: (n, nodes)."""
-    faces, joints = grid.faces, [run.start for run in grid.runs if run.after is not None]
-    first, last = faces[1] - faces[0], faces[-1] - faces[-2]
+    faces = grid.faces
+    joints = [run.start for run in grid.runs if run.after is not None]
+    first = faces[1] - faces[0]
+    last = faces[-1] - faces[-2]
     knots = np.sort([-2 * first, -first, *faces, faces[-1] + last, faces[-1] + 2 * last, *joints])
     return BSpline(knots, np.eye(len(knots) - 3), 2)(x, nu=derivative)
 
@@ -57,7 +59,8 @@ def around_matrix(
             else np.array([1.0, np.cos(t), np.sin(t)])
         )
 
-    rules, right = [], []
+    rules = []
+    right = []
     for cell, place, slope, value in (
         (0, 0.0, False, 0.0),
         (0, 0.0, True, 0.0),
@@ -89,7 +92,8 @@ def around_matrix(
 @dataclass
 class Reference:
     """N (n, nodes): value of every free spline at every particle; dN (3, n, nodes): its gradient, 1/m, along x, y and z. Nodes
-    plane by plane. axes (n, 3, 3): columns are the directions of the grid's axes; places (n, 3): coordinates along these."""
+    plane by plane. axes (n, 3, 3): columns are the directions of the grid's axes; places (n, 3): coordinates along these.
+    """
 
     model: StaticModel
     N: np.ndarray
@@ -99,13 +103,17 @@ class Reference:
 
     @classmethod
     def of(cls, model: StaticModel) -> "Reference":
-        grid, layout = model.grid, model.layout
-        values, slopes, places = [], [], model.particles.position.copy()
+        grid = model.grid
+        layout = model.layout
+        values = []
+        slopes = []
+        places = model.particles.position.copy()
         axes = np.tile(np.eye(3), (len(places), 1, 1))
         if isinstance(grid, PolarGrid):
             _, y, z = model.particles.position.T
             places[:, 1], places[:, 2] = np.arctan2(-z, y), np.hypot(y, z)
-            c, s = np.cos(places[:, 1]), np.sin(places[:, 1])
+            c = np.cos(places[:, 1])
+            s = np.sin(places[:, 1])
             axes[:, 1:, 1], axes[:, 1:, 2] = np.column_stack([-s, -c]), np.column_stack([c, -s])
         for axis in range(3):
             matrix = around_matrix if isinstance(grid, PolarGrid) and axis == 1 else spline_matrix
@@ -142,8 +150,10 @@ class Reference:
 
     def magnetization(self, F: np.ndarray, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """m (n, 3) T, and d(-h . m)/dF (n, 3, 3): of F Br, or of R Br where the particle's law says so, with R from F = A S C."""
-        b, law = self.remanence, self.model.remanence[:, 3:]
-        m, P = np.einsum("nij,nj->ni", F, b), -np.einsum("i,nj->nij", h, b)
+        b = self.remanence
+        law = self.model.remanence[:, 3:]
+        m = np.einsum("nij,nj->ni", F, b)
+        P = -np.einsum("i,nj->nij", h, b)
         A, S, C = np.linalg.svd(F)
         H = A.transpose(0, 2, 1) @ P @ C.transpose(0, 2, 1)
         turned = A @ ((H - H.transpose(0, 2, 1)) / (S[:, :, None] + S[:, None])) @ C
@@ -171,12 +181,15 @@ class Reference:
         Its mean has the stiffness K, its variation at most LINEAR_STIFFNESS G, but K through a tube's wall, the residual of the fit none.
         """
         model = self.model
-        V, G, K = model.particles.volume, model.shear, model.bulk
+        V = model.particles.volume
+        G = model.shear
+        K = model.bulk
         if model.modes.shape[1] == 0:
             return np.diag(V * K)
         Q = np.zeros((len(V), len(V)))
         for cell in self.cells():
-            x, one = self.places[cell], np.ones(len(cell))
+            x = self.places[cell]
+            one = np.ones(len(cell))
             x = (x - x.mean(axis=0)) / model.grid.spacing
             W = np.diag(V[cell])
             stiff, line = (
@@ -186,7 +199,9 @@ class Reference:
                     np.column_stack([one, x]),
                 )
             )
-            slope, k, g = line - stiff, K[cell[0]], G[cell[0]]
+            slope = line - stiff
+            k = K[cell[0]]
+            g = G[cell[0]]
             Q[np.ix_(cell, cell)] = (
                 k * stiff.T @ W @ stiff + min(k, LINEAR_STIFFNESS * g) * slope.T @ W @ slope
             )

@@ -17,7 +17,8 @@ def neo_hookean_reference(F: np.ndarray, G: float, K: float) -> tuple[float, np.
 
 def to_dense(panels: Array, split: int) -> NDArray[np.float64]:
     """The symmetric matrix (planes m, planes m) of unfactored panels."""
-    planes, m = panels.shape[0] - 2, panels.shape[1]
+    planes = panels.shape[0] - 2
+    m = panels.shape[1]
     full = np.zeros((planes, m, planes, m))
     for j in range(planes):
         step = 1 if j < split + 2 else -1

@@ -17,7 +17,10 @@ from magmpm.errors import InputError
 from magmpm.inputs.csv_tables import read_centreline
 from magmpm.scene import Scene
 
-SHEAR, RATIO, REMANENCE = 120e3, 20.0, 0.1  # Pa, K/G, T: of the problems that are made here
+# Pa, K/G, T: of the problems that are made here
+SHEAR = 120e3
+RATIO = 20.0
+REMANENCE = 0.1
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,8 @@ def finite_element_problems(path: Path) -> dict[str, Problem]:
 
 
 def _finite_element_problem(name: str, case: dict[str, Any], folder: Path) -> Problem:
-    materials, segments = {}, []
+    materials = {}
+    segments = []
     for segment in case["segments"]:
         material = f"G {segment['shear_modulus']:g} Pa, Br {segment['remanence']:g} T"
         own = {key: segment[key] for key in ("shear_modulus", "remanence")}

@@ -10,7 +10,9 @@ from magmpm.materials import young_modulus
 from magmpm.scene import Scene
 
 X = (1.0, 0.0, 0.0)
-G, BR = 120e3, 0.1  # Pa, T
+# Pa, T
+G = 120e3
+BR = 0.1
 
 
 def rod_scene(

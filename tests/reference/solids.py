@@ -23,14 +23,19 @@ def ball(center: tuple[float, float, float], radius: float, rings: int = 12) -> 
         -1, 3
     )
     vertices = np.concatenate([middle, [[0, 0, 1], [0, 0, -1]]])
-    n, faces = 2 * rings, []
-    top, bottom = len(middle), len(middle) + 1
+    n = 2 * rings
+    faces = []
+    top = len(middle)
+    bottom = len(middle) + 1
     for k in range(n):
         after = (k + 1) % n
         faces.append((top, k, after))
         faces.append((bottom, (rings - 2) * n + after, (rings - 2) * n + k))
         for r in range(rings - 2):
-            a0, b0, a1, b1 = r * n + k, r * n + after, (r + 1) * n + k, (r + 1) * n + after
+            a0 = r * n + k
+            b0 = r * n + after
+            a1 = (r + 1) * n + k
+            b1 = (r + 1) * n + after
             faces += [(a0, a1, b1), (a0, b1, b0)]
     return Mesh(np.array(center) + radius * vertices, np.array(faces))
 

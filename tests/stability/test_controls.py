@@ -63,7 +63,8 @@ def _full_step(energy: Any, point: Any, direction: Any, *_: Any) -> Any:
 
 
 def _at_once(model: Any, _: int, on_step: Any, warnings: list[str]) -> Any:
-    energy, options = Energy(model), model.scene.solver.static
+    energy = Energy(model)
+    options = model.scene.solver.static
     begin = straight(model)
     found = newton.minimize(
         energy, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
@@ -262,7 +263,8 @@ CONTROLS = {  # by the beginning of a case's name
 def _without_velocity(self: Any, state: dict[str, Any]) -> None:
     self.u[:], self.v[:] = state["u"], 0.0
     self.force[:], self.stiffness[:] = 0.0, np.nan
-    self.lag, self._last = float(state.get("lag", 0.0)), ()
+    self.lag = float(state.get("lag", 0.0))
+    self._last = ()
 
 
 def control_of(name: str) -> Control:

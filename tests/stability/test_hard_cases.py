@@ -21,7 +21,8 @@ FIELD = np.array([2e-3, 10e-3, -14e-3])
 
 def tips(scene: Scene, most_steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Tips of statics and rod over the length; det F stays between 1/2 and 3/2."""
-    result, rod = run(scene), solve_rod(scene)
+    result = run(scene)
+    rod = solve_rod(scene)
     assert result.converged
     assert not [text for text in result.warnings if "wall" not in text]
     assert result.iterations <= most_steps
@@ -33,7 +34,8 @@ def tips(scene: Scene, most_steps: int) -> tuple[np.ndarray, np.ndarray]:
 def test_any_bulk_modulus() -> None:
     """K/G from a sponge (nu = 0.02) to nu = 0.4997, tip rotated by 50 to 100 degrees: within 2.5 % of L of the rod (see also the table).
 
-    With F-bar the shape tends to a limit as K grows: from 500 G to 2000 G it changes only with E, by 9/(2000 x 3) = 0.1 %."""
+    With F-bar the shape tends to a limit as K grows: from 500 G to 2000 G it changes only with E, by 9/(2000 x 3) = 0.1 %.
+    """
     found = {}
     for ratio, most_steps in ((0.7, 8), (2, 8), (500, 30), (2000, 40)):
         found[ratio], rod = tips(
@@ -65,7 +67,8 @@ def test_cells_with_slivers() -> None:
         found[cells], _ = tips(
             rod_scene(length=16e-3, directions=SPATIAL, field=5 * FIELD, cells=cells), 8
         )
-    one, two = np.linalg.norm(found[6] - found[5]), np.linalg.norm(found[7] - found[6])
+    one = np.linalg.norm(found[6] - found[5])
+    two = np.linalg.norm(found[7] - found[6])
     assert two < one < 0.3e-2  # error of the grid at 5 cells and L/D = 4
 
 
@@ -119,7 +122,8 @@ def test_as_long_as_thick() -> None:
 def test_segments_far_shorter_than_a_cell(lengths: list[float], bound: float) -> None:
     """A slice of 0.1 mm in cells of 1.3 mm: dividing a cell in two changes nothing where the strain varies slowly.
 
-    At the clamp it does not: the volume constraint of two regions is stiffer than that of one. The bound is twice the grid's error."""
+    At the clamp it does not: the volume constraint of two regions is stiffer than that of one. The bound is twice the grid's error.
+    """
     given = {"field": (0, 5e-3, 5e-3), "cells": 3}
     whole, _ = tips(rod_scene(directions=[(1, 0, 0)], **given), 8)
     slices = {

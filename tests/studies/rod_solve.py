@@ -124,7 +124,8 @@ def differentiate(
     scene: Scene, of: Sequence[str], *, start: RodShape | None = None
 ) -> RodSensitivities:
     """As `solve`, with the rod's own derivatives by directions and the field."""
-    found, regions = variables(scene, of), scene.magnetized_regions()
+    found = variables(scene, of)
+    regions = scene.magnetized_regions()
     family, directions = _family(scene)
     quaternions = family.straight(1) if start is None else _quaternions(family, start)
     for share in (
@@ -142,7 +143,8 @@ def differentiate(
         )
         columns.append(slopes[0, :, :, place : place + 3] @ along)
     result = solve(scene, start=start)
-    of_rod, of_rows = np.concatenate([[0.0], np.cumsum(family.rod.length)]), result.centreline[:, 0]
+    of_rod = np.concatenate([[0.0], np.cumsum(family.rod.length)])
+    of_rows = result.centreline[:, 0]
     rows = [
         np.stack([np.interp(of_rows, of_rod, column[:, i]) for i in range(3)], axis=1)
         for column in columns

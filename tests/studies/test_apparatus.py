@@ -155,24 +155,26 @@ def test_a_length_that_the_rows_give_is_not_fitted(tmp_path: Path) -> None:
     measured = read_measured(table(tmp_path, "inserted_mm,tip_x_mm\n30,29\n35,33\n"), SCENE)
     with pytest.raises(
         InputError,
-        match=r"(?s)received inserted_mm, and --vary segment_1_length.*rule: .*remedy: leave length out",
+        match=(
+            r"(?s)received inserted_mm, and --vary segment_1_length.*rule: .*remedy: leave"
+            r" length out"
+        ),
     ):
         fit(measured, SCENE, vary=["shear_modulus", "length"], noise=1e-4)
 
 
 def test_the_command_predicts_what_is_held_out(tmp_path: Path) -> None:
     """Exact angles of a body with another modulus: it is found; held out rows are met to 1e-3 of a degree, expected to the noise."""
-    rows, body = ["series,magnet_z_mm,tip_angle_xz_deg"], SCENE.with_material(shear_modulus=100e3)
+    rows = ["series,magnet_z_mm,tip_angle_xz_deg"]
+    body = SCENE.with_material(shear_modulus=100e3)
     for series, z in (("a", 110.0), ("a", 90.0), ("b", 100.0), ("a", 80.0)):
         there = run(Apparatus((0.01, 0.0, 1e-3 * z)).applied(body))
         rows.append(
             f"{series},{z},{math.degrees(tip_angle(Axis.alone(there.centreline, there.tip), 2)[0]):.9f}"
         )
     SCENE.save(tmp_path / "scene.yaml")
-    out, names = (
-        tmp_path / "out",
-        (str(table(tmp_path, "\n".join(rows))), str(tmp_path / "scene.yaml")),
-    )
+    out = tmp_path / "out"
+    names = (str(table(tmp_path, "\n".join(rows))), str(tmp_path / "scene.yaml"))
     options = ["--quick", "--angle-noise", "1 deg", "--hold-out", "series=b", "--out", str(out)]
     assert main(["fit", *names, "--vary", "shear_modulus", *options]) == 0
     found = json.loads((out / "fit.json").read_text())
@@ -237,7 +239,8 @@ def test_an_end_that_the_data_do_not_give_is_open() -> None:
 
 
 def test_the_profile_of_a_linear_problem_is_the_t_interval(rng: np.random.Generator) -> None:
-    A, b = rng.normal(size=(9, 3)), rng.normal(size=9)
+    A = rng.normal(size=(9, 3))
+    b = rng.normal(size=9)
     best = least_squares(lambda x, slopes: (A @ x - b, A), np.zeros(3))
     np.testing.assert_allclose(best.x, np.linalg.lstsq(A, b, rcond=None)[0], atol=1e-6)
     covariance = np.linalg.inv(A.T @ A)

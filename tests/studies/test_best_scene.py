@@ -305,7 +305,8 @@ def test_a_direction_counts_by_its_worst_turn(scene: Scene) -> None:
 
 def test_field_and_materials_count_by_their_own_size(scene: Scene) -> None:
     """A tip that follows the field: 1 % of it, and a turn of it; a material by its own value."""
-    field, remanence = variables(scene, ["field"]), variables(scene, ["remanence"])
+    field = variables(scene, ["field"])
+    remanence = variables(scene, ["remanence"])
     rows = tolerances(
         scene, Known((*field, *remanence), np.hstack([np.eye(3), [[0.5], [0.0], [0.0]]]))
     )

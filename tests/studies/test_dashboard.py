@@ -169,9 +169,12 @@ def test_the_printed_address_opens_the_study(served: Dashboard) -> None:
         line.removeprefix(f"{served.cookie}; HttpOnly; SameSite=Strict; Path=")
         for line in headers["set-cookie"].split(", ")
     ]
-    assert paths == ["/api", "/artifacts", "/csv", "/dashboard"], (
-        "not /, which other servers of this machine have"
-    )
+    assert paths == [
+        "/api",
+        "/artifacts",
+        "/csv",
+        "/dashboard",
+    ], "not /, which other servers of this machine have"
     without = {
         path: served.request("GET", path)[0]
         for path in (STUDIES, "/artifacts/1", "/csv/1", "/dashboard", "/", "/static/bundle.js")

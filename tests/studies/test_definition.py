@@ -125,7 +125,8 @@ def test_what_does_not_change_the_definition(study: str, scene: str, tmp_path: P
 def test_another_definition_is_refused_and_the_difference_shown(
     study: str, scene: str, shown: str, tmp_path: Path
 ) -> None:
-    path, out = write_study(tmp_path), tmp_path / "out"
+    path = write_study(tmp_path)
+    out = tmp_path / "out"
     run_study(load_study(path), solve=solve, out=out, trials=1)
     write_study(tmp_path, study, scene)
     with pytest.raises(InputError) as caught:
@@ -141,7 +142,8 @@ def test_another_definition_is_refused_and_the_difference_shown(
 
 
 def test_another_target_is_refused(tmp_path: Path) -> None:
-    path, out = write_study(tmp_path), tmp_path / "out"
+    path = write_study(tmp_path)
+    out = tmp_path / "out"
     run_study(load_study(path), solve=solve, out=out, trials=1)
     table = (tmp_path / "target.csv").read_text()
     last = table.rstrip().splitlines()[-1]
@@ -153,7 +155,8 @@ def test_another_target_is_refused(tmp_path: Path) -> None:
 
 
 def test_many_differences_are_counted_rather_than_listed() -> None:
-    old, new = {"row": list(range(30))}, {"row": list(range(1, 31))}
+    old = {"row": list(range(30))}
+    new = {"row": list(range(1, 31))}
     lines = differences(old, new)
     assert lines[0] == "row[0]: 0 -> 1"
     assert lines[-1] == "and 18 more"
@@ -234,7 +237,8 @@ def test_a_damaged_design_is_made_again(
 
 
 def _refused(study: Study, out: Path, *says: str, **options: Any) -> None:
-    gc.collect()  # connections of the study before are closed now, and not while the folder is compared
+    # connections of the study before are closed now, and not while the folder is compared
+    gc.collect()
     before = {
         path: path.read_bytes()
         for path in sorted(out.rglob("*"))
@@ -259,7 +263,8 @@ def _refused(study: Study, out: Path, *says: str, **options: Any) -> None:
 
 
 def test_a_deleted_or_empty_database_is_not_begun_anew_over_its_designs(tmp_path: Path) -> None:
-    study, out = load_study(write_study(tmp_path)), tmp_path / "out"
+    study = load_study(write_study(tmp_path))
+    out = tmp_path / "out"
     run_study(study, solve=solve, out=out, trials=4)
     kept = tmp_path / "kept"
     kept.mkdir()
@@ -278,9 +283,11 @@ def test_a_deleted_or_empty_database_is_not_begun_anew_over_its_designs(tmp_path
 
 def test_another_database_is_refused_over_the_designs_of_the_first(tmp_path: Path) -> None:
     """It may be new, or contain a study of this name with other trials; naming the first database or moving the folder is accepted."""
-    study, out = load_study(write_study(tmp_path)), tmp_path / "out"
+    study = load_study(write_study(tmp_path))
+    out = tmp_path / "out"
     run_study(study, solve=solve, out=out, trials=4)
-    new, other = f"sqlite:///{tmp_path}/new.db", f"sqlite:///{tmp_path}/other.db"
+    new = f"sqlite:///{tmp_path}/new.db"
+    other = f"sqlite:///{tmp_path}/other.db"
     _refused(
         study, out, "new.db is missing", f"(sqlite:///{out}/study.db when they ended)", storage=new
     )

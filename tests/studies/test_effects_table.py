@@ -23,7 +23,8 @@ from magmpm.solving.influence import Variants, advise
 from magmpm.studies.explore.effects_costs import counted
 from magmpm.studies.explore.effects_table import Row, needs, survey
 
-FIELD, DOWN = (0.0, 0.0, 3e-3), (0.0, 0.0, -9.81)
+FIELD = (0.0, 0.0, 3e-3)
+DOWN = (0.0, 0.0, -9.81)
 
 
 def row(scene: Scene, key: str) -> Row:
@@ -68,11 +69,9 @@ def test_shifts_are_those_of_finer_runs() -> None:
     loaded = rod_scene(field=(0.0, 0.0, 1e-3), gravity=DOWN)
     lying = rod_scene(gravity=DOWN).with_effects(ground={"point": [0.0, 0.0, -4e-3]})
     for scene, key in ((loaded, "magnetic_torque"), (loaded, "gravity"), (lying, "ground")):
-        found, fine, other = (
-            row(scene, key),
-            scene.with_cells(4),
-            scene.with_effects(**{key: None}).with_cells(4),
-        )
+        found = row(scene, key)
+        fine = scene.with_cells(4)
+        other = scene.with_effects(**{key: None}).with_cells(4)
         assert found.shift_m == pytest.approx(
             distance(run(fine), run(other)), abs=found.uncertainty_m or 0.0
         ), key
@@ -249,10 +248,10 @@ def test_shifts_of_a_strip_held_at_both_ends_are_those_of_whole_runs() -> None:
     """With and without each effect, within what the table says that it is uncertain by."""
     asked = strip(5e-3, "both", 1e6, 30e-3)
     for key in ("magnetic_torque", "gravity"):
-        moved, found = (
-            distance(run(asked.with_effects(**{key: {}})), run(asked.with_effects(**{key: None}))),
-            row(asked, key),
+        moved = distance(
+            run(asked.with_effects(**{key: {}})), run(asked.with_effects(**{key: None}))
         )
+        found = row(asked, key)
         assert found.shift_m == pytest.approx(moved, abs=found.uncertainty_m or 0.0), key
 
 
@@ -310,7 +309,8 @@ def test_a_rod_would_do_where_it_was_found_to() -> None:
         for one in needs(scene, Variants(scene, scene.allowed_error))
         if one.question == "three dimensions"
     ]
-    fine, rod = run(scene.with_cells(5)).centreline, solve_rod(scene)
+    fine = run(scene.with_cells(5)).centreline
+    rod = solve_rod(scene)
     off = float(np.linalg.norm(fine[:, 1:] - fine[0, 1:] - rod.at(fine[:, 0]), axis=1).max())
     assert need.error_added_m is not None
     assert off < need.error_added_m < off + 0.005 * scene.length

@@ -50,7 +50,8 @@ def tips(
     folder: Path, modulus: float = 100e3, fields: tuple[float, ...] = (2.0, 4.0), noise: float = 0.0
 ) -> Path:
     """Tips of the body with another modulus, mm, in fields along z, mT."""
-    rng, rows = np.random.default_rng(5), ["field_z_mT,tip_x_mm,tip_z_mm"]
+    rng = np.random.default_rng(5)
+    rows = ["field_z_mT,tip_x_mm,tip_z_mm"]
     for strength in fields:
         tip = (
             1e3 * run(with_modulus(SCENE, modulus).with_field([0, 0, 1e-3 * strength])).tip
@@ -79,10 +80,8 @@ def test_units_and_columns(tmp_path: Path) -> None:
     ],
 )
 def test_the_field_of_a_row(column: str, field: tuple[float, ...] | None, tmp_path: Path) -> None:
-    scene, measured = (
-        SCENE.with_field([3e-3, 0.0, 4e-3]),
-        "x_mm" if column == "s_mm" else "tip_x_mm",
-    )
+    scene = SCENE.with_field([3e-3, 0.0, 4e-3])
+    measured = "x_mm" if column == "s_mm" else "tip_x_mm"
     (state,) = read_measured(table(tmp_path, f"{column},{measured}\n10,38\n10,39\n"), scene).states
     assert state.field == (
         None if field is None else pytest.approx(field, rel=1e-14)
@@ -141,7 +140,8 @@ TABLES = [PLACES, CURVE, POSE, pytest.param(IN_SPACE, marks=pytest.mark.slow)]
 def test_slopes_are_those_of_the_residuals(tmp_path: Path, text: str) -> None:
     """Central differences of the residuals, away from the start; 2e-5 of the largest: their own error at a step of 1e-3.
 
-    Across a curve in space there are two directions, whose turn about the curve is left out: their sum of squares has the slope it has."""
+    Across a curve in space there are two directions, whose turn about the curve is left out: their sum of squares has the slope it has.
+    """
     measured = read_measured(table(tmp_path, text), SCENE)
     constants = constants_of(SCENE, ["shear_modulus", "remanence", "magnetization", "field"])
     prediction = Prediction(SCENE, measured, constants)
@@ -167,7 +167,8 @@ def test_further_descents_run_on_the_coarsest_grid(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The scene's own grid descends from their minimum alone, in at most two steps; its minimum is that of a descent on it from afar."""
-    scene, solved = SCENE.with_cells(4), []
+    scene = SCENE.with_cells(4)
+    solved = []
     measured = read_measured(tips(tmp_path, noise=1e-4), scene)
     monkeypatch.setattr(
         prediction,
@@ -205,7 +206,10 @@ def test_tips_without_any_error_have_an_interval(tmp_path: Path) -> None:
 def test_what_no_constant_moves_is_refused_without_an_error_of_measurement_too(
     tmp_path: Path,
 ) -> None:
-    words = "do not determine the magnetic silicone.s shear modulus: it can change without moving any measured number"
+    words = (
+        "do not determine the magnetic silicone.s shear modulus: it can change without moving any"
+        " measured number"
+    )
     with pytest.raises(Refused, match=words):
         fit(
             read_measured(table(tmp_path, "field_z_mT,tip_z_mm\n0,0\n0,0\n0,0\n"), SCENE),
@@ -249,7 +253,8 @@ def three_tables(
     folder: Path, modulus: float, noises: tuple[float, float, float], seed: int = 3
 ) -> list[Path]:
     """Tips in two fields, places of the axis in one of these, and a curve in another field, of the body with a modulus; noises in mm."""
-    rng, real = np.random.default_rng(seed), with_modulus(SCENE, modulus)
+    rng = np.random.default_rng(seed)
+    real = with_modulus(SCENE, modulus)
     shapes = {strength: run(real.with_field([0, 0, 1e-3 * strength])) for strength in (2.0, 4.0)}
     rows: list[list[str]] = [
         ["field_z_mT,tip_x_mm,tip_z_mm"],
@@ -276,7 +281,8 @@ def test_tables_of_three_kinds_are_explained_together(tmp_path: Path) -> None:
     paths = three_tables(tmp_path, 100e3, (0.0, 0.0, 0.0))
     measured = read_tables(paths, SCENE)
     constants = constants_of(SCENE, ["shear_modulus"])
-    both, x = Prediction(SCENE, measured, constants), np.array([0.2])
+    both = Prediction(SCENE, measured, constants)
+    x = np.array([0.2])
     residuals, slopes = both.at(x)
     assert both.solves == 2
     assert both.at(x)[0] is residuals, "what was solved is known"
@@ -350,7 +356,10 @@ def test_modulus_and_remanence_are_not_told_apart_by_tips_in_a_uniform_field(
 ) -> None:
     """The answer depends on their ratio alone. Refused, with the ratio's accuracy and measurements that would tell."""
     silicone = "the magnetic silicone.s"
-    words = f"these tips do not tell {silicone} shear modulus and {silicone} remanence apart: they can change together"
+    words = (
+        f"these tips do not tell {silicone} shear modulus and {silicone} remanence apart: they can"
+        " change together"
+    )
     with pytest.raises(Refused, match=words) as refused:
         fit(read_measured(tips(tmp_path, noise=2e-4), SCENE), SCENE, thorough=False)
     assert len(refused.value.together) == 2
@@ -405,11 +414,9 @@ def missing(
     data["body"]["catheter"]["diameter"] *= 1 + larger
     for segment in data["body"]["catheter"]["segments"]:
         segment["magnetization"] = [math.cos(turn), math.sin(turn), 0.0]
-    real, rng, rows = (
-        Scene.from_si(data),
-        np.random.default_rng(5),
-        ["field_z_mT,tip_x_mm,tip_y_mm,tip_z_mm"],
-    )
+    real = Scene.from_si(data)
+    rng = np.random.default_rng(5)
+    rows = ["field_z_mT,tip_x_mm,tip_y_mm,tip_z_mm"]
     for strength in (1, 2, 3, 4, 5):
         tip = run(
             real.with_field([1e-3 * stray[0], 1e-3 * stray[1], 1e-3 * (strength + stray[2])])
@@ -493,7 +500,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told) -> N
     assert fitted.materials[MATERIAL].shear_modulus == pytest.approx(constant["value"], rel=1e-9)
     turned = ("--vary", "shear_modulus,segment_1_elevation", "--quick", "--json", "--out", "turned")
     turned = json.loads(told("fit", measured, scene, *turned).out)
-    (x, _, z) = load_scene("turned/fitted_scene.yaml").regions()[0].magnetization
+    x, _, z = load_scene("turned/fitted_scene.yaml").regions()[0].magnetization
     assert math.atan2(z, x) == pytest.approx(turned["constants"][1]["value"], abs=1e-8)
     several = [*three_tables(tmp_path, 100e3, (0.1, 0.2, 0.2)), scene, "--out", "all"]
     assert (
@@ -523,7 +530,8 @@ def test_damping_and_modulus_from_a_marker_that_swings(tmp_path: Path) -> None:
     data["solver"] = {"dynamic": {"duration": 0.06, "output_every": 1e-3}}
     data["field"]["uniform"] = [0.0, 0.0, 1.5e-3]
     start = Scene.from_si(data)
-    constants, truth = constants_of(start, ["shear_modulus", "damping"]), np.log([0.9, 1.25])
+    constants = constants_of(start, ["shear_modulus", "damping"])
+    truth = np.log([0.9, 1.25])
     measured = table(
         tmp_path,
         "t_ms,s_mm,x_mm,z_mm\n"

@@ -33,7 +33,8 @@ ALL: list[Block] = [*DIRECTIONS, BALL, Number("length", 4.0, 12.0)]
 
 def curved(blocks: list[Block], seed: int = 0, rows: int = 40) -> tuple[Model, Array]:
     """Residuals that are curved functions of the coordinates and vanish at a design; that design's coordinates."""
-    rng, space = np.random.default_rng(seed), Coordinates(blocks)
+    rng = np.random.default_rng(seed)
+    space = Coordinates(blocks)
     goal = space.anywhere(0.2 + 0.6 * rng.random(space.size))
     scale = np.concatenate(
         [
@@ -46,9 +47,10 @@ def curved(blocks: list[Block], seed: int = 0, rows: int = 40) -> tuple[Model, A
 
     def model(x: Array) -> tuple[Array, Array]:
         y = matrix @ (x * scale)
-        return y + 0.3 * np.sin(y) - at_goal - 0.3 * np.sin(at_goal), (1 + 0.3 * np.cos(y))[
-            :, None
-        ] * matrix * scale
+        return (
+            y + 0.3 * np.sin(y) - at_goal - 0.3 * np.sin(at_goal),
+            (1 + 0.3 * np.cos(y))[:, None] * matrix * scale,
+        )
 
     return model, goal
 
@@ -308,11 +310,9 @@ def test_the_curvature_is_what_the_last_step_showed_within_ten_of_the_guess(
     seen: float, taken: float
 ) -> None:
     """A step of length 1 that the linear model left at 0.5, and that ended `seen` guesses above it."""
-    sampler, x, jacobian = (
-        GaussNewtonSampler([BALL], 1),
-        np.array([0.0, 0.0, 5e-3]),
-        2e2 * np.eye(3),
-    )
+    sampler = GaussNewtonSampler([BALL], 1)
+    x = np.array([0.0, 0.0, 5e-3])
+    jacobian = 2e2 * np.eye(3)
     guess = sampler._space.curvature(x, jacobian)
     kept: Any = {
         "constraints": {},
@@ -338,7 +338,8 @@ def test_a_descent_that_hardly_moves_is_left(cost: float, promised: float, stuck
         )
         for k in range(6)
     }
-    step, sampler = SimpleNamespace(promised=promised * cost), GaussNewtonSampler([BALL], 1)
+    step = SimpleNamespace(promised=promised * cost)
+    sampler = GaussNewtonSampler([BALL], 1)
     args: Any = (chain[5], step, 1.0, chain, None, np.array([cost**0.5]), None, chain[5])
     assert sampler._stuck(*args) is stuck
 
@@ -361,8 +362,10 @@ def test_workers_follow_a_descent_each() -> None:
 
 def test_a_trial_that_ends_while_the_others_are_read_is_one_of_them() -> None:
     """Another session's: one that was missed would be chosen once more."""
-    study, kind = optuna.create_study(), {"x": optuna.distributions.FloatDistribution(0.0, 1.0)}
-    other, mine = study.ask(kind), study.ask(kind)
+    study = optuna.create_study()
+    kind = {"x": optuna.distributions.FloatDistribution(0.0, 1.0)}
+    other = study.ask(kind)
+    mine = study.ask(kind)
 
     def get_trials(**options: Any) -> list[optuna.trial.FrozenTrial]:
         found = study.get_trials(**options)

@@ -63,7 +63,8 @@ def test_the_expected_square_is_that_of_samples_and_its_slope_is_exact() -> None
 def test_more_designs_teach_more() -> None:
     """The error at other designs falls by far with 60 in place of 6 designs, and the variance says how large it is."""
     others, true = designs(50, seed=7)
-    errors, told = [], []
+    errors = []
+    told = []
     for n in (6, 60):
         model = ShapeModel(LAYOUT, *designs(n))
         found = [model.predicted(at) for at in others]

@@ -208,7 +208,8 @@ def test_the_stored_model_is_the_derivative_of_the_gaps():
     params = found.space.parameters_at(x)
     outcome = found.evaluate(run, sensitivities, params, None)
     assert outcome.reason is None
-    residuals, jacobian = np.array(outcome.model["residuals"]), np.array(outcome.model["jacobian"])
+    residuals = np.array(outcome.model["residuals"])
+    jacobian = np.array(outcome.model["jacobian"])
 
     def gaps(params):
         results = [
@@ -221,7 +222,8 @@ def test_the_stored_model_is_the_derivative_of_the_gaps():
     assert residuals @ residuals == pytest.approx(raw @ raw, rel=1e-6)
     assert raw @ raw == pytest.approx(outcome.rms**2 + EXIT_WEIGHT * outcome.tip_error**2, rel=1e-3)
     for k, step in ((2, 1e-4), (10, 1e-6), (14, 1e-6)):
-        up, down = x.copy(), x.copy()
+        up = x.copy()
+        down = x.copy()
         up[k] += step
         down[k] -= step
         squares = [np.sum(np.square(gaps(found.space.parameters_at(v)))) for v in (up, down)]

@@ -93,7 +93,8 @@ def test_chosen_effects_and_cells_are_written(tmp_path: Path) -> None:
     text = (
         text[: text.index("      - magnetization: {azimuth: 30 deg")] + text[text.index("field:") :]
     )  # one segment: none act on others
-    begin, end = text.index("effects:"), text.index("solver:")
+    begin = text.index("effects:")
+    end = text.index("solver:")
     path = tmp_path / "auto.yaml"
     path.write_text(
         text[:begin] + "effects: auto\n" + text[end:].replace("{cells_across: 4}", "{error: 1 %}"),
@@ -137,13 +138,16 @@ def test_a_preview_is_near_the_solution_and_the_solver_finds_what_run_finds() ->
     """One process, two solves: the second starts from the first, and is run's answer to what solves from different starts agree to.
     The rod dressed by the first solve is within 0.5 % of L of the second (rod alone: up to 1 %)."""
     scene = load_scene(FIVE).with_cells(2)
-    known, preview, solver = sliders(scene), Preview(), Solver()
+    known = sliders(scene)
+    preview = Preview()
+    solver = Solver()
     try:
         first = solver.solved(scene)
         assert first.result is not None
         preview.learn(first.result)
         near = changed(scene, known, {"field.x": 1.0})
-        second, alone = solver.solved(near), run(near)
+        second = solver.solved(near)
+        alone = run(near)
         np.testing.assert_allclose(second.result.tip, alone.tip, atol=2e-6 * scene.length)
         shape = preview.shape(near)
         assert np.linalg.norm(shape.axis[-1] - alone.tip) < 5e-3 * scene.length
@@ -234,8 +238,10 @@ def test_tips_are_those_of_runs(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_no_soft_mode_is_lost_on_a_symmetric_way() -> None:
     """While the body bends in one plane only, its lowest mode changes from one in the plane to one out of it, or to twist. Modes that were
-    followed from field to field never learned of those of another symmetry: at [0, 0, 5.7] mT the least stability was 15 % too large."""
-    scene, fields = ready(load_scene(SCENE), 2), in_plane(225, 20e-3, "xz")
+    followed from field to field never learned of those of another symmetry: at [0, 0, 5.7] mT the least stability was 15 % too large.
+    """
+    scene = ready(load_scene(SCENE), 2)
+    fields = in_plane(225, 20e-3, "xz")
     path = next(path for path in fields.paths if 142 in path)
     way = [(k, fields.values[k].tolist()) for k in path[: path.index(142) + 1]]
     last = list(_along(scene, static_model(build(scene)), way))[-1]
@@ -247,7 +253,8 @@ def test_no_soft_mode_is_lost_on_a_symmetric_way() -> None:
 @pytest.mark.slow
 def test_a_process_that_dies_costs_one_field(monkeypatch: pytest.MonkeyPatch) -> None:
     """Another process takes up the rest of its path, and finds the same tips."""
-    scene, begun = load_scene(SCENE).with_cells(2), list[Process]()
+    scene = load_scene(SCENE).with_cells(2)
+    begun = list[Process]()
 
     start = Process.start
     monkeypatch.setattr(Process, "start", lambda self: (start(self), begun.append(self)))
@@ -271,9 +278,11 @@ def test_a_process_that_dies_costs_one_field(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.slow
 def test_a_rod_against_the_field_has_two_shapes() -> None:
     """Magnetized along its axis, in a field against it past the critical load: turned up or down is a matter of history. Below it, and
-    along the field, there is one shape. Critical load of a clamped rod under a following compass torque: B A Br L^2/(mu0 E I) = pi^2/4."""
+    along the field, there is one shape. Critical load of a clamped rod under a following compass torque: B A Br L^2/(mu0 E I) = pi^2/4.
+    """
     scene = load_scene(SCENE).with_cells(2)
-    E, r = 2.951 * 120e3, 2e-3
+    E = 2.951 * 120e3
+    r = 2e-3
     critical = (
         (np.pi**2 / 4)
         * E
@@ -294,10 +303,9 @@ def test_a_rod_against_the_field_has_two_shapes() -> None:
     two = np.isfinite(rods.other).all(axis=1).reshape(3, 5)
     assert two[0, 2]
     assert not two[1:].any()
-    own, other = (
-        rods.tip[2],
-        rods.other[2],
-    )  # turned to the other side by as much; a round rod is free to turn about its axis
+    # turned to the other side by as much; a round rod is free to turn about its axis
+    own = rods.tip[2]
+    other = rods.other[2]
     np.testing.assert_allclose(
         [other[0], np.hypot(*other[1:])], [own[0], np.hypot(*own[1:])], atol=1e-3 * scene.length
     )
@@ -362,10 +370,8 @@ def test_what_is_known_is_expected_again() -> None:
 def test_what_is_linear_is_found(far: float, share: float) -> None:
     """Forty solves tell six numbers: among them a new one is expected with less than a quarter of the error of the nearest known one. Far
     beyond all of them, where it goes on along a plane, with less than three quarters."""
-    known, new = (
-        np.random.default_rng(5).normal(size=(40, 6)),
-        far * np.random.default_rng(6).normal(size=6),
-    )
+    known = np.random.default_rng(5).normal(size=(40, 6))
+    new = far * np.random.default_rng(6).normal(size=6)
     nearest = known[np.argmin(np.linalg.norm(known - new, axis=1))]
     found = taught(40).expected(rod(new))
     assert found is not None

@@ -146,7 +146,8 @@ class Grid:
     """The rod, bent too little by COARSE at the tip on two cells, and exact where an error is asked for; solved: those scenes."""
 
     def __init__(self, fails: bool = False) -> None:
-        self.fails, self.solved = fails, list[Scene]()
+        self.fails = fails
+        self.solved = list[Scene]()
 
     def __call__(self, scene: Scene, **options: Any) -> RodResult:
         if scene.resolution.requested:

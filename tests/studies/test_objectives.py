@@ -113,7 +113,8 @@ def test_a_study_with_two_objectives_reports_its_front_and_resumes(
         return solve(scene)
 
     report = run_study(study, solve=sometimes, out=tmp_path / "whole", sampler=sampler)  # type: ignore[arg-type]
-    calls, stop_at = [], 21
+    calls = []
+    stop_at = 21
     assert (
         run_study(study, solve=sometimes, out=tmp_path / "parts", sampler=sampler).ended
         == "interrupted"
@@ -212,7 +213,8 @@ def test_a_front_resumes_as_the_same_study(tmp_path: Path) -> None:
         run_study(
             study, solve=solve, differentiate=differentiate, out=tmp_path / "parts", trials=trials
         )
-    whole, parts = trials_of(tmp_path / "whole"), trials_of(tmp_path / "parts")
+    whole = trials_of(tmp_path / "whole")
+    parts = trials_of(tmp_path / "parts")
     assert [(t.params, t.values) for t in whole] == [(t.params, t.values) for t in parts]
 
 
@@ -221,7 +223,8 @@ def test_a_front_resumes_as_the_same_study(tmp_path: Path) -> None:
 
 TEXT = STUDY.replace("{}", "{}\n  field: {max: 15 mT, at: each time}").replace(
     "match: {centreline: target.csv}",
-    "match: [{time: 0.5 s, centreline: a.csv}, {time: 2 s, centreline: b.csv}]\nschedule: {hold: 0.25 s}",
+    "match: [{time: 0.5 s, centreline: a.csv}, {time: 2 s, centreline: b.csv}]\nschedule: {hold:"
+    " 0.25 s}",
 )
 FIELDS = np.array([[5e-3, 2e-3, 6e-3], [-2e-3, 7e-3, -3e-3]])
 

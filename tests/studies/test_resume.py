@@ -122,7 +122,8 @@ def test_killed_in_mid_trial_and_resumed_is_the_same_study(
 ) -> None:
     # 23 trials: CMA-ES (population 10) has finished its second generation, TPE its random trials
     path = write_study(tmp_path, STUDY.replace("trials: 8", "trials: 23"))
-    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    whole = tmp_path / "whole"
+    parts = tmp_path / "parts"
     run_study(
         load_study(path),
         solve=solve,
@@ -158,7 +159,8 @@ def test_a_study_by_a_sampler_of_optuna_is_continued_as_it_was(
     """Stopped in the solves of trials 1, 4 and 22 of 24, which are two generations of the genetic ones, it has the same trials."""
     study = load_study(write_study(tmp_path, STUDY.replace("trials: 8", "trials: 24")))
     run_study(study, solve=solve, out=tmp_path / "whole", sampler=sampler)
-    stops, calls = [1, 5, 24], []
+    stops = [1, 5, 24]
+    calls = []
 
     def interrupted(scene: Scene) -> RodResult:
         calls.append(scene)
@@ -184,7 +186,9 @@ def pictures(out: Path, trial: optuna.trial.FrozenTrial) -> list[bytes]:
 
 def test_a_surface_is_stored_once_and_a_picture_twice(tmp_path: Path) -> None:
     """A surface's artifact is another name of its file; drawn again, gone or on a store of its own, it is what it has to be."""
-    study, out, calls = load_study(write_study(tmp_path)), tmp_path / "out", []
+    study = load_study(write_study(tmp_path))
+    out = tmp_path / "out"
+    calls = []
 
     def files(result: RodResult, path: Path, trial: Trial) -> list[Path]:
         surface = path.with_suffix(".stl")

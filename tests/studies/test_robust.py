@@ -22,7 +22,8 @@ ROBUST = STUDY + "robust: {direction: 5 deg, remanence: 5 %, shear_modulus: 4 %}
 
 def differentiate(scene: Scene, of: Sequence[str]) -> RodSensitivities:
     """Central differences of the rod by every variable."""
-    found, step = variables(scene, of), {"rad": 1e-4, "T": 1e-6, "Pa": 10.0, "m": 1e-6}
+    found = variables(scene, of)
+    step = {"rad": 1e-4, "T": 1e-6, "Pa": 10.0, "m": 1e-6}
     pairs = [
         [solve(v.changed(scene, sign * step[v.unit])).centreline[:, 1:] for sign in (1, -1)]
         for v in found
@@ -71,7 +72,8 @@ def test_moments_in_closed_form() -> None:
 def test_far_from_the_target_sigma_is_that_of_the_gradient() -> None:
     """The delta method: the limit of small errors, with an error of their square."""
     rng = np.random.default_rng(2)
-    g, M = rng.normal(size=(7, 3)), rng.normal(size=(7, 3, 5))
+    g = rng.normal(size=(7, 3))
+    M = rng.normal(size=(7, 3, 5))
     along = np.einsum("mi,mik->k", g, M) / (np.sqrt(7) * np.linalg.norm(g))
     for size in (1e-2, 1e-3, 1e-4, 1e-5):  # by the integral, and by the expansion
         assert Scatter(g, size * M).moments()[1] == pytest.approx(
@@ -93,7 +95,8 @@ def test_each_error_has_its_size(tmp_path: Path) -> None:
 def test_scatter_of_the_rod_is_that_of_rods_made_with_errors(tmp_path: Path) -> None:
     """400 rods: sigma is known to 1/sqrt(800), 3.5 %; first order errs by some percent at 5 degrees: 10 % in all."""
     study = load_study(write_study(tmp_path))
-    scene, rng = study.scene, np.random.default_rng(3)
+    scene = study.scene
+    rng = np.random.default_rng(3)
     found = differentiate(scene, kinds(ERRORS))
     sizes = deviations(scene, found.variables, ERRORS)
     expected = Scatter(
@@ -101,7 +104,8 @@ def test_scatter_of_the_rod_is_that_of_rods_made_with_errors(tmp_path: Path) -> 
     )
     shapes = []
     for _ in range(400):
-        made, errors = scene, sizes * rng.normal(size=len(sizes))
+        made = scene
+        errors = sizes * rng.normal(size=len(sizes))
         for variable, error in zip(found.variables, errors, strict=True):
             made = variable.changed(
                 made, error

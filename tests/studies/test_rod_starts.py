@@ -82,7 +82,10 @@ def test_a_varied_field_stays_within_its_bound_and_plain_segments_plain(tmp_path
 
 def test_a_field_that_varies_in_space_is_taken_where_the_body_shall_be(tmp_path: Path) -> None:
     """A magnet beside the tip: designs found in the field along the target are nearly right in the field where the rod then is."""
-    dipole = "field: {uniform: [0 mT, 6 mT, 8 mT], dipole: {position: [50 mm, 60 mm, 0 mm], moment: [0 A m^2, 6 A m^2, 0 A m^2]}}"
+    dipole = (
+        "field: {uniform: [0 mT, 6 mT, 8 mT], dipole: {position: [50 mm, 60 mm, 0 mm], moment: [0 A"
+        " m^2, 6 A m^2, 0 A m^2]}}"
+    )
     text = SCENE.replace("field: {uniform: [0 mT, 6 mT, 8 mT]}", dipole)
     text = text.replace("magnetic_torque: {}", "magnetic_torque: {}, magnetic_force: {}")
     scene = scene_of(tmp_path, text)
@@ -185,7 +188,8 @@ def test_parameters_stand_for_the_designs(tmp_path: Path) -> None:
 @pytest.mark.parametrize("sampler", ["tpe", pytest.param("gauss-newton", marks=pytest.mark.slow)])
 def test_killed_among_its_starts_it_resumes_as_the_same_study(sampler: str, tmp_path: Path) -> None:
     path = write_study(tmp_path, START)
-    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    whole = tmp_path / "whole"
+    parts = tmp_path / "parts"
     run_study(
         load_study(path), solve=solve, differentiate=differentiate, out=whole, sampler=sampler
     )
@@ -392,10 +396,8 @@ def test_a_good_study_has_nothing_to_say(tmp_path: Path) -> None:
 
 def test_nothing_that_varies_moves_the_shape(tmp_path: Path, told) -> None:
     """A field along a catheter that is magnetized along its axis bends nothing, whatever its remanence; it stretches less than counts."""
-    study, out = (
-        varied_study(tmp_path, "{remanence: {min: 10 mT, max: 10.1 mT}}", ALONG),
-        tmp_path / "out",
-    )
+    study = varied_study(tmp_path, "{remanence: {min: 10 mT, max: 10.1 mT}}", ALONG)
+    out = tmp_path / "out"
     parts = (
         "probe.yaml: vary: received 1 variable that moves",
         "at most",
@@ -408,7 +410,8 @@ def test_nothing_that_varies_moves_the_shape(tmp_path: Path, told) -> None:
 
 def test_more_variables_than_the_target_can_tell_apart(tmp_path: Path) -> None:
     """Two points beyond the base are six numbers, and ten angles vary: said with both numbers, and the study runs."""
-    study, said = varied_study(tmp_path, "{magnetization: {}}", points=2), []
+    study = varied_study(tmp_path, "{magnetization: {}}", points=2)
+    said = []
     report = run_study(study, solve=solve, out=tmp_path / "out", trials=1, on_advice=said.extend)
     assert said == report.warnings
     assert len(said) == 1
@@ -492,9 +495,11 @@ def test_an_insertion_that_nothing_moves_is_refused() -> None:
     from magmpm.studies.problem.variables import Vary, VaryRemanence
 
     found = insertion()
-    assert found.study.scene.field.uniform == (0.0, 0.0, 0.0), (
-        "a remanence that varies needs a field to move anything"
-    )
+    assert found.study.scene.field.uniform == (
+        0.0,
+        0.0,
+        0.0,
+    ), "a remanence that varies needs a field to move anything"
     study = replace(
         found.study, vary=Vary(remanence=VaryRemanence(min=0.1, max=0.1001)), sampler="tpe"
     )

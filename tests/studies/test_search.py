@@ -171,7 +171,8 @@ def test_another_seed_makes_tpe_choose_otherwise_in_each_of_its_stages(tmp_path:
     """The first four trials are a tetrahedron turned by the study's seed alone; later draws depend on the finished trials too."""
     space = space_of(tmp_path, FIELD)
     of = Designs(np.tile([1.0, 0.0, 0.0], (3, 6, 1)), np.full((3, 1), 0.5))
-    corners, chosen = {}, {}
+    corners = {}
+    chosen = {}
     for seed in (1, 2):
         for finished in (0, 1):
             tpe = DirectionTPE(space, seed, finished)
@@ -180,7 +181,8 @@ def test_another_seed_makes_tpe_choose_otherwise_in_each_of_its_stages(tmp_path:
             ]  # of the segments; the field is drawn
             chosen[seed, finished] = DirectionTPE(space, seed, finished).choose(of, of).directions
     for seed in (1, 2):
-        first, second = corners[seed, 0], corners[seed, 1]
+        first = corners[seed, 0]
+        second = corners[seed, 1]
         np.testing.assert_array_equal(first, np.tile(first[0], (5, 1)))
         assert first[0] @ second[0] == pytest.approx(-1 / 3, abs=1e-12), (
             "two corners of one tetrahedron"

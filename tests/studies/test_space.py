@@ -26,8 +26,9 @@ MIXED = (
     .replace("      - magnetization: [0, 0, -1]\n", "      - {material: plain, length: 6 mm}\n")
 )
 EVERYTHING = (
-    "{magnetization: {}, field: {max: 10 mT}, length: {min: 4 mm, max: 12 mm, total: %s}, diameter: {min: 3 mm, max: 5 mm}, "
-    "remanence: {min: 50 mT, max: 200 mT, per: %s}, shear_modulus: {min: 60 kPa, max: 300 kPa, per: %s}, order: {}}"
+    "{magnetization: {}, field: {max: 10 mT}, length: {min: 4 mm, max: 12 mm, total: %s}, diameter:"
+    " {min: 3 mm, max: 5 mm}, remanence: {min: 50 mT, max: 200 mT, per: %s}, shear_modulus: {min:"
+    " 60 kPa, max: 300 kPa, per: %s}, order: {}}"
 )
 
 
@@ -53,9 +54,12 @@ def test_the_chain_rule_is_the_derivative_of_the_scenes(
 ) -> None:
     """Columns of the scene's variables times the chain, against central differences along the embedded coordinates; both of the rod's tip.
 
-    Steps of 1e-5 of a range: differences are good to 1e-10 / 1e-5 = 1e-5 of the largest derivative of a block, here of 1."""
-    space, rng = space_of(tmp_path, total, per), np.random.default_rng(5)
-    x, order = space.drawn(rng), "PMMPM"
+    Steps of 1e-5 of a range: differences are good to 1e-10 / 1e-5 = 1e-5 of the largest derivative of a block, here of 1.
+    """
+    space = space_of(tmp_path, total, per)
+    rng = np.random.default_rng(5)
+    x = space.drawn(rng)
+    order = "PMMPM"
     scene = space.scene_at(x, order)
     found = variables(scene, space.sensitivities)
     step = {"rad": 1e-4, "T": 1e-6, "m": 1e-6, "Pa": 10.0}
@@ -83,7 +87,8 @@ def test_the_chain_rule_is_the_derivative_of_the_scenes(
 
 @pytest.mark.parametrize("total", ["keep", "free"])
 def test_parameters_and_coordinates_are_inverse(total: str, tmp_path: Path) -> None:
-    space, rng = space_of(tmp_path, total), np.random.default_rng(1)
+    space = space_of(tmp_path, total)
+    rng = np.random.default_rng(1)
     assert space.size == 3 * 3 + 3 + 5 + 1 + 3 + 5
     assert space.freedom == 3 * 2 + 3 + 5 + 1 + 3 + 5 - (total == "keep")
     for _ in range(20):
@@ -145,7 +150,9 @@ def test_values_per_material_are_shared(tmp_path: Path) -> None:
 def test_kept_lengths_are_the_nearest_that_sum(tmp_path: Path) -> None:
     """A projection: sum and bounds hold, what obeys both stays, and the error is across all that does (the variational inequality)."""
     rng = np.random.default_rng(3)
-    low, high, total = 4.0, 12.0, 40.0
+    low = 4.0
+    high = 12.0
+    total = 40.0
     for _ in range(50):
         asked = rng.uniform(low, high, 5)
         found, derivative = kept_total(asked, low, high, total)
@@ -166,10 +173,8 @@ def test_orders_are_all_ways_to_place_the_magnets(tmp_path: Path) -> None:
     space = space_of(tmp_path)
     assert len(orders(space.scene)) == len(set(orders(space.scene))) == 10  # 3 of 5 places
     assert orders(space.scene, own=True) == ("MPMMP",)
-    same, own = (
-        space.scene_at(x := space.drawn(np.random.default_rng(0)), "MPMMP"),
-        space.scene_at(x),
-    )
+    same = space.scene_at(x := space.drawn(np.random.default_rng(0)), "MPMMP")
+    own = space.scene_at(x)
     assert same.hash() == own.hash()
 
 
@@ -280,7 +285,8 @@ def test_what_can_be_made_stays() -> None:
 def test_the_derivative_is_that_of_what_is_made() -> None:
     """By differences, where no segment changes its group."""
     rng = np.random.default_rng(4)
-    limits, asked = Makeable(None, 2), unit(rng, 5)
+    limits = Makeable(None, 2)
+    asked = unit(rng, 5)
     exact = limits.derivative(asked)
     for i, j in itertools.product(range(5), range(3)):
         step = np.zeros((5, 3))
@@ -347,7 +353,8 @@ def test_gauss_newton_is_better_than_snapping(tmp_path: Path) -> None:
     best = run_study(study, solve=solve, differentiate=differentiate, out=tmp_path / "out").best[
         "rms_m"
     ]
-    space, rng = SearchSpace.of(study), np.random.default_rng(1)
+    space = SearchSpace.of(study)
+    rng = np.random.default_rng(1)
     others = [
         root_mean_square(gaps(solve(space.scene_at(space.drawn(rng))), study.target))
         for _ in range(300)

@@ -198,7 +198,8 @@ def test_unusable_storage_is_said_before_any_trial(
 
 def test_what_a_study_needs_is_prepared_before_it_is_written(tmp_path: Path) -> None:
     """Whoever ends the command while kernels are compiled may change the file, and begin it anew."""
-    url, seen = f"sqlite:///{tmp_path}/out/study.db", []
+    url = f"sqlite:///{tmp_path}/out/study.db"
+    seen = []
     run(
         tmp_path,
         trials=1,
@@ -239,8 +240,10 @@ def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path: Path) ->
     "code",
     [
         "CREATE TRIGGER t AFTER INSERT ON trials BEGIN DELETE FROM trials; END",
-        "ALTER TABLE trial_values RENAME TO v; "
-        "CREATE VIEW trial_values AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT * FROM c",
+        (
+            "ALTER TABLE trial_values RENAME TO v; CREATE VIEW trial_values AS WITH RECURSIVE c(x)"
+            " AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT * FROM c"
+        ),
     ],
 )
 def test_code_in_a_database_is_refused(code: str, tmp_path: Path) -> None:
@@ -359,7 +362,8 @@ def test_a_database_without_room_keeps_the_trials(
 
 def test_the_storage_of_a_saved_study() -> None:
     """As saved; with its password hidden, the variable's; never a password from the command line."""
-    hidden, whole = "postgresql://me:***@host/db", "postgresql+psycopg://me:secret@host/db"
+    hidden = "postgresql://me:***@host/db"
+    whole = "postgresql+psycopg://me:secret@host/db"
     assert (
         known_url("sqlite:////a/study.db", None, {"MAGMPM_STORAGE": whole})
         == "sqlite:////a/study.db"
@@ -485,7 +489,9 @@ def test_a_process_that_has_ended_and_that_nobody_has_waited_for_is_not_alive(
 def session(looked: float = 0.0) -> Session:
     """One that looked so many seconds ago, and has seen the beat 7 of another, and a trial of nobody, just before their lease ended."""
     found: Any = Session.__new__(Session)
-    found.name, found.out, found.store = "mine", Path("out"), lambda call: call()
+    found.name = "mine"
+    found.out = Path("out")
+    found.store = lambda call: call()
     found._looked = time.monotonic() - looked
     found._silence = {"other": (7, LEASE - 1.0), "trial 4": (None, LEASE - 1.0)}
     return found
@@ -605,7 +611,8 @@ def test_a_database_that_is_lost_during_a_study_is_told_and_its_trials_are_saved
     how: str, sampler: str, tmp_path: Path
 ) -> None:
     """At the next trial, and with the one that was being solved; the study goes on as if nothing had happened."""
-    database, solved = tmp_path / "out/study.db", []
+    database = tmp_path / "out/study.db"
+    solved = []
     text = STUDY.replace("sampler: random", f"sampler: {sampler}")
 
     def striking(result: RodResult, path: Path, trial: Trial) -> Path:
@@ -649,7 +656,8 @@ def test_a_database_that_is_lost_during_a_study_is_told_and_its_trials_are_saved
 
 
 def test_a_database_that_is_deleted_while_workers_solve_keeps_their_designs(tmp_path: Path) -> None:
-    database, kept = tmp_path / "out/study.db", []
+    database = tmp_path / "out/study.db"
+    kept = []
 
     def strike(trial: Trial) -> None:
         kept.append(trial.number)

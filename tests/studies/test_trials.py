@@ -180,7 +180,8 @@ def test_memory_does_not_grow_with_trials(tmp_path: Path) -> None:
     """Results of a trial are freed: 10 MB per trial would be visible over 40 trials."""
     import psutil
 
-    process, used = psutil.Process(), []
+    process = psutil.Process()
+    used = []
 
     def heavy(scene: Scene) -> RodResult:
         result = solve(scene)
@@ -350,7 +351,8 @@ def failing(*cells: int) -> Solve:
 def test_cells_that_find_no_answer_are_named_and_the_others_kept(tmp_path: Path) -> None:
     write_study(tmp_path)
     scene = load_scene(tmp_path / "scene.yaml")
-    whole, ladder = climb(scene, off, (2, 5)), climb(scene, failing(3), (2, 3, 5))
+    whole = climb(scene, off, (2, 5))
+    ladder = climb(scene, failing(3), (2, 3, 5))
     assert [rung.cells_across for rung in ladder.rungs] == [2, 5]
     assert [rung.error_finest for rung in ladder.rungs] == [
         rung.error_finest for rung in whole.rungs

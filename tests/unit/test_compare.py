@@ -87,7 +87,8 @@ def test_distance_of_two_motions_is_that_of_all_frames(tmp_path: Path) -> None:
 
 def test_a_path_and_an_equilibrium_have_the_same_error() -> None:
     """The same body in a field that is switched on: the end is the same, and has the largest error. Proofs are known to 3 %."""
-    rest, path = magmpm.error(PLAIN.with_cells(2)), magmpm.error(along_a_ramp(cells_across=2))
+    rest = magmpm.error(PLAIN.with_cells(2))
+    path = magmpm.error(along_a_ramp(cells_across=2))
     assert path.error == pytest.approx(rest.error, rel=0.1)
     assert path.report["largest_at"] == 1.0
     assert path.report["unknown"] == []
@@ -133,7 +134,8 @@ KINDS = ["ground", "self_contact", "free body", "endless field", "parts at rest"
 def test_an_error_is_known_where_it_was_refused(kind: str, tmp_path: Path) -> None:
     """The whole runs are compared, and the bound holds against 5 cells."""
     scene = refused_before(kind, tmp_path)
-    found, runs = magmpm.error(scene), Runs(scene)
+    found = magmpm.error(scene)
+    runs = Runs(scene)
     assert [one["cells_across"] for one in found.report["tried"]] == [2, 3, 4]
     for cells in (2, 5):
         runs.solve(cells)

@@ -14,7 +14,9 @@ from magmpm.dynamics.time_loop import SimulationState, move
 from magmpm.model import build
 from magmpm.scene import Scene
 
-EDGE, CELL, MU0 = 2e-3, 1e-3, 4e-7 * np.pi
+EDGE = 2e-3
+CELL = 1e-3
+MU0 = 4e-7 * np.pi
 
 
 def cubes(folder: Path, apart: float, effects: dict[str, Any], duration: float) -> Scene:
@@ -34,7 +36,8 @@ def cubes(folder: Path, apart: float, effects: dict[str, Any], duration: float) 
 def pull(apart: float, points: int = 12) -> float:
     """Force (N) between the cubes: their faces have the charges +-Br / mu0 (Jackson, section 5.9), here by Gauss's rule."""
     at, weight = np.polynomial.legendre.leggauss(points)
-    at, weight = (at + 1) * EDGE / 2, weight * EDGE / 2
+    at = (at + 1) * EDGE / 2
+    weight = weight * EDGE / 2
     y, z, other_y, other_z = np.meshgrid(at, at, at, at, indexing="ij")
     total = 0.0
     for own in (0.0, EDGE):
@@ -86,7 +89,8 @@ def magnets(
     effects: dict[str, Any],
 ) -> Scene:
     """Two free cubes of 3 mm with a gap (m) between them, of silicone with G = 300 kPa, magnetized along the line between them."""
-    low, edge = (0.0, 0.0, 0.0), 3e-3
+    low = (0.0, 0.0, 0.0)
+    edge = 3e-3
     meshes = {
         "a": box(low, (edge, edge, edge)),
         "b": box((edge + apart, 0.0, 0.0), (2 * edge + apart, edge, edge)),
@@ -102,7 +106,8 @@ def magnets(
 
 def energies(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sum of all energies and kinetic energy (frames,) J of a motion, and its momentum and angular momentum at the end (6,)."""
-    total, kinetic = [], []
+    total = []
+    kinetic = []
 
     def see(state: SimulationState) -> None:
         total.append(sum(state.energies.values()))
@@ -112,7 +117,9 @@ def energies(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.array(total), np.array(kinetic), momenta(end.motion)
 
 
-BALANCE = 0.01  # of the largest kinetic energy: what the sum of all energies may move by while nothing takes or gives energy
+# of the largest kinetic energy: what the sum of all energies may move by while nothing takes or
+# gives energy
+BALANCE = 0.01
 
 
 def test_cubes_that_bounce_keep_their_energy(tmp_path: Path) -> None:

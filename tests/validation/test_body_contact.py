@@ -21,7 +21,10 @@ from magmpm.model import build
 from magmpm.scene import Scene
 
 EARTH = 9.81
-CUBE, CELL, FINE = 3e-3, 1.5e-3, 0.5e-3  # m
+# m
+CUBE = 3e-3
+CELL = 1.5e-3
+FINE = 0.5e-3
 # No damping to speak of, and a ground far below: bodies that touch under their weight are moved by one set of kernels.
 NOTHING = {"damping": {"rate": 1e-6}, "ground": {"point": [0.0, 0.0, -0.1]}}
 
@@ -49,9 +52,12 @@ def depths(motion: TotalMotion) -> np.ndarray:
 def test_a_collision_keeps_momentum_and_energy(tmp_path: Path, friction: float) -> None:
     """At 2 m/s: both momenta to rounding; no energy is gained, and without friction 0.5 % is lost at most; 0.15 cells deep at most."""
     begun = begin(build(two_blocks(tmp_path, friction=friction)))
-    motion, model = begun.motion, begun.motion.model
+    motion = begun.motion
+    model = begun.motion.model
     throw_part(motion, 0, (2.0, 0.3, 0.0))
-    before, kinetic, deepest = momenta(motion), motion.kinetic_energy(), 0.0
+    before = momenta(motion)
+    kinetic = motion.kinetic_energy()
+    deepest = 0.0
     for _ in range(60):
         motion.advance(1, begun.dt, model.effects)
         deepest = max(deepest, float(depths(motion).max(initial=0.0)))
@@ -66,7 +72,8 @@ def test_a_collision_keeps_momentum_and_energy(tmp_path: Path, friction: float) 
 def test_what_touches_at_the_start_rests(tmp_path: Path) -> None:
     """Without loads: a peg in a slot, clear of it by a thousandth of a cell, and a cube on its edge. Nothing is pushed, and nothing moves.
 
-    By its table alone the slot's solid was 0.04 cells off in its corners: the peg jumped out at 0.07 m/s."""
+    By its table alone the slot's solid was 0.04 cells off in its corners: the peg jumped out at 0.07 m/s.
+    """
     clear = 1e-6
     meshes = {
         "below": box((0.0, -4e-3, 0.0), (6e-3, 4e-3, 2e-3)),
@@ -87,7 +94,8 @@ def test_what_touches_at_the_start_rests(tmp_path: Path) -> None:
 def impact(scene: Scene, time: float) -> tuple[float, float]:
     """Depth in cells, and change of the energy, of a component 1 that falls on 0 at 2 m/s."""
     model = build(scene)
-    begun, deepest = begin(model), 0.0
+    begun = begin(model)
+    deepest = 0.0
     motion = begun.motion
     throw_part(motion, 1, (0.0, 0.0, -2.0))
     before = motion.kinetic_energy()
@@ -124,7 +132,8 @@ def test_edges_do_not_pass_through_each_other(tmp_path: Path) -> None:
 @pytest.mark.parametrize("sliver", [5e-6, 2e-4])
 def test_a_sliver_of_a_cell_does_not_feed_a_collision(tmp_path: Path, sliver: float) -> None:
     """A face just beyond a plane of the grid, whose outer nodes are light: at 2 m/s 0.5 % of the energy is gained at most (19 % once)."""
-    edge, start = 2e-3, 3e-3 * (1 - sliver / 3)
+    edge = 2e-3
+    start = 3e-3 * (1 - sliver / 3)
     meshes = {
         "a": box((0.0, 0.0, 0.0), (edge, edge, edge)),
         "b": box((start, 0.3e-3, 0.2e-3), (start + edge, 2.3e-3, 2.2e-3)),
@@ -150,7 +159,8 @@ def test_the_same_bits_on_any_number_of_threads_and_after_a_restart(tmp_path: Pa
         throw_part(motion, 0, (2.0, 0.5, 0.0))
         return motion
 
-    dt, motions = begin(model).dt, [thrown() for _ in range(3)]
+    dt = begin(model).dt
+    motions = [thrown() for _ in range(3)]
     motions[1].threads = Threads(1)
     for motion in motions[:2]:
         for _ in range(2):
@@ -179,7 +189,8 @@ def test_what_lies_on_another_presses_on_it_with_its_weight(tmp_path: Path) -> N
         "self_contact": {},
     }
     state = move(build(parts_scene(tmp_path, meshes, effects, CELL, duration=0.05)))
-    model, contacts = state.motion.model, state.contacts
+    model = state.motion.model
+    contacts = state.contacts
     weight = EARTH * model.density * model.particles.volume
     pressed = contacts["self_contact: below, above"]
     np.testing.assert_allclose(
@@ -201,7 +212,9 @@ def test_a_block_slides_or_sticks_on_a_slope_of_another_part(
     tmp_path: Path, friction: float, tangent: float, share: float
 ) -> None:
     """At 45 degrees it accelerates by g (sin - mu cos), to 2 % with its fall; inside the cone it stops within 0.1 cell of where it fell."""
-    angle, time, thick = np.arctan(tangent), 0.04, 3e-3
+    angle = np.arctan(tangent)
+    time = 0.04
+    thick = 3e-3
     meshes = {
         "slope": box((-6e-3, -6e-3, -3e-3), (18e-3, 6e-3, 0.0)),
         "block": box((0.0, -3e-3, 0.03e-3), (6e-3, 3e-3, thick + 0.03e-3)),
@@ -236,7 +249,8 @@ def test_a_slippery_block_slides_over_a_free_one_at_its_speed(tmp_path: Path) ->
         build(parts_scene(tmp_path, meshes, {**effects, "damping": {"rate": rate}}, 1.5e-3))
         for rate in (300.0, 1e-6)
     )
-    motion, dt = begin(damped).motion, begin(damped).dt
+    motion = begin(damped).motion
+    dt = begin(damped).dt
     advance(motion, round(0.03 / dt), dt)
     throw_part(motion, 1, (0.3, 0.0, 0.0))
     motion.model = model
@@ -256,7 +270,9 @@ def prism(profile: list[tuple[float, float]], half: float) -> Mesh:
 @pytest.mark.slow
 def test_a_block_is_pushed_up_a_wedge(tmp_path: Path) -> None:
     """Force over load is (tan a + mu) / (1 - mu tan a), to 0.5 % (NAFEMS, Benchmark tests for contact and sliding, CGS-4: 0.412371)."""
-    slope, mu, lift = 0.1, 0.3, 0.02e-3
+    slope = 0.1
+    mu = 0.3
+    lift = 0.02e-3
     expected = (slope + mu) / (1 - mu * slope)
     wedge = prism(
         [(-6e-3, -3e-3), (12e-3, -3e-3), (12e-3, slope * 12e-3), (-6e-3, -slope * 6e-3)], 3e-3
@@ -269,7 +285,9 @@ def test_a_block_is_pushed_up_a_wedge(tmp_path: Path) -> None:
     model = build(
         parts_scene(tmp_path, {"wedge": wedge, "block": block}, effects, 1.3e-3, held=["wedge"])
     )
-    motion, dt, forces = begin(model).motion, begin(model).dt, []
+    motion = begin(model).motion
+    dt = begin(model).dt
+    forces = []
     throw_part(motion, int(model.component[~model.held][0]), (0.1, 0.0, 0.01))
     for _ in range(
         600
@@ -297,7 +315,9 @@ def test_a_ball_just_above_a_held_plate_is_not_joined_to_it(tmp_path: Path) -> N
 
 def test_a_ball_rolls_down_another_part(tmp_path: Path) -> None:
     """5/7 g sin t^2 / 2 on 3 cells, to 5 %."""
-    angle, time, radius = np.deg2rad(11.5), 0.05, 1.5e-3
+    angle = np.deg2rad(11.5)
+    time = 0.05
+    radius = 1.5e-3
     meshes = {
         "slope": box((-2e-3, -2e-3, -2e-3), (6e-3, 2e-3, 0.0)),
         "ball": ball((0.0, 0.0, radius + 0.03e-3), radius, 24),
@@ -376,25 +396,32 @@ def test_legs_of_a_compressed_strip_touch() -> None:
 @pytest.mark.parametrize("speed", [2.0, 30.0])
 def test_forces_do_not_depend_on_when_pairs_were_listed(tmp_path: Path, speed: float) -> None:
     """A slow and a very fast collision, with pairs listed when they must be and before every step: the same places to rounding, and the
-    same pairs touch. No point is ever farther from where it was listed than the bound on its way says."""
-    begun, model = [], build(two_blocks(tmp_path, friction=0.5))
+    same pairs touch. No point is ever farther from where it was listed than the bound on its way says.
+    """
+    begun = []
+    model = build(two_blocks(tmp_path, friction=0.5))
     for _ in range(2):
         begun.append(begin(model).motion)
         throw_part(begun[-1], 0, (speed, 0.3 * speed, 0.0))
-    dt, touched, lists, last = begin(model).dt * min(1.0, 4.0 / speed), 0, 0, begun[0].contact._then
+    dt = begin(model).dt * min(1.0, 4.0 / speed)
+    touched = 0
+    lists = 0
+    last = begun[0].contact._then
     for _ in range(int(1e-3 / speed / dt) + 10):
         for motion in begun:
             contact = motion.contact
             if motion is begun[1]:
                 contact._then[:] = np.inf
                 contact.list(motion.u)
-            before, way = motion.u.reshape(-1, 3).copy(), contact.meeting.memory[-1]
+            before = motion.u.reshape(-1, 3).copy()
+            way = contact.meeting.memory[-1]
             motion.advance(1, dt, model.effects)
             moved = contact._splines @ (motion.u.reshape(-1, 3) - before)
             assert np.linalg.norm(moved, axis=1).max() <= (contact.meeting.memory[-1] - way) * (
                 1 + 1e-9
             )
-        lists, last = lists + (begun[0].contact._then is not last), begun[0].contact._then
+        lists = lists + (begun[0].contact._then is not last)
+        last = begun[0].contact._then
         often, seldom = (depths(motion)[depths(motion) > 0] for motion in begun)
         np.testing.assert_allclose(often, seldom, rtol=1e-6)
         touched += len(often)
@@ -501,10 +528,8 @@ def test_energy_of_contact_is_counted() -> None:
     scene = moving_scene(block((2e-3, 2e-3, 2e-3)), effects, duration=0.04)
     rows: list[dict[str, float]] = []
     move(build(scene), on_state=lambda state: rows.append(state.energies))
-    total, ground = (
-        np.array([sum(row.values()) for row in rows]),
-        np.array([row["ground"] for row in rows]),
-    )
+    total = np.array([sum(row.values()) for row in rows])
+    ground = np.array([row["ground"] for row in rows])
     fall = max(row["kinetic"] for row in rows)
     assert (total - total[0]).max() < 5e-3 * fall
     assert (total - total[0]).min() > -2e-2 * fall

@@ -18,7 +18,8 @@ from magmpm.model import Model, build
 from magmpm.scene import load_scene
 from magmpm.simulate import run
 
-EARTH, FRICTION = 9.81, 0.3
+EARTH = 9.81
+FRICTION = 0.3
 SIZE = (6e-3, 6e-3, 3e-3)  # m, a block of 4 x 4 x 2 cells
 
 
@@ -117,7 +118,8 @@ def test_a_large_soft_block_sticks_near_the_cone() -> None:
 @pytest.mark.parametrize(("share", "way"), [(0.99, 0.0), (1.02, 3.63e-3)])
 def test_a_block_slides_once_its_slope_has_grown_beyond_the_cone(share: float, way: float) -> None:
     """The tangent grows to 0.99 or 1.02 of friction in 0.1 s: after 0.3 s more the block has stayed, to 0.02 cell, or gone as far as a
-    rigid one, by integrals of g cos(a) mu (s - 1) over time, to 5 %. A tilt at once makes it slip: docs/effects.md."""
+    rigid one, by integrals of g cos(a) mu (s - 1) over time, to 5 %. A tilt at once makes it slip: docs/effects.md.
+    """
 
     def tilted(share: float, damping: float = 1e-6) -> Model:
         return sloped(
@@ -125,7 +127,8 @@ def test_a_block_slides_once_its_slope_has_grown_beyond_the_cone(share: float, w
         )
 
     level = tilted(0.0, 400.0)
-    motion, dt = begin(level).motion, begin(level).dt
+    motion = begin(level).motion
+    dt = begin(level).dt
     motion.advance(round(0.1 / dt), dt, level.effects)
     begun = mean(level, motion.particles()[0])[0]
     for part in range(100):
@@ -154,7 +157,8 @@ def test_a_block_slides_down_a_slope() -> None:
 def test_a_block_sticks_on_a_gentle_slope() -> None:
     """Inside the friction cone, tan = 0.25 < mu, it settles within 2 um, and then does not creep.
 
-    Friction that at most stops a particle within a step creeps by (M / m) g sin dt, 10 um in these 0.03 s."""
+    Friction that at most stops a particle within a step creeps by (M / m) g sin dt, 10 um in these 0.03 s.
+    """
     model = sloped(np.arctan(0.25))
     early, late = (
         mean(model, moment.x - model.particles.position)[0]
@@ -168,13 +172,15 @@ def test_a_stuck_block_does_not_depend_on_the_time_step() -> None:
     """A thousand times heavier, with damping, it moves by 0.56 mm, more than it leans with friction 10: it slips while the weight acts at
     once. Half the step changes that by less than 2 %; two and three cells are within 10 % of five.
 
-    Friction that at most stops a particle within a step lets it creep by 3.7 mm, and by 2.1 mm at half the step."""
+    Friction that at most stops a particle within a step lets it creep by 3.7 mm, and by 2.1 mm at half the step.
+    """
 
     def moved(friction: float, halves: int, cells: int = 2) -> float:
         model = sloped(
             np.arctan(0.25), friction, g=1000 * EARTH, cells=cells, damping={"rate": 1000.0}
         )
-        motion, dt = begin(model).motion, begin(model).dt / halves
+        motion = begin(model).motion
+        dt = begin(model).dt / halves
         motion.advance(round(0.02 / dt), dt, model.effects)
         return float(mean(model, motion.particles()[0] - model.particles.position)[0])
 
@@ -216,7 +222,8 @@ def test_a_dropped_block_comes_to_rest_with_its_weight_on_the_ground() -> None:
     even = weight / (
         law["ground_stiffness"] * model.surface.mass[low].sum()
     )  # of a spring that is stiff at once
-    soft, knee = law["ground_layer"] / SIZE[2], law["ground_knee"]
+    soft = law["ground_layer"] / SIZE[2]
+    knee = law["ground_knee"]
     depth = (np.sqrt(soft**2 + 2 * (1 - soft) * even / knee) - soft) * knee / (1 - soft)
     assert told["depth"] == pytest.approx(depth, rel=0.2)
     assert mean(model, rest.x)[2] == pytest.approx(SIZE[2] / 2, abs=1e-6)
@@ -246,7 +253,8 @@ def test_a_ball_rests_with_its_centre_at_its_radius(tmp_path: Path) -> None:
 
 def test_a_ball_rolls_down_a_slope(tmp_path: Path) -> None:
     """A soft ball on 11.5 degrees with friction 0.5 covers 5/7 g sin t^2 / 2 on 3 cells, within 3 %; by its particles, 0.2 %."""
-    angle, time = np.deg2rad(11.5), 0.05
+    angle = np.deg2rad(11.5)
+    time = 0.05
     pull = [EARTH * np.sin(angle), 0.0, -EARTH * np.cos(angle)]
     effects = {
         "gravity": {"acceleration": pull},
@@ -302,8 +310,11 @@ def test_feed_pushes_by_speed_times_time_and_keeps_the_guide_straight() -> None:
 def test_the_guide_ends_within_half_a_cell_of_its_exit() -> None:
     """A catheter that hangs from a guide at rest bends under its weight like a cantilever of the free length: w L^4 / 8 E I.
 
-    Averaged over three positions of the exit in a cell, the length is correct to a fifth of a cell (it was half a cell too long)."""
-    whole_length, cell, off = CATHETER["catheter"]["length"], 1e-3, []
+    Averaged over three positions of the exit in a cell, the length is correct to a fifth of a cell (it was half a cell too long).
+    """
+    whole_length = CATHETER["catheter"]["length"]
+    cell = 1e-3
+    off = []
     clamped = moving_scene(CATHETER, {"gravity": {}}, solver={"static": {}})
     places = build(clamped).particles.position
     end = places[:, 0] > whole_length - 1e-3
@@ -333,7 +344,8 @@ def test_feed_holds_a_base_that_is_not_clamped_and_says_so() -> None:
         for text in clamped.warnings() + moving_scene(free, {"gravity": {}}).warnings()
     )
     assert [text for text in loose.warnings() if "clamp" in text] == [
-        "body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes it, clamped or not"
+        "body.catheter.clamp: none frees nothing here: the guide of feed holds the base and pushes"
+        " it, clamped or not"
     ]
     (one,), (two,) = (follow(build(scene), [0.2e-3]) for scene in (clamped, loose))
     assert one.x.tobytes() == two.x.tobytes()
@@ -347,7 +359,8 @@ def test_the_shipped_vessel_turns_the_catheter_that_is_fed_into_it() -> None:
     axis = curve(np.array(scene.effects.walls.tube.path), 1e-4)
     for moment in follow(model, [0.1, 0.2]):
         assert distance.to_path(moment.x, axis).max() < 2.5e-3
-    base, tip = model.particles.position[:, 0] < 2e-3, model.particles.position[:, 0] > 39e-3
+    base = model.particles.position[:, 0] < 2e-3
+    tip = model.particles.position[:, 0] > 39e-3
     assert (moment.x - model.particles.position)[base].mean(axis=0) == pytest.approx(
         [12e-3, 0, 0], abs=1e-6
     )

@@ -19,7 +19,8 @@ from magmpm.statics.contact import contacts_at_rest
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
 
-DENSITY, RATIO = 1882.0, 20.0
+DENSITY = 1882.0
+RATIO = 20.0
 
 
 def scene(
@@ -137,10 +138,8 @@ def apart(one: Result, other: Result) -> float:
 )
 def test_a_damped_motion_settles_at_the_equilibrium(name: str, cells: int) -> None:
     """Within 0.02 % of the length, and with the same forces to 1e-3."""
-    still, moved = (
-        run(scene(**CASES[name], cells=cells)),
-        run(scene(**CASES[name], cells=cells, settle=0.25)),
-    )
+    still = run(scene(**CASES[name], cells=cells))
+    moved = run(scene(**CASES[name], cells=cells, settle=0.25))
     assert apart(still, moved) < 2e-4
     (told,), (then,) = still.contacts.values(), moved.contacts.values()
     assert told["count"] > 0
@@ -168,7 +167,8 @@ def propped(cells: int, gap: float, pull: float) -> Result:
 @pytest.mark.parametrize("gap", [0.1e-3, 0.2e-3])
 def test_the_prop_bears_what_beam_theory_says(gap: float) -> None:
     """A clamped beam under its weight q, whose end is propped at w: R = 3 E I / L^3 (q L^4 / (8 E I) - w), within 3 %."""
-    pull, length = 0.5, 20e-3
+    pull = 0.5
+    length = 20e-3
     result = propped(4, gap, pull)
     nu = (3 * RATIO - 2) / (2 * (3 * RATIO + 1))
     bending = young_modulus(G, RATIO * G) / (1 - nu**2) * (1e-3) ** 4 / 12
@@ -184,7 +184,8 @@ def test_ground_and_clamp_bear_the_weight() -> None:
     model = static_model(build(there))
     found = solve_static(model)
     _, P = energies.elastic(model, found.point.F)
-    body, weight = model.particles, 40.0 * model.density * model.particles.volume
+    body = model.particles
+    weight = 40.0 * model.density * model.particles.volume
     first, (splines, slopes) = body.cell[:, 0] == 0, model.grid.splines(body.position, body.cell)
     clamp = (
         2.0 * (body.volume * P[:, 2, 0] * slopes[:, 0, 0] + weight * splines[:, 0, 0])[first].sum()
@@ -303,7 +304,8 @@ def test_the_path_is_that_of_a_slow_motion() -> None:
         begin(build(slow)),
         on_state=lambda state: moved.append((state.time / 0.6, state.contacts["ground"]["force"])),
     )
-    times, force = np.array([time for time, _ in moved]), np.array([one for _, one in moved])
+    times = np.array([time for time, _ in moved])
+    force = np.array([one for _, one in moved])
     found: list[np.ndarray] = []
     follow(pressed(20, FRICTION), on_state=lambda state: found.append(contact(state)["force"]))
     for k, one in enumerate(found[4:], start=4):

@@ -31,7 +31,8 @@ SCENES = ["axial_transverse", "three_segments_3d"]
 )
 def test_centreline(problem: Problem, cells: int, bound: float) -> None:
     """At 4 cells also the elastic, magnetic and gravitational energy together: it is a minimum, so an error e of the shape changes it by
-    the order of e^2. What remains is the excess stiffness of the coarse grid, 0.1 to 0.3 % by the deflections."""
+    the order of e^2. What remains is the excess stiffness of the coarse grid, 0.1 to 0.3 % by the deflections.
+    """
     result = run(problem.scene(cells))
     assert result.iterations <= 8
     assert not result.warnings
@@ -139,11 +140,13 @@ def test_order_is_measured_somewhere() -> None:
 def test_extrapolates_to_the_finite_elements(problem: Problem) -> None:
     """Richardson extrapolation u + c h^p from 4, 6 and 8 cells gives the finite-element solution, to 0.02 % of L.
 
-    This is self-convergence with a fitted order p of at least 1.3: the result is tuned neither to a grid nor to the reference."""
+    This is self-convergence with a fitted order p of at least 1.3: the result is tuned neither to a grid nor to the reference.
+    """
     cells = np.array([4.0, 6.0, 8.0])
     s = problem.centreline[:, 0]
     axis = [centreline_at(run(problem.scene(int(n))), s) for n in cells]
-    one, two = np.linalg.norm(axis[1] - axis[0]), np.linalg.norm(axis[2] - axis[1])
+    one = np.linalg.norm(axis[1] - axis[0])
+    two = np.linalg.norm(axis[2] - axis[1])
     orders = np.linspace(0.5, 4.0, 3501)
     a, b, c = (n**-orders for n in cells)
     p = orders[np.abs((a - b) / (b - c) - one / two).argmin()]
@@ -159,8 +162,10 @@ def test_extrapolates_to_the_finite_elements(problem: Problem) -> None:
 def test_f_bar_wins_when_nearly_incompressible(ratio: float, load: float) -> None:
     """Against the elastica at L/D = 40: F-bar within 0.25 %, the same at K = 20 G and 500 G; without it locking grows with K.
 
-    The body itself is 0.1 to 0.2 % stiffer than the elastica (its clamp). Locking adds to that: it is never closer."""
-    length, diameter = 40e-3, 1e-3
+    The body itself is 0.1 to 0.2 % stiffer than the elastica (its clamp). Locking adds to that: it is never closer.
+    """
+    length = 40e-3
+    diameter = 1e-3
     exact = elastica(load, np.pi / 2)
     field = field_for_load(load, np.pi / 2, length=length, diameter=diameter, bulk_to_shear=ratio)
     gap = {}

@@ -27,18 +27,25 @@ def in_field(scene: Scene, field: dict[str, Any], named: dict[str, Any]) -> Scen
 
 def test_a_gradient_pulls_and_turns_a_free_body() -> None:
     """Momentum grows by the integral of f = (1/mu0) (grad B)^T F Br, angular momentum by that of x cross f plus (1/mu0) F Br cross B,
-    summed by steps: to 1e-6 of their size. The first step gives the center the acceleration (1/mu0) mean of (grad B)^T Br over rho."""
+    summed by steps: to 1e-6 of their size. The first step gives the center the acceleration (1/mu0) mean of (grad B)^T Br over rho.
+    """
     scene = in_field(free_rod(**BODY), {"uniform": (0, 2e-3, 0), "dipole": SPHERE}, BOTH)
     motion, dt = set_off(scene, np.zeros_like)
-    model, source = motion.model, scene.outside_field()
-    V, mass = model.particles.volume, float(model.density @ model.particles.volume)
-    pushed, turned, size = np.zeros(3), np.zeros(3), np.zeros(2)
+    model = motion.model
+    source = scene.outside_field()
+    V = model.particles.volume
+    mass = float(model.density @ model.particles.volume)
+    pushed = np.zeros(3)
+    turned = np.zeros(3)
+    size = np.zeros(2)
     for step in range(200):
         x, _, F = motion.particles()
         m = np.einsum("nij,nj->ni", F, model.remanence) / MU0
         f = np.einsum("nji,nj->ni", source.gradient(x), m)
-        force, torque = V @ f, V @ (np.cross(x, f) + np.cross(m, source.at(x)))
-        pushed, turned = pushed + dt * force, turned + dt * torque
+        force = V @ f
+        torque = V @ (np.cross(x, f) + np.cross(m, source.at(x)))
+        pushed = pushed + dt * force
+        turned = turned + dt * torque
         size += dt * np.array([np.linalg.norm(force), np.linalg.norm(torque)])
         advance(motion, 1, dt)
         if step == 0:
@@ -56,7 +63,8 @@ def test_segments_that_pull_each_other_move_no_centre() -> None:
     scene = free_rod({"magnetic_interaction": {}}, **BODY)
     motion, dt = set_off(scene, np.zeros_like)
     model = motion.model
-    exchanged, turned = 0.0, 0.0
+    exchanged = 0.0
+    turned = 0.0
     for _ in range(8):
         x, _, F = motion.particles()
         effects.refresh(model.effects, model, x, F)
@@ -100,7 +108,9 @@ def test_a_magnet_that_is_brought_too_close_stops_the_motion() -> None:
     field = {"dipole": {**SPHERE, "position": (30e-3, 0, 0)}, "over_time": {"keyframes": frames}}
     with pytest.raises(
         SolveError,
-        match=r"t = 0.00\d+ s: the body's point at .* is inside field.dipole, center \(.*, 0, 0\) mm",
+        match=(
+            r"t = 0.00\d+ s: the body's point at .* is inside field.dipole, center \(.*, 0, 0\) mm"
+        ),
     ) as caught:
         run(moving(in_field(rod_scene(length=8e-3), field, BOTH), duration=4e-3, output_every=1e-3))
     assert caught.value.state.time < 4e-3

@@ -29,8 +29,12 @@ from magmpm.materials import poisson_ratio, young_modulus
 from magmpm.model import build
 from magmpm.scene import Scene
 
-LENGTH, DENSITY = 16e-3, 1882.0  # m, kg/m^3
-E, NU = young_modulus(G, 20 * G), poisson_ratio(G, 20 * G)  # Pa
+# m, kg/m^3
+LENGTH = 16e-3
+DENSITY = 1882.0
+# Pa
+E = young_modulus(G, 20 * G)
+NU = poisson_ratio(G, 20 * G)
 
 
 def test_viscous_stress_is_its_formula(rng: np.random.Generator) -> None:
@@ -38,11 +42,9 @@ def test_viscous_stress_is_its_formula(rng: np.random.Generator) -> None:
     one = acting("viscosity")
     eta = 50.0  # Pa s, of its scene
     for _ in range(5):
-        F, dF, P = (
-            np.eye(3) + 0.3 * rng.standard_normal((3, 3)),
-            rng.standard_normal((3, 3)),
-            np.zeros((3, 3)),
-        )
+        F = np.eye(3) + 0.3 * rng.standard_normal((3, 3))
+        dF = rng.standard_normal((3, 3))
+        P = np.zeros((3, 3))
         hook(one.own, "rate_stress")(1000.0, F, dF, P)
         L = dF @ np.linalg.inv(F)
         wanted = eta * np.linalg.det(F) * (L + L.T) @ np.linalg.inv(F).T
@@ -61,7 +63,8 @@ def test_damping_is_its_formula() -> None:
 def test_a_damped_body_falls_at_its_terminal_velocity(dt: float) -> None:
     """Push and decay of a step together: v = g / rate stays as it is, whatever the step; without decay the push is dt."""
     own = acting("damping").own
-    rate, g = 60.0, 9.81
+    rate = 60.0
+    g = 9.81
     share = hook(own, "push")(dt)
     v = np.array([g / rate, 0.0, 0.0])
     after = v + np.array([share * dt * g, 0.0, 0.0])
@@ -72,7 +75,8 @@ def test_a_damped_body_falls_at_its_terminal_velocity(dt: float) -> None:
 
 def test_a_falling_body_tells_the_velocity_that_it_has() -> None:
     """A free rod under its weight, strongly damped: v = g / c (1 - exp(-c t)), told at the time of the positions, and x its integral."""
-    rate, t = 3000.0, 2e-3
+    rate = 3000.0
+    t = 2e-3
     scene = moving(free_rod(length=8e-3), {"gravity": {}, "damping": {"rate": rate}})
     model = filled(build(scene))
     moved = interval(begin(model), t)
@@ -86,7 +90,8 @@ def test_a_falling_body_tells_the_velocity_that_it_has() -> None:
 
 def test_damped_motion_is_of_second_order() -> None:
     """A short rod under a field that is switched on, damped strongly: half the step, a quarter of the error, and little of it at
-    0.75 of the usual step. Forces that push before the decay, or after it, make it first order: half the error, 2 % of the way."""
+    0.75 of the usual step. Forces that push before the decay, or after it, make it first order: half the error, 2 % of the way.
+    """
     scene = moving(
         rod_scene(length=4e-3, diameter=2e-3, field=(0.0, 0.0, 20e-3)),
         {"damping": {"rate": 3000.0}},
@@ -107,11 +112,15 @@ def test_damped_motion_is_of_second_order() -> None:
 
 def test_where_the_step_changes_velocities_are_damped_for_the_time_they_are_shifted() -> None:
     """A free rod falls under its weight, strongly damped, by steps that grow fourfold and shrink again: as told and as theory says. Shifted
-    by forces alone, its velocities would be off by rate times the shift, 4.5 %, after each change."""
-    rate, fine, coarse = 3000.0, 1e-5, 4e-5
+    by forces alone, its velocities would be off by rate times the shift, 4.5 %, after each change.
+    """
+    rate = 3000.0
+    fine = 1e-5
+    coarse = 4e-5
     scene = moving(free_rod(length=8e-3), {"gravity": {}, "damping": {"rate": rate}})
     model = build(scene)
-    motion, t = begin(model).motion, 0.0
+    motion = begin(model).motion
+    t = 0.0
     for dt, steps in ((fine, 30), (coarse, 1), (fine, 1), (coarse, 1)):
         motion.set_off(dt, model.effects)
         assert motion.advance(steps, dt, model.effects) == (steps, False)
@@ -126,7 +135,8 @@ def decay(effects: dict[str, Any]) -> tuple[float, float]:
     """Decay rate and frequency (1/s) of a cantilever's oscillation by 1 % of L: a fit of e^(-a t) (A cos w t + B sin w t)."""
     model = filled(build(moving(rod_scene(length=LENGTH), effects)))
     motion = begin(model).motion
-    height, frequency = tip_height(model), timoshenko(LENGTH, 2e-3, E, G, DENSITY)
+    height = tip_height(model)
+    frequency = timoshenko(LENGTH, 2e-3, E, G, DENSITY)
     peak = 0.01 * LENGTH * frequency
     free = motion.packed.nodes.inverse_mass[2::3] > 0
     motion.v[2::3] = np.where(
@@ -144,10 +154,13 @@ def decay(effects: dict[str, Any]) -> tuple[float, float]:
 
 def test_a_swing_dies_away_as_theory_has_it() -> None:
     """With damping a = rate / 2. With viscosity a fiber of strain e, and -nu e across, has the stress 2 eta (1 + 2 nu^2) de/dt in addition
-    to E e, so a = w^2 2 eta (1 + 2 nu^2) / (2 E), up to the share of shear in the bending of such a short rod."""
+    to E e, so a = w^2 2 eta (1 + 2 nu^2) / (2 E), up to the share of shear in the bending of such a short rod.
+    """
     none, w = decay({})
     assert abs(none) < 1e-3 * w
-    rate, eta = 0.1 * w, 0.1 * E / (3 * w)  # each a twentieth of critical damping
+    # each a twentieth of critical damping
+    rate = 0.1 * w
+    eta = 0.1 * E / (3 * w)
     damped, _ = decay({"damping": {"rate": rate}})
     assert damped == pytest.approx(rate / 2, rel=0.01)
     viscous, slower = decay({"viscosity": {"viscosity": eta}})
@@ -187,8 +200,10 @@ def free_body(shape: str, cells: int, folder: Path) -> Scene:
 def angle_over_theory(scene: Scene, turn: float = 0.3) -> float:
     """Angle by which a body has turned about -y when a rigid body of its shape has turned by `turn` rad, over that."""
     begun = begin(build(scene))
-    model, motion = begun.motion.model, begun.motion
-    V, x = model.particles.volume, model.particles.position
+    model = begun.motion.model
+    motion = begun.motion
+    V = model.particles.volume
+    x = model.particles.position
     arm = x - V @ x / V.sum()
     second = DENSITY * (V @ (arm[:, 0] ** 2 + arm[:, 2] ** 2))
     torque = V.sum() * BR * WEAK / MU0
@@ -232,8 +247,10 @@ def tumble() -> float:
     size = np.array([6e-3, 3e-3, 4.5e-3])  # the middle axis is z
     scene = moving_scene(block(tuple(size), position=[0.0, 0.0, 0.0]), {}, cells=3)
     begun = begin(build(scene))
-    model, motion = begun.motion.model, begun.motion
-    x, V = model.particles.position, model.particles.volume
+    model = begun.motion.model
+    motion = begun.motion
+    x = model.particles.position
+    V = model.particles.volume
     middle = V @ x / V.sum()
     free = motion.packed.nodes.inverse_mass > 0
     motion.v[:] = np.where(free, np.cross(spin, motion.packed.node_place - middle).ravel(), 0.0)
@@ -241,7 +258,8 @@ def tumble() -> float:
     I = np.trace(second) * np.eye(3) - second
 
     def rate(_: float, y: np.ndarray) -> np.ndarray:
-        R, w = y[:9].reshape(3, 3), y[9:]
+        R = y[:9].reshape(3, 3)
+        w = y[9:]
         turning = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
         return np.concatenate([(R @ turning).ravel(), np.linalg.solve(I, np.cross(I @ w, w))])
 
@@ -255,7 +273,8 @@ def tumble() -> float:
         atol=1e-9,
     ).y.T
     steps = int(np.ceil(times[1] / begun.dt))
-    dt, off = times[1] / steps, []
+    dt = times[1] / steps
+    off = []
     motion.set_off(dt, ())
     for state in exact[1:]:
         advance(motion, steps, dt)
@@ -295,7 +314,8 @@ def frequency_over_theory(kind: str, cells: int = 2) -> float:
     motion, dt = set_off(moving(rod_scene(length=length, cells=cells, density=DENSITY)), velocity)
     X = motion.model.particles.position
     last = motion.model.particles.cell[:, 0] == motion.model.particles.cell[:, 0].max()
-    times, looks = [], []
+    times = []
+    looks = []
     every = max(1, int(2 * np.pi / expected / 60 / dt))
     for k in range(round(1.6 * 60)):
         advance(motion, every, dt)

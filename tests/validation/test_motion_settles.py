@@ -16,7 +16,8 @@ from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.simulate import run
 
-LENGTH, DIAMETER = 40e-3, 4e-3
+LENGTH = 40e-3
+DIAMETER = 4e-3
 
 
 def test_settled_motion_is_statics() -> None:

@@ -19,7 +19,8 @@ from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.materials import young_modulus
 from magmpm.model import build
 
-DENSITY, RATIO = 1882.0, 20.0
+DENSITY = 1882.0
+RATIO = 20.0
 E = young_modulus(G, RATIO * G)
 
 
@@ -40,7 +41,9 @@ def measured(
     """Times (s), heights of the tip (m) and total energies (J) of an oscillation, at `looks` samples per period."""
     every = int(2 * np.pi / expected / looks / dt)
     height = tip_height(motion.model)
-    times, heights, total = [], [], []
+    times = []
+    heights = []
+    total = []
     for k in range(round(periods * looks)):
         advance(motion, every, dt)
         x, _, F = motion.particles()
@@ -64,7 +67,8 @@ def test_first_bending_frequency(slenderness: int, cells: int, bound: float) -> 
 
 def test_free_vibration_keeps_its_energy() -> None:
     """10 periods, nearly 60 000 steps: the sum of kinetic and elastic energy oscillates by about 7e-5, as in a symplectic scheme, by (w
-    dt)^2 of each mode, and does not drift: 2e-7 from the first period to the last. The bounds are three and five times these values."""
+    dt)^2 of each mode, and does not drift: 2e-7 from the first period to the last. The bounds are three and five times these values.
+    """
     motion, dt, expected = swing(40e-3, 2)
     begun = motion.kinetic_energy()
     _, _, total = measured(motion, dt, expected, 10, 23)

@@ -19,7 +19,9 @@ from magmpm.solving.solve import solve
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
 
-G, RATIO, DENSITY = 1.4e6, 20.0, 2000.0
+G = 1.4e6
+RATIO = 20.0
+DENSITY = 2000.0
 
 
 def strip(
@@ -41,7 +43,8 @@ def strip(
 @pytest.mark.parametrize("share", [0.3, -0.02])
 def test_a_long_bar_is_in_uniaxial_stress(share: float) -> None:
     """In its middle, far from the clamps: lateral stretch, and stress against the slope of the energy over the way of the tip."""
-    length, side = 20e-3, 2e-3
+    length = 20e-3
+    side = 2e-3
 
     def pulled(way: float) -> Any:
         along = [float(np.sign(way)), 0.0, 0.0]
@@ -56,16 +59,19 @@ def test_a_long_bar_is_in_uniaxial_stress(share: float) -> None:
         ).point
 
     def stress(stretch: float, across: float) -> tuple[float, float]:
-        J, I1 = stretch * across**2, stretch**2 + 2 * across**2
+        J = stretch * across**2
+        I1 = stretch**2 + 2 * across**2
         both = [
             G * J ** (-2 / 3) * (one - I1 / (3 * one)) + RATIO * G * J * (J - 1) / one
             for one in (stretch, across)
         ]
         return both[0], both[1]
 
-    point, model = pulled(share * length), build(strip(length, side, side, "both", {}))
+    point = pulled(share * length)
+    model = build(strip(length, side, side, "both", {}))
     middle = np.abs(model.particles.position[:, 0] - length / 2) < 0.3e-3
-    stretch, across = point.F[middle, 0, 0].mean(), point.F[middle][:, [1, 2], [1, 2]].mean()
+    stretch = point.F[middle, 0, 0].mean()
+    across = point.F[middle][:, [1, 2], [1, 2]].mean()
     (due,) = fsolve(lambda one: stress(stretch, float(one[0]))[1] / G, [stretch**-0.5])
     assert across == pytest.approx(float(due), rel=2e-5)
     step = 1e-3 * length
@@ -90,7 +96,9 @@ def height(length: float, thickness: float, way: float) -> float:
 
 def test_a_compressed_strip_buckles_as_euler_says() -> None:
     """Critical way 4 pi^2 I / (A L), and the height beyond it, along a path and in statics."""
-    length, thickness, way = 120.47e-3, 2.5e-3, 0.47e-3
+    length = 120.47e-3
+    thickness = 2.5e-3
+    way = 0.47e-3
     sizes = length, 20e-3, thickness, "both"
     ramp = {"along": [-1, 0, 0], "distance": way, "over_time": {"ramp": {"duration": 1.0}}}
     plane = {"body": {"plane_strain": True}}
@@ -107,7 +115,9 @@ def test_a_compressed_strip_buckles_as_euler_says() -> None:
 
 def test_a_moved_plate_presses_on_a_free_cube(tmp_path: Path) -> None:
     """From a thirtieth of a cell above. What moves it does the work of contact and weight; a motion that is stopped goes on, same bits."""
-    edge, speed, mass = 3e-3, 0.05, 1882 * 50e-9
+    edge = 3e-3
+    speed = 0.05
+    mass = 1882 * 50e-9
     meshes = {
         "plate": box((-1e-3, -1e-3, edge + 0.05e-3), (4e-3, 4e-3, edge + 2.05e-3)),
         "cube": box((0.0, 0.0, 0.0), (edge, edge, edge)),
@@ -124,17 +134,15 @@ def test_a_moved_plate_presses_on_a_free_cube(tmp_path: Path) -> None:
         tmp_path, meshes, effects, 1.5e-3, held=["plate"], duration=4e-3, move=way
     ).to_si()
     data["solver"]["dynamic"]["output_every"] = 2e-5
-    scene, seen, stop = Scene.from_si(data), [], -1
+    scene = Scene.from_si(data)
+    seen = []
+    stop = -1
 
     def see(state: SimulationState) -> None:
-        push, model = (
-            state.contacts.get("self_contact: plate, cube", {"force": np.zeros(3)})["force"][2],
-            state.motion.model,
-        )
-        cube, ground = (
-            model.density * model.particles.volume * ~model.held,
-            state.contacts["ground"]["force"][2],
-        )
+        push = state.contacts.get("self_contact: plate, cube", {"force": np.zeros(3)})["force"][2]
+        model = state.motion.model
+        cube = model.density * model.particles.volume * ~model.held
+        ground = state.contacts["ground"]["force"][2]
         seen.append(
             (
                 state.time,
@@ -170,7 +178,10 @@ def test_a_moved_plate_presses_on_a_free_cube(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_shaken_cantilever_follows_its_base() -> None:
     """Swing of the tip over that of the base: (cos b + cosh b) / (1 + cos b cosh b), with b^4 = rho A (w^2 - i c w) L^4 / EI."""
-    length, thickness, rate, swing = 20e-3, 1e-3, 30.0, 0.1e-3
+    length = 20e-3
+    thickness = 1e-3
+    rate = 30.0
+    swing = 0.1e-3
     bending = (
         young_modulus(G, RATIO * G)
         / (1 - poisson_ratio(G, RATIO * G) ** 2)

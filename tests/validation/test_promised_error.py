@@ -24,6 +24,7 @@ def test_the_promise_holds_against_finite_elements(problem: Problem, asked: floa
     assert result.error_estimate <= asked * problem.length
     true = largest_distance(result, problem.centreline)
     print(
-        f"{problem.name}: asked {asked:.3%}, true over promised {true / result.error_estimate:.2f}, own error {problem.error:.4%}"
+        f"{problem.name}: asked {asked:.3%}, true over promised {true / result.error_estimate:.2f},"
+        f" own error {problem.error:.4%}"
     )
     assert true <= result.error_estimate + problem.error * problem.length

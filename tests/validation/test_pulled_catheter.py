@@ -64,8 +64,10 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_rod_and_solve_agree(name: str) -> None:
     """Two models with two methods for the field: the tips agree within 0.7 % of the length at 2 cells across (0.2 to 1 % in uniform
-    fields). The solve starts near enough to end in a few Newton steps, the last of which converge quadratically."""
-    scene, decrements = pulled(CASES[name]), []
+    fields). The solve starts near enough to end in a few Newton steps, the last of which converge quadratically.
+    """
+    scene = pulled(CASES[name])
+    decrements = []
     found = run(scene, on_progress=lambda step, decrement: decrements.append(decrement))
     rod = solve_rod(scene)
     bend = np.linalg.norm(found.tip - [L, 0, 0])
@@ -84,7 +86,8 @@ def test_a_measured_map_gives_the_magnets_answer() -> None:
         load_scene(ROOT / f"data/scenes/pulled_by_{kind}.yaml").with_cells(2)
         for kind in ("magnet", "map")
     )
-    one, other = run(magnet), run(field_map)
+    one = run(magnet)
+    other = run(field_map)
     assert np.linalg.norm(one.tip - other.tip) < 1e-3 * L
     assert not other.warnings
 
@@ -108,10 +111,8 @@ def test_a_magnet_as_table_cloud_and_dipole() -> None:
     assert np.linalg.norm(cloud.tip - table.tip) < 1e-4 * L
     away = (110e-3, 0.0, 20e-3)
     moment = (1.3 * np.pi * 1e-4 * 20e-3 / (4e-7 * np.pi), 0, 0)
-    far, dipole = (
-        run(pulled({"magnet": {**MAGNET, "position": away}})),
-        run(pulled({"dipole": {"position": away, "moment": moment}})),
-    )
+    far = run(pulled({"magnet": {**MAGNET, "position": away}}))
+    dipole = run(pulled({"dipole": {"position": away, "moment": moment}}))
     apart = np.linalg.norm(far.tip - dipole.tip)
     assert apart < 0.02 * np.linalg.norm(far.tip - [L, 0, 0]), (
         "(radius/distance)^2, the magnet's next moment"
@@ -128,7 +129,10 @@ def test_a_catheter_that_snaps_to_the_magnet_is_an_error_that_says_so() -> None:
 
 
 def test_a_magnet_in_the_body_is_refused() -> None:
-    says = r"field.magnet: the magnet, center .* mm, is in the box around the body.*\n  rule: the undeformed body must be outside of"
+    says = (
+        r"field.magnet: the magnet, center .* mm, is in the box around the body.*\n  rule: the"
+        r" undeformed body must be outside of"
+    )
     with pytest.raises(InputError, match=says):
         run(pulled({"magnet": {**MAGNET, "position": (45e-3, 0, 0)}}))
 
@@ -137,7 +141,10 @@ def test_a_map_that_does_not_cover_the_body_is_refused() -> None:
     scene = load_scene(ROOT / "data/scenes/pulled_by_map.yaml")
     data = scene.to_si()
     data["field"]["map"]["position"] = (60e-3, 0, 20e-3)
-    says = r"field.map: the map reaches over -30 to 42, -28 to 28, -8 to 48 mm, and lacks 2 mm along x\n  rule: .* 0 to 40, .*margin"
+    says = (
+        r"field.map: the map reaches over -30 to 42, -28 to 28, -8 to 48 mm, and lacks 2 mm along"
+        r" x\n  rule: .* 0 to 40, .*margin"
+    )
     with pytest.raises(InputError, match=says):
         run(Scene.from_si(data))
 

@@ -10,7 +10,8 @@ from reference.scenes import field_for_load, rod_scene
 
 from magmpm.rod.cosserat import solve_rod
 
-L, D = 40e-3, 1e-3
+L = 40e-3
+D = 1e-3
 LOADS = {
     90: (0.5, 1.0, 2.0, 3.6, 5.0, 6.44, 10.0, 12.5, 20.0),
     120: (1.0, 5.0, 10.0),

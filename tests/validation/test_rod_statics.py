@@ -43,7 +43,8 @@ def scene(kind: str, slenderness: float, cells: int) -> Scene:
 
 def distance(given: Scene) -> float:
     """Largest distance between the two centerlines, over the length."""
-    result, rod = run(given), solve_rod(given)
+    result = run(given)
+    rod = solve_rod(given)
     moved = np.linalg.norm(result.tip - [result.centreline[-1, 0], 0, 0])
     assert moved > 0.2 * rod.s[-1], "there is a shape to compare"
     gap = result.centreline[:, 1:] - rod.at(result.centreline[:, 0])
@@ -54,7 +55,8 @@ def distance(given: Scene) -> float:
 @pytest.mark.parametrize("cells", [3, pytest.param(5, marks=pytest.mark.slow)])
 def test_rod_and_statics_agree(kind: str, cells: int) -> None:
     """Within 0.6 % at L/D = 18 and 0.3 % at 40; the gap closes for slender bodies, so it belongs to rod theory and is not a mistake."""
-    thick, thin = distance(scene(kind, 18, cells)), distance(scene(kind, 40, cells))
+    thick = distance(scene(kind, 18, cells))
+    thin = distance(scene(kind, 40, cells))
     assert thick < 0.6e-2
     assert thin < 0.3e-2
     assert thin < 0.75 * thick  # 18/40 = 0.45, plus the contribution of the grid, which stays

@@ -76,7 +76,8 @@ def test_critical_load(slenderness: float, bound: float) -> None:
     """The straight body loses stability at pi^2/4, within 3 % (required): where its lowest eigenvalue reaches zero.
 
     The eigenvalue falls linearly with the load, so a line through two stable loads gives the critical one. The shortening of 0.04 D by the
-    clamp raises the load by 2 x 0.04 D/L, the stiffness of the grid by as much again: 0.7 % at L/D = 20 and 0.3 % at 40."""
+    clamp raises the load by 2 x 0.04 D/L, the stiffness of the grid by as much again: 0.7 % at L/D = 20 and 0.3 % at 40.
+    """
     loads = np.array([2.0, 2.3])
     low, high = (lowest_curvature(load, slenderness, 3) for load in loads)
     critical = loads[1] + high * (loads[1] - loads[0]) / (low - high)
@@ -88,9 +89,11 @@ def test_critical_load(slenderness: float, bound: float) -> None:
 def test_twist(load: float) -> None:
     """Magnetized along +y, field along +z: G J theta'' = -m B cos(theta). The twist of the last cells within 0.5 %, and no bending.
 
-    A round shaft does not warp, so the clamp only holds the rotation; what remains is the error of the grid, 0.05 to 0.2 % at 3 cells."""
+    A round shaft does not warp, so the clamp only holds the rotation; what remains is the error of the grid, 0.05 to 0.2 % at 3 cells.
+    """
     L = 10 * D
-    area, inertia = np.pi / 4 * D**2, np.pi / 64 * D**4
+    area = np.pi / 4 * D**2
+    inertia = np.pi / 64 * D**4
     B = load * 2 * G * inertia / (BR * area / MU0 * L**2)
     result = run(rod_scene(length=L, diameter=D, directions=[(0, 1, 0)], field=(0, 0, B), cells=3))
     last = result.particle_reference[:, 0] > L - D / 3
@@ -119,7 +122,8 @@ def test_own_weight(weight: float) -> None:
 def test_stretch(B: float) -> None:
     """A strong field along the magnetization stretches the rod: away from the ends F = diag(a, b, b) solves P_xx = Br B/mu0, P_yy = 0.
 
-    At 1 T that is 28 %. Uniform stress is in equilibrium only if the cut cells at the surface integrate it: 2e-4 of the strain."""
+    At 1 T that is 28 %. Uniform stress is in equilibrium only if the cut cells at the surface integrate it: 2e-4 of the strain.
+    """
     tension = B * BR / MU0
 
     def balance(stretch: np.ndarray) -> list[float]:
@@ -129,7 +133,8 @@ def test_stretch(B: float) -> None:
     a, b = fsolve(balance, [1.1, 0.95], xtol=1e-13)
     result = run(rod_scene(length=40e-3, diameter=4e-3, field=(B, 0, 0)))
     middle = np.abs(result.particle_reference[:, 0] - 20e-3) < 4e-3
-    before, after = result.particle_reference[middle], result.particle_position[middle]
+    before = result.particle_reference[middle]
+    after = result.particle_position[middle]
     strain = a - 1
     along = np.polyfit(before[:, 0], after[:, 0], 1)[0]
     across = np.polyfit(before[:, 1], after[:, 1], 1)[0]

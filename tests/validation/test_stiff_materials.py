@@ -13,7 +13,9 @@ from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.solving.several_grids import notes_before
 
-LENGTH, DIAMETER, DENSITY = 0.1, 1e-3, 6450.0
+LENGTH = 0.1
+DIAMETER = 1e-3
+DENSITY = 6450.0
 AREA = np.pi * DIAMETER**2 / 4
 SECOND_MOMENT = np.pi * DIAMETER**4 / 64
 STEEL = {"bulk_to_shear": 2.17, "density": "6450 kg/m^3"}
@@ -77,7 +79,8 @@ def test_a_magnet_in_its_tip_bends_it(gigapascals: float) -> None:
         field={"uniform": ["0 mT", "0 mT", "100 mT"]},
         effects={"magnetic_torque": {}},
     )
-    free, long = 0.095, 5e-3
+    free = 0.095
+    long = 5e-3
     couple = 1.2 * AREA * long / MU0 * 0.1
     # The moment is the whole couple up to the magnet, and falls evenly to none at the tip: E I w'' = M, twice integrated.
     deflection = free**2 / 2 + free * long + long**2 / 3
@@ -95,7 +98,8 @@ def test_it_moves_as_a_soft_one_does_but_sooner() -> None:
         moving(f"{modulus} kPa", duration)
         for modulus, duration in ((120.0, 2e-3), (120.0 * ratio, 2e-6))
     )
-    one, other = magmpm.run(soft), magmpm.run(stiff)
+    one = magmpm.run(soft)
+    other = magmpm.run(stiff)
     assert other.iterations == pytest.approx(
         one.iterations, abs=2
     )  # the same number of steps, to how they end with frames

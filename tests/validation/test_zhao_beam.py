@@ -17,10 +17,9 @@ DATA = Path(__file__).parents[2] / "data"
 REFERENCE = json.loads((DATA / "references/zhao_beam.json").read_text())
 L = REFERENCE["length"]
 FIELDS = REFERENCE["field_mT"][1:]
-ACROSS, ALONG = (
-    0.003,
-    0.008,
-)  # of L: measured 0.0016 and 0.0042 in plane strain, 0.0017 and 0.0075 with the width
+# of L: measured 0.0016 and 0.0042 in plane strain, 0.0017 and 0.0075 with the width
+ACROSS = 0.003
+ALONG = 0.008
 
 
 def tip_over_length(scene: Scene, field: float) -> tuple[float, float]:

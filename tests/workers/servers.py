@@ -17,7 +17,9 @@ from glob import glob
 from pathlib import Path
 
 HERE = Path(__file__).parent
-USER, PASSWORD, NAME = "magmpm", "kept-to-ourselves", "trials"
+USER = "magmpm"
+PASSWORD = "kept-to-ourselves"
+NAME = "trials"
 
 
 def program(name: str) -> str | None:
@@ -40,10 +42,13 @@ class Postgres:
     """A server with one database."""
 
     def __init__(self, folder: Path) -> None:
-        initdb, postgres = program("initdb"), program("postgres")
+        initdb = program("initdb")
+        postgres = program("postgres")
         assert initdb is not None
         assert postgres is not None
-        self.folder, self.port, self._program = folder, free_port(), postgres
+        self.folder = folder
+        self.port = free_port()
+        self._program = postgres
         self._as = {"user": "nobody", "group": "nogroup"} if os.geteuid() == 0 else {}
         self.process: subprocess.Popen[bytes] | None = None
         folder.mkdir(parents=True)

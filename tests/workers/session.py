@@ -21,8 +21,11 @@ from magmpm.studies.search.definition import load_study
 
 SECONDS = "TEST_SECONDS"
 DEADLY = "TEST_DEADLY"  # a file: whoever finds it in a solve deletes it and dies
-KILLED = "TEST_KILLED"  # a number: SIGKILL when the third design is requested, before that request's commit of this number (from 0)
-HANGING = "TEST_HANGING"  # a file: whoever finds it in a solve deletes it and hangs, deaf to all signals that can be ignored
+# a number: SIGKILL when the third design is requested, before that request's commit of this number
+# (from 0)
+KILLED = "TEST_KILLED"
+# a file: whoever finds it in a solve deletes it and hangs, deaf to all signals that can be ignored
+HANGING = "TEST_HANGING"
 
 
 def slow(scene: Scene, **options: Any) -> rod_solve.RodResult:
@@ -58,7 +61,8 @@ def kill_in_ask(at: int) -> None:
     """Let this process die while it requests its third design: before one of the request's commits, or right after the last."""
     from sqlalchemy import Engine, event
 
-    calls, commits = 0, 0
+    calls = 0
+    commits = 0
     ask = loop._Run.ask
 
     def counted(run: Any) -> Any:
@@ -84,7 +88,8 @@ def kill_in_ask(at: int) -> None:
 def main(study: str, out: str, workers: str) -> int:
     from interruptible import draw
 
-    sessions.BEAT, sessions.LEASE = 0.5, 4.0
+    sessions.BEAT = 0.5
+    sessions.LEASE = 4.0
     if KILLED in os.environ:
         kill_in_ask(int(os.environ[KILLED]))
     if "TEST_CLOCK" in os.environ:

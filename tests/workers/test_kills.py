@@ -38,7 +38,8 @@ def trials_of(url: str, name: str) -> list[optuna.trial.FrozenTrial]:
 
 def test_a_kill_at_any_commit_of_a_request_costs_a_lease_at_most(url: str, tmp_path: Path) -> None:
     """A database is after a kill as its last commit has left it, so a kill before each of them meets all states there are."""
-    at, commits = 0, None
+    at = 0
+    commits = None
     owners = set()
     while commits is None:
         study = write_study(tmp_path, FEW)
@@ -60,13 +61,15 @@ def test_a_kill_at_any_commit_of_a_request_costs_a_lease_at_most(url: str, tmp_p
         assert len(done) == 4
         assert len({tuple(sorted(t.params.items())) for t in done}) == 4, "no design twice"
         assert all(set(t.params) == set(done[0].params) for t in done), "no design in part"
-        assert {t.state for t in trials} <= {STATE.COMPLETE, STATE.FAIL}, (
-            "nothing is left running or waiting"
-        )
+        assert {t.state for t in trials} <= {
+            STATE.COMPLETE,
+            STATE.FAIL,
+        }, "nothing is left running or waiting"
         # a session looks once a second: it first sees the trial up to a second late, and the end of the lease as well
         assert done[-1].datetime_start - done[-2].datetime_complete < timedelta(seconds=LEASE + 3.0)
         at += 1
     assert at == commits + 1
-    assert owners == {False, True}, (
-        "trials that a session had named as its own, and some that it had not yet"
-    )
+    assert owners == {
+        False,
+        True,
+    }, "trials that a session had named as its own, and some that it had not yet"

@@ -68,7 +68,8 @@ def test_every_sampler_with_three_workers(sampler: str, tmp_path: Path) -> None:
 
 def test_two_that_wait_for_the_same_dead_session_choose_one_after_the_other() -> None:
     """Trial 0 never gets a design; trial 1 has waited for it and then gets its own, for which trial 2 waits."""
-    begun, silent = time.monotonic(), set[int]()
+    begun = time.monotonic()
+    silent = set[int]()
 
     def get_trials(**_: Any) -> list[SimpleNamespace]:
         known = {sessions.READY: True} if time.monotonic() > begun + 0.3 else {}
@@ -77,7 +78,8 @@ def test_two_that_wait_for_the_same_dead_session_choose_one_after_the_other() ->
             SimpleNamespace(number=1, user_attrs=known),
         ]
 
-    study, trial = SimpleNamespace(get_trials=get_trials), SimpleNamespace(number=2)
+    study = SimpleNamespace(get_trials=get_trials)
+    trial = SimpleNamespace(number=2)
     sessions._wait_for_smaller(study, trial, silent, patience=0.2)  # type: ignore[arg-type]
     assert (time.monotonic() > begun + 0.3, silent) == (True, {0}), "which is not waited for again"
 

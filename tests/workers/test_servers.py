@@ -47,9 +47,10 @@ def nothing_lost_or_doubled(
     assert len({tuple(sorted(t.params.items())) for t in done}) == wanted, "no design twice"
     assert {t.number: tuple(t.values) for t in trials if t.number in seen} == seen, "nothing lost"
     states = {t.state for t in trials}
-    assert states <= {optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.FAIL}, (
-        "nothing is left running or waiting"
-    )
+    assert states <= {
+        optuna.trial.TrialState.COMPLETE,
+        optuna.trial.TrialState.FAIL,
+    }, "nothing is left running or waiting"
     rerun = [t.user_attrs[RERUN_OF] for t in trials if RERUN_OF in t.user_attrs]
     assert len(rerun) == len(set(rerun)), "no design is queued again twice"
     for trial in done:
@@ -74,7 +75,8 @@ def killed_now_and_then(
     """Two sessions of two workers each on one storage; workers and sessions are killed at random moments, sessions begun again.
 
     look: a URL by which the test itself sees the database. Returns what sessions said."""
-    drawn, said = random.Random(sampler_seed), []
+    drawn = random.Random(sampler_seed)
+    said = []
     sessions = {k: session(study, folder / f"out{k}", 2, url) for k in range(2)}
     seen: dict[int, tuple[float, ...]] = {}
     done = 0

@@ -17,24 +17,24 @@ class MotionStage:
     """A motion (magmpm.results.trajectory.Motion) for the page; `motion` may be replaced by the same one with more frames."""
 
     def __init__(self, scene: Scene, motion: Any) -> None:
-        self.scene, self.motion = scene, motion
+        self.scene = scene
+        self.motion = motion
         self._body = Body(scene, motion.reference, motion.volume, motion.part, motion.remanence)
         x = self._body.reference[:, 0]
         held = self._body.held.any()
         near_tip = x > x.max() - 1.5 * self._body.size
         self._traced = None if held else near_tip if scene.anchored else np.ones(len(x), dtype=bool)
         self._trace: list[list[float]] = []
-        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
+        self._low = np.full(3, np.inf)
+        self._high = np.full(3, -np.inf)
 
     def state(self) -> dict[str, Any]:
         """Data of all frames so far: times (s), the box they fill (m), the path of the tip or middle (m), energies (J), jumps (s)."""
         for number in range(len(self._trace), len(self.motion)):
             position = self.motion.position(number)
             whole = position[np.isfinite(position).all(axis=1)]
-            self._low, self._high = (
-                np.fmin(self._low, whole.min(axis=0)),
-                np.fmax(self._high, whole.max(axis=0)),
-            )
+            self._low = np.fmin(self._low, whole.min(axis=0))
+            self._high = np.fmax(self._high, whole.max(axis=0))
             self._trace.append(
                 []
                 if self._traced is None

@@ -118,7 +118,8 @@ class _Places:
     """Particles as a body's magnetization requires them."""
 
     def __init__(self, position: np.ndarray, segment: np.ndarray) -> None:
-        self.position, self.segment = position, segment
+        self.position = position
+        self.segment = segment
 
 
 def surface_arrays(body: Body) -> dict[str, np.ndarray]:
@@ -173,9 +174,11 @@ def about_scene(scene: Scene, target: np.ndarray | None, target_name: str) -> di
         "thickness": scene.thickness,
         "box": [low.tolist(), high.tolist()],
         "gravity": None if gravity is None else gravity.tolist(),
-        "ground": None
-        if plane is None
-        else {"point": plane.point.tolist(), "normal": plane.normal.tolist()},
+        "ground": (
+            None
+            if plane is None
+            else {"point": plane.point.tolist(), "normal": plane.normal.tolist()}
+        ),
         "target": None if target is None else spread(np.asarray(target)[:, -3:]).tolist(),
         "target_name": target_name,
         "region_colors": _region_colors(scene),
@@ -199,9 +202,11 @@ def packed(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> bytes
     says of each its name, kind (f: 32-bit float, u: 32-bit whole number) and count. Numbers of the header that are not finite become null.
     """
     flat = {
-        name: np.ascontiguousarray(
-            array, dtype="<u4" if np.issubdtype(array.dtype, np.integer) else "<f4"
-        ).ravel()
+        name: (
+            np.ascontiguousarray(
+                array, dtype="<u4" if np.issubdtype(array.dtype, np.integer) else "<f4"
+            ).ravel()
+        )
         for name, array in arrays.items()
     }
     about = [

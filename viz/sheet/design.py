@@ -13,7 +13,8 @@ from magmpm.viz.sheet.markup import NOTHING, Markup, joined, table, tag
 
 def sheet(facts: Mapping[str, Any]) -> Markup:
     """Drawing, segments, field and tolerances of the best design."""
-    body, best = facts["body"], facts["design"]
+    body = facts["body"]
+    best = facts["design"]
     picture = tag(
         "figure", Markup(drawing(body)), tag("figcaption", _caption(body)), class_="drawing"
     )
@@ -40,8 +41,9 @@ def _caption(body: Mapping[str, Any]) -> str:
 
 def _words_of_directions() -> str:
     return (
-        "Directions are those of the magnetization in the undeformed body, whose base is at the origin and whose axis is +x: azimuth from "
-        "+x toward +y about +z, elevation from there up toward +z. Remanence is the remanent flux density of the magnetized material."
+        "Directions are those of the magnetization in the undeformed body, whose base is at the"
+        " origin and whose axis is +x: azimuth from +x toward +y about +z, elevation from there up"
+        " toward +z. Remanence is the remanent flux density of the magnetized material."
     )
 
 
@@ -59,11 +61,10 @@ def _segments(facts: Mapping[str, Any]) -> Markup:
     ]
     rows = []
     for s in facts["body"]["segments"]:
-        begin, length = 1e3 * s["from_m"], 1e3 * s["length_m"]
-        extent, shear = (
-            f"{begin:.2f} \u2013 {begin + length:.2f}",
-            f"{s['shear_modulus_Pa'] / 1e3:.4g}",
-        )
+        begin = 1e3 * s["from_m"]
+        length = 1e3 * s["length_m"]
+        extent = f"{begin:.2f} \u2013 {begin + length:.2f}"
+        shear = f"{s['shear_modulus_Pa'] / 1e3:.4g}"
         rows.append([s["number"], extent, f"{length:.3f}", s["material"], shear, *_direction(s)])
     return table(head, rows, class_="numbers")
 
@@ -72,10 +73,8 @@ def _direction(segment: Mapping[str, Any]) -> list[str]:
     x, y, z = segment["direction"]
     if not any((x, y, z)):
         return ["0", "not magnetized", "", ""]
-    azimuth, elevation = (
-        math.degrees(math.atan2(y, x)),
-        math.degrees(math.asin(max(-1.0, min(1.0, z)))),
-    )
+    azimuth = math.degrees(math.atan2(y, x))
+    elevation = math.degrees(math.asin(max(-1.0, min(1.0, z))))
     vector = ", ".join(f"{fixed(c, 4):>7}" for c in (x, y, z))
     return [
         f"{1e3 * segment['remanence_T']:.4g}",
@@ -153,10 +152,12 @@ def _tolerances(facts: Mapping[str, Any]) -> Markup:
         + table(head, lines, class_="numbers")
         + tag(
             "p",
-            "Each error alone, to first order, from the exact derivatives of the equilibrium; a direction's by a turn about the worst axis "
-            "across it. Above 30\u00b0 or 30 % the first order says no more. Independent errors add as the root of their squares: "
-            "turns of 5\u00b0 (one sigma, about each of two axes) of every segment and 5 % of every remanence and shear modulus move the "
-            f"tip by at most {_length(facts['together_m'])} (one sigma).",
+            "Each error alone, to first order, from the exact derivatives of the equilibrium; a"
+            " direction's by a turn about the worst axis across it. Above 30\u00b0 or 30 % the"
+            " first order says no more. Independent errors add as the root of their squares: turns"
+            " of 5\u00b0 (one sigma, about each of two axes) of every segment and 5 % of every"
+            f" remanence and shear modulus move the tip by at most {_length(facts['together_m'])}"
+            " (one sigma).",
             class_="note",
         )
     )
@@ -174,7 +175,10 @@ def _tightest(rows: Sequence[Mapping[str, Any]]) -> str:
     if not turned:
         return ""
     row = min(turned, key=lambda each: each["allowed"][0])
-    return f"The direction of {row['of']} matters most: {_limit(row['allowed'][0], 'deg')} move the tip by 1 % of the length."
+    return (
+        f"The direction of {row['of']} matters most: {_limit(row['allowed'][0], 'deg')} move the"
+        " tip by 1 % of the length."
+    )
 
 
 def _limit(value: float | None, unit: str) -> str:

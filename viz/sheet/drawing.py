@@ -15,8 +15,13 @@ import numpy as np
 
 from magmpm.viz import style
 
-WIDTH, LEFT, RIGHT = 860.0, 96.0, 150.0  # of the drawing and its margins, px
-LEAST, MOST = 44.0, 120.0  # height of the body, px
+# of the drawing and its margins, px
+WIDTH = 860.0
+LEFT = 96.0
+RIGHT = 150.0
+# height of the body, px
+LEAST = 44.0
+MOST = 120.0
 NARROW = 30.0  # px: a segment in which its number finds room
 
 VIEWS = (
@@ -34,7 +39,8 @@ def drawing(body: Mapping[str, Any]) -> str:
     scale = (WIDTH - LEFT - RIGHT) / body["length_m"]
     sizes = _sizes(body)
     heights, thicker = _heights(sizes, scale)
-    parts, top = [], 26.0
+    parts = []
+    top = 26.0
     for view, (name, across) in zip(VIEWS, sizes, strict=True):
         height = heights[view[0]]
         parts += _view(body, view, top, height, scale, f"{name} {_mm(across)}")
@@ -45,8 +51,9 @@ def drawing(body: Mapping[str, Any]) -> str:
         note = f"drawn {thicker:.1f} times thicker than it is; lengths to scale"
         parts.append(_text(WIDTH - 4, total - 10, note, anchor="end", color=style.FAINT_INK))
     head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:g} {total:g}" role="img" aria-label="Drawing of the design with its '
-        f'dimensions" font-family="Helvetica, Arial, sans-serif" font-size="13">'
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:g} {total:g}" role="img"'
+        ' aria-label="Drawing of the design with its dimensions" font-family="Helvetica, Arial,'
+        ' sans-serif" font-size="13">'
     )
     return "\n".join([head, *parts, "</svg>"])
 
@@ -78,13 +85,17 @@ def _view(
 ) -> list[str]:
     """The body seen from the side or from above, with its dimensions."""
     name, horizontal, vertical, (i, j), k = view
-    middle, right = top + 20 + height / 2, LEFT + scale * body["length_m"]
-    low, high = middle + height / 2, middle - height / 2
+    middle = top + 20 + height / 2
+    right = LEFT + scale * body["length_m"]
+    low = middle + height / 2
+    high = middle - height / 2
     parts = [_text(4, top + 2, f"{name} view", weight="bold")]
     for segment, color in zip(body["segments"], _colors(body), strict=True):
-        x, width = LEFT + scale * segment["from_m"], scale * segment["length_m"]
+        x = LEFT + scale * segment["from_m"]
+        width = scale * segment["length_m"]
         parts.append(
-            f'<rect x="{x:.2f}" y="{high:.2f}" width="{width:.2f}" height="{height:.2f}" fill="{color}" stroke="{style.INK}"/>'
+            f'<rect x="{x:.2f}" y="{high:.2f}" width="{width:.2f}" height="{height:.2f}"'
+            f' fill="{color}" stroke="{style.INK}"/>'
         )
         d = np.array(segment["direction"], dtype=float)
         if d.any():
@@ -133,13 +144,20 @@ def _colors(body: Mapping[str, Any]) -> list[str]:
 def _arrow(x: float, y: float, along: float, up: float, toward: float, size: float) -> list[str]:
     """A unit vector's projection at its true length in `size` px, and a dot or a cross for what points along the line of sight."""
     parts = []
-    dx, dy = 0.5 * size * along, -0.5 * size * up
+    dx = 0.5 * size * along
+    dy = -0.5 * size * up
     length = 2 * math.hypot(dx, dy)
     if length > 6.0:
-        ux, uy, head = 2 * dx / length, 2 * dy / length, min(9.0, 0.6 * length)
-        bx, by = x + dx - head * ux, y + dy - head * uy
+        ux = 2 * dx / length
+        uy = 2 * dy / length
+        head = min(9.0, 0.6 * length)
+        bx = x + dx - head * ux
+        by = y + dy - head * uy
         wing = 0.45 * head
-        points = f"{x + dx:.1f},{y + dy:.1f} {bx - wing * uy:.1f},{by + wing * ux:.1f} {bx + wing * uy:.1f},{by - wing * ux:.1f}"
+        points = (
+            f"{x + dx:.1f},{y + dy:.1f} {bx - wing * uy:.1f},{by + wing * ux:.1f}"
+            f" {bx + wing * uy:.1f},{by - wing * ux:.1f}"
+        )
         parts.append(_line(x - dx, y - dy, bx, by, color=style.MAGNETIZATION, width=2.0))
         parts.append(f'<polygon points="{points}" fill="{style.MAGNETIZATION}"/>')
     if (
@@ -147,7 +165,8 @@ def _arrow(x: float, y: float, along: float, up: float, toward: float, size: flo
     ):  # of the direction is along the line of sight: a dot or a cross stands next to its arrow
         px, py = (x - dx, y - dy) if length > 6.0 else (x, y)
         parts.append(
-            f'<circle cx="{px:.1f}" cy="{py:.1f}" r="5" fill="white" stroke="{style.MAGNETIZATION}" stroke-width="1.4"/>'
+            f'<circle cx="{px:.1f}" cy="{py:.1f}" r="5" fill="white" stroke="{style.MAGNETIZATION}"'
+            ' stroke-width="1.4"/>'
         )
         if toward > 0:
             parts.append(
@@ -182,7 +201,8 @@ def _bore(body: Mapping[str, Any], middle: float, height: float, right: float) -
 
 def _clamp(body: Mapping[str, Any], low: float, high: float, right: float) -> list[str]:
     """Hatched walls where the body is held."""
-    parts, reach = [], 8.0
+    parts = []
+    reach = 8.0
     for x, way in ((LEFT, -1.0), (right, 1.0)):
         if body["clamp"] == "both" or (body["clamp"] == "base" and way < 0):
             parts.append(_line(x, low + reach, x, high - reach, width=2.4))
@@ -226,7 +246,8 @@ def _measure(
         else:
             middle = (left + right) / 2
             parts.append(
-                f'<rect x="{middle - wide / 2:.1f}" y="{y - 8:.1f}" width="{wide:.1f}" height="16" fill="white"/>'
+                f'<rect x="{middle - wide / 2:.1f}" y="{y - 8:.1f}" width="{wide:.1f}" height="16"'
+                ' fill="white"/>'
             )
             parts.append(_text(middle, y + 4, text, anchor="middle"))
     return parts
@@ -235,19 +256,22 @@ def _measure(
 def _section(body: Mapping[str, Any], top: float, height: float) -> list[str]:
     """The section as seen from the tip: y to the right, z up."""
     section = body["section_m"]
-    size, middle = 0.9 * height, top + 14 + height / 2
+    size = 0.9 * height
+    middle = top + 14 + height / 2
     x = LEFT + size / 2
     parts = [_text(4, top + 2, "section, seen from the tip", weight="bold")]
     color = _colors(body)[-1]
     if "diameter" in section:
         parts.append(
-            f'<circle cx="{x:.1f}" cy="{middle:.1f}" r="{size / 2:.1f}" fill="{color}" stroke="{style.INK}"/>'
+            f'<circle cx="{x:.1f}" cy="{middle:.1f}" r="{size / 2:.1f}" fill="{color}"'
+            f' stroke="{style.INK}"/>'
         )
         words = f"\u00d8 {_mm(section['diameter'])}"
         if section["inner_diameter"]:
             inner = size / 2 * section["inner_diameter"] / section["diameter"]
             parts.append(
-                f'<circle cx="{x:.1f}" cy="{middle:.1f}" r="{inner:.1f}" fill="white" stroke="{style.INK}"/>'
+                f'<circle cx="{x:.1f}" cy="{middle:.1f}" r="{inner:.1f}" fill="white"'
+                f' stroke="{style.INK}"/>'
             )
             words += f", bore \u00d8 {_mm(section['inner_diameter'])}"
         wide = size
@@ -258,7 +282,8 @@ def _section(body: Mapping[str, Any], top: float, height: float) -> list[str]:
         )
         x = LEFT + wide / 2
         parts.append(
-            f'<rect x="{LEFT:.1f}" y="{middle - tall / 2:.1f}" width="{wide:.1f}" height="{tall:.1f}" fill="{color}" stroke="{style.INK}"/>'
+            f'<rect x="{LEFT:.1f}" y="{middle - tall / 2:.1f}" width="{wide:.1f}"'
+            f' height="{tall:.1f}" fill="{color}" stroke="{style.INK}"/>'
         )
         words = f"{_mm(section['width'])} wide, {_mm(section['thickness'])} thick"
     parts += _axes(30, middle + 16, "y", "z")
@@ -287,14 +312,20 @@ def _line(
     width: float = 0.9,
 ) -> str:
     """A line, with small arrow heads at its end or at both."""
-    text = f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}" stroke="{color}" stroke-width="{width:g}"/>'
+    text = (
+        f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}" stroke="{color}"'
+        f' stroke-width="{width:g}"/>'
+    )
     size = math.hypot(x2 - x1, y2 - y1)
     for px, py, way in ((x2, y2, 1.0), (x1, y1, -1.0)):
         if size > 0 and (both or (end and way > 0)):
-            ux, uy = way * (x2 - x1) / size, way * (y2 - y1) / size
+            ux = way * (x2 - x1) / size
+            uy = way * (y2 - y1) / size
             head = min(6.0, 0.4 * size)
-            bx, by = px - head * ux, py - head * uy
-            wx, wy = 0.35 * head * uy, 0.35 * head * ux
+            bx = px - head * ux
+            by = py - head * uy
+            wx = 0.35 * head * uy
+            wy = 0.35 * head * ux
             points = f"{px:.1f},{py:.1f} {bx - wx:.1f},{by + wy:.1f} {bx + wx:.1f},{by - wy:.1f}"
             text += f'<polygon points="{points}" fill="{color}"/>'
     return text
@@ -310,8 +341,8 @@ def _text(
     style_: str = "normal",
 ) -> str:
     return (
-        f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{color}" font-weight="{weight}" font-style="{style_}">'
-        f"{escape(words)}</text>"
+        f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{color}"'
+        f' font-weight="{weight}" font-style="{style_}">{escape(words)}</text>'
     )
 
 

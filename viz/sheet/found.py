@@ -72,13 +72,16 @@ def alarms(facts: Mapping[str, Any]) -> Markup:
     says = []
     if not facts.get("best"):
         says.append(
-            "This study has no feasible design: no trial was solved and accepted, so there is nothing to make."
+            "This study has no feasible design: no trial was solved and accepted, so there is"
+            " nothing to make."
         )
     elif not facts.get("body"):
         says.append(
-            "The files of the best design are missing or damaged in this folder; run `magmpm design` again: it makes them anew."
+            "The files of the best design are missing or damaged in this folder; run `magmpm"
+            " design` again: it makes them anew."
         )
-    stop, best = facts.get("stop_rms_m"), facts.get("best")
+    stop = facts.get("stop_rms_m")
+    best = facts.get("best")
     if best and stop is not None and facts.get("first_trial_below_stop") is None:
         says.append(f"The study's stop, {length(stop)}, was not reached.")
     says += [str(one["says"]) for one in facts.get("limits") or []]
@@ -99,7 +102,8 @@ def search(facts: Mapping[str, Any]) -> Markup:
     parts = [
         tag(
             "p",
-            f"{facts['trials']} trial{'s' * (facts['trials'] != 1)}, of which {failed}. The study {_why(facts)}.",
+            f"{facts['trials']} trial{'s' * (facts['trials'] != 1)}, of which {failed}. The study"
+            f" {_why(facts)}.",
         )
     ]
     if facts.get("why_not"):
@@ -109,7 +113,8 @@ def search(facts: Mapping[str, Any]) -> Markup:
         )
     rows = facts.get("best_trials") or []
     if rows:
-        robust, two = bool(facts.get("measure_m")), bool(facts.get("objectives"))
+        robust = bool(facts.get("measure_m"))
+        two = bool(facts.get("objectives"))
         more = [
             *(["mean + 2 sigma, mm"] if robust else []),
             *(facts["objectives"][1:] if two else []),
@@ -134,7 +139,10 @@ def _why(facts: Mapping[str, Any]) -> str:
     """Reason why the study ended."""
     ended = facts.get("ended")
     if ended == "stop":
-        return f"stopped at trial {facts['first_trial_below_stop']}, the first within its stop of {length(facts['stop_rms_m'])}"
+        return (
+            f"stopped at trial {facts['first_trial_below_stop']}, the first within its stop of"
+            f" {length(facts['stop_rms_m'])}"
+        )
     if ended == "exhausted":
         return "stopped because no descent from the rod's designs gets better"
     return (
@@ -167,7 +175,8 @@ def importances(facts: Mapping[str, Any]) -> Markup:
     ]
     left = len(shares["values"]) - len(shown)
     words = (
-        f"Shares by PED-ANOVA over {shares['trials']} trials: how differently the best tenth lies along each parameter, compared with all. "
+        f"Shares by PED-ANOVA over {shares['trials']} trials: how differently the best tenth lies"
+        " along each parameter, compared with all. "
         + ("With so few trials they are a hint, no more. " if shares["trials"] < 50 else "")
         + (f"{left} more parameters have less. " if left else "")
         + "What a change of the best design does to the tip stands in its tolerances."
@@ -186,7 +195,10 @@ def accuracy(facts: Mapping[str, Any]) -> Markup:
         ("solved again on", f"{finer['finer_cells']} cells across"),
         (
             "the axis moves by",
-            f"at most {length(finer['moved_m'])} ({100 * finer['moved_m'] / whole:.2g} % of the length)",
+            (
+                f"at most {length(finer['moved_m'])} ({100 * finer['moved_m'] / whole:.2g} % of the"
+                " length)"
+            ),
         ),
         ("the tip moves by", length(finer["tip_moved_m"])),
         (
@@ -198,7 +210,10 @@ def accuracy(facts: Mapping[str, Any]) -> Markup:
         which = {"insertion": " at full insertion", "schedule": " at the last time"}.get(
             facts["kind"], ""
         )
-        both = f"{length(finer['rms_m'], 4)} on the study's grid, {length(finer['finer_rms_m'], 4)} on the finer one"
+        both = (
+            f"{length(finer['rms_m'], 4)} on the study's grid, {length(finer['finer_rms_m'], 4)} on"
+            " the finer one"
+        )
         rows.append((f"rms from the target{which}", both))
     result = facts["result"]
     rows.append(
@@ -232,7 +247,10 @@ def accuracy(facts: Mapping[str, Any]) -> Markup:
         if verified
         else NOTHING
     )
-    note = "Not in these errors: the material's law, effects that the scene does not name, and errors of manufacture."
+    note = (
+        "Not in these errors: the material's law, effects that the scene does not name, and errors"
+        " of manufacture."
+    )
     return pairs(rows) + more + tag("p", note, class_="note")
 
 
@@ -244,7 +262,10 @@ def motion(facts: Mapping[str, Any]) -> Markup:
     units = {"m": ("mm", 1e3), "s": ("s", 1.0), "N": ("mN", 1e3)}
     columns = [(key, *units[key.rpartition("_")[2]]) for key in rows[0]]
     head = [f"{key.rpartition('_')[0].replace('_', ' ')}, {unit}" for key, unit, _ in columns]
-    note = "Distances of the axis, of an insertion from the equilibrium of each depth, of a schedule from each shape (rms)."
+    note = (
+        "Distances of the axis, of an insertion from the equilibrium of each depth, of a schedule"
+        " from each shape (rms)."
+    )
     lines = [[f"{factor * row[key]:.4g}" for key, _, factor in columns] for row in rows]
     return table(head, lines, class_="numbers") + tag("p", note, class_="note")
 
@@ -282,9 +303,15 @@ def reproduce(facts: Mapping[str, Any]) -> Markup:
     """The one line, and the files that it needs."""
     parts = [tag("pre", facts["command"])]
     if not facts.get("study_file"):
-        words = "The folder does not say which study file it was made from: put its name in place of STUDY.yaml."
+        words = (
+            "The folder does not say which study file it was made from: put its name in place of"
+            " STUDY.yaml."
+        )
         parts.append(tag("p", words, class_="note"))
-    words = "The same versions, seed and trials give the same trials bit for bit on the same machine with one worker."
+    words = (
+        "The same versions, seed and trials give the same trials bit for bit on the same machine"
+        " with one worker."
+    )
     parts.append(tag("p", words, class_="note"))
     for name, text in (facts.get("files") or {}).items():
         parts.append(_folded(name, tag("pre", _short(text))))

@@ -31,7 +31,10 @@ QUIET = (
     "--no-pdf-header-footer",
 )
 PATIENCE = 120.0  # s
-REMEDY = "pip install 'magmpm[report]' (WeasyPrint), or install Chromium (apt-get install chromium), or print the page from a browser"
+REMEDY = (
+    "pip install 'magmpm[report]' (WeasyPrint), or install Chromium (apt-get install chromium), or"
+    " print the page from a browser"
+)
 
 
 class PrintError(MagmpmError):
@@ -73,7 +76,8 @@ def _by_browser(html: str, path: Path) -> str:
     if browser is None:
         raise PrintError("there is no Chromium or Chrome")
     with tempfile.TemporaryDirectory(prefix="magmpm-print-") as folder:
-        page, made = Path(folder) / "page.html", Path(folder) / "page.pdf"
+        page = Path(folder) / "page.html"
+        made = Path(folder) / "page.pdf"
         page.write_text(html, encoding="utf-8")
         unsafe = (
             ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []

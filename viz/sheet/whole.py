@@ -98,9 +98,11 @@ def page(facts: Mapping[str, Any], pictures: Pictures) -> str:
             shown["trials"],
         ),
         section("Which parameters mattered", found.importances(facts)),
-        section("How accurate the best design is", found.accuracy(facts))
-        if facts.get("body")
-        else NOTHING,
+        (
+            section("How accurate the best design is", found.accuracy(facts))
+            if facts.get("body")
+            else NOTHING
+        ),
         section("The best design in motion", found.motion(facts)),
         section("Settings and versions", found.settings(facts)),
         section("Reproduce it", found.reproduce(facts)),
@@ -115,7 +117,8 @@ def page(facts: Mapping[str, Any], pictures: Pictures) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{safe(POLICY)}">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1"><meta name="generator" content="magmpm report">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1"><meta name="generator"'
+        ' content="magmpm report">\n'
         f"<title>{safe(facts['name'])}: a study by magmpm</title>\n<style>{CSS}</style></head>\n"
         f"<body>\n{joined(parts).text}\n</body></html>\n"
     )

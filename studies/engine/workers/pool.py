@@ -66,7 +66,8 @@ class Pool:
         ready = set(wait([worker.pipe for worker in busy], timeout=patience))
         for worker in busy:
             assert worker.job is not None
-            number, limit = worker.job[0], self.limit if worker.ready else 600.0
+            number = worker.job[0]
+            limit = self.limit if worker.ready else 600.0
             try:
                 if worker.pipe in ready:
                     kind, answer = worker.receive()
@@ -86,7 +87,8 @@ class Pool:
             elif kind == RAISED:  # what ends a study in one process ends it here as well
                 raise answer
             else:
-                worker.job, worker.tries = None, 0
+                worker.job = None
+                worker.tries = 0
                 yield number, answer
 
     def _replaced(self, worker: _Worker, how: str) -> str | None:
@@ -100,7 +102,8 @@ class Pool:
         worker.tries += worker.ready
         worker.start()
         if worker.tries >= TRIES:
-            worker.job, worker.tries = None, 0
+            worker.job = None
+            worker.tries = 0
             return f"the process that solved it {how}, {TRIES} times"
         worker.give(worker.job)
         return None

@@ -42,15 +42,18 @@ if TYPE_CHECKING:
     from optuna.distributions import BaseDistribution
 
 SESSION = "session"  # user attribute of a trial: the session that runs it
-RERUN_OF = "again"  # ... and the number of the trial, left behind by a session that died, whose design it has
-EXCHANGED = (
-    "exchanged"  # ... and the number of the trial whose design it has, but for one direction
+# ... and the number of the trial, left behind by a session that died, whose design it has
+RERUN_OF = "again"
+EXCHANGED = (  # ... and the number of the trial whose design it has, but for one direction
+    "exchanged"
 )
 READY = "asked"  # ... and whether its parameters are all there
 PATIENCE = (
     5.0  # s to wait for the parameters of a trial with a smaller number: its session may have died
 )
-STALE = 600.0  # s after which a trial begun on another machine counts as left behind, if its session writes no beat
+# s after which a trial begun on another machine counts as left behind, if its session writes no
+# beat
+STALE = 600.0
 BEAT = 10.0  # s between two beats of a session
 LEASE = 60.0  # s without a beat after which a session counts as dead
 RECORD = "session:"  # attribute of a study: who a session is
@@ -74,7 +77,10 @@ class PerTrial(BaseSampler):
         session: str | None = None,
         wait: bool = False,
     ) -> None:
-        self._make, self._starts, self._session, self._wait = make, starts, session, wait
+        self._make = make
+        self._starts = starts
+        self._session = session
+        self._wait = wait
         self._inner: BaseSampler | None = None
         self._given = False
         self._silent: set[int] = set()  # numbers of the trials that were waited for in vain
@@ -161,11 +167,15 @@ class Session:
 
     def __init__(self, kept: optuna.Study, store: Store, out: Path, shared: bool) -> None:
         """shared: other sessions may work on the study at the same time."""
-        self.kept, self.store, self.out, self.shared = kept, store, out, shared
+        self.kept = kept
+        self.store = store
+        self.out = out
+        self.shared = shared
         self.storage = storage_of(kept)
         self.name = uuid.uuid4().hex[:12]
         self.lost: list[str] = []  # what became of trials, a sentence each
-        self._beats, self._beaten = 0, -BEAT
+        self._beats = 0
+        self._beaten = -BEAT
         self._silence: dict[
             str, tuple[Any, float]
         ] = {}  # by who runs a trial: the last beat, and for how long it has not changed, s
@@ -230,7 +240,10 @@ class Session:
         if owner is None:
             _, silent = self._silence.get(_runner(trial), (None, 0.0))
             left = max(LEASE - silent, 0.0)
-            return f"trial {trial.number}, which no session has named as its own (if none does, it is queued again in {left:.0f} s)"
+            return (
+                f"trial {trial.number}, which no session has named as its own (if none does, it is"
+                f" queued again in {left:.0f} s)"
+            )
         return f"trial {trial.number}, by process {owner['pid']} on {str(owner['host']).split()[0]}"
 
     def _listen(self, running: Sequence[FrozenTrial], records: Mapping[str, Any]) -> None:
@@ -240,7 +253,8 @@ class Session:
         """
         now = time.monotonic()
         passed = min(now - self._looked, 2 * BEAT)
-        self._looked, before = now, self._silence
+        self._looked = now
+        before = self._silence
         self._silence = {}
         for trial in running:
             who = _runner(trial)
@@ -310,7 +324,8 @@ class Session:
             READY in trial.user_attrs or "fixed_params" in trial.system_attrs
         )  # some parameters alone are no design
         self.lost.append(
-            f"trial {trial.number}: its session died; {'its design is queued again' if whole else 'it had no design yet'}"
+            f"trial {trial.number}: its session died;"
+            f" {'its design is queued again' if whole else 'it had no design yet'}"
         )
         if not whole:
             return
@@ -339,8 +354,14 @@ class Session:
             by = trial.user_attrs.get(SESSION)
             owner = records.get("process" if by is None else RECORD + by, {})
             if alive(owner, self.out, _age(trial)):
-                rule = f"trial {trial.number} is being run by process {owner['pid']} on {owner['host']}"
-                remedy = "wait for it or end it, then run this command again: it resumes; or share the work with it: --workers 1"
+                rule = (
+                    f"trial {trial.number} is being run by process {owner['pid']} on"
+                    f" {owner['host']}"
+                )
+                remedy = (
+                    "wait for it or end it, then run this command again: it resumes; or share the"
+                    " work with it: --workers 1"
+                )
                 raise StorageError(
                     report(f"study {self.kept.study_name}", rule=rule, remedy=remedy)
                 )

@@ -43,7 +43,10 @@ class Control:
     def said(self, value: float) -> str:
         """Slider, number and unit, as in "field Bz: 99 999 mT"."""
         number = f"{value:.6g}" if abs(value) >= 1e9 else f"{value:,.9g}".replace(",", " ")
-        return f"{self.group.lower()} {self.label}: {number} {'°' if self.unit == 'deg' else self.unit}"
+        return (
+            f"{self.group.lower()} {self.label}: {number}"
+            f" {'°' if self.unit == 'deg' else self.unit}"
+        )
 
     def plain(self) -> dict[str, Any]:
         """Plain data."""
@@ -68,10 +71,8 @@ def checked(known: Mapping[str, Control], values: Any) -> dict[str, float]:
     out = {}
     for name, value in values.items():
         if name not in known:
-            rule, remedy = (
-                "this scene has no such slider",
-                f"use one of {', '.join(list(known)[:8])}",
-            )
+            rule = "this scene has no such slider"
+            remedy = f"use one of {', '.join(list(known)[:8])}"
             raise InputError("values", received=repr(name)[:80], rule=rule, remedy=remedy)
         try:
             out[name] = (
@@ -116,7 +117,8 @@ def shown(value: float) -> float:
 
 def _field(scene: Scene) -> Iterator[Control]:
     """The uniform field, where it turns the body, and the schedule's end is what `uniform` says."""
-    field, effects = scene.field, scene.effects
+    field = scene.field
+    effects = scene.effects
     if effects.magnetic_torque is None and effects.magnetic_force is None:
         return
     if field.over_time is not None and not _uniform_counts(scene):
@@ -148,7 +150,8 @@ def _inserted(scene: Scene) -> Iterator[Control]:
     catheter = scene.body.catheter
     if catheter is None or catheter.clamp != "base" or scene.effects.feed is not None:
         return
-    low, high = 1e3 * catheter.diameter, 1e3 * catheter.length
+    low = 1e3 * catheter.diameter
+    high = 1e3 * catheter.length
     if high > 1.5 * low:
         yield Control(
             "inserted",
@@ -302,7 +305,8 @@ def _put_directions(body: Data, scene: Scene, new: Values, as_text: bool) -> Non
             new.get(name, round(angle, 9))
             for name, angle in zip(names, angles(region.magnetization), strict=True)
         )
-        a, e = math.radians(azimuth), math.radians(elevation)
+        a = math.radians(azimuth)
+        e = math.radians(elevation)
         unit = [math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)]
         found["magnetization"] = (
             {"azimuth": f"{azimuth:.15g} deg", "elevation": f"{elevation:.15g} deg"}
@@ -340,10 +344,8 @@ def ready(scene: Scene, cells: int | None = None) -> Scene:
     Raises InputError where nothing holds its body, or the cells don't fit it.
     """
     if scene.body.shape.clamp == "none":
-        rule, remedy = (
-            "only a body that is held somewhere has a rest",
-            "name a clamp, or view a motion: `solver: {dynamic: ...}`",
-        )
+        rule = "only a body that is held somewhere has a rest"
+        remedy = "name a clamp, or view a motion: `solver: {dynamic: ...}`"
         raise InputError(f"body.{scene.body.kind}.clamp", received="none", rule=rule, remedy=remedy)
     if scene.effects.auto:
         scene = choose_effects(scene).scene

@@ -29,7 +29,9 @@ from magmpm.statics.rod_start import from_rod, with_correction
 from magmpm.studies.explore.neighbors import Neighbors
 from magmpm.studies.problem.shape_distance import gaps, root_mean_square
 
-PATIENCE = 0.4  # s: a solve that has taken longer is given up when a newer one waits; a shorter one is finished, so that shapes keep coming
+# s: a solve that has taken longer is given up when a newer one waits; a shorter one is finished, so
+# that shapes keep coming
+PATIENCE = 0.4
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,8 @@ class Preview:
         known = self._correction.shape == (model.layout.planes, model.layout.m)
         grid = with_correction(model, rod, self._correction) if known else from_rod(model, rod)
         point = Energy(model).at(grid)
-        position, particles = point.position, model.particles
+        position = point.position
+        particles = model.particles
         return Shape(
             particles.position,
             position,
@@ -129,7 +132,8 @@ class Solver:
     def __init__(self, target: Array | None = None) -> None:
         """target (m, 4) m: rows [s, x, y, z] that shapes are compared with, or None."""
         self._newest = 0
-        self._counting, self._working = threading.Lock(), threading.Lock()
+        self._counting = threading.Lock()
+        self._working = threading.Lock()
         self.process = Process(_begin, target, quiet=False)
 
     def solved(self, scene: Scene) -> Solved:
@@ -146,11 +150,11 @@ class Solver:
                 kind, answer, rms = self._answer(ticket)
             except Died as death:
                 self.process.start()
-                kind, answer, rms = (
-                    "failure",
-                    f"the process that solves {death} and was started anew; move a slider to go on",
-                    None,
+                kind = "failure"
+                answer = (
+                    f"the process that solves {death} and was started anew; move a slider to go on"
                 )
+                rms = None
             seconds = time.perf_counter() - begun
             return (
                 Solved(answer, rms, "", seconds)

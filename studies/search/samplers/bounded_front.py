@@ -35,11 +35,13 @@ from magmpm.studies.search.samplers.optuna_ids import other_trials, storage_of, 
 
 Improve = Callable[[float, Sequence[Mapping[str, float]]], list[dict[str, float]]]
 
-BOUND = (
-    "bound"  # in a trial's plan: the bound within which it was sought, as a share of the greatest
+BOUND = (  # in a trial's plan: the bound within which it was sought, as a share of the greatest
+    "bound"
 )
 EACH = 4  # trials of a bound, at most: a start and its steps
-FLAT = 0.05  # of the distance, about: a bound is left after a step that wins less, and a gap between two in which it changes less
+# of the distance, about: a bound is left after a step that wins less, and a gap between two in
+# which it changes less
+FLAT = 0.05
 NARROWEST = 1 / 64  # of the greatest bound: gaps below are not looked into
 
 

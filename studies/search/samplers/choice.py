@@ -47,10 +47,9 @@ _OPTIONS = {
     "NSGAIIISampler": _GENETIC,
     "GPSampler": {"deterministic_objective": True},
 }
-_TORCH, _CMAES = (
-    ("torch", "gp"),
-    ("cmaes", "cmaes"),
-)  # package, and the extra of magmpm that brings it
+# package, and the extra of magmpm that brings it
+_TORCH = ("torch", "gp")
+_CMAES = ("cmaes", "cmaes")
 _EXTRAS = {"cmaes": _CMAES, "optuna:GPSampler": _TORCH, "optuna:CmaEsSampler": _CMAES}
 
 
@@ -59,8 +58,8 @@ def check_available(name: str) -> None:
     module, extra = _EXTRAS.get(name, (None, None))
     if module is not None and importlib.util.find_spec(module) is None:
         raise InputError(
-            f"sampler: received {name}\n  rule: the sampler {name} needs the package {module}, which is not installed\n"
-            f"  remedy: pip install 'magmpm[{extra}]', or sampler: tpe"
+            f"sampler: received {name}\n  rule: the sampler {name} needs the package {module},"
+            f" which is not installed\n  remedy: pip install 'magmpm[{extra}]', or sampler: tpe"
         )
 
 
@@ -70,7 +69,8 @@ def check_suits(study: Study) -> None:
         rule, remedy = found
         raise InputError(f"{study.path}: sampler", received=study.sampler, rule=rule, remedy=remedy)
     if len(study.minimize) > 1 and study.robust is not None:
-        rule, remedy = "`robust` judges a design by one objective", "remove `robust` or `minimize`"
+        rule = "`robust` judges a design by one objective"
+        remedy = "remove `robust` or `minimize`"
         raise InputError(
             f"{study.path}: minimize", received=str(list(study.minimize)), rule=rule, remedy=remedy
         )
@@ -86,7 +86,10 @@ def _unsuited(study: Study) -> tuple[str, str] | None:
         rule = f"{name} would learn from designs that `stability` refuses as from others"
         return rule, "sampler: tpe or gauss-newton, or remove `stability`"
     if len(study.minimize) > 1 and name in ONE_OBJECTIVE and not within_bounds(study):
-        rule = f"{name} looks for the least of one objective, and `minimize` names {len(study.minimize)}"
+        rule = (
+            f"{name} looks for the least of one objective, and `minimize` names"
+            f" {len(study.minimize)}"
+        )
         return rule, "sampler: nsga2, or remove `minimize`"
     if study.vary.order is not None and name not in TAKE_CHOICES:
         return f"{name} can't choose an order of segments", f"sampler: {TAKE_CHOICES[0]}"
@@ -185,8 +188,10 @@ def make_sampler(
         if name == "gauss-newton" and front:
             from magmpm.studies.search.samplers.bounded_front import BoundedFront
 
-            blocks, length = gauss_newton_blocks(space).blocks, space.scene.length
-            near, poor = goal or NEAR * length, POOR * length
+            blocks = gauss_newton_blocks(space).blocks
+            length = space.scene.length
+            near = goal or NEAR * length
+            poor = POOR * length
             return BoundedFront(
                 blocks, seed, starts=starts, near=near, poor=poor, far=length, improve=improve
             )

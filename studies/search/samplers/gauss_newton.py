@@ -66,8 +66,11 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         goal: float = 0.0,
         poor: float = math.inf,
     ) -> None:
-        self._space, self._seed = Coordinates(blocks), seed
-        self._starts, self._goal, self._poor = [dict(start) for start in starts], goal, poor
+        self._space = Coordinates(blocks)
+        self._seed = seed
+        self._starts = [dict(start) for start in starts]
+        self._goal = goal
+        self._poor = poor
 
     def infer_relative_search_space(
         self, study: optuna.Study, trial: FrozenTrial
@@ -96,7 +99,8 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         """The middle of the range of a parameter that no block names."""
         if not isinstance(param_distribution, FloatDistribution):
             raise ValueError(
-                f"{param_name}: no block of the Gauss-Newton sampler names it, and it is not a plain number"
+                f"{param_name}: no block of the Gauss-Newton sampler names it, and it is not a"
+                " plain number"
             )
         return (param_distribution.low + param_distribution.high) / 2
 
@@ -180,7 +184,8 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
         self, last: FrozenTrial, known: Mapping[int, FrozenTrial], x: Array, jacobian: Array
     ) -> float:
         """Deviation of the residuals from the linear model, over a step's length squared: as the last step showed, or a guess."""
-        guess, plan = self._space.curvature(x, jacobian), last.system_attrs.get(PLAN)
+        guess = self._space.curvature(x, jacobian)
+        plan = last.system_attrs.get(PLAN)
         if plan is None or plan["from"] is None or not counted(last):
             return guess
         left = math.sqrt(max(cost_of(known[plan["from"]]) - plan["promised"], 0.0))

@@ -33,7 +33,8 @@ class Direction:
         }
 
     def read(self, params: Mapping[str, float]) -> Array:
-        a, b = math.radians(params[self.around]), math.radians(params[self.along])
+        a = math.radians(params[self.around])
+        b = math.radians(params[self.along])
         return np.array([math.sin(b), math.cos(b) * math.cos(a), math.cos(b) * math.sin(a)])
 
     def write(self, x: Array) -> dict[str, float]:
@@ -58,7 +59,8 @@ class Direction:
 
     def anywhere(self, u: Array) -> Array:
         """The point of uniform density for numbers u (size,) in 0 to 1."""
-        x, turn = 2 * u[0] - 1, 2 * math.pi * u[1]
+        x = 2 * u[0] - 1
+        turn = 2 * math.pi * u[1]
         return np.array(
             [x, math.sqrt(1 - x * x) * math.cos(turn), math.sqrt(1 - x * x) * math.sin(turn)]
         )
@@ -91,7 +93,8 @@ class Ball:
         return {self.strength: FloatDistribution(0.0, self.most), **angles}
 
     def read(self, params: Mapping[str, float]) -> Array:
-        a, b = math.radians(params[self.azimuth]), math.radians(params[self.elevation])
+        a = math.radians(params[self.azimuth])
+        b = math.radians(params[self.elevation])
         return (
             params[self.strength]
             * self.unit
@@ -289,7 +292,8 @@ def _trusted(
         )
 
     def expected(p: Array) -> float:
-        size, left = float(p @ p), r + J @ p
+        size = float(p @ p)
+        left = r + J @ p
         return float(left @ left) + (curvature * size) ** 2 if size <= radius * radius else math.inf
 
     less = 1e-6 * largest  # directions that hardly matter stay as they are

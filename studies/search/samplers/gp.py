@@ -57,7 +57,8 @@ class Layout:
             )
             place = (np.arange(k) + 0.5) / k
             distance = np.abs(np.subtract.outer(place, place))
-            correlation, power = p[5], p[6]
+            correlation = p[5]
+            power = p[6]
             along = (
                 np.linalg.cholesky(np.exp(-distance * np.exp(-correlation)))
                 * (place**power)[:, None]
@@ -89,7 +90,8 @@ class ShapeModel:
     """
 
     def __init__(self, layout: Layout, x: Array, residuals: Array) -> None:
-        self._layout, self._x = layout, x
+        self._layout = layout
+        self._x = x
         self._mean = residuals.mean(axis=0)
         _, sizes, basis = np.linalg.svd(residuals - self._mean, full_matrices=False)
         share = np.cumsum(sizes**2) / max(float(np.sum(sizes**2)), 1e-300)
@@ -161,8 +163,10 @@ class ShapeModel:
         caution: how much the variances count; 0 gives the square of the means alone.
         """
         scores, variance, z, white = self._at(x)
-        off, total = scores - self._left, caution * float(self._amplitude.sum())
-        weight, range_ = np.exp(self._p[8]), float(np.exp(self._p[9]))
+        off = scores - self._left
+        total = caution * float(self._amplitude.sum())
+        weight = np.exp(self._p[8])
+        range_ = float(np.exp(self._p[9]))
         difference = z - self._z
         r = np.sqrt(5 * np.sum(difference**2, axis=1)) / range_
         slopes = self._z / (1 + self._layout.count)
@@ -211,7 +215,9 @@ class ShapeSampler(optuna.samplers.BaseSampler):
     """
 
     def __init__(self, space: SearchSpace, seed: int, finished: int) -> None:
-        self._space, self._seed, self._settings = space, seed, Settings()
+        self._space = space
+        self._seed = seed
+        self._settings = Settings()
         self._rng = np.random.default_rng([seed, finished, 1])
         self._caution = 1.0
         self._scale = np.ones(space.size)

@@ -35,10 +35,9 @@ def other_trials(
     study: optuna.Study, trial: FrozenTrial, names: Iterable[str]
 ) -> tuple[list[FrozenTrial], list[FrozenTrial], int]:
     """The trials that have ended, the running ones whose designs are known, and how many running ones have smaller numbers."""
-    trials, requested = (
-        study.get_trials(deepcopy=False),
-        set(names),
-    )  # at once: one that ends between two readings would be in neither
+    # at once: one that ends between two readings would be in neither
+    trials = study.get_trials(deepcopy=False)
+    requested = set(names)
     running = [t for t in trials if t.state == TrialState.RUNNING and t.number != trial.number]
     known = [t for t in running if requested <= set(t.params)]
     return (

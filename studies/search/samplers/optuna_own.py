@@ -60,10 +60,8 @@ class DataOnlyCmaEsSampler(CmaEsSampler):
                     io.BytesIO(bytes.fromhex(self._concat_optimizer_attrs(parts)))
                 ).load()
             except Exception as error:  # a damaged pickle raises a dozen kinds
-                rule, remedy = (
-                    "the state of cmaes must be as Optuna wrote it",
-                    "take up the study with another sampler, say, --sampler tpe",
-                )
+                rule = "the state of cmaes must be as Optuna wrote it"
+                remedy = "take up the study with another sampler, say, --sampler tpe"
                 place = f"the study's database: trial {trial.number}: {key}"
                 raise InputError(
                     place,
@@ -83,7 +81,8 @@ class SobolSampler(QMCSampler):
 
     def __init__(self, space: SearchSpace, seed: int, finished: int) -> None:
         super().__init__(seed=seed, scramble=True, warn_independent_sampling=False)
-        self._space, self._finished = space, finished
+        self._space = space
+        self._finished = finished
 
     def infer_relative_search_space(
         self, study: Study, trial: FrozenTrial
@@ -102,7 +101,8 @@ class FieldsByRod(BaseSampler):
     """
 
     def __init__(self, base: BaseSampler, insertion: Any) -> None:
-        self.base, self.insertion = base, insertion
+        self.base = base
+        self.insertion = insertion
         self.names = {
             name
             for block in insertion.space.blocks

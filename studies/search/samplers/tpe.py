@@ -69,8 +69,10 @@ class DirectionTPE(optuna.samplers.BaseSampler):
     def __init__(
         self, space: SearchSpace, seed: int, finished: int, settings: Settings | None = None
     ) -> None:
-        self._space, self._settings = space, settings or Settings()
-        self._seed, self._rng = seed, np.random.default_rng([seed, finished])
+        self._space = space
+        self._settings = settings or Settings()
+        self._seed = seed
+        self._rng = np.random.default_rng([seed, finished])
 
     def infer_relative_search_space(
         self, study: optuna.Study, trial: FrozenTrial
@@ -139,7 +141,8 @@ class DirectionTPE(optuna.samplers.BaseSampler):
 
     def choose(self, good: Designs, others: Designs) -> Designs:
         """One design, where good designs are dense and the others are not."""
-        k, q = good.directions.shape[1], good.numbers.shape[1]
+        k = good.directions.shape[1]
+        q = good.numbers.shape[1]
         narrower = len(good) ** (
             1 / (2 * k + q + 4)
         )  # Scott's rule: kernels of n points in d dimensions
@@ -163,7 +166,8 @@ class DirectionTPE(optuna.samplers.BaseSampler):
 
     def _draw(self, good: Designs, narrower: float) -> Designs:
         """Candidates from the density of good designs."""
-        rng, settings = self._rng, self._settings
+        rng = self._rng
+        settings = self._settings
         n = settings.candidates
         around = good[rng.integers(len(good), size=n)]
         directions = _near(rng, around.directions, settings.concentration * narrower**2)
@@ -178,7 +182,8 @@ class DirectionTPE(optuna.samplers.BaseSampler):
         """Logarithm of the density of designs `of` at designs `at`, to a constant: relative to the uniform one."""
         K = self._settings.concentration * narrower**2
         cosines = np.einsum("nkx,mkx->nm", at.directions, of.directions)
-        k, q = at.directions.shape[1], at.numbers.shape[1]
+        k = at.directions.shape[1]
+        q = at.numbers.shape[1]
         log = K * (cosines - k) + k * math.log(2 * K / -math.expm1(-2 * K))
         if q:
             width = self._settings.width / narrower

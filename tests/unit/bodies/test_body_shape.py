@@ -57,7 +57,8 @@ BODIES: dict[str, dict[str, Any]] = {
         }
     },
 }
-ACROSS, COUNT = 3, 2
+ACROSS = 3
+COUNT = 2
 
 
 @pytest.fixture(params=BODIES)
@@ -107,7 +108,8 @@ def test_magnetization_has_length_one_or_none(shape: BodyShape, made: Discretiza
 
 def test_components_and_parts(shape: BodyShape, made: Discretization) -> None:
     """Parts that touch are one component, the part apart from them is another; bodies of one piece are one component and one part."""
-    component, part = shape.components(made.particles), shape.part_of(made.particles)
+    component = shape.components(made.particles)
+    part = shape.part_of(made.particles)
     several = not isinstance(shape, StraightBody)
     assert [len(np.unique(component)), len(np.unique(part))] == ([2, 3] if several else [1, 1])
     assert (shape.line is None) == several
@@ -123,7 +125,9 @@ def test_a_kind_must_answer_everything() -> None:
         Blob()  # type: ignore[abstract]
 
 
-L, B, T = 8e-3, 3e-3, 1e-3
+L = 8e-3
+B = 3e-3
+T = 1e-3
 
 
 def strip_scene(
@@ -142,9 +146,11 @@ def test_volume_centroid_and_second_moments_are_exact_anywhere() -> None:
     """Gauss points in full cells: all moments of degree 2 are exact to rounding, at any position of the strip."""
     base = np.array([3e-3, -2e-3, 7e-3])
     model = build(strip_scene(position=base.tolist(), cells=3))
-    p, v = model.particles.position - base, model.particles.volume
+    p = model.particles.position - base
+    v = model.particles.volume
     size = np.array([L, B, T])
-    center, second = np.array([L / 2, 0, 0]), size**2 / 12
+    center = np.array([L / 2, 0, 0])
+    second = size**2 / 12
     assert v.sum() == pytest.approx(size.prod(), rel=1e-13)
     np.testing.assert_allclose(v @ p / v.sum(), center, atol=1e-15)
     np.testing.assert_allclose(v @ (p - center) ** 2 / v.sum(), second, rtol=1e-12)
@@ -172,7 +178,8 @@ def test_gravity_across_a_plane_strain_strip_is_warned_of(
         gravity={"acceleration": [0.0, y, -1.0]}
     )
     assert [text for text in scene.warnings() if "gravity" in text] == [
-        "effects.gravity: the y component of its acceleration does nothing to a strip in plane strain"
+        "effects.gravity: the y component of its acceleration does nothing to a strip in plane"
+        " strain"
     ] * warned
 
 

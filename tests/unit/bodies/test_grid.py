@@ -23,7 +23,9 @@ inside = st.floats(0.0, 1.0)
 
 def test_same_splines_as_scipy() -> None:
     """Cell i carries nodes i, i + 1, i + 2 of the grid's B-splines, node i centered on cell i - 1."""
-    cells, h, origin = 5, 0.4, -1.0
+    cells = 5
+    h = 0.4
+    origin = -1.0
     grid = Grid(np.full(3, origin), np.full(3, h), (cells, cells, cells))
     xi = np.linspace(0.01, 0.99, 7)
     for cell in range(cells):
@@ -48,7 +50,8 @@ def test_clamp_holds_the_face_exactly() -> None:
 def test_clamp_holds_nothing_but_the_face(c: tuple[float, float], xi: float) -> None:
     """Every spline function with value 0 on the face (c_0 = -c_1) is still representable, with the same values and slopes."""
     free = np.array([-c[0], c[0], c[1]])
-    N, D = spline_weights(np.array(xi)), spline_slopes(np.array(xi))
+    N = spline_weights(np.array(xi))
+    D = spline_slopes(np.array(xi))
     clamped, clamped_slope = clamp_first_node(N, D)
     assert clamped @ [c[0], c[1], 7.0] == pytest.approx(N @ free, abs=1e-15)
     assert clamped_slope @ [c[0], c[1], 7.0] == pytest.approx(D @ free, abs=4e-15)
@@ -80,7 +83,8 @@ def grid(ends: list[float], knots: Knots = EVEN, across: int = 4) -> Grid:
 def by_scipy(made: Grid, repeated: list[float]) -> list[BSpline]:
     """The same splines from a knot vector: cells' faces, one more cell at each end, joints twice."""
     faces = made.faces
-    first, last = faces[1] - faces[0], faces[-1] - faces[-2]
+    first = faces[1] - faces[0]
+    last = faces[-1] - faces[-2]
     knots = [-2 * first, -first, *faces, faces[-1] + last, faces[-1] + 2 * last, *repeated]
     t = np.sort(knots)
     return [BSpline(t, np.eye(len(t) - 3)[k], 2) for k in range(len(t) - 3)]

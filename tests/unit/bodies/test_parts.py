@@ -119,7 +119,8 @@ def test_stl_text_and_binary_say_the_same(tmp_path: Path) -> None:
         lines += [f"vertex {x!r} {y!r} {z!r}" for x, y, z in corners.tolist()]
         lines += ["endloop", "endfacet"]
     (tmp_path / "t.stl").write_text("\n".join([*lines, "endsolid b"]))
-    binary, text = read_stl(tmp_path / "b.stl"), read_stl(tmp_path / "t.stl")
+    binary = read_stl(tmp_path / "b.stl")
+    text = read_stl(tmp_path / "t.stl")
     np.testing.assert_array_equal(binary.triangles, text.triangles)
     again = unpack_mesh(pack_mesh(text))
     np.testing.assert_array_equal(again.vertices, text.vertices)
@@ -140,7 +141,8 @@ def other_diagonals(solid: Mesh) -> Mesh:
     )
 
 
-BLOCK, SMALL = box((0, 0, 0), (4, 4, 4)), box((1, 1, 1), (3, 3, 3))
+BLOCK = box((0, 0, 0), (4, 4, 4))
+SMALL = box((1, 1, 1), (3, 3, 3))
 APART = box((6, 0, 0), (9, 3, 3))
 
 
@@ -219,7 +221,8 @@ def test_thickness_and_overlap() -> None:
     assert thickness_of(pack_mesh(turned(plate, (1, 1, 0), 0.5))) == pytest.approx(0.5)
     # A polyhedron within the ball: cos(pi/24)^2 of its diameter between opposite faces.
     assert thickness_of(pack_mesh(ball((0, 0, 0), 2.0))) == pytest.approx(4.0, rel=0.03)
-    one, sphere = pack_mesh(plate), pack_mesh(ball((0, 0, 0), 1))
+    one = pack_mesh(plate)
+    sphere = pack_mesh(ball((0, 0, 0), 1))
     assert list(overlaps([one, pack_mesh(box((10, 0, 0), (12, 6, 0.5)))])) == []
     ((_, _, shared, smaller),) = overlaps([one, pack_mesh(box((9, 0, 0), (12, 6, 0.5)))])
     assert (shared, smaller) == pytest.approx((3.0, 9.0), rel=1e-12)  # exact except for rounding
@@ -297,7 +300,8 @@ def test_a_box_of_parts_is_the_strip(axis: int) -> None:
         field=along((0.0, 2e-3, 4e-3)),
         spacing=0.5e-3,
     )
-    want, found = run(strip), run(parts)
+    want = run(strip)
+    found = run(parts)
     np.testing.assert_allclose(
         np.roll(found.segment_center[1:], -axis, axis=1), want.segment_center, atol=1e-9
     )
@@ -328,7 +332,8 @@ def test_a_wide_base_adds_no_unknowns_and_changes_nothing(root: float) -> None:
     small, large = (arranged(static_model(build(held_by(wide))))[0] for wide in (1.0, 3.0))
     assert large.layout.m <= small.layout.m + 9
     assert large.dof == small.dof
-    one, other = run(held_by(1.0)), run(held_by(3.0))
+    one = run(held_by(1.0))
+    other = run(held_by(3.0))
     np.testing.assert_allclose(other.segment_center[-1], one.segment_center[-1], atol=1e-10)
     held = other.particle_segment < len(other.segment_center) - 1
     np.testing.assert_array_equal(other.particle_position[held], other.particle_reference[held])
@@ -455,7 +460,10 @@ def test_every_solid_of_a_mesh_must_hang_on_something(
     data["field"]["over_time"] = {"ramp": {"duration": 0.1}} if "quasi_static" in solver else None
     with pytest.raises(
         InputError,
-        match=rf"meshes\[1\]: a piece of two, 160 of its 320 mm\^3, touches no part .* \({begin + 5:.3f}, ",
+        match=(
+            r"meshes\[1\]: a piece of two, 160 of its 320 mm\^3, touches no part .*"
+            rf" \({begin + 5:.3f}, "
+        ),
     ):
         run(Scene.from_si(data))
 

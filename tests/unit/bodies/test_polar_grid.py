@@ -30,8 +30,10 @@ def section(grid: PolarGrid, points: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("turn", [0.0, 0.37])
 def test_splines_hold_uniform_strain_of_a_section(turn: float) -> None:
     """1, y and z are sums of splines, with the coefficients that `section_nodes` tells."""
-    grid, rng = tube(turn=turn), np.random.default_rng(1)
-    angle, radius = rng.uniform(0, 2 * np.pi, 300), rng.uniform(1.5e-3, 2e-3, 300)
+    grid = tube(turn=turn)
+    rng = np.random.default_rng(1)
+    angle = rng.uniform(0, 2 * np.pi, 300)
+    radius = rng.uniform(1.5e-3, 2e-3, 300)
     points = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     splines = section(grid, points)
     nodes = grid.section_nodes(
@@ -49,7 +51,8 @@ def test_section_is_exact(inner: float, cells: int) -> None:
     p = tube_particles(
         grid, outer=2e-3, segment_ends=ENDS, cells_across=cells, particles_per_cell=2
     )
-    area, moment = np.pi * (2e-3**2 - inner**2), np.pi / 4 * (2e-3**4 - inner**4)
+    area = np.pi * (2e-3**2 - inner**2)
+    moment = np.pi / 4 * (2e-3**4 - inner**4)
     for segment, length in enumerate(np.diff(ENDS, prepend=0.0)):
         v, (y, z) = p.volume[p.segment == segment] / length, p.position[p.segment == segment, 1:].T
         assert v.sum() == pytest.approx(area, rel=1e-12)  # sums of hundreds of terms

@@ -26,7 +26,8 @@ def check_section(
 ) -> None:
     """Areas and moments of a ring on rectangles. dropped: the most area of slivers that the quadrature may leave out."""
     points, areas, home = bodies.section_points(low, high, outer, inner, count)
-    area, moment = np.pi * (outer**2 - inner**2), np.pi / 4 * (outer**4 - inner**4)
+    area = np.pi * (outer**2 - inner**2)
+    moment = np.pi / 4 * (outer**4 - inner**4)
     y, z = points.T
     assert areas.min() > 0
     slack = (
@@ -67,7 +68,8 @@ def test_section_is_exact_on_any_rectangles(
 ) -> None:
     """Unequal rectangles, off the center of the disc: the result does not depend on symmetry.
 
-    A cut less than 1e-9 of the largest rectangle is left out. On a scene's grid, whose cells are alike, there is none: the test above."""
+    A cut less than 1e-9 of the largest rectangle is left out. On a scene's grid, whose cells are alike, there is none: the test above.
+    """
     edges = [np.unique(np.round([-1.3, *cuts, 1.3], 3)) for cuts in (cuts_y, cuts_z)]
     low, high = rectangles(*edges)
     check_section(
@@ -79,8 +81,10 @@ def test_section_is_exact_on_any_rectangles(
 def test_disk_moments_against_a_fine_sum(corners: tuple[float, float, float, float]) -> None:
     """Each rectangle separately, against a midpoint sum over 1000 strips along y, exact in z."""
     a, b, c, d = np.round(corners, 3)
-    low, high = np.array([[min(a, b), min(c, d)]]), np.array([[max(a, b), max(c, d)]])
-    y, dy = np.linspace(low[0, 0], high[0, 0], 1001), (high[0, 0] - low[0, 0]) / 1000
+    low = np.array([[min(a, b), min(c, d)]])
+    high = np.array([[max(a, b), max(c, d)]])
+    y = np.linspace(low[0, 0], high[0, 0], 1001)
+    dy = (high[0, 0] - low[0, 0]) / 1000
     y = (y[1:] + y[:-1]) / 2
     half = np.sqrt(np.maximum(1 - y**2, 0))
     top = np.minimum(high[0, 1], half)
@@ -116,7 +120,8 @@ def test_volumes_and_centres_of_segments(
     """Segments of any length, whose ends cut cells: volume, centroid and axial second moment of each are exact."""
     lengths = np.array(shares) / np.sum(shares) * 20e-3
     ends = np.cumsum(lengths)
-    outer, inner = 2e-3, 2e-3 * ratio
+    outer = 2e-3
+    inner = 2e-3 * ratio
     grid = bodies.rod_grid(np.asarray(ends), 2 * outer, cells)
     p = bodies.rod_particles(
         grid, outer=outer, inner=inner, segment_ends=ends, particles_per_cell=count
@@ -125,7 +130,8 @@ def test_volumes_and_centres_of_segments(
     area = np.pi * (outer**2 - inner**2)
     for k, length in enumerate(lengths):
         mine = p.segment == k
-        x, v = p.position[mine, 0], p.volume[mine]
+        x = p.position[mine, 0]
+        v = p.volume[mine]
         assert np.all((x > ends[k] - length) & (x < ends[k]))
         assert v.sum() == pytest.approx(area * length, rel=EXACT)
         assert v @ x == pytest.approx(

@@ -15,7 +15,10 @@ from magmpm.compiled import cache as kernel_cache
 from magmpm.compiled import environment
 from magmpm.compiled.cache import kept_all
 
-MODULE = "from magmpm.compiled.cache import jit\n@jit()\ndef twice(x):\n    return 2 * x\n@jit()\ndef thrice(x):\n    return 3 * x\n"
+MODULE = (
+    "from magmpm.compiled.cache import jit\n@jit()\ndef twice(x):\n    return 2 * x\n@jit()\ndef"
+    " thrice(x):\n    return 3 * x\n"
+)
 LINKED = f"""import sys
 import numpy as np
 from magmpm.compiled.jit import compiled, kernel
@@ -75,7 +78,8 @@ def test_two_processes_that_save_at_once_keep_both(
     module: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Another signature is saved while the first is being written: each is found, and is the right one."""
-    other, dump = loaded(tmp_path), kernel_cache._SealedFiles._dump
+    other = loaded(tmp_path)
+    dump = kernel_cache._SealedFiles._dump
 
     def meanwhile(files: Any, content: Any) -> Any:
         monkeypatch.setattr(kernel_cache._SealedFiles, "_dump", dump)
@@ -103,7 +107,8 @@ def test_one_bit_is_noticed(
     assert sum(again.twice.stats.cache_misses.values()) == 1
     assert (
         capsys.readouterr().err
-        == f"magmpm: compiled kernels on disk: {path}: damaged; what belongs there is compiled anew\n"
+        == f"magmpm: compiled kernels on disk: {path}: damaged; what belongs there is compiled"
+        " anew\n"
     )
     assert kept_all()
     third = loaded(tmp_path)

@@ -101,9 +101,10 @@ def test_one_that_cannot_begin_says_why() -> None:
 
 def test_it_ends_with_its_caller_in_the_middle_of_a_job() -> None:
     script = (
-        "import os, signal, time, test_process\nfrom magmpm.compiled.process import Process\n"
-        "process = Process(test_process.begin, 1)\nprocess.ask()\nprocess.give('slow')\n"
-        "print(process.process.pid, flush=True)\ntime.sleep(0.5)\nos.kill(os.getpid(), signal.SIGKILL)\n"
+        "import os, signal, time, test_process\nfrom magmpm.compiled.process import"
+        " Process\nprocess = Process(test_process.begin,"
+        " 1)\nprocess.ask()\nprocess.give('slow')\nprint(process.process.pid,"
+        " flush=True)\ntime.sleep(0.5)\nos.kill(os.getpid(), signal.SIGKILL)\n"
     )
     env = {
         **os.environ,
@@ -145,7 +146,8 @@ several = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="there i
 @pytest.mark.parametrize("slow", [1, 2])
 def test_the_quicker_number_is_taken_and_the_other_tried_again(slow: int) -> None:
     """One number of threads takes far longer than the other."""
-    before, taken = numba.get_num_threads(), []
+    before = numba.get_num_threads()
+    taken = []
 
     def work() -> tuple[int, bool]:
         taken.append(numba.get_num_threads())

@@ -41,7 +41,9 @@ TURNING = {
     "uniform": [0.0, 2e-3, 20e-3],
     "over_time": {"rotation": {"axis": [0.0, 1.0, 0.0], "frequency": 200.0}},
 }
-FRAMES, STEPS_EACH = 6, 230  # checkpoints late in a motion too, after more than a thousand steps
+# checkpoints late in a motion too, after more than a thousand steps
+FRAMES = 6
+STEPS_EACH = 230
 
 
 class Interrupted(Exception):
@@ -143,7 +145,8 @@ SCENES: dict[str, Callable[[], Scene]] = {
     ],
 )
 def test_a_result_is_that_of_a_run_without_interruptions(name: str, tmp_path: Path) -> None:
-    scene, drawn = SCENES[name](), np.random.default_rng(26)
+    scene = SCENES[name]()
+    drawn = np.random.default_rng(26)
     whole = finished(scene, tmp_path / "whole")
     assert finished(scene, tmp_path / "whole") == whole, "a finished run, resumed"
     for moment in np.sort(drawn.uniform(0.0, 1.0, 3)):

@@ -24,7 +24,9 @@ from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
 from magmpm.simulate import run
 
-ROUNDING = 1e-9  # of the largest value: about ten steps, in which the load of another step would have an error of a tenth
+# of the largest value: about ten steps, in which the load of another step would have an error of a
+# tenth
+ROUNDING = 1e-9
 
 
 def ramped(duration: float) -> Scene:
@@ -95,7 +97,8 @@ def test_what_segments_do_to_each_other_follows_the_shape(
     moved = begin(model)
     interval(moved, 8 * moved.control.step)
     assert moved.steps == 8
-    found, other = by_hand(model, moved.dt, held), by_hand(model, moved.dt, 4)
+    found = by_hand(model, moved.dt, held)
+    other = by_hand(model, moved.dt, 4)
     size = np.abs(found).max()
     np.testing.assert_allclose(moved.motion.u.reshape(-1, 3), found, rtol=0, atol=ROUNDING * size)
     assert np.abs(other - found).max() > 1e2 * ROUNDING * size, "other loads would be seen"
@@ -105,8 +108,11 @@ class Spring:
     """A stand-in for a motion: a node of 1 kg, pulled toward the origin by a load on itself, -stiffness u N/m, in steps of leapfrog."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, stiffness: float, dt: float) -> None:
-        self.stiffness, self.dt, self.lag = stiffness, dt, dt / 2
-        self.u, self.table = np.array([1.0, 0.0, 0.0]), np.zeros(3)
+        self.stiffness = stiffness
+        self.dt = dt
+        self.lag = dt / 2
+        self.u = np.array([1.0, 0.0, 0.0])
+        self.table = np.zeros(3)
         self.v = 0.5 * dt * stiffness * self.u
         self.packed = SimpleNamespace(mass=SimpleNamespace(lumped=np.ones(1)))
         monkeypatch.setattr(acting, "refresh", self.refresh)
@@ -137,7 +143,9 @@ class Spring:
         return held, self.energy() / start - 1.0
 
 
-LEAPFROG = 2e-3  # of the energy: (omega dt)^2 / 8 of a period of 50 steps, by which the energy of leapfrog goes up and down
+# of the energy: (omega dt)^2 / 8 of a period of 50 steps, by which the energy of leapfrog goes up
+# and down
+LEAPFROG = 2e-3
 
 
 def test_loads_that_change_slowly_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,7 +165,8 @@ def test_loads_that_change_slowly_are_held(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_loads_of_a_vibration_are_computed_at_each_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """A thousand periods of 50 steps: held at will they add energy without end; what they may add is used up, and then none is held."""
-    stiffness, dt = 1.0, 2 * np.pi / 50
+    stiffness = 1.0
+    dt = 2 * np.pi / 50
     own = OwnLoads(None)  # type: ignore[arg-type]
     held, changed = Spring(monkeypatch, stiffness, dt).swing(own, 200)
     assert abs(changed) < own_loads.ADDED + LEAPFROG
@@ -193,10 +202,8 @@ def test_a_motion_with_interaction_resumes_to_the_bit(tmp_path: Path) -> None:
     data["solver"]["dynamic"].update(duration=2e-3, output_every=2.5e-4)
     scene = Scene.from_si(data)
     interrupted(scene, tmp_path, 0.8e-3)
-    again, whole = (
-        integrate(begin(build(scene)), folder=tmp_path, resume=True),
-        integrate(begin(build(scene))),
-    )
+    again = integrate(begin(build(scene)), folder=tmp_path, resume=True)
+    whole = integrate(begin(build(scene)))
     assert again.x.tobytes() == whole.x.tobytes()
     assert again.energies == whole.energies
     assert again.motion.own is not None
@@ -224,13 +231,16 @@ def test_a_motion_with_interaction_does_not_depend_on_the_time_step() -> None:
         data["solver"]["dynamic"].update(safety=safety, output_every=0.02)
         return Scene.from_si(data)
 
-    one, other = run(scene(0.8)), run(scene(0.4))
+    one = run(scene(0.8))
+    other = run(scene(0.4))
     moved = np.linalg.norm(one.tip - [12e-3, 0.0, 0.0])
     assert moved > 0.01
     assert np.linalg.norm(one.tip - other.tip) < 5e-3 * moved
 
 
-FIELD, RISE = np.array([0.0, 5e-3, 20e-3]), 2e-3  # T, s: twice as long as the motion
+# T, s: twice as long as the motion
+FIELD = np.array([0.0, 5e-3, 20e-3])
+RISE = 2e-3
 
 
 def scene() -> Scene:
@@ -243,8 +253,10 @@ def scene() -> Scene:
 
 def energies(model: Model, moved: SimulationState) -> dict[str, float]:
     """Elastic and magnetic energy, J: sum V (G/2 (J^(-2/3) I1 - 3) + K/2 (J - 1)^2), (J - 1)^2 by F-bar, and -sum V B . F Br / mu0."""
-    F, V = moved.F, model.particles.volume
-    J, I1 = np.linalg.det(F), np.einsum("nij,nij->n", F, F)
+    F = moved.F
+    V = model.particles.volume
+    J = np.linalg.det(F)
+    I1 = np.einsum("nij,nij->n", F, F)
     first = model.particles.cell_first
     moments = np.add.reduceat(model.modes * (V * (J - 1))[:, None], first[:-1], axis=0)
     volume = float(np.sum(model.bulk[first[:-1]] * (moments**2).sum(axis=1))) / 2
@@ -257,7 +269,8 @@ def energies(model: Model, moved: SimulationState) -> dict[str, float]:
 def test_stress_field_and_energies_are_those_of_the_moment(tmp_path: Path) -> None:
     """The stress of a frame includes the law and the field of that moment, not of the start, zero. A result's energy is potential."""
     model = build(scene())
-    moved, result = integrate(begin(model), folder=tmp_path), run(scene())
+    moved = integrate(begin(model), folder=tmp_path)
+    result = run(scene())
     assert moved.time == 1e-3
     B = FIELD * moved.time / RISE
     magnetic = -np.einsum("i,nj->nij", B, model.remanence) / MU0

@@ -97,7 +97,8 @@ def test_steps_in_between_are_single_equilibria_too() -> None:
 def test_a_straight_catheter_buckles_at_its_load() -> None:
     """Perfectly straight in a field against its magnetization: found, located, and followed to the bent branch.
 
-    Within 2 % here: with ten diameters of length, the clamp, which holds the section's shape, makes the body 1 % stiffer than a rod."""
+    Within 2 % here: with ten diameters of length, the clamp, which holds the section's shape, makes the body 1 % stiffer than a rod.
+    """
     field = {"uniform": [-8e-3, 0.0, 0.0], "over_time": {"ramp": {"duration": 1.0}}}
     path = scene({"steps": 5}, field=field, cells=2)
     result = run(path)
@@ -139,24 +140,25 @@ def strip(frames: list[dict[str, Any]], steps: int) -> Scene:
     return scene({"steps": steps}, field={"over_time": {"keyframes": frames}}, body={"strip": body})
 
 
-BX, BZ = (
-    2.8e-3,
-    0.6e-3,
-)  # T: 1.3 times the buckling load, and a transverse field that is enough to press the strip to the other side
+# T: 1.3 times the buckling load, and a transverse field that is enough to press the strip to the other side
+BX = 2.8e-3
+BZ = 0.6e-3
 
 
 @pytest.mark.slow
 def test_a_bent_strip_snaps_through() -> None:
     """Buckled to one side and pressed to the other by a transverse field, it snaps at a limit point; back at the opposite one.
 
-    The rod, followed from shape to shape, snaps at the same field within 3 % (clamp and grid of 3 cells)."""
+    The rod, followed from shape to shape, snaps at the same field within 3 % (clamp and grid of 3 cells).
+    """
     frames = [{"time": k, "uniform": [-BX, 0.0, BZ * (-1) ** k]} for k in range(3)]
     path = strip(frames, 20)
     result = run(path)
     down, up = result.jumps
     assert down["kind"] == up["kind"] == "limit point"
     assert down["moved"] > 0.5 * path.length
-    there, back = BZ * (1 - 2 * down["time"]), BZ * (2 * (up["time"] - 1) - 1)
+    there = BZ * (1 - 2 * down["time"])
+    back = BZ * (2 * (up["time"] - 1) - 1)
     assert there < 0 < back  # hysteresis
     assert back == pytest.approx(-there, rel=5e-3)  # symmetric
     assert there == pytest.approx(_rod_snaps(path), rel=0.03)
@@ -165,7 +167,8 @@ def test_a_bent_strip_snaps_through() -> None:
 @pytest.mark.slow
 def test_a_step_far_too_long_is_no_jump() -> None:
     """1 T across in one step, some 300 times what turns the body along the field: a step of a thousandth of it is still too long where the
-    body begins to bend, and was taken for the end of a branch. It ends where smaller steps end, without one."""
+    body begins to bend, and was taken for the end of a branch. It ends where smaller steps end, without one.
+    """
     ramp = {"uniform": [0.0, 8e-3, 1.0], "over_time": {"ramp": {"duration": 1.0}}}
     long, short = (
         run(scene({"steps": steps}, length=40e-3, field=ramp, cells=2)) for steps in (1, 40)
@@ -266,7 +269,8 @@ def test_a_fed_path_that_stops_between_two_equilibria_keeps_the_last(
 def test_the_particles_of_a_fed_part_move_as_its_own_do() -> None:
     """The whole catheter's particles show the same deformation as those of the part's own grid: the mean of det F, the farthest point."""
     path = fed(at=[0.0, 0.9])
-    whole, part = run(path), run(path.inserted(10.3e-3))
+    whole = run(path)
+    part = run(path.inserted(10.3e-3))
     free = whole.particle_reference[:, 0] > 20e-3 - 10.3e-3
     assert whole.particle_position[free, 2].max() == pytest.approx(
         part.particle_position[:, 2].max(), abs=0.05e-3
@@ -356,7 +360,8 @@ def test_a_round_rod_buckles_once_and_then_turns_freely() -> None:
     assert [jump["kind"] for jump in state.jumps] == ["bifurcation"]
     branch = state.branch
     assert branch is not None
-    lowest, free = branch.now.lowest, branch._near.definite.free(branch.energy_at(state.time))
+    lowest = branch.now.lowest
+    free = branch._near.definite.free(branch.energy_at(state.time))
     assert lowest is not None
     beyond = state.time / state.jumps[0]["time"] - 1.0
     # linear to first order in what is beyond, 3 %, and the lumped mass of one mode is not that of the other

@@ -50,15 +50,18 @@ def test_the_stiffness_is_an_upper_bound(ratio: float, rng: np.random.Generator)
     """An upper bound of the largest eigenvalue of dP/dF over the density; at rest 3 K + 6 G, where the eigenvalue is 3 K."""
     model = build(rod_scene(length=8e-3, bulk_to_shear=ratio))
     model = replace(model, modes=np.zeros((len(model.density), 0)))
-    n, G = len(model.density), model.shear[0]
-    K, rho = ratio * G, model.density[0]
+    n = len(model.density)
+    G = model.shear[0]
+    K = ratio * G
+    rho = model.density[0]
     rest = stiffness(model, np.tile(np.eye(3), (n, 1, 1)))
     np.testing.assert_allclose(rest, (3 * K + 6 * G) / rho, rtol=1e-12)
     F = np.eye(3) + 0.4 * rng.uniform(-1, 1, (n, 3, 3))
     F[np.linalg.det(F) <= 0.05] = np.eye(3)
     told = stiffness(model, F)
     for p, one in enumerate(F):
-        cof, A = np.empty((3, 3)), np.empty((9, 9))
+        cof = np.empty((3, 3))
+        A = np.empty((9, 9))
         materials.cofactor(one, cof)
         J = materials.determinant(one)
         materials.tangent(one, cof, J, G, materials.volume_pressure(J, K), K, A)
@@ -75,7 +78,8 @@ def test_going_back_gives_the_same_bits(rng: np.random.Generator) -> None:
     )
     strained(motion, rng)
     motion.advance(600, 1e-6, motion.model.effects)
-    kept, found = motion.kept(), []
+    kept = motion.kept()
+    found = []
     for _ in range(2):
         motion.advance(600, 1e-6, motion.model.effects)
         found.append([a.tobytes() for a in (*motion.particles(), motion.stiffness)])
@@ -163,7 +167,8 @@ def speed_of_waves(model: Model) -> float:
 
 def test_a_particle_faster_than_waves_is_told(model: Model) -> None:
     model = replace(model, scene=model.scene.with_field([0.0, 0.0, 0.0]))
-    x, v = model.particles.position, np.zeros_like(model.particles.position)
+    x = model.particles.position
+    v = np.zeros_like(model.particles.position)
     waves = speed_of_waves(model)
     v[7] = (
         0.99 * 2.0 * waves * np.array([0.6, 0.0, -0.8])
@@ -177,7 +182,9 @@ def test_a_particle_faster_than_waves_is_told(model: Model) -> None:
 
 def test_loads_may_drive_a_body_faster_than_waves(model: Model) -> None:
     """sqrt(2 WHIP g h) more under a weight g along a way h; sqrt(2 WHIP 4 M B / rho) in a field."""
-    waves, density, still = speed_of_waves(model), float(model.density[0]), model.scene.to_si()
+    waves = speed_of_waves(model)
+    density = float(model.density[0])
+    still = model.scene.to_si()
     heavy = Scene.from_si(
         {**still, "field": {}, "effects": {"gravity": {"acceleration": [0.0, 0.0, -1e4]}}}
     )
@@ -187,7 +194,8 @@ def test_loads_may_drive_a_body_faster_than_waves(model: Model) -> None:
     moment = float(np.linalg.norm(model.remanence[0, :3])) / MU0
     x = model.particles.position + np.array([0.0, 0.0, -3e-3])
     for scene, work in ((heavy, 1e4 * 3e-3), (turned, 4 * moment * 5e-3 / density)):
-        driven, v = np.sqrt(2 * WHIP * work), np.zeros_like(x)
+        driven = np.sqrt(2 * WHIP * work)
+        v = np.zeros_like(x)
         v[7, 1] = 2.0 * waves + 0.99 * driven
         assert watchdog.check(replace(model, scene=scene), x, v, 1.0) is None
         v[7, 1] = 2.0 * waves + 1.01 * driven
@@ -196,7 +204,8 @@ def test_loads_may_drive_a_body_faster_than_waves(model: Model) -> None:
 
 def test_a_particle_ten_sizes_away_is_told(model: Model) -> None:
     """The size is the diagonal of the box around the undeformed particles."""
-    x, v = model.particles.position.copy(), np.zeros_like(model.particles.position)
+    x = model.particles.position.copy()
+    v = np.zeros_like(model.particles.position)
     size = float(np.linalg.norm(np.ptp(x, axis=0)))
     x[3] += 9.9 * size * np.array([0.0, 0.6, 0.8])
     assert watchdog.check(model, x, v) is None
@@ -209,7 +218,8 @@ def test_a_particle_ten_sizes_away_is_told(model: Model) -> None:
 
 @pytest.mark.parametrize("which", ["x", "v"])
 def test_what_is_no_number_is_told(model: Model, which: str) -> None:
-    x, v = model.particles.position.copy(), np.zeros_like(model.particles.position)
+    x = model.particles.position.copy()
+    v = np.zeros_like(model.particles.position)
     (x if which == "x" else v)[5, 1] = np.nan
     trouble = watchdog.check(model, x, v)
     assert trouble.particle == 5
@@ -228,14 +238,18 @@ def test_energy_from_nothing_is_told_from_a_twentieth_of_what_moves() -> None:
 
     assert told((1.0, 0.0), (0.3, 0.7), (1.0, 0.049)) == [False, False, False]
     assert told((1.0, 0.0), (0.3, 0.7), (1.0, 0.06)) == [False, False, True]
-    assert told((1.0, 0.0), (0.2, 0.6), (0.849, 0.0), (0.86, 0.0)) == [False, False, False, True], (
-        "0.8 J is the least"
-    )
+    assert told((1.0, 0.0), (0.2, 0.6), (0.849, 0.0), (0.86, 0.0)) == [
+        False,
+        False,
+        False,
+        True,
+    ], "0.8 J is the least"
     assert told((1.0, 0.0), (np.nan, 0.0)) == [False, True]
 
 
 def test_a_body_that_was_turned_inside_out_is_told_where(model: Model) -> None:
-    x, F = model.particles.position, np.tile(np.eye(3), (len(model.density), 1, 1))
+    x = model.particles.position
+    F = np.tile(np.eye(3), (len(model.density), 1, 1))
     F[11] = np.diag([1.0, 1.0, -0.1])
     trouble = watchdog.broken(model, x, 0 * x, F)
     assert trouble.particle == 11

@@ -93,11 +93,9 @@ def test_without_effects_the_code_is_that_of_a_loop_that_never_heard_of_them() -
         np.ones(3),
         np.ones((9, 9)),
     )
-    bare, plain, heavy = (
-        fresh(with_hooks, (), *given),
-        fresh(without_hooks, (), *given),
-        fresh(with_hooks, WEIGHT, *given),
-    )
+    bare = fresh(with_hooks, (), *given)
+    plain = fresh(without_hooks, (), *given)
+    heavy = fresh(with_hooks, WEIGHT, *given)
     assert opcodes(bare) == opcodes(plain)
     assert opcodes(heavy)["fmul"] > opcodes(bare)["fmul"]
     assert "NRT" not in bare  # Numba's functions that allocate
@@ -175,12 +173,11 @@ def compiled_code(function: Any, given: tuple[Any, ...]) -> str:
     return str(next(iter(found.inspect_llvm().values())))
 
 
-B, BR, G_EARTH = (
-    np.array([2e-3, -3e-3, 5e-3]),
-    np.array([0.1, 0.05, -0.08]),
-    np.array([0.3, 0.2, -9.81]),
-)
-RHO, U = 1882.0, np.array([1e-3, 2e-3, -3e-3])
+B = np.array([2e-3, -3e-3, 5e-3])
+BR = np.array([0.1, 0.05, -0.08])
+G_EARTH = np.array([0.3, 0.2, -9.81])
+RHO = 1882.0
+U = np.array([1e-3, 2e-3, -3e-3])
 
 
 @numba.njit
@@ -225,7 +222,8 @@ def test_zero_strength_is_bitwise_the_effect_absent(absent: str) -> None:
     """An effect at zero strength beside another at full: the whole run gives the same bits as without it."""
     zero = rod_scene(length=12e-3, **STRENGTHLESS[absent])
     key = {"field": "magnetic_torque", "gravity": "gravity"}[absent]
-    a, b = run(zero), run(zero.with_effects(**{key: None}))
+    a = run(zero)
+    b = run(zero.with_effects(**{key: None}))
     assert np.abs(a.particle_position - a.particle_reference).max() > 1e-5, (
         "the other effect moves the body"
     )

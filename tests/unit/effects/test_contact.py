@@ -24,7 +24,9 @@ from magmpm.inputs.settings import validate
 from magmpm.model import build
 from magmpm.scene import Scene, load_scene
 
-STIFFNESS, MASS = 1e9, 2e-9  # 1/s^2, kg
+# 1/s^2, kg
+STIFFNESS = 1e9
+MASS = 2e-9
 
 
 def test_a_straight_tube(rng: np.random.Generator) -> None:
@@ -32,7 +34,8 @@ def test_a_straight_tube(rng: np.random.Generator) -> None:
     radius = 5e-3
     path = curve(np.array([[-5e-3, 0, 0], [20e-3, 0, 0]]), 1e-4)
     table = distance.tube(path, radius, radius / 6)
-    angle, r = 2 * np.pi * rng.random(500), radius * rng.uniform(0.8, 1.2, 500)
+    angle = 2 * np.pi * rng.random(500)
+    r = radius * rng.uniform(0.8, 1.2, 500)
     x = np.column_stack([rng.uniform(-5e-3, 20e-3, 500), r * np.cos(angle), r * np.sin(angle)])
     d, slope = table.at(x)
     np.testing.assert_allclose(d, radius - r, rtol=0, atol=0.02 * (radius / 6) ** 2 / radius)
@@ -56,7 +59,8 @@ def test_a_bent_tube_goes_on_straight(rng: np.random.Generator) -> None:
 
 def test_inside_of_a_closed_surface(rng: np.random.Generator) -> None:
     """A box: exact beside its faces; its edges rounded off by at most 0.2 of the table's spacing; the sign right everywhere."""
-    size, spacing = np.array([20e-3, 10e-3, 8e-3]), 0.5e-3
+    size = np.array([20e-3, 10e-3, 8e-3])
+    spacing = 0.5e-3
     solid = box((0, 0, 0), tuple(size.tolist()))
     table = distance.solid([solid.triangles], solid.triangles, spacing, 0.0)
     x = rng.uniform(-0.1, 1.1, (2000, 3)) * size
@@ -197,7 +201,8 @@ def test_where_a_body_begins_inside_is_said(obstacle: dict[str, Any], inside: st
             )
         )
     found = re.search(
-        rf"inside {inside}, deepest with segment 3 \(body.catheter.segments\[2\]\), at \(([^)]*)\) mm",
+        rf"inside {inside}, deepest with segment 3 \(body.catheter.segments\[2\]\), at"
+        r" \(([^)]*)\) mm",
         str(caught.value),
     )
     assert found is not None, str(caught.value)
@@ -217,7 +222,9 @@ def test_a_body_may_begin_just_touching_its_tube() -> None:
     build(scene(walls=tube("-1 mm")))
     with pytest.raises(
         InputError,
-        match=r"effects.walls: the body begins 0\.\d+ mm inside.*\n.*\n.*remedy: make the lumen wider",
+        match=(
+            r"effects.walls: the body begins 0\.\d+ mm inside.*\n.*\n.*remedy: make the lumen wider"
+        ),
     ):
         build(scene(walls=tube("1.4 mm")))
 
@@ -254,7 +261,8 @@ def test_gap_of_two_folds(rng: np.random.Generator) -> None:
 
 
 ROOT = Path(__file__).parents[3]
-L, D = 40e-3, 4e-3
+L = 40e-3
+D = 4e-3
 CATHETER = {"catheter": {"length": L, "diameter": D, "material": "m", "segments": [{}]}}
 REACH = STRETCHED * float(np.sqrt(L**2 + 2 * D**2))  # of the diagonal of the box
 
@@ -303,7 +311,10 @@ def test_what_a_held_body_can_not_reach_is_warned_of(
 
 def test_a_tube_that_begins_far_before_the_body_is_refused_as_a_far_vessel_is() -> None:
     """480 mm before the tip; within reach, or with a feed that brings the body there, it is accepted."""
-    says = r"before an open end of its tube; the lumen's wall does nothing: it is 4\d\d mm beyond.*\n.*rule.*\n.*remedy"
+    says = (
+        r"before an open end of its tube; the lumen's wall does nothing: it is 4\d\d mm"
+        r" beyond.*\n.*rule.*\n.*remedy"
+    )
     with pytest.raises(InputError, match=says):
         build(placed({"walls": pipe(0.52, 0.6)}))
     build(placed({"walls": pipe(50e-3, 80e-3)}))
@@ -318,7 +329,8 @@ def test_a_tube_that_begins_far_before_the_body_is_refused_as_a_far_vessel_is() 
 def test_a_free_body_may_go_as_far_as_a_motion_lets_it() -> None:
     """Ten times its size: beyond that, the watchdog ends the motion before it reaches the ground."""
     size = float(np.sqrt(L**2 + 2 * D**2))
-    near, far = FAR * size, (FAR + 1) * size
+    near = FAR * size
+    far = (FAR + 1) * size
     assert effects.warnings(placed({"ground": plane(near), "gravity": {}}, clamp="none")) == []
     (said,) = effects.warnings(placed({"ground": plane(far), "gravity": {}}, clamp="none"))
     assert "10 times its size, where a motion is stopped" in said
@@ -343,6 +355,9 @@ def test_the_scenes_that_come_along_reach_what_they_name(path: Path) -> None:
 def test_a_lumen_in_another_unit_is_refused() -> None:
     """A vessel in millimeters read as meters reaches to kilometers."""
     solid = box((-5e3, -5e3, -5e3), (5e3, 5e3, 5e3))
-    says = r"walls.surface.mesh.*\n  rule: coordinates must be at most 10 m, .* 5e\+03 m\n.*check the unit \(m\)"
+    says = (
+        r"walls.surface.mesh.*\n  rule: coordinates must be at most 10 m, .* 5e\+03 m\n.*check the"
+        r" unit \(m\)"
+    )
     with pytest.raises(InputError, match=says):
         placed({"walls": {"surface": {"mesh": pack_mesh(solid), "unit": "m"}}})

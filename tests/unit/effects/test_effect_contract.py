@@ -63,18 +63,18 @@ def test_it_acts(key: str) -> None:
         total = Total.of(
             replace(
                 one.model,
-                effects=one.all
-                if there
-                else effects.collect(one.model.scene.with_effects(**{key: None})),
+                effects=(
+                    one.all
+                    if there
+                    else effects.collect(one.model.scene.with_effects(**{key: None}))
+                ),
             )
         )
         L = np.array(
             [[0.0, 1.0, -2.0], [3.0, 0.0, 1.0], [2.0, 1.0, -1.0]]
         )  # 1/s: a motion with viscous stress
-        c, v = (
-            np.zeros((len(total.X), 3)),
-            np.where(total.mass[:, None] > 0, 1e-3 + total.X @ L.T, 0.0),
-        )
+        c = np.zeros((len(total.X), 3))
+        v = np.where(total.mass[:, None] > 0, 1e-3 + total.X @ L.T, 0.0)
         for _ in range(2):
             c, v = total.step(c, v, DT)
         assert np.isfinite(c).all()
@@ -181,10 +181,12 @@ def test_derivatives_belong_to_the_energy(key: str, rng: np.random.Generator) ->
     curved = hook(one.own, "tangent") is not None or hook(one.own, "softening") is not None
     for _ in range(4):
         at = Point(one, rng)
-        dx, dF = 1e-3 * rng.standard_normal(3), 0.1 * rng.standard_normal((3, 3))
+        dx = 1e-3 * rng.standard_normal(3)
+        dF = 0.1 * rng.standard_normal((3, 3))
         W, P, f, A, H, M = derivatives(one.all, at, at.x, at.F)
         d = dF.ravel()
-        slope, curve = P @ d - f @ dx, d @ A @ d + dx @ H @ dx + 2 * dx @ M @ d
+        slope = P @ d - f @ dx
+        curve = d @ A @ d + dx @ H @ dx + 2 * dx @ M @ d
         moved = [derivatives(one.all, at, at.x + t * dx, at.F + t * dF) for t in STEPS]
         t = STEPS[:, None]
         change = np.array([there[0] - W for there in moved])[:, None]
@@ -208,15 +210,15 @@ def test_what_depends_on_the_whole_body_belongs_to_its_shared_energy(
 ) -> None:
     """With tables computed for every shape: dE = sum V (P : dF - f . dx), at order 2; the energy of the hooks uses the current loads."""
     model = acting(key).model
-    x, F = (
-        model.particles.position,
-        np.eye(3) + 0.05 * rng.standard_normal((len(model.density), 3, 3)),
-    )
-    dx, dF = 1e-3 * rng.standard_normal(x.shape), 0.3 * rng.standard_normal(F.shape)
+    x = model.particles.position
+    F = np.eye(3) + 0.05 * rng.standard_normal((len(model.density), 3, 3))
+    dx = 1e-3 * rng.standard_normal(x.shape)
+    dF = 0.3 * rng.standard_normal(F.shape)
     effects.refresh(model.effects, model, x, F)
     slope = 0.0
     for p, volume in enumerate(model.particles.volume):
-        P, f = np.zeros((3, 3)), np.zeros(3)
+        P = np.zeros((3, 3))
+        f = np.zeros(3)
         hook(model.effects, "stress")(model.remanence[p], model.density[p], x[p], F[p], P)
         hook(model.effects, "force")(model.remanence[p], model.density[p], x[p], F[p], f)
         slope += volume * float(np.sum(P * dF[p]) - f @ dx[p])
@@ -234,7 +236,8 @@ def test_hooks_add_to_what_is_there(key: str, rng: np.random.Generator) -> None:
     for name, sizes in OUTPUTS.items():
         function = hook(one.own, name)
         if function is not None:
-            empty, full = [np.zeros(s) for s in sizes], [np.ones(s) for s in sizes]
+            empty = [np.zeros(s) for s in sizes]
+            full = [np.ones(s) for s in sizes]
             function(at.magnet, at.rho, at.x, at.F, *empty)
             function(at.magnet, at.rho, at.x, at.F, *full)
             for a, b in zip(empty, full, strict=True):

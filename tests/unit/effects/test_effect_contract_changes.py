@@ -41,7 +41,8 @@ def _changes(named, magnet, rho, dmagnet, drho, x, F, P, f):  # type: ignore[no-
 
 def load(named: Any, at: Point, magnet: np.ndarray, rho: float) -> np.ndarray:
     """Stress and force of all effects, (12,)."""
-    P, f = np.zeros((3, 3)), np.zeros(3)
+    P = np.zeros((3, 3))
+    f = np.zeros(3)
     if named:
         _loads(named, magnet, rho, at.x, at.F, P, f)
     return np.concatenate([P.ravel(), f])
@@ -49,7 +50,8 @@ def load(named: Any, at: Point, magnet: np.ndarray, rho: float) -> np.ndarray:
 
 def change(named: Any, at: Point, dmagnet: np.ndarray, drho: float) -> np.ndarray:
     """Their change with remanence and density, (12,)."""
-    P, f = np.zeros((3, 3)), np.zeros(3)
+    P = np.zeros((3, 3))
+    f = np.zeros(3)
     _changes(named, at.magnet, at.rho, dmagnet, drho, at.x, at.F, P, f)
     return np.concatenate([P.ravel(), f])
 
@@ -81,10 +83,12 @@ def test_change_with_remanence_and_density(key: str, rng: np.random.Generator) -
 @pytest.mark.parametrize("key", STATIC)
 def test_change_with_the_field(key: str, rng: np.random.Generator) -> None:
     one = acting(key)
-    at, scene = Point(one, rng), one.model.scene
+    at = Point(one, rng)
+    scene = one.model.scene
     slopes = one.effect.field_changes(scene)
     was = load(one.effect.records(scene), at, at.magnet, at.rho)
-    uniform, moves = np.array(scene.field.uniform), 0
+    uniform = np.array(scene.field.uniform)
+    moves = 0
     for component, slope in enumerate(slopes):
         e = 1e-2 * np.eye(3)[component]  # T
         moved = [
@@ -104,10 +108,8 @@ def test_tables_change_with_the_body(key: str, rng: np.random.Generator) -> None
     """The table's change with remanence, place and deformation; and the loads are linear in the table."""
     one = acting(key)
     model, (record, data) = one.model, one.own
-    x, F = (
-        model.particles.position,
-        np.eye(3) + 0.05 * rng.standard_normal((len(model.density), 3, 3)),
-    )
+    x = model.particles.position
+    F = np.eye(3) + 0.05 * rng.standard_normal((len(model.density), 3, 3))
     by = BodyChange(
         0.05 * rng.standard_normal((len(x), 3)),
         1e-3 * rng.standard_normal(x.shape),
@@ -125,7 +127,7 @@ def test_tables_change_with_the_body(key: str, rng: np.random.Generator) -> None
         )
         return out
 
-    (_, slope) = effects.refresh_change((record, data), model, x, F, by)
+    _, slope = effects.refresh_change((record, data), model, x, F, by)
     for rows in (slice(0, 3), slice(3, 6)):  # fields and forces have units of their own
         pick = lambda values, rows=rows: values.reshape(-1, 6)[:, rows]  # noqa: E731
         assert np.abs(pick(slope)).max() > 0
@@ -161,7 +163,8 @@ def stress_change(effect, data, magnet, rho, dmagnet, drho, x, F, P):  # type: i
 @pytest.mark.usefixtures("own_registry")
 def test_an_effect_that_is_not_linear_supplies_its_change(rng: np.random.Generator) -> None:
     """Stress with the cube of the remanence: the contract refuses it without `stress_change`, and takes it with that hook."""
-    named, at = (np.array([(2e3,)], DTYPE), hooks.NO_DATA), Point(acting("gravity"), rng)
+    named = (np.array([(2e3,)], DTYPE), hooks.NO_DATA)
+    at = Point(acting("gravity"), rng)
     dmagnet, _ = moving(at)
 
     def judge(own: Any) -> None:

@@ -1,7 +1,8 @@
 """The laws of effects in motion, each in a scene in which it acts: see test_effect_contract.py.
 
 Viscous stress is objective, exerts no torque and dissipates; contact is conservative except for friction, which only brakes, and `near`
-finds where it acts; damping only brakes; zero resistance is no effect; and a motion is stable at the step that the effect allows."""
+finds where it acts; damping only brakes; zero resistance is no effect; and a motion is stable at the step that the effect allows.
+"""
 
 import math
 from dataclasses import replace
@@ -21,7 +22,10 @@ from magmpm.effects.base import Effect, Touching
 from magmpm.effects.contact_force import PARTS, hold
 from magmpm.effects.contact_law import at_rest, contact_of
 
-MASS, DT, REST = 2e-9, 1e-6, np.zeros(3)  # kg, s, m/s
+# kg, s, m/s
+MASS = 2e-9
+DT = 1e-6
+REST = np.zeros(3)
 SPEED = 0.1  # m/s
 
 
@@ -38,12 +42,11 @@ def test_viscous_stress(key: str, rng: np.random.Generator) -> None:
 
     for _ in range(5):
         F = Point(one, rng).F
-        dF, Q, w = (
-            rng.standard_normal((3, 3)),
-            special_ortho_group.rvs(3, random_state=rng),
-            rng.standard_normal((3, 3)),
-        )
-        W, P = w - w.T, stress(F, dF)
+        dF = rng.standard_normal((3, 3))
+        Q = special_ortho_group.rvs(3, random_state=rng)
+        w = rng.standard_normal((3, 3))
+        W = w - w.T
+        P = stress(F, dF)
         scale = np.abs(P).max()
         np.testing.assert_allclose(
             stress(Q @ F, Q @ dF + W @ Q @ F), Q @ P, rtol=0, atol=1e-12 * scale
@@ -70,14 +73,16 @@ def test_drag_only_brakes(key: str, rng: np.random.Generator) -> None:
     """It removes energy at every place, and exerts no force on a particle at rest."""
     function = hook(acting(key).own, "contact")
     for _ in range(5):
-        x, v = Point(acting(key), rng).x, rng.standard_normal(3)
+        x = Point(acting(key), rng).x
+        v = rng.standard_normal(3)
         assert pushed(function, x, v)[:3] @ v < 0
         assert not pushed(function, x).any()
 
 
 def touching(key: str, rng: np.random.Generator) -> np.ndarray:
     """Places (20, 3) m, within half a millimeter of points of the surface, where the effect pushes what is at rest."""
-    function, place = hook(acting(key).own, "contact"), acting(key).model.surface.place
+    function = hook(acting(key).own, "contact")
+    place = acting(key).model.surface.place
     places: list[np.ndarray] = []
     while len(places) < 20:
         found = [
@@ -93,7 +98,9 @@ def test_contact_is_conservative_without_friction(key: str, rng: np.random.Gener
     """On a particle at rest the force has a potential: its Jacobian is symmetric. It grows with the depth: the Jacobian is negative."""
     function = hook(acting(key).own, "contact")
     for x in touching(key, rng):
-        step = 1e-8  # of a depth of about 1 mm, so that differences have 7 digits, and away from kinks of a table
+        # of a depth of about 1 mm, so that differences have 7 digits, and away from kinks of a
+        # table
+        step = 1e-8
         J = np.stack(
             [
                 (pushed(function, x + step * e)[:3] - pushed(function, x - step * e)[:3])
@@ -113,10 +120,12 @@ def test_at_rest_contact_has_the_energy_of_its_push(key: str, rng: np.random.Gen
     """Without friction: the force of `touch` is that of `contact` on what stays in place, minus the slope of its energy; H is its own."""
     slippery = scene(key, {"friction": 0.0})
     found = slippery.effects.named()[key].records(slippery)
-    push, touch = hook(found, "contact"), hook(found, "touch")
+    push = hook(found, "contact")
+    touch = hook(found, "touch")
 
     def at(x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        f, H = np.zeros(3), np.zeros((3, 3))
+        f = np.zeros(3)
+        H = np.zeros((3, 3))
         return touch(x, MASS, f, H), f, H
 
     for x in touching(key, rng):
@@ -135,7 +144,8 @@ def test_friction_pulls_toward_the_anchor_by_at_most_the_grip(
 ) -> None:
     """Friction is perpendicular to the normal, opposes the way from the anchor, and is at most friction times the push, which it reaches.
 
-    The next anchor is where the same spring would pull with the same force: a second look at the same place changes nothing."""
+    The next anchor is where the same spring would pull with the same force: a second look at the same place changes nothing.
+    """
     for friction in (0.0, 0.2, 10.0):
         rough = scene(key, {"friction": friction})
         function = hook(rough.effects.named()[key].records(rough), "contact")
@@ -144,9 +154,11 @@ def test_friction_pulls_toward_the_anchor_by_at_most_the_grip(
             remembered = np.array([*(x + 1e-4 * rng.standard_normal(3)), 1.0, 0.0, 0.0, 0.0, 0.0])
             v = SPEED * rng.standard_normal(3)
             f = pushed(function, x, v)
-            away, alone = x - remembered[:3], f.copy()
+            away = x - remembered[:3]
+            alone = f.copy()
             hold(x, v, 1e-6, remembered, f, DT)
-            drag, push = f[:3] - alone[:3], np.linalg.norm(alone[:3])
+            drag = f[:3] - alone[:3]
+            push = np.linalg.norm(alone[:3])
             assert drag @ away <= 0
             assert abs(drag @ alone[:3]) <= 1e-12 * push**2 * max(1.0, friction)
             assert np.linalg.norm(drag) <= friction * push * (1 + 1e-12)
@@ -166,7 +178,8 @@ def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> 
     found = acting(key).own
     function = hook(found, "contact")
     x = np.concatenate([touching(key, rng), np.full((5, 3), 4.0)])  # and five that are far away
-    v, mass = SPEED * rng.standard_normal(x.shape), MASS * (1 + rng.random(len(x)))
+    v = SPEED * rng.standard_normal(x.shape)
+    mass = MASS * (1 + rng.random(len(x)))
     before = np.column_stack(
         [
             x + 1e-5 * rng.standard_normal(x.shape),
@@ -189,8 +202,10 @@ def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> 
 @pytest.mark.parametrize("key", having("near"))
 def test_near_is_above_zero_wherever_contact_pushes(key: str, rng: np.random.Generator) -> None:
     """Otherwise a kernel would skip the contact force. It must not be positive everywhere, or it would be useless."""
-    own, model = acting(key).own, acting(key).model
-    near, contact = hook(own, "near"), hook(own, "contact")
+    own = acting(key).own
+    model = acting(key).model
+    near = hook(own, "near")
+    contact = hook(own, "contact")
     assert contact, "near tells where contact acts"
     places = np.concatenate(
         [touching(key, rng), model.surface.place, 6e-3 * rng.uniform(-1, 1, (2000, 3))]
@@ -207,7 +222,8 @@ def test_nothing_touches_within_the_distance_that_near_tells(
     key: str, rng: np.random.Generator
 ) -> None:
     """Kernels do not look again before a point has moved that far. A tenth of the table's spacing is its error."""
-    near, checked = hook(acting(key).own, "near"), 0
+    near = hook(acting(key).own, "near")
+    checked = 0
     for x, way in zip(
         3e-3 * rng.uniform(-1, 1, (3000, 3)), rng.standard_normal((3000, 3)), strict=True
     ):
@@ -224,7 +240,8 @@ def test_nothing_touches_within_the_distance_that_near_tells(
 def test_damping_only_brakes(key: str, rng: np.random.Generator) -> None:
     """It removes energy, along the velocity, and none in zero time."""
     function = hook(acting(key).own, "node")
-    X, v = np.zeros(3), rng.standard_normal(3)
+    X = np.zeros(3)
+    v = rng.standard_normal(3)
     slower = v.copy()
     function(X, np.zeros(3), slower, True, 1e-3)
     assert 0 < np.linalg.norm(slower) < np.linalg.norm(v)
@@ -257,7 +274,8 @@ def test_the_step_of_contact_is_that_of_its_stiffness(key: str, rng: np.random.G
     """0.7 of 2 (sqrt(1 + z^2) - z) / w, with w^2 the largest eigenvalue of the force's Jacobian over the mass, 2 z w that by velocity."""
     own = acting(key).own
     function = hook(own, "contact")
-    stiffest, damped = 0.0, 0.0
+    stiffest = 0.0
+    damped = 0.0
     for x in touching(key, rng):
         small = 1e-8 * np.eye(3)
         J = (
@@ -276,17 +294,22 @@ def growth(one: Acting, dt: float) -> float:
     """Spectral radius of a step of the reference about the undeformed body: the growth of a small motion."""
     total = Total.of(replace(one.model, effects=one.all))
     on = np.flatnonzero(np.repeat((total.mass > 0) & ~total.fixed, 3))
-    n, m = 3 * len(total.X), len(on)
+    n = 3 * len(total.X)
+    m = len(on)
 
     def step(c: np.ndarray, v: np.ndarray) -> np.ndarray:
         total.anchor[:] = 0.0
         after = total.step(c.reshape(-1, 3), v.reshape(-1, 3), dt)
         return np.concatenate([after[0].ravel()[on], after[1].ravel()[on] * dt])
 
-    rest, size = np.zeros(n), 1e-9  # m: far less than the depth of contact
-    start, columns = step(rest, rest), []
+    # m: far less than the depth of contact
+    rest = np.zeros(n)
+    size = 1e-9
+    start = step(rest, rest)
+    columns = []
     for k in range(2 * m):
-        c, v = np.zeros(n), np.zeros(n)
+        c = np.zeros(n)
+        v = np.zeros(n)
         (c if k < m else v)[on[k % m]] = size if k < m else size / dt
         columns.append((step(c, v) - start) / size)
     return float(np.abs(np.linalg.eigvals(np.array(columns))).max())
@@ -314,7 +337,9 @@ def test_the_step_of_viscous_stress_is_that_of_its_fastest_decay(key: str) -> No
     """A single particle on its nodes, anywhere in its cell, decays at rates up to r: r dt stays far below 2, together with the elastic
     stress below 0.9 (its file says why), and is not less than a quarter of that."""
     one = acting(key)
-    function, rho, h = hook(one.own, "rate_stress"), one.model.density[0], one.model.grid.spacing
+    function = hook(one.own, "rate_stress")
+    rho = one.model.density[0]
+    h = one.model.grid.spacing
     viscous = np.zeros((9, 9))
     for k in range(9):
         P = np.zeros((3, 3))
@@ -328,7 +353,8 @@ def test_the_step_of_viscous_stress_is_that_of_its_fastest_decay(key: str) -> No
         0.5,
     ):  # of the cell; a node with a small share in the particle moves most easily
         xi = np.full((1, 3), place)
-        N, slope = spline_weights(xi)[0], spline_slopes(xi)[0] / h[:, None]
+        N = spline_weights(xi)[0]
+        slope = spline_slopes(xi)[0] / h[:, None]
         a, b, c = np.indices((3, 3, 3)).reshape(3, -1)
         gradient = np.stack(
             [

@@ -28,7 +28,9 @@ from magmpm.statics.energy import Energy
 from magmpm.statics.layout import StaticModel, static_model
 
 ROOT = Path(__file__).resolve().parents[3]
-RATE, DT = 5.0, 1e-3  # 1/s, s: so slow that only the drag acts on a body without stiffness
+# 1/s, s: so slow that only the drag acts on a body without stiffness
+RATE = 5.0
+DT = 1e-3
 
 
 pytestmark = pytest.mark.usefixtures("own_registry")
@@ -73,7 +75,7 @@ def dragged(rate: str) -> Scene:
 
 def test_the_line_names_it(drag: ModuleType) -> None:
     """Found by its key, with a unit; refused with a wrong unit; left out at zero strength; called in its phase."""
-    (record, data) = named({"drag": {"rate": "5 1/s"}})
+    record, data = named({"drag": {"rate": "5 1/s"}})
     assert record["drag_rate"] == RATE
     assert not len(data)
     assert named({"drag": {"rate": "0 1/s"}}) == ()
@@ -104,14 +106,16 @@ def test_the_file_brakes_in_a_compiled_kernel(
 ) -> None:
     """Three steps of the solver's kernel, compiled with the example, equal those of the plain reference.
 
-    Compiled kernels are cached on disk by the field names of their effects: a name that changes with the text avoids outdated ones."""
+    Compiled kernels are cached on disk by the field names of their effects: a name that changes with the text avoids outdated ones.
+    """
     file, line = example()
     stamp = hashlib.sha256(file.encode()).hexdigest()[:8]
     joined(file.replace("drag_rate", f"drag_rate_{stamp}"), line, tmp_path, monkeypatch)
     model = build(dragged("500 1/s"))
     found = {}
     for loads in (model.effects, ()):
-        total, motion = Total.of(replace(model, effects=loads)), TotalMotion(model)
+        total = Total.of(replace(model, effects=loads))
+        motion = TotalMotion(model)
         c, v = np.zeros((2, *total.X.shape))
         on = motion.packed.nodes.inverse_mass.reshape(-1, 3).all(axis=1)
         v[on] = np.random.default_rng(5).standard_normal((on.sum(), 3))

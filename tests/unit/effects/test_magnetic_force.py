@@ -23,7 +23,8 @@ from magmpm.simulate import run
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import static_model
 
-BR, RHO = np.array([0.1, 0.05, -0.08]), 1882.0
+BR = np.array([0.1, 0.05, -0.08])
+RHO = 1882.0
 F0 = np.array([[1.1, 0.2, -0.3], [0.1, 0.8, 0.4], [-0.2, 0.3, 1.2]])
 X0 = np.array([4e-3, 1e-3, -1e-3])
 NEAR = {"position": (16e-3, 2e-3, 4e-3), "moment": (0.3, 0.2, -0.4)}
@@ -43,7 +44,10 @@ SCENE = scene_in({"uniform": (1e-3, 0, 2e-3), "dipole": NEAR}, *BOTH)
 
 def parts(named: Sequence[np.ndarray], x: np.ndarray, F: np.ndarray) -> tuple[Any, ...]:
     """W, P, f, H, M of both effects together."""
-    P, f, H, M = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 9))
+    P = np.zeros((3, 3))
+    f = np.zeros(3)
+    H = np.zeros((3, 3))
+    M = np.zeros((3, 9))
     W = 0.0
     for record, data in hooks.pairs(named):
         for hook, out in (("stress", (P,)), ("force", (f,)), ("softening", (H, M))):
@@ -59,7 +63,8 @@ def test_hooks_are_what_the_formulas_say() -> None:
     """W = -(1/mu0) B . F Br, P = -(1/mu0) B (x) Br, f = (1/mu0) (grad B)^T F Br with B and grad B at the particle."""
     W, P, f, _, M = parts(effects.collect(SCENE), X0, F0)
     source = SCENE.outside_field()
-    B, G = source.at(X0)[0], source.gradient(X0)[0]
+    B = source.at(X0)[0]
+    G = source.gradient(X0)[0]
     assert pytest.approx(-B @ F0 @ BR / MU0, rel=1e-12) == W
     np.testing.assert_allclose(P, -np.outer(B, BR) / MU0, rtol=1e-12)
     np.testing.assert_allclose(f, G.T @ F0 @ BR / MU0, rtol=1e-12)
@@ -82,7 +87,8 @@ def test_gradient_and_tangent_of_a_model(kind: str, rng: np.random.Generator) ->
     else:
         scene = SCENE
     model = static_model(build(scene))
-    loaded, bare = Energy(model), Energy(replace(model, effects=()))
+    loaded = Energy(model)
+    bare = Energy(replace(model, effects=()))
     c, v = 2e-5 * rng.standard_normal((2, *loaded.shape))
     point = loaded.at(c)
     gradient, matrix = loaded.tangent(point)
@@ -90,7 +96,8 @@ def test_gradient_and_tangent_of_a_model(kind: str, rng: np.random.Generator) ->
     np.testing.assert_allclose(
         gradient, loaded.residual(point), rtol=0, atol=1e-13 * np.abs(gradient).max()
     )
-    linear, quadratic = float(np.sum(gradient * v)), float(v.ravel() @ K @ v.ravel()) / 2
+    linear = float(np.sum(gradient * v))
+    quadratic = float(v.ravel() @ K @ v.ravel()) / 2
     steps = [0.4, 0.2, 0.1, 0.05]
     first = slopes(lambda t: loaded.at(c + t * v).energy - point.energy - t * linear, steps)
     second = slopes(
@@ -129,7 +136,7 @@ def test_records_over_time() -> None:
     np.testing.assert_allclose(record["strength"], times)
     np.testing.assert_allclose(pulls["strength"], times)
     assert data is same
-    (uniform, nothing) = effects.collect(
+    uniform, nothing = effects.collect(
         scene_in({"uniform": (0, 0, 1e-3), "over_time": over}, "magnetic_torque"), times=times
     )
     assert uniform.dtype == magnetic_torque.DTYPE
@@ -201,7 +208,8 @@ def test_a_magnet_that_comes_too_near_is_met_in_time(source: dict[str, Any], say
         },
         *BOTH,
     )
-    x, field = build(scene).particles.position, scene.outside_field()
+    x = build(scene).particles.position
+    field = scene.outside_field()
     field.check(x, 0.0)
     with pytest.raises(SolveError, match=re.escape(says.format("(6, 0, 0) mm"))):
         field.check(x, 0.6)

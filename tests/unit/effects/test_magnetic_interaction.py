@@ -20,7 +20,8 @@ from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.interacting import InteractingEnergy
 from magmpm.statics.layout import static_model
 
-X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+X = (1.0, 0.0, 0.0)
+Z = (0.0, 0.0, 1.0)
 MIXED = [X, (0.0, 1.0, 0.0), Z, (0.0, -1.0, 0.0), (1.0, 0.0, 1.0)]
 
 
@@ -38,7 +39,8 @@ def acting(model: Model, x: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, ...]
     X, M, V, of = interaction.dipoles(
         MarkedParticles(model.remanence[:, 3], p.segment, p.volume, model.remanence[:, :3]), x, F
     )
-    B, f = np.zeros_like(X), np.zeros_like(X)
+    B = np.zeros_like(X)
+    f = np.zeros_like(X)
     interaction._act(X, M, np.cbrt(V), of, B, f)
     return X, M, V, of, B, f
 
@@ -64,11 +66,9 @@ def test_a_neighbours_mean_field(
 
 def pair(r: float, moments: np.ndarray) -> tuple[float, np.ndarray]:
     """Energy (J) of two cubes of 1 mm at the distance r (m) along x, and the force (3,) N on the second."""
-    places, field, force = (
-        np.array([[0.0, 0.0, 0.0], [r, 0.0, 0.0]]),
-        np.zeros((2, 3)),
-        np.zeros((2, 3)),
-    )
+    places = np.array([[0.0, 0.0, 0.0], [r, 0.0, 0.0]])
+    field = np.zeros((2, 3))
+    force = np.zeros((2, 3))
     interaction._act(places, moments, np.full(2, 1e-3), np.arange(2), field, force)
     return -0.5 * float(np.sum(moments * field)), force[1]
 
@@ -136,7 +136,8 @@ def test_equilibrium_is_a_stationary_point_below_where_it_began() -> None:
         )
         > 1e-4
     )
-    start, end = whole.at(without.point.grid), whole.at(found.point.grid)
+    start = whole.at(without.point.grid)
+    end = whole.at(found.point.grid)
     loads = np.abs(whole.residual(start)).max()
     assert end.energy < start.energy
     assert end.energy == pytest.approx(found.point.energy, rel=1e-9)
@@ -153,7 +154,8 @@ def test_one_magnetised_segment_is_alone() -> None:
 def test_blocks_are_whole_cells_of_one_segment() -> None:
     """Every magnetized particle has one; a block is no larger than a segment, and no longer than two of its own widths."""
     model = build(scene([X, (0, 0, 0), Z], cells=4, across=2))
-    block, p = model.remanence[:, 3], model.particles
+    block = model.remanence[:, 3]
+    p = model.particles
     assert np.all((block >= 0) == model.remanence[:, :3].any(axis=1))
     for k in np.unique(block[block >= 0]):
         own = block == k

@@ -21,7 +21,8 @@ from magmpm.materials import magnetization, young_modulus
 from magmpm.model import build
 from magmpm.simulate import run
 
-B, BR = np.array([2e-3, -3e-3, 5e-3]), np.array([0.1, 0.05, -0.08])
+B = np.array([2e-3, -3e-3, 5e-3])
+BR = np.array([0.1, 0.05, -0.08])
 
 
 def turns(rng: np.random.Generator, count: int) -> np.ndarray:
@@ -65,7 +66,8 @@ def test_eight_particles_are_each_like_one(rng: np.random.Generator) -> None:
     """In one group are stretches of 2 and no deformation, and both laws, whose steps to the root differ in number."""
     F = deformed(rng, 8, 2.0)
     F[3] = np.eye(3)
-    magnet, P = np.column_stack([np.tile(BR, (8, 1)), np.arange(8) % 2]), np.zeros(72)
+    magnet = np.column_stack([np.tile(BR, (8, 1)), np.arange(8) % 2])
+    P = np.zeros(72)
     _stress_of_eight(B / MU0, magnet.T.ravel(), F.transpose(1, 2, 0).ravel(), P)
     for p in range(8):
         one = np.zeros((3, 3))
@@ -106,8 +108,10 @@ def test_energy_is_frame_indifferent_and_blind_to_stretch(rng: np.random.Generat
 def test_only_stretching_magnetization_lengthens_a_rod() -> None:
     """A field along the rod's magnetization: F Br lengthens it by B Br/(mu0 E), up to the clamp; R Br does not.
 
-    Across it, both bend it alike but for shear: the symmetric part of the torque's stress, B Br/(2 mu0), makes an angle of that over G."""
-    L, Br = 40e-3, 0.1
+    Across it, both bend it alike but for shear: the symmetric part of the torque's stress, B Br/(2 mu0), makes an angle of that over G.
+    """
+    L = 40e-3
+    Br = 0.1
 
     def apart(*field: float) -> np.ndarray:
         return (

@@ -35,10 +35,8 @@ def lanes(values: np.ndarray) -> np.ndarray:
 @pytest.fixture
 def strained(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """F (8, 3, 3), and Cv (8, 12) of two branches, each of det 1 and far from F."""
-    F, V = (
-        np.eye(3) + 0.3 * rng.standard_normal((8, 3, 3)),
-        np.eye(3) + 0.3 * rng.standard_normal((8, 2, 3, 3)),
-    )
+    F = np.eye(3) + 0.3 * rng.standard_normal((8, 3, 3))
+    V = np.eye(3) + 0.3 * rng.standard_normal((8, 2, 3, 3))
     F *= np.sign(np.linalg.det(F))[:, None, None]
     V = V @ V.transpose(0, 1, 3, 2)
     V /= np.cbrt(np.linalg.det(V))[..., None, None]
@@ -49,7 +47,8 @@ def strained(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 def test_a_step_is_the_plain_one(dt: float, strained: tuple[np.ndarray, np.ndarray]) -> None:
     """Stress of eight particles in the middle of a step of any length, and Cv of det 1 after it."""
     F, memory = strained
-    C, P = lanes(memory), np.zeros((1, 72))
+    C = lanes(memory)
+    P = np.zeros((1, 72))
     follow(RECORD, TABLE, dt, lanes(F)[None], C, P)
     expected = stored(BRANCHES, F, memory, dt / 2)[1]
     np.testing.assert_allclose(P[0], lanes(expected), rtol=0, atol=1e-12 * 600e3)
@@ -96,10 +95,8 @@ def test_it_only_loses_energy(strained: tuple[np.ndarray, np.ndarray]) -> None:
 
 def sheared(strain: np.ndarray, dt: float) -> np.ndarray:
     """Shear stress (steps,) Pa along a path of small shear strains (steps,)."""
-    F, P = (
-        np.tile(lanes(np.tile(np.eye(3), (8, 1, 1))), (len(strain), 1)),
-        np.zeros((len(strain), 72)),
-    )
+    F = np.tile(lanes(np.tile(np.eye(3), (8, 1, 1))), (len(strain), 1))
+    P = np.zeros((len(strain), 72))
     F[:, 8:16] = strain[:, None]
     follow(RECORD, TABLE, dt, F, np.repeat(np.tile(AT_REST, 2), 8), P)
     return P[:, 8]
@@ -117,7 +114,8 @@ def test_stress_after_a_step_of_strain() -> None:
 @pytest.mark.parametrize("turn", [0.05, 0.3, 1.0, 3.0, 20.0])
 def test_storage_and_loss(turn: float) -> None:
     """G* = sum G i w T / (1 + i w T) to 0.02 %, in steps that a motion takes; turn: w times the longer T."""
-    w, dt = turn / 10e-3, 1e-5
+    w = turn / 10e-3
+    dt = 1e-5
     period = round(2 * np.pi / w / dt)
     t = dt * np.arange(max(5 * period, 8000))
     wave = np.stack([np.sin(w * t), np.cos(w * t)], axis=1)[-period:]

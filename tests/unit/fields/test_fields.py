@@ -19,7 +19,8 @@ from magmpm.fields.sources import FieldSource
 
 magpylib = pytest.importorskip("magpylib")
 
-POSITION, MOMENT = np.array([50e-3, 10e-3, 20e-3]), np.array([1.0, 2.0, -1.0])
+POSITION = np.array([50e-3, 10e-3, 20e-3])
+MOMENT = np.array([1.0, 2.0, -1.0])
 M = np.array([0.3, 0.2, -0.5])  # A m^2, the moment on which a field acts
 CYLINDER = {
     "cylinder": {"diameter": 20e-3, "length": 16e-3},
@@ -60,7 +61,8 @@ ONE = dipoles(np.concatenate([POSITION, MOMENT, [POINT]]))
 
 def at(where: np.void, data: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """B (n, 3) and grad B (n, 3, 3)."""
-    B, G = np.empty((len(x), 3)), np.empty((len(x), 3, 3))
+    B = np.empty((len(x), 3))
+    G = np.empty((len(x), 3, 3))
     evaluate.fields_at(where, data, x, B)
     evaluate.gradients_at(where, data, x, G)
     return B, G
@@ -80,7 +82,8 @@ def turned(rng: np.random.Generator) -> np.void:
 @pytest.fixture(scope="module")
 def spline_data() -> np.ndarray:
     """The field of a dipole as a table."""
-    spacing, shape = np.full(3, 2.5e-3), (17, 17, 17)
+    spacing = np.full(3, 2.5e-3)
+    shape = (17, 17, 17)
     nodes = table.grid_points(BOX.lower, spacing, shape)
     B, _ = at(place(), ONE, nodes)
     return tabulated(spline.packed(BOX.lower, spacing, B.reshape(*shape, 3)))
@@ -90,7 +93,8 @@ def spline_data() -> np.ndarray:
 def turned_table() -> np.ndarray:
     """The field of a dipole as a table along axes of its own."""
     Q, _ = np.linalg.qr(np.random.default_rng(5).standard_normal((3, 3)))
-    spacing, shape = np.full(3, 2.5e-3), (17, 17, 17)
+    spacing = np.full(3, 2.5e-3)
+    shape = (17, 17, 17)
     B, _ = at(place(), ONE, table.grid_points(BOX.lower, spacing, shape) @ Q.T)
     return tabulated(spline.packed(BOX.lower, spacing, (B @ Q).reshape(*shape, 3), Q))
 
@@ -136,7 +140,8 @@ def test_derivatives_are_those_of_the_field(
 
 def test_a_turned_frame_turns_the_field(turned: np.void, rng: np.random.Generator) -> None:
     """B(x) = uniform + s R B0(R^T (x - o)), written explicitly."""
-    x, R = some_points(rng), turned["frame"].reshape(3, 3)
+    x = some_points(rng)
+    R = turned["frame"].reshape(3, 3)
     local = (x - turned["origin"]) @ R
     want = turned["uniform"] + 0.7 * at(place(), ONE, local)[0] @ R.T
     np.testing.assert_allclose(at(turned, ONE, x)[0], want, rtol=1e-12)
@@ -160,11 +165,9 @@ def cubic(x: np.ndarray) -> np.ndarray:
 
 def test_spline_meets_cubics_exactly(rng: np.random.Generator) -> None:
     """Up to the faces of the box: the not-a-knot ends. Value, slope and curvature."""
-    lower, spacing, shape = (
-        np.array([-20e-3, -10e-3, 5e-3]),
-        np.array([4e-3, 3e-3, 2e-3]),
-        (9, 7, 6),
-    )
+    lower = np.array([-20e-3, -10e-3, 5e-3])
+    spacing = np.array([4e-3, 3e-3, 2e-3])
+    shape = (9, 7, 6)
     nodes = table.grid_points(lower, spacing, shape)
     data = tabulated(spline.packed(lower, spacing, cubic(nodes).reshape(*shape, 3)))
     upper = lower + spacing * (np.array(shape) - 1)
@@ -230,7 +233,8 @@ COILS = {"position": (0, 0, -50e-3), "diameter": 60e-3, "current": 5.0, "turns":
 )
 def test_table_is_as_exact_as_it_says(given: dict[str, object], rng: np.random.Generator) -> None:
     """At points that its own check did not use. Also curl and divergence, which are zero for the exact field."""
-    exact, tolerance = solids.exact(source(**given)), 2e-3
+    exact = solids.exact(source(**given))
+    tolerance = 2e-3
     packed, errors = table.tabulate(exact, BOX, tolerance, "field.magnet")
     x = some_points(rng, 1000)
     B, G = table.evaluate(packed, x)
@@ -296,11 +300,13 @@ def test_a_table_too_near_to_a_magnet_is_refused(monkeypatch: pytest.MonkeyPatch
 def test_cloud_of_dipoles(given: dict[str, object], rng: np.random.Generator) -> None:
     """Meets the requested accuracy from the requested distance on, at points its own check did not use; it has the magnet's moment."""
     field = source(magnet=given)
-    exact, solid = solids.exact(field), solids.taken(field)[0]
+    exact = solids.exact(field)
+    solid = solids.taken(field)[0]
     rows = table.cloud(solid, solids.polarization(field.magnet[0]), exact, 8e-3, 2e-3)
     x = solid.position + rng.uniform(-50e-3, 50e-3, (3000, 3))
     x = x[solid.depth(x) < -8e-3]
-    B, want = at(place(), dipoles(*rows), x)[0], exact(x)
+    B = at(place(), dipoles(*rows), x)[0]
+    want = exact(x)
     assert (np.linalg.norm(B - want, axis=1) / np.linalg.norm(want, axis=1)).max() <= 2 * 2e-3
     volume = 20e-3 * 16e-3 * 12e-3 if "cuboid" in given else np.pi * 10e-3**2 * 16e-3
     np.testing.assert_allclose(
@@ -381,7 +387,9 @@ def on_the_axis_of(body: Box) -> np.ndarray:
 
 def beside(way: np.ndarray, gap: float, body: Box, **shape: object) -> FieldSource:
     """A magnet whose center is so far along `way` from the origin that it is `gap` m away from a body's axis."""
-    line, near, far = on_the_axis_of(body), 0.0, 0.5
+    line = on_the_axis_of(body)
+    near = 0.0
+    far = 0.5
     for _ in range(60):
         where = (near + far) / 2
         found = source(magnet={**shape, "position": tuple(where * way), "remanence": 1.3})
@@ -422,7 +430,8 @@ def test_the_least_box_of_a_tilted_cylinder() -> None:
     """Its rim's farthest points: r sin + h cos of the tilt along each axis, less than the box around its own box."""
     (solid,) = solids.taken(source(magnet={**CYLINDER, "axis": (np.sin(0.5), 0.0, np.cos(0.5))}))
     low, high = solid.box()
-    r, h = 10e-3, 8e-3
+    r = 10e-3
+    h = 8e-3
     half = [r * np.cos(0.5) + h * np.sin(0.5), r, r * np.sin(0.5) + h * np.cos(0.5)]
     np.testing.assert_allclose((high - low) / 2, half, rtol=1e-12)
 
@@ -499,7 +508,8 @@ def test_strength_over_time(
 def test_rotation_is_right_handed_and_stops() -> None:
     over = {"rotation": {"axis": (0, 1, 0), "frequency": 2.0, "start": 1.0, "turns": 0.75}}
     found = at_times(over, [0, 1, 1.125, 1.25, 1.375, 50])["uniform"]
-    z, x = np.array([0, 0, 1e-2]), np.array([1e-2, 0, 0])
+    z = np.array([0, 0, 1e-2])
+    x = np.array([1e-2, 0, 0])
     np.testing.assert_allclose(found, [z, z, x, -z, -x, -x], atol=1e-16)
     back = at_times({"rotation": {"axis": (0, 1, 0), "frequency": -2.0}}, [0.125])["uniform"]
     np.testing.assert_allclose(back, [-x], atol=1e-16)

@@ -62,7 +62,8 @@ def test_others_are_refused(project: Path, path: str) -> None:
 
 def test_what_the_user_allows(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the variable, by --allow-outside, by `magmpm import`, or by standing there."""
-    file, other = scene(project, "../../elsewhere/known.csv"), project.parent / "elsewhere"
+    file = scene(project, "../../elsewhere/known.csv")
+    other = project.parent / "elsewhere"
     assert not is_allowed(other / "known.csv", file)
     monkeypatch.setenv(VARIABLE, os.pathsep.join(["/nowhere", str(other)]))
     assert is_allowed(other / "known.csv", file)

@@ -29,7 +29,8 @@ PLAIN = [
 
 @pytest.mark.parametrize(("kind", "unit"), PLAIN)
 def test_the_table_has_pints_own_factors(kind: str, unit: str) -> None:
-    table, pint = KINDS[kind].plain[unit], units._factor_in_pint(unit, kind)
+    table = KINDS[kind].plain[unit]
+    pint = units._factor_in_pint(unit, kind)
     # exactly, except angles: pint's pi has fewer digits than that of the table, both far more than a float
     assert table == pint or (kind == "angle" and abs(table / pint - 1) < Fraction(1, 10**30))
 

@@ -25,8 +25,11 @@ from magmpm.kernels.body_contact import DEPTH, FORCE, MEMORY, NORMAL, PLACE, _ad
 from magmpm.kernels.total_lagrangian_step import State
 from magmpm.model import build
 
-SIZE, CELL = 3e-3, 1.5e-3  # m
-CLOSE = 2e-3  # of a table's spacing: its splines feel that distances end at four points from the surface
+# m
+SIZE = 3e-3
+CELL = 1.5e-3
+# of a table's spacing: its splines feel that distances end at four points from the surface
+CLOSE = 2e-3
 F = np.array([[1.1, 0.0, 0.0], [0.1, 0.95, 0.05], [0.02, 0.0, 1.0]])
 
 
@@ -46,7 +49,8 @@ def motion(tmp_path_factory: pytest.TempPathFactory) -> TotalMotion:
 
 def bent(motion: TotalMotion) -> tuple[np.ndarray, np.ndarray]:
     """Displacements (3 nodes,) m that press b, deformed by F, into a, and the shift t (3,) m of F X + t."""
-    X, half = motion.packed.node_place, len(motion.packed.node_place) // 2
+    X = motion.packed.node_place
+    half = len(motion.packed.node_place) // 2
     shift = np.array([SIZE - 0.05e-3, 0.1e-3, 0.0]) - F @ np.array([SIZE + 0.1e-3, 0.2e-3, 0.3e-3])
     u = np.zeros_like(X)
     u[half:] = X[half:] @ F.T + shift - X[half:]
@@ -55,7 +59,8 @@ def bent(motion: TotalMotion) -> tuple[np.ndarray, np.ndarray]:
 
 def touched(motion: TotalMotion, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The memory (pairs, MEMORY) of the pairs at displacements u, and the forces (3 nodes,) N of them."""
-    meeting, p = motion.contact.copy(), motion.packed
+    meeting = motion.contact.copy()
+    p = motion.packed
     force = np.zeros_like(u)
     state = State(u, np.zeros_like(u), force, motion.stiffness, motion.anchor, motion.memory)
     _touch(0, 1, 1e-5, meeting, p.surface, p.cells.along_x, p.cells.along_y, state)
@@ -74,10 +79,8 @@ def test_places_and_depths_in_a_deformed_solid(motion: TotalMotion) -> None:
     x = motion.packed.surface.place.reshape(-1, 3)[contact.meeting.point[on]]  # a is not deformed
     X = np.linalg.solve(F, (x - shift).T).T
     np.testing.assert_allclose(memory[on, PLACE : PLACE + 3], X, rtol=0, atol=1e-12 * CELL)
-    low, high = (
-        np.array([SIZE + 0.1e-3, 0.2e-3, 0.3e-3]),
-        np.array([2 * SIZE + 0.1e-3, 3.2e-3, 3.3e-3]),
-    )
+    low = np.array([SIZE + 0.1e-3, 0.2e-3, 0.3e-3])
+    high = np.array([2 * SIZE + 0.1e-3, 3.2e-3, 3.3e-3])
     nearest = np.sort(np.minimum(X - low, high - X), axis=1)
     np.testing.assert_allclose(
         memory[on, DEPTH], nearest[:, 0], rtol=0, atol=1e-7 * SIZE
@@ -115,11 +118,9 @@ def test_forces_are_the_slope_of_the_energy_and_cancel(motion: TotalMotion) -> N
 @pytest.mark.parametrize("kind", ["box", "rod", "ball"])
 def test_distances_of_solids(kind: str) -> None:
     """Signed distances and slopes within 0.2 cells of a face: of a box and a rod, exact; and of a mesh without edges, by its table."""
-    low, high, fine = (
-        np.array([0.0, -1e-3, -1e-3]),
-        np.array([4e-3, 1e-3, 1e-3]),
-        ball((2e-3, 0.0, 0.0), 1e-3, 60).triangles,
-    )
+    low = np.array([0.0, -1e-3, -1e-3])
+    high = np.array([4e-3, 1e-3, 1e-3])
+    fine = ball((2e-3, 0.0, 0.0), 1e-3, 60).triangles
     solids = {
         "box": box_solid(low.tolist(), high.tolist()),
         "rod": rod_solid(0.0, 4e-3, 1e-3),
@@ -129,13 +130,12 @@ def test_distances_of_solids(kind: str) -> None:
         (1e-3 * (np.pi / 60) ** 2, np.pi / 60) if kind == "ball" else (1e-12, 1e-12)
     )  # its triangles, across and along
     assert solids.near.max(initial=0) <= len(solids.coefficients) + 1
-    rng, normal = np.random.default_rng(0), np.empty(3)
+    rng = np.random.default_rng(0)
+    normal = np.empty(3)
     for off in rng.uniform(-0.1e-3, 0.1e-3, 50):
         angle = rng.uniform(0, 2 * np.pi)
-        around, flat = (
-            np.array([np.cos(angle), np.sin(angle)]) * (1e-3 + off),
-            np.array([rng.uniform(-0.5e-3, 0.5e-3), 1e-3 + off]),
-        )
+        around = np.array([np.cos(angle), np.sin(angle)]) * (1e-3 + off)
+        flat = np.array([rng.uniform(-0.5e-3, 0.5e-3), 1e-3 + off])
         aside = flat if kind == "box" else around
         x = np.array([2e-3 if kind == "ball" else rng.uniform(1e-3, 3e-3), *aside])
         assert solid_distance(solids, 0, x, normal) == pytest.approx(off, abs=off_by)
@@ -152,20 +152,17 @@ def test_edges_of_solids_are_sharp(
     upper: tuple[float, float], left_out: list[tuple[float, float]], gap: float
 ) -> None:
     """A box, an L and a T, of two boxes that hold together; a plane of the table's points is in the gap between: depths beside edges and
-    corners are those of the box around without what is left out, and lead to the surface. By faces exact, by the table to 0.01 spacings."""
+    corners are those of the box around without what is left out, and lead to the surface. By faces exact, by the table to 0.01 spacings.
+    """
     boxes = (
         [(0.0, 0.0, 0.0), (6e-3, 3e-3, 1.5e-3 - gap / 2)],
         [(upper[0], 0.0, 1.5e-3 + gap / 2), (upper[1], 3e-3, 3e-3)],
     )
-    solids, normal, spacing = (
-        mesh_solids([[box(*each).triangles for each in boxes]], 0.75e-3),
-        np.empty(3),
-        0.75e-3 / FINE,
-    )
-    whole, others = (
-        ((0, 0, 0), (6e-3, 3e-3, 3e-3)),
-        [((low, -1, 1.5e-3 - gap / 2), (high, 1, 1)) for low, high in left_out],
-    )
+    solids = mesh_solids([[box(*each).triangles for each in boxes]], 0.75e-3)
+    normal = np.empty(3)
+    spacing = 0.75e-3 / FINE
+    whole = ((0, 0, 0), (6e-3, 3e-3, 3e-3))
+    others = [((low, -1, 1.5e-3 - gap / 2), (high, 1, 1)) for low, high in left_out]
 
     def exact(x: np.ndarray) -> float:
         apart = [np.maximum(np.array(low) - x, x - high) for low, high in (whole, *others)]
@@ -179,10 +176,8 @@ def test_edges_of_solids_are_sharp(
         for aside in np.linspace(0, 2e-8, 9)
         for deep in (1e-6, 5e-5)
     ]  # beside a clipped face
-    places, by_faces = (
-        np.random.default_rng(0).uniform(-0.1e-3, (6.1e-3, 3.1e-3, 3.1e-3), (20_000, 3)),
-        list[bool](),
-    )
+    places = np.random.default_rng(0).uniform(-0.1e-3, (6.1e-3, 3.1e-3, 3.1e-3), (20_000, 3))
+    by_faces = list[bool]()
     for x in (x for x in [*np.array(seam), *places] if -0.3 * spacing < exact(x) < 0.02 * spacing):
         point = np.ravel_multi_index(
             np.rint((x - solids.size[0, :3]) / spacing).astype(int), solids.points[0]
@@ -200,7 +195,8 @@ def test_edges_of_solids_are_sharp(
 def test_needles_have_no_side() -> None:
     """A box with an edge of more vertices on one side than on the other, closed by triangles of no width, turned and rounded to float32:
     they are left out, and what is outside beside them stays outside, of a part and of a lumen."""
-    whole, rng = box((0.0, 0.0, 0.0), (6e-3, 5e-3, 3e-3)), np.random.default_rng(0)
+    whole = box((0.0, 0.0, 0.0), (6e-3, 5e-3, 3e-3))
+    rng = np.random.default_rng(0)
     on = [np.array([x, 0.0, 3e-3]) for x in (0.0, *np.sort(rng.uniform(0.3e-3, 5.7e-3, 7)), 6e-3)]
     top = [face for face in whole.triangles if not (face[:, 2] == 3e-3).all()]
     fan = [(a, b, (0.0, 5e-3, 3e-3)) for a, b in pairwise(on)] + [
@@ -212,11 +208,11 @@ def test_needles_have_no_side() -> None:
         turn.apply(np.array([*top, *fan, *needles]).reshape(-1, 3)).astype(np.float32).astype(float)
     )
     vertices, faces = np.unique(corners, axis=0, return_inverse=True)
-    text, normal, cell = pack_mesh(Mesh(vertices, faces.reshape(-1, 3))), np.empty(3), 0.75e-3
-    solids, table = (
-        mesh_solids([[found := outline(text, NEEDLE * cell)]], cell),
-        solid([found], found, cell / FINE, 0.0),
-    )
+    text = pack_mesh(Mesh(vertices, faces.reshape(-1, 3)))
+    normal = np.empty(3)
+    cell = 0.75e-3
+    solids = mesh_solids([[found := outline(text, NEEDLE * cell)]], cell)
+    table = solid([found], found, cell / FINE, 0.0)
     assert len(found) == 12
     for off in rng.uniform((0.3e-3, -0.3e-3, 3.0e-3), (5.7e-3, -0.02e-3, 3.3e-3), (500, 3)):
         x = turn.apply(off)

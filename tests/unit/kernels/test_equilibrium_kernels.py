@@ -12,7 +12,8 @@ from magmpm.model import build
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import StaticModel, static_model
 
-ROUNDING = 1e-12  # relative to the largest entry: sums of a few thousand terms of either sign, in another order
+# relative to the largest entry: sums of a few thousand terms of either sign, in another order
+ROUNDING = 1e-12
 
 
 def small_scene(**changes: object) -> StaticModel:
@@ -84,7 +85,8 @@ def test_cell_energy(case: tuple[Energy, Reference, np.ndarray]) -> None:
 def test_scatter_residual(case: tuple[Energy, Reference, np.ndarray]) -> None:
     """dE/dc = sum V (P grad N - f N), from the residual kernel and from the tangent kernel."""
     energy, reference, c = case
-    point, expected = energy.at(c), reference.residual(c)
+    point = energy.at(c)
+    expected = reference.residual(c)
     size = np.abs(expected).max()
     np.testing.assert_allclose(energy.residual(point), expected, rtol=0, atol=ROUNDING * size)
     np.testing.assert_allclose(energy.tangent(point)[0], expected, rtol=0, atol=ROUNDING * size)
@@ -93,9 +95,11 @@ def test_scatter_residual(case: tuple[Energy, Reference, np.ndarray]) -> None:
 def test_magnetization_that_rotates() -> None:
     """Energy and residual with R Br in place of F Br in one of two materials."""
     mixed = small_scene(law=["rotates", "stretches"], gravity=None)
-    energy, reference = Energy(mixed), Reference.of(mixed)
+    energy = Energy(mixed)
+    reference = Reference.of(mixed)
     c = 0.08 * mixed.grid.spacing[0] * np.random.default_rng(5).standard_normal(energy.shape)
-    point, expected = energy.at(c), reference.residual(c)
+    point = energy.at(c)
+    expected = reference.residual(c)
     assert point.energy == pytest.approx(reference.energy_parts(c)[0].sum(), rel=ROUNDING)
     np.testing.assert_allclose(
         energy.residual(point), expected, rtol=0, atol=ROUNDING * np.abs(expected).max()
@@ -106,7 +110,8 @@ def test_scatter_tangent(case: tuple[Energy, Reference, np.ndarray]) -> None:
     """d^2E/dc^2, every entry, assembled densely."""
     energy, reference, c = case
     _, matrix = energy.tangent(energy.at(c))
-    found, expected = to_dense(matrix.panels, energy.model.layout.split), reference.tangent(c)
+    found = to_dense(matrix.panels, energy.model.layout.split)
+    expected = reference.tangent(c)
     np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
 
 

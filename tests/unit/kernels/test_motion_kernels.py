@@ -21,11 +21,13 @@ from magmpm.model import Model, build
 from magmpm.statics.layout import static_model
 
 B = np.array([2e-3, -3e-3, 5e-3])
-DT, STEPS = 1e-6, 3
+DT = 1e-6
+STEPS = 3
 LOADS = {
     "bare": (),
-    "field and damping": magnetic_torque.parameters(B)
-    + one_record(damping.DTYPE, damping_rate=300.0),
+    "field and damping": (
+        magnetic_torque.parameters(B) + one_record(damping.DTYPE, damping_rate=300.0)
+    ),
 }
 TABLE = distance.tube(curve(np.array([[-5e-3, 0, 0], [15e-3, 0, 1e-3]]), 1e-4), 2.2e-3, 0.5e-3)
 # One set, that of test_interrupted_results.py, so that one kernel is compiled: all kinds of hooks, and contact with many particles.
@@ -80,7 +82,8 @@ def test_total(loads: str, averaged: bool, rng: np.random.Generator) -> None:
     model = model_of(LOADS[loads])
     if not averaged:
         model = replace(model, modes=np.zeros((len(model.density), 0)))
-    reference, motion = Total.of(model), TotalMotion(model)
+    reference = Total.of(model)
+    motion = TotalMotion(model)
     c, v = shaken(reference, motion, rng)
     motion.restore({"u": c.ravel(), "v": v.ravel()})
     c = compare(reference, motion, c, v, 1e-13)
@@ -91,10 +94,12 @@ def test_total(loads: str, averaged: bool, rng: np.random.Generator) -> None:
 
 def test_effects_of_motion(rng: np.random.Generator) -> None:
     """All kinds, on magnetization that stretches in the first half and rotates in the second. Stiff contact and viscosity amplify rounding
-    errors of positions and rates. Some points touch each obstacle, and some do not; some are held and some slide."""
+    errors of positions and rates. Some points touch each obstacle, and some do not; some are held and some slide.
+    """
     made = build(rod_scene(length=8e-3, directions=[X, X], law=["stretches", "rotates"]))
     model = replace(made, effects=EFFECTS, clamped_face=True)
-    reference, motion = Total.of(model), TotalMotion(model)
+    reference = Total.of(model)
+    motion = TotalMotion(model)
     c, v = shaken(reference, motion, rng)
     x = model.surface.place + reference.on @ c
     state = rng.integers(-1, 2, (len(x), 1))
@@ -110,7 +115,8 @@ def test_effects_of_motion(rng: np.random.Generator) -> None:
         told = contact_of(EFFECTS[at : at + 2], at_rest(motion.touching_points().x), DT)
         assert 0.02 * len(x) < told["count"] < 0.9 * len(x)
     compare(reference, motion, c, v, 1e-12)
-    found, held = motion.anchor[: HELD * len(x)].reshape(-1, HELD)[theirs], reference.anchor[mine]
+    found = motion.anchor[: HELD * len(x)].reshape(-1, HELD)[theirs]
+    held = reference.anchor[mine]
     np.testing.assert_array_equal(found[:, 3], held[:, 3])
     assert 20 < (held[:, 3] != 0).sum() < 0.9 * len(held)
     np.testing.assert_allclose(found, held, rtol=0, atol=1e-12)
@@ -162,7 +168,8 @@ def test_slabs_are_thick_enough_and_balanced(cells: int, least: int) -> None:
 def test_the_plain_force_is_the_energys_slope(rng: np.random.Generator) -> None:
     """At rest and without effects: minus the residual of the static reference, whose splines are SciPy's."""
     model = static_model(build(rod_scene(length=6e-3)))
-    total, statics = Total.of(model), Reference.of(model)
+    total = Total.of(model)
+    statics = Reference.of(model)
     c = np.zeros((len(total.X), 3))
     free = np.flatnonzero(total.mass > 0)
     c[free] = 2e-5 * rng.standard_normal((len(free), 3))

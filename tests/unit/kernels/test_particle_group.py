@@ -12,7 +12,8 @@ ROUNDING = 4e-16  # a few units in the last place
 
 @numba.njit
 def arithmetic(a, b, out):  # type: ignore[no-untyped-def]
-    x, y = simd.load(a, 0), simd.load(b, 0)
+    x = simd.load(a, 0)
+    y = simd.load(b, 0)
     simd.store(out, 0, x + y * 2.0 - 3.0 / x)
     simd.store(out, 8, (1.5 - x) / y)
     simd.store(out, 16, simd.smaller(x, y))
@@ -24,9 +25,12 @@ def arithmetic(a, b, out):  # type: ignore[no-untyped-def]
 
 
 def test_operations(rng: np.random.Generator) -> None:
-    a, b, out = rng.uniform(0.5, 2.0, 32), rng.uniform(0.5, 2.0, 32), np.zeros(96)
+    a = rng.uniform(0.5, 2.0, 32)
+    b = rng.uniform(0.5, 2.0, 32)
+    out = np.zeros(96)
     arithmetic(a, b, out)
-    x, y = a[:8], b[:8]
+    x = a[:8]
+    y = b[:8]
     np.testing.assert_allclose(out[:8], x + 2 * y - 3 / x, rtol=0, atol=8 * ROUNDING)
     np.testing.assert_allclose(out[8:16], (1.5 - x) / y, rtol=0, atol=8 * ROUNDING)
     assert np.array_equal(out[16:24], np.minimum(x, y))
@@ -57,13 +61,15 @@ def least(a, b):  # type: ignore[no-untyped-def]
 
 
 def test_smaller_takes_the_second_where_the_first_is_no_number() -> None:
-    a, b = np.full(8, np.nan), np.arange(8.0)
+    a = np.full(8, np.nan)
+    b = np.arange(8.0)
     assert least(a, b) == 0.0
 
 
 @pytest.mark.parametrize("start", range(8))
 def test_loads_need_no_alignment(start: int) -> None:
-    a, out = np.arange(32.0), np.zeros(8)
+    a = np.arange(32.0)
+    out = np.zeros(8)
     copy(a, start, out)
     assert np.array_equal(out, a[start : start + 8])
 

@@ -43,14 +43,18 @@ def energy(F: np.ndarray, K: float) -> float:
 
 
 def stress(F: np.ndarray, K: float) -> np.ndarray:
-    J, cof, P = materials.determinant(F), np.empty((3, 3)), np.empty((3, 3))
+    J = materials.determinant(F)
+    cof = np.empty((3, 3))
+    P = np.empty((3, 3))
     materials.cofactor(F, cof)
     materials.stress(F, cof, J, G, materials.volume_pressure(J, K), P)
     return P
 
 
 def tangent(F: np.ndarray, K: float) -> np.ndarray:
-    J, cof, A = materials.determinant(F), np.empty((3, 3)), np.empty((9, 9))
+    J = materials.determinant(F)
+    cof = np.empty((3, 3))
+    A = np.empty((9, 9))
     materials.cofactor(F, cof)
     materials.tangent(F, cof, J, G, materials.volume_pressure(J, K), K, A)
     return A
@@ -75,9 +79,12 @@ def test_stress_and_tangent_are_the_derivatives_of_energy(
     rng: np.random.Generator, ratio: float, seed: int
 ) -> None:
     """Taylor: W(F + t D) - W(F) - t P:D falls as t^2, with half the tangent subtracted too as t^3; P(F + t D) - P(F) - t A:D as t^2."""
-    F, D, K = random_F(seed), rng.standard_normal((3, 3)), ratio * G
+    F = random_F(seed)
+    D = rng.standard_normal((3, 3))
+    K = ratio * G
     D /= np.linalg.norm(D)
-    P, AD = stress(F, K), (tangent(F, K) @ D.ravel()).reshape(3, 3)
+    P = stress(F, K)
+    AD = (tangent(F, K) @ D.ravel()).reshape(3, 3)
 
     def first(t: float) -> float:
         return energy(F + t * D, K) - energy(F, K) - t * np.sum(P * D)
@@ -93,7 +100,10 @@ def test_stress_and_tangent_are_the_derivatives_of_energy(
 @given(seeds, seeds, seeds)
 def test_frame_indifference_and_isotropy(seed: int, turn: int, other: int) -> None:
     """W(Q F R) = W(F) and P(Q F R) = Q P(F) R: rotations of observer and material cause no strain; alone, no stress. P F^T is symmetric."""
-    F, Q, R, K = random_F(seed), rotation(turn), rotation(other), 20 * G
+    F = random_F(seed)
+    Q = rotation(turn)
+    R = rotation(other)
+    K = 20 * G
     P = stress(F, K)
     assert energy(Q @ F @ R, K) == pytest.approx(energy(F, K), rel=1e-11, abs=1e-12 * K)
     np.testing.assert_allclose(stress(Q @ F @ R, K), Q @ P @ R, rtol=0, atol=1e-12 * K)
@@ -108,7 +118,9 @@ def test_frame_indifference_and_isotropy(seed: int, turn: int, other: int) -> No
 def test_shape_and_volume_are_apart(seed: int) -> None:
     """Without pressure the Kirchhoff stress has no trace, a pure change of volume no shape energy: F-bar may average volume alone."""
     F = random_F(seed)
-    J, cof, P = np.linalg.det(F), np.empty((3, 3)), np.empty((3, 3))
+    J = np.linalg.det(F)
+    cof = np.empty((3, 3))
+    P = np.empty((3, 3))
     materials.cofactor(F, cof)
     materials.stress(F, cof, J, G, 0.0, P)
     assert np.trace(P @ F.T) == pytest.approx(0, abs=1e-11 * G)

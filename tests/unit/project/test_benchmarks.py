@@ -28,11 +28,13 @@ def module(name: str) -> ModuleType:
 @pytest.mark.slow
 def test_the_twin_moves_a_body_as_the_kernel_does() -> None:
     """From a state without zeros, bit for bit: the sums are the same."""
-    rates, plain = module("motion_rates"), module("plain_total")
+    rates = module("motion_rates")
+    plain = module("plain_total")
     model, motion, dt = rates.started(cells=2)
     rates.advance(motion, 300, dt, model.effects)
     assert np.count_nonzero(motion.v) > 0.9 * np.count_nonzero(motion.packed.nodes.inverse_mass)
-    u, v = motion.u.copy(), motion.v.copy()
+    u = motion.u.copy()
+    v = motion.v.copy()
     motion.model = replace(model, effects=())
     motion.advance(20, dt, ())
     ours = motion.u.copy(), motion.v.copy()
@@ -69,7 +71,8 @@ def test_bench_says_what_it_was_measured_on(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Host, processor, threads, commit, load, a matrix product, a copy. A figure that fails is a row; the exit status tells of it."""
-    machine, bench = module("machine"), module("bench")
+    machine = module("machine")
+    bench = module("bench")
     monkeypatch.setattr(machine, "SIDE", 128)
     monkeypatch.setattr(machine, "COPIED", 8_000_000)
 
@@ -142,13 +145,13 @@ def test_a_fault_whose_probe_fails_is_a_row_and_the_others_are_injected() -> Non
 
 def test_only_kills_that_met_something_complete_count() -> None:
     """Attempts go on until so many have, and end where none does; a fault that found nothing to lose is no proof."""
-    faults, kinds = module("faults"), module("kinds")
+    faults = module("faults")
+    kinds = module("kinds")
     row = faults.Row("kills")
     for attempt in kinds.until_met(row, 4):
-        row.injected, row.met = (
-            row.injected + 1,
-            row.met + attempt % 2,
-        )  # every other one comes too early
+        # every other one comes too early
+        row.injected = row.injected + 1
+        row.met = row.met + attempt % 2
     assert (row.injected, row.met, row.wrong) == (8, 4, [])
     never = faults.Row("kills")
     assert len(list(kinds.until_met(never, 4))) > 4

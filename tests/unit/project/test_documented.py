@@ -170,7 +170,10 @@ def test_what_a_page_names_exists(page: Path) -> None:
 
 
 def test_what_does_not_exist_is_found() -> None:
-    text = "`magmpm/model.py`, `magmpm/nothing.py`, `tests/unit/test_nothing*.py`, `magmpm/cli/NAME.py`, [a](README.md), [b](lost.md#part)"
+    text = (
+        "`magmpm/model.py`, `magmpm/nothing.py`, `tests/unit/test_nothing*.py`,"
+        " `magmpm/cli/NAME.py`, [a](README.md), [b](lost.md#part)"
+    )
     assert missing(text, ROOT) == ["lost.md", "magmpm/nothing.py", "tests/unit/test_nothing*.py"]
 
 

@@ -21,7 +21,10 @@ def test_the_package_stands_alone(tmp_path: Path) -> None:
     assert {"LICENSE", "README.md", "__init__.py", "example.py", "requirements.txt", "tests"} <= {
         path.name for path in package.iterdir()
     }
-    code = "import sys, runpy; sys.modules['magmpm'] = None; runpy.run_path(sys.argv[1], run_name='__main__')"
+    code = (
+        "import sys, runpy; sys.modules['magmpm'] = None; runpy.run_path(sys.argv[1],"
+        " run_name='__main__')"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code, str(package / "example.py")],
         capture_output=True,

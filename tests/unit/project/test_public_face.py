@@ -24,10 +24,8 @@ ROOT = Path(__file__).parents[3]
 SCENE = ROOT / "data" / "scenes" / "axial_transverse.yaml"
 UNIT = re.compile(r"(?<![\w.'])(m|mm|s|T|N|J|Pa|kg|bytes|SI|no unit)(/m\^3|\^3|\^2|/s)?\b")
 SHAPE = re.compile(r"\((\w[\w +]*)?,[\w, +]*\)")
-NUMBERS, ARRAYS = (
-    re.compile(r"\bfloat\b|Array|ndarray|Numbers"),
-    re.compile(r"Array|ndarray|Numbers"),
-)
+NUMBERS = re.compile(r"\bfloat\b|Array|ndarray|Numbers")
+ARRAYS = re.compile(r"Array|ndarray|Numbers")
 
 
 def functions(of: type) -> Iterator[tuple[str, Callable[..., Any]]]:
@@ -118,7 +116,8 @@ def faults(function: Callable[..., Any]) -> list[str]:
 
 def field_faults(of: type) -> list[str]:
     """Arrays and numbers of a dataclass of which neither the class's docstring nor the field's comment gives shape and unit."""
-    source, text = inspect.getsource(of), inspect.getdoc(of) or ""
+    source = inspect.getsource(of)
+    text = inspect.getdoc(of) or ""
     found = []
     for field in dataclasses.fields(of):
         comment = re.search(rf"^    {field.name}: .*?#(.*)$", source, re.MULTILINE)
@@ -182,9 +181,9 @@ def test_names_are_found_when_they_are_asked_for() -> None:
 def test_import_loads_nothing_that_is_slow() -> None:
     """Numba, NumPy and pydantic wait until something of magmpm is used; Numba's environment is ready by then; physics needs no Optuna."""
     code = (
-        "import magmpm, os, sys; print(*sorted({'numba', 'numpy', 'pydantic', 'yaml', 'scipy', 'h5py'} & set(sys.modules)), "
-        "'NUMBA_CACHE_DIR' in os.environ); magmpm.load_scene, magmpm.run, magmpm.Result; "
-        "print({'optuna', 'pyvista', 'pandas'} & {*sys.modules})"
+        "import magmpm, os, sys; print(*sorted({'numba', 'numpy', 'pydantic', 'yaml', 'scipy',"
+        " 'h5py'} & set(sys.modules)), 'NUMBA_CACHE_DIR' in os.environ); magmpm.load_scene,"
+        " magmpm.run, magmpm.Result; print({'optuna', 'pyvista', 'pandas'} & {*sys.modules})"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["True", "set()"]
@@ -195,7 +194,8 @@ def test_a_path_runs_as_its_scene_does() -> None:
     scene = magmpm.load_scene(SCENE).with_cells(2)
     result = magmpm.run(scene)
     assert repr(scene).startswith(
-        f"Scene({scene.name!r}: catheter, 40 mm long, 4 mm thick, 1 regions; magnetic_torque; equilibrium"
+        f"Scene({scene.name!r}: catheter, 40 mm long, 4 mm thick, 1 regions; magnetic_torque;"
+        " equilibrium"
     )
     line = repr(result)
     for part in (
@@ -284,7 +284,8 @@ def test_errors_from_python_are_worded_as_the_command_words_them(
     """Faults that show once the body is built, and those that show as the file is read, name file, line, key and value."""
     from magmpm.cli import main
 
-    late, early = tmp_path / "late.yaml", tmp_path / "early.yaml"
+    late = tmp_path / "late.yaml"
+    early = tmp_path / "early.yaml"
     late.write_text(LATE.replace("GROUND", "[0 mm, 0 mm, 1 mm]"))
     early.write_text(
         LATE.replace("GROUND", "[0 mm, 0 mm, -9 mm]").replace("cells_across: 2", "cells_across: 1")

@@ -24,10 +24,9 @@ def bent() -> Result:
 
 def coefficients(model: StaticModel, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Coefficients of displacements a x + b x^2, which the clamped splines represent exactly: a g + b (g^2 - h^2/4) at node centers g."""
-    g, h = (
-        model.grid.node_coordinates(0)[1:],
-        model.grid.node_widths[1:],
-    )  # of a cell at each node: they differ in a tube
+    # of a cell at each node: they differ in a tube
+    g = model.grid.node_coordinates(0)[1:]
+    h = model.grid.node_widths[1:]
     planes = np.outer(g, a) + np.outer(g**2 - h**2 / 4, b)
     return np.repeat(planes[:, None, :], model.layout.nodes_per_plane, axis=1).reshape(
         model.layout.planes, -1
@@ -38,7 +37,8 @@ def coefficients(model: StaticModel, a: np.ndarray, b: np.ndarray) -> np.ndarray
 def test_axis_of_a_known_displacement(inner: float) -> None:
     """u = a x + b x^2 over every section: centerline and tip are exact, both for the axis of a rod and the mean of a tube."""
     model = static_model(build(rod_scene(length=L, inner_diameter=inner, cells=3)))
-    a, b = np.array([0.02, -0.1, 0.2]), np.array([-3.0, 5.0, 8.0])
+    a = np.array([0.02, -0.1, 0.2])
+    b = np.array([-3.0, 5.0, 8.0])
     grid = coefficients(model, a, b)
     rows = axis_of_statics.centreline(model, grid)
     s = rows[:, 0]
@@ -55,8 +55,11 @@ def test_axis_of_a_known_displacement(inner: float) -> None:
 def test_end_face_mean_sees_the_section() -> None:
     """A displacement that varies over the section, y^2 + z^2 along z: the mean over the face is D^2/8, on the axis it is 0."""
     model = static_model(build(rod_scene(length=L, cells=4)))
-    grid, nodes, h = model.grid, model.layout.node_yz, model.grid.spacing[1]
-    y, z = grid.node_coordinates(1)[nodes[:, 0]], grid.node_coordinates(2)[nodes[:, 1]]
+    grid = model.grid
+    nodes = model.layout.node_yz
+    h = model.grid.spacing[1]
+    y = grid.node_coordinates(1)[nodes[:, 0]]
+    z = grid.node_coordinates(2)[nodes[:, 1]]
     field = np.zeros((model.layout.planes, model.layout.nodes_per_plane, 3))
     field[:, :, 2] = y**2 + z**2 - h**2 / 2  # coefficients of y^2 + z^2
     flat = field.reshape(model.layout.planes, -1)

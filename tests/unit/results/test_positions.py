@@ -149,7 +149,8 @@ def test_a_point_moves_as_the_splines_of_the_grid_do(shape: str, rng: np.random.
         model = build(resting_scene(body, {}, solver={"dynamic": {"duration": 1e-3}}))
         weights = model.tip_weights
         assert weights is not None
-        position, grid = model.particles.position, model.grid
+        position = model.particles.position
+        grid = model.grid
         slope = rng.normal(size=(3, 3))
         np.testing.assert_allclose(
             weights @ (position @ slope + 1.0), point @ slope + 1.0, rtol=1e-10
@@ -254,13 +255,15 @@ def test_the_command_shows_parts_of_a_requested_error(
     for name, mesh in MESHES.items():
         write_stl(mesh, tmp_path / f"{name}.stl")
     meshes = "".join(
-        f"      - {{mesh: {name}.stl, material: m, magnetization: [1, 0, 0], clamp: {str(name == 'base').lower()}}}\n"
+        f"      - {{mesh: {name}.stl, material: m, magnetization: [1, 0, 0], clamp:"
+        f" {str(name == 'base').lower()}}}\n"
         for name in NAMES
     )
     (tmp_path / "s.yaml").write_text(
-        "name: s\nmaterials: {m: {shear_modulus: 120 kPa, bulk_to_shear: 20, remanence: 100 mT}}\n"
-        f"body:\n  parts:\n    unit: mm\n    tip: [14 mm, 0 mm, 0 mm]\n    meshes:\n{meshes}"
-        "field: {uniform: [0 mT, 0 mT, 10 mT]}\neffects: {magnetic_torque: {}}\nadvice: off\nresolution: {error: 5 %, of: tip}\n"
+        "name: s\nmaterials: {m: {shear_modulus: 120 kPa, bulk_to_shear: 20, remanence: 100"
+        " mT}}\nbody:\n  parts:\n    unit: mm\n    tip: [14 mm, 0 mm, 0 mm]\n   "
+        f" meshes:\n{meshes}field: {{uniform: [0 mT, 0 mT, 10 mT]}}\neffects: {{magnetic_torque:"
+        " {}}\nadvice: off\nresolution: {error: 5 %, of: tip}\n"
     )
     assert main(["run", str(tmp_path / "s.yaml"), "--out", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out

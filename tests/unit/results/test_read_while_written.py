@@ -42,7 +42,8 @@ print(*sorted(seen))
 def test_a_file_is_at_no_moment_marked_as_written_in_no_order(tmp_path: Path) -> None:
     """Byte 11 of HDF5's superblock says how a file is open: 0 not, 5 for frames that can be read at any moment, 1 otherwise.
 
-    A run that is killed while the byte is 1 leaves a file that cannot be opened. The test checks it a hundred times per frame."""
+    A run that is killed while the byte is 1 leaves a file that cannot be opened. The test checks it a hundred times per frame.
+    """
     model = motions.body(0.5e-3)
     writer = MotionWriter(tmp_path, model)
     command = [

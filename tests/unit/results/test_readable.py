@@ -128,7 +128,8 @@ def test_a_result_shows_its_axis_and_figures() -> None:
     side = np.array(
         [[float(x) for x in pair.split(",")] for pair in lines[0].get("points", "").split()]
     )
-    moved, axis = side[-1] - side[0], result.centreline[-1, 1:] - result.centreline[0, 1:]
+    moved = side[-1] - side[0]
+    axis = result.centreline[-1, 1:] - result.centreline[0, 1:]
     assert abs(moved[0] / -moved[1] - axis[0] / axis[2]) < 0.02 * abs(
         axis[0] / axis[2]
     )  # pixels are rounded to a tenth
@@ -146,8 +147,9 @@ def test_scenes_of_all_kinds_draw_themselves() -> None:
 
 def test_no_picture_library_is_loaded() -> None:
     code = (
-        f"import sys, magmpm; magmpm.load_scene({str(SCENE)!r})._repr_html_(); "
-        "print(sorted({'matplotlib', 'pyvista', 'vtk', 'viz', 'IPython', 'PIL'} & set(sys.modules)))"
+        f"import sys, magmpm; magmpm.load_scene({str(SCENE)!r})._repr_html_();"
+        " print(sorted({'matplotlib', 'pyvista', 'vtk', 'viz', 'IPython', 'PIL'} &"
+        " set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert re.fullmatch(r"\[\]\s*", done.stdout)

@@ -20,7 +20,8 @@ from magmpm.simulate import run
 from magmpm.viz.from_result import Still, trial_snapshot
 
 ROOT = Path(__file__).parents[3]
-L, D = 40e-3, 4e-3
+L = 40e-3
+D = 4e-3
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +63,10 @@ def test_volume_is_kept_within_a_fifth(
 ) -> None:
     found = held(model, J ** (1 / 3) * special_ortho_group.rvs(3, random_state=rng))
     assert (found.min_det_F, found.max_det_F) == pytest.approx((J, J))
-    says = f"100 % of the volume has a det F below {1 - VOLUME:g} or above {1 + VOLUME:g} (it is {J:.3g} to {J:.3g})"
+    says = (
+        f"100 % of the volume has a det F below {1 - VOLUME:g} or above {1 + VOLUME:g} (it is"
+        f" {J:.3g} to {J:.3g})"
+    )
     assert [says in text for text in found.warnings(model)] == [True] * told
 
 
@@ -80,7 +84,8 @@ def test_a_few_particles_are_let_pass(model: Model) -> None:
 @pytest.mark.parametrize("radius", [0.9 * D, 1.1 * D, 10 * D])
 def test_the_axis_bends_no_tighter_than_the_body_is_thick(radius: float, model: Model) -> None:
     """Bent to a circle, measured on slices of the body."""
-    angle, aside = model.particles.position[:, 0] / radius, radius - model.particles.position[:, 2]
+    angle = model.particles.position[:, 0] / radius
+    aside = radius - model.particles.position[:, 2]
     bent = np.column_stack(
         [aside * np.sin(angle), model.particles.position[:, 1], radius - aside * np.cos(angle)]
     )
@@ -96,9 +101,12 @@ def test_the_axis_bends_no_tighter_than_the_body_is_thick(radius: float, model: 
 def test_a_tube_that_would_kink_is_told(model: Model) -> None:
     """Brazier's curvature, (sqrt(2)/3) t/(r^2 sqrt(1 - nu^2)), from both sides; a solid rod has none."""
     data = model.scene.to_si()
-    across, wall = data["body"]["catheter"]["diameter"], 0.1e-3
+    across = data["body"]["catheter"]["diameter"]
+    wall = 0.1e-3
     data["body"]["catheter"]["inner_diameter"] = across - 2 * wall
-    tube, K, G = build(Scene.from_si(data)), model.bulk[0], model.shear[0]
+    tube = build(Scene.from_si(data))
+    K = model.bulk[0]
+    G = model.shear[0]
     nu = (3 * K - 2 * G) / (2 * (3 * K + G))
     curvature = np.sqrt(2) / 3 * wall / ((across - wall) / 2) ** 2 / np.sqrt(1 - nu**2)
     assert Strain(radius=1.01 / curvature).warnings(tube) == []
@@ -118,7 +126,8 @@ def test_absurdly_soft_silicone_is_warned_of(
 ) -> None:
     """G of 1.5 kPa instead of 120 kPa: stretch 2.5, det F 0.4, radius below the thickness; reported in both places."""
     text = (ROOT / "data/scenes/five_segments.yaml").read_text(encoding="utf-8")
-    path, out = tmp_path / "soft.yaml", tmp_path / "out"
+    path = tmp_path / "soft.yaml"
+    out = tmp_path / "out"
     for old, new in (
         ("shear_modulus: 120 kPa", "shear_modulus: 1.5 kPa"),
         ("cells_across: 4", "cells_across: 2"),
@@ -128,7 +137,8 @@ def test_absurdly_soft_silicone_is_warned_of(
     path.write_text(text, encoding="utf-8")
     assert main(["run", str(path), "--out", str(out), "--json"]) == 0
     printed = capsys.readouterr()
-    told, saved = json.loads(printed.out), Result.load(out)
+    told = json.loads(printed.out)
+    saved = Result.load(out)
     assert told["largest_stretch"] == saved.largest_stretch > STRETCH
     assert told["tightest_radius"] == saved.tightest_radius < D
     said = [text for text in saved.warnings if text.startswith("strain: ")]

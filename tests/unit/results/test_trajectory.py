@@ -30,7 +30,8 @@ def contents(folder: Path) -> dict[str, Any]:
                 found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None
             )
         )
-        count, n = file["VTKHDF/Steps"].attrs["NSteps"], file["VTKHDF/NumberOfPoints"][0]
+        count = file["VTKHDF/Steps"].attrs["NSteps"]
+        n = file["VTKHDF/NumberOfPoints"][0]
         for name, array in found.items():  # growing arrays are longer than the counted frames
             if array.ndim and file[name].maxshape[0] is None:
                 found[name] = array[
@@ -97,7 +98,10 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
 
 def test_von_mises_of_known_stresses() -> None:
     """Tension: its stress; pure shear: sqrt(3) times its stress; pressure and torque (a skew stress): zero."""
-    pull, shear, pressure, torque = np.zeros((3, 3)), np.zeros((3, 3)), np.eye(3), np.zeros((3, 3))
+    pull = np.zeros((3, 3))
+    shear = np.zeros((3, 3))
+    pressure = np.eye(3)
+    torque = np.zeros((3, 3))
     pull[0, 0] = 7.0
     shear[0, 1] = shear[1, 0] = 2.0
     torque[0, 1], torque[1, 0] = 5.0, -5.0
@@ -260,8 +264,11 @@ def test_a_killed_runs_mark_is_taken_away(tmp_path: Path) -> None:
 def test_every_array_of_a_frame_tells_whether_it_is_whole(tmp_path: Path) -> None:
     """One changed number is detected, when the folder is loaded and when the frame is read; earlier frames can be resumed."""
     motions.written(tmp_path)
-    path, model = tmp_path / motion.MOTION, motions.body()
-    loaded, whole, n = Motion.load(tmp_path), path.read_bytes(), len(model.particles.volume)
+    path = tmp_path / motion.MOTION
+    model = motions.body()
+    loaded = Motion.load(tmp_path)
+    whole = path.read_bytes()
+    n = len(model.particles.volume)
     for name in (
         "Points",
         *(f"PointData/{name}" for name in QUANTITIES),

@@ -44,12 +44,15 @@ class Rod:
     def __call__(self, given: Array, field: Array, acceleration: Array) -> tuple[Array, Array]:
         """Positions (n + 1, 3) and slopes (columns, 2, n + 1, 3)."""
         frames = len(self.beyond)
-        q, m = self.family.straight(1), self.family.moments(given)
+        q = self.family.straight(1)
+        m = self.family.moments(given)
         shares = np.zeros((2, 2, frames))
         shares[0, 0], shares[1, 1] = 1.0, self.beyond
-        position, found = np.empty((1, frames, 3)), np.empty(1, dtype=bool)
+        position = np.empty((1, frames, 3))
+        found = np.empty(1, dtype=bool)
         slopes = np.empty((1, 3 * (self.groups + 2), 2, frames, 3))
-        B, W = np.tile(field, (1, frames, 1)), (self.beyond[:, None] * acceleration)[None]
+        B = np.tile(field, (1, frames, 1))
+        W = (self.beyond[:, None] * acceleration)[None]
         rod = self.rod
         for load in (0.3, 0.6, 1.0):
             relax_all(
@@ -74,11 +77,9 @@ class Rod:
 def test_each_column_is_a_central_difference(scene: Scene, column: int) -> None:
     """Each component of each moment, of the field and of the acceleration."""
     rod = Rod(scene)
-    given, field, acceleration = (
-        directions(scene),
-        np.array(scene.field.uniform),
-        np.array([0.0, 0.0, -GRAVITY]),
-    )
+    given = directions(scene)
+    field = np.array(scene.field.uniform)
+    acceleration = np.array([0.0, 0.0, -GRAVITY])
     _, slopes = rod(given, field, acceleration)
     group, j = divmod(column, 3)
 
@@ -133,7 +134,8 @@ def test_a_rod_past_its_critical_load_is_not_found_stable(scene: Scene) -> None:
     rod = rod_model(against, 40)
     family = RodFamily.of(rod, against.body.shape.segment_lengths(), regions(against))
     q = family.straight(1)
-    position, slopes = np.empty((1, 41, 3)), np.zeros((1, 3, 2, 41, 3))
+    position = np.empty((1, 41, 3))
+    slopes = np.zeros((1, 3, 2, 41, 3))
     found = np.ones(1, dtype=bool)
     relax_all(
         q,
@@ -156,7 +158,8 @@ def test_a_rod_past_its_critical_load_is_not_found_stable(scene: Scene) -> None:
 def test_stability_of_a_rod_is_that_of_its_small_vibrations(scene: Scene) -> None:
     """Unloaded: 1, and the eigenvalue is (1.8751 / L)^4 E I for 1 kg/m (the clamped beam). It falls to 0 at the critical load.
 
-    A rod magnetized toward its tip in a field B against it: E I theta'' + m B theta = 0, m B = E I (pi / 2L)^2 at the critical load."""
+    A rod magnetized toward its tip in a field B against it: E I theta'' + m B theta = 0, m B = E I (pi / 2L)^2 at the critical load.
+    """
     bare = (
         scene.with_effects(gravity=None)
         .with_magnetizations(np.tile([1.0, 0, 0], (5, 1)))
@@ -164,9 +167,11 @@ def test_stability_of_a_rod_is_that_of_its_small_vibrations(scene: Scene) -> Non
     )
     rod = replace(rod_model(bare, 120), compliance=np.zeros((120, 3)))
     family = RodFamily.of(rod, bare.body.shape.segment_lengths(), range(5))
-    toward, q = np.tile([1.0, 0, 0], (5, 1)), family.straight(1)[0]
+    toward = np.tile([1.0, 0, 0], (5, 1))
+    q = family.straight(1)[0]
     assert family.stability(q, toward, np.zeros(3)) == pytest.approx(1, rel=1e-12)
-    bending, length = rod.twist_bend[0, 1], rod.length.sum()
+    bending = rod.twist_bend[0, 1]
+    length = rod.length.sum()
     value = softest(
         q, rod.length, rod.twist_bend, rod.compliance, rod.moment, rod.field, rod.weight
     )

@@ -15,9 +15,11 @@ from magmpm.rod.cosserat import RodModel, rod_model, solve_rod, solve_rod_model
 from magmpm.rod.kernels import _energy, _turn, derivatives
 from magmpm.scene import Scene
 
-L, D = 40e-3, 1e-3
+L = 40e-3
+D = 1e-3
 E = young_modulus(G, 20 * G)
-AREA, INERTIA = np.pi / 4 * D**2, np.pi / 64 * D**4
+AREA = np.pi / 4 * D**2
+INERTIA = np.pi / 64 * D**4
 MOMENT = BR * AREA / MU0  # A m^2 per meter of rod
 
 
@@ -65,7 +67,9 @@ class Chain:
     def derivatives(self) -> tuple[np.ndarray, np.ndarray]:
         """Gradient (n + 1, 3) and the dense Hessian."""
         n = len(self.rod.length)
-        g, Hd, Ho = np.empty((n + 1, 3)), np.empty((n + 1, 3, 3)), np.empty((n, 3, 3))
+        g = np.empty((n + 1, 3))
+        Hd = np.empty((n + 1, 3, 3))
+        Ho = np.empty((n, 3, 3))
         derivatives(self.q, *self.arguments, g, Hd, Ho)
         H = np.zeros((n + 1, 3, n + 1, 3))
         for k in range(n + 1):
@@ -78,12 +82,14 @@ class Chain:
 @pytest.mark.parametrize("extensible", [True, False])
 def test_every_entry_of_gradient_and_hessian(rng: np.random.Generator, extensible: bool) -> None:
     """Central differences along each unknown, and each pair of neighbors, at a bent, twisted state with every load: no error can be missed
-    by a random direction. Compliances are a thousand times larger, so that a wrong term of stretch or shear would be visible."""
+    by a random direction. Compliances are a thousand times larger, so that a wrong term of stretch or shear would be visible.
+    """
     rod = rod_model(spatial(), elements=6, extensible=extensible)
     chain = Chain(replace(rod, compliance=1e3 * rod.compliance, weight=30 * rod.weight), rng)
     g, H = chain.derivatives()
     np.testing.assert_allclose(H, H.T, rtol=0, atol=1e-14 * np.abs(H).max())
-    n, h = g.size, 1e-4
+    n = g.size
+    h = 1e-4
     unit = np.eye(n).reshape(n, *g.shape)
     plus, minus = ([chain.energy(sign * h * e) for e in unit] for sign in (1, -1))
     base = chain.energy(0 * g)
@@ -114,9 +120,13 @@ def test_unloaded_rod_is_straight() -> None:
 def test_small_transverse_field() -> None:
     """E I theta' = m B (L - s) and shear m B/(k G A): tip z = m B (L^3/(3 E I) + L/(k G A)), k of Cowper.
 
-    A short thick rod, where shear matters. Nonlinear terms are the square of the tip angle, 1e-8."""
-    B, length, diameter = 1e-7, 8e-3, 4e-3
-    area, inertia = np.pi / 4 * diameter**2, np.pi / 64 * diameter**4
+    A short thick rod, where shear matters. Nonlinear terms are the square of the tip angle, 1e-8.
+    """
+    B = 1e-7
+    length = 8e-3
+    diameter = 4e-3
+    area = np.pi / 4 * diameter**2
+    inertia = np.pi / 64 * diameter**4
     nu = poisson_ratio(G, 20 * G)
     k = 6 * (1 + nu) / (7 + 6 * nu)
     m = BR * area / MU0
@@ -146,11 +156,9 @@ def test_part_of_the_load() -> None:
 
 def test_piecewise_stiffness_and_magnetisation() -> None:
     """Three unequal segments, one soft, the last unmagnetized: theta' = M(s)/(E I(s)), M(s) = m B (magnetized length beyond s)."""
-    lengths, moduli, magnets = (
-        np.array([7e-3, 20e-3, 13e-3]),
-        np.array([G, G / 5, 3 * G]),
-        [1, 1, 0],
-    )
+    lengths = np.array([7e-3, 20e-3, 13e-3])
+    moduli = np.array([G, G / 5, 3 * G])
+    magnets = [1, 1, 0]
     B = 1e-7
     scene = slender(
         lengths=lengths, shear=moduli, directions=[(m, 0, 0) for m in magnets], field=(0, 0, B)
@@ -190,7 +198,8 @@ def test_twist_is_a_pendulum(load: float) -> None:
 
 def test_second_order_in_the_elements() -> None:
     """Against the elastica at load 5: the error falls as the square of the element length, to 1e-4 of L at 180 elements."""
-    exact, counts = elastica(5.0, np.pi / 2), [20, 40, 80, 160]
+    exact = elastica(5.0, np.pi / 2)
+    counts = [20, 40, 80, 160]
     scene = slender(field=field_for_load(5.0, np.pi / 2, length=L, diameter=D))
     errors = []
     for n in counts:
@@ -208,7 +217,8 @@ def test_turned_about_its_axis(angle: float) -> None:
     turned = replace(
         model, moment=model.moment @ R.T, field=model.field @ R.T, weight=model.weight @ R.T
     )
-    one, two = solve_rod_model(model), solve_rod_model(turned)
+    one = solve_rod_model(model)
+    two = solve_rod_model(turned)
     np.testing.assert_allclose(two.position, one.position @ R.T, rtol=0, atol=1e-9 * L)
     assert np.linalg.norm(one.position[-1] - [L, 0, 0]) > 0.3 * L
 

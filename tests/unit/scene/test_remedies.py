@@ -33,7 +33,8 @@ class Reached:
     """A last good state, as remedies look at it."""
 
     def __init__(self, time: float = 0.0, load_share: float = 1.0) -> None:
-        self.time, self.load_share = time, load_share
+        self.time = time
+        self.load_share = load_share
 
 
 def test_motions_get_shorter_steps_or_end_before_the_trouble() -> None:

@@ -47,7 +47,8 @@ def scene_of(folder: Path, text: str) -> Scene:
 
 
 def test_five_segments_is_the_contracts(five: Scene) -> None:
-    catheter, material = five.body.catheter, five.materials["magnetic silicone"]
+    catheter = five.body.catheter
+    material = five.materials["magnetic silicone"]
     assert (
         catheter.length,
         catheter.diameter,

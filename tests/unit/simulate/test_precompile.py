@@ -54,9 +54,11 @@ def test_only_what_is_used_is_compiled_and_once(compiler: SimpleNamespace) -> No
 
 def test_one_process_compiles_and_others_wait_for_it(compiler: SimpleNamespace) -> None:
     """Two processes need the same kernels: one compiles them, the other finds them ready."""
-    begun, go_on = threading.Event(), threading.Event()
+    begun = threading.Event()
+    go_on = threading.Event()
     compiler.work = lambda: begun.set() or go_on.wait(60)
-    scene, found = rod_scene(field=(0.0, 0.0, 5e-3)), list[bool]()
+    scene = rod_scene(field=(0.0, 0.0, 5e-3))
+    found = list[bool]()
     one = threading.Thread(target=lambda: found.append(warmup.fill_cache(scene, lambda _: None)))
     one.start()
     assert begun.wait(60)
@@ -80,7 +82,8 @@ def test_who_needs_other_kernels_waits_for_nobody_and_who_needs_the_same_not_for
 ) -> None:
     """A static scene once waited eight minutes for the kernels of another one's motion."""
     monkeypatch.setattr(warmup, "PATIENCE", 0.3)
-    begun, go_on = threading.Event(), threading.Event()
+    begun = threading.Event()
+    go_on = threading.Event()
     compiler.work = lambda: begun.set() or go_on.wait(60)
     slow = rod_scene(field=(0.0, 0.0, 5e-3))
     one = threading.Thread(target=lambda: warmup.fill_cache(slow, lambda _: None))
@@ -106,7 +109,8 @@ def test_who_needs_other_kernels_waits_for_nobody_and_who_needs_the_same_not_for
 
 def test_a_solve_that_only_compiles_ends_after_a_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where a coarse scene has no equilibrium all the time once went there; what comes after one is called all the same."""
-    steps, judged = [], []
+    steps = []
+    judged = []
 
     def endless(*_: object, **__: object) -> None:
         for step in range(1000):

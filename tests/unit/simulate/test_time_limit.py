@@ -111,7 +111,8 @@ def test_what_is_to_be_resumed_stays_in_its_place(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A limit ends a motion in a folder that held another one: --resume goes on with the new one, and the old one is kept meanwhile."""
-    path, out = tmp_path / "scene.yaml", tmp_path / "out"
+    path = tmp_path / "scene.yaml"
+    out = tmp_path / "out"
     path.write_text(MOVING.format(field=3, duration="2 ms"))
     assert main(["run", str(path), "--out", str(out)]) == 0
     path.write_text(MOVING.format(field=4, duration="4 ms"))

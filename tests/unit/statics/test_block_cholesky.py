@@ -1,6 +1,7 @@
 """The two-sided block Cholesky against numpy.linalg, for every small number of planes and several block sizes.
 
-Random symmetric matrices with two blocks beside each diagonal block, made positive definite by their diagonal."""
+Random symmetric matrices with two blocks beside each diagonal block, made positive definite by their diagonal.
+"""
 
 import numpy as np
 import pytest
@@ -55,9 +56,11 @@ def to_panels(A: np.ndarray, planes: int, m: int) -> np.ndarray:
 @SIZES
 def test_solves(rng: np.random.Generator, planes: int, m: int) -> None:
     """factor, then solve for one right-hand side or for columns, gives numpy.linalg.solve, as often as it is asked; in single precision,
-    rounded in the same memory, as many digits as that has, for right-hand sides below its smallest number too."""
+    rounded in the same memory, as many digits as that has, for right-hand sides below its smallest number too.
+    """
     A = random_banded(rng, planes, m)
-    panels, split = to_panels(A, planes, m), split_plane(planes)
+    panels = to_panels(A, planes, m)
+    split = split_plane(planes)
     assert factor(panels, split) == -1
     for columns in (0, 1, 2, 5):
         b = rng.standard_normal((planes, columns, m))
@@ -92,7 +95,8 @@ def test_solves(rng: np.random.Generator, planes: int, m: int) -> None:
 @pytest.mark.parametrize("planes", range(3, 10))
 def test_indefinite_matrices_are_found_out(rng: np.random.Generator, planes: int) -> None:
     """A negative eigenvalue is detected in every plane, in either precision: its own plane fails, or one of them where there are two."""
-    m, split = 4, split_plane(planes)
+    m = 4
+    split = split_plane(planes)
     A = random_banded(rng, planes, m)
     for bad in [(plane,) for plane in range(planes)] + [(0, planes - 1)]:
         B = A.copy()
@@ -115,7 +119,8 @@ def test_barely_indefinite(rng: np.random.Generator, planes: int) -> None:
 
 def test_split_leaves_two_planes_and_even_halves() -> None:
     for planes in range(3, 60):
-        before, after = split_plane(planes), planes - 2 - split_plane(planes)
+        before = split_plane(planes)
+        after = planes - 2 - split_plane(planes)
         assert before >= 0
         assert after >= 0
         assert abs(before - after) <= 1

@@ -14,7 +14,8 @@ from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import StaticModel, arranged, static_model
 
-AXIS, ANGLE = (1.0, 2.0, 3.0), 0.7
+AXIS = (1.0, 2.0, 3.0)
+ANGLE = 0.7
 FIELD = np.array([0.0, 0.0, 2e-3])
 SPACING = 0.7e-3  # m
 
@@ -38,9 +39,10 @@ def beam(
         for a, b in boxes
     ]
     body = {"parts": {"unit": "mm", "spacing": SPACING, "meshes": [held, *free]}}
-    return resting_scene(
-        body, {"magnetic_torque": {}}, field={"uniform": (turn @ FIELD).tolist()}
-    ), turn
+    return (
+        resting_scene(body, {"magnetic_torque": {}}, field={"uniform": (turn @ FIELD).tolist()}),
+        turn,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +52,8 @@ def oblique() -> StaticModel:
 
 def end(scene: Scene, turn: np.ndarray) -> np.ndarray:
     """Mean displacement (3,) m of the last millimeter, in the beam's own axes."""
-    found, model = solve_static(static_model(build(scene))), static_model(build(scene))
+    found = solve_static(static_model(build(scene)))
+    model = static_model(build(scene))
     last = model.particles.volume * ((model.particles.position @ turn)[:, 0] > 11e-3)
     return last @ found.point.displacement @ turn / last.sum()
 
@@ -118,10 +121,8 @@ def test_bonds_are_part_of_energy_gradient_and_tangent(
 ) -> None:
     """Central differences of the energy and of the gradient, at steps of 1e-9 m of a body whose coefficients differ by 1e-5 m."""
     energy = Energy(oblique)
-    grid, d = (
-        1e-5 * energy.free(rng.standard_normal(energy.shape)),
-        energy.free(rng.standard_normal(energy.shape)),
-    )
+    grid = 1e-5 * energy.free(rng.standard_normal(energy.shape))
+    d = energy.free(rng.standard_normal(energy.shape))
     h = 1e-9
     ahead, behind = (energy.at(grid + side * h * d) for side in (1, -1))
     point = energy.at(grid)
@@ -146,10 +147,8 @@ def test_an_arc_is_the_straight_step_to_first_order_and_turns_without_strain(
     bare = beam(angle=ANGLE)[0]
     energy = Energy(arranged(static_model(build(bare)))[0])
     rng = np.random.default_rng(6)
-    grid, d = (
-        1e-6 * energy.free(rng.standard_normal(energy.shape)),
-        energy.free(rng.standard_normal(energy.shape)),
-    )
+    grid = 1e-6 * energy.free(rng.standard_normal(energy.shape))
+    d = energy.free(rng.standard_normal(energy.shape))
     point = energy.at(grid)
     off = [np.abs(energy.arc(point, d, t) - grid - t * d).max() for t in (1e-6, 1e-7)]
     assert off[0] / off[1] == pytest.approx(100, rel=0.1)  # second order

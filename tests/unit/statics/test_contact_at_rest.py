@@ -90,7 +90,8 @@ def models(kind: str, folder: Path, **effects: Any) -> tuple[StaticModel, Static
 def on_nodes(model: StaticModel, grid: np.ndarray) -> np.ndarray:
     """Coefficients (nodes x, y, z, 3) m of the whole grid, from those of the unknowns."""
     out = np.zeros((*model.grid.nodes, 3))
-    first, node = int(model.clamped_face), model.layout.node_yz
+    first = int(model.clamped_face)
+    node = model.layout.node_yz
     out[first:, node[:, 0], node[:, 1]] = grid.reshape(model.layout.planes, -1, 3)
     return out
 
@@ -103,7 +104,8 @@ def test_points_move_with_the_splines_of_their_cells(
     _, model = models(kind, tmp_path, ground=GROUND)
     on = model.touching
     grid = 1e-5 * rng.standard_normal((model.layout.planes, model.layout.m))
-    nodes, moved = on_nodes(model, grid), on.positions(grid) - on.place
+    nodes = on_nodes(model, grid)
+    moved = on.positions(grid) - on.place
     for p in range(0, len(on.mass), 7):
         u = np.zeros(3)
         for a, b, c in np.ndindex(3, 3, 3):
@@ -129,7 +131,8 @@ def test_the_energy_is_that_of_the_push(kind: str, tmp_path: Path) -> None:
     """At rest sum of m w^2 depth^2 / 2 over the surface, whose area the masses share, and the force m w^2 depth along the normal."""
     model, turned = models(kind, tmp_path, ground={**GROUND, "stiffness": 2.0})
     normal = np.array(GROUND["normal"]) / np.linalg.norm(GROUND["normal"])
-    shear, bulk = 120e3, 20 * 120e3
+    shear = 120e3
+    bulk = 20 * 120e3
     stiffness = 2.0 * (bulk + 4 / 3 * shear) / 1882.0 / model.scene.cell**2
     surface = model.surface
     depth = np.maximum((np.array(GROUND["point"]) - surface.place) @ normal, 0.0)
@@ -154,14 +157,17 @@ def test_force_and_tangent_are_derivatives_of_the_energy(
     """By central differences where points touch on both sides; and the matrix is the one whose products `product` gives."""
     effects = {"walls": WALLS} if kind == "walls" else {"ground": GROUND}
     _, model = models("rod" if kind == "walls" else kind, tmp_path, **effects)
-    on, shape = model.touching, (model.layout.planes, model.layout.m)
+    on = model.touching
+    shape = (model.layout.planes, model.layout.m)
 
     def energy(grid: np.ndarray) -> float:
         return on.touched(model.effects, grid).energy
 
-    grid, d = 5e-5 * rng.standard_normal(shape), rng.standard_normal(shape)
+    grid = 5e-5 * rng.standard_normal(shape)
+    d = rng.standard_normal(shape)
     d[model.layout.fixed], grid[model.layout.fixed] = 0.0, 0.0
-    touched, h = on.touched(model.effects, grid), 1e-9
+    touched = on.touched(model.effects, grid)
+    h = 1e-9
     ahead, behind = (on.touched(model.effects, grid + side * h * d) for side in (1, -1))
     force = on.force(touched).reshape(shape)
     assert -np.sum(force * d) == pytest.approx(
@@ -172,7 +178,8 @@ def test_force_and_tangent_are_derivatives_of_the_energy(
     np.testing.assert_allclose(
         product, slope, rtol=0, atol=2e-4 * np.abs(slope).max()
     )  # points that just begin to touch
-    matrix, out = Bands(model.layout), np.empty(shape)
+    matrix = Bands(model.layout)
+    out = np.empty(shape)
     matrix.clear()
     on.add_tangent(touched, matrix.target(on.cells))
     multiply(matrix.panels, model.layout.split, d, out)
@@ -211,11 +218,9 @@ def test_what_has_no_answer_is_refused(tmp_path: Path) -> None:
     there = scene(catheter(), ground=GROUND)
     rod = run(scene(catheter(), gravity={}))
     assert rod.contacts == {}
-    model, shape, deep = (
-        static_model(build(there)),
-        solve_rod(there),
-        scene(catheter(), ground={"point": [0.0, 0.0, 0.0]}),
-    )
+    model = static_model(build(there))
+    shape = solve_rod(there)
+    deep = scene(catheter(), ground={"point": [0.0, 0.0, 0.0]})
     with pytest.raises(ValueError, match="touch no obstacle"):
         solve_static(model, rod=shape)
     with pytest.raises(
@@ -235,13 +240,15 @@ def test_what_has_no_answer_is_refused(tmp_path: Path) -> None:
 def test_points_that_went_through_an_obstacle_are_told() -> None:
     """More than a cell deep, or past the table but beside the lumen; what is past its open ends is not in it."""
     inside = [3e-3, 0.0, 0.0]
-    ground, there = scene(catheter(), ground=GROUND), scene(catheter(), walls=WALLS)
+    ground = scene(catheter(), ground=GROUND)
+    there = scene(catheter(), walls=WALLS)
     assert (
         acting.passed(ground, np.array([inside]))
         is acting.passed(there, np.array([inside]))
         is None
     )
     assert "more than a cell" in str(acting.passed(ground, np.array([inside, [3e-3, 0.0, -3e-3]])))
-    beside, past = [3e-3, 0.0, -20e-3], [60e-3, 0.0, -20e-3]
+    beside = [3e-3, 0.0, -20e-3]
+    past = [60e-3, 0.0, -20e-3]
     assert acting.passed(there, np.array([inside, beside])) == "the body has gone through the wall"
     assert acting.passed(there, np.array([inside, past])) is None

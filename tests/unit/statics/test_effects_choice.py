@@ -149,7 +149,11 @@ def test_a_weight_that_is_not_named_is_told_of_bodies_that_are_no_rods() -> None
         solver=few,
     )
     data = scene.to_si()
-    model, of = static_model(build(scene)), lambda one: solve_static(static_model(build(one))).point
+    model = static_model(build(scene))
+
+    def of(one):
+        return solve_static(static_model(build(one))).point
+
     found = solve_static(model)
     assert isinstance(found.energy, Energy)
     little = 1e-3 * 9.81

@@ -38,7 +38,8 @@ def unclamped(model: StaticModel) -> StaticModel:
 
 def coordinates(model: StaticModel) -> np.ndarray:
     """Greville points of the free nodes, (planes, nodes, 3) m: the coefficients with which the splines represent x, y and z."""
-    grid, nodes = model.grid, model.layout.node_yz
+    grid = model.grid
+    nodes = model.layout.node_yz
     x = grid.node_coordinates(0)[1:]
     y, z = grid.section_nodes(nodes).T
     return np.stack(np.broadcast_arrays(x[:, None], y, z), axis=-1)
@@ -74,7 +75,8 @@ def test_undeformed_body(rng: np.random.Generator, locking: str) -> None:
 def test_torque_is_the_magnets(rng: np.random.Generator, locking: str) -> None:
     """Angular momentum in P2G: moments of the grid forces about the origin sum to minus the integral of (1/mu0) F Br x B.
 
-    The coefficients of the deformed position, Greville points plus displacement, are the lever arms."""
+    The coefficients of the deformed position, Greville points plus displacement, are the lever arms.
+    """
     model = unclamped(model_of(field=FIELD, anti_locking=locking))
     energy = Energy(model)
     c = random_coefficients(model, rng)
@@ -118,7 +120,8 @@ def test_rigid_motion_is_free_of_stress(locking: str, angle: float) -> None:
 def test_patch(locking: str, particles: int) -> None:
     """Patch test: an affine deformation gives the same F everywhere, and no residual at nodes inside the material.
 
-    Inside: all cells of a node are full and of one material. There the Gauss points integrate the gradients exactly."""
+    Inside: all cells of a node are full and of one material. There the Gauss points integrate the gradients exactly.
+    """
     model = model_of(
         cells=5, particles=particles, directions=[(1, 0, 0)], shear=G, anti_locking=locking
     )
@@ -145,7 +148,8 @@ def test_patch(locking: str, particles: int) -> None:
     "effects",
     [{"magnetic_torque": {}}, {"magnetic_torque": {}, "magnetic_force": {}, "gravity": {}}],
 )
-@pytest.mark.slow  # test_stability compares the same products with the tangent of one combination of effects
+# test_stability compares the same products with the tangent of one combination of effects
+@pytest.mark.slow
 def test_products_are_those_of_the_tangents_matrix(effects: dict) -> None:
     """Without a matrix: the tangent times columns, with loads that also soften, and the mass of unit density."""
     data = rod_scene(cells=2, field=(1e-3, 4e-3, 7e-3)).to_si() | {"effects": effects}

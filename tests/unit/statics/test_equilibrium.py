@@ -25,7 +25,8 @@ from magmpm.statics.rod_start import from_rod, straight
 
 L = 32e-3
 DIRECTIONS = np.array([(1, 0, 0), (0.7, 0.6, 0.4), (-0.2, -0.8, 0.6)])
-FIELD, GRAVITY = np.array([2e-3, 10e-3, -14e-3]), np.array([0, -3, -9.81])
+FIELD = np.array([2e-3, 10e-3, -14e-3])
+GRAVITY = np.array([0, -3, -9.81])
 
 
 def spatial_scene(T: np.ndarray | None = None, **changes: object) -> Scene:
@@ -60,7 +61,8 @@ def test_a_rod_as_start_chooses_the_branch() -> None:
         curvature=rod.curvature * [-1, -1, 1],
         strain=rod.strain * [1, 1, -1],
     )
-    up, down = run(scene), run(scene, start=below)
+    up = run(scene)
+    down = run(scene, start=below)
     assert abs(up.tip[2]) > 0.2 * L
     assert np.sign(up.tip[2]) != np.sign(down.tip[2])
     np.testing.assert_allclose(down.tip, flip @ up.tip, atol=1e-6 * L)  # the solve's tolerance
@@ -108,7 +110,8 @@ TURNS = {
 def test_turned_scene_turned_answer(spatial: Result, turn: str) -> None:
     """The grid has the symmetry of a square: if the scene is mirrored or rotated by quarter turns about x, so is the result.
 
-    Only the order of sums differs: the shapes agree to rounding, 1e-16 of the length, times the stiffest mode over bending, about 1e6."""
+    Only the order of sums differs: the shapes agree to rounding, 1e-16 of the length, times the stiffest mode over bending, about 1e6.
+    """
     T = TURNS[turn]
     result = run(spatial_scene(T))
     # the particle at the transformed position of a particle of the other scene
@@ -122,7 +125,8 @@ def test_turned_scene_turned_answer(spatial: Result, turn: str) -> None:
 def test_answer_does_not_depend_on_the_start(spatial: Result) -> None:
     """From the rod, from the straight body in 1 or 6 load steps, from two neighboring designs: the same shape.
 
-    The solve stops when a step lowers the energy by 1e-11, so shapes differ by at most about the square root of that, 3e-6."""
+    The solve stops when a step lowers the energy by 1e-11, so shapes differ by at most about the square root of that, 3e-6.
+    """
     near = run(spatial_scene().with_field(1.1 * FIELD))
     far = run(spatial_scene().with_magnetizations(DIRECTIONS[::-1]))
     others = {
@@ -249,7 +253,10 @@ def test_unconverged_run_says_so() -> None:
     """Too few steps: SolveError with exit status 3, a reason that names the setting, and the last good state or None."""
     with pytest.raises(
         SolveError,
-        match=r"no equilibrium within 1 Newton step.*to try: solver\.static: \{field_steps: 40, max_steps: 150\}",
+        match=(
+            r"no equilibrium within 1 Newton step.*to try: solver\.static: \{field_steps: 40,"
+            r" max_steps: 150\}"
+        ),
     ) as caught:
         run(spatial_scene(max_steps=1))
     assert caught.value.exit_status == 3
@@ -262,7 +269,8 @@ def test_unconverged_run_says_so() -> None:
 def test_the_same_bits_for_any_number_of_threads() -> None:
     """Shape, energy, steps: the order of sums is given by the slabs, not by the threads."""
     scene = spatial_scene(lengths=[9e-3, 14e-3, 9e-3], cells=3)
-    before, results = numba.get_num_threads(), []
+    before = numba.get_num_threads()
+    results = []
     try:
         for threads in (1, 2, 2):
             numba.set_num_threads(threads)
@@ -333,10 +341,8 @@ def test_a_body_that_turns_as_a_whole_is_not_strained(model: StaticModel) -> Non
 def test_to_first_order_it_is_the_straight_step(model: StaticModel) -> None:
     rng = np.random.default_rng(1)
     shape = (model.layout.planes, model.layout.m)
-    grid, direction = (
-        1e-4 * rng.normal(size=shape),
-        1e-3 * rng.normal(size=shape) + turning(model, np.array([1.0, 2.0, -1.0])),
-    )
+    grid = 1e-4 * rng.normal(size=shape)
+    direction = 1e-3 * rng.normal(size=shape) + turning(model, np.array([1.0, 2.0, -1.0]))
 
     def off(fraction: float) -> float:
         return float(

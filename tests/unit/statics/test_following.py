@@ -38,12 +38,15 @@ CHANGES = {
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
 def test_they_are_those_found_alone(change: Callable[[Scene], Scene]) -> None:
     """Tips agree to 1e-6 L, as solves from different starts do, and stabilities to 1e-4, also after the body or its magnets were changed
-    between two of them. Nothing that was left may count: not its stiffness, its remanence nor its soft modes."""
-    scene, last = load_scene(SHIPPED).with_cells(2), [np.zeros((0, 0))]
+    between two of them. Nothing that was left may count: not its stiffness, its remanence nor its soft modes.
+    """
+    scene = load_scene(SHIPPED).with_cells(2)
+    last = [np.zeros((0, 0))]
     following = Following(lambda rod: last[-1])
     for k, field in enumerate(FIELDS):
         here = (scene if k < 2 else change(scene)).with_field(field)
-        found, alone = simulated(here, start=following), run(here)
+        found = simulated(here, start=following)
+        alone = run(here)
         last.append(found.grid_correction)
         np.testing.assert_allclose(found.tip, alone.tip, atol=1e-6 * scene.length)
         assert abs(found.stability - alone.stability) < 1e-4
@@ -66,9 +69,10 @@ def test_a_wrong_expectation_does_no_harm() -> None:
 def test_blas_has_one_thread_in_a_fresh_process() -> None:
     """SciPy's library too, loaded at the first solve: with a thread a core in each half of a factorization, moves took twice as long."""
     code = (
-        "import sys\nfrom magmpm.statics.equilibrium import one_blas_thread\nfrom threadpoolctl import threadpool_info\n"
-        "with one_blas_thread():\n    assert 'scipy.linalg.cython_lapack' in sys.modules\n"
-        "    print([one['num_threads'] for one in threadpool_info() if one['user_api'] == 'blas'])"
+        "import sys\nfrom magmpm.statics.equilibrium import one_blas_thread\nfrom threadpoolctl"
+        " import threadpool_info\nwith one_blas_thread():\n    assert 'scipy.linalg.cython_lapack'"
+        " in sys.modules\n    print([one['num_threads'] for one in threadpool_info() if"
+        " one['user_api'] == 'blas'])"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert set(json.loads(found.stdout)) == {1}
@@ -84,7 +88,8 @@ def on_grid(cells: int) -> StaticModel:
 @pytest.fixture(scope="module")
 def grids() -> tuple[StaticModel, np.ndarray, np.ndarray, np.ndarray]:
     """Three cells, where the equilibrium on 2 cells puts them, their own equilibrium, and the axis (k, 3) m on 2 cells."""
-    coarse, fine = on_grid(2), on_grid(3)
+    coarse = on_grid(2)
+    fine = on_grid(3)
     start = carried(coarse, solve_static(coarse).point.grid, fine)
     return fine, start, solve_static(fine).point.grid, points(fine, start)
 
@@ -163,7 +168,8 @@ def test_no_answer_from_a_folded_start(grids) -> None:
 def test_steps_that_tell_nothing_are_left_out(rng: np.random.Generator) -> None:
     """A step of length zero, as where no load is left, would divide nothing by nothing; one along which the energy curves down, turn the
     direction around. With those left out, the direction is that of the factors."""
-    q, step = rng.standard_normal((4, 3)), rng.standard_normal((4, 3))
+    q = rng.standard_normal((4, 3))
+    step = rng.standard_normal((4, 3))
     still = (np.zeros((4, 3)), np.zeros((4, 3)))
     np.testing.assert_array_equal(
         corrected(q, [still, (step, -step)], lambda right: -0.5 * right), -0.5 * q

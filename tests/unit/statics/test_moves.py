@@ -19,7 +19,9 @@ from magmpm.statics.axis import along_axis, section_weights
 from magmpm.statics.energy import Energy
 from magmpm.statics.layout import static_model
 
-L, W, T = 20e-3, 4e-3, 2e-3
+L = 20e-3
+W = 4e-3
+T = 2e-3
 RAMP = {"ramp": {"duration": 20e-3}}
 
 

@@ -46,7 +46,8 @@ def test_an_asked_error_is_kept_and_proven(tmp_path: Path) -> None:
     scene = asked(error=0.005)
     result = run(scene, folder=tmp_path)
     cells = result.resolution["cells_across"]
-    plain, fine = run(PLAIN.with_cells(cells)), run(PLAIN.with_cells(6))
+    plain = run(PLAIN.with_cells(cells))
+    fine = run(PLAIN.with_cells(6))
     np.testing.assert_allclose(
         result.centreline, plain.centreline, atol=1e-6 * LENGTH
     )  # as well as equilibria are known
@@ -109,7 +110,8 @@ def test_a_displacement_is_carried_between_grids_as_it_is() -> None:
         )
         return np.ascontiguousarray(u)
 
-    exact, found = coefficients(fine), carried(coarse, coefficients(coarse), fine)
+    exact = coefficients(fine)
+    found = carried(coarse, coefficients(coarse), fine)
     x = fine.plane_coordinates()
     inside = x > 4 * coarse.grid.spacing[0]  # x^2 is no spline where node 0 is minus node 1
     np.testing.assert_allclose(found[inside], exact[inside], atol=1e-4 * np.abs(exact).max())

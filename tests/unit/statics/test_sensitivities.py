@@ -54,26 +54,36 @@ field:
   dipole: {position: [40 mm, 10 mm, 20 mm], moment: [2 A*m^2, 1 A*m^2, -3 A*m^2]}
 effects: {magnetic_torque: {}, magnetic_force: {}, gravity: {}}
 """
-LUMEN = "gravity: {}, walls: {tube: {radius: 2.5 mm, path: [[-9 mm, 0 mm, 0 mm], [20 mm, 0 mm, 0.1 mm], [40 mm, 0 mm, 0.6 mm]]}}"
+LUMEN = (
+    "gravity: {}, walls: {tube: {radius: 2.5 mm, path: [[-9 mm, 0 mm, 0 mm], [20 mm, 0 mm, 0.1 mm],"
+    " [40 mm, 0 mm, 0.6 mm]]}}"
+)
 CASES = {
     "catheter": CATHETER + UNIFORM,
-    "tube": CATHETER.replace("diameter: 4 mm", "diameter: 4 mm\n    inner_diameter: 1.3 mm")
-    + UNIFORM,
+    "tube": (
+        CATHETER.replace("diameter: 4 mm", "diameter: 4 mm\n    inner_diameter: 1.3 mm") + UNIFORM
+    ),
     "strip": STRIP + UNIFORM,
     "both ends": STRIP.replace("thickness", "clamp: both\n    thickness") + UNIFORM,
-    "plane strain": STRIP.replace("thickness", "plane_strain: true\n    thickness")
-    + UNIFORM.replace("4 mT", "0 mT"),
+    "plane strain": (
+        STRIP.replace("thickness", "plane_strain: true\n    thickness")
+        + UNIFORM.replace("4 mT", "0 mT")
+    ),
     "pulled": CATHETER + DIPOLE,
     "inserted": CATHETER + UNIFORM + "resolution: {cells_across: 2, from_tip: true}\n",
-    "on the ground": CATHETER
-    + UNIFORM.replace(
-        "gravity: {}", "gravity: {}, ground: {point: [0 mm, 0 mm, -3 mm], normal: [0.02, 0.1, 1]}"
+    "on the ground": (
+        CATHETER
+        + UNIFORM.replace(
+            "gravity: {}",
+            "gravity: {}, ground: {point: [0 mm, 0 mm, -3 mm], normal: [0.02, 0.1, 1]}",
+        )
     ),
     "in a lumen": CATHETER + UNIFORM.replace("gravity: {}", LUMEN),
     "rotating": CATHETER + UNIFORM,
     "rotating, pulled": CATHETER + DIPOLE,
-    "interacting": CATHETER
-    + UNIFORM.replace("gravity: {}", "gravity: {}, magnetic_interaction: {}"),
+    "interacting": (
+        CATHETER + UNIFORM.replace("gravity: {}", "gravity: {}, magnetic_interaction: {}")
+    ),
     "parts": UNIFORM
     + """
 body:
@@ -91,23 +101,25 @@ RAMP = UNIFORM.replace("}\neffects", ", over_time: {ramp: {duration: 1 s}}}\neff
 WITHIN = "solver: {quasi_static: {at: [0 s, 0.3 s, 0.7 s]}}\n"  # of the schedule: before it ends
 TRAVELS = DIPOLE.replace(
     "effects",
-    "  over_time: {keyframes: [{time: 0 s, move: [0 mm, 0 mm, 10 mm]}, {time: 1 s, move: [-6 mm, 0 mm, 0 mm]}]}\neffects",
+    "  over_time: {keyframes: [{time: 0 s, move: [0 mm, 0 mm, 10 mm]}, {time: 1 s, move: [-6 mm, 0"
+    " mm, 0 mm]}]}\neffects",
 )
 PRESSED = "move: {tip: {along: [-1, 0, 0.1], distance: 1 mm, over_time: {ramp: {duration: 1 s}}}}\n"
 PATHS = {
     "ramp": CATHETER + RAMP + WITHIN,
-    "turning field": CATHETER
-    + RAMP.replace("ramp: {duration: 1 s}", "rotation: {axis: [1, 0.2, 0], frequency: 1 Hz}")
-    + WITHIN,
+    "turning field": (
+        CATHETER
+        + RAMP.replace("ramp: {duration: 1 s}", "rotation: {axis: [1, 0.2, 0], frequency: 1 Hz}")
+        + WITHIN
+    ),
     "traveling magnet": CATHETER + TRAVELS + WITHIN,
     "rotating, traveling magnet": CATHETER + TRAVELS + WITHIN,
-    "interacting along a path": CATHETER
-    + RAMP.replace("gravity: {}", "gravity: {}, magnetic_interaction: {}")
-    + WITHIN,
-    "pressed and bent": STRIP.replace("thickness", "clamp: both\n    thickness")
-    + RAMP
-    + WITHIN
-    + PRESSED,
+    "interacting along a path": (
+        CATHETER + RAMP.replace("gravity: {}", "gravity: {}, magnetic_interaction: {}") + WITHIN
+    ),
+    "pressed and bent": (
+        STRIP.replace("thickness", "clamp: both\n    thickness") + RAMP + WITHIN + PRESSED
+    ),
 }
 CASES |= PATHS
 MESHES = {
@@ -197,7 +209,10 @@ def test_along_a_path_they_are_those_of_its_last_equilibrium(name: str, tmp_path
             "effects.ground.friction: received 0.4",
         ),
         (
-            "walls: {tube: {radius: 5 mm, path: [[-9 mm, 0 mm, 0 mm], [40 mm, 0 mm, 0 mm]]}, friction: 0.1}",
+            (
+                "walls: {tube: {radius: 5 mm, path: [[-9 mm, 0 mm, 0 mm], [40 mm, 0 mm, 0 mm]]},"
+                " friction: 0.1}"
+            ),
             "effects.walls.friction",
         ),
         ("feed: {speed: 10 mm/s, exit: 20 mm}", "effects.feed"),
@@ -348,10 +363,8 @@ def full_matrices(products: Products, shape: tuple[int, int]) -> list[np.ndarray
 def test_at_arc_lengths_it_is_the_derivative_of_centreline_at(tmp_path: Path) -> None:
     """At fixed arc lengths, also where the body gets longer."""
     scene = tight(scene_of("catheter", tmp_path))
-    found, s = (
-        magmpm.sensitivities(scene, ["field", "length"]),
-        np.array([0.0, 3.3e-3, 11e-3, 20e-3]),
-    )
+    found = magmpm.sensitivities(scene, ["field", "length"])
+    s = np.array([0.0, 3.3e-3, 11e-3, 20e-3])
     k = found.names.index("segment_2_length")
     h = 2e-5
     there = [
@@ -395,7 +408,10 @@ def test_what_is_refused(tmp_path: Path) -> None:
     for of, text in (
         (
             ["speed"],
-            r"(?s)of: received 'speed'.*must be of magnetization, field, remanence, shear_modulus, length, diameter, density",
+            (
+                r"(?s)of: received 'speed'.*must be of magnetization, field, remanence,"
+                r" shear_modulus, length, diameter, density"
+            ),
         ),
         ("field", r"(?s)received 'field'.*must be a list of names.*of=\['field'\]"),
     ):

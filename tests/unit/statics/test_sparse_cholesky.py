@@ -19,7 +19,8 @@ PATTERNS = {"chain": CHAIN, "star": STAR, "ring": RING, "apart": APART, "one": n
 def drawn(elements: np.ndarray, seed: int) -> tuple[Elimination, np.ndarray, np.ndarray]:
     """How to eliminate a pattern, blocks of a positive definite matrix of it, and the matrix, dense, in the order of elimination."""
     count = int(elements.max()) + 1
-    order, rng = elimination([elements], count), np.random.default_rng(seed)
+    order = elimination([elements], count)
+    rng = np.random.default_rng(seed)
     blocks = np.zeros((int(order.fronts.block_first[-1]), 3, 3))
     dense = np.zeros((count, 3, count, 3))
     for element, block in zip(elements, order.blocks_of(elements), strict=True):
@@ -36,10 +37,9 @@ def drawn(elements: np.ndarray, seed: int) -> tuple[Elimination, np.ndarray, np.
 
 
 def factored(order: Elimination, blocks: np.ndarray) -> tuple[int, np.ndarray]:
-    values, rooms = (
-        np.full(order.values, np.nan),
-        np.full((2, max(order.room, 1)), np.nan),
-    )  # whatever was there
+    # whatever was there
+    values = np.full(order.values, np.nan)
+    rooms = np.full((2, max(order.room, 1)), np.nan)
     return sparse_cholesky.factor(order.fronts, blocks, values, rooms), values
 
 
@@ -76,7 +76,8 @@ def test_a_matrix_with_a_negative_eigenvalue_has_no_factors(name: str) -> None:
 
 def test_results_do_not_depend_on_threads() -> None:
     order, blocks, _ = drawn(STAR, 4)
-    before, found = numba.get_num_threads(), []
+    before = numba.get_num_threads()
+    found = []
     try:
         for threads in (1, before):
             numba.set_num_threads(threads)

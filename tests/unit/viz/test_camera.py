@@ -42,7 +42,8 @@ def test_views_are_orthonormal_and_hold_body_and_target(body: Snapshot) -> None:
 def test_moving_towards_the_camera_does_not_move_a_point_in_the_picture() -> None:
     body = bodies()[1]
     view = Views.of(Framing.of(body), TRIAL, ASPECT).mains[0]
-    there, here = view.project(body.axis), view.project(view.lift(body.axis, 0.3))
+    there = view.project(body.axis)
+    here = view.project(view.lift(body.axis, 0.3))
     assert here[:, :2] == pytest.approx(there[:, :2], abs=1e-9)
     assert here[:, 2] - there[:, 2] == pytest.approx(0.3)
 

@@ -46,7 +46,8 @@ def test_the_fields_arrow_of_a_moment_stands_on_the_picture(
     backend: str, motion: MotionRenderer, request: pytest.FixtureRequest
 ) -> None:
     """No white box around it: the panel's corner is as it is without a field."""
-    renderer, snapshot = request.getfixturevalue(backend), motion.snapshot(2)
+    renderer = request.getfixturevalue(backend)
+    snapshot = motion.snapshot(2)
     tube = swept(np.array([[-0.2, 0.0, 0.0], [0.2, 0.0, 0.0]]), 0.1)
     wall = Obstacle("wall", tube.points, tube.triangles, style.WALL, hollow=True)
     images = [
@@ -86,7 +87,8 @@ def test_the_legend_of_moments_holds_what_is_in_them_and_only_that(tmp_path: Pat
     dipole = {"position": [0.05, 0.0, 0.02], "moment": [0.0, 0.0, 1.0]}
     other = drawn.moving(tmp_path, drawn.surrounded(field={"coils": [coil], "dipole": dipole}))
     seen = [(other.framing.view(1.5), 1.5)]
-    above, touching = other.snapshot(2), other.snapshot(6)
+    above = other.snapshot(2)
+    touching = other.snapshot(6)
     assert not len(above.forces)
     assert len(touching.forces)
     texts = {sign.text for sign in annotations.signs([above], seen)}

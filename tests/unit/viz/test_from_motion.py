@@ -20,7 +20,8 @@ from magmpm.viz.worker import Renderer
 def test_the_body_is_a_closed_tube_with_its_segments_and_follows_the_motion(
     motion: MotionRenderer,
 ) -> None:
-    straight, up = motion.snapshot(0).body, motion.snapshot(2).body
+    straight = motion.snapshot(0).body
+    up = motion.snapshot(2).body
     assert isinstance(straight, Surface)
     assert straight.points[:, 0].max() == pytest.approx(motions.LENGTH, abs=1e-4)
     ends = [straight.points[straight.triangles[straight.part == k], 0].max() for k in range(3)]
@@ -51,7 +52,8 @@ def test_a_magnetization_that_turns_gets_several_arrows(tmp_path: Path) -> None:
 
 
 def test_contact_is_shown_when_there_is_some(motion: MotionRenderer) -> None:
-    above, below = motion.snapshot(2), motion.snapshot(6)
+    above = motion.snapshot(2)
+    below = motion.snapshot(6)
     assert len(above.contact) == 0
     assert len(above.forces) == 0
     assert len(below.contact) > 3
@@ -132,10 +134,8 @@ def test_legend_and_curve_only_of_what_is_there(motion: MotionRenderer, tmp_path
 
 def test_a_far_magnet_does_not_make_the_body_a_speck(tmp_path: Path) -> None:
     far = {**MAGNET, "position": [0.5, 0.0, 0.0]}
-    near, away = (
-        drawn.moving(tmp_path / "near"),
-        drawn.moving(tmp_path / "far", drawn.surrounded(field={"magnet": [far]})),
-    )
+    near = drawn.moving(tmp_path / "near")
+    away = drawn.moving(tmp_path / "far", drawn.surrounded(field={"magnet": [far]}))
     assert away.framing.view(1.5).half_height <= near.framing.view(1.5).half_height
 
 

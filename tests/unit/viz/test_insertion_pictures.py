@@ -13,7 +13,8 @@ from magmpm.viz.insertion import Insertion
 from magmpm.viz.layout import PAGE, Views
 from magmpm.viz.snapshot import Snapshot
 
-LENGTH, DEPTHS = 0.03, (4e-3, 8e-3, 12e-3, 16e-3, 20e-3)
+LENGTH = 0.03
+DEPTHS = (4e-3, 8e-3, 12e-3, 16e-3, 20e-3)
 
 
 def scene() -> Scene:

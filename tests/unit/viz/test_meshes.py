@@ -51,7 +51,8 @@ def test_edges_of_a_drawing_stay_sharp_and_round_sides_smooth() -> None:
     turn = 2 * np.pi * np.arange(24) / 24
     circle = np.stack([0 * turn, np.cos(turn), np.sin(turn)], axis=1)
     points = np.vstack([circle, circle + np.eye(3)[0], [[0, 0, 0], [1, 0, 0]]])
-    k, after = np.arange(24), (np.arange(24) + 1) % 24
+    k = np.arange(24)
+    after = (np.arange(24) + 1) % 24
     sides = np.vstack(
         [np.stack([k, 24 + after, 24 + k], axis=1), np.stack([k, after, 24 + after], axis=1)]
     )
@@ -113,7 +114,8 @@ def test_surface_nets_find_a_ball() -> None:
     away = np.linalg.norm(points - 11.4, axis=1)
     assert np.abs(away - 8.3).max() < 3 / (8 * 8.3) + 0.02
     a, b, c = (points[triangles[:, i]] for i in range(3))
-    normal, middle = np.cross(b - a, c - a), (a + b + c) / 3 - 11.4
+    normal = np.cross(b - a, c - a)
+    middle = (a + b + c) / 3 - 11.4
     outward = (
         np.einsum("ij,ij->i", normal, middle)
         / np.linalg.norm(normal, axis=1)
@@ -145,10 +147,8 @@ def test_a_bound_surface_moves_as_the_body_does() -> None:
     X = model.particles.position
     surface = tube([motions.LENGTH], motions.DIAMETER / 2, 0.0, 0.5e-3)
     binding = Binding(surface.points, X)
-    A, b = (
-        np.array([[1.1, 0.3, 0.0], [-0.2, 0.9, 0.1], [0.0, 0.4, 1.2]]),
-        np.array([0.1, -0.2, 0.3]),
-    )
+    A = np.array([[1.1, 0.3, 0.0], [-0.2, 0.9, 0.1], [0.0, 0.4, 1.2]])
+    b = np.array([0.1, -0.2, 0.3])
     # The regularization of 1e-9 keeps it from being exact to rounding.
     np.testing.assert_allclose(
         binding.at(X @ A.T + b), surface.points @ A.T + b, atol=1e-6 * motions.DIAMETER

@@ -11,7 +11,9 @@ from magmpm.studies.evaluate.trajectory import SHAPES, shapes_of
 from magmpm.viz.camera import Framing
 from magmpm.viz.snapshot import Snapshot
 
-LENGTH, WIDTH, THICKNESS = 0.03, 5e-3, 1e-3
+LENGTH = 0.03
+WIDTH = 5e-3
+THICKNESS = 1e-3
 SEGMENTS = [
     {"magnetization": [0, 0, 0]},
     {"magnetization": [1, 0, 0]},

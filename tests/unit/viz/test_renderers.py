@@ -160,10 +160,8 @@ def test_field_gravity_and_scale_are_there(renderer: Renderer) -> None:
     afloat = renderer.image(replace(picture, gravity=None))
     assert not np.array_equal(part(afloat, COMPASS), part(image, COMPASS))
     view = Views.of(Framing.of(picture), TRIAL, ASPECT).mains[0]
-    middle, half = (
-        TRIAL.bar[0],
-        0.5 * annotations.bar_width(view, MAIN, MAIN.aspect(ASPECT), picture.unit),
-    )
+    middle = TRIAL.bar[0]
+    half = 0.5 * annotations.bar_width(view, MAIN, MAIN.aspect(ASPECT), picture.unit)
     row = round((1 - TRIAL.bar[1]) * HEIGHT)
     line = (
         image[
@@ -190,7 +188,8 @@ def test_the_legend_names_what_is_there() -> None:
 
 
 def test_trial_and_rms_are_written(renderer: Renderer) -> None:
-    one, other = body(rms=2e-3), body(rms=3e-3)
+    one = body(rms=2e-3)
+    other = body(rms=3e-3)
     change = (renderer.image(one) != renderer.image(other)).any(axis=2)
     rows, columns = np.nonzero(change)
     assert len(rows) > 0

@@ -84,7 +84,10 @@ def test_a_killed_process_is_started_again(pyvista: Renderer, tmp_path: Path) ->
 
 
 def test_a_picture_pyvista_dies_on_is_drawn_by_matplotlib(pyvista: Renderer) -> None:
-    only_there = "__import__('os')._exit(3) if 'magmpm.viz.vtk_renderer' in __import__('sys').modules else 'drawn after all'"
+    only_there = (
+        "__import__('os')._exit(3) if 'magmpm.viz.vtk_renderer' in __import__('sys').modules else"
+        " 'drawn after all'"
+    )
     deadly = poisoned(eval, only_there)
     # With the title it has when it arrives in matplotlib's process.
     with Renderer("matplotlib") as other:
@@ -163,7 +166,8 @@ def test_a_full_disk_is_told_with_the_file_and_the_remedy(tmp_path: Path) -> Non
     with Renderer("matplotlib") as renderer:
         renderer.wait_ready()
         renderer.run(resource.setrlimit, resource.RLIMIT_FSIZE, (1000, 1000))
-        picture, curve = tmp_path / "picture.png", tmp_path / "curve.png"
+        picture = tmp_path / "picture.png"
+        curve = tmp_path / "curve.png"
         with pytest.raises(RenderError) as caught:
             renderer.render(BODY, picture)
         assert str(caught.value).startswith(f"{picture}: File too large\n  rule: ")
