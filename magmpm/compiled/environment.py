@@ -14,6 +14,11 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1]
 MOST_THREADS = 4096
+ANNOTATIONS = ("arrays",)  # modules of magmpm.compiled that hold no code
+COMPILED_IMPORT = re.compile(r"^from magmpm\.compiled(?:\.(\w+))? import", re.MULTILINE)
+NUMBA_IMPORT = re.compile(r"^(?:import|from) numba", re.MULTILINE)
+FROM_IMPORT = re.compile(r"^from (magmpm[\w.]*) import (\([^)]*\)|[^\n]+)", re.MULTILINE)
+ASSIGNMENT = re.compile(r"^\w+(?:: [^=\n]+)? = (.*(?:\n[ )\]}].*)*)", re.MULTILINE)
 LAYERS = (
     "default",
     "safe",
@@ -25,10 +30,52 @@ LAYERS = (
 )  # names that Numba accepts
 
 
+def compiled_sources() -> list[Path]:
+    """Files of the package from which kernels are made: an edit of any other one leaves them as they are.
+
+    A kernel is made of compiled functions, of the records that it is called with, and of the constants that these name. So: all of
+    magmpm.compiled; files that import anything of it but annotations, or Numba, or define a record (NamedTuple); and files from which
+    those import a constant, or a function that they call for a constant of their own.
+    """
+    texts = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")}
+    found = {
+        path for path, text in texts.items() if path.parent.name == "compiled" or _compiles(text)
+    }
+    new = sorted(found)
+    while new:
+        behind = {path for source in new for path in _behind_constants(texts[source])}
+        new = sorted((behind & texts.keys()) - found)
+        found.update(new)
+    return sorted(found)
+
+
+def _compiles(text: str) -> bool:
+    """True for the text of a file that may define compiled functions, or records for them."""
+    others = COMPILED_IMPORT.findall(text) if "magmpm.compiled" in text else ()
+    return (
+        any(name not in ANNOTATIONS for name in others)
+        or NUMBA_IMPORT.search(text)
+        or "(NamedTuple)" in text
+    )
+
+
+def _behind_constants(text: str) -> set[Path]:
+    """Files from which a file's text imports a constant, or a name that stands in an assignment of its module."""
+    assigned = "\n".join(ASSIGNMENT.findall(text))
+    found = set()
+    for module, listed in FROM_IMPORT.findall(text):
+        names = re.findall(r"\w+", re.sub("#.*", "", listed))
+        if any(name.isupper() or re.search(rf"\b{name}\b", assigned) for name in names):
+            path = PACKAGE.parent / module.replace(".", "/")
+            found |= {path.with_suffix(".py"), path / "__init__.py"}
+            found |= {path / f"{name}.py" for name in names}
+    return found
+
+
 def source_hash() -> str:
-    """Hash (16 hex digits) of every Python file of the package, names and content."""
+    """Hash (16 hex digits) of the files that kernels are made from, names and content."""
     digest = hashlib.sha256()
-    for path in sorted(PACKAGE.rglob("*.py")):
+    for path in compiled_sources():
         digest.update(str(path.relative_to(PACKAGE)).encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]

@@ -1,0 +1,111 @@
+"""Kernels are compiled again where a file that they are made of has changed, and nowhere else."""
+
+import importlib
+import inspect
+import pkgutil
+import shutil
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+import magmpm
+from magmpm.compiled import environment
+
+ELSEWHERE = ("magmpm.studies", "magmpm.viz", "magmpm.cli", "magmpm.__main__")
+
+
+def modules() -> list[ModuleType]:
+    """Every module of the physics."""
+    names = (found.name for found in pkgutil.walk_packages(magmpm.__path__, "magmpm."))
+    return [importlib.import_module(name) for name in names if not name.startswith(ELSEWHERE)]
+
+
+def source_of(value: Any) -> Path | None:
+    """The file of the package that defines a function, a compiled one too, or a class."""
+    try:
+        found = inspect.getsourcefile(getattr(value, "py_func", value))
+    except TypeError:
+        return None
+    path = None if found is None else Path(found)
+    return path if path is not None and path.is_relative_to(environment.PACKAGE) else None
+
+
+def test_what_compiled_functions_call_is_among_the_sources() -> None:
+    """By the functions themselves, as Python has loaded them, and what their code names."""
+    known = set(environment.compiled_sources())
+    count = 0
+    for module in modules():
+        for function in vars(module).values():
+            plain = getattr(function, "py_func", None)
+            if plain is None or source_of(plain) is None:
+                continue
+            count += 1
+            called = [plain.__globals__.get(name) for name in plain.__code__.co_names]
+            used = {source_of(value) for value in [plain, *called] if value is not None} - {None}
+            assert used <= known, (module.__name__, plain.__name__, used - known)
+    assert count > 150
+
+
+def constants_named_by_compiled_functions() -> set[Path]:
+    """Files in which a constant is assigned that a compiled function of another file names."""
+    found = set()
+    for module in modules():
+        for function in vars(module).values():
+            plain = getattr(function, "py_func", None)
+            if plain is None or source_of(plain) is None:
+                continue
+            for name in plain.__code__.co_names:
+                if name.strip("_").isupper() and name in plain.__globals__:
+                    found |= {
+                        Path(str(other.__file__))
+                        for other in modules()
+                        if f"\n{name} = " in Path(str(other.__file__)).read_text(encoding="utf-8")
+                        and plain.__globals__[name] is vars(other).get(name)
+                        and f"import {name}" not in inspect.getsource(other)
+                        and other.__name__ in _imported(module, name)
+                    }
+    return found
+
+
+def _imported(module: ModuleType, name: str) -> set[str]:
+    """The module's own name, and those from which its text imports a name."""
+    text = Path(str(module.__file__)).read_text(encoding="utf-8")
+    others = {other for other, names in environment.FROM_IMPORT.findall(text) if name in names}
+    return {module.__name__, *others}
+
+
+def test_constants_that_compiled_functions_name_are_among_the_sources() -> None:
+    """Numba freezes a constant when it compiles; a change of it must reach the kernels."""
+    found = constants_named_by_compiled_functions()
+    assert len(found) > 5
+    assert found <= set(environment.compiled_sources())
+
+
+@pytest.mark.parametrize(
+    ("file", "again"),
+    [
+        ("scene/scene.py", False),
+        ("statics/branch.py", False),
+        ("statics/resolution.py", False),
+        ("results/trajectory.py", False),
+        ("kernels/equilibrium.py", True),
+        ("materials.py", True),
+        ("fields/spline.py", True),
+        ("compiled/simd.py", True),
+    ],
+)
+def test_an_edit_compiles_again_what_it_must(
+    file: str, again: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copy = tmp_path / "magmpm"
+    shutil.copytree(
+        environment.PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__", "studies", "viz")
+    )
+    monkeypatch.setattr(environment, "PACKAGE", copy)
+    before = environment.source_hash()
+    assert environment.source_hash() == before
+    path = copy / file
+    path.write_text(path.read_text(encoding="utf-8") + "\n# edited\n", encoding="utf-8")
+    assert (environment.source_hash() != before) is again
