@@ -95,6 +95,13 @@ class Energy:
             total += model.layout.springs.energy(grid)
         return Point(grid, u, x, F, total, float(low.min()), float(high.max()), touched)
 
+    def displacement(self, grid: Array) -> Array:
+        """Displacements (n, 3) m of the particles for grid coefficients (planes, m) m."""
+        n = len(self.model.shear)
+        u = np.empty((n, 3))
+        grid_to_particles(self.cells, self.particles, grid, self.model.axes, u, np.empty((n, 3, 3)))
+        return u
+
     @cached_property
     def _turning(self) -> TurningParticles:
         return TurningParticles(self.model, self.cells, self.particles)

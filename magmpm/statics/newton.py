@@ -144,15 +144,42 @@ def minimize(
                 f"after {step} Newton steps, of which the last {STALL} led nowhere",
                 decrement / scale,
                 tolerance,
+                _unsettled(energy, direction),
             )
-    raise _not_found(point, f"within {max_steps} Newton steps", decrement / scale, tolerance)
+    raise _not_found(
+        point,
+        f"within {max_steps} Newton steps",
+        decrement / scale,
+        tolerance,
+        _unsettled(energy, direction),
+    )
 
 
-def _not_found(point: Point, after: str, decrement: float, tolerance: float) -> SolveError:
+def _not_found(
+    point: Point, after: str, decrement: float, tolerance: float, unsettled: str
+) -> SolveError:
     return SolveError(
         f"no equilibrium {after} (energy decrement {decrement:.1e} of the energy, wanted"
-        f" {tolerance:.1e})",
+        f" {tolerance:.1e}){unsettled}",
         point,
+    )
+
+
+def _unsettled(energy: Energy, direction: Array) -> str:
+    """Words that name the part which the last Newton direction (planes, m) m moves most; none for a body of one part."""
+    model = energy.model
+    particles = model.particles
+    regions = model.scene.regions()
+    if model.scene.body.shape.line is not None or len(regions) < 2:
+        return ""
+    squares = np.sum(energy.displacement(direction) ** 2, axis=1)
+    volume = np.bincount(particles.segment, particles.volume, len(regions))
+    moved = np.bincount(particles.segment, particles.volume * squares, len(regions))
+    size = np.sqrt(moved / np.maximum(volume, 1e-300))
+    most = int(np.argmax(size))
+    return (
+        f"; {regions[most].name} does not settle: the last step would move it by"
+        f" {1e3 * size[most]:.2g} mm (root mean square over it)"
     )
 
 

@@ -7,12 +7,14 @@ from reference.solids import box, turned
 from scipy.spatial.transform import Rotation
 
 from magmpm.bodies.surface_mesh import pack_mesh
+from magmpm.errors import SolveError
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.statics.arcs import rest_nodes
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import StaticModel, arranged, static_model
+from magmpm.statics.newton import minimize
 
 AXIS = (1.0, 2.0, 3.0)
 ANGLE = 0.7
@@ -161,3 +163,13 @@ def test_an_arc_is_the_straight_step_to_first_order_and_turns_without_strain(
     rest = energy.at(np.zeros(energy.shape))
     arc, straight = (energy.at(each).energy for each in (energy.arc(rest, bend, 0.2), 0.2 * bend))
     assert arc < straight
+
+
+def test_a_failure_names_the_part_that_does_not_settle() -> None:
+    """Of two pieces in a row, the outer one moves farther in every step."""
+    scene, _ = beam(angle=0.0, boxes=((0, 6), (6, 12)))
+    model = arranged(static_model(build(scene.with_field([0.0, 0.0, 50e-3]))))[0]
+    outer = scene.regions()[2].name
+    still = np.zeros((model.layout.planes, model.layout.m))
+    with pytest.raises(SolveError, match=rf"{outer} does not settle: .* mm"):
+        minimize(Energy(model), still, tolerance=1e-9, max_steps=1)
