@@ -54,7 +54,7 @@ def _compiles(text: str) -> bool:
     others = COMPILED_IMPORT.findall(text) if "magmpm.compiled" in text else ()
     return (
         any(name not in ANNOTATIONS for name in others)
-        or NUMBA_IMPORT.search(text)
+        or NUMBA_IMPORT.search(text) is not None
         or "(NamedTuple)" in text
     )
 

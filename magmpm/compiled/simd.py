@@ -71,13 +71,10 @@ def instruction(returns: Any, *takes: Any) -> Callable[..., Any]:
                 generate,
             )
 
-        names = [
-            "typing_context",
-            *(f"value{k}" for k in range(len(takes))),
-        ]  # Numba asks for the arguments that a function declares
-        typed.__signature__ = Signature(
-            [Parameter(name, Parameter.POSITIONAL_OR_KEYWORD) for name in names]
-        )  # type: ignore[attr-defined]
+        # Numba asks for the arguments that a function declares
+        names = ["typing_context", *(f"value{k}" for k in range(len(takes)))]
+        declared = [Parameter(name, Parameter.POSITIONAL_OR_KEYWORD) for name in names]
+        typed.__signature__ = Signature(declared)  # type: ignore[attr-defined]
         return intrinsic(typed)
 
     return made

@@ -104,11 +104,11 @@ def taken(field: FieldSource) -> list[Solid]:
         place = np.array(magnet.position)
         frame = frame_of(magnet.axis)
         round_ = magnet.cylinder
-        size = (
-            magnet.cuboid.size
-            if magnet.cuboid is not None
-            else (round_.diameter, round_.diameter, round_.length)
-        )  # type: ignore[union-attr]
+        if magnet.cuboid is not None:
+            size = magnet.cuboid.size
+        else:
+            assert round_ is not None  # a magnet is one of the two
+            size = (round_.diameter, round_.diameter, round_.length)
         found.append(
             Solid(
                 _name("magnet", k, field.magnet),

@@ -101,8 +101,7 @@ def placed(error: SceneError, path: Path | str) -> InputError:
         if isinstance(part, int) and isinstance(value, dict):
             continue  # one, where a list might stand
         if isinstance(value, (dict, list)) and (*at, part) in document.lines:
-            # type: ignore[index,call-overload]
-            value = value[part]
+            value = value[part]  # type: ignore[index,call-overload]
             at = (*at, part)
         else:
             value = None

@@ -54,9 +54,9 @@ class FrameArrays:
 
 
 @compiled
-def _fill(
+def _fill(  # type: ignore[no-untyped-def]
     x, v, F, P, reference, remanence, displacement, velocity, stress, mises, magnetisation, det
-):  # type: ignore[no-untyped-def]
+):
     cauchy = np.empty((3, 3))
     for p in range(len(x)):
         J = materials.determinant(F[p])

@@ -65,6 +65,10 @@ _START = (
 )
 
 
+# field (3,) T (None: the scene's own), time s (None: an equilibrium), and the apparatus
+_State = tuple[tuple[float, float, float] | None, float | None, Apparatus]
+
+
 @dataclass(frozen=True)
 class Readings:
     """The rows of one state of the body: one field, or one moment. SI.
@@ -291,7 +295,7 @@ def read_measured(
     kind = _kind(header, columns)
     named = {column.quantity for column in columns if column.quantity}
     _fit_together(header, named, scene, kind)
-    grouped: dict[tuple[object, object, Apparatus], list[tuple[int, dict[str, float]]]] = {}
+    grouped: dict[_State, list[tuple[int, dict[str, float]]]] = {}
     for count, line in enumerate(lines):
         if count >= MAX_ROWS:
             raise TableError(
@@ -320,9 +324,7 @@ def read_measured(
     return Measured(path, kind, states, tuple(column.title for column in columns), axes)
 
 
-def _readings(
-    state: tuple[object, object, Apparatus], rows: list[tuple[int, dict[str, float]]], prefix: str
-) -> Readings:
+def _readings(state: _State, rows: list[tuple[int, dict[str, float]]], prefix: str) -> Readings:
     """The rows of one state."""
 
     def column(name: str) -> Array:
@@ -334,9 +336,9 @@ def _readings(
         (name for name in ANGLES if any(name in values for _, values in rows)), "tip_angle"
     )
     s = column("s")
-    return Readings(
-        state[0], state[1], lines, s, points, column(angle), apparatus=state[2], plane=ANGLES[angle]
-    )  # type: ignore[arg-type]
+    field, time, apparatus = state
+    plane = ANGLES[angle]
+    return Readings(field, time, lines, s, points, column(angle), apparatus=apparatus, plane=plane)
 
 
 def _columns(header: Line) -> list[_Column]:

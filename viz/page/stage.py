@@ -109,9 +109,9 @@ def _remanence(scene: Scene, shape: DeformedBody) -> np.ndarray:
     strength = np.array(
         [scene.materials[region.material_name].remanence for region in scene.regions()]
     )
-    return strength[shape.part, None] * scene.body.shape.magnetization(
-        _Places(shape.reference, shape.part)
-    )  # type: ignore[arg-type]
+    places = _Places(shape.reference, shape.part)
+    directions = scene.body.shape.magnetization(places)  # type: ignore[arg-type]
+    return strength[shape.part, None] * directions
 
 
 class _Places:
