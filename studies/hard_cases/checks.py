@@ -265,10 +265,15 @@ def _at_rest(scene: Scene, result: Result, number: int, found: Checked) -> None:
         _finer(scene, result, found)
 
 
+def _doubted(result: Result) -> bool:
+    """True if a warning casts doubt on the answer; that a part has no magnetization is no doubt."""
+    return any("not magnetized" not in text for text in result.warnings)
+
+
 def _finer(scene: Scene, result: Result, found: Checked) -> None:
     """One more cell across; where the finer answer is far away, it must be near an equilibrium of the coarse grid, found in another way."""
     other = _try(scene.with_cells(scene.resolution.cells_across + 1))
-    if other is None or _soft(result) or _soft(other) or result.warnings or other.warnings:
+    if other is None or _soft(result) or _soft(other) or _doubted(result) or _doubted(other):
         return
     found.done.append("finer grid")
     off = _distance(scene, result, other)
@@ -294,7 +299,7 @@ def _rod(scene: Scene, result: Result, found: Checked) -> None:
     if (
         scene.body.shape.line is None
         or scene.length < SLENDER * scene.thickness
-        or result.warnings
+        or _doubted(result)
         or _soft(result)
     ):
         return

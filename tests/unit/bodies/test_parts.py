@@ -405,11 +405,11 @@ def test_parts_that_nearly_touch_are_told_of() -> None:
     """At a distance of one cell, half a millimeter, they share grid nodes and are joined at rest; in motion each has its own grid."""
     near = [{"mesh": CUBE, "name": "a"}, {"mesh": box((1.5, 0, 0), (2.5, 1, 1)), "name": "b"}]
     scene = parts_scene({"mesh": box((-1, 0, 0), (0, 1, 1)), "clamp": True, "name": "wall"}, *near)
-    told = [w for w in scene.warnings() if w.startswith("body.parts")]
+    told = [w for w in scene.warnings() if w.startswith("body.parts:")]
     assert len(told) == 1
     assert "a and b are 0.5 mm apart, less than two cells of 0.5 mm" in told[0]
     moving = {**scene.to_si(), "solver": {"dynamic": {"duration": 1.0}}}
-    assert not [w for w in Scene.from_si(moving).warnings() if w.startswith("body.parts")]
+    assert not [w for w in Scene.from_si(moving).warnings() if w.startswith("body.parts:")]
     moving["effects"] = {"self_contact": {}}
     assert not [w for w in Scene.from_si(moving).warnings() if w.startswith("effects.self_contact")]
     one = parts_scene({"mesh": CUBE, "clamp": True}, {"mesh": box((1, 0, 0), (2, 1, 1))}).to_si()

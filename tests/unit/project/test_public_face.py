@@ -121,7 +121,8 @@ def field_faults(of: type) -> list[str]:
     found = []
     for field in dataclasses.fields(of):
         comment = re.search(rf"^    {field.name}: .*?#(.*)$", source, re.MULTILINE)
-        words = (comment.group(1) if comment else "") + " ".join(
+        above = re.search(rf"((?:^    #.*\n)+)    {field.name}: ", source, re.MULTILINE)
+        words = "".join(found.group(1) for found in (comment, above) if found) + " ".join(
             re.findall(rf"\b{field.name}\b[^.;]*", text)
         )
         if ARRAYS.search(str(field.type)) and not SHAPE.search(words):
