@@ -19,19 +19,17 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import optuna
-from optuna.distributions import BaseDistribution
 from optuna.trial import FrozenTrial
 
 from magmpm.studies.search.samplers.gauss_newton import (
     PLAN,
     Ball,
     GaussNewtonSampler,
+    PlanningSampler,
     cost_of,
     counted,
 )
 from magmpm.studies.search.samplers.gauss_newton_steps import Block
-from magmpm.studies.search.samplers.optuna_ids import other_trials, storage_of, trial_id
 
 Improve = Callable[[float, Sequence[Mapping[str, float]]], list[dict[str, float]]]
 
@@ -45,7 +43,7 @@ FLAT = 0.05
 NARROWEST = 1 / 64  # of the greatest bound: gaps below are not looked into
 
 
-class BoundedFront(optuna.samplers.BaseSampler):
+class BoundedFront(PlanningSampler):
     """Suggests starts and Gauss-Newton steps within one bound after the other.
 
     blocks: as of GaussNewtonSampler, one Ball at least; starts: designs to begin from, best first, of any strength; near: distance (the
@@ -65,44 +63,15 @@ class BoundedFront(optuna.samplers.BaseSampler):
         far: float = math.inf,
         improve: Improve | None = None,
     ) -> None:
-        self._blocks = tuple(blocks)
+        super().__init__(blocks, seed, starts)
         self._balls = [block for block in blocks if isinstance(block, Ball)]
-        self._seed = seed
-        self._starts = [dict(start) for start in starts]
         self._near = near
         self._poor = poor
         self._far = far
         self._improve = improve
 
-    def infer_relative_search_space(
-        self, study: optuna.Study, trial: FrozenTrial
-    ) -> dict[str, BaseDistribution]:
-        return {
-            name: kind for block in self._blocks for name, kind in block.distributions().items()
-        }
-
-    def sample_relative(
-        self, study: optuna.Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
-    ) -> dict[str, Any]:
-        ended, running, _ = other_trials(study, trial, search_space)
-        params, kept = self._plan([t for t in ended if set(search_space) <= set(t.params)], running)
-        storage_of(study).set_trial_system_attr(trial_id(trial), PLAN, kept)
-        return params
-
-    def sample_independent(
-        self,
-        study: optuna.Study,
-        trial: FrozenTrial,
-        param_name: str,
-        param_distribution: BaseDistribution,
-    ) -> Any:
-        """Values of single parameters, as of GaussNewtonSampler."""
-        return GaussNewtonSampler(self._blocks, self._seed).sample_independent(
-            study, trial, param_name, param_distribution
-        )
-
-    def _plan(
-        self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial]
+    def plan(
+        self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()
     ) -> tuple[dict[str, float], dict[str, Any]]:
         """Parameters of the next trial, and what is kept with it."""
         busy = {_bound_of(t) for t in running}

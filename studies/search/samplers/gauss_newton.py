@@ -49,36 +49,30 @@ LEAST_RADIUS = 1e-5  # a descent with a smaller one is stuck
 LEAST_GAIN = 0.02  # share of the sum of squares that a step must promise, else the descent is stuck
 
 
-class GaussNewtonSampler(optuna.samplers.BaseSampler):
-    """Suggests starts and Gauss-Newton steps; reads `residuals` and `jacobian` from the trials' user attributes.
+class PlanningSampler(optuna.samplers.BaseSampler):
+    """A sampler of designs that blocks of parameters make up: from the seed and the trials that are there alone, it plans the next one.
 
-    blocks: which parameters make which coordinates. starts: designs (parameters) to begin from, best first. goal: value that is good
-    enough: a descent above it is left once it hardly moves. poor: value above which a given design is not improved before others
-    are tried.
+    blocks: which parameters make which coordinates. starts: designs (parameters) to begin from, best first.
     """
 
     def __init__(
-        self,
-        blocks: Sequence[Block],
-        seed: int,
-        *,
-        starts: Sequence[Mapping[str, float]] = (),
-        goal: float = 0.0,
-        poor: float = math.inf,
+        self, blocks: Sequence[Block], seed: int, starts: Sequence[Mapping[str, float]]
     ) -> None:
-        self._space = Coordinates(blocks)
+        self._blocks = tuple(blocks)
         self._seed = seed
         self._starts = [dict(start) for start in starts]
-        self._goal = goal
-        self._poor = poor
+
+    def plan(
+        self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()
+    ) -> tuple[dict[str, float], dict[str, Any]]:
+        """Parameters of the next trial, and what is kept with it."""
+        raise NotImplementedError
 
     def infer_relative_search_space(
         self, study: optuna.Study, trial: FrozenTrial
     ) -> dict[str, BaseDistribution]:
         return {
-            name: kind
-            for block in self._space.blocks
-            for name, kind in block.distributions().items()
+            name: kind for block in self._blocks for name, kind in block.distributions().items()
         }
 
     def sample_relative(
@@ -103,6 +97,29 @@ class GaussNewtonSampler(optuna.samplers.BaseSampler):
                 " plain number"
             )
         return (param_distribution.low + param_distribution.high) / 2
+
+
+class GaussNewtonSampler(PlanningSampler):
+    """Suggests starts and Gauss-Newton steps; reads `residuals` and `jacobian` from the trials' user attributes.
+
+    blocks: which parameters make which coordinates. starts: designs (parameters) to begin from, best first. goal: value that is good
+    enough: a descent above it is left once it hardly moves. poor: value above which a given design is not improved before others
+    are tried.
+    """
+
+    def __init__(
+        self,
+        blocks: Sequence[Block],
+        seed: int,
+        *,
+        starts: Sequence[Mapping[str, float]] = (),
+        goal: float = 0.0,
+        poor: float = math.inf,
+    ) -> None:
+        super().__init__(blocks, seed, starts)
+        self._space = Coordinates(blocks)
+        self._goal = goal
+        self._poor = poor
 
     def plan(
         self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()

@@ -3,6 +3,7 @@
 import importlib
 import inspect
 import pkgutil
+import re
 import shutil
 from pathlib import Path
 from types import ModuleType
@@ -48,39 +49,19 @@ def test_what_compiled_functions_call_is_among_the_sources() -> None:
     assert count > 150
 
 
-def constants_named_by_compiled_functions() -> set[Path]:
-    """Files in which a constant is assigned that a compiled function of another file names."""
-    found = set()
-    for module in modules():
-        for function in vars(module).values():
-            plain = getattr(function, "py_func", None)
-            if plain is None or source_of(plain) is None:
-                continue
-            for name in plain.__code__.co_names:
-                if name.strip("_").isupper() and name in plain.__globals__:
-                    found |= {
-                        Path(str(other.__file__))
-                        for other in modules()
-                        if f"\n{name} = " in Path(str(other.__file__)).read_text(encoding="utf-8")
-                        and plain.__globals__[name] is vars(other).get(name)
-                        and f"import {name}" not in inspect.getsource(other)
-                        and other.__name__ in _imported(module, name)
-                    }
-    return found
-
-
-def _imported(module: ModuleType, name: str) -> set[str]:
-    """The module's own name, and those from which its text imports a name."""
-    text = Path(str(module.__file__)).read_text(encoding="utf-8")
-    others = {other for other, names in environment.FROM_IMPORT.findall(text) if name in names}
-    return {module.__name__, *others}
-
-
 def test_constants_that_compiled_functions_name_are_among_the_sources() -> None:
     """Numba freezes a constant when it compiles; a change of it must reach the kernels."""
-    found = constants_named_by_compiled_functions()
-    assert len(found) > 5
-    assert found <= set(environment.compiled_sources())
+    imported = set()
+    for module in modules():
+        plain = [getattr(value, "py_func", None) for value in vars(module).values()]
+        named = {name for function in plain if function for name in function.__code__.co_names}
+        constants = {name for name in named if name.strip("_").isupper()}
+        text = Path(str(module.__file__)).read_text(encoding="utf-8")
+        for other, names in environment.FROM_IMPORT.findall(text):
+            if constants & set(re.findall(r"\w+", names)):
+                imported.add(Path(str(importlib.import_module(other).__file__)))
+    assert len(imported) >= 3
+    assert imported <= set(environment.compiled_sources())
 
 
 @pytest.mark.parametrize(
