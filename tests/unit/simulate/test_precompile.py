@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import pytest
 from reference.scenes import rod_scene
 
+from magmpm.compiled import environment
 from magmpm.compiled.cache import _SealedFiles
 from magmpm.scene import Scene, time_limit
 from magmpm.scene.coarsest import FAINT, coarsest, coarsest_cells
@@ -153,8 +154,9 @@ def test_another_clone_or_touched_sources_are_not_ready(
     for clone in ("one", "two"):
         (tmp_path / clone).mkdir()
         source = tmp_path / clone / "kernels.py"
-        source.write_text("x = 1\n")
+        source.write_text("from numba import njit\n")
         monkeypatch.setattr(warmup, "PACKAGE", tmp_path / clone)
+        monkeypatch.setattr(environment, "PACKAGE", tmp_path / clone)
         for time_of_change in (1e9, 2e9):
             os.utime(source, (1e9, time_of_change))
             assert warmup.fill_cache(rod_scene(), print)
