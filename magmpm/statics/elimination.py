@@ -11,6 +11,7 @@ Sources: Duff and Reid, ACM Trans. Math. Softw. 9 (1983) 302 (multifrontal metho
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Index
+from magmpm.compiled.jit import kernel, prange
 
 ORDERINGS = (
     "MMD_AT_PLUS_A",
@@ -77,9 +79,13 @@ class Elimination:
 
         Raises ValueError for nodes that the pattern does not couple.
         """
-        return _blocks(_numbered(self.number, elements), self.fronts.block_first, self._later)
+        numbered = _numbered(self.number, elements)
+        out = np.empty((*numbered.shape, numbered.shape[1]), np.int32)
+        if _blocks(numbered, self.fronts.block_first, self._later, out) > 0:
+            raise ValueError("an element couples nodes that no other element couples")
+        return out
 
-    @property
+    @cached_property
     def _later(self) -> Index:
         """The later node of each block."""
         own = np.repeat(np.arange(len(self.number)), np.diff(self.fronts.block_first))
@@ -292,15 +298,23 @@ def _numbered(number: Index, elements: Index) -> Index:
     return np.where(elements >= 0, number[np.maximum(elements, 0)], -1)
 
 
-def _blocks(elements: Index, block_first: Index, later: Index) -> NDArray[np.int32]:
-    """The block of each two nodes of each element: see Elimination.blocks_of."""
-    count = len(block_first) - 1
-    key = np.repeat(np.arange(count), np.diff(block_first)) * count + later
-    one = elements[:, :, None]
-    other = elements[:, None, :]
-    wanted = (one >= 0) & (one <= other)
-    pair = np.where(wanted, one * count + other, 0)
-    found = np.minimum(np.searchsorted(key, pair), len(key) - 1)
-    if np.any(wanted & (key[found] != pair)):
-        raise ValueError("an element couples nodes that no other element couples")
-    return np.where(wanted, found, -1).astype(np.int32)
+@kernel
+def _blocks(elements, block_first, later, out):
+    """Write the block of each two nodes of each element (Elimination.blocks_of) to out (elements, k, k).
+
+    Returns the number of those that no element of the pattern couples.
+    """
+    missing = 0
+    for e in prange(len(elements)):
+        for i, one in enumerate(elements[e]):
+            for j, other in enumerate(elements[e]):
+                out[e, i, j] = -1
+                if one < 0 or one > other:
+                    continue
+                end = block_first[one + 1]
+                at = block_first[one] + np.searchsorted(later[block_first[one] : end], other)
+                if at < end and later[at] == other:
+                    out[e, i, j] = at
+                else:
+                    missing += 1
+    return missing

@@ -74,6 +74,22 @@ class Layout:
         return elimination(elements, len(self.free_nodes))
 
     @cached_property
+    def cell_blocks(self) -> NDArray[np.int32]:
+        """Block (cells, 27, 27) of the sparse tangent that couples two nodes of a cell; -1 for none."""
+        return self.elimination.blocks_of(self.nodes_of(self.cell_plane, self.cell_row))
+
+    @cached_property
+    def bond_blocks(self) -> tuple[Index, Array]:
+        """Blocks (k,) of the sparse tangent that bonds add to, and what they add (k,) N/m to each axis."""
+        if self.bonds is None or self.bonded is None:
+            return np.zeros(0, np.int64), np.zeros(0)
+        block = self.elimination.blocks_of(self.places_of(self.bonded))
+        couples = block >= 0
+        added = np.bincount(block[couples], self.bonds.matrices[couples])
+        changed = np.flatnonzero(added)
+        return changed, added[changed]
+
+    @cached_property
     def springs(self) -> Springs | None:
         """The bonds as springs; None where there are none."""
         if self.bonds is None or self.bonded is None:

@@ -134,35 +134,22 @@ class Sparse:
         self.blocks[:] = 0.0
 
     def target(self, cells: Cells) -> Blocks:
+        if cells.plane is self._layout.cell_plane:
+            return Blocks(self._layout.cell_blocks, self.blocks)
         for known, found in self._targets:
             if known is cells:
                 return found
         found = Blocks(
             self._order.blocks_of(self._layout.nodes_of(cells.plane, cells.row)), self.blocks
         )
-        self._targets = [
-            *self._targets[-1:],
-            (cells, found),
-        ]  # of particles and of a surface that touches
+        self._targets = [*self._targets[-1:], (cells, found)]
         return found
 
-    @cached_property
-    def _bonds(self) -> tuple[NDArray[np.int32], Array] | None:
-        """Blocks that bonds add to, and what: the same on each axis."""
-        layout = self._layout
-        if layout.bonds is None or layout.bonded is None:
-            return None
-        block = self._order.blocks_of(layout.places_of(layout.bonded))
-        return block[block >= 0], layout.bonds.matrices[block >= 0]
-
     def add_bonds(self, share: float = 1.0) -> None:
-        """Add the bonds."""
-        if self._bonds is None:
-            return
-        at, added = self._bonds
-        total = np.bincount(at, share * added, len(self.blocks))
+        """Add the bonds, or a share of their stiffness."""
+        at, added = self._layout.bond_blocks
         for axis in range(3):
-            self.blocks[:, axis, axis] += total
+            self.blocks[at, axis, axis] += share * added
 
     def finish(self) -> None:
         self.add_bonds()  # fixed unknowns have no number
