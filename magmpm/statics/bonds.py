@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from magmpm.bodies.contact_surface import particle_of
 from magmpm.bodies.grid import Grid
 from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.jit import kernel
 from magmpm.model import Model
 
 FILLED = 0.3  # of a cell's volume: a cell with more of the body holds its nodes by itself
@@ -53,10 +54,15 @@ class Bonds:
         """Stiffness (k,) N/m."""
         return self.size * self.shear
 
-    @property
-    def matrices(self) -> Array:
-        """Stiffness matrices (k, 28, 28) N/m, of each axis."""
-        return self.stiffness[:, None, None] * self.share[:, :, None] * self.share[:, None, :]
+
+@kernel
+def add_stiffness(stiffness, share, block, out):
+    """Add the stiffness (k,) of bonds, between each two nodes of their shares (k, n), to blocks (k, n, n) of out (blocks,) N/m."""
+    for k in range(len(stiffness)):
+        for i in range(share.shape[1]):
+            for j in range(share.shape[1]):
+                if block[k, i, j] >= 0:
+                    out[block[k, i, j]] += stiffness[k] * share[k, i] * share[k, j]
 
 
 def held_by_faces(model: Model) -> bool:

@@ -106,6 +106,10 @@ class Energy:
     def _turning(self) -> TurningParticles:
         return TurningParticles(self.model, self.cells, self.particles)
 
+    def settled(self) -> None:
+        """Give back the memory that only the way to an equilibrium takes."""
+        self.__dict__.pop("_turning", None)
+
     def arc(self, point: Point, direction: Array, fraction: float) -> Array:
         """Coefficients (planes, m) m after a fraction of a step `direction` (planes, m) m from a point, along an arc (statics.arcs)."""
         if self.model.layout.straight:

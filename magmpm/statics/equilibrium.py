@@ -152,6 +152,7 @@ def solve_static(
         try:
             found = _solve(model, _Start(correction, rod, following), on_step)
             assert found.energy is not None
+            found.energy.alone.settled()
             known = None if following is None else following.body
             with_stability = with_stability and (following is None or following.with_stability)
             settled = stability(found.energy, found.point, known) if with_stability else None

@@ -18,7 +18,7 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.errors import SceneError, dotted, lengths
 from magmpm.model import Model, volume_modes
 from magmpm.statics.block_cholesky import split_plane
-from magmpm.statics.bonds import Bonds, Springs, bonds_of, held_by_faces
+from magmpm.statics.bonds import Bonds, Springs, add_stiffness, bonds_of, held_by_faces
 from magmpm.statics.contact import RestingSurface, resting
 from magmpm.statics.elimination import Elimination, elimination
 
@@ -84,8 +84,8 @@ class Layout:
         if self.bonds is None or self.bonded is None:
             return np.zeros(0, np.int64), np.zeros(0)
         block = self.elimination.blocks_of(self.places_of(self.bonded))
-        couples = block >= 0
-        added = np.bincount(block[couples], self.bonds.matrices[couples])
+        added = np.zeros(int(self.elimination.fronts.block_first[-1]))
+        add_stiffness(self.bonds.stiffness, self.bonds.share, block, added)
         changed = np.flatnonzero(added)
         return changed, added[changed]
 
