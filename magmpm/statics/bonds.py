@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from magmpm.bodies.contact_surface import particle_of
 from magmpm.bodies.grid import Grid
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import kernel
+from magmpm.compiled.jit import compiled
 from magmpm.model import Model
 
 FILLED = 0.3  # of a cell's volume: a cell with more of the body holds its nodes by itself
@@ -55,7 +55,7 @@ class Bonds:
         return self.size * self.shear
 
 
-@kernel
+@compiled
 def add_stiffness(stiffness, share, block, out):
     """Add the stiffness (k,) of bonds, between each two nodes of their shares (k, n), to blocks (k, n, n) of out (blocks,) N/m."""
     for k in range(len(stiffness)):

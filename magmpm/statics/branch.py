@@ -44,6 +44,8 @@ FINEST = (
     2.0**-10
 )  # of the step requested: attempts are halved down to this, and critical loads known within it
 GROWTH = 2.0  # of the step after one that was accepted
+# times the last step: how far the way between the last two equilibria is taken to go on
+FARTHEST = 2.5
 Kind = Literal["limit point", "bifurcation"]
 
 
@@ -212,7 +214,7 @@ class Branch:
         """The equilibrium at a time, if Newton's method contracts to it from the present one."""
         energy = self.energy_at(target)
         model = energy.model
-        begin = self.loads.moved(self.now.point.grid, self.now.time, target)
+        begin = self._expected(model, target)
         self._near.unstable = False
         if acting.feels_itself(model.scene):
             point = self._near.together(model, begin)
@@ -233,6 +235,22 @@ class Branch:
         if (lost := outside_domain(model, point)) is not None:
             raise LeftField(lost.reason)
         return Reached(target, point, lowest, self._near.spent, self.now.step)
+
+    def _expected(self, model: StaticModel, target: float) -> Array:
+        """Coefficients (planes, m) m from which the equilibrium at a time is sought: the last ones, or beside obstacles as they went on.
+
+        Points that are pressed against an obstacle, and do not go on along it, begin in it or away from it: other points touch then, and
+        Newton's steps contract only from close by. Without obstacles they contract from the last equilibrium.
+        """
+        now = self.now
+        begin = self.loads.moved(now.point.grid, now.time, target)
+        before = self.before
+        if model.touching is None or before is None or target == now.time:
+            return begin
+        share = (target - now.time) / (now.time - before.time)
+        if share > FARTHEST:
+            return begin
+        return begin + share * (begin - self.loads.moved(before.point.grid, before.time, target))
 
     def _eigenvalue(self, energy: Energy, point: Point) -> float | None:
         """Lowest eigenvalue (Pa/m^2) at a minimum; None where it is not known."""

@@ -19,6 +19,8 @@ from magmpm.statics.layout import StaticModel
 from magmpm.statics.newton import NEAR, ROUNDING_AT_REST, OnStep, _chord_steps
 
 CONTRACTION = 0.5  # of Newton's steps, below which they are sure to stay with the branch
+# of a step: how far it is shortened at most where points begin to touch
+SHORTEST = 1 / 8
 MOST_FALLING = 400  # steps of a fall
 # of Energy.least_scale, a strain of 1e-8: near a critical load rounding alone costs the soft mode
 # such an energy
@@ -82,7 +84,7 @@ class NearbyMinima:
                     return point
                 if reached < decrement:
                     continue
-            point = energy.at(point.grid + direction)
+            point = _stepped(energy, point, direction)
         return None
 
     def lowest(self, energy: Energy, point: Point) -> tuple[float, Array] | None:
@@ -158,3 +160,18 @@ class NearbyMinima:
             if decrement < max(1e-4 * self._decrement, SOFT * energy.least_scale()):
                 break
         return point
+
+
+def _stepped(energy: Energy, point: Point, direction: Array) -> Point:
+    """The state after a step; after a part of it where points begin to touch and the whole step would raise the energy.
+
+    A point that was clear has no stiffness in the tangent, so a whole step may press it far into an obstacle, and the next one far out.
+    """
+    trial = energy.at(point.grid + direction)
+    if point.touched is None:
+        return trial
+    part = 1.0
+    while part > SHORTEST and not (trial.min_det_F > 0 and trial.energy <= point.energy):
+        part = part / 2
+        trial = energy.at(point.grid + part * direction)
+    return trial
