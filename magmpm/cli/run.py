@@ -25,7 +25,7 @@ from magmpm.results.file_names import CHECKPOINT, EARLIER
 from magmpm.results.motion_tables import jump_in_words
 from magmpm.results.result import Result
 from magmpm.results.run_folder import RunFolder
-from magmpm.scene import Scene, load_scene
+from magmpm.scene import Scene, load_progress, load_scene
 from magmpm.scene.notebook import PARTS
 from magmpm.scene.time_limit import limited
 
@@ -127,10 +127,14 @@ def _simulated(scene: Scene, options: argparse.Namespace, kept: RunFolder) -> Re
     with Progress(f"{scene.name}") as progress, of_file(options.scene), limited(options.time_limit):
 
         def tell(step: int, number: float) -> None:
-            if not scene.in_time:
+            load = load_progress.now()
+            if scene.in_time:
+                progress.at(number, scene.duration, f"step {step}", "s")
+            elif load is None:
                 progress.note(f"Newton step {step}, energy gap {number:.0e}")
             else:
-                progress.at(number, scene.duration, f"step {step}", "s")
+                text = f"Newton step {step} toward {100 * load.sought:.3g} %"
+                progress.at(100 * load.reached, 100, text, "% of the load")
 
         return simulated(
             scene,

@@ -21,6 +21,7 @@ from magmpm.effects import acting
 from magmpm.errors import InputError, LeftField, SolveError, TimeOver
 from magmpm.materials import poisson_ratio
 from magmpm.rod.cosserat import RodShape, solve_rod
+from magmpm.scene.load_progress import load_step
 from magmpm.statics import axis
 from magmpm.statics.branch import Branch, GrowingLoads, Lift, Reached, outside_domain, point_of
 from magmpm.statics.energy import Energy, Point
@@ -440,9 +441,10 @@ def _ramped(
     while reached < 1.0:
         factor = min(1.0, reached + size)
         try:
-            energy, found = solved(
-                factor, grid if moved is None else grid + (factor - reached) * moved
-            )
+            with load_step(reached, factor):
+                energy, found = solved(
+                    factor, grid if moved is None else grid + (factor - reached) * moved
+                )
         except SolveError as error:
             if size <= least or isinstance(error, TimeOver):
                 state = (

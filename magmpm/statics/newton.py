@@ -31,6 +31,9 @@ CRAWL = (
 # times as far as `_leave` says
 NEAREST = 2.0**-6
 FARTHEST = 16.0
+# times the decrement: what a step wins whose end is far from the minimum along its way (of a
+# quadratic the step wins as much as the decrement, and twice as much if the energy falls evenly)
+BEYOND = 1.5
 # steps that all together win less than this share of what the next one promises: the solve leads nowhere
 STALL = 15
 STALLED = 0.1
@@ -228,7 +231,7 @@ def _chord_steps(
     pairs: list[tuple[Array, Array]] = []
     while True:
         trial = energy.at(point.grid + direction)
-        if not trial.min_det_F > 0:
+        if not trial.min_det_F > 0 or not _same_contact(point, trial):
             return point, decrement
         residual, before = energy.residual(trial), residual
         if chord.corrected:
@@ -237,11 +240,18 @@ def _chord_steps(
         reached = -float(np.sum(residual * direction)) / 2
         if reached < enough:
             last = energy.at(trial.grid + direction)  # its decrement is even smaller
-            return last, reached
+            return (last, reached) if _same_contact(trial, last) else (trial, decrement)
         if not reached < chord.gain * decrement:
             return point, decrement
         point = trial
         decrement = reached
+
+
+def _same_contact(one: Point, other: Point) -> bool:
+    """True if the same points touch: else the factors of one tell nothing of the other, such as that it is a minimum."""
+    if one.touched is None or other.touched is None:
+        return True
+    return np.array_equal(one.touched.pattern, other.touched.pattern)
 
 
 def corrected(
@@ -330,6 +340,24 @@ def _along_mode(energy: Energy, point: Point, residual: Array, attempt: int) -> 
     return best
 
 
+def _farther(energy: Energy, point: Point, direction: Array, reached: Point) -> Point:
+    """The lowest of the states beyond a full step of parts, each twice as far along its arc as the one before.
+
+    A shift holds steps back: where the energy falls almost as fast at the end of a step as at its beginning, more of the same is free of
+    a new tangent. Straight bodies have a rod to start from, and little to gain.
+    """
+    if energy.model.layout.straight:
+        return reached
+    fraction = 2.0
+    while fraction <= FARTHEST:
+        trial = energy.at(energy.arc(point, direction, fraction))
+        if not (trial.min_det_F > 0 and trial.energy < reached.energy):
+            break
+        reached = trial
+        fraction *= 2.0
+    return reached
+
+
 def _search(
     energy: Energy, point: Point, direction: Array, decrement: float, scale: float
 ) -> Point:
@@ -346,6 +374,8 @@ def _search(
             arc = energy.at(energy.arc(point, direction, fraction))
             trial = arc if arc.min_det_F > 0 and not arc.energy >= trial.energy else trial
         if trial.min_det_F > 0 and trial.energy <= enough:
+            if fraction == 1.0 and point.energy - trial.energy > BEYOND * decrement:
+                return _farther(energy, point, direction, trial)
             return trial
         fraction *= 0.5
         if fraction < LEAST_FRACTION:

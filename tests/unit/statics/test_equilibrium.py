@@ -13,7 +13,7 @@ from magmpm.errors import SolveError
 from magmpm.model import build
 from magmpm.results.result import Result
 from magmpm.rod.cosserat import solve_rod
-from magmpm.scene import Scene
+from magmpm.scene import Scene, load_progress
 from magmpm.simulate import run
 from magmpm.statics import axis
 from magmpm.statics.arcs import along_arc, rest_nodes
@@ -315,6 +315,16 @@ def test_progress_is_told_of_each_step() -> None:
     assert [step for step, _ in told] == list(range(1, len(told) + 1))
     assert len(told) >= 3
     assert told[-1][1] < told[0][1]
+
+
+def test_progress_can_tell_the_share_of_a_growing_load() -> None:
+    """While a load grows in steps, who is told of a Newton step can ask between which shares it is; a load at once has none."""
+    shares = set()
+    for steps in (4, 1):
+        scene = rod_scene(length=L, field=(0, 0, 3e-3), field_steps=steps)
+        run(scene, on_progress=lambda *_: shares.add(load_progress.now()))
+    assert shares == {None, (0.0, 0.25), (0.25, 0.5), (0.5, 0.75), (0.75, 1.0)}
+    assert load_progress.now() is None
 
 
 @pytest.fixture(scope="module")
