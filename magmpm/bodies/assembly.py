@@ -67,6 +67,7 @@ UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "inch": 25.4e-3}
 MAY_OVERLAP = 1e-3  # of the smaller part: touching faces of a drawing never fit exactly
 LEAST_CELLS = 2  # through the thinnest part
 HELD_EDGE = 0.25  # of a cell: longest edge of triangles whose points tell where a face is held
+COARSE = 16  # times that: longest edge of those that are left out where no held part is near
 INSIDE = (
     np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6
 )  # three points in a triangle, exact for quadratic functions
@@ -400,7 +401,8 @@ class Parts(BodyShape):
         for k, (part, mesh) in enumerate(zip(self.meshes, triangles, strict=True)):
             if part.clamp:
                 continue
-            pieces = cut(mesh[meets(mesh, held, within)], longest)
+            pieces = _near(cut(mesh[meets(mesh, held, within)], COARSE * longest), held, within)
+            pieces = cut(pieces, longest)
             places = np.ascontiguousarray((INSIDE @ pieces).reshape(-1, 3))
             on = to_triangles(places, held) <= within
             thirds = (
@@ -493,3 +495,10 @@ def different_names(given: Sequence[str]) -> tuple[str, ...]:
     return tuple(
         f"{name} (part {i + 1})" if names.count(name) > 1 else name for i, name in enumerate(names)
     )
+
+
+def _near(pieces: Array, others: Array, within: float) -> Array:
+    """Those of triangles (n, 3, 3) m that may come within so much (m) of others (m, 3, 3) m."""
+    center = pieces.mean(axis=1)
+    radius = np.linalg.norm(pieces - center[:, None], axis=2).max(axis=1, initial=0.0)
+    return np.ascontiguousarray(pieces[to_triangles(center, others) <= within + radius])

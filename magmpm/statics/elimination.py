@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Index
-from magmpm.compiled.jit import kernel, prange
+from magmpm.compiled.jit import compiled, kernel, prange
 
 ORDERINGS = (
     "MMD_AT_PLUS_A",
@@ -96,7 +96,7 @@ class Elimination:
 def elimination(elements: Sequence[Index], count: int) -> Elimination:
     """Plan to eliminate `count` nodes that are coupled in elements: tables (elements, k) whose rows have node numbers, or -1 for none."""
     coupled = _coupled(elements, count)
-    number, first, structures = _with_order(coupled, _best_order(coupled))
+    number, first, structures = _with_order(*_best_order(coupled))
     return _laid_out(coupled, number, first, structures)
 
 
@@ -120,54 +120,95 @@ def _coupled(elements: Sequence[Index], count: int) -> Any:
     return pattern
 
 
-def _best_order(coupled: Any) -> Index:
-    """The nodes in the order of elimination that takes the fewest operations, of those that SuperLU knows."""
+def _best_order(coupled: Any) -> tuple[Index, Index, Index, Index]:
+    """The nodes in the order of elimination that takes the fewest operations, of those that SciPy knows; with `_structures` of it."""
+    found = [(order, *_structures_in(coupled, order)) for order in _orders(coupled)]
+    # A column of the factors takes as many operations as its length squared.
+    work = [float(np.sum((np.diff(start) + 1.0) ** 2)) for _, start, _, _ in found]
+    return found[int(np.argmin(work))]
+
+
+def _orders(coupled: Any) -> list[Index]:
+    """Orders of elimination, each the nodes in turn."""
     from scipy.sparse import identity
-    from scipy.sparse.linalg import splu
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+    from scipy.sparse.linalg import spilu
 
     count = coupled.shape[0]
     # It needs no pivoting, so that the order is the pattern's.
     dominant = (identity(count) * (2.0 * count) - coupled).tocsc()
+    # Nothing is filled in: only the order is wanted.
+    none = {"drop_tol": 1.0, "fill_factor": 1, "diag_pivot_thresh": 0.0}
     options = {"SymmetricMode": True}
-    factors = [
-        splu(dominant, permc_spec=name, diag_pivot_thresh=0.0, options=options)
+    orders = [
+        np.argsort(spilu(dominant, permc_spec=name, options=options, **none).perm_c)
         for name in ORDERINGS
     ]
-    # A column of the factors takes as many operations as its length squared.
-    work = [np.sum(np.diff(each.L.indptr).astype(float) ** 2) for each in factors]
-    return np.argsort(factors[int(np.argmin(work))].perm_c)
+    banded = reverse_cuthill_mckee(coupled, symmetric_mode=True)
+    return [*orders, np.asarray(banded, np.int64)]
 
 
-def _with_order(coupled: Any, order: Index) -> tuple[Index, Index, list[Index]]:
-    """Number of each node in an order whose fronts are in a row, first node of each front, and the rows of each."""
-    structures, parent = _structures(coupled, order)
+def _structures_in(coupled: Any, order: Index) -> tuple[Index, Index, Index]:
+    """`_structures` of the nodes in an order."""
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    indptr = coupled.indptr.astype(np.int64)
+    return _structures(indptr, coupled.indices.astype(np.int64), place, order)
+
+
+def _with_order(
+    order: Index, start: Index, rows: Index, parent: Index
+) -> tuple[Index, Index, list[Index]]:
+    """Number of each node in an order whose fronts are in a row, first node of each front, and the rows of each; given `_structures`."""
     places = _postorder(parent)  # children before their parent, and next to it
     number = np.empty(len(order), np.int64)
     new = np.empty(len(order), np.int64)
     new[places] = np.arange(len(order))
     number[order] = new
-    columns = [np.sort(new[structures[j]]) for j in places]
+    columns = [np.sort(new[rows[start[j] : start[j + 1]]]) for j in places]
     return number, *_joined(columns)
 
 
-def _structures(coupled: Any, order: Index) -> tuple[list[Index], Index]:
-    """Return of each node, in order: the later nodes that it is coupled to when it is eliminated, and the first of them (-1 for none)."""
+@compiled
+def _structures(indptr, indices, place, order):
+    """Return of each node, in order: where its rows begin (nodes + 1,), rows: the later nodes that it is coupled to when it is eliminated,
+    in order, and the first of them (nodes,), -1 for none. indptr, indices: of the pattern; place (nodes,): of each in the order.
+    """
     count = len(order)
-    place = np.empty(count, np.int64)
-    place[order] = np.arange(count)
-    children: list[list[int]] = [[] for _ in range(count)]
-    structures: list[Index] = []
+    start = np.zeros(count + 1, np.int64)
+    rows = np.empty(4 * len(indices), np.int64)
     parent = np.full(count, -1)
-    for j, node in enumerate(order):
-        neighbors = place[coupled.indices[coupled.indptr[node] : coupled.indptr[node + 1]]]
-        parts = [neighbors, *(structures[child] for child in children[j])]
-        later = np.unique(np.concatenate(parts))
-        later = later[np.searchsorted(later, j, side="right") :]
-        structures.append(later)
-        if len(later):
-            parent[j] = later[0]
-            children[later[0]].append(j)
-    return structures, parent
+    seen = np.full(count, -1)
+    # the children of a node: the first, and of each child the next one
+    child = np.full(count, -1)
+    sibling = np.full(count, -1)
+    for j in range(count):
+        end = start[j]
+        if end + count > len(rows):
+            more = np.empty(2 * len(rows) + count, np.int64)
+            more[:end] = rows[:end]
+            rows = more
+        for k in range(indptr[order[j]], indptr[order[j] + 1]):
+            row = place[indices[k]]
+            if row > j and seen[row] != j:
+                seen[row] = j
+                rows[end] = row
+                end += 1
+        below = child[j]
+        while below >= 0:
+            for k in range(start[below], start[below + 1]):
+                row = rows[k]
+                if row > j and seen[row] != j:
+                    seen[row] = j
+                    rows[end] = row
+                    end += 1
+            below = sibling[below]
+        start[j + 1] = end
+        if end > start[j]:
+            parent[j] = rows[start[j] : end].min()
+            sibling[j] = child[parent[j]]
+            child[parent[j]] = j
+    return start, rows[: start[count]], parent
 
 
 def _postorder(parent: Index) -> Index:
