@@ -165,8 +165,8 @@ claims: $(VENV)/.ready-test
 validate: $(VENV)/.ready-test
 	$(BIN)/python tests/benchmarks/validate.py
 
-stability: $(VENV)/.ready$(if $(CONTROLS),-test)
-	$(if $(CONTROLS),$(BIN)/python -m pytest -v tests/stability/test_controls.py,$(BIN)/magmpm stability $(if $(QUICK),--quick) $(if $(RANDOM),--random $(RANDOM) --seed $(or $(SEED),0)))
+stability: $(VENV)/.ready$(if $(CONTROLS)$(RANDOM),-test)
+	$(if $(CONTROLS),$(BIN)/python -m pytest -v tests/stability/test_controls.py,$(if $(RANDOM),PYTHONPATH=tests $(BIN)/python -m random_scenes $(RANDOM) --seed $(or $(SEED),0),$(BIN)/magmpm stability $(if $(QUICK),--quick)))
 
 $(VENV)/.ready-docs: $(VENV)/.ready
 	$(BIN)/python -m pip install -q -c constraints.txt -e '.[docs,notebook,test]'

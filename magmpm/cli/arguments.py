@@ -336,24 +336,7 @@ COMMANDS = {
         (
             _value("--case", "NAME", "only the cases whose names contain this"),
             _flag("--quick", "leave out the cases that take long"),
-            _value(
-                "--random",
-                "N",
-                "in place of the cases: N scenes drawn at random, each checked",
-                type=int,
-            ),
-            _value(
-                "--seed",
-                "S",
-                "of the random scenes; the same seed draws the same ones [0]",
-                type=int,
-            ),
-            _value(
-                "--out",
-                "DIR",
-                "folder of the random scenes; begun again, it goes on [runs/random-S]",
-                type=Path,
-            ),
+            _value("--random", "N", "moved: says where scenes drawn at random are now", type=int),
             _JSON,
         ),
     ),

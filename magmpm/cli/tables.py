@@ -128,12 +128,16 @@ def _map_text(found: TipMap, files: list[Path]) -> str:
 
 
 def stability(options: argparse.Namespace) -> int:
-    """Run the chosen hard cases, or scenes drawn at random, and print their table. Returns the exit status: 3 if one fails."""
+    """Run the chosen hard cases, and print their table. Returns the exit status: 3 if one fails."""
     from magmpm.studies.hard_cases import CASES, run_cases, table
 
-    _refuse_mixed(options)
     if options.random is not None:
-        return _random(options)
+        raise InputError(
+            "--random",
+            received=str(options.random),
+            rule="scenes drawn at random are part of the project's tests",
+            remedy="in a clone of the project: make stability RANDOM=300 SEED=1",
+        )
     named = [
         case for case in CASES if options.case is None or options.case.lower() in case.name.lower()
     ]
@@ -154,45 +158,3 @@ def stability(options: argparse.Namespace) -> int:
             file=sys.stderr,
         )
     return 3 if failed else 0
-
-
-def _refuse_mixed(options: argparse.Namespace) -> None:
-    """Raises InputError where options of the cases and of random scenes are given together."""
-    if options.random is None:
-        alone = [f"--{name}" for name in ("seed", "out") if getattr(options, name) is not None]
-        if alone:
-            rule = "belongs to random scenes"
-            remedy = "add, say, --random 300, or leave it out"
-            raise InputError(alone[0], rule=rule, remedy=remedy, received="no --random")
-        return
-    cases = [f"--{name}" for name in ("case", "quick") if getattr(options, name)]
-    if cases:
-        rule = "chooses among the cases, and --random draws scenes in their place"
-        remedy = "leave out one of the two"
-        raise InputError(cases[0], rule=rule, remedy=remedy, received=f"--random {options.random}")
-
-
-def _random(options: argparse.Namespace) -> int:
-    """Scenes drawn at random. Returns the exit status: 3 if one of them is wrong, hangs, is refused or ends with a traceback."""
-    from magmpm.studies.hard_cases import BROKEN, random_table, run_random
-
-    seed = 0 if options.seed is None else options.seed
-    for key, given, least in (("--random", options.random, 1), ("--seed", seed, 0)):
-        if given < least:
-            raise InputError(
-                key,
-                received=str(given),
-                rule=f"must be {least} or more",
-                remedy="write, say, --random 300 --seed 1",
-            )
-    folder = options.out or Path("runs") / f"random-{seed}"
-    with Progress("random scenes") as progress:
-        summary = run_random(options.random, seed, folder, on_done=lambda k, n: progress.at(k, n))
-    print_summary(options, summary, random_table(summary))
-    broken = sum(summary[end] for end in BROKEN)
-    if broken:
-        print(
-            f"magmpm: {broken} of {summary['scenes']} random scenes went wrong; see above",
-            file=sys.stderr,
-        )
-    return 3 if broken else 0

@@ -1,4 +1,4 @@
-"""Changes to a scene whose run failed: named in the error, and tried on thousands of scenes by `magmpm stability --random`."""
+"""Changes to a scene whose run failed: named in the error, and tried on thousands of scenes by `make stability RANDOM=300`."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

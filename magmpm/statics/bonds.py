@@ -56,7 +56,7 @@ class Bonds:
 
 
 @compiled
-def add_stiffness(stiffness, share, block, out):
+def add_stiffness(stiffness, share, block, out):  # type: ignore[no-untyped-def]
     """Add the stiffness (k,) of bonds, between each two nodes of their shares (k, n), to blocks (k, n, n) of out (blocks,) N/m."""
     for k in range(len(stiffness)):
         for i in range(share.shape[1]):

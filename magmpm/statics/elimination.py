@@ -170,7 +170,7 @@ def _with_order(
 
 
 @compiled
-def _structures(indptr, indices, place, order):
+def _structures(indptr, indices, place, order):  # type: ignore[no-untyped-def]
     """Return of each node, in order: where its rows begin (nodes + 1,), rows: the later nodes that it is coupled to when it is eliminated,
     in order, and the first of them (nodes,), -1 for none. indptr, indices: of the pattern; place (nodes,): of each in the order.
     """
@@ -341,7 +341,7 @@ def _numbered(number: Index, elements: Index) -> Index:
 
 
 @kernel
-def _blocks(elements, block_first, later, out):
+def _blocks(elements, block_first, later, out):  # type: ignore[no-untyped-def]
     """Write the block of each two nodes of each element (Elimination.blocks_of) to out (elements, k, k).
 
     Returns the number of those that no element of the pattern couples.

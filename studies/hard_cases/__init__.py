@@ -8,6 +8,6 @@ What they find is repaired in the solver, not in the case.
 """
 
 from magmpm.studies.hard_cases.case import Case, Outcome, table
-from magmpm.studies.hard_cases.suites import BROKEN, CASES, random_table, run_cases, run_random
+from magmpm.studies.hard_cases.suites import CASES, run_cases
 
-__all__ = ["BROKEN", "CASES", "Case", "Outcome", "random_table", "run_cases", "run_random", "table"]
+__all__ = ["CASES", "Case", "Outcome", "run_cases", "table"]

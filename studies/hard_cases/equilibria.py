@@ -22,7 +22,6 @@ from magmpm.simulate import run
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import static_model
 from magmpm.studies.hard_cases.case import Case
-from magmpm.studies.hard_cases.drawn import block
 from magmpm.studies.hard_cases.motions import (
     DIAMETER,
     EULER,
@@ -33,6 +32,7 @@ from magmpm.studies.hard_cases.motions import (
     G,
     X,
     bending_field,
+    block,
     changed,
     made,
     rod,

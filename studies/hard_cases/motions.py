@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from magmpm.bodies.surface_mesh import Mesh
 from magmpm.compiled.arrays import Array
 from magmpm.dynamics import energies
 from magmpm.dynamics.step_control import LIMIT
@@ -172,3 +173,18 @@ def bending_field(load: float, angle: float = np.pi / 2, length: float = LENGTH)
 def twisting_field(load: float) -> list[float]:
     """Field (3,) T along z, for a load M B A L^2/(G J) on a rod magnetized along y; A/J = 8/D^2."""
     return [0.0, 0.0, load * G * MU0 * DIAMETER**2 / (8 * REMANENCE * LENGTH**2)]
+
+
+def block(lower: tuple[float, float, float], upper: tuple[float, float, float]) -> Mesh:
+    """The surface of a block between two corners, its triangles facing outward."""
+    corners = np.array(
+        [
+            [(lower, upper)[i][0], (lower, upper)[j][1], (lower, upper)[k][2]]
+            for i in (0, 1)
+            for j in (0, 1)
+            for k in (0, 1)
+        ]
+    )
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]
+    return Mesh(corners, np.array(faces))

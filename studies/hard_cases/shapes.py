@@ -15,7 +15,6 @@ from magmpm.dynamics.time_loop import begin, integrate, interval, move
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.studies.hard_cases.case import Case
-from magmpm.studies.hard_cases.drawn import block
 from magmpm.studies.hard_cases.motions import (
     DENSITY,
     SILICONE,
@@ -23,6 +22,7 @@ from magmpm.studies.hard_cases.motions import (
     advance,
     at_rest,
     bending_field,
+    block,
     energy,
     last_cells,
     made,

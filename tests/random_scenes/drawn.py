@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from magmpm.bodies.surface_mesh import Mesh, pack_mesh
+from magmpm.bodies.surface_mesh import pack_mesh
 from magmpm.fields.dipole import MU0
 from magmpm.materials import young_modulus
-from magmpm.studies.hard_cases import drawn_fields as fields
-from magmpm.studies.hard_cases.drawn_fields import DYNAMIC, QUASI_STATIC, STATIC, Content, mm
-from magmpm.studies.hard_cases.motions import FIRST
+from magmpm.studies.hard_cases.motions import FIRST, block
+from random_scenes import drawn_fields as fields
+from random_scenes.drawn_fields import DYNAMIC, QUASI_STATIC, STATIC, Content, mm
 
 KINDS = {STATIC: 0.6, QUASI_STATIC: 0.18, DYNAMIC: 0.22}  # with their shares of the scenes
 
@@ -260,21 +260,6 @@ def _parts(
     return {"parts": {"unit": "mm", "meshes": meshes}}, Sizes(
         1e-3 * (ends[-1] - t), across, 12 / across**2, box, **known
     )
-
-
-def block(lower: tuple[float, float, float], upper: tuple[float, float, float]) -> Mesh:
-    """The surface of a block between two corners, its triangles facing outward."""
-    corners = np.array(
-        [
-            [(lower, upper)[i][0], (lower, upper)[j][1], (lower, upper)[k][2]]
-            for i in (0, 1)
-            for j in (0, 1)
-            for k in (0, 1)
-        ]
-    )
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [[a, b, c] for a, b, c, _ in quads] + [[a, c, d] for a, _, c, d in quads]
-    return Mesh(corners, np.array(faces))
 
 
 def _solver(rng: np.random.Generator, kind: str, end: float) -> Content:

@@ -25,7 +25,7 @@ from magmpm.scene import Scene
 from magmpm.simulate import choose_effects, run
 from magmpm.statics.stability import BRINK
 from magmpm.studies.hard_cases.motions import changed
-from magmpm.studies.hard_cases.twins import MIRROR, QUARTER, can_turn, twin
+from random_scenes.twins import MIRROR, QUARTER, can_turn, twin
 
 # Equilibria of the same body on the same grid: the solve stops where a step could win 1e-11 of the energy, so the error of the softest
 # motion is sqrt(1e-11 / stability) of what the load has moved it; ten times that, for loads whose energy is a hundred times the body's.
