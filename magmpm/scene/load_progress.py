@@ -1,4 +1,4 @@
-"""How far a solve has come whose load grows in steps, for those who show it."""
+"""Share of the load that a solve in steps has reached, for those who show it."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

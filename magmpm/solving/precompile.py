@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.cache import compile_here, kept_all
-from magmpm.compiled.environment import PACKAGE, compiled_sources
+from magmpm.compiled.environment import compiled_sources
 from magmpm.compiled.process import answers, started
 from magmpm.effects import acting as effects
 from magmpm.effects.hooks import pairs
@@ -172,10 +172,9 @@ def _stamp(kinds: str) -> str:
     Place and times of the sources are among them: another clone of the same sources has to compile them again.
     """
     host = [llvmlite.binding.get_host_cpu_name(), str(llvmlite.binding.get_host_cpu_features())]
-    times = [str(path.stat().st_mtime_ns) for path in compiled_sources()]
+    times = [f"{path} {path.stat().st_mtime_ns}" for path in compiled_sources()]
     known = [
         kinds,
-        str(PACKAGE),
         sys.version,
         numba.__version__,
         llvmlite.__version__,

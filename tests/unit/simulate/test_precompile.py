@@ -155,7 +155,6 @@ def test_another_clone_or_touched_sources_are_not_ready(
         (tmp_path / clone).mkdir()
         source = tmp_path / clone / "kernels.py"
         source.write_text("from numba import njit\n")
-        monkeypatch.setattr(warmup, "PACKAGE", tmp_path / clone)
         monkeypatch.setattr(environment, "PACKAGE", tmp_path / clone)
         for time_of_change in (1e9, 2e9):
             os.utime(source, (1e9, time_of_change))
