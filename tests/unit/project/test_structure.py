@@ -38,7 +38,7 @@ MOST_OF_MANY_ARGUMENTS = 34  # functions of more than 8 arguments
 MOST_TWICE = 32  # class names that stand more than once
 MOST_IN_README = 88  # lines
 # of the packages; monkeypatch.setattr in tests
-MOST_MODULES = 299
+MOST_MODULES = 296
 MOST_PATCHES = 53
 NUMERIC = (ast.Constant, ast.UnaryOp, ast.BinOp, ast.operator, ast.unaryop)
 ENTRIES = {
