@@ -121,11 +121,28 @@ def _coupled(elements: Sequence[Index], count: int) -> Any:
 
 
 def _best_order(coupled: Any) -> tuple[Index, Index, Index, Index]:
-    """The nodes in the order of elimination that takes the fewest operations, of those that SciPy knows; with `_structures` of it."""
+    """The nodes in the order of elimination that two threads are done with first; with `_structures` of it.
+
+    The same at any number of threads, so that results are.
+    """
     found = [(order, *_structures_in(coupled, order)) for order in _orders(coupled)]
-    # A column of the factors takes as many operations as its length squared.
-    work = [float(np.sum((np.diff(start) + 1.0) ** 2)) for _, start, _, _ in found]
-    return found[int(np.argmin(work))]
+    return min(found, key=lambda one: _way(np.diff(one[1]), one[3]))
+
+
+def _way(lengths: Index, parent: Index) -> float:
+    """Operations that two threads wait for: half of all, or those of the longest way from a first node to a last one.
+
+    A column of the factors takes as many operations as its length squared.
+    """
+    work = (lengths + 1.0) ** 2
+    before = np.zeros(len(parent))
+    longest = 0.0
+    for node, above in enumerate(parent):
+        done = before[node] + work[node]
+        longest = max(longest, done)
+        if above >= 0:
+            before[above] = max(before[above], done)
+    return max(longest, float(work.sum()) / 2)
 
 
 def _orders(coupled: Any) -> list[Index]:
@@ -144,8 +161,10 @@ def _orders(coupled: Any) -> list[Index]:
         np.argsort(spilu(dominant, permc_spec=name, options=options, **none).perm_c)
         for name in ORDERINGS
     ]
-    banded = reverse_cuthill_mckee(coupled, symmetric_mode=True)
-    return [*orders, np.asarray(banded, np.int64)]
+    # Bands are eliminated from both ends at once: what comes from each meets in the middle.
+    bands = np.asarray(reverse_cuthill_mckee(coupled, symmetric_mode=True), np.int64)
+    half = count // 2
+    return [*orders, np.concatenate([bands[:half], bands[half:][::-1]])]
 
 
 def _structures_in(coupled: Any, order: Index) -> tuple[Index, Index, Index]:
