@@ -31,6 +31,7 @@ def test_two_motions_into_one_folder(tmp_path: Path, told) -> None:
     with started("run", path, "--out", out) as first:
         try:
             wait_for((out / CHECKPOINT).exists, first)
+            wait_for((out / MOTION).exists, first)  # written after it
             says = (
                 f"{out}: in use by process {first.pid} on ",
                 "\n  rule: ",
