@@ -14,7 +14,7 @@ from swing import scene
 from test_commands import SCENE, STUDY
 
 from magmpm.results import folder_lock as lock
-from magmpm.results.file_names import CHECKPOINT, ENERGIES
+from magmpm.results.file_names import CHECKPOINT, ENERGIES, MOTION
 from magmpm.results.folder_lock import LOCK, FolderInUse, folder_lock
 from magmpm.results.trajectory import Motion
 
