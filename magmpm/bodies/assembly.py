@@ -401,8 +401,8 @@ class Parts(BodyShape):
         for k, (part, mesh) in enumerate(zip(self.meshes, triangles, strict=True)):
             if part.clamp:
                 continue
-            pieces = _near(cut(mesh[meets(mesh, held, within)], COARSE * longest), held, within)
-            pieces = cut(pieces, longest)
+            coarse = cut(mesh[meets(mesh, held, within)], COARSE * longest)
+            pieces = cut(_pieces_near(coarse, held, within), longest)
             places = np.ascontiguousarray((INSIDE @ pieces).reshape(-1, 3))
             on = to_triangles(places, held) <= within
             thirds = (
@@ -497,7 +497,7 @@ def different_names(given: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def _near(pieces: Array, others: Array, within: float) -> Array:
+def _pieces_near(pieces: Array, others: Array, within: float) -> Array:
     """Those of triangles (n, 3, 3) m that may come within so much (m) of others (m, 3, 3) m."""
     center = pieces.mean(axis=1)
     radius = np.linalg.norm(pieces - center[:, None], axis=2).max(axis=1, initial=0.0)

@@ -337,6 +337,8 @@ COMMANDS = {
             _value("--case", "NAME", "only the cases whose names contain this"),
             _flag("--quick", "leave out the cases that take long"),
             _value("--random", "N", "moved: says where scenes drawn at random are now", type=int),
+            _value("--seed", "S", "moved with --random", type=int),
+            _value("--out", "DIR", "moved with --random", type=Path),
             _JSON,
         ),
     ),

@@ -131,10 +131,11 @@ def stability(options: argparse.Namespace) -> int:
     """Run the chosen hard cases, and print their table. Returns the exit status: 3 if one fails."""
     from magmpm.studies.hard_cases import CASES, run_cases, table
 
-    if options.random is not None:
+    moved = [name for name in ("random", "seed", "out") if getattr(options, name) is not None]
+    if moved:
         raise InputError(
-            "--random",
-            received=str(options.random),
+            f"--{moved[0]}",
+            received=str(getattr(options, moved[0])),
             rule="scenes drawn at random are part of the project's tests",
             remedy="in a clone of the project: make stability RANDOM=300 SEED=1",
         )

@@ -45,7 +45,7 @@ FINEST = (
 )  # of the step requested: attempts are halved down to this, and critical loads known within it
 GROWTH = 2.0  # of the step after one that was accepted
 # times the last step: how far the way between the last two equilibria is taken to go on
-FARTHEST = 2.5
+GOES_ON = 2.5
 Kind = Literal["limit point", "bifurcation"]
 
 
@@ -248,7 +248,7 @@ class Branch:
         if model.touching is None or before is None or target == now.time:
             return begin
         share = (target - now.time) / (now.time - before.time)
-        if share > FARTHEST:
+        if share > GOES_ON:
             return begin
         return begin + share * (begin - self.loads.moved(before.point.grid, before.time, target))
 

@@ -1,9 +1,10 @@
 """The order in which a sparse tangent is eliminated, and the dense fronts in which this is done.
 
-Nodes (three unknowns each) that share an element are coupled. They are eliminated in an order that keeps the factors small; of two such
-orders the one with fewer operations is taken. Eliminating a node couples all its neighbors that come later. Nodes in a row with the same
-later neighbors form a front: a small dense matrix. Its first rows are the front's own nodes, which are eliminated in it; the others, its
-boundary, pass what is left to one front above it, its parent. So the fronts form a forest, and those of one depth are independent.
+Nodes (three unknowns each) that share an element are coupled. They are eliminated in an order that keeps the factors small; of three such
+orders the one that two threads are done with first is taken. Eliminating a node couples all its neighbors that come later. Nodes in a row
+with the same later neighbors form a front: a small dense matrix. Its first rows are the front's own nodes, which are eliminated in it;
+the others, its boundary, pass what is left to one front above it, its parent. So the fronts form a forest, and those of one depth are
+independent.
 
 All of this depends on the pattern alone: it is found once for a body.
 Sources: Duff and Reid, ACM Trans. Math. Softw. 9 (1983) 302 (multifrontal method); Liu, SIAM Review 34 (1992) 82 (supernodes and trees).
@@ -24,7 +25,7 @@ from magmpm.compiled.jit import compiled, kernel, prange
 ORDERINGS = (
     "MMD_AT_PLUS_A",
     "COLAMD",
-)  # of SuperLU: minimum degree of the pattern; of its square. Neither is always the better one
+)  # of SuperLU: minimum degree of the pattern; of its square
 # zeros in a front joined with the one above it, over its entries, for which fewer and larger fronts
 # are still quicker
 JOINED = 0.2

@@ -79,15 +79,13 @@ class Layout:
         return self.elimination.blocks_of(self.nodes_of(self.cell_plane, self.cell_row))
 
     @cached_property
-    def bond_blocks(self) -> tuple[Index, Array]:
-        """Blocks (k,) of the sparse tangent that bonds add to, and what they add (k,) N/m to each axis."""
-        if self.bonds is None or self.bonded is None:
-            return np.zeros(0, np.int64), np.zeros(0)
-        block = self.elimination.blocks_of(self.places_of(self.bonded))
+    def bond_stiffness(self) -> Array:
+        """Stiffness (blocks,) N/m that bonds add on each axis to the blocks of the sparse tangent."""
         added = np.zeros(int(self.elimination.fronts.block_first[-1]))
-        add_stiffness(self.bonds.stiffness, self.bonds.share, block, added)
-        changed = np.flatnonzero(added)
-        return changed, added[changed]
+        if self.bonds is not None and self.bonded is not None:
+            block = self.elimination.blocks_of(self.places_of(self.bonded))
+            add_stiffness(self.bonds.stiffness, self.bonds.share, block, added)
+        return added
 
     @cached_property
     def springs(self) -> Springs | None:

@@ -240,7 +240,7 @@ def _chord_steps(
         reached = -float(np.sum(residual * direction)) / 2
         if reached < enough:
             last = energy.at(trial.grid + direction)  # its decrement is even smaller
-            return (last, reached) if _same_contact(trial, last) else (trial, decrement)
+            return (last, reached) if _same_contact(trial, last) else (point, decrement)
         if not reached < chord.gain * decrement:
             return point, decrement
         point = trial

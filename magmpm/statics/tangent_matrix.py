@@ -116,7 +116,7 @@ class Sparse:
         self.blocks = np.zeros((count, 3, 3))
         self._values = empty((self._order.values,))
         self._rooms = empty((2, max(self._order.room, 1)))
-        self._targets: list[tuple[Cells, Blocks]] = []
+        self._surface: tuple[Cells, Blocks] | None = None  # that touches, and its blocks
 
     @cached_property
     def _own(self) -> NDArray[np.int64]:
@@ -136,20 +136,15 @@ class Sparse:
     def target(self, cells: Cells) -> Blocks:
         if cells.plane is self._layout.cell_plane:
             return Blocks(self._layout.cell_blocks, self.blocks)
-        for known, found in self._targets:
-            if known is cells:
-                return found
-        found = Blocks(
-            self._order.blocks_of(self._layout.nodes_of(cells.plane, cells.row)), self.blocks
-        )
-        self._targets = [*self._targets[-1:], (cells, found)]
-        return found
+        if self._surface is None or self._surface[0] is not cells:
+            nodes = self._layout.nodes_of(cells.plane, cells.row)
+            self._surface = cells, Blocks(self._order.blocks_of(nodes), self.blocks)
+        return self._surface[1]
 
     def add_bonds(self, share: float = 1.0) -> None:
         """Add the bonds, or a share of their stiffness."""
-        at, added = self._layout.bond_blocks
         for axis in range(3):
-            self.blocks[at, axis, axis] += share * added
+            self.blocks[:, axis, axis] += share * self._layout.bond_stiffness
 
     def finish(self) -> None:
         self.add_bonds()  # fixed unknowns have no number

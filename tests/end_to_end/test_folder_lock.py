@@ -45,6 +45,7 @@ def test_two_motions_into_one_folder(tmp_path: Path, told) -> None:
             wait_for(lambda: frames(out) > 0, first)
             seen = frames(out)
             wait_for(lambda: frames(out) > seen, first)
+            assert frames(out) > seen
             assert first.poll() is None, "the first went on"
         finally:
             first.kill()

@@ -65,8 +65,8 @@ class PlanningSampler(optuna.samplers.BaseSampler):
     def plan(
         self, trials: Sequence[FrozenTrial], running: Sequence[FrozenTrial] = ()
     ) -> tuple[dict[str, float], dict[str, Any]]:
-        """Parameters of the next trial, and what is kept with it."""
-        raise NotImplementedError
+        """Parameters of the next trial, and what is kept with it: each kind of sampler says how."""
+        raise NotImplementedError  # no abstract class: OptunaHub's packages import no abc
 
     def infer_relative_search_space(
         self, study: optuna.Study, trial: FrozenTrial

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from reference.moving import resting_scene
+from reference.scenes import rod_scene
 from reference.solids import box, turned
 from scipy.spatial.transform import Rotation
 
@@ -14,7 +15,7 @@ from magmpm.statics.arcs import rest_nodes
 from magmpm.statics.energy import Energy
 from magmpm.statics.equilibrium import solve_static
 from magmpm.statics.layout import StaticModel, arranged, static_model
-from magmpm.statics.newton import minimize
+from magmpm.statics.newton import _search, factored, minimize
 
 AXIS = (1.0, 2.0, 3.0)
 ANGLE = 0.7
@@ -163,6 +164,21 @@ def test_an_arc_is_the_straight_step_to_first_order_and_turns_without_strain(
     rest = energy.at(np.zeros(energy.shape))
     arc, straight = (energy.at(each).energy for each in (energy.arc(rest, bend, 0.2), 0.2 * bend))
     assert arc < straight
+
+
+@pytest.mark.parametrize("parts", [True, False])
+def test_a_short_step_of_parts_goes_on_along_its_way(oblique: StaticModel, parts: bool) -> None:
+    """A tenth of Newton's step: the energy falls almost evenly along it, and goes on to fall. Straight bodies stop at its end."""
+    model = oblique if parts else static_model(build(rod_scene(field=(0.0, 0.0, 1e-5))))
+    energy = Energy(model)
+    point = energy.at(np.zeros(energy.shape))
+    residual, _ = factored(energy, point)
+    direction = -0.1 * energy.matrix.solve(residual)
+    decrement = -float(np.sum(residual * direction)) / 2
+    scale = energy.least_scale()
+    found = _search(energy, point, direction, decrement, scale)
+    won = (point.energy - found.energy) / decrement
+    assert won > 4.0 if parts else won == pytest.approx(1.9, abs=0.01)
 
 
 def test_a_failure_names_the_part_that_does_not_settle() -> None:
