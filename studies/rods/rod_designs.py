@@ -203,7 +203,14 @@ def improver(space: SearchSpace, target: Array) -> Improve | None:
     except SolveError:
         return None
 
+    made: dict[float, tuple[list[Parameters], list[dict[str, float]]]] = {}  # last, by bound
+
     def improved_within(share: float, designs: Sequence[Parameters]) -> list[dict[str, float]]:
+        if share not in made or made[share][0] != list(designs):
+            made[share] = list(designs), improved(share, designs)
+        return made[share][1]
+
+    def improved(share: float, designs: Sequence[Parameters]) -> list[dict[str, float]]:
         if not designs:
             return []
         here = problem.within(share * field_max)

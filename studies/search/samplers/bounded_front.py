@@ -104,7 +104,8 @@ class BoundedFront(PlanningSampler):
                 return params, {**kept, BOUND: bound}
             if best is not None and float(best.values[0]) <= self._poor:
                 return None
-        for start in self._starts_within(bound, trials):
+        begun = here[0].number if here else math.inf
+        for start in self._starts_within(bound, [t for t in trials if t.number < begun]):
             if not _is_among(start, known):
                 return start, {"start": len(here), "from": None, BOUND: bound}
         return None
@@ -138,7 +139,7 @@ class BoundedFront(PlanningSampler):
         return min(allowed, key=cost_of, default=None)
 
     def _starts_within(self, bound: float, trials: Sequence[FrozenTrial]) -> list[dict[str, float]]:
-        """Designs to begin from within a bound, best first."""
+        """Designs to begin from within a bound, best first; trials: those before its first one, so that they stay the same."""
         bounds = {b for b in map(_bound_of, trials) if b is not None}
         best = self._best(trials, bound)
         larger = [b for b in bounds if b > bound]
