@@ -15,7 +15,7 @@ from magmpm.results import notices
 from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.evaluate.trial import Trial
-from magmpm.studies.explore.effects_table import Row, Table, survey
+from magmpm.studies.explore.effects_table import EffectRow, EffectsTable, survey
 from magmpm.studies.fitting.search import Fit
 from magmpm.studies.problem.study import Study
 
@@ -116,7 +116,7 @@ def fit(
     return found
 
 
-def influence(scene: SceneLike, effect: str | None = None) -> Table | Row:
+def influence(scene: SceneLike, effect: str | None = None) -> EffectsTable | EffectRow:
     """Shift of the answer by each effect, named in the scene or not, as `magmpm effects` prints it; of one effect, its row alone.
 
     scene: a Scene, the path of its file, or a dict as load_scene takes. effect: a key of the scene's effects, such as "gravity". Shifts and

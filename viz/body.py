@@ -11,11 +11,11 @@ from magmpm.bodies.assembly import Parts
 from magmpm.scene import Scene
 from magmpm.viz import style
 from magmpm.viz.binding import Binding
-from magmpm.viz.meshes import Surface, bar, creased, refined, tube
+from magmpm.viz.meshes import TriangleSurface, bar, creased, refined, tube
 from magmpm.viz.particle_surface import around_particles, connected_components, spacing
 
 
-class Body:
+class DrawnBody:
     """The undeformed particles of a body, with the surface and the arrows that they carry along."""
 
     def __init__(
@@ -51,7 +51,7 @@ class Body:
         self.thickness = float(np.clip(sides[1], 0.06 * self.length, 0.12 * self.length))
         self._remanence = np.asarray(remanence, dtype=float)
 
-    def _bound(self, scene: Scene | None) -> tuple[Surface, Binding]:
+    def _bound(self, scene: Scene | None) -> tuple[TriangleSurface, Binding]:
         """The surface, and what moves it."""
         known = None if scene is None else _known_shape(scene, self.size)
         if known is not None and self._plane_strain:
@@ -68,7 +68,7 @@ class Body:
         surfaces = [
             around_particles(self.reference[of], self.volume[of], self.part[of]) for of in members
         ]
-        whole = Surface.joined(surfaces)
+        whole = TriangleSurface.joined(surfaces)
         of_point = np.repeat(np.arange(len(surfaces)), [len(s.points) for s in surfaces])
         return whole, Binding(whole.points, self.reference, of_point, component)
 
@@ -80,12 +80,12 @@ class Body:
         points[:, 1] = self.surface.points[:, 1]
         return points
 
-    def surface_at(self, position: np.ndarray) -> Surface:
+    def surface_at(self, position: np.ndarray) -> TriangleSurface:
         """The deformed surface in single precision, without triangles that are not finite."""
         points = self.points(position)
         whole = np.isfinite(points).all(axis=1)[self.surface.triangles].all(axis=1)
         triangles = self.surface.triangles[whole].astype(np.int32)
-        return Surface(
+        return TriangleSurface(
             np.nan_to_num(points, posinf=0.0, neginf=0.0).astype(np.float32),
             triangles,
             self.surface.part[whole],
@@ -161,7 +161,7 @@ class Body:
         return min(style.ARROW_WIDTH * self.thickness, 0.085 * self.arrow_length)
 
 
-def _known_shape(scene: Scene, step: float) -> Surface | None:
+def _known_shape(scene: Scene, step: float) -> TriangleSurface | None:
     """The surface of a catheter or strip with its sharp edges; None for a body of STL parts. step: m, about a triangle's edge."""
     shape = scene.body.catheter or scene.body.strip
     if shape is None:
@@ -173,8 +173,8 @@ def _known_shape(scene: Scene, step: float) -> Surface | None:
     return tube(ends, 0.5 * scene.thickness, 0.5 * scene.body.catheter.inner_diameter, step)
 
 
-def _meshes(parts: Parts, step: float) -> Surface:
+def _meshes(parts: Parts, step: float) -> TriangleSurface:
     """The surfaces of STL parts, with triangles of about three particles."""
-    return Surface.joined(
+    return TriangleSurface.joined(
         [refined(creased(*surface, k), 3 * step) for k, surface in enumerate(parts.surfaces())]
     )

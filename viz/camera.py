@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from magmpm.viz.snapshot import Obstacle, Plane, Snapshot
+from magmpm.viz.snapshot import DrawnSolid, Plane, Snapshot
 
 # Directions the main view may be seen from: the base on the left, the axis to the right, from a little above and never face on, so
 # that depth is read; and rather from the tip's side, where the clamp is behind the body, than from the clamp's.
@@ -185,7 +185,7 @@ def extremes(points: np.ndarray, some: int) -> np.ndarray:
     )
 
 
-def in_view(obstacle: Obstacle, view: View, aspect: float) -> bool:
+def in_view(obstacle: DrawnSolid, view: View, aspect: float) -> bool:
     """True if any triangle of an obstacle reaches into a view, tested with the rectangle around it."""
     flat = view.project(obstacle.points)[:, :2] / np.array([aspect, 1.0])
     corners = flat[obstacle.triangles]

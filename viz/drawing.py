@@ -15,7 +15,7 @@ from magmpm.viz import style
 from magmpm.viz.annotations import compass_arrows, field_arrow, written
 from magmpm.viz.camera import Framing, View
 from magmpm.viz.layout import Layout, Panel, Views
-from magmpm.viz.snapshot import Obstacle, Particles, Snapshot
+from magmpm.viz.snapshot import Balls, DrawnSolid, Snapshot
 
 THIN = (
     2e-3  # of the body's length: a step between flat layers; closer ones would fight for one depth
@@ -65,7 +65,7 @@ class PanelCanvas(Protocol):
     def flat(self, points: np.ndarray, triangles: np.ndarray, color: str, layer: Layer) -> None:
         """Triangles (m, 3) between points (n, 3) m, without light or shade."""
 
-    def solids(self, obstacles: tuple[Obstacle, ...], snapshot: Snapshot) -> None:
+    def solids(self, obstacles: tuple[DrawnSolid, ...], snapshot: Snapshot) -> None:
         """Obstacles and body, lit."""
 
     def lines(self, segments: np.ndarray, color: str, width: float, layer: Layer) -> None:
@@ -133,7 +133,7 @@ def _floor(panel: PanelCanvas, snapshot: Snapshot, framing: Framing) -> None:
     body = snapshot.body
     plane = framing.plane
     dropped = plane.dropped(body.points.astype(float))
-    if isinstance(body, Particles):
+    if isinstance(body, Balls):
         panel.balls(dropped, style.BALL_WIDTH * body.size, shade, SHADOW, lit=False)
     else:
         panel.flat(dropped, body.triangles, shade, SHADOW)
@@ -184,7 +184,7 @@ def _signs(panel: PanelCanvas, snapshot: Snapshot) -> None:
         panel.arrow(start, vector, width, style.CONTACT, FORCE, halo=True)
 
 
-def outward(body: Particles, axis: np.ndarray) -> np.ndarray:
+def outward(body: Balls, axis: np.ndarray) -> np.ndarray:
     """Unit direction (n, 3) from the body's axis (m, 3) m, or from its middle, to each particle: balls are shaded by it, so that the
     body reads as a bent rod and not as a band of balls."""
     axis = (axis if len(axis) > 1 else body.points.mean(axis=0)[None]).astype(np.float32)

@@ -12,10 +12,10 @@ from magmpm.errors import MagmpmError, RenderError
 from magmpm.fields.magnets import frame_of
 from magmpm.results.motion_tables import PAIR
 from magmpm.scene import Scene
-from magmpm.viz.body import Body
+from magmpm.viz.body import DrawnBody
 from magmpm.viz.camera import Framing, best_direction, extremes
 from magmpm.viz.obstacles import REACH, ground, in_reach, sources, standing, surfaces
-from magmpm.viz.snapshot import History, Obstacle, Snapshot
+from magmpm.viz.snapshot import DrawnSolid, History, Snapshot
 
 DONE = {
     "limit point": "snapped",
@@ -52,7 +52,7 @@ class MotionRenderer:
             raise RenderError("this motion has no frames yet: there is nothing to show")
         self.motion = motion
         self._scene = scene_of(motion.scene)
-        self.body = Body(
+        self.body = DrawnBody(
             self._scene, motion.reference, motion.volume, motion.part, motion.remanence
         )
         self.ground = ground(self._scene)
@@ -128,7 +128,7 @@ class MotionRenderer:
             ]
         return replace(self.framing, points=np.vstack(seen))
 
-    def _sources(self, time: float, reach: float = REACH) -> list[Obstacle]:
+    def _sources(self, time: float, reach: float = REACH) -> list[DrawnSolid]:
         return in_reach(sources(self._scene, time), self._around, reach * self.body.length)
 
     def _contact(self, frame: Any, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -202,7 +202,7 @@ class MotionRenderer:
         return np.array([0.0, 0.0, 1.0]) if self.ground is None else self.ground.normal
 
 
-def _near(obstacle: Obstacle, points: np.ndarray, reach: float) -> np.ndarray:
+def _near(obstacle: DrawnSolid, points: np.ndarray, reach: float) -> np.ndarray:
     """Points of an obstacle that must be in view: all of it; of a wall much larger than what is near only what is within reach (m) of the
     body's points."""
     low = points.min(axis=0) - reach

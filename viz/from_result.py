@@ -14,11 +14,11 @@ from magmpm.results.whole_file import whole_file
 from magmpm.scene import Scene
 from magmpm.viz import style
 from magmpm.viz.binding import gradients
-from magmpm.viz.body import Body
+from magmpm.viz.body import DrawnBody
 from magmpm.viz.from_motion import MotionRenderer, gravity_of, scene_of
-from magmpm.viz.meshes import Surface
+from magmpm.viz.meshes import TriangleSurface
 from magmpm.viz.obstacles import REACH, in_reach, sources, standing
-from magmpm.viz.snapshot import Particles, Snapshot, spread
+from magmpm.viz.snapshot import Balls, Snapshot, spread
 
 MAX_PARTICLES = 40_000
 
@@ -189,7 +189,7 @@ def _size(scene: Scene | None, reference: np.ndarray) -> tuple[float, float]:
     return length, max(thickness, 0.06 * length)
 
 
-def deformed_surface(result: Any) -> Surface:
+def deformed_surface(result: Any) -> TriangleSurface:
     """The deformed surface of the body of a result, m. Raises RenderError where its scene cannot be read."""
     return _surface(result, scene_of(result.scene))
 
@@ -207,16 +207,16 @@ def polydata(result: Any) -> Any:
     return found
 
 
-def _surface(result: Any, scene: Scene | None) -> Surface:
+def _surface(result: Any, scene: Scene | None) -> TriangleSurface:
     """The deformed surface of a result's body."""
     reference = np.asarray(result.particle_reference, dtype=float)
-    body = Body(
+    body = DrawnBody(
         scene, reference, result.particle_volume, result.particle_segment, np.zeros_like(reference)
     )
     return body.surface_at(np.asarray(result.particle_position, dtype=float))
 
 
-def _particles(result: Any, scene: Scene | None, most: int) -> Particles:
+def _particles(result: Any, scene: Scene | None, most: int) -> Balls:
     """The particles that can be seen."""
     position = np.asarray(result.particle_position, dtype=float)
     finite = np.isfinite(position).all(axis=1)
@@ -229,7 +229,7 @@ def _particles(result: Any, scene: Scene | None, most: int) -> Particles:
     size = float(volume.max() ** (1 / 3))
     keep = np.flatnonzero(finite & (volume > 1e-3 * size**3))
     keep = keep[_skin(np.asarray(result.particle_reference)[keep], 2.5 * size, most, scene)]
-    return Particles(
+    return Balls(
         position[keep].astype(np.float32),
         np.asarray(result.particle_segment)[keep].astype(np.int32),
         size,

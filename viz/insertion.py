@@ -14,8 +14,8 @@ import numpy as np
 from magmpm.viz import style
 from magmpm.viz.from_motion import gravity_of, scene_of
 from magmpm.viz.from_result import segment_arrows
-from magmpm.viz.meshes import Surface, swept
-from magmpm.viz.snapshot import Obstacle, Snapshot, spread
+from magmpm.viz.meshes import TriangleSurface, swept
+from magmpm.viz.snapshot import DrawnSolid, Snapshot, spread
 
 # longest arrow of a depth's field, of the path's length; length of the guide that is shown, in diameters
 FIELD = 0.15
@@ -24,7 +24,7 @@ FINE = 80  # points of an axis as it is drawn
 
 
 @dataclass(frozen=True)
-class Insertion:
+class InsertionPictures:
     """Data that all pictures of one insertion share. scene: plain SI data of the whole catheter; path (m, 4) m: rows [s, x, y, z]."""
 
     name: str
@@ -36,7 +36,7 @@ class Insertion:
         catheter: Mapping[str, Any] = self.scene["body"]["catheter"]
         return catheter
 
-    def body(self, frame: Mapping[str, Any], shift: np.ndarray) -> Surface:
+    def body(self, frame: Mapping[str, Any], shift: np.ndarray) -> TriangleSurface:
         """The part outside the guide; its parts are the catheter's segments."""
         axis = np.array(frame["axis_m"]) + shift
         s = np.linspace(0.0, 1.0, len(axis))
@@ -53,9 +53,11 @@ class Insertion:
         place = frame["depth_m"] * (np.arange(FINE - 1) + 0.5) / (FINE - 1)
         part = self._segments(frame["depth_m"])(place)
         rings = surface.triangles.min(axis=1) // around
-        whole = Surface(surface.points, surface.triangles, part[np.minimum(rings, FINE - 2)])
-        return Surface.joined(
-            [whole, Surface(np.vstack([last, line[-1:]]), cap, np.full(around, part[-1]))]
+        whole = TriangleSurface(
+            surface.points, surface.triangles, part[np.minimum(rings, FINE - 2)]
+        )
+        return TriangleSurface.joined(
+            [whole, TriangleSurface(np.vstack([last, line[-1:]]), cap, np.full(around, part[-1]))]
         )
 
     def _segments(self, depth: float) -> Any:
@@ -103,7 +105,9 @@ class Insertion:
             self.path[:, 1:], style.TARGET_DOTS // 2 + 1 if several else style.TARGET_DOTS
         )
         return Snapshot(
-            body=Surface.joined([self.body(frame, shift) for frame, shift in zip(frames, shifts)]),
+            body=TriangleSurface.joined(
+                [self.body(frame, shift) for frame, shift in zip(frames, shifts)]
+            ),
             magnetized=magnetized,
             length=length,
             thickness=diameter,
@@ -138,18 +142,18 @@ class Insertion:
         notes = tuple(zip(words, places - [0.0, 0.0, 0.7 * longest]))
         return {"fields": np.stack([places - 0.5 * vectors, vectors], axis=1), "notes": notes}
 
-    def _guide(self, shift: np.ndarray) -> Obstacle:
+    def _guide(self, shift: np.ndarray) -> DrawnSolid:
         diameter = self.catheter["diameter"]
         guide = swept(
             np.array([[-GUIDE * diameter, 0.0, 0.0], [0.0, 0.0, 0.0]]) + shift, 0.75 * diameter, 48
         )
-        return Obstacle("guide", guide.points, guide.triangles, style.CLAMP)
+        return DrawnSolid("guide", guide.points, guide.triangles, style.CLAMP)
 
-    def _lumen(self) -> Obstacle:
+    def _lumen(self) -> DrawnSolid:
         tube = swept(
             self.path[:, 1:], 1.6 * self.catheter["diameter"] / 2, 48
         )  # no walls are named: a little wider than the body
-        return Obstacle("lumen", tube.points, tube.triangles, style.WALL, hollow=True)
+        return DrawnSolid("lumen", tube.points, tube.triangles, style.WALL, hollow=True)
 
     def trial(self, frames: Sequence[Mapping[str, Any]], *, trial: int, rms: float) -> Snapshot:
         """A trial: bodies at several depths."""

@@ -16,8 +16,8 @@ from magmpm.viz import style
 from magmpm.viz.camera import View
 from magmpm.viz.drawing import BODY, Layer, outward
 from magmpm.viz.layout import Panel
-from magmpm.viz.meshes import Surface
-from magmpm.viz.snapshot import Obstacle, Particles, Snapshot
+from magmpm.viz.meshes import TriangleSurface
+from magmpm.viz.snapshot import Balls, DrawnSolid, Snapshot
 
 _POINTS_PER_INCH = 72.0
 _DPI = 100.0
@@ -85,17 +85,17 @@ class MatplotlibPanel:
     def flat(self, points: np.ndarray, triangles: np.ndarray, color: str, layer: Layer) -> None:
         self._polygons(self.view.project(points)[:, :2][triangles], color, layer.order)
 
-    def solids(self, obstacles: tuple[Obstacle, ...], snapshot: Snapshot) -> None:
+    def solids(self, obstacles: tuple[DrawnSolid, ...], snapshot: Snapshot) -> None:
         body = snapshot.body
         colors = snapshot.colors
         solids = [
             (
-                Surface(o.points, o.triangles, np.full(len(o.triangles), o.hollow)),
+                TriangleSurface(o.points, o.triangles, np.full(len(o.triangles), o.hollow)),
                 style.rgb(o.color),
             )
             for o in obstacles
         ]
-        if isinstance(body, Particles):
+        if isinstance(body, Balls):
             middle = float((body.points @ self.view.toward).mean())
             for solid, color in solids:
                 near = float((solid.points @ self.view.toward).mean()) > middle
@@ -109,13 +109,15 @@ class MatplotlibPanel:
             )
             self.balls(body.points, style.BALL_WIDTH * body.size, colors, BODY)
             return
-        shape = Surface(
+        shape = TriangleSurface(
             body.points.astype(float), body.triangles, np.zeros(len(body.triangles), dtype=bool)
         )
         colors = np.vstack(
             [colors, *(np.tile(color, (len(solid.triangles), 1)) for solid, color in solids)]
         )
-        self._shaded(Surface.joined([shape, *(solid for solid, _ in solids)]), colors, BODY.order)
+        self._shaded(
+            TriangleSurface.joined([shape, *(solid for solid, _ in solids)]), colors, BODY.order
+        )
 
     def lines(self, segments: np.ndarray, color: str, width: float, layer: Layer) -> None:
         flat = self.view.project(segments.reshape(-1, 3))[:, :2].reshape(-1, 2, 2)
@@ -162,7 +164,7 @@ class MatplotlibPanel:
                 )
                 self._axes.add_patch(arrow)
 
-    def _shaded(self, surface: Surface, colors: np.ndarray, order: float) -> None:
+    def _shaded(self, surface: TriangleSurface, colors: np.ndarray, order: float) -> None:
         """Triangles in colors (m, 3), the farthest first. The surface's part (m,) says what is hollow: of that only the far side."""
         corners = surface.points[surface.triangles]
         hollow = surface.part

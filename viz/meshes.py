@@ -9,7 +9,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Surface:
+class TriangleSurface:
     """points (n, 3) m, triangles (m, 3) counter-clockwise from outside, part (m,) of each triangle."""
 
     points: np.ndarray
@@ -24,7 +24,7 @@ class Surface:
         return of
 
     @classmethod
-    def joined(cls, surfaces: Sequence[Surface]) -> Surface:
+    def joined(cls, surfaces: Sequence[TriangleSurface]) -> TriangleSurface:
         """One surface made of several that share no points."""
         first = np.cumsum([0, *(len(s.points) for s in surfaces[:-1])])
         return cls(
@@ -48,7 +48,7 @@ def normals(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
 
 
-def lofted(rows: Sequence[np.ndarray], part: int, *, closed: bool, flip: bool) -> Surface:
+def lofted(rows: Sequence[np.ndarray], part: int, *, closed: bool, flip: bool) -> TriangleSurface:
     """Triangles between rows (r, 3) of points; closed: the rows are rings."""
     r = len(rows[0])
     j = np.arange(r if closed else r - 1)
@@ -60,7 +60,7 @@ def lofted(rows: Sequence[np.ndarray], part: int, *, closed: bool, flip: bool) -
     triangles = (
         (first + corners).reshape(-1, 3).astype(np.int32)
     )  # small where it travels to the drawing process
-    return Surface(
+    return TriangleSurface(
         np.vstack(rows), triangles[:, ::-1] if flip else triangles, np.full(len(triangles), part)
     )
 
@@ -73,7 +73,7 @@ def circle(radius: float, around: int, x: float = 0.0) -> np.ndarray:
 
 def tube(
     ends: Sequence[float], outer: float, inner: float, step: float, around: int = 40
-) -> Surface:
+) -> TriangleSurface:
     """A straight tube or rod along +x from the origin.
 
     ends: m, where each part ends along x; outer, inner: radii in m; step: m, about the length of a triangle.
@@ -91,7 +91,7 @@ def tube(
     for x, part, front in ((0.0, 0, False), (ends[-1], len(ends) - 1, True)):
         rings = [circle(max(r, 1e-6 * outer), around, x) for r in radii]
         pieces.append(lofted(rings, part, closed=True, flip=not front))
-    return Surface.joined(pieces)
+    return TriangleSurface.joined(pieces)
 
 
 def bar(
@@ -100,7 +100,7 @@ def bar(
     thickness: float,
     step: float,
     base: Sequence[float] = (0, 0, 0),
-) -> Surface:
+) -> TriangleSurface:
     """A straight bar with sharp edges along +x: width along y, thickness along z, all in m.
 
     ends: m from the base, where each part ends; base (3,) m: center of its base face; step: m, about the length of a triangle.
@@ -126,8 +126,10 @@ def bar(
         start = end
     for x, part, front in ((0.0, 0, False), (ends[-1], len(ends) - 1, True)):
         pieces.append(lofted([row(x, at, z) for at in y], part, closed=False, flip=not front))
-    whole = Surface.joined(pieces)
-    return Surface(whole.points + np.asarray(base, dtype=float), whole.triangles, whole.part)
+    whole = TriangleSurface.joined(pieces)
+    return TriangleSurface(
+        whole.points + np.asarray(base, dtype=float), whole.triangles, whole.part
+    )
 
 
 def _marks(low: float, high: float, step: float) -> np.ndarray:
@@ -135,13 +137,13 @@ def _marks(low: float, high: float, step: float) -> np.ndarray:
     return np.linspace(low, high, max(round((high - low) / step), 1) + 1)
 
 
-def ball(radius: float, around: int = 48) -> Surface:
+def ball(radius: float, around: int = 48) -> TriangleSurface:
     """A sphere about the origin. Its half toward -x is part 0, the other part 1."""
     angles = np.linspace(0.0, np.pi, around // 2 + 1)
     rings = [circle(radius * max(np.sin(a), 1e-6), around, -radius * np.cos(a)) for a in angles]
     whole = lofted(rings, 0, closed=True, flip=True)
     north = whole.points[whole.triangles].mean(axis=1)[:, 0] > 0
-    return Surface(whole.points, whole.triangles, north.astype(int))
+    return TriangleSurface(whole.points, whole.triangles, north.astype(int))
 
 
 def ring_sections(path: np.ndarray, section: np.ndarray, first: np.ndarray) -> list[np.ndarray]:
@@ -159,14 +161,14 @@ def ring_sections(path: np.ndarray, section: np.ndarray, first: np.ndarray) -> l
     return rings
 
 
-def swept(path: np.ndarray, radius: float, around: int = 32) -> Surface:
+def swept(path: np.ndarray, radius: float, around: int = 32) -> TriangleSurface:
     """An open tube of that radius (m) around a path (n, 3) m."""
     begins = path[1] - path[0]
     first = np.cross(begins, np.eye(3)[np.argmin(np.abs(begins))])
     return lofted(ring_sections(path, circle(radius, around), first), 0, closed=True, flip=True)
 
 
-def refined(surface: Surface, longest: float, most: int = 200_000) -> Surface:
+def refined(surface: TriangleSurface, longest: float, most: int = 200_000) -> TriangleSurface:
     """The same surface with every edge longer than `longest` (m) halved until none is, or `most` triangles are reached."""
     points = surface.points
     triangles = surface.triangles
@@ -181,7 +183,7 @@ def refined(surface: Surface, longest: float, most: int = 200_000) -> Surface:
         middle[long] = len(points) + np.arange(np.count_nonzero(long))
         points = np.vstack([points, points[unique[long]].mean(axis=1)])
         triangles, part = _split(triangles, part, middle[which.reshape(-1, 3)])
-    return Surface(points, triangles, part)
+    return TriangleSurface(points, triangles, part)
 
 
 # Triangles that replace one with so many edges cut. Corners are 0 to 2; the middles of the edges 01, 12, 20 are 3 to 5.
@@ -213,7 +215,9 @@ def _split(
     return np.vstack(new), np.concatenate(owner)
 
 
-def creased(points: np.ndarray, triangles: np.ndarray, part: int, angle: float = 40.0) -> Surface:
+def creased(
+    points: np.ndarray, triangles: np.ndarray, part: int, angle: float = 40.0
+) -> TriangleSurface:
     """A closed mesh (n, 3) m, (m, 3), whose points are split where neighboring triangles meet at more than an angle (degrees).
 
     So the edges of a drawing stay sharp where normals are averaged over a point's triangles.
@@ -246,4 +250,4 @@ def creased(points: np.ndarray, triangles: np.ndarray, part: int, angle: float =
     number, corner = csgraph.connected_components(graph, directed=False)
     split = np.zeros((number, 3))
     split[corner] = points[triangles.ravel()]
-    return Surface(split, corner.reshape(-1, 3), np.full(count, part))
+    return TriangleSurface(split, corner.reshape(-1, 3), np.full(count, part))

@@ -17,8 +17,8 @@ from magmpm.fields.schedule import places
 from magmpm.fields.sources import FieldSource
 from magmpm.scene import Scene
 from magmpm.viz import style
-from magmpm.viz.meshes import Surface, ball, bar, circle, creased, refined, swept, tube
-from magmpm.viz.snapshot import Obstacle, Plane
+from magmpm.viz.meshes import TriangleSurface, ball, bar, circle, creased, refined, swept, tube
+from magmpm.viz.snapshot import DrawnSolid, Plane
 
 AROUND = 48
 REACH = 2.5  # how far from the body, in its lengths, a source may be to be in view
@@ -33,7 +33,7 @@ def ground(scene: Scene | None) -> Plane | None:
     return Plane(np.array(settings.point, dtype=float), normal / np.linalg.norm(normal))
 
 
-def standing(scene: Scene | None) -> list[Obstacle]:
+def standing(scene: Scene | None) -> list[DrawnSolid]:
     """Obstacles that do not move: clamps, walls and guides."""
     if scene is None:
         return []
@@ -42,18 +42,20 @@ def standing(scene: Scene | None) -> list[Obstacle]:
     feed = scene.effects.feed
     if wall is not None:
         found.append(
-            Obstacle("wall", wall.surface.points, wall.surface.triangles, style.WALL, hollow=True)
+            DrawnSolid("wall", wall.surface.points, wall.surface.triangles, style.WALL, hollow=True)
         )
     if feed is not None:
         path = np.array([[-0.05 * scene.length, 0.0, 0.0], [feed.exit, 0.0, 0.0]])
         guide = swept(path, 0.75 * scene.thickness, AROUND)
         found.append(
-            Obstacle("guide", guide.points, guide.triangles, style.CLAMP, hollow=True, framed=False)
+            DrawnSolid(
+                "guide", guide.points, guide.triangles, style.CLAMP, hollow=True, framed=False
+            )
         )
     return found
 
 
-def _clamps(scene: Scene) -> Iterator[Obstacle]:
+def _clamps(scene: Scene) -> Iterator[DrawnSolid]:
     """Plates at the ends by which a catheter or strip is held."""
     shape = scene.body.shape
     if shape.line is None or shape.clamp == "none" or scene.effects.feed is not None:
@@ -68,10 +70,10 @@ def _clamps(scene: Scene) -> Iterator[Obstacle]:
             plate = bar([depth], scene.body.strip.width + grown - thick, 1.8 * grown, depth)
         moved = scene.move[name].displacement(None)[0] if scene.move and name in scene.move else 0.0
         points = plate.points + shape.line.base + [at, 0.0, 0.0] + moved
-        yield Obstacle("clamp", points.astype(np.float32), plate.triangles, style.CLAMP)
+        yield DrawnSolid("clamp", points.astype(np.float32), plate.triangles, style.CLAMP)
 
 
-def sources(scene: Scene | None, time: float | None = None) -> list[Obstacle]:
+def sources(scene: Scene | None, time: float | None = None) -> list[DrawnSolid]:
     """The field's magnets, dipoles and coils where they are at a time (s), or at the end of their schedule: north red, south blue."""
     if scene is None:
         return []
@@ -82,7 +84,7 @@ def sources(scene: Scene | None, time: float | None = None) -> list[Obstacle]:
     return [replace(o, points=o.points @ turn.T + origin) for o in _sources(field)]
 
 
-def _sources(field: FieldSource) -> Iterator[Obstacle]:
+def _sources(field: FieldSource) -> Iterator[DrawnSolid]:
     """The sources in their own frame."""
     solids = [solid for solid in taken(field) if not solid.ball]
     for solid, magnet in zip(solids, field.magnet or ()):
@@ -105,17 +107,17 @@ def _sources(field: FieldSource) -> Iterator[Obstacle]:
     for coil in wires(field):
         ring = np.vstack([circle(coil.half[0], 72), circle(coil.half[0], 72)[:1]])
         wire = _upright(swept(ring, 0.05 * coil.half[0]))
-        yield Obstacle(
+        yield DrawnSolid(
             "coil", wire.points @ coil.frame.T + coil.position, wire.triangles, style.COIL
         )
 
 
-def _upright(shape: Surface) -> Surface:
+def _upright(shape: TriangleSurface) -> TriangleSurface:
     """A shape along +x, turned to stand along +z."""
-    return Surface(shape.points[:, [1, 2, 0]], shape.triangles, shape.part)
+    return TriangleSurface(shape.points[:, [1, 2, 0]], shape.triangles, shape.part)
 
 
-def _magnet(solid: Solid, remanence: np.ndarray) -> Surface:
+def _magnet(solid: Solid, remanence: np.ndarray) -> TriangleSurface:
     """A magnet in its own frame: part 0 is its south, part 1 its north half; remanence (3,) T, in space."""
     a, b, c = (float(half) for half in solid.half)
     shape = (
@@ -123,25 +125,25 @@ def _magnet(solid: Solid, remanence: np.ndarray) -> Surface:
         if solid.round
         else bar([c, 2 * c], 2 * a, 2 * b, min(a, b))
     )
-    shape = _upright(Surface(shape.points - [c, 0.0, 0.0], shape.triangles, shape.part))
+    shape = _upright(TriangleSurface(shape.points - [c, 0.0, 0.0], shape.triangles, shape.part))
     along = remanence @ solid.frame
     if abs(along[2]) < 0.7 * np.linalg.norm(along):
         # Magnetized across its axis: the halves are distinguished by the side they lie on.
         side = shape.points[shape.triangles].mean(axis=1) @ along > 0
-        return Surface(shape.points, shape.triangles, side.astype(int))
-    return shape if along[2] > 0 else Surface(shape.points, shape.triangles, 1 - shape.part)
+        return TriangleSurface(shape.points, shape.triangles, side.astype(int))
+    return shape if along[2] > 0 else TriangleSurface(shape.points, shape.triangles, 1 - shape.part)
 
 
 def _halves(
-    name: str, shape: Surface, frame: np.ndarray, position: tuple[float, float, float]
-) -> Iterator[Obstacle]:
+    name: str, shape: TriangleSurface, frame: np.ndarray, position: tuple[float, float, float]
+) -> Iterator[DrawnSolid]:
     """A solid, its part 0 south and its part 1 north, turned and put in place."""
     points = shape.points @ frame.T + np.array(position)
     for part, color in ((0, style.SOUTH), (1, style.NORTH)):
-        yield Obstacle(name, points, shape.triangles[shape.part == part], color)
+        yield DrawnSolid(name, points, shape.triangles[shape.part == part], color)
 
 
-def in_reach(obstacles: list[Obstacle], points: np.ndarray, reach: float) -> list[Obstacle]:
+def in_reach(obstacles: list[DrawnSolid], points: np.ndarray, reach: float) -> list[DrawnSolid]:
     """The obstacles; those farther than reach (m) from the points (n, 3) m need not be in view, where they would make the body a speck."""
     low = points.min(axis=0) - reach
     high = points.max(axis=0) + reach
@@ -153,7 +155,7 @@ def in_reach(obstacles: list[Obstacle], points: np.ndarray, reach: float) -> lis
 class Wall:
     """The inside of a lumen: its surface, and the points (n, 3) m that its distance is measured by, which is `radius` (m) less."""
 
-    surface: Surface
+    surface: TriangleSurface
     measured: np.ndarray
     radius: float | None = None
 

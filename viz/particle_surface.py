@@ -6,10 +6,12 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from magmpm.viz.meshes import Surface
+from magmpm.viz.meshes import TriangleSurface
 
 
-def around_particles(reference: np.ndarray, volume: np.ndarray, part: np.ndarray) -> Surface:
+def around_particles(
+    reference: np.ndarray, volume: np.ndarray, part: np.ndarray
+) -> TriangleSurface:
     """The surface around particles (n, 3) m with those volumes (n,) m^3; each triangle has the nearest particle's part.
 
     It lies where the share of space that is filled, with each volume spread linearly over the cells of a lattice, is one half.
@@ -26,7 +28,7 @@ def around_particles(reference: np.ndarray, volume: np.ndarray, part: np.ndarray
     points, triangles = surface_nets(share, 0.5)
     points = low + size * points
     nearest = cKDTree(reference).query(points[triangles].mean(axis=1))[1]
-    return Surface(points, triangles, np.asarray(part)[nearest])
+    return TriangleSurface(points, triangles, np.asarray(part)[nearest])
 
 
 def spacing(volume: np.ndarray) -> float:

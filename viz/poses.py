@@ -14,9 +14,9 @@ from magmpm.scene import Scene
 from magmpm.viz import style
 from magmpm.viz.from_motion import gravity_of, scene_of
 from magmpm.viz.from_result import segment_arrows
-from magmpm.viz.meshes import Surface, circle, lofted, ring_sections
+from magmpm.viz.meshes import TriangleSurface, circle, lofted, ring_sections
 from magmpm.viz.obstacles import standing
-from magmpm.viz.snapshot import Obstacle, Snapshot, spread
+from magmpm.viz.snapshot import DrawnSolid, Snapshot, spread
 
 AROUND = 32  # points around a round section
 FINE = 80  # points of an axis as it is drawn
@@ -60,7 +60,7 @@ def poses_snapshot(
     ]
     fields, notes = _fields(poses, shifts, length)
     return Snapshot(
-        body=Surface.joined(bodies),
+        body=TriangleSurface.joined(bodies),
         magnetized=np.array([any(region.magnetization) for region in whole.regions()]),
         length=length,
         thickness=thickness,
@@ -88,7 +88,7 @@ def _shifts(poses: Sequence[Mapping[str, Any]], length: float, width: float) -> 
     return shifts
 
 
-def _body(scene: Scene, axis: np.ndarray) -> Surface:
+def _body(scene: Scene, axis: np.ndarray) -> TriangleSurface:
     """The section of a straight body along an axis (n, 3) m; its parts are the body's segments."""
     at = np.linspace(0.0, 1.0, FINE)
     share = np.linspace(0.0, 1.0, len(axis))
@@ -102,7 +102,9 @@ def _body(scene: Scene, axis: np.ndarray) -> Surface:
             ring_sections(line, face, np.array([0.0, 1.0, 0.0])), 0, closed=not flat, flip=True
         )
         piece = side.triangles.min(axis=1) // len(face)
-        pieces.append(Surface(side.points, side.triangles, of_piece[np.minimum(piece, FINE - 2)]))
+        pieces.append(
+            TriangleSurface(side.points, side.triangles, of_piece[np.minimum(piece, FINE - 2)])
+        )
     outline = np.vstack([face[:1] for face in faces]) if flat else faces[0]
     for end, backward in ((0, True), (-1, False)):
         rim = ring_sections(line, outline, np.array([0.0, 1.0, 0.0]))[end]
@@ -112,9 +114,11 @@ def _body(scene: Scene, axis: np.ndarray) -> Surface:
         ).astype(np.int32)
         points = np.vstack([rim, line[end : end + 1] if end == 0 else line[-1:]])
         pieces.append(
-            Surface(points, fan[:, ::-1] if backward else fan, np.full(count, of_piece[end]))
+            TriangleSurface(
+                points, fan[:, ::-1] if backward else fan, np.full(count, of_piece[end])
+            )
         )
-    return Surface.joined(pieces)
+    return TriangleSurface.joined(pieces)
 
 
 def _section(scene: Scene) -> tuple[list[np.ndarray], bool]:
@@ -132,13 +136,13 @@ def _section(scene: Scene) -> tuple[list[np.ndarray], bool]:
     ], True
 
 
-def _clamps(scene: Scene, shifts: Sequence[np.ndarray]) -> tuple[Obstacle, ...]:
+def _clamps(scene: Scene, shifts: Sequence[np.ndarray]) -> tuple[DrawnSolid, ...]:
     """Clamps, and walls around the body, at each of its places; the legend names them once."""
     found = []
     for k, shift in enumerate(shifts):
         for one in standing(scene):
             found.append(
-                Obstacle(
+                DrawnSolid(
                     "" if k else one.name,
                     one.points + shift,
                     one.triangles,

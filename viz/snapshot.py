@@ -12,7 +12,7 @@ import numpy as np
 
 from magmpm.errors import length as readable_length
 from magmpm.viz import style
-from magmpm.viz.meshes import Surface
+from magmpm.viz.meshes import TriangleSurface
 
 
 def _no_points() -> np.ndarray:
@@ -24,7 +24,7 @@ def _no_arrows() -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Obstacle:
+class DrawnSolid:
     """A solid near the body: points (n, 3) m, triangles (m, 3) counter-clockwise from outside.
 
     name: what the legend calls it, or "" for nothing. hollow: only its far side is drawn, so that one sees inside. framed: it must be
@@ -56,7 +56,7 @@ class Plane:
 
 
 @dataclass(frozen=True)
-class Particles:
+class Balls:
     """A body drawn as balls: positions (n, 3) float32 m, part (n,) of each, size (m) of the cube that a whole particle fills."""
 
     points: np.ndarray
@@ -98,7 +98,7 @@ class Snapshot:
     insets            whether it is seen from above and from the side too
     """
 
-    body: Surface | Particles
+    body: TriangleSurface | Balls
     magnetized: np.ndarray
     length: float
     thickness: float
@@ -108,7 +108,7 @@ class Snapshot:
     target_name: str = "target"
     arrows: np.ndarray = field(default_factory=_no_arrows)
     arrow_width: float = 0.0
-    obstacles: tuple[Obstacle, ...] = ()
+    obstacles: tuple[DrawnSolid, ...] = ()
     ground: Plane | None = None
     contact: np.ndarray = field(default_factory=_no_points)
     forces: np.ndarray = field(default_factory=_no_arrows)
@@ -140,9 +140,9 @@ class Snapshot:
                 raise ValueError(f"Snapshot.{name} has shape {array.shape}; it must be (any, 3)")
         if len(self.body.points) == 0:
             raise ValueError("Snapshot.body has no points: there is nothing to draw")
-        if isinstance(self.body, Particles) and self.body.part.shape != (len(self.body.points),):
+        if isinstance(self.body, Balls) and self.body.part.shape != (len(self.body.points),):
             raise ValueError(
-                f"Particles.part has shape {self.body.part.shape}; it must be"
+                f"Balls.part has shape {self.body.part.shape}; it must be"
                 f" ({len(self.body.points)},), one a particle"
             )
 

@@ -32,7 +32,7 @@ from magmpm.viz.camera import View
 from magmpm.viz.drawing import Layer, outward
 from magmpm.viz.layout import Panel
 from magmpm.viz.meshes import normals
-from magmpm.viz.snapshot import Obstacle, Particles, Snapshot
+from magmpm.viz.snapshot import Balls, DrawnSolid, Snapshot
 
 # Camera shifts in pixels: the centers of the four quarters of a pixel, or of two opposite ones.
 _FOUR = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
@@ -144,12 +144,12 @@ class VtkPanel:
             pv.PolyData.from_regular_faces(self._lifted(points, layer), triangles), color, lit=False
         )
 
-    def solids(self, obstacles: tuple[Obstacle, ...], snapshot: Snapshot) -> None:
+    def solids(self, obstacles: tuple[DrawnSolid, ...], snapshot: Snapshot) -> None:
         for o in obstacles:
             self._solid(o.points, o.triangles, o.color).SetFrontfaceCulling(o.hollow)
         body = snapshot.body
         colors = snapshot.colors
-        if isinstance(body, Particles):
+        if isinstance(body, Balls):
             colors = (
                 colors * self.view.brightness(outward(body, snapshot.axis), contrast=0.15)[:, None]
             )

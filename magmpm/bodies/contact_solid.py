@@ -103,7 +103,7 @@ def mesh_solids(components: Sequence[Sequence[Array]], cell: float, gap: float =
     )
 
 
-def _around(table: distance.Table, faces: Array) -> tuple[Index, Index]:
+def _around(table: distance.DistanceTable, faces: Array) -> tuple[Index, Index]:
     """Points of a table around which it is off, as near edges of its faces (m, 12), and faces that may be nearest there; as pairs."""
     from scipy.ndimage import binary_dilation, correlate1d, map_coordinates
 

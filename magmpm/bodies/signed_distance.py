@@ -27,7 +27,7 @@ BAND = (
 
 
 @dataclass(frozen=True)
-class Table:
+class DistanceTable:
     """origin (3,) m of the first point, spacing m, and the splines' coefficients (nx, ny, nz) m."""
 
     origin: Array
@@ -35,7 +35,7 @@ class Table:
     coefficients: Array
 
     @classmethod
-    def through(cls, origin: Array, spacing: float, values: Array) -> Table:
+    def through(cls, origin: Array, spacing: float, values: Array) -> DistanceTable:
         """The splines that go through these values at the points."""
         from scipy.ndimage import (
             spline_filter,
@@ -118,7 +118,7 @@ def to_tube(points: Array, path: Array, radius: float, past: float) -> Array:
     return found
 
 
-def tube(path: Array, radius: float, spacing: float) -> Table:
+def tube(path: Array, radius: float, spacing: float) -> DistanceTable:
     """A tube of this radius (m) around a finely sampled curve (m, 3), open at both ends, which go on straight as far as the table does."""
     margin = past_ends(radius, spacing)
     origin, spacing, shape = points_between(
@@ -131,10 +131,10 @@ def tube(path: Array, radius: float, spacing: float) -> Table:
             -1, 3
         )
         values[i] = radius - to_path(plane, path).reshape(shape[1:])
-    return Table.through(origin, spacing, values)
+    return DistanceTable.through(origin, spacing, values)
 
 
-def solid(parts: Sequence[Array], outside: Array, spacing: float, within: float) -> Table:
+def solid(parts: Sequence[Array], outside: Array, spacing: float, within: float) -> DistanceTable:
     """The inside of closed meshes (f, 3, 3) m that face outward, and of gaps between them, `within` m; outside (m, 3, 3): their surface."""
     from scipy.ndimage import distance_transform_edt
 
@@ -162,7 +162,7 @@ def solid(parts: Sequence[Array], outside: Array, spacing: float, within: float)
                 < 0.0
             )
     inside |= values > closest + 2 * within  # what is nearest is within the joined parts
-    return Table.through(origin, spacing, np.where(inside, values, -values))
+    return DistanceTable.through(origin, spacing, np.where(inside, values, -values))
 
 
 def faces_of(corners: Array) -> Array:

@@ -17,7 +17,7 @@ class _Server(GuardedServer, WSGIServer):
     """Serves pictures while numbers are requested."""
 
 
-class _Handler(GuardedHandler, WSGIRequestHandler):
+class _DashboardHandler(GuardedHandler, WSGIRequestHandler):
     """A request to the dashboard."""
 
     server: _Server  # type: ignore[assignment]
@@ -86,7 +86,7 @@ def command(options: argparse.Namespace) -> int:
         options.write,
     )
     try:
-        server = make_server(LOOPBACK, port, app, _Server, _Handler)
+        server = make_server(LOOPBACK, port, app, _Server, _DashboardHandler)
     except OSError as error:
         rule = f"the port must be free on this machine, and allowed to this user ({error.strerror})"
         remedy = (

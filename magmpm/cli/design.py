@@ -409,11 +409,11 @@ def several_snapshot(
         from magmpm.viz.poses import poses_snapshot
 
         return poses_snapshot(name, scene, shapes, trial=trial, rms=rms)
-    from magmpm.viz.insertion import Insertion
+    from magmpm.viz.insertion import InsertionPictures
 
     if "catheter" in shapes[-1]:  # a result's scene has what is outside alone
         scene = {**scene, "body": {"catheter": shapes[-1]["catheter"]}}
-    return Insertion(name, scene, path).trial(shapes, trial=trial, rms=rms)
+    return InsertionPictures(name, scene, path).trial(shapes, trial=trial, rms=rms)
 
 
 def _draw_movie(
@@ -422,13 +422,13 @@ def _draw_movie(
     """The movie of the best design in `folder`, into `out`; nothing where its frames are not there. note: is told of each frame."""
     from magmpm.studies.evaluate.trajectory import MOVIE
     from magmpm.viz.camera import Framing
-    from magmpm.viz.insertion import Insertion
+    from magmpm.viz.insertion import InsertionPictures
     from magmpm.viz.movies import frames_movie
 
     if not (folder / MOVIE).exists():
         return []
     content = json.loads((folder / MOVIE).read_text(encoding="utf-8"))
-    shown = Insertion(name, content["scene"], np.array(content["path_m"]))
+    shown = InsertionPictures(name, content["scene"], np.array(content["path_m"]))
     moments = [shown.moment(frame) for frame in content["frames"]]
     framing = Framing.of(moments)
     numbers = np.arange(len(moments))

@@ -32,7 +32,7 @@ POLICY = (
 )
 
 
-class Refused(Exception):
+class RefusedRequest(Exception):
     """A request that is not answered, with its status."""
 
     def __init__(self, status: HTTPStatus) -> None:
@@ -99,7 +99,7 @@ class _Handler(GuardedHandler):
     def _file(self, path: Path | None) -> tuple[bytes, str]:
         self._admit()
         if path is None or path.suffix not in KINDS:
-            raise Refused(HTTPStatus.NOT_FOUND)
+            raise RefusedRequest(HTTPStatus.NOT_FOUND)
         return path.read_bytes(), KINDS[path.suffix]
 
     def do_POST(self) -> None:
@@ -120,7 +120,7 @@ class _Handler(GuardedHandler):
         kind = "application/json"
         try:
             content, kind = found()
-        except Refused as refusal:
+        except RefusedRequest as refusal:
             self.close_connection = True  # what it sends may not have been read
             status = refusal.status
             content = str(refusal).encode()
@@ -135,19 +135,19 @@ class _Handler(GuardedHandler):
         self._send(status, content, kind)
 
     def _admit(self) -> None:
-        """Raises Refused."""
+        """Raises RefusedRequest."""
         if not self.server.guard.admits(
             self.headers.get("Host"), self.headers.get("Origin"), self.connection.getsockname()[0]
         ):
-            raise Refused(HTTPStatus.FORBIDDEN)
+            raise RefusedRequest(HTTPStatus.FORBIDDEN)
 
     def _read(self) -> Any:
-        """The request's data. Raises Refused."""
+        """The request's data. Raises RefusedRequest."""
         self._admit()
         if not self.server.guard.knows(self.headers.get(SECRET)):
-            raise Refused(HTTPStatus.FORBIDDEN)
+            raise RefusedRequest(HTTPStatus.FORBIDDEN)
         if self.path.removeprefix("/") not in self.server.routes:
-            raise Refused(HTTPStatus.NOT_FOUND)
+            raise RefusedRequest(HTTPStatus.NOT_FOUND)
         length = self.headers.get("Content-Length") or ""
         if (
             not length.isascii()
@@ -155,11 +155,11 @@ class _Handler(GuardedHandler):
             or len(length) > 9
             or int(length) > 1_000_000
         ):  # bytes
-            raise Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
+            raise RefusedRequest(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         try:
             return json.loads(self.rfile.read(int(length)) or b"null")
         except (ValueError, RecursionError):
-            raise Refused(HTTPStatus.BAD_REQUEST) from None
+            raise RefusedRequest(HTTPStatus.BAD_REQUEST) from None
 
     def _send(self, status: HTTPStatus, content: bytes, kind: str) -> None:
         self.send_response(status)

@@ -17,10 +17,10 @@ from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
 from magmpm.studies.explore.live import (
+    DeformedShape,
     Overtaken,
     Preview,
-    Shape,
-    Solver,
+    SolverProcess,
     changed,
     checked,
     controls,
@@ -47,7 +47,7 @@ class ShapeView:
         self._saving = threading.Lock()
         self._preview = Preview()
         self._stage = Stage()
-        self._solver = Solver(target)
+        self._solver = SolverProcess(target)
 
     def routes(self) -> Routes:
         """Requests that the page may send, and the functions that answer them."""
@@ -97,7 +97,10 @@ class ShapeView:
             "numbers": _numbers(solved.result, solved.rms),
         }
         return self._drawn(
-            scene, Shape.of(solved.result), request, {**about, "warnings": solved.result.warnings}
+            scene,
+            DeformedShape.of(solved.result),
+            request,
+            {**about, "warnings": solved.result.warnings},
         )
 
     def save(self, request: Any) -> Mapping[str, Any]:
@@ -134,7 +137,9 @@ class ShapeView:
     def _words(self, state: str, words: str) -> bytes:
         return packed({"state": state, "words": words}, {})
 
-    def _drawn(self, scene: Scene, shape: Shape, request: Any, about: dict[str, Any]) -> bytes:
+    def _drawn(
+        self, scene: Scene, shape: DeformedShape, request: Any, about: dict[str, Any]
+    ) -> bytes:
         with self._drawing:
             return self._stage.message(scene, shape, str(request.get("surface", "")), about)
 

@@ -16,7 +16,7 @@ from magmpm.compiled.simd import WIDTH, instruction, lanes
 _POINTER = ir.DoubleType().as_pointer()
 
 
-class View(types.Type):  # type: ignore[misc]
+class LaneView(types.Type):  # type: ignore[misc]
     """Type of a (3,) vector or (3, 3) matrix of lanes, by its number of indices."""
 
     def __init__(self, indices: int) -> None:
@@ -24,8 +24,8 @@ class View(types.Type):  # type: ignore[misc]
         super().__init__(name=f"LaneView{indices}")
 
 
-@register_model(View)
-class _Model(models.PrimitiveModel):  # type: ignore[misc]
+@register_model(LaneView)
+class _ViewModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, manager: Any, fe_type: Any) -> None:
         super().__init__(manager, fe_type, _POINTER)
 
@@ -39,9 +39,9 @@ def _view(kind: types.Type) -> Any:
 
 
 vector = _view(
-    View(1)
+    LaneView(1)
 )  # vector(array, index): the three lanes from array[index] on, of a flat array
-matrix = _view(View(2))  # matrix(array, index): the nine lanes from array[index] on, row by row
+matrix = _view(LaneView(2))  # matrix(array, index): the nine lanes from array[index] on, row by row
 
 
 def _address(builder: Any, view: Any, at: Any) -> Any:
@@ -52,7 +52,7 @@ def _address(builder: Any, view: Any, at: Any) -> Any:
     )
 
 
-def _entry(context: Any, builder: Any, kind: View, index_type: Any, index: Any) -> Any:
+def _entry(context: Any, builder: Any, kind: LaneView, index_type: Any, index: Any) -> Any:
     """Number of the lanes for an index or a pair of indices."""
     if kind.indices == 1:
         return context.cast(builder, index, index_type, types.intp)
@@ -64,7 +64,7 @@ def _entry(context: Any, builder: Any, kind: View, index_type: Any, index: Any) 
 
 
 def _indexes(kind: Any, index: Any) -> bool:
-    if not isinstance(kind, View):
+    if not isinstance(kind, LaneView):
         return False
     if kind.indices == 1:
         return isinstance(index, types.Integer)
@@ -78,7 +78,7 @@ type_callable(operator.getitem)(
 )
 
 
-@lower_builtin(operator.getitem, View, types.Any)
+@lower_builtin(operator.getitem, LaneView, types.Any)
 def _getitem(context, builder, signature, values):
     kind, index_type = signature.args
     at = _entry(context, builder, kind, index_type, values[1])
@@ -94,7 +94,7 @@ type_callable(operator.setitem)(
 )
 
 
-@lower_builtin(operator.setitem, View, types.Any, lanes)
+@lower_builtin(operator.setitem, LaneView, types.Any, lanes)
 def _setitem(context, builder, signature, values):
     kind, index_type = signature.args[:2]
     at = _entry(context, builder, kind, index_type, values[1])
@@ -114,7 +114,7 @@ class Row(types.Type):  # type: ignore[misc]
         super().__init__(name="RowView")
 
 
-register_model(Row)(_Model)
+register_model(Row)(_ViewModel)
 
 
 row = _view(Row())  # row(array, index): the floats array[index], array[index + 1], ...

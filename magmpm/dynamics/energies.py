@@ -95,7 +95,7 @@ def loses(model: Model) -> bool:
     )
 
 
-class Measured(NamedTuple):
+class MeasuredState(NamedTuple):
     """Stress P (n, 3, 3) Pa, energies (J) and contacts by name, at one time."""
 
     P: Array
@@ -103,7 +103,7 @@ class Measured(NamedTuple):
     contacts: dict[str, Contact]
 
 
-def measure(motion: Any, named: Records, now: Any, time: float, dt: float) -> Measured:
+def measure(motion: Any, named: Records, now: Any, time: float, dt: float) -> MeasuredState:
     """Stress, energies and contacts of a TotalMotion with the kinematics `now`, at a time (s), in steps of dt (s); named: its effects then,
     with tables of the present shape."""
     model = motion.model
@@ -125,7 +125,7 @@ def measure(motion: Any, named: Records, now: Any, time: float, dt: float) -> Me
         key: contact for key, contact in reports.items() if contact is not None
     } | motion.body_contacts()
     springs = {key: contact["energy"] for key, contact in contacts.items() if PAIR not in key}
-    return Measured(
+    return MeasuredState(
         P, {"kinetic": now.kinetic, "elastic": strain, **potentials, **springs}, contacts
     )
 

@@ -8,8 +8,8 @@ from magmpm.bodies.grid import spread
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.simd import WIDTH
 from magmpm.dynamics.nodal_mass import NodalMass, nodal_mass
-from magmpm.kernels.surface_contact import Surface
-from magmpm.kernels.total_lagrangian_step import Cells, Nodes, Particles
+from magmpm.kernels.surface_contact import SortedSurfacePoints
+from magmpm.kernels.total_lagrangian_step import CellSlabs, Nodes, ParticleGroups
 from magmpm.model import Model
 
 
@@ -21,12 +21,12 @@ class Packed:
     particle in each lane, -1 for a repetition; mass: of the nodes.
     """
 
-    cells: Cells
-    particles: Particles
+    cells: CellSlabs
+    particles: ParticleGroups
     nodes: Nodes
     particle: Index
     mass: NodalMass
-    surface: Surface
+    surface: SortedSurfacePoints
     point: Index
 
     @property
@@ -86,7 +86,7 @@ def pack(model: Model) -> Packed:
     active = np.flatnonzero(lumped > 0).astype(np.int64)
     mass = nodal_mass(model, weights, base, strides, (lumped, inverse, place), active)
     slab_of_cell = slab[order[starts]]
-    cells = Cells(
+    cells = CellSlabs(
         slab_first=np.searchsorted(slab_of_cell, np.arange(len(slabs))).astype(np.int64),
         first_group=cell_group.astype(np.int64),
         first_node=base[order[starts]],
@@ -95,7 +95,7 @@ def pack(model: Model) -> Packed:
         along_x=strides[0],
         along_y=strides[1],
     )
-    particles = Particles(
+    particles = ParticleGroups(
         pattern=pattern,
         splines=kinds.ravel(),
         moments=moments,
@@ -113,7 +113,7 @@ def pack(model: Model) -> Packed:
 
 def _surface(
     model: Model, axis: int, least: int, slabs: Index, strides: tuple[int, int]
-) -> tuple[Surface, Index]:
+) -> tuple[SortedSurfacePoints, Index]:
     """The contact surface of a model, empty where it has none, with its patches in slabs across an axis, and which of the model's points
     each of its points is; least: first node there; slabs: first cell of each."""
     found = model.surface
@@ -121,7 +121,7 @@ def _surface(
         nothing = np.zeros(0)
         none = np.zeros(0, np.int64)
         return (
-            Surface(
+            SortedSurfacePoints(
                 np.zeros(len(slabs), np.int64),
                 np.zeros(1, np.int64),
                 none,
@@ -135,7 +135,7 @@ def _surface(
     slab = np.searchsorted(slabs, found.first[:, axis] - least, side="right") - 1
     order = np.lexsort((*found.first.T[::-1], slab))
     starts = np.flatnonzero(np.any(np.diff(found.first[order], axis=0, prepend=-1) != 0, axis=1))
-    packed = Surface(
+    packed = SortedSurfacePoints(
         first_patch=np.searchsorted(slab[order][starts], np.arange(len(slabs))).astype(np.int64),
         first_point=np.append(starts, len(order)).astype(np.int64),
         first_node=(found.first[order][starts] @ np.array([*strides, 1])).astype(np.int64),

@@ -29,7 +29,7 @@ from magmpm.statics.layout import StaticModel, arranged, static_model
 
 
 @dataclass(frozen=True)
-class Shape:
+class EquilibriumShape:
     """The whole body at one equilibrium: position (n, 3) m and F (n, 3, 3) of the model's particles, axis rows [s, x, y, z] (m, 4) m and
     tip (3,) m, None for parts that name none; min_det_F and max_det_F; dof: unknowns of the solve; touched: the points that touch
     obstacles.
@@ -120,7 +120,7 @@ class FieldLoads:
         """The same, with what holds the body where it is at the later time."""
         return self._lift.on(grid, before, after)
 
-    def shape(self, time: float, point: Point | None) -> Shape:
+    def shape(self, time: float, point: Point | None) -> EquilibriumShape:
         """The body at an equilibrium of a time, s."""
         assert point is not None  # it always bends
         found = restored(self._arranged, point, self._of)
@@ -131,7 +131,7 @@ class FieldLoads:
             else axis.tip(model, point.grid)
         )
         rows = axis.centreline(model, point.grid)
-        return Shape(
+        return EquilibriumShape(
             model,
             found.position,
             found.F,
@@ -234,7 +234,7 @@ class FeedLoads:
     def let_slide(self, point: Point) -> None:
         """Begin an increment."""
 
-    def shape(self, time: float, point: Point | None) -> Shape:
+    def shape(self, time: float, point: Point | None) -> EquilibriumShape:
         """The whole catheter: what is in the guide is straight, and moved by the push."""
         whole = self.whole
         fed = self._speed * time
@@ -260,7 +260,9 @@ class FeedLoads:
             dof = part.dof
         low, high = (1.0, 1.0) if point is None else (point.min_det_F, point.max_det_F)
         touched = None if point is None else point.touched
-        return Shape(replace(whole, time=time), position, F, rows, tip, low, high, dof, touched)
+        return EquilibriumShape(
+            replace(whole, time=time), position, F, rows, tip, low, high, dof, touched
+        )
 
 
 def _displacement(

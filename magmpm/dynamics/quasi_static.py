@@ -13,7 +13,7 @@ import numpy as np
 
 from magmpm.dynamics import energies
 from magmpm.dynamics.checkpoint import Checkpoint, motion_hash
-from magmpm.dynamics.path_loads import FeedLoads, FieldLoads, Shape
+from magmpm.dynamics.path_loads import EquilibriumShape, FeedLoads, FieldLoads
 from magmpm.effects import acting
 from magmpm.errors import SolveError
 from magmpm.results.file_names import JUMPS, STEPS, forget_motion
@@ -22,7 +22,7 @@ from magmpm.results.motion_tables import GrowingTable, jump_in_words, path_row
 from magmpm.results.strain import Strain, strain_of
 from magmpm.results.trajectory import MotionWriter
 from magmpm.scene import Scene
-from magmpm.statics.branch import Branch, Jump, Reached, point_of
+from magmpm.statics.branch import EquilibriumPath, Jump, Reached, point_of
 from magmpm.statics.contact import Held, contacts_at_rest
 from magmpm.statics.equilibrium import Equilibrium, one_blas_thread
 
@@ -43,7 +43,7 @@ class PathState:
 
     loads: FieldLoads | FeedLoads
     time: float  # of the last equilibrium, s
-    branch: Branch | None = None  # None: all of the body is in its guide
+    branch: EquilibriumPath | None = None  # None: all of the body is in its guide
     frame: int = 0
     iterations: int = 0
     rows: list[dict[str, Any]] = field(default_factory=list)
@@ -53,7 +53,7 @@ class PathState:
     load_share: float = 1.0
 
     @property
-    def shape(self) -> Shape:
+    def shape(self) -> EquilibriumShape:
         """The body at the last equilibrium."""
         return self.loads.shape(self.time, None if self.branch is None else self.branch.now.point)
 
@@ -87,7 +87,7 @@ def begin(scene: Scene, saved: Checkpoint | None = None) -> PathState:
     branch = None
     if more["branch"]:
         with one_blas_thread():
-            branch = Branch.restored(loads, saved.state, more["branch"], **_options(scene))
+            branch = EquilibriumPath.restored(loads, saved.state, more["branch"], **_options(scene))
     known = PathState(
         loads,
         saved.time,
@@ -107,7 +107,7 @@ def _unbegun(state: PathState, last: object) -> PathState | None:
         return None
     loads = state.loads
     point = replace(point_of(loads.at(state.time), last.point.grid), energy=last.point.energy)
-    state.branch = Branch(
+    state.branch = EquilibriumPath(
         loads, Reached(state.time, point, None, last.steps, np.inf), **_options(loads.whole.scene)
     )
     state.iterations = last.steps
@@ -131,7 +131,7 @@ def _go_on(state: PathState, time: float) -> list[Jump]:
         state.branch = None
     elif state.branch is None:
         found = loads.first(time)
-        state.branch = Branch(
+        state.branch = EquilibriumPath(
             loads, Reached(time, found.point, None, found.steps, np.inf), **_options(scene)
         )
         with one_blas_thread():
@@ -146,8 +146,8 @@ def _go_on(state: PathState, time: float) -> list[Jump]:
     return jumps
 
 
-def _advance(branch: Branch, loads: FieldLoads | FeedLoads, time: float) -> list[Jump]:
-    """`Branch.advance`, and again at its end until friction holds the body as strongly as this presses it. Raises SolveError."""
+def _advance(branch: EquilibriumPath, loads: FieldLoads | FeedLoads, time: float) -> list[Jump]:
+    """`EquilibriumPath.advance`, and again at its end until friction holds the body as strongly as this presses it. Raises SolveError."""
     loads.let_slide(branch.now.point)
     jumps = branch.advance(time)
     for _ in range(MOST_TRIES):
@@ -243,7 +243,7 @@ def _note(state: PathState, jumps: list[Jump]) -> list[dict[str, Any]]:
     return described
 
 
-def _stability(branch: Branch | None) -> float | None:
+def _stability(branch: EquilibriumPath | None) -> float | None:
     if branch is None:
         return None
     with one_blas_thread():

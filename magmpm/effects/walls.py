@@ -17,7 +17,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 from magmpm.bodies import signed_distance as distance
 from magmpm.bodies.assembly import UNITS
 from magmpm.bodies.curves import curve, tightest_radius
-from magmpm.bodies.signed_distance import Table, curvature, value
+from magmpm.bodies.signed_distance import DistanceTable, curvature, value
 from magmpm.bodies.surface_mesh import outline, read_mesh, size_fault, unpack_mesh
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled
@@ -44,7 +44,7 @@ DTYPE = obstacle_dtype(
 _PATH = WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array", "minItems": 2}]})
 
 
-def parameters(table: Table, **pushing: float) -> Records:
+def parameters(table: DistanceTable, **pushing: float) -> Records:
     """Parameters for the kernels: see contact_force.push."""
     flat = np.ascontiguousarray(table.coefficients).ravel()
     return obstacle_record(
@@ -163,7 +163,7 @@ class Walls(Obstacle):
         """Parameters for the kernels."""
         return parameters(self._table(scene), friction=self.friction, **self.law(scene))
 
-    def _table(self, scene: SceneLike) -> Table:
+    def _table(self, scene: SceneLike) -> DistanceTable:
         """Distances from the wall: of a tube within 0.0006 of its radius; of a surface with two points in a cell of the body."""
         if self.tube is not None:
             return _tube_table(self.tube)
@@ -231,7 +231,7 @@ class Walls(Obstacle):
 
 
 @lru_cache(maxsize=4)
-def _tube_table(tube: Tube) -> Table:
+def _tube_table(tube: Tube) -> DistanceTable:
     return distance.tube(_path(tube), tube.radius, tube.radius / POINTS)
 
 
@@ -240,7 +240,7 @@ def _path(tube: Tube) -> Array:
 
 
 @lru_cache(maxsize=4)
-def _surface_table(surface: Surface, spacing: float) -> Table:
+def _surface_table(surface: Surface, spacing: float) -> DistanceTable:
     corners = UNITS[surface.unit] * outline(
         surface.mesh, distance.THIN * spacing / UNITS[surface.unit]
     )

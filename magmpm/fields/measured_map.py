@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, WithJsonSchema
 from magmpm.compiled.arrays import Array
 from magmpm.errors import in_mm, show
 from magmpm.fields.spline import FEWEST
-from magmpm.inputs.csv_tables import MAX_ROWS, Line, TableError, table_faults, table_lines
+from magmpm.inputs.csv_tables import MAX_ROWS, CsvLine, TableError, table_faults, table_lines
 from magmpm.inputs.quantities import KINDS, BadQuantity, Kind, format_si, parse_quantity
 from magmpm.inputs.settings import Settings, fault, from_file, named_file
 from magmpm.inputs.vectors import Point
@@ -218,12 +218,12 @@ def _read(
     most: int,
     bounds: dict[str, tuple[float, float, str, str]],
     plain: tuple[str, ...] = (),
-) -> tuple[list[str], Array, list[Line]]:
+) -> tuple[list[str], Array, list[CsvLine]]:
     """Names of the columns, rows in SI, and the line of each row. Raises TableError, also for what is out of bounds (SI; in words)."""
     names = list[str]()
     factors = list[float]()
     rows = list[list[float]]()
-    used = list[Line]()
+    used = list[CsvLine]()
     lines = table_lines(path, start)
     for header in lines:
         names, factors = _header(header, kinds, plain, start)
@@ -258,7 +258,7 @@ def _read(
 
 
 def _header(
-    header: Line, kinds: dict[str, Kind], plain: tuple[str, ...], start: str
+    header: CsvLine, kinds: dict[str, Kind], plain: tuple[str, ...], start: str
 ) -> tuple[list[str], list[float]]:
     """Names of the columns and their factors to SI. Raises TableError."""
     names = []

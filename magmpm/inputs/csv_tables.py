@@ -57,7 +57,7 @@ def named_table(read: Callable[[Path], Any], example: str | None) -> BeforeValid
 
 
 @dataclass(frozen=True)
-class Line:
+class CsvLine:
     """A line of a table that holds cells: its place for messages, and its text."""
 
     place: str
@@ -90,7 +90,7 @@ class Line:
         )
 
 
-def table_lines(path: Path, start: str) -> Iterator[Line]:
+def table_lines(path: Path, start: str) -> Iterator[CsvLine]:
     """Lines of a table from its header on, without blank lines and those that begin with #; `start` says how a table begins, for messages.
 
     Cells are separated as the header separates its names: by commas, semicolons or tabs. Raises TableError where it can't be read.
@@ -116,7 +116,7 @@ def table_lines(path: Path, start: str) -> Iterator[Line]:
         for number, text in enumerate(lines, start=1):
             if text.strip() and not text.lstrip().startswith("#"):
                 separator = separator or next((one for one in (",", ";", "\t") if one in text), ",")
-                yield Line(f"{path}:{number}", text, separator)
+                yield CsvLine(f"{path}:{number}", text, separator)
         return
     raise TableError(f"{path}: {reason}", rule=rule, remedy=remedy)
 
@@ -151,7 +151,7 @@ def read_centreline(path: Path | str) -> NDArray[np.float64]:
 _START = f"begin the file with the line {','.join(COLUMNS)}, then numbers in mm, such as 0,0,0,0"
 
 
-def _row(line: Line, order: list[int]) -> list[float]:
+def _row(line: CsvLine, order: list[int]) -> list[float]:
     """The numbers of one row in the order of COLUMNS, mm. Raises TableError."""
     numbers = line.numbers(len(COLUMNS))
     if not numbers:

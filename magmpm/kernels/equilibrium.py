@@ -37,8 +37,8 @@ from magmpm.materials import (
 STENCIL = 27  # nodes of a cell
 
 
-class Cells(NamedTuple):
-    """Cells with particles of one material, as statics.layout.Layout numbers them.
+class StaticCells(NamedTuple):
+    """Cells with particles of one material, as statics.layout.UnknownsLayout numbers them.
 
     slab_first (slabs + 1,) first cell of each slab of two base planes; first (cells + 1,) first particle of each cell; plane (cells,) and
     row (cells, 3): the first plane of nodes, and the rows in a plane, that a cell touches; most: largest number of particles in a cell.
@@ -51,7 +51,7 @@ class Cells(NamedTuple):
     most: int
 
 
-class Particles(NamedTuple):
+class StaticParticles(NamedTuple):
     """Particles (n) sorted by cell.
 
     weights, slopes (n, 3, 3): values and slopes (1/m) of the splines, axis by node; volume m^3, shear, bulk Pa, density kg/m^3 (n,); modes

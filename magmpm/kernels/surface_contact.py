@@ -19,7 +19,7 @@ from magmpm.effects.hooks import add_contact, add_touch, any_has, deepest
 from magmpm.kernels.equilibrium import STENCIL, particle_splines, scatter_matrix
 
 
-class Surface(NamedTuple):
+class SortedSurfacePoints(NamedTuple):
     """Points of the surface, sorted by patch and slab.
 
     first_patch (slabs + 1,), first_point (patches + 1,): of each slab and patch; first_node (patches,); weights (9 points,): splines along

@@ -236,7 +236,7 @@ def _projected(modes, at, count, c):
     return value
 
 
-class Cells(NamedTuple):
+class CellSlabs(NamedTuple):
     """Cells that hold particles, in slabs of at least two planes of cells. Slabs of one color share no node.
 
     slab_first (slabs + 1,): first cell of each slab; first_group (cells + 1,): first group of particles of each cell; first_node (cells,);
@@ -252,7 +252,7 @@ class Cells(NamedTuple):
     along_y: int
 
 
-class Particles(NamedTuple):
+class ParticleGroups(NamedTuple):
     """Particles in groups of eight, flat. A lane without a particle has volume 0.
 
     pattern, moments (groups,): where the splines and modes of a group begin, shared by groups that are alike; splines (patterns 18 8,);

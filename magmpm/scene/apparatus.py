@@ -10,7 +10,7 @@ import numpy as np
 from magmpm.bodies.segments import StraightBody
 from magmpm.errors import InputError, in_mm
 from magmpm.fields.magnets import taken
-from magmpm.inputs.csv_tables import Line
+from magmpm.inputs.csv_tables import CsvLine
 from magmpm.inputs.vectors import Vector
 from magmpm.scene.scene import Scene
 from magmpm.scene.variables import variables
@@ -56,7 +56,7 @@ class Apparatus:
 OWN = Apparatus()  # that of the scene
 
 
-def check_apparatus(header: Line, named: set[str], scene: Scene) -> None:
+def check_apparatus(header: CsvLine, named: set[str], scene: Scene) -> None:
     """Raises TableError where the scene lacks what the columns set."""
     if not (given := named & set(APPARATUS)):
         return
@@ -101,7 +101,7 @@ def check_apparatus(header: Line, named: set[str], scene: Scene) -> None:
         )
 
 
-def apparatus_of(line: Line, values: Mapping[str, float], scene: Scene) -> Apparatus:
+def apparatus_of(line: CsvLine, values: Mapping[str, float], scene: Scene) -> Apparatus:
     """The settings of a row; components without a column are the scene's. Raises TableError where the scene can't be set so."""
     own = (scene.field.magnet or (None,))[0]
     magnet = axis = None

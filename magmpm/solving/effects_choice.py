@@ -15,14 +15,14 @@ TRIED_LAST = (
 
 
 @dataclass(frozen=True)
-class Choice:
+class EffectsChoice:
     """The scene with the chosen effects named; reasons: of each effect `effect`, `chosen`, `shift_m`, `uncertainty_m`, `why`."""
 
     scene: Scene
     reasons: list[dict[str, Any]]
 
 
-def choose_effects(scene: Scene) -> Choice:
+def choose_effects(scene: Scene) -> EffectsChoice:
     """The effects that move the answer of a scene with `effects: auto` by more than the error it requests, and what was found of each.
 
     Each is tried against a scene with all that can act; what is left out has to be settings, such as a wall's, that only a user can give.
@@ -69,7 +69,7 @@ def choose_effects(scene: Scene) -> Choice:
             found.items(), key=lambda item: list(bare.effects.every()).index(item[0])
         )
     ]
-    return Choice(bare.with_effects(**{key: {} for key in chosen}), reasons)
+    return EffectsChoice(bare.with_effects(**{key: {} for key in chosen}), reasons)
 
 
 def _together(full: Scene, left: list[str], found: dict[str, Advice]) -> list[str]:

@@ -47,7 +47,7 @@ from magmpm.scene.variables import variables
 from magmpm.statics.changes import right_sides
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.equilibrium import solve_static
-from magmpm.statics.layout import Layout, arranged, static_model
+from magmpm.statics.layout import UnknownsLayout, arranged, static_model
 from magmpm.statics.linearized import Linearized
 from magmpm.statics.rod_start import straight
 from magmpm.statics.stability import mass
@@ -364,7 +364,7 @@ def _single(small: Scene) -> None:
     _solved(_ones(Bands(layout)).rounded(), layout)
 
 
-def _layout(small: Scene) -> Layout:
+def _layout(small: Scene) -> UnknownsLayout:
     return arranged(static_model(_built(small)))[0].layout
 
 
@@ -375,7 +375,7 @@ def _ones(matrix: Bands | Sparse) -> Any:
     return matrix
 
 
-def _solved(matrix: Any, layout: Layout) -> None:
+def _solved(matrix: Any, layout: UnknownsLayout) -> None:
     matrix.factor()
     matrix.solve(np.ones((layout.planes, layout.m)))
 

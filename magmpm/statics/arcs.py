@@ -18,8 +18,8 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.kernels.equilibrium import (
-    Cells,
-    Particles,
+    StaticCells,
+    StaticParticles,
     add_stresses,
     gradient_products,
     grid_to_particles,
@@ -31,7 +31,7 @@ from magmpm.statics.tangent_matrix import new_matrix
 class TurningParticles:
     """Arcs of a body of any form. The matrix of the least squares is made and factored once."""
 
-    def __init__(self, model: StaticModel, cells: Cells, particles: Particles) -> None:
+    def __init__(self, model: StaticModel, cells: StaticCells, particles: StaticParticles) -> None:
         self._layout = model.layout
         self._shear = model.shear
         self._cells = cells

@@ -18,8 +18,8 @@ steps of the overdamped motion M du/dt = -dE/du (M: mass matrix), each of limite
 Sources: contraction of Newton's method: Deuflhard, Newton Methods for Nonlinear Problems, section 2.1; critical points: Riks, Int. J.
 Solids Struct. 15 (1979) 529-551; Wriggers and Simo, IJNME 30 (1990) 155-176.
 
-Unknowns that follow what is moved are given (layout.Layout.fixed), so Newton's steps leave them alone: what a solve begins from decides
-where they are. It begins from the shape of the unloaded body, moved to first order (Lift).
+Unknowns that follow what is moved are given (layout.UnknownsLayout.fixed), so Newton's steps leave them alone: what a solve begins from
+decides where they are. It begins from the shape of the unloaded body, moved to first order (Lift).
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Reached:
     step: float
 
 
-class Branch:
+class EquilibriumPath:
     """Follows equilibria along a path of loads. `now` is the last one."""
 
     def __init__(
@@ -131,7 +131,7 @@ class Branch:
     @classmethod
     def restored(
         cls, loads: Loads, arrays: dict[str, Array], numbers: dict[str, Any], **options: Any
-    ) -> Branch:
+    ) -> EquilibriumPath:
         """The branch of a `state`."""
         found = {}
         for name, (time, lowest, iterations, step) in numbers.items():

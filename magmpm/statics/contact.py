@@ -24,7 +24,7 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact, Records, Touching
 from magmpm.effects.contact_force import HELD, PARTS, own_grip
 from magmpm.effects.hooks import add_contact, deepest
-from magmpm.kernels.equilibrium import STENCIL, Blocks, Cells, Panels
+from magmpm.kernels.equilibrium import STENCIL, Blocks, Panels, StaticCells
 from magmpm.kernels.surface_contact import contact_to_matrix, touch_at_rest
 from magmpm.model import Model
 
@@ -131,7 +131,7 @@ class Touched(NamedTuple):
 class RestingSurface(ContactSurface):
     """A surface whose points (n) are sorted by cells: those cells, splines as a sparse matrix (n, nodes), and how friction holds them."""
 
-    cells: Cells
+    cells: StaticCells
     splines: Any  # scipy.sparse.csr_matrix
     held: Held | None = None
 
@@ -225,7 +225,7 @@ def resting(surface: ContactSurface, planes: int, node_yz: Index, model: Model) 
     slab: Index = plane[begins] // 2
     n = len(first)
     wide = len(node_yz)
-    cells = Cells(
+    cells = StaticCells(
         np.searchsorted(slab, np.arange(slab[-1] + 2)),
         np.append(begins, n),
         plane[begins],

@@ -14,8 +14,8 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.lapack import addresses
 from magmpm.kernels.changes import scatter, tangent_products
 from magmpm.kernels.equilibrium import (
-    Cells,
-    Particles,
+    StaticCells,
+    StaticParticles,
     cell_energy,
     grid_to_particles,
     particles_to_grid,
@@ -50,10 +50,10 @@ class Energy:
         layout = model.layout
         self.shape = (layout.planes, layout.m)
         self.matrix = new_matrix(model.scene, layout)
-        self.cells = Cells(
+        self.cells = StaticCells(
             layout.slab_first, layout.cell_first, layout.cell_plane, layout.cell_row, layout.most
         )
-        self.particles = Particles(
+        self.particles = StaticParticles(
             model.weights,
             model.slopes,
             model.particles.volume,

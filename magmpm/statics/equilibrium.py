@@ -23,7 +23,14 @@ from magmpm.materials import poisson_ratio
 from magmpm.rod.cosserat import RodShape, solve_rod
 from magmpm.scene.load_progress import load_step
 from magmpm.statics import axis
-from magmpm.statics.branch import Branch, GrowingLoads, Lift, Reached, outside_domain, point_of
+from magmpm.statics.branch import (
+    EquilibriumPath,
+    GrowingLoads,
+    Lift,
+    Reached,
+    outside_domain,
+    point_of,
+)
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import InteractingEnergy, minimize_with_interaction
 from magmpm.statics.layout import StaticModel, arranged
@@ -372,7 +379,7 @@ def _along_branch(model: StaticModel, count: int, on_step: OnStep | None) -> Equ
     begin = Reached(0.0, point_of(loads.at(0.0), rest), None, 0, np.inf)
     warnings = []
     steps = 0
-    branch = Branch(
+    branch = EquilibriumPath(
         loads, begin, tolerance=options.tolerance, max_steps=options.max_steps, on_step=on_step
     )
     try:

@@ -24,7 +24,7 @@ from magmpm.statics.elimination import Elimination, elimination
 
 
 @dataclass(frozen=True)
-class Layout:
+class UnknownsLayout:
     """Unknowns that each cell touches.
 
     Unknowns are numbered plane by plane along x: `planes` planes of m = 3 nodes_per_plane, dof = 3 node + component. A cell touches
@@ -120,7 +120,7 @@ class Layout:
 class StaticModel(Model):
     """A model for the static solve, with the numbers of its unknowns and its splines. See ``static_model``."""
 
-    layout: Layout
+    layout: UnknownsLayout
     weights: Array  # (n, 3, 3): axis, node
     slopes: Array  # (n, 3, 3) 1/m
     # (3, 3), or (n, 3, 3) of each particle: directions of the grid's axes, in columns. F, and
@@ -191,7 +191,7 @@ def static_model(model: Model) -> StaticModel:
     return replace(made, remanence=magnet)
 
 
-def make_layout(model: Model, weights: Array, bonds: Bonds | None = None) -> Layout:
+def make_layout(model: Model, weights: Array, bonds: Bonds | None = None) -> UnknownsLayout:
     """The numbering of a model's unknowns; weights (n, 3, 3): values of its splines at its particles.
 
     Where the lower x face is clamped, node 0 along x is eliminated (bodies.grid.clamp_first_node) and has no unknowns.
@@ -253,7 +253,7 @@ def make_layout(model: Model, weights: Array, bonds: Bonds | None = None) -> Lay
     if bonds is not None:
         x, y, z = np.moveaxis(bonds.element, -1, 0)
         number = (x - int(model.clamped_face)) * nodes + start[y] + z - low[y]
-    return Layout(
+    return UnknownsLayout(
         bonds=bonds,
         bonded=number,
         planes=planes,

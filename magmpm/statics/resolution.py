@@ -45,7 +45,7 @@ class _Late(Exception):
 
 
 @dataclass
-class _Search:
+class _GridSearch:
     grids: Grids
     begun: float
     extra: Callable[
@@ -102,7 +102,7 @@ class _Search:
 
 def known_error(grids: Grids, cells: int) -> ChosenGrid:
     """The error of the grid with so many cells across. Raises SceneError where no finer grid tells it, SolveError where one fails."""
-    search = _Search(grids, time.perf_counter(), lambda cells: 0.0)
+    search = _GridSearch(grids, time.perf_counter(), lambda cells: 0.0)
     if cells not in search.proof:
         rule = f"must be at most {max(search.proof)}: the error of finer grids is not known"
         raise SceneError(
@@ -146,7 +146,7 @@ def choose(
         )
 
 
-def _searched(grids: Grids, on_step: OnStep | None, extra: Callable[[int], float]) -> _Search:
+def _searched(grids: Grids, on_step: OnStep | None, extra: Callable[[int], float]) -> _GridSearch:
     """Grids solved, their errors known, the last of them good enough. Raises as `choose` does."""
     limit = grids.scene.resolution.seconds
     begun = time.perf_counter()
@@ -161,7 +161,7 @@ def _searched(grids: Grids, on_step: OnStep | None, extra: Callable[[int], float
             on_step(step, number)
 
     grids.on_step = tell
-    search = _Search(grids, begun, extra, proven)
+    search = _GridSearch(grids, begun, extra, proven)
     cells: int | None = first_cells(grids.scene)
     failure: SolveError | None = None
     failed = 0
@@ -183,7 +183,7 @@ def _searched(grids: Grids, on_step: OnStep | None, extra: Callable[[int], float
     return search
 
 
-def _check_met(search: _Search, failed: int, failure: SolveError | None) -> None:
+def _check_met(search: _GridSearch, failed: int, failure: SolveError | None) -> None:
     """Raises SceneError where the search ended without what was requested, as `failed` cells across failed or the grids tell nothing."""
     wanted = search.scene.resolution.allowed(search.scene.length)
     best = min(search.errors.values())
@@ -219,7 +219,7 @@ def check_possible(scene: Scene) -> None:
         )
 
 
-def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None:
+def _next(search: _GridSearch, tried: int, failure: SolveError | None) -> int | None:
     """The grid to prove next; None where the last one will do. Raises SceneError where none can."""
     finer = [n for n in search.proof if n > tried]
     if failure is not None:
@@ -257,7 +257,7 @@ def _next(search: _Search, tried: int, failure: SolveError | None) -> int | None
     return cells
 
 
-def _next_in_time(search: _Search, tried: int, finer: list[int]) -> int | None:
+def _next_in_time(search: _GridSearch, tried: int, finer: list[int]) -> int | None:
     limit = search.scene.resolution.seconds
     assert limit is not None
     gone = time.perf_counter() - search.begun
@@ -275,7 +275,7 @@ def _next_in_time(search: _Search, tried: int, finer: list[int]) -> int | None:
     )
 
 
-def _too_short(search: _Search, needed: float) -> SceneError:
+def _too_short(search: _GridSearch, needed: float) -> SceneError:
     """needed: seconds that the coarsest grid takes with its proof, as far as that is known."""
     limit = search.scene.resolution.seconds
     cells = first_cells(search.scene)
@@ -293,7 +293,7 @@ def _too_short(search: _Search, needed: float) -> SceneError:
 
 
 def _out_of_reach(
-    search: _Search, wanted: float, cells: int | None = None, failed: str = ""
+    search: _GridSearch, wanted: float, cells: int | None = None, failed: str = ""
 ) -> SceneError:
     """cells: the grid that would do, but for memory or time; failed: what a finer grid failed of."""
     length = search.scene.length
@@ -349,7 +349,7 @@ def _up(number: float) -> float:
     return float(np.ceil(number / digit) * digit)
 
 
-def _on_branches(search: _Search, received: str, failed: str = "") -> SceneError:
+def _on_branches(search: _GridSearch, received: str, failed: str = "") -> SceneError:
     """Error for two grids too far from each other to tell it. received: what was requested; failed: what a finer grid failed of."""
     tried = max(search.errors)
     length = search.scene.length
@@ -371,7 +371,7 @@ def _on_branches(search: _Search, received: str, failed: str = "") -> SceneError
     )
 
 
-def _best_in_time(search: _Search) -> int:
+def _best_in_time(search: _GridSearch) -> int:
     """The grid of the smallest error, of those on which there is time left for what is computed besides; the coarsest one is done."""
     limit = search.scene.resolution.seconds
     gone = time.perf_counter() - search.begun
@@ -380,7 +380,7 @@ def _best_in_time(search: _Search) -> int:
     return min(left, key=lambda n: search.errors[n])
 
 
-def _chosen(search: _Search, cells: int) -> ChosenGrid:
+def _chosen(search: _GridSearch, cells: int) -> ChosenGrid:
     solved = search.grids.solved
     resolution = search.scene.resolution
     error = search.errors[cells]

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.kept_memory import empty
 from magmpm.errors import SceneError
-from magmpm.kernels.equilibrium import Blocks, Cells, Panels
+from magmpm.kernels.equilibrium import Blocks, Panels, StaticCells
 from magmpm.scene import Scene, memory
 from magmpm.statics import block_cholesky, sparse_cholesky
-from magmpm.statics.layout import Layout
+from magmpm.statics.layout import UnknownsLayout
 
 MOST_MEMORY = 4e9  # bytes of the factored tangent
 
@@ -30,7 +30,7 @@ class Matrix(Protocol):
     def clear(self) -> None:
         """Set all entries to zero."""
 
-    def target(self, cells: Cells) -> Panels | Blocks:
+    def target(self, cells: StaticCells) -> Panels | Blocks:
         """Place where kernels add the matrices of cells."""
 
     def finish(self) -> None:
@@ -71,14 +71,14 @@ class RoundedBands:
 class Bands:
     """A matrix of bands, in panels (planes + 2, m, 3 m) of statics.block_cholesky."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: UnknownsLayout) -> None:
         self._layout = layout
         self.panels = block_cholesky.new_panels(layout.planes, layout.m)
 
     def clear(self) -> None:
         block_cholesky.clear(self.panels)
 
-    def target(self, cells: Cells) -> Panels:
+    def target(self, cells: StaticCells) -> Panels:
         return Panels(self.panels, self._layout.split)
 
     def finish(self) -> None:
@@ -109,14 +109,14 @@ class Bands:
 class Sparse:
     """A sparse matrix, in blocks (blocks, 3, 3) of the layout's elimination, and its factors."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: UnknownsLayout) -> None:
         self._layout = layout
         self._order = layout.elimination
         count = int(self._order.fronts.block_first[-1])
         self.blocks = np.zeros((count, 3, 3))
         self._values = empty((self._order.values,))
         self._rooms = empty((2, max(self._order.room, 1)))
-        self._surface: tuple[Cells, Blocks] | None = None  # that touches, and its blocks
+        self._surface: tuple[StaticCells, Blocks] | None = None  # that touches, and its blocks
 
     @cached_property
     def _own(self) -> NDArray[np.int64]:
@@ -133,7 +133,7 @@ class Sparse:
     def clear(self) -> None:
         self.blocks[:] = 0.0
 
-    def target(self, cells: Cells) -> Blocks:
+    def target(self, cells: StaticCells) -> Blocks:
         if cells.plane is self._layout.cell_plane:
             return Blocks(self._layout.cell_blocks, self.blocks)
         if self._surface is None or self._surface[0] is not cells:
@@ -182,7 +182,7 @@ class Sparse:
         return np.ascontiguousarray(out.reshape(count, planes, m).transpose(1, 0, 2))
 
 
-def new_matrix(scene: Scene, layout: Layout) -> Bands | Sparse:
+def new_matrix(scene: Scene, layout: UnknownsLayout) -> Bands | Sparse:
     """A matrix of a layout's unknowns. Raises SceneError if it takes too much memory."""
     needed = _bytes(layout)
     if needed > MOST_MEMORY:
@@ -202,7 +202,7 @@ def new_matrix(scene: Scene, layout: Layout) -> Bands | Sparse:
         return Bands(layout) if layout.straight else Sparse(layout)
 
 
-def _bytes(layout: Layout) -> float:
+def _bytes(layout: UnknownsLayout) -> float:
     """Memory that the matrix of a layout takes, with its factors."""
     if layout.straight:
         return block_cholesky.panel_bytes(layout.planes, layout.m)

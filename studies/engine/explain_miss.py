@@ -24,7 +24,7 @@ from magmpm.scene import Scene
 from magmpm.studies.engine.report import best_trial
 from magmpm.studies.problem.study import Study
 from magmpm.studies.rods.rod_designs import rod_designs
-from magmpm.studies.search.parameters import Block, Direction, FieldVector, Number
+from magmpm.studies.search.parameters import Block, FieldVector, SegmentDirection, VariedNumber
 from magmpm.studies.search.samplers.choice import gauss_newton_blocks
 from magmpm.studies.search.samplers.gauss_newton import LEAST_GAIN, RADIUS, model_of, start_of
 from magmpm.studies.search.search_space import SearchSpace
@@ -95,7 +95,7 @@ def _bound(block: Block, x: Array, slope: Array) -> Finding | None:
             f"by {gain:.3g} mm"  # m/T is mm/mT
         )
         return {"what": "field", "says": says, "bound_T": block.max, "rms_per_T": -gain}
-    if isinstance(block, Number):
+    if isinstance(block, VariedNumber):
         at_end = (x[0] > AT_BOUND and slope[0] < 0.0) or (x[0] < 1.0 - AT_BOUND and slope[0] > 0.0)
         if not at_end:
             return None
@@ -215,7 +215,7 @@ def _weak(space: SearchSpace, tangent: Array, basis: Array) -> list[Finding]:
         return []
     found = []
     for block, at in space.parts:
-        if not isinstance(block, Direction):
+        if not isinstance(block, SegmentDirection):
             continue
         columns = np.flatnonzero(np.any(basis[at] != 0.0, axis=0))
         moves = float(np.linalg.norm(tangent[:, columns], 2))

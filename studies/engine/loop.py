@@ -46,7 +46,7 @@ from magmpm.studies.engine.workers.sessions import (
     uninterrupted,
 )
 from magmpm.studies.evaluate.evaluator import Evaluator, Picture, trial_of
-from magmpm.studies.evaluate.trajectory import Insertion
+from magmpm.studies.evaluate.trajectory import InsertionTrajectory
 from magmpm.studies.evaluate.trial import (
     Differentiate,
     Note,
@@ -271,7 +271,7 @@ class _Run(StudySession):
 
         def of(number: int) -> BaseSampler:
             if (
-                isinstance(insertion, Insertion)
+                isinstance(insertion, InsertionTrajectory)
                 and insertion.projects
                 and study.sampler != "gauss-newton"
             ):
@@ -312,7 +312,7 @@ class _Run(StudySession):
     def exhausted(self) -> bool:
         """True if only starts elsewhere are left to an insertion whose best design is good: they are on other branches, and win nothing."""
         sampler = self.newton
-        found = isinstance(self.evaluator.evaluation, Insertion) and self.best is not None
+        found = isinstance(self.evaluator.evaluation, InsertionTrajectory) and self.best is not None
         if sampler is None or not found or self.best > choice.POOR * self.space.scene.length:  # type: ignore[operator]
             return False
         trials = self.store(lambda: self.kept.get_trials(deepcopy=False))

@@ -27,7 +27,7 @@ from magmpm.studies.engine.storage import (
 from magmpm.studies.engine.storage_url import shown_url, sqlite_file
 from magmpm.studies.engine.workers.sessions import EXCHANGED
 from magmpm.studies.evaluate.evaluator import Evaluator
-from magmpm.studies.evaluate.trajectory import MOVIE, Insertion
+from magmpm.studies.evaluate.trajectory import MOVIE, InsertionTrajectory
 from magmpm.studies.evaluate.trial import Note, silent
 from magmpm.studies.problem.study import Study
 from magmpm.studies.search.best_scene import write_best_scene
@@ -134,7 +134,7 @@ class StudySession:
         self.verify_best()
         if records.holds(self.out / records.BEST, best):
             if (
-                isinstance(self.evaluator.evaluation, Insertion)
+                isinstance(self.evaluator.evaluation, InsertionTrajectory)
                 and not (self.out / records.BEST / MOVIE).exists()
             ):
                 self.evaluator.evaluation.write_moments(

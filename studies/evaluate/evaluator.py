@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from magmpm.studies.evaluate.trajectory import Insertion, Schedule, shapes_of
+from magmpm.studies.evaluate.trajectory import InsertionTrajectory, ScheduleTrajectory, shapes_of
 from magmpm.studies.evaluate.trial import (
     Differentiate,
     Evaluation,
@@ -36,7 +36,11 @@ Picture = Callable[["Result", Path, Trial], Path | Sequence[Path]]
 
 def evaluation_of(study: Study, space: SearchSpace) -> Evaluation:
     """The equilibria that a study requires."""
-    return Insertion.of(study, space) or Schedule.of(study, space) or Evaluation(study, space)
+    return (
+        InsertionTrajectory.of(study, space)
+        or ScheduleTrajectory.of(study, space)
+        or Evaluation(study, space)
+    )
 
 
 class Evaluator:

@@ -28,7 +28,7 @@ from magmpm.studies.evaluate.trial import Evaluation, Note, Solve, penalty, sile
 from magmpm.studies.problem.path import Path as Curve
 from magmpm.studies.problem.study import Study
 from magmpm.studies.rods.rod_path import FEWEST, RodPath, directions_of, search
-from magmpm.studies.rods.rod_trajectory import ELEMENTS, Depth, RodDesign, RodTrajectory
+from magmpm.studies.rods.rod_trajectory import ELEMENTS, Depth, RodTrajectory, RodTrajectoryDesign
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ class Trajectory(Evaluation, ABC):
         )
         return [self.parameters(design) for design in found[:wanted]]
 
-    def parameters(self, design: RodDesign) -> dict[str, float]:
+    def parameters(self, design: RodTrajectoryDesign) -> dict[str, float]:
         """A rod's design as the study's parameters; numbers within bounds are in the middle."""
         x = np.full(self.space.size, 0.5)
         directions = design.directions[list(self.space.segments)]
@@ -184,7 +184,7 @@ class Trajectory(Evaluation, ABC):
 
 
 @dataclass(frozen=True)
-class Schedule(Trajectory):
+class ScheduleTrajectory(Trajectory):
     """A field over time that brings a body through given shapes at given times.
 
     The twin of insertion: the body stays as it is, and the field at each of the times is unknown, with a magnetization (and what else
@@ -196,7 +196,7 @@ class Schedule(Trajectory):
     """
 
     @classmethod
-    def of(cls, study: Study, space: SearchSpace) -> Schedule | None:
+    def of(cls, study: Study, space: SearchSpace) -> ScheduleTrajectory | None:
         """None where the study has no times."""
         return cls(study, space) if study.keyframes else None
 
@@ -295,7 +295,7 @@ def _rod(scene: Scene, path: Curve, count: int) -> Depth:
 
 
 @dataclass(frozen=True)
-class Insertion(Trajectory):
+class InsertionTrajectory(Trajectory):
     """A catheter is pushed out of a guide, and the field at each depth lets its whole body follow the path of its tip.
 
     One equilibrium at each depth, each an ordinary static scene (Scene.inserted), in that depth's field. What is outside the guide at depth
@@ -319,7 +319,7 @@ class Insertion(Trajectory):
     end_weight = EXIT_WEIGHT
 
     @classmethod
-    def of(cls, study: Study, space: SearchSpace) -> Insertion | None:
+    def of(cls, study: Study, space: SearchSpace) -> InsertionTrajectory | None:
         """None where the study has no depths."""
         return cls(study, space, Curve(study.target)) if study.depths else None
 

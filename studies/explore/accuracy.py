@@ -70,7 +70,7 @@ class Rung:
 
 
 @dataclass(frozen=True)
-class Model:
+class NeighborModel:
     """A model that stands next to the ladder. Errors over the length: from the finest rung, from the scene's reference, and from the same
     scene on the same cells as the ladder has it; None where there is none."""
 
@@ -109,7 +109,7 @@ class Ladder:
     order_finest: float | None
     order_reference: float | None
     undetermined: dict[str, str]
-    beside: list[Model]
+    beside: list[NeighborModel]
     algebraic_error: float | None
     asymptotic: bool | None
     conclusions: list[str]
@@ -301,7 +301,7 @@ def _bars(results: Sequence[Result], cells: Sequence[int]) -> list[float | None]
     return bars
 
 
-def _conclusions(rungs: Sequence[Rung], others: Sequence[Model]) -> list[str]:
+def _conclusions(rungs: Sequence[Rung], others: Sequence[NeighborModel]) -> list[str]:
     """Report what 1 % and 0.1 % cost, and whether the rod would be accurate enough."""
     if len(rungs) == 1 and _error(rungs[0]) is None:
         return [
@@ -391,7 +391,7 @@ def timed(scene: Scene, solve: Solve) -> tuple[Result, float]:
 
 def other_models(
     scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]
-) -> list[Model]:
+) -> list[NeighborModel]:
     """The rod, and what more particles and another place of the grid change at the usual cells; of equilibria only.
 
     finest: rows [s, x, y, z] m of the ladder's last rung; failed: takes the errors of what found no answer, by name.
@@ -415,7 +415,9 @@ def other_models(
             )
 
         found.append(
-            Model("rod", seconds, off(finest), None if reference is None else off(reference))
+            NeighborModel(
+                "rod", seconds, off(finest), None if reference is None else off(reference)
+            )
         )
     data = scene.with_cells(USUAL_CELLS).to_si()
     more = Scene.from_si(
@@ -431,14 +433,14 @@ def other_models(
 
 def _compared(
     name: str, result: Result, seconds: float, finest: Array, reference: Array | None, length: float
-) -> Model:
+) -> NeighborModel:
     to_reference = None if reference is None else distance(result, reference) / length
-    return Model(name, seconds, distance(result, finest) / length, to_reference)
+    return NeighborModel(name, seconds, distance(result, finest) / length, to_reference)
 
 
 def _shifted(
     scene: Scene, finest: Array, reference: Array | None, failed: dict[str, SolveError]
-) -> list[Model]:
+) -> list[NeighborModel]:
     """The worst of some other places of a catheter's axis against the grid: where the grid lies is no part of the physics."""
     body = scene.body.catheter
     at = scene.resolution
@@ -469,12 +471,12 @@ def _shifted(
                     worst.get(against, 0.0),
                     float(np.linalg.norm(moved - other[:, 1:], axis=1).max()) / scene.length,
                 )
-    return [Model(name, median(times), worst["finest"], worst.get("reference"))]
+    return [NeighborModel(name, median(times), worst["finest"], worst.get("reference"))]
 
 
 def settled(
     scene: Scene, solve: Solve, finest: Array, failed: dict[str, SolveError]
-) -> list[Model]:
+) -> list[NeighborModel]:
     """The same answer as a motion that settles, at COARSE cells: with its time step, and with half of it. Of a scene that moves, its own
     motion in the same ways. Empty where the materials have no density. failed: takes the errors of what found no answer, by name.
     """

@@ -173,7 +173,7 @@ def _out_of_plane(shapes: Array) -> float:
 
 
 @dataclass(frozen=True)
-class Row:
+class EffectRow:
     """One effect.
 
     shift_m: the farthest that any point of the body's axis moves in the scene's answer, be it an equilibrium, equilibria along time or a
@@ -197,13 +197,13 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Table:
+class EffectsTable:
     """All effects, in the order of their phases. length_m: the body's, m; error_m: the error that advice is for; needs: beyond effects."""
 
     scene: str
     length_m: float
     error_m: float
-    effects: list[Row]
+    effects: list[EffectRow]
     needs: list[Need]
 
     def __repr__(self) -> str:
@@ -257,7 +257,7 @@ class Table:
             ]
         )
 
-    def _close(self, row: Row) -> bool:
+    def _close(self, row: EffectRow) -> bool:
         """True if an effect may matter, since its shift is known no better."""
         return (
             row.shift_m is not None
@@ -286,7 +286,7 @@ def _mm(way: float | None) -> str:
 
 def survey(
     scene: Scene, *, measure: bool = True, error: float | None = None, only: str | None = None
-) -> Table:
+) -> EffectsTable:
     """Every available effect, or only one, in this scene. measure: count costs too, else cost_percent is None. error: m, what the answer
     may be off by; what the scene's resolution requests, or 1 % of the length, unless given.
 
@@ -323,7 +323,7 @@ def survey(
             )
             why = found.why + (_settling(scene, key) if settles else "")
             rows.append(
-                Row(
+                EffectRow(
                     key,
                     found.named,
                     found.shift,
@@ -333,7 +333,9 @@ def survey(
                     why,
                 )
             )
-    return Table(scene.name, scene.length, error, rows, needs(scene, runs) if only is None else [])
+    return EffectsTable(
+        scene.name, scene.length, error, rows, needs(scene, runs) if only is None else []
+    )
 
 
 def _settling(scene: Scene, key: str) -> str:

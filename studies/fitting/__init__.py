@@ -10,12 +10,18 @@ from magmpm.studies.fitting.report import (
     text,
 )
 from magmpm.studies.fitting.search import Fit, Refused, doubtful_fields, fit
-from magmpm.studies.fitting.table import Measured, read_measured, read_split, read_tables, together
+from magmpm.studies.fitting.table import (
+    Measurements,
+    read_measured,
+    read_split,
+    read_tables,
+    together,
+)
 
 __all__ = [
     "Fit",
     "HeldOut",
-    "Measured",
+    "Measurements",
     "Refused",
     "doubtful_fields",
     "fit",

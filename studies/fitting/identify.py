@@ -12,8 +12,8 @@ from magmpm.errors import InputError, MagmpmError, report
 from magmpm.scene import Scene
 from magmpm.studies.fitting.constants import Constant
 from magmpm.studies.fitting.prediction import Prediction
-from magmpm.studies.fitting.solve import Minimum
-from magmpm.studies.fitting.table import Measured, Readings
+from magmpm.studies.fitting.solve import LeastSquares
+from magmpm.studies.fitting.table import Measurements, Readings
 
 # of the largest singular value: below, a direction moves nothing; slopes are exact to some 1e-8
 FLAT = 1e-6
@@ -47,7 +47,7 @@ class Refused(InputError):
 
 def check_identifiable(
     scene: Scene,
-    measured: Measured,
+    measured: Measurements,
     constants: Sequence[Constant],
     slopes: Array,
     quantile: float,
@@ -178,7 +178,7 @@ class _Candidate:
 
 def measurements_that_tell(
     scene: Scene,
-    measured: Measured,
+    measured: Measurements,
     constants: Sequence[Constant],
     slopes: Array,
     quantile: float,
@@ -216,7 +216,7 @@ def _widths(constants: Sequence[Constant], widths: Array) -> str:
 
 
 def _shapes(
-    scene: Scene, measured: Measured, constants: Sequence[Constant], noise: float
+    scene: Scene, measured: Measurements, constants: Sequence[Constant], noise: float
 ) -> list[_Candidate]:
     """Tips of the body under other loads, with their slopes from the simulation."""
     if scene.in_time:
@@ -252,7 +252,7 @@ def _shapes(
     candidates = []
     for words, other in found:
         try:
-            table = Measured(measured.path, "tips", (reading,), (), (0, 1, 2))
+            table = Measurements(measured.path, "tips", (reading,), (), (0, 1, 2))
             _, jacobian = Prediction(other, table, tuple(constants)).at(np.zeros(len(constants)))
         except MagmpmError:
             continue
@@ -285,7 +285,10 @@ def _numbers(constants: Sequence[Constant]) -> list[_Candidate]:
 
 
 def refuse_twins(
-    constants: Sequence[Constant], best: Minimum, others: Sequence[Minimum], quantile: float
+    constants: Sequence[Constant],
+    best: LeastSquares,
+    others: Sequence[LeastSquares],
+    quantile: float,
 ) -> None:
     """Raises Refused where another minimum explains the data about as well: its constants would be in the confidence region.
 

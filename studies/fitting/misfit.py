@@ -22,8 +22,8 @@ from magmpm.scene import Scene
 from magmpm.studies.fitting.constants import GEOMETRY, SHOWN, Constant, constants_of, diameter_of
 from magmpm.studies.fitting.identify import FLAT, WIDEST
 from magmpm.studies.fitting.prediction import Label, Prediction
-from magmpm.studies.fitting.solve import Interval, Minimum, least_squares, quantile_of
-from magmpm.studies.fitting.table import Measured
+from magmpm.studies.fitting.solve import Interval, LeastSquares, least_squares, quantile_of
+from magmpm.studies.fitting.table import Measurements
 
 # probability below which a suspect widens the intervals: of true models one in twenty is doubted in
 # vain
@@ -74,7 +74,7 @@ class Suspect:
 
 
 def suspects_of(
-    prediction: Prediction, best: Minimum, weights: Array, degrees: int, known_noise: bool
+    prediction: Prediction, best: LeastSquares, weights: Array, degrees: int, known_noise: bool
 ) -> tuple[tuple[Suspect, ...], dict[str, dict[str, float]]]:
     """Suspects that may not be exact, likeliest first; and by their kind the fraction by which each constant moves for a fraction of the
     diameter, 1 mT or a radian: the most, in any direction of these and of any segment.
@@ -161,7 +161,7 @@ def doubted(suspects: Sequence[Suspect]) -> list[Suspect]:
 
 
 def _settled(
-    one: Suspect, prediction: Prediction, best: Minimum, weights: Array, tried: int
+    one: Suspect, prediction: Prediction, best: LeastSquares, weights: Array, tried: int
 ) -> Suspect:
     """The suspect with the answer to which a descent leads, and its probability there: some degrees are no longer of first order."""
     k = len(one.errors)
@@ -210,7 +210,7 @@ def _groups(
             yield name.format("" if region is None else scene.regions()[region].name), group
 
 
-def odd_readings(sizes: Array, labels: Sequence[Label], measured: Measured) -> list[str]:
+def odd_readings(sizes: Array, labels: Sequence[Label], measured: Measurements) -> list[str]:
     """A warning for residuals beyond what the noise explains."""
     files = [f"{one.path.name}, " if measured.tables else "" for one in measured.each]
     odd = [
@@ -227,7 +227,7 @@ def odd_readings(sizes: Array, labels: Sequence[Label], measured: Measured) -> l
     ]
 
 
-def unequal_tables(sizes: Array, labels: Sequence[Label], measured: Measured) -> list[str]:
+def unequal_tables(sizes: Array, labels: Sequence[Label], measured: Measurements) -> list[str]:
     """A warning where one table's lengths are off by twice another's, in standard errors: then their weights are wrong.
 
     Of ten numbers each, that happens by chance to 4 % of pairs.

@@ -20,7 +20,7 @@ from magmpm.scene.apparatus import Apparatus
 from magmpm.simulate import run, sensitivities, simulated
 from magmpm.statics.equilibrium import Following
 from magmpm.studies.fitting.constants import Constant, applied, chain
-from magmpm.studies.fitting.table import Measured, Readings
+from magmpm.studies.fitting.table import Measurements, Readings
 
 STEP = 0.01  # of x, for the central differences of motions: 1 % of a modulus
 
@@ -173,7 +173,7 @@ class Prediction:
     their rods (corrections), from which the next solves begin."""
 
     scene: Scene
-    measured: Measured
+    measured: Measurements
     constants: tuple[Constant, ...]
     solves: int = 0
     labels: list[Label] = field(default_factory=list)

@@ -14,7 +14,7 @@ from magmpm.studies.fitting.constants import GEOMETRY, SHOWN, applied, direction
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.search import Fit, Fitted
 from magmpm.studies.fitting.solve import quantile_of
-from magmpm.studies.fitting.table import Measured
+from magmpm.studies.fitting.table import Measurements
 from magmpm.studies.search.best_scene import as_yaml, moved_content
 
 MOST_SERIES = 9  # in the picture
@@ -73,7 +73,7 @@ class HeldOut:
         )
 
 
-def predict_held_out(found: Fit, measured: Measured) -> HeldOut:
+def predict_held_out(found: Fit, measured: Measurements) -> HeldOut:
     """Predict readings that the fit did not see. To first order in the constants' errors; a reading has the fit's noise as well.
 
     Raises SolveError where no equilibrium is found.
@@ -343,7 +343,7 @@ def shown(found: Fit, held: HeldOut | None = None) -> dict[str, Any]:
     }
 
 
-def _panel(found: Fit, table: Measured, number: int, half: Array | None) -> dict[str, Any]:
+def _panel(found: Fit, table: Measurements, number: int, half: Array | None) -> dict[str, Any]:
     """Panel of a table."""
     labels = [label for label in found.labels if label.table == number]
     if table.kind == "curve":
@@ -393,7 +393,7 @@ def _in_words(one: Fitted) -> str:
     )
 
 
-def _over(found: Fit, table: Measured) -> tuple[dict[int, tuple[float, str]], str]:
+def _over(found: Fit, table: Measurements) -> tuple[dict[int, tuple[float, str]], str]:
     """Places of the table's lines on the axis, with the group that each line's series belongs to; the axis's label."""
     over: dict[int, tuple[float, str]] = {}
     states = table.states
@@ -431,7 +431,7 @@ def _over(found: Fit, table: Measured) -> tuple[dict[int, tuple[float, str]], st
     )
 
 
-def _apparatus(table: Measured) -> tuple[list[tuple[float, str]], str | None]:
+def _apparatus(table: Measurements) -> tuple[list[tuple[float, str]], str | None]:
     """Place of each state on the axis and the group of its series, by what the apparatus changes most; the axis's label, None: nothing."""
     rows = [state.apparatus for state in table.states]
     if (magnet := rows[0].magnet) is not None:
@@ -463,7 +463,7 @@ def _apparatus(table: Measured) -> tuple[list[tuple[float, str]], str | None]:
     )
 
 
-def _curves(table: Measured, labels: list[Label]) -> dict[str, Any]:
+def _curves(table: Measurements, labels: list[Label]) -> dict[str, Any]:
     """Points of digitized curves, and where they are nearest to the simulated ones, in the first two coordinates they have."""
     state_of = {line: k for k, state in enumerate(table.states) for line in state.lines.tolist()}
     series: dict[str, dict[str, Any]] = {}

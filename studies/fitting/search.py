@@ -34,13 +34,13 @@ from magmpm.studies.fitting.misfit import (
 from magmpm.studies.fitting.prediction import Label, Prediction
 from magmpm.studies.fitting.solve import (
     Interval,
-    Minimum,
+    LeastSquares,
     Model,
     interval_of,
     least_squares,
     quantile_of,
 )
-from magmpm.studies.fitting.table import Measured
+from magmpm.studies.fitting.table import Measurements
 
 __all__ = ["Fit", "Fitted", "Refused", "doubtful_fields", "fit"]
 
@@ -74,7 +74,7 @@ class Fit:
     """
 
     scene: Scene
-    measured: Measured
+    measured: Measurements
     constants: tuple[Fitted, ...]
     level: float
     sigma_m: float
@@ -140,7 +140,7 @@ class _Noise:
 
 
 def fit(
-    measured: Measured,
+    measured: Measurements,
     scene: Scene,
     *,
     vary: Sequence[str] | None = None,
@@ -247,7 +247,7 @@ def fit(
 
 
 def _of_tables(
-    measured: Measured, noise: float | Sequence[float] | None
+    measured: Measurements, noise: float | Sequence[float] | None
 ) -> tuple[float | None, tuple[float, ...]]:
     """The first table's standard deviation of lengths (m), and by what each one's is larger. InputError for another number of them."""
     count = len(measured.each)
@@ -280,7 +280,7 @@ def _on_one_grid(scene: Scene) -> Scene:
 
 
 def _check_counts(
-    measured: Measured,
+    measured: Measurements,
     constants: Sequence[Constant],
     noise: float | None,
     angle_noise: float | None,
@@ -357,7 +357,7 @@ class _Search:
 
         return model
 
-    def weighed(self, best: Minimum, sigmas: _Noise) -> Minimum:
+    def weighed(self, best: LeastSquares, sigmas: _Noise) -> LeastSquares:
         """A minimum in other standard errors."""
         n = len(self.prediction.labels)
         weight = np.ones(len(best.residuals))
@@ -366,7 +366,7 @@ class _Search:
             best, residuals=best.residuals * weight, slopes=best.slopes * weight[:, None]
         )
 
-    def best(self, thorough: bool) -> tuple[Minimum, _Noise, list[Minimum]]:
+    def best(self, thorough: bool) -> tuple[LeastSquares, _Noise, list[LeastSquares]]:
         """The least minimum, the standard deviations that it was weighed by, and the other minima."""
         sigmas = _Noise(
             max(self.noise or 1e-3 * self.length, FLOOR * self.length),
@@ -387,7 +387,7 @@ class _Search:
         self._used = sigmas
         return found[0], sigmas, found[1:]
 
-    def _descents(self, sigmas: _Noise, thorough: bool) -> list[Minimum]:
+    def _descents(self, sigmas: _Noise, thorough: bool) -> list[LeastSquares]:
         """Minima that differ by more than the noise, the least first: of the coarsest grid, and from each of these of the scene's own."""
         stiff = np.array([float(c.kind == "shear_modulus") for c in self.constants])
         if not stiff.any():
@@ -405,9 +405,9 @@ class _Search:
                 ]
         return self._minima(self.whitened(sigmas), starts, sigmas)
 
-    def _minima(self, model: Model, starts: Sequence[Array], sigmas: _Noise) -> list[Minimum]:
+    def _minima(self, model: Model, starts: Sequence[Array], sigmas: _Noise) -> list[LeastSquares]:
         """Minima that descents from the starts reach. Raises an InputError at the first start, and where none is found its first error."""
-        found = list[Minimum]()
+        found = list[LeastSquares]()
         failure = None
 
         def known(x: Array) -> bool:
@@ -429,7 +429,7 @@ class _Search:
             m for k, m in enumerate(found) if all(self._differ(m.x, other) for other in found[:k])
         ]
 
-    def _differ(self, x: Array, other: Minimum) -> bool:
+    def _differ(self, x: Array, other: LeastSquares) -> bool:
         """True if x and a minimum differ, and the data can see it: by more than one standard deviation (refuse_twins wants six)."""
         noise = (
             1.0
@@ -439,7 +439,7 @@ class _Search:
         change = x - other.x
         return bool(np.max(np.abs(change)) > 1e-3 and np.linalg.norm(other.slopes @ change) > noise)
 
-    def _estimated(self, best: Minimum, sigmas: _Noise) -> tuple[_Noise, float]:
+    def _estimated(self, best: LeastSquares, sigmas: _Noise) -> tuple[_Noise, float]:
         """Standard deviations of lengths, or of angles alone, from their residuals and leverages; the factor by which they change."""
         alone = self.prediction.measured.angles_alone
         counted = np.array([alone or not label.angle for label in self.prediction.labels])
@@ -452,7 +452,7 @@ class _Search:
         new = replace(sigmas, length=max(sigmas.length * change, FLOOR * self.length))
         return new, new.length / sigmas.length
 
-    def on_finer_grid(self, best: Minimum, sigmas: _Noise, covariance: Array) -> Array:
+    def on_finer_grid(self, best: LeastSquares, sigmas: _Noise, covariance: Array) -> Array:
         """Change (k,) of the constants on a grid with two more cells across: one Gauss-Newton step."""
         cells = self.prediction.scene.resolution.cells_across + 2
         finer = Prediction(
@@ -467,7 +467,12 @@ class _Search:
 
 
 def _scatter(
-    best: Minimum, sigmas: _Noise, degrees: int, level: float, labels: Sequence[Label], least: float
+    best: LeastSquares,
+    sigmas: _Noise,
+    degrees: int,
+    level: float,
+    labels: Sequence[Label],
+    least: float,
 ) -> tuple[_Noise, float, str, list[str]]:
     """Standard deviations to go by, of lengths `least` (m) at the least, the quantile for intervals, where they are from, and what is to be
     said."""
@@ -492,7 +497,7 @@ def _scatter(
     return sigmas, quantile_of(level, np.inf), "given", []
 
 
-def doubtful_fields(measured: Measured, scene: Scene) -> list[str]:
+def doubtful_fields(measured: Measurements, scene: Scene) -> list[str]:
     """Warn, before anything is solved, of fields of the table so far from the scene's own that a unit may be wrong."""
     own = max(map(abs, scene.field.uniform))
     largest = max(
@@ -522,7 +527,7 @@ def _of_values(found: Sequence[Fitted]) -> list[str]:
 def _fitted(
     constant: Constant,
     k: int,
-    best: Minimum,
+    best: LeastSquares,
     covariance: Array,
     interval: Interval,
     shift: Array | None,

@@ -28,7 +28,7 @@ def quantile_of(level: float, degrees: float) -> float:
 
 
 @dataclass(frozen=True)
-class Minimum:
+class LeastSquares:
     """x (k,), residuals (n,) and their slopes (n, k) there; converged: whether the last step was small."""
 
     x: Array
@@ -51,7 +51,7 @@ def least_squares(
     scale: float | None = None,
     small: float = 1e-3,
     known: Callable[[Array], bool] = lambda x: False,
-) -> Minimum:
+) -> LeastSquares:
     """The minimum of the sum of squares that a descent from `start` (k,) reaches; free (k,): which numbers may change.
 
     scale: standard deviation of the residuals, None: as they turn out; small: in units of it, a step below ends the search; known(x):
@@ -76,7 +76,7 @@ def least_squares(
             or np.linalg.norm(step) <= TINY
             or known(x)
         ):
-            return Minimum(x, residuals, slopes, steps, True)
+            return LeastSquares(x, residuals, slopes, steps, True)
         for _ in range(12):
             steps += 1
             there = x.copy()
@@ -102,10 +102,10 @@ def least_squares(
                 np.linalg.norm(step) <= TINY
                 or np.linalg.norm(slopes[:, free] @ step) <= small * noise
             ):
-                return Minimum(x, residuals, slopes, steps, True)
+                return LeastSquares(x, residuals, slopes, steps, True)
         else:
-            return Minimum(x, residuals, slopes, steps, False)
-    return Minimum(x, residuals, slopes, steps, False)
+            return LeastSquares(x, residuals, slopes, steps, False)
+    return LeastSquares(x, residuals, slopes, steps, False)
 
 
 def _step(residuals: Array, slopes: Array, radius: float) -> Array:
@@ -142,7 +142,12 @@ class Interval:
 
 
 def interval_of(
-    model: Model, best: Minimum, covariance: Array, k: int, quantile: float, say: Callable[[], None]
+    model: Model,
+    best: LeastSquares,
+    covariance: Array,
+    k: int,
+    quantile: float,
+    say: Callable[[], None],
 ) -> Interval:
     """The interval of the number k, by the residuals in standard errors and the covariance (k, k) of x at the minimum."""
     error = float(np.sqrt(covariance[k, k]))
@@ -164,7 +169,7 @@ def interval_of(
 
 
 def _end(
-    model: Model, best: Minimum, along: Array, k: int, error: float, quantile: float
+    model: Model, best: LeastSquares, along: Array, k: int, error: float, quantile: float
 ) -> float | None:
     """Point where the root of the rise meets the quantile, by false position; None where it does not within reach. error: with its sign."""
     free = np.arange(len(best.x)) != k

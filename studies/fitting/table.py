@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.inputs.csv_tables import MAX_ROWS, Line, TableError, table_lines
+from magmpm.inputs.csv_tables import MAX_ROWS, CsvLine, TableError, table_lines
 from magmpm.inputs.quantities import KINDS
 from magmpm.scene import Scene
 from magmpm.scene.apparatus import APPARATUS, OWN, Apparatus, apparatus_of, check_apparatus
@@ -100,7 +100,7 @@ class Readings:
 
 
 @dataclass(frozen=True)
-class Measured:
+class Measurements:
     """A table, or several of the same body: its states, and whether its points are tips, places (marked by s) or a curve without them."""
 
     path: Path
@@ -108,10 +108,10 @@ class Measured:
     states: tuple[Readings, ...]
     columns: tuple[str, ...]
     axes: tuple[int, ...] = field(default=())  # coordinates that the points have
-    tables: tuple[Measured, ...] = ()  # where there are several
+    tables: tuple[Measurements, ...] = ()  # where there are several
 
     @property
-    def each(self) -> tuple[Measured, ...]:
+    def each(self) -> tuple[Measurements, ...]:
         """The tables one by one."""
         return self.tables or (self,)
 
@@ -151,7 +151,7 @@ class _Column:
         return _QUANTITIES[self.quantity]
 
 
-def read_tables(paths: Sequence[Path | str], scene: Scene) -> Measured:
+def read_tables(paths: Sequence[Path | str], scene: Scene) -> Measurements:
     """The measurements in files, for a scene, to be explained together. Raises TableError, as read_measured."""
     known: dict[Path, Path | str] = {}
     for path in paths:
@@ -165,7 +165,7 @@ def read_tables(paths: Sequence[Path | str], scene: Scene) -> Measured:
     return together([read_measured(path, scene) for path in paths])
 
 
-def together(tables: Sequence[Measured]) -> Measured:
+def together(tables: Sequence[Measurements]) -> Measurements:
     """Several tables of the same body as one."""
     if len(tables) == 1:
         return tables[0]
@@ -173,14 +173,14 @@ def together(tables: Sequence[Measured]) -> Measured:
         replace(one, states=tuple(replace(state, table=k) for state in one.states))
         for k, one in enumerate(tables)
     )
-    return Measured(
+    return Measurements(
         own[0].path, "several", tuple(state for one in own for state in one.states), (), (), own
     )
 
 
 def read_split(
     paths: Sequence[Path | str], scene: Scene, hold_out: str | None
-) -> tuple[Measured, Measured | None]:
+) -> tuple[Measurements, Measurements | None]:
     """The measurements in files, and those that are held out of them.
 
     Parameters
@@ -195,7 +195,7 @@ def read_split(
 
     Returns
     -------
-    known, left : Measured, Measured or None
+    known, left : Measurements, Measurements or None
         The rows to fit, and those held out.
 
     Raises
@@ -279,7 +279,7 @@ def _as_number(cell: str) -> set[float]:
 
 def read_measured(
     path: Path | str, scene: Scene, keep: Callable[[dict[str, str]], bool] | None = None
-) -> Measured:
+) -> Measurements:
     """The measurements in a file, for a scene; `keep` says of which rows, by their cells. Without any, it has no states.
 
     Raises TableError, which names file, row, column, value, rule and remedy.
@@ -321,7 +321,7 @@ def read_measured(
         replace(_readings(state, rows, prefix), kind=kind, axes=axes)
         for state, rows in grouped.items()
     )
-    return Measured(path, kind, states, tuple(column.title for column in columns), axes)
+    return Measurements(path, kind, states, tuple(column.title for column in columns), axes)
 
 
 def _readings(state: _State, rows: list[tuple[int, dict[str, float]]], prefix: str) -> Readings:
@@ -341,7 +341,7 @@ def _readings(state: _State, rows: list[tuple[int, dict[str, float]]], prefix: s
     return Readings(field, time, lines, s, points, column(angle), apparatus=apparatus, plane=plane)
 
 
-def _columns(header: Line) -> list[_Column]:
+def _columns(header: CsvLine) -> list[_Column]:
     """Columns named by the header. Raises TableError."""
     found: list[_Column] = []
     for title in header.cells:
@@ -364,7 +364,7 @@ def _columns(header: Line) -> list[_Column]:
     return found
 
 
-def _unknown(header: Line, title: str) -> TableError:
+def _unknown(header: CsvLine, title: str) -> TableError:
     """The error for a column that is not known: the nearest name, or all of them."""
     known = [f"{name}_{unit}" for name, kind in _QUANTITIES.items() for unit in _UNITS[kind]]
     rule = (
@@ -390,7 +390,7 @@ def _unknown(header: Line, title: str) -> TableError:
     )
 
 
-def _kind(header: Line, columns: list[_Column]) -> str:
+def _kind(header: CsvLine, columns: list[_Column]) -> str:
     """Tips, places or a curve. Raises TableError where the columns are none of them, or of two."""
     named = {column.quantity for column in columns}
     tips = {name for name in named if name.startswith("tip_")}
@@ -416,7 +416,7 @@ def _kind(header: Line, columns: list[_Column]) -> str:
     raise header.error(rule, _START)
 
 
-def _fit_together(header: Line, named: set[str], scene: Scene, kind: str) -> None:
+def _fit_together(header: CsvLine, named: set[str], scene: Scene, kind: str) -> None:
     """Raises TableError where the columns do not suit each other, or the scene."""
     fields = {name for name in named if name.startswith("field")}
     if "field" in fields and len(fields) > 1:
@@ -472,7 +472,7 @@ def _fit_together(header: Line, named: set[str], scene: Scene, kind: str) -> Non
 
 
 def _row(
-    line: Line, columns: list[_Column], named: set[str], kind: str, scene: Scene
+    line: CsvLine, columns: list[_Column], named: set[str], kind: str, scene: Scene
 ) -> dict[str, float]:
     """The numbers of a row in SI; cells that are empty are left out. Raises TableError."""
     cells = line.cells
@@ -511,7 +511,7 @@ def _row(
     return values
 
 
-def _number(line: Line, column: _Column, text: str) -> float:
+def _number(line: CsvLine, column: _Column, text: str) -> float:
     """A cell's number in SI. Raises TableError."""
     try:
         value = line.number(text) * column.factor if "_" not in text else math.nan
@@ -532,7 +532,7 @@ def _number(line: Line, column: _Column, text: str) -> float:
     return value
 
 
-def _within(line: Line, values: dict[str, float], scene: Scene) -> None:
+def _within(line: CsvLine, values: dict[str, float], scene: Scene) -> None:
     """Raises TableError for places off the body, and moments that the scene does not reach."""
     s = values.get("s")
     t = values.get("t")

@@ -21,9 +21,9 @@ from magmpm.compiled.process import (
     with_threads,
 )
 from magmpm.studies.hard_cases import equilibria, shapes, stepping
-from magmpm.studies.hard_cases.case import Case, Outcome, table
+from magmpm.studies.hard_cases.case import Case, CaseOutcome, table
 
-__all__ = ["CASES", "Case", "Outcome", "run_cases", "table"]
+__all__ = ["CASES", "Case", "CaseOutcome", "run_cases", "table"]
 
 CASES: tuple[Case, ...] = (*equilibria.CASES, *stepping.CASES, *shapes.CASES, *stepping.LONG)
 Done = Callable[[int, int, str], None]
@@ -31,7 +31,7 @@ Done = Callable[[int, int, str], None]
 
 def run_cases(
     cases: Sequence[Case], *, processes: int = 2, on_done: Done = lambda done, count, name: None
-) -> list[Outcome]:
+) -> list[CaseOutcome]:
     """The outcomes of cases, in their order. The long ones begin first; each process has its share of the cores.
 
     on_done(done, number of cases, name): called after each.
@@ -41,15 +41,15 @@ def run_cases(
         found = []
         for k, case in enumerate(cases):
             on_done(k, len(cases), case.name)
-            found.append(Outcome(case, *case.run()))
+            found.append(CaseOutcome(case, *case.run()))
         return found
-    by_name = dict[str, Outcome]()
+    by_name = dict[str, CaseOutcome]()
     known = {case.name: case for case in sorted(cases, key=lambda case: not case.slow)}
     with started(processes, _begin_cases, env=with_threads(threads_each(processes))) as pool:
         for name, kind, found in answers(iter(known), pool):
             if kind == RAISED:
                 raise found
-            by_name[name] = Outcome(
+            by_name[name] = CaseOutcome(
                 known[name],
                 *((math.inf, found.seconds, f"the process {found}") if kind == DIED else found),
             )

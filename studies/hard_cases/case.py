@@ -42,7 +42,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CaseOutcome:
     """A case that was run: its measure, the seconds it took, and the reason why the run failed, if it did."""
 
     case: Case
@@ -70,7 +70,7 @@ class Outcome:
         }
 
 
-def table(outcomes: list[Outcome]) -> str:
+def table(outcomes: list[CaseOutcome]) -> str:
     """The outcomes as text."""
     lines = [f"{'case':<36} {'measure':>9} {'bound':>9}  {'':<6} {'seconds':>7}  what is measured"]
     for o in outcomes:

@@ -19,7 +19,7 @@ from magmpm.studies.problem.variables import Vary
 
 
 @dataclass(frozen=True)
-class Keyframe:
+class ShapeKeyframe:
     """A shape of a schedule: target (m, 4) m, rows [s, x, y, z], which the body must have at this time, s."""
 
     time: float
@@ -49,7 +49,7 @@ class Study:
     stop_rms: float | None
     scene_file: Path | None = None
     depths: tuple[float, ...] = ()
-    keyframes: tuple[Keyframe, ...] = ()
+    keyframes: tuple[ShapeKeyframe, ...] = ()
     hold: float = 0.0
     minimize: tuple[str, ...] = ("rms",)
     robust: Robust | None = None

@@ -11,7 +11,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import SolveError
 from magmpm.rod.cosserat import solve_rod
 from magmpm.studies.problem.shape_distance import root_mean_square
-from magmpm.studies.search.parameters import Direction, Parameters
+from magmpm.studies.search.parameters import Parameters, SegmentDirection
 from magmpm.studies.search.search_space import SearchSpace
 
 MOST_SOLVES = 1500  # of rods, for one start: a second and a half
@@ -57,7 +57,10 @@ def next_exchange(
         return None
     turned = space.parameters_at(min(new, key=lambda y: _distance(space, target, y, order)), order)
     names = {
-        name for block in space.blocks if isinstance(block, Direction) for name in block.bounds()
+        name
+        for block in space.blocks
+        if isinstance(block, SegmentDirection)
+        for name in block.bounds()
     }
     return {name: turned[name] if name in names else value for name, value in best.items()}
 
@@ -66,7 +69,7 @@ def _exchanges(space: SearchSpace, x: Array) -> list[Array]:
     """All designs (size,) in which one segment of x has another direction of the set; and where directions are counted, those in which
     all segments of one direction have."""
     limits = space.limits
-    places = [at for block, at in space.parts if isinstance(block, Direction)]
+    places = [at for block, at in space.parts if isinstance(block, SegmentDirection)]
     assert limits is not None
     assert limits.allowed is not None
     sharing = (

@@ -31,7 +31,7 @@ from magmpm.rod.cosserat import solve_rod
 from magmpm.scene import Scene
 from magmpm.studies.problem.shape_distance import root_mean_square
 from magmpm.studies.rods.rod_descents import DAMPING, DESIGNS, DescendingRods, RodDescents
-from magmpm.studies.search.parameters import Direction, FieldVector, Parameters, unit
+from magmpm.studies.search.parameters import FieldVector, Parameters, SegmentDirection, unit
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ def rod_starts(
         x = middle.copy()
         directions = iter(design.directions)
         for block, at in space.parts:
-            if isinstance(block, Direction):
+            if isinstance(block, SegmentDirection):
                 x[at] = next(directions)
             elif isinstance(block, FieldVector):
                 x[at] = design.field

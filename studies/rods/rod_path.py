@@ -22,7 +22,13 @@ from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene
 from magmpm.studies.problem import BRINK
 from magmpm.studies.problem.path import Path
-from magmpm.studies.rods.rod_trajectory import Depth, RodDesign, RodTrajectory, State, depth_of
+from magmpm.studies.rods.rod_trajectory import (
+    Depth,
+    RodStates,
+    RodTrajectory,
+    RodTrajectoryDesign,
+    depth_of,
+)
 from magmpm.studies.search.parameters import unit
 
 FEWEST = 4  # steps from one depth to the next
@@ -30,7 +36,7 @@ RISKY = 3.0  # times as much a design counts whose stability on the way is below
 
 
 @dataclass(frozen=True)
-class Stop:
+class RodStop:
     """A rod on the way, at a depth and in a field (3,) T; q (n + 1, 4): its frames as quaternions; positions (n + 1, 3) m; squares, m^2."""
 
     depth: Depth
@@ -76,7 +82,7 @@ class RodPath:
             before = length
         return cls(rods, tuple(ways))
 
-    def stops(self, directions: Array, fields: Array) -> list[list[Stop]]:
+    def stops(self, directions: Array, fields: Array) -> list[list[RodStop]]:
         """All rods on the way to each place, by directions (k, 3) and fields (D, 3) T. Raises SolveError where one finds no equilibrium."""
         last = None
         found = []
@@ -90,7 +96,7 @@ class RodPath:
             last = went[-1]
         return found
 
-    def least_stability(self, design: RodDesign) -> float:
+    def least_stability(self, design: RodTrajectoryDesign) -> float:
         """The smallest stability (RodFamily.stability) of a design's rods on the way; 0 where one finds no equilibrium."""
         try:
             ways = self.stops(design.directions, design.fields)
@@ -102,7 +108,9 @@ class RodPath:
             for stop in stops
         )
 
-    def mended(self, design: RodDesign, *, turning: bool = True) -> RodDesign | None:
+    def mended(
+        self, design: RodTrajectoryDesign, *, turning: bool = True
+    ) -> RodTrajectoryDesign | None:
         """The design as its rods find it on the way, changed where they left it. None where they find no equilibrium.
 
         turning: whether directions may change, not fields alone.
@@ -114,7 +122,7 @@ class RodPath:
             fields, state, strayed = went
             if not strayed:
                 return replace(design, value=float(np.sqrt(state.squares)), state=state)
-            begin = RodDesign(design.directions, fields, np.inf, state)
+            begin = RodTrajectoryDesign(design.directions, fields, np.inf, state)
             design = self.rods.least_squares(begin, 30, turning=turning)
         try:
             ends = [way[-1] for way in self.stops(design.directions, design.fields)]
@@ -122,10 +130,10 @@ class RodPath:
             return None
         return replace(design, value=float(np.sqrt(sum(stop.squares for stop in ends))), state=None)
 
-    def _followed(self, design: RodDesign) -> tuple[Array, State, bool] | None:
+    def _followed(self, design: RodTrajectoryDesign) -> tuple[Array, RodStates, bool] | None:
         """Fields, rods on the way, and whether a depth had to be fitted anew since its rod left the design's."""
         assert design.state is not None
-        last: Stop | None = None
+        last: RodStop | None = None
         ends = []
         strayed = False
         length = float(self.rods.depths[-1].place[-1])
@@ -150,11 +158,11 @@ class RodPath:
         return None if state is None else (fields, state, strayed)
 
     def _go(
-        self, way: Sequence[Depth], directions: Array, last: Stop | None, field: Array | None
-    ) -> list[Stop] | None:
+        self, way: Sequence[Depth], directions: Array, last: RodStop | None, field: Array | None
+    ) -> list[RodStop] | None:
         """Stops from the last one along a way to a field (3,) T; without one the field is fitted in each step. None: no equilibrium."""
         begin = np.zeros(3) if last is None else last.field
-        found: list[Stop] = []
+        found: list[RodStop] = []
         for j, depth in enumerate(way):
             q = depth.rod.straight(1)[0] if last is None else _longer(last, depth)
             one = replace(self.rods, depths=(depth,))
@@ -168,12 +176,12 @@ class RodPath:
                 return None
             if field is None:
                 fitted = one.least_squares(
-                    RodDesign(directions, now[None], np.inf, state), 20, turning=False
+                    RodTrajectoryDesign(directions, now[None], np.inf, state), 20, turning=False
                 )
                 assert fitted.state is not None  # least_squares begins from one
                 now = fitted.fields[0]
                 state = fitted.state
-            last = Stop(depth, now, state.shapes[0], state.positions[0], state.squares)
+            last = RodStop(depth, now, state.shapes[0], state.positions[0], state.squares)
             found.append(last)
         return found
 
@@ -183,7 +191,7 @@ def directions_of(scene: Scene) -> Array:
     return unit(np.array([region.magnetization for region in scene.regions()], dtype=float))
 
 
-def _longer(last: Stop, depth: Depth) -> Array:
+def _longer(last: RodStop, depth: Depth) -> Array:
     """The quaternions (n + 1, 4) of a stop's rod with what has left the guide since, straight, at its base."""
     old = last.depth.place
     new = depth.place
@@ -200,14 +208,14 @@ def search(
     wanted: int = 1,
     enough: float = 0.0,
     note: Callable[[str], object] = lambda text: None,
-) -> list[RodDesign]:
+) -> list[RodTrajectoryDesign]:
     """Designs that grew from random starts, best first, evaluated on the way. May be empty.
 
     Ends once `wanted` are within `enough` (m). A design whose way comes near the end of a branch counts RISKY times as much: the body,
     or a slightly other design, may fall there; it ends the search only with one more of its kind. note: is told of each start.
     """
     rng = np.random.default_rng(seed)
-    found: list[tuple[float, RodDesign]] = []
+    found: list[tuple[float, RodTrajectoryDesign]] = []
     for start in range(starts):
         best = f"; best {1e3 * min(design.value for _, design in found):.2f} mm" if found else ""
         note(f"designs of rods, start {start + 1} of at most {starts}{best}")

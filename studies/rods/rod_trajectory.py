@@ -71,7 +71,7 @@ class Depth:
 
 
 @dataclass(frozen=True)
-class State:
+class RodStates:
     """Rods in equilibrium: q of each depth, their weighted gaps and slopes, positions."""
 
     shapes: Shapes
@@ -86,13 +86,13 @@ class State:
 
 
 @dataclass(frozen=True)
-class RodDesign:
+class RodTrajectoryDesign:
     """directions (k, 3); fields (D, 3) T; value: root of the weighted mean of the squared distances, m; state: its rods."""
 
     directions: Array
     fields: Array
     value: float
-    state: State | None = field(default=None, repr=False)
+    state: RodStates | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class RodTrajectory:
         max_field: float,
         exit_weight: float,
     ) -> RodTrajectory:
-        """The rods of a scene's catheter at these inserted lengths (m). exit_weight: as of evaluate.trajectory.Insertion."""
+        """The rods of a scene's catheter at these inserted lengths (m). exit_weight: as of evaluate.trajectory.InsertionTrajectory."""
         depths = [depth_of(scene, path, float(length), len(lengths)) for length in lengths]
         roots = depths[-1].roots.copy()
         roots[-1] = np.sqrt(roots[-1] ** 2 + exit_weight)
@@ -135,7 +135,7 @@ class RodTrajectory:
             ),
         )
 
-    def settled(self, directions: Array, fields: Array, shapes: Shapes | None) -> State | None:
+    def settled(self, directions: Array, fields: Array, shapes: Shapes | None) -> RodStates | None:
         """Stable equilibria at all depths, begun at `shapes`, or straight; None: not found."""
         found = []
         for k, depth in enumerate(self.depths):
@@ -144,9 +144,11 @@ class RodTrajectory:
             if answer is None:
                 return None
             found.append((q[0], *answer))
-        return State(*(tuple(part) for part in zip(*found, strict=True)))
+        return RodStates(*(tuple(part) for part in zip(*found, strict=True)))
 
-    def least_squares(self, start: RodDesign, steps: int, *, turning: bool = True) -> RodDesign:
+    def least_squares(
+        self, start: RodTrajectoryDesign, steps: int, *, turning: bool = True
+    ) -> RodTrajectoryDesign:
         """Levenberg's and Marquardt's method from a design in equilibrium. turning: whether directions may change, not fields alone."""
         d = start.directions
         v = to_ball(start.fields / self.max_field)
@@ -178,9 +180,11 @@ class RodTrajectory:
                 damping *= 5
             if little > 4 or damping > 1e5:
                 break
-        return RodDesign(d, self.max_field * from_ball(v), float(np.sqrt(state.squares)), state)
+        return RodTrajectoryDesign(
+            d, self.max_field * from_ball(v), float(np.sqrt(state.squares)), state
+        )
 
-    def _normal(self, d: Array, v: Array, state: State, turning: bool) -> tuple[Array, ...]:
+    def _normal(self, d: Array, v: Array, state: RodStates, turning: bool) -> tuple[Array, ...]:
         """Bases across the directions, and the blocks of J^T J and J^T r as _arrow_step takes them, in mm."""
         bases = across(d[self.movable])
         m = 2 * len(self.movable) if turning else 0
@@ -220,14 +224,14 @@ class RodTrajectory:
         moved[self.movable] += np.einsum("kat,kt->ka", bases, p.reshape(-1, 2))
         return unit(moved)
 
-    def grown(self, path: Path, rng: np.random.Generator) -> RodDesign | None:
+    def grown(self, path: Path, rng: np.random.Generator) -> RodTrajectoryDesign | None:
         """A design that grows with the path from a random start (see above); None where it can't, or where it is hopeless."""
         d = unit(0.5 * rng.normal(size=(self.count, 3)) + [1.0, 0.0, 0.0])
         fields = self.max_field * np.tile(
             [0.5, 0.0, 0.0] + 0.2 * rng.normal(size=3), (len(self.depths), 1)
         )
         fields *= np.minimum(1.0, 0.95 * self.max_field / np.linalg.norm(fields, axis=1))[:, None]
-        design = RodDesign(d, fields, 0.0)
+        design = RodTrajectoryDesign(d, fields, 0.0)
         share = 0.0
         step = FIRST
         size = self.depths[-1].place[-1]
@@ -255,14 +259,14 @@ class RodTrajectory:
                 step = min(1.5 * step, FIRST)
         return design
 
-    def fitted(self, path: Path, directions: Array) -> RodDesign:
+    def fitted(self, path: Path, directions: Array) -> RodTrajectoryDesign:
         """The fields that bring rods with these directions nearest to their path, depth by depth: the best of several first fields.
 
         The path's curvature and the weight grow as in `grown`. Where rods fall to another branch on the way, the fields follow them there.
         """
-        found = [RodDesign(directions, np.zeros((len(self.depths), 3)), np.inf)]
+        found = [RodTrajectoryDesign(directions, np.zeros((len(self.depths), 3)), np.inf)]
         for first in ((1.0, 0.0, 0.0), (0.6, 0.0, 0.8), (-0.6, 0.0, 0.8)):
-            design = RodDesign(
+            design = RodTrajectoryDesign(
                 directions, 0.5 * self.max_field * np.tile(first, (len(self.depths), 1)), np.inf
             )
             for share in np.linspace(0.0, 1.0, 5)[1:]:

@@ -24,7 +24,7 @@ from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.coarsest import coarsest_cells
 from magmpm.studies.problem.sampler_names import SAMPLERS, check_sampler_name
-from magmpm.studies.problem.study import Keyframe, Study
+from magmpm.studies.problem.study import ShapeKeyframe, Study
 from magmpm.studies.problem.study_file import Match, StudyFile
 from magmpm.studies.search import study_checks
 from magmpm.studies.search.samplers.choice import best_suited
@@ -101,7 +101,7 @@ def load_study(path: Path | str) -> Study:
 
 def _targets(
     file: StudyFile, document: Document, scene: Scene
-) -> tuple[Array, tuple[Keyframe, ...]]:
+) -> tuple[Array, tuple[ShapeKeyframe, ...]]:
     """The target of a study (the path of an insertion, the last shape of a schedule), and the shapes of a schedule."""
     if isinstance(file.match, Match):
         key = "centreline" if file.match.centreline is not None else "path"
@@ -112,7 +112,7 @@ def _targets(
             (),
         )
     frames = tuple(
-        Keyframe(
+        ShapeKeyframe(
             shape.time,
             _read_target(shape.centreline, ("match", k, "centreline"), file, document, scene),
         )

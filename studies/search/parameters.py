@@ -65,7 +65,7 @@ def from_azimuth(azimuth: float, elevation: float) -> Array:
 
 
 @dataclass(frozen=True)
-class Direction:
+class SegmentDirection:
     """The direction of a segment's magnetization: a unit vector (3,). segment: its number in the scene, from 0."""
 
     name: str
@@ -133,7 +133,7 @@ class FieldVector:
 
 
 @dataclass(frozen=True)
-class Number:
+class VariedNumber:
     """A quantity from low to high (SI); embedded as its place between them, 0 to 1.
 
     name: of its parameter, which is in the unit that the name ends with, `unit` of which are an SI unit. what: length, diameter,
@@ -170,7 +170,7 @@ class Number:
 
 
 @dataclass(frozen=True)
-class Choice:
+class SegmentOrder:
     """One of several orders of magnetized (M) and plain (P) segments, base to tip. It has no embedded coordinates."""
 
     name: str
@@ -193,7 +193,7 @@ class Choice:
         return np.zeros(0)
 
 
-Block = Direction | FieldVector | Number | Choice
+Block = SegmentDirection | FieldVector | VariedNumber | SegmentOrder
 
 
 @dataclass(frozen=True)

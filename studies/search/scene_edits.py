@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from magmpm.compiled.arrays import Array
 from magmpm.scene import Scene
 from magmpm.studies.problem.variables import Vary
-from magmpm.studies.search.parameters import Number
+from magmpm.studies.search.parameters import VariedNumber
 
 MOST_ORDERS = 1000
 UNITS = {
@@ -44,14 +44,14 @@ class Edits:
         return found
 
     @staticmethod
-    def material_name(scene: Scene, number: Number) -> str:
+    def material_name(scene: Scene, number: VariedNumber) -> str:
         """The name of the material that a number belongs to; a segment's own is named after it."""
         if isinstance(number.of, str):
             return number.of
         assert number.of is not None
         return scene.regions()[number.of].material_name + _ending(number.of)
 
-    def number(self, number: Number, value: float) -> None:
+    def number(self, number: VariedNumber, value: float) -> None:
         """A diameter, or a quantity of a material, SI. A segment gets a material of its own where it needs one."""
         if number.what == "diameter":
             self._body["diameter"] = self._written("diameter", value)
@@ -103,9 +103,9 @@ def segment_names(scene: Scene) -> list[str]:
     return [f"segment_{i + 1:0{len(str(count))}d}" for i in range(count)]
 
 
-def numbers_of(vary: Vary, scene: Scene) -> tuple[Number, ...]:
+def numbers_of(vary: Vary, scene: Scene) -> tuple[VariedNumber, ...]:
     """The numbers within bounds that a study varies: lengths, diameter, remanence, stiffness."""
-    found: list[Number] = []
+    found: list[VariedNumber] = []
     regions = scene.regions()
     magnetized = scene.magnetized_regions()
     names = segment_names(scene)
@@ -113,10 +113,13 @@ def numbers_of(vary: Vary, scene: Scene) -> tuple[Number, ...]:
         low = vary.length.min
         high = vary.length.max
         found += [
-            Number(f"{name}_length_mm", "length", low, high, 1e3, i) for i, name in enumerate(names)
+            VariedNumber(f"{name}_length_mm", "length", low, high, 1e3, i)
+            for i, name in enumerate(names)
         ]
     if vary.diameter is not None:
-        found.append(Number("diameter_mm", "diameter", vary.diameter.min, vary.diameter.max, 1e3))
+        found.append(
+            VariedNumber("diameter_mm", "diameter", vary.diameter.min, vary.diameter.max, 1e3)
+        )
     for what, given, of in (
         ("remanence", vary.remanence, magnetized),
         ("shear_modulus", vary.shear_modulus, range(len(regions))),
@@ -130,7 +133,7 @@ def numbers_of(vary: Vary, scene: Scene) -> tuple[Number, ...]:
                 else {f"{what}_of_{name}": name for name in used}
             )
             found += [
-                Number(f"{name}_{unit}", what, given.min, given.max, factor, whose)
+                VariedNumber(f"{name}_{unit}", what, given.min, given.max, factor, whose)
                 for name, whose in called.items()
             ]
     return tuple(found)

@@ -27,12 +27,12 @@ from magmpm.scene import Scene
 from magmpm.studies.search.parameters import (
     FIELD,
     Block,
-    Choice,
-    Direction,
     FieldVector,
     Makeable,
-    Number,
     Parameters,
+    SegmentDirection,
+    SegmentOrder,
+    VariedNumber,
     angles,
     direction,
     from_azimuth,
@@ -68,7 +68,7 @@ class SearchSpace:
     segments: tuple[int, ...]
     field_max: float | None
     fields: int = 1
-    numbers_within: tuple[Number, ...] = ()
+    numbers_within: tuple[VariedNumber, ...] = ()
     keeps_length: bool = True
     order: bool = False
     limits: Makeable | None = None
@@ -103,7 +103,8 @@ class SearchSpace:
     def blocks(self) -> tuple[Block, ...]:
         """The parts of a design, in the order of its parameters and embedded coordinates."""
         found: list[Block] = [
-            Direction(name, i) for name, i in zip(self.segment_names(), self.segments, strict=True)
+            SegmentDirection(name, i)
+            for name, i in zip(self.segment_names(), self.segments, strict=True)
         ]
         if self.field_max is not None:
             found += [
@@ -111,7 +112,7 @@ class SearchSpace:
             ]
         found += self.numbers_within
         if self.order:
-            found.append(Choice("order", orders(self.scene)))
+            found.append(SegmentOrder("order", orders(self.scene)))
         return tuple(found)
 
     @cached_property
@@ -139,7 +140,9 @@ class SearchSpace:
         Limits aside.
         """
         lengths = sum(number.what == "length" for number in self.numbers_within)
-        count = sum(2 if isinstance(block, Direction) else block.size for block in self.blocks)
+        count = sum(
+            2 if isinstance(block, SegmentDirection) else block.size for block in self.blocks
+        )
         return count - int(lengths > 0 and self.keeps_length)
 
     @cached_property
@@ -148,9 +151,9 @@ class SearchSpace:
         return {name: pair for block in self.blocks for name, pair in block.bounds().items()}
 
     @property
-    def choices(self) -> tuple[Choice, ...]:
+    def choices(self) -> tuple[SegmentOrder, ...]:
         """The parameters that are choices rather than numbers."""
-        return tuple(block for block in self.blocks if isinstance(block, Choice))
+        return tuple(block for block in self.blocks if isinstance(block, SegmentOrder))
 
     def segment_names(self) -> list[str]:
         """Names of the segments whose directions vary."""
@@ -176,7 +179,7 @@ class SearchSpace:
 
         found: dict[str, BaseDistribution] = {}
         for block in self.blocks:
-            if isinstance(block, Choice):
+            if isinstance(block, SegmentOrder):
                 found[block.name] = CategoricalDistribution(block.choices)
             found |= {
                 name: FloatDistribution(low, high) for name, (low, high) in block.bounds().items()
@@ -196,7 +199,7 @@ class SearchSpace:
         """
         found: dict[str, Any] = {}
         for block, at in self.parts:
-            if isinstance(block, Choice):
+            if isinstance(block, SegmentOrder):
                 found[block.name] = order or orders(self.scene, own=True)[0]
             found |= block.written(block.nearest(np.asarray(x, dtype=float)[at]))
         return found
@@ -228,13 +231,13 @@ class SearchSpace:
         strengths = []
         rest = []
         for block in self.blocks:
-            if isinstance(block, Direction):
+            if isinstance(block, SegmentDirection):
                 directions.append(block.read(parameters))
             elif isinstance(block, FieldVector):
                 azimuth, elevation = (np.deg2rad(parameters[name]) for name in block.names[1:])
                 directions.append(from_azimuth(azimuth, elevation))
                 strengths.append(parameters[block.names[0]] / (1e3 * block.max))
-            elif isinstance(block, Number):
+            elif isinstance(block, VariedNumber):
                 rest.append(float(block.read(parameters)[0]))
         return np.array(directions).reshape(-1, 3), np.array([*strengths, *rest])
 
@@ -244,14 +247,14 @@ class SearchSpace:
         vectors = iter(directions)
         values = iter(numbers)
         for block in self.blocks:
-            if isinstance(block, Direction):
+            if isinstance(block, SegmentDirection):
                 found |= block.written(next(vectors))
             elif isinstance(block, FieldVector):
                 x, y, z = next(vectors)
                 found[block.names[0]] = float(next(values)) * 1e3 * block.max
                 found[block.names[1]] = float(np.rad2deg(np.arctan2(y, x)))
                 found[block.names[2]] = float(np.rad2deg(np.arctan2(z, np.hypot(x, y))))
-            elif isinstance(block, Number):
+            elif isinstance(block, VariedNumber):
                 found |= block.written(np.array([next(values)]))
         return found
 
@@ -285,11 +288,11 @@ class SearchSpace:
         x = self.made(x)
         fields = [at for block, at in self.parts if isinstance(block, FieldVector)]
         for block, at in self.parts:
-            if isinstance(block, Direction):
+            if isinstance(block, SegmentDirection):
                 edits.segment(block.segment)["magnetization"] = x[at].tolist()
-            elif isinstance(block, Number) and block.what == "length":
+            elif isinstance(block, VariedNumber) and block.what == "length":
                 lengths[block.of] = block.value(x[at])
-            elif isinstance(block, Number):
+            elif isinstance(block, VariedNumber):
                 edits.number(block, block.value(x[at]))
         if lengths:
             edits.lengths(
@@ -312,7 +315,7 @@ class SearchSpace:
         found = np.array([region.magnetization for region in self.scene.regions()], dtype=float)
         x = self.made(self.embedded(parameters))
         for block, at in self.parts:
-            if isinstance(block, Direction):
+            if isinstance(block, SegmentDirection):
                 found[block.segment] = x[at]
         order = parameters.get("order")
         return found if order is None else found[arrangement(self.scene, order)]
@@ -385,15 +388,15 @@ class SearchSpace:
             np.arange(count) if order is None else np.argsort(arrangement(self.scene, order))
         )
         fields = [at for block, at in self.parts if isinstance(block, FieldVector)]
-        numbers = [(block, at) for block, at in self.parts if isinstance(block, Number)]
+        numbers = [(block, at) for block, at in self.parts if isinstance(block, VariedNumber)]
         lengths = [(number, at) for number, at in numbers if number.what == "length"]
         for block, at in self.parts:
-            if isinstance(block, Direction):
+            if isinstance(block, SegmentDirection):
                 for row in rows.get(
                     ("magnetization", int(places[block.segment])), ()
                 ):  # none where the remanence is zero
                     found[row, at] = variables[row].direction
-            elif isinstance(block, Number) and block.what != "length":
+            elif isinstance(block, VariedNumber) and block.what != "length":
                 name = Edits.material_name(self.scene, block) if block.what != "diameter" else None
                 for row in rows.get((block.what, name), ()):
                     found[row, at] = block.high - block.low

@@ -14,7 +14,13 @@ from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, SolveError
 from magmpm.rod.cosserat import solve_rod
 from magmpm.studies.problem.study import Study
-from magmpm.studies.search.parameters import Block, Choice, Direction, FieldVector, across
+from magmpm.studies.search.parameters import (
+    Block,
+    FieldVector,
+    SegmentDirection,
+    SegmentOrder,
+    across,
+)
 from magmpm.studies.search.search_space import SearchSpace
 
 DESIGNS = 3
@@ -145,7 +151,7 @@ def identifiability(study: Study, space: SearchSpace) -> Identifiability | None:
 
 def _jacobian(space: SearchSpace, x: Array, shapes: list[_Shape]) -> Array:
     """Derivatives (3 m, n) m of the rods' points at all stations by whole steps. A field that one shape has moves no other."""
-    if all(isinstance(block, Choice) for block in space.blocks):
+    if all(isinstance(block, SegmentOrder) for block in space.blocks):
         return np.empty((0, 0))
     here = [shape.at(x) for shape in shapes]
     columns = []
@@ -168,9 +174,9 @@ def _jacobian(space: SearchSpace, x: Array, shapes: list[_Shape]) -> Array:
 
 def _steps(block: Block, x: Array) -> list[Array]:
     """The whole steps of a block at its embedded coordinates."""
-    if isinstance(block, Choice):
+    if isinstance(block, SegmentOrder):
         return []
-    if isinstance(block, Direction):
+    if isinstance(block, SegmentDirection):
         return list(across(x).T)
     size = block.max if isinstance(block, FieldVector) else 1.0
     return list(size * np.eye(block.size))

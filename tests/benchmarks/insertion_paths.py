@@ -29,7 +29,7 @@ import numpy as np
 
 from magmpm import load_scene, run, sensitivities
 from magmpm.studies.engine.loop import run_study
-from magmpm.studies.evaluate.trajectory import EXIT_WEIGHT, NEAR, Insertion
+from magmpm.studies.evaluate.trajectory import EXIT_WEIGHT, NEAR, InsertionTrajectory
 from magmpm.studies.problem.path import Path
 from magmpm.studies.problem.study import Study
 from magmpm.studies.problem.variables import Vary, VaryField, VaryMagnetization
@@ -91,7 +91,7 @@ def study_of(kind: str, number: int) -> Study:
 
 def by_rods(study: Study) -> dict[str, object]:
     """Error that the rod's best design reaches."""
-    insertion = Insertion.of(study, SearchSpace.of(study))
+    insertion = InsertionTrajectory.of(study, SearchSpace.of(study))
     assert insertion is not None
     way = insertion.rods
     found = search(way, Path(study.target), seed=1, starts=12, enough=NEAR * LENGTH)

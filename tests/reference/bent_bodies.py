@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from magmpm.viz import style
 from magmpm.viz.from_result import segment_arrows
 from magmpm.viz.meshes import tube
-from magmpm.viz.snapshot import Obstacle, Particles, Snapshot
+from magmpm.viz.snapshot import Balls, DrawnSolid, Snapshot
 
 Curvature = Callable[[float], tuple[float, float]]
 
@@ -82,7 +82,7 @@ def catheter(
     plate = tube([depth], style.CLAMP_RADIUS * diameter, 0.0, depth, 48)
     arrows = segment_arrows(position, position[middle], deformed, length, diameter)
     return Snapshot(
-        body=Particles(
+        body=Balls(
             particles.astype(np.float32),
             np.repeat((along * segments / length).astype(np.int32), len(y)),
             spacing,
@@ -95,7 +95,7 @@ def catheter(
         arrows=arrows,
         arrow_width=style.ARROW_WIDTH * diameter,
         obstacles=(
-            Obstacle("clamp", plate.points - [depth, 0.0, 0.0], plate.triangles, style.CLAMP),
+            DrawnSolid("clamp", plate.points - [depth, 0.0, 0.0], plate.triangles, style.CLAMP),
         ),
         field=np.array([0.0, 6e-3, 8e-3]),
         gravity=np.array([0.0, 0.0, -9.81]),

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from reference.scenes import BR, G
 
-from magmpm.bodies.signed_distance import Table
+from magmpm.bodies.signed_distance import DistanceTable
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import damping, feed, gravity, ground, viscosity, walls
@@ -59,7 +59,7 @@ def block(size: Sequence[float], **strip: Any) -> dict[str, Any]:
     return {"strip": {**usual, "segments": [{"magnetization": [0.0, 0.0, 0.0]}], **strip}}
 
 
-FAR = Table(np.full(3, 1.0), 1e-3, np.zeros((3, 3, 3)))  # m
+FAR = DistanceTable(np.full(3, 1.0), 1e-3, np.zeros((3, 3, 3)))  # m
 NEUTRAL = (
     one_record(gravity.DTYPE, gravity=np.zeros(3)),
     one_record(viscosity.DTYPE, viscosity=0.0),

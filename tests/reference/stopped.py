@@ -8,20 +8,20 @@ from magmpm.dynamics.time_loop import begin, integrate
 from magmpm.errors import SolveError
 from magmpm.model import build
 from magmpm.scene import Scene
-from magmpm.statics.branch import Branch, Jump
+from magmpm.statics.branch import EquilibriumPath, Jump
 
 
 def switched_off(monkeypatch: pytest.MonkeyPatch, at: float) -> None:
     """Let every path fail at this time (s), in the midst of a step."""
-    advance = Branch.advance
+    advance = EquilibriumPath.advance
 
-    def stops(branch: Branch, until: float) -> list[Jump]:
+    def stops(branch: EquilibriumPath, until: float) -> list[Jump]:
         jumps = advance(branch, min(until, at))
         if until > at:
             raise SolveError("switched off")
         return jumps
 
-    monkeypatch.setattr(Branch, "advance", stops)
+    monkeypatch.setattr(EquilibriumPath, "advance", stops)
 
 
 def interrupted(scene: Scene, folder: Path, at: float) -> None:

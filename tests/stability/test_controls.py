@@ -137,7 +137,7 @@ def _no_reason() -> Iterator[None]:
         yield
 
 
-def _as_it_was(self: branch.Branch, target: float) -> branch.Reached:
+def _as_it_was(self: branch.EquilibriumPath, target: float) -> branch.Reached:
     begin = self.loads.carried(self.now.point.grid, self.now.time, target)
     return branch.Reached(
         target, branch.point_of(self.loads.at(target), begin), self.now.lowest, 0, self.now.step
@@ -226,7 +226,7 @@ CONTROLS = {  # by the beginning of a case's name
         "damping that lets the body settle", scene=_no_effect("damping")
     ),
     "snap-through": Control(
-        "the fall from the end of a branch", off(branch.Branch, "_fall", _refuse)
+        "the fall from the end of a branch", off(branch.EquilibriumPath, "_fall", _refuse)
     ),
     "twist past its critical load": Control(
         "leaving equilibria that are not minima", _stays_where_it_is
@@ -241,7 +241,7 @@ CONTROLS = {  # by the beginning of a case's name
     "thin tube": LOCKS,
     "stress without ringing": LOCKS,
     "magnet passed at one diameter": Control(
-        "equilibrium iterations at each moment", off(branch.Branch, "_attempt", _as_it_was)
+        "equilibrium iterations at each moment", off(branch.EquilibriumPath, "_attempt", _as_it_was)
     ),
     "field reversed at once": TWICE,
     "drift in 10^6 steps": TWICE,

@@ -21,8 +21,8 @@ from magmpm.studies.fitting.constants import constants_of
 from magmpm.studies.fitting.identify import refuse_twins
 from magmpm.studies.fitting.misfit import doubted
 from magmpm.studies.fitting.prediction import Axis, Label, Prediction, tip_angle
-from magmpm.studies.fitting.solve import Minimum, interval_of, least_squares
-from magmpm.studies.fitting.table import Measured
+from magmpm.studies.fitting.solve import LeastSquares, interval_of, least_squares
+from magmpm.studies.fitting.table import Measurements
 
 ROOT = Path(__file__).resolve().parents[2]
 PLAIN = load_scene(ROOT / "data/scenes/axial_transverse.yaml").with_cells(2)
@@ -191,7 +191,7 @@ def test_the_command_predicts_what_is_held_out(tmp_path: Path) -> None:
 # Minima and intervals of fits on problems whose answer is known, without a simulation
 
 
-def exponential(y: float) -> tuple[object, Minimum]:
+def exponential(y: float) -> tuple[object, LeastSquares]:
     """One number, r = exp(x) - y: the least sum is 0 at log y, and it rises by q^2 at log(y +- q)."""
 
     def model(x: np.ndarray, slopes: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -212,7 +212,7 @@ def test_the_profile_of_a_curved_problem() -> None:
 
 def test_one_curved_side_takes_the_profile() -> None:
     """Residuals twice as steep below: that end is half as far."""
-    best = Minimum(np.zeros(1), np.zeros(1), np.ones((1, 1)), 1, True)
+    best = LeastSquares(np.zeros(1), np.zeros(1), np.ones((1, 1)), 1, True)
     found = interval_of(
         lambda x, _: ((1 + (x < 0)) * x, 1.0 + (x < 0)[:, None]),
         best,
@@ -275,7 +275,7 @@ def test_a_descent_ends_where_it_comes_to_a_known_minimum() -> None:
 def test_noise_from_residuals_counts_what_the_constants_took_of_the_lengths() -> None:
     """Four lengths and an angle, which has half of the one constant's leverage, leave 4 - 1/2 numbers."""
     labels = [Label(k, "", angle=k == 4) for k in range(5)]
-    best = Minimum(
+    best = LeastSquares(
         np.zeros(1),
         np.array([1.0, -1.0, 2.0, 0.0, 9.0]),
         np.array([[1.0], [1.0], [0.0], [0.0], [2**0.5]]),
@@ -283,7 +283,7 @@ def test_noise_from_residuals_counts_what_the_constants_took_of_the_lengths() ->
         True,
     )
     one: Any = search._Search(
-        Prediction(PLAIN, Measured(Path(), "tips", (), (), (0, 1, 2)), (), 0, labels),
+        Prediction(PLAIN, Measurements(Path(), "tips", (), (), (0, 1, 2)), (), 0, labels),
         (),
         None,
         None,
@@ -304,7 +304,7 @@ def test_two_answers_are_refused_where_both_are_in_the_confidence_region(
     constants = constants_of(PLAIN, ["shear_modulus"])
     sums = ((0.0, 0.1), (0.9, 0.1 + worse))
     one, other = (
-        Minimum(np.array([x]), np.array([cost**0.5]), np.full((1, 1), 30.0), 5, True)
+        LeastSquares(np.array([x]), np.array([cost**0.5]), np.full((1, 1), 30.0), 5, True)
         for x, cost in sums
     )
     with pytest.raises(Refused, match="two sets of constants") if refused else nullcontext():

@@ -21,13 +21,13 @@ from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.solving.influence import Variants, advise
 from magmpm.studies.explore.effects_costs import counted
-from magmpm.studies.explore.effects_table import Row, needs, survey
+from magmpm.studies.explore.effects_table import EffectRow, needs, survey
 
 FIELD = (0.0, 0.0, 3e-3)
 DOWN = (0.0, 0.0, -9.81)
 
 
-def row(scene: Scene, key: str) -> Row:
+def row(scene: Scene, key: str) -> EffectRow:
     (found,) = survey(scene, measure=False, only=key).effects
     return found
 

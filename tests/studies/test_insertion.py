@@ -11,12 +11,12 @@ from reference.commands import ROOT
 import magmpm
 from magmpm import Scene
 from magmpm.errors import SolveError
-from magmpm.studies.evaluate.trajectory import EXIT_WEIGHT, STATIONS, Insertion
+from magmpm.studies.evaluate.trajectory import EXIT_WEIGHT, STATIONS, InsertionTrajectory
 from magmpm.studies.problem.path import Path
 from magmpm.studies.problem.study import Study
 from magmpm.studies.problem.variables import Vary, VaryField, VaryMagnetization
 from magmpm.studies.rods.rod_path import BRINK, RodPath, search
-from magmpm.studies.rods.rod_trajectory import RodDesign, RodTrajectory
+from magmpm.studies.rods.rod_trajectory import RodTrajectory, RodTrajectoryDesign
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -58,7 +58,7 @@ def catheter():
 def insertion(depths=(10e-3, 20e-3, 30e-3)):
     vary = Vary(magnetization=VaryMagnetization(), field=VaryField(max=MAX, at="each depth"))
     study = Study("arc", "arc", catheter(), arc(), vary, 3, "gauss-newton", 1, None, depths=depths)
-    found = Insertion.of(study, SearchSpace.of(study))
+    found = InsertionTrajectory.of(study, SearchSpace.of(study))
     assert found is not None
     return found
 
@@ -125,7 +125,7 @@ def test_least_squares_recovers_a_design_that_made_the_path():
     near /= np.linalg.norm(near, axis=1)[:, None]
     state = known.settled(near, 0.9 * fields, None)
     assert np.sqrt(state.squares) > 1e-4
-    design = known.least_squares(RodDesign(near, 0.9 * fields, 1.0, state), 60)
+    design = known.least_squares(RodTrajectoryDesign(near, 0.9 * fields, 1.0, state), 60)
     assert design.value < 1e-6
 
 
@@ -152,7 +152,7 @@ def test_measures_are_what_they_say():
     """Each depth counts the same, whatever its length; the exit is the last depth's tip."""
     found = insertion()
     params = found.parameters(
-        RodDesign(
+        RodTrajectoryDesign(
             np.tile([1.0, 0, 0], (3, 1)),
             MAX * np.array([[0.5, 0, 0], [0.5, 0, 0.3], [0.5, 0, 0]]),
             0.0,
@@ -174,7 +174,9 @@ def test_measures_are_what_they_say():
 def test_depths_and_tips_are_told_apart() -> None:
     """The second depth strays most, and most at its tip."""
     found = insertion()
-    params = found.parameters(RodDesign(np.tile([1.0, 0, 0], (3, 1)), np.zeros((3, 3)), 0.0))
+    params = found.parameters(
+        RodTrajectoryDesign(np.tile([1.0, 0, 0], (3, 1)), np.zeros((3, 3)), 0.0)
+    )
     results = [fake(found, depth, 0.0) for depth in found.study.depths]
     results[1].centreline[:, 2] += 1e-3 * np.linspace(0.0, 1.0, 61)
     kept = found.measures(results, params)
@@ -187,7 +189,7 @@ def test_parameters_and_scenes_agree():
     found = insertion()
     d = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
     fields = 1e-3 * np.array([[1.0, 2, 3], [4, 5, 6], [7, 0, 1]])
-    scenes = found.scenes(found.parameters(RodDesign(d, fields, 0.0)))
+    scenes = found.scenes(found.parameters(RodTrajectoryDesign(d, fields, 0.0)))
     assert [len(scene.regions()) for scene in scenes] == [1, 2, 3]
     for scene, field, count in zip(scenes, fields, (1, 2, 3), strict=True):
         np.testing.assert_allclose(scene.field.uniform, field, atol=1e-12)
@@ -201,7 +203,7 @@ def test_the_stored_model_is_the_derivative_of_the_gaps():
     from magmpm import run, sensitivities
 
     found = insertion((12e-3, 30e-3))
-    design = RodDesign(
+    design = RodTrajectoryDesign(
         np.tile([0.8, 0, 0.6], (3, 1)), MAX * np.array([[0.4, 0, 0.3], [0.5, 0.1, 0.2]]), 0.0
     )
     x = found.space.embedded(found.parameters(design))
@@ -245,7 +247,9 @@ def test_a_depth_that_fails_costs_the_penalty_and_is_named():
             raise SolveError("no equilibrium")
         return fake(found, scene.length, 0.0)
 
-    params = found.parameters(RodDesign(np.tile([1.0, 0, 0], (3, 1)), np.zeros((3, 3)), 0.0))
+    params = found.parameters(
+        RodTrajectoryDesign(np.tile([1.0, 0, 0], (3, 1)), np.zeros((3, 3)), 0.0)
+    )
     outcome = found.evaluate(solve, None, params, None)
     assert outcome.result is None
     assert outcome.rms == found.space.scene.length
@@ -264,7 +268,7 @@ def test_the_least_stable_depth_counts_and_is_named():
     outcome = found.evaluate(
         solve,
         None,
-        found.parameters(RodDesign(np.tile([1.0, 0, 0], (3, 1)), np.zeros((3, 3)), 0.0)),
+        found.parameters(RodTrajectoryDesign(np.tile([1.0, 0, 0], (3, 1)), np.zeros((3, 3)), 0.0)),
         None,
     )
     assert (outcome.refused, outcome.stability) == (True, 0.1)
@@ -313,7 +317,7 @@ def test_what_stays_in_the_guide_is_straight_and_what_is_out_keeps_its_shape():
 def test_a_movie_begins_at_the_first_depth_and_passes_through_all_with_their_fields():
     found = insertion()
     d, fields = turning_back()
-    shown = list(found._moments(found.parameters(RodDesign(d, fields, 0.0))))
+    shown = list(found._moments(found.parameters(RodTrajectoryDesign(d, fields, 0.0))))
     depths = np.array([depth for depth, _, _ in shown])
     assert depths[0] == pytest.approx(found.study.depths[0])
     assert (np.diff(depths) > 0).all()
@@ -340,11 +344,11 @@ def test_a_design_whose_rods_are_elsewhere_is_mended():
     elsewhere = way.rods.settled(d, -0.5 * fields, None)
     assert elsewhere is not None
     pushed = np.sqrt(sum(stops[-1].squares for stops in way.stops(d, fields)))
-    design = way.mended(RodDesign(d, fields, 0.0, elsewhere))
+    design = way.mended(RodTrajectoryDesign(d, fields, 0.0, elsewhere))
     squares = [stops[-1].squares for stops in way.stops(design.directions, design.fields)]
     assert np.sqrt(sum(squares)) == pytest.approx(design.value, rel=1e-6)
     assert design.value < 0.5 * pushed
-    by_fields = way.mended(RodDesign(d, fields, 0.0, elsewhere), turning=False)
+    by_fields = way.mended(RodTrajectoryDesign(d, fields, 0.0, elsewhere), turning=False)
     np.testing.assert_array_equal(by_fields.directions, d)
     assert np.abs(by_fields.fields - fields).max() > 0.01 * np.abs(fields).max()
 

@@ -16,7 +16,15 @@ from magmpm.errors import InputError
 from magmpm.model import build
 from magmpm.scene import Scene
 from magmpm.statics.layout import static_model
-from magmpm.studies.explore.live import Preview, Solver, changed, checked, controls, ready, saved
+from magmpm.studies.explore.live import (
+    Preview,
+    SolverProcess,
+    changed,
+    checked,
+    controls,
+    ready,
+    saved,
+)
 from magmpm.studies.explore.neighbors import Neighbors
 from magmpm.studies.explore.tip_map import (
     MARKS,
@@ -140,7 +148,7 @@ def test_a_preview_is_near_the_solution_and_the_solver_finds_what_run_finds() ->
     scene = load_scene(FIVE).with_cells(2)
     known = sliders(scene)
     preview = Preview()
-    solver = Solver()
+    solver = SolverProcess()
     try:
         first = solver.solved(scene)
         assert first.result is not None

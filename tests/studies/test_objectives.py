@@ -16,7 +16,7 @@ from magmpm.rod.cosserat import RodShape
 from magmpm.scene import Scene, load_scene
 from magmpm.studies.engine.loop import run_study
 from magmpm.studies.engine.records import read_design
-from magmpm.studies.evaluate.trajectory import Schedule
+from magmpm.studies.evaluate.trajectory import ScheduleTrajectory
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.objectives import compromise, front, ranked, second, worst
 from magmpm.studies.search.search_space import SearchSpace
@@ -288,7 +288,7 @@ def test_each_field_moves_its_own_shape_alone(tmp_path: Path) -> None:
     """The Jacobian that Gauss-Newton reads: differences along every coordinate, zero where a field is that of another time."""
     study = load_study(reachable(tmp_path))
     space = SearchSpace.of(study)
-    schedule = Schedule.of(study, space)
+    schedule = ScheduleTrajectory.of(study, space)
     x = space.drawn(np.random.default_rng(6))
 
     def residuals(at: np.ndarray) -> np.ndarray:
@@ -316,7 +316,7 @@ def test_each_field_moves_its_own_shape_alone(tmp_path: Path) -> None:
 
 def test_a_time_that_is_not_solved_is_named(tmp_path: Path) -> None:
     study = load_study(reachable(tmp_path))
-    schedule = Schedule.of(study, SearchSpace.of(study))
+    schedule = ScheduleTrajectory.of(study, SearchSpace.of(study))
 
     def fails(scene: Scene, *, start: RodShape | None = None) -> RodSensitivities:
         raise RuntimeError("broken")

@@ -12,7 +12,7 @@ from rod_solve import SCENE, STUDY, write_study
 from magmpm.scene import Scene
 from magmpm.studies.search.definition import load_study
 from magmpm.studies.search.samplers.choice import make_sampler
-from magmpm.studies.search.samplers.tpe import Designs, DirectionTPE, Settings
+from magmpm.studies.search.samplers.tpe import Designs, DirectionTPE, TpeSettings
 from magmpm.studies.search.search_space import SearchSpace, angles, direction
 
 FIELD = STUDY.replace("magnetization: {}", "magnetization: {}\n  field: {max: 10 mT}")
@@ -153,7 +153,7 @@ def test_tpe_sees_that_angles_go_round(tmp_path: Path) -> None:
 def test_tpe_kernels_are_normalised_and_drawn_from(tmp_path: Path) -> None:
     """Relative to uniform, the density of one direction averages to 1 over the sphere; drawn cosines have its mean."""
     space = SearchSpace(scene=space_of(tmp_path).scene, segments=(0,), field_max=None)
-    settings = Settings(candidates=20_000, prior=1e-9)
+    settings = TpeSettings(candidates=20_000, prior=1e-9)
     tpe = DirectionTPE(space, seed=1, finished=9, settings=settings)
     of = Designs(np.array([[[0.0, 0.6, 0.8]]]), np.zeros((1, 0)))
     sphere = np.random.default_rng(1).normal(size=(40_000, 1, 3))
@@ -194,7 +194,7 @@ def test_another_seed_makes_tpe_choose_otherwise_in_each_of_its_stages(tmp_path:
 
 def test_tpe_copes_with_no_candidate_from_the_prior(tmp_path: Path) -> None:
     space = space_of(tmp_path, FIELD)
-    tpe = DirectionTPE(space, seed=1, finished=9, settings=Settings(prior=1e-12))
+    tpe = DirectionTPE(space, seed=1, finished=9, settings=TpeSettings(prior=1e-12))
     of = Designs(np.tile([1.0, 0.0, 0.0], (1, 6, 1)), np.full((1, 1), 0.5))
     chosen = tpe.choose(of, of)
     np.testing.assert_allclose(np.linalg.norm(chosen.directions, axis=2), 1, rtol=1e-12)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from magmpm.scene import Scene
-from magmpm.viz.body import Body
+from magmpm.viz.body import DrawnBody
 from magmpm.viz.page.stage import obstacles_of, put_obstacles, surface_arrays
 
 CURVES = ("kinetic", "elastic", "total")  # of energies.csv, where there
@@ -19,7 +19,9 @@ class MotionStage:
     def __init__(self, scene: Scene, motion: Any) -> None:
         self.scene = scene
         self.motion = motion
-        self._body = Body(scene, motion.reference, motion.volume, motion.part, motion.remanence)
+        self._body = DrawnBody(
+            scene, motion.reference, motion.volume, motion.part, motion.remanence
+        )
         x = self._body.reference[:, 0]
         held = self._body.held.any()
         near_tip = x > x.max() - 1.5 * self._body.size

@@ -12,15 +12,15 @@ import numpy as np
 from magmpm.scene import Scene
 from magmpm.viz import style
 from magmpm.viz.binding import gradients
-from magmpm.viz.body import Body
+from magmpm.viz.body import DrawnBody
 from magmpm.viz.from_motion import gravity_of
 from magmpm.viz.from_result import segment_arrows
 from magmpm.viz.obstacles import ground, sources, standing
-from magmpm.viz.snapshot import Obstacle, spread
+from magmpm.viz.snapshot import DrawnSolid, spread
 
 
 class DeformedBody(Protocol):
-    """Interface of a shape to draw: as studies.explore.live.solver.Shape has it."""
+    """Interface of a shape to draw: as studies.explore.live.solver.DeformedShape has it."""
 
     @property
     def reference(self) -> np.ndarray: ...
@@ -51,7 +51,7 @@ class Stage:
     """Turns shapes into messages for the page. The triangles of a surface are sent once; its points every time."""
 
     def __init__(self) -> None:
-        self._bodies: dict[str, Body] = {}
+        self._bodies: dict[str, DrawnBody] = {}
 
     def message(
         self, scene: Scene, shape: DeformedBody, known: str, about: dict[str, Any]
@@ -75,7 +75,7 @@ class Stage:
             put_obstacles(obstacles_of(scene), header, arrays)
         return packed(header, arrays)
 
-    def _body(self, scene: Scene, shape: DeformedBody) -> tuple[str, Body]:
+    def _body(self, scene: Scene, shape: DeformedBody) -> tuple[str, DrawnBody]:
         """The surface of this undeformed body, made at its first sight."""
         magnetized = np.linalg.norm(scene.region_remanence(), axis=1) > 0
         name = (
@@ -86,13 +86,13 @@ class Stage:
                 len(self._bodies) >= 24
             ):  # surfaces of bodies: one for each length outside a guide that was seen
                 self._bodies.pop(next(iter(self._bodies)))
-            self._bodies[name] = Body(
+            self._bodies[name] = DrawnBody(
                 scene, shape.reference, shape.volume, shape.part, _remanence(scene, shape)
             )
         return name, self._bodies[name]
 
     @staticmethod
-    def _arrows(scene: Scene, body: Body, shape: DeformedBody) -> np.ndarray:
+    def _arrows(scene: Scene, body: DrawnBody, shape: DeformedBody) -> np.ndarray:
         """One arrow a region; where the magnetization turns within one, several along it."""
         if len(shape.axis) > 1 and scene.body.shape.magnetized_by_region:
             return segment_arrows(
@@ -122,20 +122,20 @@ class _Places:
         self.segment = segment
 
 
-def surface_arrays(body: Body) -> dict[str, np.ndarray]:
+def surface_arrays(body: DrawnBody) -> dict[str, np.ndarray]:
     """Triangles (m, 3) and colors (n, 3) of a body's surface."""
     colors = style.segment_colors(body.magnetized)
     colors[body.held] = style.rgb(style.HELD)
     return {"triangles": body.surface.triangles, "colors": colors[body.surface.part_of_point]}
 
 
-def obstacles_of(scene: Scene, time: float | None = None) -> list[Obstacle]:
+def obstacles_of(scene: Scene, time: float | None = None) -> list[DrawnSolid]:
     """Obstacles around the body: clamps, walls and guides, and the field's sources at a time (s) or the end of their schedule."""
     return [*standing(scene), *sources(scene, time)]
 
 
 def put_obstacles(
-    obstacles: list[Obstacle], header: dict[str, Any], arrays: dict[str, np.ndarray]
+    obstacles: list[DrawnSolid], header: dict[str, Any], arrays: dict[str, np.ndarray]
 ) -> None:
     """Put obstacles into a message."""
     header["obstacles"] = []

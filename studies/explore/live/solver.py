@@ -35,7 +35,7 @@ PATIENCE = 0.4
 
 
 @dataclass(frozen=True)
-class Shape:
+class DeformedShape:
     """A deformed body. SI units.
 
     reference, position (n, 3) m, volume (n,) m^3, part (n,): its particles; axis (m, 3) m, deformed, or none; center (k, 3) m and
@@ -52,7 +52,7 @@ class Shape:
     field: Array
 
     @classmethod
-    def of(cls, result: Result) -> Shape:
+    def of(cls, result: Result) -> DeformedShape:
         """Shape of a result."""
         return cls(
             result.particle_reference,
@@ -80,7 +80,7 @@ class Preview:
         """Take from a solve what it added to its rod."""
         self._correction = result.grid_correction
 
-    def shape(self, scene: Scene) -> Shape | None:
+    def shape(self, scene: Scene) -> DeformedShape | None:
         """The shape of a scene's rod; None where there is none: the body is no rod, or its rod finds no equilibrium.
 
         Raises InputError for a scene whose body and field do not go together.
@@ -100,7 +100,7 @@ class Preview:
         point = Energy(model).at(grid)
         position = point.position
         particles = model.particles
-        return Shape(
+        return DeformedShape(
             particles.position,
             position,
             particles.volume,
@@ -117,7 +117,7 @@ class Overtaken(Exception):
 
 
 @dataclass(frozen=True)
-class Solved:
+class SolverAnswer:
     """Outcome of a scene: its result and rms (m) from the target, or `failure`, as text; seconds it took."""
 
     result: Result | None
@@ -126,7 +126,7 @@ class Solved:
     seconds: float
 
 
-class Solver:
+class SolverProcess:
     """One process that solves; requests come from several threads, and the newest counts."""
 
     def __init__(self, target: Array | None = None) -> None:
@@ -136,7 +136,7 @@ class Solver:
         self._working = threading.Lock()
         self.process = Process(_begin, target, quiet=False)
 
-    def solved(self, scene: Scene) -> Solved:
+    def solved(self, scene: Scene) -> SolverAnswer:
         """Solve a scene. Raises Overtaken when a newer one was requested meanwhile."""
         with self._counting:
             self._newest += 1
@@ -157,9 +157,9 @@ class Solver:
                 rms = None
             seconds = time.perf_counter() - begun
             return (
-                Solved(answer, rms, "", seconds)
+                SolverAnswer(answer, rms, "", seconds)
                 if kind == "result"
-                else Solved(None, None, answer, seconds)
+                else SolverAnswer(None, None, answer, seconds)
             )
 
     def _answer(self, ticket: int) -> tuple[str, Any, float | None]:

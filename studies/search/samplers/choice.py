@@ -23,7 +23,7 @@ from magmpm.studies.problem.sampler_names import (
     TAKE_CHOICES,
     check_sampler_name,
 )
-from magmpm.studies.search.parameters import Direction, FieldVector, Number
+from magmpm.studies.search.parameters import FieldVector, SegmentDirection, VariedNumber
 from magmpm.studies.search.search_space import SearchSpace
 
 if TYPE_CHECKING:
@@ -142,15 +142,15 @@ def check_workers(workers: int | None, time_limit: float | None = None) -> None:
 def settings(name: str) -> dict[str, Any]:
     """A sampler's settings. They belong to the study's definition, because other settings give other trials."""
     if name == "tpe":
-        from magmpm.studies.search.samplers.tpe import Settings
+        from magmpm.studies.search.samplers.tpe import TpeSettings
 
-        return dataclasses.asdict(Settings())
+        return dataclasses.asdict(TpeSettings())
     if name in ("nsga2", "optuna:NSGAIISampler", "optuna:NSGAIIISampler"):
         return {"population": POPULATION}
     if name == "gp":
         from magmpm.studies.search.samplers import gp
 
-        return dataclasses.asdict(gp.Settings())
+        return dataclasses.asdict(gp.GpSettings())
     return {}
 
 
@@ -232,12 +232,12 @@ def gauss_newton_blocks(space: SearchSpace) -> Coordinates:
     blocks: list[gn.Block] = []
     for block in space.blocks:
         names = list(block.bounds())
-        if isinstance(block, Direction):
+        if isinstance(block, SegmentDirection):
             blocks.append(gn.Direction(*names))
         elif isinstance(block, FieldVector):
             blocks.append(
                 gn.Ball(names[0], names[1], names[2], 1e3 * block.max, unit=1e-3)
             )  # T for each mT
-        elif isinstance(block, Number):
+        elif isinstance(block, VariedNumber):
             blocks.append(gn.Number(names[0], *block.bounds()[names[0]]))
     return gn.Coordinates(blocks)

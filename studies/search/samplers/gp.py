@@ -23,7 +23,7 @@ from scipy.linalg import cho_solve, solve_triangular
 from scipy.optimize import minimize
 
 from magmpm.compiled.arrays import Array
-from magmpm.studies.search.parameters import Direction, FieldVector, corner_of
+from magmpm.studies.search.parameters import FieldVector, SegmentDirection, corner_of
 from magmpm.studies.search.samplers.optuna_ids import other_trials
 from magmpm.studies.search.search_space import SearchSpace
 
@@ -36,7 +36,7 @@ OWN = 0.5  # weight of the sample's variance in an amplitude, in designs
 
 
 @dataclass(frozen=True)
-class Layout:
+class CoordinateKinds:
     """Places of the embedded coordinates that are directions (k, 3 each, base to tip) and which are not; these are of size 1."""
 
     directions: tuple[int, ...]  # first coordinate of each
@@ -89,7 +89,7 @@ class ShapeModel:
     known function: Astudillo and Frazier, ICML 2019.
     """
 
-    def __init__(self, layout: Layout, x: Array, residuals: Array) -> None:
+    def __init__(self, layout: CoordinateKinds, x: Array, residuals: Array) -> None:
         self._layout = layout
         self._x = x
         self._mean = residuals.mean(axis=0)
@@ -179,7 +179,7 @@ class ShapeModel:
         return float(off @ off + total * variance + self._beyond), gradient @ self._a.T
 
 
-def layout_of(sizes: Sequence[tuple[bool, int]]) -> Layout:
+def layout_of(sizes: Sequence[tuple[bool, int]]) -> CoordinateKinds:
     """The layout of blocks in order: whether each is a direction, and how many coordinates it has."""
     directions: list[int] = []
     others: list[int] = []
@@ -190,11 +190,11 @@ def layout_of(sizes: Sequence[tuple[bool, int]]) -> Layout:
         else:
             others += range(first, first + size)
         first += size
-    return Layout(tuple(directions), tuple(others))
+    return CoordinateKinds(tuple(directions), tuple(others))
 
 
 @dataclass(frozen=True)
-class Settings:
+class GpSettings:
     """alike: trials before there is a model; starts: of the search for the next design, the best so far and random ones; steps: of each;
     most: designs in a model, the nearest to the target; little: of the distance, two trials that leave more of it brought little; drawn:
     designs among which the one is chosen that the model knows least of.
@@ -217,7 +217,7 @@ class ShapeSampler(optuna.samplers.BaseSampler):
     def __init__(self, space: SearchSpace, seed: int, finished: int) -> None:
         self._space = space
         self._seed = seed
-        self._settings = Settings()
+        self._settings = GpSettings()
         self._rng = np.random.default_rng([seed, finished, 1])
         self._caution = 1.0
         self._scale = np.ones(space.size)
@@ -225,7 +225,7 @@ class ShapeSampler(optuna.samplers.BaseSampler):
             if isinstance(block, FieldVector):
                 self._scale[at] = block.max
         self._layout = layout_of(
-            [(isinstance(block, Direction), block.size) for block in space.blocks]
+            [(isinstance(block, SegmentDirection), block.size) for block in space.blocks]
         )
 
     def infer_relative_search_space(
@@ -313,7 +313,9 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         gradient = gradient / value
         for block, at in self._space.parts:
             length = float(np.linalg.norm(u[at]))
-            if isinstance(block, Direction) or (isinstance(block, FieldVector) and length > 1.0):
+            if isinstance(block, SegmentDirection) or (
+                isinstance(block, FieldVector) and length > 1.0
+            ):
                 gradient[at] = (gradient[at] - (gradient[at] @ x[at]) * x[at]) / max(length, 1e-12)
         # a pull back toward the design, without which the search would wander where nothing changes
         return float(np.log(value) + 0.5 * np.sum((u - x) ** 2)), gradient * (
@@ -324,7 +326,7 @@ class ShapeSampler(optuna.samplers.BaseSampler):
         """1 at plain numbers outside their bounds, where the nearest design stays the same."""
         found = np.zeros(len(u))
         for block, at in self._space.parts:
-            if not isinstance(block, (Direction, FieldVector)):
+            if not isinstance(block, (SegmentDirection, FieldVector)):
                 found[at] = (u[at] < 0) | (u[at] > 1)
         return found
 

@@ -12,7 +12,7 @@ from optuna.samplers import BaseSampler, CmaEsSampler, QMCSampler
 from optuna.trial import FrozenTrial
 
 from magmpm.errors import InputError
-from magmpm.studies.search.parameters import Direction
+from magmpm.studies.search.parameters import SegmentDirection
 from magmpm.studies.search.search_space import SearchSpace
 
 _ALLOWED = {  # module -> names
@@ -94,7 +94,7 @@ class SobolSampler(QMCSampler):
 
 
 class FieldsByRod(BaseSampler):
-    """`base` samples the directions of an insertion (evaluate.trajectory.Insertion); the rod finds the fields.
+    """`base` samples the directions of an insertion (evaluate.trajectory.InsertionTrajectory); the rod finds the fields.
 
     Fields at different depths do not touch each other's shapes, so for given directions each depth's best field can be found by itself, in
     milliseconds (rod_trajectory). That leaves two numbers a segment, in place of three more a depth. All are stored as parameters.
@@ -106,7 +106,7 @@ class FieldsByRod(BaseSampler):
         self.names = {
             name
             for block in insertion.space.blocks
-            if isinstance(block, Direction)
+            if isinstance(block, SegmentDirection)
             for name in block.bounds()
         }
 

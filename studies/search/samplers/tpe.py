@@ -30,7 +30,7 @@ from magmpm.studies.search.search_space import SearchSpace
 
 
 @dataclass(frozen=True)
-class Settings:
+class TpeSettings:
     """good: share of trials that count as good; candidates: drawn from l;
     concentration: K of one good trial's kernel (a spread of 1/sqrt(K) rad in each of two directions: 18 degrees); width: standard
     deviation of plain numbers, of their range; prior: weight of the uniform density, a trial's being 1.
@@ -67,10 +67,10 @@ class DirectionTPE(optuna.samplers.BaseSampler):
     """
 
     def __init__(
-        self, space: SearchSpace, seed: int, finished: int, settings: Settings | None = None
+        self, space: SearchSpace, seed: int, finished: int, settings: TpeSettings | None = None
     ) -> None:
         self._space = space
-        self._settings = settings or Settings()
+        self._settings = settings or TpeSettings()
         self._seed = seed
         self._rng = np.random.default_rng([seed, finished])
 

@@ -162,7 +162,7 @@ def test_caution_is_for_what_was_not_measured(
 def test_errors_that_do_not_yet_fall_as_they_will_are_no_ground_for_a_leap() -> None:
     """0.78 % at 2 cells and 0.56 % at 4 for 0.12 % asked: 6 cells are next, not the 12 that an order of 1.5 asks for."""
 
-    class Roomy(resolution._Search):
+    class Roomy(resolution._GridSearch):
         def fits(self, cells: int) -> bool:
             return True
 
@@ -184,7 +184,7 @@ def test_within_a_time_the_best_grid_is_one_on_which_what_is_computed_besides_st
 ) -> None:
     """Of 10 s: 2, 4 and 6 s more on 2, 3 and 4 cells; the coarsest grid is taken where nothing fits."""
     extra = {2: 2.0, 3: 4.0, 4: 6.0}.__getitem__
-    search = resolution._Search(
+    search = resolution._GridSearch(
         Equilibria(asked(seconds=10.0)),
         time.perf_counter() - gone,
         extra,

@@ -19,7 +19,7 @@ from magmpm.viz.figure_panels import figure, moments
 from magmpm.viz.from_motion import MotionRenderer
 from magmpm.viz.meshes import swept
 from magmpm.viz.movies import chosen
-from magmpm.viz.snapshot import Obstacle, Snapshot
+from magmpm.viz.snapshot import DrawnSolid, Snapshot
 from magmpm.viz.worker import Renderer
 
 
@@ -49,7 +49,7 @@ def test_the_fields_arrow_of_a_moment_stands_on_the_picture(
     renderer = request.getfixturevalue(backend)
     snapshot = motion.snapshot(2)
     tube = swept(np.array([[-0.2, 0.0, 0.0], [0.2, 0.0, 0.0]]), 0.1)
-    wall = Obstacle("wall", tube.points, tube.triangles, style.WALL, hollow=True)
+    wall = DrawnSolid("wall", tube.points, tube.triangles, style.WALL, hollow=True)
     images = [
         renderer.image(
             replace(snapshot, obstacles=(wall,), field=field),

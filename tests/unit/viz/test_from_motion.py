@@ -11,9 +11,9 @@ from magmpm.errors import RenderError
 from magmpm.results.trajectory import Motion, MotionWriter
 from magmpm.scene import Scene
 from magmpm.viz import annotations, layout, movies, style
-from magmpm.viz.body import Body
+from magmpm.viz.body import DrawnBody
 from magmpm.viz.from_motion import MotionRenderer
-from magmpm.viz.meshes import Surface
+from magmpm.viz.meshes import TriangleSurface
 from magmpm.viz.worker import Renderer
 
 
@@ -22,7 +22,7 @@ def test_the_body_is_a_closed_tube_with_its_segments_and_follows_the_motion(
 ) -> None:
     straight = motion.snapshot(0).body
     up = motion.snapshot(2).body
-    assert isinstance(straight, Surface)
+    assert isinstance(straight, TriangleSurface)
     assert straight.points[:, 0].max() == pytest.approx(motions.LENGTH, abs=1e-4)
     ends = [straight.points[straight.triangles[straight.part == k], 0].max() for k in range(3)]
     np.testing.assert_allclose(ends, [0.01, 0.025, 0.04], atol=1e-4)
@@ -176,7 +176,7 @@ def test_a_body_in_plane_strain_keeps_its_width() -> None:
     }
     remanence = np.tile([0.1, 0.0, 0.0], (len(X), 1))
     said = Scene.from_si(drawn.scene(body={"strip": strip}))
-    body = Body(said, X, np.full(len(X), 0.125e-9), np.zeros(len(X), dtype=int), remanence)
+    body = DrawnBody(said, X, np.full(len(X), 0.125e-9), np.zeros(len(X), dtype=int), remanence)
     moved = body.points(motions.bent(X, 40.0)[0])
     np.testing.assert_allclose(
         [moved[:, 1].min(), moved[:, 1].max()], [-0.0025, 0.0025], rtol=1e-12

@@ -11,7 +11,7 @@ from reference import bent_bodies, drawn, motions
 
 from magmpm.viz import annotations, style
 from magmpm.viz.from_result import Still, segment_arrows, trial_snapshot
-from magmpm.viz.snapshot import Particles
+from magmpm.viz.snapshot import Balls
 from magmpm.viz.worker import Renderer
 
 
@@ -52,7 +52,7 @@ def test_from_result_takes_what_the_result_says() -> None:
     assert snapshot.target.shape == (9, 3)
     assert snapshot.gravity[2] == -9.81
     assert snapshot.magnetized.tolist() == [True, False, True, True, True]
-    assert isinstance(snapshot.body, Particles)
+    assert isinstance(snapshot.body, Balls)
     assert snapshot.body.size == pytest.approx(0.00025)
     assert trial_snapshot(fake_result()).gravity is None
 
@@ -86,7 +86,7 @@ def test_slivers_do_not_make_the_balls_small_or_the_picture_large() -> None:
     result = fake_result()
     result.particle_volume[::2] *= 1e-6
     body = trial_snapshot(result).body
-    assert isinstance(body, Particles)
+    assert isinstance(body, Balls)
     assert body.size == pytest.approx(0.00025)
     assert len(body.points) <= len(result.particle_position) / 2
 

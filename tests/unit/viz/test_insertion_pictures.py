@@ -9,7 +9,7 @@ from magmpm.cli.design import several_snapshot as trial_snapshot
 from magmpm.scene import Scene
 from magmpm.studies.evaluate.trajectory import CATHETER, SHAPES, shapes_of
 from magmpm.viz.camera import Framing
-from magmpm.viz.insertion import Insertion
+from magmpm.viz.insertion import InsertionPictures
 from magmpm.viz.layout import PAGE, Views
 from magmpm.viz.snapshot import Snapshot
 
@@ -88,7 +88,7 @@ def test_dots_are_evenly_spaced(trial: Snapshot) -> None:
     assert trial.target is not None
     for dots in (
         *np.split(trial.target, 4),
-        Insertion("", scene().to_si(), path()).moment(FRAMES[-1]).target,
+        InsertionPictures("", scene().to_si(), path()).moment(FRAMES[-1]).target,
     ):
         apart = np.linalg.norm(np.diff(dots, axis=0), axis=1)
         np.testing.assert_allclose(apart, apart.mean(), rtol=0.01)
@@ -96,7 +96,7 @@ def test_dots_are_evenly_spaced(trial: Snapshot) -> None:
 
 def test_segments_have_the_colors_of_the_movie(trial: Snapshot) -> None:
     """Though the path is shorter than the catheter, so that its plain segment is never outside."""
-    moment = Insertion("", scene().to_si(), path()).moment(FRAMES[-1])
+    moment = InsertionPictures("", scene().to_si(), path()).moment(FRAMES[-1])
     np.testing.assert_array_equal(trial.colors[-len(moment.colors) :], moment.colors)
     assert trial.title == "of the study"
 

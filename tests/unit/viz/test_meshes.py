@@ -6,7 +6,7 @@ from reference import motions
 from scipy.spatial.transform import Rotation
 
 from magmpm.viz.binding import Binding, gradients
-from magmpm.viz.meshes import Surface, ball, bar, creased, normals, refined, swept, tube
+from magmpm.viz.meshes import TriangleSurface, ball, bar, creased, normals, refined, swept, tube
 from magmpm.viz.particle_surface import (
     around_particles,
     connected_components,
@@ -15,7 +15,7 @@ from magmpm.viz.particle_surface import (
 )
 
 
-def volume(surface: Surface) -> float:
+def volume(surface: TriangleSurface) -> float:
     """By the divergence theorem: positive where the triangles look outward."""
     a, b, c = (surface.points[surface.triangles[:, i]] for i in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6

@@ -14,10 +14,10 @@ from magmpm.fields.sources import FieldSource
 from magmpm.scene import Scene
 from magmpm.viz import obstacles, style
 from magmpm.viz.meshes import tube
-from magmpm.viz.snapshot import Obstacle
+from magmpm.viz.snapshot import DrawnSolid
 
 
-def sources_of(field: dict[str, Any], time: float = 0.0) -> list[Obstacle]:
+def sources_of(field: dict[str, Any], time: float = 0.0) -> list[DrawnSolid]:
     return obstacles.sources(Scene.from_si(drawn.scene(field=field)), time)
 
 

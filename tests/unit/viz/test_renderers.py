@@ -12,7 +12,7 @@ from magmpm.viz import annotations, obstacles, style
 from magmpm.viz.camera import Framing, View
 from magmpm.viz.layout import TRIAL, Panel, Views
 from magmpm.viz.meshes import tube
-from magmpm.viz.snapshot import Particles, Snapshot
+from magmpm.viz.snapshot import Balls, Snapshot
 from magmpm.viz.worker import Renderer
 
 WIDTH, HEIGHT = style.TRIAL_SIZE
@@ -236,9 +236,7 @@ def test_what_is_nearer_hides_what_is_behind(renderer: Renderer, near_first: boo
         np.concatenate([near_bar, far_bar]) if near_first else np.concatenate([far_bar, near_bar])
     )
     picture = Snapshot(
-        body=Particles(
-            bars.astype(np.float32), np.repeat([0, 1] if near_first else [1, 0], 61), 2e-3
-        ),
+        body=Balls(bars.astype(np.float32), np.repeat([0, 1] if near_first else [1, 0], 61), 2e-3),
         magnetized=np.ones(2, dtype=bool),
         length=0.04,
         thickness=0.004,
@@ -289,7 +287,7 @@ def test_surface_in_place_of_particles_lies_where_they_lie(renderer: Renderer) -
     )
     straight = replace(
         picture,
-        body=Particles(
+        body=Balls(
             np.column_stack([x, r * np.cos(a), r * np.sin(a)]), (x / 0.008).astype(int), 4e-4
         ),
         axis=np.column_stack([np.linspace(0, 0.04, 21), np.zeros(21), np.zeros(21)]),
