@@ -9,8 +9,8 @@ relaxed from the straight rod: from the shape of the step before, descents went 
 under a load that grows in steps, and what is left is solved again as `solve_rod` solves it, in small ones.
 
 What a weaker field reaches, a stronger one reaches too. So where the field varies, other descents begin in a weak field, in which a rod has
-one equilibrium, and go on as its bound grows to the study's, each bound with the designs of the one before. If all that ends farther from
-the target than FAR of the length, it is searched from more points.
+one equilibrium, and go on as its bound grows to the study's, each bound with the designs of the one before; the best of each bound are
+kept. If all that ends farther from the target than LIMIT of the length, it is searched from more points.
 
 A field that varies in space, and its gradient, are taken at the places of the target, where the body is if the design is right. Where the
 scene has no rod, there are no designs.
@@ -19,7 +19,7 @@ scene has no rod, there are no designs.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -39,10 +39,9 @@ if TYPE_CHECKING:
 
     from magmpm.studies.search.samplers.bounded_front import Improve
 
-LIMIT = 1e-3  # of the length
+LIMIT = 1e-3  # of the length: a best design that is farther away is searched in other ways
 STARTS = 32  # of descents: a power of two, as points that spread evenly want it
 EACH_BOUND = 2  # designs of each bound of a ladder
-FAR = 0.05  # of the length: a best design that is farther away is searched from more points
 BOUND_RATIO = math.sqrt(2.0)  # of two bounds that follow each other
 
 
@@ -78,24 +77,15 @@ def rod_designs(
         return []
     points = _points(problem, seed)
     first = np.asarray(points.random(starts))
-    at = _searched(problem, first)
-    found = _verified(scene, problem, regions, at)
-    if field_max is not None and not _within(found, LIMIT * scene.length):
-        *_, (_, at) = _growing_bounds(problem, first)
-        found = _best_first([*found, *_verified(scene, problem, regions, at)], scene.length)
-    if not _within(found, FAR * scene.length):
-        more = np.asarray(points.random(starts))
-        if field_max is None:
-            at = _searched(problem, more)
-        else:
-            *_, (_, at) = _growing_bounds(problem, more, fresh=True)
-        found = _best_first([*found, *_verified(scene, problem, regions, at)], scene.length)
+    found = _verified(scene, problem, regions, _searched(problem, first))
+    for search in _more_searches(problem, first, np.asarray(points.random(starts))):
+        if any(design.rms < LIMIT * scene.length for design in found):
+            break
+        for within, at in search():  # what a smaller bound allows the last one allows
+            last = within.field_max == field_max
+            found += _verified(scene, within, regions, at if last else at.best(EACH_BOUND))
+        found = _best_first(found, scene.length)
     return found[:keep]
-
-
-def _within(designs: Sequence[RodDesign], distance: float) -> bool:
-    """True if a design's rms is below a distance, m."""
-    return any(design.rms < distance for design in designs)
 
 
 def _searched(problem: DescendingRods, uniform: Array) -> RodDescents:
@@ -105,6 +95,17 @@ def _searched(problem: DescendingRods, uniform: Array) -> RodDescents:
         problem.begun(uniform), [(8, max(starts // 2, 12)), (10, max(starts // 4, 12))]
     )
     return problem.carefully(at, [(12, 12)])
+
+
+def _more_searches(
+    problem: DescendingRods, first: Array, more: Array
+) -> Iterator[Callable[[], Iterable[tuple[DescendingRods, RodDescents]]]]:
+    """Searches after that from the points `first`, which give descents and the problem within whose bound they are."""
+    if problem.field_max is None:
+        yield lambda: [(problem, _searched(problem, more))]
+    else:
+        yield lambda: _growing_bounds(problem, first)
+        yield lambda: _growing_bounds(problem, more, fresh=True)
 
 
 def rod_designs_by_bound(
