@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,80 +19,77 @@ SHOWN = {  # marks of fields that are not sure: symbol, color
 }
 
 
-def draw(
-    path: Path,
-    *,
-    fields: np.ndarray,
-    tips: np.ndarray,
-    marks: np.ndarray,
-    kind: str,
-    axes: Sequence[int],
-    shape: Sequence[int],
-    length: float,
-    name: str,
-    words: Mapping[str, str],
-) -> Path:
-    """Draw a map into a PNG, SVG or PDF.
+@dataclass(frozen=True)
+class MappedTips:
+    """A map to draw: fields (m, 3) T, tips (m, 3) m or NaN, marks (m,); kind, axes and shape: as of studies.explore.tip_map.Fields;
+    length: m, of the body."""
 
-    fields (m, 3) T, tips (m, 3) m or NaN, marks (m,); kind, axes and shape: as of studies.explore.tip_map.Fields;
-    length: m, of the body; words: what each mark means.
-    """
+    fields: np.ndarray
+    tips: np.ndarray
+    marks: np.ndarray
+    kind: str
+    axes: Sequence[int]
+    shape: Sequence[int]
+    length: float
+
+    @property
+    def away(self) -> np.ndarray:
+        """Distances (m,) of the tips from where the straight body has its own, mm."""
+        return 1e3 * np.linalg.norm(self.tips - [self.length, 0.0, 0.0], axis=1)
+
+
+def draw(path: Path, name: str, found: MappedTips) -> Path:
+    """Draw a map into a PNG, SVG or PDF, with the name of its scene."""
     from matplotlib.figure import Figure
 
     from magmpm.viz.plots import saved
 
     figure = Figure(figsize=(11.5, 4.6), dpi=150, layout="constrained")
     sides, front, chart = figure.subplots(1, 3, width_ratios=[1.0, 1.0, 1.08])
-    strength = 1e3 * np.linalg.norm(fields, axis=1)
-    for place, (first, second) in ((sides, (0, 2)), (front, (1, 2))):
-        dots = _side(place, 1e3 * tips, strength, marks, (first, second), 1e3 * length)
+    for place, pair in ((sides, (0, 2)), (front, (1, 2))):
+        dots = _side(place, found, pair)
     bar = figure.colorbar(
         dots, ax=[sides, front], location="bottom", fraction=0.05, pad=0.02, aspect=45
     )
     bar.set_label("strength of the field, mT")
-    (_plane if kind == "plane" else _sphere)(
-        figure, chart, 1e3 * fields, 1e3 * tips, marks, axes, shape, 1e3 * length
-    )
+    (_plane if found.kind == "plane" else _sphere)(figure, chart, found)
     handles = [
         chart.scatter(
             [],
             [],
             marker=symbol,
             s=26,
-            label=f"{mark} ({int(np.count_nonzero(marks == mark))})",
+            label=f"{mark} ({int(np.count_nonzero(found.marks == mark))})",
             **_face(symbol, color),
         )
         for mark, (symbol, color) in SHOWN.items()
-        if np.any(marks == mark)
+        if np.any(found.marks == mark)
     ]
     handles = [sides.lines[0], *handles]  # the undeformed body
     figure.legend(
         handles=handles, loc="outside lower right", ncols=len(handles), frameon=False, fontsize=9
     )
-    figure.suptitle(f"{name}: the tip over {len(fields)} fields", fontsize=12, color=style.INK)
+    figure.suptitle(
+        f"{name}: the tip over {len(found.fields)} fields", fontsize=12, color=style.INK
+    )
     return saved(figure, path)
 
 
-def _side(
-    place: Any,
-    tips: np.ndarray,
-    strength: np.ndarray,
-    marks: np.ndarray,
-    pair: tuple[int, int],
-    length: float,
-) -> Any:
-    """The tips (m, 3) mm seen along one axis, with the undeformed body."""
+def _side(place: Any, found: MappedTips, pair: tuple[int, int]) -> Any:
+    """The tips, mm, seen along one axis, with the undeformed body."""
     first, second = pair
+    tips = 1e3 * found.tips
+    strength = 1e3 * np.linalg.norm(found.fields, axis=1)
     nearest_last = np.argsort(strength)[::-1]
     dots = place.scatter(
         *tips[nearest_last][:, pair].T, c=strength[nearest_last], s=9, cmap="viridis", linewidths=0
     )
     for mark, (symbol, color) in SHOWN.items():
-        of = (marks == mark) & np.isfinite(tips).all(axis=1)
+        of = (found.marks == mark) & np.isfinite(tips).all(axis=1)
         place.scatter(
             *tips[of][:, pair].T, marker=symbol, s=20, linewidths=0.7, **_face(symbol, color)
         )
-    body = np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]])
+    body = np.array([[0.0, 0.0, 0.0], [1e3 * found.length, 0.0, 0.0]])
     look: dict[str, Any] = {"lw": 2.5} if first == 0 else {"lw": 0, "marker": "o", "ms": 4}
     place.plot(*body[:, pair].T, color=style.HELD, zorder=1, label="straight", **look)
     place.set(
@@ -103,25 +101,14 @@ def _side(
     return dots
 
 
-def _plane(
-    figure: Any,
-    chart: Any,
-    fields: np.ndarray,
-    tips: np.ndarray,
-    marks: np.ndarray,
-    axes: Sequence[int],
-    shape: Sequence[int],
-    length: float,
-) -> None:
+def _plane(figure: Any, chart: Any, found: MappedTips) -> None:
     """Plot how far the tip goes over two components of the field."""
-    n, m = shape
-    away = np.linalg.norm(tips - [length, 0.0, 0.0], axis=1)
-    x = fields[:, axes[0]]
-    y = fields[:, axes[1]]
+    n, m = found.shape
+    x, y = (1e3 * found.fields[:, axis] for axis in found.axes)
     shown = chart.pcolormesh(
         x.reshape(n, m),
         y.reshape(n, m),
-        away.reshape(n, m),
+        found.away.reshape(n, m),
         cmap="cividis",
         shading="nearest",
         rasterized=True,
@@ -129,38 +116,33 @@ def _plane(
     figure.colorbar(shown, ax=chart, location="bottom", fraction=0.05, pad=0.02).set_label(
         "tip's distance from straight, mm"
     )
-    _marks(chart, x, y, marks)
-    chart.set(xlabel=f"B{'xyz'[axes[0]]}, mT", ylabel=f"B{'xyz'[axes[1]]}, mT", aspect="equal")
+    _marks(chart, x, y, found.marks)
+    chart.set(
+        xlabel=f"B{'xyz'[found.axes[0]]}, mT", ylabel=f"B{'xyz'[found.axes[1]]}, mT", aspect="equal"
+    )
     _plain(chart)
 
 
-def _sphere(
-    figure: Any,
-    chart: Any,
-    fields: np.ndarray,
-    tips: np.ndarray,
-    marks: np.ndarray,
-    axes: Sequence[int],
-    shape: Sequence[int],
-    length: float,
-) -> None:
+def _sphere(figure: Any, chart: Any, found: MappedTips) -> None:
     """Plot how far the tip goes at the greatest strength, over the field's direction. A direction has the worst mark of its strengths."""
-    directions, strengths = shape
+    directions, strengths = found.shape
     last = np.arange(directions) * strengths + strengths - 1
-    away = np.linalg.norm(tips[last] - [length, 0.0, 0.0], axis=1)
-    azimuth = np.degrees(np.arctan2(fields[last, 1], fields[last, 0]))
+    fields = 1e3 * found.fields[last]
+    azimuth = np.degrees(np.arctan2(fields[:, 1], fields[:, 0]))
     elevation = np.degrees(
-        np.arcsin(np.clip(fields[last, 2] / np.linalg.norm(fields[last], axis=1), -1.0, 1.0))
+        np.arcsin(np.clip(fields[:, 2] / np.linalg.norm(fields, axis=1), -1.0, 1.0))
     )
-    shown = chart.scatter(azimuth, elevation, c=away, s=34, cmap="cividis", linewidths=0)
+    shown = chart.scatter(
+        azimuth, elevation, c=found.away[last], s=34, cmap="cividis", linewidths=0
+    )
     figure.colorbar(shown, ax=chart, location="bottom", fraction=0.05, pad=0.02).set_label(
-        f"tip's distance from straight at {np.linalg.norm(fields[last[0]]):.3g} mT, mm"
+        f"tip's distance from straight at {np.linalg.norm(fields[0]):.3g} mT, mm"
     )
     order = ["sure", *SHOWN]
     worst = np.array(
         [
             order[max(order.index(mark) for mark in row)]
-            for row in marks.reshape(directions, strengths)
+            for row in found.marks.reshape(directions, strengths)
         ]
     )
     _marks(chart, azimuth, elevation, worst, 60)

@@ -334,6 +334,15 @@ def near_triangles(faces, origin, spacing, band, values, side, listed, beyond):
     return np.array(points), np.array(found)
 
 
+@compiled
+def _splines(p):
+    """The middle of the three points whose quadratic splines reach a place p, and their values and slopes there."""
+    i = int(p + 0.5)
+    d = p - i
+    values = (0.5 * (0.5 - d) ** 2, 0.75 - d * d, 0.5 * (0.5 + d) ** 2)
+    return i, values, (d - 0.5, -2.0 * d, d + 0.5)
+
+
 @compiled_elsewhere
 def value(p, q, r, spacing, rows, columns, coefficients):
     """Distance (m) and the three components of its slope, at a place p, q, r in points from the table's first, each 0.5 or more and less
@@ -341,18 +350,9 @@ def value(p, q, r, spacing, rows, columns, coefficients):
 
     In scalars and tuples: small arrays in a particle loop, and views handed on, cost more than all the rest.
     """
-    i = int(p + 0.5)
-    j = int(q + 0.5)
-    k = int(r + 0.5)
-    d = p - i
-    e = q - j
-    f = r - k
-    u = (0.5 * (0.5 - d) ** 2, 0.75 - d * d, 0.5 * (0.5 + d) ** 2)
-    v = (0.5 * (0.5 - e) ** 2, 0.75 - e * e, 0.5 * (0.5 + e) ** 2)
-    w = (0.5 * (0.5 - f) ** 2, 0.75 - f * f, 0.5 * (0.5 + f) ** 2)
-    du = (d - 0.5, -2.0 * d, d + 0.5)
-    dv = (e - 0.5, -2.0 * e, e + 0.5)
-    dw = (f - 0.5, -2.0 * f, f + 0.5)
+    i, u, du = _splines(p)
+    j, v, dv = _splines(q)
+    k, w, dw = _splines(r)
     total = 0.0
     sx = 0.0
     sy = 0.0
@@ -374,18 +374,9 @@ def value(p, q, r, spacing, rows, columns, coefficients):
 @compiled
 def curvature(p, q, r, spacing, rows, columns, coefficients):
     """Second derivatives (1/m) of the distance along xx, yy, zz, xy, xz, yz, constant or linear in each cell; arguments as of `value`."""
-    i = int(p + 0.5)
-    j = int(q + 0.5)
-    k = int(r + 0.5)
-    d = p - i
-    e = q - j
-    f = r - k
-    u = (0.5 * (0.5 - d) ** 2, 0.75 - d * d, 0.5 * (0.5 + d) ** 2)
-    v = (0.5 * (0.5 - e) ** 2, 0.75 - e * e, 0.5 * (0.5 + e) ** 2)
-    w = (0.5 * (0.5 - f) ** 2, 0.75 - f * f, 0.5 * (0.5 + f) ** 2)
-    du = (d - 0.5, -2.0 * d, d + 0.5)
-    dv = (e - 0.5, -2.0 * e, e + 0.5)
-    dw = (f - 0.5, -2.0 * f, f + 0.5)
+    i, u, du = _splines(p)
+    j, v, dv = _splines(q)
+    k, w, dw = _splines(r)
     second = (1.0, -2.0, 1.0)
     xx = 0.0
     yy = 0.0

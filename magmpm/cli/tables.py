@@ -76,8 +76,8 @@ def tip_map(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene)
     largest = in_si("20 mT" if options.max is None else options.max, "flux density", "--max")
     from magmpm.studies.explore.live import ready
-    from magmpm.studies.explore.tip_map import MARKS, in_plane, map_tips, on_rays
-    from magmpm.viz.tip_map import draw
+    from magmpm.studies.explore.tip_map import in_plane, map_tips, on_rays
+    from magmpm.viz.tip_map import MappedTips, draw
 
     fields = (
         in_plane(options.fields, largest, options.plane)
@@ -94,15 +94,16 @@ def tip_map(options: argparse.Namespace) -> int:
         files = found.save(folder)
         picture = draw(
             folder / f"map.{options.format}",
-            fields=fields.values,
-            tips=found.tip,
-            marks=found.mark,
-            kind=fields.kind,
-            axes=fields.axes,
-            shape=fields.shape,
-            length=scene.length,
-            name=scene.name,
-            words=MARKS,
+            scene.name,
+            MappedTips(
+                fields.values,
+                found.tip,
+                found.mark,
+                fields.kind,
+                fields.axes,
+                fields.shape,
+                scene.length,
+            ),
         )
     files.append(picture)
     print_summary(

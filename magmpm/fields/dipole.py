@@ -21,16 +21,19 @@ POINT = 1e-6  # m, radius of a dipole that is given none
 
 
 @compiled
-def value(data, at, y0, y1, y2):
-    """B (3), T."""
+def _seen(data, at, y0, y1, y2):
+    """A dipole seen from a place: the way to it (3) m and its square, the moment (3) A m^2, and the radius, m."""
     x = y0 - data[at]
     y = y1 - data[at + 1]
     z = y2 - data[at + 2]
-    m0 = data[at + 3]
-    m1 = data[at + 4]
-    m2 = data[at + 5]
-    a = data[at + 6]
     r2 = x * x + y * y + z * z
+    return x, y, z, r2, data[at + 3], data[at + 4], data[at + 5], data[at + 6]
+
+
+@compiled
+def value(data, at, y0, y1, y2):
+    """B (3), T."""
+    x, y, z, r2, m0, m1, m2, a = _seen(data, at, y0, y1, y2)
     if r2 < a * a:
         inside = 2 * K / a**3
         return inside * m0, inside * m1, inside * m2
@@ -42,14 +45,7 @@ def value(data, at, y0, y1, y2):
 @compiled
 def gradient(data, at, y0, y1, y2):
     """dB_i/dy_j (9), row i, T/m: 3 k/r^5 (m_i d_j + d_i m_j + (m . d) (delta_ij - 5 d_i d_j/r^2))."""
-    x = y0 - data[at]
-    y = y1 - data[at + 1]
-    z = y2 - data[at + 2]
-    m0 = data[at + 3]
-    m1 = data[at + 4]
-    m2 = data[at + 5]
-    a = data[at + 6]
-    r2 = x * x + y * y + z * z
+    x, y, z, r2, m0, m1, m2, a = _seen(data, at, y0, y1, y2)
     if r2 < a * a:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     s = 3.0 * K / (r2 * r2 * (r2**0.5))
@@ -71,14 +67,7 @@ def curvature(data, at, y0, y1, y2, n0, n1, n2):
     3 k/r^5 [ m_i n_j + n_i m_j + (m . n) delta_ij - 5/r^2 ((m . d)(n_i d_j + d_i n_j) + (n . d)(m_i d_j + d_i m_j)
               + ((m . d)(n . d) delta_ij + (m . n) d_i d_j)) + 35/r^4 (m . d)(n . d) d_i d_j ]
     """
-    x = y0 - data[at]
-    y = y1 - data[at + 1]
-    z = y2 - data[at + 2]
-    m0 = data[at + 3]
-    m1 = data[at + 4]
-    m2 = data[at + 5]
-    a = data[at + 6]
-    r2 = x * x + y * y + z * z
+    x, y, z, r2, m0, m1, m2, a = _seen(data, at, y0, y1, y2)
     if r2 < a * a:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     s = 3.0 * K / (r2 * r2 * (r2**0.5))

@@ -89,41 +89,32 @@ def field(place, data, x):
 @compiled
 def _local_gradient(data, y0, y1, y2):
     """dB0_i/dy_j (9) in the sources' frame, T/m."""
-    a = 0.0
-    b = 0.0
-    c = 0.0
-    d = 0.0
-    e = 0.0
-    f = 0.0
-    g = 0.0
-    h = 0.0
-    i = 0.0
+    total = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     at = 2
     for _ in range(int(data[0])):
-        p = _dipole_gradient(data, at, y0, y1, y2)
-        a = a + p[0]
-        b = b + p[1]
-        c = c + p[2]
-        d = d + p[3]
-        e = e + p[4]
-        f = f + p[5]
-        g = g + p[6]
-        h = h + p[7]
-        i = i + p[8]
+        total = _sum_of_nine(total, _dipole_gradient(data, at, y0, y1, y2))
         at = at + DIPOLE
     for _ in range(int(data[1])):
-        p = _spline_gradient(data, at, y0, y1, y2)
-        a = a + p[0]
-        b = b + p[1]
-        c = c + p[2]
-        d = d + p[3]
-        e = e + p[4]
-        f = f + p[5]
-        g = g + p[6]
-        h = h + p[7]
-        i = i + p[8]
+        total = _sum_of_nine(total, _spline_gradient(data, at, y0, y1, y2))
         at = at + _spline_size(data, at)
-    return a, b, c, d, e, f, g, h, i
+    return total
+
+
+@compiled
+def _sum_of_nine(p, q):
+    """Sum of nine numbers each."""
+    a, b, c, d, e, f, g, h, i = q
+    return (
+        p[0] + a,
+        p[1] + b,
+        p[2] + c,
+        p[3] + d,
+        p[4] + e,
+        p[5] + f,
+        p[6] + g,
+        p[7] + h,
+        p[8] + i,
+    )
 
 
 @compiled

@@ -284,12 +284,27 @@ def _near(model: StaticModel, variable: Variable, amount: float) -> StaticModel:
             f"{variable.name}: the unknowns are others {amount:g} m away, so there is no derivative"
             " by differences"
         )
-    if acting.feels_itself(scene) and not np.array_equal(
-        near.remanence[:, 3], model.remanence[:, 3]
-    ):
+    if acting.feels_itself(scene) and not _same_dipoles(near, model):
         raise SolveError(
             f"{variable.name}: {amount:g} m away the segments are divided into other dipoles"
             " (magnetic_interaction), where a segment's first or last cell is half full, so the"
             " shape jumps and has no derivative; remedy: lengths of whole cells"
         )
     return near
+
+
+def _same_dipoles(one: StaticModel, other: StaticModel) -> bool:
+    """True if the cells that both models have are divided into the same dipoles, and slivers of further cells belong to these."""
+    (first, block), (second, same) = (_dipole_of_cells(model) for model in (one, other))
+    _, at, there = np.intersect1d(first, second, return_indices=True)
+    return bool(block.max() == same.max() and np.array_equal(block[at], same[there]))
+
+
+def _dipole_of_cells(model: StaticModel) -> tuple[Index, Array]:
+    """Number (k,) of each part of a cell that is of one segment, and of the dipole (k,) that it belongs to."""
+    particles = model.particles
+    cell = np.ravel_multi_index(particles.cell.T, model.grid.cells)
+    number, first = np.unique(
+        cell * (int(particles.segment.max()) + 1) + particles.segment, return_index=True
+    )
+    return number, model.remanence[first, 3]

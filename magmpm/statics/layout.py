@@ -128,6 +128,7 @@ class StaticModel(Model):
     axes: Array
     order: tuple[int, int, int] = (0, 1, 2)  # reference axis of each axis of the grid: see arranged
     touching: RestingSurface | None = None  # by which it touches obstacles; None without obstacles
+    across_gaps: NDArray[np.bool_] | None = None  # nodes held as Pieces.held_across_gaps says
 
     @cached_property
     def tip_weights(self) -> Array | None:
@@ -168,14 +169,18 @@ def static_model(model: Model) -> StaticModel:
     Raises SceneError where a piece of a body of parts hangs on nothing that is held.
     """
     weights, slopes = model.splines()
+    bonds = None
+    across_gaps = None
     if model.line is None:
-        _all_hang_on_something(model, weights)
-    if held_by_faces(model):  # bonds hold the others: these see no node, and stay where they are
-        weights[model.held] = 0.0
-        slopes[model.held] = 0.0
-    bonds = None if model.line is not None else bonds_of(model)
+        pieces = Pieces(model, weights)
+        pieces.all_hang()
+        bonds = bonds_of(model)
+        if held_by_faces(model):  # by bonds: what is held sees no node, and stays where it is
+            across_gaps = pieces.held_across_gaps(bonds)
+            weights[model.held] = 0.0
+            slopes[model.held] = 0.0
     axes = model.grid.axes_at(model.particles.position)
-    layout = make_layout(model, weights, bonds)
+    layout = make_layout(model, weights, bonds, across_gaps)
     about = {name: vars(model)[name] for name in Model.__dataclass_fields__}
     touching = (
         None
@@ -183,7 +188,13 @@ def static_model(model: Model) -> StaticModel:
         else resting(model.surface, layout.planes, layout.node_yz, model)
     )
     made = StaticModel(
-        **about, layout=layout, weights=weights, slopes=slopes, axes=axes, touching=touching
+        **about,
+        layout=layout,
+        weights=weights,
+        slopes=slopes,
+        axes=axes,
+        touching=touching,
+        across_gaps=across_gaps,
     )
     if axes.ndim == 2:
         return made
@@ -191,9 +202,15 @@ def static_model(model: Model) -> StaticModel:
     return replace(made, remanence=magnet)
 
 
-def make_layout(model: Model, weights: Array, bonds: Bonds | None = None) -> UnknownsLayout:
+def make_layout(
+    model: Model,
+    weights: Array,
+    bonds: Bonds | None = None,
+    held_nodes: NDArray[np.bool_] | None = None,
+) -> UnknownsLayout:
     """The numbering of a model's unknowns; weights (n, 3, 3): values of its splines at its particles.
 
+    held_nodes: nodes of the grid that are held, beside those of held particles.
     Where the lower x face is clamped, node 0 along x is eliminated (bodies.grid.clamp_first_node) and has no unknowns.
     """
     cell_first = model.particles.cell_first
@@ -245,8 +262,9 @@ def make_layout(model: Model, weights: Array, bonds: Bonds | None = None) -> Unk
         everywhere = np.stack([each * columns + iz for each in row], axis=1)
         on = _touched(cell_first, cell_plane, everywhere, held, (planes, rows * columns))
         fixed |= np.repeat(on[:, node_yz @ (columns, 1)], 3, axis=1)
-    for _, follows in model.driven:
-        fixed |= np.repeat(on_planes(model, follows, node_yz), 3, axis=1)
+    masks = [follows for _, follows in model.driven]
+    for mask in masks if held_nodes is None else [*masks, held_nodes]:
+        fixed |= np.repeat(on_planes(model, mask, node_yz), 3, axis=1)
     if model.plane_strain:
         fixed[:, 1::3] = True
     number = None
@@ -331,11 +349,14 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
         ),
         axes=np.ascontiguousarray(np.eye(3)[:, axes]),
         order=order,
+        across_gaps=None
+        if model.across_gaps is None
+        else np.ascontiguousarray(model.across_gaps.transpose(axes)),
     )
     bonds = model.layout.bonds
     if bonds is not None:
         bonds = replace(bonds, element=bonds.element[:, :, axes])
-    layout = make_layout(turned, turned.weights, bonds)
+    layout = make_layout(turned, turned.weights, bonds, turned.across_gaps)
     touching = model.touching
     if touching is not None:
         touching = replace(
@@ -345,51 +366,75 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
     return replace(turned, layout=layout, touching=touching), of
 
 
-def _all_hang_on_something(model: Model, weights: Array) -> None:
-    """Raise SceneError unless all that can move is connected through grid nodes to something that is held; weights (n, 3, 3): splines.
+class Pieces:
+    """The pieces of a body of parts that can move: what is connected through grid nodes.
 
     What counts is each cell's material, not the parts: a mesh may have several solids.
     """
-    from scipy.sparse import coo_matrix  # 0.1 s to import, and straight bodies do not need it
-    from scipy.sparse.csgraph import connected_components
 
-    particles = model.particles
-    nodes = model.grid.nodes
-    number = np.ravel_multi_index(particles.cell.T, nodes)
-    _, first, of = np.unique(number, return_index=True, return_inverse=True)
-    seen = np.zeros(
-        (len(first), 3, 3), bool
-    )  # nodes along each axis that the free particles of a cell see
-    free = ~model.held
-    np.logical_or.at(seen, of[free], weights[free] != 0.0)
-    held_nodes = np.zeros(nodes, bool)
-    for _, follows in model.driven:
-        held_nodes |= follows
-    cells = []
-    at = []
-    for a, b, c in np.ndindex(3, 3, 3):
-        place = particles.cell + np.array([a, b, c])
-        by_held = (
-            model.held & (weights[:, 0, a] != 0) & (weights[:, 1, b] != 0) & (weights[:, 2, c] != 0)
-        )
-        held_nodes[tuple(place[by_held].T)] = True
-        on = np.flatnonzero(seen[:, 0, a] & seen[:, 1, b] & seen[:, 2, c])
-        cells.append(on)
-        at.append(np.ravel_multi_index(place[first[on]].T, nodes))
-    cell = np.concatenate(cells)
-    named, index = np.unique(np.concatenate(at), return_inverse=True)
-    count = len(first) + len(named)
-    graph = coo_matrix((np.ones(len(cell)), (cell, len(first) + index)), shape=(count, count))
-    _, group = connected_components(graph, directed=False)
-    # Where a clamp plane changed a cell's splines they no longer sum to one.
-    clamped = free & np.any(np.abs(weights.sum(axis=2) - 1) > 1e-6, axis=1)
-    anchored = {
-        *group[of[clamped]].tolist(),
-        *group[len(first) :][held_nodes.ravel()[named]].tolist(),
-    }
-    loose = free & ~np.isin(group[of], list(anchored))
-    if loose.any():
-        raise _loose(model, loose & (group[of] == group[of[np.flatnonzero(loose)[0]]]))
+    def __init__(self, model: Model, weights: Array) -> None:
+        """weights (n, 3, 3): values of the model's splines at its particles."""
+        from scipy.sparse import coo_matrix  # 0.1 s to import, and straight bodies do not need it
+        from scipy.sparse.csgraph import connected_components
+
+        particles = model.particles
+        nodes = model.grid.nodes
+        number = np.ravel_multi_index(particles.cell.T, nodes)
+        _, first, of = np.unique(number, return_index=True, return_inverse=True)
+        seen = np.zeros(
+            (len(first), 3, 3), bool
+        )  # nodes along each axis that the free particles of a cell see
+        free = ~model.held
+        np.logical_or.at(seen, of[free], weights[free] != 0.0)
+        held_nodes = np.zeros(nodes, bool)
+        for _, follows in model.driven:
+            held_nodes |= follows
+        cells = []
+        at = []
+        for a, b, c in np.ndindex(3, 3, 3):
+            place = particles.cell + np.array([a, b, c])
+            by_held = (
+                model.held
+                & (weights[:, 0, a] != 0)
+                & (weights[:, 1, b] != 0)
+                & (weights[:, 2, c] != 0)
+            )
+            held_nodes[tuple(place[by_held].T)] = True
+            on = np.flatnonzero(seen[:, 0, a] & seen[:, 1, b] & seen[:, 2, c])
+            cells.append(on)
+            at.append(np.ravel_multi_index(place[first[on]].T, nodes))
+        cell = np.concatenate(cells)
+        named, index = np.unique(np.concatenate(at), return_inverse=True)
+        count = len(first) + len(named)
+        graph = coo_matrix((np.ones(len(cell)), (cell, len(first) + index)), shape=(count, count))
+        _, group = connected_components(graph, directed=False)
+        self._model = model
+        self._of_particle = group[of]  # (n,)
+        self._of_node = np.full(held_nodes.size, -1)
+        self._of_node[named] = group[len(first) :]
+        self._held_nodes = held_nodes
+        # Where a clamp plane changed a cell's splines they no longer sum to one.
+        self._clamped = free & np.any(np.abs(weights.sum(axis=2) - 1) > 1e-6, axis=1)
+
+    def all_hang(self) -> None:
+        """Raise SceneError unless each piece shares nodes with something that is held."""
+        held = self._of_node[self._held_nodes.ravel()]
+        anchored = np.union1d(self._of_particle[self._clamped], held)
+        loose = ~self._model.held & ~np.isin(self._of_particle, anchored)
+        if loose.any():
+            one = self._of_particle[np.flatnonzero(loose)[0]]
+            raise _loose(self._model, loose & (self._of_particle == one))
+
+    def held_across_gaps(self, bonds: Bonds | None) -> NDArray[np.bool_]:
+        """Nodes of the grid by which held parts hold pieces that touch none of their faces: parts less than two cells apart move as if
+        joined."""
+        by_faces: Index = np.zeros(0, np.int64)
+        if bonds is not None:
+            holds = np.abs(bonds.share.sum(axis=1)) > 0.5  # bonds of outer nodes sum to zero
+            nodes = np.moveaxis(bonds.element[holds], -1, 0)
+            by_faces = self._of_node[np.ravel_multi_index(tuple(nodes), self._model.grid.nodes)]
+        apart = ~np.isin(self._of_node, np.unique(by_faces)).reshape(self._held_nodes.shape)
+        return self._held_nodes & apart
 
 
 def _loose(model: Model, mine: NDArray[np.bool_]) -> SceneError:

@@ -68,6 +68,30 @@ def test_a_turned_beam_bends_as_the_straight_one(boxes: tuple[tuple[float, float
     assert np.linalg.norm(oblique - straight) < 5e-3 * np.linalg.norm(straight)
 
 
+def across_a_gap(gap: float) -> Scene:
+    """A beam of 4 x 4 mm and 10 mm, a gap (mm) away from the wider face of a held block."""
+    held = {"mesh": pack_mesh(box((-3, -3, -3), (0, 3, 3))), "material": "m", "clamp": True}
+    beam = {
+        "mesh": pack_mesh(box((gap, -2, -2), (gap + 10, 2, 2))),
+        "material": "m",
+        "magnetization": [1.0, 0.0, 0.0],
+    }
+    body = {"parts": {"unit": "mm", "spacing": 1e-3, "meshes": [held, beam]}}
+    return resting_scene(body, {"magnetic_torque": {}}, field={"uniform": FIELD.tolist()})
+
+
+@pytest.mark.parametrize("gap", [0.05, 0.2])
+def test_a_part_across_a_gap_moves_as_if_joined(gap: float) -> None:
+    """As bodies.assembly says of parts less than two cells apart. Its nodes near the block are held, so it is stiffer by up to a cell of
+    its ten: by a tenth and three tenths of the deflection, which goes with the square and cube of the length."""
+    ends = []
+    for scene in (across_a_gap(0.0), across_a_gap(gap)):
+        found = solve_static(static_model(build(scene)))
+        position = static_model(build(scene)).particles.position
+        ends.append(found.point.displacement[position[:, 0] > 9.5e-3].mean(axis=0)[2])
+    assert 0.7 * ends[0] < ends[1] < ends[0]
+
+
 def test_the_unloaded_tangent_of_a_turned_beam_is_positive_definite(oblique: StaticModel) -> None:
     energy = Energy(oblique)
     _, matrix = energy.tangent(energy.at(np.zeros(energy.shape)))

@@ -335,6 +335,30 @@ resolution: {{cells_across: 2}}
     np.testing.assert_allclose(found.tip[:, 1], slope, rtol=0, atol=1e-4 * np.abs(slope).max())
 
 
+def test_lengths_of_magnets_that_act_on_each_other(tmp_path: Path) -> None:
+    """Segments of whole cells: a little longer, the first one has a sliver of the next cell, which is of its last dipole."""
+    text = """
+name: two magnets
+materials: {soft: {shear_modulus: 60 kPa, bulk_to_shear: 20, density: 1100 kg/m^3, remanence: 120 mT}}
+body:
+  catheter:
+    length: 15 mm
+    diameter: 3 mm
+    material: soft
+    segments: [{magnetization: [1, 0, 0]}, {magnetization: [0, 0, 1]}]
+field: {uniform: [0 mT, 0 mT, 1 mT]}
+effects: {magnetic_torque: {}, magnetic_interaction: {}, gravity: {}}
+resolution: {cells_across: 2}
+"""
+    scene = tight(validate(Scene, yaml.safe_load(text), tmp_path / "scene.yaml"))
+    found = magmpm.sensitivities(scene, ["length"])
+    for k, variable in enumerate(found.variables):
+        step = 1e-5  # m: its square over the length's, 1e-6, is the difference's own error
+        ahead, behind = (solution(variable.changed(scene, sign * step))[1] for sign in (1, -1))
+        slope = (ahead - behind) / (2 * step)
+        np.testing.assert_allclose(found.tip[:, k], slope, rtol=0, atol=1e-4 * np.abs(slope).max())
+
+
 def smallest_eigenvalue(energy: Energy | InteractingEnergy, grid: np.ndarray) -> float:
     """The smallest eigenvalue of the whole tangent, as a full matrix, over the unloaded body's."""
     at = energy.at(grid)

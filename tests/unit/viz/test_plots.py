@@ -198,18 +198,10 @@ def test_the_color_bar_has_the_strengths_of_the_fields(
     strengths = np.linspace(3e-3, 20e-3, 4)
     fields = np.kron(np.array([[0, 0, 1.0], [0, 0.6, 0.8], [0, 1.0, 0]]), strengths[:, None])
     tips = np.array([0.04, 0.0, 0.0]) + fields
-    path = tip_map.draw(
-        tmp_path / "map.svg",
-        fields=fields,
-        tips=tips,
-        marks=np.full(12, "sure"),
-        kind="rays",
-        axes=(1, 2),
-        shape=(3, 4),
-        length=0.04,
-        name="",
-        words={},
+    found = tip_map.MappedTips(
+        fields, tips, np.full(12, "sure"), "rays", (1, 2), (3, 4), length=0.04
     )
+    path = tip_map.draw(tmp_path / "map.svg", "", found)
     assert bars[0].get_clim() == pytest.approx((3.0, 20.0))
     assert "strength of the field, mT" in path.read_text(encoding="utf-8"), "text as text"
 
