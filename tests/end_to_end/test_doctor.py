@@ -141,6 +141,7 @@ def scene(tmp_path: Path) -> Path:
     return tmp_path / "scene.yaml"
 
 
+@pytest.mark.slow
 def test_a_damaged_cache_is_compiled_anew(scene: Path, tmp_path: Path, told) -> None:
     """Several kernels, with several kinds of damage, in a copy of the cache."""
     good = json.loads(told("run", scene, "--json", "--out", tmp_path / "good").out)

@@ -134,6 +134,7 @@ def test_every_part_of_what_is_held_out_counts(
     ]
 
 
+@pytest.mark.slow
 def test_slopes_beside_magnets_are_those_of_the_residuals(tmp_path: Path) -> None:
     """Central differences of a signed angle and of the tip, by modulus and length too; 1e-4 of the largest: their own error."""
     text = "magnet_x_mm,magnet_z_mm,magnet_elevation_deg,tip_x_mm,tip_angle_xz_deg\n20,90,90,38,-20\n30,80,-80,,30\n"

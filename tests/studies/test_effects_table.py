@@ -64,18 +64,31 @@ def test_scenes_that_ask_for_an_error_or_a_time(resolution: dict[str, float]) ->
     assert [asdict(row) for row in table.effects] == [asdict(row) for row in same.effects]
 
 
-def test_shifts_are_those_of_finer_runs() -> None:
-    """A named effect is compared without it, an effect that is not named with it; obstacles at rest too. Within what the table says."""
-    loaded = rod_scene(field=(0.0, 0.0, 1e-3), gravity=DOWN)
-    lying = rod_scene(gravity=DOWN).with_effects(ground={"point": [0.0, 0.0, -4e-3]})
-    for scene, key in ((loaded, "magnetic_torque"), (loaded, "gravity"), (lying, "ground")):
-        found = row(scene, key)
-        fine = scene.with_cells(4)
-        other = scene.with_effects(**{key: None}).with_cells(4)
-        assert found.shift_m == pytest.approx(
-            distance(run(fine), run(other)), abs=found.uncertainty_m or 0.0
-        ), key
-        assert found.advice == "keep"
+LOADED = rod_scene(field=(0.0, 0.0, 1e-3), gravity=DOWN)
+LYING = rod_scene(gravity=DOWN).with_effects(ground={"point": [0.0, 0.0, -4e-3]})
+
+
+@pytest.mark.parametrize(
+    ("scene", "key"),
+    [
+        (LOADED, "magnetic_torque"),
+        (LOADED, "gravity"),
+        pytest.param(LYING, "ground", marks=pytest.mark.slow),
+    ],
+    ids=["torque", "gravity", "ground"],
+)
+def test_shifts_are_those_of_finer_runs(scene: Scene, key: str) -> None:
+    """A named effect is compared without it; obstacles at rest too. Within what the table says."""
+    found = row(scene, key)
+    fine = scene.with_cells(4)
+    other = scene.with_effects(**{key: None}).with_cells(4)
+    assert found.shift_m == pytest.approx(
+        distance(run(fine), run(other)), abs=found.uncertainty_m or 0.0
+    ), key
+    assert found.advice == "keep"
+
+
+def test_an_effect_that_is_not_named_is_compared_with_it() -> None:
     light = row(rod_scene(field=FIELD), "gravity")
     assert light.advice == "add"
     assert (light.shift_m or 0.0) > 5e-3
@@ -161,6 +174,7 @@ def test_walls_of_a_vessel_are_not_without_effect(told) -> None:
     assert "does not say its viscosity" in found["viscosity"]["why"]
 
 
+@pytest.mark.slow
 def test_motions_tell_whether_a_body_touches_the_ground() -> None:
     """Let go under its weight it swings to nearly twice the depth of its equilibrium, which stays clear of a ground 3 mm further down."""
     low = -float(solve_rod(rod_scene(gravity=DOWN, shear=240e3)).position[:, 2].min())

@@ -337,6 +337,7 @@ def test_scenes_of_a_schedule_are_static(tmp_path: Path) -> None:
         load_study(path)
 
 
+@pytest.mark.slow
 def test_the_best_design_runs_in_time(tmp_path: Path) -> None:
     """Equilibria along time are near the rod's design; a motion too quick for the body is far from it. A second report reads the runs."""
     path = reachable(tmp_path, "tpe", 2)

@@ -655,6 +655,7 @@ def test_a_database_that_is_lost_during_a_study_is_told_and_its_trials_are_saved
     assert [t.constraints for t in here] == [t.constraints for t in there]
 
 
+@pytest.mark.slow
 def test_a_database_that_is_deleted_while_workers_solve_keeps_their_designs(tmp_path: Path) -> None:
     database = tmp_path / "out/study.db"
     kept = []

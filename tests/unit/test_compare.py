@@ -171,7 +171,7 @@ def test_the_pace_of_a_first_run_tells_how_long_all_take(share: float, refused: 
         Runs(scene)._check_hopeful(2, 40.0, share * scene.duration)
 
 
-@pytest.mark.parametrize("made", [along_a_ramp, moving])
+@pytest.mark.parametrize("made", [pytest.param(along_a_ramp, marks=pytest.mark.slow), moving])
 def test_runs_choose_the_grid_that_is_asked_for(made: Callable[..., Scene], tmp_path: Path) -> None:
     """Its frames are all in the folder, and an error out of reach leaves the folder as it was."""
     scene = made(error=0.05)

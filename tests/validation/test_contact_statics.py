@@ -269,6 +269,7 @@ def test_a_pressed_tip_has_hysteresis() -> None:
     assert force[10, 0] == pytest.approx(-FRICTION * force[10, 2], rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_path_goes_on_from_a_checkpoint_bit_for_bit(tmp_path: Path) -> None:
     """Anchors, and how strongly points are held, are stored."""
 

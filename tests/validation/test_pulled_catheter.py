@@ -61,7 +61,13 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name == "beside and beyond" else name
+        for name in CASES
+    ],
+)
 def test_rod_and_solve_agree(name: str) -> None:
     """Two models with two methods for the field: the tips agree within 0.7 % of the length at 2 cells across (0.2 to 1 % in uniform
     fields). The solve starts near enough to end in a few Newton steps, the last of which converge quadratically.

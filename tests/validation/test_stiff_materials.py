@@ -88,6 +88,7 @@ def test_a_magnet_in_its_tip_bends_it(gigapascals: float) -> None:
     assert magmpm.run(scene).tip[2] == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_it_moves_as_a_soft_one_does_but_sooner() -> None:
     """A beam k times as stiff sags by 1/k, root k times as soon.
 

@@ -268,6 +268,7 @@ def in_a_bend(steps: int) -> Scene:
     )
 
 
+@pytest.mark.slow
 def test_a_catheter_is_fed_along_a_wall_in_few_steps() -> None:
     """Sought from how the last two equilibria went on, those beside a wall need no steps between; other steps lead to the same end.
 
@@ -368,6 +369,7 @@ def test_a_path_without_a_first_equilibrium_keeps_what_its_load_reached(tmp_path
     np.testing.assert_array_equal(saved.particle_position, state.particle_position)
 
 
+@pytest.mark.slow
 def test_a_round_rod_buckles_once_and_then_turns_freely() -> None:
     """Beyond Euler's load a round rod may turn about its axis: an eigenvalue that is rounding, whose trend is no second critical load.
 

@@ -105,6 +105,7 @@ def test_energy_is_frame_indifferent_and_blind_to_stretch(rng: np.random.Generat
     assert density(B, along, law=0.0) == pytest.approx(1.7 * density(B, np.eye(3)), rel=1e-14)
 
 
+@pytest.mark.slow
 def test_only_stretching_magnetization_lengthens_a_rod() -> None:
     """A field along the rod's magnetization: F Br lengthens it by B Br/(mu0 E), up to the clamp; R Br does not.
 

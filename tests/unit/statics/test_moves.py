@@ -74,6 +74,7 @@ def test_a_body_moves_as_what_holds_it(clamp: str, names: list[str]) -> None:
     assert result.energy < 1e-15
 
 
+@pytest.mark.slow
 def test_a_path_and_a_motion_end_in_the_equilibrium() -> None:
     """Stretched by a tenth in statics, along a path, and in a motion with losses."""
     rest = run(strip(move={"tip": to([1, 0, 0])}))

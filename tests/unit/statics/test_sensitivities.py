@@ -302,7 +302,11 @@ def test_where_it_touches_derivatives_hold_until_other_points_touch(
 
 
 @pytest.mark.parametrize(
-    "along", [["[1, 0, 0]", "[1, 0, 0]", "[1, 0, 0]"], ["[1, 0, 0]", "[0, 0, 1]", "[-1, 0, 0]"]]
+    "along",
+    [
+        pytest.param(["[1, 0, 0]", "[1, 0, 0]", "[1, 0, 0]"], marks=pytest.mark.slow),
+        ["[1, 0, 0]", "[0, 0, 1]", "[-1, 0, 0]"],
+    ],
 )
 def test_magnets_that_press_each_other_together(along: list[str], tmp_path: Path) -> None:
     """A stable body that would buckle if the forces of its segments did not follow it.
