@@ -38,13 +38,13 @@ def with_refused_states(script: str) -> str:
 
 
 # Buttons that are refused without --write are not shown.
-EDITING = ", ".join(
-    f"[aria-label='{label}']" for label in ("delete study", "rename study", "delete artifact")
-)
 READ_ONLY = (
-    f'document.head.insertAdjacentHTML("beforeend", "<style>{EDITING} {{display: none'
-    ' !important}</style>");\n'
+    "[aria-label='delete study'], [aria-label='rename study'], [aria-label='delete artifact']"
+    " {display: none !important} "
 )
+# On a phone the page is as wide as the screen, and what is wider scrolls in a box of its own.
+NARROW = "@media (max-width: 600px) {main {min-width: 0; overflow-x: auto}}"
+STYLED = 'document.head.insertAdjacentHTML("beforeend", "<style>%s</style>");\n'
 
 
 def page(app: Application, write: bool) -> Application:
@@ -58,7 +58,8 @@ def page(app: Application, write: bool) -> Application:
             body = _whole(app, environ)
             if body is None:
                 return app(environ, start)
-            made.append((("" if write else READ_ONLY) + with_refused_states(body)).encode())
+            style = STYLED % (NARROW if write else READ_ONLY + NARROW)
+            made.append((style + with_refused_states(body)).encode())
         headers = [
             ("Content-Type", "text/javascript; charset=utf-8"),
             ("Content-Length", str(len(made[0]))),

@@ -74,7 +74,7 @@ def test_the_page_tells_what_was_refused(served: Dashboard) -> None:
     """Two chips (list and details) and the table's column; the rest of the dashboard's script is as it was."""
     import optuna_dashboard
 
-    from magmpm.studies.dashboard.page import CHIP, COLUMN, READ_ONLY, SCRIPT
+    from magmpm.studies.dashboard.page import CHIP, COLUMN, NARROW, READ_ONLY, SCRIPT, STYLED
 
     script = (Path(optuna_dashboard.__file__).parent / "public/bundle.js").read_text(
         encoding="utf-8"
@@ -86,7 +86,7 @@ def test_the_page_tells_what_was_refused(served: Dashboard) -> None:
     chip = r'"Complete"===(\w+)\.state&&\1\.constraints\.some\(c=>c>0\)\?"(?:warning|Infeasible)":'
     for pattern in (r"cell:e=>\(t=>.*?\)\(e\.row\.original\),", chip):
         told = re.sub(pattern, "", told)
-    assert told == READ_ONLY + script
+    assert told == STYLED % (READ_ONLY + NARROW) + script
 
 
 def test_a_port_in_use_is_refused(out: Path, told) -> None:
