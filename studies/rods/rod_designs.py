@@ -10,7 +10,7 @@ under a load that grows in steps, and what is left is solved again as `solve_rod
 
 What a weaker field reaches, a stronger one reaches too. So where the field varies, other descents begin in a weak field, in which a rod has
 one equilibrium, and go on as its bound grows to the study's, each bound with the designs of the one before; the best of each bound are
-kept. If all that ends farther from the target than LIMIT of the length, it is searched from more points.
+kept. If all that ends farther from the target than FAR of the length, it is searched from more points.
 
 A field that varies in space, and its gradient, are taken at the places of the target, where the body is if the design is right. Where the
 scene has no rod, there are no designs.
@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -39,7 +39,9 @@ if TYPE_CHECKING:
 
     from magmpm.studies.search.samplers.bounded_front import Improve
 
-LIMIT = 1e-3  # of the length: a best design that is farther away is searched in other ways
+# of the length: a best design that is farther away is searched in other ways, and from more points
+LIMIT = 1e-3
+FAR = 1e-2
 STARTS = 32  # of descents: a power of two, as points that spread evenly want it
 EACH_BOUND = 2  # designs of each bound of a ladder
 BOUND_RATIO = math.sqrt(2.0)  # of two bounds that follow each other
@@ -78,8 +80,8 @@ def rod_designs(
     points = _points(problem, seed)
     first = np.asarray(points.random(starts))
     found = _verified(scene, problem, regions, _searched(problem, first))
-    for search in _more_searches(problem, first, np.asarray(points.random(starts))):
-        if any(design.rms < LIMIT * scene.length for design in found):
+    for near, search in _more_searches(problem, first, np.asarray(points.random(starts))):
+        if any(design.rms < near * scene.length for design in found):
             break
         for within, at in search():  # what a smaller bound allows the last one allows
             last = within.field_max == field_max
@@ -99,13 +101,14 @@ def _searched(problem: DescendingRods, uniform: Array) -> RodDescents:
 
 def _more_searches(
     problem: DescendingRods, first: Array, more: Array
-) -> Iterator[Callable[[], Iterable[tuple[DescendingRods, RodDescents]]]]:
-    """Searches after that from the points `first`, which give descents and the problem within whose bound they are."""
+) -> Iterator[tuple[float, Callable[[], Iterable[tuple[DescendingRods, RodDescents]]]]]:
+    """Searches after that from the points `first`, which give descents and the problem within whose bound they are; each with the distance,
+    as a share of the length, at which it is not needed."""
     if problem.field_max is None:
-        yield lambda: [(problem, _searched(problem, more))]
+        yield FAR, lambda: [(problem, _searched(problem, more))]
     else:
-        yield lambda: _growing_bounds(problem, first)
-        yield lambda: _growing_bounds(problem, more, fresh=True)
+        yield LIMIT, lambda: _growing_bounds(problem, first)
+        yield FAR, lambda: _growing_bounds(problem, more, fresh=True)
 
 
 def rod_designs_by_bound(
@@ -204,7 +207,7 @@ def improver(space: SearchSpace, target: Array) -> Improve | None:
     except SolveError:
         return None
 
-    made: dict[float, tuple[list[Parameters], list[dict[str, float]]]] = {}  # last, by bound
+    made: dict[float, Any] = {}  # designs and what they became, last, by bound
 
     def improved_within(share: float, designs: Sequence[Parameters]) -> list[dict[str, float]]:
         if share not in made or made[share][0] != list(designs):
