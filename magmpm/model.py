@@ -159,11 +159,11 @@ class Model:
         return not (self.clamped_face or self.held.any() or self.driven)
 
     def field_at(self, position: Array, time: float | None) -> Array:
-        """The outside field (3,) T at the center of particles at positions (n, 3) m, at a time (s; None: the end of the schedule)."""
+        """The external field (3,) T at the center of particles at positions (n, 3) m, at a time (s; None: the end of the schedule)."""
         if not self.scene.effects.in_a_field:
             return np.zeros(3)
         center = self.particles.volume @ position / self.particles.volume.sum()
-        return np.asarray(self.scene.outside_field().at(center, time)[0])
+        return np.asarray(self.scene.external_field().at(center, time)[0])
 
     def splines(self) -> tuple[Array, Array]:
         """Values and slopes (1/m) of each particle's three splines along each axis, (n, 3, 3): axis, node. Not kept: solvers sort them."""
@@ -318,7 +318,7 @@ def build(scene: Scene, made: Discretization | None = None, time: float | None =
         made.particles.position, made.particles.cell
     )  # each in its cell: kernels do not look
     if scene.effects.in_a_field:
-        scene.outside_field().check_at_rest(
+        scene.external_field().check_at_rest(
             made.particles.position, moving=not scene.static, time=time
         )
     named = effects.collect(scene, times=None if time is None else np.array([time]))

@@ -140,7 +140,7 @@ def outside_domain(model: Model, x: Array, time: float) -> Trouble | None:
     """Failure of a body that has moved into a magnet, or to where the field is not known. Positions that are not finite do not count."""
     if not model.scene.effects.in_a_field:
         return None
-    found = model.scene.outside_field().outside_domain(x[np.isfinite(x).all(axis=1)], time)
+    found = model.scene.external_field().outside_domain(x[np.isfinite(x).all(axis=1)], time)
     return None if found is None else Trouble(found[0], -1, found[2], LeftField)
 
 

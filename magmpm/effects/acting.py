@@ -215,7 +215,7 @@ class Effects(Settings):
     )
 
     magnetic_torque: MagneticTorque | None = _key(
-        "The outside field turns the magnetized segments: {}.", {}
+        "The external field turns the magnetized segments: {}.", {}
     )
     magnetic_force: MagneticForce | None = _key(_PULL, {})
     magnetic_interaction: MagneticInteraction | None = _key(
@@ -275,7 +275,7 @@ class Effects(Settings):
 
     @property
     def in_a_field(self) -> bool:
-        """True if an effect of the outside field is named."""
+        """True if an effect of the external field is named."""
         return any(effect.IN_FIELD for effect in self.named().values())
 
 
@@ -449,7 +449,7 @@ def driven_speed(model: Any, x: Array, time: float, way: float) -> float:
     remanence = np.linalg.norm(model.remanence[:, :3], axis=1)
     magnetic = float((remanence / model.density).max()) / MU0
     if named.in_a_field and magnetic > 0.0:
-        field = scene.outside_field()
+        field = scene.external_field()
         # a field that changes in time is looked at in nine moments
         most = max(
             float(np.linalg.norm(field.at(x, moment), axis=1).max())

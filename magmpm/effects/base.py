@@ -15,7 +15,7 @@ from magmpm.bodies.body import Body
 from magmpm.bodies.body_shape import Region
 from magmpm.compiled.arrays import Array
 from magmpm.effects.hooks import NO_DATA
-from magmpm.fields.outside_field import Field
+from magmpm.fields.external_field import Field
 from magmpm.fields.sources import FieldSource
 from magmpm.inputs.settings import Quantity, Settings
 from magmpm.inputs.vectors import three
@@ -67,7 +67,7 @@ class SceneLike(Protocol):
 
     def magnetized_regions(self) -> list[int]: ...
 
-    def outside_field(self) -> Field: ...
+    def external_field(self) -> Field: ...
 
     def with_effects(self, **effects: Mapping[str, Any] | Settings | None) -> Any: ...
 
@@ -132,7 +132,7 @@ class Effect(Settings):
         # too
         False
     )
-    IN_FIELD: ClassVar[bool] = False  # whether it is an effect of the outside field
+    IN_FIELD: ClassVar[bool] = False  # whether it is an effect of the external field
 
     @abstractmethod
     def records(

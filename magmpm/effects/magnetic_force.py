@@ -1,4 +1,4 @@
-"""magnetic_force: an outside field that varies in space pulls hard-magnetic material.
+"""magnetic_force: an external field that varies in space pulls hard-magnetic material.
 
 With W = -(1/mu0) B(x) . (F Br), whose stress is magnetic_torque, the force per undeformed volume is f = -dW/dx = (1/mu0) (grad B)^T F Br,
 (grad B)_ij = dB_i/dx_j. Its tangent: d2W/dx2 = -(1/mu0) grad grad (B . F Br), and d2W/dx_i dF_jL = -(1/mu0) dB_j/dx_i Br_L, which
@@ -31,7 +31,7 @@ ROTATING = np.dtype(
 
 
 class MagneticForce(Effect):
-    """An outside field that varies in space pulls the magnetized segments. No settings."""
+    """An external field that varies in space pulls the magnetized segments. No settings."""
 
     PHASE = "force"
     IN_FIELD = True
@@ -46,7 +46,7 @@ class MagneticForce(Effect):
             field_records(
                 scene.field, ROTATING if rotating(scene).any() else DTYPE, times, strength
             ),
-            scene.outside_field().data,
+            scene.external_field().data,
         )
 
 

@@ -1,4 +1,4 @@
-"""magnetic_torque: an outside field turns hard-magnetic material.
+"""magnetic_torque: an external field turns hard-magnetic material.
 
 W = -(1/mu0) B . (F Br), so P = -(1/mu0) B (x) Br. In a uniform field P is constant, with no tangent and no net force. In a
 field that varies in space, B is taken at the particle's position; the derivative of W with respect to position is magnetic_force. The two
@@ -37,7 +37,7 @@ def parameters(field: Array, turns: bool = False) -> Records:
 
 
 class MagneticTorque(Effect):
-    """The outside field turns the magnetized segments. No settings."""
+    """The external field turns the magnetized segments. No settings."""
 
     PHASE = "force"
     IN_FIELD = True
@@ -52,7 +52,7 @@ class MagneticTorque(Effect):
         if scene.field.varies:
             return (
                 field_records(scene.field, VARYING_ROTATING if turns else VARYING, times, strength),
-                scene.outside_field().data,
+                scene.external_field().data,
             )
         uniform = places(scene.field, times, strength)["uniform"]
         # One set of kernels for the whole motion: a field that is zero for some steps of its schedule stays.

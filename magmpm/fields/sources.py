@@ -1,4 +1,4 @@
-"""The sources of the outside field, which add up: settings and their rules.
+"""The sources of the external field, which add up: settings and their rules.
 
 The descriptions and examples are what editors show (scene.schema.json) and what error messages quote.
 """

@@ -134,7 +134,7 @@ class MotionWriter:
 
         time: s, later than the last frame's; x (n, 3) m; v (n, 3) m/s; F (n, 3, 3); stress (n, 3, 3) Pa: first Piola-Kirchhoff stress,
         the effects' part included; energies: J, kinetic, elastic and each effect's potential. contacts: effect -> its contact
-        (effects.base.Contact). field: (3,) T, the outside field at the body, for pictures.
+        (effects.base.Contact). field: (3,) T, the external field at the body, for pictures.
         Raises BudgetError, before anything is written, if the frame would not fit into max_disk or on the disk.
         """
         self._afford(time)

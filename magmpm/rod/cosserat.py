@@ -174,7 +174,7 @@ def solve_rod(
 
 def along_rod(scene: Scene, rod: RodModel, time: float | None) -> Surroundings:
     """Field and pull of a field that varies in space, along the axis of the rod. They are taken as uniform within a section."""
-    source = scene.outside_field()
+    source = scene.external_field()
     line = scene.body.shape.line
     assert line is not None  # only straight bodies are rods
     base = np.array(line.base)

@@ -56,7 +56,7 @@ def remedies(scene: Scene, error: SolveError) -> tuple[Remedy, ...]:
         return _shorter_or_weaker(scene, error)
     if isinstance(
         error, Collapsed
-    ):  # of segments that attract each other, which no outside field holds at a distance
+    ):  # of segments that attract each other, which no external field holds at a distance
         return _until(scene, error) if scene.in_time else ()
     if isinstance(error, TimeOver):  # smaller steps would take longer
         borne = 0.0 < getattr(error.state, "load_share", 0.0) < 1.0

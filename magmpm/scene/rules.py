@@ -289,7 +289,7 @@ def without_energy(scene: WholeScene) -> str | None:
 
 
 def _field_acts(scene: WholeScene, effect: str) -> None:
-    """A file that requests an outside field's torque or force must have something to turn and something to turn it.
+    """A file that requests an external field's torque or force must have something to turn and something to turn it.
 
     Only required of files: a study or a test may well set the field or all magnetizations to zero.
     """

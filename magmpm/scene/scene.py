@@ -29,8 +29,8 @@ from magmpm.bodies.body import CATHETER, Body
 from magmpm.bodies.body_shape import Region
 from magmpm.effects.acting import Effects
 from magmpm.errors import InputError, show
-from magmpm.fields.outside_field import Field as OutsideField
-from magmpm.fields.outside_field import outside_field
+from magmpm.fields.external_field import Field as ExternalField
+from magmpm.fields.external_field import external_field
 from magmpm.fields.schedule import end_time
 from magmpm.fields.sources import FieldSource
 from magmpm.inputs.csv_tables import named_table, read_centreline
@@ -291,15 +291,15 @@ class Scene(Settings):
         """Lower and upper corner of the box around the undeformed body, m."""
         return self.body.shape.box()
 
-    def outside_field(self) -> OutsideField:
-        """The outside field around the body, with its tables. Raises SceneError (fields.outside_field)."""
+    def external_field(self) -> ExternalField:
+        """The external field around the body, with its tables. Raises SceneError (fields.external_field)."""
         low, high = self.box()
         far = moves.farthest(self.move or {})
         box = (
             (low[0] - far, low[1] - far, low[2] - far),
             (high[0] + far, high[1] + far, high[2] + far),
         )
-        return outside_field(self.field, box, anchored=self.anchored, cell=self.cell)
+        return external_field(self.field, box, anchored=self.anchored, cell=self.cell)
 
     def region_material(self, index: int) -> Material:
         """The material of the region (segment or part) with this index. Raises IndexError."""

@@ -350,7 +350,7 @@ def _of_any(
     """Fields of every result, with the field at the body's center at a time (s; None in statics). warnings: those of this solve."""
     scene = model.scene
     particles = model.particles
-    of_field = scene.outside_field().warnings if scene.effects.in_a_field else []
+    of_field = scene.external_field().warnings if scene.effects.in_a_field else []
     return {
         "name": scene.name,
         "scene": scene.to_si(),

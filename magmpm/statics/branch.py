@@ -358,7 +358,7 @@ def outside_domain(model: StaticModel, point: Point) -> SolveError | None:
         return SolveError(through)
     if not model.scene.effects.in_a_field:
         return None
-    found = model.scene.outside_field().outside_domain(point.position, model.time)
+    found = model.scene.external_field().outside_domain(point.position, model.time)
     return None if found is None else LeftField(f"{found[0]}; {found[2]}")
 
 

@@ -288,7 +288,7 @@ def _near(model: StaticModel, variable: Variable, amount: float) -> StaticModel:
         raise SolveError(
             f"{variable.name}: {amount:g} m away the segments are divided into other dipoles"
             " (magnetic_interaction), where a segment's first or last cell is half full, so the"
-            " shape jumps and has no derivative; remedy: lengths of whole cells"
+            " shape jumps and has no derivative; remedy: lengths of whole cells, or other variables"
         )
     return near
 

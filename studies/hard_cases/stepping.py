@@ -154,7 +154,7 @@ def _resonance(scene: Scene) -> float:
     """Largest gap between a body's energy and the work the field has done on it, -integral of m . dB, over its largest kinetic energy."""
     motion, dt, _ = at_rest(scene)
     model = motion.model
-    turning = scene.outside_field()
+    turning = scene.external_field()
     place = np.zeros((1, 3))
 
     def moment() -> np.ndarray:

@@ -16,7 +16,7 @@ class VaryMagnetization(Settings):
 
 
 class VaryField(Settings):
-    """The uniform outside field: its strength and two angles."""
+    """The uniform external field: its strength and two angles."""
 
     max: Annotated[float, Quantity("flux density", above="0 mT", at_most="20 T")] = Field(
         description="Greatest strength of the field.", examples=["10 mT"]
@@ -132,7 +132,7 @@ class Vary(Settings):
     )
     field: VaryField | None = Field(
         default=None,
-        description="The outside field, up to a greatest strength.",
+        description="The external field, up to a greatest strength.",
         examples=["{max: 10 mT}"],
     )
     length: VaryLength | None = Field(

@@ -72,7 +72,7 @@ class DescendingRods:
             rod = replace(rod, field=np.zeros_like(rod.field))
         self.gradient: Array | None = None  # (n + 1, 3, 3) T/m
         if scene.field.varies and scene.effects.in_a_field:
-            source = scene.outside_field()
+            source = scene.external_field()
             places = _along_target(scene, target, s)
             without = np.zeros(3) if field_max is None else np.array(scene.field.uniform)
             rod = replace(rod, field=source.at(places) - without)

@@ -93,14 +93,14 @@ def test_twins_are_told_apart(tmp_path: Path) -> None:
         if (
             not scene.field.coils and not scene.field.magnet
         ):  # those are on tables, which are made again
-            there = scene.outside_field().at(point)[0]
+            there = scene.external_field().at(point)[0]
             assert np.allclose(
-                image.outside_field().at(MIRROR @ point)[0],
+                image.external_field().at(MIRROR @ point)[0],
                 -(MIRROR @ there),
                 rtol=1e-9,
                 atol=1e-15,
             )
-            assert np.allclose(again.outside_field().at(point)[0], there, rtol=1e-9, atol=1e-15)
+            assert np.allclose(again.external_field().at(point)[0], there, rtol=1e-9, atol=1e-15)
 
 
 def test_checks_that_run_out_of_time_refute_nothing_and_say_so(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ def test_a_gradient_pulls_and_turns_a_free_body() -> None:
     scene = in_field(free_rod(**BODY), {"uniform": (0, 2e-3, 0), "dipole": SPHERE}, BOTH)
     motion, dt = set_off(scene, np.zeros_like)
     model = motion.model
-    source = scene.outside_field()
+    source = scene.external_field()
     V = model.particles.volume
     mass = float(model.density @ model.particles.volume)
     pushed = np.zeros(3)

@@ -111,8 +111,8 @@ def test_a_magnet_as_table_cloud_and_dipole() -> None:
         }
     }
     turning = pulled({**field, "over_time": once})
-    assert turning.outside_field().data[0] > 1, "dipoles"
-    assert turning.outside_field().data[1] == 0, "no table"
+    assert turning.external_field().data[0] > 1, "dipoles"
+    assert turning.external_field().data[1] == 0, "no table"
     cloud = run(turning)
     assert np.linalg.norm(cloud.tip - table.tip) < 1e-4 * L
     away = (110e-3, 0.0, 20e-3)
@@ -178,8 +178,8 @@ def test_a_map_with_curl_is_warned_of() -> None:
     data["field"]["map"]["table"]["values"] = base64.b64encode(
         swapped.astype("<f8").tobytes()
     ).decode()
-    told = Scene.from_si(data).outside_field().warnings
+    told = Scene.from_si(data).external_field().warnings
     assert len(told) == 2
     assert "curl" in told[0]
     assert "divergence" in told[1]
-    assert not load_scene(ROOT / "data/scenes/pulled_by_map.yaml").outside_field().warnings
+    assert not load_scene(ROOT / "data/scenes/pulled_by_map.yaml").external_field().warnings

@@ -62,7 +62,7 @@ def parts(named: Sequence[np.ndarray], x: np.ndarray, F: np.ndarray) -> tuple[An
 def test_hooks_are_what_the_formulas_say() -> None:
     """W = -(1/mu0) B . F Br, P = -(1/mu0) B (x) Br, f = (1/mu0) (grad B)^T F Br with B and grad B at the particle."""
     W, P, f, _, M = parts(effects.collect(SCENE), X0, F0)
-    source = SCENE.outside_field()
+    source = SCENE.external_field()
     B = source.at(X0)[0]
     G = source.gradient(X0)[0]
     assert pytest.approx(-B @ F0 @ BR / MU0, rel=1e-12) == W
@@ -209,7 +209,7 @@ def test_a_magnet_that_comes_too_near_is_met_in_time(source: dict[str, Any], say
         *BOTH,
     )
     x = build(scene).particles.position
-    field = scene.outside_field()
+    field = scene.external_field()
     field.check(x, 0.0)
     with pytest.raises(SolveError, match=re.escape(says.format("(6, 0, 0) mm"))):
         field.check(x, 0.6)

@@ -12,8 +12,8 @@ from magmpm.fields import kernels as evaluate
 from magmpm.fields import magnets as solids
 from magmpm.fields import spline, table
 from magmpm.fields.dipole import POINT
+from magmpm.fields.external_field import external_field
 from magmpm.fields.magnets import Box
-from magmpm.fields.outside_field import outside_field
 from magmpm.fields.schedule import end_time, places
 from magmpm.fields.sources import FieldSource
 
@@ -411,7 +411,7 @@ def test_a_tilted_magnet_that_is_clear_of_the_body_has_its_field(number: int) ->
     )
     wire = Box(np.array([0.0, -2e-4, -2e-4]), np.array([18e-3, 2e-4, 2e-4]))
     given = beside(way, rng.uniform(9e-3, 15e-3), wire, **shape, axis=tuple(axis))
-    field = outside_field(
+    field = external_field(
         given, (tuple(wire.lower.tolist()), tuple(wire.upper.tolist())), anchored=True, cell=1e-4
     )
     x = on_the_axis_of(wire)
@@ -446,13 +446,13 @@ def test_a_given_box_may_lie_beside_a_tilted_magnet() -> None:
     corners = (tuple(BODY.lower.tolist()), tuple(BODY.upper.tolist()))
     x = on_the_axis_of(BODY)
     exact = solids.exact(given)(x)
-    found = outside_field(given, corners, anchored=True, cell=1e-3).at(x)
+    found = external_field(given, corners, anchored=True, cell=1e-3).at(x)
     assert (
         np.linalg.norm(found - exact, axis=1) / np.linalg.norm(exact, axis=1)
     ).max() <= 1e-2  # the tolerance asked for
     larger = {**box, "upper": (56e-3, 44e-3, 56e-3), "tolerance": 1e-2}
     with pytest.raises(InputError, match=r"field.magnet is in the box"):
-        outside_field(source(magnet=magnet, tabulation=larger), corners, anchored=True, cell=1e-3)
+        external_field(source(magnet=magnet, tabulation=larger), corners, anchored=True, cell=1e-3)
 
 
 def test_sources_that_turn_see_the_body_all_round() -> None:

@@ -69,7 +69,7 @@ def test_a_body_that_is_pulled_away_gets_a_weaker_field() -> None:
     for state in (None, Reached(load_share=0.6)):
         for remedy in remedies(scene, LeftField("inside", state)):
             weaker = remedy.applied(scene)
-            strengths.append(float(weaker.outside_field().at(np.zeros(3))[0][2]) / 8e-3)
+            strengths.append(float(weaker.external_field().at(np.zeros(3))[0][2]) / 8e-3)
     assert strengths == pytest.approx([0.5, 0.1, 0.54, 0.3])
 
 
@@ -124,7 +124,7 @@ def test_a_schedule_is_weakened_by_its_ramp() -> None:
         {**data, "field": swinging, "solver": {"quasi_static": {"steps": 4, "duration": 1.0}}}
     )
     weaker = remedies(scene, LeftField("outside"))[0].applied(scene)
-    at = [one.outside_field().at(np.zeros(3))[0][2] for one in (scene, weaker)]
+    at = [one.external_field().at(np.zeros(3))[0][2] for one in (scene, weaker)]
     assert at[1] == pytest.approx(0.5 * at[0], rel=1e-12)  # rounding
     assert weaker.effects.gravity.acceleration[2] == pytest.approx(
         0.5 * scene.effects.gravity.acceleration[2]

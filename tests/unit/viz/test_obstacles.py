@@ -79,7 +79,7 @@ def test_a_lumen_is_drawn_and_its_distance_known() -> None:
 
 
 def test_sources_are_drawn_where_the_solver_has_them() -> None:
-    """A keyframed move and a rotation about a center: as fields.outside_field places the field itself; blocks lie as it lays them."""
+    """A keyframed move and a rotation about a center: as fields.external_field places the field itself; blocks lie as it lays them."""
     axis = [0.6, 0.0, -0.8]
     block = {
         "cuboid": {"size": [0.03, 0.02, 0.01]},

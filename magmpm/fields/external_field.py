@@ -1,6 +1,6 @@
-"""The outside field: B(x, t), its derivatives, and where it is known.
+"""The external field: B(x, t), its derivatives, and where it is known.
 
-`outside_field(...)` makes a Field of its sources: dipoles in closed form; magnets and coils on a table, or as clouds of dipoles where
+`external_field(...)` makes a Field of its sources: dipoles in closed form; magnets and coils on a table, or as clouds of dipoles where
 one turns or the body surrounds it; a measured map as the spline through it. Kernels evaluate the same data (fields.kernels).
 In the sources' frame nothing changes in time: a schedule changes strength and place of that frame (fields.schedule).
 """
@@ -164,7 +164,7 @@ class Field:
             raise SceneError(found[1], found=found[0] + when, rule=rule, remedy=found[2])
 
 
-def outside_field(
+def external_field(
     source: FieldSource, box: tuple[Corner, Corner], *, anchored: bool, cell: float
 ) -> Field:
     """The field of sources around a body. Tables are made once for each source and box; that takes seconds for magnets and coils.
