@@ -389,8 +389,8 @@ class Parts(BodyShape):
         return parts_surface(self.triangles(), float(grid.spacing.min()))
 
     def held_surface(self, grid: Grid) -> SurfacePoints:
-        """Points on the faces of parts that can move where they lie on parts that are held."""
-        within = TOUCHING * self.length
+        """Points on the faces of parts that can move where they lie on parts that are held, or across a gap from them."""
+        reach = self._reach_to_held(float(grid.spacing.min()))
         longest = HELD_EDGE * float(grid.spacing.min())
         triangles = self.triangles()
         still = [mesh for part, mesh in zip(self.meshes, triangles, strict=True) if part.clamp]
@@ -401,6 +401,7 @@ class Parts(BodyShape):
         for k, (part, mesh) in enumerate(zip(self.meshes, triangles, strict=True)):
             if part.clamp:
                 continue
+            within = reach[k]
             coarse = cut(mesh[meets(mesh, held, within)], COARSE * longest)
             pieces = cut(_pieces_near(coarse, held, within), longest)
             places = np.ascontiguousarray((INSIDE @ pieces).reshape(-1, 3))
@@ -415,6 +416,19 @@ class Parts(BodyShape):
             area.append(np.repeat(thirds, 3)[on])
             region.append(np.full(int(on.sum()), k))
         return SurfacePoints(np.concatenate(position), np.concatenate(area), np.concatenate(region))
+
+    def _reach_to_held(self, cell: float) -> Array:
+        """Distance (parts,) m within which each part's faces are held by parts that are.
+
+        Parts that hang on nothing else and are less than two cells from a held part move as if joined to it: their faces across the gap are
+        held, and half a gap beyond its narrowest place.
+        """
+        touching = TOUCHING * self.length
+        held = np.array([part.clamp for part in self.meshes])
+        component = self._component()
+        gap = self._gaps(3 * cell)[:, held].min(axis=1)
+        across = ~np.isin(component, component[held]) & (gap < 2 * cell)
+        return np.where(across, 1.5 * gap, touching)
 
     def solids(self, cell: float, particles: Particles) -> Solids:
         component = self.components(particles)
@@ -441,12 +455,13 @@ class Parts(BodyShape):
     @property
     def in_one_piece(self) -> bool:
         """True if there are several parts, and each is connected to every other one."""
-        from scipy.sparse import csgraph
+        return len(self.meshes) > 1 and not self._component().any()
 
-        return (
-            len(self.meshes) > 1
-            and csgraph.connected_components(self._touching(), directed=False)[0] == 1
-        )
+    def _component(self) -> NDArray[np.int32]:
+        """Connected component that each part is in, from 0."""
+        from scipy.sparse.csgraph import connected_components
+
+        return np.asarray(connected_components(self._touching(), directed=False)[1])
 
     def warnings(self, cells_across: int, *, one_grid: bool) -> list[str]:
         """Warnings of what is near and does not touch, which one grid moves as one; and of specks."""

@@ -103,18 +103,9 @@ def _local_gradient(data, y0, y1, y2):
 @compiled
 def _sum_of_nine(p, q):
     """Sum of nine numbers each."""
-    a, b, c, d, e, f, g, h, i = q
-    return (
-        p[0] + a,
-        p[1] + b,
-        p[2] + c,
-        p[3] + d,
-        p[4] + e,
-        p[5] + f,
-        p[6] + g,
-        p[7] + h,
-        p[8] + i,
-    )
+    a, b, c, d, e, f, g, h, i = p
+    j, k, m, n, o, r, s, t, u = q
+    return a + j, b + k, c + m, d + n, e + o, f + r, g + s, h + t, i + u
 
 
 @compiled
@@ -153,35 +144,25 @@ def gradient(place, data, x, G):
 
 
 @compiled
+def _sum_of_six(p, q):
+    """Sum of six numbers each."""
+    return p[0] + q[0], p[1] + q[1], p[2] + q[2], p[3] + q[3], p[4] + q[4], p[5] + q[5]
+
+
+@compiled
 def curvature(place, data, x, m0, m1, m2, scale, H):
     """H (3, 3) += scale d^2(m . B)/dx_i dx_j, with m in A m^2: N/m."""
     y0, y1, y2 = _local(place, x)
     n0, n1, n2 = _inward(place, m0, m1, m2)
-    xx = 0.0
-    yy = 0.0
-    zz = 0.0
-    xy = 0.0
-    xz = 0.0
-    yz = 0.0
+    total = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     at = 2
     for _ in range(int(data[0])):
-        p = _dipole_curvature(data, at, y0, y1, y2, n0, n1, n2)
-        xx = xx + p[0]
-        yy = yy + p[1]
-        zz = zz + p[2]
-        xy = xy + p[3]
-        xz = xz + p[4]
-        yz = yz + p[5]
+        total = _sum_of_six(total, _dipole_curvature(data, at, y0, y1, y2, n0, n1, n2))
         at += DIPOLE
     for _ in range(int(data[1])):
-        p = _spline_curvature(data, at, y0, y1, y2, n0, n1, n2)
-        xx = xx + p[0]
-        yy = yy + p[1]
-        zz = zz + p[2]
-        xy = xy + p[3]
-        xz = xz + p[4]
-        yz = yz + p[5]
+        total = _sum_of_six(total, _spline_curvature(data, at, y0, y1, y2, n0, n1, n2))
         at += _spline_size(data, at)
+    xx, yy, zz, xy, xz, yz = total
     R = place.frame
     s = scale * place.strength
     for i in range(3):

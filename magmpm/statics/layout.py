@@ -128,7 +128,7 @@ class StaticModel(Model):
     axes: Array
     order: tuple[int, int, int] = (0, 1, 2)  # reference axis of each axis of the grid: see arranged
     touching: RestingSurface | None = None  # by which it touches obstacles; None without obstacles
-    across_gaps: NDArray[np.bool_] | None = None  # nodes held as Pieces.held_across_gaps says
+    across_gaps: tuple[NDArray[np.bool_], ...] = ()  # nodes held as Pieces.held_across_gaps says
 
     @cached_property
     def tip_weights(self) -> Array | None:
@@ -170,13 +170,13 @@ def static_model(model: Model) -> StaticModel:
     """
     weights, slopes = model.splines()
     bonds = None
-    across_gaps = None
+    across_gaps: tuple[NDArray[np.bool_], ...] = ()
     if model.line is None:
         pieces = Pieces(model, weights)
         pieces.all_hang()
         bonds = bonds_of(model)
         if held_by_faces(model):  # by bonds: what is held sees no node, and stays where it is
-            across_gaps = pieces.held_across_gaps(bonds)
+            across_gaps = (pieces.held_across_gaps(bonds),)
             weights[model.held] = 0.0
             slopes[model.held] = 0.0
     axes = model.grid.axes_at(model.particles.position)
@@ -206,11 +206,11 @@ def make_layout(
     model: Model,
     weights: Array,
     bonds: Bonds | None = None,
-    held_nodes: NDArray[np.bool_] | None = None,
+    held_nodes: tuple[NDArray[np.bool_], ...] = (),
 ) -> UnknownsLayout:
     """The numbering of a model's unknowns; weights (n, 3, 3): values of its splines at its particles.
 
-    held_nodes: nodes of the grid that are held, beside those of held particles.
+    held_nodes: masks of nodes of the grid that are held, beside those of held particles.
     Where the lower x face is clamped, node 0 along x is eliminated (bodies.grid.clamp_first_node) and has no unknowns.
     """
     cell_first = model.particles.cell_first
@@ -262,8 +262,7 @@ def make_layout(
         everywhere = np.stack([each * columns + iz for each in row], axis=1)
         on = _touched(cell_first, cell_plane, everywhere, held, (planes, rows * columns))
         fixed |= np.repeat(on[:, node_yz @ (columns, 1)], 3, axis=1)
-    masks = [follows for _, follows in model.driven]
-    for mask in masks if held_nodes is None else [*masks, held_nodes]:
+    for mask in (*dict(model.driven).values(), *held_nodes):
         fixed |= np.repeat(on_planes(model, mask, node_yz), 3, axis=1)
     if model.plane_strain:
         fixed[:, 1::3] = True
@@ -349,9 +348,7 @@ def _renumbered(model: StaticModel) -> tuple[StaticModel, Index]:
         ),
         axes=np.ascontiguousarray(np.eye(3)[:, axes]),
         order=order,
-        across_gaps=None
-        if model.across_gaps is None
-        else np.ascontiguousarray(model.across_gaps.transpose(axes)),
+        across_gaps=tuple(mask.transpose(axes) for mask in model.across_gaps),
     )
     bonds = model.layout.bonds
     if bonds is not None:
