@@ -159,7 +159,7 @@ def group_determinant(F, at):
 
 @compiled
 def neo_hookean(F, at, J, shear, pressure, P):
-    """`stress` P (9 8,) of a group. Returns what `stiffest` needs: G J^(-2/3), I1 = |F|^2 and I2 = |cof F|^2."""
+    """`stress` P (9 8,) of a group, F from index `at` on. Returns what `stiffest` needs: G J^(-2/3), I1 = |F|^2 and I2 = |cof F|^2."""
     a = load(F, at)
     b = load(F, at + 8)
     c = load(F, at + 16)

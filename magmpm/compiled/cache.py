@@ -10,7 +10,7 @@ import gc
 import hashlib
 import pickle
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -18,6 +18,7 @@ from typing import Any
 
 import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.ccallback import CFunc
 
 from magmpm.compiled.process import started
 
@@ -47,22 +48,39 @@ def jit(*, elsewhere: bool = False, **options: Any) -> Callable[..., Any]:
     return decorate
 
 
+def c_functions(
+    wanted: Sequence[tuple[Callable[..., Any], Any, dict[str, Any], Any]],
+    compile_them: Callable[[Any], None],
+) -> list[Any]:
+    """C functions, each with an `address`, to be kept as long as they are called: from the disk, or compiled in a process of their own.
+
+    wanted: of each its Python function, signature, options of njit, and what `compile_them`, a function of a module, takes a list of in
+    that process.
+    """
+    found: list[Any] = []
+    missing = []
+    for function, signature, options, job in wanted:
+        made: Any = CFunc(function, (signature.args, signature.return_type), {}, options)
+        found.append(made)
+        with suppress(RuntimeError):  # raised by Numba if no folder can be written
+            made._cache = KernelCache(function)
+            if made._cache.load_overload(made._sig, made._targetdescr.target_context) is None:
+                missing.append(job)
+    if missing and not _compiles_here:
+        _ask_elsewhere((compile_them, missing))
+    for made in found:
+        made.compile()
+    return found
+
+
 def _compile_elsewhere(dispatcher: Any, signature: Any) -> Any:
     """Compile a function in a process of its own, unless this is one that compiles, and load it from the disk."""
     known = tuple(signature) in dispatcher.overloads
     if not (
         known or _compiles_here or dispatcher._cache.load_overload(signature, dispatcher.targetctx)
     ):
-        with (
-            started(1, _begin) as (process,),
-            suppress(Exception),
-        ):  # of whatever kind: it is compiled here
-            imported = [
-                name for name in sys.modules if name.startswith("magmpm.effects.")
-            ]  # their hooks are part of what is compiled
-            process.ask(
-                (imported, dispatcher.py_func.__module__, dispatcher.py_func.__name__, signature)
-            )
+        of = dispatcher.py_func
+        _ask_elsewhere((_compile_one, (of.__module__, of.__name__, signature)))
     return type(dispatcher).compile(dispatcher, signature)
 
 
@@ -73,17 +91,22 @@ def compile_here() -> None:
     gc.disable()
 
 
-def _begin(_: object) -> Callable[[tuple[list[str], str, str, Any]], None]:
-    """Begin a process that compiles functions by module, name and signature, with other modules imported."""
+def _compile_one(about: tuple[str, str, Any]) -> None:
+    """Compile a function by module, name and signature."""
+    module, name, signature = about
+    getattr(import_module(module), name).compile(signature)
+
+
+def _ask_elsewhere(job: tuple[Callable[..., None], Any]) -> None:
+    """Have a process of its own compile something, a function and what it takes; whatever fails there is compiled here."""
+    with started(1, _begin) as (process,), suppress(Exception):
+        process.ask(job)
+
+
+def _begin(_: object) -> Callable[[tuple[Callable[..., None], Any]], None]:
+    """Begin a process that compiles for others."""
     compile_here()
-
-    def compile_one(job: tuple[list[str], str, str, Any]) -> None:
-        imported, module, name, signature = job
-        for other in imported:
-            import_module(other)
-        getattr(import_module(module), name).compile(signature)
-
-    return compile_one
+    return lambda job: job[0](job[1])
 
 
 def kept_all() -> bool:

@@ -43,6 +43,7 @@ _OPTIONS: Any = {
     "no_cfunc_wrapper": True,
 }  # wrappers for C would take 5 % of compiling; nobody calls them
 _ALL: dict[str, Any] = {**_OPTIONS, "error_model": "numpy", "nogil": True}
+C_OPTIONS: dict[str, Any] = {"fastmath": FASTMATH, "error_model": "numpy"}  # of C functions
 kernel: Callable[..., Any] = jit(parallel=True, **_ALL)
 compiled: Callable[..., Any] = jit(**_ALL)
 # For functions that are called before the kernels of a run are compiled, as a body or a field is made.
@@ -85,6 +86,7 @@ def only_where(
 
 
 __all__ = [
+    "C_OPTIONS",
     "FASTMATH",
     "chosen_by_types",
     "compiled",

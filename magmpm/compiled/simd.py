@@ -6,15 +6,14 @@ Only for compiled code: Python itself never holds lanes. Sums are made in a fixe
 """
 
 import operator
-from collections.abc import Callable
-from inspect import Parameter, Signature
 from typing import Any
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
+from numba.extending import lower_builtin, models, register_model, type_callable
 
+from magmpm.compiled.by_address import first_of, instruction
 from magmpm.compiled.jit import compiled, inlined
 
 WIDTH = 8
@@ -56,30 +55,6 @@ def _constant(value: float) -> ir.Constant:
     return ir.Constant(_VECTOR, [value] * WIDTH)
 
 
-def instruction(returns: Any, *takes: Any) -> Callable[..., Any]:
-    """Decorator: a function for compiled code, from the one that makes its LLVM instructions; takes: types of arguments; None: as given."""
-
-    def made(generate: Callable[..., Any]) -> Any:
-        def typed(typing_context, *given):
-            return (
-                returns(
-                    *(
-                        of if wanted is None else wanted
-                        for wanted, of in zip(takes, given, strict=True)
-                    )
-                ),
-                generate,
-            )
-
-        # Numba asks for the arguments that a function declares
-        names = ["typing_context", *(f"value{k}" for k in range(len(takes)))]
-        declared = [Parameter(name, Parameter.POSITIONAL_OR_KEYWORD) for name in names]
-        typed.__signature__ = Signature(declared)  # type: ignore[attr-defined]
-        return intrinsic(typed)
-
-    return made
-
-
 def _operator(function: Any, name: str) -> None:
     """Define an operator between lanes, and between lanes and a float."""
     type_callable(function)(
@@ -116,7 +91,7 @@ lower_builtin(operator.neg, lanes)(
 
 def _address(context: Any, builder: Any, signature: Any, array: Any, index: Any) -> Any:
     """Pointer to eight floats of a flat array."""
-    data = context.make_array(signature.args[0])(context, builder, array).data
+    data = first_of(context, builder, signature.args[0], array)
     return builder.bitcast(builder.gep(data, [index]), _VECTOR.as_pointer())
 
 

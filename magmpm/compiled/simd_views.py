@@ -11,7 +11,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import lower_builtin, models, register_model, type_callable
 
-from magmpm.compiled.simd import WIDTH, instruction, lanes
+from magmpm.compiled.by_address import first_of, instruction
+from magmpm.compiled.simd import WIDTH, lanes
 
 _POINTER = ir.DoubleType().as_pointer()
 
@@ -32,7 +33,7 @@ class _ViewModel(models.PrimitiveModel):  # type: ignore[misc]
 
 def _view(kind: types.Type) -> Any:
     def generate(context, builder, signature, values):
-        data = context.make_array(signature.args[0])(context, builder, values[0]).data
+        data = first_of(context, builder, signature.args[0], values[0])
         return builder.gep(data, [values[1]])
 
     return instruction(kind, None, types.intp)(generate)

@@ -6,11 +6,13 @@ import numpy as np
 
 from magmpm import materials
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.compiled.jit import compiled
 from magmpm.effects import acting, viscosity
 from magmpm.effects.base import BodyEffect, Contact, Records
+from magmpm.effects.calls import rows
 from magmpm.effects.contact_law import most_friction
-from magmpm.effects.hooks import add_energy, add_stress, has_hook, pairs
+from magmpm.effects.hooks import has_hook, pairs
+from magmpm.kernels.changes import loads, potentials
 from magmpm.model import Model
 from magmpm.results.motion_tables import PAIR
 
@@ -45,7 +47,8 @@ def elastic_energy(model: Model, F: Array) -> float:
 def add_effects_stress(model: Model, x: Array, F: Array, named: tuple[Any, ...], P: Array) -> None:
     """Add the stress of the effects `named` to P (n, 3, 3) Pa."""
     if has_hook("stress", named):
-        _add_stress(named, model.remanence, model.density, x, F, P)
+        force = np.zeros((len(x), 3))  # nobody adds to it
+        loads(rows(named, "stress"), model.remanence, model.density, x, F, P, force)
 
 
 def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, float]:
@@ -56,8 +59,8 @@ def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, 
         if named and isinstance(effect, BodyEffect):
             found[key] = acting.shared_energy(named, model, x, F)
         elif named and has_hook("energy", named):
-            each = np.empty(len(x))
-            _energies(named, model.remanence, model.density, x, F, each)
+            each = np.zeros(len(x))
+            potentials(rows(named, "energy"), model.remanence, model.density, x, F, each)
             found[key] = float(np.sum(each * model.particles.volume))
     return found
 
@@ -148,15 +151,3 @@ def _elastic(F, J, change, shear, bulk, volume, P):  # type: ignore[no-untyped-d
             materials.shape_energy(F[p], J[p], shear[p]) + 0.5 * bulk[p] * change[p] * (J[p] - 1.0)
         )
     return total
-
-
-@kernel
-def _add_stress(named, remanence, density, x, F, P):  # type: ignore[no-untyped-def]
-    for p in prange(len(x)):
-        add_stress(named, 0, remanence[p], density[p], x[p], F[p], P[p])
-
-
-@kernel
-def _energies(named, remanence, density, x, F, each):  # type: ignore[no-untyped-def]
-    for p in prange(len(x)):
-        each[p] = add_energy(named, 0, remanence[p], density[p], x[p], F[p])

@@ -21,9 +21,10 @@ from magmpm.dynamics.own_loads import OwnLoads
 from magmpm.dynamics.particle_groups import pack
 from magmpm.effects import acting
 from magmpm.effects.base import Contact, Records, Touching
+from magmpm.effects.calls import Function, in_motion
 from magmpm.effects.contact_force import HELD
 from magmpm.effects.contact_law import at_rest
-from magmpm.effects.hooks import NO_DATA, each_record, register, those_with
+from magmpm.effects.hooks import NO_DATA, each_record, register
 from magmpm.errors import SceneError
 from magmpm.kernels import total_lagrangian_step
 from magmpm.kernels.body_contact import Meeting
@@ -83,6 +84,7 @@ def node(effect, data, X, u, v, free, dt):  # type: ignore[no-untyped-def]
 
 
 register(DTYPE, node=node)
+MOVED = Function("node", __name__, tuple(DTYPE.names or ()))  # for magmpm.solving.precompile
 
 
 class Kinematics(NamedTuple):
@@ -209,7 +211,7 @@ class TotalMotion:
         body = cells, p.particles, p.nodes, p.mass.correction, p.surface, meeting
         return int(
             total_lagrangian_step.advance(
-                steps, dt, *body, state, (effects, those_with("node", effects)), watch, self.slabs
+                steps, dt, *body, state, in_motion(effects), watch, self.slabs
             )
         )
 

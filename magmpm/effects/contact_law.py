@@ -23,8 +23,9 @@ from pydantic import Field
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, compiled_elsewhere
 from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching, one_record
+from magmpm.effects.calls import depths, given_for, of_points, push_point
 from magmpm.effects.contact_force import HELD, PARTS, hold, own_grip, stored
-from magmpm.effects.hooks import NO_DATA, add_contact, deepest
+from magmpm.effects.hooks import NO_DATA
 from magmpm.errors import SceneError, dotted
 
 THROWN = 0.1  # m/s
@@ -145,19 +146,22 @@ _stored = compiled(stored)
 
 
 @compiled_elsewhere
-def _touching(named, x, v, mass, dt, held, grip, layer, knee, force):
+def _touching(calls, x, v, mass, dt, held, grip, layer, knee, force):
     """Number in contact, the deepest (-1: none), its depth (m), energy (J); adds to force (3,) N and changes what is held (n, HELD)."""
     count = 0
     worst = -1
     most = 0.0
     energy = 0.0
     f = np.empty(PARTS)
+    found = np.empty(len(mass))
+    given = given_for()
+    depths(calls.near, 0, given, x, found)
     for p in range(len(mass)):
-        depth = deepest(named, 0, x[p])
+        depth = found[p]
         if depth > 0.0:
             f[:] = 0.0
             f[7], f[8] = grip[p, 1], grip[p, 2]
-            add_contact(named, 0, x[p], v[p], mass[p], dt, f)
+            push_point(calls.contact, 0, dt, given, p, x, v, mass, f)
             own_grip(grip[p, 0], f)
             hold(x[p], v[p], depth, held[p], f, dt)
             force += f[:3]
@@ -179,7 +183,7 @@ def contact_of(
     force = np.zeros(3)
     x, v, mass, held, grip = touching
     count, _, depth, energy = _touching(
-        named, x, v, mass, dt, held.copy(), grip, layer, knee, force
+        of_points(named), x, v, mass, dt, held.copy(), grip, layer, knee, force
     )
     return Contact(force=force, count=count, depth=depth, energy=energy)
 
@@ -242,8 +246,9 @@ class Obstacle(Effect):
     def check(self, model: Any) -> None:
         """Raises SceneError where the body begins so deep in the obstacle that it would be thrown out faster than THROWN."""
         x, v, masses, held, grip = at_rest(model.surface.place, model.surface.mass)
+        named = self.records(model.scene)
         _, point, depth, energy = _touching(
-            self.records(model.scene), x, v, masses, 1.0, held, grip, 1.0, 1.0, np.zeros(3)
+            of_points(named), x, v, masses, 1.0, held, grip, 1.0, 1.0, np.zeros(3)
         )
         mass = float(model.density @ model.particles.volume)
         speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0

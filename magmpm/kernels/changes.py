@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
+from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled, kernel, prange
-from magmpm.effects.hooks import (
-    add_force,
-    add_force_change,
-    add_softening,
-    add_stress,
-    add_stress_change,
-    add_tangent,
-    any_softening,
+from magmpm.effects.calls import (
+    add_energies,
+    add_loads,
+    add_softenings,
+    add_tangents,
+    given_for,
+    particles_from,
 )
 from magmpm.kernels.equilibrium import (
     STENCIL,
@@ -34,35 +34,54 @@ from magmpm.kernels.equilibrium import (
 from magmpm.materials import cofactor, determinant, stress, tangent, volume_pressure
 
 ROWS = 4  # of each particle: three of gradients, one of values
+BLOCK = 64  # particles that a thread takes at a time
 
 
 @kernel
-def load_changes(particles, effects, x, F, change, P, f):
+def load_changes(calls, magnet, rho, x, F, dmagnet, drho, P, f):
     """Add to P (slots, n, 3, 3) Pa and f (slots, n, 3) N/m^3 how the effects' stress and force change with the particles' constants.
 
-    change (slots, n, 4 or 5): of the remanence (T; with a mark, which stays, where the particles have one), then of the density (kg/m^3).
+    calls: rows of the hooks (effects.calls); dmagnet (slots, n, 3 or 4): change of the remanence (T; with a mark, which stays, where the
+    particles have one); drho (slots, n): of the density (kg/m^3).
     """
-    magnet = particles.remanence
-    rho = particles.density
-    for p in prange(len(x)):
-        for slot in range(len(change)):
-            changed = change[slot, p]
-            add_stress_change(
-                effects, 0, magnet[p], rho[p], changed[:-1], changed[-1], x[p], F[p], P[slot, p]
-            )
-            add_force_change(
-                effects, 0, magnet[p], rho[p], changed[:-1], changed[-1], x[p], F[p], f[slot, p]
-            )
+    blocks = (len(x) + BLOCK - 1) // BLOCK
+    for block in prange(blocks):
+        first = BLOCK * block
+        count = min(BLOCK, len(x) - first)
+        given = given_for()
+        for slot in range(len(drho)):
+            particles_from(given, first, magnet, rho, x, F)
+            _changed(given, first, dmagnet[slot], drho[slot])
+            add_loads(calls, count, given, P[slot, first:], f[slot, first:])
+
+
+@compiled
+def _changed(given, p, dmagnet, drho):
+    """Give hooks the changes of the particles from number p on: dmagnet (n, columns) and drho (n,)."""
+    at = given[0]
+    at.dmagnet, at.drho = address(dmagnet, dmagnet.shape[1] * p), address(drho, p)
 
 
 @kernel
-def loads(particles, effects, x, F, P, f):
-    """Add the effects' stress and force of each particle to P (n, 3, 3) Pa and f (n, 3) N/m^3."""
-    magnet = particles.remanence
-    rho = particles.density
-    for p in prange(len(x)):
-        add_stress(effects, 0, magnet[p], rho[p], x[p], F[p], P[p])
-        add_force(effects, 0, magnet[p], rho[p], x[p], F[p], f[p])
+def loads(calls, magnet, rho, x, F, P, f):
+    """Add the effects' stress and force of each particle to P (n, 3, 3) Pa and f (n, 3) N/m^3; calls: rows of these hooks."""
+    blocks = (len(x) + BLOCK - 1) // BLOCK
+    for block in prange(blocks):
+        first = BLOCK * block
+        given = given_for()
+        particles_from(given, first, magnet, rho, x, F)
+        add_loads(calls, min(BLOCK, len(x) - first), given, P[first:], f[first:])
+
+
+@kernel
+def potentials(calls, magnet, rho, x, F, W):
+    """Add the effects' energy of each particle to W (n,), J/m^3; calls: rows of this hook."""
+    blocks = (len(x) + BLOCK - 1) // BLOCK
+    for block in prange(blocks):
+        first = BLOCK * block
+        given = given_for()
+        particles_from(given, first, magnet, rho, x, F)
+        add_energies(calls, min(BLOCK, len(x) - first), given, W[first:])
 
 
 @kernel
@@ -198,7 +217,7 @@ def _scatter_column(plane, rows, r, slot, column, out):
 
 
 @kernel
-def tangent_products(cells, particles, effects, x, F, fortran, count, columns, stiff, heavy):
+def tangent_products(cells, particles, calls, x, F, fortran, count, columns, stiff, heavy):
     """Add the tangent times `count` columns to stiff, N, and the mass matrix of unit density times them to heavy.
 
     All three (planes, 3 nodes count): the columns' values at a node, axis by axis, are neighbors.
@@ -217,7 +236,7 @@ def tangent_products(cells, particles, effects, x, F, fortran, count, columns, s
                 multiply(
                     ROWS * (last - first), fortran, room, 0, 2, 1, room.C, 0, room.G, 1, room.D
                 )  # gradients, values at particles
-                _stress_changes(first, last, particles, effects, x, F, room)
+                _stress_changes(first, last, particles, calls, x, F, room)
                 _to_nodes(last - first, fortran, room)
                 _scatter_all(cells.plane[cell], cells.row[cell], room.C, stiff)
                 _weigh(first, last, particles.volume, room.D)
@@ -272,10 +291,11 @@ def _weigh(first, last, volume, D):
 
 
 @compiled
-def _stress_changes(first, last, particles, effects, x, F, room):
+def _stress_changes(first, last, particles, calls, x, F, room):
     """Write volume times the change of stress and of force with the changes D of gradients and positions of a cell's particles to T."""
     _, _, volume, shear, bulk, modes, remanence, density = particles
     _, _, D, T, A, H, M, cof, c, s, _, _, _ = room
+    given = given_for()
     _volume_moments(first, last, volume, modes, F, c)
     s[:] = 0.0
     for p in range(first, last):
@@ -284,12 +304,13 @@ def _stress_changes(first, last, particles, effects, x, F, room):
         pressure = volume_pressure(_volume_change(J, p, modes, c), bulk[p])
         cofactor(F[p], cof)
         tangent(F[p], cof, J, shear[p], pressure, bulk[p] if len(c) == 0 else 0.0, A)
-        add_tangent(effects, 0, remanence[p], density[p], x[p], F[p], A)
+        particles_from(given, p, remanence, density, x, F)
+        add_tangents(calls.tangent, 1, given, A)
         _multiply_rows(q, volume[p], A, D, T)
         T[q + 3] = 0.0
-        if any_softening(effects):
+        if len(calls.softening) > 0:
             H[:], M[:] = 0.0, 0.0
-            add_softening(effects, 0, remanence[p], density[p], x[p], F[p], H, M)
+            add_softenings(calls.softening, 1, given, H, M)
             _soften_rows(q, volume[p], H, M, D, T)
         for mode in range(len(c)):
             _add_product(volume[p] * modes[p, mode], cof, D, q, s[mode])

@@ -8,21 +8,21 @@ The grid is cut into slabs of cells along its first axis. Slabs of one color sha
 two colors run one after the other. The order of every sum does not depend on the number of threads: results are the same bit for bit.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.by_address import call
 from magmpm.compiled.jit import chosen_by_types, compiled, kernel, prange
-from magmpm.compiled.lapack import call
-from magmpm.effects.hooks import (
-    add_energy,
-    add_force,
-    add_softening,
-    add_stress,
-    add_tangent,
-    any_softening,
+from magmpm.effects.calls import (
+    add_energies,
+    add_loads,
+    add_softenings,
+    add_tangents,
+    given_for,
+    particles_from,
 )
 from magmpm.materials import (
     cofactor,
@@ -90,10 +90,10 @@ def _volume_change(J, p, modes, c):
 
 
 @kernel
-def cell_energy(cells, particles, effects, x, F, energy, low, high):
+def cell_energy(cells, particles, calls, x, F, energy, low, high):
     """Write each cell's potential energy to energy (cells,) J, and the smallest and largest det F of its particles to low, high (cells,).
 
-    x (n, 3) m, F (n, 3, 3) of the particles. A cell with det F <= 0 has energy inf.
+    x (n, 3) m, F (n, 3, 3) of the particles; calls: effects.calls.RestCalls. A cell with det F <= 0 has energy inf.
     """
     volume = particles.volume
     shear = particles.shear
@@ -109,6 +109,10 @@ def cell_energy(cells, particles, effects, x, F, energy, low, high):
         total = 0.0
         lowest = np.inf
         highest = -np.inf
+        loaded = np.zeros(last - first)
+        given = given_for()
+        particles_from(given, first, remanence, density, x, F)
+        add_energies(calls.energy, last - first, given, loaded)
         for p in range(first, last):
             J = determinant(F[p])
             lowest = min(lowest, J)
@@ -116,7 +120,7 @@ def cell_energy(cells, particles, effects, x, F, energy, low, high):
             W = shape_energy(F[p], J, shear[p]) if J > 0.0 else np.inf
             if len(c) == 0:
                 W += volume_energy(J, bulk[p])
-            total += volume[p] * (W + add_energy(effects, 0, remanence[p], density[p], x[p], F[p]))
+            total += volume[p] * (W + loaded[p - first])
         for k in range(len(c)):  # K/2 (J - 1)^2 of the projection: the modes are orthogonal
             total += 0.5 * bulk[first] * c[k] ** 2
         energy[cell], low[cell], high[cell] = total, lowest, highest
@@ -176,7 +180,7 @@ def _scatter_vector(plane, rows, r, residual):
 
 
 @kernel
-def particles_to_grid(cells, particles, effects, x, F, residual):
+def particles_to_grid(cells, particles, calls, x, F, residual):
     """P2G: gradient of the potential energy with respect to the grid's coefficients, added to residual (planes, 3 nodes), N."""
     weights = particles.weights
     slopes = particles.slopes
@@ -191,26 +195,28 @@ def particles_to_grid(cells, particles, effects, x, F, residual):
         for half in prange((slabs + 1 - color) // 2):
             slab = 2 * half + color
             G = np.empty((3, STENCIL))
-            P = np.empty((3, 3))
+            P = np.empty((cells.most, 3, 3))
             cof = np.empty((3, 3))
-            f = np.empty(3)
+            f = np.empty((cells.most, 3))
             r = np.empty((STENCIL, 3))
             c = np.empty(modes.shape[1])
+            given = given_for()
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
                 first = cells.first[cell]
                 last = cells.first[cell + 1]
                 _volume_moments(first, last, volume, modes, F, c)
                 r[:] = 0.0
+                f[:] = 0.0
                 for p in range(first, last):
                     J = determinant(F[p])
                     pressure = volume_pressure(_volume_change(J, p, modes, c), bulk[p])
                     cofactor(F[p], cof)
-                    stress(F[p], cof, J, shear[p], pressure, P)
-                    f[:] = 0.0
-                    add_stress(effects, 0, remanence[p], density[p], x[p], F[p], P)
-                    add_force(effects, 0, remanence[p], density[p], x[p], F[p], f)
+                    stress(F[p], cof, J, shear[p], pressure, P[p - first])
+                particles_from(given, first, remanence, density, x, F)
+                add_loads(calls.load, last - first, given, P, f)
+                for p in range(first, last):
                     _particle_gradients(weights[p], slopes[p], G)
-                    _add_residual(weights[p], G, P, f, volume[p], r)
+                    _add_residual(weights[p], G, P[p - first], f[p - first], volume[p], r)
                 _scatter_vector(cells.plane[cell], cells.row[cell], r, residual)
 
 
@@ -253,8 +259,8 @@ def _particle_softening(q, volume, weights, H, M, G, T):
 
 
 class Room(NamedTuple):
-    """Work space for a cell's tangent: rows of gradients G and products T; A, P, H, M, cof, f of one particle; moments c of the volume
-    part and their gradients b; arguments of the matrix product."""
+    """Work space for a cell's tangent: rows of gradients G and products T; P, f of its particles; A, H, M, cof of one of them; moments c
+    of the volume part and their gradients b; addresses for effects; arguments of the matrix product."""
 
     G: Array
     T: Array
@@ -266,14 +272,16 @@ class Room(NamedTuple):
     f: Array
     b: Array
     c: Array
+    given: NDArray[Any]
     letters: NDArray[np.uint8]
     sizes: NDArray[np.int32]
     factors: Array
 
 
 @compiled
-def _room(rows, modes):
-    """Work space for this many rows and modes."""
+def _room(most, each, modes):
+    """Work space for this many particles, rows of each, and modes."""
+    rows = most * each
     # N T
     letters = np.array([78, 84], np.uint8)
     sizes = np.array([9 * STENCIL, STENCIL, 0], np.int32)
@@ -281,13 +289,14 @@ def _room(rows, modes):
         np.empty((rows, STENCIL)),
         np.empty((rows, 3, 3, STENCIL)),
         np.empty((9, 9)),
-        np.empty((3, 3)),
+        np.empty((most, 3, 3)),
         np.empty((3, 3)),
         np.empty((3, 9)),
         np.empty((3, 3)),
-        np.empty(3),
+        np.empty((most, 3)),
         np.empty((modes, 3, STENCIL)),
         np.empty(modes),
+        given_for(),
         letters,
         sizes,
         np.array([1.0, 0.0]),
@@ -295,33 +304,39 @@ def _room(rows, modes):
 
 
 @compiled
-def _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r):
+def _cell_tangent(cell, cells, particles, calls, x, F, fortran, room, K, r):
     """Tangent K [node, i, k, other] (27, 3, 3, 27) and residual r (27, 3): sum over particles and J of dN/dX_J(node) T(J, i, k, other)."""
     weights, slopes, volume, shear, bulk, modes, remanence, density = particles
-    G, T, A, P, H, M, cof, f, b, c, _, _, _ = room
+    G, T, A, P, H, M, cof, f, b, c, given, _, _, _ = room
     first = cells.first[cell]
     last = cells.first[cell + 1]
-    rows_each = 4 if any_softening(effects) else 3
+    softens = len(calls.softening) > 0
+    rows_each = 4 if softens else 3
     _volume_moments(first, last, volume, modes, F, c)
     r[:] = 0.0
     b[:] = 0.0
+    f[:] = 0.0
+    for p in range(first, last):
+        J = determinant(F[p])
+        pressure = volume_pressure(_volume_change(J, p, modes, c), bulk[p])
+        cofactor(F[p], cof)
+        stress(F[p], cof, J, shear[p], pressure, P[p - first])
+    particles_from(given, first, remanence, density, x, F)
+    add_loads(calls.load, last - first, given, P, f)
     for p in range(first, last):
         q = rows_each * (p - first)
         J = determinant(F[p])
         pressure = volume_pressure(_volume_change(J, p, modes, c), bulk[p])
         cofactor(F[p], cof)
-        stress(F[p], cof, J, shear[p], pressure, P)
         tangent(F[p], cof, J, shear[p], pressure, bulk[p] if len(c) == 0 else 0.0, A)
-        f[:] = 0.0
-        add_stress(effects, 0, remanence[p], density[p], x[p], F[p], P)
-        add_tangent(effects, 0, remanence[p], density[p], x[p], F[p], A)
-        add_force(effects, 0, remanence[p], density[p], x[p], F[p], f)
+        particles_from(given, p, remanence, density, x, F)
+        add_tangents(calls.tangent, 1, given, A)
         _particle_gradients(weights[p], slopes[p], G[q : q + 3])
-        _add_residual(weights[p], G[q : q + 3], P, f, volume[p], r)
+        _add_residual(weights[p], G[q : q + 3], P[p - first], f[p - first], volume[p], r)
         _particle_products(q, volume[p], A, G, T)
-        if any_softening(effects):
+        if softens:
             H[:], M[:] = 0.0, 0.0
-            add_softening(effects, 0, remanence[p], density[p], x[p], F[p], H, M)
+            add_softenings(calls.softening, 1, given, H, M)
             _particle_softening(q, volume[p], weights[p], H, M, G, T)
         for k in range(3 if len(c) > 0 else 0):
             for node in range(STENCIL):
@@ -455,18 +470,18 @@ scatter_matrix = chosen_by_types(
 
 
 @kernel
-def particles_to_grid_with_tangent(cells, particles, effects, x, F, matrix, fortran, residual):
+def particles_to_grid_with_tangent(cells, particles, calls, x, F, matrix, fortran, residual):
     """P2G: residual as in `particles_to_grid`, and second derivative of the potential energy, N/m, added to a matrix, Panels or Blocks."""
     slabs = len(cells.slab_first) - 1
-    rows = cells.most * (4 if any_softening(effects) else 3)
+    each = 4 if len(calls.softening) > 0 else 3
     for color in range(2):
         for half in prange((slabs + 1 - color) // 2):
             slab = 2 * half + color
-            room = _room(rows, particles.modes.shape[1])
+            room = _room(cells.most, each, particles.modes.shape[1])
             K = np.empty((STENCIL, 3, 3, STENCIL))
             r = np.empty((STENCIL, 3))
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                _cell_tangent(cell, cells, particles, effects, x, F, fortran, room, K, r)
+                _cell_tangent(cell, cells, particles, calls, x, F, fortran, room, K, r)
                 _scatter_vector(cells.plane[cell], cells.row[cell], r, residual)
                 scatter_matrix(cell, cells.plane[cell], cells.row[cell], K, matrix)
 

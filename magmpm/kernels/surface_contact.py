@@ -12,11 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled, inlined, kernel, only_where, prange
+from magmpm.compiled.by_address import address
+from magmpm.compiled.jit import compiled, inlined, kernel, prange
 from magmpm.compiled.simd_views import row
+from magmpm.effects.calls import call_each, depths, given_for, push_point
 from magmpm.effects.contact_force import HELD, PARTS, STICKS, TOUCHES, hold, let_go, own_grip
-from magmpm.effects.hooks import add_contact, add_touch, any_has, deepest
 from magmpm.kernels.equilibrium import STENCIL, particle_splines, scatter_matrix
+
+BLOCK = 64  # points that a thread takes at a time
 
 
 class SortedSurfacePoints(NamedTuple):
@@ -73,13 +76,27 @@ def _fastest(v, where):
 
 
 @compiled
-def _touch(slab, step, dt, surface, cells, state, effects):
+def _most_points(surface):
+    """Number of points of the largest patch."""
+    most = 0
+    for patch in range(len(surface.first_node)):
+        most = max(most, surface.first_point[patch + 1] - surface.first_point[patch])
+    return most
+
+
+@compiled
+def touch(slab, step, dt, surface, cells, state, calls):
     """Add the contact of a slab's surface to state.force, and move state.anchor; dt s: for which forces push."""
-    x = np.empty(3)
-    v = np.empty(3)
+    if len(calls.contact) == 0:
+        return
+    most_points = _most_points(surface)
+    places = np.empty((most_points, 3))
+    found = np.empty(most_points)
+    v = np.empty((1, 3))
     f = np.empty(PARTS)
     share = np.empty(27)
     where = np.empty(27, np.int64)
+    given = given_for()
     room = HELD * len(
         surface.mass
     )  # then a number a patch: how far it can move before a point of it may touch, m
@@ -91,27 +108,35 @@ def _touch(slab, step, dt, surface, cells, state, effects):
             state.anchor[room + patch] -= dt * _fastest(state.v, where)
             if state.anchor[room + patch] > 0.0:
                 continue
+        first = surface.first_point[patch]
+        count = surface.first_point[patch + 1] - first
+        for k in range(count):
+            _share(surface.weights, 9 * (first + k), share)
+            x = places[k]
+            for i in range(3):
+                x[i] = surface.place[3 * (first + k) + i]
+            _add(state.u, where, share, x)
+        depths(calls.near, step, given, places, found[:count])
         most = -np.inf
         least = 0.0
         remembers = 0.0
-        for p in range(surface.first_point[patch], surface.first_point[patch + 1]):
-            _share(surface.weights, 9 * p, share)
-            for i in range(3):
-                x[i] = surface.place[3 * p + i]
-            _add(state.u, where, share, x)
-            depth = deepest(effects, step, x)
+        for k in range(count):
+            p = first + k
+            depth = found[k]
             most = max(most, depth)
             least = min(least, depth)
             if not depth > 0.0:
                 remembers = max(remembers, let_go(row(state.anchor, HELD * p), dt))
                 continue
+            x = places[k]
             v[:], f[:] = 0.0, 0.0
             f[7], f[8] = surface.grip[3 * p + 1], surface.grip[3 * p + 2]
+            _share(surface.weights, 9 * p, share)
             if state.anchor[HELD * p + TOUCHES] != STICKS:
-                _add(state.v, where, share, v)
-            add_contact(effects, step, x, v, surface.mass[p], dt, f)
+                _add(state.v, where, share, v[0])
+            push_point(calls.contact, step, dt, given, 0, places[k:], v, surface.mass[p:], f)
             own_grip(surface.grip[3 * p], f)
-            hold(x, v, depth, row(state.anchor, HELD * p), f, dt)
+            hold(x, v[0], depth, row(state.anchor, HELD * p), f, dt)
             for j in range(27):
                 for i in range(3):
                     state.force[where[j] + i] += share[j] * f[i]
@@ -121,17 +146,39 @@ def _touch(slab, step, dt, surface, cells, state, effects):
         state.anchor[room + patch] = -most if clear else 0.0
 
 
-touch = only_where(
-    "effects", any_has("contact"), _touch
-)  # a scene without obstacles compiles none of it
-
-
 @kernel
-def touch_at_rest(effects, x, mass, energy, f, H):
-    """Write the energy (n,) J, force f (n, 3) N and tangent H (n, 3, 3) N/m of those points at x (n, 3) m that touch; mass (n,) kg."""
-    for p in prange(len(x)):
-        if deepest(effects, 0, x[p]) > 0.0:
-            energy[p] = add_touch(effects, x[p], mass[p], f[p], H[p])
+def touch_at_rest(near, touching, x, mass, energy, f, H):
+    """Write the energy (n,) J, force f (n, 3) N and tangent H (n, 3, 3) N/m of those points at x (n, 3) m that touch; mass (n,) kg.
+
+    near, touching: rows of these hooks (effects.calls).
+    """
+    blocks = (len(x) + BLOCK - 1) // BLOCK
+    for block in prange(blocks):
+        first = BLOCK * block
+        last = min(first + BLOCK, len(x))
+        _touch_at_rest(
+            near,
+            touching,
+            x[first:last],
+            mass[first:last],
+            energy[first:last],
+            f[first:last],
+            H[first:last],
+        )
+
+
+@compiled
+def _touch_at_rest(near, touching, x, mass, energy, f, H):
+    """`touch_at_rest` of some points."""
+    depth = np.empty(len(x))
+    given = given_for()
+    depths(near, 0, given, x, depth)
+    at = given[0]
+    for p in range(len(x)):
+        if depth[p] > 0.0:
+            at.x, at.mass, at.value = address(x, 3 * p), address(mass, p), address(energy, p)
+            at.force, at.tangent = address(f, 3 * p), address(H, 9 * p)
+            call_each(touching, 0, 0, 1, 0.0, address(given, 0))
 
 
 @kernel

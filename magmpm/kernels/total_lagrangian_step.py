@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled, inlined, inner_kernel, kernel, prange
 from magmpm.compiled.simd import (
     WIDTH,
@@ -28,18 +29,10 @@ from magmpm.compiled.simd import (
     sums,
     total,
 )
-from magmpm.compiled.simd_views import matrix, row, vector
-from magmpm.effects.hooks import (
-    add_relaxing,
-    change_node,
-    has_node,
-    has_rate_stress,
-    has_relaxing,
-    push_time,
-)
+from magmpm.effects.calls import call_each, given_for
 from magmpm.kernels.body_contact import add_pairs, needs_list, pace_of, passed, touch_pairs
 from magmpm.kernels.mass_correction import added_at, correct
-from magmpm.kernels.particle_group import add_effects, any_effect, group_room
+from magmpm.kernels.particle_group import add_one_by_one, group_room
 from magmpm.kernels.surface_contact import touch
 from magmpm.kernels.watch import clear, see, stops
 from magmpm.materials import group_determinant, neo_hookean, stiffest
@@ -147,8 +140,9 @@ def gather_value(field, node, along_x, along_y, splines, first, value):
 
 
 @compiled
-def scatter(force, node, along_x, along_y, splines, first, stress, load_, work):
-    """force (3 nodes,) -= sum over a group of stress (9 8,) grad N - load (3 8,) N; both times the particles' volumes."""
+def scatter(force, node, along_x, along_y, splines, first, stress, load_, at, V, work):
+    """force (3 nodes,) -= sum over a group of stress (9 8,) grad N - V load (3 8,) N, load from index `at` on; V: volumes, by which
+    stress is multiplied already."""
     t00 = load(stress, 0)
     t01 = load(stress, 8)
     t02 = load(stress, 16)
@@ -158,9 +152,9 @@ def scatter(force, node, along_x, along_y, splines, first, stress, load_, work):
     t20 = load(stress, 48)
     t21 = load(stress, 56)
     t22 = load(stress, 64)
-    f0 = load(load_, 0)
-    f1 = load(load_, 8)
-    f2 = load(load_, 16)
+    f0 = load(load_, at + 0) * V
+    f1 = load(load_, at + 8) * V
+    f2 = load(load_, at + 16) * V
     nz0 = load(splines, first + 48)
     nz1 = load(splines, first + 56)
     nz2 = load(splines, first + 64)
@@ -220,20 +214,24 @@ def scatter(force, node, along_x, along_y, splines, first, stress, load_, work):
 
 
 @compiled
-def _project(modes, at, group, first, count, volume, J, c):
-    """c (modes,) += moments of J - 1 over a group (model.volume_modes), whose modes are from index `at` on."""
+def _project(modes, at, group, first, count, volume, J, c, moment):
+    """c (modes,), from index `moment` on, += moments of J - 1 over a group (model.volume_modes), whose modes are from index `at` on."""
     change = load(volume, 8 * group) * (load(J, first) - 1.0)
     for k in range(count):
-        c[k] += total(load(modes, at + 8 * k) * change)
+        c[moment + k] += total(load(modes, at + 8 * k) * change)
 
 
 @compiled
-def _projected(modes, at, count, c):
+def _projected(modes, at, count, c, moment):
     """J - 1 of a group, projected on the modes of its cell."""
     value = splat(0.0)
     for k in range(count):
-        value = value + load(modes, at + 8 * k) * c[k]
+        value = value + load(modes, at + 8 * k) * c[moment + k]
     return value
+
+
+GROUPS = 8  # of particles that effects act on at a time, in one cell or several
+TOGETHER = 256  # nodes that a thread takes at a time
 
 
 class CellSlabs(NamedTuple):
@@ -294,29 +292,26 @@ class State(NamedTuple):
     memory: Array
 
 
-class CellRoom(NamedTuple):
-    """Work space for the particles of one cell: F (groups 9 8,), det F (groups 8,), u (groups 3 8,) m, moments of det F - 1 (4,)."""
-
-    F: Array
-    J: Array
-    u: Array
-    c: Array
-
-
 @inlined
-def grid_to_particles(cell, cells, particles, state, room, least, bad):
+def grid_to_particles(cell, begun, cells, particles, state, room, least, bad):
     """Write to room the displacement, F and det F of a cell's particles, gathered from the nodes, and the cell's moments of det F - 1.
 
-    Returns lanes: the smallest det F so far, and 1 where some det F was 0, negative or NaN.
+    begun: the first of the cells that share the room. Returns lanes: the smallest det F so far, and 1 where some det F was 0, negative or
+    NaN.
     """
     first = cells.first_group[cell]
     last = cells.first_group[cell + 1]
     node = cells.first_node[cell]
-    F, J, u, c = room
+    F = room.F
+    J = room.J
+    u = room.u
+    c = room.c
+    zero = cells.first_group[begun]
+    moment = 4 * (cell - begun)
     for k in range(particles.mode_count):
-        c[k] = 0.0
+        c[moment + k] = 0.0
     for group in range(first, last):
-        at = 72 * (group - first)
+        at = 72 * (group - zero)
         gather(
             state.u,
             node,
@@ -332,43 +327,82 @@ def grid_to_particles(cell, cells, particles, state, room, least, bad):
         for i in range(3):
             store(F, at + 32 * i, load(F, at + 32 * i) + 1.0)
         det = group_determinant(F, at)
-        store(J, 8 * (group - first), det)
+        store(J, 8 * (group - zero), det)
         least = smaller(det, least)
         bad = flag_unless_positive(det, bad)
         _project(
             particles.modes,
             particles.moments[group],
             group,
-            8 * (group - first),
+            8 * (group - zero),
             particles.mode_count,
             particles.volume,
             J,
             c,
+            moment,
         )
     return least, bad
 
 
 @inlined
-def particles_to_grid(cell, step, dt, cells, particles, state, effects, room, work, high, change):
+def add_effects(begun, end, step, dt, cells, particles, state, calls, room):
+    """Write to room the stress and load that effects add to the particles of cells from number `begun` to before `end`."""
+    zero = cells.first_group[begun]
+    count = cells.first_group[end] - zero
+    f = room.f
+    x = room.x
+    added = room.added
+    for k in range(count):
+        at = 24 * k
+        for i in range(3):
+            store(f, at + 8 * i, splat(0.0))
+            moved = load(room.u, at + 8 * i)
+            store(x, at + 8 * i, moved + load(particles.reference, 24 * (zero + k) + 8 * i))
+        for i in range(9):
+            store(added, 3 * at + 8 * i, splat(0.0))
+    for cell in range(begun, end if calls.rates > 0 else begun):
+        for group in range(cells.first_group[cell], cells.first_group[cell + 1]):
+            gather(
+                state.v,
+                cells.first_node[cell],
+                cells.along_x,
+                cells.along_y,
+                particles.splines,
+                particles.pattern[group],
+                room.dF,
+                72 * (group - zero),
+                room.v,
+                0,
+            )
+    call_each(calls.wide, step, zero, count, dt, room.given)
+    if len(calls.narrow) > 0:
+        add_one_by_one(calls.narrow, step, dt, zero, count, particles, room)
+
+
+@inlined
+def particles_to_grid(cell, begun, cells, particles, state, room, high, change):
     """Add to state.force the force of a cell's particles on its nodes, from stress and loads.
 
-    Returns lanes: the largest stiffness over density so far, m^2/s^2, and the largest change of it since the last step.
+    begun: as of `grid_to_particles`. Returns lanes: the largest stiffness over density so far, m^2/s^2, and the largest change of it since
+    the last step.
     """
-    first = cells.first_group[cell]
-    last = cells.first_group[cell + 1]
+    zero = cells.first_group[begun]
     node = cells.first_node[cell]
-    along_x = cells.along_x
-    along_y = cells.along_y
-    splines = particles.splines
-    _, P, dF, x, rate, f, spare = work
-    for group in range(first, last):
-        at = 72 * (group - first)
+    added = room.added
+    P = room.P
+    f = room.f
+    for group in range(cells.first_group[cell], cells.first_group[cell + 1]):
+        at = 72 * (group - zero)
         pattern = particles.pattern[group]
-        det = load(room.J, 8 * (group - first))
+        det = load(room.J, 8 * (group - zero))
         swollen = det - 1.0
         if particles.mode_count > 0:
             swollen = _projected(
-                particles.modes, particles.moments[group], particles.mode_count, room.c
+                particles.modes,
+                particles.moments[group],
+                particles.mode_count,
+                room.c,
+                4 * (cell - begun),
             )
         pressure = swollen * cells.bulk[cell]
         scale, I1, I2 = neo_hookean(room.F, at, det, cells.shear[cell], pressure, P)
@@ -379,37 +413,31 @@ def particles_to_grid(cell, step, dt, cells, particles, state, effects, room, wo
         change = larger(magnitude(stiff - load(state.stiffness, 8 * group)), change)
         store(state.stiffness, 8 * group, stiff)
         V = load(particles.volume, 8 * group)
-        if has_relaxing(effects):
-            remembered = vector(
-                state.memory, 8 * (len(state.memory) // len(particles.volume)) * group
-            )
-            add_relaxing(effects, step, dt, matrix(room.F, at), remembered, matrix(P, 0))
-        if any_effect(effects):
-            for i in range(3):
-                store(f, 8 * i, splat(0.0))
-                store(
-                    x,
-                    8 * i,
-                    load(room.u, at // 3 + 8 * i) + load(particles.reference, 24 * group + 8 * i),
-                )
-            if has_rate_stress(effects):
-                gather(state.v, node, along_x, along_y, splines, pattern, dF, 0, rate, 0)
-            add_effects(effects, step, group, at, particles, work)
-            for i in range(3):
-                store(f, 8 * i, load(f, 8 * i) * V)
+        # without effects these are zeros: to add them costs less than to ask
         for i in range(9):
-            store(P, 8 * i, load(P, 8 * i) * V)
-        scatter(state.force, node, along_x, along_y, splines, pattern, P, f, spare)
+            store(P, 8 * i, (load(P, 8 * i) + load(added, at + 8 * i)) * V)
+        scatter(
+            state.force,
+            node,
+            cells.along_x,
+            cells.along_y,
+            particles.splines,
+            pattern,
+            P,
+            f,
+            24 * (group - zero),
+            V,
+            room.spare,
+        )
     return high, change
 
 
 @inlined
-def update_grid(k, step, dt, push, nodes, correction, state, effects):
-    """v += push f / m, then what effects do to v, then u += dt v, for one active node. push: s for which forces push (effects.hooks)."""
+def push_node(k, push, nodes, correction, state):
+    """v += push f / m of one active node, and no force; push: s for which forces push (effects.hooks)."""
     node = nodes.active[k]
     plane = correction.plane[k]
     n = 3 * node
-    u = state.u
     v = state.v
     force = state.force
     inverse_mass = nodes.inverse_mass
@@ -418,46 +446,101 @@ def update_grid(k, step, dt, push, nodes, correction, state, effects):
             inverse_mass[n + i] * force[n + i] + added_at(correction, plane, node, i)
         )
         force[n + i] = 0.0
-    if has_node(effects):
-        change_node(
-            effects, step, row(nodes.place, n), row(u, n), row(v, n), inverse_mass[n] > 0.0, dt
-        )
+
+
+@inlined
+def move_node(k, dt, nodes, meeting, state):
+    """u += dt v of one active node. Returns the square of a bound on how fast (m/s) it lets a point of a meeting move."""
+    n = 3 * nodes.active[k]
     for i in range(3):
-        u[n + i] += dt * v[n + i]
+        state.u[n + i] += dt * state.v[n + i]
+    return pace_of(meeting, k, n, state.v)
+
+
+@compiled
+def change_nodes(rows, first, last, step, dt, nodes, state):
+    """Let effects change the velocities of active nodes from number `first` to before `last`."""
+    given = given_for()
+    at = given[0]
+    at.nodes, at.place = address(nodes.active, first), address(nodes.place, 0)
+    at.u, at.v = address(state.u, 0), address(state.v, 0)
+    at.inverse_mass = address(nodes.inverse_mass, 0)
+    call_each(rows, step, 0, last - first, dt, address(given, 0))
+
+
+@compiled
+def push_time(calls, step, dt):
+    """Seconds for which forces push in a step of dt (s)."""
+    time = np.full(1, dt)
+    given = given_for()
+    given[0].value = address(time, 0)
+    call_each(calls.push, step, 0, 1, dt, address(given, 0))
+    return time[0]
+
+
+@compiled
+def _together(begun, last, groups, cells):
+    """End of the cells from number `begun` on, before `last`, that have no more than so many groups, or of one cell."""
+    end = begun + 1
+    while end < last and cells.first_group[end + 1] - cells.first_group[begun] <= groups:
+        end += 1
+    return end
 
 
 @inner_kernel
-def _sum_forces(step, dt, push, most, cells, particles, surface, meeting, state, effects, slabs):
+def _sum_forces(step, dt, push, most, cells, particles, surface, meeting, state, calls, slabs):
     """Add to state.force the forces of all slabs; most: groups in a cell."""
     count = len(cells.slab_first) - 1
+    acts = len(calls.wide) + len(calls.narrow) > 0
     for color in range(2):
         for half in prange((count + 1 - color) // 2):
             slab = 2 * half + color
-            room = CellRoom(
-                np.empty(72 * most), np.empty(8 * most), np.empty(24 * most), np.empty(4)
-            )
-            work = group_room(room.F)
+            groups = max(most, GROUPS)
+            room = group_room(groups, calls, particles, state.memory)
             least = splat(np.inf)
             bad = splat(0.0)
             high = splat(0.0)
             change = splat(0.0)
-            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                least, bad = grid_to_particles(cell, cells, particles, state, room, least, bad)
-                high, change = particles_to_grid(
-                    cell, step, dt, cells, particles, state, effects, room, work, high, change
-                )
-            touch(slab, step, push, surface, cells, state, effects)
+            begun = cells.slab_first[slab]
+            while begun < cells.slab_first[slab + 1]:
+                end = _together(begun, cells.slab_first[slab + 1], groups, cells)
+                for cell in range(begun, end):
+                    least, bad = grid_to_particles(
+                        cell, begun, cells, particles, state, room, least, bad
+                    )
+                if acts:
+                    add_effects(begun, end, step, dt, cells, particles, state, calls, room)
+                for cell in range(begun, end):
+                    high, change = particles_to_grid(
+                        cell, begun, cells, particles, state, room, high, change
+                    )
+                begun = end
+            touch(slab, step, push, surface, cells, state, calls)
             touch_pairs(slab, count, push, meeting, surface, cells.along_x, cells.along_y, state)
             see(slabs, slab, least, bad, high, change)
 
 
 @inner_kernel
-def _update_nodes(step, dt, push, nodes, correction, meeting, state, effects):
+def _update_nodes(step, dt, push, nodes, correction, meeting, state, calls):
     """Update all active nodes. Returns the square of a bound on how fast (m/s) a point of a meeting may move."""
     fastest = 0.0
-    for k in prange(len(nodes.active)):
-        update_grid(np.int64(k), step, dt, push, nodes, correction, state, effects)
-        fastest = max(fastest, pace_of(meeting, np.int64(k), 3 * nodes.active[k], state.v))
+    count = len(nodes.active)
+    acts = len(calls.node) > 0
+    for part in prange((count + TOGETHER - 1) // TOGETHER):
+        first = TOGETHER * np.int64(part)
+        last = min(first + TOGETHER, count)
+        found = 0.0
+        if acts:
+            for k in range(first, last):
+                push_node(k, push, nodes, correction, state)
+            change_nodes(calls.node, first, last, step, dt, nodes, state)
+            for k in range(first, last):
+                found = max(found, move_node(k, dt, nodes, meeting, state))
+        else:
+            for k in range(first, last):
+                push_node(k, push, nodes, correction, state)
+                found = max(found, move_node(k, dt, nodes, meeting, state))
+        fastest = max(fastest, found)
     return fastest
 
 
@@ -472,21 +555,19 @@ def _most_groups(cells):
 
 @compiled
 def advance(
-    steps, dt, cells, particles, nodes, correction, surface, meeting, state, effects, watch, slabs
+    steps, dt, cells, particles, nodes, correction, surface, meeting, state, calls, watch, slabs
 ):
     """Take up to `steps` steps of dt (s). Changes State in place. correction: kernels.mass_correction; surface: kernels.surface_contact;
-    meeting: kernels.body_contact, or (); effects: all, and those that act on nodes; watch, slabs: see kernels.watch.
+    meeting: kernels.body_contact, or (); calls: effects.calls.MotionCalls; watch, slabs: see kernels.watch.
 
-    Each part is a kernel of its own, compiled anew only for effects that it calls. Returns the number of steps taken; if fewer than
-    `steps`, the watch says why, or pairs of a meeting must be listed again.
+    Returns the number of steps taken; if fewer than `steps`, the watch says why, or pairs of a meeting must be listed again.
     """
-    on_all, on_nodes = effects
     most = _most_groups(cells)
     for step in range(steps):
         if needs_list(meeting):
             return step
-        push = push_time(on_nodes, step, dt)
-        _sum_forces(step, dt, push, most, cells, particles, surface, meeting, state, on_all, slabs)
+        push = push_time(calls, step, dt)
+        _sum_forces(step, dt, push, most, cells, particles, surface, meeting, state, calls, slabs)
         if stops(watch, slabs):
             clear(state.force)
             return step
@@ -494,8 +575,7 @@ def advance(
         correct(correction, state.force)
         passed(
             meeting,
-            dt
-            * math.sqrt(_update_nodes(step, dt, push, nodes, correction, meeting, state, on_nodes)),
+            dt * math.sqrt(_update_nodes(step, dt, push, nodes, correction, meeting, state, calls)),
         )
     return steps
 

@@ -4,10 +4,9 @@ Why separate processes: code compiled in this process and the same code loaded f
 functions that several kernels share are linked differently. Then a study that compiled its kernels and one that is resumed would not
 agree bit for bit. So every process loads its kernels from the cache.
 
-A scene's kernels are compiled in parts, on all cores. Each part does a little of what a run does. Some parts depend on the scene's
-combination of effects: in statics the tangent, the residual and the energy, in motion the steps and what is measured of a frame. The
-others are the same for every combination. What few runs need, derivatives and families of rods, is compiled for those that ask for it
-(`uses`). One process compiles a set of kernels; others that need the same set wait for it, half a minute at most, and then compile
+A scene's kernels are compiled in parts, on all cores. Each part does a little of what a run does, and is the same whatever acts; of what
+acts, each hook is compiled for itself (effects.calls). What few runs need, derivatives and families of rods, is compiled for those that ask
+for it (`uses`). One process compiles a set of kernels; others that need the same set wait for it, half a minute at most, and then compile
 theirs beside it. Who needs another set waits for nobody: a kernel that two sets share stays as the first has saved it (compiled.cache).
 """
 
@@ -33,7 +32,7 @@ from magmpm.compiled.cache import compile_here, kept_all
 from magmpm.compiled.environment import compiled_sources
 from magmpm.compiled.process import answers, started
 from magmpm.effects import acting as effects
-from magmpm.effects.hooks import pairs
+from magmpm.effects.calls import Function, changing, compile_functions, moving, resting
 from magmpm.errors import SolveError
 from magmpm.model import Model, build
 from magmpm.results.strain import strain_of
@@ -78,21 +77,51 @@ def on_stderr(line: str) -> None:
 
 def prepare_kernels(scene: Scene, uses: Sequence[str] = (SOLVE,)) -> float:
     """Seconds it takes to compile, or load, the kernels for these uses of a scene's combination of effects; 0 once done in this process."""
-    missing = [use for use in uses if _kinds(scene, use) not in _ready]
-    if not missing:
+    needed = _needed(scene, uses)
+    if not needed.keys() - _ready:
         return 0.0
     begun = time.perf_counter()
+    fill_cache(scene, uses=uses)
     small = coarsest(scene)
-    fill_cache(scene, uses=missing)
-    for use in missing:
-        _WHOLE[use](small)
-        _ready.add(_kinds(scene, use))
+    for use in uses:
+        if _kinds(scene, use) not in _ready:
+            _WHOLE[use](small)
+    _ready.update(needed)
     return time.perf_counter() - begun
+
+
+def _needed(scene: Scene, uses: Sequence[str]) -> dict[str, str | Function]:
+    """Uses and functions of effects that a scene needs compiled, by texts that distinguish one set of kernels from another."""
+    found: dict[str, str | Function] = {_kinds(scene, use): use for use in uses}
+    if SOLVE in uses or DERIVATIVES in uses:
+        for function in _functions(scene, uses):
+            found[json.dumps(function)] = function
+    return found
+
+
+def _functions(scene: Scene, uses: Sequence[str]) -> list[Function]:
+    """Functions of the effects that a scene's kernels call."""
+    named = effects.collect(scene, times=_times(scene))
+    found = []
+    if SOLVE in uses:
+        found += moving(named) if scene.solver.dynamic is not None else resting(named)
+        if scene.solver.quasi_static is not None:
+            found += moving(named)
+        if scene.move and scene.solver.dynamic is not None:
+            from magmpm.dynamics.total_lagrangian import MOVED
+
+            found.append(MOVED)
+    if DERIVATIVES in uses:
+        found += resting(named) + changing(named)
+        for one in effects.field_changes(scene, _times(scene)):
+            found += changing(one)
+    return list(dict.fromkeys(found))
 
 
 def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLVE,)) -> bool:
     """Fill the disk cache with a scene's kernels for these uses. Returns whether any had to be compiled, of which `tell` gets lines."""
-    marker = {use: _cache() / f"ready-{_stamp(_kinds(scene, use))}" for use in uses}
+    needed = _needed(scene, uses)
+    marker = {kinds: _cache() / f"ready-{_stamp(kinds)}" for kinds in needed}
     if all(path.exists() for path in marker.values()):
         return False
     with ExitStack() as alone:
@@ -100,7 +129,7 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLV
         # sorted: of two processes that need several sets, neither can wait for the other
         for path in sorted(path for path in marker.values() if not path.exists()):
             alone.enter_context(_alone(path.with_suffix(".lock"), tell, begun + PATIENCE))
-        missing = [use for use, path in marker.items() if not path.exists()]
+        missing = [kinds for kinds, path in marker.items() if not path.exists()]
         if not missing:  # the process we waited for has made them
             return False
         begun = time.perf_counter()
@@ -110,12 +139,15 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLV
                 f" minute; free {ROOM / 1e6:.0f} MB there"
             )
             return True
-        what = " and ".join(describe(scene) if use == SOLVE else use for use in missing)
-        tell(f"compiling kernels for {what}; once on this machine")
-        if _compiled_elsewhere(coarsest(scene), missing, tell):
+        jobs = [needed[kinds] for kinds in missing]
+        what = " and ".join(
+            describe(scene) if use == SOLVE else str(use) for use in jobs if isinstance(use, str)
+        )
+        tell(f"compiling kernels for {what or describe(scene)}; once on this machine")
+        if _compiled_elsewhere(coarsest(scene), jobs, tell):
             with suppress(OSError):  # a cache that can't be marked is only filled again
-                for use in missing:
-                    marker[use].touch()
+                for kinds in missing:
+                    marker[kinds].touch()
         tell(f"kernels compiled in {time.perf_counter() - begun:.0f} s")
     return True
 
@@ -140,17 +172,7 @@ def _kinds(scene: Scene, use: str = SOLVE) -> str:
     if use in (RODS, PROOFS):
         return use
     about = [scene.solver.anti_locking, scene.body.kind, knots_of(scene).at_rest, _solver(scene)]
-    about += ["moved", *(name for name in scene.move)] if scene.move and not scene.static else []
-    about += [use] if use != SOLVE else []
-    return json.dumps(
-        [
-            *about,
-            *(
-                str(record.dtype.names)
-                for record, _ in pairs(effects.collect(scene, times=_times(scene)))
-            ),
-        ]
-    )
+    return json.dumps([*about, use])
 
 
 def _solver(scene: Scene) -> str | bool:
@@ -238,9 +260,11 @@ def _holder(stream: TextIO) -> str:
     return stream.read(20).strip() or "unknown"
 
 
-def _compiled_elsewhere(small: Scene, uses: Sequence[str], tell: Tell) -> bool:
+def _compiled_elsewhere(small: Scene, jobs: Sequence[str | Function], tell: Tell) -> bool:
     """Fill the disk cache from separate processes. Returns False if that failed (the kernels are then compiled here)."""
-    todo = [part for use in uses for part in parts_of(small, use)]
+    uses = [use for use in jobs if isinstance(use, str)]
+    todo: list[str | Function] = [part for use in uses for part in parts_of(small, use)]
+    todo += [function for function in jobs if not isinstance(function, str)]
     with started(max(1, min(len(todo), os.cpu_count() or 1)), _begin, small.to_si()) as processes:
         for done, (_, _, kept) in enumerate(answers(iter(todo), processes), start=1):
             if kept is not True:  # a full disk, say: the rest would not be kept either
@@ -303,7 +327,7 @@ def _briefly() -> AbstractContextManager[None]:
     return limited(STEPS, map(float, count()).__next__)
 
 
-def _begin(_: object, small: dict[str, Any]) -> Callable[[str], bool]:
+def _begin(_: object, small: dict[str, Any]) -> Callable[[str | Function], bool]:
     """Begin a process: it compiles parts by their names, and reports whether the disk saved them."""
     every = {
         **_WHOLE,
@@ -314,7 +338,10 @@ def _begin(_: object, small: dict[str, Any]) -> Callable[[str], bool]:
     scene = Scene.from_si(small)
     compile_here()
 
-    def compile_part(part: str) -> bool:
+    def compile_part(part: str | Function) -> bool:
+        if not isinstance(part, str):
+            compile_functions([part])
+            return kept_all()
         with suppress(SolveError):
             every[part](scene)
         return kept_all()

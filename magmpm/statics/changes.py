@@ -19,6 +19,7 @@ import numpy as np
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Index
 from magmpm.effects import acting
+from magmpm.effects.calls import rows
 from magmpm.effects.hooks import each_record
 from magmpm.errors import SolveError
 from magmpm.kernels.changes import load_changes, loads, stress_per_shear
@@ -122,7 +123,6 @@ def _columns(model: StaticModel, variables: Sequence[Variable], kind: str) -> In
 def _of_loads(slots: _Slots, variables: Sequence[Variable]) -> None:
     """Slots of remanence and density: as many as there are variables that one particle sees."""
     model = slots.energy.model
-    energy = slots.energy
     regions = len(model.scene.regions())
     width = model.remanence.shape[1]
     column: list[Index] = []
@@ -142,11 +142,13 @@ def _of_loads(slots: _Slots, variables: Sequence[Variable]) -> None:
     if column:
         P, f = slots.add(np.array(column), len(column))
         load_changes(
-            energy.particles,
-            model.effects,
+            rows(model.effects, "stress_change", "force_change"),
+            model.remanence,
+            model.density,
             slots.point.position,
             slots.point.F,
-            np.array(change),
+            np.array([one[:, :-1] for one in change]),
+            np.array([one[:, -1] for one in change]),
             P,
             f,
         )
@@ -168,8 +170,9 @@ def _of_field(slots: _Slots, variables: Sequence[Variable]) -> None:
         assert component is not None
         if changes[component]:
             loads(
-                energy.particles,
-                changes[component],
+                rows(changes[component], "stress", "force"),
+                energy.particles.remanence,
+                energy.particles.density,
                 slots.point.position,
                 slots.point.F,
                 P[slot],

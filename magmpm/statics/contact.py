@@ -22,8 +22,8 @@ from magmpm.bodies.contact_surface import ContactSurface
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact, Records, Touching
+from magmpm.effects.calls import depths, given_for, of_points, push_point, rows
 from magmpm.effects.contact_force import HELD, PARTS, own_grip
-from magmpm.effects.hooks import add_contact, deepest
 from magmpm.kernels.equilibrium import STENCIL, Blocks, Panels, StaticCells
 from magmpm.kernels.surface_contact import contact_to_matrix, touch_at_rest
 from magmpm.model import Model
@@ -48,7 +48,7 @@ def held_at(
     """Find how obstacles hold points at x (n, 3) m; begun: where and how they were as the increment began, or None."""
     f = np.zeros((len(x), PARTS))
     met = np.ones(len(x))
-    _grips(effects, x, x if begun is None else begun[0], mass, grips, f, met)
+    _grips(of_points(effects), x, x if begun is None else begun[0], mass, grips, f, met)
     grip = np.linalg.norm(f[:, 3:6], axis=1)
     anchor = x
     if begun is not None:
@@ -94,15 +94,19 @@ def _stretch(held: Held, x: Array) -> tuple[Array, Array]:
 
 
 @compiled
-def _grips(effects, x, was, mass, grips, f, met):  # type: ignore[no-untyped-def]
+def _grips(calls, x, was, mass, grips, f, met):  # type: ignore[no-untyped-def]
     """Write the grip of points at x (n, 3) m to f (n, PARTS), and which share of the way from `was` was clear to met (n,)."""
-    still = np.zeros(3)
-    for p in range(len(x)):
-        depth = deepest(effects, 0, x[p])
-        if depth > 0.0:
-            before = deepest(effects, 0, was[p])
-            met[p] = 0.0 if before >= 0.0 else 1.0 / (1.0 - depth / before)
-            add_contact(effects, 0, x[p], still, mass[p], 0.0, f[p])
+    n = len(x)
+    still = np.zeros((n, 3))
+    depth = np.empty(n)
+    before = np.empty(n)
+    given = given_for()
+    depths(calls.near, 0, given, x, depth)
+    depths(calls.near, 0, given, was, before)
+    for p in range(n):
+        if depth[p] > 0.0:
+            met[p] = 0.0 if before[p] >= 0.0 else 1.0 / (1.0 - depth[p] / before[p])
+            push_point(calls.contact, 0, 0.0, given, p, x, still, mass, f[p])
             own_grip(grips[p, 0], f[p])
 
 
@@ -146,7 +150,7 @@ class RestingSurface(ContactSurface):
         energy = np.zeros(n)
         f = np.zeros((n, 3))
         H = np.zeros((n, 3, 3))
-        touch_at_rest(effects, x, self.mass, energy, f, H)
+        touch_at_rest(rows(effects, "near"), rows(effects, "touch"), x, self.mass, energy, f, H)
         held = energy != 0.0
         anchor = x
         slides = np.zeros(n, bool)

@@ -12,6 +12,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.lapack import addresses
+from magmpm.effects.calls import at_rest
 from magmpm.kernels.changes import scatter, tangent_products
 from magmpm.kernels.equilibrium import (
     StaticCells,
@@ -63,6 +64,7 @@ class Energy:
             model.remanence,
             model.density,
         )
+        self._calls = at_rest(model.effects)
         self._fortran = addresses()
         cells = len(layout.cell_plane)
         self._rest: float | None = None
@@ -77,6 +79,7 @@ class Energy:
     def load(self, model: StaticModel) -> None:
         """Put the same body under other loads: those of a model with the same grid and particles."""
         self.model = model
+        self._calls = at_rest(model.effects)
         self._rest = None
 
     def at(self, grid: Array) -> Point:
@@ -88,7 +91,7 @@ class Energy:
         grid_to_particles(self.cells, self.particles, grid, model.axes, u, F)
         x = model.particles.position + u
         energy, low, high = self._per_cell
-        cell_energy(self.cells, self.particles, model.effects, x, F, energy, low, high)
+        cell_energy(self.cells, self.particles, self._calls, x, F, energy, low, high)
         touched = None if model.touching is None else model.touching.touched(model.effects, grid)
         total = float(energy.sum()) + (0.0 if touched is None else touched.energy)
         if model.layout.springs is not None:
@@ -129,9 +132,7 @@ class Energy:
     def residual(self, point: Point) -> Array:
         """Gradient of the energy, (planes, m) N."""
         out = np.zeros(self.shape)
-        particles_to_grid(
-            self.cells, self.particles, self.model.effects, point.position, point.F, out
-        )
+        particles_to_grid(self.cells, self.particles, self._calls, point.position, point.F, out)
         return self._completed(point, out)
 
     def _completed(self, point: Point, residual: Array) -> Array:
@@ -178,11 +179,10 @@ class Energy:
         right = columns.transpose(0, 2, 1).reshape(planes, -1)
         stiff = np.zeros_like(right)
         heavy = np.zeros_like(right)
-        effects = self.model.effects
         tangent_products(
             self.cells,
             self.particles,
-            effects,
+            self._calls,
             point.position,
             point.F,
             self._fortran,
@@ -210,9 +210,15 @@ class Energy:
         out = np.zeros(self.shape)
         matrix.clear()
         target = matrix.target(self.cells)
-        effects = self.model.effects
         particles_to_grid_with_tangent(
-            self.cells, self.particles, effects, point.position, point.F, target, self._fortran, out
+            self.cells,
+            self.particles,
+            self._calls,
+            point.position,
+            point.F,
+            target,
+            self._fortran,
+            out,
         )
         if point.touched is not None and self.model.touching is not None:
             self.model.touching.add_tangent(point.touched, matrix.target(self.model.touching.cells))

@@ -16,6 +16,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting
 from magmpm.effects.base import BodyChange
+from magmpm.effects.calls import rows
 from magmpm.errors import Collapsed, SolveError
 from magmpm.kernels.changes import loads
 from magmpm.kernels.equilibrium import grid_to_particles
@@ -112,19 +113,36 @@ class InteractingEnergy:
             change = acting.refresh_change(
                 self.named, model, point.position, point.F, BodyChange(still, dx, dF)
             )
-            loads(self.whole.particles, change, point.position, point.F, P[k], f[k])
+            loads(
+                rows(change, "stress", "force"),
+                model.remanence,
+                model.density,
+                point.position,
+                point.F,
+                P[k],
+                f[k],
+            )
         return self.alone.each_scattered(P, f)
 
     def refresh_by_remanence(self, point: Point, changes: Array) -> Array:
         """Change (planes, k, m) N of the residual as tables follow changes (k, n, 3) T of the remanence, at the point of the last `at`."""
-        n = len(self.model.shear)
+        model = self.model
+        n = len(model.shear)
         count = len(changes)
         P = np.zeros((count, n, 3, 3))
         f = np.zeros((count, n, 3))
         for k in range(count):
             by = BodyChange(changes[k], np.zeros((n, 3)), np.zeros((n, 3, 3)))
-            change = acting.refresh_change(self.named, self.model, point.position, point.F, by)
-            loads(self.whole.particles, change, point.position, point.F, P[k], f[k])
+            change = acting.refresh_change(self.named, model, point.position, point.F, by)
+            loads(
+                rows(change, "stress", "force"),
+                model.remanence,
+                model.density,
+                point.position,
+                point.F,
+                P[k],
+                f[k],
+            )
         return self.alone.each_scattered(P, f)
 
     def solve_columns(self, right: Array) -> Array:

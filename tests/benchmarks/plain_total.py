@@ -1,17 +1,18 @@
 """The step of a motion without the mechanism of effects: the baseline for scenes without effects.
 
 The functions of kernels.total_lagrangian_step line by line, without everything about effects and otherwise unchanged: the watch on
-stiffness and det F is part of every step. tests/unit/project/test_benchmarks.py compares the results of the two,
-tests/unit/effects/test_absence.py their machine code.
+stiffness and det F is part of every step. tests/unit/project/test_benchmarks.py compares the results of the two.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, inlined, inner_kernel, prange
 from magmpm.compiled.simd import larger, load, magnitude, splat, store
 from magmpm.kernels.mass_correction import added_at, correct
 from magmpm.kernels.total_lagrangian_step import (
-    CellRoom,
     State,
     _most_groups,
     _projected,
@@ -20,6 +21,15 @@ from magmpm.kernels.total_lagrangian_step import (
 )
 from magmpm.kernels.watch import clear, see, stops
 from magmpm.materials import neo_hookean, stiffest
+
+
+class CellRoom(NamedTuple):
+    """Work space for the particles of one cell: F (groups 9 8,), det F (groups 8,), u (groups 3 8,) m, moments of det F - 1 (4,)."""
+
+    F: Array
+    J: Array
+    u: Array
+    c: Array
 
 
 @inlined
@@ -38,7 +48,7 @@ def particles_to_grid(cell, cells, particles, state, room, P, f, spare, high, ch
         swollen = det - 1.0
         if particles.mode_count > 0:
             swollen = _projected(
-                particles.modes, particles.moments[group], particles.mode_count, room.c
+                particles.modes, particles.moments[group], particles.mode_count, room.c, 0
             )
         pressure = swollen * cells.bulk[cell]
         scale, I1, I2 = neo_hookean(room.F, at, det, cells.shear[cell], pressure, P)
@@ -51,7 +61,7 @@ def particles_to_grid(cell, cells, particles, state, room, P, f, spare, high, ch
         V = load(particles.volume, 8 * group)
         for i in range(9):
             store(P, 8 * i, load(P, 8 * i) * V)
-        scatter(state.force, node, along_x, along_y, splines, pattern, P, f, spare)
+        scatter(state.force, node, along_x, along_y, splines, pattern, P, f, 0, V, spare)
     return high, change
 
 
@@ -90,7 +100,9 @@ def _sum_forces(most, cells, particles, state, slabs):
             high = splat(0.0)
             change = splat(0.0)
             for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                least, bad = grid_to_particles(cell, cells, particles, state, room, least, bad)
+                least, bad = grid_to_particles(
+                    cell, cell, cells, particles, state, room, least, bad
+                )
                 high, change = particles_to_grid(
                     cell, cells, particles, state, room, P, f, spare, high, change
                 )

@@ -5,7 +5,6 @@ the derivative falls with order 2, or is rounding where the load is linear."""
 
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 from reference.acting import KEYS, Point, acting, having, hook
@@ -14,46 +13,41 @@ from magmpm.compiled.jit import compiled
 from magmpm.effects import acting as effects
 from magmpm.effects import hooks
 from magmpm.effects.base import BodyChange, BodyEffect
-from magmpm.effects.hooks import (
-    add_force,
-    add_force_change,
-    add_stress,
-    add_stress_change,
-    register,
-)
+from magmpm.effects.calls import rows
+from magmpm.effects.hooks import register
+from magmpm.kernels.changes import load_changes, loads
 
 STATIC = having("stress", "force")
 STEPS = np.array([0.04, 0.02, 0.01])
 ROUNDING = 1e-13  # of the load: a sum of some ten products
 
 
-@numba.njit
-def _loads(named, magnet, rho, x, F, P, f):  # type: ignore[no-untyped-def]
-    add_stress(named, 0, magnet, rho, x, F, P)
-    add_force(named, 0, magnet, rho, x, F, f)
-
-
-@numba.njit
-def _changes(named, magnet, rho, dmagnet, drho, x, F, P, f):  # type: ignore[no-untyped-def]
-    add_stress_change(named, 0, magnet, rho, dmagnet, drho, x, F, P)
-    add_force_change(named, 0, magnet, rho, dmagnet, drho, x, F, f)
-
-
 def load(named: Any, at: Point, magnet: np.ndarray, rho: float) -> np.ndarray:
     """Stress and force of all effects, (12,)."""
-    P = np.zeros((3, 3))
-    f = np.zeros(3)
-    if named:
-        _loads(named, magnet, rho, at.x, at.F, P, f)
-    return np.concatenate([P.ravel(), f])
+    P = np.zeros((1, 3, 3))
+    f = np.zeros((1, 3))
+    own = rows(named, "stress", "force")
+    loads(own, np.array([magnet]), np.array([rho]), at.x[None], at.F[None], P, f)
+    return np.concatenate([P.ravel(), f.ravel()])
 
 
 def change(named: Any, at: Point, dmagnet: np.ndarray, drho: float) -> np.ndarray:
     """Their change with remanence and density, (12,)."""
-    P = np.zeros((3, 3))
-    f = np.zeros(3)
-    _changes(named, at.magnet, at.rho, dmagnet, drho, at.x, at.F, P, f)
-    return np.concatenate([P.ravel(), f])
+    P = np.zeros((1, 1, 3, 3))
+    f = np.zeros((1, 1, 3))
+    own = rows(named, "stress_change", "force_change")
+    load_changes(
+        own,
+        at.magnet[None],
+        np.array([at.rho]),
+        at.x[None],
+        at.F[None],
+        dmagnet[None, None],
+        np.array([[drho]]),
+        P,
+        f,
+    )
+    return np.concatenate([P.ravel(), f.ravel()])
 
 
 def assert_derivative(moved: list[np.ndarray], was: np.ndarray, slope: np.ndarray) -> None:
@@ -128,8 +122,8 @@ def test_tables_change_with_the_body(key: str, rng: np.random.Generator) -> None
         return out
 
     _, slope = effects.refresh_change((record, data), model, x, F, by)
-    for rows in (slice(0, 3), slice(3, 6)):  # fields and forces have units of their own
-        pick = lambda values, rows=rows: values.reshape(-1, 6)[:, rows]  # noqa: E731
+    for kind in (slice(0, 3), slice(3, 6)):  # fields and forces have units of their own
+        pick = lambda values, kind=kind: values.reshape(-1, 6)[:, kind]  # noqa: E731
         assert np.abs(pick(slope)).max() > 0
         assert_derivative([pick(table(t)) for t in STEPS], pick(table(0.0)), pick(slope))
     at = Point(one, rng)
