@@ -48,7 +48,8 @@ kernel: Callable[..., Any] = jit(parallel=True, **_ALL)
 compiled: Callable[..., Any] = jit(**_ALL)
 # For functions that are called before the kernels of a run are compiled, as a body or a field is made.
 compiled_elsewhere: Callable[..., Any] = jit(elsewhere=True, **_ALL)
-# A kernel that only compiled code calls: to be called from Python as well takes a tenth of compiling.
+# What only compiled code calls: to be called from Python as well takes a tenth of compiling.
+inner: Callable[..., Any] = jit(no_cpython_wrapper=True, **_ALL)
 inner_kernel: Callable[..., Any] = jit(parallel=True, no_cpython_wrapper=True, **_ALL)
 # For functions that inner loops call with many arrays. Without it, a call passes seven words for each array, some hundred instructions.
 inlined: Callable[..., Any] = jit(forceinline=True, **_ALL)
@@ -92,6 +93,7 @@ __all__ = [
     "compiled",
     "compiled_elsewhere",
     "inlined",
+    "inner",
     "inner_kernel",
     "kernel",
     "only_where",

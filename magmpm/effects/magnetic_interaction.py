@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled, inlined, kernel, prange
+from magmpm.compiled.jit import compiled, inlined, inner
+from magmpm.compiled.parallel import over_parts, task
 from magmpm.effects.base import (
     BodyChange,
     BodyEffect,
@@ -249,102 +250,115 @@ def _radial_change(r, d):
     return most * (30.0 * q - 35.0) / d, most * 35.0 / (d * r * r)
 
 
-@kernel
+@inner
+def _act_on_one(a, places, moments, edges, of, field, force):
+    """`_act` on one dipole."""
+    m0 = moments[a, 0]
+    m1 = moments[a, 1]
+    m2 = moments[a, 2]
+    b0 = 0.0
+    b1 = 0.0
+    b2 = 0.0
+    f0 = 0.0
+    f1 = 0.0
+    f2 = 0.0
+    for b in range(len(places)):
+        if of[b] == of[a]:
+            continue
+        x = places[a, 0] - places[b, 0]
+        y = places[a, 1] - places[b, 1]
+        z = places[a, 2] - places[b, 2]
+        n0 = moments[b, 0]
+        n1 = moments[b, 1]
+        n2 = moments[b, 2]
+        r2 = x * x + y * y + z * z
+        h, steep = _radial(np.sqrt(r2) + TINY, 0.5 * (edges[a] + edges[b]))
+        nd = n0 * x + n1 * y + n2 * z
+        md = m0 * x + m1 * y + m2 * z
+        mn = m0 * n0 + m1 * n1 + m2 * n2
+        b0 += h * (3.0 * nd * x - n0 * r2)
+        b1 += h * (3.0 * nd * y - n1 * r2)
+        b2 += h * (3.0 * nd * z - n2 * r2)
+        along = steep * (3.0 * md * nd - mn * r2) - 2.0 * h * mn
+        f0 += 3.0 * h * (md * n0 + nd * m0) + along * x
+        f1 += 3.0 * h * (md * n1 + nd * m1) + along * y
+        f2 += 3.0 * h * (md * n2 + nd * m2) + along * z
+    field[a, 0], field[a, 1], field[a, 2] = b0, b1, b2
+    force[a, 0], force[a, 1], force[a, 2] = f0, f1, f2
+
+
+@compiled
 def _act(places, moments, edges, of, field, force):
     """Field (k, 3) T of the other segments' dipoles at each dipole, and the force (k, 3) N on it. edges (k,) m: of cubes as large.
 
     E_ab = -h(r) (3 (m . x) (n . x) - (m . n) r^2), with x from b to a; the derivatives include that of h.
     """
-    for a in prange(len(places)):
-        m0 = moments[a, 0]
-        m1 = moments[a, 1]
-        m2 = moments[a, 2]
-        b0 = 0.0
-        b1 = 0.0
-        b2 = 0.0
-        f0 = 0.0
-        f1 = 0.0
-        f2 = 0.0
-        for b in range(len(places)):
-            if of[b] == of[a]:
-                continue
-            x = places[a, 0] - places[b, 0]
-            y = places[a, 1] - places[b, 1]
-            z = places[a, 2] - places[b, 2]
-            n0 = moments[b, 0]
-            n1 = moments[b, 1]
-            n2 = moments[b, 2]
-            r2 = x * x + y * y + z * z
-            h, steep = _radial(np.sqrt(r2) + TINY, 0.5 * (edges[a] + edges[b]))
-            nd = n0 * x + n1 * y + n2 * z
-            md = m0 * x + m1 * y + m2 * z
-            mn = m0 * n0 + m1 * n1 + m2 * n2
-            b0 += h * (3.0 * nd * x - n0 * r2)
-            b1 += h * (3.0 * nd * y - n1 * r2)
-            b2 += h * (3.0 * nd * z - n2 * r2)
-            along = steep * (3.0 * md * nd - mn * r2) - 2.0 * h * mn
-            f0 += 3.0 * h * (md * n0 + nd * m0) + along * x
-            f1 += 3.0 * h * (md * n1 + nd * m1) + along * y
-            f2 += 3.0 * h * (md * n2 + nd * m2) + along * z
-        field[a, 0], field[a, 1], field[a, 2] = b0, b1, b2
-        force[a, 0], force[a, 1], force[a, 2] = f0, f1, f2
+    over_parts(len(places), task(_act_on_one, (places, moments, edges, of, field, force)))
 
 
-@kernel
+@inner
+def _act_change_of_one(a, places, moments, edges, of, dplaces, dmoments, dfield, dforce):
+    """`_act_change` of one dipole."""
+    for b in range(len(places)):
+        if of[b] == of[a]:
+            continue
+        r2 = 0.0
+        dr2 = 0.0
+        nd = 0.0
+        dnd = 0.0
+        md = 0.0
+        dmd = 0.0
+        mn = 0.0
+        dmn = 0.0
+        for i in range(3):
+            x = places[a, i] - places[b, i]
+            dx = dplaces[a, i] - dplaces[b, i]
+            m = moments[a, i]
+            dm = dmoments[a, i]
+            n = moments[b, i]
+            dn = dmoments[b, i]
+            r2 = r2 + x * x
+            dr2 = dr2 + 2.0 * x * dx
+            nd = nd + n * x
+            dnd = dnd + dn * x + n * dx
+            md = md + m * x
+            dmd = dmd + dm * x + m * dx
+            mn = mn + m * n
+            dmn = dmn + dm * n + m * dn
+        r = np.sqrt(r2) + TINY
+        d = 0.5 * (edges[a] + edges[b])
+        h, steep = _radial(r, d)
+        slope, bend = _radial_change(r, d)
+        dr = dr2 / (2.0 * r)
+        dh = slope * dr
+        dsteep = bend * dr
+        both = 3.0 * md * nd - mn * r2
+        dboth = 3.0 * (dmd * nd + md * dnd) - dmn * r2 - mn * dr2
+        along = steep * both - 2.0 * h * mn
+        dalong = dsteep * both + steep * dboth - 2.0 * (dh * mn + h * dmn)
+        for i in range(3):
+            x = places[a, i] - places[b, i]
+            dx = dplaces[a, i] - dplaces[b, i]
+            m = moments[a, i]
+            dm = dmoments[a, i]
+            n = moments[b, i]
+            dn = dmoments[b, i]
+            dfield[a, i] += dh * (3.0 * nd * x - n * r2) + h * (
+                3.0 * (dnd * x + nd * dx) - dn * r2 - n * dr2
+            )
+            turned = dh * (md * n + nd * m) + h * (dmd * n + md * dn + dnd * m + nd * dm)
+            dforce[a, i] += 3.0 * turned + dalong * x + along * dx
+
+
+@compiled
 def _act_change(places, moments, edges, of, dplaces, dmoments, dfield, dforce):
     """Directional derivative of `_act`, by the chain rule line by line: dfield (k, 3) T and dforce (k, 3) N of a change of the dipoles'
     places dplaces (k, 3) m and moments dmoments (k, 3) A m^2.
     """
-    for a in prange(len(places)):
-        for b in range(len(places)):
-            if of[b] == of[a]:
-                continue
-            r2 = 0.0
-            dr2 = 0.0
-            nd = 0.0
-            dnd = 0.0
-            md = 0.0
-            dmd = 0.0
-            mn = 0.0
-            dmn = 0.0
-            for i in range(3):
-                x = places[a, i] - places[b, i]
-                dx = dplaces[a, i] - dplaces[b, i]
-                m = moments[a, i]
-                dm = dmoments[a, i]
-                n = moments[b, i]
-                dn = dmoments[b, i]
-                r2 = r2 + x * x
-                dr2 = dr2 + 2.0 * x * dx
-                nd = nd + n * x
-                dnd = dnd + dn * x + n * dx
-                md = md + m * x
-                dmd = dmd + dm * x + m * dx
-                mn = mn + m * n
-                dmn = dmn + dm * n + m * dn
-            r = np.sqrt(r2) + TINY
-            d = 0.5 * (edges[a] + edges[b])
-            h, steep = _radial(r, d)
-            slope, bend = _radial_change(r, d)
-            dr = dr2 / (2.0 * r)
-            dh = slope * dr
-            dsteep = bend * dr
-            both = 3.0 * md * nd - mn * r2
-            dboth = 3.0 * (dmd * nd + md * dnd) - dmn * r2 - mn * dr2
-            along = steep * both - 2.0 * h * mn
-            dalong = dsteep * both + steep * dboth - 2.0 * (dh * mn + h * dmn)
-            for i in range(3):
-                x = places[a, i] - places[b, i]
-                dx = dplaces[a, i] - dplaces[b, i]
-                m = moments[a, i]
-                dm = dmoments[a, i]
-                n = moments[b, i]
-                dn = dmoments[b, i]
-                dfield[a, i] += dh * (3.0 * nd * x - n * r2) + h * (
-                    3.0 * (dnd * x + nd * dx) - dn * r2 - n * dr2
-                )
-                turned = dh * (md * n + nd * m) + h * (dmd * n + md * dn + dnd * m + nd * dm)
-                dforce[a, i] += 3.0 * turned + dalong * x + along * dx
+    over_parts(
+        len(places),
+        task(_act_change_of_one, (places, moments, edges, of, dplaces, dmoments, dfield, dforce)),
+    )
 
 
 @compiled

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.by_address import address
-from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.compiled.jit import compiled, inner
+from magmpm.compiled.parallel import over_parts, over_slabs, task
 from magmpm.effects.calls import (
     add_energies,
     add_loads,
@@ -37,22 +38,29 @@ ROWS = 4  # of each particle: three of gradients, one of values
 BLOCK = 64  # particles that a thread takes at a time
 
 
-@kernel
+@inner
+def _block_of_load_changes(block, calls, magnet, rho, x, F, dmagnet, drho, P, f):
+    """`load_changes` of some particles."""
+    first = BLOCK * block
+    count = min(BLOCK, len(x) - first)
+    given = given_for()
+    for slot in range(len(drho)):
+        particles_from(given, first, magnet, rho, x, F)
+        _changed(given, first, dmagnet[slot], drho[slot])
+        add_loads(calls, count, given, P[slot, first:], f[slot, first:])
+
+
+@compiled
 def load_changes(calls, magnet, rho, x, F, dmagnet, drho, P, f):
     """Add to P (slots, n, 3, 3) Pa and f (slots, n, 3) N/m^3 how the effects' stress and force change with the particles' constants.
 
     calls: rows of the hooks (effects.calls); dmagnet (slots, n, 3 or 4): change of the remanence (T; with a mark, which stays, where the
     particles have one); drho (slots, n): of the density (kg/m^3).
     """
-    blocks = (len(x) + BLOCK - 1) // BLOCK
-    for block in prange(blocks):
-        first = BLOCK * block
-        count = min(BLOCK, len(x) - first)
-        given = given_for()
-        for slot in range(len(drho)):
-            particles_from(given, first, magnet, rho, x, F)
-            _changed(given, first, dmagnet[slot], drho[slot])
-            add_loads(calls, count, given, P[slot, first:], f[slot, first:])
+    over_parts(
+        (len(x) + BLOCK - 1) // BLOCK,
+        task(_block_of_load_changes, (calls, magnet, rho, x, F, dmagnet, drho, P, f)),
+    )
 
 
 @compiled
@@ -62,46 +70,63 @@ def _changed(given, p, dmagnet, drho):
     at.dmagnet, at.drho = address(dmagnet, dmagnet.shape[1] * p), address(drho, p)
 
 
-@kernel
+@inner
+def _block_of_loads(block, calls, magnet, rho, x, F, P, f):
+    """`loads` of some particles."""
+    first = BLOCK * block
+    given = given_for()
+    particles_from(given, first, magnet, rho, x, F)
+    add_loads(calls, min(BLOCK, len(x) - first), given, P[first:], f[first:])
+
+
+@compiled
 def loads(calls, magnet, rho, x, F, P, f):
     """Add the effects' stress and force of each particle to P (n, 3, 3) Pa and f (n, 3) N/m^3; calls: rows of these hooks."""
-    blocks = (len(x) + BLOCK - 1) // BLOCK
-    for block in prange(blocks):
-        first = BLOCK * block
-        given = given_for()
-        particles_from(given, first, magnet, rho, x, F)
-        add_loads(calls, min(BLOCK, len(x) - first), given, P[first:], f[first:])
+    over_parts(
+        (len(x) + BLOCK - 1) // BLOCK, task(_block_of_loads, (calls, magnet, rho, x, F, P, f))
+    )
 
 
-@kernel
+@inner
+def _block_of_potentials(block, calls, magnet, rho, x, F, W):
+    """`potentials` of some particles."""
+    first = BLOCK * block
+    given = given_for()
+    particles_from(given, first, magnet, rho, x, F)
+    add_energies(calls, min(BLOCK, len(x) - first), given, W[first:])
+
+
+@compiled
 def potentials(calls, magnet, rho, x, F, W):
     """Add the effects' energy of each particle to W (n,), J/m^3; calls: rows of this hook."""
-    blocks = (len(x) + BLOCK - 1) // BLOCK
-    for block in prange(blocks):
-        first = BLOCK * block
-        given = given_for()
-        particles_from(given, first, magnet, rho, x, F)
-        add_energies(calls, min(BLOCK, len(x) - first), given, W[first:])
+    over_parts(
+        (len(x) + BLOCK - 1) // BLOCK, task(_block_of_potentials, (calls, magnet, rho, x, F, W))
+    )
 
 
-@kernel
-def stress_per_shear(cells, particles, F, P):
-    """Write the elastic stress over the shear modulus to P (n, 3, 3), no unit: it is linear in the moduli at a fixed K/G."""
+@inner
+def _stress_per_shear_of_cell(cell, cells, particles, F, P):
+    """`stress_per_shear` of one cell."""
     volume = particles.volume
     shear = particles.shear
     bulk = particles.bulk
     modes = particles.modes
-    for cell in prange(len(cells.plane)):
-        first = cells.first[cell]
-        last = cells.first[cell + 1]
-        cof = np.empty((3, 3))
-        c = np.empty(modes.shape[1])
-        _volume_moments(first, last, volume, modes, F, c)
-        for p in range(first, last):
-            J = determinant(F[p])
-            pressure = volume_pressure(_volume_change(J, p, modes, c), bulk[p] / shear[p])
-            cofactor(F[p], cof)
-            stress(F[p], cof, J, 1.0, pressure, P[p])
+    first = cells.first[cell]
+    last = cells.first[cell + 1]
+    cof = np.empty((3, 3))
+    c = np.empty(modes.shape[1])
+    _volume_moments(first, last, volume, modes, F, c)
+    for p in range(first, last):
+        J = determinant(F[p])
+        pressure = volume_pressure(_volume_change(J, p, modes, c), bulk[p] / shear[p])
+        cofactor(F[p], cof)
+        stress(F[p], cof, J, 1.0, pressure, P[p])
+
+
+@compiled
+def stress_per_shear(cells, particles, F, P):
+    """Write the elastic stress over the shear modulus to P (n, 3, 3), no unit: it is linear in the moduli at a fixed K/G."""
+    over_parts(len(cells.plane), task(_stress_per_shear_of_cell, (cells, particles, F, P)))
 
 
 class _Room(NamedTuple):
@@ -161,33 +186,38 @@ def _to_nodes(count, fortran, room):
     multiply(ROWS * count, fortran, room, 1, 1, 2, room.T, 0, room.G, 1, room.C)
 
 
-@kernel
+@inner
+def _slots_of_slab(slab, cells, particles, column, P, f, fortran, out):
+    """`scatter` of one slab."""
+    room = _room(cells.most, len(column), 0)
+    for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+        first = cells.first[cell]
+        last = cells.first[cell + 1]
+        _rows(first, last, particles, room)
+        _slots_of_cell(first, last, particles.volume, P, f, room.T)
+        _to_nodes(last - first, fortran, room)
+        for slot in range(len(column)):
+            if column[slot, cell] >= 0:
+                _scatter_column(
+                    cells.plane[cell],
+                    cells.row[cell],
+                    room.C,
+                    slot,
+                    column[slot, cell],
+                    out,
+                )
+
+
+@compiled
 def scatter(cells, particles, column, P, f, fortran, out):
     """P2G of many slots: sum over particles of volume (P grad N_a - f N_a), added to out (planes, columns, 3 nodes), N.
 
     column (slots, cells): which column a slot of a cell adds to, -1 for none; P (slots, n, 3, 3) Pa, f (slots, n, 3) N/m^3.
     """
-    slabs = len(cells.slab_first) - 1
-    for color in range(2):
-        for half in prange((slabs + 1 - color) // 2):
-            slab = 2 * half + color
-            room = _room(cells.most, len(column), 0)
-            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                first = cells.first[cell]
-                last = cells.first[cell + 1]
-                _rows(first, last, particles, room)
-                _slots_of_cell(first, last, particles.volume, P, f, room.T)
-                _to_nodes(last - first, fortran, room)
-                for slot in range(len(column)):
-                    if column[slot, cell] >= 0:
-                        _scatter_column(
-                            cells.plane[cell],
-                            cells.row[cell],
-                            room.C,
-                            slot,
-                            column[slot, cell],
-                            out,
-                        )
+    over_slabs(
+        len(cells.slab_first) - 1,
+        task(_slots_of_slab, (cells, particles, column, P, f, fortran, out)),
+    )
 
 
 @compiled
@@ -216,44 +246,52 @@ def _scatter_column(plane, rows, r, slot, column, out):
                     ]
 
 
-@kernel
+@inner
+def _products_of_slab(slab, cells, particles, calls, x, F, fortran, count, columns, stiff, heavy):
+    """`tangent_products` of one slab."""
+    room = _room(cells.most, count, particles.modes.shape[1])
+    for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+        first = cells.first[cell]
+        last = cells.first[cell + 1]
+        _rows(first, last, particles, room)
+        _gather(cells.plane[cell], cells.row[cell], columns, room.C)
+        multiply(
+            ROWS * (last - first), fortran, room, 0, 2, 1, room.C, 0, room.G, 1, room.D
+        )  # gradients, values at particles
+        _stress_changes(first, last, particles, calls, x, F, room)
+        _to_nodes(last - first, fortran, room)
+        _scatter_all(cells.plane[cell], cells.row[cell], room.C, stiff)
+        _weigh(first, last, particles.volume, room.D)
+        multiply(
+            last - first,
+            fortran,
+            room,
+            1,
+            1,
+            2,
+            room.D[ROWS - 1 :],
+            3,
+            room.G[ROWS - 1 :],
+            4,
+            room.C,
+        )  # of values alone
+        _scatter_all(cells.plane[cell], cells.row[cell], room.C, heavy)
+
+
+@compiled
 def tangent_products(cells, particles, calls, x, F, fortran, count, columns, stiff, heavy):
     """Add the tangent times `count` columns to stiff, N, and the mass matrix of unit density times them to heavy.
 
     All three (planes, 3 nodes count): the columns' values at a node, axis by axis, are neighbors.
     The tangent is that of kernels.equilibrium.particles_to_grid_with_tangent at x (n, 3) m, F (n, 3, 3), without its matrix.
     """
-    slabs = len(cells.slab_first) - 1
-    for color in range(2):
-        for half in prange((slabs + 1 - color) // 2):
-            slab = 2 * half + color
-            room = _room(cells.most, count, particles.modes.shape[1])
-            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                first = cells.first[cell]
-                last = cells.first[cell + 1]
-                _rows(first, last, particles, room)
-                _gather(cells.plane[cell], cells.row[cell], columns, room.C)
-                multiply(
-                    ROWS * (last - first), fortran, room, 0, 2, 1, room.C, 0, room.G, 1, room.D
-                )  # gradients, values at particles
-                _stress_changes(first, last, particles, calls, x, F, room)
-                _to_nodes(last - first, fortran, room)
-                _scatter_all(cells.plane[cell], cells.row[cell], room.C, stiff)
-                _weigh(first, last, particles.volume, room.D)
-                multiply(
-                    last - first,
-                    fortran,
-                    room,
-                    1,
-                    1,
-                    2,
-                    room.D[ROWS - 1 :],
-                    3,
-                    room.G[ROWS - 1 :],
-                    4,
-                    room.C,
-                )  # of values alone
-                _scatter_all(cells.plane[cell], cells.row[cell], room.C, heavy)
+    over_slabs(
+        len(cells.slab_first) - 1,
+        task(
+            _products_of_slab,
+            (cells, particles, calls, x, F, fortran, count, columns, stiff, heavy),
+        ),
+    )
 
 
 @compiled

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.by_address import call
-from magmpm.compiled.jit import chosen_by_types, compiled, kernel, prange
+from magmpm.compiled.jit import chosen_by_types, compiled, inner
+from magmpm.compiled.parallel import over_parts, over_slabs, task
 from magmpm.effects.calls import (
     add_energies,
     add_loads,
@@ -89,41 +90,48 @@ def _volume_change(J, p, modes, c):
     return projected
 
 
-@kernel
-def cell_energy(cells, particles, calls, x, F, energy, low, high):
-    """Write each cell's potential energy to energy (cells,) J, and the smallest and largest det F of its particles to low, high (cells,).
-
-    x (n, 3) m, F (n, 3, 3) of the particles; calls: effects.calls.RestCalls. A cell with det F <= 0 has energy inf.
-    """
+@inner
+def _energy_of_cell(cell, cells, particles, calls, x, F, energy, low, high):
+    """`cell_energy` of one cell."""
     volume = particles.volume
     shear = particles.shear
     bulk = particles.bulk
     modes = particles.modes
     remanence = particles.remanence
     density = particles.density
-    for cell in prange(len(energy)):
-        first = cells.first[cell]
-        last = cells.first[cell + 1]
-        c = np.empty(modes.shape[1])
-        _volume_moments(first, last, volume, modes, F, c)
-        total = 0.0
-        lowest = np.inf
-        highest = -np.inf
-        loaded = np.zeros(last - first)
-        given = given_for()
-        particles_from(given, first, remanence, density, x, F)
-        add_energies(calls.energy, last - first, given, loaded)
-        for p in range(first, last):
-            J = determinant(F[p])
-            lowest = min(lowest, J)
-            highest = max(highest, J)
-            W = shape_energy(F[p], J, shear[p]) if J > 0.0 else np.inf
-            if len(c) == 0:
-                W += volume_energy(J, bulk[p])
-            total += volume[p] * (W + loaded[p - first])
-        for k in range(len(c)):  # K/2 (J - 1)^2 of the projection: the modes are orthogonal
-            total += 0.5 * bulk[first] * c[k] ** 2
-        energy[cell], low[cell], high[cell] = total, lowest, highest
+    first = cells.first[cell]
+    last = cells.first[cell + 1]
+    c = np.empty(modes.shape[1])
+    _volume_moments(first, last, volume, modes, F, c)
+    total = 0.0
+    lowest = np.inf
+    highest = -np.inf
+    loaded = np.zeros(last - first)
+    given = given_for()
+    particles_from(given, first, remanence, density, x, F)
+    add_energies(calls.energy, last - first, given, loaded)
+    for p in range(first, last):
+        J = determinant(F[p])
+        lowest = min(lowest, J)
+        highest = max(highest, J)
+        W = shape_energy(F[p], J, shear[p]) if J > 0.0 else np.inf
+        if len(c) == 0:
+            W += volume_energy(J, bulk[p])
+        total += volume[p] * (W + loaded[p - first])
+    for k in range(len(c)):  # K/2 (J - 1)^2 of the projection: the modes are orthogonal
+        total += 0.5 * bulk[first] * c[k] ** 2
+    energy[cell], low[cell], high[cell] = total, lowest, highest
+
+
+@compiled
+def cell_energy(cells, particles, calls, x, F, energy, low, high):
+    """Write each cell's potential energy to energy (cells,) J, and the smallest and largest det F of its particles to low, high (cells,).
+
+    x (n, 3) m, F (n, 3, 3) of the particles; calls: effects.calls.RestCalls. A cell with det F <= 0 has energy inf.
+    """
+    over_parts(
+        len(energy), task(_energy_of_cell, (cells, particles, calls, x, F, energy, low, high))
+    )
 
 
 @compiled
@@ -179,9 +187,9 @@ def _scatter_vector(plane, rows, r, residual):
                     residual[plane + a, first + 3 * c + k] += r[9 * a + 3 * b + c, k]
 
 
-@kernel
-def particles_to_grid(cells, particles, calls, x, F, residual):
-    """P2G: gradient of the potential energy with respect to the grid's coefficients, added to residual (planes, 3 nodes), N."""
+@inner
+def _slab_to_grid(slab, cells, particles, calls, x, F, residual):
+    """`particles_to_grid` of one slab."""
     weights = particles.weights
     slopes = particles.slopes
     volume = particles.volume
@@ -190,34 +198,38 @@ def particles_to_grid(cells, particles, calls, x, F, residual):
     modes = particles.modes
     remanence = particles.remanence
     density = particles.density
-    slabs = len(cells.slab_first) - 1
-    for color in range(2):
-        for half in prange((slabs + 1 - color) // 2):
-            slab = 2 * half + color
-            G = np.empty((3, STENCIL))
-            P = np.empty((cells.most, 3, 3))
-            cof = np.empty((3, 3))
-            f = np.empty((cells.most, 3))
-            r = np.empty((STENCIL, 3))
-            c = np.empty(modes.shape[1])
-            given = given_for()
-            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                first = cells.first[cell]
-                last = cells.first[cell + 1]
-                _volume_moments(first, last, volume, modes, F, c)
-                r[:] = 0.0
-                f[:] = 0.0
-                for p in range(first, last):
-                    J = determinant(F[p])
-                    pressure = volume_pressure(_volume_change(J, p, modes, c), bulk[p])
-                    cofactor(F[p], cof)
-                    stress(F[p], cof, J, shear[p], pressure, P[p - first])
-                particles_from(given, first, remanence, density, x, F)
-                add_loads(calls.load, last - first, given, P, f)
-                for p in range(first, last):
-                    _particle_gradients(weights[p], slopes[p], G)
-                    _add_residual(weights[p], G, P[p - first], f[p - first], volume[p], r)
-                _scatter_vector(cells.plane[cell], cells.row[cell], r, residual)
+    G = np.empty((3, STENCIL))
+    P = np.empty((cells.most, 3, 3))
+    cof = np.empty((3, 3))
+    f = np.empty((cells.most, 3))
+    r = np.empty((STENCIL, 3))
+    c = np.empty(modes.shape[1])
+    given = given_for()
+    for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+        first = cells.first[cell]
+        last = cells.first[cell + 1]
+        _volume_moments(first, last, volume, modes, F, c)
+        r[:] = 0.0
+        f[:] = 0.0
+        for p in range(first, last):
+            J = determinant(F[p])
+            pressure = volume_pressure(_volume_change(J, p, modes, c), bulk[p])
+            cofactor(F[p], cof)
+            stress(F[p], cof, J, shear[p], pressure, P[p - first])
+        particles_from(given, first, remanence, density, x, F)
+        add_loads(calls.load, last - first, given, P, f)
+        for p in range(first, last):
+            _particle_gradients(weights[p], slopes[p], G)
+            _add_residual(weights[p], G, P[p - first], f[p - first], volume[p], r)
+        _scatter_vector(cells.plane[cell], cells.row[cell], r, residual)
+
+
+@compiled
+def particles_to_grid(cells, particles, calls, x, F, residual):
+    """P2G: gradient of the potential energy with respect to the grid's coefficients, added to residual (planes, 3 nodes), N."""
+    over_slabs(
+        len(cells.slab_first) - 1, task(_slab_to_grid, (cells, particles, calls, x, F, residual))
+    )
 
 
 @compiled
@@ -469,99 +481,119 @@ scatter_matrix = chosen_by_types(
 )  # adds the tangent of a cell to a matrix of either kind
 
 
-@kernel
+@inner
+def _slab_to_grid_with_tangent(slab, cells, particles, calls, x, F, matrix, fortran, residual):
+    """`particles_to_grid_with_tangent` of one slab."""
+    each = 4 if len(calls.softening) > 0 else 3
+    room = _room(cells.most, each, particles.modes.shape[1])
+    K = np.empty((STENCIL, 3, 3, STENCIL))
+    r = np.empty((STENCIL, 3))
+    for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+        _cell_tangent(cell, cells, particles, calls, x, F, fortran, room, K, r)
+        _scatter_vector(cells.plane[cell], cells.row[cell], r, residual)
+        scatter_matrix(cell, cells.plane[cell], cells.row[cell], K, matrix)
+
+
+@compiled
 def particles_to_grid_with_tangent(cells, particles, calls, x, F, matrix, fortran, residual):
     """P2G: residual as in `particles_to_grid`, and second derivative of the potential energy, N/m, added to a matrix, Panels or Blocks."""
-    slabs = len(cells.slab_first) - 1
-    each = 4 if len(calls.softening) > 0 else 3
-    for color in range(2):
-        for half in prange((slabs + 1 - color) // 2):
-            slab = 2 * half + color
-            room = _room(cells.most, each, particles.modes.shape[1])
-            K = np.empty((STENCIL, 3, 3, STENCIL))
-            r = np.empty((STENCIL, 3))
-            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                _cell_tangent(cell, cells, particles, calls, x, F, fortran, room, K, r)
-                _scatter_vector(cells.plane[cell], cells.row[cell], r, residual)
-                scatter_matrix(cell, cells.plane[cell], cells.row[cell], K, matrix)
+    over_slabs(
+        len(cells.slab_first) - 1,
+        task(
+            _slab_to_grid_with_tangent, (cells, particles, calls, x, F, matrix, fortran, residual)
+        ),
+    )
 
 
-@kernel
+@inner
+def _gradients_of_slab(slab, cells, particles, weight, matrix):
+    """`gradient_products` of one slab."""
+    K = np.zeros((STENCIL, 3, 3, STENCIL))
+    G = np.empty((3, STENCIL))
+    for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+        for i in range(3):
+            K[:, i, i] = 0.0
+        for p in range(cells.first[cell], cells.first[cell + 1]):
+            _particle_gradients(particles.weights[p], particles.slopes[p], G)
+            for node in range(STENCIL):
+                for other in range(STENCIL):
+                    product = (
+                        G[0, node] * G[0, other]
+                        + G[1, node] * G[1, other]
+                        + G[2, node] * G[2, other]
+                    )
+                    for i in range(3):
+                        K[node, i, i, other] += weight[p] * product
+        scatter_matrix(cell, cells.plane[cell], cells.row[cell], K, matrix)
+
+
+@compiled
 def gradient_products(cells, particles, weight, matrix):
     """P2G: add the sum over particles of weight grad N_a . grad N_b, for each axis alike, to a matrix, Panels or Blocks; weight (n,)."""
-    slabs = len(cells.slab_first) - 1
-    for color in range(2):
-        for half in prange((slabs + 1 - color) // 2):
-            slab = 2 * half + color
-            K = np.zeros((STENCIL, 3, 3, STENCIL))
-            G = np.empty((3, STENCIL))
-            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                for i in range(3):
-                    K[:, i, i] = 0.0
-                for p in range(cells.first[cell], cells.first[cell + 1]):
-                    _particle_gradients(particles.weights[p], particles.slopes[p], G)
-                    for node in range(STENCIL):
-                        for other in range(STENCIL):
-                            product = (
-                                G[0, node] * G[0, other]
-                                + G[1, node] * G[1, other]
-                                + G[2, node] * G[2, other]
-                            )
-                            for i in range(3):
-                                K[node, i, i, other] += weight[p] * product
-                scatter_matrix(cell, cells.plane[cell], cells.row[cell], K, matrix)
+    over_slabs(
+        len(cells.slab_first) - 1, task(_gradients_of_slab, (cells, particles, weight, matrix))
+    )
 
 
-@kernel
+@inner
+def _stresses_of_slab(slab, cells, particles, P, residual):
+    """`add_stresses` of one slab."""
+    G = np.empty((3, STENCIL))
+    r = np.empty((STENCIL, 3))
+    f = np.zeros(3)
+    for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+        r[:] = 0.0
+        for p in range(cells.first[cell], cells.first[cell + 1]):
+            _particle_gradients(particles.weights[p], particles.slopes[p], G)
+            _add_residual(particles.weights[p], G, P[p], f, particles.volume[p], r)
+        _scatter_vector(cells.plane[cell], cells.row[cell], r, residual)
+
+
+@compiled
 def add_stresses(cells, particles, P, residual):
     """P2G: add the sum over particles of volume P grad N_a to residual (planes, 3 nodes); P (n, 3, 3)."""
-    slabs = len(cells.slab_first) - 1
-    for color in range(2):
-        for half in prange((slabs + 1 - color) // 2):
-            slab = 2 * half + color
-            G = np.empty((3, STENCIL))
-            r = np.empty((STENCIL, 3))
-            f = np.zeros(3)
-            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                r[:] = 0.0
-                for p in range(cells.first[cell], cells.first[cell + 1]):
-                    _particle_gradients(particles.weights[p], particles.slopes[p], G)
-                    _add_residual(particles.weights[p], G, P[p], f, particles.volume[p], r)
-                _scatter_vector(cells.plane[cell], cells.row[cell], r, residual)
+    over_slabs(len(cells.slab_first) - 1, task(_stresses_of_slab, (cells, particles, P, residual)))
 
 
-@kernel
+@inner
+def _cell_to_particles(cell, cells, particles, grid, rest, displacement, F):
+    """`grid_to_particles` of one cell."""
+    weights = particles.weights
+    slopes = particles.slopes
+    for p in range(cells.first[cell], cells.first[cell + 1]):
+        for k in range(3):
+            displacement[p, k] = 0.0
+            for j in range(3):
+                F[p, k, j] = rest[k, j] if rest.ndim == 2 else rest[p, k, j]
+        for a in range(3):
+            plane = grid[cells.plane[cell] + a]
+            nx = weights[p, 0, a]
+            dx = slopes[p, 0, a]
+            for b in range(3):
+                first = 3 * cells.row[cell, b]
+                nn = nx * weights[p, 1, b]
+                dn = dx * weights[p, 1, b]
+                nd = nx * slopes[p, 1, b]
+                for c in range(3):
+                    nz = weights[p, 2, c]
+                    g0 = dn * nz
+                    g1 = nd * nz
+                    g2 = nn * slopes[p, 2, c]
+                    for k in range(3):
+                        value = plane[first + 3 * c + k]
+                        displacement[p, k] += nn * nz * value
+                        F[p, k, 0] += g0 * value
+                        F[p, k, 1] += g1 * value
+                        F[p, k, 2] += g2 * value
+
+
+@compiled
 def grid_to_particles(cells, particles, grid, rest, displacement, F):
     """G2P: displacement and deformation gradient of every particle: u = sum N_a c_a, F = I + sum c_a (x) grad N_a.
 
     grid (planes, 3 nodes): coefficients in m; rest (3, 3), or (n, 3, 3) of each particle: F at rest, the
     directions of the grid's axes (statics.layout). Writes displacement (n, 3) m and F (n, 3, 3).
     """
-    weights = particles.weights
-    slopes = particles.slopes
-    for cell in prange(len(cells.plane)):
-        for p in range(cells.first[cell], cells.first[cell + 1]):
-            for k in range(3):
-                displacement[p, k] = 0.0
-                for j in range(3):
-                    F[p, k, j] = rest[k, j] if rest.ndim == 2 else rest[p, k, j]
-            for a in range(3):
-                plane = grid[cells.plane[cell] + a]
-                nx = weights[p, 0, a]
-                dx = slopes[p, 0, a]
-                for b in range(3):
-                    first = 3 * cells.row[cell, b]
-                    nn = nx * weights[p, 1, b]
-                    dn = dx * weights[p, 1, b]
-                    nd = nx * slopes[p, 1, b]
-                    for c in range(3):
-                        nz = weights[p, 2, c]
-                        g0 = dn * nz
-                        g1 = nd * nz
-                        g2 = nn * slopes[p, 2, c]
-                        for k in range(3):
-                            value = plane[first + 3 * c + k]
-                            displacement[p, k] += nn * nz * value
-                            F[p, k, 0] += g0 * value
-                            F[p, k, 1] += g1 * value
-                            F[p, k, 2] += g2 * value
+    over_parts(
+        len(cells.plane), task(_cell_to_particles, (cells, particles, grid, rest, displacement, F))
+    )

@@ -7,7 +7,8 @@ a knot with REACH others on each side, so a step takes two solves with factors t
 from typing import NamedTuple
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.jit import compiled, inlined, inner_kernel, prange
+from magmpm.compiled.jit import compiled, inlined, inner
+from magmpm.compiled.parallel import over_parts, task
 
 FIELDS = 3  # 1, y and z in a plane of nodes
 # knots: splines reach over two planes, so hats that are two knots from each other still overlap
@@ -40,7 +41,7 @@ class Correction(NamedTuple):
     answer: Array
 
 
-@inlined
+@inner
 def _sum_plane(plane, correction, force):
     """Moments of the nodes' forces in one plane: sums of f, y f and z f."""
     a0 = 0.0
@@ -98,11 +99,10 @@ def _solve(pivot, link, first, last, load, answer):
                 answer[k, 3 * a + i] = value
 
 
-@inner_kernel
+@inner
 def correct(correction, force):
     """Compute the correction of the accelerations in each plane from the nodes' forces: `added`, constant and slopes along y and z."""
-    for plane in prange(len(correction.left)):
-        _sum_plane(plane, correction, force)
+    over_parts(len(correction.left), task(_sum_plane, (correction, force)))
     _spread(correction)
 
 

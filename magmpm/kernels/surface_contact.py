@@ -13,7 +13,8 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.by_address import address
-from magmpm.compiled.jit import compiled, inlined, kernel, prange
+from magmpm.compiled.jit import compiled, inlined, inner
+from magmpm.compiled.parallel import over_parts, over_slabs, task
 from magmpm.compiled.simd_views import row
 from magmpm.effects.calls import call_each, depths, given_for, push_point
 from magmpm.effects.contact_force import HELD, PARTS, STICKS, TOUCHES, hold, let_go, own_grip
@@ -146,25 +147,31 @@ def touch(slab, step, dt, surface, cells, state, calls):
         state.anchor[room + patch] = -most if clear else 0.0
 
 
-@kernel
+@inner
+def _block_at_rest(block, near, touching, x, mass, energy, f, H):
+    """`touch_at_rest` of some points."""
+    first = BLOCK * block
+    last = min(first + BLOCK, len(x))
+    _touch_at_rest(
+        near,
+        touching,
+        x[first:last],
+        mass[first:last],
+        energy[first:last],
+        f[first:last],
+        H[first:last],
+    )
+
+
+@compiled
 def touch_at_rest(near, touching, x, mass, energy, f, H):
     """Write the energy (n,) J, force f (n, 3) N and tangent H (n, 3, 3) N/m of those points at x (n, 3) m that touch; mass (n,) kg.
 
     near, touching: rows of these hooks (effects.calls).
     """
-    blocks = (len(x) + BLOCK - 1) // BLOCK
-    for block in prange(blocks):
-        first = BLOCK * block
-        last = min(first + BLOCK, len(x))
-        _touch_at_rest(
-            near,
-            touching,
-            x[first:last],
-            mass[first:last],
-            energy[first:last],
-            f[first:last],
-            H[first:last],
-        )
+    over_parts(
+        (len(x) + BLOCK - 1) // BLOCK, task(_block_at_rest, (near, touching, x, mass, energy, f, H))
+    )
 
 
 @compiled
@@ -181,31 +188,33 @@ def _touch_at_rest(near, touching, x, mass, energy, f, H):
             call_each(touching, 0, 0, 1, 0.0, address(given, 0))
 
 
-@kernel
+@inner
+def _contact_of_slab(slab, cells, weights, H, matrix):
+    """`contact_to_matrix` of one slab."""
+    K = np.empty((STENCIL, 3, 3, STENCIL))
+    N = np.empty(STENCIL)
+    for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
+        touched = False
+        for p in range(cells.first[cell], cells.first[cell + 1]):
+            if H[p, 0, 0] + H[p, 1, 1] + H[p, 2, 2] == 0.0:
+                continue
+            if not touched:
+                K[:], touched = 0.0, True
+            particle_splines(weights[p], N)
+            for node in range(STENCIL):
+                for i in range(3):
+                    for k in range(3):
+                        h = N[node] * H[p, i, k]
+                        for other in range(STENCIL if h != 0.0 else 0):
+                            K[node, i, k, other] += h * N[other]
+        if touched:
+            scatter_matrix(cell, cells.plane[cell], cells.row[cell], K, matrix)
+
+
+@compiled
 def contact_to_matrix(cells, weights, H, matrix):
     """P2G: add the sum of N_a H N_b over points, N/m, to a matrix, Panels or Blocks.
 
     weights (n, 3, 3): of the splines N; H (n, 3, 3): often 0.
     """
-    slabs = len(cells.slab_first) - 1
-    for color in range(2):
-        for half in prange((slabs + 1 - color) // 2):
-            slab = 2 * half + color
-            K = np.empty((STENCIL, 3, 3, STENCIL))
-            N = np.empty(STENCIL)
-            for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
-                touched = False
-                for p in range(cells.first[cell], cells.first[cell + 1]):
-                    if H[p, 0, 0] + H[p, 1, 1] + H[p, 2, 2] == 0.0:
-                        continue
-                    if not touched:
-                        K[:], touched = 0.0, True
-                    particle_splines(weights[p], N)
-                    for node in range(STENCIL):
-                        for i in range(3):
-                            for k in range(3):
-                                h = N[node] * H[p, i, k]
-                                for other in range(STENCIL if h != 0.0 else 0):
-                                    K[node, i, k, other] += h * N[other]
-                if touched:
-                    scatter_matrix(cell, cells.plane[cell], cells.row[cell], K, matrix)
+    over_slabs(len(cells.slab_first) - 1, task(_contact_of_slab, (cells, weights, H, matrix)))

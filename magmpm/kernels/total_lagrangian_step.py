@@ -16,7 +16,8 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.by_address import address
-from magmpm.compiled.jit import compiled, inlined, inner_kernel, kernel, prange
+from magmpm.compiled.jit import compiled, inlined, inner
+from magmpm.compiled.parallel import over_parts, over_slabs, task
 from magmpm.compiled.simd import (
     WIDTH,
     flag_unless_positive,
@@ -487,61 +488,53 @@ def _together(begun, last, groups, cells):
     return end
 
 
-@inner_kernel
-def _sum_forces(step, dt, push, most, cells, particles, surface, meeting, state, calls, slabs):
-    """Add to state.force the forces of all slabs; most: groups in a cell."""
-    count = len(cells.slab_first) - 1
+@inner
+def _forces_of_slab(
+    slab, step, dt, push, most, cells, particles, surface, meeting, state, calls, slabs
+):
+    """Add to state.force the forces of a slab; most: groups in a cell."""
     acts = len(calls.wide) + len(calls.narrow) > 0
-    for color in range(2):
-        for half in prange((count + 1 - color) // 2):
-            slab = 2 * half + color
-            groups = max(most, GROUPS)
-            room = group_room(groups, calls, particles, state.memory)
-            least = splat(np.inf)
-            bad = splat(0.0)
-            high = splat(0.0)
-            change = splat(0.0)
-            begun = cells.slab_first[slab]
-            while begun < cells.slab_first[slab + 1]:
-                end = _together(begun, cells.slab_first[slab + 1], groups, cells)
-                for cell in range(begun, end):
-                    least, bad = grid_to_particles(
-                        cell, begun, cells, particles, state, room, least, bad
-                    )
-                if acts:
-                    add_effects(begun, end, step, dt, cells, particles, state, calls, room)
-                for cell in range(begun, end):
-                    high, change = particles_to_grid(
-                        cell, begun, cells, particles, state, room, high, change
-                    )
-                begun = end
-            touch(slab, step, push, surface, cells, state, calls)
-            touch_pairs(slab, count, push, meeting, surface, cells.along_x, cells.along_y, state)
-            see(slabs, slab, least, bad, high, change)
-
-
-@inner_kernel
-def _update_nodes(step, dt, push, nodes, correction, meeting, state, calls):
-    """Update all active nodes. Returns the square of a bound on how fast (m/s) a point of a meeting may move."""
-    fastest = 0.0
-    count = len(nodes.active)
-    acts = len(calls.node) > 0
-    for part in prange((count + TOGETHER - 1) // TOGETHER):
-        first = TOGETHER * np.int64(part)
-        last = min(first + TOGETHER, count)
-        found = 0.0
+    groups = max(most, GROUPS)
+    room = group_room(groups, calls, particles, state.memory)
+    least = splat(np.inf)
+    bad = splat(0.0)
+    high = splat(0.0)
+    change = splat(0.0)
+    begun = cells.slab_first[slab]
+    while begun < cells.slab_first[slab + 1]:
+        end = _together(begun, cells.slab_first[slab + 1], groups, cells)
+        for cell in range(begun, end):
+            least, bad = grid_to_particles(cell, begun, cells, particles, state, room, least, bad)
         if acts:
-            for k in range(first, last):
-                push_node(k, push, nodes, correction, state)
-            change_nodes(calls.node, first, last, step, dt, nodes, state)
-            for k in range(first, last):
-                found = max(found, move_node(k, dt, nodes, meeting, state))
-        else:
-            for k in range(first, last):
-                push_node(k, push, nodes, correction, state)
-                found = max(found, move_node(k, dt, nodes, meeting, state))
-        fastest = max(fastest, found)
-    return fastest
+            add_effects(begun, end, step, dt, cells, particles, state, calls, room)
+        for cell in range(begun, end):
+            high, change = particles_to_grid(
+                cell, begun, cells, particles, state, room, high, change
+            )
+        begun = end
+    touch(slab, step, push, surface, cells, state, calls)
+    count = len(cells.slab_first) - 1
+    touch_pairs(slab, count, push, meeting, surface, cells.along_x, cells.along_y, state)
+    see(slabs, slab, least, bad, high, change)
+
+
+@inner
+def _update_some(part, step, dt, push, nodes, correction, meeting, state, calls, pace):
+    """Update some active nodes, and write to pace (parts,) the square of a bound on how fast (m/s) they let a point of a meeting move."""
+    first = TOGETHER * part
+    last = min(first + TOGETHER, len(nodes.active))
+    found = 0.0
+    if len(calls.node) > 0:
+        for k in range(first, last):
+            push_node(k, push, nodes, correction, state)
+        change_nodes(calls.node, first, last, step, dt, nodes, state)
+        for k in range(first, last):
+            found = max(found, move_node(k, dt, nodes, meeting, state))
+    else:
+        for k in range(first, last):
+            push_node(k, push, nodes, correction, state)
+            found = max(found, move_node(k, dt, nodes, meeting, state))
+    pace[part] = found
 
 
 @compiled
@@ -563,48 +556,62 @@ def advance(
     Returns the number of steps taken; if fewer than `steps`, the watch says why, or pairs of a meeting must be listed again.
     """
     most = _most_groups(cells)
+    count = len(cells.slab_first) - 1
+    parts = (len(nodes.active) + TOGETHER - 1) // TOGETHER
+    pace = np.zeros(parts)
     for step in range(steps):
         if needs_list(meeting):
             return step
         push = push_time(calls, step, dt)
-        _sum_forces(step, dt, push, most, cells, particles, surface, meeting, state, calls, slabs)
+        body = (cells, particles, surface, meeting, state, calls, slabs)
+        over_slabs(count, task(_forces_of_slab, (step, dt, push, most, *body)))
         if stops(watch, slabs):
             clear(state.force)
             return step
         add_pairs(meeting, surface, cells.along_x, cells.along_y, state.force)
         correct(correction, state.force)
-        passed(
-            meeting,
-            dt * math.sqrt(_update_nodes(step, dt, push, nodes, correction, meeting, state, calls)),
-        )
+        moving = (nodes, correction, meeting, state, calls, pace)
+        over_parts(parts, task(_update_some, (step, dt, push, *moving)))
+        passed(meeting, dt * math.sqrt(pace.max()))
     return steps
 
 
-@kernel
+@inner
+def _cell_at_particles(
+    cell, cells, particles, particle, u, v, reference, position, velocity, deformation
+):
+    """`at_particles` of one cell."""
+    along_x = cells.along_x
+    along_y = cells.along_y
+    splines = particles.splines
+    gradient = np.empty(72)
+    moved = np.empty(24)
+    speed = np.empty(24)
+    node = cells.first_node[cell]
+    for group in range(cells.first_group[cell], cells.first_group[cell + 1]):
+        gather(u, node, along_x, along_y, splines, particles.pattern[group], gradient, 0, moved, 0)
+        gather_value(v, node, along_x, along_y, splines, particles.pattern[group], speed)
+        for lane in range(WIDTH):
+            p = particle[group, lane]
+            if p >= 0:
+                for i in range(3):
+                    position[p, i] = reference[p, i] + moved[8 * i + lane]
+                    velocity[p, i] = speed[8 * i + lane]
+                    for j in range(3):
+                        deformation[p, i, j] = gradient[8 * (3 * i + j) + lane]
+                    deformation[p, i, i] += 1.0
+
+
+@compiled
 def at_particles(cells, particles, particle, u, v, reference, position, velocity, deformation):
     """Write position m, velocity m/s (n, 3) and F (n, 3, 3) of a model's particles; reference (n, 3) m: positions in the undeformed body.
 
     u, v (3 nodes,); particle (groups, 8): the particle in each lane, -1 for none.
     """
-    along_x = cells.along_x
-    along_y = cells.along_y
-    splines = particles.splines
-    for cell in prange(len(cells.first_node)):
-        gradient = np.empty(72)
-        moved = np.empty(24)
-        speed = np.empty(24)
-        node = cells.first_node[cell]
-        for group in range(cells.first_group[cell], cells.first_group[cell + 1]):
-            gather(
-                u, node, along_x, along_y, splines, particles.pattern[group], gradient, 0, moved, 0
-            )
-            gather_value(v, node, along_x, along_y, splines, particles.pattern[group], speed)
-            for lane in range(WIDTH):
-                p = particle[group, lane]
-                if p >= 0:
-                    for i in range(3):
-                        position[p, i] = reference[p, i] + moved[8 * i + lane]
-                        velocity[p, i] = speed[8 * i + lane]
-                        for j in range(3):
-                            deformation[p, i, j] = gradient[8 * (3 * i + j) + lane]
-                        deformation[p, i, i] += 1.0
+    over_parts(
+        len(cells.first_node),
+        task(
+            _cell_at_particles,
+            (cells, particles, particle, u, v, reference, position, velocity, deformation),
+        ),
+    )

@@ -10,7 +10,8 @@ dW_k = shares[g, 1, k] e_j (a uniform field has the shares 1 and 0, gravity 0 an
 
 import numpy as np
 
-from magmpm.compiled.jit import compiled, kernel, prange
+from magmpm.compiled.jit import compiled, inner
+from magmpm.compiled.parallel import over_parts, task
 from magmpm.rod.kernels import (
     _dot,
     _scaled,
@@ -311,21 +312,32 @@ def softest(q, length, D, C, moment, field, weight):
     return value
 
 
-@kernel
+@inner
+def _relax_one(r, q, length, D, C, moment, field, weight, sizes, shares, position, slopes, found):
+    """`relax_all` of one rod."""
+    status, _, _, stable = relax(q[r], length, D, C, moment[r], field[r], weight[r])
+    place, frames, _, _ = frames_of(q[r], length, C, moment[r], field[r], weight[r])
+    for k in range(len(place)):
+        for i in range(3):
+            position[r, k, i] = place[k, i]
+    found[r] = status == 0 and stable
+    if found[r]:
+        found[r] = _slopes(
+            q[r], length, D, C, moment[r], field[r], weight[r], sizes, shares, frames, slopes[r]
+        )
+
+
+@compiled
 def relax_all(q, length, D, C, moment, field, weight, sizes, shares, position, slopes, found):
     """Equilibria of many rods with their slopes, each from its q (rods, n + 1, 4), changed in place.
 
     Per rod: moment (rods, n, 3), field and weight (rods, n + 1, 3), position (rods, n + 1, 3), slopes (rods, columns, 2, n + 1, 3),
     found (rods,): whether it is a stable equilibrium.
     """
-    for r in prange(len(q)):
-        status, _, _, stable = relax(q[r], length, D, C, moment[r], field[r], weight[r])
-        place, frames, _, _ = frames_of(q[r], length, C, moment[r], field[r], weight[r])
-        for k in range(len(place)):
-            for i in range(3):
-                position[r, k, i] = place[k, i]
-        found[r] = status == 0 and stable
-        if found[r]:
-            found[r] = _slopes(
-                q[r], length, D, C, moment[r], field[r], weight[r], sizes, shares, frames, slopes[r]
-            )
+    over_parts(
+        len(q),
+        task(
+            _relax_one,
+            (q, length, D, C, moment, field, weight, sizes, shares, position, slopes, found),
+        ),
+    )
