@@ -1,4 +1,4 @@
-"""Parallel loops over a compiled function: `over_parts(count, task(function, arguments))` calls function(k, *arguments) for every k.
+"""Parallel loops over a compiled function: `over_parts(count, task(function, arguments))` calls function(k, arguments) for every k.
 
 Numba takes three times as long to compile a loop of its own, with prange, as to compile the function that does the work of one part. So
 here are the only two: compiled once, they call a part by its address. Arguments are passed as one piece of memory, which lives as long as
@@ -19,8 +19,8 @@ _BYTE = ir.IntType(8).as_pointer()
 
 @intrinsic  # type: ignore[misc]
 def task(typingctx, function, arguments):
-    """(function, tuple of arguments) -> addresses of machine code that calls function(k, *arguments), and of the arguments."""
-    called = function.get_call_type(typingctx, (types.intp, *arguments.types), {})
+    """(function, tuple of arguments) -> addresses of machine code that calls function(k, arguments), and of the arguments."""
+    called = function.get_call_type(typingctx, (types.intp, arguments), {})
 
     def generate(context, builder, signature, values):
         packed = cgutils.alloca_once_value(builder, values[1])
@@ -37,7 +37,7 @@ def task(typingctx, function, arguments):
             context.declare_function(inside.module, compiled.fndesc),
             called.return_type,
             called.args,
-            [entry.args[1], *cgutils.unpack_tuple(inside, given)],
+            [entry.args[1], given],
         )
         inside.ret_void()
         both = [builder.ptrtoint(one, _INT) for one in (entry, packed)]

@@ -48,7 +48,7 @@ def add_effects_stress(model: Model, x: Array, F: Array, named: tuple[Any, ...],
     """Add the stress of the effects `named` to P (n, 3, 3) Pa."""
     if has_hook("stress", named):
         force = np.zeros((len(x), 3))  # nobody adds to it
-        loads(rows(named, "stress"), model.remanence, model.density, x, F, P, force)
+        loads(rows(named, "load"), model.remanence, model.density, x, F, P, force)
 
 
 def effect_energies(model: Model, x: Array, F: Array, time: float) -> dict[str, float]:

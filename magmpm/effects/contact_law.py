@@ -21,9 +21,10 @@ import numpy as np
 from pydantic import Field
 
 from magmpm.compiled.arrays import Array
+from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled, compiled_elsewhere
 from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching, one_record
-from magmpm.effects.calls import depths, given_for, of_points, push_point
+from magmpm.effects.calls import call_each, depths, given_for, of_points, point_from
 from magmpm.effects.contact_force import HELD, PARTS, hold, own_grip, stored
 from magmpm.effects.hooks import NO_DATA
 from magmpm.errors import SceneError, dotted
@@ -161,7 +162,8 @@ def _touching(calls, x, v, mass, dt, held, grip, layer, knee, force):
         if depth > 0.0:
             f[:] = 0.0
             f[7], f[8] = grip[p, 1], grip[p, 2]
-            push_point(calls.contact, 0, dt, given, p, x, v, mass, f)
+            point_from(given, x[p:], v[p:], mass[p:], f)
+            call_each(calls.contact, 0, 0, 1, dt, address(given, 0))
             own_grip(grip[p, 0], f)
             hold(x[p], v[p], depth, held[p], f, dt)
             force += f[:3]

@@ -50,4 +50,4 @@ def force(effect, data, magnet, rho, x, F, f):
         f[i] += rho * effect.gravity[i]
 
 
-register(DTYPE, wide=("force",), energy=energy, force=force)
+register(DTYPE, wide=True, energy=energy, force=force)

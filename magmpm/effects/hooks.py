@@ -62,23 +62,17 @@ HOOKS = (
     "node",
     "push",
 )
-WIDE = ("stress", "force", "rate_stress")
 NO_DATA = np.zeros(0)
 _registry: dict[str, dict[tuple[str, ...], Callable[..., Any]]] = {hook: {} for hook in HOOKS}
 _dtypes: dict[tuple[str, ...], np.dtype[Any]] = {}
-_wide: dict[str, set[tuple[str, ...]]] = {
-    hook: set() for hook in HOOKS
-}  # hooks that serve eight particles at a time
+_wide: set[tuple[str, ...]] = set()
 
 
-def register(
-    dtype: np.dtype[Any], *, wide: Sequence[str] = (), **hooks: Callable[..., Any]
-) -> None:
+def register(dtype: np.dtype[Any], *, wide: bool = False, **hooks: Callable[..., Any]) -> None:
     """Register the compiled functions of the effect whose parameters have this dtype.
 
-    wide: those of its hooks stress, force and rate_stress that are plain arithmetic (+ - * /, no branch on a particle's values, no
-    array of their own): motion calls them for eight particles at a time (magmpm.compiled.simd_views), which costs a fraction.
-    The results are the same.
+    wide: its hooks stress, force and rate_stress are plain arithmetic (+ - * /, no branch on a particle's values, no array of their own):
+    motion calls them for eight particles at a time (magmpm.compiled.simd_views), which costs a fraction. The results are the same.
     Raises ValueError on an unknown hook, or if another effect has the same field names: they distinguish effects.
     """
     if dtype.names is None or any(dtype.names in table for table in _registry.values()):
@@ -86,12 +80,8 @@ def register(
     for name in hooks:
         if name not in HOOKS:
             raise ValueError(f"unknown hook {name!r}; hooks are {', '.join(HOOKS)}")
-    for name in wide:
-        if name not in hooks or name not in WIDE:
-            raise ValueError(
-                f"wide: {name!r} must be one of the effect's hooks stress, force or rate_stress"
-            )
-        _wide[name].add(dtype.names)
+    if wide:
+        _wide.add(dtype.names)
     _dtypes[dtype.names] = dtype
     if "contact" in hooks:
         hooks.setdefault("near", anywhere)
@@ -105,29 +95,35 @@ def anywhere(effect, data, x):
     return np.inf
 
 
-def registered(hook: str, names: tuple[str, ...]) -> tuple[Any, np.dtype[Any]]:
-    """The function of a hook, and the dtype of the records, of the effect whose records have these fields."""
-    return _registry[hook][names], _dtypes[names]
-
-
 def hook_of(hook: str, records: Any) -> Callable[..., Any] | None:
     """The compiled function that the effect with these records has registered for a hook."""
     return _registry[hook].get(records.dtype.names)
 
 
-def is_wide(hook: str, records: Any) -> bool:
-    """True if the hook of the effect with these records serves eight particles at a time."""
-    return hook == "relax" or records.dtype.names in _wide[hook]
+def hooks_of(names: tuple[str, ...], hooks: Sequence[str]) -> dict[str, Any]:
+    """Those of some hooks that the effect whose records have these fields has registered."""
+    return {hook: _registry[hook][names] for hook in hooks if names in _registry[hook]}
+
+
+def module_of(names: tuple[str, ...], hooks: Sequence[str]) -> str | None:
+    """The module of those hooks, None if there are none."""
+    found = list(hooks_of(names, hooks).values())
+    return str(found[0].py_func.__module__) if found else None
+
+
+def dtype_of(names: tuple[str, ...]) -> np.dtype[Any]:
+    """The dtype of the records of the effect whose records have these fields."""
+    return _dtypes[names]
+
+
+def is_wide(names: tuple[str, ...]) -> bool:
+    """True if the hooks of particles of the effect whose records have these fields serve eight particles at a time."""
+    return names in _wide
 
 
 def has_hook(hook: str, named: tuple[Any, ...]) -> bool:
     """True if any effect of a tuple (records, data, ...) has this hook."""
     return any(hook_of(hook, records) is not None for records, _ in pairs(named))
-
-
-def those_with(hook: str, named: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The part of a tuple (records, data, ...) whose effects have this hook."""
-    return tuple(part for pair in pairs(named) if has_hook(hook, pair) for part in pair)
 
 
 def pairs(named: tuple[Any, ...]) -> list[tuple[Any, Any]]:

@@ -251,8 +251,9 @@ def _radial_change(r, d):
 
 
 @inner
-def _act_on_one(a, places, moments, edges, of, field, force):
+def _act_on_one(a, given):
     """`_act` on one dipole."""
+    places, moments, edges, of, field, force = given
     m0 = moments[a, 0]
     m1 = moments[a, 1]
     m2 = moments[a, 2]
@@ -297,8 +298,9 @@ def _act(places, moments, edges, of, field, force):
 
 
 @inner
-def _act_change_of_one(a, places, moments, edges, of, dplaces, dmoments, dfield, dforce):
+def _act_change_of_one(a, given):
     """`_act_change` of one dipole."""
+    places, moments, edges, of, dplaces, dmoments, dfield, dforce = given
     for b in range(len(places)):
         if of[b] == of[a]:
             continue

@@ -167,11 +167,11 @@ def varying_rotating_tangent(effect, data, magnet, rho, x, F, A):
     turning.add_tangent(_h(effect, data, x), magnet, F, A)
 
 
-register(DTYPE, wide=("stress",), energy=energy, stress=stress)
+register(DTYPE, wide=True, energy=energy, stress=stress)
 register(VARYING, energy=varying_energy, stress=varying_stress)
 register(
     ROTATING,
-    wide=("stress",),
+    wide=True,
     energy=rotating_energy,
     stress=rotating_stress,
     tangent=rotating_tangent,

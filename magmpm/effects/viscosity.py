@@ -263,4 +263,4 @@ def stored(
 
 
 register(BRANCHES, relax=relax)
-register(DTYPE, wide=("rate_stress",), rate_stress=rate_stress)
+register(DTYPE, wide=True, rate_stress=rate_stress)

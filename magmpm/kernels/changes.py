@@ -17,10 +17,9 @@ from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled, inner
 from magmpm.compiled.parallel import over_parts, over_slabs, task
 from magmpm.effects.calls import (
+    add_curvatures,
     add_energies,
     add_loads,
-    add_softenings,
-    add_tangents,
     given_for,
     particles_from,
 )
@@ -39,8 +38,9 @@ BLOCK = 64  # particles that a thread takes at a time
 
 
 @inner
-def _block_of_load_changes(block, calls, magnet, rho, x, F, dmagnet, drho, P, f):
+def _block_of_load_changes(block, given):
     """`load_changes` of some particles."""
+    calls, magnet, rho, x, F, dmagnet, drho, P, f = given
     first = BLOCK * block
     count = min(BLOCK, len(x) - first)
     given = given_for()
@@ -67,12 +67,14 @@ def load_changes(calls, magnet, rho, x, F, dmagnet, drho, P, f):
 def _changed(given, p, dmagnet, drho):
     """Give hooks the changes of the particles from number p on: dmagnet (n, columns) and drho (n,)."""
     at = given[0]
-    at.dmagnet, at.drho = address(dmagnet, dmagnet.shape[1] * p), address(drho, p)
+    at.dmagnet = address(dmagnet, dmagnet.shape[1] * p)
+    at.drho = address(drho, p)
 
 
 @inner
-def _block_of_loads(block, calls, magnet, rho, x, F, P, f):
+def _block_of_loads(block, given):
     """`loads` of some particles."""
+    calls, magnet, rho, x, F, P, f = given
     first = BLOCK * block
     given = given_for()
     particles_from(given, first, magnet, rho, x, F)
@@ -88,8 +90,9 @@ def loads(calls, magnet, rho, x, F, P, f):
 
 
 @inner
-def _block_of_potentials(block, calls, magnet, rho, x, F, W):
+def _block_of_potentials(block, given):
     """`potentials` of some particles."""
+    calls, magnet, rho, x, F, W = given
     first = BLOCK * block
     given = given_for()
     particles_from(given, first, magnet, rho, x, F)
@@ -105,8 +108,9 @@ def potentials(calls, magnet, rho, x, F, W):
 
 
 @inner
-def _stress_per_shear_of_cell(cell, cells, particles, F, P):
+def _stress_per_shear_of_cell(cell, given):
     """`stress_per_shear` of one cell."""
+    cells, particles, F, P = given
     volume = particles.volume
     shear = particles.shear
     bulk = particles.bulk
@@ -187,8 +191,9 @@ def _to_nodes(count, fortran, room):
 
 
 @inner
-def _slots_of_slab(slab, cells, particles, column, P, f, fortran, out):
+def _slots_of_slab(slab, given):
     """`scatter` of one slab."""
+    cells, particles, column, P, f, fortran, out = given
     room = _room(cells.most, len(column), 0)
     for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
         first = cells.first[cell]
@@ -247,8 +252,9 @@ def _scatter_column(plane, rows, r, slot, column, out):
 
 
 @inner
-def _products_of_slab(slab, cells, particles, calls, x, F, fortran, count, columns, stiff, heavy):
+def _products_of_slab(slab, given):
     """`tangent_products` of one slab."""
+    cells, particles, calls, x, F, fortran, count, columns, stiff, heavy = given
     room = _room(cells.most, count, particles.modes.shape[1])
     for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
         first = cells.first[cell]
@@ -343,12 +349,12 @@ def _stress_changes(first, last, particles, calls, x, F, room):
         cofactor(F[p], cof)
         tangent(F[p], cof, J, shear[p], pressure, bulk[p] if len(c) == 0 else 0.0, A)
         particles_from(given, p, remanence, density, x, F)
-        add_tangents(calls.tangent, 1, given, A)
+        H[:] = 0.0
+        M[:] = 0.0
+        add_curvatures(calls.curvature, 1, given, A, H, M)
         _multiply_rows(q, volume[p], A, D, T)
         T[q + 3] = 0.0
-        if len(calls.softening) > 0:
-            H[:], M[:] = 0.0, 0.0
-            add_softenings(calls.softening, 1, given, H, M)
+        if calls.softens > 0:
             _soften_rows(q, volume[p], H, M, D, T)
         for mode in range(len(c)):
             _add_product(volume[p] * modes[p, mode], cof, D, q, s[mode])

@@ -18,10 +18,9 @@ from magmpm.compiled.by_address import call
 from magmpm.compiled.jit import chosen_by_types, compiled, inner
 from magmpm.compiled.parallel import over_parts, over_slabs, task
 from magmpm.effects.calls import (
+    add_curvatures,
     add_energies,
     add_loads,
-    add_softenings,
-    add_tangents,
     given_for,
     particles_from,
 )
@@ -91,8 +90,9 @@ def _volume_change(J, p, modes, c):
 
 
 @inner
-def _energy_of_cell(cell, cells, particles, calls, x, F, energy, low, high):
+def _energy_of_cell(cell, given):
     """`cell_energy` of one cell."""
+    cells, particles, calls, x, F, energy, low, high = given
     volume = particles.volume
     shear = particles.shear
     bulk = particles.bulk
@@ -188,8 +188,9 @@ def _scatter_vector(plane, rows, r, residual):
 
 
 @inner
-def _slab_to_grid(slab, cells, particles, calls, x, F, residual):
+def _slab_to_grid(slab, given):
     """`particles_to_grid` of one slab."""
+    cells, particles, calls, x, F, residual = given
     weights = particles.weights
     slopes = particles.slopes
     volume = particles.volume
@@ -322,7 +323,7 @@ def _cell_tangent(cell, cells, particles, calls, x, F, fortran, room, K, r):
     G, T, A, P, H, M, cof, f, b, c, given, _, _, _ = room
     first = cells.first[cell]
     last = cells.first[cell + 1]
-    softens = len(calls.softening) > 0
+    softens = calls.softens > 0
     rows_each = 4 if softens else 3
     _volume_moments(first, last, volume, modes, F, c)
     r[:] = 0.0
@@ -342,13 +343,13 @@ def _cell_tangent(cell, cells, particles, calls, x, F, fortran, room, K, r):
         cofactor(F[p], cof)
         tangent(F[p], cof, J, shear[p], pressure, bulk[p] if len(c) == 0 else 0.0, A)
         particles_from(given, p, remanence, density, x, F)
-        add_tangents(calls.tangent, 1, given, A)
+        H[:] = 0.0
+        M[:] = 0.0
+        add_curvatures(calls.curvature, 1, given, A, H, M)
         _particle_gradients(weights[p], slopes[p], G[q : q + 3])
         _add_residual(weights[p], G[q : q + 3], P[p - first], f[p - first], volume[p], r)
         _particle_products(q, volume[p], A, G, T)
         if softens:
-            H[:], M[:] = 0.0, 0.0
-            add_softenings(calls.softening, 1, given, H, M)
             _particle_softening(q, volume[p], weights[p], H, M, G, T)
         for k in range(3 if len(c) > 0 else 0):
             for node in range(STENCIL):
@@ -482,9 +483,10 @@ scatter_matrix = chosen_by_types(
 
 
 @inner
-def _slab_to_grid_with_tangent(slab, cells, particles, calls, x, F, matrix, fortran, residual):
+def _slab_to_grid_with_tangent(slab, given):
     """`particles_to_grid_with_tangent` of one slab."""
-    each = 4 if len(calls.softening) > 0 else 3
+    cells, particles, calls, x, F, matrix, fortran, residual = given
+    each = 4 if calls.softens > 0 else 3
     room = _room(cells.most, each, particles.modes.shape[1])
     K = np.empty((STENCIL, 3, 3, STENCIL))
     r = np.empty((STENCIL, 3))
@@ -506,8 +508,9 @@ def particles_to_grid_with_tangent(cells, particles, calls, x, F, matrix, fortra
 
 
 @inner
-def _gradients_of_slab(slab, cells, particles, weight, matrix):
+def _gradients_of_slab(slab, given):
     """`gradient_products` of one slab."""
+    cells, particles, weight, matrix = given
     K = np.zeros((STENCIL, 3, 3, STENCIL))
     G = np.empty((3, STENCIL))
     for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
@@ -536,8 +539,9 @@ def gradient_products(cells, particles, weight, matrix):
 
 
 @inner
-def _stresses_of_slab(slab, cells, particles, P, residual):
+def _stresses_of_slab(slab, given):
     """`add_stresses` of one slab."""
+    cells, particles, P, residual = given
     G = np.empty((3, STENCIL))
     r = np.empty((STENCIL, 3))
     f = np.zeros(3)
@@ -555,16 +559,23 @@ def add_stresses(cells, particles, P, residual):
     over_slabs(len(cells.slab_first) - 1, task(_stresses_of_slab, (cells, particles, P, residual)))
 
 
+@compiled
+def _at_rest(rest, p, k, j):
+    """Entry of F at rest: of all particles alike, rest (3, 3), or of each, (n, 3, 3)."""
+    return rest[k, j] if rest.ndim == 2 else rest[p, k, j]
+
+
 @inner
-def _cell_to_particles(cell, cells, particles, grid, rest, displacement, F):
+def _cell_to_particles(cell, given):
     """`grid_to_particles` of one cell."""
+    cells, particles, grid, rest, displacement, F = given
     weights = particles.weights
     slopes = particles.slopes
     for p in range(cells.first[cell], cells.first[cell + 1]):
         for k in range(3):
             displacement[p, k] = 0.0
             for j in range(3):
-                F[p, k, j] = rest[k, j] if rest.ndim == 2 else rest[p, k, j]
+                F[p, k, j] = _at_rest(rest, p, k, j)
         for a in range(3):
             plane = grid[cells.plane[cell] + a]
             nx = weights[p, 0, a]

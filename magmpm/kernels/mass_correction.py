@@ -42,8 +42,9 @@ class Correction(NamedTuple):
 
 
 @inner
-def _sum_plane(plane, correction, force):
+def _sum_plane(plane, given):
     """Moments of the nodes' forces in one plane: sums of f, y f and z f."""
+    correction, force = given
     a0 = 0.0
     a1 = 0.0
     a2 = 0.0

@@ -16,7 +16,7 @@ from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled, inlined, inner
 from magmpm.compiled.parallel import over_parts, over_slabs, task
 from magmpm.compiled.simd_views import row
-from magmpm.effects.calls import call_each, depths, given_for, push_point
+from magmpm.effects.calls import call_each, depths, given_for, point_from
 from magmpm.effects.contact_force import HELD, PARTS, STICKS, TOUCHES, hold, let_go, own_grip
 from magmpm.kernels.equilibrium import STENCIL, particle_splines, scatter_matrix
 
@@ -135,7 +135,8 @@ def touch(slab, step, dt, surface, cells, state, calls):
             _share(surface.weights, 9 * p, share)
             if state.anchor[HELD * p + TOUCHES] != STICKS:
                 _add(state.v, where, share, v[0])
-            push_point(calls.contact, step, dt, given, 0, places[k:], v, surface.mass[p:], f)
+            point_from(given, places[k:], v, surface.mass[p:], f)
+            call_each(calls.contact, step, 0, 1, dt, address(given, 0))
             own_grip(surface.grip[3 * p], f)
             hold(x, v[0], depth, row(state.anchor, HELD * p), f, dt)
             for j in range(27):
@@ -148,8 +149,9 @@ def touch(slab, step, dt, surface, cells, state, calls):
 
 
 @inner
-def _block_at_rest(block, near, touching, x, mass, energy, f, H):
+def _block_at_rest(block, given):
     """`touch_at_rest` of some points."""
+    near, touching, x, mass, energy, f, H = given
     first = BLOCK * block
     last = min(first + BLOCK, len(x))
     _touch_at_rest(
@@ -183,14 +185,16 @@ def _touch_at_rest(near, touching, x, mass, energy, f, H):
     at = given[0]
     for p in range(len(x)):
         if depth[p] > 0.0:
-            at.x, at.mass, at.value = address(x, 3 * p), address(mass, p), address(energy, p)
-            at.force, at.tangent = address(f, 3 * p), address(H, 9 * p)
+            point_from(given, x[p:], x, mass[p:], f[p])
+            at.value = address(energy, p)
+            at.bend = address(H, 9 * p)
             call_each(touching, 0, 0, 1, 0.0, address(given, 0))
 
 
 @inner
-def _contact_of_slab(slab, cells, weights, H, matrix):
+def _contact_of_slab(slab, given):
     """`contact_to_matrix` of one slab."""
+    cells, weights, H, matrix = given
     K = np.empty((STENCIL, 3, 3, STENCIL))
     N = np.empty(STENCIL)
     for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):

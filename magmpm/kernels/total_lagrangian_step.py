@@ -489,10 +489,9 @@ def _together(begun, last, groups, cells):
 
 
 @inner
-def _forces_of_slab(
-    slab, step, dt, push, most, cells, particles, surface, meeting, state, calls, slabs
-):
+def _forces_of_slab(slab, given):
     """Add to state.force the forces of a slab; most: groups in a cell."""
+    step, dt, push, most, cells, particles, surface, meeting, state, calls, slabs = given
     acts = len(calls.wide) + len(calls.narrow) > 0
     groups = max(most, GROUPS)
     room = group_room(groups, calls, particles, state.memory)
@@ -519,8 +518,9 @@ def _forces_of_slab(
 
 
 @inner
-def _update_some(part, step, dt, push, nodes, correction, meeting, state, calls, pace):
+def update_grid(part, given):
     """Update some active nodes, and write to pace (parts,) the square of a bound on how fast (m/s) they let a point of a meeting move."""
+    step, dt, push, nodes, correction, meeting, state, calls, pace = given
     first = TOGETHER * part
     last = min(first + TOGETHER, len(nodes.active))
     found = 0.0
@@ -571,16 +571,15 @@ def advance(
         add_pairs(meeting, surface, cells.along_x, cells.along_y, state.force)
         correct(correction, state.force)
         moving = (nodes, correction, meeting, state, calls, pace)
-        over_parts(parts, task(_update_some, (step, dt, push, *moving)))
+        over_parts(parts, task(update_grid, (step, dt, push, *moving)))
         passed(meeting, dt * math.sqrt(pace.max()))
     return steps
 
 
 @inner
-def _cell_at_particles(
-    cell, cells, particles, particle, u, v, reference, position, velocity, deformation
-):
+def _cell_at_particles(cell, given):
     """`at_particles` of one cell."""
+    cells, particles, particle, u, v, reference, position, velocity, deformation = given
     along_x = cells.along_x
     along_y = cells.along_y
     splines = particles.splines

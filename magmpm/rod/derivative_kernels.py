@@ -313,8 +313,9 @@ def softest(q, length, D, C, moment, field, weight):
 
 
 @inner
-def _relax_one(r, q, length, D, C, moment, field, weight, sizes, shares, position, slopes, found):
+def _relax_one(r, given):
     """`relax_all` of one rod."""
+    q, length, D, C, moment, field, weight, sizes, shares, position, slopes, found = given
     status, _, _, stable = relax(q[r], length, D, C, moment[r], field[r], weight[r])
     place, frames, _, _ = frames_of(q[r], length, C, moment[r], field[r], weight[r])
     for k in range(len(place)):

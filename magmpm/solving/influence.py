@@ -25,8 +25,6 @@ NEIGHBORS = 2.5  # thicknesses along the axis: points nearer than that are neigh
 # of a motion, as many as it has without output_every: with 25 the peak of a swing fell between two
 FRAMES = 100
 MOMENTS = 9  # of a path, in equal parts, at most
-# of an effect's usual strength: as if it were not there, with the kernels of a scene that has it
-FAINT = 1e-12
 # of a shift: its uncertainty on the coarsest grid, 0.4 % in the middle and 2.5 % at most of 40
 # (tests/benchmarks/advice.py)
 GRID = 0.05
@@ -123,7 +121,7 @@ class Variants:
         return max(self.frames(scene, finer).distances(self.frames(other, finer)).values())
 
     def _run(self, scene: Scene, cells: int) -> Frames:
-        data = self._sharing_kernels(scene)
+        data = scene.to_si()
         if scene.solver.dynamic is not None:
             data["solver"]["dynamic"] |= {
                 "duration": self.duration,
@@ -147,31 +145,6 @@ class Variants:
             raise SolveError("a motion on a finer grid takes too long")
         result = solve(coarse, on_frame=frames.see)
         return frames if frames.times else frames_of(result)
-
-    def _sharing_kernels(self, scene: Scene) -> dict[str, Any]:
-        """Data of a variant in which what it lacks is FAINT, where that can be: all variants then share one set of compiled kernels."""
-        data = scene.to_si()
-        named = scene.effects
-        effects = data["effects"]
-        usual = self.scene.effects
-        if named.gravity is None and has_densities(scene):
-            effects["gravity"] = {"acceleration": [0.0, 0.0, -FAINT]}
-        if named.damping is None and usual.damping is not None:
-            effects["damping"] = {"rate": FAINT * usual.damping.rate}
-        if named.viscosity is None and usual.viscosity is not None and not usual.viscosity.branches:
-            effects["viscosity"] = {"viscosity": FAINT * usual.viscosity.viscosity}
-        if (
-            named.magnetic_torque is None
-            and named.magnetic_force is None
-            and named.magnetic_interaction is None
-            and scene.field.acts
-        ):
-            effects.update(
-                {key: {} for key in (ONE_ENERGY if scene.field.varies else ONE_ENERGY[:1])}
-            )
-            for material in data["materials"].values():
-                material["remanence"] *= FAINT
-        return data
 
 
 def motion_seconds(scene: Scene) -> float:

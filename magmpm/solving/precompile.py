@@ -32,7 +32,13 @@ from magmpm.compiled.cache import compile_here, kept_all
 from magmpm.compiled.environment import compiled_sources
 from magmpm.compiled.process import answers, started
 from magmpm.effects import acting as effects
-from magmpm.effects.calls import Function, changing, compile_functions, moving, resting
+from magmpm.effects.calls import (
+    Function,
+    compile_functions,
+    functions_at_rest,
+    functions_in_motion,
+    functions_of_changes,
+)
 from magmpm.errors import SolveError
 from magmpm.model import Model, build
 from magmpm.results.strain import strain_of
@@ -104,17 +110,21 @@ def _functions(scene: Scene, uses: Sequence[str]) -> list[Function]:
     named = effects.collect(scene, times=_times(scene))
     found = []
     if SOLVE in uses:
-        found += moving(named) if scene.solver.dynamic is not None else resting(named)
+        found += (
+            functions_in_motion(named)
+            if scene.solver.dynamic is not None
+            else functions_at_rest(named)
+        )
         if scene.solver.quasi_static is not None:
-            found += moving(named)
+            found += functions_in_motion(named)
         if scene.move and scene.solver.dynamic is not None:
             from magmpm.dynamics.total_lagrangian import MOVED
 
             found.append(MOVED)
     if DERIVATIVES in uses:
-        found += resting(named) + changing(named)
+        found += functions_at_rest(named) + functions_of_changes(named)
         for one in effects.field_changes(scene, _times(scene)):
-            found += changing(one)
+            found += functions_of_changes(one)
     return list(dict.fromkeys(found))
 
 

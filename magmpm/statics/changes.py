@@ -142,7 +142,7 @@ def _of_loads(slots: _Slots, variables: Sequence[Variable]) -> None:
     if column:
         P, f = slots.add(np.array(column), len(column))
         load_changes(
-            rows(model.effects, "stress_change", "force_change"),
+            rows(model.effects, "load_change"),
             model.remanence,
             model.density,
             slots.point.position,
@@ -170,7 +170,7 @@ def _of_field(slots: _Slots, variables: Sequence[Variable]) -> None:
         assert component is not None
         if changes[component]:
             loads(
-                rows(changes[component], "stress", "force"),
+                rows(changes[component], "load"),
                 energy.particles.remanence,
                 energy.particles.density,
                 slots.point.position,

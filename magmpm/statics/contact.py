@@ -20,9 +20,10 @@ import numpy as np
 
 from magmpm.bodies.contact_surface import ContactSurface
 from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact, Records, Touching
-from magmpm.effects.calls import depths, given_for, of_points, push_point, rows
+from magmpm.effects.calls import call_each, depths, given_for, of_points, point_from, rows
 from magmpm.effects.contact_force import HELD, PARTS, own_grip
 from magmpm.kernels.equilibrium import STENCIL, Blocks, Panels, StaticCells
 from magmpm.kernels.surface_contact import contact_to_matrix, touch_at_rest
@@ -97,7 +98,7 @@ def _stretch(held: Held, x: Array) -> tuple[Array, Array]:
 def _grips(calls, x, was, mass, grips, f, met):  # type: ignore[no-untyped-def]
     """Write the grip of points at x (n, 3) m to f (n, PARTS), and which share of the way from `was` was clear to met (n,)."""
     n = len(x)
-    still = np.zeros((n, 3))
+    still = np.zeros((1, 3))
     depth = np.empty(n)
     before = np.empty(n)
     given = given_for()
@@ -106,7 +107,8 @@ def _grips(calls, x, was, mass, grips, f, met):  # type: ignore[no-untyped-def]
     for p in range(n):
         if depth[p] > 0.0:
             met[p] = 0.0 if before[p] >= 0.0 else 1.0 / (1.0 - depth[p] / before[p])
-            push_point(calls.contact, 0, 0.0, given, p, x, still, mass, f[p])
+            point_from(given, x[p:], still, mass[p:], f[p])
+            call_each(calls.contact, 0, 0, 1, 0.0, address(given, 0))
             own_grip(grips[p, 0], f[p])
 
 

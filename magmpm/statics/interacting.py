@@ -114,7 +114,7 @@ class InteractingEnergy:
                 self.named, model, point.position, point.F, BodyChange(still, dx, dF)
             )
             loads(
-                rows(change, "stress", "force"),
+                rows(change, "load"),
                 model.remanence,
                 model.density,
                 point.position,
@@ -135,7 +135,7 @@ class InteractingEnergy:
             by = BodyChange(changes[k], np.zeros((n, 3)), np.zeros((n, 3, 3)))
             change = acting.refresh_change(self.named, model, point.position, point.F, by)
             loads(
-                rows(change, "stress", "force"),
+                rows(change, "load"),
                 model.remanence,
                 model.density,
                 point.position,

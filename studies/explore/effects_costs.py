@@ -155,7 +155,7 @@ def _record(records: Any) -> SimpleNamespace:
 
 def operations(records: Any, data: Array, hook: str, *arguments: Any) -> int:
     """Operations of one call of an effect's hook; 0 if it has none."""
-    function = hooks._registry[hook].get(records.dtype.names)
+    function = hooks.hook_of(hook, records)
     if function is None:
         return 0
     Counted.done = 0
@@ -225,7 +225,7 @@ def _step(model: Model, named: Records) -> float:
         names = records.dtype.names
         called = False
         for hook in ("stress", "force", "rate_stress", "near", "contact", "node"):
-            if names not in hooks._registry[hook]:
+            if hooks.hook_of(hook, records) is None:
                 continue
             acted = [p for p in chosen if hook != "contact" or _near(model, p, records, data)]
             each = [operations(records, data, hook, *_given(model, p, hook)) for p in acted]
@@ -236,7 +236,7 @@ def _step(model: Model, named: Records) -> float:
                 hook == "near"
             ):  # of points of the surface, as many as one layer of a cell's particles; 117 operations find where one is
                 total += NARROW * (mean + 117) / model.scene.resolution.particles_per_cell
-            elif names in hooks._wide[hook]:
+            elif hooks.is_wide(names):
                 total += WIDE * mean
             else:
                 total += NARROW * mean
@@ -247,7 +247,7 @@ def _step(model: Model, named: Records) -> float:
 
 def _near(model: Model, p: int, records: Any, data: Array) -> bool:
     """True if a particle is so near that contact is computed."""
-    function = hooks._registry["near"].get(records.dtype.names)
+    function = hooks.hook_of("near", records)
     return function is None or bool(
         plain(function)(_record(records), data, model.particles.position[p]) > 0.0
     )

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from reference.dynamics import hook_of
 from reference.solids import box
 
 from magmpm.bodies.surface_mesh import write_stl
@@ -137,7 +136,7 @@ def acting(key: str) -> Acting:
 
 def hook(named: tuple[np.ndarray, ...], name: str) -> Any:
     """One hook of an effect as a function of the arguments after its record and data; None if the effect lacks it."""
-    function = hook_of(named[0], name) if named else None
+    function = hooks.hook_of(name, named[0]) if named else None
     return None if function is None else lambda *given: function(named[0][0], named[1], *given)
 
 

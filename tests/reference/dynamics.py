@@ -24,15 +24,10 @@ from magmpm.effects import hooks
 from magmpm.model import Model
 
 
-def hook_of(record: np.ndarray, name: str) -> Any:
-    """The compiled hook of an effect's record, or None."""
-    return hooks._registry[name].get(record.dtype.names)
-
-
 def call(model: Model, hook: str, *arguments: Any, step: int = 0) -> list[Any]:
     """One hook of every effect that has it, in the order of the model: function(effect, data, *arguments). Returns what each returns."""
     having = [
-        (hook_of(record, hook), record[min(step, len(record) - 1)], data)
+        (hooks.hook_of(hook, record), record[min(step, len(record) - 1)], data)
         for record, data in hooks.pairs(model.effects)
     ]
     return [
@@ -44,7 +39,7 @@ def push_time(model: Model, dt: float, step: int = 0) -> float:
     """Seconds for which forces push in a step of dt (s): the product of all hooks `push`."""
     push = dt
     for record, data in hooks.pairs(model.effects):
-        function = hook_of(record, "push")
+        function = hooks.hook_of("push", record)
         if function is not None:
             push *= function(record[min(step, len(record) - 1)], data, dt)
     return push

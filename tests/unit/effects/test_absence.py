@@ -66,7 +66,7 @@ def test_what_is_absent_is_neither_loaded_nor_called(
     assert seen == []
     every = calls.in_motion(()) if moves else calls.at_rest(())
     assert [np.size(rows) for rows in every if isinstance(rows, np.ndarray)] == [0] * (
-        6 if moves else 4
+        6 if moves else 3
     )
     run(bare.with_effects(gravity={}))
     assert seen

@@ -26,7 +26,7 @@ def load(named: Any, at: Point, magnet: np.ndarray, rho: float) -> np.ndarray:
     """Stress and force of all effects, (12,)."""
     P = np.zeros((1, 3, 3))
     f = np.zeros((1, 3))
-    own = rows(named, "stress", "force")
+    own = rows(named, "load")
     loads(own, np.array([magnet]), np.array([rho]), at.x[None], at.F[None], P, f)
     return np.concatenate([P.ravel(), f.ravel()])
 
@@ -35,7 +35,7 @@ def change(named: Any, at: Point, dmagnet: np.ndarray, drho: float) -> np.ndarra
     """Their change with remanence and density, (12,)."""
     P = np.zeros((1, 1, 3, 3))
     f = np.zeros((1, 1, 3))
-    own = rows(named, "stress_change", "force_change")
+    own = rows(named, "load_change")
     load_changes(
         own,
         at.magnet[None],

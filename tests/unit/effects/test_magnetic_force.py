@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from reference.dynamics import hook_of
 from reference.plain_forms import to_dense
 from reference.scenes import rod_scene
 from reference.taylor import slopes
@@ -51,10 +50,10 @@ def parts(named: Sequence[np.ndarray], x: np.ndarray, F: np.ndarray) -> tuple[An
     W = 0.0
     for record, data in hooks.pairs(named):
         for hook, out in (("stress", (P,)), ("force", (f,)), ("softening", (H, M))):
-            function = hook_of(record, hook)
+            function = hooks.hook_of(hook, record)
             if function is not None:
                 function(record[0], data, BR, RHO, x, F, *out)
-        energy = hook_of(record, "energy")
+        energy = hooks.hook_of("energy", record)
         W += 0.0 if energy is None else energy(record[0], data, BR, RHO, x, F)
     return W, P, f, H, M
 
