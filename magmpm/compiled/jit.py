@@ -32,8 +32,8 @@ if _settings.DISABLE_JIT:
         "NUMBA_DISABLE_JIT",
         received=str(_settings.DISABLE_JIT),
         rule=(
-            "magmpm's kernels work only when compiled: the compiler decides which effects act in"
-            " them"
+            "magmpm's kernels work only when compiled: they call effects by the addresses of their"
+            " machine code"
         ),
         remedy="unset it (and disable_jit in .numba_config.yaml)",
     )

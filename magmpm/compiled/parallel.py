@@ -11,10 +11,19 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from magmpm.compiled.by_address import call
-from magmpm.compiled.jit import inner_kernel
+from magmpm.compiled.jit import compiled, inner_kernel
 
 _INT = ir.IntType(64)
 _BYTE = ir.IntType(8).as_pointer()
+
+
+TOGETHER = 128  # particles, points or nodes that a thread takes at a time, where each takes little
+
+
+@compiled
+def parts_of(count):
+    """Number of parts of TOGETHER, the last perhaps smaller."""
+    return (count + TOGETHER - 1) // TOGETHER
 
 
 @intrinsic  # type: ignore[misc]

@@ -353,7 +353,7 @@ class Function(NamedTuple):
         return {name: of for name, of in found.items() if f"{name}_change" not in found}
 
     def key(self) -> tuple[Any, ...]:
-        """What distinguishes it from others in this process: a name may be registered again."""
+        """Its pattern and the functions that it calls: names may be registered again."""
         return (self.pattern, *self.hooks().values())
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled, inner
-from magmpm.compiled.parallel import over_parts, over_slabs, task
+from magmpm.compiled.parallel import TOGETHER, over_parts, over_slabs, parts_of, task
 from magmpm.effects.calls import (
     add_curvatures,
     add_energies,
@@ -34,15 +34,14 @@ from magmpm.kernels.equilibrium import (
 from magmpm.materials import cofactor, determinant, stress, tangent, volume_pressure
 
 ROWS = 4  # of each particle: three of gradients, one of values
-BLOCK = 64  # particles that a thread takes at a time
 
 
 @inner
 def _block_of_load_changes(block, given):
     """`load_changes` of some particles."""
     calls, magnet, rho, x, F, dmagnet, drho, P, f = given
-    first = BLOCK * block
-    count = min(BLOCK, len(x) - first)
+    first = TOGETHER * block
+    count = min(TOGETHER, len(x) - first)
     given = given_for()
     for slot in range(len(drho)):
         particles_from(given, first, magnet, rho, x, F)
@@ -58,7 +57,7 @@ def load_changes(calls, magnet, rho, x, F, dmagnet, drho, P, f):
     particles have one); drho (slots, n): of the density (kg/m^3).
     """
     over_parts(
-        (len(x) + BLOCK - 1) // BLOCK,
+        parts_of(len(x)),
         task(_block_of_load_changes, (calls, magnet, rho, x, F, dmagnet, drho, P, f)),
     )
 
@@ -75,36 +74,32 @@ def _changed(given, p, dmagnet, drho):
 def _block_of_loads(block, given):
     """`loads` of some particles."""
     calls, magnet, rho, x, F, P, f = given
-    first = BLOCK * block
+    first = TOGETHER * block
     given = given_for()
     particles_from(given, first, magnet, rho, x, F)
-    add_loads(calls, min(BLOCK, len(x) - first), given, P[first:], f[first:])
+    add_loads(calls, min(TOGETHER, len(x) - first), given, P[first:], f[first:])
 
 
 @compiled
 def loads(calls, magnet, rho, x, F, P, f):
     """Add the effects' stress and force of each particle to P (n, 3, 3) Pa and f (n, 3) N/m^3; calls: rows of these hooks."""
-    over_parts(
-        (len(x) + BLOCK - 1) // BLOCK, task(_block_of_loads, (calls, magnet, rho, x, F, P, f))
-    )
+    over_parts(parts_of(len(x)), task(_block_of_loads, (calls, magnet, rho, x, F, P, f)))
 
 
 @inner
 def _block_of_potentials(block, given):
     """`potentials` of some particles."""
     calls, magnet, rho, x, F, W = given
-    first = BLOCK * block
+    first = TOGETHER * block
     given = given_for()
     particles_from(given, first, magnet, rho, x, F)
-    add_energies(calls, min(BLOCK, len(x) - first), given, W[first:])
+    add_energies(calls, min(TOGETHER, len(x) - first), given, W[first:])
 
 
 @compiled
 def potentials(calls, magnet, rho, x, F, W):
     """Add the effects' energy of each particle to W (n,), J/m^3; calls: rows of this hook."""
-    over_parts(
-        (len(x) + BLOCK - 1) // BLOCK, task(_block_of_potentials, (calls, magnet, rho, x, F, W))
-    )
+    over_parts(parts_of(len(x)), task(_block_of_potentials, (calls, magnet, rho, x, F, W)))
 
 
 @inner

@@ -14,13 +14,11 @@ import numpy as np
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled, inlined, inner
-from magmpm.compiled.parallel import over_parts, over_slabs, task
+from magmpm.compiled.parallel import TOGETHER, over_parts, over_slabs, parts_of, task
 from magmpm.compiled.simd_views import row
 from magmpm.effects.calls import call_each, depths, given_for, point_from
 from magmpm.effects.contact_force import HELD, PARTS, STICKS, TOUCHES, hold, let_go, own_grip
 from magmpm.kernels.equilibrium import STENCIL, particle_splines, scatter_matrix
-
-BLOCK = 64  # points that a thread takes at a time
 
 
 class SortedSurfacePoints(NamedTuple):
@@ -152,8 +150,8 @@ def touch(slab, step, dt, surface, cells, state, calls):
 def _block_at_rest(block, given):
     """`touch_at_rest` of some points."""
     near, touching, x, mass, energy, f, H = given
-    first = BLOCK * block
-    last = min(first + BLOCK, len(x))
+    first = TOGETHER * block
+    last = min(first + TOGETHER, len(x))
     _touch_at_rest(
         near,
         touching,
@@ -171,9 +169,7 @@ def touch_at_rest(near, touching, x, mass, energy, f, H):
 
     near, touching: rows of these hooks (effects.calls).
     """
-    over_parts(
-        (len(x) + BLOCK - 1) // BLOCK, task(_block_at_rest, (near, touching, x, mass, energy, f, H))
-    )
+    over_parts(parts_of(len(x)), task(_block_at_rest, (near, touching, x, mass, energy, f, H)))
 
 
 @compiled

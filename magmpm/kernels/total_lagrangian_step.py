@@ -17,7 +17,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled, inlined, inner
-from magmpm.compiled.parallel import over_parts, over_slabs, task
+from magmpm.compiled.parallel import TOGETHER, over_parts, over_slabs, parts_of, task
 from magmpm.compiled.simd import (
     WIDTH,
     flag_unless_positive,
@@ -229,10 +229,6 @@ def _projected(modes, at, count, c, moment):
     for k in range(count):
         value = value + load(modes, at + 8 * k) * c[moment + k]
     return value
-
-
-GROUPS = 8  # of particles that effects act on at a time, in one cell or several
-TOGETHER = 256  # nodes that a thread takes at a time
 
 
 class CellSlabs(NamedTuple):
@@ -463,8 +459,10 @@ def change_nodes(rows, first, last, step, dt, nodes, state):
     """Let effects change the velocities of active nodes from number `first` to before `last`."""
     given = given_for()
     at = given[0]
-    at.nodes, at.place = address(nodes.active, first), address(nodes.place, 0)
-    at.u, at.v = address(state.u, 0), address(state.v, 0)
+    at.nodes = address(nodes.active, first)
+    at.place = address(nodes.place, 0)
+    at.u = address(state.u, 0)
+    at.v = address(state.v, 0)
     at.inverse_mass = address(nodes.inverse_mass, 0)
     call_each(rows, step, 0, last - first, dt, address(given, 0))
 
@@ -493,7 +491,9 @@ def _forces_of_slab(slab, given):
     """Add to state.force the forces of a slab; most: groups in a cell."""
     step, dt, push, most, cells, particles, surface, meeting, state, calls, slabs = given
     acts = len(calls.wide) + len(calls.narrow) > 0
-    groups = max(most, GROUPS)
+    groups = max(
+        most, WIDTH
+    )  # so many that to call effects costs little, and so few that they stay in the nearest memory
     room = group_room(groups, calls, particles, state.memory)
     least = splat(np.inf)
     bad = splat(0.0)
@@ -557,7 +557,7 @@ def advance(
     """
     most = _most_groups(cells)
     count = len(cells.slab_first) - 1
-    parts = (len(nodes.active) + TOGETHER - 1) // TOGETHER
+    parts = parts_of(len(nodes.active))
     pace = np.zeros(parts)
     for step in range(steps):
         if needs_list(meeting):

@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.by_address import call
+from magmpm.compiled.by_address import addresses, call
 from magmpm.compiled.jit import compiled, kernel, prange
 from magmpm.compiled.kept_memory import empty
-from magmpm.compiled.lapack import addresses
 
 Single = NDArray[np.float32]
 

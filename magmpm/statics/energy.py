@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.lapack import addresses
+from magmpm.compiled.by_address import addresses
 from magmpm.effects.calls import at_rest
 from magmpm.kernels.changes import scatter, tangent_products
 from magmpm.kernels.equilibrium import (

@@ -16,7 +16,7 @@ from threadpoolctl import ThreadpoolController
 from magmpm.bodies.curves import tightest_radius
 from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.lapack import addresses
+from magmpm.compiled.by_address import addresses
 from magmpm.effects import acting
 from magmpm.errors import InputError, LeftField, SolveError, TimeOver
 from magmpm.materials import poisson_ratio

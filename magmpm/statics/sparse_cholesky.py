@@ -8,9 +8,8 @@ order, so that results do not depend on the number of threads.
 import numpy as np
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.by_address import call
+from magmpm.compiled.by_address import addresses, call
 from magmpm.compiled.jit import compiled, kernel, prange
-from magmpm.compiled.lapack import addresses
 from magmpm.statics.elimination import Fronts
 
 

@@ -27,7 +27,7 @@ def compiler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace
     monkeypatch.setattr(
         warmup,
         "_compiled_elsewhere",
-        lambda small, uses, tell: found.asked.append(list(uses)) or found.work(),
+        lambda small, jobs, tell: found.asked.append(list(jobs)) or found.work(),
     )
     return found
 
@@ -44,13 +44,31 @@ def test_only_what_is_used_is_compiled_and_once(compiler: SimpleNamespace) -> No
         assert not warmup.fill_cache(scene, compiler.lines.append, uses), (
             "a second time there is nothing to do"
         )
-    assert compiler.asked == [["solve"], ["sensitivities"], ["rods"]]
+    uses = [[job for job in jobs if isinstance(job, str)] for jobs in compiler.asked]
+    assert uses == [["solve"], ["sensitivities"], ["rods"]]
+    functions = [[(job.pattern, job.module) for job in jobs[1:]] for jobs in compiler.asked]
+    both = ["magmpm.effects.magnetic_torque", "magmpm.effects.gravity"]
+    assert functions == [
+        [(pattern, module) for module in both for pattern in ("energy", "load")],
+        [("load_change", module) for module in both],
+        [],
+    ]
     assert "statics with magnetic_torque + gravity; once on this machine" in compiler.lines[0]
     assert "compiling kernels for sensitivities; once on this machine" in compiler.lines[2]
     assert len(compiler.lines) == 6
     assert not warmup.fill_cache(rod_scene(gravity=(0.0, 0.0, -9.81)), print, [warmup.RODS]), (
         "the same rods for any effects"
     )
+
+
+def test_a_further_effect_compiles_its_functions_alone(compiler: SimpleNamespace) -> None:
+    """Kernels are the same whatever acts; and an effect that another scene has had is ready."""
+    torque = rod_scene(field=(0.0, 0.0, 5e-3))
+    both = rod_scene(field=(0.0, 0.0, 5e-3), gravity=(0.0, 0.0, -9.81))
+    assert warmup.fill_cache(torque, compiler.lines.append)
+    assert warmup.fill_cache(both, compiler.lines.append)
+    assert {job.module for job in compiler.asked[1]} == {"magmpm.effects.gravity"}
+    assert not warmup.fill_cache(rod_scene(gravity=(0.0, 0.0, -9.81)), compiler.lines.append)
 
 
 def test_one_process_compiles_and_others_wait_for_it(compiler: SimpleNamespace) -> None:
@@ -81,7 +99,7 @@ def test_one_process_compiles_and_others_wait_for_it(compiler: SimpleNamespace) 
 def test_who_needs_other_kernels_waits_for_nobody_and_who_needs_the_same_not_for_ever(
     compiler: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A static scene once waited eight minutes for the kernels of another one's motion."""
+    """A static scene once waited eight minutes for the kernels of another one's motion. Here families of rods are the others."""
     monkeypatch.setattr(warmup, "PATIENCE", 0.3)
     begun = threading.Event()
     go_on = threading.Event()
@@ -91,8 +109,7 @@ def test_who_needs_other_kernels_waits_for_nobody_and_who_needs_the_same_not_for
     one.start()
     assert begun.wait(60)
     compiler.work = lambda: True
-    other = rod_scene(gravity=(0.0, 0.0, -9.81))
-    assert warmup.fill_cache(other, compiler.lines.append)
+    assert warmup.fill_cache(slow, compiler.lines.append, [warmup.RODS])
     assert not [line for line in compiler.lines if "process" in line], "another set of kernels"
     compiler.lines.clear()
     assert warmup.fill_cache(slow, compiler.lines.append)
@@ -105,7 +122,7 @@ def test_who_needs_other_kernels_waits_for_nobody_and_who_needs_the_same_not_for
         in leaves
     )
     assert "compiling kernels for statics with magnetic_torque" in compiles[0]
-    assert compiler.asked == [["solve"]] * 3
+    assert [jobs[0] for jobs in compiler.asked] == ["solve", "rods", "solve"]
 
 
 def test_a_solve_that_only_compiles_ends_after_a_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -185,7 +202,7 @@ if sys.argv[3:]:
     derivatives.adjoint(derivatives.centreline[:, :, 0])
 else:
     run(scene, folder=sys.argv[2])
-found = [d for d in gc.get_objects() if isinstance(d, Dispatcher) and str(d.py_func.__module__).startswith("magmpm")]
+found = [d for d in gc.get_objects() if issubclass(type(d), Dispatcher) and str(d.py_func.__module__).startswith("magmpm")]
 assert any(d.stats.cache_hits for d in found), "kernels were loaded"
 print(*sorted({d.py_func.__qualname__ for d in found if d.stats.cache_misses}))
 """
