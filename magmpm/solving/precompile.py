@@ -136,8 +136,10 @@ def fill_cache(scene: Scene, tell: Tell = on_stderr, uses: Sequence[str] = (SOLV
         return False
     with ExitStack() as alone:
         begun = time.monotonic()
-        # sorted: of two processes that need several sets, neither can wait for the other
-        for path in sorted(path for path in marker.values() if not path.exists()):
+        # Sorted: of two processes that need several sets, neither can wait for the other. Functions of
+        # effects take a second: two processes may compile the same.
+        sets = [kinds for kinds, use in needed.items() if isinstance(use, str)]
+        for path in sorted(marker[kinds] for kinds in sets if not marker[kinds].exists()):
             alone.enter_context(_alone(path.with_suffix(".lock"), tell, begun + PATIENCE))
         missing = [kinds for kinds, path in marker.items() if not path.exists()]
         if not missing:  # the process we waited for has made them
