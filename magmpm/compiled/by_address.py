@@ -13,6 +13,7 @@ from typing import Any
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.errors import TypingError
 from numba.extending import get_cython_function_address, intrinsic
 
 BLAS = "scipy.linalg.cython_blas"
@@ -26,6 +27,9 @@ def instruction(returns: Any, *takes: Any) -> Callable[..., Any]:
 
     def made(generate: Callable[..., Any]) -> Any:
         def typed(typing_context, *given):
+            for one in given:
+                if isinstance(one, types.Array) and one.layout != "C":
+                    raise TypingError(f"what is read by its address must be contiguous, not {one}")
             return (
                 returns(
                     *(

@@ -427,7 +427,15 @@ def rows(named: tuple[Any, ...], *patterns: str) -> Index:
 
 
 def _rows(found: Sequence[tuple[Function, Any, Any]]) -> Index:
+    """`rows` of functions. Raises TypeError where records or table are not what machine code reads at their addresses."""
     prepare([function for function, _, _ in found])
+    for function, records, data in found:
+        if records.dtype != dtype_of(function.names) or not records.flags.c_contiguous:
+            raise TypeError(
+                f"{function.module}: records must be contiguous, of the dtype that is registered"
+            )
+        if data.dtype != np.float64 or data.ndim != 1 or not data.flags.c_contiguous:
+            raise TypeError(f"{function.module}: the table must be a flat array of floats")
     return np.array(
         [
             (

@@ -5,10 +5,13 @@ from unittest.mock import patch
 import numba
 import numpy as np
 import pytest
+from numba.core.errors import TypingError
 from reference.moving import moving_scene
 from reference.scenes import rod_scene
 
+from magmpm.compiled.by_address import address
 from magmpm.effects import calls, gravity, hooks
+from magmpm.effects.base import one_record
 from magmpm.model import build
 from magmpm.simulate import run
 
@@ -108,3 +111,29 @@ def test_zero_strength_is_bitwise_the_effect_absent(absent: str) -> None:
     assert np.array_equal(a.particle_position, b.particle_position)
     assert np.array_equal(a.particle_det_F, b.particle_det_F)
     assert (a.energy, a.iterations) == (b.energy, b.iterations)
+
+
+def test_what_machine_code_could_misread_is_refused() -> None:
+    """By their addresses, kernels would take any numbers for a record of another type, or for a table with gaps."""
+    record, data = one_record(gravity.DTYPE, gravity=np.array([0.0, 0.0, -9.81]))
+    single = record.astype([("gravity", np.float32, (3,))])
+    with pytest.raises(
+        TypeError, match=r"effects\.gravity: records must be contiguous, of the dtype"
+    ):
+        calls.rows((single, data), "load")
+    with pytest.raises(TypeError, match=r"effects\.gravity: records must be contiguous"):
+        calls.rows((np.repeat(record, 4)[::2], data), "load")
+    for wrong in (np.zeros(4)[::2], np.zeros((2, 2)), np.zeros(2, np.float32)):
+        with pytest.raises(TypeError, match=r"effects\.gravity: the table must be a flat array"):
+            calls.rows((record, wrong), "load")
+
+
+def test_an_array_with_gaps_has_no_address() -> None:
+    """A kernel would read what lies between its numbers."""
+    with pytest.raises(TypingError, match="must be contiguous"):
+        _first(np.zeros((4, 4))[:, ::2])
+
+
+@numba.njit
+def _first(values):  # type: ignore[no-untyped-def]
+    return address(values, 0)
