@@ -187,6 +187,18 @@ def _scatter_vector(plane, rows, r, residual):
                     residual[plane + a, first + 3 * c + k] += r[9 * a + 3 * b + c, k]
 
 
+@compiled
+def _elastic(first, last, particles, F, cof, c, P):
+    """Write the elastic stress (Pa) of a cell's particles to P (last - first, 3, 3), and its moments to c (modes,); cof: work space."""
+    _volume_moments(first, last, particles.volume, particles.modes, F, c)
+    for p in range(first, last):
+        J = determinant(F[p])
+        change = _volume_change(J, p, particles.modes, c)
+        cofactor(F[p], cof)
+        pressure = volume_pressure(change, particles.bulk[p])
+        stress(F[p], cof, J, particles.shear[p], pressure, P[p - first])
+
+
 @inner
 def _slab_to_grid(slab, given):
     """`particles_to_grid` of one slab."""
@@ -194,8 +206,6 @@ def _slab_to_grid(slab, given):
     weights = particles.weights
     slopes = particles.slopes
     volume = particles.volume
-    shear = particles.shear
-    bulk = particles.bulk
     modes = particles.modes
     remanence = particles.remanence
     density = particles.density
@@ -209,14 +219,9 @@ def _slab_to_grid(slab, given):
     for cell in range(cells.slab_first[slab], cells.slab_first[slab + 1]):
         first = cells.first[cell]
         last = cells.first[cell + 1]
-        _volume_moments(first, last, volume, modes, F, c)
+        _elastic(first, last, particles, F, cof, c, P)
         r[:] = 0.0
         f[:] = 0.0
-        for p in range(first, last):
-            J = determinant(F[p])
-            pressure = volume_pressure(_volume_change(J, p, modes, c), bulk[p])
-            cofactor(F[p], cof)
-            stress(F[p], cof, J, shear[p], pressure, P[p - first])
         particles_from(given, first, remanence, density, x, F)
         add_loads(calls.load, last - first, given, P, f)
         for p in range(first, last):
@@ -325,15 +330,10 @@ def _cell_tangent(cell, cells, particles, calls, x, F, fortran, room, K, r):
     last = cells.first[cell + 1]
     softens = calls.softens > 0
     rows_each = 4 if softens else 3
-    _volume_moments(first, last, volume, modes, F, c)
+    _elastic(first, last, particles, F, cof, c, P)
     r[:] = 0.0
     b[:] = 0.0
     f[:] = 0.0
-    for p in range(first, last):
-        J = determinant(F[p])
-        pressure = volume_pressure(_volume_change(J, p, modes, c), bulk[p])
-        cofactor(F[p], cof)
-        stress(F[p], cof, J, shear[p], pressure, P[p - first])
     particles_from(given, first, remanence, density, x, F)
     add_loads(calls.load, last - first, given, P, f)
     for p in range(first, last):

@@ -110,39 +110,25 @@ class InteractingEnergy:
                 dx,
                 dF,
             )
-            change = acting.refresh_change(
-                self.named, model, point.position, point.F, BodyChange(still, dx, dF)
-            )
-            loads(
-                rows(change, "load"),
-                model.remanence,
-                model.density,
-                point.position,
-                point.F,
-                P[k],
-                f[k],
-            )
+            self._add_refreshed(point, BodyChange(still, dx, dF), P[k], f[k])
         return self.alone.each_scattered(P, f)
+
+    def _add_refreshed(self, point: Point, by: BodyChange, P: Array, f: Array) -> None:
+        """Add the change of stress P (n, 3, 3) Pa and force f (n, 3) N/m^3 as tables follow a change of the body."""
+        model = self.model
+        change = acting.refresh_change(self.named, model, point.position, point.F, by)
+        magnet = model.remanence
+        loads(rows(change, "load"), magnet, model.density, point.position, point.F, P, f)
 
     def refresh_by_remanence(self, point: Point, changes: Array) -> Array:
         """Change (planes, k, m) N of the residual as tables follow changes (k, n, 3) T of the remanence, at the point of the last `at`."""
-        model = self.model
-        n = len(model.shear)
+        n = len(self.model.shear)
         count = len(changes)
         P = np.zeros((count, n, 3, 3))
         f = np.zeros((count, n, 3))
         for k in range(count):
             by = BodyChange(changes[k], np.zeros((n, 3)), np.zeros((n, 3, 3)))
-            change = acting.refresh_change(self.named, model, point.position, point.F, by)
-            loads(
-                rows(change, "load"),
-                model.remanence,
-                model.density,
-                point.position,
-                point.F,
-                P[k],
-                f[k],
-            )
+            self._add_refreshed(point, by, P[k], f[k])
         return self.alone.each_scattered(P, f)
 
     def solve_columns(self, right: Array) -> Array:
