@@ -26,7 +26,7 @@ from magmpm.bodies.polar_grid import PolarGrid
 from magmpm.bodies.section_quadrature import Particles
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
-from magmpm.effects.contact_law import grips
+from magmpm.effects.contact_law import own_friction
 from magmpm.effects.hooks import has_hook
 from magmpm.effects.magnetization import rotating
 from magmpm.errors import SceneError
@@ -271,9 +271,9 @@ class Model:
             spread(own, self.first_in_motion(slice(None)), self.nodes_in_motion, self.splines()[0]),
             self.nodes_in_motion,
         )
-        grip = grips(self.scene)[self.particles.segment[on]]
+        friction = own_friction(self.scene)[self.particles.segment[on]]
         return ContactSurface(
-            place, first, weights, mass, on, (points.position[held], particle[held]), grip
+            place, first, weights, mass, on, (points.position[held], particle[held]), friction
         )
 
     def steepness(self) -> Array:

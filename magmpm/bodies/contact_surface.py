@@ -34,7 +34,7 @@ class SurfacePoints:
 class ContactSurface:
     """Points on a model's grid: place (n, 3) m in the undeformed body, first (n, 3): node indices, weights (n, 3, 3) of their splines,
     mass (n,) kg of the layers they stand for (`layer_mass`), and a particle (n,) in the cell of each. still: points of held regions, and a
-    particle in the cell of each; grip (n, 3): effects.contact_law.grips of their regions."""
+    particle in the cell of each; friction (n,): of their own material (effects.contact_law.own_friction)."""
 
     place: Array
     first: NDArray[np.int64]
@@ -42,7 +42,7 @@ class ContactSurface:
     mass: Array
     particle: NDArray[np.int64]
     still: tuple[Array, NDArray[np.int64]]
-    grip: Array
+    friction: Array
 
 
 def layer_mass(

@@ -14,15 +14,15 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled
 from magmpm.dynamics.particle_groups import Packed
 from magmpm.effects.base import Contact
-from magmpm.effects.contact_force import stored
-from magmpm.effects.contact_law import grips, law, most_friction
+from magmpm.effects.contact_force import NORMAL
+from magmpm.effects.contact_law import own_friction, stiffness_of
 from magmpm.kernels import body_contact as kernel
 from magmpm.kernels.body_contact import (
     CELL,
     DEPTH,
     FORCE,
+    FRICTION,
     MEMORY,
-    NORMAL,
     PLACE,
     ROOM,
     Meeting,
@@ -47,12 +47,8 @@ def body_contact(model: Model, packed: Packed) -> BodyContact | None:
     effect = model.scene.effects.self_contact
     if effect is None:
         return None
-    found = law(model.scene, effect.stiffness, most_friction(model.scene, effect.friction))
-    usual = {"layer": 1.0, "knee": 1.0, "damping": 0.0}  # without friction
-    values = np.array(
-        [*({**usual, **found}[name] for name in ("stiffness", *usual)), effect.friction]
-    )
-    return BodyContact(model, packed, values)
+    stiffness = stiffness_of(model.scene, effect.stiffness)
+    return BodyContact(model, packed, np.array([stiffness, effect.friction]))
 
 
 class BodyContact:
@@ -63,7 +59,6 @@ class BodyContact:
         assert surface is not None  # of a scene that names self_contact
         self.law = law
         self._mass = packed.surface.mass
-        self._grip = packed.surface.grip.reshape(-1, 3)
         self._cell = float(model.grid.spacing.min())
         self.solids = model.scene.body.shape.solids(self._cell, model.particles)
         self.cells, number, cells = _solid_cells(model)
@@ -113,8 +108,8 @@ class BodyContact:
         return bool(self.meeting.memory[-1] > self.meeting.most[0])
 
     def list(self, u: Array) -> None:
-        """List the pairs at displacements u (3 nodes,) m, if points have moved by half of MOVE since. What touches, or did a moment
-        ago, stays listed with its memory, and nothing else acts: forces do not depend on when pairs were listed.
+        """List the pairs at displacements u (3 nodes,) m, if points have moved by half of MOVE since. What touches stays listed with its
+        memory, and nothing else acts: forces do not depend on when pairs were listed.
         """
         x = self._place + self._splines @ u.reshape(-1, 3)
         old = self.meeting
@@ -129,7 +124,7 @@ class BodyContact:
         solids = len(self.solids.size)
         key = p * solids + self._solid[q]
         known = old.point * solids + old.solid
-        kept = np.flatnonzero((held[:, DEPTH] > 0) | held[:, PLACE + 3 : ROOM].any(axis=1))
+        kept = np.flatnonzero(held[:, DEPTH] > 0)
         new = np.flatnonzero(~np.isin(key, known[kept]))
         memory = np.zeros((len(new), MEMORY))
         memory[:, PLACE : PLACE + 3], memory[:, CELL] = self._place[q[new]], self._at[q[new]]
@@ -189,14 +184,10 @@ class BodyContact:
         x = self._place[point] + self._splines[point] @ u.reshape(-1, 3)
         sign = np.where(a <= b, 1.0, -1.0)[:, None]
         force = sign * pair[:, FORCE : FORCE + 3]
-        normal = sign * pair[:, NORMAL : NORMAL + 3]
-        across = force - np.einsum("ni,ni->n", force, normal)[:, None] * normal
+        normal = sign * pair[:, FRICTION + NORMAL : FRICTION + NORMAL + 3]
         cell = pair[:, CELL].astype(np.int64)
         rigidity = self.cells.share[cell] * self._mass[point] * self.law[0]
-        thickness = np.maximum(self._grip[point, 1], self.cells.grip.reshape(-1, 3)[cell, 1])
-        energy = stored(pair[:, DEPTH], rigidity, self.law[1], thickness, self.law[2]) + (
-            across**2
-        ).sum(axis=1) / (2 * rigidity)
+        energy = 0.5 * rigidity * pair[:, DEPTH] ** 2
         slip = self._splines[point] @ v.reshape(-1, 3) - self._there(v, pair)
         slip -= np.einsum("ni,ni->n", slip, normal)[:, None] * normal
         deepest = float(pair[:, DEPTH].max(initial=0.0))
@@ -297,9 +288,9 @@ def _solid_cells(model: Model) -> tuple[SolidCells, Index, Index]:
     )
     after = np.where(cells[at] == beside, at, -1)
     share = np.where(model.held[one], 1.0, SHARE)
-    grip = grips(model.scene)[model.particles.segment[one]].ravel()
+    friction = own_friction(model.scene)[model.particles.segment[one]]
     found = SolidCells(
-        first, low.ravel(), width.ravel(), splines.ravel(), after.ravel(), share, grip
+        first, low.ravel(), width.ravel(), splines.ravel(), after.ravel(), share, friction
     )
     return found, number, np.column_stack([model.component[one], place])
 

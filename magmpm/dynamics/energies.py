@@ -91,11 +91,7 @@ def loses(model: Model) -> bool:
         effect is not None and most_friction(model.scene, effect.friction) > 0
         for effect in touching
     )
-    return rubs or any(
-        getattr(effect, "rate", 1.0) > 0
-        for effect in (named.damping, named.viscosity)
-        if effect is not None
-    )
+    return rubs or acting.loses(model.scene)
 
 
 class MeasuredState(NamedTuple):
@@ -115,14 +111,14 @@ def measure(motion: Any, named: Records, now: Any, time: float, dt: float) -> Me
         add_effects_stress(model, now.x, now.F, named, P)
         potentials = effect_energies(model, now.x, now.F, time)
         losses = model.scene.effects.viscosity
-        if losses is not None and losses.branches:
-            W, more = viscosity.stored(losses.branches, now.F, motion.remembered(), motion.lag)
+        branches = () if losses is None else losses.relaxing(model.scene)
+        if branches:
+            W, more = viscosity.stored(branches, now.F, motion.remembered(), motion.lag)
             P = P + more
             potentials["viscosity"] = float(W @ model.particles.volume)
     touching = motion.touching_points()
     reports = {
-        key: effect.report(model, touching, dt)
-        for key, effect in model.scene.effects.named().items()
+        key: effect.report(model, touching) for key, effect in model.scene.effects.named().items()
     }
     contacts = {
         key: contact for key, contact in reports.items() if contact is not None

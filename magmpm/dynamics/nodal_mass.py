@@ -137,7 +137,7 @@ def nodal_mass(
         knots.append(knots[-1] + len(at))
     return NodalMass(
         mass,
-        _correction(model, chains, order, first, arm, plane_of[active], left, share, knots),
+        _correction(model, chains, order, first, arm, plane_of, active, left, share, knots),
         tuple(chains),
     )
 
@@ -148,7 +148,8 @@ def _correction(
     order: Index,
     first: Index,
     arm: Array,
-    plane: Index,
+    plane_of: Index,
+    active: Index,
     left: Index,
     share: Array,
     knots: list[int],
@@ -168,16 +169,21 @@ def _correction(
         order=order,
         first=first,
         arm=arm.ravel(),
-        plane=plane,
+        plane=plane_of[active],
         left=left,
         share=share,
         chain=np.array(knots),
         pivot=pivot,
         link=link,
         moving=np.array([1.0, 0.0 if model.plane_strain else 1.0, 1.0]),
+        plane_of=plane_of,
+        chain_of=np.repeat(np.arange(len(chains)), np.diff(knots)),
+        gain=np.concatenate([np.zeros(0), *[chain.gain.ravel() for chain in chains]]),
+        gain_at=np.cumsum([0, *[chain.gain.size for chain in chains]]),
         moment=np.zeros((len(left) + 1, 9)),
         added=np.zeros((len(left) + 1, 9)),
         load=np.zeros((knots[-1], 9)),
+        ahead=np.zeros((knots[-1], 9)),
         answer=np.zeros((2, knots[-1], 9)),
     )
 

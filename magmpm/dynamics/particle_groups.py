@@ -142,7 +142,7 @@ def _surface(
         weights=found.weights[order].ravel(),
         place=found.place[order].ravel(),
         mass=found.mass[order],
-        grip=found.grip[order].ravel(),
+        friction=found.friction[order],
     )
     return packed, order
 

@@ -96,7 +96,7 @@ class FieldLoads:
             self._named(time),
             surface.positions(point.grid),
             surface.mass,
-            surface.grip,
+            surface.friction,
             self._begun,
         )
         if self.held is not None and change(self.held, now) < SETTLED:

@@ -22,7 +22,7 @@ from magmpm.dynamics.particle_groups import pack
 from magmpm.effects import acting
 from magmpm.effects.base import Contact, Records, Touching
 from magmpm.effects.calls import Function, in_motion
-from magmpm.effects.contact_force import HELD
+from magmpm.effects.contact_force import KEPT, MOST
 from magmpm.effects.contact_law import at_rest
 from magmpm.effects.hooks import NO_DATA, each_record, register
 from magmpm.errors import SceneError
@@ -149,7 +149,7 @@ class TotalMotion:
         self.slabs = new_slabs(len(self.packed.cells.slab_first) - 1)
         self.stiffness = np.full(self.packed.particle.size, np.nan)
         on = self.packed.surface
-        self.anchor = np.zeros(HELD * len(on.mass) + len(on.first_node))
+        self.touching = np.zeros(KEPT * len(on.mass) + len(on.first_node))
         self.memory = np.repeat(
             np.tile(acting.remembered(model.scene), len(self.packed.particle)), WIDTH
         )
@@ -171,7 +171,7 @@ class TotalMotion:
             self.u,
             self.v,
             self.force,
-            self.anchor,
+            self.touching,
             self.stiffness,
             self.watch,
             self.memory,
@@ -192,7 +192,7 @@ class TotalMotion:
         u: Array,
         v: Array,
         force: Array,
-        anchor: Array,
+        touching: Array,
         stiffness: Array | None = None,
         watch: Array | None = None,
         memory: Array | None = None,
@@ -206,7 +206,7 @@ class TotalMotion:
             meeting = () if self.contact is None else self.contact.copy()
         stiffness = np.full_like(self.stiffness, np.nan) if stiffness is None else stiffness
         watch = unlimited() if watch is None else watch
-        state = total_lagrangian_step.State(u, v, force, stiffness, anchor, memory)
+        state = total_lagrangian_step.State(u, v, force, stiffness, touching, memory)
         cells = p.cells._replace(shear=p.cells.shear + instant) if instant else p.cells
         body = cells, p.particles, p.nodes, p.mass.correction, p.surface, meeting
         return int(
@@ -231,7 +231,7 @@ class TotalMotion:
             self.u.copy(),
             v,
             np.zeros_like(v),
-            self.anchor.copy(),
+            self.touching.copy(),
             stiffness,
             watch,
         )
@@ -288,7 +288,7 @@ class TotalMotion:
             self.own.compute(effects, self)
         later = self.v.copy()
         self._advance(
-            1, abs(back), effects, self.u.copy(), later, np.zeros_like(self.v), self.anchor.copy()
+            1, abs(back), effects, self.u.copy(), later, np.zeros_like(self.v), self.touching.copy()
         )
         self.v -= np.sign(back) * (later - self.v)
         self.lag = dt / 2
@@ -302,7 +302,7 @@ class TotalMotion:
         v = np.zeros_like(u)
         instant = acting.instant_modulus(self.model.scene)
         self._advance(
-            1, 1.0, (), u.copy(), v, np.zeros_like(u), self.anchor, meeting=(), instant=instant
+            1, 1.0, (), u.copy(), v, np.zeros_like(u), self.touching, meeting=(), instant=instant
         )  # a second from rest: v is that
         return v
 
@@ -324,7 +324,7 @@ class TotalMotion:
         """State that `restore` needs."""
         kept = {"u": self.u.copy(), "v": self.v.copy(), "lag": np.array(self.lag)}
         kept |= {"memory": self.memory.copy()} if self.memory.size else {}
-        kept |= {"anchor": self.anchor.copy()} if self.anchor.size else {}
+        kept |= {"touching": self.touching.copy()} if self.touching.size else {}
         return kept if self.contact is None else kept | self.contact.state()
 
     def remembered(self) -> Array:
@@ -349,8 +349,8 @@ class TotalMotion:
         self._last = ()
         if self.contact is not None:
             self.contact.restore(state)
-        if self.anchor.size:
-            self.anchor[:] = state.get("anchor", 0.0)
+        if self.touching.size:
+            self.touching[:] = state.get("touching", 0.0)
 
     def touching_points(self) -> Touching:
         """The points of the surface, in the order of `packed`, at the time of their displacements."""
@@ -369,9 +369,8 @@ class TotalMotion:
             share = weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
             x = x + share[:, None] * moved[at]
             v = v + share[:, None] * speed[at]
-        return Touching(
-            x, v, on.mass, self.anchor[: HELD * len(x)].reshape(-1, HELD), on.grip.reshape(-1, 3)
-        )
+        kept = self.touching[: KEPT * len(x)].reshape(-1, KEPT)
+        return Touching(x, v, on.mass, on.friction, kept[:, :3].copy(), kept[:, MOST].copy())
 
     def body_contacts(self) -> dict[str, Contact]:
         """Contact of the body with itself, by pairs of components; empty where the scene does not name it."""
@@ -386,7 +385,7 @@ class TotalMotion:
             self.u.copy(),
             v,
             np.zeros_like(v),
-            self.anchor.copy(),
+            self.touching.copy(),
             meeting=meeting,
         )
         return self.contact.report(meeting.memory, self.u, v)

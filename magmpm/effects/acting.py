@@ -24,6 +24,7 @@ from magmpm.effects.base import (
     Records,
     SceneLike,
 )
+from magmpm.effects.contact_law import Obstacle, most_friction
 from magmpm.effects.damping import Damping
 from magmpm.effects.feed import Feed
 from magmpm.effects.gravity import Gravity
@@ -80,7 +81,7 @@ _FORCE = (
 )
 _SEGMENTS = "magnetized segments act on each other by `magnetic_interaction: {}`"
 _LOSSES = (
-    "in motion the material loses energy by `viscosity: {viscosity: 50 Pa s}` or its `branches`,"
+    "in motion the material loses energy by `viscosity: {loss_factor: 0.1}`, a viscosity or `branches`,"
     " the surroundings by `damping`"
 )
 _INSERTED = "the base is pushed through a guide by `feed: {speed: 20 mm/s, exit: 10 mm}`"
@@ -313,7 +314,28 @@ def check(model: Any) -> None:
 
 def warnings(scene: SceneLike) -> list[str]:
     """Warnings of the effects that a scene names: ground too far away to be touched, say."""
-    return [text for effect in scene.effects.named().values() for text in effect.warnings(scene)]
+    named = scene.effects.named()
+    found = [text for effect in named.values() for text in effect.warnings(scene)]
+    rough = [
+        key
+        for key, effect in named.items()
+        if isinstance(effect, Obstacle | SelfContact)
+        and most_friction(scene, effect.friction) > 0.0
+    ]
+    if scene.solver.dynamic is not None and rough and not loses(scene):
+        found.append(
+            f"effects.{rough[0]}: with friction and nothing that takes energy from vibrations, how far a"
+            " body slides near the cone of friction has no answer: it flutters, and finer cells go"
+            " farther; name the losses of its material, say `viscosity: {loss_factor: 0.1}`"
+        )
+    return found
+
+
+def loses(scene: SceneLike) -> bool:
+    """True if viscosity or damping takes energy from vibrations in motion."""
+    named = scene.effects
+    damped = named.damping is not None and named.damping.rate > 0.0
+    return damped or (named.viscosity is not None and bool(named.viscosity.records(scene)))
 
 
 def passed(scene: SceneLike, x: Array) -> str | None:
@@ -346,13 +368,13 @@ def stable_steps(model: Any) -> dict[str, float]:
 def remembered(scene: SceneLike) -> Array:
     """Memory (6 k,) of an undeformed particle in motion: the viscous strain of each branch of viscosity."""
     named = scene.effects.viscosity
-    return np.tile(AT_REST, 0 if named is None else len(named.branches or ()))
+    return np.tile(AT_REST, 0 if named is None else len(named.relaxing(scene)))
 
 
 def instant_modulus(scene: SceneLike) -> float:
     """Shear modulus (Pa) that branches of viscosity add to quick deformations."""
     named = scene.effects.viscosity
-    return 0.0 if named is None else sum(branch.shear_modulus for branch in named.branches or ())
+    return 0.0 if named is None else sum(branch.shear_modulus for branch in named.relaxing(scene))
 
 
 def marked(scene: SceneLike, particles: Any, remanence: Array) -> Array:

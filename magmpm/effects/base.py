@@ -73,19 +73,20 @@ class SceneLike(Protocol):
 
 
 class Touching(NamedTuple):
-    """Points by which a body touches obstacles: x m, v m/s (n, 3), mass (n,) kg, what friction remembers of them (n, HELD;
-    effects.contact_force), and their grip (n, 3; effects.contact_law.grips)."""
+    """Points by which a body touches obstacles: x m, v m/s (n, 3), mass (n,) kg, coefficient of friction (n,) of their own material (nan:
+    none), and friction `pull` (n, 3) N with the largest that their pushes allow, `most` (n,) N."""
 
     x: Array
     v: Array
     mass: Array
-    held: Array
-    grip: Array
+    friction: Array
+    pull: Array
+    most: Array
 
 
 class Contact(TypedDict):
     """Report of contact: force (3,) N on the body, number of points that touch, deepest penetration m (0: none), energy J of the springs
-    that push and hold; of two components also the mean point (3,) m and normal (3,) of their push, and slip, the mean speed along it, m/s.
+    that push; of two components also the mean point (3,) m and normal (3,) of their push, and slip, the mean speed along it, m/s.
     """
 
     force: Array
@@ -173,8 +174,8 @@ class Effect(Settings):
         """Warn of settings that the author of the scene may not have meant."""
         return []
 
-    def report(self, model: Any, touching: Touching, dt: float) -> Contact | None:
-        """Contact of a model by its points that touch, in steps of dt (s)."""
+    def report(self, model: Any, touching: Touching) -> Contact | None:
+        """Contact of a model by its points that touch."""
         return None
 
     def marks(self, particles: Any, remanence: Array) -> Array | None:

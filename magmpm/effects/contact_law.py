@@ -1,17 +1,11 @@
 """Contact law common to all obstacles: the penalty force with Coulomb friction, its stiffness, checks and reports.
 
 A point of mass m at a depth inside the obstacle is pushed back along the normal by the force m w^2 depth, with the energy
-m w^2 depth^2 / 2. Friction holds it by a spring of the same stiffness, up to friction times that force (effects.contact_force).
+m w^2 depth^2 / 2. Friction is Coulomb's law on velocities (effects.contact_force): it has no stiffness, and shortens no step.
 
 The frequency w of the penalty is that of a pressure wave through a cell of the stiffest material, w = sqrt((K + 4/3 G) / rho) / h, about
-a quarter of the body's highest frequency. So contact does not require a smaller step. A body at rest sinks in by a thousandth
-of a cell, with friction by some. Source of the lumped bound used by `stable_step`: Hughes, The Finite Element Method, section 9.1.
-
-With friction, an elastic body on a hard plane flutters: shear and bounce of the whole body feed on each other while it slides, and it
-slides where it should stick (Martins, Oden, Simoes, Int. J. Eng. Sci. 28 (1990) 29). A dashpot beside a spring as stiff as a cell does not
-feel these slow modes. So friction's spring begins softer, to give as much as SOFT thicknesses of the body, beside a dashpot near the
-impedance of the pressure wave, which acts only where the body slides: what rolls loses nothing. From the depth KNEE on the spring is as
-stiff as without friction, so that bodies that land do not sink in. And friction follows the push with a delay (effects.contact_force).
+a quarter of the body's highest frequency. So contact does not require a smaller step. A body at rest sinks in by a thousandth of a cell.
+Source of the lumped bound used by `stable_step`: Hughes, The Finite Element Method, section 9.1.
 """
 
 import math
@@ -22,20 +16,14 @@ from pydantic import Field
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.by_address import address
-from magmpm.compiled.jit import compiled, compiled_elsewhere
+from magmpm.compiled.jit import compiled_elsewhere
 from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching, one_record
 from magmpm.effects.calls import call_each, depths, given_for, of_points, point_from
-from magmpm.effects.contact_force import HELD, PARTS, hold, own_grip, stored
+from magmpm.effects.contact_force import GRIP, PARTS, RIGIDITY, own_grip
 from magmpm.effects.hooks import NO_DATA
 from magmpm.errors import SceneError, dotted
 
 THROWN = 0.1  # m/s
-# thicknesses of the body: the layer of it that gives as much as contact with friction. From 2 to 4
-# blocks stick and balls roll
-SOFT = 3.0
-# cells: deeper than bodies at rest sink in; beyond it friction's spring is as stiff as that of
-# slippery contact
-KNEE = 0.02
 # of the explicit limit 2 / w: 0.8 of the smaller of the body's and the contact's bounds is then
 # stable for both together
 SHARE = 0.7
@@ -68,8 +56,8 @@ Stiffness = Annotated[
 ]
 
 
-def law(scene: SceneLike, factor: float, friction: float) -> dict[str, float]:
-    """The arguments of `push`: `stiffness` w^2 in 1/s^2, times `factor`, and with friction `layer` (m), `knee` (m) and `damping` (1/s)."""
+def stiffness_of(scene: SceneLike, factor: float) -> float:
+    """Stiffness w^2 of contact (1/s^2), times `factor`."""
     used = [scene.materials[region.material_name] for region in scene.regions() if not region.held]
     squares = [
         m.shear_modulus * (m.bulk_to_shear + 4 / 3) / m.density
@@ -77,62 +65,36 @@ def law(scene: SceneLike, factor: float, friction: float) -> dict[str, float]:
         if m.density is not None
     ]
     rate = math.sqrt(max(squares, default=0.0)) / scene.cell  # of the fastest pressure wave
-    if not friction > 0:
-        return {"stiffness": factor * rate**2}
-    return {
-        "stiffness": factor * rate**2,
-        "layer": scene.cell / SOFT / factor,
-        "knee": KNEE * scene.cell,
-        "damping": rate,
-    }
+    return factor * rate**2
 
 
 def obstacle_dtype(key: str, *own: tuple[Any, ...]) -> np.dtype[Any]:
     """The dtype of an obstacle's records: its own fields, and those of `push`. Names begin with its key: they distinguish effects."""
-    pushing = [(name, np.float64) for name in ("friction", "stiffness", "layer", "knee", "damping")]
+    pushing = [(name, np.float64) for name in ("friction", "stiffness")]
     return np.dtype([(f"{key}_{name}", *kind) for name, *kind in (*own, *pushing)])
 
 
 def obstacle_record(dtype: np.dtype[Any], data: Array = NO_DATA, /, **values: Any) -> Records:
-    """A record of an obstacle_dtype, by names of fields without the key, and its table; layer, knee 1 m unless given, others 0."""
-    names = dtype.names or ()
-    usual = {"layer": 1.0, "knee": 1.0, **values}
-    return one_record(
-        dtype,
-        data,
-        **{f"{names[0].partition('_')[0]}_{name}": value for name, value in usual.items()},
-    )
+    """A record of an obstacle_dtype, by names of fields without the key, and its table; what is not given is 0."""
+    key = (dtype.names or ("",))[0].partition("_")[0]
+    return one_record(dtype, data, **{f"{key}_{name}": value for name, value in values.items()})
 
 
-def grips(scene: SceneLike) -> Array:
-    """Numbers of each region (regions, 3) that friction depends on: its material's own coefficient, nan where it names none; its
-    thickness, m; the time that a shear wave takes through it, s. A region that is held is as rigid as an obstacle: 0 and 0.
-    """
-    found = []
-    for region in scene.regions():
-        material = scene.materials[region.material_name]
-        thickness = region.thickness
-        through = thickness * math.sqrt((material.density or 0.0) / material.shear_modulus)
-        found.append(
-            [np.nan if material.friction is None else material.friction, thickness, through]
-        )
-    return np.array(found)
+def own_friction(scene: SceneLike) -> Array:
+    """Coefficient of friction of each region (regions,): its material's own, nan where it names none."""
+    named = [scene.materials[region.material_name].friction for region in scene.regions()]
+    return np.array([np.nan if friction is None else friction for friction in named])
 
 
 def most_friction(scene: SceneLike, friction: float) -> float:
     """Largest coefficient of any region where a contact names this one."""
-    own = grips(scene)[:, 0]
+    own = own_friction(scene)
     return float(np.where(np.isnan(own), friction, own).max())
 
 
-def stable_step(stiffness: float, damping: float = 0.0) -> float:
-    """Largest stable step (s) of a spring of this stiffness w^2 (1/s^2), together with a body at its own limit; with a dashpot of this
-    rate (1/s), z = rate / 2 w times the critical one, shorter by sqrt(1 + z^2) - z (Belytschko, section 6.6).
-    """
-    if not stiffness > 0:
-        return math.inf
-    z = damping / (2.0 * math.sqrt(stiffness))
-    return (math.sqrt(1.0 + z * z) - z) * SHARE * 2.0 / math.sqrt(stiffness)
+def stable_step(stiffness: float) -> float:
+    """Largest stable step (s) of a spring of this stiffness w^2 (1/s^2), together with a body at its own limit."""
+    return SHARE * 2.0 / math.sqrt(stiffness) if stiffness > 0 else math.inf
 
 
 def place(model: Any, point: Array) -> str:
@@ -143,15 +105,15 @@ def place(model: Any, point: Array) -> str:
     return f"{region.name} ({dotted(('body', *region.at))}), at ({at}) mm"
 
 
-_stored = compiled(stored)
-
-
 @compiled_elsewhere
-def _touching(calls, x, v, mass, dt, held, grip, layer, knee, force):
-    """Number in contact, the deepest (-1: none), its depth (m), energy (J); adds to force (3,) N and changes what is held (n, HELD)."""
+def _touching(calls, x, v, mass, friction, pull, most, force):
+    """Number in contact, the deepest (-1: none), its depth (m), energy (J); adds to force (3,) N that on all points.
+
+    Where several obstacles touch a point, each has the share of its friction `pull` that it has of the largest friction, `most`.
+    """
     count = 0
     worst = -1
-    most = 0.0
+    deepest = 0.0
     energy = 0.0
     f = np.empty(PARTS)
     found = np.empty(len(mass))
@@ -161,45 +123,32 @@ def _touching(calls, x, v, mass, dt, held, grip, layer, knee, force):
         depth = found[p]
         if depth > 0.0:
             f[:] = 0.0
-            f[7], f[8] = grip[p, 1], grip[p, 2]
             point_from(given, x[p:], v[p:], mass[p:], f)
-            call_each(calls.contact, 0, 0, 1, dt, address(given, 0))
-            own_grip(grip[p, 0], f)
-            hold(x[p], v[p], depth, held[p], f, dt)
-            force += f[:3]
-            s = x[p] - held[p, :3]
+            call_each(calls.contact, 0, 0, 1, 0.0, address(given, 0))
+            own_grip(friction[p], f)
+            share = min(f[GRIP] / most[p], 1.0) if most[p] > 0.0 else 0.0
+            for i in range(3):
+                force[i] += f[i] + share * pull[p, i]
             count += 1
-            if depth > most:
+            if depth > deepest:
                 worst = p
-                most = depth
-            energy += _stored(depth, f[6], layer, f[7], knee) + 0.5 * f[6] * (
-                s[0] ** 2 + s[1] ** 2 + s[2] ** 2
-            )
-    return count, worst, most, energy
+                deepest = depth
+            energy += 0.5 * f[RIGIDITY] * depth * depth
+    return count, worst, deepest, energy
 
 
-def contact_of(
-    named: Records, touching: Touching, dt: float, layer: float = 1.0, knee: float = 1.0
-) -> Contact:
-    """Contact of points in steps of dt (s); named: of one effect; layer, knee (m): of its `law`."""
+def contact_of(named: Records, touching: Touching) -> Contact:
+    """Contact of points; named: of one effect."""
     force = np.zeros(3)
-    x, v, mass, held, grip = touching
-    count, _, depth, energy = _touching(
-        of_points(named), x, v, mass, dt, held.copy(), grip, layer, knee, force
-    )
+    count, _, depth, energy = _touching(of_points(named), *touching, force)
     return Contact(force=force, count=count, depth=depth, energy=energy)
 
 
 def at_rest(x: Array, mass: Array | None = None) -> Touching:
-    """Points at rest at x (n, 3) m that nothing holds; of mass (n,) kg, or 1 kg each."""
-    slippery = np.tile([np.nan, 0.0, 0.0], (len(x), 1))
-    return Touching(
-        x,
-        np.zeros_like(x),
-        np.ones(len(x)) if mass is None else mass,
-        np.zeros((len(x), HELD)),
-        slippery,
-    )
+    """Points at rest at x (n, 3) m without friction; of mass (n,) kg, or 1 kg each."""
+    n = len(x)
+    masses = np.ones(n) if mass is None else mass
+    return Touching(x, np.zeros_like(x), masses, np.full(n, np.nan), np.zeros((n, 3)), np.zeros(n))
 
 
 class Obstacle(Effect):
@@ -216,29 +165,21 @@ class Obstacle(Effect):
         friction: Friction
         stiffness: Stiffness
 
-    def law(self, scene: SceneLike) -> dict[str, float]:
-        """The `law` of a scene's body; at equilibrium there is no friction."""
-        return law(
-            scene,
-            self.stiffness,
-            0.0 if scene.solver.dynamic is None else most_friction(scene, self.friction),
-        )
+    def stiffness_in(self, scene: SceneLike) -> float:
+        """Stiffness w^2 (1/s^2) of the contact of a scene's body."""
+        return stiffness_of(scene, self.stiffness)
 
     def stable_step(self, model: Any) -> float:
         """Largest stable step, s."""
-        found = self.law(model.scene)
-        return stable_step(found["stiffness"], found.get("damping", 0.0))
+        return stable_step(self.stiffness_in(model.scene))
 
-    def report(self, model: Any, touching: Touching, dt: float) -> Contact:
-        """Contact of a model, in steps of dt (s)."""
-        found = self.law(model.scene)
-        return contact_of(
-            self.records(model.scene), touching, dt, found.get("layer", 1.0), found.get("knee", 1.0)
-        )
+    def report(self, model: Any, touching: Touching) -> Contact:
+        """Contact of a model."""
+        return contact_of(self.records(model.scene), touching)
 
     def passed(self, scene: SceneLike, x: Array) -> str | None:
         """Reason why points of a surface can't rest at x (n, 3) m: one is more than a cell inside, where the spring is no contact."""
-        depth = contact_of(self.records(scene), at_rest(x), 0.0)["depth"]
+        depth = contact_of(self.records(scene), at_rest(x))["depth"]
         found = (
             f"the body is {1e3 * depth:.3g} mm inside {self.WORDS}, more than a cell: it is pressed"
             " or went through"
@@ -247,11 +188,9 @@ class Obstacle(Effect):
 
     def check(self, model: Any) -> None:
         """Raises SceneError where the body begins so deep in the obstacle that it would be thrown out faster than THROWN."""
-        x, v, masses, held, grip = at_rest(model.surface.place, model.surface.mass)
-        named = self.records(model.scene)
-        _, point, depth, energy = _touching(
-            of_points(named), x, v, masses, 1.0, held, grip, 1.0, 1.0, np.zeros(3)
-        )
+        still = at_rest(model.surface.place, model.surface.mass)
+        calls = of_points(self.records(model.scene))
+        _, point, depth, energy = _touching(calls, *still, np.zeros(3))
         mass = float(model.density @ model.particles.volume)
         speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0
         if speed > THROWN:
@@ -259,7 +198,7 @@ class Obstacle(Effect):
                 f"effects.{self.key()}",
                 found=(
                     f"the body begins {1e3 * depth:.3g} mm inside {self.WORDS}, deepest with"
-                    f" {place(model, x[point])}, and would be thrown out at {speed:.2g} m/s"
+                    f" {place(model, still.x[point])}, and would be thrown out at {speed:.2g} m/s"
                 ),
                 rule="a body must begin clear of it, or just touching",
                 remedy=f"{self.CLEAR}, by {1e3 * depth:.3g} mm or more",

@@ -60,7 +60,10 @@ class Ground(Obstacle):
     ) -> Records:
         """Parameters for the kernels."""
         return parameters(
-            point=self.point, normal=self.normal, friction=self.friction, **self.law(scene)
+            point=self.point,
+            normal=self.normal,
+            friction=self.friction,
+            stiffness=self.stiffness_in(scene),
         )
 
     def height(self, points: Array) -> Array:
@@ -87,21 +90,7 @@ def contact(effect, data, x, v, mass, dt, f):
     below = near(effect, data, x)
     if below > 0.0:
         n = effect.ground_normal
-        leaving = v[0] * n[0] + v[1] * n[1] + v[2] * n[2]
-        push(
-            below,
-            n[0],
-            n[1],
-            n[2],
-            leaving,
-            mass,
-            effect.ground_stiffness,
-            effect.ground_layer,
-            effect.ground_knee,
-            effect.ground_damping,
-            effect.ground_friction,
-            f,
-        )
+        push(below, n[0], n[1], n[2], mass, effect.ground_stiffness, effect.ground_friction, f)
 
 
 @compiled

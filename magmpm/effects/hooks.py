@@ -26,10 +26,9 @@ In motion only:
 ``rate_stress(effect, data, rho, F, dF, P)``                    adds the stress of a deformation rate dF = dF/dt (1/s) to P (3, 3), Pa
 ``relax(effect, data, dt, F, C, P)``                            lets what the material remembers, C (6 k,), follow F for dt, and adds its
                                                                 stress to P (3, 3), Pa; for eight particles at a time
-``contact(effect, data, x, v, mass, dt, f)``                    adds the force on a point of the surface of mass (kg), velocity v (m/s;
-                                                                0 while friction holds it), to f[:3], N; an obstacle with friction, what
-                                                                f[3:9] hold (effects.contact_force; x, v and f only indexed: kernels pass
-                                                                views)
+``contact(effect, data, x, v, mass, dt, f)``                    adds the force on a point of the surface of mass (kg), velocity v (m/s), to
+                                                                f[:3], N; an obstacle also friction and stiffness of its push
+                                                                (effects.contact_force; x, v and f only indexed: kernels pass views)
 ``near(effect, data, x) -> float``                              above 0 where `contact` can push what is at x; else minus a distance (m)
                                                                 within which nothing is pushed, -inf if that is unknown: contact is left
                                                                 out until a point may have moved that far

@@ -10,7 +10,7 @@ import numpy as np
 
 from magmpm.compiled.arrays import Array
 from magmpm.effects.base import Effect, Records, SceneLike
-from magmpm.effects.contact_law import Friction, Stiffness, law, most_friction, stable_step
+from magmpm.effects.contact_law import Friction, Stiffness, stable_step, stiffness_of
 
 
 class SelfContact(Effect):
@@ -29,8 +29,7 @@ class SelfContact(Effect):
 
     def stable_step(self, model: Any) -> float:
         """Largest stable step, s."""
-        found = law(model.scene, self.stiffness, most_friction(model.scene, self.friction))
-        return stable_step(2 * found["stiffness"], found.get("damping", 0.0))
+        return stable_step(2 * stiffness_of(model.scene, self.stiffness))
 
 
 def gap(position: Array, reference: Array, size: float, apart: float, within: float) -> float:

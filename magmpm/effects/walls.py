@@ -161,7 +161,9 @@ class Walls(Obstacle):
         self, scene: SceneLike, strength: float = 1.0, times: Array | None = None
     ) -> Records:
         """Parameters for the kernels."""
-        return parameters(self._table(scene), friction=self.friction, **self.law(scene))
+        return parameters(
+            self._table(scene), friction=self.friction, stiffness=self.stiffness_in(scene)
+        )
 
     def _table(self, scene: SceneLike) -> DistanceTable:
         """Distances from the wall: of a tube within 0.0006 of its radius; of a surface with two points in a cell of the body."""
@@ -285,12 +287,8 @@ def contact(effect, data, x, v, mass, dt, f):
                 sx / size,
                 sy / size,
                 sz / size,
-                (v[0] * sx + v[1] * sy + v[2] * sz) / size,
                 mass,
                 effect.walls_stiffness * size,
-                effect.walls_layer,
-                effect.walls_knee,
-                effect.walls_damping,
                 effect.walls_friction,
                 f,
             )

@@ -3,9 +3,9 @@
 A pair is a point and a solid that it may touch. The place X in the undeformed solid that is now at the point, X + u(X) = x, follows from
 Newton's method in a cell of the solid's grid. The point touches where X lies below the solid's surface, at the distance d < 0. The energy
 is that of springs along d, so the force is along F^-T n of the solid, acts at x on both, and is equal and opposite: momentum and angular
-momentum are exact. Friction holds the point at a place of the undeformed solid. Every surface has points and is a solid for the others,
-so each side has half the stiffness that obstacles have; held parts have no points, and are obstacles. Both bodies give: the square of a
-pair's frequency is at most twice theirs.
+momentum are exact. So is friction, of the difference of both velocities at x (effects.contact_force). Every surface has points and is a
+solid for the others, so each side has half the stiffness that obstacles have; held parts have no points, and are obstacles. Both bodies
+give: the square of a pair's frequency is at most twice theirs.
 """
 
 from __future__ import annotations
@@ -19,18 +19,26 @@ from numba import types
 from magmpm.bodies.contact_solid import Solids, solid_distance
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined, only_where
-from magmpm.effects.contact_force import HELD, PARTS, STICKS, TOUCHES, hold, let_go, push
+from magmpm.effects.contact_force import (
+    KEPT,
+    MOST,
+    PARTS,
+    leaves,
+    push,
+    rubbed,
+    touches,
+)
+from magmpm.kernels.surface_contact import come_to, give_at, new_place, quicken, turned, velocity_at
 
 # where each begins in the memory of a pair (Meeting)
 PLACE = 0
-GRIP = 3
-ROOM = 3 + HELD
+FRICTION = 3  # KEPT numbers
+ROOM = FRICTION + KEPT
 CELL = ROOM + 1
 FORCE = ROOM + 2
 DEPTH = ROOM + 5
-NORMAL = ROOM + 6
-BEGUN = ROOM + 9
-MEMORY = ROOM + 10
+BEGUN = ROOM + 6
+MEMORY = ROOM + 7
 CLOSE = 1e-12  # of a cell: distance of X + u(X) from the point; momentum is kept to it
 TRIES = 20
 # of the distance d of a point from the surface: if the place below it has moved by less, d is good
@@ -42,7 +50,7 @@ NEAR = 0.5  # of d: the present distance of the surface is at least this, whatev
 class SolidCells(NamedTuple):
     """The cells (c,) of all solids: first node, low corner and width (3 c,) m, splines (27 c,) as coefficients of 1, xi, xi^2 of the three
     splines along x, y, z, the next cells (6 c,) of the same solid, below and above along each axis, -1 for none, the share (c,) of the
-    stiffness that points have there, and the grip (3 c,) of their regions (effects.contact_law.grips).
+    stiffness that points have there, and the friction (c,) of their own material, or nan.
     """
 
     node: Index
@@ -51,18 +59,18 @@ class SolidCells(NamedTuple):
     splines: Array
     next: Index
     share: Array
-    grip: Array
+    friction: Array
 
 
 class Meeting(NamedTuple):
     """Pairs (n,) of points and solids.
 
     point: index in kernels.surface_contact.Surface; node: its first node; solid; memory (MEMORY n + 1,), changed by steps: a pair's place
-    X (3,) m, what friction remembers (HELD,; its anchor in the undeformed solid), the value of `memory[-1]` until which it cannot touch,
-    cell, force (3,) N on the point, depth m, normal (3,) out of the solid, and the distance m at which it begins to touch, 0 or less; at
-    last the length (m) of the way that any point may have moved; most (1,): m, of it, until pairs may be missing; law (5,): stiffness
-    1/s^2, layer m, knee m and damping 1/s (effects.contact_law), and friction where neither material names one; pace (active nodes,): no
-    point is faster than the largest pace times speed of a node; then the fields of SolidCells and Solids, flat, for parallel loops.
+    X (3,) m, what is kept of its friction (KEPT,; effects.contact_force), the value of `memory[-1]` until which it cannot touch, cell,
+    force (3,) N on the point, depth m, and the distance m at which it begins to touch, 0 or less; at last the length (m) of the way that
+    any point may have moved; most (1,): m, of it, until pairs may be missing; law (2,): stiffness 1/s^2 (effects.contact_law), and
+    friction where neither material names one; pace (active nodes,): no point is faster than the largest pace times speed of a node; then
+    the fields of SolidCells and Solids, flat, for parallel loops.
     """
 
     point: Index
@@ -78,7 +86,7 @@ class Meeting(NamedTuple):
     cell_splines: Array
     cell_next: Index
     cell_share: Array
-    cell_grip: Array
+    cell_friction: Array
     size: Array
     points: Index
     first: Index
@@ -96,7 +104,7 @@ def _cells(meeting):
         meeting.cell_splines,
         meeting.cell_next,
         meeting.cell_share,
-        meeting.cell_grip,
+        meeting.cell_friction,
     )
 
 
@@ -232,8 +240,6 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
     inverse = np.empty((3, 3))
     f = np.empty(PARTS)
     n = np.empty(3)
-    v = np.empty(3)
-    there = np.empty(HELD)
     for pair in range(first, len(meeting.point), apart):
         at = MEMORY * pair
         p = meeting.point[pair]
@@ -248,53 +254,21 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         cell, d = _find(cells, cell, along_x, along_y, state.u, x, X, solids, s, work, F, inverse)
         memory[at + PLACE : at + PLACE + 3], memory[at + CELL], d = X, cell, d - memory[at + BEGUN]
         if not d < 0.0:
-            if let_go(memory[at + GRIP : at + GRIP + HELD], dt) == 0.0:
-                memory[at + ROOM] = memory[-1] + 0.5 * NEAR * d
+            leaves(memory, at + FRICTION)
+            memory[at + ROOM] = memory[-1] + 0.5 * NEAR * d
             continue
-        f[:], v[:], there[:] = 0.0, 0.0, memory[at + GRIP : at + GRIP + HELD]
-        named = np.fmin(surface.grip[3 * p], cells.grip[3 * cell])
-        friction = named if named >= 0.0 else law[4]
-        for i in range(1, 3):  # the thicker one, and the slower one
-            f[6 + i] = max(surface.grip[3 * p + i], cells.grip[3 * cell + i])
+        named = np.fmin(surface.friction[p], cells.friction[cell])
+        friction = named if named >= 0.0 else law[1]
         for i in range(3):
             n[i] = inverse[0, i] * normal[0] + inverse[1, i] * normal[1] + inverse[2, i] * normal[2]
-        if law[3] > 0.0 and there[TOUCHES] != STICKS:
-            _at(state.v, cells.node[cell], along_x, along_y, work, v)
-            v *= -1.0
-            _at(state.v, meeting.node[pair], along_x, along_y, own, v)
-        length = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
-        leaving = (v[0] * n[0] + v[1] * n[1] + v[2] * n[2]) / length
-        share = cells.share[cell]
-        push(
-            -d,
-            n[0],
-            n[1],
-            n[2],
-            leaving,
-            share * surface.mass[p],
-            law[0],
-            law[1],
-            law[2],
-            share * law[3],
-            friction,
-            f,
-        )
-        if friction > 0.0:
-            new = there[TOUCHES] == 0.0
-            for i in range(3):
-                there[i] = x[i]
-                for j in range(3):
-                    there[i] -= F[i, j] * (X[j] - memory[at + GRIP + j])
-            hold(x, v, -d, there, f, dt)
-            if there[TOUCHES] != STICKS or new:
-                for i in range(3):
-                    memory[at + GRIP + i] = X[i]
-                    for j in range(3):
-                        memory[at + GRIP + i] -= inverse[i, j] * (x[j] - there[j])
-            memory[at + GRIP + 3 : at + GRIP + HELD] = there[3:]
+        size = math.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
+        n /= size
+        mass = cells.share[cell] * surface.mass[p]
+        f[:] = 0.0
+        push(-d, n[0], n[1], n[2], mass, law[0] * size, friction, f)
+        touches(f, memory, at + FRICTION)
         memory[at + DEPTH] = -d
-        for i in range(3):
-            memory[at + FORCE + i], memory[at + NORMAL + i] = f[i], n[i] / length
+        memory[at + FORCE : at + FORCE + 3] = f[:3]
 
 
 @compiled
@@ -312,15 +286,20 @@ def _add(force, node, along_x, along_y, value, f0, f1, f2):
 
 @compiled
 def _add_all(meeting, surface, along_x, along_y, force):
-    """Add the forces of all pairs to the nodes of both sides, in the order of the pairs: the same sums on any number of threads."""
+    """Add the forces of all pairs to the nodes of both sides, in the order of the pairs: the same sums on any number of threads.
+
+    Returns the number of pairs with friction.
+    """
     memory = meeting.memory
     cells = _cells(meeting)
     value = np.empty(9)
     slope = np.empty(9)
+    rubs = 0.0
     for pair in range(len(meeting.point)):
         at = MEMORY * pair
         if not memory[at + DEPTH] > 0.0:
             continue
+        rubs += 1.0 if memory[at + FRICTION + MOST] > 0.0 else 0.0
         p = meeting.point[pair]
         cell = int(memory[at + CELL])
         f0 = memory[at + FORCE]
@@ -338,6 +317,45 @@ def _add_all(meeting, surface, along_x, along_y, force):
         )
         _splines(cells, cell, memory[at + PLACE : at + PLACE + 3], value, slope)
         _add(force, cells.node[cell], along_x, along_y, value, -f0, -f1, -f2)
+    return rubs
+
+
+@compiled
+def _rub(push, meeting, surface, body, nodes, correction, state, back):
+    """Stop the sliding of all pairs, one after another, as far as their pushes allow (kernels.surface_contact.rub)."""
+    memory = meeting.memory
+    cells = _cells(meeting)
+    along_x = body.along_x
+    along_y = body.along_y
+    value = np.empty(9)
+    slope = np.empty(9)
+    v = np.empty(3)
+    change = np.empty(3)
+    here = new_place()
+    there = new_place()
+    count = len(meeting.point)
+    for k in range(count):
+        pair = turned(k, 0, count, back)
+        at = MEMORY * pair
+        if not (memory[at + DEPTH] > 0.0 and memory[at + FRICTION + MOST] > 0.0):
+            continue
+        cell = int(memory[at + CELL])
+        _splines(cells, cell, memory[at + PLACE : at + PLACE + 3], value, slope)
+        own = 9 * meeting.point[pair]
+        node = meeting.node[pair]
+        first = come_to(here, node, along_x, along_y, surface.weights, own, correction)
+        other = come_to(there, cells.node[cell], along_x, along_y, value, 0, correction)
+        v[:] = 0.0
+        velocity_at(there, other, push, correction, state.v, v)
+        v *= -1.0
+        velocity_at(here, first, push, correction, state.v, v)
+        give = give_at(here, first, correction, nodes.inverse_mass)
+        give += give_at(there, other, correction, nodes.inverse_mass)
+        rubbed(memory, at + FRICTION, v, 1.0 / (push * give), change)
+        for i in range(3):
+            memory[at + FORCE + i] += change[i]
+        quicken(here, first, push, correction, nodes.inverse_mass, 1.0, change, state.v)
+        quicken(there, other, push, correction, nodes.inverse_mass, -1.0, change, state.v)
 
 
 @compiled
@@ -364,7 +382,8 @@ def _meets(meeting: Any) -> bool:
 
 
 touch_pairs = only_where("meeting", _meets, _touch)
-add_pairs = only_where("meeting", _meets, _add_all)
+add_pairs = only_where("meeting", _meets, _add_all, "0.0")
+rub_pairs = only_where("meeting", _meets, _rub)
 pace_of = only_where("meeting", _meets, _pace_of, "0.0")
 passed = only_where("meeting", _meets, _passed)
 needs_list = only_where("meeting", _meets, _needs_list, "False")

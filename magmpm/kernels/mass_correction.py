@@ -2,6 +2,9 @@
 
 Inverse mass = 1/m + A (C^-1 - L^-1) A', with the fields A = hat(x) (1, y, z), C = A'M A and L = A'm A. Along a chain both matrices couple
 a knot with REACH others on each side, so a step takes two solves with factors that never change.
+
+Impulses that come one after another, of friction, must see what those before have changed, the correction as well: without it they stop
+too much, up to twice, and what sticks vibrates without end. They take C^-1 - L^-1 itself, near the knots that they see.
 """
 
 from typing import NamedTuple
@@ -13,6 +16,9 @@ from magmpm.compiled.parallel import over_parts, task
 FIELDS = 3  # 1, y and z in a plane of nodes
 # knots: splines reach over two planes, so hats that are two knots from each other still overlap
 REACH = 2
+SEEN = 4  # knots whose hats a place of a cell may see
+# knots from those that an impulse sees: farther off it changes velocities by less than 4 % of that
+NEARBY = 4
 
 
 class Correction(NamedTuple):
@@ -20,9 +26,10 @@ class Correction(NamedTuple):
 
     order (m,), first (planes + 1,): the nodes of each plane; arm (2 nodes,): y and z in cells from the component's center;
     plane (active,): of each of Nodes.active, the last one where nothing is corrected; left, share (planes,): knot before the plane, and
-    the value of the next knot's hat; chain (components + 1,): first knot of each; pivot (2, knots, 3, 3), link (2, knots, REACH, 3, 3):
-    factors of C and L; moving (3,): 1 for directions in which nodes can move. Work space: moment, added (planes + 1, 9), load (knots, 9),
-    answer (2, knots, 9).
+    the value of the next knot's hat; chain (components + 1,): first knot of each; pivot (2, knots, 3, 3), link (2, knots, REACH, 3,
+    3): factors of C and L; moving (3,): 1 for directions in which nodes can move; plane_of (nodes,): the plane of every node; chain_of
+    (knots,): the chain of each knot; gain, gain_at (chains,): C^-1 - L^-1 of the chains, one after another, and where each begins. Work
+    space: moment, added (planes + 1, 9), load, ahead (knots, 9), answer (2, knots, 9).
     """
 
     order: Index
@@ -35,9 +42,14 @@ class Correction(NamedTuple):
     pivot: Array
     link: Array
     moving: Array
+    plane_of: Index
+    chain_of: Index
+    gain: Array
+    gain_at: Index
     moment: Array
     added: Array
     load: Array
+    ahead: Array
     answer: Array
 
 
@@ -111,7 +123,6 @@ def correct(correction, force):
 def _spread(correction):
     """Solve for `added` from the moments of all planes."""
     load = correction.load
-    answer = correction.answer
     left = correction.left
     share = correction.share
     load[:] = 0.0
@@ -121,6 +132,16 @@ def _spread(correction):
         for j in range(9):
             load[k, j] += (1.0 - s) * correction.moment[plane, j]
             load[k + 1, j] += s * correction.moment[plane, j]
+    spread_loads(correction)
+
+
+@compiled
+def spread_loads(correction):
+    """Solve for `added` from the loads of all knots."""
+    load = correction.load
+    answer = correction.answer
+    left = correction.left
+    share = correction.share
     for c in range(len(correction.chain) - 1):
         for which in range(2):
             _solve(
@@ -150,3 +171,99 @@ def added_at(correction, plane, node, i):
         + arm[2 * node] * added[plane, 3 + i]
         + arm[2 * node + 1] * added[plane, 6 + i]
     )
+
+
+@compiled
+def begin_impulses(correction):
+    """Begin impulses that come one after another."""
+    correction.load[:] = 0.0
+    correction.ahead[:] = 0.0
+
+
+@compiled
+def fields_at(correction, where, share, fields):
+    """Write to fields (3 SEEN,) those of knots at a place of a cell. Returns the first of the knots, -1 where nothing is corrected.
+
+    where (27,): indices in a nodal field (3 nodes,) of the nodes that it sees; share (27,): their splines.
+    """
+    last = len(correction.left)
+    first = -1
+    fields[:] = 0.0
+    for j in range(27):
+        node = where[j] // 3
+        plane = correction.plane_of[node]
+        if plane == last:
+            continue
+        left = correction.left[plane]
+        if first < 0:
+            first = left  # nodes go along x: the first one's knot is the least
+        at = 3 * (left - first)
+        over = share[j] * correction.share[plane]
+        below = share[j] - over
+        y = correction.arm[2 * node]
+        z = correction.arm[2 * node + 1]
+        fields[at] += below
+        fields[at + 1] += y * below
+        fields[at + 2] += z * below
+        fields[at + 3] += over
+        fields[at + 4] += y * over
+        fields[at + 5] += z * over
+    return first
+
+
+@compiled
+def ahead_at(correction, first, fields, push, v):
+    """v (3,) m/s += what the correction of the impulses so far adds at a place with these fields, from knot `first` on, in push (s)."""
+    if first < 0:
+        return
+    ahead = correction.ahead
+    for k in range(first, min(first + SEEN, len(ahead))):
+        for a in range(3):
+            field = fields[3 * (k - first) + a]
+            for i in range(3):
+                v[i] += push * field * correction.moving[i] * ahead[k, 3 * a + i]
+
+
+@compiled
+def give_of(correction, first, fields, column):
+    """By how much (1/kg) the correction makes a place quicker after an impulse of 1 N s; column (3 (2 NEARBY + SEEN),): of what is near."""
+    if first < 0:
+        return 0.0
+    chain = correction.chain_of[first]
+    begin = correction.chain[chain]
+    end = correction.chain[chain + 1]
+    wide = 3 * (end - begin)
+    low = max(first - NEARBY, begin)
+    high = min(first + SEEN + NEARBY, end)
+    seen = 3 * (min(first + SEEN, end) - first)
+    give = 0.0
+    for row in range(3 * (high - low)):
+        at = correction.gain_at[chain] + (3 * (low - begin) + row) * wide + 3 * (first - begin)
+        value = 0.0
+        for j in range(seen):
+            value += correction.gain[at + j] * fields[j]
+        column[row] = value
+        own = row - 3 * (first - low)
+        if 0 <= own < seen:
+            give += fields[own] * value
+    return give
+
+
+@compiled
+def add_impulse(correction, first, fields, column, sign, force):
+    """Note an impulse of sign times force (3,) N at a place with these fields and this column (`give_of`)."""
+    if first < 0:
+        return
+    chain = correction.chain_of[first]
+    low = max(first - NEARBY, correction.chain[chain])
+    high = min(first + SEEN + NEARBY, correction.chain[chain + 1])
+    for k in range(low, high):
+        for a in range(3):
+            value = sign * column[3 * (k - low) + a]
+            for i in range(3):
+                correction.ahead[k, 3 * a + i] += value * force[i]
+    for k in range(first, min(first + SEEN, high)):
+        for a in range(3):
+            value = sign * fields[3 * (k - first) + a]
+            for i in range(3):
+                correction.load[k, 3 * a + i] += value * force[i]

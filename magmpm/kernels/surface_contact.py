@@ -3,6 +3,7 @@
 The surface is a set of points (bodies.contact_surface) which move with the nodes of the cell they are in. Effects push each one as a
 particle of the mass of the layer it stands for, and the force goes to the nodes by the same splines, so momentum is kept to rounding.
 The points of a cell are a patch, left out until it has moved by its distance from the obstacles.
+Friction acts on velocities, after all other forces of a step (effects.contact_force): `rub`.
 At equilibrium points have the energy of their push, and a part in the tangent (statics.contact).
 """
 
@@ -15,17 +16,24 @@ from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled, inlined, inner
 from magmpm.compiled.parallel import TOGETHER, over_parts, over_slabs, parts_of, task
-from magmpm.compiled.simd_views import row
 from magmpm.effects.calls import call_each, depths, given_for, point_from
-from magmpm.effects.contact_force import HELD, PARTS, STICKS, TOUCHES, hold, let_go, own_grip
+from magmpm.effects.contact_force import KEPT, MOST, PARTS, leaves, own_grip, rubbed, touches
 from magmpm.kernels.equilibrium import STENCIL, particle_splines, scatter_matrix
+from magmpm.kernels.mass_correction import (
+    NEARBY,
+    SEEN,
+    add_impulse,
+    ahead_at,
+    fields_at,
+    give_of,
+)
 
 
 class SortedSurfacePoints(NamedTuple):
     """Points of the surface, sorted by patch and slab.
 
     first_patch (slabs + 1,), first_point (patches + 1,): of each slab and patch; first_node (patches,); weights (9 points,): splines along
-    x, y, z; place (3 points,) m in the undeformed body; mass (points,) kg, of a layer; grip (3 points,), of effects.contact_law.grips.
+    x, y, z; place (3 points,) m in the undeformed body; mass (points,) kg, of a layer; friction (points,) of their own material, or nan.
     """
 
     first_patch: Index
@@ -34,7 +42,7 @@ class SortedSurfacePoints(NamedTuple):
     weights: Array
     place: Array
     mass: Array
-    grip: Array
+    friction: Array
 
 
 @compiled
@@ -84,8 +92,12 @@ def _most_points(surface):
 
 
 @compiled
-def touch(slab, step, dt, surface, cells, state, calls):
-    """Add the contact of a slab's surface to state.force, and move state.anchor; dt s: for which forces push."""
+def touch(slab, step, dt, surface, cells, state, calls, rubs):
+    """Add the contact of a slab's surface to state.force, with the friction of the step before; keep what `rub` needs in state.touching.
+
+    dt s: for which forces push. Writes to rubs[slab] how many points have friction.
+    """
+    rubs[slab] = 0.0
     if len(calls.contact) == 0:
         return
     most_points = _most_points(surface)
@@ -96,16 +108,17 @@ def touch(slab, step, dt, surface, cells, state, calls):
     share = np.empty(27)
     where = np.empty(27, np.int64)
     given = given_for()
-    room = HELD * len(
+    kept = state.touching
+    room = KEPT * len(
         surface.mass
     )  # then a number a patch: how far it can move before a point of it may touch, m
     for patch in range(surface.first_patch[slab], surface.first_patch[slab + 1]):
         _around(surface.first_node[patch], cells.along_x, cells.along_y, where)
         if (
-            step > 0 and state.anchor[room + patch] > 0.0
+            step > 0 and kept[room + patch] > 0.0
         ):  # the last displacement was dt v; before the first step it may have been another
-            state.anchor[room + patch] -= dt * _fastest(state.v, where)
-            if state.anchor[room + patch] > 0.0:
+            kept[room + patch] -= dt * _fastest(state.v, where)
+            if kept[room + patch] > 0.0:
                 continue
         first = surface.first_point[patch]
         count = surface.first_point[patch + 1] - first
@@ -118,32 +131,127 @@ def touch(slab, step, dt, surface, cells, state, calls):
         depths(calls.near, step, given, places, found[:count])
         most = -np.inf
         least = 0.0
-        remembers = 0.0
         for k in range(count):
             p = first + k
             depth = found[k]
             most = max(most, depth)
             least = min(least, depth)
             if not depth > 0.0:
-                remembers = max(remembers, let_go(row(state.anchor, HELD * p), dt))
+                leaves(kept, KEPT * p)
                 continue
-            x = places[k]
             v[:], f[:] = 0.0, 0.0
-            f[7], f[8] = surface.grip[3 * p + 1], surface.grip[3 * p + 2]
             _share(surface.weights, 9 * p, share)
-            if state.anchor[HELD * p + TOUCHES] != STICKS:
-                _add(state.v, where, share, v[0])
+            _add(state.v, where, share, v[0])
             point_from(given, places[k:], v, surface.mass[p:], f)
             call_each(calls.contact, step, 0, 1, dt, address(given, 0))
-            own_grip(surface.grip[3 * p], f)
-            hold(x, v[0], depth, row(state.anchor, HELD * p), f, dt)
+            own_grip(surface.friction[p], f)
+            rubs[slab] += touches(f, kept, KEPT * p)
             for j in range(27):
                 for i in range(3):
                     state.force[where[j] + i] += share[j] * f[i]
-        clear = (
-            most < 0.0 and least > -np.inf and remembers == 0.0
-        )  # -inf: past an obstacle's end, who knows how far
-        state.anchor[room + patch] = -most if clear else 0.0
+        clear = most < 0.0 and least > -np.inf  # -inf: past an obstacle's end, who knows how far
+        kept[room + patch] = -most if clear else 0.0
+
+
+class Place(NamedTuple):
+    """Room for a place of the body in the sweep of friction: indices (27,) of the nodes that it sees, their splines (27,), and fields and
+    column of the mass correction there (kernels.mass_correction)."""
+
+    where: Index
+    share: Array
+    fields: Array
+    column: Array
+
+
+@compiled
+def new_place():
+    """Room for a place."""
+    column = np.empty(3 * (2 * NEARBY + SEEN))
+    return Place(np.empty(27, np.int64), np.empty(27), np.empty(3 * SEEN), column)
+
+
+@compiled
+def come_to(place, node, along_x, along_y, weights, at, correction):
+    """Set a place by its cell's first node and its splines along each axis, from index `at` on. Returns the first knot that it sees."""
+    _around(node, along_x, along_y, place.where)
+    _share(weights, at, place.share)
+    return fields_at(correction, place.where, place.share, place.fields)
+
+
+@compiled
+def velocity_at(place, first, push, correction, field, v):
+    """v (3,) m/s += velocity at a place, as the impulses so far have changed it."""
+    _add(field, place.where, place.share, v)
+    ahead_at(correction, first, place.fields, push, v)
+
+
+@compiled
+def give_at(place, first, correction, inverse_mass):
+    """By how much (1/kg) a place is quicker after an impulse of 1 N s, at most."""
+    give = give_of(correction, first, place.fields, place.column)
+    for j in range(27):
+        k = place.where[j]
+        most = max(inverse_mass[k], inverse_mass[k + 1], inverse_mass[k + 2])
+        give += place.share[j] ** 2 * most
+    return give
+
+
+@compiled
+def quicken(place, first, push, correction, inverse_mass, sign, force, v):
+    """Change the nodes' velocities v (3 nodes,) by an impulse of sign times force (3,) N in push (s); note it for the correction."""
+    for j in range(27):
+        for i in range(3):
+            k = place.where[j] + i
+            v[k] += push * inverse_mass[k] * (sign * place.share[j] * force[i])
+    add_impulse(correction, first, place.fields, place.column, sign, force)
+
+
+@inlined
+def turned(k, first, last, back):
+    """Number k of those from `first` to before `last`; counted from the last where `back` is 1."""
+    return last - 1 - k if back else first + k
+
+
+@compiled
+def rub(push, surface, cells, nodes, correction, state, rubs, back):
+    """Stop the sliding of touching points, one after another, as far as their pushes allow; push s: for which forces push in the step.
+
+    Changes the nodes' velocities by impulses on their lumped mass, and notes them for its correction. rubs (slabs,): as `touch` writes it;
+    back: 1 to go through the points from the last to the first.
+    """
+    v = np.empty(3)
+    change = np.empty(3)
+    place = new_place()
+    kept = state.touching
+    for s in range(len(rubs)):
+        slab = turned(s, 0, len(rubs), back)
+        if rubs[slab] == 0.0:
+            continue
+        low = surface.first_point[surface.first_patch[slab]]
+        high = surface.first_point[surface.first_patch[slab + 1]]
+        patch = surface.first_patch[slab + back] - back
+        for k in range(high - low):
+            p = turned(k, low, high, back)
+            if not kept[KEPT * p + MOST] > 0.0:
+                continue
+            while not surface.first_point[patch] <= p < surface.first_point[patch + 1]:
+                patch += 1 - 2 * back
+            first = come_to(
+                place,
+                surface.first_node[patch],
+                cells.along_x,
+                cells.along_y,
+                surface.weights,
+                9 * p,
+                correction,
+            )
+            give = give_at(place, first, correction, nodes.inverse_mass)
+            if not give > 0.0:  # held
+                continue
+            v[:] = 0.0
+            velocity_at(place, first, push, correction, state.v, v)
+            rubbed(kept, KEPT * p, v, 1.0 / (push * give), change)
+            quicken(place, first, push, correction, nodes.inverse_mass, 1.0, change, state.v)
 
 
 @inner

@@ -31,10 +31,17 @@ from magmpm.compiled.simd import (
     total,
 )
 from magmpm.effects.calls import call_each, given_for
-from magmpm.kernels.body_contact import add_pairs, needs_list, pace_of, passed, touch_pairs
-from magmpm.kernels.mass_correction import added_at, correct
+from magmpm.kernels.body_contact import (
+    add_pairs,
+    needs_list,
+    pace_of,
+    passed,
+    rub_pairs,
+    touch_pairs,
+)
+from magmpm.kernels.mass_correction import added_at, begin_impulses, correct, spread_loads
 from magmpm.kernels.particle_group import add_one_by_one, group_room
-from magmpm.kernels.surface_contact import touch
+from magmpm.kernels.surface_contact import rub, touch
 from magmpm.kernels.watch import clear, see, stops
 from magmpm.materials import group_determinant, neo_hookean, stiffest
 
@@ -276,14 +283,14 @@ class Nodes(NamedTuple):
 
 class State(NamedTuple):
     """Arrays changed by a step. u m, v m/s, force N (3 nodes,): force is zero between steps; stiffness (groups 8,) m^2/s^2:
-    materials.stiffest over density in the last step, NaN before the first step; anchor (HELD points + patches,): where friction holds the
-    surface (kernels.surface_contact)."""
+    materials.stiffest over density in the last step, NaN before the first step; touching (KEPT points + patches,): of the surface
+    (kernels.surface_contact)."""
 
     u: Array
     v: Array
     force: Array
     stiffness: Array
-    anchor: Array
+    touching: Array
     # (groups k 8,): what effects with a `relax` remember of the particles, k numbers each; empty
     # where there are none
     memory: Array
@@ -511,7 +518,7 @@ def _forces_of_slab(slab, given):
                 cell, begun, cells, particles, state, room, high, change
             )
         begun = end
-    touch(slab, step, push, surface, cells, state, calls)
+    touch(slab, step, push, surface, cells, state, calls, slabs.rubs)
     count = len(cells.slab_first) - 1
     touch_pairs(slab, count, push, meeting, surface, cells.along_x, cells.along_y, state)
     see(slabs, slab, least, bad, high, change)
@@ -534,6 +541,37 @@ def update_grid(part, given):
         for k in range(first, last):
             push_node(k, push, nodes, correction, state)
             found = max(found, move_node(k, dt, nodes, meeting, state))
+    pace[part] = found
+
+
+@inner
+def push_nodes(part, given):
+    """Update the velocities of some active nodes, as `update_grid` does."""
+    step, dt, push, nodes, correction, state, calls = given
+    first = TOGETHER * part
+    last = min(first + TOGETHER, len(nodes.active))
+    for k in range(first, last):
+        push_node(k, push, nodes, correction, state)
+    change_nodes(calls.node, first, last, step, dt, nodes, state)
+
+
+@inner
+def move_nodes(part, given):
+    """Finish `update_grid` of some active nodes after friction, with the correction of the mass for its forces.
+
+    Effects change velocities once more, for no time: a guide's nodes go on as it moves, and damping takes nothing.
+    """
+    step, dt, push, nodes, correction, meeting, state, calls, pace = given
+    first = TOGETHER * part
+    last = min(first + TOGETHER, len(nodes.active))
+    for k in range(first, last):
+        node = nodes.active[k]
+        for i in range(3):
+            state.v[3 * node + i] += push * added_at(correction, correction.plane[k], node, i)
+    change_nodes(calls.node, first, last, step, 0.0, nodes, state)
+    found = 0.0
+    for k in range(first, last):
+        found = max(found, move_node(k, dt, nodes, meeting, state))
     pace[part] = found
 
 
@@ -568,10 +606,19 @@ def advance(
         if stops(watch, slabs):
             clear(state.force)
             return step
-        add_pairs(meeting, surface, cells.along_x, cells.along_y, state.force)
+        pairs = add_pairs(meeting, surface, cells.along_x, cells.along_y, state.force)
         correct(correction, state.force)
         moving = (nodes, correction, meeting, state, calls, pace)
-        over_parts(parts, task(update_grid, (step, dt, push, *moving)))
+        if slabs.rubs.max() + pairs > 0.0:
+            over_parts(parts, task(push_nodes, (step, dt, push, nodes, correction, state, calls)))
+            begin_impulses(correction)
+            for back in range(2):  # there and back: a map that takes energy, however stiff the body
+                rub(push, surface, cells, nodes, correction, state, slabs.rubs, back)
+                rub_pairs(push, meeting, surface, cells, nodes, correction, state, back)
+            spread_loads(correction)
+            over_parts(parts, task(move_nodes, (step, dt, push, *moving)))
+        else:
+            over_parts(parts, task(update_grid, (step, dt, push, *moving)))
         passed(meeting, dt * math.sqrt(pace.max()))
     return steps
 

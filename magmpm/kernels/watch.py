@@ -25,16 +25,18 @@ LIMIT, SHARE, HIGHEST, QUICKEST, WHY = range(5)
 
 
 class Slabs(NamedTuple):
-    """The last step in each slab of particles (slabs,): smallest det F; largest stiffness, and its largest change, m^2/s^2."""
+    """The last step in each slab of particles (slabs,): smallest det F; largest stiffness, and its largest change, m^2/s^2; how many points
+    of the surface have friction."""
 
     low: Array
     high: Array
     change: Array
+    rubs: Array
 
 
 def new_slabs(count: int) -> Slabs:
     """Room for this many slabs."""
-    return Slabs(np.zeros(count), np.zeros(count), np.zeros(count))
+    return Slabs(*np.zeros((4, count)))
 
 
 def unlimited() -> Array:
@@ -52,15 +54,14 @@ def see(slabs, slab, least, bad, high, change):
 @compiled
 def stops(watch, slabs):
     """Update the watch; return whether the steps must end here."""
-    low, high, change = slabs
     most = 0.0
     changed = 0.0
-    for slab in range(len(low)):
-        if not low[slab] > 0.0:  # also where it is NaN
+    for slab in range(len(slabs.low)):
+        if not slabs.low[slab] > 0.0:  # also where it is NaN
             watch[WHY] = BROKEN
             return True
-        most = max(most, high[slab])
-        changed = max(changed, change[slab])
+        most = max(most, slabs.high[slab])
+        changed = max(changed, slabs.change[slab])
     watch[HIGHEST], watch[QUICKEST] = (
         max(watch[HIGHEST], most),
         max(watch[QUICKEST], changed / most),

@@ -92,7 +92,8 @@ def _reached(scene: Scene) -> float:
     named = scene.effects
     softest = min(scene.materials[region.material_name].shear_modulus for region in scene.regions())
     lost = 0.0 if named.viscosity is None else named.viscosity.viscosity / softest  # s
-    c = (0.0 if named.damping is None else named.damping.rate) + w**2 * lost
+    factor = 0.0 if named.viscosity is None else named.viscosity.loss_factor or 0.0
+    c = (0.0 if named.damping is None else named.damping.rate) + w**2 * lost + w * factor
     root = np.sqrt(complex(c**2 / 4 - w**2) + 1e-9 * w**2)
     slow = root - c / 2
     fast = -root - c / 2

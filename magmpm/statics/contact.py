@@ -4,12 +4,13 @@ Each point in an obstacle has the energy m w^2 depth^2 / 2 of the push that it f
 without friction settles where this energy has its minimum. Its gradient has kinks where points begin to touch: Newton's method settles
 within a few more steps which points do (semismooth: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13 (2002) 865).
 
-Along a path of equilibria friction acts in increments. Through an increment every point that touches is held by a spring at its anchor, as
-in motion (effects.contact_force): along the obstacle, with a pull of at most its grip, so with the energy k s^2 / 2 up to k s = g, and g s
-- g^2 / 2 k beyond. Grip and normal are those of the last equilibrium; it is sought again with those that it has itself until the grip
-stays. Then anchors follow the points that slid. A point that begins to touch is held where it met the obstacle, by its distance before and
-its depth now. Sources: return mapping: Wriggers, Computational Contact Mechanics, 2nd ed., section 5.2.2; lagged grip, whose friction has
-an energy: Li et al., Incremental Potential Contact, ACM Trans. Graph. 39 (2020) 49, section 5.
+Along a path of equilibria friction acts in increments. Through an increment every point that touches is held at its anchor by a spring
+as stiff as its push: along the obstacle, with a pull of at most its grip, so with the energy k s^2 / 2 up to k s = g, and g s - g^2 / 2 k
+beyond. Grip and normal are those of the last equilibrium; it is sought again with those that it has itself until the grip stays. Then
+anchors follow the points that slid. A point that begins to touch is held where it met the obstacle, by its distance before and its depth
+now. Sources: the spring with a slider: Cundall and Strack, Geotechnique 29 (1979) 47; return mapping: Wriggers, Computational Contact
+Mechanics, 2nd ed., section 5.2.2; lagged grip, whose friction has an energy: Li et al., Incremental Potential Contact, ACM Trans. Graph. 39
+(2020) 49, section 5.
 """
 
 from dataclasses import dataclass
@@ -24,7 +25,7 @@ from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact, Records, Touching
 from magmpm.effects.calls import call_each, depths, given_for, of_points, point_from, rows
-from magmpm.effects.contact_force import HELD, PARTS, own_grip
+from magmpm.effects.contact_force import GRIP, PARTS, RIGIDITY, own_grip
 from magmpm.kernels.equilibrium import STENCIL, Blocks, Panels, StaticCells
 from magmpm.kernels.surface_contact import contact_to_matrix, touch_at_rest
 from magmpm.model import Model
@@ -44,18 +45,20 @@ class Held(NamedTuple):
 
 
 def held_at(
-    effects: Records, x: Array, mass: Array, grips: Array, begun: tuple[Array, Held] | None
+    effects: Records, x: Array, mass: Array, friction: Array, begun: tuple[Array, Held] | None
 ) -> Held:
     """Find how obstacles hold points at x (n, 3) m; begun: where and how they were as the increment began, or None."""
     f = np.zeros((len(x), PARTS))
     met = np.ones(len(x))
-    _grips(of_points(effects), x, x if begun is None else begun[0], mass, grips, f, met)
-    grip = np.linalg.norm(f[:, 3:6], axis=1)
+    _grips(of_points(effects), x, x if begun is None else begun[0], mass, friction, f, met)
+    grip = f[:, GRIP]
     anchor = x
     if begun is not None:
         was, held = begun
         anchor = np.where((held.grip > 0)[:, None], held.anchor, was + met[:, None] * (x - was))
-    return Held(anchor, f[:, 3:6] / np.maximum(grip, 1e-300)[:, None], grip, f[:, 6])
+    size = np.linalg.norm(f[:, :3], axis=1)
+    normal = f[:, :3] / np.maximum(size, 1e-300)[:, None]
+    return Held(anchor, normal, grip, f[:, RIGIDITY])
 
 
 def change(one: Held, other: Held) -> float:
@@ -95,7 +98,7 @@ def _stretch(held: Held, x: Array) -> tuple[Array, Array]:
 
 
 @compiled
-def _grips(calls, x, was, mass, grips, f, met):  # type: ignore[no-untyped-def]
+def _grips(calls, x, was, mass, friction, f, met):  # type: ignore[no-untyped-def]
     """Write the grip of points at x (n, 3) m to f (n, PARTS), and which share of the way from `was` was clear to met (n,)."""
     n = len(x)
     still = np.zeros((1, 3))
@@ -109,19 +112,21 @@ def _grips(calls, x, was, mass, grips, f, met):  # type: ignore[no-untyped-def]
             met[p] = 0.0 if before[p] >= 0.0 else 1.0 / (1.0 - depth[p] / before[p])
             point_from(given, x[p:], still, mass[p:], f[p])
             call_each(calls.contact, 0, 0, 1, 0.0, address(given, 0))
-            own_grip(grips[p, 0], f[p])
+            own_grip(friction[p], f[p])
 
 
 class Touched(NamedTuple):
-    """Points that touch or are held: their indices on (t,), place x (t, 3) m, mass (t,) kg, anchor (t, 3) m, grip (t, 3) of their own
-    material, force f (t, 3) N, its slope H (t, 3, 3) N/m, and whether they slide (t,); energy of all, J.
+    """Points that touch or are held: their indices on (t,), place x (t, 3) m, mass (t,) kg, coefficient of friction of their own material
+    (t,), pull (t, 3) N of friction and the most (t,) N that it can be, force f (t, 3) N, its slope H (t, 3, 3) N/m, and whether they slide
+    (t,); energy of all, J.
     """
 
     on: Index
     x: Array
     mass: Array
-    anchor: Array
-    grip: Array
+    friction: Array
+    pull: Array
+    most: Array
     f: Array
     H: Array
     slides: Array
@@ -154,19 +159,22 @@ class RestingSurface(ContactSurface):
         H = np.zeros((n, 3, 3))
         touch_at_rest(rows(effects, "near"), rows(effects, "touch"), x, self.mass, energy, f, H)
         held = energy != 0.0
-        anchor = x
+        pull = np.zeros((n, 3))
+        most = np.zeros(n)
         slides = np.zeros(n, bool)
         if self.held is not None:
-            slides = add_springs(self.held, x, energy, f, H)
-            held |= self.held.grip > 0.0
-            anchor = np.where((self.held.grip > 0.0)[:, None], self.held.anchor, x)
+            slides = add_springs(self.held, x, energy, pull, H)
+            f += pull
+            most = self.held.grip
+            held |= most > 0.0
         on = np.flatnonzero(held)
         return Touched(
             on,
             x[on],
             self.mass[on],
-            anchor[on],
-            self.grip[on],
+            self.friction[on],
+            pull[on],
+            most[on],
             f[on],
             H[on],
             slides[on],
@@ -198,12 +206,16 @@ class RestingSurface(ContactSurface):
 
 def contacts_at_rest(model: Model, touched: Touched) -> dict[str, Contact]:
     """The contact of each obstacle with a model."""
-    held = np.column_stack(
-        [touched.anchor, np.ones((len(touched.x), 1)), np.zeros((len(touched.x), HELD - 4))]
+    still = Touching(
+        touched.x,
+        np.zeros_like(touched.x),
+        touched.mass,
+        touched.friction,
+        touched.pull,
+        touched.most,
     )
-    still = Touching(touched.x, np.zeros_like(touched.x), touched.mass, held, touched.grip)
     found = {
-        key: effect.report(model, still, 1.0) for key, effect in model.scene.effects.named().items()
+        key: effect.report(model, still) for key, effect in model.scene.effects.named().items()
     }
     return {key: contact for key, contact in found.items() if contact is not None}
 
@@ -252,7 +264,15 @@ def resting(surface: ContactSurface, planes: int, node_yz: Index, model: Model) 
     )
     mass = surface.mass[order]
     particle = surface.particle[order]
-    grip = surface.grip[order]
+    friction = surface.friction[order]
     return RestingSurface(
-        surface.place[order], first, weights, mass, particle, surface.still, grip, cells, splines
+        surface.place[order],
+        first,
+        weights,
+        mass,
+        particle,
+        surface.still,
+        friction,
+        cells,
+        splines,
     )

@@ -23,7 +23,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.effects import hooks
 from magmpm.effects.acting import Effects
 from magmpm.effects.base import BodyEffect, Effect, Records
-from magmpm.effects.contact_force import PARTS, STICKS, hold
+from magmpm.effects.contact_force import KEPT, PARTS, rubbed, touches
 from magmpm.effects.hooks import pairs
 from magmpm.errors import MagmpmError
 from magmpm.inputs.settings import validate
@@ -161,11 +161,9 @@ def operations(records: Any, data: Array, hook: str, *arguments: Any) -> int:
     Counted.done = 0
     plain(function)(_record(records), data, *arguments)
     if hook == "contact":  # and the friction that goes with it
-        plain(hold)(
-            *arguments[:3],
-            np.array([*(0.0 * arguments[0]), STICKS, 0.0, 0.0, 0.0, 0.0]),
-            *arguments[:-3:-1],
-        )  # at any depth
+        kept = _numbers(np.zeros(KEPT))
+        plain(touches)(arguments[-1], kept, 0)
+        plain(rubbed)(kept, 0, arguments[1], 1.0, _numbers(np.zeros(3)))
     return Counted.done
 
 

@@ -364,6 +364,7 @@ CASES = (
             [_block((SIDE, SIDE, SIDE / 2))],
             gravity={"acceleration": [0.99 * 0.7 * 8.0, 0.0, -8.0]},
             ground={"point": [0.0, 0.0, -0.25e-3 * SIDE], "friction": 0.7},
+            viscosity={"loss_factor": 0.1},
         ),
         "flutters as bounce and shear feed each other, and slides",
         "way, in cells",

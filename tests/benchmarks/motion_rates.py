@@ -142,7 +142,7 @@ def touching_share(touches: Scene, effect: str) -> float:
     named = touches.effects.named()[effect].records(touches)
     model = build(touches.with_effects(**{effect: None}))
     x = touches.body.shape.surface(model.grid, base=not model.clamped_face).position
-    return float(contact_of(named, at_rest(x), 1e-6)["count"]) / len(x)
+    return float(contact_of(named, at_rest(x))["count"]) / len(x)
 
 
 # Time that an effect adds to a step, by short runs in pairs on one thread: a busy machine disturbs them little.

@@ -133,7 +133,7 @@ def advance(steps, dt, cells, particles, nodes, correction, state, watch, slabs)
 def steps_of(motion, steps, dt, u, v):  # type: ignore[no-untyped-def]
     """So many steps of dt (s) of a TotalMotion's body without effects, on displacements u and velocities v (3 nodes,), in place."""
     p = motion.packed
-    state = State(u, v, motion.force, motion.stiffness, motion.anchor, motion.memory)
+    state = State(u, v, motion.force, motion.stiffness, motion.touching, motion.memory)
     return advance(
         steps,
         dt,

@@ -7,7 +7,7 @@ The grid lies in the undeformed body (c (nodes, 3) m displacement and v (nodes, 
 
     F = I + sum c_a (x) grad N_a, x = X + sum c_a N_a, M_a = sum m_p N_a
     f_a = sum_p [ -V P grad N_a + (V f + contact) N_a ]
-    v_a += dt f_a / M_a, then the node hooks, then c_a += dt v_a
+    v_a += dt f_a / M_a, then the node hooks, friction point by point, the node hooks for no time, then c_a += dt v_a
 
 P: the neo-Hookean stress with its volume part projected on model.modes, plus the effects'. Source: de Vaucorbeil, CMAME 360 (2020).
 """
@@ -21,6 +21,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from magmpm.effects import hooks
+from magmpm.effects.contact_force import GRIP, PARTS
 from magmpm.model import Model
 
 
@@ -66,36 +67,11 @@ def elastic_stress(model: Model, F: np.ndarray) -> np.ndarray:
     return shape + (model.bulk * change * J)[:, None, None] * H
 
 
-def held(
-    x: np.ndarray, v: np.ndarray, depth: float, before: np.ndarray, f: np.ndarray, dt: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """The force (3,) N of contact with friction on a point at x (3,) m with velocity v (3,) m/s, and what it remembers next; f (9,): of
-    effects.contact_force; before (8,): anchor, 1 where it sticks, -1 where it slides, 0 where it does not touch, mean grip N, time s, the
-    mean of the mean N, and the way since it stuck m.
-
-    The spring is as long as x is from the anchor along the obstacle, as far as the lasting grip holds. A new anchor is where x came in.
-    """
-    grip, rigidity, thickness, wave = f[3:6], *f[6:]
-    anchor, (mean, time, again, way) = before[:3], before[4:]
-    now = np.linalg.norm(grip)
-    if now == 0:
-        return f[:3].copy(), np.array([*x, -1.0, mean, time, again, way])
-    n = grip / now
-    if before[3] == 0:
-        anchor = x - v * min(dt, depth / max(-v @ n, 1e-300)) * (v @ n < 0)
-    stretch = (np.eye(3) - np.outer(n, n)) @ (x - anchor)
-    pull = rigidity * np.linalg.norm(stretch)
-    old = min(way / (0.01 * thickness), 1.0)
-    time = min(time + dt, max(4.0 * wave * (1.0 - 15.0 / 16.0 * old), dt))
-    mean += dt / time * (now - mean)
-    again += dt / time * (mean - again)
-    most = max(1.5 * mean - 0.5 * again, 0.0)
-    slides = pull > most
-    stretch *= most / pull if slides else 1.0
-    way = way + (pull - most) / rigidity if slides else 0.0
-    return f[:3] - rigidity * stretch, np.array(
-        [*(x - stretch), -1.0 if slides else 1.0, mean, time, again, way]
-    )
+def allowed(pull: np.ndarray, normal: np.ndarray, most: float) -> np.ndarray:
+    """The friction (3,) N nearest to a pull (3,) N that lies along the surface and within the circle of `most` (N)."""
+    along = pull - (pull @ normal) * normal
+    size = np.linalg.norm(along)
+    return along * (most / size if size > most else 1.0)
 
 
 def particle_forces(
@@ -119,7 +95,8 @@ class Total:
     """A motion on a dense box of nodes, cells + 2 along each axis, x slowest.
 
     N (n, nodes): every spline at every particle; dN (3, n, nodes) 1/m; X (nodes, 3) m; mass (nodes,) kg; fixed (nodes,) bool;
-    on (points, nodes): splines at the points of the surface; anchor (points, 8): what friction remembers of them (`held`).
+    on (points, nodes): splines at the points of the surface; friction (points, 3) N: of the step before; normal (points, 3) and most
+    (points,) N: of their pushes, and the largest friction that these allow; order (points,): in which friction goes through them.
     """
 
     model: Model
@@ -129,7 +106,10 @@ class Total:
     mass: np.ndarray
     fixed: np.ndarray
     on: np.ndarray
-    anchor: np.ndarray
+    friction: np.ndarray
+    normal: np.ndarray
+    most: np.ndarray
+    order: np.ndarray
 
     @classmethod
     def of(cls, model: Model) -> "Total":
@@ -162,7 +142,10 @@ class Total:
             N.T @ (model.density * model.particles.volume),
             fixed,
             on,
-            np.zeros((len(on), 8)),
+            np.zeros((len(on), 3)),
+            np.zeros((len(on), 3)),
+            np.zeros(len(on)),
+            np.arange(len(on)),
         )
 
     def gradient(self, c: np.ndarray) -> np.ndarray:
@@ -183,21 +166,42 @@ class Total:
         )
 
     def contact(self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0) -> np.ndarray:
-        """Contact of the surface's points on every node, (nodes, 3) N. The dashpot acts on those that did not stick before."""
+        """Contact of the surface's points on every node, (nodes, 3) N, with the friction of the step before as far as it is allowed."""
         forces = np.zeros((len(self.on), 3))
-        for p, (splines, held_at) in enumerate(zip(self.on, self.anchor, strict=True)):
+        for p, splines in enumerate(self.on):
             x = self.model.surface.place[p] + splines @ c
-            f = np.append(np.zeros(7), self.model.surface.grip[p, 1:])
-            speed = splines @ v if held_at[3] != 1 else np.zeros(3)
-            call(self.model, "contact", x, speed, self.model.surface.mass[p], dt, f, step=step)
-            if not f[:7].any():
-                held_at[3], held_at[5] = 0, max(held_at[5] - dt, 0.0)
-                held_at *= held_at[5] > 0
-                continue
-            forces[p], held_at[:] = held(
-                x, speed, max(call(self.model, "near", x, step=step)), held_at, f, dt
+            f = np.zeros(PARTS)
+            call(
+                self.model, "contact", x, splines @ v, self.model.surface.mass[p], dt, f, step=step
             )
+            push = f[:3]
+            own = self.model.surface.friction[p]
+            size = np.linalg.norm(push)
+            self.most[p] = f[GRIP] if np.isnan(own) else own * size
+            self.normal[p] = push / size if size > 0 else 0.0
+            self.friction[p] = allowed(self.friction[p], self.normal[p], self.most[p])
+            forces[p] = push + self.friction[p]
         return self.on.T @ forces
+
+    def touching(self) -> np.ndarray:
+        """Points (points,) that touch something with friction in the undeformed body."""
+        rest = np.zeros((len(self.mass), 3))
+        self.contact(rest, rest, 1.0)
+        return np.asarray(self.most > 0)
+
+    def rub(self, v: np.ndarray, push: float) -> None:
+        """Friction stops the sliding of one point after another as far as it is allowed."""
+        free = (self.mass > 0) & ~self.fixed
+        inverse = self.inverse_mass() * np.outer(free, free)
+        for p in [*self.order, *self.order[::-1]]:
+            quicker = inverse @ self.on[p]
+            give = self.on[p] @ quicker
+            if self.most[p] == 0.0 or give == 0.0:
+                continue
+            before = self.friction[p].copy()
+            pull = before - (self.on[p] @ v) / (push * give)
+            self.friction[p] = allowed(pull, self.normal[p], self.most[p])
+            v += push * np.outer(quicker, self.friction[p] - before)
 
     def fields(self) -> np.ndarray:
         """Nodal values (nodes, k) for which the mass is right: of each set of free nodes 1, x, y, z; of a straight body hats too."""
@@ -243,16 +247,15 @@ class Total:
         after = np.zeros_like(v)
         push = push_time(self.model, dt, step)
         after[on] = v[on] + push * (self.inverse_mass() @ self.force(c, v, push, step))[on]
-        for node in np.flatnonzero(on):
-            call(
-                self.model,
-                "node",
-                self.X[node],
-                c[node],
-                after[node],
-                not self.fixed[node],
-                dt,
-                step=step,
-            )
+        self.change_nodes(c, after, dt, step)
+        if self.most.any():
+            self.rub(after, push)
+            self.change_nodes(c, after, 0.0, step)
         after[self.fixed] = 0.0
         return c + dt * after, after
+
+    def change_nodes(self, c: np.ndarray, v: np.ndarray, dt: float, step: int) -> None:
+        """Let effects change the velocities of the nodes with mass."""
+        for node in np.flatnonzero(self.mass > 0):
+            free = not self.fixed[node]
+            call(self.model, "node", self.X[node], c[node], v[node], free, dt, step=step)

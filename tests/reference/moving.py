@@ -113,6 +113,6 @@ def follow(
         for key in ("ground", "walls"):
             if getattr(model.scene.effects, key) is not None:
                 contacts[key] = model.scene.effects.named()[key].report(
-                    model, motion.touching_points(), dt
+                    model, motion.touching_points()
                 )
         yield Moment(time, x, v, contacts)

@@ -15,7 +15,7 @@ from magmpm.dynamics import energies
 from magmpm.dynamics.checkpoint import Checkpoint
 from magmpm.dynamics.time_loop import SimulationState, begin, interval, move
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.effects.contact_law import at_rest, contact_of, grips
+from magmpm.effects.contact_law import at_rest, contact_of, own_friction
 from magmpm.kernels.body_contact import DEPTH, MEMORY
 from magmpm.model import build
 from magmpm.scene import Scene
@@ -506,16 +506,17 @@ def test_a_coated_tip_slides_where_the_rest_grips() -> None:
         "friction": 0.4,
     }
     model = build(named(moving_scene({"catheter": catheter}, {"walls": lumen}), stiff=0.05))
-    own = grips(model.scene)
-    np.testing.assert_array_equal(own[:, 0], [np.nan, 0.05])
+    own = own_friction(model.scene)
+    np.testing.assert_array_equal(own, [np.nan, 0.05])
     x = np.array([[3e-3, 0.0, -3.02e-3], [9e-3, 0.0, -3.02e-3]])
     still = at_rest(x, np.full(2, 1e-9))
+    push = contact_of(model.effects, at_rest(x[:1], np.full(1, 1e-9)))["force"][2]
     for k, friction in enumerate((0.4, 0.05)):
         dragged = still._replace(
-            held=np.column_stack([x - [1e-3, 0, 0], [1.0, 1.0], still.held[:, 4:]]), grip=own
+            friction=own, pull=np.tile([-1.0, 0, 0], (2, 1)), most=np.full(2, push)
         )
-        told = contact_of(model.effects, type(still)(*(part[k : k + 1] for part in dragged)), 1e-6)
-        assert told["force"][0] == pytest.approx(-friction * told["force"][2], rel=1e-3)
+        told = contact_of(model.effects, type(still)(*(part[k : k + 1] for part in dragged)))
+        assert told["force"][0] == pytest.approx(-friction, rel=1e-3), "the share that its grip has"
     tip = model.particles.segment[model.surface.particle] == 1
     assert model.surface.place[tip, 0].min() > 5.5e-3
     assert model.surface.place[~tip, 0].max() < 6.5e-3

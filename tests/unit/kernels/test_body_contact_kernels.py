@@ -21,7 +21,8 @@ from magmpm.bodies.surface_mesh import Mesh, outline, pack_mesh
 from magmpm.dynamics.body_contact import SHARE
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.kernels.body_contact import DEPTH, FORCE, MEMORY, NORMAL, PLACE, _add_all, _touch
+from magmpm.effects.contact_force import MOST, NORMAL
+from magmpm.kernels.body_contact import DEPTH, FORCE, FRICTION, MEMORY, PLACE, _add_all, _touch
 from magmpm.kernels.total_lagrangian_step import State
 from magmpm.model import build
 
@@ -62,7 +63,7 @@ def touched(motion: TotalMotion, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     meeting = motion.contact.copy()
     p = motion.packed
     force = np.zeros_like(u)
-    state = State(u, np.zeros_like(u), force, motion.stiffness, motion.anchor, motion.memory)
+    state = State(u, np.zeros_like(u), force, motion.stiffness, motion.touching, motion.memory)
     _touch(0, 1, 1e-5, meeting, p.surface, p.cells.along_x, p.cells.along_y, state)
     _add_all(meeting, p.surface, p.cells.along_x, p.cells.along_y, force)
     return meeting.memory[:-1].reshape(-1, MEMORY), force
@@ -87,7 +88,9 @@ def test_places_and_depths_in_a_deformed_solid(motion: TotalMotion) -> None:
     )  # of single precision, as STL has
     reports = [contact.report(np.append(memory, 0.0), u, 0.0 * u)["self_contact: a, b"]]
     memory[:, FORCE : FORCE + 3] += (
-        1e3 * memory[:, [DEPTH]] * np.cross(memory[:, NORMAL : NORMAL + 3], [0.3, 1.0, X[0, 0]])
+        1e3
+        * memory[:, [DEPTH]]
+        * np.cross(memory[:, FRICTION + NORMAL : FRICTION + MOST], [0.3, 1.0, X[0, 0]])
     )
     reports.append(contact.report(np.append(memory, 0.0), u, 0.0 * u)["self_contact: a, b"])
     np.testing.assert_allclose(

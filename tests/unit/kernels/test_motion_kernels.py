@@ -15,7 +15,7 @@ from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import damping, feed, gravity, ground, magnetic_torque, viscosity, walls
 from magmpm.effects.base import one_record
-from magmpm.effects.contact_force import HELD
+from magmpm.effects.contact_force import KEPT, MOST, NORMAL
 from magmpm.effects.contact_law import at_rest, contact_of
 from magmpm.model import Model, build
 from magmpm.statics.layout import static_model
@@ -41,10 +41,8 @@ EFFECTS = (
         normal=[0.1, 0.2, 1],
         friction=0.3,
         stiffness=1e9,
-        damping=3e4,
-        layer=1e-3,
     )
-    + walls.parameters(TABLE, friction=0.2, stiffness=2e9, damping=5e4, layer=2e-3)
+    + walls.parameters(TABLE, friction=0.2, stiffness=2e9)
     + one_record(feed.DTYPE, feed_speed=0.02, feed_exit=2e-3, feed_radius=3e-3)
 )
 
@@ -94,7 +92,8 @@ def test_total(loads: str, averaged: bool, rng: np.random.Generator) -> None:
 
 def test_effects_of_motion(rng: np.random.Generator) -> None:
     """All kinds, on magnetization that stretches in the first half and rotates in the second. Stiff contact and viscosity amplify rounding
-    errors of positions and rates. Some points touch each obstacle, and some do not; some are held and some slide.
+    errors of positions and rates. Some points touch each obstacle, and some do not; some stick and some slide. Points had friction
+    before, of any direction and size.
     """
     made = build(rod_scene(length=8e-3, directions=[X, X], law=["stretches", "rotates"]))
     model = replace(made, effects=EFFECTS, clamped_face=True)
@@ -102,24 +101,33 @@ def test_effects_of_motion(rng: np.random.Generator) -> None:
     motion = TotalMotion(model)
     c, v = shaken(reference, motion, rng)
     x = model.surface.place + reference.on @ c
-    state = rng.integers(-1, 2, (len(x), 1))
-    reference.anchor = np.hstack(
-        [x + 3e-6 * rng.standard_normal(x.shape), state, state**2 * [1e-6, 2 * DT, 1e-13, 1e-5]]
+    reference.friction[:] = rng.choice([0.0, 1e-5, 1e-2], (len(x), 1)) * rng.standard_normal(
+        x.shape
     )
     mine = np.lexsort((*model.surface.place.T, model.surface.mass))
     theirs = np.lexsort((*motion.packed.surface.place.reshape(-1, 3).T, motion.packed.surface.mass))
-    begun = np.ones_like(motion.anchor)  # the last numbers, of patches: some may be held
-    begun[: HELD * len(x)].reshape(-1, HELD)[theirs] = reference.anchor[mine]
-    motion.restore({"u": c.ravel(), "v": v.ravel(), "anchor": begun})
+    mine_of = np.empty(len(x), int)
+    mine_of[theirs] = mine
+    reference.order = mine_of
+    begun = np.ones_like(motion.touching)  # the last numbers, of patches: some may be held
+    begun[: KEPT * len(x)].reshape(-1, KEPT)[theirs, :3] = reference.friction[mine]
+    motion.restore({"u": c.ravel(), "v": v.ravel(), "touching": begun})
     for at in (8, 10):  # ground, walls
-        told = contact_of(EFFECTS[at : at + 2], at_rest(motion.touching_points().x), DT)
+        told = contact_of(EFFECTS[at : at + 2], at_rest(motion.touching_points().x))
         assert 0.02 * len(x) < told["count"] < 0.9 * len(x)
     compare(reference, motion, c, v, 1e-12)
-    found = motion.anchor[: HELD * len(x)].reshape(-1, HELD)[theirs]
-    held = reference.anchor[mine]
-    np.testing.assert_array_equal(found[:, 3], held[:, 3])
-    assert 20 < (held[:, 3] != 0).sum() < 0.9 * len(held)
-    np.testing.assert_allclose(found, held, rtol=0, atol=1e-12)
+    found = motion.touching[: KEPT * len(x)].reshape(-1, KEPT)[theirs]
+    size = np.linalg.norm(reference.friction[mine], axis=1)
+    most = reference.most[mine]
+    on = most > 0
+    assert 20 < on.sum() < 0.9 * len(on)
+    assert (size[on] > 0.999 * most[on]).any(), "some slide"
+    assert (size[on] < 0.999 * most[on]).any(), "some stick"
+    np.testing.assert_allclose(found[:, MOST], most, rtol=0, atol=1e-12 * most.max())
+    np.testing.assert_allclose(
+        found[:, :3], reference.friction[mine], rtol=0, atol=1e-9 * most.max()
+    )
+    np.testing.assert_allclose(found[:, NORMAL:MOST], reference.normal[mine], rtol=0, atol=1e-9)
 
 
 def test_same_bits_at_any_number_of_threads() -> None:
