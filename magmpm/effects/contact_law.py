@@ -24,6 +24,7 @@ from magmpm.effects.hooks import NO_DATA
 from magmpm.errors import SceneError, dotted
 
 THROWN = 0.1  # m/s
+ROUNDING = 1e-9  # of the largest friction: a point with so little less slides
 # of the explicit limit 2 / w: 0.8 of the smaller of the body's and the contact's bounds is then
 # stable for both together
 SHARE = 0.7
@@ -109,7 +110,8 @@ def place(model: Any, point: Array) -> str:
 def _touching(calls, x, v, mass, friction, pull, most, force):
     """Number in contact, the deepest (-1: none), its depth (m), energy (J); adds to force (3,) N that on all points.
 
-    Where several obstacles touch a point, each has the share of its friction `pull` that it has of the largest friction, `most`.
+    Where several obstacles touch a point, each has the share of its friction `pull` that it has of the largest friction, `most`. A point
+    that slides has the friction of its present push.
     """
     count = 0
     worst = -1
@@ -126,7 +128,10 @@ def _touching(calls, x, v, mass, friction, pull, most, force):
             point_from(given, x[p:], v[p:], mass[p:], f)
             call_each(calls.contact, 0, 0, 1, 0.0, address(given, 0))
             own_grip(friction[p], f)
-            share = min(f[GRIP] / most[p], 1.0) if most[p] > 0.0 else 0.0
+            size = math.sqrt(pull[p, 0] ** 2 + pull[p, 1] ** 2 + pull[p, 2] ** 2)
+            share = f[GRIP] / most[p] if most[p] > 0.0 else 0.0
+            if size < (1.0 - ROUNDING) * most[p]:  # it sticks: what holds it does not grow
+                share = min(share, 1.0)
             for i in range(3):
                 force[i] += f[i] + share * pull[p, i]
             count += 1

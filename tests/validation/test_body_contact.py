@@ -513,10 +513,10 @@ def test_a_coated_tip_slides_where_the_rest_grips() -> None:
     push = contact_of(model.effects, at_rest(x[:1], np.full(1, 1e-9)))["force"][2]
     for k, friction in enumerate((0.4, 0.05)):
         dragged = still._replace(
-            friction=own, pull=np.tile([-1.0, 0, 0], (2, 1)), most=np.full(2, push)
+            friction=own, pull=np.tile([-push, 0, 0], (2, 1)), most=np.full(2, push)
         )
         told = contact_of(model.effects, type(still)(*(part[k : k + 1] for part in dragged)))
-        assert told["force"][0] == pytest.approx(-friction, rel=1e-3), "the share that its grip has"
+        assert told["force"][0] == pytest.approx(-friction * told["force"][2], rel=1e-3)
     tip = model.particles.segment[model.surface.particle] == 1
     assert model.surface.place[tip, 0].min() > 5.5e-3
     assert model.surface.place[~tip, 0].max() < 6.5e-3

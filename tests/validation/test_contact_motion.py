@@ -43,100 +43,100 @@ def sloped(
     )
 
 
+# Way (mm) after 0.3 s of the bottom of a block in plane strain, 8 x 4 mm, 120 kPa, friction 0.45, by finite elements with Coulomb's law
+# solved exactly at each node and instant, 16 elements through the height: tangent over friction, viscosity (Pa s), time (s) over which
+# the weight comes.
+EXACT = {
+    (0.89, 5.0, 0.0): 0.00267,
+    (0.955, 5.0, 0.0): 1.458,
+    (1.02, 5.0, 0.0): 5.147,
+    (1.02, 5.0, 0.1): 3.438,
+    (0.99, 5.0, 0.1): 0.0001,
+    (0.99, 20.0, 0.0): 0.0099,
+    (1.02, 20.0, 0.0): 3.871,
+}
+QUICK = {((1.02, 5.0, 0.0), 4), ((0.99, 5.0, 0.1), 4)}
+
+
 @pytest.mark.parametrize(
-    ("size", "friction", "duration", "cells", "share", "stiffness"),
+    ("ratio", "viscosity", "ramp", "cells"),
     [
-        ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 2, 0.95, 1.0),
-        *(
-            pytest.param(*case, marks=pytest.mark.slow)
-            for case in (
-                ((6e-3, 6e-3, 3e-3), 0.3, 0.2, 3, 0.95, 1.0),
-                ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 5, 0.95, 8.0),
-                ((8e-3, 5e-3, 4e-3), 0.45, 0.3, 3, 0.95, 8.0),
-                ((6e-3, 6e-3, 3e-3), 0.8, 0.2, 3, 0.8, 8.0),
-            )
-        ),
+        pytest.param(*case, cells, marks=[] if (case, cells) in QUICK else pytest.mark.slow)
+        for case in EXACT
+        for cells in (4, 8)
+        if cells == 8 or (case, cells) in QUICK
     ],
 )
-def test_an_undamped_block_sticks_on_a_slope(
-    size, friction, duration, cells, share, stiffness
+def test_a_block_goes_as_far_as_by_coulombs_law(
+    ratio: float, viscosity: float, ramp: float, cells: int
 ) -> None:
-    """Weight at once, tan at 0.8 or 0.95 of friction: within 0.02 cell. On a spring as stiff as a cell it slides by millimeters."""
-    model = sloped(
-        np.arctan(share * friction), friction, size=size, cells=cells, stiffness=stiffness
+    """Within 15 %, and ways below 0.02 mm within 0.01 mm. Bounce and shear of the body take turns in loosening its grip: a rigid block
+    would stay below a ratio of 1, and go 3.61 mm at 1.02 and once."""
+    exact = EXACT[ratio, viscosity, ramp]
+    slope = np.arctan(0.45 * ratio)
+    strip = block((8e-3, 4e-3, 4e-3), plane_strain=True)
+    pull = {"acceleration": [EARTH * np.sin(slope), 0.0, -EARTH * np.cos(slope)]}
+    effects = {
+        "gravity": pull,
+        "ground": {"point": [0.0, 0.0, 0.0], "friction": 0.45},
+        "viscosity": {"viscosity": viscosity},
+    }
+    model = build(moving_scene(strip, effects, cells=cells, shear=120e3))
+    begun = begin(model)
+    steps = round(0.3 / begun.dt)
+    dt = 0.3 / steps
+    growing = round(ramp / dt)
+    at = next(k for k, part in enumerate(model.effects) if "gravity" in (part.dtype.names or ()))
+    loads = list(model.effects)
+    loads[at] = np.repeat(loads[at], growing + 1)
+    loads[at]["gravity"] *= (
+        np.minimum((np.arange(growing + 1) + 0.5) * dt / max(ramp, dt), 1.0)[:, None]
+        if ramp
+        else 1.0
     )
-    ways = [
-        mean(model, m.x - model.particles.position)[0]
-        for m in follow(model, [duration / 2, duration])
-    ]
-    assert max(np.abs(ways)) < 0.02 * model.scene.cell
-
-
-@pytest.mark.parametrize(
-    ("share", "friction", "cells", "duration"),
-    [
-        (1.01, 0.45, 2, 0.3),
-        *(
-            pytest.param(*case, marks=pytest.mark.slow)
-            for case in (
-                (0.99, 0.45, 2, 0.3),
-                (1.02, 0.45, 2, 0.3),
-                (0.99, 0.7, 3, 0.3),
-                (1.02, 0.7, 3, 0.3),
-                (1.2, 0.7, 3, 0.3),
-                (1.7, 0.7, 3, 0.15),
-                (1.02, 0.45, 3, 0.9),
-            )
-        ),
-    ],
-)
-def test_an_undamped_block_near_the_cone_moves_as_a_rigid_one(
-    share: float, friction: float, cells: int, duration: float
-) -> None:
-    """Weight at once: to 0.02 cell below the cone; above it to 2.5 %, which it gains while its weight comes onto the ground. Where
-    friction follows the push at once it flutters, and goes 20 mm at 0.99 and friction 0.7."""
-    slope = np.arctan(share * friction)
-    model = sloped(slope, friction, size=(8e-3, 5e-3, 4e-3), cells=cells)
-    (found,) = (mean(model, m.x - model.particles.position)[0] for m in follow(model, [duration]))
-    way = max(EARTH * (np.sin(slope) - friction * np.cos(slope)), 0.0) * duration**2 / 2
-    assert found == pytest.approx(way, rel=0.025, abs=0.0 if way else 0.02 * model.scene.cell)
+    taken = begun.motion.advance(growing, dt, tuple(loads))[0] if growing else 0
+    assert begun.motion.advance(steps - taken, dt, model.effects) == (steps - taken, False)
+    before = begun.motion.packed.surface.place.reshape(-1, 3)
+    low = before[:, 2] < 1e-9
+    way = 1e3 * float((begun.motion.touching_points().x - before)[low, 0].mean())
+    assert way == pytest.approx(exact, abs=0.01 if exact < 0.02 else 0.15 * exact)
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True, reason="it swings by its own elasticity, and slips where it does: docs/effects.md"
-)
-def test_a_large_soft_block_sticks_near_the_cone() -> None:
-    """To 0.02 cell, which is missed."""
-    model = sloped(np.arctan(0.45 * 0.95), 0.45, size=(16e-3, 10e-3, 8e-3), shear=15e3)
-    assert all(
-        mean(model, m.x - model.particles.position)[0] < 0.02 * model.scene.cell
-        for m in follow(model, [0.3])
-    )
+def test_a_block_that_is_shaken_walks_by_the_phase_of_its_weight() -> None:
+    """Its push swings along the ground, its weight up and down: at a phase of 0 it walks as by Coulomb's law, -1.76 mm/s, within 10 %; at
+    90 degrees slips forward and back are equal, and it goes less than 8 % of that. By the same finite elements, 1 Pa s."""
 
-
-@pytest.mark.parametrize(("share", "way"), [(0.99, 0.0), (1.02, 3.63e-3)])
-def test_a_block_slides_once_its_slope_has_grown_beyond_the_cone(share: float, way: float) -> None:
-    """The tangent grows to 0.99 or 1.02 of friction in 0.1 s: after 0.3 s more the block has stayed, to 0.02 cell, or gone as far as a
-    rigid one, by integrals of g cos(a) mu (s - 1) over time, to 5 %. A tilt at once makes it slip: docs/effects.md.
-    """
-
-    def tilted(share: float, damping: float = 1e-6) -> Model:
-        return sloped(
-            np.arctan(0.45 * share), 0.45, size=(8e-3, 5e-3, 4e-3), damping={"rate": damping}
+    def drift(phase: float) -> float:
+        effects = {
+            "gravity": {},
+            "ground": {"point": [0.0, 0.0, 0.0], "friction": 0.4},
+            "viscosity": {"viscosity": 1.0},
+        }
+        strip = block((8e-3, 4e-3, 4e-3), plane_strain=True)
+        model = build(moving_scene(strip, effects, cells=4, shear=120e3))
+        begun = begin(model)
+        per = round(0.02 / begun.dt)  # steps in a period
+        dt = 0.02 / per
+        at = next(
+            k for k, part in enumerate(model.effects) if "gravity" in (part.dtype.names or ())
         )
+        mass = model.density * model.particles.volume
+        places = []
+        for period in range(20):
+            time = 0.02 * period + (np.arange(per) + 0.5) * dt
+            grown = np.minimum(time / 0.05, 1.0)
+            swing = 2 * np.pi * time / 0.02
+            loads = list(model.effects)
+            loads[at] = np.repeat(loads[at], per)
+            loads[at]["gravity"][:, 0] = 0.9 * 0.4 * EARTH * grown * np.sin(swing)
+            loads[at]["gravity"][:, 2] = -EARTH * (1 + 0.6 * grown * np.sin(swing + phase))
+            assert begun.motion.advance(per, dt, tuple(loads)) == (per, False)
+            places.append(float(mass @ begun.motion.particles()[0][:, 0] / mass.sum()))
+        return 1e3 * (places[-1] - places[4]) / 0.3
 
-    level = tilted(0.0, 400.0)
-    motion = begin(level).motion
-    dt = begin(level).dt
-    motion.advance(round(0.1 / dt), dt, level.effects)
-    begun = mean(level, motion.particles()[0])[0]
-    for part in range(100):
-        motion.advance(round(1e-3 / dt), dt, tilted(share * (part + 0.5) / 100).effects)
-    motion.advance(round(0.3 / dt), dt, tilted(share).effects)
-    assert mean(level, motion.particles()[0])[0] - begun == pytest.approx(
-        way, rel=0.05, abs=0.02 * level.scene.cell
-    )
+    assert drift(0.0) == pytest.approx(-1.76, rel=0.1)
+    assert abs(drift(np.pi / 2)) < 0.08 * 1.76
 
 
 def mean(model: Model, values: np.ndarray) -> np.ndarray:
@@ -155,11 +155,11 @@ def test_a_block_slides_down_a_slope() -> None:
 
 
 def test_a_block_sticks_on_a_gentle_slope() -> None:
-    """Inside the friction cone, tan = 0.25 < mu, it settles within 2 um, and then does not creep.
+    """Inside the friction cone, tan = 0.25 < mu, with losses in its material, it settles within 2 um, and then does not creep.
 
     Friction that at most stops a particle within a step creeps by (M / m) g sin dt, 10 um in these 0.03 s.
     """
-    model = sloped(np.arctan(0.25))
+    model = sloped(np.arctan(0.25), viscosity={"viscosity": 5.0})
     early, late = (
         mean(model, moment.x - model.particles.position)[0]
         for moment in follow(model, [0.03, 0.06])
@@ -193,8 +193,8 @@ def test_a_stuck_block_does_not_depend_on_the_time_step() -> None:
 
 
 def test_a_sliding_block_stops_where_friction_has_taken_its_energy() -> None:
-    """With initial speed v on level ground it stops after v^2 / (2 mu g), to 1 %, and does not move back."""
-    model = sloped(0.0)
+    """With initial speed v on level ground it stops after v^2 / (2 mu g), to 1 %, and does not move back. Its material loses energy."""
+    model = sloped(0.0, viscosity={"viscosity": 5.0})
     motion = begin(model).motion
     motion.v.reshape(-1, 3)[:, 0] = 0.1 * (
         motion.packed.nodes.inverse_mass.reshape(-1, 3)[:, 0] > 0
@@ -208,8 +208,8 @@ def test_a_sliding_block_stops_where_friction_has_taken_its_energy() -> None:
 
 
 def test_a_dropped_block_comes_to_rest_with_its_weight_on_the_ground() -> None:
-    """With damping: the contact force is the weight, which the springs of all points of the lower face bear, less than 1 um deep."""
-    ground = {"point": [0.0, 0.0, 0.0], "friction": FRICTION}
+    """With damping, slippery: the contact force is the weight, borne by all points of the lower face, evenly but for edges (a quarter)."""
+    ground = {"point": [0.0, 0.0, 0.0]}
     effects = {"gravity": {}, "damping": {"rate": 400.0}, "ground": ground}
     model = build(moving_scene(block(SIZE, position=[0.0, 0.0, SIZE[2] / 2 + 0.1e-3]), effects))
     (rest,) = follow(model, [0.06])
@@ -219,13 +219,8 @@ def test_a_dropped_block_comes_to_rest_with_its_weight_on_the_ground() -> None:
     low = model.surface.place[:, 2] == model.surface.place[:, 2].min()
     assert told["count"] == low.sum()
     law = model.effects[-2][0]
-    even = weight / (
-        law["ground_stiffness"] * model.surface.mass[low].sum()
-    )  # of a spring that is stiff at once
-    soft = law["ground_layer"] / SIZE[2]
-    knee = law["ground_knee"]
-    depth = (np.sqrt(soft**2 + 2 * (1 - soft) * even / knee) - soft) * knee / (1 - soft)
-    assert told["depth"] == pytest.approx(depth, rel=0.2)
+    depth = weight / (law["ground_stiffness"] * model.surface.mass[low].sum())
+    assert depth < told["depth"] < 1.35 * depth
     assert mean(model, rest.x)[2] == pytest.approx(SIZE[2] / 2, abs=1e-6)
 
 

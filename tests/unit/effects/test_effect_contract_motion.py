@@ -191,7 +191,11 @@ def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> 
         own_grip(own[p], f)
         share = (0.0, 0.5, 2.0)[p % 3]  # of this obstacle's push in the largest friction
         most[p] = f[GRIP] / share if share > 0 else 0.0
-        forces[p] = f[:3] + min(share, 1.0) * pull[p]
+        if p % 2:  # it slides
+            pull[p] *= most[p] / np.linalg.norm(pull[p])
+        else:
+            pull[p] *= 0.5 * most[p] / np.linalg.norm(pull[p])
+        forces[p] = f[:3] + (share if p % 2 else min(share, 1.0)) * pull[p]
     told = contact_of(found, Touching(x, np.zeros_like(x), mass, own, pull, most))
     np.testing.assert_allclose(told["force"], np.sum(forces, axis=0), rtol=1e-12)
     assert told["count"] == 20
@@ -328,8 +332,8 @@ def growth(one: Acting, everything: Records, dt: float) -> float:
     ],
 )
 def test_a_body_with_it_bears_the_step_it_allows(key: str) -> None:
-    """At the default 0.8 of the smaller bound of body and effect no small motion grows. Contact sticks: what slides may flutter, as friction
-    follows the push (Martins, Oden, Simoes, Int. J. Eng. Sci. 28 (1990) 29)."""
+    """At the default 0.8 of the smaller bound of body and effect no small motion grows. Contact sticks: what slides may flutter, as
+    friction follows the push (Martins, Oden, Simoes, Int. J. Eng. Sci. 28 (1990) 29)."""
     one = acting(key)
     own = one.effect.stable_step(one.model)
     dt = 0.8 * min(own, body_step(TotalMotion(one.model)))
