@@ -22,12 +22,14 @@ from magmpm.dynamics.particle_groups import pack
 from magmpm.effects import acting
 from magmpm.effects.base import Contact, Records, Touching
 from magmpm.effects.calls import Function, in_motion
-from magmpm.effects.contact_force import KEPT, MOST
+from magmpm.effects.contact_force import MOST
 from magmpm.effects.contact_law import at_rest
 from magmpm.effects.hooks import NO_DATA, each_record, register
 from magmpm.errors import SceneError
 from magmpm.kernels import total_lagrangian_step
 from magmpm.kernels.body_contact import Meeting
+from magmpm.kernels.flutter import flutter_warnings
+from magmpm.kernels.surface_contact import PATCH
 from magmpm.kernels.watch import BROKEN, GOING, WHY, new_slabs, unlimited
 from magmpm.model import Model
 
@@ -149,7 +151,7 @@ class TotalMotion:
         self.slabs = new_slabs(len(self.packed.cells.slab_first) - 1)
         self.stiffness = np.full(self.packed.particle.size, np.nan)
         on = self.packed.surface
-        self.touching = np.zeros(KEPT * len(on.mass) + len(on.first_node))
+        self.touching = np.zeros(PATCH * len(on.first_node))
         self.memory = np.repeat(
             np.tile(acting.remembered(model.scene), len(self.packed.particle)), WIDTH
         )
@@ -158,6 +160,7 @@ class TotalMotion:
         if self.contact is not None:
             self.contact.list(self.u)
         self.watch = unlimited()
+        self.flutter = self.slabs.flutter
         self.threads = Threads(len(model.density))
         self.lag = (
             0.0  # s by which velocities lag behind displacements: half a step of the last advance
@@ -177,7 +180,10 @@ class TotalMotion:
             self.memory,
             meeting,
         )
-        taken, _ = self.threads.run(lambda: (self._advance(steps, dt, effects, *arrays), False))
+        flutter = self.flutter
+        taken, _ = self.threads.run(
+            lambda: (self._advance(steps, dt, effects, *arrays, flutter=flutter), False)
+        )
         if self.contact is not None and self.contact.outdated:
             self.contact.list(self.u)
         self._last = at_step(effects, taken)
@@ -198,22 +204,34 @@ class TotalMotion:
         memory: Array | None = None,
         meeting: Meeting | tuple[()] | None = None,
         instant: float = 0.0,
+        flutter: Array | None = None,
     ) -> int:
-        """Take steps with these arrays. memory, meeting: unless given, copies of the motion's; instant: Pa, added to the shear modulus."""
+        """Take steps with these arrays. memory, meeting, flutter: unless given, copies of the motion's; instant: Pa more shear modulus."""
         p = self.packed
         memory = self.memory.copy() if memory is None else memory
         if meeting is None:
             meeting = () if self.contact is None else self.contact.copy()
         stiffness = np.full_like(self.stiffness, np.nan) if stiffness is None else stiffness
         watch = unlimited() if watch is None else watch
+        flutter = self.flutter.copy() if flutter is None else flutter
         state = total_lagrangian_step.State(u, v, force, stiffness, touching, memory)
         cells = p.cells._replace(shear=p.cells.shear + instant) if instant else p.cells
         body = cells, p.particles, p.nodes, p.mass.correction, p.surface, meeting
         return int(
             total_lagrangian_step.advance(
-                steps, dt, *body, state, in_motion(effects), watch, self.slabs
+                steps,
+                dt,
+                *body,
+                state,
+                in_motion(effects),
+                watch,
+                self.slabs._replace(flutter=flutter),
             )
         )
+
+    def warnings(self) -> list[str]:
+        """Tell what the user must know of the motion so far."""
+        return flutter_warnings(self.flutter)
 
     def velocity(self) -> Array:
         """Velocity of the nodes (3 nodes,) m/s, at the time of their displacements.
@@ -324,7 +342,8 @@ class TotalMotion:
         """State that `restore` needs."""
         kept = {"u": self.u.copy(), "v": self.v.copy(), "lag": np.array(self.lag)}
         kept |= {"memory": self.memory.copy()} if self.memory.size else {}
-        kept |= {"touching": self.touching.copy()} if self.touching.size else {}
+        if self.touching.size:
+            kept |= {"touching": self.touching.copy(), "flutter": self.flutter.copy()}
         return kept if self.contact is None else kept | self.contact.state()
 
     def remembered(self) -> Array:
@@ -351,6 +370,7 @@ class TotalMotion:
             self.contact.restore(state)
         if self.touching.size:
             self.touching[:] = state.get("touching", 0.0)
+            self.flutter[:] = state.get("flutter", 0.0)
 
     def touching_points(self) -> Touching:
         """The points of the surface, in the order of `packed`, at the time of their displacements."""
@@ -369,7 +389,7 @@ class TotalMotion:
             share = weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
             x = x + share[:, None] * moved[at]
             v = v + share[:, None] * speed[at]
-        kept = self.touching[: KEPT * len(x)].reshape(-1, KEPT)
+        kept = np.repeat(self.touching.reshape(-1, PATCH), np.diff(on.first_point), axis=0)
         return Touching(x, v, on.mass, on.friction, kept[:, :3].copy(), kept[:, MOST].copy())
 
     def body_contacts(self) -> dict[str, Contact]:

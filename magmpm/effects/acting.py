@@ -324,9 +324,10 @@ def warnings(scene: SceneLike) -> list[str]:
     ]
     if scene.solver.dynamic is not None and rough and not loses(scene):
         found.append(
-            f"effects.{rough[0]}: with friction and nothing that takes energy from vibrations, how far a"
-            " body slides near the cone of friction has no answer: it flutters, and finer cells go"
-            " farther; name the losses of its material, say `viscosity: {loss_factor: 0.1}`"
+            f"effects.{rough[0]}: with friction and nothing that takes energy from vibrations, how"
+            " far a body slides near the cone of friction has no answer: it flutters, and finer"
+            " cells go farther; name the losses of its material, say `viscosity: {loss_factor:"
+            " 0.1}`"
         )
     return found
 

@@ -15,14 +15,13 @@ import math
 
 from magmpm.compiled.jit import compiled, inlined
 
-GRIP = 3
-RIGIDITY = 4
-PARTS = 5  # numbers in f
+GRIP, RIGIDITY, PARTS = range(3, 6)
 # What is kept of a touching point: the force of friction (3,) N, of which the next step begins; the unit normal (3,) of its push; and the
 # largest friction that the push allows, N.
 NORMAL = 3
 MOST = 6
 KEPT = 7
+ROUNDING = 1e-9  # of the largest friction: a point with so little less slides
 
 
 @compiled
@@ -93,6 +92,13 @@ def touches(f, kept, at):
 
 
 @inlined
+def slides(kept, at):
+    """1 where the friction that is kept from index `at` on is the most that its push allows, else 0."""
+    size = math.sqrt(kept[at] ** 2 + kept[at + 1] ** 2 + kept[at + 2] ** 2)
+    return 1.0 if size > (1.0 - ROUNDING) * kept[at + MOST] else 0.0
+
+
+@inlined
 def leaves(kept, at):
     """Forget a point that does not touch."""
     for i in range(KEPT):
@@ -100,14 +106,16 @@ def leaves(kept, at):
 
 
 @compiled
-def rubbed(kept, at, v, heft, change):
-    """Change the kept friction toward what stops a point, as far as it is allowed. change (3,): by how much, N.
+def rubbed(kept, at, v, heft):
+    """Change the kept friction toward what stops a point, as far as it is allowed. Returns by how much, N.
 
     v (3,) m/s: velocity along the other side as all forces would leave it, changed by 1 N more in the step by 1 / heft at most (kg/s).
     """
-    for i in range(3):
-        change[i] = kept[at + i]
-        kept[at + i] -= heft * v[i]
+    f0 = kept[at]
+    f1 = kept[at + 1]
+    f2 = kept[at + 2]
+    kept[at] -= heft * v[0]
+    kept[at + 1] -= heft * v[1]
+    kept[at + 2] -= heft * v[2]
     allowed(kept, at)
-    for i in range(3):
-        change[i] = kept[at + i] - change[i]
+    return kept[at] - f0, kept[at + 1] - f1, kept[at + 2] - f2

@@ -19,12 +19,11 @@ from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled_elsewhere
 from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching, one_record
 from magmpm.effects.calls import call_each, depths, given_for, of_points, point_from
-from magmpm.effects.contact_force import GRIP, PARTS, RIGIDITY, own_grip
+from magmpm.effects.contact_force import GRIP, PARTS, RIGIDITY, ROUNDING, own_grip
 from magmpm.effects.hooks import NO_DATA
 from magmpm.errors import SceneError, dotted
 
 THROWN = 0.1  # m/s
-ROUNDING = 1e-9  # of the largest friction: a point with so little less slides
 # of the explicit limit 2 / w: 0.8 of the smaller of the body's and the contact's bounds is then
 # stable for both together
 SHARE = 0.7
@@ -110,8 +109,8 @@ def place(model: Any, point: Array) -> str:
 def _touching(calls, x, v, mass, friction, pull, most, force):
     """Number in contact, the deepest (-1: none), its depth (m), energy (J); adds to force (3,) N that on all points.
 
-    Where several obstacles touch a point, each has the share of its friction `pull` that it has of the largest friction, `most`. A point
-    that slides has the friction of its present push.
+    Where several points or obstacles share a friction `pull`, each has the part of it that its push has of the largest friction, `most`.
+    A point that slides has the friction of its present push.
     """
     count = 0
     worst = -1

@@ -42,7 +42,6 @@ DTYPE = np.dtype([("viscosity", np.float64)])
 BRANCHES = np.dtype([("branches", np.int64)])
 AT_REST = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # xx, yy, zz, xy, xz, yz of Cv
 BAND = (1.0, 1000.0)  # Hz, in which a loss factor holds
-DECADES = 3
 STEEPEST = 6.0  # largest sum of N'^2 / N over the three splines of a cell, times h^2
 
 
@@ -175,8 +174,8 @@ def of_loss_factor(loss_factor: float) -> tuple[Array, Array]:
     """
     from scipy.optimize import nnls  # imported only where it is used
 
-    times = 1.0 / (2.0 * math.pi * np.geomspace(*BAND, DECADES + 1))
-    x = 2.0 * math.pi * np.outer(np.geomspace(*BAND, 40 * DECADES + 1), times)
+    times = 1.0 / (2.0 * math.pi * np.geomspace(*BAND, 4))
+    x = 2.0 * math.pi * np.outer(np.geomspace(*BAND, 121), times)
     storage = x**2 / (1.0 + x**2)
     loss = x / (1.0 + x**2)
     share = np.zeros(len(times))

@@ -329,13 +329,12 @@ def _rub(push, meeting, surface, body, nodes, correction, state, back):
     along_y = body.along_y
     value = np.empty(9)
     slope = np.empty(9)
-    v = np.empty(3)
-    change = np.empty(3)
+    inverse_mass = nodes.inverse_mass
     here = new_place()
     there = new_place()
     count = len(meeting.point)
     for k in range(count):
-        pair = turned(k, 0, count, back)
+        pair = turned(k, count, back)
         at = MEMORY * pair
         if not (memory[at + DEPTH] > 0.0 and memory[at + FRICTION + MOST] > 0.0):
             continue
@@ -345,17 +344,17 @@ def _rub(push, meeting, surface, body, nodes, correction, state, back):
         node = meeting.node[pair]
         first = come_to(here, node, along_x, along_y, surface.weights, own, correction)
         other = come_to(there, cells.node[cell], along_x, along_y, value, 0, correction)
-        v[:] = 0.0
-        velocity_at(there, other, push, correction, state.v, v)
-        v *= -1.0
-        velocity_at(here, first, push, correction, state.v, v)
-        give = give_at(here, first, correction, nodes.inverse_mass)
-        give += give_at(there, other, correction, nodes.inverse_mass)
-        rubbed(memory, at + FRICTION, v, 1.0 / (push * give), change)
-        for i in range(3):
-            memory[at + FORCE + i] += change[i]
-        quicken(here, first, push, correction, nodes.inverse_mass, 1.0, change, state.v)
-        quicken(there, other, push, correction, nodes.inverse_mass, -1.0, change, state.v)
+        x, y, z = velocity_at(here, first, push, correction, state.v)
+        there_x, there_y, there_z = velocity_at(there, other, push, correction, state.v)
+        v = (x - there_x, y - there_y, z - there_z)
+        give = give_at(here, first, correction, inverse_mass)
+        give += give_at(there, other, correction, inverse_mass)
+        f0, f1, f2 = rubbed(memory, at + FRICTION, v, 1.0 / (push * give))
+        memory[at + FORCE] += f0
+        memory[at + FORCE + 1] += f1
+        memory[at + FORCE + 2] += f2
+        quicken(here, first, push, correction, inverse_mass, f0, f1, f2, state.v)
+        quicken(there, other, push, correction, inverse_mass, -f0, -f1, -f2, state.v)
 
 
 @compiled

@@ -212,21 +212,27 @@ def fields_at(correction, where, share, fields):
 
 
 @compiled
-def ahead_at(correction, first, fields, push, v):
-    """v (3,) m/s += what the correction of the impulses so far adds at a place with these fields, from knot `first` on, in push (s)."""
+def ahead_at(correction, first, fields, push):
+    """Return what the correction of the impulses so far adds in push (s) to the velocity (m/s) of a place."""
+    x = 0.0
+    y = 0.0
+    z = 0.0
     if first < 0:
-        return
+        return x, y, z
     ahead = correction.ahead
-    for k in range(first, min(first + SEEN, len(ahead))):
+    for k in range(min(SEEN, len(ahead) - first)):
         for a in range(3):
-            field = fields[3 * (k - first) + a]
-            for i in range(3):
-                v[i] += push * field * correction.moving[i] * ahead[k, 3 * a + i]
+            field = fields[3 * k + a]
+            x += field * ahead[first + k, 3 * a]
+            y += field * ahead[first + k, 3 * a + 1]
+            z += field * ahead[first + k, 3 * a + 2]
+    moving = correction.moving
+    return push * moving[0] * x, push * moving[1] * y, push * moving[2] * z
 
 
 @compiled
 def give_of(correction, first, fields, column):
-    """By how much (1/kg) the correction makes a place quicker after an impulse of 1 N s; column (3 (2 NEARBY + SEEN),): of what is near."""
+    """Return by how much (1/kg) the correction makes a place quicker after 1 N s. column (3 (2 NEARBY + SEEN),): what is near it, too."""
     if first < 0:
         return 0.0
     chain = correction.chain_of[first]
@@ -250,20 +256,24 @@ def give_of(correction, first, fields, column):
 
 
 @compiled
-def add_impulse(correction, first, fields, column, sign, force):
-    """Note an impulse of sign times force (3,) N at a place with these fields and this column (`give_of`)."""
+def add_impulse(correction, first, fields, column, f0, f1, f2):
+    """Note an impulse of the force (f0, f1, f2), N, at a place with these fields and this column (`give_of`)."""
     if first < 0:
         return
     chain = correction.chain_of[first]
     low = max(first - NEARBY, correction.chain[chain])
     high = min(first + SEEN + NEARBY, correction.chain[chain + 1])
-    for k in range(low, high):
+    ahead = correction.ahead
+    load = correction.load
+    for k in range(high - low):
         for a in range(3):
-            value = sign * column[3 * (k - low) + a]
-            for i in range(3):
-                correction.ahead[k, 3 * a + i] += value * force[i]
-    for k in range(first, min(first + SEEN, high)):
+            value = column[3 * k + a]
+            ahead[low + k, 3 * a] += value * f0
+            ahead[low + k, 3 * a + 1] += value * f1
+            ahead[low + k, 3 * a + 2] += value * f2
+    for k in range(min(SEEN, high - first)):
         for a in range(3):
-            value = sign * fields[3 * (k - first) + a]
-            for i in range(3):
-                correction.load[k, 3 * a + i] += value * force[i]
+            value = fields[3 * k + a]
+            load[first + k, 3 * a] += value * f0
+            load[first + k, 3 * a + 1] += value * f1
+            load[first + k, 3 * a + 2] += value * f2

@@ -3,7 +3,8 @@
 The surface is a set of points (bodies.contact_surface) which move with the nodes of the cell they are in. Effects push each one as a
 particle of the mass of the layer it stands for, and the force goes to the nodes by the same splines, so momentum is kept to rounding.
 The points of a cell are a patch, left out until it has moved by its distance from the obstacles.
-Friction acts on velocities, after all other forces of a step (effects.contact_force): `rub`.
+Friction acts on velocities, after all other forces of a step (effects.contact_force), and on a patch as a whole: on the mean velocity of
+its points, weighed by the friction that their pushes allow, as finer slips than a cell are not resolved: `rub`.
 At equilibrium points have the energy of their push, and a part in the tangent (statics.contact).
 """
 
@@ -17,7 +18,16 @@ from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled, inlined, inner
 from magmpm.compiled.parallel import TOGETHER, over_parts, over_slabs, parts_of, task
 from magmpm.effects.calls import call_each, depths, given_for, point_from
-from magmpm.effects.contact_force import KEPT, MOST, PARTS, leaves, own_grip, rubbed, touches
+from magmpm.effects.contact_force import (
+    GRIP,
+    KEPT,
+    MOST,
+    PARTS,
+    own_grip,
+    rubbed,
+    slides,
+    touches,
+)
 from magmpm.kernels.equilibrium import STENCIL, particle_splines, scatter_matrix
 from magmpm.kernels.mass_correction import (
     NEARBY,
@@ -27,6 +37,12 @@ from magmpm.kernels.mass_correction import (
     fields_at,
     give_of,
 )
+
+# What is kept of each patch: KEPT numbers of its friction, how far it can move before a point of it may touch (m), and the splines (27,) by
+# which its friction acts on the nodes
+ROOM = KEPT
+SHARES = KEPT + 1
+PATCH = SHARES + 27
 
 
 class SortedSurfacePoints(NamedTuple):
@@ -92,12 +108,14 @@ def _most_points(surface):
 
 
 @compiled
-def touch(slab, step, dt, surface, cells, state, calls, rubs):
+def touch(slab, step, dt, surface, cells, state, calls, slabs):
     """Add the contact of a slab's surface to state.force, with the friction of the step before; keep what `rub` needs in state.touching.
 
-    dt s: for which forces push. Writes to rubs[slab] how many points have friction.
+    dt s: for which forces push. Writes to slabs (kernels.watch) how many patches have friction, and slide, and the sum of their pushes.
     """
-    rubs[slab] = 0.0
+    slabs.rubs[slab] = 0.0
+    slabs.slides[slab] = 0.0
+    slabs.push[slab] = 0.0
     if len(calls.contact) == 0:
         return
     most_points = _most_points(surface)
@@ -105,20 +123,20 @@ def touch(slab, step, dt, surface, cells, state, calls, rubs):
     found = np.empty(most_points)
     v = np.empty((1, 3))
     f = np.empty(PARTS)
+    whole = np.empty(PARTS)
+    mean = np.empty(27)
     share = np.empty(27)
     where = np.empty(27, np.int64)
     given = given_for()
     kept = state.touching
-    room = KEPT * len(
-        surface.mass
-    )  # then a number a patch: how far it can move before a point of it may touch, m
     for patch in range(surface.first_patch[slab], surface.first_patch[slab + 1]):
+        own = PATCH * patch
         _around(surface.first_node[patch], cells.along_x, cells.along_y, where)
         if (
-            step > 0 and kept[room + patch] > 0.0
+            step > 0 and kept[own + ROOM] > 0.0
         ):  # the last displacement was dt v; before the first step it may have been another
-            kept[room + patch] -= dt * _fastest(state.v, where)
-            if kept[room + patch] > 0.0:
+            kept[own + ROOM] -= dt * _fastest(state.v, where)
+            if kept[own + ROOM] > 0.0:
                 continue
         first = surface.first_point[patch]
         count = surface.first_point[patch + 1] - first
@@ -131,13 +149,14 @@ def touch(slab, step, dt, surface, cells, state, calls, rubs):
         depths(calls.near, step, given, places, found[:count])
         most = -np.inf
         least = 0.0
+        whole[:] = 0.0
+        mean[:] = 0.0
         for k in range(count):
             p = first + k
             depth = found[k]
             most = max(most, depth)
             least = min(least, depth)
             if not depth > 0.0:
-                leaves(kept, KEPT * p)
                 continue
             v[:], f[:] = 0.0, 0.0
             _share(surface.weights, 9 * p, share)
@@ -145,17 +164,30 @@ def touch(slab, step, dt, surface, cells, state, calls, rubs):
             point_from(given, places[k:], v, surface.mass[p:], f)
             call_each(calls.contact, step, 0, 1, dt, address(given, 0))
             own_grip(surface.friction[p], f)
-            rubs[slab] += touches(f, kept, KEPT * p)
+            for i in range(PARTS):
+                whole[i] += f[i]
+            if f[GRIP] > 0.0:
+                for j in range(27):
+                    mean[j] += f[GRIP] * share[j]
             for j in range(27):
                 for i in range(3):
                     state.force[where[j] + i] += share[j] * f[i]
+        push = math.sqrt(whole[0] ** 2 + whole[1] ** 2 + whole[2] ** 2)
+        if touches(whole, kept, own) > 0.0:
+            slabs.rubs[slab] += 1.0
+            slabs.push[slab] += push
+            slabs.slides[slab] += slides(kept, own)
+            for j in range(27):
+                kept[own + SHARES + j] = mean[j] / whole[GRIP]
+                for i in range(3):
+                    state.force[where[j] + i] += kept[own + SHARES + j] * kept[own + i]
         clear = most < 0.0 and least > -np.inf  # -inf: past an obstacle's end, who knows how far
-        kept[room + patch] = -most if clear else 0.0
+        kept[own + ROOM] = -most if clear else 0.0
 
 
 class Place(NamedTuple):
-    """Room for a place of the body in the sweep of friction: indices (27,) of the nodes that it sees, their splines (27,), and fields and
-    column of the mass correction there (kernels.mass_correction)."""
+    """A place of the body in the sweep of friction: indices (27,) of the nodes that it sees, their splines (27,), and fields and column
+    of the mass correction there (kernels.mass_correction)."""
 
     where: Index
     share: Array
@@ -179,15 +211,21 @@ def come_to(place, node, along_x, along_y, weights, at, correction):
 
 
 @compiled
-def velocity_at(place, first, push, correction, field, v):
-    """v (3,) m/s += velocity at a place, as the impulses so far have changed it."""
-    _add(field, place.where, place.share, v)
-    ahead_at(correction, first, place.fields, push, v)
+def velocity_at(place, first, push, correction, field):
+    """Velocity (m/s) of a place, as the impulses so far have changed it."""
+    x, y, z = ahead_at(correction, first, place.fields, push)
+    for j in range(27):
+        k = place.where[j]
+        share = place.share[j]
+        x += share * field[k]
+        y += share * field[k + 1]
+        z += share * field[k + 2]
+    return x, y, z
 
 
 @compiled
 def give_at(place, first, correction, inverse_mass):
-    """By how much (1/kg) a place is quicker after an impulse of 1 N s, at most."""
+    """Return by how much (1/kg) a place is quicker after an impulse of 1 N s, at most."""
     give = give_of(correction, first, place.fields, place.column)
     for j in range(27):
         k = place.where[j]
@@ -197,61 +235,92 @@ def give_at(place, first, correction, inverse_mass):
 
 
 @compiled
-def quicken(place, first, push, correction, inverse_mass, sign, force, v):
-    """Change the nodes' velocities v (3 nodes,) by an impulse of sign times force (3,) N in push (s); note it for the correction."""
+def quicken(place, first, push, correction, inverse_mass, f0, f1, f2, v):
+    """Change the nodes' velocities v (3 nodes,) by the force (f0, f1, f2), N, on a place for push (s); note it for the correction."""
+    p0 = push * f0
+    p1 = push * f1
+    p2 = push * f2
     for j in range(27):
-        for i in range(3):
-            k = place.where[j] + i
-            v[k] += push * inverse_mass[k] * (sign * place.share[j] * force[i])
-    add_impulse(correction, first, place.fields, place.column, sign, force)
+        k = place.where[j]
+        share = place.share[j]
+        v[k] += share * inverse_mass[k] * p0
+        v[k + 1] += share * inverse_mass[k + 1] * p1
+        v[k + 2] += share * inverse_mass[k + 2] * p2
+    add_impulse(correction, first, place.fields, place.column, f0, f1, f2)
 
 
 @inlined
-def turned(k, first, last, back):
-    """Number k of those from `first` to before `last`; counted from the last where `back` is 1."""
-    return last - 1 - k if back else first + k
+def turned(k, count, back):
+    """Number k of `count`, counted from the last where `back` is 1."""
+    return count - 1 - k if back else k
+
+
+class Rubbing(NamedTuple):
+    """Patches (n,) with friction that can move: their numbers, the first knots that they see, and 1/kg by which an impulse makes each
+    quicker, at most; where, share (n, 27), fields, column (n, k): of their places."""
+
+    patch: Index
+    knot: Index
+    give: Array
+    where: Index
+    share: Array
+    fields: Array
+    column: Array
 
 
 @compiled
-def rub(push, surface, cells, nodes, correction, state, rubs, back):
-    """Stop the sliding of touching points, one after another, as far as their pushes allow; push s: for which forces push in the step.
-
-    Changes the nodes' velocities by impulses on their lumped mass, and notes them for its correction. rubs (slabs,): as `touch` writes it;
-    back: 1 to go through the points from the last to the first.
-    """
-    v = np.empty(3)
-    change = np.empty(3)
-    place = new_place()
+def rubbing_patches(surface, cells, nodes, correction, state, rubs):
+    """Find the patches with friction. rubs (slabs,): as `touch` writes it."""
+    most = int(rubs.sum())
+    found = Rubbing(
+        np.empty(most, np.int64),
+        np.empty(most, np.int64),
+        np.empty(most),
+        np.empty((most, 27), np.int64),
+        np.empty((most, 27)),
+        np.empty((most, 3 * SEEN)),
+        np.empty((most, 3 * (2 * NEARBY + SEEN))),
+    )
     kept = state.touching
-    for s in range(len(rubs)):
-        slab = turned(s, 0, len(rubs), back)
+    count = 0
+    for slab in range(len(rubs)):
         if rubs[slab] == 0.0:
             continue
-        low = surface.first_point[surface.first_patch[slab]]
-        high = surface.first_point[surface.first_patch[slab + 1]]
-        patch = surface.first_patch[slab + back] - back
-        for k in range(high - low):
-            p = turned(k, low, high, back)
-            if not kept[KEPT * p + MOST] > 0.0:
+        for patch in range(surface.first_patch[slab], surface.first_patch[slab + 1]):
+            own = PATCH * patch
+            if not kept[own + MOST] > 0.0:
                 continue
-            while not surface.first_point[patch] <= p < surface.first_point[patch + 1]:
-                patch += 1 - 2 * back
-            first = come_to(
-                place,
-                surface.first_node[patch],
-                cells.along_x,
-                cells.along_y,
-                surface.weights,
-                9 * p,
-                correction,
+            place = Place(
+                found.where[count], found.share[count], found.fields[count], found.column[count]
             )
-            give = give_at(place, first, correction, nodes.inverse_mass)
-            if not give > 0.0:  # held
-                continue
-            v[:] = 0.0
-            velocity_at(place, first, push, correction, state.v, v)
-            rubbed(kept, KEPT * p, v, 1.0 / (push * give), change)
-            quicken(place, first, push, correction, nodes.inverse_mass, 1.0, change, state.v)
+            _around(surface.first_node[patch], cells.along_x, cells.along_y, place.where)
+            place.share[:] = kept[own + SHARES : own + SHARES + 27]
+            knot = fields_at(correction, place.where, place.share, place.fields)
+            give = give_at(place, knot, correction, nodes.inverse_mass)
+            if give > 0.0:  # not held
+                found.patch[count] = patch
+                found.knot[count] = knot
+                found.give[count] = give
+                count += 1
+    return count, found
+
+
+@compiled
+def rub(push, rubbing, inverse_mass, correction, state, back):
+    """Stop the sliding of patches, one after another, as far as their pushes allow; push s: for which forces push in the step.
+
+    Changes the nodes' velocities by impulses on their lumped mass, and notes them for its correction. rubbing: of `rubbing_patches`;
+    back: 1 to go from the last to the first.
+    """
+    count, found = rubbing
+    for k in range(count):
+        one = turned(k, count, back)
+        place = Place(found.where[one], found.share[one], found.fields[one], found.column[one])
+        knot = found.knot[one]
+        v = velocity_at(place, knot, push, correction, state.v)
+        heft = 1.0 / (push * found.give[one])
+        f0, f1, f2 = rubbed(state.touching, PATCH * found.patch[one], v, heft)
+        quicken(place, knot, push, correction, inverse_mass, f0, f1, f2, state.v)
 
 
 @inner

@@ -15,9 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled, inlined, inner
-from magmpm.compiled.parallel import TOGETHER, over_parts, over_slabs, parts_of, task
+from magmpm.compiled.parallel import over_parts, over_slabs, parts_of, task
 from magmpm.compiled.simd import (
     WIDTH,
     flag_unless_positive,
@@ -30,18 +29,19 @@ from magmpm.compiled.simd import (
     sums,
     total,
 )
-from magmpm.effects.calls import call_each, given_for
+from magmpm.effects.calls import call_each
 from magmpm.kernels.body_contact import (
     add_pairs,
     needs_list,
-    pace_of,
     passed,
     rub_pairs,
     touch_pairs,
 )
-from magmpm.kernels.mass_correction import added_at, begin_impulses, correct, spread_loads
+from magmpm.kernels.flutter import count_swings
+from magmpm.kernels.grid_step import move_nodes, push_nodes, push_time, update_grid
+from magmpm.kernels.mass_correction import begin_impulses, correct, spread_loads
 from magmpm.kernels.particle_group import add_one_by_one, group_room
-from magmpm.kernels.surface_contact import rub, touch
+from magmpm.kernels.surface_contact import rub, rubbing_patches, touch
 from magmpm.kernels.watch import clear, see, stops
 from magmpm.materials import group_determinant, neo_hookean, stiffest
 
@@ -283,7 +283,7 @@ class Nodes(NamedTuple):
 
 class State(NamedTuple):
     """Arrays changed by a step. u m, v m/s, force N (3 nodes,): force is zero between steps; stiffness (groups 8,) m^2/s^2:
-    materials.stiffest over density in the last step, NaN before the first step; touching (KEPT points + patches,): of the surface
+    materials.stiffest over density in the last step, NaN before the first step; touching (PATCH patches,): of the surface
     (kernels.surface_contact)."""
 
     u: Array
@@ -436,54 +436,6 @@ def particles_to_grid(cell, begun, cells, particles, state, room, high, change):
     return high, change
 
 
-@inlined
-def push_node(k, push, nodes, correction, state):
-    """v += push f / m of one active node, and no force; push: s for which forces push (effects.hooks)."""
-    node = nodes.active[k]
-    plane = correction.plane[k]
-    n = 3 * node
-    v = state.v
-    force = state.force
-    inverse_mass = nodes.inverse_mass
-    for i in range(3):
-        v[n + i] += push * (
-            inverse_mass[n + i] * force[n + i] + added_at(correction, plane, node, i)
-        )
-        force[n + i] = 0.0
-
-
-@inlined
-def move_node(k, dt, nodes, meeting, state):
-    """u += dt v of one active node. Returns the square of a bound on how fast (m/s) it lets a point of a meeting move."""
-    n = 3 * nodes.active[k]
-    for i in range(3):
-        state.u[n + i] += dt * state.v[n + i]
-    return pace_of(meeting, k, n, state.v)
-
-
-@compiled
-def change_nodes(rows, first, last, step, dt, nodes, state):
-    """Let effects change the velocities of active nodes from number `first` to before `last`."""
-    given = given_for()
-    at = given[0]
-    at.nodes = address(nodes.active, first)
-    at.place = address(nodes.place, 0)
-    at.u = address(state.u, 0)
-    at.v = address(state.v, 0)
-    at.inverse_mass = address(nodes.inverse_mass, 0)
-    call_each(rows, step, 0, last - first, dt, address(given, 0))
-
-
-@compiled
-def push_time(calls, step, dt):
-    """Seconds for which forces push in a step of dt (s)."""
-    time = np.full(1, dt)
-    given = given_for()
-    given[0].value = address(time, 0)
-    call_each(calls.push, step, 0, 1, dt, address(given, 0))
-    return time[0]
-
-
 @compiled
 def _together(begun, last, groups, cells):
     """End of the cells from number `begun` on, before `last`, that have no more than so many groups, or of one cell."""
@@ -518,61 +470,10 @@ def _forces_of_slab(slab, given):
                 cell, begun, cells, particles, state, room, high, change
             )
         begun = end
-    touch(slab, step, push, surface, cells, state, calls, slabs.rubs)
+    touch(slab, step, push, surface, cells, state, calls, slabs)
     count = len(cells.slab_first) - 1
     touch_pairs(slab, count, push, meeting, surface, cells.along_x, cells.along_y, state)
     see(slabs, slab, least, bad, high, change)
-
-
-@inner
-def update_grid(part, given):
-    """Update some active nodes, and write to pace (parts,) the square of a bound on how fast (m/s) they let a point of a meeting move."""
-    step, dt, push, nodes, correction, meeting, state, calls, pace = given
-    first = TOGETHER * part
-    last = min(first + TOGETHER, len(nodes.active))
-    found = 0.0
-    if len(calls.node) > 0:
-        for k in range(first, last):
-            push_node(k, push, nodes, correction, state)
-        change_nodes(calls.node, first, last, step, dt, nodes, state)
-        for k in range(first, last):
-            found = max(found, move_node(k, dt, nodes, meeting, state))
-    else:
-        for k in range(first, last):
-            push_node(k, push, nodes, correction, state)
-            found = max(found, move_node(k, dt, nodes, meeting, state))
-    pace[part] = found
-
-
-@inner
-def push_nodes(part, given):
-    """Update the velocities of some active nodes, as `update_grid` does."""
-    step, dt, push, nodes, correction, state, calls = given
-    first = TOGETHER * part
-    last = min(first + TOGETHER, len(nodes.active))
-    for k in range(first, last):
-        push_node(k, push, nodes, correction, state)
-    change_nodes(calls.node, first, last, step, dt, nodes, state)
-
-
-@inner
-def move_nodes(part, given):
-    """Finish `update_grid` of some active nodes after friction, with the correction of the mass for its forces.
-
-    Effects change velocities once more, for no time: a guide's nodes go on as it moves, and damping takes nothing.
-    """
-    step, dt, push, nodes, correction, meeting, state, calls, pace = given
-    first = TOGETHER * part
-    last = min(first + TOGETHER, len(nodes.active))
-    for k in range(first, last):
-        node = nodes.active[k]
-        for i in range(3):
-            state.v[3 * node + i] += push * added_at(correction, correction.plane[k], node, i)
-    change_nodes(calls.node, first, last, step, 0.0, nodes, state)
-    found = 0.0
-    for k in range(first, last):
-        found = max(found, move_node(k, dt, nodes, meeting, state))
-    pace[part] = found
 
 
 @compiled
@@ -586,7 +487,18 @@ def _most_groups(cells):
 
 @compiled
 def advance(
-    steps, dt, cells, particles, nodes, correction, surface, meeting, state, calls, watch, slabs
+    steps,
+    dt,
+    cells,
+    particles,
+    nodes,
+    correction,
+    surface,
+    meeting,
+    state,
+    calls,
+    watch,
+    slabs,
 ):
     """Take up to `steps` steps of dt (s). Changes State in place. correction: kernels.mass_correction; surface: kernels.surface_contact;
     meeting: kernels.body_contact, or (); calls: effects.calls.MotionCalls; watch, slabs: see kernels.watch.
@@ -606,15 +518,20 @@ def advance(
         if stops(watch, slabs):
             clear(state.force)
             return step
+        count_swings(slabs.flutter, slabs.push.sum(), slabs.slides.sum(), dt)
         pairs = add_pairs(meeting, surface, cells.along_x, cells.along_y, state.force)
         correct(correction, state.force)
         moving = (nodes, correction, meeting, state, calls, pace)
         if slabs.rubs.max() + pairs > 0.0:
             over_parts(parts, task(push_nodes, (step, dt, push, nodes, correction, state, calls)))
             begin_impulses(correction)
-            for back in range(2):  # there and back: a map that takes energy, however stiff the body
-                rub(push, surface, cells, nodes, correction, state, slabs.rubs, back)
-                rub_pairs(push, meeting, surface, cells, nodes, correction, state, back)
+            rubbing = rubbing_patches(surface, cells, nodes, correction, state, slabs.rubs)
+            inverse_mass = nodes.inverse_mass
+            # there and back: so it takes energy, however stiff the body
+            rub(push, rubbing, inverse_mass, correction, state, 0)
+            rub_pairs(push, meeting, surface, cells, nodes, correction, state, 0)
+            rub_pairs(push, meeting, surface, cells, nodes, correction, state, 1)
+            rub(push, rubbing, inverse_mass, correction, state, 1)
             spread_loads(correction)
             over_parts(parts, task(move_nodes, (step, dt, push, *moving)))
         else:

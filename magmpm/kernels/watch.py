@@ -16,6 +16,7 @@ import numpy as np
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.jit import compiled, inlined
 from magmpm.compiled.simd import highest, lowest, total
+from magmpm.kernels.flutter import no_flutter
 
 GOING = 0.0
 BROKEN = 1.0
@@ -25,18 +26,22 @@ LIMIT, SHARE, HIGHEST, QUICKEST, WHY = range(5)
 
 
 class Slabs(NamedTuple):
-    """The last step in each slab of particles (slabs,): smallest det F; largest stiffness, and its largest change, m^2/s^2; how many points
-    of the surface have friction."""
+    """The last step in each slab of particles (slabs,): smallest det F; largest stiffness, and its largest change, m^2/s^2; how many
+    patches of the surface have friction, and slide; the sum of their pushes, N. flutter: kernels.flutter."""
 
     low: Array
     high: Array
     change: Array
     rubs: Array
+    slides: Array
+    push: Array
+    flutter: Array
 
 
 def new_slabs(count: int) -> Slabs:
     """Room for this many slabs."""
-    return Slabs(*np.zeros((4, count)))
+    low, high, change, rubs, slides, push = np.zeros((6, count))
+    return Slabs(low, high, change, rubs, slides, push, no_flutter())
 
 
 def unlimited() -> Array:

@@ -304,7 +304,7 @@ def _moved_result(moved: SimulationState, seconds: dict[str, float], failure: st
             moved.F,
             moved.time,
             moved.strain,
-            moved.warnings + moved.control.warnings(),
+            moved.warnings + moved.control.warnings() + moved.motion.warnings(),
             seconds,
             failure,
         ),

@@ -163,7 +163,7 @@ def operations(records: Any, data: Array, hook: str, *arguments: Any) -> int:
     if hook == "contact":  # and the friction that goes with it
         kept = _numbers(np.zeros(KEPT))
         plain(touches)(arguments[-1], kept, 0)
-        plain(rubbed)(kept, 0, arguments[1], 1.0, _numbers(np.zeros(3)))
+        plain(rubbed)(kept, 0, arguments[1], 1.0)
     return Counted.done
 
 

@@ -95,8 +95,9 @@ class Total:
     """A motion on a dense box of nodes, cells + 2 along each axis, x slowest.
 
     N (n, nodes): every spline at every particle; dN (3, n, nodes) 1/m; X (nodes, 3) m; mass (nodes,) kg; fixed (nodes,) bool;
-    on (points, nodes): splines at the points of the surface; friction (points, 3) N: of the step before; normal (points, 3) and most
-    (points,) N: of their pushes, and the largest friction that these allow; order (points,): in which friction goes through them.
+    on (points, nodes): splines at the points of the surface; patch (points,): those of one cell; friction (patches, 3) N: of the step
+    before; normal (patches, 3) and most (patches,) N: of their pushes, and the largest friction that these allow; mean (patches, nodes):
+    splines, weighed by what the pushes of their points allow; order (patches,): in which friction goes through them.
     """
 
     model: Model
@@ -106,9 +107,11 @@ class Total:
     mass: np.ndarray
     fixed: np.ndarray
     on: np.ndarray
+    patch: np.ndarray
     friction: np.ndarray
     normal: np.ndarray
     most: np.ndarray
+    mean: np.ndarray
     order: np.ndarray
 
     @classmethod
@@ -134,6 +137,11 @@ class Total:
             node = np.ravel_multi_index((surface.first + np.array([a, b, c])).T, shape)
             w = surface.weights
             on[np.arange(len(on)), node] += w[:, 0, a] * w[:, 1, b] * w[:, 2, c]
+        patch = np.zeros(0, int)
+        if surface is not None:
+            _, patch = np.unique(surface.first, axis=0, return_inverse=True)
+        patch = patch.ravel()
+        patches = int(patch.max(initial=-1)) + 1
         return cls(
             model,
             N,
@@ -142,10 +150,12 @@ class Total:
             N.T @ (model.density * model.particles.volume),
             fixed,
             on,
-            np.zeros((len(on), 3)),
-            np.zeros((len(on), 3)),
-            np.zeros(len(on)),
-            np.arange(len(on)),
+            patch,
+            np.zeros((patches, 3)),
+            np.zeros((patches, 3)),
+            np.zeros(patches),
+            np.zeros((patches, N.shape[1])),
+            np.arange(patches),
         )
 
     def gradient(self, c: np.ndarray) -> np.ndarray:
@@ -168,38 +178,46 @@ class Total:
     def contact(self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0) -> np.ndarray:
         """Contact of the surface's points on every node, (nodes, 3) N, with the friction of the step before as far as it is allowed."""
         forces = np.zeros((len(self.on), 3))
+        grips = np.zeros(len(self.on))
         for p, splines in enumerate(self.on):
             x = self.model.surface.place[p] + splines @ c
             f = np.zeros(PARTS)
             call(
                 self.model, "contact", x, splines @ v, self.model.surface.mass[p], dt, f, step=step
             )
-            push = f[:3]
             own = self.model.surface.friction[p]
+            forces[p] = f[:3]
+            grips[p] = f[GRIP] if np.isnan(own) else own * np.linalg.norm(f[:3])
+        total = self.on.T @ forces
+        for k in range(len(self.most)):
+            mine = self.patch == k
+            push = forces[mine].sum(axis=0)
             size = np.linalg.norm(push)
-            self.most[p] = f[GRIP] if np.isnan(own) else own * size
-            self.normal[p] = push / size if size > 0 else 0.0
-            self.friction[p] = allowed(self.friction[p], self.normal[p], self.most[p])
-            forces[p] = push + self.friction[p]
-        return self.on.T @ forces
+            self.most[k] = grips[mine].sum()
+            self.normal[k] = push / size if size > 0 else 0.0
+            self.friction[k] = allowed(self.friction[k], self.normal[k], self.most[k])
+            if self.most[k] > 0:
+                self.mean[k] = grips[mine] @ self.on[mine] / self.most[k]
+                total += np.outer(self.mean[k], self.friction[k])
+        return total
 
     def touching(self) -> np.ndarray:
-        """Points (points,) that touch something with friction in the undeformed body."""
+        """Patches that touch something with friction in the undeformed body."""
         rest = np.zeros((len(self.mass), 3))
         self.contact(rest, rest, 1.0)
         return np.asarray(self.most > 0)
 
     def rub(self, v: np.ndarray, push: float) -> None:
-        """Friction stops the sliding of one point after another as far as it is allowed."""
+        """Friction stops the sliding of one patch after another, there and back, as far as it is allowed."""
         free = (self.mass > 0) & ~self.fixed
         inverse = self.inverse_mass() * np.outer(free, free)
         for p in [*self.order, *self.order[::-1]]:
-            quicker = inverse @ self.on[p]
-            give = self.on[p] @ quicker
+            quicker = inverse @ self.mean[p]
+            give = self.mean[p] @ quicker
             if self.most[p] == 0.0 or give == 0.0:
                 continue
             before = self.friction[p].copy()
-            pull = before - (self.on[p] @ v) / (push * give)
+            pull = before - (self.mean[p] @ v) / (push * give)
             self.friction[p] = allowed(pull, self.normal[p], self.most[p])
             v += push * np.outer(quicker, self.friction[p] - before)
 

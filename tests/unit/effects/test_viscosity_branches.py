@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 from magmpm.compiled.simd_views import matrix, vector
 from magmpm.dynamics.time_loop import begin, integrate
 from magmpm.dynamics.total_lagrangian import TotalMotion
-from magmpm.effects.viscosity import AT_REST, Branch, Viscosity, relax, stored
-from magmpm.errors import InputError
+from magmpm.effects import acting
+from magmpm.effects.viscosity import AT_REST, Branch, Viscosity, of_loss_factor, relax, stored
+from magmpm.errors import InputError, SceneError
 from magmpm.inputs.settings import validate
 from magmpm.model import build
 from magmpm.scene import Scene
@@ -187,9 +188,50 @@ def test_what_is_not_named_costs_nothing() -> None:
             r"branches\[0\]\.shear_modulus(?s:.*)must be greater than 0 kPa",
         ),
         ({"branches": []}, r"branches"),
-        ({}, r"give `viscosity` or `branches`, or both"),
+        ({}, r"give `loss_factor`, or `viscosity` or `branches` or both"),
     ],
 )
 def test_bad_input_is_refused(losses: dict[str, object], text: str) -> None:
     with pytest.raises(InputError, match=text):
         validate(Viscosity, losses, "scene.yaml")
+
+
+@pytest.mark.parametrize("loss_factor", [0.001, 0.02, 0.1, 0.3])
+def test_a_loss_factor_is_nearly_constant(loss_factor: float) -> None:
+    """G''/G' of its branches from 1 Hz to 1 kHz, within 7 %."""
+    shares, times = of_loss_factor(loss_factor)
+    x = 2j * np.pi * np.geomspace(1.0, 1e3, 301)[:, None] * times
+    modulus = 1.0 + (x / (1.0 + x)) @ shares
+    np.testing.assert_allclose(modulus.imag / modulus.real, loss_factor, rtol=0.07)
+    assert (shares > 0).all()
+
+
+def test_a_loss_factor_is_of_the_scenes_modulus() -> None:
+    """Its branches are shares of the modulus of what moves, in kernels, memory and step; two moduli are refused, with what to write."""
+    scene = with_effects(rod_scene(), viscosity={"loss_factor": 0.1})
+    shares, times = of_loss_factor(0.1)
+    (material,) = scene.materials.values()
+    modulus = material.shear_modulus
+    _, table = scene.effects.viscosity.records(scene)
+    np.testing.assert_allclose(table, np.column_stack([shares * modulus, times]).ravel())
+    assert acting.remembered(scene).size == 6 * len(times)
+    assert acting.instant_modulus(scene) == pytest.approx(shares.sum() * modulus)
+    with pytest.raises(SceneError, match=r"loss_factor.*120 kPa and 360 kPa\n.*one shear modulus"):
+        build(
+            with_effects(
+                rod_scene(shear=[120e3, 360e3], directions=[(1, 0, 0)] * 2),
+                viscosity={"loss_factor": 0.1},
+            )
+        )
+
+
+@pytest.mark.parametrize("more", [{"viscosity": 5.0}, {"branches": TWO}])
+def test_a_loss_factor_stands_alone(more: dict[str, object]) -> None:
+    with pytest.raises(InputError, match="give `loss_factor` or the others, not both"):
+        with_effects(rod_scene(), viscosity={"loss_factor": 0.1, **more})
+
+
+def with_effects(scene: Scene, **effects: object) -> Scene:
+    """The scene in motion with these effects alone."""
+    data = scene.to_si()
+    return Scene.from_si({**data, "effects": effects, "solver": {"dynamic": {"duration": 0.01}}})

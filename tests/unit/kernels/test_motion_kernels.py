@@ -15,8 +15,9 @@ from magmpm.dynamics.particle_groups import slab_edges
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects import damping, feed, gravity, ground, magnetic_torque, viscosity, walls
 from magmpm.effects.base import one_record
-from magmpm.effects.contact_force import KEPT, MOST, NORMAL
+from magmpm.effects.contact_force import MOST, NORMAL
 from magmpm.effects.contact_law import at_rest, contact_of
+from magmpm.kernels.surface_contact import PATCH
 from magmpm.model import Model, build
 from magmpm.statics.layout import static_model
 
@@ -39,7 +40,7 @@ EFFECTS = (
     + ground.parameters(
         point=[0, 0, -1.2e-3],
         normal=[0.1, 0.2, 1],
-        friction=0.3,
+        friction=30.0,
         stiffness=1e9,
     )
     + walls.parameters(TABLE, friction=0.2, stiffness=2e9)
@@ -101,33 +102,31 @@ def test_effects_of_motion(rng: np.random.Generator) -> None:
     motion = TotalMotion(model)
     c, v = shaken(reference, motion, rng)
     x = model.surface.place + reference.on @ c
-    reference.friction[:] = rng.choice([0.0, 1e-5, 1e-2], (len(x), 1)) * rng.standard_normal(
-        x.shape
+    patches = len(reference.most)
+    reference.friction[:] = rng.choice([0.0, 1e-5, 1e-2], (patches, 1)) * rng.standard_normal(
+        (patches, 3)
     )
-    mine = np.lexsort((*model.surface.place.T, model.surface.mass))
-    theirs = np.lexsort((*motion.packed.surface.place.reshape(-1, 3).T, motion.packed.surface.mass))
-    mine_of = np.empty(len(x), int)
-    mine_of[theirs] = mine
-    reference.order = mine_of
-    begun = np.ones_like(motion.touching)  # the last numbers, of patches: some may be held
-    begun[: KEPT * len(x)].reshape(-1, KEPT)[theirs, :3] = reference.friction[mine]
-    motion.restore({"u": c.ravel(), "v": v.ravel(), "touching": begun})
+    on = motion.packed.surface
+    reference.order = reference.patch[motion.packed.point[on.first_point[:-1]]]
+    begun = np.ones((patches, PATCH))  # one number is of the place of a patch: some may be held
+    begun[:, :3] = reference.friction[reference.order]
+    motion.restore({"u": c.ravel(), "v": v.ravel(), "touching": begun.ravel()})
     for at in (8, 10):  # ground, walls
         told = contact_of(EFFECTS[at : at + 2], at_rest(motion.touching_points().x))
         assert 0.02 * len(x) < told["count"] < 0.9 * len(x)
     compare(reference, motion, c, v, 1e-12)
-    found = motion.touching[: KEPT * len(x)].reshape(-1, KEPT)[theirs]
-    size = np.linalg.norm(reference.friction[mine], axis=1)
-    most = reference.most[mine]
-    on = most > 0
-    assert 20 < on.sum() < 0.9 * len(on)
-    assert (size[on] > 0.999 * most[on]).any(), "some slide"
-    assert (size[on] < 0.999 * most[on]).any(), "some stick"
+    found = motion.touching.reshape(-1, PATCH)
+    held = reference.friction[reference.order]
+    size = np.linalg.norm(held, axis=1)
+    most = reference.most[reference.order]
+    touching = most > 0
+    assert 5 < touching.sum() < 0.9 * patches
+    assert (size[touching] > 0.999 * most[touching]).any(), "some slide"
+    assert (size[touching] < 0.999 * most[touching]).any(), "some stick"
     np.testing.assert_allclose(found[:, MOST], most, rtol=0, atol=1e-12 * most.max())
-    np.testing.assert_allclose(
-        found[:, :3], reference.friction[mine], rtol=0, atol=1e-9 * most.max()
-    )
-    np.testing.assert_allclose(found[:, NORMAL:MOST], reference.normal[mine], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found[:, :3], held, rtol=0, atol=1e-9 * most.max())
+    normal = reference.normal[reference.order]
+    np.testing.assert_allclose(found[:, NORMAL:MOST], normal, rtol=0, atol=1e-9)
 
 
 def test_same_bits_at_any_number_of_threads() -> None:
