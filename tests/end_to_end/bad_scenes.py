@@ -424,7 +424,7 @@ IN_OTHER_WORDS = [
             "drag": "`damping: {rate: 60 1/s}`", "fluid": "no fluid is simulated", "flow": "no flow is simulated", "obstacle": "`ground: {point",
             "contact": "`walls: {tube", "friction": "`ground: {..., friction: 0.3}`", "torque": "`magnetic_torque: {}`",
             "weight": "`gravity: {}`", "force": "there is no other force", "dipoles": "`magnetic_interaction: {}`",
-            "viscoelasticity": "`viscosity: {viscosity: 50 Pa s}`", "insertion": "`feed: {speed", "inertia": "solver: {dynamic",
+            "viscoelasticity": "`viscosity: {loss_factor: 0.1}`", "insertion": "`feed: {speed", "inertia": "solver: {dynamic",
             "sparkles": "docs/effects.md",
         }.items()
     ),
