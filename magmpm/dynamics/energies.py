@@ -102,8 +102,8 @@ class MeasuredState(NamedTuple):
     contacts: dict[str, Contact]
 
 
-def measure(motion: Any, named: Records, now: Any, time: float, dt: float) -> MeasuredState:
-    """Stress, energies and contacts of a TotalMotion with the kinematics `now`, at a time (s), in steps of dt (s); named: its effects then,
+def measure(motion: Any, named: Records, now: Any, time: float) -> MeasuredState:
+    """Stress, energies and contacts of a TotalMotion with the kinematics `now`, at a time (s); named: its effects then,
     with tables of the present shape."""
     model = motion.model
     with motion.threads.alone():

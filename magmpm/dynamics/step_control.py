@@ -334,7 +334,7 @@ class StepControl:
             self._choose()
         if self._drift is not None and now is not None and trouble is None:
             finer = self._drift.finer
-            total = sum(measure(motion, named, now, time + taken * dt, dt).energies.values())
+            total = sum(measure(motion, named, now, time + taken * dt).energies.values())
             if not self._drift.passes(total, now.kinetic):
                 taken = 0
                 now = None

@@ -336,9 +336,7 @@ def _measure(state: SimulationState, now: Kinematics) -> None:
     state.F = now.F
     named = acting.collect(model.scene, times=np.array([state.time]))
     acting.refresh(named, model, now.x, now.F)
-    state.P, state.energies, state.contacts = energies.measure(
-        motion, named, now, state.time, state.dt
-    )
+    state.P, state.energies, state.contacts = energies.measure(motion, named, now, state.time)
 
 
 def _write(state: SimulationState, writer: MotionWriter | None) -> None:

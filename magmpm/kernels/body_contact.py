@@ -349,6 +349,8 @@ def _rub(push, meeting, surface, body, nodes, correction, state, back):
         v = (x - there_x, y - there_y, z - there_z)
         give = give_at(here, first, correction, inverse_mass)
         give += give_at(there, other, correction, inverse_mass)
+        if not give > 0.0:  # both are held
+            continue
         f0, f1, f2 = rubbed(memory, at + FRICTION, v, 1.0 / (push * give))
         memory[at + FORCE] += f0
         memory[at + FORCE + 1] += f1

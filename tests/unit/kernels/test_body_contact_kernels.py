@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numba import njit
 from reference.parts import parts_scene
 from reference.solids import ball, box
 from scipy.spatial.transform import Rotation
@@ -22,7 +23,17 @@ from magmpm.dynamics.body_contact import SHARE
 from magmpm.dynamics.time_loop import begin
 from magmpm.dynamics.total_lagrangian import TotalMotion
 from magmpm.effects.contact_force import MOST, NORMAL
-from magmpm.kernels.body_contact import DEPTH, FORCE, FRICTION, MEMORY, PLACE, _add_all, _touch
+from magmpm.kernels.body_contact import (
+    DEPTH,
+    FORCE,
+    FRICTION,
+    MEMORY,
+    PLACE,
+    _add_all,
+    _rub,
+    _touch,
+)
+from magmpm.kernels.mass_correction import begin_impulses
 from magmpm.kernels.total_lagrangian_step import State
 from magmpm.model import build
 
@@ -116,6 +127,42 @@ def test_forces_are_the_slope_of_the_energy_and_cancel(motion: TotalMotion) -> N
     np.testing.assert_allclose(each.sum(axis=0), 0.0, atol=1e-12 * np.abs(each).sum())
     moment = np.cross(motion.packed.node_place + u.reshape(-1, 3), each).sum(axis=0)
     np.testing.assert_allclose(moment, 0.0, atol=1e-12 * SIZE * np.abs(each).sum())
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_friction_between_parts_keeps_momentum_and_leaves_what_is_held(
+    motion: TotalMotion, held: bool
+) -> None:
+    """With lumped masses alone the nodes' momentum and its moment stay; where no node can move, nothing changes, and nothing is NaN."""
+    u, _ = bent(motion)
+    motion.contact.list(u)
+    memory, _ = touched(motion, u)
+    memory[memory[:, DEPTH] > 0, FRICTION + MOST] = 1e-3
+    meeting = motion.contact.meeting._replace(memory=np.append(memory, 0.0))
+    p = motion.packed
+    nodes = p.nodes._replace(inverse_mass=(0.0 if held else 1.0) * p.nodes.inverse_mass)
+    correction = p.mass.correction._replace(
+        plane_of=np.full_like(p.mass.correction.plane_of, len(p.mass.correction.left))
+    )
+    v = np.random.default_rng(2).standard_normal(u.shape) * (p.nodes.inverse_mass > 0)
+    begun = v.reshape(-1, 3).copy()
+    state = State(u, v, np.zeros_like(u), motion.stiffness, motion.touching, motion.memory)
+    rubbing(1e-5, meeting, p.surface, p.cells, nodes, correction, state)
+    assert np.isfinite(meeting.memory).all()
+    change = p.mass.lumped[:, None] * (v.reshape(-1, 3) - begun)
+    assert (np.abs(change).max() > 0) != held
+    size = 1e-12 * np.abs(change).sum()
+    np.testing.assert_allclose(change.sum(axis=0), 0.0, atol=size)
+    moment = np.cross(p.node_place + u.reshape(-1, 3), change).sum(axis=0)
+    np.testing.assert_allclose(moment, 0.0, atol=SIZE * size)
+
+
+@njit
+def rubbing(push, meeting, surface, cells, nodes, correction, state):  # type: ignore[no-untyped-def]
+    """Friction of all pairs, there and back."""
+    begin_impulses(correction)
+    for back in range(2):
+        _rub(push, meeting, surface, cells, nodes, correction, state, back)
 
 
 @pytest.mark.parametrize("kind", ["box", "rod", "ball"])
