@@ -358,16 +358,22 @@ def value(p, q, r, spacing, rows, columns, coefficients):
     sy = 0.0
     sz = 0.0
     for a in range(3):
+        plane = 0.0
+        plane_y = 0.0
+        plane_z = 0.0
         for b in range(3):
             first = ((i - 1 + a) * rows + j - 1 + b) * columns + k - 1
             c0 = coefficients[first]
             c1 = coefficients[first + 1]
             c2 = coefficients[first + 2]
             line = w[0] * c0 + w[1] * c1 + w[2] * c2
-            total += u[a] * v[b] * line
-            sx += du[a] * v[b] * line
-            sy += u[a] * dv[b] * line
-            sz += u[a] * v[b] * (dw[0] * c0 + dw[1] * c1 + dw[2] * c2)
+            plane += v[b] * line
+            plane_y += dv[b] * line
+            plane_z += v[b] * (dw[0] * c0 + dw[1] * c1 + dw[2] * c2)
+        total += u[a] * plane
+        sx += du[a] * plane
+        sy += u[a] * plane_y
+        sz += u[a] * plane_z
     return total, sx / spacing, sy / spacing, sz / spacing
 
 

@@ -136,6 +136,22 @@ def folded(context, builder, signature, values):
     return context.make_tuple(builder, signature.return_type, out)
 
 
+@instruction(lanes, *[types.float64] * WIDTH)
+def eight(context, builder, signature, values):
+    """Lanes of eight floats."""
+    out = ir.Constant(_VECTOR, ir.Undefined)
+    for k, value in enumerate(values):
+        out = builder.insert_element(out, value, ir.Constant(ir.IntType(32), k))
+    return out
+
+
+@instruction(types.UniTuple(types.float64, WIDTH), lanes)
+def one_by_one(context, builder, signature, values):
+    """The eight floats of lanes."""
+    out = [builder.extract_element(values[0], ir.Constant(ir.IntType(32), k)) for k in range(WIDTH)]
+    return context.make_tuple(builder, signature.return_type, out)
+
+
 @instruction(lanes, lanes)
 def magnitude(context, builder, signature, values):
     """|value|, lane by lane."""

@@ -8,6 +8,7 @@ from magmpm.bodies.grid import spread
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.simd import WIDTH
 from magmpm.dynamics.nodal_mass import NodalMass, nodal_mass
+from magmpm.kernels.impulses import SPLINES
 from magmpm.kernels.surface_contact import SortedSurfacePoints
 from magmpm.kernels.total_lagrangian_step import CellSlabs, Nodes, ParticleGroups
 from magmpm.model import Model
@@ -125,10 +126,7 @@ def _surface(
                 np.zeros(len(slabs), np.int64),
                 np.zeros(1, np.int64),
                 none,
-                nothing,
-                nothing,
-                nothing,
-                nothing,
+                *[nothing] * 5,
             ),
             none,
         )
@@ -143,6 +141,7 @@ def _surface(
         place=found.place[order].ravel(),
         mass=found.mass[order],
         friction=found.friction[order],
+        splines=np.zeros(SPLINES * len(starts)),
     )
     return packed, order
 

@@ -151,7 +151,7 @@ class TotalMotion:
         self.slabs = new_slabs(len(self.packed.cells.slab_first) - 1)
         self.stiffness = np.full(self.packed.particle.size, np.nan)
         on = self.packed.surface
-        self.touching = np.zeros(PATCH * len(on.first_node))
+        self.touching = np.zeros(PATCH * len(on.first_node) + 1)
         self.memory = np.repeat(
             np.tile(acting.remembered(model.scene), len(self.packed.particle)), WIDTH
         )
@@ -342,7 +342,7 @@ class TotalMotion:
         """State that `restore` needs."""
         kept = {"u": self.u.copy(), "v": self.v.copy(), "lag": np.array(self.lag)}
         kept |= {"memory": self.memory.copy()} if self.memory.size else {}
-        if self.touching.size:
+        if len(self.packed.surface.first_node):
             kept |= {"touching": self.touching.copy(), "flutter": self.flutter.copy()}
         return kept if self.contact is None else kept | self.contact.state()
 
@@ -368,7 +368,7 @@ class TotalMotion:
         self._last = ()
         if self.contact is not None:
             self.contact.restore(state)
-        if self.touching.size:
+        if len(self.packed.surface.first_node):
             self.touching[:] = state.get("touching", 0.0)
             self.flutter[:] = state.get("flutter", 0.0)
 
@@ -381,16 +381,13 @@ class TotalMotion:
         weights = on.weights.reshape(-1, 3, 3)
         node = np.repeat(on.first_node, np.diff(on.first_point))
         x = on.place.reshape(-1, 3).copy()
-        v = np.zeros((len(on.mass), 3))
         moved = self.u.reshape(-1, 3)
-        speed = self.velocity().reshape(-1, 3)
         for a, b, c in product(range(3), repeat=3):
             at = node + a * cells.along_x + b * cells.along_y + c
             share = weights[:, 0, a] * weights[:, 1, b] * weights[:, 2, c]
             x = x + share[:, None] * moved[at]
-            v = v + share[:, None] * speed[at]
-        kept = np.repeat(self.touching.reshape(-1, PATCH), np.diff(on.first_point), axis=0)
-        return Touching(x, v, on.mass, on.friction, kept[:, :3].copy(), kept[:, MOST].copy())
+        kept = np.repeat(self.touching[:-1].reshape(-1, PATCH), np.diff(on.first_point), axis=0)
+        return Touching(x, on.mass, on.friction, kept[:, :3].copy(), kept[:, MOST].copy())
 
     def body_contacts(self) -> dict[str, Contact]:
         """Contact of the body with itself, by pairs of components; empty where the scene does not name it."""

@@ -73,11 +73,10 @@ class SceneLike(Protocol):
 
 
 class Touching(NamedTuple):
-    """Points by which a body touches obstacles: x m, v m/s (n, 3), mass (n,) kg, coefficient of friction (n,) of their own material (nan:
+    """Points by which a body touches obstacles: x m (n, 3), mass (n,) kg, coefficient of friction (n,) of their own material (nan:
     none), and friction `pull` (n, 3) N with the largest that their pushes allow, `most` (n,) N."""
 
     x: Array
-    v: Array
     mass: Array
     friction: Array
     pull: Array

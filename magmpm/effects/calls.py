@@ -24,6 +24,7 @@ from magmpm.compiled.jit import C_OPTIONS, compiled, inlined
 from magmpm.compiled.simd import WIDTH
 from magmpm.compiled.simd import load as lanes_at
 from magmpm.compiled.simd_views import matrix, row, vector
+from magmpm.effects.contact_force import PARTS
 from magmpm.effects.hooks import dtype_of, has_hook, hooks_of, is_wide, module_of, pairs
 
 # What patterns act on, and add to, as addresses of flat arrays.
@@ -31,9 +32,9 @@ from magmpm.effects.hooks import dtype_of, has_hook, hooks_of, is_wide, module_o
 # Particles (count,), one by one or in groups of eight: magnet (count, columns) T, rho (count,) kg/m^3, x (count, 3) m, F (count, 3, 3), its
 # rate dF 1/s, changes dmagnet (count, columns) and drho (count,), and in groups what they remember, memory (count, kept); they add to
 # stress (count, 3, 3) Pa, force (count, 3) N/m^3, tangent (count, 9, 9) Pa, bend (count, 3, 3) N/m^4 and mixed (count, 3, 9) N/m^3.
-# Points of the surface (count,): x, v (count, 3), mass (count,); they add to force N and bend (count, 3, 3) N/m.
+# Points of the surface (count,): x (count, 3), mass (count,); they add to force N and bend (count, 3, 3) N/m.
 # Nodes (count,), by their numbers `nodes` in place, u, v and inverse_mass (3 nodes,).
-# value (count,): energies, depths, or seconds.
+# value (count,): energies, depths, or seconds. force (count, PARTS) of points in motion: effects.contact_force.
 _OF_PARTICLES = ("magnet", "columns", "rho", "x", "F", "dF", "dmagnet", "drho", "memory", "kept")
 _OF_POINTS = ("v", "mass", "nodes", "place", "u", "inverse_mass")
 _RESULTS = ("value", "stress", "force", "tangent", "bend", "mixed")
@@ -49,7 +50,7 @@ energy_hook = stress_hook = force_hook = tangent_hook = softening_hook = stress_
     nothing
 )
 force_change_hook = rate_stress_hook = relax_hook = nothing
-near_hook = contact_hook = touch_hook = node_hook = push_hook = nothing
+contact_hook = touch_hook = node_hook = push_hook = nothing
 
 
 @compiled
@@ -189,24 +190,17 @@ def relax(record, data, length, first, count, dt, given):
 # Points of the surface, and nodes.
 
 
-def near(record, data, length, first, count, dt, given):
-    """value: the larger of it and of how deep the points are, m."""
+def contact(record, data, length, first, count, dt, given):
+    """value: the larger of it and of the depth (m) of points; force (count, PARTS) += their pushes."""
     effect = carray(record, 1)[0]
     table = carray(data, length)
     at = carray(given, 1)[0]
     depth = carray(floats(at.value), (count,))
+    mass = carray(floats(at.mass), (count,))
     for p in range(count):
-        depth[p] = max(depth[p], near_hook(effect, table, row(floats(at.x), 3 * p)))
-
-
-def contact(record, data, length, first, count, dt, given):
-    """force (PARTS,) += push and grip of a point; count is 1."""
-    effect = carray(record, 1)[0]
-    table = carray(data, length)
-    at = carray(given, 1)[0]
-    mass = carray(floats(at.mass), (count,))[0]
-    x = row(floats(at.x), 0)
-    contact_hook(effect, table, x, row(floats(at.v), 0), mass, dt, row(floats(at.force), 0))
+        x = row(floats(at.x), 3 * p)
+        f = row(floats(at.force), PARTS * p)
+        depth[p] = max(depth[p], contact_hook(effect, table, x, mass[p], f))
 
 
 def touch(record, data, length, first, count, dt, given):
@@ -254,16 +248,15 @@ PATTERNS: dict[str, tuple[Any, tuple[str, ...]]] = {
     "wide_load": (wide_load, ("stress", "force")),
     "wide_rate_stress": (wide_rate_stress, ("rate_stress",)),
     "relax": (relax, ("relax",)),
-    "near": (near, ("near",)),
     "contact": (contact, ("contact",)),
     "touch": (touch, ("touch",)),
     "node": (node, ("node",)),
     "push": (push, ("push",)),
 }
-AT_REST = ("energy", "load", "curvature", "near", "touch")
+AT_REST = ("energy", "load", "curvature", "touch")
 WIDE = ("relax", "wide_load", "wide_rate_stress")
 NARROW = ("load", "rate_stress")
-OF_STEPS = (*WIDE, *NARROW, "node", "push", "near", "contact")
+OF_STEPS = (*WIDE, *NARROW, "node", "push", "contact")
 
 
 @inlined
@@ -321,23 +314,23 @@ def add_curvatures(rows, count, given, A, H, M):
 
 
 @compiled
-def depths(rows, step, given, x, value):
-    """Write the largest depth (m) of points x (n, 3) in what acts to value (n,): -inf without rows, or where that is unknown."""
-    value[:] = -np.inf
+def points_from(given, x, mass, value, f):
+    """Give hooks the points x (n, 3) and mass (n,), with what they write to value (n,) and f."""
     at = given[0]
     at.x = address(x, 0)
+    at.mass = address(mass, 0)
     at.value = address(value, 0)
-    call_each(rows, step, 0, len(value), 0.0, address(given, 0))
+    at.force = address(f, 0)
 
 
 @compiled
-def point_from(given, x, v, mass, f):
-    """Give hooks the first point of x, v (n, 3) and mass (n,), whose push and grip they add to f (PARTS,)."""
-    at = given[0]
-    at.x = address(x, 0)
-    at.v = address(v, 0)
-    at.mass = address(mass, 0)
-    at.force = address(f, 0)
+def pushes(rows, step, given, x, mass, depth, f):
+    """Write to depth (n,) the largest depth (m) of points x (n, 3) m in what acts: -inf without rows, or where that is unknown; and to
+    f (n, PARTS) the push of all. mass (n,) kg."""
+    depth[:] = -np.inf
+    f[:] = 0.0
+    points_from(given, x, mass, depth, f)
+    call_each(rows, step, 0, len(depth), 0.0, address(given, 0))
 
 
 class Function(NamedTuple):
@@ -469,14 +462,6 @@ class MotionCalls(NamedTuple):
     rates: int
     node: Index
     push: Index
-    near: Index
-    contact: Index
-
-
-class PointCalls(NamedTuple):
-    """Rows for points of the surface: their depths and contact."""
-
-    near: Index
     contact: Index
 
 
@@ -487,11 +472,6 @@ def at_rest(named: tuple[Any, ...]) -> RestCalls:
     return RestCalls(rows(named, "energy"), rows(named, "load"), rows(named, "curvature"), softens)
 
 
-def of_points(named: tuple[Any, ...]) -> PointCalls:
-    """Rows for points of what acts, as long as it is kept."""
-    return PointCalls(rows(named, "near"), rows(named, "contact"))
-
-
 def in_motion(named: tuple[Any, ...]) -> MotionCalls:
     """Rows for motion of what acts, as long as it is kept."""
     prepare([function for function, _, _ in in_steps(named, *OF_STEPS)])
@@ -499,7 +479,7 @@ def in_motion(named: tuple[Any, ...]) -> MotionCalls:
     narrow = _rows(in_steps(named, *NARROW))
     rates = int(has_hook("rate_stress", named))
     return MotionCalls(
-        wide, narrow, rates, rows(named, "node"), rows(named, "push"), *of_points(named)
+        wide, narrow, rates, rows(named, "node"), rows(named, "push"), rows(named, "contact")
     )
 
 

@@ -15,10 +15,9 @@ import numpy as np
 from pydantic import Field
 
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled_elsewhere
 from magmpm.effects.base import Contact, Effect, Records, SceneLike, Touching, one_record
-from magmpm.effects.calls import call_each, depths, given_for, of_points, point_from
+from magmpm.effects.calls import given_for, pushes, rows
 from magmpm.effects.contact_force import GRIP, PARTS, RIGIDITY, ROUNDING, own_grip
 from magmpm.effects.hooks import NO_DATA
 from magmpm.errors import SceneError, dotted
@@ -106,7 +105,7 @@ def place(model: Any, point: Array) -> str:
 
 
 @compiled_elsewhere
-def _touching(calls, x, v, mass, friction, pull, most, force):
+def _touching(calls, x, mass, friction, pull, most, force):
     """Number in contact, the deepest (-1: none), its depth (m), energy (J); adds to force (3,) N that on all points.
 
     Where several points or obstacles share a friction `pull`, each has the part of it that its push has of the largest friction, `most`.
@@ -116,16 +115,14 @@ def _touching(calls, x, v, mass, friction, pull, most, force):
     worst = -1
     deepest = 0.0
     energy = 0.0
-    f = np.empty(PARTS)
+    pushed = np.empty((len(mass), PARTS))
     found = np.empty(len(mass))
     given = given_for()
-    depths(calls.near, 0, given, x, found)
+    pushes(calls, 0, given, x, mass, found, pushed)
     for p in range(len(mass)):
         depth = found[p]
         if depth > 0.0:
-            f[:] = 0.0
-            point_from(given, x[p:], v[p:], mass[p:], f)
-            call_each(calls.contact, 0, 0, 1, 0.0, address(given, 0))
+            f = pushed[p]
             own_grip(friction[p], f)
             size = math.sqrt(pull[p, 0] ** 2 + pull[p, 1] ** 2 + pull[p, 2] ** 2)
             share = f[GRIP] / most[p] if most[p] > 0.0 else 0.0
@@ -144,7 +141,7 @@ def _touching(calls, x, v, mass, friction, pull, most, force):
 def contact_of(named: Records, touching: Touching) -> Contact:
     """Contact of points; named: of one effect."""
     force = np.zeros(3)
-    count, _, depth, energy = _touching(of_points(named), *touching, force)
+    count, _, depth, energy = _touching(rows(named, "contact"), *touching, force)
     return Contact(force=force, count=count, depth=depth, energy=energy)
 
 
@@ -152,7 +149,7 @@ def at_rest(x: Array, mass: Array | None = None) -> Touching:
     """Points at rest at x (n, 3) m without friction; of mass (n,) kg, or 1 kg each."""
     n = len(x)
     masses = np.ones(n) if mass is None else mass
-    return Touching(x, np.zeros_like(x), masses, np.full(n, np.nan), np.zeros((n, 3)), np.zeros(n))
+    return Touching(x, masses, np.full(n, np.nan), np.zeros((n, 3)), np.zeros(n))
 
 
 class Obstacle(Effect):
@@ -193,7 +190,7 @@ class Obstacle(Effect):
     def check(self, model: Any) -> None:
         """Raises SceneError where the body begins so deep in the obstacle that it would be thrown out faster than THROWN."""
         still = at_rest(model.surface.place, model.surface.mass)
-        calls = of_points(self.records(model.scene))
+        calls = rows(self.records(model.scene), "contact")
         _, point, depth, energy = _touching(calls, *still, np.zeros(3))
         mass = float(model.density @ model.particles.volume)
         speed = math.sqrt(2.0 * energy / mass) if mass > 0 else 0.0

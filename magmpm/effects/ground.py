@@ -77,7 +77,7 @@ class Ground(Obstacle):
 
 
 @compiled
-def near(effect, data, x):
+def depth(effect, x):
     """Depth (m) of a point x below the plane; negative above it."""
     p = effect.ground_point
     n = effect.ground_normal
@@ -85,21 +85,23 @@ def near(effect, data, x):
 
 
 @compiled
-def contact(effect, data, x, v, mass, dt, f):
-    """f += the plane's push and grip (contact_force)."""
-    below = near(effect, data, x)
+def contact(effect, data, x, mass, f):
+    """f += the plane's push and grip (contact_force). Returns the depth, m."""
+    below = depth(effect, x)
     if below > 0.0:
         n = effect.ground_normal
         push(below, n[0], n[1], n[2], mass, effect.ground_stiffness, effect.ground_friction, f)
+    return below
 
 
 @compiled
 def touch(effect, data, x, mass, f, H):
     """Energy (J) of a point at rest on the plane, its force and its tangent (contact_force.spring)."""
+    below = depth(effect, x)
+    if not below > 0.0:
+        return 0.0
     n = effect.ground_normal
-    return spring(
-        max(near(effect, data, x), 0.0), n[0], n[1], n[2], mass * effect.ground_stiffness, f, H
-    )
+    return spring(below, n[0], n[1], n[2], mass * effect.ground_stiffness, f, H)
 
 
-register(DTYPE, contact=contact, near=near, touch=touch)
+register(DTYPE, contact=contact, touch=touch)

@@ -26,12 +26,11 @@ In motion only:
 ``rate_stress(effect, data, rho, F, dF, P)``                    adds the stress of a deformation rate dF = dF/dt (1/s) to P (3, 3), Pa
 ``relax(effect, data, dt, F, C, P)``                            lets what the material remembers, C (6 k,), follow F for dt, and adds its
                                                                 stress to P (3, 3), Pa; for eight particles at a time
-``contact(effect, data, x, v, mass, dt, f)``                    adds the force on a point of the surface of mass (kg), velocity v (m/s), to
-                                                                f[:3], N; an obstacle also friction and stiffness of its push
-                                                                (effects.contact_force; x, v and f only indexed: kernels pass views)
-``near(effect, data, x) -> float``                              above 0 where `contact` can push what is at x; else minus a distance (m)
-                                                                within which nothing is pushed, -inf if that is unknown: contact is left
-                                                                out until a point may have moved that far
+``contact(effect, data, x, mass, f) -> float``                  depth (m) of a point of the surface of mass (kg) in an obstacle. Above 0,
+                                                                its push is added to f[:3], N, with friction and stiffness
+                                                                (effects.contact_force; x and f only indexed: kernels pass views). Else
+                                                                minus a distance (m) within which nothing is pushed, -inf if that is
+                                                                unknown: contact is left out until a point may have moved that far
 ``node(effect, data, X, u, v, free, dt)``                       changes a grid node's velocity v (3,) m/s; X its place, u displacement
                                                                 (only indexed); free: whether forces move it
 ``push(effect, data, dt) -> float``                             seconds for which forces push in a step of dt, over dt: more than 1 where
@@ -42,8 +41,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-
-from magmpm.compiled.jit import compiled
 
 HOOKS = (
     "energy",
@@ -57,7 +54,6 @@ HOOKS = (
     "rate_stress",
     "relax",
     "contact",
-    "near",
     "node",
     "push",
 )
@@ -82,16 +78,8 @@ def register(dtype: np.dtype[Any], *, wide: bool = False, **hooks: Callable[...,
     if wide:
         _wide.add(dtype.names)
     _dtypes[dtype.names] = dtype
-    if "contact" in hooks:
-        hooks.setdefault("near", anywhere)
     for name, function in hooks.items():
         _registry[name][dtype.names] = function
-
-
-@compiled
-def anywhere(effect, data, x):
-    """Hook `near` of an effect with `contact` that registers none: it may push at any place."""
-    return np.inf
 
 
 def hook_of(hook: str, records: Any) -> Callable[..., Any] | None:

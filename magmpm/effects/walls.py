@@ -270,14 +270,8 @@ def depth(effect, data, x):
 
 
 @compiled
-def near(effect, data, x):
-    """Distance of a point x beyond the wall, m."""
-    return depth(effect, data, x)[0]
-
-
-@compiled
-def contact(effect, data, x, v, mass, dt, f):
-    """f += the wall's push and grip (contact_force)."""
+def contact(effect, data, x, mass, f):
+    """f += the wall's push and grip (contact_force). Returns the distance beyond the wall, m."""
     beyond, sx, sy, sz = depth(effect, data, x)
     if beyond > 0.0:
         size = math.sqrt(sx * sx + sy * sy + sz * sz)
@@ -292,6 +286,7 @@ def contact(effect, data, x, v, mass, dt, f):
                 effect.walls_friction,
                 f,
             )
+    return beyond
 
 
 @compiled
@@ -315,4 +310,4 @@ def touch(effect, data, x, mass, f, H):
     return spring(beyond, sx, sy, sz, rigidity, f, H)
 
 
-register(DTYPE, contact=contact, near=near, touch=touch)
+register(DTYPE, contact=contact, touch=touch)

@@ -28,7 +28,16 @@ from magmpm.effects.contact_force import (
     rubbed,
     touches,
 )
-from magmpm.kernels.surface_contact import come_to, give_at, new_place, quicken, turned, velocity_at
+from magmpm.kernels.impulses import (
+    add_at,
+    come_to,
+    field_at,
+    give_at,
+    new_places,
+    quicken,
+    turned,
+    velocity_at,
+)
 
 # where each begins in the memory of a pair (Meeting)
 PLACE = 0
@@ -207,18 +216,6 @@ def _find(cells, cell, along_x, along_y, field, x, X, solids, s, work, F, invers
 
 
 @compiled
-def _at(field, node, along_x, along_y, value, out):
-    """out (3,) += nodal field (3 nodes,) at a place with these splines (9,), from a cell's first node on."""
-    for a in range(3):
-        for b in range(3):
-            n = value[a] * value[3 + b]
-            for c in range(3):
-                k = 3 * (node + a * along_x + b * along_y + c)
-                for i in range(3):
-                    out[i] += n * value[6 + c] * field[k + i]
-
-
-@compiled
 def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
     """Write to memory the place, force and depth of each pair from `first` on, `apart` numbers apart; dt s: for which forces push."""
     memory = meeting.memory
@@ -247,10 +244,11 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         memory[at + DEPTH] = 0.0
         if memory[-1] < memory[at + ROOM]:
             continue
-        own = surface.weights[9 * p : 9 * p + 9]
         cell = int(memory[at + CELL])
-        x[:], X[:] = surface.place[3 * p : 3 * p + 3], memory[at + PLACE : at + PLACE + 3]
-        _at(state.u, meeting.node[pair], along_x, along_y, own, x)
+        X[:] = memory[at + PLACE : at + PLACE + 3]
+        u = field_at(state.u, meeting.node[pair], along_x, along_y, surface.weights, 9 * p)
+        for i in range(3):
+            x[i] = surface.place[3 * p + i] + u[i]
         cell, d = _find(cells, cell, along_x, along_y, state.u, x, X, solids, s, work, F, inverse)
         memory[at + PLACE : at + PLACE + 3], memory[at + CELL], d = X, cell, d - memory[at + BEGUN]
         if not d < 0.0:
@@ -269,19 +267,6 @@ def _touch(first, apart, dt, meeting, surface, along_x, along_y, state):
         touches(f, memory, at + FRICTION)
         memory[at + DEPTH] = -d
         memory[at + FORCE : at + FORCE + 3] = f[:3]
-
-
-@compiled
-def _add(force, node, along_x, along_y, value, f0, f1, f2):
-    """Add a force at a place with these splines (9,) to the nodes."""
-    for a in range(3):
-        for b in range(3):
-            n = value[a] * value[3 + b]
-            for c in range(3):
-                k = 3 * (node + a * along_x + b * along_y + c)
-                force[k] += n * value[6 + c] * f0
-                force[k + 1] += n * value[6 + c] * f1
-                force[k + 2] += n * value[6 + c] * f2
 
 
 @compiled
@@ -305,18 +290,9 @@ def _add_all(meeting, surface, along_x, along_y, force):
         f0 = memory[at + FORCE]
         f1 = memory[at + FORCE + 1]
         f2 = memory[at + FORCE + 2]
-        _add(
-            force,
-            meeting.node[pair],
-            along_x,
-            along_y,
-            surface.weights[9 * p : 9 * p + 9],
-            f0,
-            f1,
-            f2,
-        )
+        add_at(force, meeting.node[pair], along_x, along_y, surface.weights, 9 * p, f0, f1, f2)
         _splines(cells, cell, memory[at + PLACE : at + PLACE + 3], value, slope)
-        _add(force, cells.node[cell], along_x, along_y, value, -f0, -f1, -f2)
+        add_at(force, cells.node[cell], along_x, along_y, value, 0, -f0, -f1, -f2)
     return rubs
 
 
@@ -330,8 +306,7 @@ def _rub(push, meeting, surface, body, nodes, correction, state, back):
     value = np.empty(9)
     slope = np.empty(9)
     inverse_mass = nodes.inverse_mass
-    here = new_place()
-    there = new_place()
+    both = new_places(2)
     count = len(meeting.point)
     for k in range(count):
         pair = turned(k, count, back)
@@ -341,22 +316,24 @@ def _rub(push, meeting, surface, body, nodes, correction, state, back):
         cell = int(memory[at + CELL])
         _splines(cells, cell, memory[at + PLACE : at + PLACE + 3], value, slope)
         own = 9 * meeting.point[pair]
-        node = meeting.node[pair]
-        first = come_to(here, node, along_x, along_y, surface.weights, own, correction)
-        other = come_to(there, cells.node[cell], along_x, along_y, value, 0, correction)
-        x, y, z = velocity_at(here, first, push, correction, state.v)
-        there_x, there_y, there_z = velocity_at(there, other, push, correction, state.v)
-        v = (x - there_x, y - there_y, z - there_z)
-        give = give_at(here, first, correction, inverse_mass)
-        give += give_at(there, other, correction, inverse_mass)
+        come_to(both, 0, meeting.node[pair], along_x, along_y, surface.weights, own)
+        come_to(both, 1, cells.node[cell], along_x, along_y, value, 0)
+        give = give_at(both, 0, along_x, along_y, correction, inverse_mass)
+        give += give_at(both, 1, along_x, along_y, correction, inverse_mass)
         if not give > 0.0:  # both are held
             continue
+        x, y, z = velocity_at(both, 0, along_x, along_y, push, correction, state.v)
+        there_x, there_y, there_z = velocity_at(
+            both, 1, along_x, along_y, push, correction, state.v
+        )
+        v = (x - there_x, y - there_y, z - there_z)
         f0, f1, f2 = rubbed(memory, at + FRICTION, v, 1.0 / (push * give))
         memory[at + FORCE] += f0
         memory[at + FORCE + 1] += f1
         memory[at + FORCE + 2] += f2
-        quicken(here, first, push, correction, inverse_mass, f0, f1, f2, state.v)
-        quicken(there, other, push, correction, inverse_mass, -f0, -f1, -f2, state.v)
+        on = (along_x, along_y, push, correction, inverse_mass)
+        quicken(both, 0, *on, f0, f1, f2, state.v)
+        quicken(both, 1, *on, -f0, -f1, -f2, state.v)
 
 
 @compiled
@@ -385,6 +362,6 @@ def _meets(meeting: Any) -> bool:
 touch_pairs = only_where("meeting", _meets, _touch)
 add_pairs = only_where("meeting", _meets, _add_all, "0.0")
 rub_pairs = only_where("meeting", _meets, _rub)
-pace_of = only_where("meeting", _meets, _pace_of, "0.0")
+pace_of = only_where("meeting", _meets, _pace_of, "v[n] ** 2 + v[n + 1] ** 2 + v[n + 2] ** 2")
 passed = only_where("meeting", _meets, _passed)
 needs_list = only_where("meeting", _meets, _needs_list, "False")

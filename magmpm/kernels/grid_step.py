@@ -31,7 +31,7 @@ def push_node(k, push, nodes, correction, state):
 
 @inlined
 def move_node(k, dt, nodes, meeting, state):
-    """u += dt v of one active node. Returns the square of a bound on how fast (m/s) it lets a point of a meeting move."""
+    """u += dt v of one active node. Returns the square of a bound on how fast (m/s) it lets a point of the body move."""
     n = 3 * nodes.active[k]
     for i in range(3):
         state.u[n + i] += dt * state.v[n + i]
@@ -63,7 +63,7 @@ def push_time(calls, step, dt):
 
 @inner
 def update_grid(part, given):
-    """Update some active nodes, and write to pace (parts,) the square of a bound on how fast (m/s) they let a point of a meeting move."""
+    """Update some active nodes, and write to pace (parts,) the square of a bound on how fast (m/s) they let a point of the body move."""
     step, dt, push, nodes, correction, meeting, state, calls, pace = given
     first = TOGETHER * part
     last = min(first + TOGETHER, len(nodes.active))

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.jit import compiled, inlined, inner
 from magmpm.compiled.parallel import over_parts, task
+from magmpm.compiled.simd import eight, load, one_by_one, splat, store
 
 FIELDS = 3  # 1, y and z in a plane of nodes
 # knots: splines reach over two planes, so hats that are two knots from each other still overlap
@@ -181,58 +182,65 @@ def begin_impulses(correction):
 
 
 @compiled
-def fields_at(correction, where, share, fields):
-    """Write to fields (3 SEEN,) those of knots at a place of a cell. Returns the first of the knots, -1 where nothing is corrected.
+def fields_at(correction, node, along_x, along_y, splines, at, fields, begun):
+    """Write to fields, from index `begun` on, those of knots at a place of a cell, nine a knot: each of 1, y, z for three components.
 
-    where (27,): indices in a nodal field (3 nodes,) of the nodes that it sees; share (27,): their splines.
+    node: the cell's first one; splines: of the nodes that it sees, from index `at` on (kernels.impulses.Places). Returns the first of the
+    knots, -1 where nothing is corrected.
     """
-    last = len(correction.left)
+    none = len(correction.left)
     first = -1
-    fields[:] = 0.0
-    for j in range(27):
-        node = where[j] // 3
-        plane = correction.plane_of[node]
-        if plane == last:
+    fields[begun : begun + 9 * SEEN] = 0.0
+    for a in range(3):
+        plane = none
+        sums = (0.0, 0.0, 0.0)
+        for b in range(3):
+            for c in range(3):
+                n = node + a * along_x + b * along_y + c
+                if correction.plane_of[n] < none:
+                    plane = correction.plane_of[n]  # nodes of one x and one component share it
+                    share = splines[at + 27 * a + 9 * b + 3 * c]
+                    y = correction.arm[2 * n]
+                    z = correction.arm[2 * n + 1]
+                    sums = (sums[0] + share, sums[1] + share * y, sums[2] + share * z)
+        if plane == none:
             continue
         left = correction.left[plane]
         if first < 0:
             first = left  # nodes go along x: the first one's knot is the least
-        at = 3 * (left - first)
-        over = share[j] * correction.share[plane]
-        below = share[j] - over
-        y = correction.arm[2 * node]
-        z = correction.arm[2 * node + 1]
-        fields[at] += below
-        fields[at + 1] += y * below
-        fields[at + 2] += z * below
-        fields[at + 3] += over
-        fields[at + 4] += y * over
-        fields[at + 5] += z * over
+        over = correction.share[plane]
+        k = begun + 9 * (left - first)
+        for field in range(3):
+            for i in range(3):
+                fields[k + 3 * field + i] += (1.0 - over) * sums[field]
+                fields[k + 9 + 3 * field + i] += over * sums[field]
     return first
 
 
 @compiled
-def ahead_at(correction, first, fields, push):
-    """Return what the correction of the impulses so far adds in push (s) to the velocity (m/s) of a place."""
-    x = 0.0
-    y = 0.0
-    z = 0.0
+def ahead_at(correction, first, fields, at):
+    """Return the accelerations (m/s^2) that the correction of the impulses so far adds at a place; its fields begin at index `at`."""
     if first < 0:
-        return x, y, z
+        return 0.0, 0.0, 0.0
     ahead = correction.ahead
+    low = splat(0.0)
+    last = 0.0
     for k in range(min(SEEN, len(ahead) - first)):
-        for a in range(3):
-            field = fields[3 * k + a]
-            x += field * ahead[first + k, 3 * a]
-            y += field * ahead[first + k, 3 * a + 1]
-            z += field * ahead[first + k, 3 * a + 2]
+        low = low + load(fields, at + 9 * k) * load(ahead, 9 * (first + k))
+        last += fields[at + 9 * k + 8] * ahead[first + k, 8]
+    a = one_by_one(low)
     moving = correction.moving
-    return push * moving[0] * x, push * moving[1] * y, push * moving[2] * z
+    return (
+        moving[0] * (a[0] + a[3] + a[6]),
+        moving[1] * (a[1] + a[4] + a[7]),
+        moving[2] * (a[2] + a[5] + last),
+    )
 
 
 @compiled
-def give_of(correction, first, fields, column):
-    """Return by how much (1/kg) the correction makes a place quicker after 1 N s. column (3 (2 NEARBY + SEEN),): what is near it, too."""
+def give_of(correction, first, fields, at, column, to):
+    """Return by how much (1/kg) the correction makes a place quicker after 1 N s. Writes to column, from index `to` on, what it does to
+    the knots nearby, each number for three components."""
     if first < 0:
         return 0.0
     chain = correction.chain_of[first]
@@ -242,38 +250,38 @@ def give_of(correction, first, fields, column):
     low = max(first - NEARBY, begin)
     high = min(first + SEEN + NEARBY, end)
     seen = 3 * (min(first + SEEN, end) - first)
+    rows = 3 * (high - low)
+    column[to : to + rows] = 0.0
+    for j in range(seen):  # the matrix is symmetric: its rows are columns
+        field = fields[at + 3 * j]
+        begun = correction.gain_at[chain] + (3 * (first - begin) + j) * wide + 3 * (low - begin)
+        for row in range(rows):
+            column[to + row] += correction.gain[begun + row] * field
     give = 0.0
-    for row in range(3 * (high - low)):
-        at = correction.gain_at[chain] + (3 * (low - begin) + row) * wide + 3 * (first - begin)
-        value = 0.0
-        for j in range(seen):
-            value += correction.gain[at + j] * fields[j]
-        column[row] = value
-        own = row - 3 * (first - low)
-        if 0 <= own < seen:
-            give += fields[own] * value
+    for j in range(seen):
+        give += fields[at + 3 * j] * column[to + 3 * (first - low) + j]
+    for row in range(rows - 1, -1, -1):
+        for i in range(3):
+            column[to + 3 * row + 2 - i] = column[to + row]
     return give
 
 
 @compiled
-def add_impulse(correction, first, fields, column, f0, f1, f2):
-    """Note an impulse of the force (f0, f1, f2), N, at a place with these fields and this column (`give_of`)."""
+def add_impulse(correction, first, fields, at, column, to, f0, f1, f2):
+    """Note an impulse of the force (f0, f1, f2), N, at a place whose fields and column (`give_of`) begin at indices `at` and `to`."""
     if first < 0:
         return
     chain = correction.chain_of[first]
     low = max(first - NEARBY, correction.chain[chain])
     high = min(first + SEEN + NEARBY, correction.chain[chain + 1])
-    ahead = correction.ahead
-    load = correction.load
-    for k in range(high - low):
-        for a in range(3):
-            value = column[3 * k + a]
-            ahead[low + k, 3 * a] += value * f0
-            ahead[low + k, 3 * a + 1] += value * f1
-            ahead[low + k, 3 * a + 2] += value * f2
-    for k in range(min(SEEN, high - first)):
-        for a in range(3):
-            value = fields[3 * k + a]
-            load[first + k, 3 * a] += value * f0
-            load[first + k, 3 * a + 1] += value * f1
-            load[first + k, 3 * a + 2] += value * f2
+    f = eight(f0, f1, f2, f0, f1, f2, f0, f1)
+    _add_rows(correction.ahead, low, high - low, column, to, f, f2)
+    _add_rows(correction.load, first, min(SEEN, high - first), fields, at, f, f2)
+
+
+@inlined
+def _add_rows(rows, first, count, shares, at, f, last):
+    """Add shares of a force to rows (knots, 9); f: its components in turn, and the `last` of them."""
+    for k in range(count):
+        store(rows, 9 * (first + k), load(rows, 9 * (first + k)) + load(shares, at + 9 * k) * f)
+        rows[first + k, 8] += shares[at + 9 * k + 8] * last

@@ -283,8 +283,8 @@ class Nodes(NamedTuple):
 
 class State(NamedTuple):
     """Arrays changed by a step. u m, v m/s, force N (3 nodes,): force is zero between steps; stiffness (groups 8,) m^2/s^2:
-    materials.stiffest over density in the last step, NaN before the first step; touching (PATCH patches,): of the surface
-    (kernels.surface_contact)."""
+    materials.stiffest over density in the last step, NaN before the first step; touching (PATCH patches + 1,): of the surface
+    (kernels.surface_contact), and the way (m) that any point of it may have gone."""
 
     u: Array
     v: Array
@@ -470,7 +470,7 @@ def _forces_of_slab(slab, given):
                 cell, begun, cells, particles, state, room, high, change
             )
         begun = end
-    touch(slab, step, push, surface, cells, state, calls, slabs)
+    touch(slab, step, surface, cells, state, calls, slabs)
     count = len(cells.slab_first) - 1
     touch_pairs(slab, count, push, meeting, surface, cells.along_x, cells.along_y, state)
     see(slabs, slab, least, bad, high, change)
@@ -528,15 +528,18 @@ def advance(
             rubbing = rubbing_patches(surface, cells, nodes, correction, state, slabs.rubs)
             inverse_mass = nodes.inverse_mass
             # there and back: so it takes energy, however stiff the body
-            rub(push, rubbing, inverse_mass, correction, state, 0)
+            rub(push, rubbing, cells, inverse_mass, correction, state, 0)
             rub_pairs(push, meeting, surface, cells, nodes, correction, state, 0)
             rub_pairs(push, meeting, surface, cells, nodes, correction, state, 1)
-            rub(push, rubbing, inverse_mass, correction, state, 1)
+            rub(push, rubbing, cells, inverse_mass, correction, state, 1)
             spread_loads(correction)
             over_parts(parts, task(move_nodes, (step, dt, push, *moving)))
         else:
             over_parts(parts, task(update_grid, (step, dt, push, *moving)))
-        passed(meeting, dt * math.sqrt(pace.max()))
+        way = dt * math.sqrt(pace.max())
+        passed(meeting, way)
+        if len(calls.contact) > 0:
+            state.touching[-1] += way
     return steps
 
 

@@ -21,10 +21,9 @@ import numpy as np
 
 from magmpm.bodies.contact_surface import ContactSurface
 from magmpm.compiled.arrays import Array, Index
-from magmpm.compiled.by_address import address
 from magmpm.compiled.jit import compiled
 from magmpm.effects.base import Contact, Records, Touching
-from magmpm.effects.calls import call_each, depths, given_for, of_points, point_from, rows
+from magmpm.effects.calls import given_for, pushes, rows
 from magmpm.effects.contact_force import GRIP, PARTS, RIGIDITY, own_grip
 from magmpm.kernels.equilibrium import STENCIL, Blocks, Panels, StaticCells
 from magmpm.kernels.surface_contact import contact_to_matrix, touch_at_rest
@@ -50,7 +49,7 @@ def held_at(
     """Find how obstacles hold points at x (n, 3) m; begun: where and how they were as the increment began, or None."""
     f = np.zeros((len(x), PARTS))
     met = np.ones(len(x))
-    _grips(of_points(effects), x, x if begun is None else begun[0], mass, friction, f, met)
+    _grips(rows(effects, "contact"), x, x if begun is None else begun[0], mass, friction, f, met)
     grip = f[:, GRIP]
     anchor = x
     if begun is not None:
@@ -101,17 +100,14 @@ def _stretch(held: Held, x: Array) -> tuple[Array, Array]:
 def _grips(calls, x, was, mass, friction, f, met):  # type: ignore[no-untyped-def]
     """Write the grip of points at x (n, 3) m to f (n, PARTS), and which share of the way from `was` was clear to met (n,)."""
     n = len(x)
-    still = np.zeros((1, 3))
     depth = np.empty(n)
     before = np.empty(n)
     given = given_for()
-    depths(calls.near, 0, given, x, depth)
-    depths(calls.near, 0, given, was, before)
+    pushes(calls, 0, given, was, mass, before, f)
+    pushes(calls, 0, given, x, mass, depth, f)
     for p in range(n):
         if depth[p] > 0.0:
             met[p] = 0.0 if before[p] >= 0.0 else 1.0 / (1.0 - depth[p] / before[p])
-            point_from(given, x[p:], still, mass[p:], f[p])
-            call_each(calls.contact, 0, 0, 1, 0.0, address(given, 0))
             own_grip(friction[p], f[p])
 
 
@@ -157,7 +153,7 @@ class RestingSurface(ContactSurface):
         energy = np.zeros(n)
         f = np.zeros((n, 3))
         H = np.zeros((n, 3, 3))
-        touch_at_rest(rows(effects, "near"), rows(effects, "touch"), x, self.mass, energy, f, H)
+        touch_at_rest(rows(effects, "touch"), x, self.mass, energy, f, H)
         held = energy != 0.0
         pull = np.zeros((n, 3))
         most = np.zeros(n)
@@ -208,7 +204,6 @@ def contacts_at_rest(model: Model, touched: Touched) -> dict[str, Contact]:
     """The contact of each obstacle with a model."""
     still = Touching(
         touched.x,
-        np.zeros_like(touched.x),
         touched.mass,
         touched.friction,
         touched.pull,

@@ -23,7 +23,7 @@ from magmpm.compiled.arrays import Array
 from magmpm.effects import hooks
 from magmpm.effects.acting import Effects
 from magmpm.effects.base import BodyEffect, Effect, Records
-from magmpm.effects.contact_force import KEPT, PARTS, rubbed, touches
+from magmpm.effects.contact_force import KEPT, PARTS, RIGIDITY, rubbed, touches
 from magmpm.effects.hooks import pairs
 from magmpm.errors import MagmpmError
 from magmpm.inputs.settings import validate
@@ -160,10 +160,12 @@ def operations(records: Any, data: Array, hook: str, *arguments: Any) -> int:
         return 0
     Counted.done = 0
     plain(function)(_record(records), data, *arguments)
-    if hook == "contact":  # and the friction that goes with it
-        kept = _numbers(np.zeros(KEPT))
+    if hook == "contact":
+        if not arguments[-1][RIGIDITY].value > 0.0:
+            return 0  # it is left out until it may touch
+        kept = _numbers(np.zeros(KEPT))  # the friction that goes with it
         plain(touches)(arguments[-1], kept, 0)
-        plain(rubbed)(kept, 0, arguments[1], 1.0)
+        plain(rubbed)(kept, 0, _numbers(np.full(3, 1e-3)), 1.0)
     return Counted.done
 
 
@@ -222,16 +224,15 @@ def _step(model: Model, named: Records) -> float:
     for records, data in pairs(named):
         names = records.dtype.names
         called = False
-        for hook in ("stress", "force", "rate_stress", "near", "contact", "node"):
+        for hook in ("stress", "force", "rate_stress", "contact", "node"):
             if hooks.hook_of(hook, records) is None:
                 continue
-            acted = [p for p in chosen if hook != "contact" or _near(model, p, records, data)]
-            each = [operations(records, data, hook, *_given(model, p, hook)) for p in acted]
+            each = [operations(records, data, hook, *_given(model, p, hook)) for p in chosen]
             mean = sum(each) / len(chosen)
             if hook == "node":
                 total += NODE * mean * nodes
             elif (
-                hook == "near"
+                hook == "contact"
             ):  # of points of the surface, as many as one layer of a cell's particles; 117 operations find where one is
                 total += NARROW * (mean + 117) / model.scene.resolution.particles_per_cell
             elif hooks.is_wide(names):
@@ -241,14 +242,6 @@ def _step(model: Model, named: Records) -> float:
                 called = called or bool(each)
         total += LANES if called else 0.0
     return total
-
-
-def _near(model: Model, p: int, records: Any, data: Array) -> bool:
-    """True if a particle is so near that contact is computed."""
-    function = hooks.hook_of("near", records)
-    return function is None or bool(
-        plain(function)(_record(records), data, model.particles.position[p]) > 0.0
-    )
 
 
 def _given(model: Model, p: int, hook: str) -> tuple[Any, ...]:
@@ -261,12 +254,10 @@ def _given(model: Model, p: int, hook: str) -> tuple[Any, ...]:
         return magnet, rho, x, F, _numbers(np.zeros((3, 3) if hook == "stress" else 3))
     if hook == "rate_stress":
         return rho, F, _numbers(np.zeros((3, 3))), _numbers(np.zeros((3, 3)))
-    if hook == "near":
-        return (x,)
     if hook == "node":
         return x, _numbers(np.zeros(3)), _numbers(np.zeros(3)), True, 1e-5
     if hook == "contact":
-        return x, _numbers(np.full(3, 1e-3)), Counted(1e-9), 1e-5, _numbers(np.zeros(PARTS))
+        return x, Counted(1e-9), _numbers(np.zeros(PARTS))
     if hook == "energy":
         return magnet, rho, x, F
     raise ValueError(f"no arguments for {hook}")

@@ -169,22 +169,16 @@ class Total:
         P, force = particle_forces(
             self.model, x, np.eye(3) + self.gradient(c), self.gradient(v), step
         )
-        return (
-            self.N.T @ force
-            - np.einsum("n,nkj,jna->ak", V, P, self.dN)
-            + self.contact(c, v, dt, step)
-        )
+        return self.N.T @ force - np.einsum("n,nkj,jna->ak", V, P, self.dN) + self.contact(c, step)
 
-    def contact(self, c: np.ndarray, v: np.ndarray, dt: float, step: int = 0) -> np.ndarray:
+    def contact(self, c: np.ndarray, step: int = 0) -> np.ndarray:
         """Contact of the surface's points on every node, (nodes, 3) N, with the friction of the step before as far as it is allowed."""
         forces = np.zeros((len(self.on), 3))
         grips = np.zeros(len(self.on))
         for p, splines in enumerate(self.on):
             x = self.model.surface.place[p] + splines @ c
             f = np.zeros(PARTS)
-            call(
-                self.model, "contact", x, splines @ v, self.model.surface.mass[p], dt, f, step=step
-            )
+            call(self.model, "contact", x, self.model.surface.mass[p], f, step=step)
             own = self.model.surface.friction[p]
             forces[p] = f[:3]
             grips[p] = f[GRIP] if np.isnan(own) else own * np.linalg.norm(f[:3])
@@ -204,7 +198,7 @@ class Total:
     def touching(self) -> np.ndarray:
         """Patches that touch something with friction in the undeformed body."""
         rest = np.zeros((len(self.mass), 3))
-        self.contact(rest, rest, 1.0)
+        self.contact(rest)
         return np.asarray(self.most > 0)
 
     def rub(self, v: np.ndarray, push: float) -> None:

@@ -1,7 +1,7 @@
 """The laws of effects in motion, each in a scene in which it acts: see test_effect_contract.py.
 
-Viscous stress is objective, exerts no torque and dissipates; contact is conservative except for friction, which only brakes, and `near`
-finds where it acts; damping only brakes; zero resistance is no effect; and a motion is stable at the step that the effect allows.
+Viscous stress is objective, exerts no torque and dissipates; contact is conservative except for friction, which only brakes, and tells
+where it acts; damping only brakes; zero resistance is no effect; and a motion is stable at the step that the effect allows.
 """
 
 import math
@@ -22,11 +22,8 @@ from magmpm.effects.base import Effect, Records, Touching
 from magmpm.effects.contact_force import GRIP, KEPT, MOST, PARTS, own_grip, rubbed, touches
 from magmpm.effects.contact_law import at_rest, contact_of
 
-# kg, s, m/s
+# kg
 MASS = 2e-9
-DT = 1e-6
-REST = np.zeros(3)
-SPEED = 0.1  # m/s
 
 
 @pytest.mark.parametrize("key", having("rate_stress"))
@@ -59,22 +56,16 @@ def test_viscous_stress(key: str, rng: np.random.Generator) -> None:
 CONTACT = [key for key in having("contact") if effects.Effects.every()[key].PHASE == "contact"]
 
 
-def pushed(function: Any, x: np.ndarray, v: np.ndarray = REST, mass: float = MASS) -> np.ndarray:
-    """What contact gives a point at x with velocity v."""
+def pushed(function: Any, x: np.ndarray, mass: float = MASS) -> np.ndarray:
+    """What contact gives a point at x."""
     f = np.zeros(PARTS)
-    function(x, v, mass, DT, f)
+    function(x, mass, f)
     return f
 
 
-@pytest.mark.parametrize("key", [key for key in having("contact") if key not in CONTACT])
-def test_drag_only_brakes(key: str, rng: np.random.Generator) -> None:
-    """It removes energy at every place, and exerts no force on a particle at rest."""
-    function = hook(acting(key).own, "contact")
-    for _ in range(5):
-        x = Point(acting(key), rng).x
-        v = rng.standard_normal(3)
-        assert pushed(function, x, v)[:3] @ v < 0
-        assert not pushed(function, x).any()
+def depth(function: Any, x: np.ndarray) -> float:
+    """What contact tells of a point at x."""
+    return float(function(x, MASS, np.zeros(PARTS)))
 
 
 def touching(key: str, rng: np.random.Generator) -> np.ndarray:
@@ -186,7 +177,7 @@ def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> 
     forces = np.zeros_like(x)
     most = np.ones(len(x))
     for p in range(20):
-        f = pushed(function, x[p], REST, mass[p])
+        f = pushed(function, x[p], mass[p])
         own_grip(own[p], f)
         share = (0.0, 0.5, 2.0)[p % 3]  # of this obstacle's push in the largest friction
         most[p] = f[GRIP] / share if share > 0 else 0.0
@@ -195,7 +186,7 @@ def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> 
         else:
             pull[p] *= 0.5 * most[p] / np.linalg.norm(pull[p])
         forces[p] = f[:3] + (share if p % 2 else min(share, 1.0)) * pull[p]
-    told = contact_of(found, Touching(x, np.zeros_like(x), mass, own, pull, most))
+    told = contact_of(found, Touching(x, mass, own, pull, most))
     np.testing.assert_allclose(told["force"], np.sum(forces, axis=0), rtol=1e-12)
     assert told["count"] == 20
     assert 0 < told["depth"] < 60e-3
@@ -203,37 +194,34 @@ def test_report_is_the_sum_of_the_forces(key: str, rng: np.random.Generator) -> 
     assert (far["force"].any(), far["count"], far["depth"]) == (False, 0, 0.0)
 
 
-@pytest.mark.parametrize("key", having("near"))
-def test_near_is_above_zero_wherever_contact_pushes(key: str, rng: np.random.Generator) -> None:
-    """Otherwise a kernel would skip the contact force. It must not be positive everywhere, or it would be useless."""
-    own = acting(key).own
+@pytest.mark.parametrize("key", CONTACT)
+def test_contact_pushes_where_it_tells_a_depth(key: str, rng: np.random.Generator) -> None:
+    """And nowhere else."""
     model = acting(key).model
-    near = hook(own, "near")
-    contact = hook(own, "contact")
-    assert contact, "near tells where contact acts"
+    contact = hook(acting(key).own, "contact")
     places = np.concatenate(
         [touching(key, rng), model.surface.place, 6e-3 * rng.uniform(-1, 1, (2000, 3))]
     )
-    acted = np.array([pushed(contact, x, SPEED * np.ones(3)).any() for x in places])
-    told = np.array([near(x) for x in places]) > 0
-    assert told[acted].all()
+    acted = np.array([pushed(contact, x).any() for x in places])
+    told = np.array([depth(contact, x) for x in places]) > 0
+    assert np.array_equal(told, acted)
     assert acted[20 : 20 + len(model.surface.mass)].any(), "the body touches it"
     assert not told.all()
 
 
-@pytest.mark.parametrize("key", having("near"))
-def test_nothing_touches_within_the_distance_that_near_tells(
+@pytest.mark.parametrize("key", CONTACT)
+def test_nothing_touches_within_the_distance_that_contact_tells(
     key: str, rng: np.random.Generator
 ) -> None:
     """Kernels do not look again before a point has moved that far. A tenth of the table's spacing is its error."""
-    near = hook(acting(key).own, "near")
+    contact = hook(acting(key).own, "contact")
     checked = 0
     for x, way in zip(
         3e-3 * rng.uniform(-1, 1, (3000, 3)), rng.standard_normal((3000, 3)), strict=True
     ):
-        gap = -near(x)
+        gap = -depth(contact, x)
         if 0 < gap < math.inf:
-            assert near(x + gap * way / np.linalg.norm(way)) < 0.1 * 2e-3 / 6
+            assert depth(contact, x + gap * way / np.linalg.norm(way)) < 0.1 * 2e-3 / 6
             checked += 1
     assert checked > 200
 

@@ -108,14 +108,14 @@ def test_effects_of_motion(rng: np.random.Generator) -> None:
     )
     on = motion.packed.surface
     reference.order = reference.patch[motion.packed.point[on.first_point[:-1]]]
-    begun = np.ones((patches, PATCH))  # one number is of the place of a patch: some may be held
+    begun = np.zeros((patches, PATCH))
     begun[:, :3] = reference.friction[reference.order]
-    motion.restore({"u": c.ravel(), "v": v.ravel(), "touching": begun.ravel()})
+    motion.restore({"u": c.ravel(), "v": v.ravel(), "touching": np.append(begun, 0.0)})
     for at in (8, 10):  # ground, walls
         told = contact_of(EFFECTS[at : at + 2], at_rest(motion.touching_points().x))
         assert 0.02 * len(x) < told["count"] < 0.9 * len(x)
     compare(reference, motion, c, v, 1e-12)
-    found = motion.touching.reshape(-1, PATCH)
+    found = motion.touching[:-1].reshape(-1, PATCH)
     held = reference.friction[reference.order]
     size = np.linalg.norm(held, axis=1)
     most = reference.most[reference.order]

@@ -1,0 +1,175 @@
+"""Points of a body between its nodes: nodal fields there, forces on them, and impulses that come one after another.
+
+A cell sees 27 nodes, in nine rows of three along z. The nine numbers of a row lie side by side: eight lanes and one.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from magmpm.compiled.arrays import Array, Index
+from magmpm.compiled.jit import compiled, inlined
+from magmpm.compiled.simd import eight, load, one_by_one, splat, store
+from magmpm.kernels.mass_correction import (
+    NEARBY,
+    SEEN,
+    add_impulse,
+    ahead_at,
+    fields_at,
+    give_of,
+)
+
+SPLINES = (
+    81  # of a place: the share of each of 27 nodes, three times, as fields have three components
+)
+
+
+@inlined
+def _components(low, last):
+    """Sums over three nodes of the lanes `low` and the number `last` of a row, by component."""
+    a = one_by_one(low)
+    return a[0] + a[3] + a[6], a[1] + a[4] + a[7], a[2] + a[5] + last
+
+
+@compiled
+def field_at(field, node, along_x, along_y, weights, at):
+    """Value of a nodal field (3 nodes,) at a point whose splines along x, y, z begin at weights[at]; node: the cell's first one."""
+    low = splat(0.0)
+    last = 0.0
+    for a in range(3):
+        for b in range(3):
+            k = 3 * (node + a * along_x + b * along_y)
+            share = weights[at + a] * weights[at + 3 + b]
+            low = low + share * load(field, k)
+            last += share * field[k + 8]
+    z0 = weights[at + 6]
+    z1 = weights[at + 7]
+    z2 = weights[at + 8]
+    return _components(low * eight(z0, z0, z0, z1, z1, z1, z2, z2), last * z2)
+
+
+@compiled
+def add_at(field, node, along_x, along_y, weights, at, f0, f1, f2):
+    """Add (f0, f1, f2) at a point to a nodal field (3 nodes,): what `field_at` reads, backward."""
+    z0 = weights[at + 6]
+    z1 = weights[at + 7]
+    z2 = weights[at + 8]
+    low = eight(z0 * f0, z0 * f1, z0 * f2, z1 * f0, z1 * f1, z1 * f2, z2 * f0, z2 * f1)
+    last = z2 * f2
+    for a in range(3):
+        for b in range(3):
+            k = 3 * (node + a * along_x + b * along_y)
+            share = weights[at + a] * weights[at + 3 + b]
+            store(field, k, load(field, k) + share * low)
+            field[k + 8] += share * last
+
+
+class Places(NamedTuple):
+    """Places (n,) of the body on which impulses act: the first node of the cell of each; splines (SPLINES n,) of its nodes, row by row; of
+    the mass correction (kernels.mass_correction) the first knot that it sees, -1 for none, fields (9 SEEN n,), and column
+    (9 (2 NEARBY + SEEN) n,).
+    """
+
+    node: Index
+    splines: Array
+    knot: Index
+    fields: Array
+    column: Array
+
+
+FIELDS = 9 * SEEN
+COLUMN = 9 * (2 * NEARBY + SEEN)
+
+
+@compiled
+def new_places(count):
+    """Room for so many places."""
+    return Places(
+        np.empty(count, np.int64),
+        np.empty(SPLINES * count),
+        np.empty(count, np.int64),
+        np.empty(FIELDS * count),
+        np.empty(COLUMN * count),
+    )
+
+
+@compiled
+def come_to(places, k, node, along_x, along_y, weights, at):
+    """Set place k by its cell's first node, and its splines along each axis from index `at` of weights on."""
+    places.node[k] = node
+    z0 = weights[at + 6]
+    z1 = weights[at + 7]
+    z2 = weights[at + 8]
+    low = eight(z0, z0, z0, z1, z1, z1, z2, z2)
+    for a in range(3):
+        for b in range(3):
+            share = weights[at + a] * weights[at + 3 + b]
+            to = SPLINES * k + 27 * a + 9 * b
+            store(places.splines, to, share * low)
+            places.splines[to + 8] = share * z2
+
+
+@compiled
+def give_at(places, k, along_x, along_y, correction, inverse_mass):
+    """Compute what the correction sees of place k, and return by how much (1/kg) it is quicker after an impulse of 1 N s, at most."""
+    node = places.node[k]
+    splines = places.splines
+    at = SPLINES * k
+    fields = places.fields
+    knot = fields_at(correction, node, along_x, along_y, splines, at, fields, FIELDS * k)
+    places.knot[k] = knot
+    give = give_of(correction, knot, fields, FIELDS * k, places.column, COLUMN * k)
+    for a in range(3):
+        for b in range(3):
+            for c in range(3):
+                n = 3 * (node + a * along_x + b * along_y + c)
+                most = max(inverse_mass[n], inverse_mass[n + 1], inverse_mass[n + 2])
+                give += splines[at + 27 * a + 9 * b + 3 * c] ** 2 * most
+    return give
+
+
+@compiled
+def velocity_at(places, k, along_x, along_y, push, correction, field):
+    """Velocity (m/s) of place k, as the impulses so far have changed it."""
+    low = splat(0.0)
+    last = 0.0
+    for row in range(9):
+        n = 3 * (places.node[k] + row // 3 * along_x + row % 3 * along_y)
+        at = SPLINES * k + 9 * row
+        low = low + load(places.splines, at) * load(field, n)
+        last += places.splines[at + 8] * field[n + 8]
+    x, y, z = _components(low, last)
+    s, t, u = ahead_at(correction, places.knot[k], places.fields, FIELDS * k)
+    return x + push * s, y + push * t, z + push * u
+
+
+@compiled
+def add_force(splines, at, node, along_x, along_y, f0, f1, f2, force):
+    """Add a force (f0, f1, f2) N to those of the nodes; splines: as of Places, from index `at` on."""
+    f = eight(f0, f1, f2, f0, f1, f2, f0, f1)
+    for row in range(9):
+        n = 3 * (node + row // 3 * along_x + row % 3 * along_y)
+        store(force, n, load(force, n) + load(splines, at + 9 * row) * f)
+        force[n + 8] += splines[at + 9 * row + 8] * f2
+
+
+@compiled
+def quicken(places, k, along_x, along_y, push, correction, inverse_mass, f0, f1, f2, v):
+    """Change the nodes' velocities v (3 nodes,) by the force (f0, f1, f2), N, on place k for push (s); note it for the correction."""
+    p0 = push * f0
+    p1 = push * f1
+    p2 = push * f2
+    p = eight(p0, p1, p2, p0, p1, p2, p0, p1)
+    for row in range(9):
+        n = 3 * (places.node[k] + row // 3 * along_x + row % 3 * along_y)
+        at = SPLINES * k + 9 * row
+        store(v, n, load(v, n) + load(places.splines, at) * load(inverse_mass, n) * p)
+        v[n + 8] += places.splines[at + 8] * inverse_mass[n + 8] * p2
+    knot = places.knot[k]
+    add_impulse(correction, knot, places.fields, FIELDS * k, places.column, COLUMN * k, f0, f1, f2)
+
+
+@inlined
+def turned(k, count, back):
+    """Number k of `count`, counted from the last where `back` is 1."""
+    return count - 1 - k if back else k
