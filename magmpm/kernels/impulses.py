@@ -31,7 +31,7 @@ def _components(low, last):
     return a[0] + a[3] + a[6], a[1] + a[4] + a[7], a[2] + a[5] + last
 
 
-@compiled
+@inlined
 def field_at(field, node, along_x, along_y, weights, at):
     """Value of a nodal field (3 nodes,) at a point whose splines along x, y, z begin at weights[at]; node: the cell's first one."""
     low = splat(0.0)
@@ -48,7 +48,7 @@ def field_at(field, node, along_x, along_y, weights, at):
     return _components(low * eight(z0, z0, z0, z1, z1, z1, z2, z2), last * z2)
 
 
-@compiled
+@inlined
 def add_at(field, node, along_x, along_y, weights, at, f0, f1, f2):
     """Add (f0, f1, f2) at a point to a nodal field (3 nodes,): what `field_at` reads, backward."""
     z0 = weights[at + 6]
