@@ -2,7 +2,7 @@
 
 A point of another surface touches a solid where the place in the undeformed solid that is now at the point lies below its surface. Boxes
 and rods are planes and a cylinder; components of meshes have a table of distances (bodies.signed_distance), and where its splines bend
-around an edge, the faces of the mesh. Bores of tubes are taken as full.
+around an edge, the faces of the mesh.
 """
 
 from collections.abc import Sequence

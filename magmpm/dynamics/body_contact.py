@@ -36,7 +36,7 @@ MOVE = 0.5
 # cells from a place on a face to the nearest of its points, at most, if stretched by sqrt(3): the
 # edges' EDGE
 BETWEEN = 0.5
-SHARE = 0.5  # of the stiffness, where both bodies have points
+SHARE = 0.25  # of the stiffness, where both bodies have points, and both give
 REACH = float(
     np.hypot(2 * MOVE, BETWEEN)
 )  # cells from the nearest point of a surface up to which a point is listed

@@ -29,7 +29,7 @@ class SelfContact(Effect):
 
     def stable_step(self, model: Any) -> float:
         """Largest stable step, s."""
-        return stable_step(2 * stiffness_of(model.scene, self.stiffness))
+        return stable_step(stiffness_of(model.scene, self.stiffness))
 
 
 def gap(position: Array, reference: Array, size: float, apart: float, within: float) -> float:

@@ -4,8 +4,8 @@ A pair is a point and a solid that it may touch. The place X in the undeformed s
 Newton's method in a cell of the solid's grid. The point touches where X lies below the solid's surface, at the distance d < 0. The energy
 is that of springs along d, so the force is along F^-T n of the solid, acts at x on both, and is equal and opposite: momentum and angular
 momentum are exact. So is friction, of the difference of both velocities at x (effects.contact_force). Every surface has points and is a
-solid for the others, so each side has half the stiffness that obstacles have; held parts have no points, and are obstacles. Both bodies
-give: the square of a pair's frequency is at most twice theirs.
+solid for the others, and both bodies give, so each side has a quarter of the stiffness that obstacles have: then no frequency is above
+theirs. Held parts have no points, and are obstacles.
 """
 
 from __future__ import annotations

@@ -523,16 +523,51 @@ def test_a_coated_tip_slides_where_the_rest_grips() -> None:
 
 
 def test_energy_of_contact_is_counted() -> None:
-    """A block bounces on slippery ground: of its fall the sum of all energies gains less than 0.5 %, loses less than 2 % at any
-    time, in steps of second order, and 0.5 % in the end. The ground's springs hold some of it."""
+    """A block bounces on slippery ground: of its fall the sum of all energies gains less than 0.5 % and loses less than 2 % at any time,
+    in steps of second order: at half the step a quarter of it. The ground's springs hold some of it."""
     effects = {"gravity": {}, "damping": UNDAMPED, "ground": {"point": [0.0, 0.0, -0.2e-3]}}
     scene = moving_scene(block((2e-3, 2e-3, 2e-3)), effects, duration=0.04)
-    rows: list[dict[str, float]] = []
-    move(build(scene), on_state=lambda state: rows.append(state.energies))
-    total = np.array([sum(row.values()) for row in rows])
-    ground = np.array([row["ground"] for row in rows])
-    fall = max(row["kinetic"] for row in rows)
-    assert (total - total[0]).max() < 5e-3 * fall
-    assert (total - total[0]).min() > -2e-2 * fall
-    assert abs(total[-1] - total[0]) < 5e-3 * fall
-    assert 0 < ground.max() < fall
+    begun = begin(build(scene))
+    data = scene.to_si()
+    for share, lost in ((1.0, 2e-2), (0.5, 5e-3)):
+        data["solver"]["dynamic"]["time_step"] = share * begun.dt
+        rows: list[dict[str, float]] = []
+        move(build(Scene.from_si(data)), on_state=lambda state: rows.append(state.energies))
+        total = np.array([sum(row.values()) for row in rows])
+        ground = np.array([row["ground"] for row in rows])
+        fall = max(row["kinetic"] for row in rows)
+        assert (total - total[0]).max() < 0.25 * lost * fall
+        assert (total - total[0]).min() > -lost * fall
+        assert 0 < ground.max() < fall
+
+
+def test_a_ball_passes_through_a_soft_tube(tmp_path: Path) -> None:
+    """A slippery ball, wider than the bore by a fifteenth, at 1 m/s: the tube slows it down on its way in and gives the speed back on its
+    way out, but for what shakes both (5 %); momentum stays."""
+    around = np.arange(24) * np.pi / 12
+    circle = np.column_stack([np.cos(around), np.sin(around)])
+    vertices = np.concatenate(
+        [np.insert(r * circle, 0, x, axis=1) for r in (3e-3, 1.5e-3) for x in (0.0, 6e-3)]
+    )
+    quads = []  # outer, inner, and the two ends
+    for k in range(24):
+        n = (k + 1) % 24
+        quads += [(k, 24 + k, 24 + n, n), (48 + k, 48 + n, 72 + n, 72 + k)]
+        quads += [(k, n, 48 + n, 48 + k), (24 + k, 72 + k, 72 + n, 24 + n)]
+    faces = np.array([f for a, b, c, d in quads for f in ((a, c, b), (a, d, c))])
+    meshes = {"tube": Mesh(vertices, faces), "ball": ball((-2e-3, 0.0, 0.0), 1.6e-3, 16)}
+    model = build(parts_scene(tmp_path, meshes, {"self_contact": {}}, 0.6e-3))
+    begun = begin(model)
+    motion = begun.motion
+    assert motion.contact.names == ["tube", "ball"]
+    throw_part(motion, 1, (1.0, 0.0, 0.0))
+    before = momenta(motion)
+    slowest = 1.0
+    for _ in range(12):
+        advance(motion, round(1e-3 / begun.dt), begun.dt)
+        x, v, _ = motion.particles()
+        slowest = min(slowest, float(of_part(model, 1, v)[0]))
+    assert of_part(model, 1, x)[0] > 8e-3, "it is out of the tube"
+    assert slowest < 0.85
+    assert of_part(model, 1, v)[0] > 0.95
+    np.testing.assert_allclose(momenta(motion)[:3], before[:3], rtol=0, atol=1e-9 * before[0])

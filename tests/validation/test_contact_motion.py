@@ -169,13 +169,13 @@ def test_a_block_sticks_on_a_gentle_slope() -> None:
 
 
 def test_a_stuck_block_does_not_depend_on_the_time_step() -> None:
-    """A thousand times heavier, with damping, it moves by 0.56 mm, more than it leans with friction 10: it slips while the weight acts at
-    once. Half the step changes that by less than 2 %; two and three cells are within 10 % of five.
+    """A thousand times heavier, with damping, it moves by 0.57 mm, more than it leans with friction 10: it slips while the weight acts at
+    once. Half the step changes that by less than 2 %; three and four cells are within 5 % of five. (Two cells: 16 % less.)
 
     Friction that at most stops a particle within a step lets it creep by 3.7 mm, and by 2.1 mm at half the step.
     """
 
-    def moved(friction: float, halves: int, cells: int = 2) -> float:
+    def moved(friction: float, halves: int, cells: int = 3) -> float:
         model = sloped(
             np.arctan(0.25), friction, g=1000 * EARTH, cells=cells, damping={"rate": 1000.0}
         )
@@ -187,8 +187,8 @@ def test_a_stuck_block_does_not_depend_on_the_time_step() -> None:
     ends = [moved(FRICTION, halves) for halves in (1, 2)]
     assert abs(ends[1] - ends[0]) < 0.02 * abs(ends[0])
     assert moved(10.0, 1) < ends[0]
-    assert [ends[0], moved(FRICTION, 1, cells=3)] == pytest.approx(
-        [moved(FRICTION, 1, cells=5)] * 2, rel=0.1
+    assert [ends[0], moved(FRICTION, 1, cells=4)] == pytest.approx(
+        [moved(FRICTION, 1, cells=5)] * 2, rel=0.05
     )
 
 

@@ -104,11 +104,11 @@ def test_push_and_grip_have_the_numbers_of_their_formulas() -> None:
 
 
 def test_stiffness_is_that_of_the_stiffest_material() -> None:
-    """(K + 4/3 G) / rho / h^2: a wave through a cell."""
+    """Twice (K + 4/3 G) / rho / h^2: of a wave through a cell."""
     scene = rod_scene(shear=[G, 3 * G], directions=[(1, 0, 0), (0, 1, 0)], cells=4)
     wave = np.sqrt(3 * G * (20 + 4 / 3) / 1882)
     assert np.isnan(contact.own_friction(scene)).all()
-    assert contact.stiffness_of(scene, 2.0) == pytest.approx(2 * wave**2 / (1e-3) ** 2)
+    assert contact.stiffness_of(scene, 3.0) == pytest.approx(6 * wave**2 / (1e-3) ** 2)
     data = scene.to_si()
     data["materials"]["steel"] = {"shear_modulus": 8e9, "bulk_to_shear": 2.0, "density": 7850.0}
     assert contact.stiffness_of(Scene.from_si(data), 2.0) == contact.stiffness_of(scene, 2.0), (
