@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from magmpm.results.trajectory import Motion
     from magmpm.scene import Scene, load_scene
     from magmpm.simulate import run, sensitivities
-    from magmpm.studies.in_python import design, fit, influence
+    from magmpm.studies.in_python import design, fit, influence, sweep
 
 __version__ = "0.1.0"
 __all__ = [
@@ -45,6 +45,7 @@ __all__ = [
     "load_scene",
     "run",
     "sensitivities",
+    "sweep",
 ]
 _HOMES = {
     "Motion": "results.trajectory",
@@ -57,7 +58,7 @@ _HOMES |= {"MagmpmWarning": "results.notices"}
 _HOMES |= {
     "error": "compare",
     "load_scene": "scene",
-    **dict.fromkeys(("design", "fit", "influence"), "studies.in_python"),
+    **dict.fromkeys(("design", "fit", "influence", "sweep"), "studies.in_python"),
 }
 environment.prepare()  # before anything imports Numba
 

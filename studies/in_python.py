@@ -17,7 +17,11 @@ from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.evaluate.trial import Trial
 from magmpm.studies.explore.effects_table import EffectRow, EffectsTable, survey
 from magmpm.studies.fitting.search import Fit
+from magmpm.studies.goals.search import GoalReport, has_goal, load_goal, search
+from magmpm.studies.goals.sweep import sweep
 from magmpm.studies.problem.study import Study
+
+__all__ = ["design", "fit", "influence", "sweep"]
 
 SceneLike = Scene | Path | str | Mapping[str, Any]
 
@@ -30,8 +34,9 @@ def design(
     sampler: str | None = None,
     progress: bool | None = None,
     **more: Any,
-) -> StudyReport:
-    """Search the design that makes a target shape, or go on with the search, as `magmpm design` does without its pictures.
+) -> StudyReport | GoalReport:
+    """Search the design that makes a target shape, or reaches the `goal` of its file, or go on with the search, as `magmpm design` does
+    without its pictures.
 
     study: the path of a study file, or the Study that load_study makes of one. folder: of the results, runs/NAME unless given; best/ in it
     holds the best design as a Result and as a scene. trials, sampler: in place of the file's. more: workers, storage, on_trial and the
@@ -40,6 +45,8 @@ def design(
     given as MagmpmWarning, once a study.
     Raises InputError for wrong files, names and numbers; MagmpmError where the trials can't be kept; TypeError for an unknown option.
     """
+    if isinstance(study, (str, Path)) and has_goal(study):
+        return _for_goal(study, folder, trials, sampler, progress, more)
     from magmpm.simulate import run, sensitivities
     from magmpm.studies.engine.loop import run_study
     from magmpm.studies.search.definition import load_study
@@ -76,6 +83,44 @@ def design(
         )
         watched.ended(report)
     notices.warn(report.warnings, of)
+    return report
+
+
+def _for_goal(
+    study: Path | str,
+    folder: Path | str | None,
+    trials: int | None,
+    sampler: str | None,
+    progress: bool | None,
+    more: Mapping[str, Any],
+) -> GoalReport:
+    """`design` of a study with a goal. Raises TypeError for options that it has not."""
+    found = load_goal(study)
+    unknown = set(more) - {"workers", "storage", "on_trial"} | ({"sampler"} if sampler else set())
+    if unknown:
+        raise TypeError(
+            f"design() of a study with a goal has no argument {', '.join(sorted(unknown))}; it has"
+            " folder, trials, workers, storage and on_trial"
+        )
+    out = Path("runs") / found.name if folder is None else Path(folder)
+    count = found.file.trials if trials is None else trials
+    own = more.get("on_trial")
+    with notices.Watched(found.name, count, "trials", progress) as watched:
+
+        def tell(line: str) -> None:
+            watched.note(line)
+            if own is not None:
+                own(line)
+
+        report = search(
+            found,
+            out,
+            trials=trials,
+            workers=more.get("workers") or 1,
+            storage=more.get("storage"),
+            on_trial=tell,
+        )
+        watched.ended(report)
     return report
 
 

@@ -215,6 +215,31 @@ COMMANDS = {
             *_out("runs/NAME, with the study file's name"),
         ),
     ),
+    "sweep": Command(
+        "goals.sweep",
+        "run a scene over values of its numbers",
+        "Run a scene for every combination of values, in parallel, and print its measures; with --out it "
+        "goes on where it was.",
+        (
+            _SCENE,
+            _value(
+                "--set",
+                "ADDRESS=V1,V2",
+                "a number of the scene and its values, such as 'field.uniform[2]=2 mT,4 mT';"
+                " may be repeated",
+                action="append",
+            ),
+            _value(
+                "--measure",
+                "M",
+                "tip, another measure, or its settings, '{travel: {of: tip}}'; may be repeated"
+                " [tip]",
+                action="append",
+            ),
+            _value("--workers", "N", "processes that run scenes [one for each CPU]", type=int),
+            *_out("none: rows are printed"),
+        ),
+    ),
     "accuracy": Command(
         "tables.accuracy",
         "what accuracy costs in time",

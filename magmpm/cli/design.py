@@ -31,8 +31,13 @@ if TYPE_CHECKING:
 
 def command(options: argparse.Namespace) -> int:
     """Run or resume a study, with a picture of every trial, then the pictures of the whole."""
+    from magmpm.studies.goals.search import has_goal
     from magmpm.studies.search.definition import load_study
 
+    if has_goal(options.study):
+        from magmpm.cli.goals import design_for_goal
+
+        return design_for_goal(options)
     study = load_study(options.study)
     smooth = options.style == SURFACE
     from magmpm.simulate import run, sensitivities

@@ -95,6 +95,7 @@ KINDS = {
         Kind("size", "B", "2 GB", _powers("B", none=0, k=3, M=6, G=9, T=12)),
         Kind("frequency", "Hz", "2 Hz", {**_powers("Hz", none=0, k=3, m=-3), "1/s": Fraction(1)}),
         Kind("current", "A", "2 A", _powers("A", none=0, k=3, m=-3)),
+        Kind("force", "N", "20 mN", _powers("N", none=0, m=-3, u=-6, µ=-6)),
         Kind("percentage", "times 1", "5 %", _each(Fraction(1, 100), "%", "percent")),
         Kind("magnetic moment", "A*m^2", "0.5 A*m^2", _MOMENT),
     )

@@ -1,0 +1,125 @@
+"""Numbers of a scene by their addresses: the keys of its file, dots between them, [i] for the i-th of a list, [*] for each of them.
+
+`field.uniform[2]`, `materials.magnetic silicone.remanence`, `body.catheter.segments[*].length`. Values are what a file would say, text with
+units, or numbers in SI.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+from typing import Any
+
+from magmpm.errors import InputError
+from magmpm.scene.scene import Scene
+
+Place = tuple[str | int, ...]
+_PART = re.compile(r"([^.\[\]]+)((?:\[(?:\d+|\*)\])*)")
+CLOSE = 3  # addresses that are told of a wrong one
+
+
+def written(place: Place) -> str:
+    """A place as an address."""
+    text = ""
+    for part in place:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}"
+    return text.removeprefix(".")
+
+
+def places(scene: Scene, address: str) -> list[Place]:
+    """The places that an address names, one for each of [*]. Raises InputError where the scene has nothing there."""
+    parts = _parts(address)
+    found = list(_expanded(scene.to_si(), parts, ()))
+    if not found:
+        known = sorted(
+            {re.sub(r"\[\d+\]", "[*]", written(leaf)) for leaf in _leaves(scene.to_si())}
+        )
+        near = get_close_matches(re.sub(r"\[\d+\]", "[*]", address), known, CLOSE, 0.5)
+        raise InputError(
+            address,
+            received="an address",
+            rule="the scene says nothing there",
+            remedy=(
+                f"did you mean {' or '.join(near)}?"
+                if near
+                else "write the keys of the scene's file, dots between them, [i] or [*] for lists"
+            ),
+        )
+    return found
+
+
+def value_at(scene: Scene, place: Place, *, units: bool = False) -> Any:
+    """What a scene says at a place, in SI, or with units as text."""
+    context = {"units": True} if units else None
+    found: Any = scene.model_dump(mode="json", context=context)
+    for part in place:
+        found = found[part]
+    return found
+
+
+def changed(scene: Scene, values: Mapping[Place, Any]) -> Scene:
+    """The scene with other values at these places. Raises InputError where it breaks a rule."""
+    if not values:
+        return scene
+    data = {**scene.to_si(), "reference": None}  # it is that of another scene
+    for place, value in values.items():
+        inner: Any = data
+        for part in place[:-1]:
+            inner = inner[part]
+        inner[place[-1]] = value
+    return Scene.from_si(data)
+
+
+def _parts(address: str) -> list[str | int | None]:
+    """Keys, indices, and None for [*]. Raises InputError for what is no address."""
+    out: list[str | int | None] = []
+    at = 0
+    while at < len(address):
+        match = _PART.match(address, at)
+        if match is None or (match.end() < len(address) and address[match.end()] != "."):
+            break
+        out.append(match[1].strip())
+        out += [None if k == "*" else int(k) for k in re.findall(r"\[(\d+|\*)\]", match[2])]
+        at = match.end() + 1
+    if not out or at <= len(address):
+        raise InputError(
+            address,
+            received="an address",
+            rule="an address is keys with dots between them, and [i] or [*] for lists",
+            remedy="write, say, `field.uniform[2]`",
+        )
+    return out
+
+
+def _expanded(data: Any, parts: list[str | int | None], before: Place) -> Iterator[Place]:
+    """The places that parts of an address name below data."""
+    if not parts:
+        yield before
+        return
+    part, rest = parts[0], parts[1:]
+    if part is None and isinstance(data, list):
+        for k, each in enumerate(data):
+            yield from _expanded(each, rest, (*before, k))
+    elif _has(data, part):
+        yield from _expanded(data[part], rest, (*before, part))
+
+
+def _has(data: Any, part: str | int | None) -> bool:
+    """True if data has this key or index."""
+    if isinstance(part, int):
+        return isinstance(data, list) and part < len(data)
+    return isinstance(data, Mapping) and part in data
+
+
+def _leaves(data: Any, before: Place = ()) -> Iterator[Place]:
+    """The places of everything that is said, and of what holds it."""
+    if before:
+        yield before
+    if isinstance(data, Mapping):
+        for key, value in data.items():
+            if value is not None:
+                yield from _leaves(value, (*before, str(key)))
+    elif isinstance(data, list):
+        for k, value in enumerate(data):
+            yield from _leaves(value, (*before, k))

@@ -1,0 +1,105 @@
+"""One run of a scene and its measures, here or in another process."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from magmpm.errors import MagmpmError
+from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
+from magmpm.inputs.settings import validate
+from magmpm.results.trajectory import Motion
+from magmpm.scene import Scene
+from magmpm.studies.goals.answer import Answer
+from magmpm.studies.goals.measures import Measure
+
+
+@dataclass(frozen=True)
+class Job:
+    """A scene (SI data), the folder of its run, measures by name as plain data, and the folder of users' functions."""
+
+    scene: dict[str, Any]
+    folder: Path
+    measures: dict[str, dict[str, Any]]
+    functions: Path
+
+
+def numbers(job: Job, on_progress: Callable[[int, float], None] | None = None) -> dict[str, float]:
+    """The measures of a run, in SI. Raises MagmpmError where it fails, with the reason."""
+    answer = answered(Scene.from_si(job.scene), job.folder, on_progress)
+    return {
+        name: measured(data, answer, name, job.functions) for name, data in job.measures.items()
+    }
+
+
+def measured(data: Mapping[str, Any], answer: Answer, at: str, functions: Path) -> float:
+    """A measure, as plain data, of an answer. Raises MagmpmError."""
+    return validate(Measure, data).of_answer(answer, at, functions)
+
+
+def answered(
+    scene: Scene, folder: Path, on_progress: Callable[[int, float], None] | None = None
+) -> Answer:
+    """Run a scene in a folder. Raises MagmpmError."""
+    from magmpm.simulate import run
+
+    result = run(scene, folder=folder, on_progress=on_progress, progress=False)
+    return Answer(scene, result, Motion.load(folder) if scene.in_time else None)
+
+
+def tried(job: Job) -> dict[str, Any]:
+    """`numbers` as {"values": ...}, or {"failed": reason}."""
+    try:
+        return {"values": numbers(job)}
+    except MagmpmError as error:
+        return {"failed": reason(error)}
+
+
+def reason(error: BaseException) -> str:
+    """The first line of what went wrong."""
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
+def pool(workers: int) -> ProcessPoolExecutor:
+    """Processes that each run one scene at a time, on their share of the threads."""
+    return ProcessPoolExecutor(workers, get_context("spawn"), _share_threads, (workers,))
+
+
+def _share_threads(workers: int) -> None:
+    import os
+
+    import numba
+
+    numba.set_num_threads(
+        max(1, min(numba.config.NUMBA_NUM_THREADS, (os.cpu_count() or 1) // workers))
+    )
+
+
+def in_si(value: Any, measure: Measure, at: str) -> float:
+    """A bound or target of a measure in SI. Raises InputError."""
+    from magmpm.errors import InputError
+
+    kind = None if measure.kind is None else KINDS[measure.kind]
+    if kind is None:
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise InputError(
+                at,
+                received=repr(value),
+                rule=f"{measure.name} is a plain number (SI)",
+                remedy="write a number",
+            )
+        return float(value)
+    try:
+        return parse_quantity(str(value), kind)
+    except BadQuantity as error:
+        raise InputError(at, received=repr(value), rule=error.rule, remedy=error.remedy) from None
+
+
+def forget(folder: Path) -> None:
+    """Remove a run's folder."""
+    shutil.rmtree(folder, ignore_errors=True)

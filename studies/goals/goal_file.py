@@ -1,0 +1,182 @@
+"""Content of a study file with a `goal`: what it varies, what it makes larger or smaller, and within which limits."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from magmpm.inputs.settings import Settings, fault
+from magmpm.studies.goals.measures import Measure
+
+SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "random")
+
+
+class Direction(Settings):
+    """A direction, by two angles. No settings."""
+
+
+class Number(Settings):
+    """A number of the scene, or several that share one value: bounds, choices, or a direction."""
+
+    of: str | tuple[str, ...] = Field(
+        description="Its address: the keys of the scene's file, dots between them, [i] or [*] for lists; or a list of them.",
+        examples=["field.uniform[2]"],
+    )
+    min: Any = Field(default=None, description="Least value, with its unit.", examples=["2 Hz"])
+    max: Any = Field(default=None, description="Greatest value, with its unit.", examples=["20 Hz"])
+    log: bool = Field(
+        default=False, description="Whether factors count in place of differences.", examples=[True]
+    )
+    choices: tuple[Any, ...] | None = Field(
+        default=None,
+        min_length=2,
+        max_length=1000,
+        description="Values, one of which it has.",
+        examples=[["0.2 mm", "0.3 mm"]],
+    )
+    direction: Direction | None = Field(
+        default=None, description="It is a direction, which turns: {}.", examples=["{}"]
+    )
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Number:
+        bounded = self.min is not None or self.max is not None
+        if bounded + (self.choices is not None) + (self.direction is not None) != 1 or (
+            bounded and (self.min is None or self.max is None)
+        ):
+            raise fault(
+                "must have min and max, or choices, or a direction",
+                "write, say, `{of: field.uniform[2], min: 2 mT, max: 8 mT}`",
+            )
+        return self
+
+
+class VaryDirections(Settings):
+    """Directions of magnetization: of each magnetized region, or of some."""
+
+    only: tuple[str, ...] | None = Field(
+        default=None,
+        min_length=1,
+        description="Names of the parts or segments whose directions vary; all unless given.",
+        examples=[["arm_1", "arm_2"]],
+    )
+
+
+class VaryAnything(Settings):
+    """What trials change."""
+
+    magnetization: VaryDirections | None = Field(
+        default=None, description="The direction of each magnetized region: {}.", examples=["{}"]
+    )
+    numbers: tuple[Number, ...] = Field(
+        default=(),
+        max_length=1000,
+        description="Numbers of the scene, by their addresses.",
+        examples=[[{"of": "field.uniform[2]", "min": "2 mT", "max": "8 mT"}]],
+    )
+
+    @model_validator(mode="after")
+    def _something(self) -> VaryAnything:
+        if self.magnetization is None and not self.numbers:
+            raise fault("a study must vary something", "add `magnetization: {}`, or `numbers`")
+        return self
+
+
+class Target(Measure):
+    """A measure, and the value that it should have."""
+
+    value: Any = Field(description="The value, with its unit.", examples=["3 mm"])
+
+
+class Goal(Settings):
+    """What is sought: one of these keys."""
+
+    maximize: Measure | None = Field(
+        default=None,
+        description="A measure to be as large as can be.",
+        examples=["{travel: {of: body}}"],
+    )
+    minimize: Measure | None = Field(
+        default=None,
+        description="A measure to be as small as can be.",
+        examples=["{contact_force: {with: walls}}"],
+    )
+    target: Target | None = Field(
+        default=None,
+        description="A measure to come near a value.",
+        examples=["{displacement: {of: tip, along: [0, 0, 1]}, value: 3 mm}"],
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> Goal:
+        if sum(each is not None for each in (self.maximize, self.minimize, self.target)) != 1:
+            raise fault(
+                "must have one of the keys maximize, minimize and target",
+                "write, say, `maximize: {travel: {of: body}}`, and a list of goals for several",
+            )
+        return self
+
+    @property
+    def key(self) -> str:
+        """Its key."""
+        return next(k for k in ("maximize", "minimize", "target") if getattr(self, k) is not None)
+
+    @property
+    def measure(self) -> Measure:
+        """Its measure."""
+        found = getattr(self, self.key)
+        assert isinstance(found, Measure)
+        return found
+
+
+class Constraint(Measure):
+    """A measure, and the bounds within which it must stay."""
+
+    at_most: Any = Field(
+        default=None, description="Greatest value, with its unit.", examples=["20 mN"]
+    )
+    at_least: Any = Field(
+        default=None, description="Least value, with its unit.", examples=["1 mm"]
+    )
+
+    @model_validator(mode="after")
+    def _bounded(self) -> Constraint:
+        if self.at_most is None and self.at_least is None:
+            raise fault("must have at_most or at_least", "write, say, `at_most: 20 mN`")
+        return self
+
+
+class GoalFile(Settings):
+    """A study of anything: the scene, what is varied, what is sought, and how."""
+
+    scene: str = Field(min_length=1, description="Path of the scene, relative to this file.")
+    vary: VaryAnything = Field(description="What trials change.")
+    goal: Annotated[
+        tuple[Goal, ...],
+        BeforeValidator(lambda value: value if isinstance(value, (list, tuple)) else [value]),
+    ] = Field(min_length=1, max_length=3, description="What is sought, or a list of up to three.")
+    subject_to: tuple[Constraint, ...] = Field(
+        default=(), description="Measures that must stay within bounds."
+    )
+    prune: bool = Field(
+        default=False,
+        description="Whether motions that do worse than half of those before at the same time are ended.",
+    )
+    trials: int = Field(default=35, strict=True, ge=1, le=1_000_000, description="Trials in all.")
+    sampler: str = Field(
+        default="tpe", description=f"One of {', '.join(SAMPLERS)}; tpe unless given."
+    )
+    seed: int = Field(default=1, strict=True, ge=0, le=2**32 - 1, description="Of the sampler.")
+
+    @model_validator(mode="after")
+    def _go_together(self) -> GoalFile:
+        if self.sampler not in SAMPLERS:
+            raise fault(f"sampler must be one of {', '.join(SAMPLERS)}", "correct it", ("sampler",))
+        if len(self.goal) > 1 and self.sampler in ("cmaes", "gp"):
+            raise fault(
+                f"{self.sampler} has one goal", "write `sampler: tpe` or `nsga2`", ("sampler",)
+            )
+        if len(self.goal) > 1 and self.prune:
+            raise fault("only trials of one goal are pruned", "remove `prune`", ("prune",))
+        return self

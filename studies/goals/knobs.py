@@ -1,0 +1,236 @@
+"""What trials turn: numbers, choices and directions of a scene, as Optuna suggests them, and the scene that they make."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from magmpm.errors import InputError
+from magmpm.scene import Scene
+from magmpm.scene.addresses import Place, changed, places, value_at, written
+from magmpm.studies.goals.goal_file import Number, VaryAnything
+
+if TYPE_CHECKING:
+    from optuna.trial import BaseTrial
+
+_TEXT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)")
+Values = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Knob:
+    """One thing that trials turn. name: of its parameter; places: in the scene, which share the value."""
+
+    name: str
+    places: tuple[Place, ...]
+
+    def suggested(self, trial: BaseTrial) -> dict[Place, Any]:
+        """What a trial writes at the places."""
+        raise NotImplementedError
+
+    def begun(self, scene: Scene) -> dict[str, Any]:
+        """Parameters that give the scene's own value; {} where they can't."""
+        return {}
+
+
+@dataclass(frozen=True)
+class Range(Knob):
+    """A number within bounds, in a unit of which it has `scale` SI units; whole: an integer."""
+
+    low: float
+    high: float
+    unit: str
+    scale: float
+    log: bool
+    whole: bool
+
+    def at(self, value: float) -> dict[Place, Any]:
+        """The places with a value in the unit."""
+        text = f"{value!r} {self.unit}" if self.unit else value
+        return dict.fromkeys(self.places, text)
+
+    def suggested(self, trial: BaseTrial) -> dict[Place, Any]:
+        if self.whole:
+            return self.at(
+                trial.suggest_int(self.name, int(self.low), int(self.high), log=self.log)
+            )
+        return self.at(trial.suggest_float(self.name, self.low, self.high, log=self.log))
+
+    def begun(self, scene: Scene) -> dict[str, Any]:
+        now = value_at(scene, self.places[0])
+        if not isinstance(now, (int, float)) or isinstance(now, bool):
+            return {}
+        value = now / self.scale
+        near = round(value, 12) if value else 0.0
+        return (
+            {self.name: int(near) if self.whole else near} if self.low <= near <= self.high else {}
+        )
+
+
+@dataclass(frozen=True)
+class Choice(Knob):
+    """One of some values."""
+
+    values: tuple[Any, ...]
+
+    def suggested(self, trial: BaseTrial) -> dict[Place, Any]:
+        shown = [
+            value if isinstance(value, (str, int, float)) else repr(value) for value in self.values
+        ]
+        chosen = trial.suggest_categorical(self.name, shown)
+        return dict.fromkeys(self.places, self.values[shown.index(chosen)])
+
+
+@dataclass(frozen=True)
+class Turning(Knob):
+    """A direction by azimuth and elevation, degrees."""
+
+    def suggested(self, trial: BaseTrial) -> dict[Place, Any]:
+        azimuth = math.radians(trial.suggest_float(f"{self.name} azimuth (deg)", -180.0, 180.0))
+        elevation = math.radians(trial.suggest_float(f"{self.name} elevation (deg)", -90.0, 90.0))
+        across = math.cos(elevation)
+        d = [across * math.cos(azimuth), across * math.sin(azimuth), math.sin(elevation)]
+        return dict.fromkeys(self.places, d)
+
+    def begun(self, scene: Scene) -> dict[str, Any]:
+        x, y, z = value_at(scene, self.places[0])
+        if not (x or y or z):
+            return {}
+        return {
+            f"{self.name} azimuth (deg)": math.degrees(math.atan2(y, x)),
+            f"{self.name} elevation (deg)": math.degrees(math.atan2(z, math.hypot(x, y))),
+        }
+
+
+def knobs(vary: VaryAnything, scene: Scene) -> tuple[Knob, ...]:
+    """All that a study turns in a scene. Raises InputError for addresses that are not there, and bounds that the scene refuses."""
+    found: list[Knob] = []
+    if vary.magnetization is not None:
+        regions = scene.regions()
+        names = [regions[k].name for k in scene.magnetized_regions()]
+        only = vary.magnetization.only
+        for name in only or ():
+            if name not in names:
+                raise InputError(
+                    "vary.magnetization.only",
+                    received=repr(name),
+                    rule=f"must be magnetized regions: {', '.join(names) or 'the scene has none'}",
+                    remedy="correct the name",
+                )
+        for k in scene.magnetized_regions():
+            if only is None or regions[k].name in only:
+                place = ("body", *regions[k].at, "magnetization")
+                found.append(Turning(regions[k].name, (place,)))
+    for k, number in enumerate(vary.numbers):
+        found += _of_number(number, scene, f"vary.numbers[{k}]")
+    seen: dict[Place, str] = {}
+    for knob in found:
+        for place in knob.places:
+            if place in seen:
+                raise InputError(
+                    "vary",
+                    received=written(place),
+                    rule=f"is varied twice, by {seen[place]} as well",
+                    remedy="leave one of them out",
+                )
+            seen[place] = knob.name
+    return tuple(found)
+
+
+def _of_number(number: Number, scene: Scene, at: str) -> list[Knob]:
+    """The knobs of a number: one for each place, or one for all that are tied. Raises InputError."""
+    tied = isinstance(number.of, tuple)
+    addresses = number.of if isinstance(number.of, tuple) else (number.of,)
+    try:
+        each = [place for address in addresses for place in places(scene, address)]
+    except InputError as error:
+        raise InputError(f"{at}.of: {error}") from None
+    groups = [tuple(each)] if tied else [(place,) for place in each]
+    out: list[Knob] = []
+    for group in groups:
+        name = written(group[0])
+        if number.direction is not None:
+            now = value_at(scene, group[0])
+            if not (isinstance(now, list) and len(now) == 3):
+                raise InputError(
+                    f"{at}.direction",
+                    received=name,
+                    rule="must be an address of a direction, three numbers",
+                    remedy="give `min` and `max`",
+                )
+            out.append(Turning(name, group))
+        elif number.choices is not None:
+            for value in number.choices:
+                _accepted(scene, dict.fromkeys(group, value), f"{at}.choices", value)
+            out.append(Choice(name, group, number.choices))
+        else:
+            out.append(_range(number, scene, name, group, at))
+    return out
+
+
+def _range(number: Number, scene: Scene, name: str, group: tuple[Place, ...], at: str) -> Range:
+    """The knob of a number within bounds. Raises InputError."""
+    ends = []
+    for key in ("min", "max"):
+        given = getattr(number, key)
+        match = _TEXT.fullmatch(given) if isinstance(given, str) else None
+        if match is None and (isinstance(given, bool) or not isinstance(given, (int, float))):
+            raise InputError(
+                f"{at}.{key}",
+                received=repr(given),
+                rule="must be a number, with its unit where it has one",
+                remedy='write, say, "2 mT"',
+            )
+        ends.append((float(match[1]), match[2].strip()) if match else (float(given), ""))
+    (low, unit), (high, other) = ends
+    if unit != other:
+        raise InputError(
+            f"{at}.max",
+            received=repr(number.max),
+            rule=f"must have the unit of min, {unit or 'none'}",
+            remedy="write both in one unit",
+        )
+    if not low < high or (number.log and not low > 0):
+        raise InputError(
+            f"{at}.min",
+            received=f"{number.min!r} to {number.max!r}",
+            rule="min must be less than max" + (", and above 0 with `log`" if number.log else ""),
+            remedy="exchange or correct them",
+        )
+    whole = all(isinstance(end, int) for end in (number.min, number.max)) and isinstance(
+        value_at(scene, group[0]), int
+    )
+    knob = Range(name, group, low, high, unit, 1.0, number.log, whole)
+    accepted = [
+        _accepted(scene, knob.at(int(end) if whole else end), f"{at}.{key}", getattr(number, key))
+        for key, end in (("min", low), ("max", high))
+    ]
+    most = max((abs(low), 0), (abs(high), 1))  # the larger end tells the unit best
+    si = abs(float(value_at(accepted[most[1]], group[0])))
+    scale = si / most[0]
+    label = f"{name} ({unit})" if unit else name
+    return Range(label, group, low, high, unit, scale, number.log, whole)
+
+
+def _accepted(scene: Scene, values: Mapping[Place, Any], at: str, given: Any) -> Scene:
+    """The scene with these values. Raises InputError that names the study's key where the scene refuses them."""
+    try:
+        return changed(scene, values)
+    except InputError as error:
+        raise InputError(
+            at,
+            received=repr(given),
+            rule=f"the scene refuses it: {str(error).splitlines()[0]}",
+            remedy="choose values that the scene allows",
+        ) from None
+
+
+def made(scene: Scene, turned: Sequence[Knob], trial: BaseTrial) -> Scene:
+    """The scene of a trial. Raises InputError where its values together break a rule of the scene."""
+    values: dict[Place, Any] = {}
+    for knob in turned:
+        values |= knob.suggested(trial)
+    return changed(scene, values)

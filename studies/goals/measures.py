@@ -1,0 +1,325 @@
+"""Measures of an answer: one number each, in SI, that a goal makes larger or smaller, or a constraint bounds."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from abc import abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+from scipy.spatial.transform import Rotation
+
+from magmpm.errors import InputError, MagmpmError
+from magmpm.inputs.settings import Quantity, Settings, fault
+from magmpm.inputs.vectors import Axis
+from magmpm.studies.goals.answer import Answer
+
+_Time = Annotated[float, Quantity("time", at_least="0 s", at_most="1e6 s")]
+OF: Any = Field(
+    default="body",
+    min_length=1,
+    description="tip, body (unless given), or the name of a part or segment.",
+    examples=["tip"],
+)
+ALONG: Any = Field(
+    default=(1.0, 0.0, 0.0), description="Along this; +x unless given.", examples=[[1, 0, 0]]
+)
+
+
+class OneMeasure(Settings):
+    """A kind of measure. kind: of its quantity (inputs.quantities.KINDS), None for a plain number."""
+
+    kind: ClassVar[str | None] = None
+
+    @abstractmethod
+    def of_answer(self, answer: Answer, at: str) -> float:
+        """The number, in SI. at: the measure's place in the file, for messages. Raises InputError."""
+
+
+class Position(OneMeasure):
+    """Place along a direction, m."""
+
+    kind: ClassVar[str | None] = "length"
+    of: str = OF
+    along: Axis = ALONG
+    at: _Time | None = Field(default=None, description="When; at the end unless given.")
+
+    def of_answer(self, answer: Answer, at: str) -> float:
+        return float(answer.place(self.of, answer.moment(self.at, -1), at) @ np.array(self.along))
+
+
+class Displacement(Position):
+    """Way from the undeformed body's place along a direction, m."""
+
+    def of_answer(self, answer: Answer, at: str) -> float:
+        begin = answer.place(self.of, 0, at) @ np.array(self.along)
+        return super().of_answer(answer, at) - float(begin)
+
+
+class Travel(OneMeasure):
+    """Way between two times along a direction, m."""
+
+    kind: ClassVar[str | None] = "length"
+    of: str = OF
+    along: Axis = ALONG
+    begin: _Time | None = Field(
+        default=None, alias="from", description="From when; from the begin unless given."
+    )
+    end: _Time | None = Field(
+        default=None, alias="to", description="Until when; to the end unless given."
+    )
+
+    def of_answer(self, answer: Answer, at: str) -> float:
+        first, last = answer.moment(self.begin, 0), answer.moment(self.end, -1)
+        way = answer.place(self.of, last, at) - answer.place(self.of, first, at)
+        return float(way @ np.array(self.along))
+
+
+class Turn(OneMeasure):
+    """Rotation about an axis since the begin, by the rotation that fits the particles best, rad."""
+
+    kind: ClassVar[str | None] = "angle"
+    of: str = OF
+    about: Axis = Field(
+        default=(0.0, 1.0, 0.0), description="The axis; +y unless given.", examples=[[0, 1, 0]]
+    )
+    at: _Time | None = Field(default=None, description="When; at the end unless given.")
+
+    def of_answer(self, answer: Answer, at: str) -> float:
+        on = answer.region("body" if self.of == "tip" else self.of, at)
+        volume = answer.model.particles.volume[on]
+        both = [answer.particles(k)[on] for k in (0, answer.moment(self.at, -1))]
+        begin, now = (x - volume @ x / volume.sum() for x in both)
+        turned, _ = Rotation.align_vectors(now, begin, weights=volume)
+        return float(turned.as_rotvec() @ np.array(self.about))
+
+
+class Distance(OneMeasure):
+    """Distance of two places, m."""
+
+    kind: ClassVar[str | None] = "length"
+    between: tuple[str, str] = Field(
+        description="Two of tip, body, names of parts and segments.", examples=[["tip", "base"]]
+    )
+    at: _Time | None = Field(default=None, description="When; at the end unless given.")
+
+    def of_answer(self, answer: Answer, at: str) -> float:
+        k = answer.moment(self.at, -1)
+        one, other = (answer.place(of, k, at) for of in self.between)
+        return float(np.linalg.norm(one - other))
+
+
+class ContactForce(OneMeasure):
+    """Size of the force of an obstacle on the body, or between two parts, N."""
+
+    kind: ClassVar[str | None] = "force"
+    of: str = Field(
+        alias="with",
+        min_length=1,
+        description='An obstacle, or a pair as contacts.csv names it: "self_contact: a, b".',
+        examples=["walls"],
+    )
+    over: Literal["largest", "mean", "last"] = Field(
+        default="largest",
+        description="Over time: largest (unless given), mean, or last.",
+        examples=["mean"],
+    )
+
+    def of_answer(self, answer: Answer, at: str) -> float:
+        found = answer.contacts
+        if self.of not in found:
+            effects = answer.scene.effects.named()
+            if self.of.split(":")[0] in effects:
+                return 0.0  # a pair has rows once it touches
+            raise InputError(
+                f"{at}.with",
+                received=repr(self.of),
+                rule="the scene has no such contact",
+                remedy=f"name one of {', '.join(found) or 'ground, walls, self_contact'}",
+            )
+        force = found[self.of]
+        if self.over == "mean" and answer.motion is not None:
+            return float(force.sum()) / len(answer.times)
+        return float(force.max() if self.over == "largest" else force[-1])
+
+
+class Strain(OneMeasure):
+    """Largest stretch of any particle, less one."""
+
+    def of_answer(self, answer: Answer, at: str) -> float:
+        return _result(answer, at).largest_stretch - 1.0
+
+
+class LargestField(OneMeasure):
+    """Strongest field at the body at any time, T."""
+
+    kind: ClassVar[str | None] = "flux density"
+
+    def of_answer(self, answer: Answer, at: str) -> float:
+        return float(answer.field[1].max())
+
+
+class FieldEnergy(OneMeasure):
+    """Integral of B^2 over time at the body, T^2 s; of an equilibrium B^2, T^2."""
+
+    def of_answer(self, answer: Answer, at: str) -> float:
+        times, strength = answer.field
+        return float(np.trapezoid(strength**2, times) if len(times) > 1 else strength[0] ** 2)
+
+
+class MagnetizedVolume(OneMeasure):
+    """Volume of what is magnetized, m^3."""
+
+    kind: ClassVar[str | None] = None
+
+    def of_answer(self, answer: Answer, at: str) -> float:
+        magnetized = np.linalg.norm(answer.model.remanence[:, :3], axis=1) > 0.0
+        return float(answer.model.particles.volume[magnetized].sum())
+
+
+class Stable(OneMeasure):
+    """Smallest eigenvalue of the tangent over that of the unloaded body: 1 at rest, 0 at a critical load."""
+
+    def of_answer(self, answer: Answer, at: str) -> float:
+        found = _result(answer, at).stability
+        if found is None:
+            raise InputError(
+                at,
+                received="a motion",
+                rule="stability is that of an equilibrium",
+                remedy="leave it out, or write `solver: {static: {}}` in the scene",
+            )
+        return found
+
+
+KINDS: dict[str, type[OneMeasure]] = {
+    "position": Position,
+    "displacement": Displacement,
+    "travel": Travel,
+    "turn": Turn,
+    "distance": Distance,
+    "contact_force": ContactForce,
+    "strain": Strain,
+    "largest_field": LargestField,
+    "field_energy": FieldEnergy,
+    "magnetized_volume": MagnetizedVolume,
+    "stability": Stable,
+}
+
+
+def _result(answer: Answer, at: str) -> Any:
+    if answer.result is None:
+        raise InputError(
+            at,
+            received="a motion that runs",
+            rule="it is known at the end alone",
+            remedy="leave out `prune`",
+        )
+    return answer.result
+
+
+def of_kind(of: type[OneMeasure], example: str = "{}") -> Any:
+    """A key for a measure of this kind."""
+    about = (of.__doc__ or "").splitlines()[0]
+    return Field(default=None, description=about, examples=[example])
+
+
+class Measure(Settings):
+    """A measure: one of these keys."""
+
+    position: Position | None = of_kind(Position, "{of: tip, along: [0, 0, 1]}")
+    displacement: Displacement | None = of_kind(Displacement, "{of: tip, along: [0, 0, 1]}")
+    travel: Travel | None = of_kind(Travel, "{of: body, along: [1, 0, 0], from: 0.1 s}")
+    turn: Turn | None = of_kind(Turn, "{of: body, about: [0, 1, 0]}")
+    distance: Distance | None = of_kind(Distance, "{between: [finger_1, finger_2]}")
+    contact_force: ContactForce | None = of_kind(ContactForce, "{with: walls}")
+    strain: Strain | None = of_kind(Strain)
+    largest_field: LargestField | None = of_kind(LargestField)
+    field_energy: FieldEnergy | None = of_kind(FieldEnergy)
+    magnetized_volume: MagnetizedVolume | None = of_kind(MagnetizedVolume)
+    stability: Stable | None = of_kind(Stable)
+    python: str | None = Field(
+        default=None,
+        description=(
+            "FILE.py:FUNCTION, relative to this file: a function of a Result, or of the Motion of"
+            " what runs along time, that returns a number."
+        ),
+        examples=["stride.py:stride"],
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> Measure:
+        if sum(getattr(self, key) is not None for key in (*KINDS, "python")) != 1:
+            raise fault(
+                f"must have one of the keys {', '.join((*KINDS, 'python'))}",
+                "write, say, `travel: {of: body, along: [1, 0, 0]}`",
+            )
+        return self
+
+    @property
+    def name(self) -> str:
+        """Its kind, or the function's name."""
+        if self.python is not None:
+            return self.python.rpartition(":")[2]
+        return next(key for key in KINDS if getattr(self, key) is not None)
+
+    @property
+    def kind(self) -> str | None:
+        """Kind of its quantity, None for a plain number."""
+        return None if self.python is not None else KINDS[self.name].kind
+
+    def of_answer(self, answer: Answer, at: str, folder: Path) -> float:
+        """The number, in SI. Raises InputError, or MagmpmError where a user's function fails."""
+        if self.python is not None:
+            found = _called(function_of(self.python, folder, at), answer, at)
+        else:
+            found = getattr(self, self.name).of_answer(answer, at)
+        if not math.isfinite(found):
+            raise MagmpmError(f"{at}: {self.name} gives {found}, which is no finite number")
+        return found
+
+
+def function_of(text: str, folder: Path, at: str) -> Callable[[Any], Any]:
+    """The function that FILE.py:FUNCTION names. Raises InputError."""
+    file, _, name = text.rpartition(":")
+    path = folder / file
+
+    def wrong(what: str) -> InputError:
+        return InputError(
+            f"{at}.python",
+            received=repr(text),
+            rule=what,
+            remedy="write FILE.py:FUNCTION, a file beside the study and a function in it",
+        )
+
+    if not file or not path.is_file():
+        raise wrong(f"there is no file {path}" if file else "must name a file and a function")
+    spec = importlib.util.spec_from_file_location(f"magmpm_goal_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise wrong(f"{path} is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise wrong(f"{path} raises {type(error).__name__}: {error}") from error
+    function = getattr(module, name, None)
+    if not callable(function):
+        raise wrong(f"{path} has no function {name}")
+    return function  # type: ignore[no-any-return]
+
+
+def _called(function: Callable[[Any], Any], answer: Answer, at: str) -> float:
+    """What a user's function returns. Raises MagmpmError where it raises, or returns no number."""
+    try:
+        found = function(answer.result if answer.motion is None else answer.motion)
+    except Exception as error:
+        raise MagmpmError(f"{at}.python: it raised {type(error).__name__}: {error}") from error
+    if isinstance(found, bool) or not isinstance(found, (int, float, np.integer, np.floating)):
+        raise MagmpmError(
+            f"{at}.python: it returned {type(found).__name__}, and must return a number"
+        )
+    return float(found)

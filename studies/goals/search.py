@@ -1,0 +1,504 @@
+"""The search for a goal: trials that Optuna asks for, each a run with its measures, kept in a database and resumed from it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from magmpm.errors import InputError, MagmpmError, SolveError
+from magmpm.inputs.settings import validate
+from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
+from magmpm.inputs.yaml_document import Document, read_yaml
+from magmpm.results.trajectory import Motion
+from magmpm.results.whole_file import write_json
+from magmpm.scene import Scene, load_scene
+from magmpm.studies.goals import evaluate
+from magmpm.studies.goals.answer import Answer
+from magmpm.studies.goals.goal_file import GoalFile
+from magmpm.studies.goals.knobs import Knob, knobs, made
+from magmpm.studies.goals.measures import function_of
+from magmpm.studies.problem import DATABASE
+
+if TYPE_CHECKING:
+    from optuna import Study
+    from optuna.samplers import BaseSampler
+    from optuna.trial import FrozenTrial, Trial
+
+REPORT = "goal.json"
+DEFINITION = "definition"
+WHY = "failed"
+CONSTRAINTS = "constraints"  # at most 0 each where they hold
+INTERRUPTED = "interrupted"
+PARTS = 10  # of a motion's time, after each of which a trial may be pruned
+
+
+@dataclass(frozen=True)
+class GoalStudy:
+    """A study file with a goal, the scene it names, and what is turned in it."""
+
+    path: Path
+    name: str
+    file: GoalFile
+    scene: Scene
+    knobs: tuple[Knob, ...]
+    targets: tuple[float | None, ...]  # SI, of each goal
+    bounds: tuple[tuple[float | None, float | None], ...]  # SI, of each constraint: least, greatest
+
+    @property
+    def measures(self) -> dict[str, dict[str, Any]]:
+        """Every measure by its place in the file."""
+        found = {
+            f"goal[{k}].{goal.key}": goal.measure.model_dump(by_alias=True, exclude={"value"})
+            for k, goal in enumerate(self.file.goal)
+        }
+        for k, one in enumerate(self.file.subject_to):
+            plain = one.model_dump(by_alias=True, exclude={"at_most", "at_least"})
+            found[f"subject_to[{k}]"] = plain
+        return found
+
+    @property
+    def names(self) -> list[str]:
+        """Each goal in words, with its unit in SI."""
+        return [f"{goal.key} {goal.measure.name}" for goal in self.file.goal]
+
+    @property
+    def definition(self) -> str:
+        """All that decides which trials are made and what they are worth."""
+        said = self.file.model_dump(mode="json", exclude={"trials", "scene"})
+        return json.dumps({"scene": self.scene.hash(), **said}, sort_keys=True, default=str)
+
+    def values(self, numbers: dict[str, float]) -> tuple[list[float], list[float]]:
+        """A trial's values, as Optuna compares them, and how far it is beyond each bound."""
+        values = [
+            numbers[f"goal[{k}].{goal.key}"]
+            if target is None
+            else abs(numbers[f"goal[{k}].{goal.key}"] - target)
+            for k, (goal, target) in enumerate(zip(self.file.goal, self.targets, strict=True))
+        ]
+        beyond = []
+        for k, (least, greatest) in enumerate(self.bounds):
+            found = numbers[f"subject_to[{k}]"]
+            beyond += [] if least is None else [least - found]
+            beyond += [] if greatest is None else [found - greatest]
+        return values, beyond
+
+
+@dataclass
+class GoalReport:
+    """What a search has found. values: of each trial, SI, None where it failed; best: number, values, measures, params and whether it keeps
+    the constraints; failed: number and reason; finer: the best on more cells; ended: done or interrupted."""
+
+    name: str
+    goals: list[str]
+    trials: int
+    values: list[list[float] | None]
+    best: dict[str, Any] | None
+    pareto: list[dict[str, Any]]
+    failed: list[dict[str, Any]]
+    pruned: int
+    storage: str
+    seconds_per_trial: float
+    finer: dict[str, Any] | None = None
+    ended: str = "done"
+    warnings: list[str] = field(default_factory=list)
+
+    def summary(self) -> dict[str, Any]:
+        """Plain data."""
+        return dict(vars(self))
+
+
+def has_goal(path: Path | str) -> bool:
+    """True if a study file names a goal in place of a shape. Raises InputError for a file that can't be read."""
+    return "goal" in read_yaml(path)
+
+
+def load_goal(path: Path | str) -> GoalStudy:
+    """The study that a file describes. Raises InputError."""
+    document = read_yaml(path)
+    file = validate(GoalFile, document)
+    scene_file = document.path.parent / file.scene
+    if not is_allowed(scene_file, document.path):
+        raise InputError(
+            f"{document.path}: scene", received=str(scene_file), rule=RULE, remedy=REMEDY
+        )
+    scene = load_scene(scene_file)
+    try:
+        return _checked(document, file, scene)
+    except InputError as error:
+        raise InputError(f"{document.path}: {error}") from None
+
+
+def _checked(document: Document, file: GoalFile, scene: Scene) -> GoalStudy:
+    targets = tuple(
+        evaluate.in_si(goal.target.value, goal.target, f"goal[{k}].target.value")
+        if goal.target is not None
+        else None
+        for k, goal in enumerate(file.goal)
+    )
+    bounds = tuple(
+        (
+            None
+            if one.at_least is None
+            else evaluate.in_si(one.at_least, one, f"subject_to[{k}].at_least"),
+            None
+            if one.at_most is None
+            else evaluate.in_si(one.at_most, one, f"subject_to[{k}].at_most"),
+        )
+        for k, one in enumerate(file.subject_to)
+    )
+    study = GoalStudy(
+        document.path, document.path.stem, file, scene, knobs(file.vary, scene), targets, bounds
+    )
+    for at, data in study.measures.items():
+        if data.get("python"):
+            function_of(data["python"], document.path.parent, at)
+    if file.prune and scene.solver.dynamic is None:
+        raise InputError(
+            "prune", received="true", rule="only motions are pruned", remedy="remove `prune`"
+        )
+    return study
+
+
+def sampler(study: GoalStudy, workers: int) -> BaseSampler:
+    """Optuna's sampler of a study."""
+    from optuna import samplers
+    from optuna.exceptions import ExperimentalWarning
+
+    seed = study.file.seed
+
+    def beyond(trial: FrozenTrial) -> Sequence[float]:
+        return trial.user_attrs.get(CONSTRAINTS) or [0.0]
+
+    held = beyond if study.bounds else None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ExperimentalWarning)
+        return {
+            "tpe": lambda: samplers.TPESampler(
+                seed=seed, multivariate=True, constant_liar=workers > 1, constraints_func=held
+            ),
+            "gp": lambda: samplers.GPSampler(seed=seed, constraints_func=held),
+            "cmaes": lambda: samplers.CmaEsSampler(seed=seed),
+            "nsga2": lambda: samplers.NSGAIISampler(seed=seed, constraints_func=held),
+            "random": lambda: samplers.RandomSampler(seed=seed),
+        }[study.file.sampler]()
+
+
+def search(
+    study: GoalStudy,
+    out: Path,
+    *,
+    trials: int | None = None,
+    workers: int = 1,
+    storage: str | None = None,
+    on_trial: Callable[[str], None] | None = None,
+) -> GoalReport:
+    """Run or resume a search, with results in the folder `out`. Raises InputError where another study is there."""
+    import optuna
+
+    from magmpm.results.folder_lock import folder_lock
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    out.mkdir(parents=True, exist_ok=True)
+    url = storage or f"sqlite:///{(out / DATABASE).resolve()}"
+    with folder_lock(out):
+        known = optuna.create_study(
+            study_name=study.name,
+            storage=url,
+            sampler=sampler(study, workers),
+            pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
+            directions=[
+                "maximize" if goal.key == "maximize" else "minimize" for goal in study.file.goal
+            ],
+            load_if_exists=True,
+        )
+        _same(known, study, out)
+        return _Search(study, out, known, workers, on_trial).run(trials or study.file.trials)
+
+
+def _same(known: Study, study: GoalStudy, out: Path) -> None:
+    """Raises InputError where the database holds trials of another definition; ends trials that nobody runs."""
+    from optuna.trial import TrialState
+
+    before = known.user_attrs.get(DEFINITION)
+    if before is not None and before != study.definition:
+        raise InputError(
+            str(out),
+            received="trials of another definition of this study",
+            rule="a search goes on with the same scene, variables, goals and constraints",
+            remedy="give another folder, `--out DIR`, or remove this one",
+        )
+    if before is None:
+        known.set_user_attr(DEFINITION, study.definition)
+        known.set_metric_names([goal.measure.name for goal in study.file.goal])
+        begun: dict[str, Any] = {}
+        for knob in study.knobs:
+            begun |= knob.begun(study.scene)
+        known.enqueue_trial(begun)  # the scene as it is
+    for trial in known.get_trials(states=(TrialState.RUNNING,), deepcopy=False):
+        known.tell(trial.number, state=TrialState.FAIL)
+
+
+class _Hopeless(Exception):
+    """A trial that does worse than others at the same time."""
+
+
+@dataclass
+class _Search:
+    """A search that runs."""
+
+    study: GoalStudy
+    out: Path
+    known: Study
+    workers: int
+    on_trial: Callable[[str], None] | None
+    seconds: float = 0.0
+    ran: int = 0
+
+    def run(self, count: int) -> GoalReport:
+        """Trials until there are `count`, then the best on more cells."""
+        ended = "done"
+        running: dict[Future[dict[str, Any]], tuple[Trial, evaluate.Job, float]] = {}
+        with ExitStack() as stack:
+            pool = stack.enter_context(evaluate.pool(self.workers)) if self.workers > 1 else None
+            try:
+                while (left := count - self._finished() - len(running)) > 0 or running:
+                    while left > 0 and len(running) < self.workers:
+                        left -= 1
+                        begun = self._begun()
+                        if begun is None:
+                            continue
+                        trial, job = begun
+                        if pool is None:
+                            started = time.perf_counter()
+                            self._tell(trial, job, self._here(trial, job), started)
+                        else:
+                            running[pool.submit(evaluate.tried, job)] = (
+                                trial,
+                                job,
+                                time.perf_counter(),
+                            )
+                    for done in wait(running, return_when=FIRST_COMPLETED)[0] if running else ():
+                        trial, job, started = running.pop(done)
+                        self._tell(trial, job, done.result(), started)
+            except KeyboardInterrupt:
+                ended = INTERRUPTED
+                for future in running:
+                    future.cancel()
+        report = self._report(ended)
+        if ended == "done" and report.best is not None:
+            report.finer = self._finer(report.best)
+        write_json(self.out / REPORT, report.summary(), indent=1)
+        return report
+
+    def _begun(self) -> tuple[Trial, evaluate.Job] | None:
+        """A new trial and its run; None where its values together break a rule of the scene."""
+        trial = self.known.ask()
+        folder = self.out / f"trial_{trial.number}"
+        try:
+            scene = made(self.study.scene, self.study.knobs, trial)
+        except InputError as error:
+            self._told(trial, {WHY: evaluate.reason(error)})
+            return None
+        functions = self.study.path.parent
+        return trial, evaluate.Job(scene.to_si(), folder, self.study.measures, functions)
+
+    def _here(self, trial: Trial, job: evaluate.Job) -> dict[str, Any]:
+        """The outcome of a run in this process, which may be pruned on its way."""
+        try:
+            watch = self._pruner(trial, job) if self.study.file.prune else None
+            return {"values": evaluate.numbers(job, watch)}
+        except _Hopeless:
+            return {"pruned": True}
+        except MagmpmError as error:
+            return {WHY: evaluate.reason(error)}
+
+    def _pruner(self, trial: Trial, job: evaluate.Job) -> Callable[[int, float], None]:
+        """What a motion calls as it goes on: it raises _Hopeless where the goal so far is worse than that of half the trials."""
+        scene = Scene.from_si(job.scene)
+        seen = 0
+        key = next(iter(job.measures))
+        target = self.study.targets[0]
+
+        def look(step: int, now: float) -> None:
+            nonlocal seen
+            part = int(PARTS * now / scene.duration)
+            if part <= seen or part >= PARTS:
+                return
+            seen = part
+            with suppress(InputError):  # no frame yet, or none that is whole
+                motion = Motion.load(job.folder)
+                if len(motion) < 2:
+                    return
+                answer = Answer(scene, None, motion)
+                value = evaluate.measured(job.measures[key], answer, key, job.functions)
+                trial.report(value if target is None else abs(value - target), part)
+                if trial.should_prune():
+                    raise _Hopeless
+
+        return look
+
+    def _tell(
+        self, trial: Trial, job: evaluate.Job, outcome: dict[str, Any], started: float
+    ) -> None:
+        """Store a trial's outcome, and keep its run if it is the best."""
+        self.seconds += time.perf_counter() - started
+        self.ran += 1
+        if "values" in outcome:
+            values, beyond = self.study.values(outcome["values"])
+            trial.set_user_attr("measures", outcome["values"])
+            trial.set_user_attr(CONSTRAINTS, beyond)
+            self.known.tell(trial, values)
+            best = self._best()
+            if best is not None and best.number == trial.number:
+                kept = self.out / "best"
+                evaluate.forget(kept)
+                shutil.move(job.folder, kept)
+                with suppress(InputError):  # a scene with a table that a file names stays in best/
+                    Scene.from_si(job.scene).save(self.out / "best.yaml")
+        else:
+            self._told(trial, outcome)
+        evaluate.forget(job.folder)
+        if self.on_trial is not None:
+            self.on_trial(self._line(trial.number, outcome))
+
+    def _told(self, trial: Trial, outcome: dict[str, Any]) -> None:
+        """Store that a trial failed, and why, or was pruned."""
+        from optuna.trial import TrialState
+
+        if outcome.get("pruned"):
+            self.known.tell(trial, state=TrialState.PRUNED)
+            return
+        trial.set_user_attr(WHY, outcome[WHY])
+        self.known.tell(trial, state=TrialState.FAIL)
+
+    def _line(self, number: int, outcome: dict[str, Any]) -> str:
+        if "values" not in outcome:
+            return f"trial {number}: " + (
+                "pruned" if outcome.get("pruned") else f"failed: {outcome[WHY]}"
+            )
+        said = ", ".join(f"{value:.6g}" for value in self.study.values(outcome["values"])[0])
+        best = self._best()
+        return f"trial {number}: {said}" + (
+            ", the best" if best is not None and best.number == number else ""
+        )
+
+    def _finished(self) -> int:
+        return sum(
+            trial.state.is_finished() and (trial.state.name != "FAIL" or WHY in trial.user_attrs)
+            for trial in self.known.get_trials(deepcopy=False)
+        )
+
+    def _complete(self) -> list[FrozenTrial]:
+        from optuna.trial import TrialState
+
+        return self.known.get_trials(states=(TrialState.COMPLETE,), deepcopy=False)
+
+    def _best(self) -> FrozenTrial | None:
+        """The best trial: one that keeps all bounds, else the one that is least beyond them; of several goals, by the first."""
+        sign = -1.0 if self.study.file.goal[0].key == "maximize" else 1.0
+
+        def rank(trial: FrozenTrial) -> tuple[float, float, int]:
+            beyond = trial.user_attrs.get(CONSTRAINTS) or [0.0]
+            return sum(max(one, 0.0) for one in beyond), sign * trial.values[0], trial.number
+
+        return min(self._complete(), key=rank, default=None)
+
+    def _shown(self, trial: FrozenTrial) -> dict[str, Any]:
+        beyond = trial.user_attrs.get(CONSTRAINTS) or []
+        return {
+            "number": trial.number,
+            "values": list(trial.values),
+            "measures": trial.user_attrs["measures"],
+            "params": dict(trial.params),
+            "feasible": all(one <= 0.0 for one in beyond),
+        }
+
+    def _report(self, ended: str) -> GoalReport:
+        every = self.known.get_trials(deepcopy=False)
+        finished = [
+            t
+            for t in every
+            if t.state.name == "COMPLETE" or WHY in t.user_attrs or t.state.name == "PRUNED"
+        ]
+        best = self._best()
+        several = len(self.study.file.goal) > 1
+        return GoalReport(
+            name=self.study.name,
+            goals=self.study.names,
+            trials=len(finished),
+            values=[list(t.values) if t.state.name == "COMPLETE" else None for t in finished],
+            best=None if best is None else self._shown(best),
+            pareto=[self._shown(t) for t in self.known.best_trials] if several else [],
+            failed=[
+                {"number": t.number, "why": t.user_attrs[WHY]}
+                for t in finished
+                if WHY in t.user_attrs
+            ],
+            pruned=sum(t.state.name == "PRUNED" for t in finished),
+            storage=str(self.out / DATABASE),
+            seconds_per_trial=self.seconds / max(self.ran, 1),
+            ended=ended,
+        )
+
+    def _finer(self, best: dict[str, Any]) -> dict[str, Any] | None:
+        """The best design's measures on one more cell across, once for each best; None where the scene can't have it."""
+        stored = self.known.user_attrs.get("finer")
+        if stored is not None and stored["number"] == best["number"]:
+            return dict(stored)
+        about = json.loads((self.out / "best" / "result.json").read_text())
+        scene = Scene.from_si(about["scene"])
+        cells = round(scene.thickness / scene.cell) + 1
+        job = evaluate.Job(
+            scene.with_cells(cells).to_si(),
+            self.out / "finer",
+            self.study.measures,
+            self.study.path.parent,
+        )
+        try:
+            found: dict[str, Any] = {"number": best["number"], "cells_across": cells}
+            found["measures"] = evaluate.numbers(job)
+            found["values"] = self.study.values(found["measures"])[0]
+        except (MagmpmError, SolveError) as error:
+            found[WHY] = evaluate.reason(error)
+        self.known.set_user_attr("finer", found)
+        return found
+
+
+def text(report: GoalReport) -> str:
+    """A report in words."""
+    lines = [
+        f"{report.name}: {report.trials} trials, {len(report.failed)} failed, {report.pruned} pruned"
+    ]
+    if report.best is not None:
+        said = ", ".join(
+            f"{goal}: {value:.6g}"
+            for goal, value in zip(report.goals, report.best["values"], strict=True)
+        )
+        lines.append(f"best, trial {report.best['number']}: {said} (SI)")
+        if not report.best["feasible"]:
+            lines.append("no trial keeps all constraints; this one is least beyond them")
+        lines += [
+            f"  {name} = {value if isinstance(value, str) else f'{value:.6g}'}"
+            for name, value in report.best["params"].items()
+        ]
+    if report.finer is not None and "values" in report.finer:
+        before = np.array(report.best["values"] if report.best else [])
+        change = ", ".join(f"{v:.6g}" for v in report.finer["values"])
+        lines.append(
+            f"on {report.finer['cells_across']} cells across: {change} (SI), from {', '.join(f'{b:.6g}' for b in before)}"
+        )
+    if report.failed:
+        lines.append(
+            f"last failure, trial {report.failed[-1]['number']}: {report.failed[-1]['why']}"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,237 @@
+"""Runs of a scene over values of its numbers: every combination, in processes, resumable, one row each."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, Future, as_completed
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any
+
+from magmpm.errors import InputError, MagmpmError
+from magmpm.inputs.settings import validate
+from magmpm.results.folder_lock import folder_lock
+from magmpm.scene import Scene, load_scene
+from magmpm.scene.addresses import changed, places
+from magmpm.studies.goals import evaluate
+from magmpm.studies.goals.measures import KINDS, Measure
+
+ROWS = "rows.jsonl"
+TIP = "tip"
+MOST_RUNS = 1_000_000
+
+
+@dataclass(frozen=True)
+class SweepTable:
+    """Rows of a sweep: what was set, then the measures in SI; `failed` holds the reason where a run failed."""
+
+    rows: list[dict[str, Any]]
+
+    def to_dataframe(self) -> Any:
+        """A pandas DataFrame. Raises InputError where pandas is not installed."""
+        try:
+            from pandas import DataFrame
+        except ImportError:
+            raise InputError(
+                "to_dataframe",
+                received="no pandas",
+                rule="needs pandas",
+                remedy="pip install pandas",
+            ) from None
+        return DataFrame(self.rows)
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self.rows)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A run: its scene (SI data), folder, measures by name, and users' functions by name and folder."""
+
+    scene: dict[str, Any]
+    folder: Path
+    measures: dict[str, dict[str, Any]]
+    functions: dict[str, Callable[[Any], Any]]
+    beside: Path
+
+
+def sweep(
+    scene: Scene | Path | str | Mapping[str, Any],
+    values: Mapping[str, Sequence[Any]],
+    *,
+    measure: Sequence[str | Mapping[str, Any] | Callable[[Any], Any]] = (TIP,),
+    executor: Executor | None = None,
+    workers: int | None = None,
+    folder: Path | str | None = None,
+    on_row: Callable[[dict[str, Any]], None] | None = None,
+) -> SweepTable:
+    """Run a scene for every combination of values of its numbers (DESIGN: addresses), and measure each answer.
+
+    values: for each address the values it takes, text with units, SI numbers, {} or None. measure: "tip", names of measures, their
+    settings as dicts, or functions of a Result (of the Motion of what runs along time). executor: any of concurrent.futures, Dask or MPI;
+    None: `workers` processes of its own, one for each CPU unless given. folder: where rows are kept and found again; None: nowhere.
+    Raises InputError for wrong addresses, values and measures, before the first run.
+    """
+    import os
+
+    whole = scene if isinstance(scene, Scene) else load_scene(scene)
+    beside = Path(scene).parent if isinstance(scene, (str, Path)) else Path()
+    measures, functions = _measures(measure)
+    combined = _combined(whole, values)
+    keep = None if folder is None else Path(folder)
+    with ExitStack() as stack:
+        if keep is not None:
+            keep.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(folder_lock(keep))
+        known = _known(keep)
+        work = Path(mkdtemp(prefix="magmpm-sweep-"))
+        stack.callback(evaluate.forget, work)
+        rows: list[dict[str, Any] | None] = [None] * len(combined)
+        keys = [_key(made, measures, functions) for _, made in combined]
+        left = [k for k, key in enumerate(keys) if key not in known]
+        for k, key in enumerate(keys):
+            if key in known:
+                rows[k] = {**combined[k][0], **known[key]}
+        count = workers or os.cpu_count() or 1
+        if executor is None and count > 1 and len(left) > 1:
+            executor = stack.enter_context(evaluate.pool(min(count, len(left))))
+        jobs = {
+            k: _Run(combined[k][1].to_si(), work / str(k), measures, functions, beside)
+            for k in left
+        }
+
+        def took(k: int, found: dict[str, Any]) -> None:
+            rows[k] = {**combined[k][0], **found}
+            if keep is not None:
+                with (keep / ROWS).open("a", encoding="utf-8") as stream:
+                    stream.write(json.dumps({"key": keys[k], "found": found}) + "\n")
+            if on_row is not None:
+                on_row(rows[k] or {})
+
+        if executor is None:
+            for k in left:
+                took(k, _measured(jobs[k]))
+        else:
+            futures: dict[Future[dict[str, Any]], int] = {
+                executor.submit(_measured, jobs[k]): k for k in left
+            }
+            for done in as_completed(futures):
+                took(futures[done], done.result())
+    return SweepTable([row for row in rows if row is not None])
+
+
+def _measures(
+    given: Sequence[str | Mapping[str, Any] | Callable[[Any], Any]],
+) -> tuple[dict[str, dict[str, Any]], dict[str, Callable[[Any], Any]]]:
+    """Measures as plain data, and users' functions, each by the name of its column. Raises InputError."""
+    measures: dict[str, dict[str, Any]] = {}
+    functions: dict[str, Callable[[Any], Any]] = {}
+    for one in [given] if isinstance(given, (str, Mapping)) or callable(given) else given:
+        if callable(one):
+            functions[getattr(one, "__name__", repr(one))] = one
+        elif one == TIP:
+            for axis, along in zip("xyz", ([1, 0, 0], [0, 1, 0], [0, 0, 1]), strict=True):
+                measures[f"tip_{axis}_m"] = {"position": {"of": TIP, "along": along}}
+        elif isinstance(one, str):
+            if one not in KINDS:
+                raise InputError(
+                    "measure",
+                    received=repr(one),
+                    rule=f"must be tip, or one of {', '.join(KINDS)}",
+                    remedy="correct the name, or write its settings: {travel: {of: tip}}",
+                )
+            measures[one] = validate(Measure, {one: {}}).model_dump(by_alias=True)
+        else:
+            found = validate(Measure, one)
+            name, k = found.name, 2
+            while name in measures:
+                name, k = f"{found.name}_{k}", k + 1
+            measures[name] = found.model_dump(by_alias=True)
+    return measures, functions
+
+
+def _combined(
+    scene: Scene, values: Mapping[str, Sequence[Any]]
+) -> list[tuple[dict[str, Any], Scene]]:
+    """Every combination: what is set, and the scene. Raises InputError."""
+    for address, of in values.items():
+        if isinstance(of, (str, bytes)) or not isinstance(of, Sequence) or not len(of):
+            raise InputError(
+                address,
+                received=repr(of),
+                rule="must be a list of values",
+                remedy='write, say, ["2 mT", "4 mT"]',
+            )
+    at = {address: places(scene, address) for address in values}
+    sizes = [len(of) for of in values.values()]
+    total = 1
+    for size in sizes:
+        total *= size
+    if total > MOST_RUNS:
+        raise InputError(
+            "values",
+            received=f"{total} combinations",
+            rule=f"at most {MOST_RUNS}",
+            remedy="fewer values",
+        )
+    found = []
+    for chosen in product(*values.values()):
+        said = dict(zip(values, chosen, strict=True))
+        settings = {place: value for address, value in said.items() for place in at[address]}
+        try:
+            found.append((said, changed(scene, settings)))
+        except InputError as error:
+            words = ", ".join(f"{address} = {value}" for address, value in said.items())
+            raise InputError(f"{words}: {error}") from None
+    return found
+
+
+def _key(
+    scene: Scene, measures: Mapping[str, Any], functions: Mapping[str, Callable[[Any], Any]]
+) -> str:
+    """What a row is found again by: all that decides it."""
+    codes = {name: getattr(of, "__code__", None) for name, of in functions.items()}
+    about = [
+        scene.hash(),
+        measures,
+        {name: code.co_code.hex() if code else name for name, code in codes.items()},
+    ]
+    return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()
+
+
+def _known(folder: Path | None) -> dict[str, dict[str, Any]]:
+    """Rows that a folder has, by their keys; a last line that was cut off is none."""
+    if folder is None or not (folder / ROWS).exists():
+        return {}
+    found = {}
+    for line in (folder / ROWS).read_text(encoding="utf-8").splitlines():
+        try:
+            row = json.loads(line)
+        except ValueError:
+            continue
+        found[row["key"]] = row["found"]
+    return found
+
+
+def _measured(run: _Run) -> dict[str, Any]:
+    """The measures of a run, or why it failed."""
+    try:
+        scene = Scene.from_si(run.scene)
+        answer = evaluate.answered(scene, run.folder)
+        found: dict[str, Any] = {
+            name: evaluate.measured(data, answer, name, run.beside)
+            for name, data in run.measures.items()
+        }
+        for name, function in run.functions.items():
+            found[name] = function(answer.result if answer.motion is None else answer.motion)
+        return found
+    except MagmpmError as error:
+        return {"failed": evaluate.reason(error)}
+    finally:
+        evaluate.forget(run.folder)
