@@ -188,6 +188,7 @@ tour: $(VENV)/.ready-test
 schema: $(VENV)/.ready
 	$(BIN)/python -c "from magmpm.inputs.settings import write_json_schema as write; from magmpm.scene import Scene; write(Scene, 'magmpm/scene.schema.json')"
 	$(BIN)/python -m magmpm.studies.problem.study_file
+	$(BIN)/python -m magmpm.studies.goals.goal_file
 
 gallery: $(VENV)/.ready
 	$(BIN)/python docs/gallery/build.py $(SCENES)

@@ -101,11 +101,11 @@ def _expanded(data: Any, parts: list[str | int | None], before: Place) -> Iterat
     if part is None and isinstance(data, list):
         for k, each in enumerate(data):
             yield from _expanded(each, rest, (*before, k))
-    elif _has(data, part):
+    elif part is not None and _has(data, part):
         yield from _expanded(data[part], rest, (*before, part))
 
 
-def _has(data: Any, part: str | int | None) -> bool:
+def _has(data: Any, part: str | int) -> bool:
     """True if data has this key or index."""
     if isinstance(part, int):
         return isinstance(data, list) and part < len(data)

@@ -67,7 +67,10 @@ class Answer:
             on = self.region(of, at)
             volume = self.model.particles.volume[on]
             return np.asarray(volume @ x[on] / volume.sum())
-        tip = of_particles(self.model, x)[1]
+        if self.motion is None and self.result is not None and x is self.result.particle_position:
+            tip = self.result.tip
+        else:
+            tip = of_particles(self.model, x)[1]
         if tip is None:
             raise InputError(
                 f"{at}.of",

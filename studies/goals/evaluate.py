@@ -75,9 +75,8 @@ def _share_threads(workers: int) -> None:
 
     import numba
 
-    numba.set_num_threads(
-        max(1, min(numba.config.NUMBA_NUM_THREADS, (os.cpu_count() or 1) // workers))
-    )
+    settings: Any = numba.config
+    numba.set_num_threads(max(1, min(settings.NUMBA_NUM_THREADS, (os.cpu_count() or 1) // workers)))
 
 
 def in_si(value: Any, measure: Measure, at: str) -> float:

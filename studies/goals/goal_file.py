@@ -1,14 +1,19 @@
-"""Content of a study file with a `goal`: what it varies, what it makes larger or smaller, and within which limits."""
+"""Content of a study file with a `goal`: what it varies, what it makes larger or smaller, and within which limits.
+
+python -m magmpm.studies.goals.goal_file         # rewrites studies/goal.schema.json, by which editors complete and explain such files
+"""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from magmpm.inputs.settings import Settings, fault
+from magmpm.inputs.settings import Settings, fault, write_json_schema
 from magmpm.studies.goals.measures import Measure
 
+SCHEMA = Path(__file__).parents[1] / "goal.schema.json"
 SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "random")
 
 
@@ -180,3 +185,8 @@ class GoalFile(Settings):
         if len(self.goal) > 1 and self.prune:
             raise fault("only trials of one goal are pruned", "remove `prune`", ("prune",))
         return self
+
+
+if __name__ == "__main__":
+    write_json_schema(GoalFile, SCHEMA)
+    print(SCHEMA)

@@ -80,8 +80,16 @@ class Choice(Knob):
         shown = [
             value if isinstance(value, (str, int, float)) else repr(value) for value in self.values
         ]
-        chosen = trial.suggest_categorical(self.name, shown)
+        chosen: Any = trial.suggest_categorical(self.name, shown)
         return dict.fromkeys(self.places, self.values[shown.index(chosen)])
+
+    def begun(self, scene: Scene) -> dict[str, Any]:
+        now = value_at(scene, self.places[0])
+        for value in self.values:
+            same = value_at(changed(scene, {self.places[0]: value}), self.places[0])
+            if same == now:
+                return {self.name: value if isinstance(value, (str, int, float)) else repr(value)}
+        return {}
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import json
 import shutil
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
@@ -176,19 +176,15 @@ def sampler(study: GoalStudy, workers: int) -> BaseSampler:
 
     seed = study.file.seed
 
-    def beyond(trial: FrozenTrial) -> Sequence[float]:
-        return trial.user_attrs.get(CONSTRAINTS) or [0.0]
-
-    held = beyond if study.bounds else None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExperimentalWarning)
         return {
             "tpe": lambda: samplers.TPESampler(
-                seed=seed, multivariate=True, constant_liar=workers > 1, constraints_func=held
+                seed=seed, multivariate=True, constant_liar=workers > 1
             ),
-            "gp": lambda: samplers.GPSampler(seed=seed, constraints_func=held),
+            "gp": lambda: samplers.GPSampler(seed=seed),
             "cmaes": lambda: samplers.CmaEsSampler(seed=seed),
-            "nsga2": lambda: samplers.NSGAIISampler(seed=seed, constraints_func=held),
+            "nsga2": lambda: samplers.NSGAIISampler(seed=seed),
             "random": lambda: samplers.RandomSampler(seed=seed),
         }[study.file.sampler]()
 
@@ -227,6 +223,7 @@ def search(
 
 def _same(known: Study, study: GoalStudy, out: Path) -> None:
     """Raises InputError where the database holds trials of another definition; ends trials that nobody runs."""
+    from optuna.exceptions import ExperimentalWarning
     from optuna.trial import TrialState
 
     before = known.user_attrs.get(DEFINITION)
@@ -239,7 +236,9 @@ def _same(known: Study, study: GoalStudy, out: Path) -> None:
         )
     if before is None:
         known.set_user_attr(DEFINITION, study.definition)
-        known.set_metric_names([goal.measure.name for goal in study.file.goal])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ExperimentalWarning)
+            known.set_metric_names([goal.measure.name for goal in study.file.goal])
         begun: dict[str, Any] = {}
         for knob in study.knobs:
             begun |= knob.begun(study.scene)
@@ -357,6 +356,8 @@ class _Search:
             values, beyond = self.study.values(outcome["values"])
             trial.set_user_attr("measures", outcome["values"])
             trial.set_user_attr(CONSTRAINTS, beyond)
+            for k, one in enumerate(beyond):
+                trial.set_constraint(f"bound {k}", one)
             self.known.tell(trial, values)
             best = self._best()
             if best is not None and best.number == trial.number:

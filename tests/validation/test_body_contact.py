@@ -532,7 +532,7 @@ def test_energy_of_contact_is_counted() -> None:
     for share, lost in ((1.0, 2e-2), (0.5, 5e-3)):
         data["solver"]["dynamic"]["time_step"] = share * begun.dt
         rows: list[dict[str, float]] = []
-        move(build(Scene.from_si(data)), on_state=lambda state: rows.append(state.energies))
+        move(build(Scene.from_si(data)), on_state=lambda state, to=rows: to.append(state.energies))
         total = np.array([sum(row.values()) for row in rows])
         ground = np.array([row["ground"] for row in rows])
         fall = max(row["kinetic"] for row in rows)

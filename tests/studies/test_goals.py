@@ -1,0 +1,383 @@
+"""Measures against formulas, the search for a goal, and sweeps."""
+
+import json
+import shutil
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+from reference.moving import block, moving_scene
+
+import magmpm
+from magmpm.errors import InputError
+from magmpm.inputs.settings import json_schema, validate
+from magmpm.inputs.yaml_document import read_yaml
+from magmpm.results.trajectory import Motion
+from magmpm.scene import Scene
+from magmpm.simulate import run
+from magmpm.studies.goals.answer import Answer
+from magmpm.studies.goals.goal_file import SCHEMA, GoalFile
+from magmpm.studies.goals.measures import Measure
+from magmpm.studies.goals.search import GoalReport, load_goal
+
+ROOT = Path(__file__).parents[2]
+SCENE = """\
+name: lifted rod
+materials:
+  m: {shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 138 mT}
+body:
+  catheter:
+    length: 20 mm
+    diameter: 4 mm
+    material: m
+    clamp: base
+    segments:
+      - magnetization: [1, 0, 0]
+      - magnetization: [0, 0, 0]
+field: {uniform: [0 mT, 0 mT, 4 mT]}
+effects: {magnetic_torque: {}}
+solver: {static: {}}
+resolution: {cells_across: 2}
+advice: "off"
+"""
+STUDY = """\
+scene: scene.yaml
+vary:
+  numbers:
+    - {of: "field.uniform[2]", min: 1 mT, max: 8 mT}
+goal:
+  maximize: {displacement: {of: tip, along: [0, 0, 1]}}
+trials: 6
+"""
+
+
+def written(folder: Path, study: str = STUDY, scene: str = SCENE) -> Path:
+    (folder / "scene.yaml").write_text(scene)
+    (folder / "study.yaml").write_text(study)
+    return folder / "study.yaml"
+
+
+def measured(answer: Answer, **measure: Any) -> float:
+    return validate(Measure, measure).of_answer(answer, "measure", Path())
+
+
+@pytest.fixture(scope="module")
+def bent() -> Answer:
+    """An equilibrium."""
+    scene = Scene.from_si(_plain(SCENE))
+    return Answer(scene, run(scene))
+
+
+def _plain(text: str) -> dict[str, Any]:
+    import yaml
+
+    return dict(yaml.safe_load(text))
+
+
+@pytest.fixture(scope="module")
+def fallen(tmp_path_factory: pytest.TempPathFactory) -> Answer:
+    """A block that falls for 20 ms, with 0.5 mm to the ground: it hits after 10.1 ms; in a field that grows for all the time."""
+    folder = tmp_path_factory.mktemp("fallen")
+    effects = {"gravity": {}, "ground": {"point": [0.0, 0.0, -0.5e-3]}, "damping": {"rate": 0.0}}
+    ramp = {"ramp": {"duration": 0.02}}
+    scene = moving_scene(
+        block((2e-3, 2e-3, 2e-3)),
+        effects,
+        duration=0.02,
+        field={"uniform": [3e-3, 0.0, 4e-3], "over_time": ramp},
+    )
+    return Answer(scene, run(scene, folder=folder), Motion.load(folder))
+
+
+def test_measures_of_an_equilibrium(bent: Answer) -> None:
+    result = bent.result
+    assert result is not None
+    assert result.tip is not None
+    up = [0.0, 0.0, 1.0]
+    assert measured(bent, position={"of": "tip", "along": up}) == result.tip[2]
+    lifted = measured(bent, displacement={"of": "tip", "along": up})
+    assert lifted == pytest.approx(result.tip[2], abs=1e-12)
+    assert lifted > 1e-3
+    assert measured(bent, travel={"of": "tip", "along": up}) == pytest.approx(lifted, abs=1e-12)
+    back = measured(bent, displacement={"of": "tip"})
+    assert back == pytest.approx(result.tip[0] - 20e-3, abs=1e-12)
+    turn = measured(bent, turn={"of": "segment 2", "about": [0, -1, 0]})
+    end = result.centreline[-1, 1:] - result.centreline[-3, 1:]
+    assert turn == pytest.approx(np.arctan2(end[2], end[0]), abs=0.05)
+    apart = measured(bent, distance={"between": ["segment 1", "segment 2"]})
+    assert apart == pytest.approx(
+        float(np.linalg.norm(result.segment_center[1] - result.segment_center[0])), rel=1e-9
+    )
+    assert measured(bent, strain={}) == result.largest_stretch - 1.0
+    assert measured(bent, largest_field={}) == pytest.approx(4e-3)
+    assert measured(bent, field_energy={}) == pytest.approx(16e-6)
+    volume = np.pi * 2e-3**2 * 10e-3
+    assert measured(bent, magnetized_volume={}) == pytest.approx(volume, rel=1e-6)
+    assert measured(bent, stability={}) == result.stability
+
+
+def test_measures_of_a_motion(fallen: Answer) -> None:
+    up = [0.0, 0.0, 1.0]
+    fall = measured(fallen, travel={"along": up, "from": 0.0, "to": 0.008})
+    t = fallen.times[fallen.moment(0.008, 0)]
+    assert fall == pytest.approx(-0.5 * 9.81 * t**2, rel=1e-3)
+    assert measured(fallen, displacement={"along": up, "at": 0.008}) == pytest.approx(fall)
+    assert measured(fallen, contact_force={"with": "ground"}) > 0
+    mean = measured(fallen, contact_force={"with": "ground", "over": "mean"})
+    assert 0 < mean < measured(fallen, contact_force={"with": "ground"})
+    assert measured(fallen, largest_field={}) == pytest.approx(5e-3, rel=1e-9)
+    assert measured(fallen, field_energy={}) == pytest.approx(25e-6 * 0.02 / 3, rel=1e-5)
+    assert abs(measured(fallen, turn={})) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("measure", "told"),
+    [
+        ({"position": {"of": "nose"}}, "must be tip, body, or one of"),
+        ({"contact_force": {"with": "walls"}}, "no such contact"),
+        ({}, "must have one of the keys"),
+        ({"strain": {}, "stability": {}}, "must have one of the keys"),
+        ({"python": "none.py:f"}, "there is no file"),
+    ],
+)
+def test_wrong_measures_are_refused(bent: Answer, measure: dict[str, Any], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        measured(bent, **measure)
+
+
+def test_stability_is_that_of_an_equilibrium(fallen: Answer) -> None:
+    with pytest.raises(InputError, match="stability"):
+        measured(fallen, stability={})
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "data/studies/goals").glob("*.yaml")))
+def test_shipped_goals_load_and_fit_the_schema(path: Path) -> None:
+    assert load_goal(path).knobs
+    Draft202012Validator(json_schema(GoalFile)).validate(dict(read_yaml(path)))
+
+
+def test_schema_file_is_current() -> None:
+    """`python -m magmpm.studies.goals.goal_file` rewrites it."""
+    assert json.loads(SCHEMA.read_text()) == json_schema(GoalFile)
+
+
+def searched(folder: Path, study: str = STUDY, **more: Any) -> GoalReport:
+    found = magmpm.design(written(folder, study), folder=folder / "out", progress=False, **more)
+    assert isinstance(found, GoalReport)
+    return found
+
+
+def test_a_search_begins_with_the_scene_and_goes_on(tmp_path: Path) -> None:
+    """It keeps the best run and its scene, and runs it on more cells; the same file goes on, another one is refused."""
+    first = searched(tmp_path, trials=3)
+    assert first.trials == 3
+    assert first.best is not None
+    assert first.values[0] is not None
+    again = searched(tmp_path)
+    assert again.trials == 6
+    assert again.values[:3] == first.values
+    assert again.best is not None
+    best = max(value[0] for value in again.values if value is not None)
+    assert again.best["values"] == [best]
+    assert best >= again.values[0][0]  # type: ignore[index]
+    kept = run(tmp_path / "out" / "best.yaml")
+    assert kept.tip is not None
+    assert kept.tip[2] == pytest.approx(best, rel=1e-9)
+    assert again.finer is not None
+    assert again.finer["values"][0] == pytest.approx(best, rel=0.02)
+    assert not list((tmp_path / "out").glob("trial_*"))
+    with pytest.raises(InputError, match="another definition"):
+        searched(tmp_path, STUDY.replace("8 mT", "7 mT"))
+
+
+def test_a_target_with_a_constraint_in_two_processes(tmp_path: Path) -> None:
+    """The tip comes within 0.2 mm of 1.5 mm, at less than 3.5 mT, which takes the stronger material; ties share one value."""
+    study = """\
+scene: scene.yaml
+vary:
+  numbers:
+    - {of: "field.uniform[2]", min: 1 mT, max: 8 mT}
+    - {of: [materials.m.remanence], choices: [138 mT, 250 mT]}
+goal:
+  target: {displacement: {of: tip, along: [0, 0, 1]}, value: 1.5 mm}
+subject_to:
+  - {largest_field: {}, at_most: 3.5 mT}
+trials: 20
+"""
+    found = searched(tmp_path, study, workers=2)
+    assert found.best is not None
+    assert found.best["feasible"]
+    assert found.best["values"][0] < 0.2e-3
+    assert found.best["measures"]["subject_to[0]"] <= 3.5e-3
+    assert found.best["measures"]["goal[0].target"] == pytest.approx(1.5e-3, abs=0.2e-3)
+
+
+def test_several_goals_and_a_users_function(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text("def reach(result):\n    return float(result.tip[2])\n")
+    study = STUDY.replace(
+        "goal:\n  maximize: {displacement: {of: tip, along: [0, 0, 1]}}",
+        "goal:\n  - maximize: {python: own.py:reach}\n  - minimize: {largest_field: {}}",
+    )
+    found = searched(tmp_path, study)
+    assert found.pareto
+    for one in found.pareto:
+        assert run(Scene.from_si(_plain(SCENE)).with_field([0.0, 0.0, one["values"][1]])).tip[
+            2
+        ] == pytest.approx(one["values"][0], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        ("raise ValueError('no stride')", "it raised ValueError: no stride"),
+        ("return float('nan')", "no finite number"),
+        ("return 'far'", "must return a number"),
+    ],
+)
+def test_a_function_that_fails_is_a_failed_trial(tmp_path: Path, body: str, told: str) -> None:
+    (tmp_path / "own.py").write_text(f"def reach(result):\n    {body}\n")
+    study = STUDY.replace("{displacement: {of: tip, along: [0, 0, 1]}}", "{python: own.py:reach}")
+    found = searched(tmp_path, study, trials=2)
+    assert found.best is None
+    assert [told in one["why"] for one in found.failed] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        ("field.uniform[2]", "field.unifrom[2]", "did you mean field.uniform"),
+        ("min: 1 mT", "min: 1 mm", "must have the unit of min"),
+        ("min: 1 mT, max: 8 mT", "min: 1 mT, max: 90000 mT", "the scene refuses it"),
+        ("min: 1 mT, max: 8 mT", "min: 8 mT, max: 1 mT", "min must be less than max"),
+        ("min: 1 mT, max: 8 mT", "min: 1 mT", "must have min and max"),
+        ("min: 1 mT, max: 8 mT", "direction: {}", "an address of a direction"),
+        ("maximize: {", "largest: {", "largest"),
+        ("trials: 6", "trials: 6\nprune: true", "only motions are pruned"),
+        ("trials: 6", "trials: 6\nsampler: newton", "sampler must be one of"),
+        ("trials: 6", "subject_to: [{strain: {}, at_most: 3 mm}]", "plain number"),
+        ("trials: 6", "subject_to: [{largest_field: {}, at_most: 3}]", "at_most"),
+        ("{displacement: {of: tip, along: [0, 0, 1]}}", "{python: own.py:reach}", "no file"),
+    ],
+)
+def test_wrong_studies_are_refused(tmp_path: Path, before: str, after: str, told: str) -> None:
+    assert before in STUDY
+    with pytest.raises(InputError, match=r"study\.yaml") as error:
+        load_goal(written(tmp_path, STUDY.replace(before, after)))
+    assert told in str(error.value)
+
+
+def test_a_sweep_has_a_row_for_every_combination(tmp_path: Path) -> None:
+    """In the order of its values, as runs one by one give them; what a folder has is not run again."""
+    scene = Scene.from_si(_plain(SCENE))
+    values = {"field.uniform[2]": ["2 mT", 4e-3], "effects.gravity": [None, {}]}
+    told: list[dict[str, Any]] = []
+    table = magmpm.sweep(
+        scene, values, measure=["tip", "strain", tip_height], workers=1, folder=tmp_path / "s"
+    )
+    assert [(row["field.uniform[2]"], row["effects.gravity"]) for row in table.rows] == [
+        ("2 mT", None),
+        ("2 mT", {}),
+        (4e-3, None),
+        (4e-3, {}),
+    ]
+    for row in table.rows:
+        field = 2e-3 if row["field.uniform[2]"] == "2 mT" else 4e-3
+        alone = run(scene.with_field([0, 0, field]).with_effects(gravity=row["effects.gravity"]))
+        assert [row["tip_x_m"], row["tip_y_m"], row["tip_z_m"]] == list(alone.tip)
+        assert row["tip_height"] == alone.tip[2]
+    with ThreadPoolExecutor(1) as executor:
+        again = magmpm.sweep(
+            scene,
+            {**values, "field.uniform[2]": ["2 mT", 4e-3, "5 mT"]},
+            measure=["tip", "strain", tip_height],
+            executor=executor,
+            folder=tmp_path / "s",
+            on_row=told.append,
+        )
+    assert again.rows[:4] == table.rows
+    assert [row["field.uniform[2]"] for row in told] == ["5 mT"] * 2
+    rows = (tmp_path / "s" / "rows.jsonl").read_text()
+    assert len(rows.splitlines()) == 6
+    (tmp_path / "s" / "rows.jsonl").write_text(rows[:-40])  # as a full disk leaves it
+    told.clear()
+    magmpm.sweep(
+        scene,
+        values | {"field.uniform[2]": ["5 mT"]},
+        measure=["tip", "strain", tip_height],
+        workers=1,
+        folder=tmp_path / "s",
+        on_row=told.append,
+    )
+    assert len(told) == 1
+
+
+def tip_height(result: Any) -> float:
+    return float(result.tip[2])
+
+
+def test_a_sweep_keeps_what_failed() -> None:
+    """A field that no such rod bears fails; the others stay."""
+    scene = Scene.from_si(_plain(SCENE))
+    table = magmpm.sweep(scene, {"solver.static.max_steps": [1, 100]}, workers=1)
+    assert "no equilibrium" in table.rows[0]["failed"]
+    assert "tip_x_m" in table.rows[1]
+
+
+@pytest.mark.parametrize(
+    ("values", "measure", "told"),
+    [
+        ({"field.uniform[3]": ["1 mT"]}, "tip", "the scene says nothing there"),
+        ({"field.uniform[2]": "1 mT"}, "tip", "must be a list of values"),
+        ({"field.uniform[2]": []}, "tip", "must be a list of values"),
+        ({"field.uniform[2]": ["1 mm"]}, "tip", "field.uniform[2] = 1 mm"),
+        ({"field.uniform[2]": ["1 mT"]}, "height", "must be tip, or one of"),
+    ],
+)
+def test_wrong_sweeps_are_refused(values: Any, measure: str, told: str) -> None:
+    with pytest.raises(InputError) as error:
+        magmpm.sweep(Scene.from_si(_plain(SCENE)), values, measure=[measure])
+    assert told in str(error.value)
+
+
+def test_a_motion_that_does_worse_than_others_is_ended(tmp_path: Path) -> None:
+    """Blocks slide down slopes that trials choose; half of the later ones are pruned, and none that is the best so far."""
+    scene = moving_scene(
+        block((2e-3, 2e-3, 2e-3)),
+        {"gravity": {"acceleration": [0.5, 0.0, -9.81]}, "ground": {"point": [0.0, 0.0, 0.0]}},
+        duration=0.02,
+    )
+    data = scene.to_si()
+    data["solver"]["dynamic"]["output_every"] = 1e-3
+    Scene.from_si(data).save(tmp_path / "scene.yaml")
+    (tmp_path / "study.yaml").write_text(
+        "scene: scene.yaml\n"
+        "vary: {numbers: [{of: 'effects.gravity.acceleration[0]', min: 0 m/s^2, max: 2 m/s^2}]}\n"
+        "goal: {maximize: {travel: {along: [1, 0, 0]}}}\n"
+        "prune: true\nsampler: random\ntrials: 14\n"
+    )
+    found = magmpm.design(tmp_path / "study.yaml", folder=tmp_path / "out", progress=False)
+    assert isinstance(found, GoalReport)
+    assert found.pruned >= 2
+    assert found.best is not None
+    way = 0.5 * found.best["params"]["effects.gravity.acceleration[0] (m/s^2)"] * 0.02**2
+    assert found.best["values"][0] == pytest.approx(way, rel=0.01)
+
+
+def test_commands_print_one_json_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from magmpm.cli.command import main
+
+    study = written(tmp_path)
+    out = str(tmp_path / "out")
+    assert main(["design", str(study), "--trials", "2", "--out", out, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["trials"] == 2
+    shutil.rmtree(out)
+    told = ["sweep", str(tmp_path / "scene.yaml"), "--set", "field.uniform[2]=1 mT,2 mT", "--set"]
+    assert main([*told, "effects.gravity=null,{}", "--workers", "1", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert [row["effects.gravity"] for row in rows] == [None, {}] * 2
+    assert main(["sweep", str(tmp_path / "scene.yaml"), "--set", "field.uniform[2]"]) == 2
+    assert "ADDRESS=V1,V2" in capsys.readouterr().err
