@@ -218,8 +218,8 @@ COMMANDS = {
     "sweep": Command(
         "goals.sweep",
         "run a scene over values of its numbers",
-        "Run a scene for every combination of values, in parallel, and print its measures; with --out it "
-        "goes on where it was.",
+        "Run a scene for every combination of values, in parallel, and print its measures; with "
+        "--out it goes on where it was.",
         (
             _SCENE,
             _value(

@@ -290,9 +290,9 @@ def _add_all(meeting, surface, along_x, along_y, force):
         f0 = memory[at + FORCE]
         f1 = memory[at + FORCE + 1]
         f2 = memory[at + FORCE + 2]
-        add_at(force, meeting.node[pair], along_x, along_y, surface.weights, 9 * p, f0, f1, f2)
+        add_at(force, meeting.node[pair], along_x, along_y, surface.weights, 9 * p, (f0, f1, f2))
         _splines(cells, cell, memory[at + PLACE : at + PLACE + 3], value, slope)
-        add_at(force, cells.node[cell], along_x, along_y, value, 0, -f0, -f1, -f2)
+        add_at(force, cells.node[cell], along_x, along_y, value, 0, (-f0, -f1, -f2))
     return rubs
 
 
@@ -332,8 +332,8 @@ def _rub(push, meeting, surface, body, nodes, correction, state, back):
         memory[at + FORCE + 1] += f1
         memory[at + FORCE + 2] += f2
         on = (along_x, along_y, push, correction, inverse_mass)
-        quicken(both, 0, *on, f0, f1, f2, state.v)
-        quicken(both, 1, *on, -f0, -f1, -f2, state.v)
+        quicken(both, 0, *on, (f0, f1, f2), state.v)
+        quicken(both, 1, *on, (-f0, -f1, -f2), state.v)
 
 
 @compiled

@@ -49,13 +49,14 @@ def field_at(field, node, along_x, along_y, weights, at):
 
 
 @inlined
-def add_at(field, node, along_x, along_y, weights, at, f0, f1, f2):
-    """Add (f0, f1, f2) at a point to a nodal field (3 nodes,): what `field_at` reads, backward."""
+def add_at(field, node, along_x, along_y, weights, at, f):
+    """Add f, a triple, at a point to a nodal field (3 nodes,): what `field_at` reads, backward."""
     z0 = weights[at + 6]
     z1 = weights[at + 7]
     z2 = weights[at + 8]
-    low = eight(z0 * f0, z0 * f1, z0 * f2, z1 * f0, z1 * f1, z1 * f2, z2 * f0, z2 * f1)
-    last = z2 * f2
+    x, y, z = f
+    low = eight(z0 * x, z0 * y, z0 * z, z1 * x, z1 * y, z1 * z, z2 * x, z2 * y)
+    last = z2 * z
     for a in range(3):
         for b in range(3):
             k = 3 * (node + a * along_x + b * along_y)
@@ -144,21 +145,22 @@ def velocity_at(places, k, along_x, along_y, push, correction, field):
 
 
 @compiled
-def add_force(splines, at, node, along_x, along_y, f0, f1, f2, force):
-    """Add a force (f0, f1, f2) N to those of the nodes; splines: as of Places, from index `at` on."""
-    f = eight(f0, f1, f2, f0, f1, f2, f0, f1)
+def add_force(splines, at, node, along_x, along_y, f, force):
+    """Add a force f, a triple, N, to those of the nodes; splines: as of Places, from index `at` on."""
+    x, y, z = f
+    low = eight(x, y, z, x, y, z, x, y)
     for row in range(9):
         n = 3 * (node + row // 3 * along_x + row % 3 * along_y)
-        store(force, n, load(force, n) + load(splines, at + 9 * row) * f)
-        force[n + 8] += splines[at + 9 * row + 8] * f2
+        store(force, n, load(force, n) + load(splines, at + 9 * row) * low)
+        force[n + 8] += splines[at + 9 * row + 8] * z
 
 
 @compiled
-def quicken(places, k, along_x, along_y, push, correction, inverse_mass, f0, f1, f2, v):
-    """Change the nodes' velocities v (3 nodes,) by the force (f0, f1, f2), N, on place k for push (s); note it for the correction."""
-    p0 = push * f0
-    p1 = push * f1
-    p2 = push * f2
+def quicken(places, k, along_x, along_y, push, correction, inverse_mass, f, v):
+    """Change the nodes' velocities v (3 nodes,) by the force f, a triple, N, on place k for push (s); note it for the correction."""
+    p0 = push * f[0]
+    p1 = push * f[1]
+    p2 = push * f[2]
     p = eight(p0, p1, p2, p0, p1, p2, p0, p1)
     for row in range(9):
         n = 3 * (places.node[k] + row // 3 * along_x + row % 3 * along_y)
@@ -166,7 +168,7 @@ def quicken(places, k, along_x, along_y, push, correction, inverse_mass, f0, f1,
         store(v, n, load(v, n) + load(places.splines, at) * load(inverse_mass, n) * p)
         v[n + 8] += places.splines[at + 8] * inverse_mass[n + 8] * p2
     knot = places.knot[k]
-    add_impulse(correction, knot, places.fields, FIELDS * k, places.column, COLUMN * k, f0, f1, f2)
+    add_impulse(correction, knot, places.fields, FIELDS * k, places.column, COLUMN * k, f)
 
 
 @inlined

@@ -267,16 +267,17 @@ def give_of(correction, first, fields, at, column, to):
 
 
 @compiled
-def add_impulse(correction, first, fields, at, column, to, f0, f1, f2):
-    """Note an impulse of the force (f0, f1, f2), N, at a place whose fields and column (`give_of`) begin at indices `at` and `to`."""
+def add_impulse(correction, first, fields, at, column, to, f):
+    """Note an impulse of the force f, a triple, N, at a place whose fields and column (`give_of`) begin at indices `at` and `to`."""
     if first < 0:
         return
     chain = correction.chain_of[first]
     low = max(first - NEARBY, correction.chain[chain])
     high = min(first + SEEN + NEARBY, correction.chain[chain + 1])
-    f = eight(f0, f1, f2, f0, f1, f2, f0, f1)
-    _add_rows(correction.ahead, low, high - low, column, to, f, f2)
-    _add_rows(correction.load, first, min(SEEN, high - first), fields, at, f, f2)
+    x, y, z = f
+    lanes = eight(x, y, z, x, y, z, x, y)
+    _add_rows(correction.ahead, low, high - low, column, to, lanes, z)
+    _add_rows(correction.load, first, min(SEEN, high - first), fields, at, lanes, z)
 
 
 @inlined

@@ -130,9 +130,9 @@ def touch(slab, step, surface, cells, state, calls, slabs):
             for i in range(PARTS):
                 whole[i] += f[i]
             at = 9 * (first + k)
-            add_at(state.force, node, along_x, along_y, weights, at, f[0], f[1], f[2])
+            add_at(state.force, node, along_x, along_y, weights, at, (f[0], f[1], f[2]))
             if f[GRIP] > 0.0:
-                add_at(mean, 0, 9, 3, weights, at, f[GRIP], f[GRIP], f[GRIP])
+                add_at(mean, 0, 9, 3, weights, at, (f[GRIP], f[GRIP], f[GRIP]))
         push = math.sqrt(whole[0] ** 2 + whole[1] ** 2 + whole[2] ** 2)
         if touches(whole, kept, own) > 0.0:
             slabs.rubs[slab] += 1.0
@@ -142,7 +142,7 @@ def touch(slab, step, surface, cells, state, calls, slabs):
                 surface.splines[SPLINES * patch + j] = mean[j] / whole[GRIP]
             on = (surface.splines, SPLINES * patch)
             add_force(
-                *on, node, along_x, along_y, kept[own], kept[own + 1], kept[own + 2], state.force
+                *on, node, along_x, along_y, (kept[own], kept[own + 1], kept[own + 2]), state.force
             )
 
 
@@ -196,8 +196,8 @@ def rub(push, rubbing, cells, inverse_mass, correction, state, back):
         one = turned(k, count, back)
         v = velocity_at(places, one, along_x, along_y, push, correction, state.v)
         heft = 1.0 / (push * found.give[one])
-        f0, f1, f2 = rubbed(state.touching, PATCH * found.patch[one], v, heft)
-        quicken(places, one, along_x, along_y, push, correction, inverse_mass, f0, f1, f2, state.v)
+        f = rubbed(state.touching, PATCH * found.patch[one], v, heft)
+        quicken(places, one, along_x, along_y, push, correction, inverse_mass, f, state.v)
 
 
 @inner

@@ -16,7 +16,6 @@ from magmpm.scene.scene import Scene
 
 Place = tuple[str | int, ...]
 _PART = re.compile(r"([^.\[\]]+)((?:\[(?:\d+|\*)\])*)")
-CLOSE = 3  # addresses that are told of a wrong one
 
 
 def written(place: Place) -> str:
@@ -35,7 +34,7 @@ def places(scene: Scene, address: str) -> list[Place]:
         known = sorted(
             {re.sub(r"\[\d+\]", "[*]", written(leaf)) for leaf in _leaves(scene.to_si())}
         )
-        near = get_close_matches(re.sub(r"\[\d+\]", "[*]", address), known, CLOSE, 0.5)
+        near = get_close_matches(re.sub(r"\[\d+\]", "[*]", address), known, cutoff=0.5)
         raise InputError(
             address,
             received="an address",
@@ -50,7 +49,7 @@ def places(scene: Scene, address: str) -> list[Place]:
 
 
 def value_at(scene: Scene, place: Place, *, units: bool = False) -> Any:
-    """What a scene says at a place, in SI, or with units as text."""
+    """Value that a scene has at a place, in SI, or with units as text."""
     context = {"units": True} if units else None
     found: Any = scene.model_dump(mode="json", context=context)
     for part in place:

@@ -1,4 +1,4 @@
-"""What a run of a scene leaves for measures: places over time, contacts, and the field."""
+"""Answer of a scene's run, for measures: places over time, contacts, and the field."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from magmpm.inputs.settings import Settings, fault, write_json_schema
 from magmpm.studies.goals.measures import Measure
@@ -17,15 +17,18 @@ SCHEMA = Path(__file__).parents[1] / "goal.schema.json"
 SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "random")
 
 
-class Direction(Settings):
+class FreeDirection(Settings):
     """A direction, by two angles. No settings."""
 
 
-class Number(Settings):
+class VaryNumber(Settings):
     """A number of the scene, or several that share one value: bounds, choices, or a direction."""
 
     of: str | tuple[str, ...] = Field(
-        description="Its address: the keys of the scene's file, dots between them, [i] or [*] for lists; or a list of them.",
+        description=(
+            "Its address: the keys of the scene's file, dots between them, [i] or [*] for lists; or"
+            " a list of them."
+        ),
         examples=["field.uniform[2]"],
     )
     min: Any = Field(default=None, description="Least value, with its unit.", examples=["2 Hz"])
@@ -40,12 +43,12 @@ class Number(Settings):
         description="Values, one of which it has.",
         examples=[["0.2 mm", "0.3 mm"]],
     )
-    direction: Direction | None = Field(
+    direction: FreeDirection | None = Field(
         default=None, description="It is a direction, which turns: {}.", examples=["{}"]
     )
 
     @model_validator(mode="after")
-    def _one_way(self) -> Number:
+    def _one_way(self) -> VaryNumber:
         bounded = self.min is not None or self.max is not None
         if bounded + (self.choices is not None) + (self.direction is not None) != 1 or (
             bounded and (self.min is None or self.max is None)
@@ -69,12 +72,12 @@ class VaryDirections(Settings):
 
 
 class VaryAnything(Settings):
-    """What trials change."""
+    """Numbers and directions that trials change."""
 
     magnetization: VaryDirections | None = Field(
         default=None, description="The direction of each magnetized region: {}.", examples=["{}"]
     )
-    numbers: tuple[Number, ...] = Field(
+    numbers: tuple[VaryNumber, ...] = Field(
         default=(),
         max_length=1000,
         description="Numbers of the scene, by their addresses.",
@@ -95,7 +98,7 @@ class Target(Measure):
 
 
 class Goal(Settings):
-    """What is sought: one of these keys."""
+    """A goal: one of these keys."""
 
     maximize: Measure | None = Field(
         default=None,
@@ -158,15 +161,18 @@ class GoalFile(Settings):
     scene: str = Field(min_length=1, description="Path of the scene, relative to this file.")
     vary: VaryAnything = Field(description="What trials change.")
     goal: Annotated[
-        tuple[Goal, ...],
-        BeforeValidator(lambda value: value if isinstance(value, (list, tuple)) else [value]),
-    ] = Field(min_length=1, max_length=3, description="What is sought, or a list of up to three.")
+        Annotated[Goal, Tag("one")]
+        | Annotated[tuple[Goal, ...], Field(min_length=1, max_length=3), Tag("list")],
+        Discriminator(lambda value: "list" if isinstance(value, (list, tuple)) else "one"),
+    ] = Field(description="What is sought, or a list of up to three.")
     subject_to: tuple[Constraint, ...] = Field(
         default=(), description="Measures that must stay within bounds."
     )
     prune: bool = Field(
         default=False,
-        description="Whether motions that do worse than half of those before at the same time are ended.",
+        description=(
+            "Whether motions that do worse than half of those before at the same time are ended."
+        ),
     )
     trials: int = Field(default=35, strict=True, ge=1, le=1_000_000, description="Trials in all.")
     sampler: str = Field(
@@ -174,15 +180,20 @@ class GoalFile(Settings):
     )
     seed: int = Field(default=1, strict=True, ge=0, le=2**32 - 1, description="Of the sampler.")
 
+    @property
+    def goals(self) -> tuple[Goal, ...]:
+        """All that is sought."""
+        return self.goal if isinstance(self.goal, tuple) else (self.goal,)
+
     @model_validator(mode="after")
     def _go_together(self) -> GoalFile:
         if self.sampler not in SAMPLERS:
             raise fault(f"sampler must be one of {', '.join(SAMPLERS)}", "correct it", ("sampler",))
-        if len(self.goal) > 1 and self.sampler in ("cmaes", "gp"):
+        if len(self.goals) > 1 and self.sampler in ("cmaes", "gp"):
             raise fault(
                 f"{self.sampler} has one goal", "write `sampler: tpe` or `nsga2`", ("sampler",)
             )
-        if len(self.goal) > 1 and self.prune:
+        if len(self.goals) > 1 and self.prune:
             raise fault("only trials of one goal are pruned", "remove `prune`", ("prune",))
         return self
 

@@ -1,4 +1,4 @@
-"""What trials turn: numbers, choices and directions of a scene, as Optuna suggests them, and the scene that they make."""
+"""Knobs that trials turn: numbers, choices and directions of a scene, as Optuna suggests them, and the scene that they make."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from magmpm.errors import InputError
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, changed, places, value_at, written
-from magmpm.studies.goals.goal_file import Number, VaryAnything
+from magmpm.studies.goals.goal_file import VaryAnything, VaryNumber
 
 if TYPE_CHECKING:
     from optuna.trial import BaseTrial
@@ -28,7 +28,7 @@ class Knob:
     places: tuple[Place, ...]
 
     def suggested(self, trial: BaseTrial) -> dict[Place, Any]:
-        """What a trial writes at the places."""
+        """Return what a trial writes at the places."""
         raise NotImplementedError
 
     def begun(self, scene: Scene) -> dict[str, Any]:
@@ -37,7 +37,7 @@ class Knob:
 
 
 @dataclass(frozen=True)
-class Range(Knob):
+class Bounded(Knob):
     """A number within bounds, in a unit of which it has `scale` SI units; whole: an integer."""
 
     low: float
@@ -148,7 +148,7 @@ def knobs(vary: VaryAnything, scene: Scene) -> tuple[Knob, ...]:
     return tuple(found)
 
 
-def _of_number(number: Number, scene: Scene, at: str) -> list[Knob]:
+def _of_number(number: VaryNumber, scene: Scene, at: str) -> list[Knob]:
     """The knobs of a number: one for each place, or one for all that are tied. Raises InputError."""
     tied = isinstance(number.of, tuple)
     addresses = number.of if isinstance(number.of, tuple) else (number.of,)
@@ -179,7 +179,9 @@ def _of_number(number: Number, scene: Scene, at: str) -> list[Knob]:
     return out
 
 
-def _range(number: Number, scene: Scene, name: str, group: tuple[Place, ...], at: str) -> Range:
+def _range(
+    number: VaryNumber, scene: Scene, name: str, group: tuple[Place, ...], at: str
+) -> Bounded:
     """The knob of a number within bounds. Raises InputError."""
     ends = []
     for key in ("min", "max"):
@@ -211,7 +213,7 @@ def _range(number: Number, scene: Scene, name: str, group: tuple[Place, ...], at
     whole = all(isinstance(end, int) for end in (number.min, number.max)) and isinstance(
         value_at(scene, group[0]), int
     )
-    knob = Range(name, group, low, high, unit, 1.0, number.log, whole)
+    knob = Bounded(name, group, low, high, unit, 1.0, number.log, whole)
     accepted = [
         _accepted(scene, knob.at(int(end) if whole else end), f"{at}.{key}", getattr(number, key))
         for key, end in (("min", low), ("max", high))
@@ -220,7 +222,7 @@ def _range(number: Number, scene: Scene, name: str, group: tuple[Place, ...], at
     si = abs(float(value_at(accepted[most[1]], group[0])))
     scale = si / most[0]
     label = f"{name} ({unit})" if unit else name
-    return Range(label, group, low, high, unit, scale, number.log, whole)
+    return Bounded(label, group, low, high, unit, scale, number.log, whole)
 
 
 def _accepted(scene: Scene, values: Mapping[Place, Any], at: str, given: Any) -> Scene:

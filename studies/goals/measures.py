@@ -147,7 +147,7 @@ class ContactForce(OneMeasure):
         return float(force.max() if self.over == "largest" else force[-1])
 
 
-class Strain(OneMeasure):
+class LargestStrain(OneMeasure):
     """Largest stretch of any particle, less one."""
 
     def of_answer(self, answer: Answer, at: str) -> float:
@@ -203,7 +203,7 @@ KINDS: dict[str, type[OneMeasure]] = {
     "turn": Turn,
     "distance": Distance,
     "contact_force": ContactForce,
-    "strain": Strain,
+    "strain": LargestStrain,
     "largest_field": LargestField,
     "field_energy": FieldEnergy,
     "magnetized_volume": MagnetizedVolume,
@@ -237,7 +237,7 @@ class Measure(Settings):
     turn: Turn | None = of_kind(Turn, "{of: body, about: [0, 1, 0]}")
     distance: Distance | None = of_kind(Distance, "{between: [finger_1, finger_2]}")
     contact_force: ContactForce | None = of_kind(ContactForce, "{with: walls}")
-    strain: Strain | None = of_kind(Strain)
+    strain: LargestStrain | None = of_kind(LargestStrain)
     largest_field: LargestField | None = of_kind(LargestField)
     field_energy: FieldEnergy | None = of_kind(FieldEnergy)
     magnetized_volume: MagnetizedVolume | None = of_kind(MagnetizedVolume)
@@ -313,7 +313,7 @@ def function_of(text: str, folder: Path, at: str) -> Callable[[Any], Any]:
 
 
 def _called(function: Callable[[Any], Any], answer: Answer, at: str) -> float:
-    """What a user's function returns. Raises MagmpmError where it raises, or returns no number."""
+    """Call a user's function. Raises MagmpmError where it raises, or returns no number."""
     try:
         found = function(answer.result if answer.motion is None else answer.motion)
     except Exception as error:

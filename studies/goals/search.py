@@ -59,7 +59,7 @@ class GoalStudy:
         """Every measure by its place in the file."""
         found = {
             f"goal[{k}].{goal.key}": goal.measure.model_dump(by_alias=True, exclude={"value"})
-            for k, goal in enumerate(self.file.goal)
+            for k, goal in enumerate(self.file.goals)
         }
         for k, one in enumerate(self.file.subject_to):
             plain = one.model_dump(by_alias=True, exclude={"at_most", "at_least"})
@@ -69,7 +69,7 @@ class GoalStudy:
     @property
     def names(self) -> list[str]:
         """Each goal in words, with its unit in SI."""
-        return [f"{goal.key} {goal.measure.name}" for goal in self.file.goal]
+        return [f"{goal.key} {goal.measure.name}" for goal in self.file.goals]
 
     @property
     def definition(self) -> str:
@@ -83,7 +83,7 @@ class GoalStudy:
             numbers[f"goal[{k}].{goal.key}"]
             if target is None
             else abs(numbers[f"goal[{k}].{goal.key}"] - target)
-            for k, (goal, target) in enumerate(zip(self.file.goal, self.targets, strict=True))
+            for k, (goal, target) in enumerate(zip(self.file.goals, self.targets, strict=True))
         ]
         beyond = []
         for k, (least, greatest) in enumerate(self.bounds):
@@ -95,7 +95,7 @@ class GoalStudy:
 
 @dataclass
 class GoalReport:
-    """What a search has found. values: of each trial, SI, None where it failed; best: number, values, measures, params and whether it keeps
+    """Findings of a search. values: of each trial, SI, None where it failed; best: number, values, measures, params and whether it keeps
     the constraints; failed: number and reason; finer: the best on more cells; ended: done or interrupted."""
 
     name: str
@@ -143,7 +143,7 @@ def _checked(document: Document, file: GoalFile, scene: Scene) -> GoalStudy:
         evaluate.in_si(goal.target.value, goal.target, f"goal[{k}].target.value")
         if goal.target is not None
         else None
-        for k, goal in enumerate(file.goal)
+        for k, goal in enumerate(file.goals)
     )
     bounds = tuple(
         (
@@ -213,12 +213,12 @@ def search(
             sampler=sampler(study, workers),
             pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
             directions=[
-                "maximize" if goal.key == "maximize" else "minimize" for goal in study.file.goal
+                "maximize" if goal.key == "maximize" else "minimize" for goal in study.file.goals
             ],
             load_if_exists=True,
         )
         _same(known, study, out)
-        return _Search(study, out, known, workers, on_trial).run(trials or study.file.trials)
+        return _Seeking(study, out, known, workers, on_trial).run(trials or study.file.trials)
 
 
 def _same(known: Study, study: GoalStudy, out: Path) -> None:
@@ -238,7 +238,7 @@ def _same(known: Study, study: GoalStudy, out: Path) -> None:
         known.set_user_attr(DEFINITION, study.definition)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ExperimentalWarning)
-            known.set_metric_names([goal.measure.name for goal in study.file.goal])
+            known.set_metric_names([goal.measure.name for goal in study.file.goals])
         begun: dict[str, Any] = {}
         for knob in study.knobs:
             begun |= knob.begun(study.scene)
@@ -252,7 +252,7 @@ class _Hopeless(Exception):
 
 
 @dataclass
-class _Search:
+class _Seeking:
     """A search that runs."""
 
     study: GoalStudy
@@ -322,7 +322,7 @@ class _Search:
             return {WHY: evaluate.reason(error)}
 
     def _pruner(self, trial: Trial, job: evaluate.Job) -> Callable[[int, float], None]:
-        """What a motion calls as it goes on: it raises _Hopeless where the goal so far is worse than that of half the trials."""
+        """Return what a motion calls as it goes on: it raises _Hopeless where the goal so far is worse than that of half the trials."""
         scene = Scene.from_si(job.scene)
         seen = 0
         key = next(iter(job.measures))
@@ -406,7 +406,7 @@ class _Search:
 
     def _best(self) -> FrozenTrial | None:
         """The best trial: one that keeps all bounds, else the one that is least beyond them; of several goals, by the first."""
-        sign = -1.0 if self.study.file.goal[0].key == "maximize" else 1.0
+        sign = -1.0 if self.study.file.goals[0].key == "maximize" else 1.0
 
         def rank(trial: FrozenTrial) -> tuple[float, float, int]:
             beyond = trial.user_attrs.get(CONSTRAINTS) or [0.0]
@@ -432,7 +432,7 @@ class _Search:
             if t.state.name == "COMPLETE" or WHY in t.user_attrs or t.state.name == "PRUNED"
         ]
         best = self._best()
-        several = len(self.study.file.goal) > 1
+        several = len(self.study.file.goals) > 1
         return GoalReport(
             name=self.study.name,
             goals=self.study.names,
@@ -478,7 +478,8 @@ class _Search:
 def text(report: GoalReport) -> str:
     """A report in words."""
     lines = [
-        f"{report.name}: {report.trials} trials, {len(report.failed)} failed, {report.pruned} pruned"
+        f"{report.name}: {report.trials} trials, {len(report.failed)} failed,"
+        f" {report.pruned} pruned"
     ]
     if report.best is not None:
         said = ", ".join(
@@ -495,8 +496,9 @@ def text(report: GoalReport) -> str:
     if report.finer is not None and "values" in report.finer:
         before = np.array(report.best["values"] if report.best else [])
         change = ", ".join(f"{v:.6g}" for v in report.finer["values"])
+        cells = report.finer["cells_across"]
         lines.append(
-            f"on {report.finer['cells_across']} cells across: {change} (SI), from {', '.join(f'{b:.6g}' for b in before)}"
+            f"on {cells} cells across: {change} (SI), from {', '.join(f'{b:.6g}' for b in before)}"
         )
     if report.failed:
         lines.append(

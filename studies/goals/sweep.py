@@ -23,7 +23,6 @@ from magmpm.studies.goals.measures import KINDS, Measure
 
 ROWS = "rows.jsonl"
 TIP = "tip"
-MOST_RUNS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class SweepTable:
 
 
 @dataclass(frozen=True)
-class _Run:
+class _Row:
     """A run: its scene (SI data), folder, measures by name, and users' functions by name and folder."""
 
     scene: dict[str, Any]
@@ -76,6 +75,7 @@ def sweep(
     values: for each address the values it takes, text with units, SI numbers, {} or None. measure: "tip", names of measures, their
     settings as dicts, or functions of a Result (of the Motion of what runs along time). executor: any of concurrent.futures, Dask or MPI;
     None: `workers` processes of its own, one for each CPU unless given. folder: where rows are kept and found again; None: nowhere.
+    on_row: is called with each new row.
     Raises InputError for wrong addresses, values and measures, before the first run.
     """
     import os
@@ -102,7 +102,7 @@ def sweep(
         if executor is None and count > 1 and len(left) > 1:
             executor = stack.enter_context(evaluate.pool(min(count, len(left))))
         jobs = {
-            k: _Run(combined[k][1].to_si(), work / str(k), measures, functions, beside)
+            k: _Row(combined[k][1].to_si(), work / str(k), measures, functions, beside)
             for k in left
         }
 
@@ -169,17 +169,6 @@ def _combined(
                 remedy='write, say, ["2 mT", "4 mT"]',
             )
     at = {address: places(scene, address) for address in values}
-    sizes = [len(of) for of in values.values()]
-    total = 1
-    for size in sizes:
-        total *= size
-    if total > MOST_RUNS:
-        raise InputError(
-            "values",
-            received=f"{total} combinations",
-            rule=f"at most {MOST_RUNS}",
-            remedy="fewer values",
-        )
     found = []
     for chosen in product(*values.values()):
         said = dict(zip(values, chosen, strict=True))
@@ -195,7 +184,7 @@ def _combined(
 def _key(
     scene: Scene, measures: Mapping[str, Any], functions: Mapping[str, Callable[[Any], Any]]
 ) -> str:
-    """What a row is found again by: all that decides it."""
+    """Hash of all that decides a row, by which it is found again."""
     codes = {name: getattr(of, "__code__", None) for name, of in functions.items()}
     about = [
         scene.hash(),
@@ -219,7 +208,7 @@ def _known(folder: Path | None) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _measured(run: _Run) -> dict[str, Any]:
+def _measured(run: _Row) -> dict[str, Any]:
     """The measures of a run, or why it failed."""
     try:
         scene = Scene.from_si(run.scene)

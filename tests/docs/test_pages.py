@@ -22,6 +22,8 @@ from magmpm.cli.arguments import parser
 from magmpm.effects.acting import Effects
 from magmpm.errors import InputError
 from magmpm.scene import Scene, load_scene
+from magmpm.studies.goals.goal_file import GoalFile
+from magmpm.studies.goals.search import load_goal
 from magmpm.studies.problem.study_file import StudyFile
 from magmpm.studies.search.definition import load_study
 
@@ -114,10 +116,11 @@ def load(text: str, folder: Path) -> Any:
         at.parent.mkdir(parents=True, exist_ok=True)
         if not at.exists():
             at.symlink_to(scene)
-    if "scene" in keys or keys & (set(StudyFile.model_fields) - set(Scene.model_fields)):
+    of_studies = {*StudyFile.model_fields, *GoalFile.model_fields} - set(Scene.model_fields)
+    if "scene" in keys or keys & of_studies:
         path = folder / "studies/page.yaml"
         path.write_text(text, encoding="utf-8")
-        return load_study(path)
+        return load_goal(path) if "goal" in keys else load_study(path)
     path = folder / "scenes/page.yaml"
     refusals = []
     for whole in [text] if {"materials", "body", "name"} <= keys else whole_scenes(text, keys):
