@@ -37,7 +37,7 @@ class OneMeasure(Settings):
 
     @abstractmethod
     def of_answer(self, answer: Answer, at: str) -> float:
-        """The number, in SI. at: the measure's place in the file, for messages. Raises InputError."""
+        """The number, in SI; at: its place in the file, for messages. Raises InputError."""
 
 
 class Position(OneMeasure):

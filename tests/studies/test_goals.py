@@ -153,7 +153,7 @@ def test_stability_is_that_of_an_equilibrium(fallen: Answer) -> None:
         measured(fallen, stability={})
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "data/studies/goals").glob("*.yaml")))
+@pytest.mark.parametrize("path", sorted((ROOT / "data/goals").glob("*.yaml")))
 def test_shipped_goals_load_and_fit_the_schema(path: Path) -> None:
     assert load_goal(path).knobs
     Draft202012Validator(json_schema(GoalFile)).validate(dict(read_yaml(path)))
