@@ -43,6 +43,12 @@ def command(options: argparse.Namespace) -> int:
 
     folder = Path(options.folder)
     port = options.port
+    if (folder / "goal.json").exists():
+        raise InputError(
+            f"{folder}: holds a search for a goal",
+            rule="the dashboard with pictures is that of shapes",
+            remedy=f"optuna-dashboard sqlite:///{folder.resolve()}/study.db",
+        )
     if not is_study(folder):
         raise InputError(
             f"{folder}: holds no study ({REPORT} is missing); give the folder of a study, such as"

@@ -22,7 +22,8 @@ SAMPLES = 1000  # moments at which the field of a motion is looked at
 
 @dataclass(frozen=True)
 class Answer:
-    """A scene, its result, and the frames of what ran along time; of a motion that still runs, result is None."""
+    """A scene, its result, and the frames of what ran along time. Of a motion that still runs, result is None; of a scene that has not run,
+    both are."""
 
     scene: Scene
     result: Result | None
@@ -90,6 +91,12 @@ class Answer:
     def field(self) -> tuple[Array, Array]:
         """Times (k,) s, and the strength (k,) T of the strongest field at the centers of the body's regions then."""
         field = self.scene.external_field()
+        if not field.source.varies:  # the same everywhere
+            end = self.scene.duration if self.scene.in_time else 0.0
+            times = np.linspace(0.0, end, SAMPLES if end > 0.0 else 1)
+            at = [None] if end == 0.0 else times.tolist()
+            strengths = [float(np.linalg.norm(field.at(np.zeros(3), t)[0])) for t in at]
+            return times, np.array(strengths)
         if self.motion is None:
             assert self.result is not None
             strength = np.linalg.norm(field.at(self.result.segment_center), axis=1).max()

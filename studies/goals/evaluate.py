@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -21,17 +21,44 @@ from magmpm.studies.goals.measures import Measure
 
 @dataclass(frozen=True)
 class Job:
-    """A scene (SI data), the folder of its run, measures by name as plain data, and the folder of users' functions."""
+    """A scene (SI data), the folder of its run, measures by name as plain data, the folder of users' functions, and the least and the
+    greatest value (SI) of measures that are bounded."""
 
     scene: dict[str, Any]
     folder: Path
     measures: dict[str, dict[str, Any]]
     functions: Path
+    bounds: dict[str, tuple[float | None, float | None]] = field(default_factory=dict)
+
+
+class BeyondBounds(MagmpmError):
+    """A scene that breaks a bound whatever its answer is; numbers: the measures that are known."""
+
+    def __init__(self, numbers: dict[str, float]) -> None:
+        super().__init__("a bound is broken, whatever the answer is")
+        self.numbers = numbers
+
+
+def beyond(value: float, bounds: tuple[float | None, float | None]) -> list[float]:
+    """Return how far a value is beyond each of its bounds: at most 0 where it keeps it."""
+    least, greatest = bounds
+    found = [] if least is None else [least - value]
+    return found if greatest is None else [*found, value - greatest]
 
 
 def numbers(job: Job, on_progress: Callable[[int, float], None] | None = None) -> dict[str, float]:
-    """The measures of a run, in SI. Raises MagmpmError where it fails, with the reason."""
-    answer = answered(Scene.from_si(job.scene), job.folder, on_progress)
+    """The measures of a run, in SI. Raises MagmpmError where it fails, with the reason; BeyondBounds where it need not be run."""
+    scene = Scene.from_si(job.scene)
+    if not scene.external_field().source.varies:
+        early = Answer(scene, None)
+        known = {
+            name: measured(job.measures[name], early, name, job.functions)
+            for name in job.bounds
+            if validate(Measure, job.measures[name]).before
+        }
+        if any(max(beyond(value, job.bounds[name])) > 0.0 for name, value in known.items()):
+            raise BeyondBounds(known)
+    answer = answered(scene, job.folder, on_progress)
     return {
         name: measured(data, answer, name, job.functions) for name, data in job.measures.items()
     }
@@ -53,9 +80,11 @@ def answered(
 
 
 def tried(job: Job) -> dict[str, Any]:
-    """`numbers` as {"values": ...}, or {"failed": reason}."""
+    """`numbers` as {"values": ...}, {"beyond": ...} or {"failed": reason}."""
     try:
         return {"values": numbers(job)}
+    except BeyondBounds as found:
+        return {"beyond": found.numbers}
     except MagmpmError as error:
         return {"failed": reason(error)}
 

@@ -34,6 +34,7 @@ class OneMeasure(Settings):
     """A kind of measure. kind: of its quantity (inputs.quantities.KINDS), None for a plain number."""
 
     kind: ClassVar[str | None] = None
+    before: ClassVar[bool] = False  # known before the run, where the field is the same everywhere
 
     @abstractmethod
     def of_answer(self, answer: Answer, at: str) -> float:
@@ -158,6 +159,7 @@ class LargestField(OneMeasure):
     """Strongest field at the body at any time, T."""
 
     kind: ClassVar[str | None] = "flux density"
+    before: ClassVar[bool] = True
 
     def of_answer(self, answer: Answer, at: str) -> float:
         return float(answer.field[1].max())
@@ -165,6 +167,8 @@ class LargestField(OneMeasure):
 
 class FieldEnergy(OneMeasure):
     """Integral of B^2 over time at the body, T^2 s; of an equilibrium B^2, T^2."""
+
+    before: ClassVar[bool] = True
 
     def of_answer(self, answer: Answer, at: str) -> float:
         times, strength = answer.field
@@ -174,7 +178,7 @@ class FieldEnergy(OneMeasure):
 class MagnetizedVolume(OneMeasure):
     """Volume of what is magnetized, m^3."""
 
-    kind: ClassVar[str | None] = None
+    before: ClassVar[bool] = True
 
     def of_answer(self, answer: Answer, at: str) -> float:
         magnetized = np.linalg.norm(answer.model.remanence[:, :3], axis=1) > 0.0
@@ -271,6 +275,11 @@ class Measure(Settings):
     def kind(self) -> str | None:
         """Kind of its quantity, None for a plain number."""
         return None if self.python is not None else KINDS[self.name].kind
+
+    @property
+    def before(self) -> bool:
+        """True if it is known before the run, where the field is the same everywhere."""
+        return self.python is None and KINDS[self.name].before
 
     def of_answer(self, answer: Answer, at: str, folder: Path) -> float:
         """The number, in SI. Raises InputError, or MagmpmError where a user's function fails."""

@@ -39,6 +39,7 @@ DEFINITION = "definition"
 WHY = "failed"
 CONSTRAINTS = "constraints"  # at most 0 each where they hold
 INTERRUPTED = "interrupted"
+SKIPPED = "skipped"  # whether a pruned trial was not run, as it breaks a bound anyway
 PARTS = 10  # of a motion's time, after each of which a trial may be pruned
 
 
@@ -77,6 +78,11 @@ class GoalStudy:
         said = self.file.model_dump(mode="json", exclude={"trials", "scene"})
         return json.dumps({"scene": self.scene.hash(), **said}, sort_keys=True, default=str)
 
+    @property
+    def bounded(self) -> dict[str, tuple[float | None, float | None]]:
+        """The bounds of each constraint by its place in the file."""
+        return {f"subject_to[{k}]": of for k, of in enumerate(self.bounds)}
+
     def values(self, numbers: dict[str, float]) -> tuple[list[float], list[float]]:
         """A trial's values, as Optuna compares them, and how far it is beyond each bound."""
         values = [
@@ -85,18 +91,17 @@ class GoalStudy:
             else abs(numbers[f"goal[{k}].{goal.key}"] - target)
             for k, (goal, target) in enumerate(zip(self.file.goals, self.targets, strict=True))
         ]
-        beyond = []
-        for k, (least, greatest) in enumerate(self.bounds):
-            found = numbers[f"subject_to[{k}]"]
-            beyond += [] if least is None else [least - found]
-            beyond += [] if greatest is None else [found - greatest]
+        beyond = [
+            one for name, of in self.bounded.items() for one in evaluate.beyond(numbers[name], of)
+        ]
         return values, beyond
 
 
 @dataclass
 class GoalReport:
     """Findings of a search. values: of each trial, SI, None where it failed; best: number, values, measures, params and whether it keeps
-    the constraints; failed: number and reason; finer: the best on more cells; ended: done or interrupted."""
+    the constraints; failed: number and reason; skipped: trials that break a bound
+    whatever their answer is, and were not run; finer: the best on more cells; ended: done or interrupted."""
 
     name: str
     goals: list[str]
@@ -106,6 +111,7 @@ class GoalReport:
     pareto: list[dict[str, Any]]
     failed: list[dict[str, Any]]
     pruned: int
+    skipped: int
     storage: str
     seconds_per_trial: float
     finer: dict[str, Any] | None = None
@@ -309,7 +315,10 @@ class _Seeking:
             self._told(trial, {WHY: evaluate.reason(error)})
             return None
         functions = self.study.path.parent
-        return trial, evaluate.Job(scene.to_si(), folder, self.study.measures, functions)
+        job = evaluate.Job(
+            scene.to_si(), folder, self.study.measures, functions, self.study.bounded
+        )
+        return trial, job
 
     def _here(self, trial: Trial, job: evaluate.Job) -> dict[str, Any]:
         """The outcome of a run in this process, which may be pruned on its way."""
@@ -318,6 +327,8 @@ class _Seeking:
             return {"values": evaluate.numbers(job, watch)}
         except _Hopeless:
             return {"pruned": True}
+        except evaluate.BeyondBounds as found:
+            return {"beyond": found.numbers}
         except MagmpmError as error:
             return {WHY: evaluate.reason(error)}
 
@@ -356,8 +367,9 @@ class _Seeking:
             values, beyond = self.study.values(outcome["values"])
             trial.set_user_attr("measures", outcome["values"])
             trial.set_user_attr(CONSTRAINTS, beyond)
-            for k, one in enumerate(beyond):
-                trial.set_constraint(f"bound {k}", one)
+            for name, of in self.study.bounded.items():
+                for k, one in enumerate(evaluate.beyond(outcome["values"][name], of)):
+                    trial.set_constraint(f"{name} {k}", one)
             self.known.tell(trial, values)
             best = self._best()
             if best is not None and best.number == trial.number:
@@ -376,7 +388,11 @@ class _Seeking:
         """Store that a trial failed, and why, or was pruned."""
         from optuna.trial import TrialState
 
-        if outcome.get("pruned"):
+        for name, value in outcome.get("beyond", {}).items():
+            for k, one in enumerate(evaluate.beyond(value, self.study.bounded[name])):
+                trial.set_constraint(f"{name} {k}", one)
+        if WHY not in outcome:
+            trial.set_user_attr(SKIPPED, "beyond" in outcome)
             self.known.tell(trial, state=TrialState.PRUNED)
             return
         trial.set_user_attr(WHY, outcome[WHY])
@@ -384,9 +400,7 @@ class _Seeking:
 
     def _line(self, number: int, outcome: dict[str, Any]) -> str:
         if "values" not in outcome:
-            return f"trial {number}: " + (
-                "pruned" if outcome.get("pruned") else f"failed: {outcome[WHY]}"
-            )
+            return f"trial {number}: " + (f"failed: {outcome[WHY]}" if WHY in outcome else "pruned")
         said = ", ".join(f"{value:.6g}" for value in self.study.values(outcome["values"])[0])
         best = self._best()
         return f"trial {number}: {said}" + (
@@ -445,7 +459,8 @@ class _Seeking:
                 for t in finished
                 if WHY in t.user_attrs
             ],
-            pruned=sum(t.state.name == "PRUNED" for t in finished),
+            pruned=sum(t.user_attrs.get(SKIPPED) is False for t in finished),
+            skipped=sum(t.user_attrs.get(SKIPPED) is True for t in finished),
             storage=str(self.out / DATABASE),
             seconds_per_trial=self.seconds / max(self.ran, 1),
             ended=ended,
@@ -479,7 +494,7 @@ def text(report: GoalReport) -> str:
     """A report in words."""
     lines = [
         f"{report.name}: {report.trials} trials, {len(report.failed)} failed,"
-        f" {report.pruned} pruned"
+        f" {report.pruned} pruned, {report.skipped} beyond a bound from the start"
     ]
     if report.best is not None:
         said = ", ".join(
