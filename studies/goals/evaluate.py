@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
@@ -94,14 +96,29 @@ def reason(error: BaseException) -> str:
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
-def pool(workers: int) -> ProcessPoolExecutor:
-    """Processes that each run one scene at a time, on their share of the threads."""
-    return ProcessPoolExecutor(workers, get_context("spawn"), _share_threads, (workers,))
+class Processes(ProcessPoolExecutor):
+    """Processes that each run one scene at a time, on their share of the threads.
+
+    They do not import the user's script, as those of multiprocessing do: a script needs no guard, `if __name__ == "__main__"`.
+    """
+
+    def __init__(self, workers: int) -> None:
+        super().__init__(workers, get_context("spawn"), _share_threads, (workers,))
+
+    def submit(self, function: Any, /, *given: Any, **more: Any) -> Any:
+        """Run a function of a module, not of the script."""
+        main = vars(sys.modules["__main__"])
+        hidden: dict[str, Any] = {
+            name: main.pop(name) for name in ("__file__", "__spec__") if name in main
+        }
+        main["__spec__"] = None
+        try:
+            return super().submit(function, *given, **more)
+        finally:
+            main.update(hidden)
 
 
 def _share_threads(workers: int) -> None:
-    import os
-
     import numba
 
     settings: Any = numba.config

@@ -274,7 +274,9 @@ class _Seeking:
         ended = "done"
         running: dict[Future[dict[str, Any]], tuple[Trial, evaluate.Job, float]] = {}
         with ExitStack() as stack:
-            pool = stack.enter_context(evaluate.pool(self.workers)) if self.workers > 1 else None
+            pool = (
+                stack.enter_context(evaluate.Processes(self.workers)) if self.workers > 1 else None
+            )
             try:
                 while (left := count - self._finished() - len(running)) > 0 or running:
                     while left > 0 and len(running) < self.workers:

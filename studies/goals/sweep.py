@@ -25,6 +25,9 @@ ROWS = "rows.jsonl"
 TIP = "tip"
 
 
+_Outcome = tuple[dict[str, Any], Any]  # measures, and a Result or Motion
+
+
 @dataclass(frozen=True)
 class SweepTable:
     """Rows of a sweep: what was set, then the measures in SI; `failed` holds the reason where a run failed."""
@@ -51,13 +54,13 @@ class SweepTable:
 
 @dataclass(frozen=True)
 class _Row:
-    """A run: its scene (SI data), folder, measures by name, and users' functions by name and folder."""
+    """A run: its scene (SI data), folder, measures by name, the folder of functions that they name, and whether its answer is asked for."""
 
     scene: dict[str, Any]
     folder: Path
     measures: dict[str, dict[str, Any]]
-    functions: dict[str, Callable[[Any], Any]]
     beside: Path
+    with_answer: bool
 
 
 def sweep(
@@ -100,13 +103,17 @@ def sweep(
                 rows[k] = {**combined[k][0], **known[key]}
         count = workers or os.cpu_count() or 1
         if executor is None and count > 1 and len(left) > 1:
-            executor = stack.enter_context(evaluate.pool(min(count, len(left))))
+            executor = stack.enter_context(evaluate.Processes(min(count, len(left))))
         jobs = {
-            k: _Row(combined[k][1].to_si(), work / str(k), measures, functions, beside)
+            k: _Row(combined[k][1].to_si(), work / str(k), measures, beside, bool(functions))
             for k in left
         }
 
-        def took(k: int, found: dict[str, Any]) -> None:
+        def took(k: int, outcome: _Outcome) -> None:
+            found, answer = outcome
+            if answer is not None:
+                found |= _by_functions(functions, answer)
+            evaluate.forget(jobs[k].folder)
             rows[k] = {**combined[k][0], **found}
             if keep is not None:
                 with (keep / ROWS).open("a", encoding="utf-8") as stream:
@@ -118,7 +125,7 @@ def sweep(
             for k in left:
                 took(k, _measured(jobs[k]))
         else:
-            futures: dict[Future[dict[str, Any]], int] = {
+            futures: dict[Future[_Outcome], int] = {
                 executor.submit(_measured, jobs[k]): k for k in left
             }
             for done in as_completed(futures):
@@ -208,19 +215,27 @@ def _known(folder: Path | None) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _measured(run: _Row) -> dict[str, Any]:
-    """The measures of a run, or why it failed."""
+def _measured(run: _Row) -> _Outcome:
+    """The measures of a run, or why it failed; and its Result or Motion, where it is asked for."""
     try:
         scene = Scene.from_si(run.scene)
         answer = evaluate.answered(scene, run.folder)
-        found: dict[str, Any] = {
+        found = {
             name: evaluate.measured(data, answer, name, run.beside)
             for name, data in run.measures.items()
         }
-        for name, function in run.functions.items():
-            found[name] = function(answer.result if answer.motion is None else answer.motion)
-        return found
     except MagmpmError as error:
-        return {"failed": evaluate.reason(error)}
-    finally:
-        evaluate.forget(run.folder)
+        return {"failed": evaluate.reason(error)}, None
+    asked = answer.result if answer.motion is None else answer.motion
+    return found, asked if run.with_answer else None
+
+
+def _by_functions(functions: Mapping[str, Callable[[Any], Any]], answer: Any) -> dict[str, Any]:
+    """The columns of users' functions, of a Result or a Motion; `failed` where one raises."""
+    found = {}
+    for name, function in functions.items():
+        try:
+            found[name] = function(answer)
+        except Exception as error:
+            found["failed"] = f"{name} raised {type(error).__name__}: {error}"
+    return found
