@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from magmpm.errors import InputError
 
 def design_for_goal(options: argparse.Namespace) -> int:
     """Run or resume the search for a goal."""
+    from magmpm.studies.engine.storage_url import given_url
     from magmpm.studies.goals.search import load_goal, search, text
 
     study = load_goal(options.study)
@@ -30,7 +32,7 @@ def design_for_goal(options: argparse.Namespace) -> int:
             out,
             trials=options.trials,
             workers=options.workers or 1,
-            storage=options.storage,
+            storage=given_url(options.storage, os.environ),
             on_trial=progress.note,
         )
     print(json.dumps(report.summary()) if options.json else text(report))

@@ -32,11 +32,12 @@ from magmpm.rod.cantilever import without_motion
 from magmpm.scene import Scene
 
 # Per cent of a step of a particle without effects. Measured by tests/benchmarks/advice.py costs.
-# of an operation for eight, for one, of going through eight, of a node's
+# of an operation for eight, for one, of going through eight, of a node's; of contact
 WIDE = 0.27
 NARROW = 0.5
 LANES = 80.0
 NODE = 0.6
+CLEAR = 2.4  # of the surface, while nothing may touch
 # Of an equilibrium: operations in a solve with one particle's share of it, and passes over the particles in one.
 SOLVE = 60_000.0
 PASSES = 10
@@ -231,10 +232,11 @@ def _step(model: Model, named: Records) -> float:
             mean = sum(each) / len(chosen)
             if hook == "node":
                 total += NODE * mean * nodes
-            elif (
-                hook == "contact"
-            ):  # of points of the surface, as many as one layer of a cell's particles; 117 operations find where one is
-                total += NARROW * (mean + 117) / model.scene.resolution.particles_per_cell
+            elif hook == "contact":
+                # of points of the surface, as many as one layer of a cell's particles; 117 operations find where one is that may touch
+                touching = sum(count > 0 for count in each) / len(chosen)
+                each_cell = model.scene.resolution.particles_per_cell
+                total += CLEAR + NARROW * (mean + 117 * touching) / each_cell
             elif hooks.is_wide(names):
                 total += WIDE * mean
             else:

@@ -7,7 +7,7 @@ import shutil
 import time
 import warnings
 from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,12 +22,12 @@ from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.results.trajectory import Motion
 from magmpm.results.whole_file import write_json
 from magmpm.scene import Scene, load_scene
+from magmpm.studies.engine.storage_url import shown_url, storage_url
 from magmpm.studies.goals import evaluate
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.goal_file import GoalFile
 from magmpm.studies.goals.knobs import Knob, knobs, made
 from magmpm.studies.goals.measures import function_of
-from magmpm.studies.problem import DATABASE
 
 if TYPE_CHECKING:
     from optuna import Study
@@ -211,7 +211,7 @@ def search(
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     out.mkdir(parents=True, exist_ok=True)
-    url = storage or f"sqlite:///{(out / DATABASE).resolve()}"
+    url = storage_url(out, storage)
     with folder_lock(out):
         known = optuna.create_study(
             study_name=study.name,
@@ -224,7 +224,8 @@ def search(
             load_if_exists=True,
         )
         _same(known, study, out)
-        return _Seeking(study, out, known, workers, on_trial).run(trials or study.file.trials)
+        seeking = _Seeking(study, out, known, workers, on_trial, shown_url(url))
+        return seeking.run(trials or study.file.trials)
 
 
 def _same(known: Study, study: GoalStudy, out: Path) -> None:
@@ -266,6 +267,7 @@ class _Seeking:
     known: Study
     workers: int
     on_trial: Callable[[str], None] | None
+    shown: str  # the storage, without a password
     seconds: float = 0.0
     ran: int = 0
 
@@ -296,7 +298,12 @@ class _Seeking:
                             )
                     for done in wait(running, return_when=FIRST_COMPLETED)[0] if running else ():
                         trial, job, started = running.pop(done)
-                        self._tell(trial, job, done.result(), started)
+                        try:
+                            outcome = done.result()
+                        except BrokenExecutor:  # killed, by the system for its memory perhaps
+                            outcome = {WHY: "the process that ran it ended"}
+                            pool = stack.enter_context(evaluate.Processes(self.workers))
+                        self._tell(trial, job, outcome, started)
             except KeyboardInterrupt:
                 ended = INTERRUPTED
                 for future in running:
@@ -463,7 +470,7 @@ class _Seeking:
             ],
             pruned=sum(t.user_attrs.get(SKIPPED) is False for t in finished),
             skipped=sum(t.user_attrs.get(SKIPPED) is True for t in finished),
-            storage=str(self.out / DATABASE),
+            storage=self.shown,
             seconds_per_trial=self.seconds / max(self.ran, 1),
             ended=ended,
         )

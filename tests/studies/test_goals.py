@@ -246,6 +246,18 @@ def test_a_function_that_fails_is_a_failed_trial(tmp_path: Path, body: str, told
     assert [told in one["why"] for one in found.failed] == [True, True]
 
 
+def test_a_process_that_ends_is_a_failed_trial(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(
+        "import os\n\n\ndef reach(result):\n"
+        "    if result.field[2] > 4e-3:\n        os._exit(1)\n    return result.tip[2]\n"
+    )
+    study = STUDY.replace("{displacement: {of: tip, along: [0, 0, 1]}}", "{python: own.py:reach}")
+    found = searched(tmp_path, study, workers=2)
+    assert found.trials == 6
+    assert found.failed
+    assert {one["why"] for one in found.failed} == {"the process that ran it ended"}
+
+
 @pytest.mark.parametrize(
     ("before", "after", "told"),
     [
