@@ -104,8 +104,8 @@ def test_damping_is_advised_from_the_first_frequency() -> None:
 
 def test_costs_are_counted_and_always_the_same() -> None:
     """Costs of a catheter in motion, from pairs of short runs (tests/benchmarks/advice.py costs): torque 7, gravity 3, viscosity 40, walls
-    that it does not touch 4, damping 3 % of a step; counted within 3 %, or a third of them, and the same every time. At rest nothing adds a thousandth, but
-    the segments on each other."""
+    that it does not touch 4, damping 3 % of a step; counted within 3 %, or a third of them, and the same every time. At rest nothing adds
+    a thousandth, but the segments on each other."""
     scene = moving_scene(BODY, {"damping": {"rate": 60.0}}, field={"uniform": [0.0, 0.0, 3e-3]})
     found = counted(scene)
     for key, measured in (
