@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -21,15 +22,15 @@ Values = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Knob:
+class Knob(ABC):
     """One thing that trials turn. name: of its parameter; places: in the scene, which share the value."""
 
     name: str
     places: tuple[Place, ...]
 
+    @abstractmethod
     def suggested(self, trial: BaseTrial) -> dict[Place, Any]:
         """Return what a trial writes at the places."""
-        raise NotImplementedError
 
     def begun(self, scene: Scene) -> dict[str, Any]:
         """Parameters that give the scene's own value; {} where they can't."""

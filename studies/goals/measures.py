@@ -321,6 +321,11 @@ def function_of(text: str, folder: Path, at: str) -> Callable[[Any], Any]:
     return function  # type: ignore[no-any-return]
 
 
+def source_of(text: str, folder: Path) -> str:
+    """The text of the file that FILE.py:FUNCTION names: what decides what it measures."""
+    return (folder / text.rpartition(":")[0]).read_text(encoding="utf-8")
+
+
 def _called(function: Callable[[Any], Any], answer: Answer, at: str) -> float:
     """Call a user's function. Raises MagmpmError where it raises, or returns no number."""
     try:

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from magmpm.errors import InputError, MagmpmError, SolveError
+from magmpm.errors import InputError, MagmpmError
 from magmpm.inputs.settings import validate
 from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
 from magmpm.inputs.yaml_document import Document, read_yaml
+from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.results.whole_file import write_json
 from magmpm.scene import Scene, load_scene
@@ -27,7 +28,7 @@ from magmpm.studies.goals import evaluate
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.goal_file import GoalFile
 from magmpm.studies.goals.knobs import Knob, knobs, made
-from magmpm.studies.goals.measures import function_of
+from magmpm.studies.goals.measures import function_of, source_of
 
 if TYPE_CHECKING:
     from optuna import Study
@@ -76,6 +77,8 @@ class GoalStudy:
     def definition(self) -> str:
         """All that decides which trials are made and what they are worth."""
         said = self.file.model_dump(mode="json", exclude={"trials", "scene"})
+        named = sorted({of["python"] for of in self.measures.values() if of["python"]})
+        said["functions"] = [source_of(text, self.path.parent) for text in named]
         return json.dumps({"scene": self.scene.hash(), **said}, sort_keys=True, default=str)
 
     @property
@@ -100,8 +103,8 @@ class GoalStudy:
 @dataclass
 class GoalReport:
     """Findings of a search. values: of each trial, SI, None where it failed; best: number, values, measures, params and whether it keeps
-    the constraints; failed: number and reason; skipped: trials that break a bound
-    whatever their answer is, and were not run; finer: the best on more cells; ended: done or interrupted."""
+    the constraints; failed: number and reason; skipped: trials that break a bound whatever their answer is, and were not run; finer: the
+    best on more cells; ended: done or interrupted; warnings: of the best run."""
 
     name: str
     goals: list[str]
@@ -473,6 +476,7 @@ class _Seeking:
             storage=self.shown,
             seconds_per_trial=self.seconds / max(self.ran, 1),
             ended=ended,
+            warnings=[] if best is None else Result.load(self.out / "best").warnings,
         )
 
     def _finer(self, best: dict[str, Any]) -> dict[str, Any] | None:
@@ -480,8 +484,7 @@ class _Seeking:
         stored = self.known.user_attrs.get("finer")
         if stored is not None and stored["number"] == best["number"]:
             return dict(stored)
-        about = json.loads((self.out / "best" / "result.json").read_text())
-        scene = Scene.from_si(about["scene"])
+        scene = Scene.from_si(Result.load(self.out / "best").scene)
         cells = round(scene.thickness / scene.cell) + 1
         job = evaluate.Job(
             scene.with_cells(cells).to_si(),
@@ -493,7 +496,7 @@ class _Seeking:
             found: dict[str, Any] = {"number": best["number"], "cells_across": cells}
             found["measures"] = evaluate.numbers(job)
             found["values"] = self.study.values(found["measures"])[0]
-        except (MagmpmError, SolveError) as error:
+        except MagmpmError as error:
             found[WHY] = evaluate.reason(error)
         self.known.set_user_attr("finer", found)
         return found
@@ -528,4 +531,5 @@ def text(report: GoalReport) -> str:
         lines.append(
             f"last failure, trial {report.failed[-1]['number']}: {report.failed[-1]['why']}"
         )
+    lines += [f"warning: {warning}" for warning in report.warnings]
     return "\n".join(lines)

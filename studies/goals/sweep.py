@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import marshal
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from contextlib import ExitStack
@@ -19,7 +20,7 @@ from magmpm.results.folder_lock import folder_lock
 from magmpm.scene import Scene, load_scene
 from magmpm.scene.addresses import changed, places
 from magmpm.studies.goals import evaluate
-from magmpm.studies.goals.measures import KINDS, Measure
+from magmpm.studies.goals.measures import KINDS, Measure, function_of, source_of
 
 ROWS = "rows.jsonl"
 TIP = "tip"
@@ -86,6 +87,9 @@ def sweep(
     whole = scene if isinstance(scene, Scene) else load_scene(scene)
     beside = Path(scene).parent if isinstance(scene, (str, Path)) else Path()
     measures, functions = _measures(measure)
+    for name, of in measures.items():
+        if of.get("python"):
+            function_of(of["python"], beside, f"measure.{name}")
     combined = _combined(whole, values)
     keep = None if folder is None else Path(folder)
     with ExitStack() as stack:
@@ -96,7 +100,7 @@ def sweep(
         work = Path(mkdtemp(prefix="magmpm-sweep-"))
         stack.callback(evaluate.forget, work)
         rows: list[dict[str, Any] | None] = [None] * len(combined)
-        keys = [_key(made, measures, functions) for _, made in combined]
+        keys = [_key(made, measures, functions, beside) for _, made in combined]
         left = [k for k, key in enumerate(keys) if key not in known]
         for k, key in enumerate(keys):
             if key in known:
@@ -189,15 +193,18 @@ def _combined(
 
 
 def _key(
-    scene: Scene, measures: Mapping[str, Any], functions: Mapping[str, Callable[[Any], Any]]
+    scene: Scene,
+    measures: Mapping[str, Any],
+    functions: Mapping[str, Callable[[Any], Any]],
+    beside: Path,
 ) -> str:
-    """Hash of all that decides a row, by which it is found again."""
-    codes = {name: getattr(of, "__code__", None) for name, of in functions.items()}
-    about = [
-        scene.hash(),
-        measures,
-        {name: code.co_code.hex() if code else name for name, code in codes.items()},
-    ]
+    """Hash of all that decides a row, by which it is found again: of functions their code, of those in files the file."""
+    codes = {
+        name: marshal.dumps(of.__code__).hex() if hasattr(of, "__code__") else repr(of)
+        for name, of in functions.items()
+    }
+    files = [source_of(of["python"], beside) for of in measures.values() if of.get("python")]
+    about = [scene.hash(), measures, codes, files]
     return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()
 
 

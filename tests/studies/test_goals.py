@@ -331,6 +331,32 @@ def tip_height(result: Any) -> float:
     return float(result.tip[2])
 
 
+def test_what_another_function_measured_is_not_found_again(tmp_path: Path) -> None:
+    """A function of the same name that differs by a number alone; and in a file, of a sweep and of a search."""
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE)
+    own = tmp_path / "own.py"
+
+    def sums(place: int) -> tuple[float, float]:
+        namespace: dict[str, Any] = {}
+        exec(f"def end(result):\n    return float(result.tip[{place}])\n", namespace)
+        own.write_text(f"def reach(result):\n    return float(result.tip[{place}])\n")
+        measures = [namespace["end"], {"python": "own.py:reach"}]
+        values = {"field.uniform[2]": ["2 mT"]}
+        folder = tmp_path / "s"
+        (row,) = magmpm.sweep(scene, values, measure=measures, workers=1, folder=folder).rows
+        return row["end"], row["reach"]
+
+    along, up = sums(0), sums(2)
+    assert along[0] == along[1] > 10 * up[0] > 0
+    assert up[0] == up[1]
+    study = STUDY.replace("{displacement: {of: tip, along: [0, 0, 1]}}", "{python: own.py:reach}")
+    searched(tmp_path, study, trials=1)
+    own.write_text("def reach(result):\n    return float(result.tip[0])\n")
+    with pytest.raises(InputError, match="another definition"):
+        searched(tmp_path, study, trials=2)
+
+
 def test_a_sweep_keeps_what_failed() -> None:
     """A field that no such rod bears fails; the others stay."""
     scene = Scene.from_si(_plain(SCENE))
