@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import sys
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from multiprocessing import get_context
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
+from magmpm.compiled.process import Died, Process, threads_each, with_threads
 from magmpm.errors import MagmpmError
 from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
 from magmpm.inputs.settings import validate
@@ -96,33 +95,50 @@ def reason(error: BaseException) -> str:
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
-class Processes(ProcessPoolExecutor):
-    """Processes that each run one scene at a time, on their share of the threads.
+class Processes(ThreadPoolExecutor):
+    """Processes that each run one scene at a time, on their share of the threads, as an executor of concurrent.futures.
 
-    They do not import the user's script, as those of multiprocessing do: a script needs no guard, `if __name__ == "__main__"`.
+    One that ends takes its own job alone with it (the job's future raises Died), and another takes its place.
     """
 
     def __init__(self, workers: int) -> None:
-        super().__init__(workers, get_context("spawn"), _share_threads, (workers,))
+        super().__init__(workers)
+        env = with_threads(threads_each(workers))
+        self._processes = [Process(_ready, env=env) for _ in range(workers)]
+        self._closing = False
+        self._idle: SimpleQueue[Process] = SimpleQueue()
+        for process in self._processes:
+            self._idle.put(process)
 
-    def submit(self, function: Any, /, *given: Any, **more: Any) -> Any:
-        """Run a function of a module, not of the script."""
-        main = vars(sys.modules["__main__"])
-        hidden: dict[str, Any] = {
-            name: main.pop(name) for name in ("__file__", "__spec__") if name in main
-        }
-        main["__spec__"] = None
+    def submit(self, function: Any, /, *given: Any) -> Any:
+        """Run a function of a module: it is found by its name."""
+        return super().submit(self._asked, function, given)
+
+    def _asked(self, function: Any, given: tuple[Any, ...]) -> Any:
+        process = self._idle.get()
         try:
-            return super().submit(function, *given, **more)
+            return process.ask((function, given))
+        except Died:
+            if not self._closing:
+                process.start()
+            raise
         finally:
-            main.update(hidden)
+            self._idle.put(process)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
+        """End the processes, whatever they do."""
+        self._closing = True
+        super().shutdown(wait=False, cancel_futures=cancel_futures)
+        for process in self._processes:
+            process.process.kill()
+        super().shutdown(wait=wait)
+        for process in self._processes:
+            process.end()
 
 
-def _share_threads(workers: int) -> None:
-    import numba
-
-    settings: Any = numba.config
-    numba.set_num_threads(max(1, min(settings.NUMBA_NUM_THREADS, (os.cpu_count() or 1) // workers)))
+def _ready(_: object) -> Callable[[tuple[Callable[..., Any], tuple[Any, ...]]], Any]:
+    """Return what answers a job in a process."""
+    return lambda job: job[0](*job[1])
 
 
 def in_si(value: Any, measure: Measure, at: str) -> float:

@@ -7,7 +7,7 @@ import shutil
 import time
 import warnings
 from collections.abc import Callable
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from magmpm.compiled.process import Died
 from magmpm.errors import InputError, MagmpmError
 from magmpm.inputs.settings import validate
 from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
@@ -103,7 +104,7 @@ class GoalStudy:
 @dataclass
 class GoalReport:
     """Findings of a search. values: of each trial, SI, None where it failed; best: number, values, measures, params and whether it keeps
-    the constraints; failed: number and reason; skipped: trials that break a bound whatever their answer is, and were not run; finer: the
+    the constraints; failed: number, reason and params; skipped: trials that break a bound whatever their answer is, and were not run; finer: the
     best on more cells; ended: done or interrupted; warnings: of the best run."""
 
     name: str
@@ -303,9 +304,8 @@ class _Seeking:
                         trial, job, started = running.pop(done)
                         try:
                             outcome = done.result()
-                        except BrokenExecutor:  # killed, by the system for its memory perhaps
-                            outcome = {WHY: "the process that ran it ended"}
-                            pool = stack.enter_context(evaluate.Processes(self.workers))
+                        except Died as death:  # killed, by the system for its memory perhaps
+                            outcome = {WHY: f"the process that ran it {death}"}
                         self._tell(trial, job, outcome, started)
             except KeyboardInterrupt:
                 ended = INTERRUPTED
@@ -467,7 +467,7 @@ class _Seeking:
             best=None if best is None else self._shown(best),
             pareto=[self._shown(t) for t in self.known.best_trials] if several else [],
             failed=[
-                {"number": t.number, "why": t.user_attrs[WHY]}
+                {"number": t.number, "why": t.user_attrs[WHY], "params": dict(t.params)}
                 for t in finished
                 if WHY in t.user_attrs
             ],

@@ -14,6 +14,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
 
+from magmpm.compiled.process import Died
 from magmpm.errors import InputError, MagmpmError
 from magmpm.inputs.settings import validate
 from magmpm.results.folder_lock import folder_lock
@@ -133,7 +134,12 @@ def sweep(
                 executor.submit(_measured, jobs[k]): k for k in left
             }
             for done in as_completed(futures):
-                took(futures[done], done.result())
+                try:
+                    took(futures[done], done.result())
+                except Died as death:  # not kept: a run that the system killed may go through again
+                    k = futures[done]
+                    evaluate.forget(jobs[k].folder)
+                    rows[k] = {**combined[k][0], "failed": f"the process that ran it {death}"}
     return SweepTable([row for row in rows if row is not None])
 
 

@@ -255,7 +255,10 @@ def test_a_process_that_ends_is_a_failed_trial(tmp_path: Path) -> None:
     found = searched(tmp_path, study, workers=2)
     assert found.trials == 6
     assert found.failed
-    assert {one["why"] for one in found.failed} == {"the process that ran it ended"}
+    told = {one["why"] for one in found.failed}
+    assert told == {"the process that ran it ended with status 1"}
+    for one in found.failed:  # no other trial goes with it
+        assert list(one["params"].values())[0] > 4e-3
 
 
 @pytest.mark.parametrize(
@@ -280,6 +283,32 @@ def test_wrong_studies_are_refused(tmp_path: Path, before: str, after: str, told
     with pytest.raises(InputError, match=r"study\.yaml") as error:
         load_goal(written(tmp_path, STUDY.replace(before, after)))
     assert told in str(error.value)
+
+
+def test_a_process_that_ends_is_a_failed_row_that_is_tried_again(tmp_path: Path) -> None:
+    """It is not kept in the folder, as the system may have killed it."""
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    own = tmp_path / "own.py"
+    own.write_text(
+        "import os\nfrom pathlib import Path\n\n\ndef reach(result):\n"
+        "    if result.field[2] > 4e-3 and not Path(__file__).with_name('again').exists():\n"
+        "        os._exit(3)\n    return result.tip[2]\n"
+    )
+    values = {"field.uniform[2]": ["2 mT", "3 mT", "5 mT"]}
+
+    def swept() -> list[bool]:
+        table = magmpm.sweep(
+            tmp_path / "scene.yaml",
+            values,
+            measure=[{"python": "own.py:reach"}],
+            workers=2,
+            folder=tmp_path / "sweep",
+        )
+        return ["failed" in row for row in table.rows]
+
+    assert swept() == [False, False, True]
+    (tmp_path / "again").touch()
+    assert swept() == [False, False, False]
 
 
 def test_a_sweep_has_a_row_for_every_combination(tmp_path: Path) -> None:
