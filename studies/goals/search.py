@@ -104,8 +104,8 @@ class GoalStudy:
 @dataclass
 class GoalReport:
     """Findings of a search. values: of each trial, SI, None where it failed; best: number, values, measures, params and whether it keeps
-    the constraints; failed: number, reason and params; skipped: trials that break a bound whatever their answer is, and were not run; finer: the
-    best on more cells; ended: done or interrupted; warnings: of the best run."""
+    the constraints; failed: number, reason and params; skipped: trials that break a bound whatever their answer is, and were not run;
+    finer: the best on more cells; ended: done or interrupted; warnings: of the best run."""
 
     name: str
     goals: list[str]

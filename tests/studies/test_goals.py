@@ -258,7 +258,7 @@ def test_a_process_that_ends_is_a_failed_trial(tmp_path: Path) -> None:
     told = {one["why"] for one in found.failed}
     assert told == {"the process that ran it ended with status 1"}
     for one in found.failed:  # no other trial goes with it
-        assert list(one["params"].values())[0] > 4e-3
+        assert next(iter(one["params"].values())) > 4e-3
 
 
 @pytest.mark.parametrize(
