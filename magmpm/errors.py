@@ -185,6 +185,22 @@ def length(value: float, digits: int = 3) -> str:
     return f"{value / size:.{digits}g} {unit}"
 
 
+def shown_unit(label: str) -> tuple[str, float]:
+    """A quantity's label, `travel (m)`, with the unit that people read, `travel (mm)`, and the factor to it."""
+    name, _, unit = label.rpartition(" (")
+    known = {
+        "m)": ("mm", 1e3),
+        "T)": ("mT", 1e3),
+        "N)": ("mN", 1e3),
+        "rad)": ("deg", math.degrees(1.0)),
+        "m^3)": ("mm\u00b3", 1e9),
+    }
+    if unit not in known:
+        return label, 1.0
+    shown, factor = known[unit]
+    return f"{name} ({shown})", factor
+
+
 def in_mm(place: Iterable[float], digits: str = ".3g") -> str:
     """A place (m) for messages: "(12, 0, -2) mm"; digits: the format of its numbers."""
     return f"({', '.join(f'{1e3 * value:{digits}}' for value in place)}) mm"

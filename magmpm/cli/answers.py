@@ -38,9 +38,10 @@ def folder_of_results(options: argparse.Namespace, name: str) -> Iterator[Path]:
 
 def is_study(folder: Path) -> bool:
     """True if a folder holds a study, or the files of one that ended before its first report."""
+    from magmpm.studies.goals.report import REPORT as GOAL
     from magmpm.studies.problem import DATABASE, OWNER, REPORT
 
-    return any((folder / name).exists() for name in (REPORT, OWNER, DATABASE))
+    return any((folder / name).exists() for name in (REPORT, OWNER, DATABASE, GOAL))
 
 
 def print_summary(options: argparse.Namespace, summary: dict[str, Any], text: str) -> None:

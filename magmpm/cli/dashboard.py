@@ -8,6 +8,7 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 from magmpm.cli.answers import is_study
 from magmpm.cli.design import saved_report
+from magmpm.cli.goals import saved_goal
 from magmpm.errors import InputError
 from magmpm.inputs.page_guard import LOOPBACK, Guard, GuardedHandler, GuardedServer
 from magmpm.results.folder_lock import refuse_links
@@ -43,12 +44,6 @@ def command(options: argparse.Namespace) -> int:
 
     folder = Path(options.folder)
     port = options.port
-    if (folder / "goal.json").exists():
-        raise InputError(
-            f"{folder}: holds a search for a goal",
-            rule="the dashboard with pictures is that of shapes",
-            remedy=f"optuna-dashboard sqlite:///{folder.resolve()}/study.db",
-        )
     if not is_study(folder):
         raise InputError(
             f"{folder}: holds no study ({REPORT} is missing); give the folder of a study, such as"
@@ -63,6 +58,7 @@ def command(options: argparse.Namespace) -> int:
     import optuna  # what reads trials and serves them, after the checks
     from optuna_dashboard import wsgi
 
+    from magmpm.studies.dashboard.goal_notes import GoalNotes
     from magmpm.studies.dashboard.page import guarded, page
     from magmpm.studies.dashboard.view import DashboardView, Notes
     from magmpm.studies.engine.records import artifact_store
@@ -71,7 +67,8 @@ def command(options: argparse.Namespace) -> int:
     from magmpm.studies.search.samplers.optuna_ids import study_id
 
     refuse_links(folder)
-    saved = saved_report(folder)
+    goal = saved_goal(folder)
+    saved = saved_report(folder) if goal is None else goal
     url = _url(saved["storage"], options.storage)
     must_exist(url, folder)
     storage = open_storage(url)
@@ -82,7 +79,8 @@ def command(options: argparse.Namespace) -> int:
         rule = f"must hold the study {saved['name']}"
         remedy = "name its database with --storage"
         raise InputError(f"storage {shown_url(url)}", rule=rule, remedy=remedy) from None
-    Notes(study, folder, artifacts).keep_up()
+    notes = Notes if goal is None else GoalNotes
+    notes(study, folder, artifacts).keep_up()
     guard = Guard()
     start = f"/dashboard/studies/{study_id(study)}"
     app = guarded(

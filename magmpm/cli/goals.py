@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import os
+import shlex
+import tempfile
 from pathlib import Path
 from typing import Any
 
 from magmpm.cli.answers import Progress
+from magmpm.cli.draw import draw_run
 from magmpm.errors import InputError
+from magmpm.results.file_names import ENERGIES_PLOT, MOMENTS, MOVIE, PICTURE
 
 
 def design_for_goal(options: argparse.Namespace) -> int:
     """Run or resume the search for a goal."""
     from magmpm.studies.engine.storage_url import given_url
-    from magmpm.studies.goals.search import load_goal, search, text
+    from magmpm.studies.goals.report import text
+    from magmpm.studies.goals.search import load_goal, search
 
     study = load_goal(options.study)
     if options.sampler is not None or options.trial is not None or options.artifacts is not None:
@@ -35,8 +41,88 @@ def design_for_goal(options: argparse.Namespace) -> int:
             storage=given_url(options.storage, os.environ),
             on_trial=progress.note,
         )
-    print(json.dumps(report.summary()) if options.json else text(report))
+    files: list[str] = []
+    if not options.no_pictures and report.ended == "done":
+        files = draw_goal(out, out)
+    said = [text(report), *(f"  saved            {path}" for path in files)]
+    said.append(
+        f"  more             magmpm report {shlex.quote(str(out))}, or magmpm dashboard of it"
+    )
+    summary = {**report.summary(), "files": files}
+    print(json.dumps(summary) if options.json else "\n".join(said))
     return 1 if report.ended == "interrupted" else 0
+
+
+def saved_goal(folder: Path) -> dict[str, Any] | None:
+    """Report of a search for a goal that a folder holds, None where it holds none. Raises InputError where it can't be read."""
+    from magmpm.studies.goals.report import REPORT, GoalReport
+
+    path = folder / REPORT
+    if not path.exists():
+        return None
+    try:
+        return GoalReport(**json.loads(path.read_text(encoding="utf-8"))).summary()
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(
+            f"{path}: can't be read as a search's report ({error})",
+            rule="must be as `magmpm design` wrote it",
+            remedy="run `magmpm design` again: it goes on, and writes it anew",
+        ) from None
+
+
+def draw_goal(folder: Path, out: Path, kind: str = "png", style: str | None = None) -> list[str]:
+    """Draw what a search for a goal found into `out`: its progress, the front of several goals, and its best run. Returns the files."""
+    from magmpm.results.run_folder import holds_run
+    from magmpm.studies.goals.report import FRONT, PROGRESS
+    from magmpm.viz import goal_plots
+
+    report = saved_goal(folder)
+    assert report is not None
+    files = [str(goal_plots.progress(report, (out / PROGRESS).with_suffix(f".{kind}")))]
+    if report["pareto"]:
+        files.append(str(goal_plots.front(report, (out / FRONT).with_suffix(f".{kind}"))))
+    if holds_run(folder / "best"):
+        files += draw_run(folder / "best", out, kind=kind, style=style)
+    return files
+
+
+def page_of_goal(folder: Path, report: dict[str, Any]) -> str:
+    """The page of a search for a goal, with its pictures."""
+    from magmpm.studies.goals.report import FRONT, PROGRESS
+    from magmpm.viz.sheet import goal_page
+
+    captions = {
+        PICTURE: "The best design: at the end, where it moves.",
+        PROGRESS: "Value of each trial, and the best so far.",
+        FRONT: "The first two goals of each trial.",
+        MOVIE: "The best design in motion.",
+        MOMENTS: "The best design: the first moment, the last, and the one most unlike both.",
+        ENERGIES_PLOT: "Energies and contact forces of the best design over time.",
+    }
+    with tempfile.TemporaryDirectory(prefix="magmpm-report-") as drawn:
+        files = {Path(file).name: Path(file) for file in draw_goal(folder, Path(drawn))}
+        pictures = [(files[name], words) for name, words in captions.items() if name in files]
+        return goal_page(report, _facts(folder, report), pictures)
+
+
+def _facts(folder: Path, report: dict[str, Any]) -> dict[str, Any]:
+    """Facts of a search's best design that its report has not: how to go on, the scene's file, and its directions of magnetization."""
+    from magmpm.scene import load_scene
+
+    scene = folder / "best.yaml"
+    directions = []
+    if scene.exists():
+        loaded = load_scene(scene)
+        regions = loaded.regions()
+        directions = [
+            (regions[k].name, list(regions[k].magnetization)) for k in loaded.magnetized_regions()
+        ]
+    study = shlex.quote(report["study_file"])
+    return {
+        "command": f"magmpm design {study} --out {shlex.quote(str(folder))}",
+        "scene": scene.read_text(encoding="utf-8") if scene.exists() else "",
+        "directions": directions,
+    }
 
 
 def sweep(options: argparse.Namespace) -> int:
@@ -60,6 +146,8 @@ def sweep(options: argparse.Namespace) -> int:
             folder=options.out,
             on_row=lambda row: progress.note(_words(row)),
         )
+    if options.out is not None:
+        _keep(table.rows, list(values), options.out)
     if options.json:
         print(json.dumps({"rows": table.rows}))
         return 0
@@ -68,6 +156,32 @@ def sweep(options: argparse.Namespace) -> int:
     for row in table.rows:
         print("\t".join(_shown(row.get(column, "")) for column in columns))
     return 0
+
+
+def _keep(rows: list[dict[str, Any]], varied: list[str], out: Path) -> None:
+    """Write the rows as sweep.csv, and of one or two varied numbers a plot, sweep.png."""
+    from magmpm.results.whole_file import whole_file
+    from magmpm.viz.goal_plots import sweep as plot
+
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    with whole_file(out / "sweep.csv") as part, part.open("w", newline="", encoding="utf-8") as to:
+        writer = csv.DictWriter(to, columns)
+        writer.writeheader()
+        writer.writerows(rows)
+    if rows:
+        plot(rows, varied, out / "sweep.png", *_axis([row[varied[0]] for row in rows]))
+
+
+def _axis(values: list[Any]) -> tuple[list[float], str | None]:
+    """Values as numbers and their unit, "" where they have none; their places in the list, and None, where they are no such numbers."""
+    from magmpm.inputs.quantities import divided
+
+    parts = [found for value in values if (found := divided(value)) is not None]
+    units = {unit for _, unit in parts}
+    if len(parts) == len(values) and len(units) == 1:
+        return [number for number, _ in parts], units.pop()
+    texts = list(dict.fromkeys(map(str, values)))
+    return [float(texts.index(str(value))) for value in values], None
 
 
 def _values(text: str) -> tuple[str, list[Any]]:

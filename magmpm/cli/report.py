@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from magmpm.cli.answers import is_study, print_summary
 from magmpm.cli.design import draw_study, saved_report, saved_target
+from magmpm.cli.goals import page_of_goal, saved_goal
 from magmpm.errors import InputError
 from magmpm.results.folder_lock import folder_lock
 from magmpm.results.run_folder import holds_run
@@ -45,6 +46,12 @@ def command(options: argparse.Namespace) -> int:
         )
     from magmpm.studies.engine.storage_url import known_url
 
+    goal = saved_goal(folder)
+    if goal is not None:
+        with folder_lock(out):
+            text = page_of_goal(folder, goal)
+            made = saved_page(text, out, pdf=not options.no_pdf)
+        return _told(options, {**made, "best": goal["best"]})
     report = saved_report(folder)
     if options.motion and not {"insertion", "schedule"} & (report.get("best") or {}).keys():
         rule = "only the best design of an insertion or a schedule can be run in time"
@@ -60,6 +67,11 @@ def command(options: argparse.Namespace) -> int:
             motion=options.motion,
             pdf=not options.no_pdf,
         )
+    return _told(options, made)
+
+
+def _told(options: argparse.Namespace, made: dict[str, Any]) -> int:
+    """Say what was made. Returns the exit status."""
     for note in made["notes"]:
         print(f"magmpm: note: {note}", file=sys.stderr)
     lines = [f"saved {made['html']}", *([f"saved {made['pdf']}"] if made["pdf"] else [])]
@@ -80,7 +92,7 @@ def write(
     """Gather, draw, write OUT/report.html and, where it can, OUT/report.pdf: `html`, `pdf` (or None), `notes`, `best`, `motion`."""
     from magmpm.simulate import run, sensitivities
     from magmpm.studies.sheet import gather
-    from magmpm.viz.sheet import PrintError, page, printed
+    from magmpm.viz.sheet import page
 
     facts = gather(
         folder,
@@ -93,21 +105,24 @@ def write(
     )
     with tempfile.TemporaryDirectory(prefix="magmpm-report-") as drawn:
         text = page(facts, _pictures(folder, report, Path(drawn), facts))
+    made = saved_page(text, out, pdf=pdf)
+    made["notes"] = [*facts["notes"], *made["notes"]]
+    return {**made, "best": report.get("best"), "motion": facts.get("motion", [])}
+
+
+def saved_page(text: str, out: Path, *, pdf: bool) -> dict[str, Any]:
+    """Write a page as HTML, and as PDF where there is a printer: `html`, `pdf` (or None), `notes`."""
+    from magmpm.viz.sheet import PrintError, printed
+
     with whole_file(out / PAGE) as part:
         part.write_text(text, encoding="utf-8")
-    made: dict[str, Any] = {
-        "html": str(out / PAGE),
-        "pdf": None,
-        "notes": facts["notes"],
-        "best": report.get("best"),
-    }
-    made["motion"] = facts.get("motion", [])
+    made: dict[str, Any] = {"html": str(out / PAGE), "pdf": None, "notes": []}
     if pdf:
         try:
             printed(text, out / PDF)
             made["pdf"] = str(out / PDF)
         except PrintError as error:
-            made["notes"] = [*made["notes"], str(error)]
+            made["notes"].append(str(error))
     return made
 
 

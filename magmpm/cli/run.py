@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from magmpm.cli.answers import PARTICLES, Progress, folder_of_results, print_summary
-from magmpm.cli.render import draw_run
+from magmpm.cli.draw import draw_run
 from magmpm.errors import (
     InputError,
     MagmpmError,

@@ -162,6 +162,16 @@ def parse_quantity(text: str, kind: Kind) -> float:
         raise BadQuantity(f"{a(kind.name)} must be a finite number", write) from None
 
 
+def divided(given: object) -> tuple[float, str] | None:
+    """A quantity's number and its unit, "" of a plain number; None of what is no quantity."""
+    if isinstance(given, (int, float)) and not isinstance(given, bool):
+        return float(given), ""
+    match = _NUMBER.match(given.strip()) if isinstance(given, str) else None
+    if match is None or not isinstance(given, str):
+        return None
+    return float(match[0]), given.strip()[match.end() :].strip()
+
+
 def in_si(value: float | str, kind: str, what: str) -> float:
     """A number as it is, text with a unit in SI. Raises InputError, about `what`."""
     try:

@@ -17,8 +17,10 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from optuna.storages import BaseStorage
+from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, TrialState
 
+from magmpm.errors import shown_unit
 from magmpm.studies.engine.report import feasible, refused
 from magmpm.studies.problem import REPORT
 from magmpm.studies.search.objectives import NAMES
@@ -37,8 +39,19 @@ SHOWN = {
 }
 METRICS = "study:metric_names"  # Optuna's attribute
 CONSTRAINTS = "constraints"  # the attribute that the dashboard reads
-OF_STUDY = ("best.png", "convergence.png", "pareto.png", "best_shapes.mp4", "insertion.mp4")
 PERIOD = 3.0  # s between two looks for trials without a note
+
+
+def shown(name: str) -> tuple[str, float]:
+    """Label of a value, and the factor from its SI value."""
+    return SHOWN[name] if name in SHOWN else shown_unit(name)
+
+
+def _may_be_best(trial: FrozenTrial) -> bool:
+    """True if a shape's trial is feasible, or a goal's trial keeps its constraints."""
+    if "feasible" in trial.user_attrs:
+        return feasible(trial)
+    return all(beyond <= 0.0 for beyond in trial.constraints.values())
 
 
 def _passed_on(name: str) -> Callable[..., Any]:
@@ -66,9 +79,7 @@ class DashboardView(_Passing):  # type: ignore[misc]
         if study_id not in self._factors:
             names = self.storage.get_study_system_attrs(study_id).get(METRICS) or []
             count = len(self.storage.get_study_directions(study_id))
-            self._factors[study_id] = [
-                SHOWN[name][1] if name in SHOWN else 1.0 for name in names
-            ] or [1.0] * count
+            self._factors[study_id] = [shown(name)[1] for name in names] or [1.0] * count
         return self._factors[study_id]
 
     def get_all_trials(
@@ -82,11 +93,13 @@ class DashboardView(_Passing):  # type: ignore[misc]
         return [trial for trial in shown if states is None or trial.state in states]
 
     def get_best_trial(self, study_id: int) -> FrozenTrial:
-        """The least of the feasible trials; where none is feasible, of all: the dashboard requests one."""
+        """The best of the feasible trials; where none is feasible, of all: the dashboard requests one."""
         done = self.get_all_trials(study_id, states=(TrialState.COMPLETE,))
         if not done:
             raise ValueError("no trial of this study was solved")
-        return min([t for t in done if feasible(t)] or done, key=lambda t: t.values[0])
+        largest = self.storage.get_study_directions(study_id)[0] == StudyDirection.MAXIMIZE
+        best = max if largest else min
+        return best([t for t in done if _may_be_best(t)] or done, key=lambda t: t.values[0])
 
     def set_trial_state_values(
         self, trial_id: int, state: TrialState, values: Sequence[float] | None = None
@@ -141,7 +154,7 @@ def _renamed(attributes: Mapping[str, Any]) -> dict[str, Any]:
     names = attributes.get(METRICS)
     return {
         **attributes,
-        **({METRICS: [SHOWN.get(name, (name, 1.0))[0] for name in names]} if names else {}),
+        **({METRICS: [shown(name)[0] for name in names]} if names else {}),
     }
 
 
@@ -150,6 +163,9 @@ class Notes:
 
     Notes that somebody wrote are left alone.
     """
+
+    report_name = REPORT
+    pictures = ("best.png", "convergence.png", "pareto.png", "best_shapes.mp4", "insertion.mp4")
 
     def __init__(
         self, study: optuna.Study, folder: Path, store: FileSystemArtifactStore | Boto3ArtifactStore
@@ -197,7 +213,7 @@ class Notes:
 
     def _report(self) -> dict[str, Any]:
         try:
-            found = json.loads((self.folder / REPORT).read_text(encoding="utf-8"))
+            found = json.loads((self.folder / self.report_name).read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return {}
         return found if isinstance(found, dict) else {}
@@ -207,7 +223,7 @@ class Notes:
         from optuna.artifacts import get_all_artifact_meta, upload_artifact
 
         known = {meta.filename: meta.artifact_id for meta in get_all_artifact_meta(self.study)}
-        for name in OF_STUDY:
+        for name in self.pictures:
             path = self.folder / name
             if not path.exists():
                 continue
@@ -226,19 +242,19 @@ class Notes:
         vary = ", ".join(definition.get("vary", {})) or "nothing"
         report = self._report()
         lines = [
-            f"{MARK}{_plain(self.study.study_name)}",
+            f"{MARK}{plain(self.study.study_name)}",
             (
-                f"Searches {_plain(vary)} with the sampler"
-                f" `{_plain(definition.get('sampler', '?'))}`, seed {definition.get('seed', '?')}."
+                f"Searches {plain(vary)} with the sampler"
+                f" `{plain(definition.get('sampler', '?'))}`, seed {definition.get('seed', '?')}."
                 " The value of a trial is its rms distance from the target, in mm here and in m in"
                 " the database."
             ),
-            f"Study file: `{_plain(self._file)}`",
-            *([f"{_plain(report['why'])}."] if "why" in report else []),
-            f"Reproduce:\n\n```\n{_plain(self._command())}\n```",
+            f"Study file: `{plain(self._file)}`",
+            *([f"{plain(report['why'])}."] if "why" in report else []),
+            f"Reproduce:\n\n```\n{plain(self._command())}\n```",
             *(
                 f"![{name}](/artifacts/{study_id(self.study)}/{pictures[name]})"
-                for name in OF_STUDY[:3]
+                for name in self.pictures[:3]
                 if name in pictures
             ),
         ]
@@ -266,13 +282,13 @@ class Notes:
             what = f"Solved: {', '.join(measures)}."
         scene = str(attributes.get("scene_hash", "?"))[:12]
         lines = [
-            f"{MARK}{_plain(self.study.study_name)}, trial {trial.number}",
-            _plain(what),
+            f"{MARK}{plain(self.study.study_name)}, trial {trial.number}",
+            plain(what),
             (
-                f"Scene: of the study `{_plain(self._file)}`, with this trial's parameters (hash"
+                f"Scene: of the study `{plain(self._file)}`, with this trial's parameters (hash"
                 f" `{scene}`)."
             ),
-            f"Reproduce:\n\n```\n{_plain(self._command())} --trial {trial.number}\n```",
+            f"Reproduce:\n\n```\n{plain(self._command())} --trial {trial.number}\n```",
         ]
         return "\n\n".join(lines)
 
@@ -292,6 +308,6 @@ def _from_here(path: Path) -> str:
     return str(path.resolve())
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
     """A text that Markdown shows as it is: names come from files."""
     return "".join(f"&#{ord(c)};" if c in "<>&`|[]\\" else c for c in str(text)).replace("\n", " ")

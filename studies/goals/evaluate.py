@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import operator
 import shutil
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -110,14 +112,14 @@ class Processes(ThreadPoolExecutor):
         for process in self._processes:
             self._idle.put(process)
 
-    def submit(self, function: Any, /, *given: Any) -> Any:
+    def submit(self, function: Any, /, *given: Any, **named: Any) -> Any:
         """Run a function of a module: it is found by its name."""
-        return super().submit(self._asked, function, given)
+        return super().submit(self._asked, partial(function, *given, **named))
 
-    def _asked(self, function: Any, given: tuple[Any, ...]) -> Any:
+    def _asked(self, job: Callable[[], Any]) -> Any:
         process = self._idle.get()
         try:
-            return process.ask((function, given))
+            return process.ask(job)
         except Died:
             if not self._closing:
                 process.start()
@@ -136,9 +138,9 @@ class Processes(ThreadPoolExecutor):
             process.end()
 
 
-def _ready(_: object) -> Callable[[tuple[Callable[..., Any], tuple[Any, ...]]], Any]:
-    """Return what answers a job in a process."""
-    return lambda job: job[0](*job[1])
+def _ready(_: object) -> Callable[[Callable[[], Any]], Any]:
+    """Return what answers a job in a process: a call."""
+    return operator.call
 
 
 def in_si(value: Any, measure: Measure, at: str) -> float:

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from magmpm.inputs.settings import Settings, fault, write_json_schema
+from magmpm.inputs.vectors import Axis
 from magmpm.studies.goals.measures import Measure
 
 SCHEMA = Path(__file__).parents[1] / "goal.schema.json"
@@ -18,7 +19,13 @@ SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "random")
 
 
 class FreeDirection(Settings):
-    """A direction, by two angles. No settings."""
+    """A direction: two angles, or one in a plane."""
+
+    across: Axis | None = Field(
+        default=None,
+        description="It turns about this axis, in the plane across it: one angle. Free unless given.",
+        examples=[[0, 1, 0]],
+    )
 
 
 class VaryNumber(Settings):
@@ -46,15 +53,40 @@ class VaryNumber(Settings):
     direction: FreeDirection | None = Field(
         default=None, description="It is a direction, which turns: {}.", examples=["{}"]
     )
+    within: Any = Field(
+        default=None,
+        description=(
+            "It is a vector of at most this length, with its unit: a strength and a direction."
+        ),
+        examples=["10 mT"],
+    )
+
+    turned_about: Axis | None = Field(
+        default=None,
+        description=(
+            "Of tied directions: they stand around this axis, each turned from the one before by an"
+            " equal share of a full turn."
+        ),
+        examples=[[0, 0, 1]],
+    )
 
     @model_validator(mode="after")
     def _one_way(self) -> VaryNumber:
+        if self.turned_about is not None and (
+            not isinstance(self.of, tuple) or (self.direction is None and self.within is None)
+        ):
+            raise fault(
+                "turned_about is for a list of directions",
+                "give `of` a list of addresses, and `direction: {}`",
+                ("turned_about",),
+            )
         bounded = self.min is not None or self.max is not None
-        if bounded + (self.choices is not None) + (self.direction is not None) != 1 or (
+        vector = self.direction is not None or self.within is not None
+        if bounded + (self.choices is not None) + vector != 1 or (
             bounded and (self.min is None or self.max is None)
         ):
             raise fault(
-                "must have min and max, or choices, or a direction",
+                "must have min and max, or choices, or a direction, or within",
                 "write, say, `{of: field.uniform[2], min: 2 mT, max: 8 mT}`",
             )
         return self

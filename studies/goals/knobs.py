@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from magmpm.errors import InputError
+from magmpm.inputs.quantities import divided
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, changed, places, value_at, written
 from magmpm.studies.goals.goal_file import VaryAnything, VaryNumber
@@ -17,7 +20,6 @@ from magmpm.studies.goals.goal_file import VaryAnything, VaryNumber
 if TYPE_CHECKING:
     from optuna.trial import BaseTrial
 
-_TEXT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)")
 Values = Mapping[str, Any]
 
 
@@ -95,23 +97,76 @@ class Choice(Knob):
 
 @dataclass(frozen=True)
 class Turning(Knob):
-    """A direction by azimuth and elevation, degrees."""
+    """A direction by azimuth and elevation, or by the angle in a plane, degrees; a vector, with its length in a unit, too.
+
+    across: the unit vector across the plane; None: two angles. around: the unit vector about which each place's is turned from the one
+    before, by an equal share of a full turn. longest: in the unit, of which it has `scale` SI units; None: a direction.
+    """
+
+    across: tuple[float, float, float] | None = None
+    around: tuple[float, float, float] | None = None
+    longest: float | None = None
+    unit: str = ""
+    scale: float = 1.0
+
+    def _frame(self) -> tuple[np.ndarray, np.ndarray]:
+        """Two unit vectors in the plane: the angle is from the first towards the second, right-handed about `across`."""
+        n = np.array(self.across)
+        x = np.array([1.0, 0.0, 0.0]) if abs(n[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+        first = x - (x @ n) * n
+        first /= np.linalg.norm(first)
+        return first, np.cross(n, first)
+
+    def _names(self) -> list[str]:
+        angles = ["angle"] if self.across is not None else ["azimuth", "elevation"]
+        return [f"{self.name} {angle} (deg)" for angle in angles]
+
+    @property
+    def _length(self) -> str:
+        return f"{self.name} length ({self.unit})" if self.unit else f"{self.name} length"
 
     def suggested(self, trial: BaseTrial) -> dict[Place, Any]:
-        azimuth = math.radians(trial.suggest_float(f"{self.name} azimuth (deg)", -180.0, 180.0))
-        elevation = math.radians(trial.suggest_float(f"{self.name} elevation (deg)", -90.0, 90.0))
-        across = math.cos(elevation)
-        d = [across * math.cos(azimuth), across * math.sin(azimuth), math.sin(elevation)]
-        return dict.fromkeys(self.places, d)
+        bounds = (180.0, 90.0)
+        angles = [
+            math.radians(trial.suggest_float(name, -most, most))
+            for name, most in zip(self._names(), bounds, strict=False)
+        ]
+        if self.across is not None:
+            first, second = self._frame()
+            d = (math.cos(angles[0]) * first + math.sin(angles[0]) * second).tolist()
+        else:
+            azimuth, elevation = angles
+            level = math.cos(elevation)
+            d = [level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)]
+        length = 1.0
+        if self.longest is not None:
+            length = trial.suggest_float(self._length, 0.0, self.longest)
+        share = 2.0 * math.pi / len(self.places)
+        found: dict[Place, Any] = {}
+        for k, place in enumerate(self.places):
+            vector = [length * x for x in d]
+            if self.around is not None:
+                turn = Rotation.from_rotvec(k * share * np.array(self.around))
+                vector = turn.apply(vector).tolist()
+            found[place] = [f"{x!r} {self.unit}" if self.unit else x for x in vector]
+        return found
 
     def begun(self, scene: Scene) -> dict[str, Any]:
         x, y, z = value_at(scene, self.places[0])
-        if not (x or y or z):
-            return {}
-        return {
-            f"{self.name} azimuth (deg)": math.degrees(math.atan2(y, x)),
-            f"{self.name} elevation (deg)": math.degrees(math.atan2(z, math.hypot(x, y))),
-        }
+        length = math.hypot(x, y, z)
+        if self.across is not None:
+            first, second = self._frame()
+            aside = abs(np.dot(self.across, (x, y, z)))
+            if aside > 1e-9 * length:  # out of the plane
+                return {}
+            angles = [math.atan2(second @ (x, y, z), first @ (x, y, z))]
+        else:
+            angles = [math.atan2(y, x), math.atan2(z, math.hypot(x, y))]
+        found = dict(zip(self._names(), map(math.degrees, angles), strict=True))
+        if self.longest is None:
+            return found if length else {}
+        near = round(length / self.scale, 12)
+        return {**found, self._length: near} if near <= self.longest else {}
 
 
 def knobs(vary: VaryAnything, scene: Scene) -> tuple[Knob, ...]:
@@ -161,16 +216,8 @@ def _of_number(number: VaryNumber, scene: Scene, at: str) -> list[Knob]:
     out: list[Knob] = []
     for group in groups:
         name = written(group[0])
-        if number.direction is not None:
-            now = value_at(scene, group[0])
-            if not (isinstance(now, list) and len(now) == 3):
-                raise InputError(
-                    f"{at}.direction",
-                    received=name,
-                    rule="must be an address of a direction, three numbers",
-                    remedy="give `min` and `max`",
-                )
-            out.append(Turning(name, group))
+        if number.direction is not None or number.within is not None:
+            out.append(_turning(number, scene, name, group, at))
         elif number.choices is not None:
             for value in number.choices:
                 _accepted(scene, dict.fromkeys(group, value), f"{at}.choices", value)
@@ -180,22 +227,57 @@ def _of_number(number: VaryNumber, scene: Scene, at: str) -> list[Knob]:
     return out
 
 
+def _turning(
+    number: VaryNumber, scene: Scene, name: str, group: tuple[Place, ...], at: str
+) -> Turning:
+    """The knob of a direction, or of a vector within a length. Raises InputError."""
+    now = value_at(scene, group[0])
+    key = "direction" if number.within is None else "within"
+    if not (isinstance(now, list) and len(now) == 3):
+        raise InputError(
+            f"{at}.{key}",
+            received=name,
+            rule="must be an address of three numbers",
+            remedy="give `min` and `max`",
+        )
+    across = None if number.direction is None else number.direction.across
+    around = number.turned_about
+    if number.within is None:
+        return Turning(name, group, across, around)
+    longest, unit = _number(number.within, f"{at}.within")
+    if longest <= 0.0:
+        raise InputError(
+            f"{at}.within",
+            received=repr(number.within),
+            rule="must be above 0",
+            remedy="give the greatest length",
+        )
+    most = f"{longest!r} {unit}" if unit else longest
+    zero = f"0 {unit}" if unit else 0.0
+    along_x = {place: [most, zero, zero] for place in group}
+    accepted = _accepted(scene, along_x, f"{at}.within", number.within)
+    scale = float(value_at(accepted, group[0])[0]) / longest
+    return Turning(name, group, across, around, longest, unit, scale)
+
+
+def _number(given: Any, at: str) -> tuple[float, str]:
+    """A number and its unit. Raises InputError."""
+    found = divided(given)
+    if found is None:
+        raise InputError(
+            at,
+            received=repr(given),
+            rule="must be a number, with its unit where it has one",
+            remedy='write, say, "2 mT"',
+        )
+    return found
+
+
 def _range(
     number: VaryNumber, scene: Scene, name: str, group: tuple[Place, ...], at: str
 ) -> Bounded:
     """The knob of a number within bounds. Raises InputError."""
-    ends = []
-    for key in ("min", "max"):
-        given = getattr(number, key)
-        match = _TEXT.fullmatch(given) if isinstance(given, str) else None
-        if match is None and (isinstance(given, bool) or not isinstance(given, (int, float))):
-            raise InputError(
-                f"{at}.{key}",
-                received=repr(given),
-                rule="must be a number, with its unit where it has one",
-                remedy='write, say, "2 mT"',
-            )
-        ends.append((float(match[1]), match[2].strip()) if match else (float(given), ""))
+    ends = [_number(getattr(number, key), f"{at}.{key}") for key in ("min", "max")]
     (low, unit), (high, other) = ends
     if unit != other:
         raise InputError(

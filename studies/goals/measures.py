@@ -31,9 +31,10 @@ ALONG: Any = Field(
 
 
 class OneMeasure(Settings):
-    """A kind of measure. kind: of its quantity (inputs.quantities.KINDS), None for a plain number."""
+    """A kind of measure. kind: of its quantity (inputs.quantities.KINDS) in bounds, None for a plain number."""
 
     kind: ClassVar[str | None] = None
+    unit: ClassVar[str] = ""  # SI
     before: ClassVar[bool] = False  # known before the run, where the field is the same everywhere
 
     @abstractmethod
@@ -45,6 +46,7 @@ class Position(OneMeasure):
     """Place along a direction, m."""
 
     kind: ClassVar[str | None] = "length"
+    unit: ClassVar[str] = "m"
     of: str = OF
     along: Axis = ALONG
     at: _Time | None = Field(default=None, description="When; at the end unless given.")
@@ -65,6 +67,7 @@ class Travel(OneMeasure):
     """Way between two times along a direction, m."""
 
     kind: ClassVar[str | None] = "length"
+    unit: ClassVar[str] = "m"
     of: str = OF
     along: Axis = ALONG
     begin: _Time | None = Field(
@@ -84,6 +87,7 @@ class Turn(OneMeasure):
     """Rotation about an axis since the begin, by the rotation that fits the particles best, rad."""
 
     kind: ClassVar[str | None] = "angle"
+    unit: ClassVar[str] = "rad"
     of: str = OF
     about: Axis = Field(
         default=(0.0, 1.0, 0.0), description="The axis; +y unless given.", examples=[[0, 1, 0]]
@@ -103,6 +107,7 @@ class Distance(OneMeasure):
     """Distance of two places, m."""
 
     kind: ClassVar[str | None] = "length"
+    unit: ClassVar[str] = "m"
     between: tuple[str, str] = Field(
         description="Two of tip, body, names of parts and segments.", examples=[["tip", "base"]]
     )
@@ -118,6 +123,7 @@ class ContactForce(OneMeasure):
     """Size of the force of an obstacle on the body, or between two parts, N."""
 
     kind: ClassVar[str | None] = "force"
+    unit: ClassVar[str] = "N"
     of: str = Field(
         alias="with",
         min_length=1,
@@ -159,6 +165,7 @@ class LargestField(OneMeasure):
     """Strongest field at the body at any time, T."""
 
     kind: ClassVar[str | None] = "flux density"
+    unit: ClassVar[str] = "T"
     before: ClassVar[bool] = True
 
     def of_answer(self, answer: Answer, at: str) -> float:
@@ -168,6 +175,7 @@ class LargestField(OneMeasure):
 class FieldEnergy(OneMeasure):
     """Integral of B^2 over time at the body, T^2 s; of an equilibrium B^2, T^2."""
 
+    unit: ClassVar[str] = "T^2 s"
     before: ClassVar[bool] = True
 
     def of_answer(self, answer: Answer, at: str) -> float:
@@ -178,6 +186,7 @@ class FieldEnergy(OneMeasure):
 class MagnetizedVolume(OneMeasure):
     """Volume of what is magnetized, m^3."""
 
+    unit: ClassVar[str] = "m^3"
     before: ClassVar[bool] = True
 
     def of_answer(self, answer: Answer, at: str) -> float:
@@ -270,6 +279,12 @@ class Measure(Settings):
         if self.python is not None:
             return self.python.rpartition(":")[2]
         return next(key for key in KINDS if getattr(self, key) is not None)
+
+    @property
+    def label(self) -> str:
+        """Its name with its SI unit: `travel (m)`."""
+        unit = "" if self.python is not None else KINDS[self.name].unit
+        return f"{self.name} ({unit})" if unit else self.name
 
     @property
     def kind(self) -> str | None:

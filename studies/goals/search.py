@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import time
 import warnings
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,18 +31,19 @@ from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.goal_file import GoalFile
 from magmpm.studies.goals.knobs import Knob, knobs, made
 from magmpm.studies.goals.measures import function_of, source_of
+from magmpm.studies.goals.report import REPORT, GoalReport, in_words
 
 if TYPE_CHECKING:
     from optuna import Study
     from optuna.samplers import BaseSampler
     from optuna.trial import FrozenTrial, Trial
 
-REPORT = "goal.json"
 DEFINITION = "definition"
 WHY = "failed"
 CONSTRAINTS = "constraints"  # at most 0 each where they hold
 INTERRUPTED = "interrupted"
 SKIPPED = "skipped"  # whether a pruned trial was not run, as it breaks a bound anyway
+CONTACTS = ("ground", "walls", "self_contact")  # effects in which things touch
 PARTS = 10  # of a motion's time, after each of which a trial may be pruned
 
 
@@ -72,12 +74,22 @@ class GoalStudy:
     @property
     def names(self) -> list[str]:
         """Each goal in words, with its unit in SI."""
-        return [f"{goal.key} {goal.measure.name}" for goal in self.file.goals]
+        return [f"{goal.key} {goal.measure.label}" for goal in self.file.goals]
+
+    @property
+    def limits(self) -> list[dict[str, Any]]:
+        """Each constraint: its place in the file, its label, and its bounds, SI."""
+        return [
+            {"at": at, "label": one.label, "at_least": least, "at_most": most}
+            for one, (at, (least, most)) in zip(
+                self.file.subject_to, self.bounded.items(), strict=True
+            )
+        ]
 
     @property
     def definition(self) -> str:
         """All that decides which trials are made and what they are worth."""
-        said = self.file.model_dump(mode="json", exclude={"trials", "scene"})
+        said = self.file.model_dump(mode="json", exclude={"trials", "scene"}, exclude_defaults=True)
         named = sorted({of["python"] for of in self.measures.values() if of["python"]})
         said["functions"] = [source_of(text, self.path.parent) for text in named]
         return json.dumps({"scene": self.scene.hash(), **said}, sort_keys=True, default=str)
@@ -99,32 +111,6 @@ class GoalStudy:
             one for name, of in self.bounded.items() for one in evaluate.beyond(numbers[name], of)
         ]
         return values, beyond
-
-
-@dataclass
-class GoalReport:
-    """Findings of a search. values: of each trial, SI, None where it failed; best: number, values, measures, params and whether it keeps
-    the constraints; failed: number, reason and params; skipped: trials that break a bound whatever their answer is, and were not run;
-    finer: the best on more cells; ended: done or interrupted; warnings: of the best run."""
-
-    name: str
-    goals: list[str]
-    trials: int
-    values: list[list[float] | None]
-    best: dict[str, Any] | None
-    pareto: list[dict[str, Any]]
-    failed: list[dict[str, Any]]
-    pruned: int
-    skipped: int
-    storage: str
-    seconds_per_trial: float
-    finer: dict[str, Any] | None = None
-    ended: str = "done"
-    warnings: list[str] = field(default_factory=list)
-
-    def summary(self) -> dict[str, Any]:
-        """Plain data."""
-        return dict(vars(self))
 
 
 def has_goal(path: Path | str) -> bool:
@@ -249,7 +235,7 @@ def _same(known: Study, study: GoalStudy, out: Path) -> None:
         known.set_user_attr(DEFINITION, study.definition)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ExperimentalWarning)
-            known.set_metric_names([goal.measure.name for goal in study.file.goals])
+            known.set_metric_names([goal.measure.label for goal in study.file.goals])
         begun: dict[str, Any] = {}
         for knob in study.knobs:
             begun |= knob.begun(study.scene)
@@ -274,6 +260,7 @@ class _Seeking:
     shown: str  # the storage, without a password
     seconds: float = 0.0
     ran: int = 0
+    written: float = -math.inf  # when the report was, s
 
     def run(self, count: int) -> GoalReport:
         """Trials until there are `count`, then the best on more cells."""
@@ -311,9 +298,10 @@ class _Seeking:
                 ended = INTERRUPTED
                 for future in running:
                     future.cancel()
-        report = self._report(ended)
-        if ended == "done" and report.best is not None:
-            report.finer = self._finer(report.best)
+            report = self._report(ended)
+            if ended == "done" and report.best is not None:
+                report.finer = self._finer(report.best)
+                report.scatter = self._scatter(report.best, pool)
         write_json(self.out / REPORT, report.summary(), indent=1)
         return report
 
@@ -393,6 +381,9 @@ class _Seeking:
         else:
             self._told(trial, outcome)
         evaluate.forget(job.folder)
+        if time.perf_counter() - self.written > 5.0:  # for the dashboard
+            write_json(self.out / REPORT, self._report("running").summary(), indent=1)
+            self.written = time.perf_counter()
         if self.on_trial is not None:
             self.on_trial(self._line(trial.number, outcome))
 
@@ -413,7 +404,12 @@ class _Seeking:
     def _line(self, number: int, outcome: dict[str, Any]) -> str:
         if "values" not in outcome:
             return f"trial {number}: " + (f"failed: {outcome[WHY]}" if WHY in outcome else "pruned")
-        said = ", ".join(f"{value:.6g}" for value in self.study.values(outcome["values"])[0])
+        said = ", ".join(
+            in_words(label, value)
+            for label, value in zip(
+                self.study.names, self.study.values(outcome["values"])[0], strict=True
+            )
+        )
         best = self._best()
         return f"trial {number}: {said}" + (
             ", the best" if best is not None and best.number == number else ""
@@ -441,13 +437,12 @@ class _Seeking:
         return min(self._complete(), key=rank, default=None)
 
     def _shown(self, trial: FrozenTrial) -> dict[str, Any]:
-        beyond = trial.user_attrs.get(CONSTRAINTS) or []
         return {
             "number": trial.number,
             "values": list(trial.values),
             "measures": trial.user_attrs["measures"],
             "params": dict(trial.params),
-            "feasible": all(one <= 0.0 for one in beyond),
+            "feasible": _keeps(trial),
         }
 
     def _report(self, ended: str) -> GoalReport:
@@ -464,6 +459,7 @@ class _Seeking:
             goals=self.study.names,
             trials=len(finished),
             values=[list(t.values) if t.state.name == "COMPLETE" else None for t in finished],
+            feasible=[t.state.name == "COMPLETE" and _keeps(t) for t in finished],
             best=None if best is None else self._shown(best),
             pareto=[self._shown(t) for t in self.known.best_trials] if several else [],
             failed=[
@@ -473,6 +469,10 @@ class _Seeking:
             ],
             pruned=sum(t.user_attrs.get(SKIPPED) is False for t in finished),
             skipped=sum(t.user_attrs.get(SKIPPED) is True for t in finished),
+            limits=self.study.limits,
+            begun=next((dict(t.params) for t in every if t.number == 0), {}),
+            study_file=str(self.study.path.resolve()),
+            sampler=self.study.file.sampler,
             storage=self.shown,
             seconds_per_trial=self.seconds / max(self.ran, 1),
             ended=ended,
@@ -501,35 +501,59 @@ class _Seeking:
         self.known.set_user_attr("finer", found)
         return found
 
+    def _scatter(
+        self,
+        best: dict[str, Any],
+        pool: evaluate.Processes | None,
+        runs: int = 4,
+        nearness: float = 1e-4,
+    ) -> dict[str, Any] | None:
+        """Values of some designs so near to the best that they should be the same: what differs is noise; None where nothing touches.
 
-def text(report: GoalReport) -> str:
-    """A report in words."""
-    lines = [
-        f"{report.name}: {report.trials} trials, {len(report.failed)} failed,"
-        f" {report.pruned} pruned, {report.skipped} beyond a bound from the start"
-    ]
-    if report.best is not None:
-        said = ", ".join(
-            f"{goal}: {value:.6g}"
-            for goal, value in zip(report.goals, report.best["values"], strict=True)
-        )
-        lines.append(f"best, trial {report.best['number']}: {said} (SI)")
-        if not report.best["feasible"]:
-            lines.append("no trial keeps all constraints; this one is least beyond them")
-        lines += [
-            f"  {name} = {value if isinstance(value, str) else f'{value:.6g}'}"
-            for name, value in report.best["params"].items()
-        ]
-    if report.finer is not None and "values" in report.finer:
-        before = np.array(report.best["values"] if report.best else [])
-        change = ", ".join(f"{v:.6g}" for v in report.finer["values"])
-        cells = report.finer["cells_across"]
-        lines.append(
-            f"on {cells} cells across: {change} (SI), from {', '.join(f'{b:.6g}' for b in before)}"
-        )
-    if report.failed:
-        lines.append(
-            f"last failure, trial {report.failed[-1]['number']}: {report.failed[-1]['why']}"
-        )
-    lines += [f"warning: {warning}" for warning in report.warnings]
-    return "\n".join(lines)
+        nearness: way of each number at random up or down, of its range.
+        """
+        named = self.study.scene.effects.named()
+        if self.study.scene.solver.dynamic is None or not {*CONTACTS} & {*named}:
+            return None
+        stored = self.known.user_attrs.get("scatter")
+        if stored is not None and stored["number"] == best["number"]:
+            return dict(stored)
+        from optuna.trial import FixedTrial
+
+        spaces = self.known.get_trials(deepcopy=False)[best["number"]].distributions
+        random = np.random.default_rng(self.study.file.seed)
+        found: dict[str, Any] = {"number": best["number"], "nearness": nearness}
+        outcomes: list[Any] = []
+        for k in range(runs):
+            params = {
+                name: _moved(value, spaces[name], nearness * random.choice([-1.0, 1.0]))
+                for name, value in best["params"].items()
+            }
+            scene = made(self.study.scene, self.study.knobs, FixedTrial(params))
+            near = self.out / f"near_{k}"
+            job = evaluate.Job(scene.to_si(), near, self.study.measures, self.study.path.parent)
+            outcomes.append(
+                evaluate.tried(job) if pool is None else pool.submit(evaluate.tried, job).result
+            )
+        found["values"] = []
+        for one in outcomes:
+            of = one() if callable(one) else one
+            found["values"].append(self.study.values(of["values"])[0] if "values" in of else None)
+        for k in range(runs):
+            evaluate.forget(self.out / f"near_{k}")
+        self.known.set_user_attr("scatter", found)
+        return found
+
+
+def _keeps(trial: FrozenTrial) -> bool:
+    """True if a trial keeps all constraints."""
+    return all(one <= 0.0 for one in trial.user_attrs.get(CONSTRAINTS) or ())
+
+
+def _moved(value: Any, space: Any, share: float) -> Any:
+    """A parameter moved by a share of its range; what is no real number stays."""
+    from optuna.distributions import FloatDistribution
+
+    if not isinstance(space, FloatDistribution):
+        return value
+    return float(min(max(value + share * (space.high - space.low), space.low), space.high))

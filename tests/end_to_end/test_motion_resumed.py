@@ -14,7 +14,7 @@ from reference.damage import byte_changed, cut_short, emptied
 from reference.stopped import interrupted
 from swing import scene, text
 
-from magmpm.cli.render import motion_of
+from magmpm.cli.draw import motion_of
 from magmpm.dynamics.time_loop import begin, integrate
 from magmpm.errors import InputError, SceneError
 from magmpm.model import build

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from goal_study import SCENE, STUDY, searched, written
 from jsonschema import Draft202012Validator
+from optuna.trial import FixedTrial
 from reference.moving import block, moving_scene
 
 import magmpm
@@ -20,44 +22,12 @@ from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.goal_file import SCHEMA, GoalFile
+from magmpm.studies.goals.knobs import made
 from magmpm.studies.goals.measures import Measure
-from magmpm.studies.goals.search import GoalReport, load_goal
+from magmpm.studies.goals.report import GoalReport, spread
+from magmpm.studies.goals.search import load_goal
 
 ROOT = Path(__file__).parents[2]
-SCENE = """\
-name: lifted rod
-materials:
-  m: {shear_modulus: 120 kPa, bulk_to_shear: 20, density: 1882 kg/m^3, remanence: 138 mT}
-body:
-  catheter:
-    length: 20 mm
-    diameter: 4 mm
-    material: m
-    clamp: base
-    segments:
-      - magnetization: [1, 0, 0]
-      - magnetization: [0, 0, 0]
-field: {uniform: [0 mT, 0 mT, 4 mT]}
-effects: {magnetic_torque: {}}
-solver: {static: {}}
-resolution: {cells_across: 2}
-advice: "off"
-"""
-STUDY = """\
-scene: scene.yaml
-vary:
-  numbers:
-    - {of: "field.uniform[2]", min: 1 mT, max: 8 mT}
-goal:
-  maximize: {displacement: {of: tip, along: [0, 0, 1]}}
-trials: 6
-"""
-
-
-def written(folder: Path, study: str = STUDY, scene: str = SCENE) -> Path:
-    (folder / "scene.yaml").write_text(scene)
-    (folder / "study.yaml").write_text(study)
-    return folder / "study.yaml"
 
 
 def measured(answer: Answer, **measure: Any) -> float:
@@ -164,12 +134,6 @@ def test_schema_file_is_current() -> None:
     assert json.loads(SCHEMA.read_text()) == json_schema(GoalFile)
 
 
-def searched(folder: Path, study: str = STUDY, **more: Any) -> GoalReport:
-    found = magmpm.design(written(folder, study), folder=folder / "out", progress=False, **more)
-    assert isinstance(found, GoalReport)
-    return found
-
-
 def test_a_search_begins_with_the_scene_and_goes_on(tmp_path: Path) -> None:
     """It keeps the best run and its scene, and runs it on more cells; the same file goes on, another one is refused."""
     first = searched(tmp_path, trials=3)
@@ -246,6 +210,64 @@ def test_a_function_that_fails_is_a_failed_trial(tmp_path: Path, body: str, told
     assert [told in one["why"] for one in found.failed] == [True, True]
 
 
+def scene_of(study: str, scene: str, folder: Path, params: dict[str, float]) -> Scene:
+    """The scene that a study makes of these parameters."""
+    found = load_goal(written(folder, study, scene))
+    return made(found.scene, found.knobs, FixedTrial(params))
+
+
+def test_a_vector_within_a_length_and_in_a_plane(tmp_path: Path) -> None:
+    """The angle is right-handed about the axis; the scene's own vector is where the search begins."""
+    study = STUDY.replace(
+        '{of: "field.uniform[2]", min: 1 mT, max: 8 mT}',
+        "{of: field.uniform, within: 8 mT, direction: {across: [0, -1, 0]}}",
+    )
+    angle, length = "field.uniform angle (deg)", "field.uniform length (mT)"
+    found = scene_of(study, SCENE, tmp_path, {angle: 30.0, length: 4.0})
+    assert found.field.uniform == pytest.approx([2e-3 * 3**0.5, 0.0, 2e-3], abs=1e-15)
+    (knob,) = load_goal(tmp_path / "study.yaml").knobs
+    begun = knob.begun(load_goal(tmp_path / "study.yaml").scene)
+    assert begun == pytest.approx({angle: 90.0, length: 4.0})
+
+
+def test_directions_that_stand_around_an_axis(tmp_path: Path) -> None:
+    segments = [f"body.catheter.segments[{k}].magnetization" for k in range(2)]
+    study = STUDY.replace(
+        '{of: "field.uniform[2]", min: 1 mT, max: 8 mT}',
+        f"{{of: {json.dumps(segments)}, direction: {{across: [0, -1, 0]}}, turned_about: [0, 0, 1]}}",
+    )
+    name = "body.catheter.segments[0].magnetization angle (deg)"
+    found = scene_of(study, SCENE, tmp_path, {name: 60.0})
+    first, second = (region.magnetization for region in found.regions())
+    assert first == pytest.approx([0.5, 0.0, 0.75**0.5])
+    assert second == pytest.approx([-0.5, 0.0, 0.75**0.5], abs=1e-15)
+
+
+def test_noise_about_the_best_is_told(tmp_path: Path) -> None:
+    """A block that falls on the ground: designs that are all but the best one end all but where it does; resumed, nothing is run again."""
+    effects = {"gravity": {}, "ground": {"point": [0.0, 0.0, -0.1e-3]}, "damping": {"rate": 10.0}}
+    scene = moving_scene(block((2e-3, 2e-3, 2e-3)), effects, duration=0.01)
+    scene.save(tmp_path / "scene.yaml")
+    (tmp_path / "study.yaml").write_text(
+        "scene: scene.yaml\n"
+        "vary: {numbers: [{of: effects.damping.rate, min: 1 1/s, max: 50 1/s}]}\n"
+        "goal: {maximize: {travel: {of: body, along: [0, 0, 1]}}}\ntrials: 2\n"
+    )
+    out = tmp_path / "out"
+    found = magmpm.design(tmp_path / "study.yaml", folder=out, progress=False)
+    assert isinstance(found, GoalReport)
+    assert found.scatter is not None
+    assert len(found.scatter["values"]) == 4
+    apart = spread(found)
+    assert apart is not None
+    assert apart < 1e-3 * abs(found.best["values"][0]) if found.best else False
+    before = sorted(path.name for path in out.iterdir())
+    again = magmpm.design(tmp_path / "study.yaml", folder=out, progress=False)
+    assert isinstance(again, GoalReport)
+    assert again.scatter == found.scatter
+    assert sorted(path.name for path in out.iterdir()) == before
+
+
 def test_a_process_that_ends_is_a_failed_trial(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(
         "import os\n\n\ndef reach(result):\n"
@@ -269,7 +291,11 @@ def test_a_process_that_ends_is_a_failed_trial(tmp_path: Path) -> None:
         ("min: 1 mT, max: 8 mT", "min: 1 mT, max: 90000 mT", "the scene refuses it"),
         ("min: 1 mT, max: 8 mT", "min: 8 mT, max: 1 mT", "min must be less than max"),
         ("min: 1 mT, max: 8 mT", "min: 1 mT", "must have min and max"),
-        ("min: 1 mT, max: 8 mT", "direction: {}", "an address of a direction"),
+        ("min: 1 mT, max: 8 mT", "direction: {}", "an address of three numbers"),
+        ("min: 1 mT, max: 8 mT", "within: 8 mT", "an address of three numbers"),
+        ("min: 1 mT, max: 8 mT", "direction: {}, turned_about: [0, 0, 1]", "list of directions"),
+        ('"field.uniform[2]", min: 1 mT, max: 8 mT', "field.uniform, within: -8 mT", "above 0"),
+        ('"field.uniform[2]", min: 1 mT, max: 8 mT', "field.uniform, within: 8 mm", "refuses it"),
         ("maximize: {", "largest: {", "largest"),
         ("trials: 6", "trials: 6\nprune: true", "only motions are pruned"),
         ("trials: 6", "trials: 6\nsampler: newton", "sampler must be one of"),

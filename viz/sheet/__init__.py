@@ -3,7 +3,8 @@
 Everything comes as plain data (studies.sheet) and files of pictures; every text is escaped, and nothing is loaded from elsewhere.
 """
 
+from magmpm.viz.sheet.goal import goal_page
 from magmpm.viz.sheet.printing import PrintError, printed
 from magmpm.viz.sheet.whole import Pictures, page
 
-__all__ = ["Pictures", "PrintError", "page", "printed"]
+__all__ = ["Pictures", "PrintError", "goal_page", "page", "printed"]

@@ -114,13 +114,18 @@ def page(facts: Mapping[str, Any], pictures: Pictures) -> str:
                 "What is missing on this page", *(tag("p", note, class_="note") for note in notes)
             )
         )
+    return document(facts["name"], joined(parts))
+
+
+def document(name: str, content: Markup) -> str:
+    """A page with this content, which loads nothing."""
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{safe(POLICY)}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1"><meta name="generator"'
         ' content="magmpm report">\n'
-        f"<title>{safe(facts['name'])}: a study by magmpm</title>\n<style>{CSS}</style></head>\n"
-        f"<body>\n{joined(parts).text}\n</body></html>\n"
+        f"<title>{safe(name)}: a study by magmpm</title>\n<style>{CSS}</style></head>\n"
+        f"<body>\n{content.text}\n</body></html>\n"
     )
 
 

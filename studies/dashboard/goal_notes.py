@@ -1,0 +1,72 @@
+"""Notes of the dashboard on a search for a goal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from optuna.trial import FrozenTrial, TrialState
+
+from magmpm.studies.dashboard.view import MARK, Notes, plain
+from magmpm.studies.goals.report import PICTURES, REPORT, in_words
+from magmpm.studies.search.samplers.optuna_ids import study_id
+
+
+class GoalNotes(Notes):
+    """Writes what the dashboard shows next to the numbers of a goal's trials."""
+
+    report_name = REPORT
+    pictures = PICTURES
+
+    def _of_study(self, pictures: Mapping[str, str]) -> str:
+        report = self._report()
+        goals = ", ".join(f"`{plain(goal)}`" for goal in report.get("goals", ()))
+        limits = [_limit(limit) for limit in report.get("limits", ())]
+        lines = [
+            f"{MARK}{plain(self.study.study_name)}",
+            (
+                f"Goals: {goals or 'not known yet'}; sampler `{plain(report.get('sampler', '?'))}`."
+                " Values are in these units in the database, and in mm, mT, mN and degrees here."
+            ),
+            *(["Subject to: " + "; ".join(limits) + "."] if limits else []),
+            f"Study file: `{plain(self._file)}`",
+            "Goes on, or is done again in another folder, by",
+            f"```\n{plain(self._command())}\n```",
+            *(
+                f"![{name}](/artifacts/{study_id(self.study)}/{pictures[name]})"
+                for name in self.pictures
+                if name in pictures and name.endswith(".png")
+            ),
+        ]
+        return "\n\n".join(lines)
+
+    def _of_trial(self, trial: FrozenTrial) -> str:
+        attributes = trial.user_attrs
+        report = self._report()
+        lines = [f"{MARK}{plain(self.study.study_name)}, trial {trial.number}"]
+        if trial.state == TrialState.FAIL:
+            lines.append(plain(f"Failed: {attributes.get('failed', 'its session ended')}."))
+        elif trial.state == TrialState.PRUNED:
+            beyond = "not run: it breaks a constraint whatever its answer is"
+            lines.append(plain(beyond if attributes.get("skipped") else "ended before its time"))
+        else:
+            lines += [
+                plain(f"{goal}: {in_words(goal, value)}")
+                for goal, value in zip(report.get("goals", ()), trial.values, strict=False)
+            ]
+            for limit in report.get("limits", ()):
+                value = attributes.get("measures", {}).get(limit["at"])
+                if value is not None:
+                    lines.append(plain(f"{_limit(limit)}: {in_words(limit['label'], value)}"))
+        return "\n\n".join(lines)
+
+
+def _limit(limit: Mapping[str, Any]) -> str:
+    """A constraint in words."""
+    label = limit["label"]
+    words = [
+        f"{sign} {in_words(label, limit[key])}"
+        for key, sign in (("at_least", "at least"), ("at_most", "at most"))
+        if limit[key] is not None
+    ]
+    return f"{label.rpartition(' (')[0] or label} {' and '.join(words)}"

@@ -1,0 +1,118 @@
+"""Report of a search for a goal: what it found, as data and in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from magmpm.errors import shown_unit, significant
+from magmpm.results.file_names import MOMENTS, MOVIE, PICTURE
+
+REPORT = "goal.json"
+PROGRESS = "progress.png"
+FRONT = "front.png"
+PICTURES = (
+    PROGRESS,
+    FRONT,
+    PICTURE,
+    MOMENTS,
+    MOVIE,
+)  # in the search's folder, where there are such
+
+
+@dataclass
+class GoalReport:
+    """Findings of a search.
+
+    goals: each in words, with its SI unit; limits: of measures, by their places in the file; values: of each trial, SI, None where it
+    failed; feasible: whether each keeps the limits; best: number, values, measures, params and whether it keeps the limits; begun: params
+    of the scene as it is; failed: number, reason and params; skipped: trials that break a bound whatever their answer is, and were not
+    run; finer: the best on more cells; scatter: values of designs that are all but the best; ended: running, done or interrupted;
+    warnings: of the best run.
+    """
+
+    name: str
+    goals: list[str]
+    limits: list[dict[str, Any]]
+    trials: int
+    values: list[list[float] | None]
+    feasible: list[bool]
+    best: dict[str, Any] | None
+    pareto: list[dict[str, Any]]
+    begun: dict[str, Any]
+    failed: list[dict[str, Any]]
+    pruned: int
+    skipped: int
+    study_file: str
+    sampler: str
+    storage: str
+    seconds_per_trial: float
+    finer: dict[str, Any] | None = None
+    scatter: dict[str, Any] | None = None
+    ended: str = "done"
+    warnings: list[str] = field(default_factory=list)
+
+    def summary(self) -> dict[str, Any]:
+        """Plain data."""
+        return dict(vars(self))
+
+
+def in_words(label: str, value: float) -> str:
+    """A value of a goal, as people read it: `2.55 mm`."""
+    shown, factor = shown_unit(label)
+    unit = shown.rpartition(" (")[2].removesuffix(")") if shown.endswith(")") else ""
+    return f"{significant(value * factor, 4)} {unit}".strip()
+
+
+def spread(report: GoalReport) -> float | None:
+    """Return how far apart the first goal's values of designs that are all but the best are, in SI; None where that is not known."""
+    if report.scatter is None or report.best is None:
+        return None
+    values = [one[0] for one in report.scatter["values"] if one is not None]
+    values.append(report.best["values"][0])
+    return float(max(values) - min(values))
+
+
+def text(report: GoalReport) -> str:
+    """A report in words."""
+    lines = [
+        f"{report.name}: {report.trials} trials, {len(report.failed)} failed,"
+        f" {report.pruned} pruned, {report.skipped} beyond a bound from the start"
+    ]
+    if report.best is not None:
+        said = _said(report.goals, report.best["values"])
+        lines.append(f"  best             trial {report.best['number']}: {said}")
+        if not report.best["feasible"]:
+            lines.append("  no trial keeps all constraints; this one is least beyond them")
+        for limit in report.limits:
+            value = in_words(limit["label"], report.best["measures"][limit["at"]])
+            lines.append(f"    {limit['label'].rpartition(' (')[0] or limit['label']}: {value}")
+        lines += [
+            f"    {name} = {value if isinstance(value, str) else significant(value, 6)}"
+            for name, value in report.best["params"].items()
+        ]
+    if report.finer is not None and "values" in report.finer:
+        said = _said(report.goals, report.finer["values"])
+        lines.append(f"  on {report.finer['cells_across']} cells       {said}")
+    apart = spread(report)
+    if report.scatter is not None and apart is not None:
+        lines.append(
+            f"  noise            {in_words(report.goals[0], apart)} between designs within"
+            f" {report.scatter['nearness']:g} of each range"
+        )
+    if report.failed:
+        lines.append(
+            f"  last failure     trial {report.failed[-1]['number']}: {report.failed[-1]['why']}"
+        )
+    lines.append(
+        f"  seconds a trial  {significant(report.seconds_per_trial, 3)}; trials in {report.storage}"
+    )
+    lines += [f"  warning          {warning}" for warning in report.warnings]
+    return "\n".join(lines)
+
+
+def _said(goals: list[str], values: list[float]) -> str:
+    return ", ".join(
+        f"{goal.rpartition(' (')[0] or goal} {in_words(goal, value)}"
+        for goal, value in zip(goals, values, strict=True)
+    )

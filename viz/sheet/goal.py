@@ -1,0 +1,152 @@
+"""The page of a search for a goal, from its report and its pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from magmpm.errors import shown_unit, significant
+from magmpm.viz.sheet.found import cite
+from magmpm.viz.sheet.markup import NOTHING, Markup, figure, joined, movie, pairs, table, tag
+from magmpm.viz.sheet.whole import document, section
+
+
+def goal_page(
+    report: Mapping[str, Any], facts: Mapping[str, Any], pictures: Sequence[tuple[Path, str]]
+) -> str:
+    """The page as HTML.
+
+    facts: `command` that goes on; `scene`, the best design's file; `directions`, pairs of a region's name and its magnetization in the
+    best design. pictures: files and what they show.
+    """
+    best = report["best"]
+    held = [(movie if path.suffix == ".mp4" else figure)(path, words) for path, words in pictures]
+    parts = [
+        tag("h1", report["name"])
+        + tag(
+            "p",
+            f"A design study by magmpm: {'; '.join(map(_goal, report['goals']))}",
+            class_="lead",
+        ),
+        _answer(report),
+        _alarms(report),
+        joined(held[:1]),
+        section("The best design", _params(report), _directions(facts)) if best else NOTHING,
+        section("What it does", _measures(report)) if best else NOTHING,
+        section("How sure that is", _checks(report)) if best else NOTHING,
+        section("Pictures", joined(held[1:])),
+        section("Trials that failed", _failed(report)),
+        section(
+            "Reproduce it",
+            tag("pre", facts["command"]),
+            tag("pre", facts["scene"]) if facts["scene"] else NOTHING,
+        ),
+        section("How to cite", cite()),
+    ]
+    return document(report["name"], joined(parts))
+
+
+def _words(label: str, value: float) -> str:
+    shown, factor = shown_unit(label)
+    unit = shown.rpartition(" (")[2].removesuffix(")") if shown.endswith(")") else ""
+    return f"{significant(factor * value, 4)} {unit}".strip()
+
+
+def _goal(label: str) -> str:
+    return label.rpartition(" (")[0] or label
+
+
+def _answer(report: Mapping[str, Any]) -> Markup:
+    """The figures that count, large."""
+    boxes: list[tuple[str, str]] = []
+    best = report["best"]
+    if best:
+        boxes += [
+            (_words(goal, value), _goal(goal))
+            for goal, value in zip(report["goals"], best["values"], strict=True)
+        ]
+        boxes.append((str(best["number"]), "its trial"))
+    boxes.append((str(report["trials"]), f"trials by {report['sampler']}"))
+    boxes.append((f"{significant(report['seconds_per_trial'], 2)} s", "a trial (mean)"))
+    return tag(
+        "div",
+        *(tag("div", tag("b", value), tag("span", words)) for value, words in boxes),
+        class_="answer",
+    )
+
+
+def _alarms(report: Mapping[str, Any]) -> Markup:
+    """Alarms that a reader must not overlook."""
+    says = list(report["warnings"])
+    if report["best"] is None:
+        says.append("No trial was run to its end: there is no design.")
+    elif not report["best"]["feasible"]:
+        says.append("No trial keeps all constraints; this design is the one least beyond them.")
+    if report["ended"] != "done":
+        says.append(f"The search is not at its end: {report['ended']}.")
+    return joined(tag("p", one, class_="alarm") for one in says)
+
+
+def _params(report: Mapping[str, Any]) -> Markup:
+    """Each number of the best design beside the scene's own."""
+    begun = report["begun"]
+    rows = [
+        (name, _number(begun.get(name)), _number(value))
+        for name, value in report["best"]["params"].items()
+    ]
+    return table(("number", "in the scene", "best"), rows, "numbers")
+
+
+def _number(value: Any) -> str:
+    return significant(value, 5) if isinstance(value, float) else str(value)
+
+
+def _directions(facts: Mapping[str, Any]) -> Markup:
+    rows = [(name, *(f"{x:+.4f}" for x in direction)) for name, direction in facts["directions"]]
+    if not rows:
+        return NOTHING
+    return tag("h3", "Magnetization") + table(("region", "x", "y", "z"), rows, "numbers")
+
+
+def _measures(report: Mapping[str, Any]) -> Markup:
+    """Goals and constraints of the best design."""
+    best = report["best"]
+    rows = [
+        (_goal(goal), _words(goal, value), "")
+        for goal, value in zip(report["goals"], best["values"], strict=True)
+    ]
+    for limit in report["limits"]:
+        label = limit["label"]
+        bounds = [
+            f"{sign} {_words(label, limit[key])}"
+            for key, sign in (("at_least", "at least"), ("at_most", "at most"))
+            if limit[key] is not None
+        ]
+        rows.append((_goal(label), _words(label, best["measures"][limit["at"]]), ", ".join(bounds)))
+    return table(("measure", "value", "bound"), rows)
+
+
+def _checks(report: Mapping[str, Any]) -> Markup:
+    """The best design on more cells, and the noise around it."""
+    rows: list[tuple[str, str]] = []
+    finer = report["finer"]
+    goals = report["goals"]
+    if finer is not None and "values" in finer:
+        values = ", ".join(map(_words, goals, finer["values"]))
+        rows.append((f"on {finer['cells_across']} cells across", values))
+    elif finer is not None:
+        rows.append((f"on {finer['cells_across']} cells across", finer["failed"]))
+    scatter = report["scatter"]
+    if scatter is not None:
+        values = ", ".join(
+            "failed" if one is None else _words(goals[0], one[0]) for one in scatter["values"]
+        )
+        rows.append((f"designs within {scatter['nearness']:g} of each range", values))
+    return pairs(rows) if rows else NOTHING
+
+
+def _failed(report: Mapping[str, Any], most: int = 10) -> Markup:
+    """The last trials that failed."""
+    rows = [(str(one["number"]), one["why"]) for one in report["failed"][-most:]]
+    return table(("trial", "why"), rows) if rows else NOTHING
