@@ -219,7 +219,9 @@ def sensitivities(
     * magnetization: the direction of each magnetized region, toward growing azimuth about +z and toward growing elevation, per rad;
     * field: its uniform part, along x, y and z, per T;
     * remanence (T), shear_modulus (Pa; the bulk modulus in proportion), density (kg/m^3): of each material that the body uses;
-    * length: of each segment of a catheter or strip, m: the body gets longer by as much; diameter: of a catheter, m (a tube's bore stays).
+    * length: of each segment of a catheter or strip, m: the body gets longer by as much; diameter: of a catheter, m (a tube's bore stays);
+    * an address, as in a study's `numbers`: `field.magnet[0].position[2]`, `effects.gravity.acceleration[2]`, `field.coils[*].current`: any
+      number of the field, the effects, the materials or the magnetization, per its SI unit.
 
     Of equilibria along time (solver.quasi_static) it is the last one, on the branch on which the path has come to it.
 

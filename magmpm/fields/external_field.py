@@ -38,6 +38,9 @@ Corner = tuple[float, float, float]
 ARCS = 48  # pieces of a coil's wire, each in a box
 
 
+Nodes = tuple[Box, tuple[int, ...]]
+
+
 @dataclass(frozen=True)
 class Limit:
     """A box, seen from the sources, outside of which a source is not known; remedy: for the message."""
@@ -53,7 +56,8 @@ class Field:
 
     data: the sources as the kernels take them (fields.kernels); solids: magnets, which the body can't enter, each with the distance (m)
     from which on the field is accurate; limits: boxes outside of which it is not known; errors: of the table of magnets and coils, if there
-    is one; cell: width of a grid cell of the body, m: nearer to a point dipole its field has no meaning.
+    is one; cell: width of a grid cell of the body, m: nearer to a point dipole its field has no meaning; nodes: box and numbers of nodes of
+    that table.
     """
 
     source: FieldSource
@@ -63,6 +67,7 @@ class Field:
     errors: table.Errors | None = None
     warnings: list[str] = field(default_factory=list)
     cell: float = 0.0
+    nodes: Nodes | None = None
 
     def at(self, points: Array, time: float | None = None) -> Array:
         """B (n, 3) T at points (n, 3) m and a time (s; the end of the schedule unless given)."""
@@ -165,20 +170,35 @@ class Field:
 
 
 def external_field(
-    source: FieldSource, box: tuple[Corner, Corner], *, anchored: bool, cell: float
+    source: FieldSource,
+    box: tuple[Corner, Corner],
+    *,
+    anchored: bool,
+    cell: float,
+    nodes: Nodes | None = None,
 ) -> Field:
     """The field of sources around a body. Tables are made once for each source and box; that takes seconds for magnets and coils.
 
     box: lower and upper corner of the undeformed body, m; anchored: whether it is held at its base; cell: width of a grid cell, m.
+    nodes: of the table, as another field has them: between tables of other nodes a field jumps by their errors as its sources move.
     Raises SceneError: a magnet in or too near to the body, a map that does not cover it, magpylib missing.
     """
     if not source.varies:
         return Field(source, np.zeros(2))
-    return replace(_around(source, *box, anchored), cell=cell)  # tables do not depend on the cell
+    found = (
+        _kept(source, *box, anchored) if nodes is None else _around(source, *box, anchored, nodes)
+    )
+    return replace(found, cell=cell)  # tables do not depend on the cell
 
 
 @lru_cache(maxsize=64)  # the places of a magnet in a table of measurements, each a megabyte
-def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -> Field:
+def _kept(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -> Field:
+    return _around(source, lower, upper, anchored, None)
+
+
+def _around(
+    source: FieldSource, lower: Corner, upper: Corner, anchored: bool, nodes: Nodes | None
+) -> Field:
     body = Box(np.array(lower), np.array(upper))
     seen = seen_from_sources(source, body)
     found = [(solid, 0.0) for solid in taken(source) if solid.ball]
@@ -192,13 +212,18 @@ def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -
         function = exact(source)
         named = [*taken(source), *wires(source)]
         named = [solid for solid in named if not solid.ball]
-        boxes = _table_boxes(source, options, body, seen, anchored, named)
+        boxes = [] if nodes else _table_boxes(source, options, body, seen, anchored, named)
         if source.tabulation is None and not source.coils:
             # magnets may move so far that a table would be many times as large as the body's reach
             boxes = [box for box in boxes if box.volume <= 3.0 * reach(body, anchored).volume]
-        clouds = None if boxes else _clouds(source, options, body)
+        clouds = None if boxes or nodes else _clouds(source, options, body)
         if clouds is None:
-            box, packed, errors = _tabulated(function, boxes, seen, named, options)
+            if nodes is None:
+                box, packed, errors = _tabulated(function, boxes, seen, named, options)
+                nodes = (box, tuple(int(n) for n in packed[6:9]))
+            else:
+                box = nodes[0]
+                packed = table.on_nodes(function, *nodes)
             tables.append(packed)
             reason = f" (which ends before {', '.join(box.cut)})" if box.cut else ""
             remedy = (
@@ -216,7 +241,7 @@ def _around(source: FieldSource, lower: Corner, upper: Corner, anchored: bool) -
         warnings += odd
     rows = np.concatenate(dipoles)
     data = np.concatenate([[len(rows), len(tables)], rows.ravel(), *tables])
-    return Field(source, data, tuple(found), tuple(limits), errors, warnings)
+    return Field(source, data, tuple(found), tuple(limits), errors, warnings, nodes=nodes)
 
 
 def _tabulated(

@@ -188,14 +188,19 @@ def tabulate(
                     " upper), or a larger field.tabulation.tolerance"
                 ),
             )
-        spacing = extent / (np.array(shape) - 1)
-        nodes = grid_points(box.lower, spacing, shape) @ box.frame.T
-        values = (exact(nodes) @ box.frame).reshape(*shape, 3)
-        packed = spline.packed(box.lower, spacing, values, box.frame)
+        packed = on_nodes(exact, box, shape)
         errors = _errors(packed, points, B, G, float(extent.max()))
         if errors.within(tolerance):
             return packed, errors
         step /= 1.5
+
+
+def on_nodes(exact: Callable[[Array], Array], box: Box, shape: tuple[int, ...]) -> Array:
+    """The packed table of a field, points (n, 3) m -> B (n, 3) T, on so many nodes along each axis of a box."""
+    spacing = (box.upper - box.lower) / (np.array(shape) - 1)
+    nodes = grid_points(box.lower, spacing, shape) @ box.frame.T
+    values = (exact(nodes) @ box.frame).reshape(*shape, 3)
+    return spline.packed(box.lower, spacing, values, box.frame)
 
 
 def of_values(lower: Array, spacing: Array, values: Array) -> tuple[Array, Errors]:

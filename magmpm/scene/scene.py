@@ -19,6 +19,7 @@ from pydantic import (
     AfterValidator,
     BeforeValidator,
     Field,
+    PrivateAttr,
     ValidationInfo,
     WithJsonSchema,
     field_validator,
@@ -30,7 +31,7 @@ from magmpm.bodies.body_shape import Region
 from magmpm.effects.acting import Effects
 from magmpm.errors import InputError, show
 from magmpm.fields.external_field import Field as ExternalField
-from magmpm.fields.external_field import external_field
+from magmpm.fields.external_field import Nodes, external_field
 from magmpm.fields.schedule import end_time
 from magmpm.fields.sources import FieldSource
 from magmpm.inputs.csv_tables import named_table, read_centreline
@@ -146,6 +147,8 @@ OF_STUDIES = {
 
 class Scene(Settings):
     """Scene to simulate, the method, and the resolution. SI floats inside; immutable."""
+
+    _field_on_nodes: ExternalField | None = PrivateAttr(None)
 
     @staticmethod
     def by_other_keys(key: str, values: Mapping[str, Any]) -> Instead | None:
@@ -293,13 +296,25 @@ class Scene(Settings):
 
     def external_field(self) -> ExternalField:
         """The external field around the body, with its tables. Raises SceneError (fields.external_field)."""
+        return self._field_on_nodes or self._field_around()
+
+    def on_field_nodes_of(self, other: Scene) -> Scene:
+        """This scene with the magnets' field on the nodes of another's table: from one to the other it changes smoothly."""
+        nodes = other.external_field().nodes
+        if nodes is None:
+            return self
+        found = self.model_copy()
+        found._field_on_nodes = self._field_around(nodes)
+        return found
+
+    def _field_around(self, nodes: Nodes | None = None) -> ExternalField:
         low, high = self.box()
         far = moves.farthest(self.move or {})
         box = (
             (low[0] - far, low[1] - far, low[2] - far),
             (high[0] + far, high[1] + far, high[2] + far),
         )
-        return external_field(self.field, box, anchored=self.anchored, cell=self.cell)
+        return external_field(self.field, box, anchored=self.anchored, cell=self.cell, nodes=nodes)
 
     def region_material(self, index: int) -> Material:
         """The material of the region (segment or part) with this index. Raises IndexError."""

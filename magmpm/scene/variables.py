@@ -1,7 +1,8 @@
 """Variables of a scene that a design may change, one number each: directions of magnetization, field, materials, lengths, diameter.
 
-`variables(scene, of)` lists them by kind. Each knows its name and unit, and makes the scene in which it is changed by an amount: what a
-central difference uses, and what `sensitivities` gives the derivative with respect to.
+`variables(scene, of)` lists them by kind, or by address (scene.addresses): any other number that leaves the body's shape as it is, such as
+a magnet's place or a coil's current. Each knows its name and unit, and makes the scene in which it is changed by an amount: what a central
+difference uses, and what `sensitivities` gives the derivative with respect to.
 """
 
 import math
@@ -15,6 +16,9 @@ from magmpm.bodies.segments import StraightBody
 from magmpm.compiled.arrays import Array
 from magmpm.effects.contact_law import Obstacle, most_friction
 from magmpm.errors import InputError
+from magmpm.inputs.quantities import KINDS as KINDS_OF_QUANTITIES
+from magmpm.inputs.quantities import divided
+from magmpm.scene.addresses import Place, changed, places, value_at, written
 from magmpm.scene.scene import Scene
 
 Vector = tuple[float, float, float]
@@ -25,7 +29,8 @@ class Variable:
     """One number that a design may change.
 
     kind: the word that requests it; name: of its own; unit: SI. region: index of the segment or part that is turned or made longer;
-    direction (3,): unit tangent toward which the magnetization turns; component: of the field, 0 to 2; material: its name.
+    direction (3,): unit tangent toward which the magnetization turns; component: of the field, 0 to 2; material: its name; place: of a
+    number that is named by its address.
     """
 
     kind: str
@@ -35,6 +40,7 @@ class Variable:
     direction: Vector | None = None
     component: int | None = None
     material: str | None = None
+    place: Place = ()
 
     def changed(self, scene: Scene, amount: float) -> Scene:
         """The scene with this variable larger by an amount (rad, T, Pa, m or kg/m^3); scene: one that has the variable.
@@ -64,7 +70,7 @@ def variables(scene: Scene, of: Sequence[str] | None = None) -> tuple[Variable, 
     """The variables of these kinds that a scene has, in the order of `of`; None: all that it has. Raises InputError.
 
     magnetization: two angles for each magnetized region. field: three components of its uniform part. remanence, shear_modulus, density:
-    one for each material that the body uses. length: one for each segment. diameter: one.
+    one for each material that the body uses. length: one for each segment. diameter: one. What has a dot or a bracket is an address.
     """
     if of is None:
         return tuple(
@@ -81,14 +87,48 @@ def variables(scene: Scene, of: Sequence[str] | None = None) -> tuple[Variable, 
         )
     found = []
     for kind in dict.fromkeys(of):
+        if "." in kind or "[" in kind:
+            found += _at_address(scene, kind)
+            continue
         if kind not in _KINDS:
-            _refuse(repr(kind), f"must be of {', '.join(_KINDS)}", "correct the name")
+            rule = f"must be of {', '.join(_KINDS)}, or an address such as field.uniform[2]"
+            _refuse(repr(kind), rule, "correct the name")
         made = _KINDS[kind](scene)
         if isinstance(made, str):
             _refuse(repr(kind), *made.split("; "))
         else:
             found += made
     return tuple(found)
+
+
+def _at_address(scene: Scene, address: str) -> list[Variable]:
+    """The numbers at an address. Raises InputError for one that the scene has not, that is no real number, or that shapes the body."""
+    found = []
+    for place in places(scene, address):
+        name = written(place)
+        value = value_at(scene, place)
+        if isinstance(value, bool) or not isinstance(value, float):
+            _refuse(name, "must be the address of a real number", "add [0], [1] or [2] to a vector")
+        if not _differentiable(place):
+            _refuse(
+                name,
+                "its derivative is not known: it gives the body another shape or grid, or does"
+                " nothing at rest",
+                "ask for `length` or `diameter`, or for numbers of `field`, `effects`, `materials`"
+                " or a magnetization",
+            )
+        said = divided(value_at(scene, place, units=True))
+        unit = "" if said is None else said[1]
+        si = next((kind.si for kind in KINDS_OF_QUANTITIES.values() if unit in kind.plain), "1")
+        found.append(Variable("address", name, si if unit else "1", place=place))
+    return found
+
+
+def _differentiable(place: Place) -> bool:
+    """True if a number at a place changes the loads and stresses of a body, and nothing of its grid."""
+    if place[0] == "body":
+        return any(str(key).startswith("magnetization") for key in place)
+    return place[0] in ("field", "effects", "materials")
 
 
 def check_differentiable(scene: Scene) -> None:
@@ -280,6 +320,10 @@ def _lengthen(variable: Variable, scene: Scene, amount: float) -> Scene:
     return Scene.from_si(data)
 
 
+def _at_place(variable: Variable, scene: Scene, amount: float) -> Scene:
+    return changed(scene, {variable.place: value_at(scene, variable.place) + amount})
+
+
 def _thicken(variable: Variable, scene: Scene, amount: float) -> Scene:
     data = scene.to_si()
     data["body"]["catheter"]["diameter"] += amount
@@ -294,4 +338,5 @@ _CHANGES: dict[str, Callable[[Variable, Scene, float], Scene]] = {
     "density": _other_material,
     "length": _lengthen,
     "diameter": _thicken,
+    "address": _at_place,
 }

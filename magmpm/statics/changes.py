@@ -9,6 +9,9 @@ the same grid cells, so the same unknowns, and the same loads. Where a segment e
 longer cuts the cells beyond the face, to make it shorter those before it: the residual has a kink there. Central differences D then have
 all powers of the step, D(h) = D + a h + b h^2 + ..., and D is extrapolated from three steps h, 2 h and 3 h, by 3 D(h) - 3 D(2 h) + D(3 h).
 At a kink D is the mean of both one-sided derivatives, as central differences of solutions have it.
+
+Numbers that are named by their addresses (a magnet's place, a coil's current, a bulk modulus) are differences of the residual, too, between
+models of the same grid: of smooth functions, so that what is left is of the order of the step's fourth power, and rounding.
 """
 
 from collections.abc import Sequence
@@ -24,6 +27,7 @@ from magmpm.effects.hooks import each_record
 from magmpm.errors import SolveError
 from magmpm.kernels.changes import load_changes, loads, stress_per_shear
 from magmpm.model import Model, build, reshaped
+from magmpm.scene.addresses import value_at
 from magmpm.scene.variables import Variable
 from magmpm.statics import axis
 from magmpm.statics.energy import Energy, Point
@@ -195,11 +199,11 @@ class GeometryChange:
 def geometry_changes(
     model: StaticModel, grid: Array, variables: Sequence[Variable]
 ) -> dict[int, GeometryChange]:
-    """Change with each variable that is a length or diameter, by its number, at coefficients (planes, m) m."""
+    """Change with each variable that is a length or diameter, or has an address, by its number, at coefficients (planes, m) m."""
     return {
         k: _change(model, grid, one)
         for k, one in enumerate(variables)
-        if one.kind in ("length", "diameter")
+        if one.kind in ("length", "diameter", "address")
     }
 
 
@@ -224,8 +228,9 @@ def contact_changes(
 
 
 def _change(model: StaticModel, grid: Array, variable: Variable) -> GeometryChange:
-    step = _step(model)
+    step = _step(model) if variable.kind != "address" else _step_at(model, variable)
     total: list[Array] = []
+    slopes: list[Array] = []
     for k, weight in enumerate((3.0, -3.0, 1.0), start=1):
         sides = []
         for sign in (1.0, -1.0):
@@ -242,7 +247,19 @@ def _change(model: StaticModel, grid: Array, variable: Variable) -> GeometryChan
             weight * (ahead - behind) / (2 * k * step) for ahead, behind in zip(*sides, strict=True)
         ]
         total = [a + b for a, b in zip(total, slope, strict=True)] if total else slope
+        slopes.append(slope[0] / weight)
+    if variable.kind == "address":
+        _check_smooth(variable, slopes[0], slopes[1])
     return GeometryChange(*total)
+
+
+def _check_smooth(variable: Variable, near: Array, far: Array, most: float = 1e-3) -> None:
+    """Raises SolveError where differences of the residual over one step and over two are farther apart than `most` of them."""
+    if np.linalg.norm(near - far) > most * np.linalg.norm(near):
+        raise SolveError(
+            f"{variable.name}: the forces do not change smoothly with it, so there is no"
+            " derivative; remedy: another variable, or differences of runs"
+        )
 
 
 def _step(model: StaticModel) -> float:
@@ -261,9 +278,23 @@ def _step(model: StaticModel) -> float:
     return min(STEP, least / 8) * float(model.grid.spacing.min()) * touching
 
 
+def _step_at(model: StaticModel, variable: Variable) -> float:
+    """Step of a number that has an address: STEP of it, or of the vector that it is a part of; of zeros, of the body's length or 1 SI."""
+    value = value_at(model.scene, variable.place)
+    if isinstance(variable.place[-1], int):
+        value = np.linalg.norm(value_at(model.scene, variable.place[:-1]))
+    usual = {"m": model.scene.length, "T": 1e-3}.get(variable.unit, 1.0)
+    return STEP * (abs(float(value)) or usual)
+
+
 def _near(model: StaticModel, variable: Variable, amount: float) -> StaticModel:
-    """The model with a shape in which the variable is larger by an amount (m), on as many cells, under the same loads."""
+    """The model in which the variable is larger by an amount (SI), on as many cells."""
     scene = variable.changed(model.scene, amount)
+    if variable.kind == "address":
+        scene = scene.on_field_nodes_of(model.scene)
+        return _same_unknowns(
+            arranged(static_model(build(scene, time=model.time)))[0], model, variable, amount
+        )
     base = Model(
         **{name: value for name, value in vars(model).items() if name in Model.__dataclass_fields__}
     )
@@ -278,20 +309,27 @@ def _near(model: StaticModel, variable: Variable, amount: float) -> StaticModel:
         scene=scene,
         effects=each_record(lambda record: stiff.get(record.dtype, record), base.effects),
     )
-    near = static_model(reshaped(base, scene.body.shape))
-    same = near.layout.planes == model.layout.planes and np.array_equal(
-        near.layout.node_yz, model.layout.node_yz
-    )
-    if not (same and np.array_equal(near.layout.fixed, model.layout.fixed)):
-        raise ValueError(
-            f"{variable.name}: the unknowns are others {amount:g} m away, so there is no derivative"
-            " by differences"
-        )
+    near = _same_unknowns(static_model(reshaped(base, scene.body.shape)), model, variable, amount)
     if acting.feels_itself(scene) and not _same_dipoles(near, model):
         raise SolveError(
             f"{variable.name}: {amount:g} m away the segments are divided into other dipoles"
             " (magnetic_interaction), where a segment's first or last cell is half full, so the"
             " shape jumps and has no derivative; remedy: lengths of whole cells, or other variables"
+        )
+    return near
+
+
+def _same_unknowns(
+    near: StaticModel, model: StaticModel, variable: Variable, amount: float
+) -> StaticModel:
+    """A model near another, with the same unknowns. Raises ValueError where they are others."""
+    same = near.layout.planes == model.layout.planes and np.array_equal(
+        near.layout.node_yz, model.layout.node_yz
+    )
+    if not (same and np.array_equal(near.layout.fixed, model.layout.fixed)):
+        raise ValueError(
+            f"{variable.name}: the unknowns are others {amount:g} {variable.unit} away, so there is"
+            " no derivative by differences"
         )
     return near
 

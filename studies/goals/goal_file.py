@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from magmpm.inputs.settings import Settings, fault, write_json_schema
+from magmpm.inputs.settings import Quantity, Settings, fault, write_json_schema
 from magmpm.inputs.vectors import Axis
 from magmpm.studies.goals.measures import Measure
 
@@ -26,6 +26,26 @@ class FreeDirection(Settings):
         description="It turns about this axis, in the plane across it: one angle. Free unless given.",
         examples=[[0, 1, 0]],
     )
+    at_most: Annotated[float, Quantity("angle", at_least="0.1 deg", at_most="180 deg")] | None = (
+        Field(
+            default=None,
+            description=(
+                "With `across`: how far it turns from the scene's own to either side. Half a turn"
+                " unless given."
+            ),
+            examples=["45 deg"],
+        )
+    )
+
+    @model_validator(mode="after")
+    def _in_a_plane(self) -> FreeDirection:
+        if self.at_most is not None and self.across is None:
+            raise fault(
+                "at_most is for a direction in a plane",
+                "add `across: [0, 1, 0]`, the axis of the turn",
+                ("at_most",),
+            )
+        return self
 
 
 class VaryNumber(Settings):

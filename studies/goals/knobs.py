@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from magmpm.errors import InputError
 from magmpm.inputs.quantities import divided
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, changed, places, value_at, written
-from magmpm.studies.goals.goal_file import VaryAnything, VaryNumber
+from magmpm.studies.goals.goal_file import FreeDirection, VaryAnything, VaryNumber
 
 if TYPE_CHECKING:
     from optuna.trial import BaseTrial
@@ -99,7 +99,7 @@ class Choice(Knob):
 class Turning(Knob):
     """A direction by azimuth and elevation, or by the angle in a plane, degrees; a vector, with its length in a unit, too.
 
-    across: the unit vector across the plane; None: two angles. around: the unit vector about which each place's is turned from the one
+    across: the unit vector across the plane; None: two angles. middle, turn: of the angle in the plane, degrees. around: the unit vector about which each place's is turned from the one
     before, by an equal share of a full turn. longest: in the unit, of which it has `scale` SI units; None: a direction.
     """
 
@@ -108,6 +108,8 @@ class Turning(Knob):
     longest: float | None = None
     unit: str = ""
     scale: float = 1.0
+    middle: float = 0.0
+    turn: float = 180.0
 
     def _frame(self) -> tuple[np.ndarray, np.ndarray]:
         """Two unit vectors in the plane: the angle is from the first towards the second, right-handed about `across`."""
@@ -116,6 +118,18 @@ class Turning(Knob):
         first = x - (x @ n) * n
         first /= np.linalg.norm(first)
         return first, np.cross(n, first)
+
+    def angles(self, vector: Sequence[float]) -> list[float] | None:
+        """Angles of a vector, degrees; None for one that is out of the plane."""
+        x, y, z = vector
+        if self.across is None:
+            found = [math.atan2(y, x), math.atan2(z, math.hypot(x, y))]
+        else:
+            if abs(np.dot(self.across, vector)) > 1e-9 * math.hypot(x, y, z):
+                return None
+            first, second = self._frame()
+            found = [math.atan2(second @ vector, first @ vector)]
+        return [math.degrees(angle) for angle in found]
 
     def _names(self) -> list[str]:
         angles = ["angle"] if self.across is not None else ["azimuth", "elevation"]
@@ -126,10 +140,10 @@ class Turning(Knob):
         return f"{self.name} length ({self.unit})" if self.unit else f"{self.name} length"
 
     def suggested(self, trial: BaseTrial) -> dict[Place, Any]:
-        bounds = (180.0, 90.0)
+        bounds = [(self.middle - self.turn, self.middle + self.turn), (-90.0, 90.0)]
         angles = [
-            math.radians(trial.suggest_float(name, -most, most))
-            for name, most in zip(self._names(), bounds, strict=False)
+            math.radians(trial.suggest_float(name, low, high))
+            for name, (low, high) in zip(self._names(), bounds, strict=False)
         ]
         if self.across is not None:
             first, second = self._frame()
@@ -152,17 +166,12 @@ class Turning(Knob):
         return found
 
     def begun(self, scene: Scene) -> dict[str, Any]:
-        x, y, z = value_at(scene, self.places[0])
-        length = math.hypot(x, y, z)
-        if self.across is not None:
-            first, second = self._frame()
-            aside = abs(np.dot(self.across, (x, y, z)))
-            if aside > 1e-9 * length:  # out of the plane
-                return {}
-            angles = [math.atan2(second @ (x, y, z), first @ (x, y, z))]
-        else:
-            angles = [math.atan2(y, x), math.atan2(z, math.hypot(x, y))]
-        found = dict(zip(self._names(), map(math.degrees, angles), strict=True))
+        vector = value_at(scene, self.places[0])
+        length = math.hypot(*vector)
+        angles = self.angles(vector)
+        if angles is None:
+            return {}
+        found = dict(zip(self._names(), angles, strict=True))
         if self.longest is None:
             return found if length else {}
         near = round(length / self.scale, 12)
@@ -240,10 +249,14 @@ def _turning(
             rule="must be an address of three numbers",
             remedy="give `min` and `max`",
         )
-    across = None if number.direction is None else number.direction.across
-    around = number.turned_about
+    free = number.direction or FreeDirection()
+    knob = Turning(name, group, free.across, number.turned_about)
+    if free.across is not None:  # the angle's seam is opposite to the scene's own direction
+        angles = knob.angles(now) or [0.0]
+        turn = 180.0 if free.at_most is None else math.degrees(free.at_most)
+        knob = replace(knob, middle=angles[0], turn=turn)
     if number.within is None:
-        return Turning(name, group, across, around)
+        return knob
     longest, unit = _number(number.within, f"{at}.within")
     if longest <= 0.0:
         raise InputError(
@@ -257,7 +270,7 @@ def _turning(
     along_x = {place: [most, zero, zero] for place in group}
     accepted = _accepted(scene, along_x, f"{at}.within", number.within)
     scale = float(value_at(accepted, group[0])[0]) / longest
-    return Turning(name, group, across, around, longest, unit, scale)
+    return replace(knob, longest=longest, unit=unit, scale=scale)
 
 
 def _number(given: Any, at: str) -> tuple[float, str]:

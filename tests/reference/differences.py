@@ -25,7 +25,7 @@ STEPS = {
 
 def tight(scene: Scene) -> Scene:
     """The scene with the tightest tolerance there is; a path of equilibria has none to set."""
-    if scene.in_time:
+    if scene.in_time or (scene.solver.static and scene.solver.static.max_steps == 500):
         return scene
     data = scene.to_si()
     data["solver"]["static"] |= {"tolerance": 1e-14, "max_steps": 500}
@@ -50,12 +50,17 @@ def solution(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 
 
 def differences(
-    scene: Scene, variable: Variable, share: float = 1.0
+    scene: Scene, variable: Variable, share: float = 1.0, h: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of axis (rows, 3) and tip (3,) by 3 D(h) - 3 D(2 h) + D(3 h), without errors of h, h^2; share: h over its usual size."""
-    h = share * STEPS[variable.kind]
+    h = share * STEPS[variable.kind] if h is None else h
+    scene = tight(scene)
     sides = [
-        [solution(variable.changed(scene, sign * k * h)) for sign in (1, -1)] for k in (1, 2, 3)
+        [
+            solution(variable.changed(scene, sign * k * h).on_field_nodes_of(scene))
+            for sign in (1, -1)
+        ]
+        for k in (1, 2, 3)
     ]
     slopes = [
         [(ahead[i] - behind[i]) / (2 * k * h) for k, (ahead, behind) in enumerate(sides, start=1)]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from goal_study import SCENE, STUDY, searched, written
 from jsonschema import Draft202012Validator
+from optuna.distributions import FloatDistribution
 from optuna.trial import FixedTrial
 from reference.moving import block, moving_scene
 
@@ -220,12 +221,17 @@ def test_a_vector_within_a_length_and_in_a_plane(tmp_path: Path) -> None:
     """The angle is right-handed about the axis; the scene's own vector is where the search begins."""
     study = STUDY.replace(
         '{of: "field.uniform[2]", min: 1 mT, max: 8 mT}',
-        "{of: field.uniform, within: 8 mT, direction: {across: [0, -1, 0]}}",
+        "{of: field.uniform, within: 8 mT, direction: {across: [0, -1, 0], at_most: 60 deg}}",
     )
     angle, length = "field.uniform angle (deg)", "field.uniform length (mT)"
     found = scene_of(study, SCENE, tmp_path, {angle: 30.0, length: 4.0})
     assert found.field.uniform == pytest.approx([2e-3 * 3**0.5, 0.0, 2e-3], abs=1e-15)
     (knob,) = load_goal(tmp_path / "study.yaml").knobs
+    trial = FixedTrial({angle: 90.0, length: 4.0})
+    knob.suggested(trial)
+    space = trial.distributions[angle]
+    assert isinstance(space, FloatDistribution)
+    assert (space.low, space.high) == pytest.approx((30.0, 150.0))
     begun = knob.begun(load_goal(tmp_path / "study.yaml").scene)
     assert begun == pytest.approx({angle: 90.0, length: 4.0})
 
@@ -292,6 +298,11 @@ def test_a_process_that_ends_is_a_failed_trial(tmp_path: Path) -> None:
         ("min: 1 mT, max: 8 mT", "min: 8 mT, max: 1 mT", "min must be less than max"),
         ("min: 1 mT, max: 8 mT", "min: 1 mT", "must have min and max"),
         ("min: 1 mT, max: 8 mT", "direction: {}", "an address of three numbers"),
+        (
+            '"field.uniform[2]", min: 1 mT, max: 8 mT',
+            "field.uniform, direction: {at_most: 1 deg}",
+            "in a plane",
+        ),
         ("min: 1 mT, max: 8 mT", "within: 8 mT", "an address of three numbers"),
         ("min: 1 mT, max: 8 mT", "direction: {}, turned_about: [0, 0, 1]", "list of directions"),
         ('"field.uniform[2]", min: 1 mT, max: 8 mT', "field.uniform, within: -8 mT", "above 0"),

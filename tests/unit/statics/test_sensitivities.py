@@ -183,6 +183,64 @@ def test_derivatives_are_those_of_equilibria(name: str, tmp_path: Path) -> None:
     )
 
 
+SOURCES = """
+field:
+  uniform: [0 mT, 0 mT, 1 mT]
+  magnet: {cylinder: {diameter: 20 mm, length: 20 mm}, position: [30 mm, 5 mm, 35 mm], axis: [0.2, 0, 1], remanence: 1.3 T}
+  coils: {position: [0 mm, 0 mm, -60 mm], diameter: 80 mm, current: 5 A, turns: 200}
+effects: {magnetic_torque: {}, magnetic_force: {}, gravity: {}}
+"""
+ADDRESSES = {  # of a scene: addresses, and steps (SI) of differences between equilibria
+    CATHETER + SOURCES: {
+        "field.magnet[0].position[2]": 1e-5,
+        "field.magnet[0].axis[0]": 5e-4,
+        "field.coils[0].current": 2e-2,
+        "field.coils[0].position[0]": 1e-4,
+        "effects.gravity.acceleration[1]": 1e-2,
+        "materials.hard.bulk_to_shear": 3e-2,
+        "body.catheter.segments[1].magnetization[0]": 1e-3,
+    },
+    CATHETER + DIPOLE: {
+        "field.dipole[0].position[0]": 2e-5,
+        "field.dipole[0].moment[2]": 3e-3,
+        "field.uniform[0]": 2e-5,
+    },
+}
+
+
+@pytest.mark.parametrize("about", ADDRESSES, ids=["magnet and coils", "dipole"])
+def test_numbers_by_their_addresses_are_differentiated(about: str, tmp_path: Path) -> None:
+    """Poses of magnets and dipoles, moments, currents, bulk moduli, directions: as differences of equilibria have it."""
+    data = yaml.safe_load(MATERIALS) | yaml.safe_load(about)
+    scene = validate(Scene, data, tmp_path / "scene.yaml")
+    found = magmpm.sensitivities(scene, list(ADDRESSES[about]))
+    assert found.names == tuple(ADDRESSES[about])
+    for k, variable in enumerate(found.variables):
+        rows, tip = differences(scene, variable, h=ADDRESSES[about][variable.name])
+        assert_like(found.tip[:, k], tip)
+        assert_like(found.centreline[..., k], rows)
+    if "dipole" in about:
+        assert found.units == ("m", "A*m^2", "T")
+        by_kind = magmpm.sensitivities(scene, ["field"])
+        assert_like(found.tip[:, 2], by_kind.tip[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("address", "told"),
+    [
+        ("field.unifrom[2]", "did you mean field.uniform"),
+        ("field.uniform", "must be the address of a real number"),
+        ("body.catheter.length", "ask for `length`"),
+        ("resolution.cells_across", "real number"),
+    ],
+)
+def test_addresses_without_a_derivative_are_refused(
+    address: str, told: str, tmp_path: Path
+) -> None:
+    with pytest.raises(magmpm.InputError, match=told):
+        magmpm.sensitivities(scene_of("catheter", tmp_path), [address])
+
+
 @pytest.mark.parametrize(
     "name",
     [name if name == "ramp" else pytest.param(name, marks=pytest.mark.slow) for name in PATHS],
