@@ -7,13 +7,14 @@ BIN := $(VENV)/bin
 WORKERS ?= -n 3 --dist worksteal
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: bench-robots release optunahub bench-least-squares measured pytest lint-benchmarks bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-bounds bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
+.PHONY: bench-sweep bench-robots release optunahub bench-least-squares measured pytest lint-benchmarks bench-workers test-workers faults fuzz bench-fit bench-startup docs test-docs test-wheel tour bench-advice help setup design test test-long test-gp lint bench bench-accuracy claims bench-sampler bench-design bench-bounds bench-robust validate stability schema gallery clean bench-convergence test-browser bench-view
 help:
 	@echo "make design     set up, and run data/studies/s_shape.yaml to its best design, with pictures (runs/s_shape)"
 	@echo "make test       set up, and run linters and tests"
 	@echo "make test-long  the longer validation cases as well"
 	@echo "make test-gp    the tests of studies by gp and by Optuna's GPSampler, in an environment of their own with torch (some 200 MB)"
 	@echo "make test-workers  several workers on PostgreSQL (apt-get install postgresql) and Optuna's gRPC proxy, killed now and then"
+	@echo "make bench-sweep  200 equilibria by two processes, over one after another"
 	@echo "make bench-workers  trials a second with one and with two workers (TRIALS=30)"
 	@echo "make faults     500 SIGKILLs, full disks, a clock set back, ...: what completed trials are lost (QUICK=1, KILLS=N)"
 	@echo "make test-browser  the pages of magmpm view and dashboard in Chromium (apt-get install chromium)"
@@ -109,6 +110,9 @@ test-workers: $(VENV)/.ready-workers
 	@command -v initdb >/dev/null || ls /usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1 || echo "no PostgreSQL here: apt-get install postgresql"
 	$(BIN)/python -m pytest tests/workers -rs
 
+bench-sweep: $(VENV)/.ready-test
+	PYTHONPATH=. $(BIN)/python tests/benchmarks/sweep.py
+
 bench-workers: $(VENV)/.ready-test
 	PYTHONPATH=. $(BIN)/python tests/benchmarks/workers.py
 
@@ -193,6 +197,7 @@ schema: $(VENV)/.ready
 gallery: $(VENV)/.ready
 	$(BIN)/python docs/gallery/build.py $(SCENES)
 	$(if $(SCENES),,$(BIN)/python docs/gallery/accuracy.py)
+	$(if $(SCENES),,$(BIN)/python docs/gallery/goals.py)
 
 clean:
 	rm -rf $(VENV) $(GP_VENV) .mypy_cache .ruff_cache .hypothesis *.egg-info

@@ -99,8 +99,9 @@ class Choice(Knob):
 class Turning(Knob):
     """A direction by azimuth and elevation, or by the angle in a plane, degrees; a vector, with its length in a unit, too.
 
-    across: the unit vector across the plane; None: two angles. middle, turn: of the angle in the plane, degrees. around: the unit vector about which each place's is turned from the one
-    before, by an equal share of a full turn. longest: in the unit, of which it has `scale` SI units; None: a direction.
+    across: the unit vector across the plane; None: two angles. middle, turn: of the angle in the plane, degrees. around: the unit vector
+    about which each place's is turned from the one before, by an equal share of a full turn. longest: in the unit, of which it has `scale`
+    SI units; None: a direction.
     """
 
     across: tuple[float, float, float] | None = None

@@ -384,8 +384,7 @@ class _Seeking:
         if time.perf_counter() - self.written > 5.0:  # for the dashboard
             write_json(self.out / REPORT, self._report("running").summary(), indent=1)
             self.written = time.perf_counter()
-        if self.on_trial is not None:
-            self.on_trial(self._line(trial.number, outcome))
+        self._note(self._line(trial.number, outcome))
 
     def _told(self, trial: Trial, outcome: dict[str, Any]) -> None:
         """Store that a trial failed, and why, or was pruned."""
@@ -400,6 +399,10 @@ class _Seeking:
             return
         trial.set_user_attr(WHY, outcome[WHY])
         self.known.tell(trial, state=TrialState.FAIL)
+
+    def _note(self, text: str) -> None:
+        if self.on_trial is not None:
+            self.on_trial(text)
 
     def _line(self, number: int, outcome: dict[str, Any]) -> str:
         if "values" not in outcome:
@@ -493,6 +496,7 @@ class _Seeking:
             self.study.path.parent,
         )
         try:
+            self._note(f"the best on {cells} cells across")
             found: dict[str, Any] = {"number": best["number"], "cells_across": cells}
             found["measures"] = evaluate.numbers(job)
             found["values"] = self.study.values(found["measures"])[0]
@@ -520,6 +524,7 @@ class _Seeking:
             return dict(stored)
         from optuna.trial import FixedTrial
 
+        self._note("designs near the best, for their noise")
         spaces = self.known.get_trials(deepcopy=False)[best["number"]].distributions
         random = np.random.default_rng(self.study.file.seed)
         found: dict[str, Any] = {"number": best["number"], "nearness": nearness}

@@ -1,0 +1,92 @@
+"""Runs the designs of the gallery (studies of data/goals), and updates their pages and pictures.
+
+    python docs/gallery/goals.py [NAME ...]
+
+Results go to runs/gallery/NAME; a study that has all its trials is not run again. Its progress and its best design's moments go to
+docs/images/gallery, and the movie beside them where it is smaller than 1 MiB. On docs/gallery/NAME.md the text between the marks
+`<!-- measured -->` and `<!-- /measured -->` is replaced.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from magmpm.cli import main as magmpm
+from magmpm.errors import significant
+from magmpm.studies.goals.report import in_words
+
+ROOT = Path(__file__).resolve().parents[2]
+IMAGES = ROOT / "docs/images/gallery"
+STUDIES = {"designed_walker": "walking_strip", "designed_gripper": "gripper_field"}
+BEGIN = "<!-- measured -->"
+END = "<!-- /measured -->"
+MOVIE_BYTES = 1024 * 1024
+
+
+def main(names: Sequence[str], root: Path = ROOT) -> int:
+    """The command. Returns the exit status."""
+    for name in names or STUDIES:
+        out = root / "runs/gallery" / name
+        study = root / f"data/goals/{STUDIES[name]}.yaml"
+        status = magmpm(["design", str(study), "--workers", "2", "--out", str(out)])
+        if status:
+            return status
+        shutil.copy(out / "moments.png", IMAGES / f"{name}.png")
+        shutil.copy(out / "progress.png", IMAGES / f"{name}_progress.png")
+        movie = out / "movie.mp4"
+        if movie.exists() and movie.stat().st_size < MOVIE_BYTES:
+            shutil.copy(movie, IMAGES / f"{name}.mp4")
+        page = root / f"docs/gallery/{name}.md"
+        text = page.read_text(encoding="utf-8")
+        before, _, rest = text.partition(BEGIN)
+        table = measured(json.loads((out / "goal.json").read_text()))
+        page.write_text(f"{before}{BEGIN}\n{table}{END}{rest.partition(END)[2]}", encoding="utf-8")
+    return 0
+
+
+def measured(report: dict[str, Any]) -> str:
+    """The table of a search's report."""
+    best = report["best"]
+    goal = report["goals"][0]
+    rows = [
+        ("trials", f"{report['trials']}, the best is number {best['number']}"),
+        ("a trial", f"{significant(report['seconds_per_trial'], 2)} s, two at a time"),
+        (_name(goal), in_words(goal, best["values"][0])),
+    ]
+    first = report["values"][0]
+    if first is not None:
+        rows.append(("the scene as it is", in_words(goal, first[0])))
+    finer = report["finer"]
+    if finer is not None and "values" in finer:
+        said = in_words(goal, finer["values"][0])
+        rows.append((f"the best on {finer['cells_across']} cells across", said))
+        rows += [
+            (
+                f"{_name(limit['label'])} there",
+                in_words(limit["label"], finer["measures"][limit["at"]]),
+            )
+            for limit in report["limits"]
+        ]
+    if report["scatter"] is not None:
+        near = [in_words(goal, one[0]) for one in report["scatter"]["values"] if one is not None]
+        share = f"{report['scatter']['nearness']:g}"
+        rows.append((f"designs within {share} of each range of the best", ", ".join(near)))
+    for name, value in best["params"].items():
+        rows.append(
+            (f"`{name}`", f"{significant(report['begun'][name], 4)} -> {significant(value, 4)}")
+        )
+    lines = ["| measured | |", "| --- | --- |", *(f"| {name} | {said} |" for name, said in rows)]
+    return "\n".join(lines) + "\n"
+
+
+def _name(label: str) -> str:
+    return label.rpartition(" (")[0] or label
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
