@@ -14,7 +14,7 @@ help:
 	@echo "make test-long  the longer validation cases as well"
 	@echo "make test-gp    the tests of studies by gp and by Optuna's GPSampler, in an environment of their own with torch (some 200 MB)"
 	@echo "make test-workers  several workers on PostgreSQL (apt-get install postgresql) and Optuna's gRPC proxy, killed now and then"
-	@echo "make bench-sweep  200 equilibria by two processes, over one after another"
+	@echo "make bench-sweep  equilibria by two processes, over one after another (RUNS=200)"
 	@echo "make bench-workers  trials a second with one and with two workers (TRIALS=30)"
 	@echo "make faults     500 SIGKILLs, full disks, a clock set back, ...: what completed trials are lost (QUICK=1, KILLS=N)"
 	@echo "make test-browser  the pages of magmpm view and dashboard in Chromium (apt-get install chromium)"
@@ -111,7 +111,7 @@ test-workers: $(VENV)/.ready-workers
 	$(BIN)/python -m pytest tests/workers -rs
 
 bench-sweep: $(VENV)/.ready-test
-	PYTHONPATH=. $(BIN)/python tests/benchmarks/sweep.py
+	PYTHONPATH=. $(BIN)/python tests/benchmarks/sweep.py $(or $(RUNS),200)
 
 bench-workers: $(VENV)/.ready-test
 	PYTHONPATH=. $(BIN)/python tests/benchmarks/workers.py

@@ -17,8 +17,9 @@ from magmpm.studies.engine.report import StudyReport
 from magmpm.studies.evaluate.trial import Trial
 from magmpm.studies.explore.effects_table import EffectRow, EffectsTable, survey
 from magmpm.studies.fitting.search import Fit
+from magmpm.studies.goals.goal_study import has_goal, load_goal
 from magmpm.studies.goals.report import GoalReport
-from magmpm.studies.goals.search import has_goal, load_goal, search
+from magmpm.studies.goals.search import search
 from magmpm.studies.goals.sweep import sweep
 from magmpm.studies.problem.study import Study
 

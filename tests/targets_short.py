@@ -49,6 +49,7 @@ SHORT = {  # what `make TARGET` is given
     "fuzz": "INPUTS=100",
     "fuzz-coverage": "RUNS=200",
     "bench-workers": "TRIALS=30",
+    "bench-sweep": "RUNS=4",
     "tour": "PAGES=first_scene.md",
     "optunahub": "",
     "bench-least-squares": "SEEDS=1 SAMPLERS=gauss-newton",

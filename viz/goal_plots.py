@@ -141,8 +141,8 @@ def sweep(
 
 
 def _said(label: str) -> str:
-    """A goal's label without its verb."""
-    return label.partition(" ")[2] or label
+    """A goal's label without its verb, in words."""
+    return (label.partition(" ")[2] or label).replace("_", " ")
 
 
 def _best(best: np.ndarray) -> str:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 def command(options: argparse.Namespace) -> int:
     """Run or resume a study, with a picture of every trial, then the pictures of the whole."""
-    from magmpm.studies.goals.search import has_goal
+    from magmpm.studies.goals.goal_study import has_goal
     from magmpm.studies.search.definition import load_study
 
     if has_goal(options.study):

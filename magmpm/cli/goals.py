@@ -20,8 +20,9 @@ from magmpm.results.file_names import ENERGIES_PLOT, MOMENTS, MOVIE, PICTURE
 def design_for_goal(options: argparse.Namespace) -> int:
     """Run or resume the search for a goal."""
     from magmpm.studies.engine.storage_url import given_url
+    from magmpm.studies.goals.goal_study import load_goal
     from magmpm.studies.goals.report import text
-    from magmpm.studies.goals.search import load_goal, search
+    from magmpm.studies.goals.search import search
 
     study = load_goal(options.study)
     if options.sampler is not None or options.trial is not None or options.artifacts is not None:

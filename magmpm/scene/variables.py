@@ -7,7 +7,7 @@ difference uses, and what `sensitivities` gives the derivative with respect to.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from magmpm.scene.addresses import Place, changed, places, value_at, written
 from magmpm.scene.scene import Scene
 
 Vector = tuple[float, float, float]
+ADDRESS = "address"  # kind of what has no other
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,8 @@ class Variable:
         proportion to the shear modulus. A segment that gets longer makes its body longer; the other segments keep their lengths, and a
         tube its bore. Raises InputError where the changed scene breaks a rule.
         """
-        return _CHANGES[self.kind](self, scene, float(amount))
+        change = _at_place if self.place else _CHANGES[self.kind]
+        return change(self, scene, float(amount))
 
 
 def tangents(direction: Sequence[float]) -> tuple[Vector, Vector]:
@@ -120,8 +122,29 @@ def _at_address(scene: Scene, address: str) -> list[Variable]:
         said = divided(value_at(scene, place, units=True))
         unit = "" if said is None else said[1]
         si = next((kind.si for kind in KINDS_OF_QUANTITIES.values() if unit in kind.plain), "1")
-        found.append(Variable("address", name, si if unit else "1", place=place))
+        numbered = Variable(ADDRESS, name, si if unit else "1", place=place)
+        found.append(_with_formula(scene, numbered) or numbered)
     return found
+
+
+def _with_formula(scene: Scene, variable: Variable) -> Variable | None:
+    """A variable that has an address as one of a kind whose derivative has a formula; None for others.
+
+    A component i of a direction d, which a scene normalizes, turns it along e_i - d_i d.
+    """
+    place = variable.place
+    if place[:2] == ("field", "uniform") and not isinstance(_field(scene), str):
+        return replace(variable, kind="field", component=int(place[-1]))
+    if place[0] == "materials" and place[2] in ("shear_modulus", "remanence", "density"):
+        return replace(variable, kind=str(place[2]), material=str(place[1]))
+    if scene.body.shape.magnetized_by_region:
+        for k, region in enumerate(scene.regions()):
+            if place[:-1] == ("body", *region.at, "magnetization") and any(region.magnetization):
+                d = np.array(region.magnetization)
+                toward = np.eye(3)[int(place[-1])] - d[int(place[-1])] * d
+                x, y, z = toward.tolist()
+                return replace(variable, kind="magnetization", region=k, direction=(x, y, z))
+    return None
 
 
 def _differentiable(place: Place) -> bool:
@@ -338,5 +361,4 @@ _CHANGES: dict[str, Callable[[Variable, Scene, float], Scene]] = {
     "density": _other_material,
     "length": _lengthen,
     "diameter": _thicken,
-    "address": _at_place,
 }

@@ -28,7 +28,7 @@ from magmpm.errors import SolveError
 from magmpm.kernels.changes import load_changes, loads, stress_per_shear
 from magmpm.model import Model, build, reshaped
 from magmpm.scene.addresses import value_at
-from magmpm.scene.variables import Variable
+from magmpm.scene.variables import ADDRESS, Variable
 from magmpm.statics import axis
 from magmpm.statics.energy import Energy, Point
 from magmpm.statics.interacting import energy_of
@@ -203,7 +203,7 @@ def geometry_changes(
     return {
         k: _change(model, grid, one)
         for k, one in enumerate(variables)
-        if one.kind in ("length", "diameter", "address")
+        if one.kind in ("length", "diameter", ADDRESS)
     }
 
 
@@ -228,7 +228,7 @@ def contact_changes(
 
 
 def _change(model: StaticModel, grid: Array, variable: Variable) -> GeometryChange:
-    step = _step(model) if variable.kind != "address" else _step_at(model, variable)
+    step = _step(model) if variable.kind != ADDRESS else _step_at(model, variable)
     total: list[Array] = []
     slopes: list[Array] = []
     for k, weight in enumerate((3.0, -3.0, 1.0), start=1):
@@ -248,7 +248,7 @@ def _change(model: StaticModel, grid: Array, variable: Variable) -> GeometryChan
         ]
         total = [a + b for a, b in zip(total, slope, strict=True)] if total else slope
         slopes.append(slope[0] / weight)
-    if variable.kind == "address":
+    if variable.kind == ADDRESS:
         _check_smooth(variable, slopes[0], slopes[1])
     return GeometryChange(*total)
 
@@ -290,7 +290,7 @@ def _step_at(model: StaticModel, variable: Variable) -> float:
 def _near(model: StaticModel, variable: Variable, amount: float) -> StaticModel:
     """The model in which the variable is larger by an amount (SI), on as many cells."""
     scene = variable.changed(model.scene, amount)
-    if variable.kind == "address":
+    if variable.kind == ADDRESS:
         scene = scene.on_field_nodes_of(model.scene)
         return _same_unknowns(
             arranged(static_model(build(scene, time=model.time)))[0], model, variable, amount

@@ -150,6 +150,20 @@ class Linearized:
             self.model
         )
 
+    def mean(self, share: Array) -> Array:
+        """Derivatives (3, k), m per unit, of the particles' mean position by these shares (n,), whose sum is 1, of an unchanged shape."""
+        if self._geometry and any(change.rows.any() for change in self._geometry.values()):
+            raise ValueError(
+                "where lengths or diameters change, a mean of particles has no derivative"
+            )
+        return np.einsum("pn,pkni->ik", self._mean_weights(share), self._by_node(self.unknowns))
+
+    def _mean_weights(self, share: Array) -> Array:
+        """Weights (planes, nodes) that give the mean position of particles from the coefficients."""
+        force = (-share / self.model.particles.volume)[:, None] * np.array([1.0, 0.0, 0.0])
+        out = self.energy.each_scattered(np.zeros((1, len(share), 3, 3)), force[None])
+        return np.asarray(out[:, 0, ::3])
+
     @cached_property
     def _tip_weights(self) -> Array:
         """Weights (planes, nodes) that give the tip from the coefficients."""
@@ -160,9 +174,7 @@ class Linearized:
             ] * axis.end_face_weights(model)
         share = model.tip_weights
         assert share is not None  # Sensitivities.tip
-        force = (-share / model.particles.volume)[:, None] * np.array([1.0, 0.0, 0.0])
-        out = self.energy.each_scattered(np.zeros((1, len(share), 3, 3)), force[None])
-        return np.asarray(out[:, 0, ::3])
+        return self._mean_weights(share)
 
     def _by_node(self, columns: Array) -> Array:
         """Columns (planes, k, m) as (planes, k, nodes, 3)."""
@@ -192,6 +204,15 @@ class Sensitivities:
         A row stays in its place in a cell, so where a segment gets longer the row's arc length grows; `at` is for fixed arc lengths.
         """
         return self._near.centreline
+
+    def mean(self, region: int | None = None) -> Array:
+        """Derivatives (3, k), m per unit, of the mean position of a region (a segment or part), or of the body.
+
+        Of variables that leave the body's shape as it is. Raises ValueError for lengths and diameters.
+        """
+        particles = self._near.model.particles
+        volume = particles.volume * (True if region is None else particles.segment == region)
+        return self._near.mean(volume / volume.sum())
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -15,7 +15,8 @@ from magmpm.inputs.vectors import Axis
 from magmpm.studies.goals.measures import Measure
 
 SCHEMA = Path(__file__).parents[1] / "goal.schema.json"
-SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "random")
+SLSQP = "slsqp"  # steps along derivatives
+SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "random", SLSQP)
 
 
 class FreeDirection(Settings):
@@ -227,8 +228,13 @@ class GoalFile(Settings):
         ),
     )
     trials: int = Field(default=35, strict=True, ge=1, le=1_000_000, description="Trials in all.")
-    sampler: str = Field(
-        default="tpe", description=f"One of {', '.join(SAMPLERS)}; tpe unless given."
+    sampler: str | None = Field(
+        default=None,
+        description=(
+            f"One of {', '.join(SAMPLERS)}. Unless given, {SLSQP} where one goal and all"
+            " constraints have derivatives, else tpe."
+        ),
+        examples=["tpe"],
     )
     seed: int = Field(default=1, strict=True, ge=0, le=2**32 - 1, description="Of the sampler.")
 
@@ -239,9 +245,9 @@ class GoalFile(Settings):
 
     @model_validator(mode="after")
     def _go_together(self) -> GoalFile:
-        if self.sampler not in SAMPLERS:
+        if self.sampler is not None and self.sampler not in SAMPLERS:
             raise fault(f"sampler must be one of {', '.join(SAMPLERS)}", "correct it", ("sampler",))
-        if len(self.goals) > 1 and self.sampler in ("cmaes", "gp"):
+        if len(self.goals) > 1 and self.sampler in ("cmaes", "gp", SLSQP):
             raise fault(
                 f"{self.sampler} has one goal", "write `sampler: tpe` or `nsga2`", ("sampler",)
             )

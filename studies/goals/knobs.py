@@ -30,6 +30,11 @@ class Knob(ABC):
     name: str
     places: tuple[Place, ...]
 
+    @property
+    def smooth(self) -> bool:
+        """True if it turns without steps."""
+        return True
+
     @abstractmethod
     def suggested(self, trial: BaseTrial) -> dict[Place, Any]:
         """Return what a trial writes at the places."""
@@ -49,6 +54,10 @@ class Bounded(Knob):
     scale: float
     log: bool
     whole: bool
+
+    @property
+    def smooth(self) -> bool:
+        return not self.whole
 
     def at(self, value: float) -> dict[Place, Any]:
         """The places with a value in the unit."""
@@ -78,6 +87,10 @@ class Choice(Knob):
     """One of some values."""
 
     values: tuple[Any, ...]
+
+    @property
+    def smooth(self) -> bool:
+        return False
 
     def suggested(self, trial: BaseTrial) -> dict[Place, Any]:
         shown = [

@@ -13,11 +13,13 @@ import numpy as np
 from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
+from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, MagmpmError
 from magmpm.inputs.settings import Quantity, Settings, fault
 from magmpm.inputs.vectors import Axis
 from magmpm.studies.goals.answer import Answer
 
+Moved = Callable[[str], Array]
 _Time = Annotated[float, Quantity("time", at_least="0 s", at_most="1e6 s")]
 OF: Any = Field(
     default="body",
@@ -36,10 +38,15 @@ class OneMeasure(Settings):
     kind: ClassVar[str | None] = None
     unit: ClassVar[str] = ""  # SI
     before: ClassVar[bool] = False  # known before the run, where the field is the same everywhere
+    smooth: ClassVar[bool] = False  # has derivatives at rest, with those of places
 
     @abstractmethod
     def of_answer(self, answer: Answer, at: str) -> float:
         """The number, in SI; at: its place in the file, for messages. Raises InputError."""
+
+    def slopes(self, answer: Answer, at: str, moved: Moved) -> Array:
+        """Derivatives (k,) at rest by the variables of `moved`, which gives those of a place (3, k). Only of what is smooth."""
+        raise NotImplementedError
 
 
 class Position(OneMeasure):
@@ -47,12 +54,16 @@ class Position(OneMeasure):
 
     kind: ClassVar[str | None] = "length"
     unit: ClassVar[str] = "m"
+    smooth: ClassVar[bool] = True
     of: str = OF
     along: Axis = ALONG
     at: _Time | None = Field(default=None, description="When; at the end unless given.")
 
     def of_answer(self, answer: Answer, at: str) -> float:
         return float(answer.place(self.of, answer.moment(self.at, -1), at) @ np.array(self.along))
+
+    def slopes(self, answer: Answer, at: str, moved: Moved) -> Array:
+        return np.array(self.along) @ moved(self.of)
 
 
 class Displacement(Position):
@@ -108,6 +119,7 @@ class Distance(OneMeasure):
 
     kind: ClassVar[str | None] = "length"
     unit: ClassVar[str] = "m"
+    smooth: ClassVar[bool] = True
     between: tuple[str, str] = Field(
         description="Two of tip, body, names of parts and segments.", examples=[["tip", "base"]]
     )
@@ -117,6 +129,11 @@ class Distance(OneMeasure):
         k = answer.moment(self.at, -1)
         one, other = (answer.place(of, k, at) for of in self.between)
         return float(np.linalg.norm(one - other))
+
+    def slopes(self, answer: Answer, at: str, moved: Moved) -> Array:
+        one, other = (answer.place(of, -1, at) for of in self.between)
+        across = (one - other) / np.linalg.norm(one - other)
+        return np.asarray(across @ (moved(self.between[0]) - moved(self.between[1])))
 
 
 class ContactForce(OneMeasure):
@@ -290,6 +307,11 @@ class Measure(Settings):
     def kind(self) -> str | None:
         """Kind of its quantity, None for a plain number."""
         return None if self.python is not None else KINDS[self.name].kind
+
+    @property
+    def smooth(self) -> bool:
+        """True if it has derivatives at rest: by those of places, or as it is known without a run."""
+        return self.python is None and (KINDS[self.name].smooth or self.before)
 
     @property
     def before(self) -> bool:

@@ -27,7 +27,8 @@ class GoalReport:
     goals: each in words, with its SI unit; limits: of measures, by their places in the file; values: of each trial, SI, None where it
     failed; feasible: whether each keeps the limits; best: number, values, measures, params and whether it keeps the limits; begun: params
     of the scene as it is; failed: number, reason and params; skipped: trials that break a bound whatever their answer is, and were not
-    run; finer: the best on more cells; scatter: values of designs that are all but the best; ended: running, done or interrupted;
+    run; finer: the best on more cells; scatter: values of designs that are all but the best; why_sampler: that the file does not
+    name; ended: running, done or interrupted;
     warnings: of the best run.
     """
 
@@ -49,6 +50,7 @@ class GoalReport:
     seconds_per_trial: float
     finer: dict[str, Any] | None = None
     scatter: dict[str, Any] | None = None
+    why_sampler: str | None = None
     ended: str = "done"
     warnings: list[str] = field(default_factory=list)
 
@@ -79,6 +81,8 @@ def text(report: GoalReport) -> str:
         f"{report.name}: {report.trials} trials, {len(report.failed)} failed,"
         f" {report.pruned} pruned, {report.skipped} beyond a bound from the start"
     ]
+    why = "" if report.why_sampler is None else f": {report.why_sampler}"
+    lines.append(f"  sampler          {report.sampler}{why}")
     if report.best is not None:
         said = _said(report.goals, report.best["values"])
         lines.append(f"  best             trial {report.best['number']}: {said}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
 import time
@@ -15,23 +14,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from optuna.trial import FixedTrial
 
+from magmpm.compiled.arrays import Array
 from magmpm.compiled.process import Died
 from magmpm.errors import InputError, MagmpmError
-from magmpm.inputs.settings import validate
-from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
-from magmpm.inputs.yaml_document import Document, read_yaml
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.results.whole_file import write_json
-from magmpm.scene import Scene, load_scene
+from magmpm.scene import Scene
 from magmpm.studies.engine.storage_url import shown_url, storage_url
 from magmpm.studies.goals import evaluate
 from magmpm.studies.goals.answer import Answer
-from magmpm.studies.goals.goal_file import GoalFile
-from magmpm.studies.goals.knobs import Knob, knobs, made
-from magmpm.studies.goals.measures import function_of, source_of
+from magmpm.studies.goals.descend import Enough, Slopes, descend, spaces
+from magmpm.studies.goals.goal_file import SLSQP
+from magmpm.studies.goals.goal_study import GoalStudy
+from magmpm.studies.goals.knobs import made
 from magmpm.studies.goals.report import REPORT, GoalReport, in_words
+from magmpm.studies.goals.slopes import values_and_slopes
 
 if TYPE_CHECKING:
     from optuna import Study
@@ -45,124 +45,6 @@ INTERRUPTED = "interrupted"
 SKIPPED = "skipped"  # whether a pruned trial was not run, as it breaks a bound anyway
 CONTACTS = ("ground", "walls", "self_contact")  # effects in which things touch
 PARTS = 10  # of a motion's time, after each of which a trial may be pruned
-
-
-@dataclass(frozen=True)
-class GoalStudy:
-    """A study file with a goal, the scene it names, and what is turned in it."""
-
-    path: Path
-    name: str
-    file: GoalFile
-    scene: Scene
-    knobs: tuple[Knob, ...]
-    targets: tuple[float | None, ...]  # SI, of each goal
-    bounds: tuple[tuple[float | None, float | None], ...]  # SI, of each constraint: least, greatest
-
-    @property
-    def measures(self) -> dict[str, dict[str, Any]]:
-        """Every measure by its place in the file."""
-        found = {
-            f"goal[{k}].{goal.key}": goal.measure.model_dump(by_alias=True, exclude={"value"})
-            for k, goal in enumerate(self.file.goals)
-        }
-        for k, one in enumerate(self.file.subject_to):
-            plain = one.model_dump(by_alias=True, exclude={"at_most", "at_least"})
-            found[f"subject_to[{k}]"] = plain
-        return found
-
-    @property
-    def names(self) -> list[str]:
-        """Each goal in words, with its unit in SI."""
-        return [f"{goal.key} {goal.measure.label}" for goal in self.file.goals]
-
-    @property
-    def limits(self) -> list[dict[str, Any]]:
-        """Each constraint: its place in the file, its label, and its bounds, SI."""
-        return [
-            {"at": at, "label": one.label, "at_least": least, "at_most": most}
-            for one, (at, (least, most)) in zip(
-                self.file.subject_to, self.bounded.items(), strict=True
-            )
-        ]
-
-    @property
-    def definition(self) -> str:
-        """All that decides which trials are made and what they are worth."""
-        said = self.file.model_dump(mode="json", exclude={"trials", "scene"}, exclude_defaults=True)
-        named = sorted({of["python"] for of in self.measures.values() if of["python"]})
-        said["functions"] = [source_of(text, self.path.parent) for text in named]
-        return json.dumps({"scene": self.scene.hash(), **said}, sort_keys=True, default=str)
-
-    @property
-    def bounded(self) -> dict[str, tuple[float | None, float | None]]:
-        """The bounds of each constraint by its place in the file."""
-        return {f"subject_to[{k}]": of for k, of in enumerate(self.bounds)}
-
-    def values(self, numbers: dict[str, float]) -> tuple[list[float], list[float]]:
-        """A trial's values, as Optuna compares them, and how far it is beyond each bound."""
-        values = [
-            numbers[f"goal[{k}].{goal.key}"]
-            if target is None
-            else abs(numbers[f"goal[{k}].{goal.key}"] - target)
-            for k, (goal, target) in enumerate(zip(self.file.goals, self.targets, strict=True))
-        ]
-        beyond = [
-            one for name, of in self.bounded.items() for one in evaluate.beyond(numbers[name], of)
-        ]
-        return values, beyond
-
-
-def has_goal(path: Path | str) -> bool:
-    """True if a study file names a goal in place of a shape. Raises InputError for a file that can't be read."""
-    return "goal" in read_yaml(path)
-
-
-def load_goal(path: Path | str) -> GoalStudy:
-    """The study that a file describes. Raises InputError."""
-    document = read_yaml(path)
-    file = validate(GoalFile, document)
-    scene_file = document.path.parent / file.scene
-    if not is_allowed(scene_file, document.path):
-        raise InputError(
-            f"{document.path}: scene", received=str(scene_file), rule=RULE, remedy=REMEDY
-        )
-    scene = load_scene(scene_file)
-    try:
-        return _checked(document, file, scene)
-    except InputError as error:
-        raise InputError(f"{document.path}: {error}") from None
-
-
-def _checked(document: Document, file: GoalFile, scene: Scene) -> GoalStudy:
-    targets = tuple(
-        evaluate.in_si(goal.target.value, goal.target, f"goal[{k}].target.value")
-        if goal.target is not None
-        else None
-        for k, goal in enumerate(file.goals)
-    )
-    bounds = tuple(
-        (
-            None
-            if one.at_least is None
-            else evaluate.in_si(one.at_least, one, f"subject_to[{k}].at_least"),
-            None
-            if one.at_most is None
-            else evaluate.in_si(one.at_most, one, f"subject_to[{k}].at_most"),
-        )
-        for k, one in enumerate(file.subject_to)
-    )
-    study = GoalStudy(
-        document.path, document.path.stem, file, scene, knobs(file.vary, scene), targets, bounds
-    )
-    for at, data in study.measures.items():
-        if data.get("python"):
-            function_of(data["python"], document.path.parent, at)
-    if file.prune and scene.solver.dynamic is None:
-        raise InputError(
-            "prune", received="true", rule="only motions are pruned", remedy="remove `prune`"
-        )
-    return study
 
 
 def sampler(study: GoalStudy, workers: int) -> BaseSampler:
@@ -182,7 +64,8 @@ def sampler(study: GoalStudy, workers: int) -> BaseSampler:
             "cmaes": lambda: samplers.CmaEsSampler(seed=seed),
             "nsga2": lambda: samplers.NSGAIISampler(seed=seed),
             "random": lambda: samplers.RandomSampler(seed=seed),
-        }[study.file.sampler]()
+            SLSQP: lambda: samplers.RandomSampler(seed=seed),  # every trial is enqueued
+        }[study.sampler]()
 
 
 def search(
@@ -239,7 +122,8 @@ def _same(known: Study, study: GoalStudy, out: Path) -> None:
         begun: dict[str, Any] = {}
         for knob in study.knobs:
             begun |= knob.begun(study.scene)
-        known.enqueue_trial(begun)  # the scene as it is
+        if study.sampler != SLSQP:  # which begins there by itself
+            known.enqueue_trial(begun)  # the scene as it is
     for trial in known.get_trials(states=(TrialState.RUNNING,), deepcopy=False):
         known.tell(trial.number, state=TrialState.FAIL)
 
@@ -258,19 +142,20 @@ class _Seeking:
     workers: int
     on_trial: Callable[[str], None] | None
     shown: str  # the storage, without a password
-    seconds: float = 0.0
-    ran: int = 0
     written: float = -math.inf  # when the report was, s
 
     def run(self, count: int) -> GoalReport:
         """Trials until there are `count`, then the best on more cells."""
         ended = "done"
-        running: dict[Future[dict[str, Any]], tuple[Trial, evaluate.Job, float]] = {}
+        running: dict[Future[dict[str, Any]], tuple[Trial, evaluate.Job]] = {}
         with ExitStack() as stack:
             pool = (
                 stack.enter_context(evaluate.Processes(self.workers)) if self.workers > 1 else None
             )
             try:
+                if self.study.sampler == SLSQP:
+                    self._descend(count)
+                    count = 0
                 while (left := count - self._finished() - len(running)) > 0 or running:
                     while left > 0 and len(running) < self.workers:
                         left -= 1
@@ -279,21 +164,16 @@ class _Seeking:
                             continue
                         trial, job = begun
                         if pool is None:
-                            started = time.perf_counter()
-                            self._tell(trial, job, self._here(trial, job), started)
+                            self._tell(trial, job, self._here(trial, job))
                         else:
-                            running[pool.submit(evaluate.tried, job)] = (
-                                trial,
-                                job,
-                                time.perf_counter(),
-                            )
+                            running[pool.submit(evaluate.tried, job)] = (trial, job)
                     for done in wait(running, return_when=FIRST_COMPLETED)[0] if running else ():
-                        trial, job, started = running.pop(done)
+                        trial, job = running.pop(done)
                         try:
                             outcome = done.result()
                         except Died as death:  # killed, by the system for its memory perhaps
                             outcome = {WHY: f"the process that ran it {death}"}
-                        self._tell(trial, job, outcome, started)
+                        self._tell(trial, job, outcome)
             except KeyboardInterrupt:
                 ended = INTERRUPTED
                 for future in running:
@@ -304,6 +184,65 @@ class _Seeking:
                 report.scatter = self._scatter(report.best, pool)
         write_json(self.out / REPORT, report.summary(), indent=1)
         return report
+
+    def _descend(self, count: int) -> None:
+        """Steps along derivatives, from the best trial so far or from the scene; each is a trial."""
+        best = self._best()
+        begun: dict[str, Any] = {} if best is None else dict(best.params)
+        for knob in self.study.knobs if best is None else ():
+            begun |= knob.begun(self.study.scene)
+
+        def tried(params: dict[str, float], ranges: dict[str, float]) -> Slopes | None:
+            if self._finished() >= count:
+                raise Enough
+            found = self._with_slopes(params, ranges)
+            return None if found is None else self._rows(found)
+
+        with suppress(Enough):
+            descend(spaces(self.study.knobs), begun, tried, steps=count)
+
+    def _rows(self, found: dict[str, tuple[float, Array]]) -> Slopes:
+        """The goal, to be small, and what is left to each bound, with their slopes."""
+        goal = self.study.file.goals[0]
+        value, slope = found[f"goal[0].{goal.key}"]
+        target = self.study.targets[0]
+        sign = -1.0 if goal.key == "maximize" else 1.0
+        values = [sign * value if target is None else (value - target) ** 2]
+        slopes = [sign * slope if target is None else 2.0 * (value - target) * slope]
+        for at, (least, most) in self.study.bounded.items():
+            value, slope = found[at]
+            if least is not None:
+                values.append(value - least)
+                slopes.append(slope)
+            if most is not None:
+                values.append(most - value)
+                slopes.append(-slope)
+        return np.array(values), np.array(slopes)
+
+    def _with_slopes(
+        self, params: dict[str, float], ranges: dict[str, float]
+    ) -> dict[str, tuple[float, Array]] | None:
+        """A trial with these parameters, whose measures get derivatives; None where it fails."""
+        self.known.enqueue_trial(params, skip_if_exists=True)
+        begun = self._begun()
+        if begun is None:
+            return None
+        trial, job = begun
+        try:
+            found = values_and_slopes(
+                lambda some: made(self.study.scene, self.study.knobs, FixedTrial(some)),
+                [place for knob in self.study.knobs for place in knob.places],
+                params,
+                ranges,
+                job.measures,
+                job.folder,
+            )
+        except MagmpmError as error:
+            self._tell(trial, job, {WHY: evaluate.reason(error)})
+            return None
+        outcome = {"values": {at: value for at, (value, _) in found.items()}}
+        self._tell(trial, job, outcome)
+        return found
 
     def _begun(self) -> tuple[Trial, evaluate.Job] | None:
         """A new trial and its run; None where its values together break a rule of the scene."""
@@ -357,12 +296,8 @@ class _Seeking:
 
         return look
 
-    def _tell(
-        self, trial: Trial, job: evaluate.Job, outcome: dict[str, Any], started: float
-    ) -> None:
+    def _tell(self, trial: Trial, job: evaluate.Job, outcome: dict[str, Any]) -> None:
         """Store a trial's outcome, and keep its run if it is the best."""
-        self.seconds += time.perf_counter() - started
-        self.ran += 1
         if "values" in outcome:
             values, beyond = self.study.values(outcome["values"])
             trial.set_user_attr("measures", outcome["values"])
@@ -455,6 +390,7 @@ class _Seeking:
             for t in every
             if t.state.name == "COMPLETE" or WHY in t.user_attrs or t.state.name == "PRUNED"
         ]
+        took = [t.duration.total_seconds() for t in finished if t.duration and t.values]
         best = self._best()
         several = len(self.study.file.goals) > 1
         return GoalReport(
@@ -475,9 +411,10 @@ class _Seeking:
             limits=self.study.limits,
             begun=next((dict(t.params) for t in every if t.number == 0), {}),
             study_file=str(self.study.path.resolve()),
-            sampler=self.study.file.sampler,
+            sampler=self.study.sampler,
+            why_sampler=self.study.why_sampler,
             storage=self.shown,
-            seconds_per_trial=self.seconds / max(self.ran, 1),
+            seconds_per_trial=float(np.median(took)) if took else 0.0,
             ended=ended,
             warnings=[] if best is None else Result.load(self.out / "best").warnings,
         )
@@ -522,8 +459,6 @@ class _Seeking:
         stored = self.known.user_attrs.get("scatter")
         if stored is not None and stored["number"] == best["number"]:
             return dict(stored)
-        from optuna.trial import FixedTrial
-
         self._note("designs near the best, for their noise")
         spaces = self.known.get_trials(deepcopy=False)[best["number"]].distributions
         random = np.random.default_rng(self.study.file.seed)

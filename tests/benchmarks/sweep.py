@@ -1,4 +1,4 @@
-"""`make bench-sweep`: seconds of a sweep of 200 equilibria, by two processes over one after another, each in a process of its own."""
+"""`make bench-sweep`: seconds of a sweep of equilibria (200 unless given), by two processes over one after another, each in a process of its own."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ ONE = """
 import sys, magmpm
 from magmpm.scene.addresses import changed
 scene = magmpm.load_scene(sys.argv[1])
-tips = [magmpm.run(changed(scene, {("field", "uniform", 2): 1e-3 * (0.04 * k)}), progress=False).tip for k in range(1, 201)]
-print([float(x) for x in tips[-1]])
+for k in range(1, 1 + int(sys.argv[2])):
+    tip = magmpm.run(changed(scene, {("field", "uniform", 2): 4e-5 * k}), progress=False).tip
+print(tip.tolist())
 """
 TWO = """
 import sys, magmpm
-table = magmpm.sweep(sys.argv[1], {"field.uniform[2]": [f"{0.04 * k} mT" for k in range(1, 201)]}, workers=2)
+values = [f"{0.04 * k} mT" for k in range(1, 1 + int(sys.argv[2]))]
+table = magmpm.sweep(sys.argv[1], {"field.uniform[2]": values}, workers=2)
 print([table.rows[-1][f"tip_{x}_m"] for x in "xyz"])
 """
 
@@ -27,7 +29,10 @@ def seconds(code: str) -> tuple[float, str]:
     """Of a script in a fresh process, and what it printed."""
     began = time.perf_counter()
     done = subprocess.run(
-        [sys.executable, "-c", code, str(SCENE)], capture_output=True, text=True, check=True
+        [sys.executable, "-c", code, str(SCENE), *sys.argv[1:]],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return time.perf_counter() - began, done.stdout.strip()
 

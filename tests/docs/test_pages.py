@@ -23,7 +23,7 @@ from magmpm.effects.acting import Effects
 from magmpm.errors import InputError
 from magmpm.scene import Scene, load_scene
 from magmpm.studies.goals.goal_file import GoalFile
-from magmpm.studies.goals.search import load_goal
+from magmpm.studies.goals.goal_study import load_goal
 from magmpm.studies.problem.study_file import StudyFile
 from magmpm.studies.search.definition import load_study
 

@@ -33,6 +33,7 @@ vary:
 goal:
   maximize: {displacement: {of: tip, along: [0, 0, 1]}}
 trials: 6
+sampler: tpe
 """
 
 
@@ -42,7 +43,9 @@ def written(folder: Path, study: str = STUDY, scene: str = SCENE) -> Path:
     return folder / "study.yaml"
 
 
-def searched(folder: Path, study: str = STUDY, **more: Any) -> GoalReport:
-    found = magmpm.design(written(folder, study), folder=folder / "out", progress=False, **more)
+def searched(folder: Path, study: str = STUDY, scene: str = SCENE, **more: Any) -> GoalReport:
+    found = magmpm.design(
+        written(folder, study, scene), folder=folder / "out", progress=False, **more
+    )
     assert isinstance(found, GoalReport)
     return found

@@ -22,11 +22,13 @@ from magmpm.results.trajectory import Motion
 from magmpm.scene import Scene
 from magmpm.simulate import run
 from magmpm.studies.goals.answer import Answer
+from magmpm.studies.goals.descend import spaces
 from magmpm.studies.goals.goal_file import SCHEMA, GoalFile
+from magmpm.studies.goals.goal_study import load_goal
 from magmpm.studies.goals.knobs import made
 from magmpm.studies.goals.measures import Measure
 from magmpm.studies.goals.report import GoalReport, spread
-from magmpm.studies.goals.search import load_goal
+from magmpm.studies.goals.slopes import values_and_slopes
 
 ROOT = Path(__file__).parents[2]
 
@@ -249,6 +251,96 @@ def test_directions_that_stand_around_an_axis(tmp_path: Path) -> None:
     assert second == pytest.approx([-0.5, 0.0, 0.75**0.5], abs=1e-15)
 
 
+SMOOTH = """\
+scene: scene.yaml
+vary:
+  magnetization: {}
+  numbers:
+    - {of: field.uniform, within: 8 mT}
+    - {of: materials.m.shear_modulus, min: 80 kPa, max: 200 kPa, log: true}
+    - {of: "body.catheter.segments[1].magnetization", direction: {across: [0, -1, 0]}}
+goal:
+  maximize: {displacement: {of: segment 2, along: [0, 0, 1]}}
+subject_to:
+  - {distance: {between: [segment 1, tip]}, at_least: 1 mm}
+  - {position: {of: body, along: [1, 0, 0]}, at_least: 1 mm}
+  - {field_energy: {}, at_most: 1}
+trials: 5
+"""
+
+
+def test_derivatives_of_measures_are_those_of_runs(tmp_path: Path) -> None:
+    """Of places of the tip, segments and the body, their distance, and the field; by angles, lengths, moduli."""
+    scene = SCENE.replace("magnetization: [0, 0, 0]", "magnetization: [1, 0, 0.5]")
+    study = SMOOTH.replace("magnetization: {}", "magnetization: {only: [segment 1]}")
+    study = study.replace("at_most: 1}", "at_most: 1}\nsampler: slsqp")
+    scene = scene.replace("static: {}", "static: {tolerance: 1.0e-14, max_steps: 200}")
+    found = load_goal(written(tmp_path, study, scene))
+    params: dict[str, float] = {}
+    for knob in found.knobs:
+        params |= knob.begun(found.scene)
+    params = {name: value + 0.01 * abs(value) for name, value in params.items()}
+    ranges = {name: one.high - one.low for name, one in spaces(found.knobs).items()}
+
+    def scene_at(values: dict[str, float]) -> Scene:
+        return made(found.scene, found.knobs, FixedTrial(values))
+
+    places = [place for knob in found.knobs for place in knob.places]
+    given = values_and_slopes(scene_at, places, params, ranges, found.measures, tmp_path)
+    for k, name in enumerate(params):
+        h = 2e-4 * ranges[name]
+        sides = []
+        for sign in (1.0, -1.0):
+            near = scene_at({**params, name: params[name] + sign * h})
+            answer = Answer(near, run(near))
+            sides.append(
+                {
+                    at: validate(Measure, data).of_answer(answer, at, tmp_path)
+                    for at, data in found.measures.items()
+                }
+            )
+        for at, (_, slope) in given.items():
+            difference = (sides[0][at] - sides[1][at]) / (2.0 * h)
+            size = np.abs(slope).max()
+            assert slope[k] == pytest.approx(difference, abs=3e-6 * size), (name, at)
+
+
+RAISED = """\
+scene: scene.yaml
+vary:
+  magnetization: {}
+  numbers:
+    - {of: "field.uniform[1]", min: -5 mT, max: 5 mT}
+    - {of: "field.uniform[2]", min: 0 mT, max: 8 mT}
+goal:
+  maximize: {position: {of: tip, along: [0, 0.6, 0.8]}}
+subject_to:
+  - {largest_field: {}, at_most: 6 mT}
+trials: 14
+"""
+
+
+def test_without_a_sampler_it_goes_along_derivatives(tmp_path: Path) -> None:
+    """Farther in 14 trials than TPE in 20, within the bound; resumed from the best; and what has none is searched by TPE."""
+    scene = SCENE.replace("[0, 0, 0]", "[1, 0, 0]")
+    (tmp_path / "tpe").mkdir()
+    (tmp_path / "own").mkdir()
+    by_chance = searched(tmp_path / "tpe", RAISED + "sampler: tpe\n", scene, trials=20)
+    first = searched(tmp_path / "own", RAISED, scene, trials=3)
+    assert first.trials == 3
+    assert (first.sampler, first.why_sampler) == ("slsqp", "goal and constraints have derivatives")
+    found = searched(tmp_path / "own", RAISED, scene)
+    assert found.values[:3] == first.values
+    assert found.best is not None
+    assert by_chance.best is not None
+    assert found.best["feasible"]
+    assert found.best["values"][0] > 1.1 * by_chance.best["values"][0]
+    rough = RAISED.replace("largest_field: {}, at_most: 6 mT", "strain: {}, at_most: 1")
+    study = load_goal(written(tmp_path, rough, scene))
+    assert study.sampler == "tpe"
+    assert study.why_sampler == "subject_to[0] has none"
+
+
 def test_noise_about_the_best_is_told(tmp_path: Path) -> None:
     """A block that falls on the ground: designs that are all but the best one end all but where it does; resumed, nothing is run again."""
     effects = {"gravity": {}, "ground": {"point": [0.0, 0.0, -0.1e-3]}, "damping": {"rate": 10.0}}
@@ -309,7 +401,12 @@ def test_a_process_that_ends_is_a_failed_trial(tmp_path: Path) -> None:
         ('"field.uniform[2]", min: 1 mT, max: 8 mT', "field.uniform, within: 8 mm", "refuses it"),
         ("maximize: {", "largest: {", "largest"),
         ("trials: 6", "trials: 6\nprune: true", "only motions are pruned"),
-        ("trials: 6", "trials: 6\nsampler: newton", "sampler must be one of"),
+        ("sampler: tpe", "sampler: newton", "sampler must be one of"),
+        (
+            "sampler: tpe",
+            "sampler: slsqp\nsubject_to: [{strain: {}, at_most: 3}]",
+            "has none",
+        ),
         ("trials: 6", "subject_to: [{strain: {}, at_most: 3 mm}]", "plain number"),
         ("trials: 6", "subject_to: [{largest_field: {}, at_most: 3}]", "at_most"),
         ("{displacement: {of: tip, along: [0, 0, 1]}}", "{python: own.py:reach}", "no file"),

@@ -1,0 +1,170 @@
+"""A study with a goal: its file, the scene, what trials turn in it, and what their measures are worth."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from magmpm.errors import InputError
+from magmpm.inputs.settings import validate
+from magmpm.inputs.user_files import REMEDY, RULE, is_allowed
+from magmpm.inputs.yaml_document import Document, read_yaml
+from magmpm.scene import Scene, load_scene
+from magmpm.scene.variables import check_differentiable
+from magmpm.studies.goals import evaluate
+from magmpm.studies.goals.goal_file import SLSQP, GoalFile
+from magmpm.studies.goals.knobs import Knob, knobs
+from magmpm.studies.goals.measures import Measure, function_of, source_of
+
+
+@dataclass(frozen=True)
+class GoalStudy:
+    """A study file with a goal, the scene it names, and what is turned in it."""
+
+    path: Path
+    name: str
+    file: GoalFile
+    scene: Scene
+    knobs: tuple[Knob, ...]
+    targets: tuple[float | None, ...]  # SI, of each goal
+    bounds: tuple[tuple[float | None, float | None], ...]  # SI, of each constraint: least, greatest
+
+    @property
+    def measures(self) -> dict[str, dict[str, Any]]:
+        """Every measure by its place in the file."""
+        found = {
+            f"goal[{k}].{goal.key}": goal.measure.model_dump(by_alias=True, exclude={"value"})
+            for k, goal in enumerate(self.file.goals)
+        }
+        for k, one in enumerate(self.file.subject_to):
+            plain = one.model_dump(by_alias=True, exclude={"at_most", "at_least"})
+            found[f"subject_to[{k}]"] = plain
+        return found
+
+    @cached_property
+    def rough(self) -> str | None:
+        """Reason why there are no derivatives; None where there are."""
+        if len(self.file.goals) > 1:
+            return "there are several goals"
+        try:
+            check_differentiable(self.scene)
+        except InputError:
+            return "the answer is not that of one equilibrium"
+        steps = [knob.name for knob in self.knobs if not knob.smooth]
+        rough = [at for at, data in self.measures.items() if not validate(Measure, data).smooth]
+        return f"{(steps or rough)[0]} has none" if steps or rough else None
+
+    @property
+    def sampler(self) -> str:
+        """The file's, or the one that its goals and variables allow."""
+        return self.file.sampler or (SLSQP if self.rough is None else "tpe")
+
+    @property
+    def why_sampler(self) -> str | None:
+        """Reason for a sampler that the file does not name."""
+        if self.file.sampler is not None:
+            return None
+        return "goal and constraints have derivatives" if self.rough is None else self.rough
+
+    @property
+    def names(self) -> list[str]:
+        """Each goal in words, with its unit in SI."""
+        return [f"{goal.key} {goal.measure.label}" for goal in self.file.goals]
+
+    @property
+    def limits(self) -> list[dict[str, Any]]:
+        """Each constraint: its place in the file, its label, and its bounds, SI."""
+        return [
+            {"at": at, "label": one.label, "at_least": least, "at_most": most}
+            for one, (at, (least, most)) in zip(
+                self.file.subject_to, self.bounded.items(), strict=True
+            )
+        ]
+
+    @property
+    def definition(self) -> str:
+        """All that decides which trials are made and what they are worth."""
+        said = self.file.model_dump(mode="json", exclude={"trials", "scene"}, exclude_defaults=True)
+        named = sorted({of["python"] for of in self.measures.values() if of["python"]})
+        said["functions"] = [source_of(text, self.path.parent) for text in named]
+        return json.dumps({"scene": self.scene.hash(), **said}, sort_keys=True, default=str)
+
+    @property
+    def bounded(self) -> dict[str, tuple[float | None, float | None]]:
+        """The bounds of each constraint by its place in the file."""
+        return {f"subject_to[{k}]": of for k, of in enumerate(self.bounds)}
+
+    def values(self, numbers: dict[str, float]) -> tuple[list[float], list[float]]:
+        """A trial's values, as Optuna compares them, and how far it is beyond each bound."""
+        values = [
+            numbers[f"goal[{k}].{goal.key}"]
+            if target is None
+            else abs(numbers[f"goal[{k}].{goal.key}"] - target)
+            for k, (goal, target) in enumerate(zip(self.file.goals, self.targets, strict=True))
+        ]
+        beyond = [
+            one for name, of in self.bounded.items() for one in evaluate.beyond(numbers[name], of)
+        ]
+        return values, beyond
+
+
+def has_goal(path: Path | str) -> bool:
+    """True if a study file names a goal in place of a shape. Raises InputError for a file that can't be read."""
+    return "goal" in read_yaml(path)
+
+
+def load_goal(path: Path | str) -> GoalStudy:
+    """The study that a file describes. Raises InputError."""
+    document = read_yaml(path)
+    file = validate(GoalFile, document)
+    scene_file = document.path.parent / file.scene
+    if not is_allowed(scene_file, document.path):
+        raise InputError(
+            f"{document.path}: scene", received=str(scene_file), rule=RULE, remedy=REMEDY
+        )
+    scene = load_scene(scene_file)
+    try:
+        return _checked(document, file, scene)
+    except InputError as error:
+        raise InputError(f"{document.path}: {error}") from None
+
+
+def _checked(document: Document, file: GoalFile, scene: Scene) -> GoalStudy:
+    targets = tuple(
+        evaluate.in_si(goal.target.value, goal.target, f"goal[{k}].target.value")
+        if goal.target is not None
+        else None
+        for k, goal in enumerate(file.goals)
+    )
+    bounds = tuple(
+        (
+            None
+            if one.at_least is None
+            else evaluate.in_si(one.at_least, one, f"subject_to[{k}].at_least"),
+            None
+            if one.at_most is None
+            else evaluate.in_si(one.at_most, one, f"subject_to[{k}].at_most"),
+        )
+        for k, one in enumerate(file.subject_to)
+    )
+    study = GoalStudy(
+        document.path, document.path.stem, file, scene, knobs(file.vary, scene), targets, bounds
+    )
+    for at, data in study.measures.items():
+        if data.get("python"):
+            function_of(data["python"], document.path.parent, at)
+    if file.sampler == SLSQP and study.rough is not None:
+        raise InputError(
+            "sampler",
+            received=SLSQP,
+            rule=f"it goes along derivatives, and {study.rough}",
+            remedy="write `sampler: tpe`",
+        )
+    if file.prune and scene.solver.dynamic is None:
+        raise InputError(
+            "prune", received="true", rule="only motions are pruned", remedy="remove `prune`"
+        )
+    return study
