@@ -54,7 +54,8 @@ def descend(
 ) -> None:
     """Minimize a goal from the parameters `begun` (the middle of its range for one that is not given).
 
-    units: of a range, in which it is measured. tried: goal and bounds at parameters, with derivatives, None where it failed; it gets the widths of the ranges, too.
+    units: of a range, in which it is measured. tried: goal and bounds at parameters, with derivatives, None where it failed; it gets the
+    widths of the ranges, too.
     """
     names = list(ranges)
     low = np.array([ranges[name].low for name in names])

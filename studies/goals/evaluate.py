@@ -73,13 +73,13 @@ def measured(data: Mapping[str, Any], answer: Answer, at: str, functions: Path) 
 
 
 def answered(
-    scene: Scene, folder: Path, on_progress: Callable[[int, float], None] | None = None
+    scene: Scene, folder: Path | None, on_progress: Callable[[int, float], None] | None = None
 ) -> Answer:
-    """Run a scene in a folder. Raises MagmpmError."""
+    """Run a scene in a folder, which equilibria do without. Raises MagmpmError."""
     from magmpm.simulate import run
 
     result = run(scene, folder=folder, on_progress=on_progress, progress=False)
-    return Answer(scene, result, Motion.load(folder) if scene.in_time else None)
+    return Answer(scene, result, Motion.load(folder) if folder and scene.in_time else None)
 
 
 def tried(job: Job) -> dict[str, Any]:

@@ -232,7 +232,7 @@ def _measured(run: _Row) -> _Outcome:
     """The measures of a run, or why it failed; and its Result or Motion, where it is asked for."""
     try:
         scene = Scene.from_si(run.scene)
-        answer = evaluate.answered(scene, run.folder)
+        answer = evaluate.answered(scene, run.folder if scene.in_time else None)
         found = {
             name: evaluate.measured(data, answer, name, run.beside)
             for name, data in run.measures.items()

@@ -1,8 +1,9 @@
-"""`make bench-sweep`: seconds of a sweep of equilibria (200 unless given), by two processes over one after another, each in a process of its own."""
+"""`make bench-sweep`: seconds of a sweep of equilibria by two processes, over those of as many runs one after another."""
 
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -25,11 +26,12 @@ print([table.rows[-1][f"tip_{x}_m"] for x in "xyz"])
 """
 
 
-def seconds(code: str) -> tuple[float, str]:
-    """Of a script in a fresh process, and what it printed."""
+def seconds(code: str, **more: str) -> tuple[float, str]:
+    """Of a script in a fresh process, and what it printed. more: environment variables."""
     began = time.perf_counter()
     done = subprocess.run(
-        [sys.executable, "-c", code, str(SCENE), *sys.argv[1:]],
+        env={**os.environ, **more},
+        args=[sys.executable, "-c", code, str(SCENE), *sys.argv[1:]],
         capture_output=True,
         text=True,
         check=True,
@@ -38,19 +40,16 @@ def seconds(code: str) -> tuple[float, str]:
 
 
 def main() -> None:
-    """Print each time, its ratio and both last tips."""
-    found = [(seconds(ONE), seconds(TWO)) for _ in range(3)]
-    ratios = sorted(two[0] / one[0] for one, two in found)
-    print(
-        json.dumps(
-            {
-                "serial_s": [round(one[0], 2) for one, _ in found],
-                "two_workers_s": [round(two[0], 2) for _, two in found],
-                "ratio": round(ratios[1], 3),
-                "tips": [found[0][0][1], found[0][1][1]],
-            }
-        )
-    )
+    """Print each time, its ratios and the last tips: one after another on all threads, and on one."""
+    alone = {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    found = [(seconds(ONE), seconds(ONE, **alone), seconds(TWO)) for _ in range(3)]
+    times = [[round(one[0], 2) for one in row] for row in found]
+    ratios = {
+        name: sorted(row[2] / row[k] for row in times)[1]
+        for k, name in enumerate(("over all threads", "over one thread"))
+    }
+    rounded = {name: round(ratio, 3) for name, ratio in ratios.items()}
+    print(json.dumps({"seconds": times, **rounded, "tips": [one[1] for one in found[0]]}))
 
 
 if __name__ == "__main__":
