@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from optuna.trial import FixedTrial
+from optuna.trial import FixedTrial, TrialState
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.process import Died
@@ -42,6 +42,7 @@ DEFINITION = "definition"
 WHY = "failed"
 CONSTRAINTS = "constraints"  # at most 0 each where they hold
 INTERRUPTED = "interrupted"
+CONVERGED = "converged"
 SKIPPED = "skipped"  # whether a pruned trial was not run, as it breaks a bound anyway
 CONTACTS = ("ground", "walls", "self_contact")  # effects in which things touch
 PARTS = 10  # of a motion's time, after each of which a trial may be pruned
@@ -97,14 +98,14 @@ def search(
             load_if_exists=True,
         )
         _same(known, study, out)
-        seeking = _Seeking(study, out, known, workers, on_trial, shown_url(url))
+        at_once = 1 if study.sampler == SLSQP else workers  # its steps come one after the other
+        seeking = _Seeking(study, out, known, at_once, on_trial, shown_url(url))
         return seeking.run(trials or study.file.trials)
 
 
 def _same(known: Study, study: GoalStudy, out: Path) -> None:
     """Raises InputError where the database holds trials of another definition; ends trials that nobody runs."""
     from optuna.exceptions import ExperimentalWarning
-    from optuna.trial import TrialState
 
     before = known.user_attrs.get(DEFINITION)
     if before is not None and before != study.definition:
@@ -198,8 +199,11 @@ class _Seeking:
             found = self._with_slopes(params, ranges)
             return None if found is None else self._rows(found)
 
+        if self.known.user_attrs.get(CONVERGED):
+            return
         with suppress(Enough):
             descend(spaces(self.study.knobs), begun, tried, steps=count)
+            self.known.set_user_attr(CONVERGED, True)
 
     def _rows(self, found: dict[str, tuple[float, Array]]) -> Slopes:
         """The goal, to be small, and what is left to each bound, with their slopes."""
@@ -223,8 +227,11 @@ class _Seeking:
         self, params: dict[str, float], ranges: dict[str, float]
     ) -> dict[str, tuple[float, Array]] | None:
         """A trial with these parameters, whose measures get derivatives; None where it fails."""
-        self.known.enqueue_trial(params, skip_if_exists=True)
+        self.known.enqueue_trial(params)
         begun = self._begun()
+        while begun is not None and begun[0].params != params:  # one that a killed session left
+            self.known.tell(begun[0], state=TrialState.FAIL)
+            begun = self._begun()
         if begun is None:
             return None
         trial, job = begun
@@ -323,8 +330,6 @@ class _Seeking:
 
     def _told(self, trial: Trial, outcome: dict[str, Any]) -> None:
         """Store that a trial failed, and why, or was pruned."""
-        from optuna.trial import TrialState
-
         for name, value in outcome.get("beyond", {}).items():
             for k, one in enumerate(evaluate.beyond(value, self.study.bounded[name])):
                 trial.set_constraint(f"{name} {k}", one)
@@ -360,8 +365,6 @@ class _Seeking:
         )
 
     def _complete(self) -> list[FrozenTrial]:
-        from optuna.trial import TrialState
-
         return self.known.get_trials(states=(TrialState.COMPLETE,), deepcopy=False)
 
     def _best(self) -> FrozenTrial | None:

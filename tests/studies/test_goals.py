@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import optuna
 import pytest
 from goal_study import SCENE, STUDY, searched, written
 from jsonschema import Draft202012Validator
@@ -329,8 +330,22 @@ def test_without_a_sampler_it_goes_along_derivatives(tmp_path: Path) -> None:
     first = searched(tmp_path / "own", RAISED, scene, trials=3)
     assert first.trials == 3
     assert (first.sampler, first.why_sampler) == ("slsqp", "goal and constraints have derivatives")
+    out = tmp_path / "own/out"
+    kept = optuna.load_study(study_name="study", storage=f"sqlite:///{out}/study.db")
+    kept.enqueue_trial(dict(kept.trials[1].params))  # as a session that is killed leaves it
     found = searched(tmp_path / "own", RAISED, scene)
     assert found.values[:3] == first.values
+    tip = run(out / "best.yaml").tip
+    assert tip is not None
+    assert found.best is not None
+    assert found.best["values"] == [pytest.approx(0.6 * tip[1] + 0.8 * tip[2], rel=1e-6)]
+    study = load_goal(tmp_path / "own/study.yaml")
+    for trial in kept.trials[-2:]:
+        if trial.values is not None:
+            there = run(made(study.scene, study.knobs, FixedTrial(trial.params))).tip
+            assert there is not None
+            expected = 0.6 * there[1] + 0.8 * there[2]
+            assert trial.values == [pytest.approx(expected, rel=1e-6)]
     assert found.best is not None
     assert by_chance.best is not None
     assert found.best["feasible"]
