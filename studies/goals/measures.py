@@ -10,15 +10,19 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 from scipy.spatial.transform import Rotation
 
 from magmpm.compiled.arrays import Array
 from magmpm.errors import InputError, MagmpmError
 from magmpm.inputs.settings import Quantity, Settings, fault
-from magmpm.inputs.vectors import Axis
+from magmpm.inputs.vectors import Axis, Point
 from magmpm.studies.goals.answer import Answer
 
+_Spot = Annotated[
+    Annotated[str, Tag("name")] | Annotated[Point, Tag("point")],
+    Discriminator(lambda value: "name" if isinstance(value, str) else "point"),
+]
 Moved = Callable[[str], Array]
 _Time = Annotated[float, Quantity("time", at_least="0 s", at_most="1e6 s")]
 OF: Any = Field(
@@ -120,20 +124,37 @@ class Distance(OneMeasure):
     kind: ClassVar[str | None] = "length"
     unit: ClassVar[str] = "m"
     smooth: ClassVar[bool] = True
-    between: tuple[str, str] = Field(
-        description="Two of tip, body, names of parts and segments.", examples=[["tip", "base"]]
+    between: tuple[_Spot, _Spot] = Field(
+        description="Two of tip, body, names of parts and segments, and points [x, y, z].",
+        examples=[["tip", ["30 mm", "0 mm", "5 mm"]]],
     )
     at: _Time | None = Field(default=None, description="When; at the end unless given.")
 
     def of_answer(self, answer: Answer, at: str) -> float:
         k = answer.moment(self.at, -1)
-        one, other = (answer.place(of, k, at) for of in self.between)
+        one, other = self._spots(answer, k, at)
         return float(np.linalg.norm(one - other))
 
     def slopes(self, answer: Answer, at: str, moved: Moved) -> Array:
-        one, other = (answer.place(of, -1, at) for of in self.between)
-        across = (one - other) / np.linalg.norm(one - other)
-        return np.asarray(across @ (moved(self.between[0]) - moved(self.between[1])))
+        one, other = self._spots(answer, -1, at)
+        across = (one - other) / max(float(np.linalg.norm(one - other)), 1e-12)
+        way = sum(
+            sign * moved(of)
+            for sign, of in zip((1.0, -1.0), self.between, strict=True)
+            if isinstance(of, str)
+        )
+        return np.asarray(across @ way)
+
+    def _spots(self, answer: Answer, k: int, at: str) -> list[Array]:
+        return [
+            answer.place(of, k, at) if isinstance(of, str) else np.array(of) for of in self.between
+        ]
+
+    @model_validator(mode="after")
+    def _moves(self) -> Distance:
+        if not any(isinstance(of, str) for of in self.between):
+            raise fault("one of the two must be of the body", "name the tip, a part or a segment")
+        return self
 
 
 class ContactForce(OneMeasure):

@@ -264,6 +264,7 @@ goal:
   maximize: {displacement: {of: segment 2, along: [0, 0, 1]}}
 subject_to:
   - {distance: {between: [segment 1, tip]}, at_least: 1 mm}
+  - {distance: {between: [[15 mm, 3 mm, 5 mm], tip]}, at_least: 1 mm}
   - {position: {of: body, along: [1, 0, 0]}, at_least: 1 mm}
   - {field_energy: {}, at_most: 1}
 trials: 5
@@ -416,6 +417,11 @@ def test_a_process_that_ends_is_a_failed_trial(tmp_path: Path) -> None:
         ('"field.uniform[2]", min: 1 mT, max: 8 mT', "field.uniform, within: 8 mm", "refuses it"),
         ("maximize: {", "largest: {", "largest"),
         ("trials: 6", "trials: 6\nprune: true", "only motions are pruned"),
+        (
+            "sampler: tpe",
+            "subject_to: [{distance: {between: [[1 mm, 0 mm, 0 mm], [0 mm, 0 mm, 0 mm]]}, at_most: 1 mm}]",
+            "one of the two must be of the body",
+        ),
         ("sampler: tpe", "sampler: newton", "sampler must be one of"),
         (
             "sampler: tpe",
