@@ -51,7 +51,9 @@ def design_for_goal(options: argparse.Namespace) -> int:
     )
     summary = {**report.summary(), "files": files}
     print(json.dumps(summary) if options.json else "\n".join(said))
-    return 1 if report.ended == "interrupted" else 0
+    if report.ended == "interrupted":
+        return 1
+    return 0 if report.best is not None else 3
 
 
 def saved_goal(folder: Path) -> dict[str, Any] | None:

@@ -81,7 +81,7 @@ def variables(scene: Scene, of: Sequence[str] | None = None) -> tuple[Variable, 
             if not isinstance(found := make(scene), str)
             for variable in found
         )
-    if isinstance(of, str) or not all(isinstance(kind, str) for kind in of):
+    if isinstance(of, str) or not of or not all(isinstance(kind, str) for kind in of):
         _refuse(
             repr(of),
             "must be a list of names",

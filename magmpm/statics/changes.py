@@ -236,13 +236,11 @@ def _change(model: StaticModel, grid: Array, variable: Variable) -> GeometryChan
         for sign in (1.0, -1.0):
             near = _near(model, variable, sign * k * step)
             energy = energy_of(near)
-            sides.append(
-                (
-                    energy.residual(energy.at(grid)),
-                    axis.centreline(near, grid),
-                    axis.tip(near, grid),
-                )
-            )
+            residual = energy.residual(energy.at(grid))
+            if variable.kind == ADDRESS:  # the body's shape, and so its axis, stay as they are
+                sides.append((residual, np.zeros((len(near.grid.stations), 4)), np.zeros(3)))
+            else:
+                sides.append((residual, axis.centreline(near, grid), axis.tip(near, grid)))
         slope = [
             weight * (ahead - behind) / (2 * k * step) for ahead, behind in zip(*sides, strict=True)
         ]

@@ -8,7 +8,7 @@ from typing import Any
 from optuna.trial import FrozenTrial, TrialState
 
 from magmpm.studies.dashboard.view import MARK, Notes, plain
-from magmpm.studies.goals.report import PICTURES, REPORT, in_words
+from magmpm.studies.goals.report import PICTURES, REPORT, bounds_in_words, in_words
 from magmpm.studies.search.samplers.optuna_ids import study_id
 
 
@@ -61,12 +61,7 @@ class GoalNotes(Notes):
         return "\n\n".join(lines)
 
 
-def _limit(limit: Mapping[str, Any]) -> str:
+def _limit(limit: dict[str, Any]) -> str:
     """A constraint in words."""
     label = limit["label"]
-    words = [
-        f"{sign} {in_words(label, limit[key])}"
-        for key, sign in (("at_least", "at least"), ("at_most", "at most"))
-        if limit[key] is not None
-    ]
-    return f"{label.rpartition(' (')[0] or label} {' and '.join(words)}"
+    return f"{label.rpartition(' (')[0] or label} {bounds_in_words(limit)}"

@@ -150,6 +150,15 @@ def _checked(document: Document, file: GoalFile, scene: Scene) -> GoalStudy:
         )
         for k, one in enumerate(file.subject_to)
     )
+    for k, (least, most) in enumerate(bounds):
+        if least is not None and most is not None and least > most:
+            raise InputError(
+                f"subject_to[{k}]",
+                received=f"at_least {file.subject_to[k].at_least}, at_most"
+                f" {file.subject_to[k].at_most}",
+                rule="at_least must be below at_most",
+                remedy="exchange or correct them",
+            )
     study = GoalStudy(
         document.path, document.path.stem, file, scene, knobs(file.vary, scene), targets, bounds
     )

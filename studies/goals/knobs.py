@@ -39,9 +39,13 @@ class Knob(ABC):
     def suggested(self, trial: BaseTrial) -> dict[Place, Any]:
         """Return what a trial writes at the places."""
 
-    def begun(self, scene: Scene) -> dict[str, Any]:
-        """Parameters that give the scene's own value; {} where they can't."""
+    def own(self, scene: Scene) -> dict[str, Any]:
+        """Parameters that give the scene's own value; {} where none can."""
         return {}
+
+    def begun(self, scene: Scene) -> dict[str, Any]:
+        """The same within the bounds: the nearest to the scene's own."""
+        return self.own(scene)
 
 
 @dataclass(frozen=True)
@@ -71,15 +75,20 @@ class Bounded(Knob):
             )
         return self.at(trial.suggest_float(self.name, self.low, self.high, log=self.log))
 
-    def begun(self, scene: Scene) -> dict[str, Any]:
+    def own(self, scene: Scene) -> dict[str, Any]:
         now = value_at(scene, self.places[0])
         if not isinstance(now, (int, float)) or isinstance(now, bool):
             return {}
         value = now / self.scale
         near = round(value, 12) if value else 0.0
-        return (
-            {self.name: int(near) if self.whole else near} if self.low <= near <= self.high else {}
-        )
+        return {self.name: int(near) if self.whole else near}
+
+    def begun(self, scene: Scene) -> dict[str, Any]:
+        kind = int if self.whole else float
+        return {
+            name: kind(min(max(value, self.low), self.high))
+            for name, value in self.own(scene).items()
+        }
 
 
 @dataclass(frozen=True)
@@ -99,7 +108,7 @@ class Choice(Knob):
         chosen: Any = trial.suggest_categorical(self.name, shown)
         return dict.fromkeys(self.places, self.values[shown.index(chosen)])
 
-    def begun(self, scene: Scene) -> dict[str, Any]:
+    def own(self, scene: Scene) -> dict[str, Any]:
         now = value_at(scene, self.places[0])
         for value in self.values:
             same = value_at(changed(scene, {self.places[0]: value}), self.places[0])
@@ -179,7 +188,7 @@ class Turning(Knob):
             found[place] = [f"{x!r} {self.unit}" if self.unit else x for x in vector]
         return found
 
-    def begun(self, scene: Scene) -> dict[str, Any]:
+    def own(self, scene: Scene) -> dict[str, Any]:
         vector = value_at(scene, self.places[0])
         length = math.hypot(*vector)
         angles = self.angles(vector)
@@ -188,8 +197,13 @@ class Turning(Knob):
         found = dict(zip(self._names(), angles, strict=True))
         if self.longest is None:
             return found if length else {}
-        near = round(length / self.scale, 12)
-        return {**found, self._length: near} if near <= self.longest else {}
+        return {**found, self._length: round(length / self.scale, 12)}
+
+    def begun(self, scene: Scene) -> dict[str, Any]:
+        found = self.own(scene)
+        if self.longest is not None and found:
+            found[self._length] = min(found[self._length], self.longest)
+        return found
 
 
 def knobs(vary: VaryAnything, scene: Scene) -> tuple[Knob, ...]:
@@ -216,13 +230,15 @@ def knobs(vary: VaryAnything, scene: Scene) -> tuple[Knob, ...]:
     seen: dict[Place, str] = {}
     for knob in found:
         for place in knob.places:
-            if place in seen:
-                raise InputError(
-                    "vary",
-                    received=written(place),
-                    rule=f"is varied twice, by {seen[place]} as well",
-                    remedy="leave one of them out",
-                )
+            for other, name in seen.items():
+                shared = min(len(place), len(other))
+                if place[:shared] == other[:shared]:  # the same, or a part of it
+                    raise InputError(
+                        "vary",
+                        received=written(place),
+                        rule=f"is varied twice, by {name} as well",
+                        remedy="leave one of them out",
+                    )
             seen[place] = knob.name
     return tuple(found)
 

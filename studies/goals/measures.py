@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import traceback
 from abc import abstractmethod
 from collections.abc import Callable
 from pathlib import Path
@@ -346,7 +347,8 @@ class Measure(Settings):
         else:
             found = getattr(self, self.name).of_answer(answer, at)
         if not math.isfinite(found):
-            raise MagmpmError(f"{at}: {self.name} gives {found}, which is no finite number")
+            named = self.python or self.name
+            raise MagmpmError(f"{at}: {named} gave {found}, which is no finite number")
         return found
 
 
@@ -389,7 +391,11 @@ def _called(function: Callable[[Any], Any], answer: Answer, at: str) -> float:
     try:
         found = function(answer.result if answer.motion is None else answer.motion)
     except Exception as error:
-        raise MagmpmError(f"{at}.python: it raised {type(error).__name__}: {error}") from error
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        raise MagmpmError(
+            f"{at}.python: it raised {type(error).__name__}: {error}"
+            f" ({Path(place.filename).name}, line {place.lineno})"
+        ) from error
     if isinstance(found, bool) or not isinstance(found, (int, float, np.integer, np.floating)):
         raise MagmpmError(
             f"{at}.python: it returned {type(found).__name__}, and must return a number"

@@ -66,6 +66,16 @@ def in_words(label: str, value: float) -> str:
     return f"{significant(value * factor, 4)} {unit}".strip()
 
 
+def bounds_in_words(limit: dict[str, Any]) -> str:
+    """Bounds of a constraint, as people read them."""
+    words = [
+        f"{sign} {in_words(limit['label'], limit[key])}"
+        for key, sign in (("at_least", "at least"), ("at_most", "at most"))
+        if limit[key] is not None
+    ]
+    return ", ".join(words)
+
+
 def spread(report: GoalReport) -> float | None:
     """Return how far apart the first goal's values of designs that are all but the best are, in SI; None where that is not known."""
     if report.scatter is None or report.best is None:
@@ -90,11 +100,14 @@ def text(report: GoalReport) -> str:
             lines.append("  no trial keeps all constraints; this one is least beyond them")
         for limit in report.limits:
             value = in_words(limit["label"], report.best["measures"][limit["at"]])
-            lines.append(f"    {limit['label'].rpartition(' (')[0] or limit['label']}: {value}")
+            name = limit["label"].rpartition(" (")[0] or limit["label"]
+            lines.append(f"    {name}: {value} ({bounds_in_words(limit)})")
         lines += [
             f"    {name} = {value if isinstance(value, str) else significant(value, 6)}"
             for name, value in report.best["params"].items()
         ]
+    else:
+        lines.append("  no trial gave a design")
     if report.finer is not None and "values" in report.finer:
         said = _said(report.goals, report.finer["values"])
         lines.append(f"  on {report.finer['cells_across']} cells       {said}")
@@ -112,6 +125,8 @@ def text(report: GoalReport) -> str:
         f"  seconds a trial  {significant(report.seconds_per_trial, 3)}; trials in {report.storage}"
     )
     lines += [f"  warning          {warning}" for warning in report.warnings]
+    if report.ended == "interrupted":
+        lines.append("  interrupted; the same command goes on")
     return "\n".join(lines)
 
 

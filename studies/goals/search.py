@@ -48,12 +48,12 @@ CONTACTS = ("ground", "walls", "self_contact")  # effects in which things touch
 PARTS = 10  # of a motion's time, after each of which a trial may be pruned
 
 
-def sampler(study: GoalStudy, workers: int) -> BaseSampler:
-    """Optuna's sampler of a study."""
+def sampler(study: GoalStudy, workers: int, designs: int) -> BaseSampler:
+    """Optuna's sampler of a study, for the design after so many: each has a seed of its own, so a search that is resumed goes on alike."""
     from optuna import samplers
     from optuna.exceptions import ExperimentalWarning
 
-    seed = study.file.seed
+    seed = (study.file.seed + 7919 * designs) % 2**32
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExperimentalWarning)
@@ -90,7 +90,7 @@ def search(
         known = optuna.create_study(
             study_name=study.name,
             storage=url,
-            sampler=sampler(study, workers),
+            sampler=sampler(study, workers, 0),
             pruner=optuna.pruners.MedianPruner(n_startup_trials=5),
             directions=[
                 "maximize" if goal.key == "maximize" else "minimize" for goal in study.file.goals
@@ -112,7 +112,8 @@ def _same(known: Study, study: GoalStudy, out: Path) -> None:
         raise InputError(
             str(out),
             received="trials of another definition of this study",
-            rule="a search goes on with the same scene, variables, goals and constraints",
+            rule="a search goes on with the same scene, variables, goals, constraints and files of"
+            " `python:` functions",
             remedy="give another folder, `--out DIR`, or remove this one",
         )
     if before is None:
@@ -127,6 +128,9 @@ def _same(known: Study, study: GoalStudy, out: Path) -> None:
             known.enqueue_trial(begun)  # the scene as it is
     for trial in known.get_trials(states=(TrialState.RUNNING,), deepcopy=False):
         known.tell(trial.number, state=TrialState.FAIL)
+        if study.sampler != SLSQP:
+            known.enqueue_trial(trial.params)  # its design is tried again
+        evaluate.forget(out / f"trial_{trial.number}")
 
 
 class _Hopeless(Exception):
@@ -253,6 +257,12 @@ class _Seeking:
 
     def _begun(self) -> tuple[Trial, evaluate.Job] | None:
         """A new trial and its run; None where its values together break a rule of the scene."""
+        designs = sum(
+            t.state.name != "FAIL" or WHY in t.user_attrs
+            for t in self.known.get_trials(deepcopy=False)
+            if t.state.name != "WAITING"
+        )
+        self.known.sampler = sampler(self.study, self.workers, designs)
         trial = self.known.ask()
         folder = self.out / f"trial_{trial.number}"
         try:
@@ -319,7 +329,8 @@ class _Seeking:
                 evaluate.forget(kept)
                 shutil.move(job.folder, kept)
                 with suppress(InputError):  # a scene with a table that a file names stays in best/
-                    Scene.from_si(job.scene).save(self.out / "best.yaml")
+                    named = {**job.scene, "name": f"{job.scene['name']}, {self.study.name}"[:100]}
+                    Scene.from_si(named).save(self.out / "best.yaml")
         else:
             self._told(trial, outcome)
         evaluate.forget(job.folder)
@@ -346,7 +357,13 @@ class _Seeking:
 
     def _line(self, number: int, outcome: dict[str, Any]) -> str:
         if "values" not in outcome:
-            return f"trial {number}: " + (f"failed: {outcome[WHY]}" if WHY in outcome else "pruned")
+            return f"trial {number}: " + (
+                f"failed: {outcome[WHY]}"
+                if WHY in outcome
+                else "not run: beyond a bound anyway"
+                if "beyond" in outcome
+                else "pruned"
+            )
         said = ", ".join(
             in_words(label, value)
             for label, value in zip(
@@ -412,7 +429,11 @@ class _Seeking:
             pruned=sum(t.user_attrs.get(SKIPPED) is False for t in finished),
             skipped=sum(t.user_attrs.get(SKIPPED) is True for t in finished),
             limits=self.study.limits,
-            begun=next((dict(t.params) for t in every if t.number == 0), {}),
+            begun={
+                name: value
+                for knob in self.study.knobs
+                for name, value in knob.own(self.study.scene).items()
+            },
             study_file=str(self.study.path.resolve()),
             sampler=self.study.sampler,
             why_sampler=self.study.why_sampler,

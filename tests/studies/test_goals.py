@@ -184,6 +184,35 @@ trials: 20
     assert found.best["measures"]["goal[0].target"] == pytest.approx(1.5e-3, abs=0.2e-3)
 
 
+def test_a_search_in_parts_is_that_in_one(tmp_path: Path) -> None:
+    """Ended after some trials, and with one that was at work: the same designs, none twice."""
+    (tmp_path / "whole").mkdir()
+    (tmp_path / "parts").mkdir()
+    whole = searched(tmp_path / "whole", trials=14)
+    searched(tmp_path / "parts", trials=3)
+    kept = optuna.load_study(
+        study_name="study", storage=f"sqlite:///{tmp_path / 'parts/out/study.db'}"
+    )
+    there = optuna.load_study(
+        study_name="study", storage=f"sqlite:///{tmp_path / 'whole/out/study.db'}"
+    )
+    kept.enqueue_trial(there.trials[3].params)
+    assert kept.ask().number == 3  # as a session that is killed leaves it
+    parts = searched(tmp_path / "parts", trials=14)
+    assert parts.values == whole.values
+    assert len({tuple(of) for of in whole.values if of}) == 14
+
+
+def test_a_scene_outside_of_the_bounds_begins_at_the_nearest(tmp_path: Path) -> None:
+    """And the report has the scene's own number."""
+    found = searched(
+        tmp_path, STUDY.replace("min: 1 mT, max: 8 mT", "min: 5 mT, max: 8 mT"), trials=1
+    )
+    assert found.best is not None
+    assert found.best["params"] == {"field.uniform[2] (mT)": 5.0}
+    assert found.begun == {"field.uniform[2] (mT)": pytest.approx(4.0)}
+
+
 def test_several_goals_and_a_users_function(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text("def reach(result):\n    return float(result.tip[2])\n")
     study = STUDY.replace(
@@ -421,6 +450,16 @@ def test_a_process_that_ends_is_a_failed_trial(tmp_path: Path) -> None:
             "sampler: tpe",
             "subject_to: [{distance: {between: [[1 mm, 0 mm, 0 mm], [0 mm, 0 mm, 0 mm]]}, at_most: 1 mm}]",
             "one of the two must be of the body",
+        ),
+        (
+            '"field.uniform[2]", min: 1 mT, max: 8 mT}',
+            '"field.uniform[2]", min: 1 mT, max: 8 mT}\n    - {of: field.uniform, within: 8 mT}',
+            "is varied twice",
+        ),
+        (
+            "sampler: tpe",
+            "subject_to: [{largest_field: {}, at_least: 3 mT, at_most: 2 mT}]",
+            "at_least must be below at_most",
         ),
         ("sampler: tpe", "sampler: newton", "sampler must be one of"),
         (

@@ -225,6 +225,15 @@ def test_numbers_by_their_addresses_are_differentiated(about: str, tmp_path: Pat
         assert_like(found.tip[:, 2], by_kind.tip[:, 0])
 
 
+@pytest.mark.slow
+def test_numbers_of_parts_by_their_addresses(tmp_path: Path) -> None:
+    scene = scene_of("parts", tmp_path)
+    of = ["effects.gravity.acceleration[0]", "materials.soft.bulk_to_shear"]
+    found = magmpm.sensitivities(scene, of)
+    for k, (variable, h) in enumerate(zip(found.variables, (1e-2, 3e-2), strict=True)):
+        assert_like(found.tip[:, k], differences(scene, variable, h=h)[1])
+
+
 @pytest.mark.parametrize(
     ("address", "told"),
     [
