@@ -33,7 +33,9 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     from magmpm.scene import load_scene
     from magmpm.solving.precompile import prepare_kernels
 
-    prepare_kernels(load_scene(Path(__file__).parents[1] / "data/scenes/hollow.yaml"))
+    scenes = Path(__file__).parents[1] / "data/scenes"
+    for path in ("hollow.yaml", "gallery/catheter_swing.yaml"):  # at rest and in motion
+        prepare_kernels(load_scene(scenes / path))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
