@@ -36,7 +36,7 @@ class Knob(ABC):
         return True
 
     @abstractmethod
-    def suggested(self, trial: BaseTrial) -> dict[Place, Any]:
+    def suggested(self, trial: BaseTrial | Given) -> dict[Place, Any]:
         """Return what a trial writes at the places."""
 
     def own(self, scene: Scene) -> dict[str, Any]:
@@ -68,7 +68,7 @@ class Bounded(Knob):
         text = f"{value!r} {self.unit}" if self.unit else value
         return dict.fromkeys(self.places, text)
 
-    def suggested(self, trial: BaseTrial) -> dict[Place, Any]:
+    def suggested(self, trial: BaseTrial | Given) -> dict[Place, Any]:
         if self.whole:
             return self.at(
                 trial.suggest_int(self.name, int(self.low), int(self.high), log=self.log)
@@ -101,7 +101,7 @@ class Choice(Knob):
     def smooth(self) -> bool:
         return False
 
-    def suggested(self, trial: BaseTrial) -> dict[Place, Any]:
+    def suggested(self, trial: BaseTrial | Given) -> dict[Place, Any]:
         shown = [
             value if isinstance(value, (str, int, float)) else repr(value) for value in self.values
         ]
@@ -162,7 +162,7 @@ class Turning(Knob):
     def _length(self) -> str:
         return f"{self.name} length ({self.unit})" if self.unit else f"{self.name} length"
 
-    def suggested(self, trial: BaseTrial) -> dict[Place, Any]:
+    def suggested(self, trial: BaseTrial | Given) -> dict[Place, Any]:
         bounds = [(self.middle - self.turn, self.middle + self.turn), (-90.0, 90.0)]
         angles = [
             math.radians(trial.suggest_float(name, low, high))
@@ -364,7 +364,26 @@ def _accepted(scene: Scene, values: Mapping[Place, Any], at: str, given: Any) ->
         ) from None
 
 
-def made(scene: Scene, turned: Sequence[Knob], trial: BaseTrial) -> Scene:
+class Given:
+    """Parameters that are given, in place of a trial's; they may be a step beyond their bounds."""
+
+    def __init__(self, params: Mapping[str, Any]) -> None:
+        self.params = params
+
+    def suggest_float(self, name: str, *_: object, **__: object) -> float:
+        """The number of this name."""
+        return float(self.params[name])
+
+    def suggest_int(self, name: str, *_: object, **__: object) -> int:
+        """The whole number of this name."""
+        return int(self.params[name])
+
+    def suggest_categorical(self, name: str, *_: object) -> Any:
+        """The choice of this name."""
+        return self.params[name]
+
+
+def made(scene: Scene, turned: Sequence[Knob], trial: BaseTrial | Given) -> Scene:
     """The scene of a trial. Raises InputError where its values together break a rule of the scene."""
     values: dict[Place, Any] = {}
     for knob in turned:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from optuna.trial import FixedTrial, TrialState
+from optuna.trial import TrialState
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.process import Died
@@ -29,7 +29,7 @@ from magmpm.studies.goals.answer import Answer
 from magmpm.studies.goals.descend import Enough, Slopes, descend, spaces
 from magmpm.studies.goals.goal_file import SLSQP
 from magmpm.studies.goals.goal_study import GoalStudy
-from magmpm.studies.goals.knobs import made
+from magmpm.studies.goals.knobs import Given, made
 from magmpm.studies.goals.report import REPORT, GoalReport, in_words
 from magmpm.studies.goals.slopes import values_and_slopes
 
@@ -241,7 +241,7 @@ class _Seeking:
         trial, job = begun
         try:
             found = values_and_slopes(
-                lambda some: made(self.study.scene, self.study.knobs, FixedTrial(some)),
+                lambda some: made(self.study.scene, self.study.knobs, Given(some)),
                 [place for knob in self.study.knobs for place in knob.places],
                 params,
                 ranges,
@@ -493,7 +493,7 @@ class _Seeking:
                 name: _moved(value, spaces[name], nearness * random.choice([-1.0, 1.0]))
                 for name, value in best["params"].items()
             }
-            scene = made(self.study.scene, self.study.knobs, FixedTrial(params))
+            scene = made(self.study.scene, self.study.knobs, Given(params))
             near = self.out / f"near_{k}"
             job = evaluate.Job(scene.to_si(), near, self.study.measures, self.study.path.parent)
             outcomes.append(
