@@ -201,6 +201,13 @@ def shown_unit(label: str) -> tuple[str, float]:
     return f"{name} ({shown})", factor
 
 
+def in_words(label: str, value: float) -> str:
+    """A value (SI) as people read it, by its label, `travel (m)`: "2.55 mm"."""
+    shown, factor = shown_unit(label)
+    unit = shown.rpartition(" (")[2].removesuffix(")") if shown.endswith(")") else ""
+    return f"{significant(value * factor, 4)} {unit}".strip()
+
+
 def in_mm(place: Iterable[float], digits: str = ".3g") -> str:
     """A place (m) for messages: "(12, 0, -2) mm"; digits: the format of its numbers."""
     return f"({', '.join(f'{1e3 * value:{digits}}' for value in place)}) mm"

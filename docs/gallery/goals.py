@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from magmpm.cli import main as magmpm
-from magmpm.errors import significant
-from magmpm.studies.goals.report import in_words
+from magmpm.errors import in_words, significant
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGES = ROOT / "docs/images/gallery"

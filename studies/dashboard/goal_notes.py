@@ -7,8 +7,9 @@ from typing import Any
 
 from optuna.trial import FrozenTrial, TrialState
 
+from magmpm.errors import in_words
 from magmpm.studies.dashboard.view import MARK, Notes, plain
-from magmpm.studies.goals.report import PICTURES, REPORT, bounds_in_words, in_words
+from magmpm.studies.goals.report import PICTURES, REPORT, bounds_in_words
 from magmpm.studies.search.samplers.optuna_ids import study_id
 
 

@@ -43,23 +43,25 @@ class OneMeasure(Settings):
     kind: ClassVar[str | None] = None
     unit: ClassVar[str] = ""  # SI
     before: ClassVar[bool] = False  # known before the run, where the field is the same everywhere
-    smooth: ClassVar[bool] = False  # has derivatives at rest, with those of places
 
     @abstractmethod
     def of_answer(self, answer: Answer, at: str) -> float:
         """The number, in SI; at: its place in the file, for messages. Raises InputError."""
 
+
+class OfPlaces(OneMeasure):
+    """A kind of measure that has derivatives at rest, with those of places."""
+
+    @abstractmethod
     def slopes(self, answer: Answer, at: str, moved: Moved) -> Array:
-        """Derivatives (k,) at rest by the variables of `moved`, which gives those of a place (3, k). Only of what is smooth."""
-        raise NotImplementedError
+        """Derivatives (k,) at rest; `moved` gives those (3, k) of a place."""
 
 
-class Position(OneMeasure):
+class Position(OfPlaces):
     """Place along a direction, m."""
 
     kind: ClassVar[str | None] = "length"
     unit: ClassVar[str] = "m"
-    smooth: ClassVar[bool] = True
     of: str = OF
     along: Axis = ALONG
     at: _Time | None = Field(default=None, description="When; at the end unless given.")
@@ -119,12 +121,11 @@ class Turn(OneMeasure):
         return float(turned.as_rotvec() @ np.array(self.about))
 
 
-class Distance(OneMeasure):
+class Distance(OfPlaces):
     """Distance of two places, m."""
 
     kind: ClassVar[str | None] = "length"
     unit: ClassVar[str] = "m"
-    smooth: ClassVar[bool] = True
     between: tuple[_Spot, _Spot] = Field(
         description="Two of tip, body, names of parts and segments, and points [x, y, z].",
         examples=[["tip", ["30 mm", "0 mm", "5 mm"]]],
@@ -333,7 +334,7 @@ class Measure(Settings):
     @property
     def smooth(self) -> bool:
         """True if it has derivatives at rest: by those of places, or as it is known without a run."""
-        return self.python is None and (KINDS[self.name].smooth or self.before)
+        return self.python is None and (issubclass(KINDS[self.name], OfPlaces) or self.before)
 
     @property
     def before(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from magmpm.errors import shown_unit, significant
+from magmpm.errors import in_words, significant
 from magmpm.results.file_names import MOMENTS, MOVIE, PICTURE
 
 REPORT = "goal.json"
@@ -57,13 +57,6 @@ class GoalReport:
     def summary(self) -> dict[str, Any]:
         """Plain data."""
         return dict(vars(self))
-
-
-def in_words(label: str, value: float) -> str:
-    """A value of a goal, as people read it: `2.55 mm`."""
-    shown, factor = shown_unit(label)
-    unit = shown.rpartition(" (")[2].removesuffix(")") if shown.endswith(")") else ""
-    return f"{significant(value * factor, 4)} {unit}".strip()
 
 
 def bounds_in_words(limit: dict[str, Any]) -> str:

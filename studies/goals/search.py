@@ -18,7 +18,7 @@ from optuna.trial import TrialState
 
 from magmpm.compiled.arrays import Array
 from magmpm.compiled.process import Died
-from magmpm.errors import InputError, MagmpmError
+from magmpm.errors import InputError, MagmpmError, in_words
 from magmpm.results.result import Result
 from magmpm.results.trajectory import Motion
 from magmpm.results.whole_file import write_json
@@ -30,7 +30,7 @@ from magmpm.studies.goals.descend import Enough, Slopes, descend, spaces
 from magmpm.studies.goals.goal_file import SLSQP
 from magmpm.studies.goals.goal_study import GoalStudy
 from magmpm.studies.goals.knobs import Given, made
-from magmpm.studies.goals.report import REPORT, GoalReport, in_words
+from magmpm.studies.goals.report import REPORT, GoalReport
 from magmpm.studies.goals.slopes import values_and_slopes
 
 if TYPE_CHECKING:

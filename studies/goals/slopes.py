@@ -18,7 +18,7 @@ from magmpm.inputs.settings import validate
 from magmpm.scene import Scene
 from magmpm.scene.addresses import Place, value_at, written
 from magmpm.studies.goals.answer import Answer
-from magmpm.studies.goals.measures import KINDS, Measure
+from magmpm.studies.goals.measures import Measure, OfPlaces
 
 Params = dict[str, float]
 
@@ -65,7 +65,7 @@ def values_and_slopes(
         measure = validate(Measure, data)
         kind = getattr(measure, measure.name)
         value = measure.of_answer(answer, at, folder)
-        if KINDS[measure.name].smooth:
+        if isinstance(kind, OfPlaces):
             out[at] = (value, kind.slopes(answer, at, moved))
             continue
         ends = np.array(

@@ -49,3 +49,9 @@ def searched(folder: Path, study: str = STUDY, scene: str = SCENE, **more: Any) 
     )
     assert isinstance(found, GoalReport)
     return found
+
+
+def plain(text: str) -> dict[str, Any]:
+    import yaml
+
+    return dict(yaml.safe_load(text))

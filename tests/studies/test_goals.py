@@ -1,15 +1,14 @@
-"""Measures against formulas, the search for a goal, and sweeps."""
+"""Measures against formulas, and the search for a goal."""
 
 import json
 import shutil
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import optuna
 import pytest
-from goal_study import SCENE, STUDY, searched, written
+from goal_study import SCENE, STUDY, plain, searched, written
 from jsonschema import Draft202012Validator
 from optuna.distributions import FloatDistribution
 from optuna.trial import FixedTrial
@@ -41,14 +40,8 @@ def measured(answer: Answer, **measure: Any) -> float:
 @pytest.fixture(scope="module")
 def bent() -> Answer:
     """An equilibrium."""
-    scene = Scene.from_si(_plain(SCENE))
+    scene = Scene.from_si(plain(SCENE))
     return Answer(scene, run(scene))
-
-
-def _plain(text: str) -> dict[str, Any]:
-    import yaml
-
-    return dict(yaml.safe_load(text))
 
 
 @pytest.fixture(scope="module")
@@ -222,7 +215,7 @@ def test_several_goals_and_a_users_function(tmp_path: Path) -> None:
     found = searched(tmp_path, study)
     assert found.pareto
     for one in found.pareto:
-        assert run(Scene.from_si(_plain(SCENE)).with_field([0.0, 0.0, one["values"][1]])).tip[
+        assert run(Scene.from_si(plain(SCENE)).with_field([0.0, 0.0, one["values"][1]])).tip[
             2
         ] == pytest.approx(one["values"][0], rel=1e-6)
 
@@ -476,131 +469,6 @@ def test_wrong_studies_are_refused(tmp_path: Path, before: str, after: str, told
     assert before in STUDY
     with pytest.raises(InputError, match=r"study\.yaml") as error:
         load_goal(written(tmp_path, STUDY.replace(before, after)))
-    assert told in str(error.value)
-
-
-def test_a_process_that_ends_is_a_failed_row_that_is_tried_again(tmp_path: Path) -> None:
-    """It is not kept in the folder, as the system may have killed it."""
-    (tmp_path / "scene.yaml").write_text(SCENE)
-    own = tmp_path / "own.py"
-    own.write_text(
-        "import os\nfrom pathlib import Path\n\n\ndef reach(result):\n"
-        "    if result.field[2] > 4e-3 and not Path(__file__).with_name('again').exists():\n"
-        "        os._exit(3)\n    return result.tip[2]\n"
-    )
-    values = {"field.uniform[2]": ["2 mT", "3 mT", "5 mT"]}
-
-    def swept() -> list[bool]:
-        table = magmpm.sweep(
-            tmp_path / "scene.yaml",
-            values,
-            measure=[{"python": "own.py:reach"}],
-            workers=2,
-            folder=tmp_path / "sweep",
-        )
-        return ["failed" in row for row in table.rows]
-
-    assert swept() == [False, False, True]
-    (tmp_path / "again").touch()
-    assert swept() == [False, False, False]
-
-
-def test_a_sweep_has_a_row_for_every_combination(tmp_path: Path) -> None:
-    """In the order of its values, as runs one by one give them; what a folder has is not run again."""
-    scene = Scene.from_si(_plain(SCENE))
-    values = {"field.uniform[2]": ["2 mT", 4e-3], "effects.gravity": [None, {}]}
-    told: list[dict[str, Any]] = []
-    table = magmpm.sweep(
-        scene, values, measure=["tip", "strain", tip_height], workers=1, folder=tmp_path / "s"
-    )
-    assert [(row["field.uniform[2]"], row["effects.gravity"]) for row in table.rows] == [
-        ("2 mT", None),
-        ("2 mT", {}),
-        (4e-3, None),
-        (4e-3, {}),
-    ]
-    for row in table.rows:
-        field = 2e-3 if row["field.uniform[2]"] == "2 mT" else 4e-3
-        alone = run(scene.with_field([0, 0, field]).with_effects(gravity=row["effects.gravity"]))
-        assert [row["tip_x_m"], row["tip_y_m"], row["tip_z_m"]] == list(alone.tip)
-        assert row["tip_height"] == alone.tip[2]
-    with ThreadPoolExecutor(1) as executor:
-        again = magmpm.sweep(
-            scene,
-            {**values, "field.uniform[2]": ["2 mT", 4e-3, "5 mT"]},
-            measure=["tip", "strain", tip_height],
-            executor=executor,
-            folder=tmp_path / "s",
-            on_row=told.append,
-        )
-    assert again.rows[:4] == table.rows
-    assert [row["field.uniform[2]"] for row in told] == ["5 mT"] * 2
-    rows = (tmp_path / "s" / "rows.jsonl").read_text()
-    assert len(rows.splitlines()) == 6
-    (tmp_path / "s" / "rows.jsonl").write_text(rows[:-40])  # as a full disk leaves it
-    told.clear()
-    magmpm.sweep(
-        scene,
-        values | {"field.uniform[2]": ["5 mT"]},
-        measure=["tip", "strain", tip_height],
-        workers=1,
-        folder=tmp_path / "s",
-        on_row=told.append,
-    )
-    assert len(told) == 1
-
-
-def tip_height(result: Any) -> float:
-    return float(result.tip[2])
-
-
-def test_what_another_function_measured_is_not_found_again(tmp_path: Path) -> None:
-    """A function of the same name that differs by a number alone; and in a file, of a sweep and of a search."""
-    scene = tmp_path / "scene.yaml"
-    scene.write_text(SCENE)
-    own = tmp_path / "own.py"
-
-    def sums(place: int) -> tuple[float, float]:
-        namespace: dict[str, Any] = {}
-        exec(f"def end(result):\n    return float(result.tip[{place}])\n", namespace)
-        own.write_text(f"def reach(result):\n    return float(result.tip[{place}])\n")
-        measures = [namespace["end"], {"python": "own.py:reach"}]
-        values = {"field.uniform[2]": ["2 mT"]}
-        folder = tmp_path / "s"
-        (row,) = magmpm.sweep(scene, values, measure=measures, workers=1, folder=folder).rows
-        return row["end"], row["reach"]
-
-    along, up = sums(0), sums(2)
-    assert along[0] == along[1] > 10 * up[0] > 0
-    assert up[0] == up[1]
-    study = STUDY.replace("{displacement: {of: tip, along: [0, 0, 1]}}", "{python: own.py:reach}")
-    searched(tmp_path, study, trials=1)
-    own.write_text("def reach(result):\n    return float(result.tip[0])\n")
-    with pytest.raises(InputError, match="another definition"):
-        searched(tmp_path, study, trials=2)
-
-
-def test_a_sweep_keeps_what_failed() -> None:
-    """A field that no such rod bears fails; the others stay."""
-    scene = Scene.from_si(_plain(SCENE))
-    table = magmpm.sweep(scene, {"solver.static.max_steps": [1, 100]}, workers=1)
-    assert "no equilibrium" in table.rows[0]["failed"]
-    assert "tip_x_m" in table.rows[1]
-
-
-@pytest.mark.parametrize(
-    ("values", "measure", "told"),
-    [
-        ({"field.uniform[3]": ["1 mT"]}, "tip", "the scene says nothing there"),
-        ({"field.uniform[2]": "1 mT"}, "tip", "must be a list of values"),
-        ({"field.uniform[2]": []}, "tip", "must be a list of values"),
-        ({"field.uniform[2]": ["1 mm"]}, "tip", "field.uniform[2] = 1 mm"),
-        ({"field.uniform[2]": ["1 mT"]}, "height", "must be tip, or one of"),
-    ],
-)
-def test_wrong_sweeps_are_refused(values: Any, measure: str, told: str) -> None:
-    with pytest.raises(InputError) as error:
-        magmpm.sweep(Scene.from_si(_plain(SCENE)), values, measure=[measure])
     assert told in str(error.value)
 
 

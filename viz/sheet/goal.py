@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from magmpm.errors import shown_unit, significant
+from magmpm.errors import in_words, significant
 from magmpm.viz.sheet.found import cite
 from magmpm.viz.sheet.markup import NOTHING, Markup, figure, joined, movie, pairs, table, tag
 from magmpm.viz.sheet.whole import document, section
@@ -47,12 +47,6 @@ def goal_page(
     return document(report["name"], joined(parts))
 
 
-def _words(label: str, value: float) -> str:
-    shown, factor = shown_unit(label)
-    unit = shown.rpartition(" (")[2].removesuffix(")") if shown.endswith(")") else ""
-    return f"{significant(factor * value, 4)} {unit}".strip()
-
-
 def _goal(label: str) -> str:
     return label.rpartition(" (")[0] or label
 
@@ -63,7 +57,7 @@ def _answer(report: Mapping[str, Any]) -> Markup:
     best = report["best"]
     if best:
         boxes += [
-            (_words(goal, value), _goal(goal))
+            (in_words(goal, value), _goal(goal))
             for goal, value in zip(report["goals"], best["values"], strict=True)
         ]
         boxes.append((str(best["number"]), "its trial"))
@@ -113,17 +107,19 @@ def _measures(report: Mapping[str, Any]) -> Markup:
     """Goals and constraints of the best design."""
     best = report["best"]
     rows = [
-        (_goal(goal), _words(goal, value), "")
+        (_goal(goal), in_words(goal, value), "")
         for goal, value in zip(report["goals"], best["values"], strict=True)
     ]
     for limit in report["limits"]:
         label = limit["label"]
         bounds = [
-            f"{sign} {_words(label, limit[key])}"
+            f"{sign} {in_words(label, limit[key])}"
             for key, sign in (("at_least", "at least"), ("at_most", "at most"))
             if limit[key] is not None
         ]
-        rows.append((_goal(label), _words(label, best["measures"][limit["at"]]), ", ".join(bounds)))
+        rows.append(
+            (_goal(label), in_words(label, best["measures"][limit["at"]]), ", ".join(bounds))
+        )
     return table(("measure", "value", "bound"), rows)
 
 
@@ -133,14 +129,14 @@ def _checks(report: Mapping[str, Any]) -> Markup:
     finer = report["finer"]
     goals = report["goals"]
     if finer is not None and "values" in finer:
-        values = ", ".join(map(_words, goals, finer["values"]))
+        values = ", ".join(map(in_words, goals, finer["values"]))
         rows.append((f"on {finer['cells_across']} cells across", values))
     elif finer is not None:
         rows.append((f"on {finer['cells_across']} cells across", finer["failed"]))
     scatter = report["scatter"]
     if scatter is not None:
         values = ", ".join(
-            "failed" if one is None else _words(goals[0], one[0]) for one in scatter["values"]
+            "failed" if one is None else in_words(goals[0], one[0]) for one in scatter["values"]
         )
         rows.append((f"designs within {scatter['nearness']:g} of each range", values))
     return pairs(rows) if rows else NOTHING
