@@ -13,17 +13,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from magmpm.bodies.body_shape import BodyShape, Discretization, Line
-from magmpm.bodies.contact_surface import ContactSurface, layer_mass, particle_of, well_filled
+from magmpm.bodies.contact_surface import (
+    ContactSurface,
+    SurfacePoints,
+    layer_mass,
+    particle_of,
+    well_filled,
+)
 from magmpm.bodies.grid import (
     ClampPlane,
     Grid,
     clamp_first_node,
     clamp_last_node,
     clamp_low_node,
+    each_node,
     spread,
 )
 from magmpm.bodies.polar_grid import PolarGrid
 from magmpm.bodies.section_quadrature import Particles
+from magmpm.bodies.wetted_surface import WettedSurface
 from magmpm.compiled.arrays import Array
 from magmpm.effects import acting as effects
 from magmpm.effects.contact_law import own_friction
@@ -105,6 +113,18 @@ def _one(holding: set[str]) -> None:
             rule="what is moved holds its cells alone",
             remedy="give these parts one name, so that they move together, or use smaller cells",
         )
+
+
+@dataclass(frozen=True)
+class Wetted:
+    """What of a model a fluid meets: its pieces (n,) that can move; first (n, 3): node indices, and values and slopes (n, 3, 3) of their
+    splines, in motion; particle (n,): one in the cell of each."""
+
+    surface: WettedSurface
+    first: NDArray[np.int64]
+    weights: Array
+    slopes: Array
+    particle: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -263,18 +283,48 @@ class Model:
             self.splines_at(place, self.particles.cell[on], np.zeros(len(on), bool)),
             self.first_in_motion(on),
         )
-        own = self.density * self.particles.volume
-        mass = layer_mass(
-            area,
-            first,
-            weights,
-            spread(own, self.first_in_motion(slice(None)), self.nodes_in_motion, self.splines()[0]),
-            self.nodes_in_motion,
-        )
+        mass = layer_mass(area, first, weights, self.mass_in_motion, self.nodes_in_motion)
         friction = own_friction(self.scene)[self.particles.segment[on]]
         return ContactSurface(
             place, first, weights, mass, on, (points.position[held], particle[held]), friction
         )
+
+    @cached_property
+    def wetted(self) -> Wetted:
+        """What of the body a fluid around it meets."""
+        shape = self.scene.body.shape
+        found = shape.wetted(
+            self.grid, base=not self.clamped_face and "base" not in dict(self.driven)
+        )
+        points = SurfacePoints(found.place, found.size, found.region)
+        particle = particle_of(
+            points, self.grid, self.particles, shape.part_of(self.particles), self.well_filled
+        )
+        free = ~self.held[particle]
+        surface = WettedSurface(**{name: values[free] for name, values in vars(found).items()})
+        on = particle[free]
+        weights, slopes = self.splines_at(
+            surface.place, self.particles.cell[on], np.zeros(len(on), bool)
+        )
+        return Wetted(surface, self.first_in_motion(on), weights, slopes, on)
+
+    @cached_property
+    def mass_in_motion(self) -> Array:
+        """Lumped mass (nodes,) kg of the nodes in motion."""
+        own = self.density * self.particles.volume
+        first = self.first_in_motion(slice(None))
+        return spread(own, first, self.nodes_in_motion, self.splines()[0])
+
+    def slowed(self, resistance: Array) -> float:
+        """Fastest rate (1/s) at which a resistance (n,) N s/m of wetted pieces slows nodes, at most: the largest row sum of W M^-1 W' C."""
+        at = self.wetted
+        spreading = spread(resistance, at.first, self.nodes_in_motion, np.abs(at.weights))
+        mass = self.mass_in_motion
+        rate = np.divide(spreading, mass, out=np.zeros_like(mass), where=mass > 0)
+        each = np.zeros(len(resistance))
+        for node, share in each_node(at.first, self.nodes_in_motion, np.abs(at.weights)):
+            each += share * rate[node]
+        return float(each.max(initial=0.0))
 
     def steepness(self) -> Array:
         """Sums (n, 3) 1/m^2 of slope^2 / weight over the nodes that a particle sees along each axis: how fast it may be strained."""

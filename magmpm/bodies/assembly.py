@@ -48,6 +48,7 @@ from magmpm.bodies.surface_mesh import (
     unpack_mesh,
     volume_of,
 )
+from magmpm.bodies.wetted_surface import WettedSurface, wetted_parts
 from magmpm.compiled.arrays import Array
 from magmpm.errors import length
 from magmpm.inputs.settings import Settings, Width, fault
@@ -387,6 +388,9 @@ class Parts(BodyShape):
 
     def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
         return parts_surface(self.triangles(), float(grid.spacing.min()))
+
+    def wetted(self, grid: Grid, *, base: bool) -> WettedSurface:
+        return wetted_parts(self.triangles(), self._component(), float(grid.spacing.min()))
 
     def held_surface(self, grid: Grid) -> SurfacePoints:
         """Points on the faces of parts that can move where they lie on parts that are held, or across a gap from them."""

@@ -15,6 +15,7 @@ from magmpm.bodies.contact_solid import Solids
 from magmpm.bodies.contact_surface import SurfacePoints
 from magmpm.bodies.grid import EVEN, ClampPlane, Grid, Knots
 from magmpm.bodies.section_quadrature import Particles
+from magmpm.bodies.wetted_surface import WettedSurface
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.settings import Key, Settings
 from magmpm.inputs.vectors import Vector
@@ -128,6 +129,10 @@ class BodyShape(Settings):
     @abstractmethod
     def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
         """Points on its surface, for its cells (bodies.contact_surface); base: whether the lower x face of a straight body counts, too."""
+
+    @abstractmethod
+    def wetted(self, grid: Grid, *, base: bool) -> WettedSurface:
+        """What of it a fluid around it meets; base: as of `surface`."""
 
     def held_surface(self, grid: Grid) -> SurfacePoints:
         """Points on faces of what can move that lie on held parts; a body that is not made of parts has none."""

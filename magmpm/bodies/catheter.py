@@ -20,6 +20,7 @@ from magmpm.bodies.section_quadrature import (
     section_errors,
 )
 from magmpm.bodies.segments import MAX_SEGMENTS, Section, Segment, StraightBody, ring
+from magmpm.bodies.wetted_surface import WettedSurface, wetted_rod
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.messages import Instead
 from magmpm.inputs.quantities import KINDS, BadQuantity, parse_quantity
@@ -201,6 +202,9 @@ class Catheter(StraightBody):
     def surface(self, grid: Grid, *, base: bool) -> SurfacePoints:
         width = grid.spacing[1] * (self.diameter / 2 if isinstance(grid, PolarGrid) else 1.0)
         return rod_surface(grid.origin[0] + grid.faces, **self.radii, cell=float(width), base=base)
+
+    def wetted(self, grid: Grid, *, base: bool) -> WettedSurface:
+        return wetted_rod(grid.origin[0] + grid.faces, **self.radii, base=base)
 
     def solids(self, cell: float, particles: Particles) -> Solids:
         (start, _, _), (end, _, _) = self.box()

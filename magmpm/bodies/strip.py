@@ -22,6 +22,7 @@ from magmpm.bodies.segments import (
     StraightBody,
     rectangle,
 )
+from magmpm.bodies.wetted_surface import WettedSurface, wetted_strip
 from magmpm.compiled.arrays import Array
 from magmpm.inputs.settings import Angle, Key, Length, Quantity, Settings, Width, fault
 from magmpm.inputs.vectors import Vector, three
@@ -287,6 +288,16 @@ class Strip(StraightBody):
         across = [grid.origin[k] + grid.spacing[k] * np.arange(grid.cells[k] + 1) for k in (1, 2)]
         return box_surface(
             (grid.origin[0] + grid.faces, across[0], across[1]),
+            one_wide=self.plane_strain,
+            base=base,
+        )
+
+    def wetted(self, grid: Grid, *, base: bool) -> WettedSurface:
+        return wetted_strip(
+            grid.origin[0] + grid.faces,
+            grid.origin[1] + grid.spacing[1] * np.arange(grid.cells[1] + 1),
+            self.position[2],
+            self.thickness,
             one_wide=self.plane_strain,
             base=base,
         )

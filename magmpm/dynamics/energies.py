@@ -71,7 +71,7 @@ def loads_conserve(model: Model) -> bool:
     Contact and damping only take. Loads of the body on itself have an energy (dynamics.own_loads).
     """
     named = model.scene.effects
-    if model.scene.move or named.feed is not None:
+    if model.scene.move or named.feed is not None or named.fluid is not None:
         return False
     if model.scene.field.varies and (named.magnetic_torque is None) != (
         named.magnetic_force is None

@@ -8,6 +8,8 @@ from magmpm.bodies.grid import spread
 from magmpm.compiled.arrays import Array, Index
 from magmpm.compiled.simd import WIDTH
 from magmpm.dynamics.nodal_mass import NodalMass, nodal_mass
+from magmpm.dynamics.wetted_pieces import wetted_pieces
+from magmpm.kernels.fluid_drag import WettedPieces
 from magmpm.kernels.impulses import SPLINES
 from magmpm.kernels.surface_contact import SortedSurfacePoints
 from magmpm.kernels.total_lagrangian_step import CellSlabs, Nodes, ParticleGroups
@@ -29,6 +31,7 @@ class Packed:
     mass: NodalMass
     surface: SortedSurfacePoints
     point: Index
+    wetted: WettedPieces
 
     @property
     def node_place(self) -> Array:
@@ -108,8 +111,12 @@ def pack(model: Model) -> Packed:
         reference=_lanes(model.particles.position, particle).ravel(),
     )
     nodes = Nodes(active=active, inverse_mass=inverse, place=place.ravel())
-    surface, point = _surface(model, axis, int(first[:, axis].min()), slabs, strides)
-    return Packed(cells, particles, nodes, np.where(real, particle, -1), mass, surface, point)
+    least = int(first[:, axis].min())
+    surface, point = _surface(model, axis, least, slabs, strides)
+    wetted = wetted_pieces(model, axis, least, slabs, strides, nodes)
+    return Packed(
+        cells, particles, nodes, np.where(real, particle, -1), mass, surface, point, wetted
+    )
 
 
 def _surface(

@@ -27,6 +27,7 @@ from magmpm.effects.base import (
 from magmpm.effects.contact_law import Obstacle, most_friction
 from magmpm.effects.damping import Damping
 from magmpm.effects.feed import Feed
+from magmpm.effects.fluid import Fluid
 from magmpm.effects.gravity import Gravity
 from magmpm.effects.ground import Ground
 from magmpm.effects.hooks import pairs
@@ -54,13 +55,12 @@ _PULL = (
 
 
 _FLUID = (
-    "no fluid is simulated: in motion `damping: {rate: 60 1/s}` resists it in proportion to mass,"
-    " as Stokes drag does roughly; at rest a still fluid only buoys: write the densities of the"
-    " materials less the fluid's"
+    "a fluid around the body is `fluid: {density: 1000 kg/m^3, viscosity: 1 mPa s}`: buoyancy, drag,"
+    " and what of it the body carries along"
 )
 _FLOW = (
-    "no flow is simulated, and nothing stands for one: a stream that pushes the body is beyond this"
-    " program"
+    "a stream is that of a `fluid: {density: 1060 kg/m^3, viscosity: 3.5 mPa s, velocity: [10 cm/s, 0"
+    " m/s, 0 m/s]}`, or `mean_speed: 10 cm/s` through the tube of `walls`"
 )
 _OBSTACLE = (
     "an obstacle is a plane, `ground: {point: [0 mm, 0 mm, -2 mm]}`, or a lumen that the body is"
@@ -99,7 +99,6 @@ _INSTEAD = {  # words by which people ask for an effect: what there is
             "air",
             "air_drag",
             "air_resistance",
-            "fluid",
             "liquid",
             "water",
             "blood",
@@ -226,6 +225,10 @@ class Effects(Settings):
     viscosity: Viscosity | None = _key(
         "In motion: losses in the material (Kelvin-Voigt).", {"viscosity": "5 Pa s"}
     )
+    fluid: Fluid | None = _key(
+        "A fluid around the body: buoyancy, drag, and what of it the body carries along.",
+        {"density": "1000 kg/m^3", "viscosity": "1 mPa s"},
+    )
     damping: Damping | None = _key(
         "In motion: resistance of the surroundings, in proportion to mass.", {"rate": "60 1/s"}
     )
@@ -336,6 +339,7 @@ def loses(scene: SceneLike) -> bool:
     """True if viscosity or damping takes energy from vibrations in motion."""
     named = scene.effects
     damped = named.damping is not None and named.damping.rate > 0.0
+    damped = damped or named.fluid is not None
     return damped or (named.viscosity is not None and bool(named.viscosity.records(scene)))
 
 
@@ -468,7 +472,8 @@ def driven_speed(model: Any, x: Array, time: float, way: float) -> float:
     named = model.scene.effects
     work = 0.0
     if named.gravity is not None:
-        work += float(np.linalg.norm(named.gravity.acceleration)) * way
+        buoyed = 0.0 if named.fluid is None else named.fluid.density / float(model.density.min())
+        work += max(1.0, buoyed) * float(np.linalg.norm(named.gravity.acceleration)) * way
     remanence = np.linalg.norm(model.remanence[:, :3], axis=1)
     magnetic = float((remanence / model.density).max()) / MU0
     if named.in_a_field and magnetic > 0.0:
@@ -481,6 +486,6 @@ def driven_speed(model: Any, x: Array, time: float, way: float) -> float:
         work += 4.0 * magnetic * most
     if named.magnetic_interaction is not None:
         work += magnetic * float(remanence.max())
-    return float(np.sqrt(2.0 * WHIP * work)) + (
-        0.0 if named.feed is None else abs(named.feed.speed)
-    )
+    fed = 0.0 if named.feed is None else abs(named.feed.speed)
+    flowing = 0.0 if named.fluid is None else named.fluid.fastest
+    return float(np.sqrt(2.0 * WHIP * work)) + fed + flowing

@@ -33,12 +33,16 @@ from magmpm.effects.hooks import dtype_of, has_hook, hooks_of, is_wide, module_o
 # rate dF 1/s, changes dmagnet (count, columns) and drho (count,), and in groups what they remember, memory (count, kept); they add to
 # stress (count, 3, 3) Pa, force (count, 3) N/m^3, tangent (count, 9, 9) Pa, bend (count, 3, 3) N/m^4 and mixed (count, 3, 9) N/m^3.
 # Points of the surface (count,): x (count, 3), mass (count,); they add to force N and bend (count, 3, 3) N/m.
+# Pieces of the surface in a fluid (count,): x, v and normal (count, 3), law (count, LAW); they add to force (count, 3) N.
 # Nodes (count,), by their numbers `nodes` in place, u, v and inverse_mass (3 nodes,).
 # value (count,): energies, depths, or seconds. force (count, PARTS) of points in motion: effects.contact_force.
 _OF_PARTICLES = ("magnet", "columns", "rho", "x", "F", "dF", "dmagnet", "drho", "memory", "kept")
-_OF_POINTS = ("v", "mass", "nodes", "place", "u", "inverse_mass")
+_OF_POINTS = ("v", "normal", "law", "mass", "nodes", "place", "u", "inverse_mass")
 _RESULTS = ("value", "stress", "force", "tangent", "bend", "mixed")
 GIVEN = np.dtype([(name, np.int64) for name in (*_OF_PARTICLES, *_OF_POINTS, *_RESULTS)])
+
+
+LAW = 7  # numbers of a piece of the surface in the law of a fluid's drag (effects.fluid)
 
 
 @compiled
@@ -50,7 +54,7 @@ energy_hook = stress_hook = force_hook = tangent_hook = softening_hook = stress_
     nothing
 )
 force_change_hook = rate_stress_hook = relax_hook = nothing
-contact_hook = touch_hook = node_hook = push_hook = nothing
+contact_hook = touch_hook = drag_hook = node_hook = push_hook = nothing
 
 
 @compiled
@@ -217,6 +221,20 @@ def touch(record, data, length, first, count, dt, given):
         value[p] += touch_hook(effect, table, x[p], mass[p], force[p], bend[p])
 
 
+def drag(record, data, length, first, count, dt, given):
+    """force (count, 3) += the drag of a fluid on pieces of the surface."""
+    effect = carray(record, 1)[0]
+    table = carray(data, length)
+    at = carray(given, 1)[0]
+    law = carray(floats(at.law), (count, LAW))
+    x = carray(floats(at.x), (count, 3))
+    normal = carray(floats(at.normal), (count, 3))
+    v = carray(floats(at.v), (count, 3))
+    force = carray(floats(at.force), (count, 3))
+    for p in range(count):
+        drag_hook(effect, table, law[p], x[p], normal[p], v[p], force[p])
+
+
 def node(record, data, length, first, count, dt, given):
     """Change the velocities v of nodes, m/s."""
     effect = carray(record, 1)[0]
@@ -250,13 +268,14 @@ PATTERNS: dict[str, tuple[Any, tuple[str, ...]]] = {
     "relax": (relax, ("relax",)),
     "contact": (contact, ("contact",)),
     "touch": (touch, ("touch",)),
+    "drag": (drag, ("drag",)),
     "node": (node, ("node",)),
     "push": (push, ("push",)),
 }
 AT_REST = ("energy", "load", "curvature", "touch")
 WIDE = ("relax", "wide_load", "wide_rate_stress")
 NARROW = ("load", "rate_stress")
-OF_STEPS = (*WIDE, *NARROW, "node", "push", "contact")
+OF_STEPS = (*WIDE, *NARROW, "node", "push", "contact", "drag")
 
 
 @inlined
@@ -455,7 +474,8 @@ class RestCalls(NamedTuple):
 
 
 class MotionCalls(NamedTuple):
-    """Rows for motion: of particles in groups and one by one, and whether one of them takes rates; of nodes; of points."""
+    """Rows for motion: of particles in groups and one by one, and whether one of them takes rates; of nodes; of points; of pieces in a
+    fluid."""
 
     wide: Index
     narrow: Index
@@ -463,6 +483,7 @@ class MotionCalls(NamedTuple):
     node: Index
     push: Index
     contact: Index
+    drag: Index
 
 
 def at_rest(named: tuple[Any, ...]) -> RestCalls:
@@ -475,11 +496,14 @@ def at_rest(named: tuple[Any, ...]) -> RestCalls:
 def in_motion(named: tuple[Any, ...]) -> MotionCalls:
     """Rows for motion of what acts, as long as it is kept."""
     prepare([function for function, _, _ in in_steps(named, *OF_STEPS)])
-    wide = _rows(in_steps(named, *WIDE))
-    narrow = _rows(in_steps(named, *NARROW))
-    rates = int(has_hook("rate_stress", named))
     return MotionCalls(
-        wide, narrow, rates, rows(named, "node"), rows(named, "push"), rows(named, "contact")
+        wide=_rows(in_steps(named, *WIDE)),
+        narrow=_rows(in_steps(named, *NARROW)),
+        rates=int(has_hook("rate_stress", named)),
+        node=rows(named, "node"),
+        push=rows(named, "push"),
+        contact=rows(named, "contact"),
+        drag=rows(named, "drag"),
     )
 
 

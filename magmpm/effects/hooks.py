@@ -31,6 +31,9 @@ In motion only:
                                                                 (effects.contact_force; x and f only indexed: kernels pass views). Else
                                                                 minus a distance (m) within which nothing is pushed, -inf if that is
                                                                 unknown: contact is left out until a point may have moved that far
+``drag(effect, data, law, x, n, v, f)``                          adds the force of a fluid on a piece of the surface to f (3,), N: law, its
+                                                                numbers (effects.fluid); n (3,) its direction in the present shape, v (3,)
+                                                                its velocity, m/s
 ``node(effect, data, X, u, v, free, dt)``                       changes a grid node's velocity v (3,) m/s; X its place, u displacement
                                                                 (only indexed); free: whether forces move it
 ``push(effect, data, dt) -> float``                             seconds for which forces push in a step of dt, over dt: more than 1 where
@@ -54,6 +57,7 @@ HOOKS = (
     "rate_stress",
     "relax",
     "contact",
+    "drag",
     "node",
     "push",
 )

@@ -165,6 +165,12 @@ class Walls(Obstacle):
             self._table(scene), friction=self.friction, stiffness=self.stiffness_in(scene)
         )
 
+    @property
+    def axis(self) -> Array:
+        """Points (k, 3) m of the axis of a tube."""
+        assert self.tube is not None  # asked for by those who know
+        return curve(np.array(self.tube.path), self.tube.radius / 2)
+
     def _table(self, scene: SceneLike) -> DistanceTable:
         """Distances from the wall: of a tube within 0.0006 of its radius; of a surface with two points in a cell of the body."""
         if self.tube is not None:
