@@ -37,7 +37,7 @@ from pydantic import Field, model_validator
 
 from magmpm.bodies.wetted_surface import FLAT, ROUND, WettedSurface
 from magmpm.compiled.arrays import Array
-from magmpm.compiled.jit import compiled
+from magmpm.compiled.jit import compiled, compiled_elsewhere
 from magmpm.effects.base import Effect, Records, SceneLike, one_record
 from magmpm.effects.hooks import register
 from magmpm.inputs.settings import Quantity, fault
@@ -108,17 +108,15 @@ class Fluid(Effect):
         )
 
     def _path(self, scene: SceneLike) -> Array:
-        """Points (k, 3) m of the lumen's path; none where nothing flows in one."""
-        if not self.mean_speed:
-            return np.zeros((0, 3))
+        """Points (k, 3) m of the axis of the lumen that it flows through; none where it does not."""
         walls = scene.effects.walls
-        if walls is None or walls.tube is None:
-            raise fault(
-                "a flow with `mean_speed` needs the tube that it flows in",
-                "name `walls: {tube: {radius: 5 mm, path: ...}}`, or write `velocity`",
-                ("effects", "fluid", "mean_speed"),
-            )
-        return np.array(walls.axis)
+        flows = self.mean_speed and walls is not None and walls.tube is not None
+        return np.array(walls.axis) if flows else np.zeros((0, 3))
+
+    @property
+    def flows(self) -> bool:
+        """True if there is a stream."""
+        return self.fastest > 0.0
 
     @property
     def fastest(self) -> float:
@@ -259,6 +257,27 @@ def drag(effect, data, law, x, n, v, f):
     for i in range(3):
         part = out * n[i] / size
         f[i] -= of_n * part + of_rest * (u[i] - part)
+
+
+@compiled_elsewhere
+def _drag_at_rest(records, path, law, x, n, f):
+    """Write to f (k, 3) N the drag on pieces at rest at x (k, 3) m, with their directions n (k, 3)."""
+    v = np.zeros(3)
+    for k in range(len(x)):
+        f[k] = 0.0
+        drag(records[0], path, law[k], x[k], n[k], v, f[k])
+
+
+def forces(
+    fluid: Fluid, scene: SceneLike, surface: WettedSurface, place: Array, tangents: Array
+) -> Array:
+    """Drag (k, 3) N on pieces that rest at places (k, 3) m in the stream; tangents (k, 2, 3): theirs, as the body has deformed them."""
+    records, path = fluid.records(scene)
+    n = np.cross(tangents[:, 0], tangents[:, 1])
+    n[surface.kind == ROUND] = tangents[surface.kind == ROUND, 0]
+    f = np.empty_like(place)
+    _drag_at_rest(records, path, fluid.law(surface), np.ascontiguousarray(place), n, f)
+    return f
 
 
 register(DTYPE, wide=True, energy=energy, force=force, drag=drag)

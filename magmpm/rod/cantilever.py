@@ -59,7 +59,9 @@ def without_motion(scene: Scene) -> Scene:
 
 def first_frequency(scene: Scene) -> float:
     """First angular frequency of a clamped rod with the mean compliance and mass of this one: 3.516 sqrt(E I / (m L^4)), rad/s."""
-    rod = rod_model(_heavy(without_motion(scene), Gravity(acceleration=(0.0, 0.0, -1.0))), time=0.0)
+    dry = without_motion(scene)
+    dry = dry.model_copy(update={"effects": dry.effects.model_copy(update={"fluid": None})})
+    rod = rod_model(_heavy(dry, Gravity(acceleration=(0.0, 0.0, -1.0))), time=0.0)
     length = float(rod.length.sum())
     bending = length / float(np.sum(rod.length / rod.twist_bend[:, 1]))
     mass = float(np.linalg.norm(rod.weight[0])) / length

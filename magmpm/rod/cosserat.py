@@ -141,6 +141,8 @@ def rod_model(
     density = np.array([material.density or 0.0 for material in materials])
     torque = scene.effects.magnetic_torque
     gravity = scene.effects.gravity
+    if scene.effects.fluid is not None:  # what is displaced has no weight
+        density = density - scene.effects.fluid.density
     magnetized = scene.region_remanence() * (0.0 if torque is None else area / MU0)
     length = (lengths / counts)[of]
     acceleration = np.zeros(3) if gravity is None else np.array(gravity.acceleration)

@@ -64,6 +64,7 @@ def check(scene: WholeScene, *, written: bool) -> None:
     _motion_has_its_solver(scene)
     _path_has_an_end(scene)
     _feed_can_push(scene)
+    _stream_is_steady(scene)
     moves.check(scene)
     _segments_turn_alone(scene)
     _field_suits_the_solver(scene)
@@ -189,6 +190,33 @@ def _feed_can_push(scene: WholeScene) -> None:
             f" mm are left after {scene.duration:g} s",
             "push more slowly, for a shorter time, or from a guide whose exit is farther",
             ("effects", "feed", "speed"),
+        )
+
+
+def _stream_is_steady(scene: WholeScene) -> None:
+    """A flow through a lumen needs one; at rest a stream bends one equilibrium, on a grid that is given."""
+    fluid = scene.effects.fluid
+    if fluid is None or not fluid.flows:
+        return
+    key = "velocity" if fluid.mean_speed is None else "mean_speed"
+    walls = scene.effects.walls
+    if fluid.mean_speed is not None and (walls is None or walls.tube is None):
+        raise fault(
+            "a flow with `mean_speed` needs the tube that it flows through",
+            "name `walls: {tube: {radius: 5 mm, path: vessel.csv}}`, or write `velocity`",
+            ("effects", "fluid", key),
+        )
+    if scene.solver.quasi_static is not None:
+        raise fault(
+            "drag is no load of equilibria along time: a stream bends single equilibria, or acts in motion",
+            "write `solver: {static: {}}` or `solver: {dynamic: {duration: 0.5 s}}`, or leave the stream out",
+            ("effects", "fluid", key),
+        )
+    if scene.static and scene.resolution.requested:
+        raise fault(
+            "the error of a shape in a stream is not estimated",
+            "write, say, `resolution: {cells_across: 4}`, and compare with finer cells",
+            ("effects", "fluid", key),
         )
 
 

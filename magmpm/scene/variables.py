@@ -166,6 +166,14 @@ def check_differentiable(scene: Scene) -> None:
             rule="sensitivities are those of an equilibrium",
             remedy="leave out solver.dynamic, or differentiate runs by differences",
         )
+    fluid = scene.effects.fluid
+    if fluid is not None and fluid.flows:
+        raise InputError(
+            "effects.fluid",
+            received="a stream",
+            rule="sensitivities are those of loads that have an energy, and drag has none",
+            remedy="differentiate runs by differences, or leave the stream out",
+        )
     if scene.solver.quasi_static is None:
         return
     if scene.effects.feed is not None:

@@ -68,6 +68,7 @@ class Energy:
         self._fortran = addresses()
         cells = len(layout.cell_plane)
         self._rest: float | None = None
+        self._held: Array | None = None
         self._per_cell = np.empty((3, cells))
         self._fixed = layout.fixed if layout.fixed.any() else None
 
@@ -76,11 +77,16 @@ class Energy:
         """The part in which each particle is by itself: all of it, but for statics.interacting."""
         return self
 
+    def held_load(self, load: Array | None) -> None:
+        """Put the body under a load (planes, m) N that does not follow it, beside those of its effects."""
+        self._held = load
+        self._rest = None
+
     def load(self, model: StaticModel) -> None:
         """Put the same body under other loads: those of a model with the same grid and particles."""
         self.model = model
         self._calls = at_rest(model.effects)
-        self._rest = None
+        self.held_load(None)
 
     def at(self, grid: Array) -> Point:
         """State and energy for grid coefficients (planes, m) m."""
@@ -96,6 +102,8 @@ class Energy:
         total = float(energy.sum()) + (0.0 if touched is None else touched.energy)
         if model.layout.springs is not None:
             total += model.layout.springs.energy(grid)
+        if self._held is not None:
+            total -= float(np.sum(self._held * grid))
         return Point(grid, u, x, F, total, float(low.min()), float(high.max()), touched)
 
     def displacement(self, grid: Array) -> Array:
@@ -139,6 +147,8 @@ class Energy:
         """A gradient (planes, m) N of the particles' energy, with that of springs and contact added, and no force on fixed unknowns."""
         if self.model.layout.springs is not None:
             residual += self.model.layout.springs.gradient(point.grid)
+        if self._held is not None:
+            residual -= self._held
         if point.touched is not None and self.model.touching is not None:
             residual -= self.model.touching.force(point.touched).reshape(residual.shape)
         return self.free(residual)

@@ -8,6 +8,7 @@ it is found instead, on whatever branch it is.
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from operator import attrgetter
 
 import numpy as np
@@ -37,6 +38,7 @@ from magmpm.statics.layout import StaticModel, arranged
 from magmpm.statics.newton import FOLLOWING, USUAL, Minimum, OnStep, minimize
 from magmpm.statics.rod_start import from_rod, local_correction, straight, with_correction
 from magmpm.statics.stability import Unloaded, stability
+from magmpm.statics.steady_stream import in_stream
 
 RAMP_STEPS = 8
 # times as many steps without the start from a rod, since a body may have to turn around: 100 to 300
@@ -159,6 +161,10 @@ def solve_static(
     with one_blas_thread():
         try:
             found = _solve(model, _Start(correction, rod, following), on_step)
+            fluid = given.scene.effects.fluid
+            if fluid is not None and fluid.flows:
+                ordered = partial(restored, model, of=of)
+                found = in_stream(given, of, found, ordered, on_step)
             assert found.energy is not None
             found.energy.alone.settled()
             known = None if following is None else following.body

@@ -52,6 +52,11 @@ class InteractingEnergy:
         self.whole = Energy(replace(model, effects=self.named))
         self._definite = Definite()
 
+    def held_load(self, load: Array | None) -> None:
+        """As of Energy."""
+        self.alone.held_load(load)
+        self.whole.held_load(load)
+
     def at(self, grid: Array) -> Point:
         """State and whole energy for grid coefficients (planes, m) m. `residual` then uses its loads."""
         self._point = point = self.alone.at(grid)
